@@ -1,0 +1,191 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The polygon mesh as arrays, and its half-edge neighbours.
+
+A corner (a face's visit to one of its vertices) is also the half-edge that leaves that vertex along the face, so
+corner arrays and half-edge arrays share one numbering: the corners of face ``f`` are
+``face_starts[f] … face_starts[f + 1] - 1``, in the order in which the face visits them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+IndexArray = NDArray[np.intp]
+FloatArray = NDArray[np.float64]
+
+INFINITELY_SHARP = np.inf
+
+
+@dataclass(frozen=True)
+class PolygonMesh:
+    """A control mesh. V vertices, E edges, F faces of any size, C corners.
+
+    positions: (V, 3) float64, in whatever space the caller measures the tolerance in.
+    face_starts: (F + 1,) intp, the first corner of each face; the last entry is C.
+    corner_vertices, corner_edges: (C,) intp, the vertex each corner stands at and the edge it leaves along.
+    edge_vertices: (E, 2) intp, the two ends of each edge. Edges without faces are allowed and have no effect.
+    edge_sharpness: (E,) float64, 0 smooth, positive semi-sharp, ``INFINITELY_SHARP``; see ``catmull_clark``.
+    vertex_sharpness: (V,) float64, likewise.
+    """
+
+    positions: FloatArray
+    face_starts: IndexArray
+    corner_vertices: IndexArray
+    corner_edges: IndexArray
+    edge_vertices: IndexArray
+    edge_sharpness: FloatArray
+    vertex_sharpness: FloatArray
+
+    @property
+    def vertex_count(self) -> int:
+        return len(self.positions)
+
+    @property
+    def edge_count(self) -> int:
+        return len(self.edge_vertices)
+
+    @property
+    def face_count(self) -> int:
+        return len(self.face_starts) - 1
+
+    @property
+    def corner_count(self) -> int:
+        return len(self.corner_vertices)
+
+    @cached_property
+    def face_sizes(self) -> IndexArray:
+        """(F,) intp, the number of corners of each face."""
+        return np.diff(self.face_starts)
+
+    @cached_property
+    def corner_faces(self) -> IndexArray:
+        """(C,) intp, the face of each corner."""
+        return np.repeat(np.arange(self.face_count), self.face_sizes)
+
+    @cached_property
+    def next_corner(self) -> IndexArray:
+        """(C,) intp, the corner after each one in its face."""
+        following = np.arange(1, self.corner_count + 1)
+        following[self.face_starts[1:] - 1] = self.face_starts[:-1]
+        return following
+
+    @cached_property
+    def previous_corner(self) -> IndexArray:
+        """(C,) intp, the corner before each one in its face."""
+        preceding = np.arange(-1, self.corner_count - 1)
+        preceding[self.face_starts[:-1]] = self.face_starts[1:] - 1
+        return preceding
+
+    @cached_property
+    def edge_face_counts(self) -> IndexArray:
+        """(E,) intp, how many half-edges run along each edge: 0 loose, 1 boundary, 2 inside, more non-manifold."""
+        return np.bincount(self.corner_edges, minlength=self.edge_count)
+
+    @cached_property
+    def vertex_face_counts(self) -> IndexArray:
+        """(V,) intp, how many corners stand at each vertex."""
+        return np.bincount(self.corner_vertices, minlength=self.vertex_count)
+
+    @cached_property
+    def twin(self) -> IndexArray:
+        """(C,) intp, the half-edge on the other side of each edge; a half-edge without one is its own twin.
+
+        Only an edge inside a manifold surface with consistently oriented faces has twins: exactly two half-edges,
+        running in opposite directions.
+        """
+        half_edges = np.arange(self.corner_count)
+        last = np.zeros(self.edge_count, dtype=np.intp)
+        last[self.corner_edges] = half_edges
+        first = np.zeros(self.edge_count, dtype=np.intp)
+        first[self.corner_edges[::-1]] = half_edges[::-1]
+        paired = (self.edge_face_counts == 2) & (self.corner_vertices[first] != self.corner_vertices[last])
+        total = np.where(paired, first + last, 0)[self.corner_edges]
+        return np.where(paired[self.corner_edges], total - half_edges, half_edges)
+
+
+def polygon_mesh(
+    positions: FloatArray,
+    face_sizes: IndexArray,
+    corner_vertices: IndexArray,
+    *,
+    sharp_edges: dict[tuple[int, int], float] | None = None,
+    vertex_sharpness: FloatArray | None = None,
+) -> PolygonMesh:
+    """A PolygonMesh from faces alone: the edges are found, one for each pair of vertices joined by a face.
+
+    positions: (V, 3) floats; face_sizes: (F,) ints; corner_vertices: (sum of sizes,) ints.
+    sharp_edges: sharpness by (vertex, vertex), in either order; other edges are smooth.
+    vertex_sharpness: (V,) floats, all smooth when left out.
+    Raises KeyError when a pair in ``sharp_edges`` is not an edge.
+    """
+    positions = np.ascontiguousarray(positions, dtype=np.float64)
+    face_starts = np.concatenate([[0], np.cumsum(face_sizes)]).astype(np.intp)
+    corner_vertices = np.ascontiguousarray(corner_vertices, dtype=np.intp)
+    following = np.arange(1, len(corner_vertices) + 1)
+    following[face_starts[1:] - 1] = face_starts[:-1]
+    ends = np.sort(np.stack([corner_vertices, corner_vertices[following]], axis=1), axis=1)
+    edge_vertices, corner_edges = np.unique(ends, axis=0, return_inverse=True)
+    edge_sharpness = np.zeros(len(edge_vertices))
+    if sharp_edges:
+        edge_of = {(a, b): edge for edge, (a, b) in enumerate(edge_vertices.tolist())}
+        for (a, b), sharpness in sharp_edges.items():
+            edge_sharpness[edge_of[min(a, b), max(a, b)]] = sharpness
+    if vertex_sharpness is None:
+        vertex_sharpness = np.zeros(len(positions))
+    return PolygonMesh(
+        positions=positions,
+        face_starts=face_starts,
+        corner_vertices=corner_vertices,
+        corner_edges=corner_edges.reshape(-1).astype(np.intp),
+        edge_vertices=edge_vertices.astype(np.intp),
+        edge_sharpness=edge_sharpness,
+        vertex_sharpness=np.ascontiguousarray(vertex_sharpness, dtype=np.float64),
+    )
+
+
+class InvalidMeshError(ValueError):
+    """The mesh has no Catmull-Clark surface that could be measured; the message says why in a modeller's words."""
+
+
+# A face counts as having no area when its fan of triangles around the centroid covers less than this part of its
+# perimeter squared: what rounding leaves of a face whose vertices lie on one line.
+NO_AREA = 1e-12
+
+
+def validate(mesh: PolygonMesh) -> None:
+    """Raise InvalidMeshError unless the mesh has faces, finite positions, and no degenerate face."""
+    if mesh.face_count == 0:
+        raise InvalidMeshError("the mesh has no faces")
+    _refuse(~np.isfinite(mesh.positions).all(axis=1), "vertex", "vertices", "at no finite position")
+    _refuse(_faces_with_repeated_vertices(mesh), "face", "faces", "with a repeated vertex")
+    _refuse(_faces_without_area(mesh), "face", "faces", "with zero area")
+
+
+def _refuse(bad: NDArray[np.bool_], one: str, many: str, fault: str) -> None:
+    found = np.flatnonzero(bad)
+    if len(found):
+        raise InvalidMeshError(f"{len(found):,} {one if len(found) == 1 else many} {fault} (first: {one} {found[0]})")
+
+
+def _faces_with_repeated_vertices(mesh: PolygonMesh) -> NDArray[np.bool_]:
+    bad = np.zeros(mesh.face_count, dtype=bool)
+    by_face_and_vertex = mesh.corner_faces * mesh.vertex_count + mesh.corner_vertices
+    by_face_and_vertex.sort()
+    repeated = by_face_and_vertex[1:][by_face_and_vertex[1:] == by_face_and_vertex[:-1]]
+    bad[repeated // mesh.vertex_count] = True
+    return bad
+
+
+def _faces_without_area(mesh: PolygonMesh) -> NDArray[np.bool_]:
+    corners = mesh.positions[mesh.corner_vertices]
+    centroids = np.add.reduceat(corners, mesh.face_starts[:-1]) / mesh.face_sizes[:, None]
+    arms = corners - centroids[mesh.corner_faces]
+    areas = np.linalg.norm(np.cross(arms, arms[mesh.next_corner]), axis=1)
+    sides = np.linalg.norm(corners[mesh.next_corner] - corners, axis=1)
+    area = np.add.reduceat(areas, mesh.face_starts[:-1])
+    perimeter = np.add.reduceat(sides, mesh.face_starts[:-1])
+    return area <= NO_AREA * perimeter**2
