@@ -30,6 +30,8 @@ class PolygonMesh:
     edge_vertices: (E, 2) intp, the two ends of each edge. Edges without faces are allowed and have no effect.
     edge_sharpness: (E,) float64, 0 smooth, positive semi-sharp, ``INFINITELY_SHARP``; see ``catmull_clark``.
     vertex_sharpness: (V,) float64, likewise.
+    sharpness_is_explicit: whether the sharpness that follows from the topology (boundaries and the like) is already in
+    the two arrays, see ``catmull_clark.apply_boundary_rule``.
     """
 
     positions: FloatArray
@@ -39,6 +41,7 @@ class PolygonMesh:
     edge_vertices: IndexArray
     edge_sharpness: FloatArray
     vertex_sharpness: FloatArray
+    sharpness_is_explicit: bool = False
 
     @property
     def vertex_count(self) -> int:
@@ -145,6 +148,53 @@ def polygon_mesh(
         edge_sharpness=edge_sharpness,
         vertex_sharpness=np.ascontiguousarray(vertex_sharpness, dtype=np.float64),
     )
+
+
+def submesh(mesh: PolygonMesh, faces: IndexArray) -> tuple[PolygonMesh, IndexArray]:
+    """The given faces with every face that shares a vertex with them (their one-ring), as a mesh of its own.
+
+    faces: (n,) ints, each face once. Returns the submesh and (m,) intp, the face of ``mesh`` each of its faces is: the
+    given ones first, in the given order, then the ring in the order of ``mesh``. Vertices and edges keep their order;
+    those of no kept face are left out. Sharpness is carried over unchanged, so that the outer border of the ring,
+    which is none of the mesh's, gets no rules of a boundary: one refinement step then moves everything that touches
+    the given faces exactly as it would in the whole mesh, and only the ring's outer half differs.
+    """
+    touched = np.zeros(mesh.vertex_count, dtype=bool)
+    touched[mesh.corner_vertices[corners_of_faces(mesh, faces)]] = True
+    in_ring = np.zeros(mesh.face_count, dtype=bool)
+    in_ring[mesh.corner_faces[touched[mesh.corner_vertices]]] = True
+    in_ring[faces] = False
+    kept_faces = np.concatenate([np.asarray(faces, dtype=np.intp), np.flatnonzero(in_ring)])
+    kept_corners = corners_of_faces(mesh, kept_faces)
+    kept_vertices, corner_vertices = _compact(mesh.corner_vertices[kept_corners], mesh.vertex_count)
+    kept_edges, corner_edges = _compact(mesh.corner_edges[kept_corners], mesh.edge_count)
+    new_vertex = np.zeros(mesh.vertex_count, dtype=np.intp)
+    new_vertex[kept_vertices] = np.arange(len(kept_vertices))
+    part = PolygonMesh(
+        positions=mesh.positions[kept_vertices],
+        face_starts=np.concatenate([[0], np.cumsum(mesh.face_sizes[kept_faces])]).astype(np.intp),
+        corner_vertices=corner_vertices,
+        corner_edges=corner_edges,
+        edge_vertices=new_vertex[mesh.edge_vertices[kept_edges]],
+        edge_sharpness=mesh.edge_sharpness[kept_edges],
+        vertex_sharpness=mesh.vertex_sharpness[kept_vertices],
+        sharpness_is_explicit=mesh.sharpness_is_explicit,
+    )
+    return part, kept_faces
+
+
+def corners_of_faces(mesh: PolygonMesh, faces: IndexArray) -> IndexArray:
+    """(sum of sizes,) intp, the corners of the given faces, face by face in the given order."""
+    sizes = mesh.face_sizes[faces]
+    skipped = mesh.face_starts[faces] - (np.cumsum(sizes) - sizes)
+    return np.arange(sizes.sum()) + np.repeat(skipped, sizes)
+
+
+def _compact(indices: IndexArray, count: int) -> tuple[IndexArray, IndexArray]:
+    """Which of 0 … count - 1 occur in ``indices``, in ascending order, and ``indices`` renumbered to match."""
+    used = np.zeros(count, dtype=bool)
+    used[indices] = True
+    return np.flatnonzero(used), (np.cumsum(used) - 1)[indices]
 
 
 class InvalidMeshError(ValueError):
