@@ -205,12 +205,16 @@ class InvalidMeshError(ValueError):
 # perimeter squared: what rounding leaves of a face whose vertices lie on one line.
 NO_AREA = 1e-12
 
+# An angle whose parallelogram covers more than this part of its sides squared is no rounding of a straight line.
+CLEAR_ANGLE = 1e-6
+
 
 def validate(mesh: PolygonMesh) -> None:
     """Raise InvalidMeshError unless the mesh has faces, finite positions, and no degenerate face."""
     if mesh.face_count == 0:
         raise InvalidMeshError("the mesh has no faces")
-    _refuse(~np.isfinite(mesh.positions).all(axis=1), "vertex", "vertices", "at no finite position")
+    astray = ~np.isfinite(mesh.positions).all(axis=1) & (mesh.vertex_face_counts > 0)
+    _refuse(astray, "vertex", "vertices", "at no finite position")
     _refuse(_faces_with_repeated_vertices(mesh), "face", "faces", "with a repeated vertex")
     _refuse(_faces_without_area(mesh), "face", "faces", "with zero area")
 
@@ -222,20 +226,49 @@ def _refuse(bad: NDArray[np.bool_], one: str, many: str, fault: str) -> None:
 
 
 def _faces_with_repeated_vertices(mesh: PolygonMesh) -> NDArray[np.bool_]:
+    """(F,) bool: every corner is compared with those up to half way round its face."""
     bad = np.zeros(mesh.face_count, dtype=bool)
-    by_face_and_vertex = mesh.corner_faces * mesh.vertex_count + mesh.corner_vertices
-    by_face_and_vertex.sort()
-    repeated = by_face_and_vertex[1:][by_face_and_vertex[1:] == by_face_and_vertex[:-1]]
-    bad[repeated // mesh.vertex_count] = True
+    corners = np.arange(mesh.corner_count)
+    ahead = corners
+    for distance in range(1, int(mesh.face_sizes.max()) // 2 + 1):
+        within = mesh.face_sizes[mesh.corner_faces[corners]] >= 2 * distance
+        if not np.all(within):
+            corners, ahead = corners[within], ahead[within]
+        ahead = mesh.next_corner[ahead]
+        same = mesh.corner_vertices[corners] == mesh.corner_vertices[ahead]
+        bad[mesh.corner_faces[corners[same]]] = True
     return bad
 
 
 def _faces_without_area(mesh: PolygonMesh) -> NDArray[np.bool_]:
-    corners = mesh.positions[mesh.corner_vertices]
-    centroids = np.add.reduceat(corners, mesh.face_starts[:-1]) / mesh.face_sizes[:, None]
-    arms = corners - centroids[mesh.corner_faces]
-    areas = np.linalg.norm(np.cross(arms, arms[mesh.next_corner]), axis=1)
-    sides = np.linalg.norm(corners[mesh.next_corner] - corners, axis=1)
-    area = np.add.reduceat(areas, mesh.face_starts[:-1])
-    perimeter = np.add.reduceat(sides, mesh.face_starts[:-1])
-    return area <= NO_AREA * perimeter**2
+    """(F,) bool: a face with an angle at its first corner has area; the others are measured whole."""
+    bad = np.zeros(mesh.face_count, dtype=bool)
+    first = mesh.face_starts[:-1]
+    at_first, after, before = (
+        mesh.positions[mesh.corner_vertices[corner]]
+        for corner in (first, mesh.next_corner[first], mesh.previous_corner[first])
+    )
+    a, b = after - at_first, before - at_first
+    spread = np.einsum("ij,ij->i", a, a) + np.einsum("ij,ij->i", b, b)
+    doubtful = np.flatnonzero(_doubled_area(a, b) <= CLEAR_ANGLE * spread)
+    if len(doubtful):
+        bad[doubtful] = _faces_collapsed(mesh, doubtful)
+    return bad
+
+
+def _faces_collapsed(mesh: PolygonMesh, faces: IndexArray) -> NDArray[np.bool_]:
+    """(faces,) bool: the fan of triangles around the centroid covers nothing."""
+    sizes = mesh.face_sizes[faces]
+    starts = np.cumsum(sizes) - sizes
+    corners = corners_of_faces(mesh, faces)
+    points = mesh.positions[mesh.corner_vertices[corners]]
+    following = mesh.positions[mesh.corner_vertices[mesh.next_corner[corners]]]
+    centroids = np.repeat(np.add.reduceat(points, starts) / sizes[:, None], sizes, axis=0)
+    areas = np.add.reduceat(_doubled_area(points - centroids, following - centroids), starts)
+    perimeters = np.add.reduceat(np.linalg.norm(following - points, axis=1), starts)
+    return areas <= NO_AREA * perimeters**2
+
+
+def _doubled_area(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(N, 3) vectors each → (N,) the area of the parallelogram they span."""
+    return np.linalg.norm(np.cross(a, b), axis=1)
