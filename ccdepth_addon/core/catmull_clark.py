@@ -204,7 +204,7 @@ def _is_single_fan(mesh: PolygonMesh) -> BoolArray:
         arriving = mesh.previous_corner[current]
         current = mesh.twin[arriving]
         # The walk ends at the other boundary, or where it began.
-        goes_on = (current != arriving) & (current != first[walking]) & (reached[walking] < mesh.corner_count)
+        goes_on = (current != arriving) & (current != first[walking])
         walking, current = walking[goes_on], current[goes_on]
     return (reached > 0) & (reached == mesh.vertex_face_counts)
 
@@ -295,12 +295,11 @@ def _parent_weights(mesh: PolygonMesh) -> FloatArray:
     Where none does, the rules before and after agree and the weight is of no consequence.
     """
     ending = (mesh.edge_sharpness > 0) & (mesh.edge_sharpness <= 1)
-    ends = mesh.edge_vertices[ending].reshape(-1)
-    sums = np.bincount(ends, weights=np.repeat(mesh.edge_sharpness[ending], 2), minlength=mesh.vertex_count)
-    counts = np.bincount(ends, minlength=mesh.vertex_count)
     own = (mesh.vertex_sharpness > 0) & (mesh.vertex_sharpness <= 1)
-    sums[own] += mesh.vertex_sharpness[own]
-    counts[own] += 1
+    at = np.concatenate([mesh.edge_vertices[ending].reshape(-1), np.flatnonzero(own)])
+    values = np.concatenate([np.repeat(mesh.edge_sharpness[ending], 2), mesh.vertex_sharpness[own]])
+    sums = np.bincount(at, weights=values, minlength=mesh.vertex_count)
+    counts = np.bincount(at, minlength=mesh.vertex_count)
     return sums / np.maximum(counts, 1)
 
 
