@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender objects for tests, made and read through bpy.data alone, without the add-on's own reading code."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+
+from ccdepth_addon.core.catmull_clark import crease_to_sharpness
+from ccdepth_addon.core.mesh import PolygonMesh
+from tests.meshes import MeshData
+
+
+def clear() -> None:
+    """Remove every object and mesh of the file."""
+    bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes])
+
+
+def add_object(data: MeshData, name: str = "Mesh") -> bpy.types.Object:
+    """A mesh object of it in the scene, at the origin, with creases, and with its loose edges."""
+    mesh = bpy.data.meshes.new(name)
+    edges = [tuple(edge) for edge in data.edges.tolist()] + data.loose_edges
+    mesh.from_pydata(data.positions.tolist(), edges, data.faces)
+    if data.edge_creases:
+        by_ends = {tuple(sorted(ends)): crease for ends, crease in data.edge_creases.items()}
+        creases = [by_ends.get(tuple(sorted(edge.vertices)), 0.0) for edge in mesh.edges]
+        mesh.attributes.new("crease_edge", "FLOAT", "EDGE").data.foreach_set("value", creases)
+    if data.vertex_creases:
+        creases = [data.vertex_creases.get(vertex, 0.0) for vertex in range(len(data.positions))]
+        mesh.attributes.new("crease_vert", "FLOAT", "POINT").data.foreach_set("value", creases)
+    return add_mesh(mesh)
+
+
+def add_suzanne() -> bpy.types.Object:
+    import bmesh  # The bpy wheel has it only after bpy, which a sorted list of imports would put second.
+
+    mesh = bpy.data.meshes.new("Suzanne")
+    shape = bmesh.new()
+    bmesh.ops.create_monkey(shape)
+    shape.to_mesh(mesh)
+    shape.free()
+    return add_mesh(mesh)
+
+
+def add_mesh(mesh: bpy.types.Mesh) -> bpy.types.Object:
+    blender_object = bpy.data.objects.new(mesh.name, mesh)
+    bpy.context.scene.collection.objects.link(blender_object)
+    return blender_object
+
+
+def add_subdivision(blender_object: bpy.types.Object, levels: int, boundary: str = "ALL") -> bpy.types.Modifier:
+    """A Subdivision Surface modifier that leaves vertices on the control mesh of its level."""
+    modifier = blender_object.modifiers.new("Subdivision", "SUBSURF")
+    modifier.levels = modifier.render_levels = levels
+    modifier.use_limit_surface = False
+    modifier.boundary_smooth = boundary
+    return modifier
+
+
+def mesh_data(mesh: bpy.types.Mesh) -> MeshData:
+    """Positions and faces of a Blender mesh; its loose vertices stay, loose edges and creases are left out."""
+    sizes = np.zeros(len(mesh.polygons), dtype=np.intc)
+    mesh.polygons.foreach_get("loop_total", sizes)
+    corners = np.zeros(len(mesh.loops), dtype=np.intc)
+    mesh.loops.foreach_get("vertex_index", corners)
+    positions = np.zeros(3 * len(mesh.vertices), dtype=np.float32)
+    mesh.vertices.foreach_get("co", positions)
+    return MeshData(positions.reshape(-1, 3).astype(np.float64), sizes.astype(np.intp), corners.astype(np.intp))
+
+
+def evaluated_mesh_data(blender_object: bpy.types.Object) -> MeshData:
+    """``mesh_data`` of the object as its modifiers make it."""
+    evaluated = blender_object.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    data = mesh_data(evaluated.to_mesh())
+    evaluated.to_mesh_clear()
+    return data
+
+
+def polygon_mesh_of(mesh: bpy.types.Mesh) -> PolygonMesh:
+    """The core's mesh of a Blender mesh, with its edges, loose ones too, and creases; no boundary rule applied."""
+    data = mesh_data(mesh)
+    corner_edges = np.zeros(len(mesh.loops), dtype=np.intc)
+    mesh.loops.foreach_get("edge_index", corner_edges)
+    edge_vertices = np.zeros(2 * len(mesh.edges), dtype=np.intc)
+    mesh.edges.foreach_get("vertices", edge_vertices)
+    return PolygonMesh(
+        positions=data.positions,
+        face_starts=np.concatenate([[0], np.cumsum(data.face_sizes)]).astype(np.intp),
+        corner_vertices=data.corner_vertices,
+        corner_edges=corner_edges.astype(np.intp),
+        edge_vertices=edge_vertices.reshape(-1, 2).astype(np.intp),
+        edge_sharpness=crease_to_sharpness(_creases(mesh, "crease_edge", len(mesh.edges))),
+        vertex_sharpness=crease_to_sharpness(_creases(mesh, "crease_vert", len(mesh.vertices))),
+    )
+
+
+def _creases(mesh: bpy.types.Mesh, name: str, count: int) -> np.ndarray:
+    values = np.zeros(count, dtype=np.float32)
+    if name in mesh.attributes:
+        mesh.attributes[name].data.foreach_get("value", values)
+    return values

@@ -1,0 +1,285 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Test meshes as plain arrays, for the core and for Blender alike."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccdepth_addon.core.catmull_clark import crease_to_sharpness
+from ccdepth_addon.core.mesh import PolygonMesh, polygon_mesh
+
+EdgeCreases = dict[tuple[int, int], float]
+
+
+@dataclass(frozen=True)
+class MeshData:
+    """positions (V, 3); face_sizes (F,); corner_vertices (sum of sizes,); creases as Blender has them, 0 to 1."""
+
+    positions: NDArray[np.float64]
+    face_sizes: NDArray[np.intp]
+    corner_vertices: NDArray[np.intp]
+    edge_creases: EdgeCreases = field(default_factory=dict)
+    vertex_creases: dict[int, float] = field(default_factory=dict)
+    loose_edges: list[tuple[int, int]] = field(default_factory=list)
+
+    @property
+    def faces(self) -> list[list[int]]:
+        return [face.tolist() for face in np.split(self.corner_vertices, np.cumsum(self.face_sizes)[:-1])]
+
+    @property
+    def edges(self) -> NDArray[np.intp]:
+        """(E, 2), each edge that has faces once, the lower vertex first."""
+        pairs = [(face[i - 1], face[i]) for face in self.faces for i in range(len(face))]
+        return np.unique(np.sort(np.array(pairs), axis=1), axis=0)
+
+
+def from_faces(positions: object, faces: list[list[int]]) -> MeshData:
+    sizes = np.array([len(face) for face in faces], dtype=np.intp)
+    return MeshData(np.array(positions, dtype=np.float64), sizes, np.concatenate(faces).astype(np.intp))
+
+
+def to_polygon_mesh(data: MeshData) -> PolygonMesh:
+    """The core's mesh of it, its loose edges left out; no boundary rule applied."""
+    creases = np.zeros(len(data.positions))
+    creases[list(data.vertex_creases)] = list(data.vertex_creases.values())
+    sharpness = crease_to_sharpness(np.array(list(data.edge_creases.values())))
+    return polygon_mesh(
+        data.positions,
+        data.face_sizes,
+        data.corner_vertices,
+        sharp_edges=dict(zip(data.edge_creases, sharpness.tolist(), strict=True)),
+        vertex_sharpness=crease_to_sharpness(creases),
+    )
+
+
+# Quads and n-gons, smooth
+
+
+def cube() -> MeshData:
+    """Side 2, around the origin; vertex 4x + 2y + z at (±1, ±1, ±1)."""
+    positions = [[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)]
+    faces = [[0, 1, 3, 2], [4, 6, 7, 5], [0, 4, 5, 1], [2, 3, 7, 6], [0, 2, 6, 4], [1, 5, 7, 3]]
+    return from_faces(positions, faces)
+
+
+def grid(columns: int, rows: int) -> MeshData:
+    """columns × rows unit quads in the plane z = 0; vertex (x, y) is y (columns + 1) + x."""
+    y, x = np.mgrid[: rows + 1, : columns + 1]
+    positions = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3).astype(np.float64)
+    index = np.arange((columns + 1) * (rows + 1)).reshape(rows + 1, columns + 1)
+    quads = np.stack([index[:-1, :-1], index[:-1, 1:], index[1:, 1:], index[1:, :-1]], axis=-1)
+    return MeshData(positions, np.full(columns * rows, 4), quads.reshape(-1))
+
+
+def landscape(columns: int, rows: int, seed: int = 1) -> MeshData:
+    """A grid with hills and some noise on them."""
+    data = grid(columns, rows)
+    x, y, _ = data.positions.T
+    noise = np.random.default_rng(seed).uniform(-0.2, 0.2, len(x))
+    heights = np.sin(0.9 * x) * np.cos(0.6 * y) + noise
+    return replace(data, positions=np.stack([x, y, heights], axis=1))
+
+
+def torus(major: int, minor: int) -> MeshData:
+    """major × minor quads, all vertices regular; radii 2 and 0.75."""
+    i, j = np.mgrid[:major, :minor]
+    around, across = 2 * np.pi * i / major, 2 * np.pi * j / minor
+    radius = 2 + 0.75 * np.cos(across)
+    positions = np.stack([radius * np.cos(around), radius * np.sin(around), 0.75 * np.sin(across)], axis=-1)
+    index = np.arange(major * minor).reshape(major, minor)
+    right, up = np.roll(index, -1, axis=0), np.roll(index, -1, axis=1)
+    quads = np.stack([index, right, np.roll(right, -1, axis=1), up], axis=-1)
+    return MeshData(positions.reshape(-1, 3), np.full(major * minor, 4), quads.reshape(-1))
+
+
+def cylinder(sides: int) -> MeshData:
+    """Quads around, an n-gon at each end."""
+    angles = 2 * np.pi * np.arange(sides) / sides
+    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    positions = np.concatenate([np.column_stack([ring, np.full(sides, z)]) for z in (-1.0, 1.0)])
+    quads = [[i, (i + 1) % sides, sides + (i + 1) % sides, sides + i] for i in range(sides)]
+    caps = [list(range(sides))[::-1], list(range(sides, 2 * sides))]
+    return from_faces(positions, quads + caps)
+
+
+def fan(valence: int, rings: int = 2, seed: int = 1) -> MeshData:
+    """An open, slightly bumpy mesh of quads around vertex 0, the only irregular one inside, of any valence from 2 up.
+
+    Each of the ``valence`` sectors is a grid of rings × rings quads; the border is a boundary.
+    """
+    numbers: dict[tuple[int, int, int], int] = {}
+    positions: list[list[float]] = []
+
+    def number(sector: int, i: int, j: int) -> int:
+        if i == 0 and j > 0:
+            sector, i, j = sector + 1, j, 0
+        key = (sector % valence, i, j) if i else (0, 0, 0)
+        if key not in numbers:
+            numbers[key] = len(positions)
+            angle = 2 * np.pi / valence * (key[0] + (j / (i + j) if j else 0.0))
+            radius = np.hypot(i, j)
+            positions.append([radius * np.cos(angle), radius * np.sin(angle), 0.0])
+        return numbers[key]
+
+    quads = [
+        [number(sector, i, j), number(sector, i + 1, j), number(sector, i + 1, j + 1), number(sector, i, j + 1)]
+        for sector in range(valence)
+        for i in range(rings)
+        for j in range(rings)
+    ]
+    data = from_faces(positions, quads)
+    heights = np.random.default_rng(seed).uniform(-0.3, 0.3, len(positions))
+    return replace(data, positions=data.positions + heights[:, None] * [0.2, 0.1, 1.0])
+
+
+def valence_two() -> MeshData:
+    """An open mesh with one vertex of valence 2 inside, vertex 0 with the edges (0, 1) and (0, 3)."""
+    return fan(2, 3)
+
+
+def triangles_and_quads() -> MeshData:
+    """A closed house: a box of quads under a roof of two triangles and two quads."""
+    positions = [[x, y, z] for z in (0.0, 1.5) for x, y in ((-1, -2), (1, -2), (1, 2), (-1, 2))]
+    positions += [[0, -1.5, 2.5], [0.1, 1.5, 2.7]]
+    sides = [[0, 3, 2, 1], [0, 1, 5, 4], [1, 2, 6, 5], [2, 3, 7, 6], [3, 0, 4, 7]]
+    return from_faces(positions, [*sides, [4, 5, 8], [6, 7, 9], [5, 6, 9, 8], [7, 4, 8, 9]])
+
+
+# Non-manifold and other awkward ones
+
+
+def welded(data: MeshData, other: MeshData, pairs: dict[int, int]) -> MeshData:
+    """Both meshes in one, vertex ``b`` of the other being vertex ``a`` of the first for each ``b: a`` in ``pairs``."""
+    count = len(data.positions)
+    own = [vertex for vertex in range(len(other.positions)) if vertex not in pairs]
+    renumbered = np.zeros(len(other.positions), dtype=np.intp)
+    renumbered[own] = count + np.arange(len(own))
+    renumbered[list(pairs)] = list(pairs.values())
+    moved = {(int(renumbered[a]), int(renumbered[b])): crease for (a, b), crease in other.edge_creases.items()}
+    return MeshData(
+        positions=np.concatenate([data.positions, other.positions[own]]),
+        face_sizes=np.concatenate([data.face_sizes, other.face_sizes]),
+        corner_vertices=np.concatenate([data.corner_vertices, renumbered[other.corner_vertices]]),
+        edge_creases=data.edge_creases | moved,
+    )
+
+
+def moved(data: MeshData, x: float, y: float = 0.0, z: float = 0.0) -> MeshData:
+    return replace(data, positions=data.positions + np.array([x, y, z]))
+
+
+def valences_two_and_twelve() -> MeshData:
+    return welded(valence_two(), moved(fan(12), 10.0), {})
+
+
+def two_cubes_sharing_an_edge() -> MeshData:
+    return welded(cube(), moved(cube(), 2.0, 2.0), {0: 6, 1: 7})
+
+
+def two_cubes_sharing_a_vertex() -> MeshData:
+    return welded(cube(), moved(cube(), 2.0, 2.0, 2.0), {0: 7})
+
+
+def bow_tie() -> MeshData:
+    """Two quads that share only a vertex."""
+    return welded(grid(1, 1), moved(grid(1, 1), 1.0, 1.0, 0.3), {0: 3})
+
+
+def bow_tie_inside() -> MeshData:
+    """Two surfaces that touch in a vertex that lies inside both."""
+    cone = grid(2, 2)
+    tip = np.where((np.arange(9) == 4)[:, None], [0.0, 0.0, 1.0], 0.0)
+    above = moved(replace(cone, positions=cone.positions - tip), 0.0, 0.0, 2.0)
+    return welded(replace(cone, positions=cone.positions + tip), above, {4: 4})
+
+
+def three_faces_on_an_edge() -> MeshData:
+    """A grid with a fin standing on one of its edges."""
+    data = landscape(4, 3)
+    fin = from_faces([[0, 0, 0], [1, 0, 0], [1.2, 0.2, 1.5], [0.1, -0.1, 1.2]], [[0, 1, 2, 3]])
+    return welded(data, moved(fin, 1.0, 1.0), {0: 6, 1: 7})
+
+
+def fin_through() -> MeshData:
+    """Three half-planes on a line: an interior non-manifold crease with ends on the boundary."""
+    data = landscape(4, 4)
+    fin = moved(grid(4, 2), 0.0, 2.0)
+    x, z, y = fin.positions.T
+    upright = replace(fin, positions=np.stack([x, y + 0.1, z], axis=1))
+    return welded(data, upright, {column: 10 + column for column in range(5)})
+
+
+def boundary_touching_inside() -> MeshData:
+    """The corner of one surface touches a vertex that lies inside another."""
+    return welded(landscape(4, 4), moved(grid(2, 2), 2.0, 2.0, 1.0), {0: 12})
+
+
+def face_soup(seed: int = 1, share: float = 0.35) -> MeshData:
+    """Random faces of a 3 × 3 × 3 lattice of boxes, turned at random: every way to be non-manifold, inside and out."""
+    generator = np.random.default_rng(seed)
+    index = np.arange(64).reshape(4, 4, 4)
+    faces = []
+    for axis in range(3):
+        layers = np.moveaxis(index, axis, 0)
+        quads = np.stack([layers[:, :-1, :-1], layers[:, 1:, :-1], layers[:, 1:, 1:], layers[:, :-1, 1:]], axis=-1)
+        faces += [quad if generator.random() < 0.8 else quad[::-1] for quad in quads.reshape(-1, 4)]
+    chosen = [face.tolist() for face in faces if generator.random() < share]
+    positions = np.stack(np.mgrid[:4, :4, :4], axis=-1).reshape(-1, 3) + generator.uniform(-0.2, 0.2, (64, 3))
+    return from_faces(positions, chosen)
+
+
+def flipped_face() -> MeshData:
+    """A landscape with one face inside that is turned round."""
+    data = landscape(4, 4)
+    quads = data.corner_vertices.reshape(-1, 4).copy()
+    quads[5] = quads[5, ::-1]
+    return replace(data, corner_vertices=quads.reshape(-1))
+
+
+def loose_edge_at_a_face_vertex() -> MeshData:
+    """A landscape; loose edges at a vertex inside, at one on the border, and one far away."""
+    data = landscape(4, 4)
+    loose = [[2.0, 2.0, 3.0], [-1.0, 2.0, 0.0], [8.0, 0.0, 0.0], [9.0, 0.0, 0.0]]
+    count = len(data.positions)
+    edges = [(12, count), (10, count + 1), (count + 2, count + 3)]
+    return replace(data, positions=np.concatenate([data.positions, loose]), loose_edges=edges)
+
+
+# Creases
+
+
+def creased(data: MeshData, edges: EdgeCreases, vertices: dict[int, float] | None = None) -> MeshData:
+    return replace(data, edge_creases=edges, vertex_creases=vertices or {})
+
+
+def creased_cube() -> MeshData:
+    """A cube with creases 0.3, 0.7 and 1.0: a closed loop, an open chain, and edges that meet in one vertex."""
+    loop = {(0, 1): 0.7, (1, 3): 0.7, (2, 3): 0.3, (0, 2): 1.0}
+    return creased(cube(), loop | {(4, 5): 0.3, (5, 7): 1.0, (0, 4): 0.3})
+
+
+def corner_creased_cube() -> MeshData:
+    return creased(cube(), {(0, 1): 0.5}, {0: 0.3, 3: 0.7, 5: 1.0, 6: 0.45})
+
+
+def with_random_creases(data: MeshData, seed: int = 1, share: float = 0.3) -> MeshData:
+    """Random creases on a share of the edges and vertices, a quarter of them 1.0, a quarter 0.25 or 0.5."""
+    generator = np.random.default_rng(seed)
+
+    def creases(count: int) -> NDArray[np.float64]:
+        values = generator.uniform(0.05, 1.0, count).astype(np.float32).astype(np.float64)
+        kind = generator.integers(0, 4, count)
+        equal = generator.choice([0.25, 0.5], count)
+        return np.where(kind == 0, 1.0, np.where(kind == 1, equal, values))
+
+    edges = data.edges
+    edges = edges[generator.random(len(edges)) < share]
+    vertices = np.flatnonzero(generator.random(len(data.positions)) < share / 4)
+    return creased(
+        data,
+        {(int(a), int(b)): crease for (a, b), crease in zip(edges, creases(len(edges)).tolist(), strict=True)},
+        dict(zip(vertices.tolist(), creases(len(vertices)).tolist(), strict=True)),
+    )
