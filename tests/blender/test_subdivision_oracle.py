@@ -8,7 +8,7 @@ from collections.abc import Callable
 import bpy
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
+from mathutils.kdtree import KDTree
 
 from ccdepth_addon.core.catmull_clark import apply_boundary_rule, subdivide
 from ccdepth_addon.core.mesh import PolygonMesh
@@ -92,15 +92,25 @@ def assert_same_mesh(own: PolygonMesh, blenders: meshes.MeshData, level: int) ->
     own_vertices = np.unique(own.corner_vertices)
     blender_vertices = np.unique(blenders.corner_vertices)
     assert len(own_vertices) == len(blender_vertices)
-    distances, nearest = cKDTree(own.positions[own_vertices]).query(blenders.positions[blender_vertices])
+    nearest = own_vertices[nearest_points(own.positions[own_vertices], blenders.positions[blender_vertices])]
     assert len(np.unique(nearest)) == len(nearest)
+    distances = np.linalg.norm(own.positions[nearest] - blenders.positions[blender_vertices], axis=1)
     tolerance = ULPS_PER_LEVEL * level * np.finfo(np.float32).eps * np.abs(own.positions[own_vertices]).max()
     assert distances.max() <= tolerance
     to_own = np.full(len(blenders.positions), -1)
-    to_own[blender_vertices] = own_vertices[nearest]
+    to_own[blender_vertices] = nearest
     expected = canonical_quads(to_own[blenders.corner_vertices])
     np.testing.assert_array_equal(canonical_quads(own.corner_vertices), expected)
     assert np.count_nonzero(own.edge_face_counts) == len(blenders.edges)
+
+
+def nearest_points(points: np.ndarray, queries: np.ndarray) -> np.ndarray:
+    """For each query the index of the nearest point. By Blender's own tree, as a real Blender has no SciPy."""
+    tree = KDTree(len(points))
+    for index, point in enumerate(points):
+        tree.insert(point, index)
+    tree.balance()
+    return np.array([tree.find(query)[1] for query in queries])
 
 
 def canonical_quads(corner_vertices: np.ndarray) -> np.ndarray:
