@@ -87,6 +87,15 @@ def limit_displacement(valence: int) -> float:
     return max(1 / 3, 3 / (valence + 5))
 
 
+# Valences up to this one have a limit factor proved by proofs/certify_limit_factors.py.
+LAST_CERTIFIED_VALENCE = 400
+
+
+def certified_limit_factor(valence: int) -> float:
+    """‖L̂ - S‖/M on an extraordinary facet with limit vertices, proved net by net (proofs/certify_limit_factors.py)."""
+    return 7 / 27 if valence == 3 else 1 / 4
+
+
 def second_order_regular(net: FloatArray, vertices: Vertices) -> PatchBounds:
     """Lemma 1 and Lemma 2 (Theorem 3): M/3 · 4⁻ᵏ; with limit vertices M/4 · 4⁻ᵏ (docs/methods.md, Limit Vertices)."""
     divisor = 3 if vertices is Vertices.CONTROL else 4
@@ -94,9 +103,16 @@ def second_order_regular(net: FloatArray, vertices: Vertices) -> PatchBounds:
 
 
 def _extraordinary_factor(valence: int, vertices: Vertices) -> float:
-    """The distance of an extraordinary patch in units of M: Lemma 7, and for limit vertices the corners' way more."""
+    """The distance of an extraordinary patch in units of M.
+
+    Lemma 7 for control vertices. For limit vertices what is certified, beyond that Lemma 7 and the corners' way.
+    """
     published = 1 / published_divisor(valence)
-    return published if vertices is Vertices.CONTROL else published + limit_displacement(valence)
+    if vertices is Vertices.CONTROL:
+        return published
+    if valence <= LAST_CERTIFIED_VALENCE:
+        return certified_limit_factor(valence)
+    return published + limit_displacement(valence)
 
 
 def second_order_extraordinary(net: FloatArray, vertices: Vertices) -> PatchBounds:
