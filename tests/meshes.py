@@ -227,7 +227,7 @@ def face_soup(seed: int = 1, share: float = 0.35) -> MeshData:
         quads = np.stack([layers[:, :-1, :-1], layers[:, 1:, :-1], layers[:, 1:, 1:], layers[:, :-1, 1:]], axis=-1)
         faces += [quad if generator.random() < 0.8 else quad[::-1] for quad in quads.reshape(-1, 4)]
     chosen = [face.tolist() for face in faces if generator.random() < share]
-    positions = np.stack(np.mgrid[:4, :4, :4], axis=-1).reshape(-1, 3) + generator.uniform(-0.2, 0.2, (64, 3))
+    positions = np.indices((4, 4, 4)).reshape(3, -1).T + generator.uniform(-0.2, 0.2, (64, 3))
     return from_faces(positions, chosen)
 
 
