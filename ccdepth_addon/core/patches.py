@@ -90,8 +90,7 @@ def _classify_corners(mesh: PolygonMesh) -> tuple[BoolArray, BoolArray]:
 def _touches_other_than_quads(mesh: PolygonMesh) -> BoolArray:
     """Vertices of a face that is not a quad: (V,) bool."""
     touched = np.zeros(mesh.vertex_count, dtype=bool)
-    other = np.flatnonzero(mesh.face_sizes[mesh.corner_faces] != 4) if np.any(mesh.face_sizes != 4) else []
-    touched[mesh.corner_vertices[other]] = True
+    touched[mesh.corner_vertices[mesh.face_sizes[mesh.corner_faces] != 4]] = True
     return touched
 
 
