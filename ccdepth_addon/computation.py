@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Objects → depths of their meshes: what has to be computed once per mesh, and how several answers become one.
+
+A mesh used by several objects is measured at the scale of each that no other one outdoes, and takes the largest depth
+of every face. Nothing here writes to a mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterable
+from dataclasses import dataclass
+from time import perf_counter
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from .control_mesh import NO_ORIGIN, ControlMesh, ControlMeshError, read_control_mesh
+from .core.depth import DepthResult, ToleranceError, face_depths_stepwise, smallest_tolerance
+from .core.mesh import FloatArray, InvalidMeshError, PolygonMesh, validate
+
+# How much smaller, relatively, an object's scale may be than another's by rounding alone and still be outdone by it.
+SCALE_ROUNDING = 1e-9
+
+
+class ComputeError(ValueError):
+    """Depths cannot be computed; the message names every object at fault in a modeller's words."""
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What is asked: ``tolerance`` is a length in the scene or a part of the diagonal, by ``tolerance_mode``."""
+
+    tolerance: float
+    tolerance_mode: str
+    method: str
+    vertices: str
+    use_modifiers: bool
+
+
+@dataclass(frozen=True)
+class Surface:
+    """One surface to measure: a control mesh where an object puts it, and the tolerance there, as a length."""
+
+    object_name: str
+    control: ControlMesh
+    tolerance: float
+
+
+@dataclass(frozen=True)
+class MeshTask:
+    """All there is to compute for one mesh. It keeps no reference to Blender's data, which may move meanwhile."""
+
+    mesh_uid: int
+    face_count: int
+    object_names: list[str]
+    surfaces: list[Surface]
+
+
+@dataclass(frozen=True)
+class MeshDepths:
+    """The answer for one mesh.
+
+    depths: (F,) int32; bounds: (F,) float64, lengths in the scene. world_tolerance: the least of the tolerances in
+    force, a length. uniform_corners: the corners of the control mesh, of the largest one. added_faces: how many faces
+    the modifiers add that come from no face of the mesh, and added_deepest, the deepest depth among them. taken_faces:
+    how many of the mesh's faces the modifiers take away; their depth and bound are 0.
+    """
+
+    task: MeshTask
+    depths: NDArray[np.int32]
+    bounds: FloatArray
+    world_tolerance: float
+    control_faces: int
+    control_corners: int
+    added_faces: int
+    added_deepest: int
+    taken_faces: int
+
+    @property
+    def least(self) -> int:
+        return int(self.depths.min(initial=self.deepest))
+
+    @property
+    def deepest(self) -> int:
+        return int(self.depths.max(initial=0))
+
+    @property
+    def uniform_faces(self) -> int:
+        """How many faces the control mesh has when all of it is subdivided to the deepest depth."""
+        return self.control_faces if self.deepest == 0 else self.control_corners * 4 ** (self.deepest - 1)
+
+
+def as_typed(value: float) -> float:
+    """The shortest decimal that Blender's single-precision number stands for: 0.1, not 0.10000000149."""
+    return float(str(np.float32(value)))
+
+
+def check_tolerance(tolerance: float) -> None:
+    """Raise ComputeError unless the tolerance is a finite number greater than zero."""
+    if not np.isfinite(tolerance):
+        raise ComputeError("The tolerance is not a finite number")
+    if tolerance <= 0:
+        raise ComputeError("The tolerance must be greater than zero")
+
+
+def prepare(context: bpy.types.Context, objects: Iterable[bpy.types.Object], settings: Settings) -> list[MeshTask]:
+    """Read the objects' meshes and decide what to compute.
+
+    Raises ComputeError, naming every object whose mesh cannot be measured.
+    """
+    check_tolerance(settings.tolerance)
+    by_mesh: dict[int, list[Surface]] = {}
+    meshes = {}
+    faults = []
+    for blender_object in objects:
+        mesh = blender_object.data
+        try:
+            surface = _read_surface(context, blender_object, settings)
+        except (ControlMeshError, InvalidMeshError, ToleranceError) as fault:
+            faults.append(f"{blender_object.name}: {fault}")
+            continue
+        meshes[mesh.session_uid] = mesh
+        by_mesh.setdefault(mesh.session_uid, []).append(surface)
+    if faults:
+        raise ComputeError("\n".join(faults))
+    return [
+        MeshTask(uid, count_faces(meshes[uid]), [surface.object_name for surface in surfaces], _not_outdone(surfaces))
+        for uid, surfaces in by_mesh.items()
+    ]
+
+
+def count_faces(mesh: bpy.types.Mesh) -> int:
+    """The faces of a mesh, in Edit Mode those being edited."""
+    if not mesh.is_editmode:
+        return len(mesh.polygons)
+    import bmesh
+
+    return len(bmesh.from_edit_mesh(mesh).faces)
+
+
+def _read_surface(context: bpy.types.Context, blender_object: bpy.types.Object, settings: Settings) -> Surface:
+    control = read_control_mesh(context, blender_object, use_modifiers=settings.use_modifiers)
+    in_world = control.in_world()
+    validate(in_world)
+    tolerance = settings.tolerance
+    if settings.tolerance_mode == "RELATIVE":
+        tolerance *= control.diagonal()
+    least = smallest_tolerance(in_world)
+    if tolerance < least:
+        raise ToleranceError(
+            f"a tolerance of {tolerance:.3g} is finer than the mesh's single-precision coordinates can show; the "
+            f"smallest that means anything here is {least:.3g}"
+        )
+    return Surface(blender_object.name, control, tolerance)
+
+
+def gram_matrix(world: FloatArray) -> FloatArray:
+    """(3, 3): AᵀA, which says how long the object makes every vector of its mesh, however it is turned."""
+    return world.T @ world
+
+
+def _not_outdone(surfaces: list[Surface]) -> list[Surface]:
+    """The surfaces of one mesh that have to be measured.
+
+    One is outdone by another with the same control mesh that makes every vector of it at least as long, in parts of
+    the tolerance: then its distances are no larger, and neither are its depths.
+    """
+    kept: list[tuple[Surface, FloatArray]] = []
+    weighed = [(surface, gram_matrix(surface.control.world) / surface.tolerance**2) for surface in surfaces]
+    for surface, gram in sorted(weighed, key=lambda pair: -np.trace(pair[1])):
+        rivals = [other for rival, other in kept if _same_control_mesh(rival.control, surface.control)]
+        if not any(_is_outdone(gram, other) for other in rivals):
+            kept.append((surface, gram))
+    return [surface for surface, _ in kept]
+
+
+def _is_outdone(gram: FloatArray, other: FloatArray) -> bool:
+    return bool(np.linalg.eigvalsh(other - gram).min() >= -SCALE_ROUNDING * np.trace(other))
+
+
+def _same_control_mesh(one: ControlMesh, other: ControlMesh) -> bool:
+    if one.base_faces is None or other.base_faces is None:
+        if one.base_faces is not other.base_faces:
+            return False
+    elif not np.array_equal(one.base_faces, other.base_faces):
+        return False
+    arrays = ("positions", "face_starts", "corner_vertices", "corner_edges", "edge_sharpness", "vertex_sharpness")
+    return all(np.array_equal(getattr(one.mesh, name), getattr(other.mesh, name)) for name in arrays)
+
+
+class Calculation:
+    """The measuring of all surfaces, in as small steps as the caller likes."""
+
+    def __init__(self, tasks: list[MeshTask], settings: Settings) -> None:
+        self.settings = settings
+        self.fraction = 0.0
+        self.answers: list[MeshDepths] = []
+        self._steps = _compute_stepwise(tasks, settings)
+
+    def work(self, seconds: float = np.inf) -> bool:
+        """Go on for a while; True when it is done, and the answers are there."""
+        until = perf_counter() + seconds
+        while not self.answers and perf_counter() < until:
+            try:
+                self.fraction = next(self._steps)
+            except StopIteration as finished:
+                self.answers = finished.value
+        return bool(self.answers)
+
+
+def _compute_stepwise(tasks: list[MeshTask], settings: Settings) -> Generator[float, None, list[MeshDepths]]:
+    """Measure every surface in small steps: yields the fraction done, and returns the answers at the end."""
+    total = max(1, sum(surface.control.mesh.face_count for task in tasks for surface in task.surfaces))
+    done = 0
+    answers = []
+    for task in tasks:
+        answer = _Answer(task)
+        for surface in task.surfaces:
+            mesh = surface.control.in_world()
+            steps = face_depths_stepwise(mesh, surface.tolerance, settings.method, settings.vertices)
+            result = yield from _scaled(steps, done / total, mesh.face_count / total)
+            answer.include(surface, mesh, result.depths, result.bounds)
+            done += mesh.face_count
+        answers.append(answer.finished())
+    return answers
+
+
+def _scaled(
+    steps: Generator[float, None, DepthResult], start: float, share: float
+) -> Generator[float, None, DepthResult]:
+    """The same steps, with their fraction as a share of a larger whole."""
+    while True:
+        try:
+            fraction = next(steps)
+        except StopIteration as finished:
+            return finished.value
+        yield start + share * fraction
+
+
+class _Answer:
+    """The largest depth and bound of every face of a mesh over its surfaces, as they come in."""
+
+    def __init__(self, task: MeshTask) -> None:
+        self.task = task
+        self.depths = np.zeros(task.face_count, dtype=np.int32)
+        self.bounds = np.zeros(task.face_count)
+        self.present = np.zeros(task.face_count, dtype=bool)
+        self.control_faces = self.control_corners = self.added_faces = self.added_deepest = 0
+
+    def include(self, surface: Surface, mesh: PolygonMesh, depths: NDArray[np.int32], bounds: FloatArray) -> None:
+        self.control_faces = max(self.control_faces, mesh.face_count)
+        self.control_corners = max(self.control_corners, mesh.corner_count)
+        base_faces = surface.control.base_faces
+        if base_faces is None:
+            base_faces = np.arange(self.task.face_count)
+        known = base_faces != NO_ORIGIN
+        np.maximum.at(self.depths, base_faces[known], depths[known])
+        np.maximum.at(self.bounds, base_faces[known], bounds[known])
+        self.present[base_faces[known]] = True
+        self.added_faces += int(np.count_nonzero(~known))
+        self.added_deepest = max(self.added_deepest, int(depths[~known].max(initial=0)))
+
+    def finished(self) -> MeshDepths:
+        return MeshDepths(
+            task=self.task,
+            depths=self.depths,
+            bounds=self.bounds,
+            world_tolerance=min(surface.tolerance for surface in self.task.surfaces),
+            control_faces=self.control_faces,
+            control_corners=self.control_corners,
+            added_faces=self.added_faces,
+            added_deepest=self.added_deepest,
+            taken_faces=int(np.count_nonzero(~self.present)),
+        )

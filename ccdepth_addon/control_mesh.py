@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender object → control mesh: the polygon mesh whose Catmull-Clark surface is meant.
+
+That is the surface the object's Subdivision Surface modifier makes at its place in the stack. With several such
+modifiers it is the first of type Catmull-Clark that shows in the viewport, or else the first of that type; one of type
+Simple is a modifier like any other. Without one, all modifiers that show in the viewport stand above it, and its
+settings are the modifier's defaults.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from .core.catmull_clark import apply_boundary_rule, crease_to_sharpness
+from .core.mesh import FloatArray, IndexArray, PolygonMesh
+
+ORIGIN_ATTRIBUTE = "ccdepth_origin"
+NO_ORIGIN = -1
+
+# The second number of an origin is the square of the first modulo this prime. A modifier that averages the origins of
+# several faces makes a pair that does not fit, and its faces are known to come from no one face.
+ORIGIN_PRIME = 2**31 - 1
+
+# These take faces away. What others lose, they have merged into faces that count for one of their origins only.
+TAKING_FACES_AWAY = {"BOOLEAN", "BUILD", "MASK", "NODES", "WELD"}
+
+# Their result is kept with the object itself, and a copy of it has none.
+SIMULATIONS = {"CLOTH", "EXPLODE", "FLUID", "SOFT_BODY"}
+
+
+class ControlMeshError(ValueError):
+    """The object has no control mesh that could be read; the message says why in a modeller's words."""
+
+
+@dataclass(frozen=True)
+class SurfaceRule:
+    """The settings of a Subdivision Surface modifier that decide its surface; here, its defaults."""
+
+    smooth_corners: bool = True
+    use_creases: bool = True
+
+
+@dataclass(frozen=True)
+class ControlMesh:
+    """The control mesh of an object.
+
+    mesh: in object space, with its sharpness explicit. base_faces: (F,) intp, the face of the object's own mesh that
+    each face comes from, ``NO_ORIGIN`` for none; None when they are the same faces. world: (3, 3) float64, the linear
+    part of the object's matrix.
+    """
+
+    mesh: PolygonMesh
+    base_faces: IndexArray | None
+    world: FloatArray
+
+    def in_world(self) -> PolygonMesh:
+        """The mesh with the object's rotation, scale and shear applied, and without its location."""
+        return replace(self.mesh, positions=self.mesh.positions @ self.world.T)
+
+    def diagonal(self) -> float:
+        """The diagonal of the object's dimensions, as a length in the scene.
+
+        The box lies along the object's axes and holds every vertex that has a face; its eight corners are taken to the
+        scene, and the longest of its four diagonals counts. So turning the object changes nothing.
+        """
+        used = self.mesh.positions[self.mesh.vertex_face_counts > 0]
+        if not len(used):
+            return 0.0
+        x, y, z = used.max(axis=0) - used.min(axis=0)
+        diagonals = np.array([(x, y, z), (-x, y, z), (x, -y, z), (x, y, -z)]) @ self.world.T
+        return float(np.linalg.norm(diagonals, axis=1).max())
+
+
+def subdivision_modifier(blender_object: bpy.types.Object) -> bpy.types.Modifier | None:
+    """The modifier whose surface is meant, if there is one."""
+    found = [
+        modifier
+        for modifier in blender_object.modifiers
+        if modifier.type == "SUBSURF" and modifier.subdivision_type == "CATMULL_CLARK"
+    ]
+    return next((modifier for modifier in found if modifier.show_viewport), found[0] if found else None)
+
+
+def surface_rule(blender_object: bpy.types.Object) -> SurfaceRule:
+    """The rule of the object's Subdivision Surface modifier."""
+    modifier = subdivision_modifier(blender_object)
+    if modifier is None:
+        return SurfaceRule()
+    return SurfaceRule(smooth_corners=modifier.boundary_smooth == "ALL", use_creases=modifier.use_creases)
+
+
+def counted_modifiers(blender_object: bpy.types.Object) -> list[bpy.types.Modifier]:
+    """The modifiers above the Subdivision Surface modifier that show in the viewport."""
+    last = subdivision_modifier(blender_object)
+    counted = []
+    for modifier in blender_object.modifiers:
+        if last is not None and modifier.name == last.name:
+            break
+        if modifier.show_viewport:
+            counted.append(modifier)
+    return counted
+
+
+def read_control_mesh(
+    context: bpy.types.Context, blender_object: bpy.types.Object, *, use_modifiers: bool
+) -> ControlMesh:
+    """The object's control mesh; in Edit Mode, of the mesh as it is being edited.
+
+    Nothing of the file is changed. Raises ControlMeshError when its modifiers leave no trace of its faces.
+    """
+    depsgraph = context.evaluated_depsgraph_get()
+    rule = surface_rule(blender_object)
+    counted = counted_modifiers(blender_object) if use_modifiers else []
+    base_faces = None
+    with own_mesh(blender_object) as own:
+        # What Edit Mode shows is the shape key being edited, and that is what it holds; elsewhere keys are mixed.
+        if counted or own.shape_keys is not None:
+            mesh, base_faces = _read_evaluated(context, blender_object, own, [m.name for m in counted], rule)
+        else:
+            mesh = mesh_arrays(own, rule)
+    world = np.array(blender_object.evaluated_get(depsgraph).matrix_world, dtype=np.float64)[:3, :3]
+    return ControlMesh(apply_boundary_rule(mesh, smooth_corners=rule.smooth_corners), base_faces, world)
+
+
+@contextmanager
+def own_mesh(blender_object: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
+    """The object's mesh, or in Edit Mode a temporary copy of what is being edited."""
+    if not blender_object.data.is_editmode:
+        yield blender_object.data
+        return
+    import bmesh
+
+    scratch = bpy.data.meshes.new(ORIGIN_ATTRIBUTE)
+    try:
+        bmesh.from_edit_mesh(blender_object.data).to_mesh(scratch)
+        yield scratch
+    finally:
+        bpy.data.meshes.remove(scratch)
+
+
+def mesh_arrays(mesh: bpy.types.Mesh, rule: SurfaceRule) -> PolygonMesh:
+    """A Blender mesh, not in Edit Mode, as arrays. Sharpness is that of its creases alone."""
+    face_starts = np.empty(len(mesh.polygons) + 1, dtype=np.intp)
+    face_starts[:-1] = read_values(mesh.polygons, "loop_start", np.int32)
+    face_starts[-1] = len(mesh.loops)
+    attributes = mesh.attributes
+    return PolygonMesh(
+        positions=read_values(attributes["position"].data, "vector", np.float32, 3).astype(np.float64),
+        face_starts=face_starts,
+        corner_vertices=_topology(attributes, ".corner_vert").reshape(-1),
+        corner_edges=_topology(attributes, ".corner_edge").reshape(-1),
+        edge_vertices=_topology(attributes, ".edge_verts", 2),
+        edge_sharpness=_sharpness(attributes, "crease_edge", len(mesh.edges), rule),
+        vertex_sharpness=_sharpness(attributes, "crease_vert", len(mesh.vertices), rule),
+    )
+
+
+def read_values(items: Any, name: str, dtype: type, width: int = 1) -> NDArray[Any]:
+    """(items,) or (items, width): a property of every item of a collection, read in one go."""
+    values: NDArray[Any] = np.empty(len(items) * width, dtype=dtype)
+    items.foreach_get(name, values)
+    return values if width == 1 else values.reshape(-1, width)
+
+
+def _topology(attributes: Any, name: str, width: int = 1) -> IndexArray:
+    # A mesh without edges or corners has no such attribute.
+    if name not in attributes:
+        return np.zeros((0, width), dtype=np.intp)
+    return read_values(attributes[name].data, "value", np.int32, width).astype(np.intp)
+
+
+def _sharpness(attributes: Any, name: str, count: int, rule: SurfaceRule) -> FloatArray:
+    attribute = attributes.get(name)
+    if attribute is None or attribute.data_type != "FLOAT" or len(attribute.data) != count or not rule.use_creases:
+        return np.zeros(count)
+    return crease_to_sharpness(read_values(attribute.data, "value", np.float32))
+
+
+def _read_evaluated(
+    context: bpy.types.Context,
+    blender_object: bpy.types.Object,
+    own: bpy.types.Mesh,
+    counted: list[str],
+    rule: SurfaceRule,
+) -> tuple[PolygonMesh, IndexArray]:
+    """The mesh as the counted modifiers make it, and the face of ``own`` that each of its faces comes from."""
+    _refuse_simulations(blender_object, counted)
+    with _frozen_copy(context, blender_object, own, counted) as copy:
+        evaluated = _evaluated_mesh(context, copy)
+        base_faces = _read_origins(evaluated, len(own.polygons))
+        mesh = mesh_arrays(evaluated, rule)
+        if mesh.face_count and len(_present(base_faces)) < len(own.polygons):
+            _refuse_lost_faces(context, copy, len(own.polygons))
+        return mesh, base_faces
+
+
+def _refuse_simulations(blender_object: bpy.types.Object, counted: list[str]) -> None:
+    for name in counted:
+        if blender_object.modifiers[name].type in SIMULATIONS:
+            raise ControlMeshError(
+                f"the modifier “{name}” is a simulation, which cannot be counted in: apply it, or turn Modifiers off"
+            )
+
+
+@contextmanager
+def _frozen_copy(
+    context: bpy.types.Context, blender_object: bpy.types.Object, own: bpy.types.Mesh, counted: list[str]
+) -> Iterator[bpy.types.Object]:
+    """A temporary copy of the object in the scene, with the counted modifiers alone and origins on its faces.
+
+    Its values are those the object has now, keyed or not, so it must not be animated again.
+    """
+    mesh = own.copy()
+    copy = blender_object.copy()
+    try:
+        _write_origins(mesh)
+        copy.data = mesh
+        copy.animation_data_clear()
+        if mesh.shape_keys is not None:
+            mesh.shape_keys.animation_data_clear()
+        for modifier in [m for m in copy.modifiers if m.name not in counted]:
+            copy.modifiers.remove(modifier)
+        context.scene.collection.objects.link(copy)
+        yield copy
+    finally:
+        bpy.data.objects.remove(copy)
+        bpy.data.meshes.remove(mesh)
+
+
+def _evaluated_mesh(context: bpy.types.Context, copy: bpy.types.Object) -> bpy.types.Mesh:
+    return copy.evaluated_get(context.evaluated_depsgraph_get()).data
+
+
+def _write_origins(mesh: bpy.types.Mesh) -> None:
+    if ORIGIN_ATTRIBUTE in mesh.attributes:
+        mesh.attributes.remove(mesh.attributes[ORIGIN_ATTRIBUTE])
+    origins = np.arange(1, len(mesh.polygons) + 1)
+    pairs = np.stack([origins, origins * origins % ORIGIN_PRIME], axis=1).astype(np.int32)
+    attribute = mesh.attributes.new(ORIGIN_ATTRIBUTE, "INT32_2D", "FACE")
+    attribute.data.foreach_set("value", pairs.ravel())
+
+
+def _read_origins(mesh: bpy.types.Mesh, base_face_count: int) -> IndexArray:
+    """(F,) intp: the face each face of an evaluated mesh comes from, or NO_ORIGIN."""
+    attribute = mesh.attributes.get(ORIGIN_ATTRIBUTE)
+    if attribute is None or attribute.domain != "FACE":
+        return np.full(len(mesh.polygons), NO_ORIGIN, dtype=np.intp)
+    pairs = read_values(attribute.data, "value", np.int32, 2).astype(np.intp)
+    origins = pairs[:, 0]
+    known = (origins >= 1) & (origins <= base_face_count) & (origins * origins % ORIGIN_PRIME == pairs[:, 1])
+    return np.where(known, origins - 1, NO_ORIGIN)
+
+
+def _present(base_faces: IndexArray) -> IndexArray:
+    return np.unique(base_faces[base_faces != NO_ORIGIN])
+
+
+def _refuse_lost_faces(context: bpy.types.Context, copy: bpy.types.Object, base_face_count: int) -> None:
+    """Raise ControlMeshError when a modifier loses faces without taking them away."""
+    modifiers = list(copy.modifiers)
+    for modifier in modifiers:
+        modifier.show_viewport = False
+    present = base_face_count
+    for modifier in modifiers:
+        modifier.show_viewport = True
+        before, present = present, len(_present(_read_origins(_evaluated_mesh(context, copy), base_face_count)))
+        if present < before and (present == 0 or modifier.type not in TAKING_FACES_AWAY):
+            raise ControlMeshError(
+                f"the modifier “{modifier.name}” does not keep the mesh's faces apart, so their depths cannot be "
+                "told: apply it, or turn Modifiers off"
+            )

@@ -1,0 +1,168 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The sidebar's CC Depth tab: settings, and the results of the active object's mesh."""
+
+import bpy
+import bpy.utils.previews
+import numpy as np
+
+from . import fingerprint, results
+from .colors import palette
+from .computation import as_typed
+
+# From here on a count of faces is written as a power of ten.
+LARGEST_COUNT_IN_FULL = 10**10
+
+SWATCH_SIZE = 16
+
+_swatches: bpy.utils.previews.ImagePreviewCollection | None = None
+
+
+class CCDEPTH_PT_settings(bpy.types.Panel):
+    bl_label = "CC Depth"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "CC Depth"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        settings = context.scene.ccdepth
+        button = layout.column()
+        button.scale_y = 1.4
+        button.operator("ccdepth.compute", icon="MOD_SUBSURF")
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        column = layout.column()
+        column.row().prop(settings, "tolerance_mode", text="Tolerance", expand=True)
+        if settings.tolerance_mode == "RELATIVE":
+            column.prop(settings, "relative_tolerance", text="Part")
+        else:
+            column.prop(settings, "tolerance", text="Distance")
+        column = layout.column()
+        column.prop(settings, "method")
+        column.prop(settings, "vertices")
+        column.prop(settings, "use_modifiers")
+
+
+class CCDEPTH_PT_results(bpy.types.Panel):
+    bl_label = "Results"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "CC Depth"
+    bl_parent_id = "CCDEPTH_PT_settings"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        active = context.active_object
+        return active is not None and active.type == "MESH" and results.has_result(active.data)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        mesh = context.active_object.data
+        record = mesh.ccdepth
+        _draw_stale_line(layout, context.scene.ccdepth, mesh)
+        _draw_numbers(layout, context.scene, record)
+        _draw_histogram(layout, record)
+        row = layout.row(align=True)
+        row.operator("ccdepth.select", text="Select by Depth", icon="RESTRICT_SELECT_OFF")
+        row.operator("ccdepth.clear", icon="X")
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        column = layout.column(heading="Show")
+        column.prop(context.scene.ccdepth, "show_heat_map")
+        column.prop(context.scene.ccdepth, "show_legend")
+
+
+def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
+    """What to tell of a result that no longer fits; empty when it does."""
+    if fingerprint.is_stale(mesh):
+        return "The mesh has changed since this was computed"
+    record = mesh.ccdepth
+    tolerance = settings.relative_tolerance if settings.tolerance_mode == "RELATIVE" else settings.tolerance
+    # Both as the decimals they were typed as: one has been through single precision once more than the other.
+    asked = (as_typed(tolerance), settings.tolerance_mode, settings.method, settings.vertices, settings.use_modifiers)
+    answered = (
+        as_typed(record.tolerance),
+        record.tolerance_mode,
+        record.method,
+        record.vertices,
+        record.use_modifiers,
+    )
+    return "" if asked == answered else "The settings have changed since this was computed"
+
+
+def _draw_stale_line(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> None:
+    line = stale_line(settings, mesh)
+    if line:
+        cause, rest = line.split(" since ")
+        column = layout.column(align=True)
+        column.alert = True
+        column.label(text=cause, icon="ERROR")
+        column.label(text=f"since {rest}", icon="BLANK1")
+
+
+def _draw_numbers(layout: bpy.types.UILayout, scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> None:
+    unit = scene.unit_settings
+    length = bpy.utils.units.to_string(unit.system, "LENGTH", record.world_tolerance * unit.scale_length, precision=5)
+    column = layout.column(align=True)
+    for name, value in (
+        ("Faces", f"{record.faces:,}"),
+        ("Deepest Depth", str(record.deepest)),
+        ("Tolerance", length if unit.system != "NONE" else f"{record.world_tolerance:.4g}"),
+        ("If Uniform", f"{count_text(int(record.uniform_faces))} faces"),
+    ):
+        split = column.split(factor=0.45)
+        label = split.row()
+        label.alignment = "RIGHT"
+        label.label(text=name)
+        split.label(text=value)
+
+
+def count_text(count: int) -> str:
+    """A count with separators, or as a power of ten when it is too long for the sidebar."""
+    if count < LARGEST_COUNT_IN_FULL:
+        return f"{count:,}"
+    mantissa, exponent = f"{count:.2e}".split("e+")
+    return f"{mantissa} × 10{exponent.lstrip('0').translate(str.maketrans('0123456789', '⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
+
+
+def _draw_histogram(layout: bpy.types.UILayout, record: bpy.types.PropertyGroup) -> None:
+    colors = palette(record.least_color_depth, record.deepest_color_depth)
+    most = max(row.faces for row in record.rows)
+    box = layout.box().column(align=True)
+    for row in reversed(record.rows):
+        split = box.split(factor=0.22)
+        key = split.row(align=True)
+        key.label(text=str(row.depth), icon_value=_swatch(colors[row.depth - record.least_color_depth]))
+        value = split.row(align=True)
+        value.progress(text=f"{row.faces:,}", factor=row.faces / most)
+        button = value.operator("ccdepth.select", text="", icon="RESTRICT_SELECT_OFF", emboss=False)
+        button.depth, button.comparison = row.depth, "EQUAL"
+
+
+def _swatch(color: tuple[float, float, float]) -> int:
+    """The icon of a colour. Each is made once: a few hundred bytes."""
+    assert _swatches is not None
+    name = repr(color)
+    if name not in _swatches:
+        icon = _swatches.new(name)
+        icon.icon_size = (SWATCH_SIZE, SWATCH_SIZE)
+        icon.icon_pixels_float = np.tile(np.array((*color, 1.0), dtype=np.float32), SWATCH_SIZE**2)
+    return _swatches[name].icon_id
+
+
+CLASSES = (CCDEPTH_PT_settings, CCDEPTH_PT_results)
+
+
+def register() -> None:
+    global _swatches
+    _swatches = bpy.utils.previews.new()
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister() -> None:
+    global _swatches
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)
+    bpy.utils.previews.remove(_swatches)
+    _swatches = None

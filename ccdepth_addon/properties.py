@@ -1,0 +1,196 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+# mypy: disable-error-code="valid-type"
+"""Settings on the scene, the record of a result on the mesh, and what a viewport looked like before the heat map."""
+
+from typing import Any
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    EnumProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+from . import heat_map
+from .core.depth import METHODS
+
+# A thousandth of the bounding box is about one pixel when the object fills the screen, whatever its size.
+DEFAULT_RELATIVE_TOLERANCE = 0.001
+DEFAULT_ABSOLUTE_TOLERANCE = 0.001
+
+TOLERANCE_DESCRIPTION = "Largest distance allowed between the subdivided faces and the limit surface"
+RELATIVE_DESCRIPTION = TOLERANCE_DESCRIPTION + ", as a part of the diagonal of the object's dimensions"
+
+TOLERANCE_MODES = (
+    ("RELATIVE", "Relative", "The tolerance is a part of the diagonal of the object's dimensions"),
+    ("ABSOLUTE", "Absolute", "The tolerance is a distance in the scene, with the object's scale counted in"),
+)
+METHOD_TEXTS = {
+    "SECOND_ORDER": (
+        "Second Order (Published)",
+        "Depth from second differences of the control points, after Cheng, Chen and Yong (2006)",
+    ),
+    "FIRST_ORDER": (
+        "First Order",
+        "Depth from how far apart the control points are; needs far more levels, and is here for comparison",
+    ),
+}
+METHOD_ITEMS = tuple((method, *METHOD_TEXTS[method]) for method in METHODS)
+VERTEX_ITEMS = (
+    ("CONTROL", "Control Mesh", "The subdivided mesh as it is (Use Limit Surface off)"),
+    ("LIMIT", "Limit Surface", "The subdivided mesh with its vertices moved to the limit surface (Use Limit Surface)"),
+)
+
+
+def absolute_tolerance_property() -> Any:
+    """A distance without a hard minimum, so that a bad one can be refused with a report."""
+    return FloatProperty(
+        name="Tolerance",
+        description=TOLERANCE_DESCRIPTION,
+        default=DEFAULT_ABSOLUTE_TOLERANCE,
+        soft_min=1e-6,
+        soft_max=10.0,
+        step=0.1,
+        precision=5,
+        subtype="DISTANCE",
+    )
+
+
+def tolerance_mode_property() -> Any:
+    return EnumProperty(
+        name="Tolerance Mode", description="How the tolerance is given", items=TOLERANCE_MODES, default="RELATIVE"
+    )
+
+
+def method_property() -> Any:
+    return EnumProperty(
+        name="Method",
+        description="How the distance to the limit surface is bounded",
+        items=METHOD_ITEMS,
+        default="SECOND_ORDER",
+    )
+
+
+def vertices_property() -> Any:
+    return EnumProperty(
+        name="Vertices",
+        description="Where the vertices of the subdivided mesh are",
+        items=VERTEX_ITEMS,
+        default="CONTROL",
+    )
+
+
+def use_modifiers_property() -> Any:
+    return BoolProperty(
+        name="Modifiers",
+        description="Count in the modifiers above the Subdivision Surface modifier, or all of them when there is none",
+        default=True,
+    )
+
+
+def _heat_map_switched(_settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    heat_map.synchronise(context)
+
+
+def _redraw(_settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    heat_map.redraw_viewports(context)
+
+
+class SceneSettings(bpy.types.PropertyGroup):
+    """What Compute Depth uses when it is called without arguments of its own."""
+
+    tolerance: absolute_tolerance_property()
+    relative_tolerance: FloatProperty(
+        name="Tolerance",
+        description=RELATIVE_DESCRIPTION,
+        default=DEFAULT_RELATIVE_TOLERANCE,
+        soft_min=1e-6,
+        soft_max=0.1,
+        step=0.01,
+        precision=5,
+    )
+    tolerance_mode: tolerance_mode_property()
+    method: method_property()
+    vertices: vertices_property()
+    use_modifiers: use_modifiers_property()
+    show_heat_map: BoolProperty(
+        name="Heat Map",
+        description="Show the depths as colours in Solid shading",
+        default=True,
+        update=_heat_map_switched,
+    )
+    show_legend: BoolProperty(
+        name="Legend",
+        description="Show which colour stands for which depth in the 3D View",
+        default=True,
+        update=_redraw,
+    )
+
+
+class DepthRow(bpy.types.PropertyGroup):
+    """One line of the histogram."""
+
+    depth: IntProperty()
+    faces: IntProperty()
+
+
+class Contributor(bpy.types.PropertyGroup):
+    """One object the result was computed for: its scale as AᵀA (upper triangle), and a digest of its modifiers."""
+
+    gram: FloatVectorProperty(size=6)
+    modifiers: StringProperty()
+
+
+class MeshRecord(bpy.types.PropertyGroup):
+    """What was computed on this mesh, from what, and what to restore when it is cleared."""
+
+    has_result: BoolProperty()
+    tolerance: FloatProperty(description="The tolerance as it was given")
+    tolerance_mode: StringProperty()
+    world_tolerance: FloatProperty(description="The tolerance as a distance in the scene", subtype="DISTANCE")
+    method: StringProperty()
+    vertices: StringProperty()
+    use_modifiers: BoolProperty()
+    version: StringProperty(description="The version of CC Depth that computed it")
+    faces: IntProperty()
+    deepest: IntProperty()
+    least_color_depth: IntProperty(description="The depth shown in the first colour of the heat map")
+    deepest_color_depth: IntProperty(description="The depth shown in the last colour of the heat map")
+    rows: CollectionProperty(type=DepthRow)
+    # A decimal number: it soon outgrows Blender's 32-bit integers.
+    uniform_faces: StringProperty(description="Faces of the mesh subdivided uniformly to the deepest depth")
+    fingerprint: StringProperty(description="Checksum of the mesh and of its depths")
+    contributors: CollectionProperty(type=Contributor)
+    active_color_taken: BoolProperty()
+    previous_active_color: StringProperty()
+
+
+class ViewportMemory(bpy.types.PropertyGroup):
+    """What a viewport's shading was before the heat map; it lives on the shading, so it is saved with the file."""
+
+    is_switched: BoolProperty()
+    previous_color_type: StringProperty()
+
+
+CLASSES = (SceneSettings, DepthRow, Contributor, MeshRecord, ViewportMemory)
+
+
+def register() -> None:
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Scene.ccdepth = PointerProperty(type=SceneSettings)
+    bpy.types.Mesh.ccdepth = PointerProperty(type=MeshRecord)
+    bpy.types.View3DShading.ccdepth = PointerProperty(type=ViewportMemory)
+
+
+def unregister() -> None:
+    del bpy.types.View3DShading.ccdepth
+    del bpy.types.Mesh.ccdepth
+    del bpy.types.Scene.ccdepth
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)
