@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bounds import PATCH_METHODS, Method, PatchBounds, PatchMethod, Vertices, support_bounds
-from .catmull_clark import subdivide
-from .mesh import FloatArray, IndexArray, PolygonMesh, submesh, validate
+from .mesh import FloatArray, IndexArray, PolygonMesh, validate
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
+from .refinement import Refinement, split
 
 # Faces handled at a time: few enough for the caches and a responsive interface, enough to hide the interpreter.
 REGULAR_FACES_AT_ONCE = 1 << 14
@@ -149,7 +149,7 @@ class _Search:
             depths, reached = self._first_levels(bounds)
             yield _FaceBlock(faces, depths, reached)
         irregular = np.flatnonzero(patches.kinds == PatchKind.IRREGULAR)
-        for faces in _split(irregular, IRREGULAR_FACES_AT_ONCE):
+        for faces in split(irregular, IRREGULAR_FACES_AT_ONCE):
             yield from self._irregular_block(mesh, faces)
 
     def _patches(
@@ -157,13 +157,13 @@ class _Search:
     ) -> Iterator[tuple[IndexArray, PatchBounds]]:
         """The bounds of the regular and the extraordinary among the faces, a block of one kind at a time."""
         kinds = patches.kinds[faces]
-        for regular in _split(faces[kinds == PatchKind.REGULAR], REGULAR_FACES_AT_ONCE):
+        for regular in split(faces[kinds == PatchKind.REGULAR], REGULAR_FACES_AT_ONCE):
             yield regular, self.method.regular(regular_nets(mesh, regular), self.vertices)
         extraordinary = faces[kinds == PatchKind.EXTRAORDINARY]
         valences = mesh.vertex_face_counts[mesh.corner_vertices[patches.extraordinary_corners[extraordinary]]]
         for valence in np.unique(valences).tolist():
             at_once = max(1, EXTRAORDINARY_POINTS_AT_ONCE // (2 * valence + 8))
-            for block in _split(extraordinary[valences == valence], at_once):
+            for block in split(extraordinary[valences == valence], at_once):
                 nets = extraordinary_nets(mesh, patches.extraordinary_corners[block], valence)
                 yield block, self.method.extraordinary(nets, self.vertices)
 
@@ -186,7 +186,7 @@ class _Search:
         depths = np.full(len(faces), -1, dtype=np.int32)
         bounds = np.zeros(len(faces))
         pieces: list[_Piece] = []
-        refinement = _Refinement(submesh(mesh, faces)[0], np.arange(len(faces)))
+        refinement = Refinement.start(mesh, faces)
         level = 0
         while np.any(depths < 0):
             found, refinement = self._take_patches(refinement, level)
@@ -201,7 +201,7 @@ class _Search:
             yield _NOTHING
         yield _FaceBlock(faces, depths, bounds)
 
-    def _take_patches(self, refinement: _Refinement, level: int) -> tuple[list[_Piece], _Refinement]:
+    def _take_patches(self, refinement: Refinement, level: int) -> tuple[list[_Piece], Refinement]:
         """The refinement's patches as pieces, and the refinement with its irregular descendants alone."""
         if not len(refinement.bases):
             return [], refinement
@@ -211,7 +211,7 @@ class _Search:
         pieces = [_Piece(level, refinement.bases[block], bounds) for block, bounds in found]
         return pieces, refinement.keep(patches.kinds[core] == PatchKind.IRREGULAR)
 
-    def _bounds_at(self, level: int, pieces: list[_Piece], refinement: _Refinement, face_count: int) -> FloatArray:
+    def _bounds_at(self, level: int, pieces: list[_Piece], refinement: Refinement, face_count: int) -> FloatArray:
         """(base faces,) float64: the largest bound at a level of each one's pieces and irregular descendants."""
         reached = np.zeros(face_count)
         for piece in pieces:
@@ -224,38 +224,4 @@ class _Search:
         return reached
 
 
-@dataclass(frozen=True)
-class _Refinement:
-    """Descendants of base faces at one level: the mesh's first faces, then their neighbours.
-
-    mesh: the descendants with all the faces around their corners. bases: (descendants,) the base face of each.
-    """
-
-    mesh: PolygonMesh
-    bases: IndexArray
-
-    def keep(self, wanted: NDArray[np.bool_]) -> _Refinement:
-        """The wanted descendants alone: (descendants,) bool."""
-        if np.all(wanted):
-            return self
-        kept = np.flatnonzero(wanted)
-        return _Refinement(submesh(self.mesh, kept)[0], self.bases[kept])
-
-    def of(self, wanted: NDArray[np.bool_]) -> _Refinement:
-        """The descendants of the wanted base faces: (base faces,) bool."""
-        return self.keep(wanted[self.bases])
-
-    def refined(self) -> _Refinement:
-        """Their children, one level on."""
-        if not len(self.bases):
-            return self
-        bases = np.repeat(self.bases, self.mesh.face_sizes[: len(self.bases)])
-        return _Refinement(subdivide(self.mesh).mesh, bases)
-
-
 _NOTHING = _FaceBlock(np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.int32), np.zeros(0))
-
-
-def _split(faces: IndexArray, at_once: int) -> Iterator[IndexArray]:
-    for start in range(0, len(faces), at_once):
-        yield faces[start : start + at_once]

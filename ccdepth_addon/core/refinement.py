@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Feature-adaptive refinement: the descendants of some faces, level by level, with the neighbours they need."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .catmull_clark import subdivide
+from .mesh import IndexArray, PolygonMesh, submesh
+
+
+@dataclass(frozen=True)
+class Refinement:
+    """Descendants of base faces at one level.
+
+    mesh: the descendants, its first faces, then all the other faces around their corners.
+    bases: (descendants,) intp, the base face of each.
+    """
+
+    mesh: PolygonMesh
+    bases: IndexArray
+
+    @staticmethod
+    def start(mesh: PolygonMesh, faces: IndexArray) -> Refinement:
+        """The faces themselves, each its own base: base b is ``faces[b]``."""
+        return Refinement(submesh(mesh, faces)[0], np.arange(len(faces)))
+
+    def keep(self, wanted: NDArray[np.bool_]) -> Refinement:
+        """The wanted descendants alone: (descendants,) bool."""
+        if np.all(wanted):
+            return self
+        kept = np.flatnonzero(wanted)
+        return Refinement(submesh(self.mesh, kept)[0], self.bases[kept])
+
+    def of(self, wanted: NDArray[np.bool_]) -> Refinement:
+        """The descendants of the wanted base faces: (base faces,) bool."""
+        return self.keep(wanted[self.bases])
+
+    def refined(self) -> Refinement:
+        """Their children, one level on: a face's children come in the order of its corners."""
+        if not len(self.bases):
+            return self
+        bases = np.repeat(self.bases, self.mesh.face_sizes[: len(self.bases)])
+        return Refinement(subdivide(self.mesh).mesh, bases)
+
+
+def split(faces: IndexArray, at_once: int) -> Iterator[IndexArray]:
+    """The faces in blocks of at most so many."""
+    for start in range(0, len(faces), at_once):
+        yield faces[start : start + at_once]
