@@ -14,11 +14,9 @@ import numpy as np
 
 from .core.mesh import FloatArray
 
-# Seventeen evenly spaced colours of the map, in sRGB; those between are found by linear interpolation.
-VIRIDIS = (
-    "440154 48186a 472d7b 424086 3b528b 33638d 2c728e 26818e 21908c "
-    "1f9f88 28ae80 3ebc74 5dc963 82d34c abdc32 d5e21a fde725"
-)
+# Evenly spaced colours of the map, in sRGB; those between are found by linear interpolation. The darkest eighth is left
+# out: in the shadows of Solid shading it is black, and the form of the mesh is lost.
+VIRIDIS = "472d7b 424086 3b528b 33638d 2c728e 26818e 21908c 1f9f88 28ae80 3ebc74 5dc963 82d34c abdc32 d5e21a fde725"
 VIRIDIS_COLORS = np.array([list(bytes.fromhex(color)) for color in VIRIDIS.split()]) / 255.0
 
 

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from .control_mesh import NO_ORIGIN, ControlMesh, ControlMeshError, read_control_mesh
 from .core.depth import DepthResult, ToleranceError, face_depths_stepwise, smallest_tolerance
-from .core.mesh import FloatArray, InvalidMeshError, PolygonMesh, validate
+from .core.mesh import FloatArray, InvalidMeshError, PolygonMesh
 
 # How much smaller, relatively, an object's scale may be than another's by rounding alone and still be outdone by it.
 SCALE_ROUNDING = 1e-9
@@ -141,12 +141,10 @@ def count_faces(mesh: bpy.types.Mesh) -> int:
 
 def _read_surface(context: bpy.types.Context, blender_object: bpy.types.Object, settings: Settings) -> Surface:
     control = read_control_mesh(context, blender_object, use_modifiers=settings.use_modifiers)
-    in_world = control.in_world()
-    validate(in_world)
     tolerance = settings.tolerance
     if settings.tolerance_mode == "RELATIVE":
         tolerance *= control.diagonal()
-    least = smallest_tolerance(in_world)
+    least = smallest_tolerance(control.in_world())
     if tolerance < least:
         raise ToleranceError(
             f"a tolerance of {tolerance:.3g} is finer than the mesh's single-precision coordinates can show; the "

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .core.catmull_clark import apply_boundary_rule, crease_to_sharpness
-from .core.mesh import FloatArray, IndexArray, PolygonMesh
+from .core.mesh import FloatArray, IndexArray, PolygonMesh, validate
 
 ORIGIN_ATTRIBUTE = "ccdepth_origin"
 NO_ORIGIN = -1
@@ -62,7 +62,9 @@ class ControlMesh:
 
     def in_world(self) -> PolygonMesh:
         """The mesh with the object's rotation, scale and shear applied, and without its location."""
-        return replace(self.mesh, positions=self.mesh.positions @ self.world.T)
+        # Positions that are not finite are found and refused later.
+        with np.errstate(invalid="ignore"):
+            return replace(self.mesh, positions=self.mesh.positions @ self.world.T)
 
     def diagonal(self) -> float:
         """The diagonal of the object's dimensions, as a length in the scene.
@@ -113,7 +115,8 @@ def read_control_mesh(
 ) -> ControlMesh:
     """The object's control mesh; in Edit Mode, of the mesh as it is being edited.
 
-    Nothing of the file is changed. Raises ControlMeshError when its modifiers leave no trace of its faces.
+    Nothing of the file is changed. Raises ControlMeshError when its modifiers leave no trace of its faces, and
+    InvalidMeshError when there is no surface to measure.
     """
     depsgraph = context.evaluated_depsgraph_get()
     rule = surface_rule(blender_object)
@@ -126,7 +129,9 @@ def read_control_mesh(
         else:
             mesh = mesh_arrays(own, rule)
     world = np.array(blender_object.evaluated_get(depsgraph).matrix_world, dtype=np.float64)[:3, :3]
-    return ControlMesh(apply_boundary_rule(mesh, smooth_corners=rule.smooth_corners), base_faces, world)
+    control = ControlMesh(mesh, base_faces, world)
+    validate(control.in_world())
+    return replace(control, mesh=apply_boundary_rule(mesh, smooth_corners=rule.smooth_corners))
 
 
 @contextmanager
@@ -152,11 +157,11 @@ def mesh_arrays(mesh: bpy.types.Mesh, rule: SurfaceRule) -> PolygonMesh:
     face_starts[-1] = len(mesh.loops)
     attributes = mesh.attributes
     return PolygonMesh(
-        positions=read_values(attributes["position"].data, "vector", np.float32, 3).astype(np.float64),
+        positions=_built_in(attributes, "position", "vector", np.float32, 3).astype(np.float64),
         face_starts=face_starts,
-        corner_vertices=_topology(attributes, ".corner_vert").reshape(-1),
-        corner_edges=_topology(attributes, ".corner_edge").reshape(-1),
-        edge_vertices=_topology(attributes, ".edge_verts", 2),
+        corner_vertices=_built_in(attributes, ".corner_vert", "value", np.int32).astype(np.intp),
+        corner_edges=_built_in(attributes, ".corner_edge", "value", np.int32).astype(np.intp),
+        edge_vertices=_built_in(attributes, ".edge_verts", "value", np.int32, 2).astype(np.intp),
         edge_sharpness=_sharpness(attributes, "crease_edge", len(mesh.edges), rule),
         vertex_sharpness=_sharpness(attributes, "crease_vert", len(mesh.vertices), rule),
     )
@@ -165,15 +170,14 @@ def mesh_arrays(mesh: bpy.types.Mesh, rule: SurfaceRule) -> PolygonMesh:
 def read_values(items: Any, name: str, dtype: type, width: int = 1) -> NDArray[Any]:
     """(items,) or (items, width): a property of every item of a collection, read in one go."""
     values: NDArray[Any] = np.empty(len(items) * width, dtype=dtype)
-    items.foreach_get(name, values)
+    if len(items):
+        items.foreach_get(name, values)
     return values if width == 1 else values.reshape(-1, width)
 
 
-def _topology(attributes: Any, name: str, width: int = 1) -> IndexArray:
-    # A mesh without edges or corners has no such attribute.
-    if name not in attributes:
-        return np.zeros((0, width), dtype=np.intp)
-    return read_values(attributes[name].data, "value", np.int32, width).astype(np.intp)
+def _built_in(attributes: Any, name: str, value: str, dtype: type, width: int = 1) -> NDArray[Any]:
+    # A mesh without vertices, edges or corners need not have the attribute.
+    return read_values(attributes[name].data if name in attributes else (), value, dtype, width)
 
 
 def _sharpness(attributes: Any, name: str, count: int, rule: SurfaceRule) -> FloatArray:

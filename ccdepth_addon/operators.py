@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
 
-from . import fingerprint, heat_map, properties, results, selection
+from . import fingerprint, heat_map, properties, results, selection, staleness
 from .computation import Calculation, ComputeError, MeshDepths, Settings, as_typed, count_faces, prepare
 
 # Seconds of work before the interface gets control back: once at the start, and then again and again.
@@ -148,10 +148,15 @@ class CCDEPTH_OT_compute(bpy.types.Operator):
             self.report({"ERROR"}, "The meshes were changed in the meantime: nothing was written")
             return {"CANCELLED"}
         color_depths = [depth for answer in answers for depth in (answer.least, answer.deepest)]
-        for answer in answers:
-            mesh = meshes[answer.task.mesh_uid]
+        objects = [[bpy.data.objects[name] for name in answer.task.object_names] for answer in answers]
+        states = [
+            [fingerprint.object_state(user, use_modifiers=self.use_modifiers) for user in users] for users in objects
+        ]
+        for answer, users, described in zip(answers, objects, states, strict=True):
+            mesh = users[0].data
             results.write_result(mesh, answer, calculation.settings, min(color_depths), max(color_depths))
-            fingerprint.remember(mesh, [bpy.data.objects[name] for name in answer.task.object_names])
+            fingerprint.remember(users[0], described)
+            staleness.note_write(mesh)
         if self.options.is_repeat:
             self._keep_settings(context.scene.ccdepth)
         heat_map.synchronise(context)

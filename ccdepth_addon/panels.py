@@ -5,7 +5,7 @@ import bpy
 import bpy.utils.previews
 import numpy as np
 
-from . import fingerprint, results
+from . import results, staleness
 from .colors import palette
 from .computation import as_typed
 
@@ -34,7 +34,7 @@ class CCDEPTH_PT_settings(bpy.types.Panel):
         column = layout.column()
         column.row().prop(settings, "tolerance_mode", text="Tolerance", expand=True)
         if settings.tolerance_mode == "RELATIVE":
-            column.prop(settings, "relative_tolerance", text="Part")
+            column.prop(settings, "relative_tolerance", text="Fraction")
         else:
             column.prop(settings, "tolerance", text="Distance")
         column = layout.column()
@@ -74,8 +74,8 @@ class CCDEPTH_PT_results(bpy.types.Panel):
 
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
     """What to tell of a result that no longer fits; empty when it does."""
-    if fingerprint.is_stale(mesh):
-        return "The mesh has changed since this was computed"
+    if staleness.is_stale(mesh):
+        return "Out of date: the mesh has changed"
     record = mesh.ccdepth
     tolerance = settings.relative_tolerance if settings.tolerance_mode == "RELATIVE" else settings.tolerance
     # Both as the decimals they were typed as: one has been through single precision once more than the other.
@@ -87,17 +87,15 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
         record.vertices,
         record.use_modifiers,
     )
-    return "" if asked == answered else "The settings have changed since this was computed"
+    return "" if asked == answered else "Out of date: the settings have changed"
 
 
 def _draw_stale_line(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> None:
     line = stale_line(settings, mesh)
     if line:
-        cause, rest = line.split(" since ")
-        column = layout.column(align=True)
-        column.alert = True
-        column.label(text=cause, icon="ERROR")
-        column.label(text=f"since {rest}", icon="BLANK1")
+        row = layout.row()
+        row.alert = True
+        row.label(text=line, icon="ERROR")
 
 
 def _draw_numbers(layout: bpy.types.UILayout, scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> None:
@@ -108,7 +106,7 @@ def _draw_numbers(layout: bpy.types.UILayout, scene: bpy.types.Scene, record: bp
         ("Faces", f"{record.faces:,}"),
         ("Deepest Depth", str(record.deepest)),
         ("Tolerance", length if unit.system != "NONE" else f"{record.world_tolerance:.4g}"),
-        ("If Uniform", f"{count_text(int(record.uniform_faces))} faces"),
+        ("Uniform Faces", count_text(int(record.uniform_faces))),
     ):
         split = column.split(factor=0.45)
         label = split.row()

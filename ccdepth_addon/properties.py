@@ -47,6 +47,10 @@ VERTEX_ITEMS = (
 )
 
 
+# Lets a library override hold a result, though not save it: Blender overrides no attributes.
+OVERRIDABLE_LIST = {"LIBRARY_OVERRIDABLE", "USE_INSERTION"}
+
+
 def absolute_tolerance_property() -> Any:
     """A distance without a hard minimum, so that a bad one can be refused with a report."""
     return FloatProperty(
@@ -161,11 +165,11 @@ class MeshRecord(bpy.types.PropertyGroup):
     deepest: IntProperty()
     least_color_depth: IntProperty(description="The depth shown in the first colour of the heat map")
     deepest_color_depth: IntProperty(description="The depth shown in the last colour of the heat map")
-    rows: CollectionProperty(type=DepthRow)
+    rows: CollectionProperty(type=DepthRow, override=OVERRIDABLE_LIST)
     # A decimal number: it soon outgrows Blender's 32-bit integers.
     uniform_faces: StringProperty(description="Faces of the mesh subdivided uniformly to the deepest depth")
     fingerprint: StringProperty(description="Checksum of the mesh and of its depths")
-    contributors: CollectionProperty(type=Contributor)
+    contributors: CollectionProperty(type=Contributor, override=OVERRIDABLE_LIST)
     active_color_taken: BoolProperty()
     previous_active_color: StringProperty()
 
@@ -184,7 +188,7 @@ def register() -> None:
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     bpy.types.Scene.ccdepth = PointerProperty(type=SceneSettings)
-    bpy.types.Mesh.ccdepth = PointerProperty(type=MeshRecord)
+    bpy.types.Mesh.ccdepth = PointerProperty(type=MeshRecord, override={"LIBRARY_OVERRIDABLE"})
     bpy.types.View3DShading.ccdepth = PointerProperty(type=ViewportMemory)
 
 

@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Noticing that a result is stale, without computing anything while the interface is drawn.
+
+A handler only notes which meshes with a result were touched. Some time later a timer compares their checksums with
+those in the record, and keeps the answer until they are touched again.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+
+from . import fingerprint, heat_map, results
+from .computation import count_faces
+
+# Seconds without a change before checksums are compared.
+PATIENCE = 0.3
+
+# In Edit Mode a larger mesh is not read again after every change: any change of its geometry makes its result stale.
+LARGEST_EDITED_FACE_COUNT = 200_000
+
+_touched: set[int] = set()
+_stale: set[int] = set()
+_own_writes: set[int] = set()
+
+
+def is_stale(mesh: bpy.types.Mesh) -> bool:
+    """Whether the mesh has changed since its result was computed, as far as has been noticed yet."""
+    return mesh.session_uid in _stale
+
+
+def note_write(mesh: bpy.types.Mesh) -> None:
+    """The mesh's result is new, and the next change of its geometry is the writing of it."""
+    _stale.discard(mesh.session_uid)
+    _own_writes.add(mesh.session_uid)
+
+
+def check_touched() -> None:
+    """Compare the checksums of the meshes that were touched, and remember which have changed."""
+    users = _users_of_results(_touched)
+    _touched.clear()
+    for mesh, objects in users.items():
+        if fingerprint.has_changed(mesh, objects):
+            _stale.add(mesh.session_uid)
+        else:
+            _stale.discard(mesh.session_uid)
+    if users:
+        heat_map.redraw_viewports(bpy.context)
+
+
+def _users_of_results(uids: set[int]) -> dict[bpy.types.Mesh, list[bpy.types.Object]]:
+    """The meshes among these that hold a result, and the objects that use each."""
+    users: dict[bpy.types.Mesh, list[bpy.types.Object]] = {
+        mesh: [] for mesh in bpy.data.meshes if mesh.session_uid in uids and results.has_result(mesh)
+    }
+    for blender_object in bpy.data.objects if users else ():
+        if blender_object.data in users:
+            users[blender_object.data].append(blender_object)
+    return users
+
+
+def touch(mesh: bpy.types.Mesh) -> None:
+    """Have the mesh's result checked soon."""
+    _touched.add(mesh.session_uid)
+    if bpy.app.timers.is_registered(check_touched):
+        bpy.app.timers.unregister(check_touched)
+    bpy.app.timers.register(check_touched, first_interval=PATIENCE)
+
+
+@persistent
+def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    for update in depsgraph.updates:
+        if not (update.is_updated_geometry or update.is_updated_transform):
+            continue
+        original = update.id.original
+        if isinstance(original, bpy.types.Object) and original.type == "MESH" and results.has_result(original.data):
+            _notice_update(original.data, update.is_updated_geometry)
+
+
+def _notice_update(mesh: bpy.types.Mesh, geometry: bool) -> None:
+    own_write = geometry and mesh.session_uid in _own_writes
+    if geometry:
+        _own_writes.discard(mesh.session_uid)
+    if not mesh.is_editmode or count_faces(mesh) <= LARGEST_EDITED_FACE_COUNT:
+        touch(mesh)
+    elif geometry and not own_write:
+        _stale.add(mesh.session_uid)
+
+
+@persistent
+def _check_everything(*_: Any) -> None:
+    """After undo, redo and loading: data may have been replaced as a whole."""
+    heat_map.synchronise(bpy.context)
+    for mesh in bpy.data.meshes:
+        if results.has_result(mesh):
+            touch(mesh)
+
+
+@persistent
+def _forget_everything(*_: Any) -> None:
+    for runtime in (_touched, _stale, _own_writes):
+        runtime.clear()
+
+
+HANDLERS = (
+    ("depsgraph_update_post", _notice_updates),
+    ("undo_post", _check_everything),
+    ("redo_post", _check_everything),
+    ("load_pre", _forget_everything),
+    ("load_post", _check_everything),
+)
+
+
+def register() -> None:
+    for name, handler in HANDLERS:
+        getattr(bpy.app.handlers, name).append(handler)
+
+
+def unregister() -> None:
+    for name, handler in HANDLERS:
+        getattr(bpy.app.handlers, name).remove(handler)
+    if bpy.app.timers.is_registered(check_touched):
+        bpy.app.timers.unregister(check_touched)
+    _forget_everything()

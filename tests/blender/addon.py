@@ -1,0 +1,82 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The add-on as Blender registered it, wherever it was installed, and its results as arrays."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from importlib import import_module
+from types import ModuleType
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+ATTRIBUTES = ("ccdepth", "ccdepth_bound", "ccdepth_color")
+
+
+def module(name: str) -> ModuleType:
+    """A module of the registered add-on."""
+    package = bpy.types.CCDEPTH_OT_compute.__module__.rpartition(".")[0]
+    return import_module(f"{package}.{name}")
+
+
+def select(*objects: bpy.types.Object) -> None:
+    """Select these objects alone; the last one becomes the active one."""
+    bpy.context.view_layer.update()
+    for other in bpy.context.view_layer.objects:
+        other.select_set(False)
+    for chosen in objects:
+        chosen.select_set(True)
+    bpy.context.view_layer.objects.active = objects[-1] if objects else None
+
+
+def compute(*objects: bpy.types.Object, **settings: object) -> None:
+    """Select the objects and compute their depths; a tolerance is absolute unless it says otherwise."""
+    select(*objects)
+    if "tolerance" in settings:
+        settings.setdefault("tolerance_mode", "ABSOLUTE")
+    assert bpy.ops.ccdepth.compute(**settings) == {"FINISHED"}
+
+
+@contextmanager
+def edit_mode(*objects: bpy.types.Object) -> Iterator[None]:
+    select(*objects)
+    bpy.ops.object.mode_set(mode="EDIT")
+    try:
+        yield
+    finally:
+        bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def depths(holder: bpy.types.Object) -> NDArray[np.int32]:
+    """(F,) int32: the depths on the object's mesh, which must not be in Edit Mode."""
+    return _values(holder.data.attributes["ccdepth"], "value", np.int32)
+
+
+def bounds(holder: bpy.types.Object) -> NDArray[np.float32]:
+    return _values(holder.data.attributes["ccdepth_bound"], "value", np.float32)
+
+
+def colors(holder: bpy.types.Object) -> NDArray[np.float32]:
+    """(C, 4) float32, linear."""
+    return _values(holder.data.attributes["ccdepth_color"], "color", np.float32, 4).reshape(-1, 4)
+
+
+def _values(attribute: bpy.types.Attribute, name: str, dtype: type, width: int = 1) -> NDArray:
+    values: NDArray = np.empty(len(attribute.data) * width, dtype=dtype)
+    attribute.data.foreach_get(name, values)
+    return values
+
+
+def histogram(holder: bpy.types.Object) -> dict[int, int]:
+    return {row.depth: row.faces for row in holder.data.ccdepth.rows}
+
+
+def is_untouched(objects: Iterable[bpy.types.Object]) -> bool:
+    """Whether no mesh of these objects holds anything of the add-on's."""
+    return not any(
+        holder.data.ccdepth.has_result or any(name in holder.data.attributes for name in ATTRIBUTES)
+        for holder in objects
+        if holder.type == "MESH"
+    )

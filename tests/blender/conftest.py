@@ -1,0 +1,18 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every test starts with Blender's own startup file, and with the add-on registered, installed or from the checkout."""
+
+from __future__ import annotations
+
+import bpy
+import pytest
+
+if not hasattr(bpy.types.Scene, "ccdepth"):
+    import ccdepth_addon
+
+    ccdepth_addon.register()
+
+
+@pytest.fixture(autouse=True)
+def startup_file() -> None:
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes])

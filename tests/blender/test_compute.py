@@ -1,0 +1,232 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Compute Depth on selected objects: what it writes, and that scale, duplicates and modes are counted in."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Matrix
+
+from ccdepth_addon.core.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.depth import METHODS, VERTICES, face_depths
+from tests import meshes
+from tests.blender import addon, scene
+
+TOLERANCE = 0.01
+
+
+def expected(holder: bpy.types.Object, tolerance: float = TOLERANCE, method: str = "SECOND_ORDER") -> np.ndarray:
+    """What the core says of the object's mesh as it is."""
+    mesh = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
+    return face_depths(mesh, tolerance, method, "CONTROL").depths
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("vertices", VERTICES)
+def test_it_writes_what_the_core_finds(method: str, vertices: str) -> None:
+    holder = scene.add_suzanne()
+    addon.compute(holder, tolerance=TOLERANCE, method=method, vertices=vertices)
+    mesh = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
+    result = face_depths(mesh, TOLERANCE, method, vertices)
+    np.testing.assert_array_equal(addon.depths(holder), result.depths)
+    np.testing.assert_allclose(addon.bounds(holder), result.bounds, rtol=1e-6)
+    assert addon.bounds(holder).max() <= np.float32(TOLERANCE)
+
+
+def test_the_attributes_have_the_promised_kinds() -> None:
+    holder = scene.add_suzanne()
+    addon.compute(holder)
+    kinds = {name: holder.data.attributes[name] for name in addon.ATTRIBUTES}
+    assert {name: (kind.domain, kind.data_type) for name, kind in kinds.items()} == {
+        "ccdepth": ("FACE", "INT"),
+        "ccdepth_bound": ("FACE", "FLOAT"),
+        "ccdepth_color": ("CORNER", "FLOAT_COLOR"),
+    }
+
+
+def test_the_record_tells_what_was_computed() -> None:
+    holder = scene.add_suzanne()
+    addon.compute(holder, tolerance=TOLERANCE, vertices="LIMIT")
+    record = holder.data.ccdepth
+    depths = addon.depths(holder)
+    assert record.has_result
+    assert record.tolerance == pytest.approx(TOLERANCE)
+    assert record.world_tolerance == pytest.approx(TOLERANCE)
+    assert (record.tolerance_mode, record.method, record.vertices) == ("ABSOLUTE", "SECOND_ORDER", "LIMIT")
+    assert (record.faces, record.deepest) == (len(depths), depths.max())
+    assert addon.histogram(holder) == dict(zip(*np.unique(depths, return_counts=True), strict=True))
+    assert int(record.uniform_faces) == len(holder.data.loops) * 4 ** (int(depths.max()) - 1)
+
+
+def test_a_relative_tolerance_is_a_part_of_the_dimensions() -> None:
+    holder = scene.add_object(meshes.landscape(6, 4))
+    holder.scale = (1.0, 2.0, 0.5)
+    addon.compute(holder, tolerance=0.002, tolerance_mode="RELATIVE")
+    diagonal = holder.dimensions.length
+    assert holder.data.ccdepth.world_tolerance == pytest.approx(0.002 * diagonal)
+
+
+def test_turning_an_object_changes_nothing() -> None:
+    holder = scene.add_object(meshes.landscape(6, 4))
+    addon.compute(holder, tolerance=0.002, tolerance_mode="RELATIVE")
+    before, tolerance = addon.depths(holder), holder.data.ccdepth.world_tolerance
+    holder.rotation_euler = (0.3, 0.7, -1.1)
+    addon.compute(holder, tolerance=0.002, tolerance_mode="RELATIVE")
+    np.testing.assert_array_equal(addon.depths(holder), before)
+    assert holder.data.ccdepth.world_tolerance == pytest.approx(tolerance)
+
+
+@pytest.mark.parametrize("scale", [(3.0, 3.0, 3.0), (1.0, 8.0, 0.3), (-2.0, 1.0, 1.0)])
+def test_scale_counts(scale: tuple[float, float, float]) -> None:
+    holder = scene.add_suzanne()
+    holder.scale = scale
+    holder.location = (100.0, 0.0, 0.0)
+    addon.compute(holder, tolerance=TOLERANCE)
+    found = addon.depths(holder)
+    holder.data.transform(Matrix.Diagonal((*scale, 1.0)))
+    np.testing.assert_array_equal(found, expected(holder))
+
+
+def test_linked_duplicates_take_the_largest_depths() -> None:
+    first = scene.add_suzanne()
+    scales = [(1.0, 1.0, 1.0), (6.0, 1.0, 1.0), (1.0, 6.0, 1.0), (2.0, 0.5, 0.5)]
+    objects = [first] + [scene.add_mesh(first.data) for _ in scales[1:]]
+    alone = []
+    for holder, scale in zip(objects, scales, strict=True):
+        holder.scale = scale
+        addon.compute(holder, tolerance=TOLERANCE)
+        alone.append(addon.depths(holder))
+    addon.compute(*objects, tolerance=TOLERANCE)
+    np.testing.assert_array_equal(addon.depths(first), np.max(alone, axis=0))
+    assert len(first.data.ccdepth.contributors) == len(objects)
+
+
+def test_equal_duplicates_are_computed_once() -> None:
+    first = scene.add_suzanne()
+    objects = [first] + [scene.add_mesh(first.data) for _ in range(3)]
+    objects[2].scale = (2.0, 2.0, 2.0)
+    objects[3].rotation_euler = (0.1, 0.2, 0.3)
+    computation = addon.module("computation")
+    bpy.context.view_layer.update()
+    settings = computation.Settings(TOLERANCE, "ABSOLUTE", "SECOND_ORDER", "CONTROL", True)
+    (task,) = computation.prepare(bpy.context, objects, settings)
+    assert [surface.object_name for surface in task.surfaces] == [objects[2].name]
+
+
+def test_all_selected_objects_are_computed_and_others_are_not() -> None:
+    first, second = scene.add_suzanne(), scene.add_object(meshes.landscape(5, 5))
+    other = scene.add_object(meshes.cube())
+    addon.compute(first, second, tolerance=TOLERANCE)
+    np.testing.assert_array_equal(addon.depths(first), expected(first))
+    np.testing.assert_array_equal(addon.depths(second), expected(second))
+    assert addon.is_untouched([other])
+
+
+def test_the_active_object_is_computed_when_none_is_selected() -> None:
+    holder = scene.add_suzanne()
+    addon.select(holder)
+    holder.select_set(False)
+    assert bpy.ops.ccdepth.compute() == {"FINISHED"}
+    assert holder.data.ccdepth.has_result
+
+
+def test_edit_mode_sees_what_is_being_edited_and_stays() -> None:
+    import bmesh
+
+    first, second = scene.add_suzanne(), scene.add_object(meshes.creased_cube())
+    with addon.edit_mode(first, second):
+        edited = bmesh.from_edit_mesh(first.data)
+        edited.verts.ensure_lookup_table()
+        edited.verts[3].co.z += 0.5
+        for face in list(edited.faces)[:100]:
+            face.hide_set(True)
+        bmesh.update_edit_mesh(first.data)
+        assert bpy.ops.ccdepth.compute(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE") == {"FINISHED"}
+        assert bpy.context.mode == "EDIT_MESH"
+    for holder in (first, second):
+        np.testing.assert_array_equal(addon.depths(holder), expected(holder))
+        assert holder.data.ccdepth.faces == len(holder.data.polygons)
+    assert not [mesh for mesh in bpy.data.meshes if mesh not in (first.data, second.data)]
+
+
+def test_edit_mode_and_object_mode_write_the_same() -> None:
+    holder = scene.add_suzanne()
+    addon.compute(holder, tolerance=TOLERANCE)
+    written = addon.depths(holder), addon.bounds(holder), addon.colors(holder)
+    fingerprint = holder.data.ccdepth.fingerprint
+    bpy.ops.ccdepth.clear()
+    with addon.edit_mode(holder):
+        bpy.ops.ccdepth.compute(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE")
+        assert holder.data.ccdepth.fingerprint == fingerprint
+    for before, after in zip(written, (addon.depths(holder), addon.bounds(holder), addon.colors(holder)), strict=True):
+        np.testing.assert_array_equal(before, after)
+
+
+def test_settings_of_the_scene_hold_unless_given() -> None:
+    holder = scene.add_suzanne()
+    settings = bpy.context.scene.ccdepth
+    settings.tolerance_mode, settings.tolerance, settings.vertices = "ABSOLUTE", 0.05, "LIMIT"
+    addon.select(holder)
+    bpy.ops.ccdepth.compute()
+    record = holder.data.ccdepth
+    assert (record.tolerance, record.vertices) == (pytest.approx(0.05), "LIMIT")
+    bpy.ops.ccdepth.compute(tolerance=0.02)
+    assert (record.tolerance, record.tolerance_mode) == (pytest.approx(0.02), "ABSOLUTE")
+    bpy.ops.ccdepth.compute(vertices="CONTROL")
+    assert (record.tolerance, record.vertices) == (pytest.approx(0.05), "CONTROL")
+    assert settings.vertices == "LIMIT"
+
+
+def test_computing_again_replaces_the_result() -> None:
+    holder = scene.add_suzanne()
+    addon.compute(holder, tolerance=TOLERANCE)
+    addon.compute(holder, tolerance=10 * TOLERANCE)
+    np.testing.assert_array_equal(addon.depths(holder), expected(holder, 10 * TOLERANCE))
+    assert len([name for name in holder.data.attributes.keys() if name.startswith("ccdepth")]) == 3  # noqa: SIM118
+
+
+def test_a_number_typed_is_the_number_meant() -> None:
+    as_typed = addon.module("computation").as_typed
+    for typed in (0.1, 0.01, 0.0003, 123.4):
+        assert as_typed(float(np.float32(typed))) == typed
+
+
+def test_every_method_has_a_name_and_a_description() -> None:
+    items = bpy.types.CCDEPTH_OT_compute.bl_rna.properties
+    assert items
+    assert {identifier for identifier, *_ in addon.module("properties").METHOD_ITEMS} == set(METHODS)
+
+
+def test_undo_takes_the_result_away() -> None:
+    holder = scene.add_suzanne()
+    addon.select(holder)
+    bpy.ops.ed.undo_push(message="before")
+    bpy.ops.ccdepth.compute()
+    bpy.ops.ed.undo_push(message="Compute Depth")
+    name = holder.name
+    bpy.ops.ed.undo()
+    assert addon.is_untouched([bpy.data.objects[name]])
+    bpy.ops.ed.redo()
+    assert bpy.data.objects[name].data.ccdepth.has_result
+    assert "ccdepth" in bpy.data.objects[name].data.attributes
+
+
+def test_the_operators_can_be_undone_and_repeated() -> None:
+    for name in ("compute", "clear", "select"):
+        options = getattr(bpy.types, f"CCDEPTH_OT_{name}").bl_options
+        assert {"REGISTER", "UNDO"} <= options
+
+
+def test_settings_and_results_are_saved_with_the_file(tmp_path: object) -> None:
+    holder = scene.add_suzanne()
+    bpy.context.scene.ccdepth.relative_tolerance = 0.003
+    addon.compute(holder)
+    name, depths, record = holder.name, addon.depths(holder), addon.histogram(holder)
+    path = f"{tmp_path}/saved.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    holder = bpy.data.objects[name]
+    np.testing.assert_array_equal(addon.depths(holder), depths)
+    assert addon.histogram(holder) == record
+    assert bpy.context.scene.ccdepth.relative_tolerance == pytest.approx(0.003)
