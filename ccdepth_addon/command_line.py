@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Compute Depth from the command line: ``blender -b --command ccdepth MESH``."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from . import picture
+from .core.depth import METHODS, VERTICES
+from .properties import METHOD_TEXTS, VERTEX_ITEMS
+
+COMMAND = "ccdepth"
+PROGRAM = f"blender -b --command {COMMAND}"
+
+IMPORTERS = {".obj": "obj_import", ".ply": "ply_import", ".stl": "stl_import"}
+
+VERTEX_TEXTS = {name: text for name, text, _ in VERTEX_ITEMS}
+
+EXIT_FAILURE = 1
+
+_handle: Any = None
+
+
+class CommandError(Exception):
+    """The command cannot be carried out; the message says why."""
+
+
+def run(arguments: Sequence[str], program: str = PROGRAM) -> int:
+    """Carry out a command line; returns the exit status. What goes wrong is said on the standard error."""
+    try:
+        options = _parser(program).parse_args(arguments)
+    except SystemExit as finished:
+        return int(finished.code or 0)
+    try:
+        _carry_out(options)
+    except (CommandError, picture.PictureError) as fault:
+        sys.stdout.flush()
+        print(f"{program}: {fault}", file=sys.stderr, flush=True)
+        return EXIT_FAILURE
+    sys.stdout.flush()
+    return 0
+
+
+def _parser(program: str) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog=program,
+        description="How many Catmull-Clark levels does each face of a mesh need to be within a tolerance of the limit "
+        "surface? Computes it for all mesh objects of a file, and prints how many faces have which depth.",
+        epilog="Without a mesh, Blender's Suzanne is used. What is not given is taken from the scene of a .blend file, "
+        "or has the panel's default.",
+    )
+    parser.add_argument("mesh", nargs="?", type=Path, help=".blend, .obj, .ply or .stl file")
+    parser.add_argument("--tolerance", type=float, help="largest distance allowed to the limit surface")
+    mode = parser.add_mutually_exclusive_group()
+    mode.add_argument(
+        "--relative",
+        dest="tolerance_mode",
+        action="store_const",
+        const="RELATIVE",
+        help="the tolerance is a part of the diagonal of each object's dimensions (default)",
+    )
+    mode.add_argument(
+        "--absolute",
+        dest="tolerance_mode",
+        action="store_const",
+        const="ABSOLUTE",
+        help="the tolerance is a distance in the scene",
+    )
+    parser.add_argument("--method", type=_name, choices=METHODS, help="how the distance is bounded")
+    parser.add_argument("--vertices", type=_name, choices=VERTICES, help="where the subdivided mesh has its vertices")
+    parser.add_argument(
+        "--no-modifiers", dest="use_modifiers", action="store_false", default=None, help="leave modifiers out"
+    )
+    parser.add_argument("--output", type=Path, metavar="BLEND", help="write a .blend file with the attributes")
+    parser.add_argument("--picture", type=Path, metavar="PNG", help="render the heat map with its legend")
+    return parser
+
+
+def _name(text: str) -> str:
+    """second-order → SECOND_ORDER"""
+    return text.upper().replace("-", "_")
+
+
+def _carry_out(options: argparse.Namespace) -> None:
+    _refuse_impossible_paths(options)
+    objects = _load(options.mesh)
+    _change_settings(bpy.context.scene.ccdepth, options)
+    with bpy.context.temp_override(selected_objects=objects, active_object=objects[0]):
+        _call(bpy.ops.ccdepth.compute)
+    _print_report(objects)
+    if options.output is not None:
+        path = options.output.absolute()
+        _call(bpy.ops.wm.save_as_mainfile, filepath=str(path), copy=True, check_existing=False)
+        print(f"Written: {options.output}")
+    if options.picture is not None:
+        title = objects[0].name if options.mesh is None else options.mesh.stem
+        picture.render(bpy.context, objects, options.picture.absolute(), title, _subtitle(objects))
+        print(f"Written: {options.picture}")
+
+
+def _refuse_impossible_paths(options: argparse.Namespace) -> None:
+    if options.mesh is not None:
+        if options.mesh.suffix.lower() not in {".blend", *IMPORTERS}:
+            raise CommandError(f"{options.mesh}: not a .blend, .obj, .ply or .stl file")
+        if not options.mesh.is_file():
+            raise CommandError(f"{options.mesh}: there is no such file")
+    for path, suffix in ((options.output, ".blend"), (options.picture, ".png")):
+        if path is None:
+            continue
+        if path.suffix.lower() != suffix:
+            raise CommandError(f"{path}: its name must end in {suffix}")
+        if not path.absolute().parent.is_dir():
+            raise CommandError(f"{path}: there is no folder {path.parent}")
+
+
+def _load(mesh: Path | None) -> list[bpy.types.Object]:
+    """Open or import the file, in place of what is open; returns its mesh objects."""
+    if mesh is not None and mesh.suffix.lower() == ".blend":
+        _call(bpy.ops.wm.open_mainfile, filepath=str(mesh.absolute()), use_scripts=False)
+        if bpy.context.mode != "OBJECT":
+            _call(bpy.ops.object.mode_set, mode="OBJECT")
+    else:
+        _call(bpy.ops.wm.read_homefile, use_empty=True)
+        if mesh is None:
+            _call(bpy.ops.mesh.primitive_monkey_add)
+        else:
+            _call(getattr(bpy.ops.wm, IMPORTERS[mesh.suffix.lower()]), filepath=str(mesh.absolute()))
+    return _visible_meshes(mesh)
+
+
+def _visible_meshes(path: Path | None) -> list[bpy.types.Object]:
+    found = [obj for obj in bpy.context.view_layer.objects if obj.type == "MESH"]
+    visible = [obj for obj in found if obj.visible_get()]
+    for hidden in set(found) - set(visible):
+        print(f"Left out because it is hidden: {hidden.name}")
+    if not visible:
+        raise CommandError(f"{path}: there is no mesh object in it" + (" that is not hidden" if found else ""))
+    return visible
+
+
+def _change_settings(settings: bpy.types.PropertyGroup, options: argparse.Namespace) -> None:
+    """Put what was given into the scene, so that a file written holds the settings of its results."""
+    for name in ("tolerance_mode", "method", "vertices", "use_modifiers"):
+        value = getattr(options, name)
+        if value is not None:
+            setattr(settings, name, value)
+    if options.tolerance is not None:
+        name = "relative_tolerance" if settings.tolerance_mode == "RELATIVE" else "tolerance"
+        setattr(settings, name, options.tolerance)
+
+
+def _call(operator: Any, **properties: Any) -> None:
+    """Call an operator, and turn its error reports into an exception of ours."""
+    try:
+        result = operator(**properties)
+    except RuntimeError as fault:
+        raise CommandError(str(fault).replace("Error: ", "").strip()) from fault
+    if "FINISHED" not in result:
+        raise CommandError(f"{operator.idname_py()} did not finish")
+
+
+def _print_report(objects: list[bpy.types.Object]) -> None:
+    print(_subtitle(objects))
+    for mesh in dict.fromkeys(obj.data for obj in objects):
+        names = [obj.name for obj in objects if obj.data == mesh]
+        print(f"\n{', '.join(names)}\n{depth_table(mesh.ccdepth)}\n")
+
+
+def depth_table(record: bpy.types.PropertyGroup) -> str:
+    """How many faces of a mesh have which depth, as lines of text."""
+    lines = [f"{'depth':>8}{'faces':>14}{'share':>9}"]
+    lines += [f"{row.depth:>8}{row.faces:>14,}{row.faces / record.faces:>9.1%}" for row in record.rows]
+    lines.append(f"{'all':>8}{record.faces:>14,}")
+    lines.append(f"  all of it at depth {record.deepest}: {int(record.uniform_faces):,} faces")
+    return "\n".join(lines)
+
+
+def _subtitle(objects: list[bpy.types.Object]) -> str:
+    """The settings of the results, in a line."""
+    record = objects[0].data.ccdepth
+    tolerance = f"{record.tolerance:.4g}"
+    if record.tolerance_mode == "RELATIVE":
+        tolerance += " of the diagonal"
+        lengths = {obj.data.ccdepth.world_tolerance for obj in objects}
+        if len(lengths) == 1:
+            tolerance += f" ({record.world_tolerance:.4g})"
+    return f"Tolerance {tolerance} · {METHOD_TEXTS[record.method][0]} · Vertices: {VERTEX_TEXTS[record.vertices]}"
+
+
+def register() -> None:
+    global _handle
+    _handle = bpy.utils.register_cli_command(COMMAND, run)
+
+
+def unregister() -> None:
+    global _handle
+    bpy.utils.unregister_cli_command(_handle)
+    _handle = None
