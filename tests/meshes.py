@@ -148,6 +148,32 @@ def triangles_and_quads() -> MeshData:
     return from_faces(positions, [*sides, [4, 5, 8], [6, 7, 9], [5, 6, 9, 8], [7, 4, 8, 9]])
 
 
+def bumpy(data: MeshData, size: float, seed: int = 1) -> MeshData:
+    """The mesh with every coordinate off by up to ``size``, so that nothing about it is symmetric."""
+    noise = np.random.default_rng(seed).uniform(-size, size, data.positions.shape)
+    return replace(data, positions=data.positions + noise)
+
+
+def trapezohedron(sides: int) -> MeshData:
+    """A closed mesh of 2 sides kites around two poles of valence ``sides``; all other vertices have valence 3."""
+    angles = np.pi * np.arange(2 * sides) / sides
+    height = np.where(np.arange(2 * sides) % 2 == 0, 0.25, -0.25)
+    belt = np.column_stack([np.cos(angles), np.sin(angles), height])
+    top, bottom, count = 2 * sides, 2 * sides + 1, 2 * sides
+    upper = [[top, i, i + 1, (i + 2) % count] for i in range(0, count, 2)]
+    lower = [[bottom, i, i - 1, (i - 2) % count] for i in range(1, count, 2)]
+    return from_faces([*belt.tolist(), [0, 0, 1], [0, 0, -1]], upper + lower)
+
+
+def bipyramid(sides: int) -> MeshData:
+    """A closed mesh of triangles: a belt of vertices of valence 4, and two poles of valence ``sides``."""
+    angles = 2 * np.pi * np.arange(sides) / sides
+    belt = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(sides)])
+    upper = [[sides, i, (i + 1) % sides] for i in range(sides)]
+    lower = [[sides + 1, (i + 1) % sides, i] for i in range(sides)]
+    return from_faces([*belt.tolist(), [0, 0, 1], [0, 0, -1]], upper + lower)
+
+
 # Non-manifold and other awkward ones
 
 
