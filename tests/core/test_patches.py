@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Control nets: which points they hold, and that the surface they stand for is the limit surface."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ccdepth_addon.core.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.mesh import PolygonMesh
+from ccdepth_addon.core.norms import second_order_norm_regular
+from ccdepth_addon.core.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
+from tests import meshes, nets
+
+ROUNDING = 1e-13
+
+
+def build(data: meshes.MeshData, *, smooth_corners: bool = True) -> PolygonMesh:
+    return apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=smooth_corners)
+
+
+def with_numbers(mesh: PolygonMesh) -> PolygonMesh:
+    """The mesh with each vertex's own number as its x, so that the points of a net say which they are."""
+    numbers = np.arange(mesh.vertex_count, dtype=np.float64)
+    return replace(mesh, positions=np.stack([numbers, 0 * numbers, 0 * numbers], axis=1))
+
+
+def with_faces_turned(data: meshes.MeshData, seed: int = 1) -> meshes.MeshData:
+    """The quads in random order, each begun at a random corner."""
+    generator = np.random.default_rng(seed)
+    quads = generator.permutation(data.corner_vertices.reshape(-1, 4))
+    turns = (generator.integers(0, 4, len(quads))[:, None] + np.arange(4)) % 4
+    return replace(data, corner_vertices=np.take_along_axis(quads, turns, axis=1).reshape(-1))
+
+
+class Walk:
+    """The quads of a mesh, found by a directed edge."""
+
+    def __init__(self, mesh: PolygonMesh) -> None:
+        self.quads = mesh.corner_vertices.reshape(-1, 4).tolist()
+        turned = [quad[i:] + quad[:i] for quad in self.quads for i in range(4)]
+        self.begun_with = {(quad[0], quad[1]): quad for quad in turned}
+
+    def faces_at(self, vertex: int) -> int:
+        return sum(vertex in quad for quad in self.quads)
+
+    def stam_points(self, v1: int, v6: int, valence: int) -> dict[int, int]:
+        """The vertices V₁ … V₂ₙ₊₈ of the face that has the directed edge from V₁ to V₆."""
+        n, at = valence, {1: v1, 6: v6}
+        at[5], at[4] = self.begun_with[v1, v6][2:]
+        spoke = 4
+        for _ in range(n - 1):
+            quad = self.begun_with[v1, at[spoke]]
+            spoke, diagonal = nets.ring(n, spoke + 2 * n - 2), nets.ring(n, spoke + 2 * n - 1)
+            at[diagonal], at[spoke] = quad[2:]
+        v7, v8 = nets.ring(n, 7), nets.ring(n, 8)
+        assert self.begun_with[v6, v1][2:] == [at[v8], at[v7]]
+        at[2 * n + 7], at[2 * n + 8] = self.begun_with[at[3], at[4]][2:]
+        at[2 * n + 6] = self.begun_with[at[4], at[5]][2]
+        at[2 * n + 4], at[2 * n + 3] = self.begun_with[at[5], at[6]][2:]
+        at[2 * n + 2] = self.begun_with[at[5], at[2 * n + 3]][2]
+        at[2 * n + 5] = self.begun_with[at[6], at[v7]][2]
+        return at
+
+
+# Which points
+
+
+def test_regular_nets_of_a_torus() -> None:
+    columns, rows = 9, 7
+    mesh = with_numbers(build(meshes.torus(columns, rows)))
+    found = regular_nets(mesh, np.arange(mesh.face_count))[..., 0]
+    numbers = np.arange(columns * rows).reshape(columns, rows)
+    for i in range(4):
+        for j in range(4):
+            np.testing.assert_array_equal(found[i, j], np.roll(numbers, (1 - i, 1 - j), axis=(0, 1)).reshape(-1))
+
+
+def test_regular_nets_begin_at_the_first_corner() -> None:
+    mesh = with_numbers(build(with_faces_turned(meshes.torus(9, 7))))
+    walk = Walk(mesh)
+    found = regular_nets(mesh, np.arange(mesh.face_count))[..., 0].astype(int)
+    # On a net of valence 4 Stam's numbers name the grid's points.
+    places = {1: (1, 1), 6: (2, 1), 5: (2, 2), 4: (1, 2), 3: (0, 2), 2: (0, 1), 9: (0, 0), 8: (1, 0), 7: (2, 0)}
+    places |= {10: (3, 3), 11: (3, 2), 12: (3, 1), 13: (3, 0), 14: (2, 3), 15: (1, 3), 16: (0, 3)}
+    for face, quad in enumerate(walk.quads):
+        for number, vertex in walk.stam_points(quad[0], quad[1], 4).items():
+            assert found[places[number]][face] == vertex
+
+
+@pytest.mark.parametrize("valence", [3, 5, 6, 7, 8, 12, 64])
+def test_extraordinary_nets_have_the_points_of_stams_order(valence: int) -> None:
+    closed = nets.refined(build(meshes.trapezohedron(valence)), 1)
+    quads = with_faces_turned(meshes.from_faces(closed.positions, closed.corner_vertices.reshape(-1, 4).tolist()))
+    mesh = with_numbers(build(quads))
+    patches = classify_patches(mesh)
+    walk = Walk(mesh)
+    counts = mesh.vertex_face_counts
+    seen = set()
+    for n in (3, valence):
+        faces = np.flatnonzero(patches.kinds == PatchKind.EXTRAORDINARY)
+        corners = patches.extraordinary_corners[faces]
+        corners = corners[counts[mesh.corner_vertices[corners]] == n]
+        found = extraordinary_nets(mesh, corners, n)[..., 0].astype(int)
+        assert found.shape == (2 * n + 8, len(corners))
+        for patch, corner in enumerate(corners.tolist()):
+            v1, v6 = mesh.corner_vertices[[corner, mesh.next_corner[corner]]].tolist()
+            expected = walk.stam_points(v1, v6, n)
+            assert {number: found[number - 1, patch] for number in expected} == expected
+            assert len(expected) == 2 * n + 8
+            seen.add(int(mesh.corner_faces[corner]))
+    # Every quad here has just one extraordinary corner.
+    assert seen == set(range(mesh.face_count))
+
+
+@pytest.mark.parametrize("valence", [3, 5, 8])
+def test_the_net_of_a_net_is_the_net(valence: int) -> None:
+    points = np.random.default_rng(1).normal(size=(2 * valence + 8, 3))
+    mesh = nets.net_mesh(points)
+    patches = classify_patches(mesh)
+    assert patches.kinds[0] == PatchKind.EXTRAORDINARY
+    assert patches.extraordinary_corners[0] == 0
+    np.testing.assert_array_equal(extraordinary_nets(mesh, np.array([0]), valence)[:, 0], points)
+
+
+# Which kind
+
+
+def test_kinds_inside_closed_meshes() -> None:
+    assert np.all(classify_patches(build(meshes.torus(7, 5))).kinds == PatchKind.REGULAR)
+    assert np.all(classify_patches(build(meshes.cube())).kinds == PatchKind.IRREGULAR)
+    once, twice = (classify_patches(nets.refined(build(meshes.cube()), levels)) for levels in (1, 2))
+    assert np.all(once.kinds == PatchKind.EXTRAORDINARY)
+    assert np.bincount(twice.kinds).tolist() == [96 - 24, 24]
+
+
+def test_kinds_at_boundaries() -> None:
+    flat = meshes.landscape(5, 4)
+    assert np.all(classify_patches(build(flat, smooth_corners=False)).kinds == PatchKind.REGULAR)
+    smooth = classify_patches(build(flat)).kinds
+    np.testing.assert_array_equal(np.flatnonzero(smooth == PatchKind.IRREGULAR), [0, 4, 15, 19])
+    assert np.all(np.delete(smooth, [0, 4, 15, 19]) == PatchKind.REGULAR)
+
+
+def test_kinds_by_independent_count() -> None:
+    """Closed meshes of all sorts: a quad is regular or extraordinary by the valences and faces at its corners."""
+    for data in (meshes.triangles_and_quads(), meshes.cylinder(9), meshes.trapezohedron(5), meshes.bipyramid(5)):
+        for levels in range(3):
+            mesh = nets.refined(build(data), levels)
+            faces = np.split(mesh.corner_vertices, mesh.face_starts[1:-1])
+            around = {v: [f for f in faces if v in f] for v in range(mesh.vertex_count)}
+            kinds = classify_patches(mesh).kinds
+            for kind, face in zip(kinds.tolist(), faces, strict=True):
+                quads = len(face) == 4 and all(len(other) == 4 for v in face for other in around[v])
+                valences = sorted(len(around[v]) for v in face)
+                extraordinary = [n for n in valences if n != 4]
+                expected = PatchKind(min(len(extraordinary), 2)) if quads else PatchKind.IRREGULAR
+                assert kind == expected
+
+
+def test_features_make_faces_irregular() -> None:
+    """A semi-sharp edge, a crease's end, a semi-sharp vertex, and a fixed one, each spoil the faces at its vertices."""
+    size, middle = 6, 3 * 7 + 3
+    at_middle = [2 * size + 2, 2 * size + 3, 3 * size + 2, 3 * size + 3]
+    features: list[tuple[meshes.EdgeCreases, dict[int, float]]] = [({}, {middle: 0.3}), ({}, {middle: 1.0})]
+    for edges, vertices in features:
+        data = meshes.creased(meshes.landscape(size, size), edges, vertices)
+        kinds = classify_patches(build(data, smooth_corners=False)).kinds
+        np.testing.assert_array_equal(np.flatnonzero(kinds != PatchKind.REGULAR), at_middle)
+    for crease in (0.3, 1.0):
+        data = meshes.creased(meshes.landscape(size, size), {(middle, middle + 1): crease})
+        kinds = classify_patches(build(data, smooth_corners=False)).kinds
+        at_edge = sorted({*at_middle, *(face + 1 for face in at_middle)})
+        np.testing.assert_array_equal(np.flatnonzero(kinds != PatchKind.REGULAR), at_edge)
+
+
+# Phantom points: the net of a boundary, crease or corner face is the surface's
+
+
+def spline_points(net: np.ndarray, steps: int) -> np.ndarray:
+    """(P, steps + 1, steps + 1, 3): the uniform bicubic B-spline patches of (4, 4, P, 3) nets."""
+    t = np.linspace(0, 1, steps + 1)
+    basis = np.stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]) / 6
+    return np.einsum("iu,jv,ijpx->puvx", basis, basis, net)
+
+
+def creased_across(crease: float = 1.0) -> meshes.MeshData:
+    """A landscape with a sharp line right across."""
+    row = {(3 * 7 + x, 3 * 7 + x + 1): crease for x in range(6)}
+    return meshes.creased(meshes.landscape(6, 6), row)
+
+
+def creased_crossing() -> meshes.MeshData:
+    """Two sharp lines across a landscape; a corner in each sector where they meet."""
+    column = {(7 * y + 2, 7 * y + 9): 1.0 for y in range(6)}
+    across = creased_across()
+    return meshes.creased(across, across.edge_creases | column)
+
+
+def creased_around_a_pole() -> meshes.MeshData:
+    """A closed mesh with a sharp line past a vertex of valence 6, three faces on one side."""
+    fan = meshes.fan(6, 3)
+    sides = [edge for edge in fan.edges.tolist() if 0 in edge]
+    return meshes.creased(fan, {(0, sides[0][1]): 1.0, (0, sides[2][1]): 1.0})
+
+
+FEATURES: dict[str, Callable[[], PolygonMesh]] = {
+    "boundary": lambda: build(meshes.landscape(4, 3)),
+    "kept corners": lambda: build(meshes.landscape(4, 3), smooth_corners=False),
+    "one row": lambda: build(meshes.landscape(4, 1), smooth_corners=False),
+    "single quad": lambda: build(meshes.bumpy(meshes.grid(1, 1), 0.3), smooth_corners=False),
+    "crease": lambda: build(creased_across()),
+    "crossing creases": lambda: build(creased_crossing(), smooth_corners=False),
+    "creased valence 6": lambda: build(creased_around_a_pole()),
+    "fin": lambda: build(meshes.fin_through()),
+    "soup": lambda: build(meshes.face_soup(), smooth_corners=False),
+    "creased soup": lambda: build(meshes.with_random_creases(meshes.face_soup(3), share=0.7), smooth_corners=False),
+    "random creases": lambda: build(meshes.with_random_creases(meshes.landscape(8, 8), share=0.1)),
+    "closed": lambda: nets.refined(build(meshes.trapezohedron(5)), 2),
+    "all edges sharp": lambda: build(
+        meshes.creased(meshes.landscape(3, 3), {(int(a), int(b)): 1.0 for a, b in meshes.landscape(3, 3).edges})
+    ),
+}
+
+
+@pytest.mark.parametrize("name", FEATURES)
+def test_nets_are_the_surface(name: str) -> None:
+    mesh = FEATURES[name]()
+    faces = np.flatnonzero(classify_patches(mesh).kinds == PatchKind.REGULAR)
+    assert len(faces)
+    spline = spline_points(regular_nets(mesh, faces), 8)
+    np.testing.assert_allclose(nets.limit_grids(mesh, faces, 3), spline, rtol=0, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("name", ["boundary", "kept corners", "single quad", "crossing creases", "creased valence 6"])
+def test_nets_are_the_surface_by_plain_subdivision(name: str) -> None:
+    """Six steps leave every vertex within M/3 · 4⁻⁶ of the surface, with no formula for limits involved."""
+    mesh, levels = FEATURES[name](), 6
+    faces = np.flatnonzero(classify_patches(mesh).kinds == PatchKind.REGULAR)
+    net = regular_nets(mesh, faces)
+    spline = spline_points(net, 2**levels)
+    fine = nets.refined(mesh, levels)
+    distances = np.linalg.norm(fine.positions[nets.vertex_grids(fine, faces, levels)] - spline, axis=-1)
+    norm = second_order_norm_regular(net)[:, None, None]
+    assert np.all(distances <= norm / 3 / 4**levels + ROUNDING)
+
+
+def test_phantom_points_of_a_kept_corner() -> None:
+    mesh = build(meshes.bumpy(meshes.grid(1, 1), 0.3), smooth_corners=False)
+    net = regular_nets(mesh, np.array([0]))[:, :, 0]
+    corners = mesh.positions[mesh.corner_vertices]
+    np.testing.assert_array_equal(net[[1, 2, 2, 1], [1, 1, 2, 2]], corners)
+    a, b, c, d = corners
+    np.testing.assert_allclose(net[0, 1], 2 * a - b, atol=ROUNDING)
+    np.testing.assert_allclose(net[1, 0], 2 * a - d, atol=ROUNDING)
+    np.testing.assert_allclose(net[0, 0], 4 * a - 2 * b - 2 * d + c, atol=ROUNDING)

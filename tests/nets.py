@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Control nets of single patches, their listed differences, and positions by parameter, apart from the core's own code.
+
+Numbers V₁ … V₂ₙ₊₈ of extraordinary nets are those of Cheng, Chen and Yong 2006 (Stam's order), from 1.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ccdepth_addon.core.catmull_clark import apply_boundary_rule, limit_positions, subdivide
+from ccdepth_addon.core.mesh import FloatArray, PolygonMesh, polygon_mesh
+
+Difference = tuple[int, int, int]
+
+
+def ring(valence: int, number: int) -> int:
+    """V_number of the ring, whose numbers 2 … 2n + 1 wrap around."""
+    return number - 2 * valence if number > 2 * valence + 1 else number
+
+
+def listed_differences(valence: int) -> list[Difference]:
+    """(a, b, c) for each second difference 2V_a - V_b - V_c as printed; 2n + 10 of them, the numbers from 1."""
+    n = valence
+    v7, v8 = ring(n, 7), ring(n, 8)
+    differences = [(1, 2 * i, ring(n, 2 * (i + 2))) for i in range(1, n + 1)]
+    differences += [(ring(n, 2 * (i + 1)), 2 * i + 1, ring(n, 2 * i + 3)) for i in range(1, n + 1)]
+    differences += [
+        (3, 2, 2 * n + 8),
+        (4, 1, 2 * n + 7),
+        (5, 6, 2 * n + 6),
+        (5, 4, 2 * n + 3),
+        (6, 1, 2 * n + 4),
+        (v7, v8, 2 * n + 5),
+        (2 * n + 7, 2 * n + 6, 2 * n + 8),
+        (2 * n + 6, 2 * n + 2, 2 * n + 7),
+        (2 * n + 3, 2 * n + 2, 2 * n + 4),
+        (2 * n + 4, 2 * n + 3, 2 * n + 5),
+    ]
+    return differences
+
+
+def difference_matrix(valence: int) -> FloatArray:
+    """(2n + 10, 2n + 8): one listed difference per row."""
+    matrix = np.zeros((2 * valence + 10, 2 * valence + 8))
+    for row, (a, b, c) in enumerate(listed_differences(valence)):
+        matrix[row, a - 1] += 2
+        matrix[row, b - 1] -= 1
+        matrix[row, c - 1] -= 1
+    return matrix
+
+
+def listed_regular_differences() -> list[tuple[tuple[int, int], tuple[int, int], tuple[int, int]]]:
+    """The 16 second differences of a 4×4 net, as ((i, j), (i, j), (i, j)) for 2V_a - V_b - V_c."""
+    along_i = [((i, j), (i - 1, j), (i + 1, j)) for i in (1, 2) for j in (0, 1, 2, 3)]
+    along_j = [((i, j), (i, j - 1), (i, j + 1)) for i in (0, 1, 2, 3) for j in (1, 2)]
+    return along_i + along_j
+
+
+def net_faces(valence: int) -> list[list[int]]:
+    """The faces that a net of 2n + 8 points has, with numbers from 0; the patch's own (V₁, V₆, V₅, V₄) first."""
+    n = valence
+    around = [[1, ring(n, 2 * i + 2), 2 * i + 1, 2 * i] for i in range(1, n + 1)]
+    around.insert(0, around.pop(1))
+    o2, o3, o4, o5, o6, o7, o8 = range(2 * n + 2, 2 * n + 9)
+    outer = [[3, 4, o7, o8], [4, 5, o6, o7], [5, o3, o2, o6], [6, o4, o3, 5], [ring(n, 7), o5, o4, 6]]
+    return [[number - 1 for number in face] for face in around + outer]
+
+
+def net_edges(valence: int) -> list[tuple[int, int]]:
+    """The edges of those faces, each once, with the numbers from 0."""
+    pairs = [(face[i - 1], face[i]) for face in net_faces(valence) for i in range(4)]
+    return sorted({(min(pair), max(pair)) for pair in pairs})
+
+
+def edge_matrix(valence: int) -> FloatArray:
+    """(edges, 2n + 8): one first difference per row."""
+    edges = net_edges(valence)
+    matrix = np.zeros((len(edges), 2 * valence + 8))
+    for row, (a, b) in enumerate(edges):
+        matrix[row, a], matrix[row, b] = 1, -1
+    return matrix
+
+
+def net_mesh(positions: FloatArray) -> PolygonMesh:
+    """The mesh of a net alone, face 0 the patch's, whose corner 0 is V₁. positions: (2n + 8, any number of columns).
+
+    Its border is a boundary, which has no effect on face 0 and its surface.
+    """
+    faces = net_faces((len(positions) - 8) // 2)
+    mesh = polygon_mesh(positions, np.full(len(faces), 4), np.concatenate(faces))
+    return apply_boundary_rule(mesh, smooth_corners=True)
+
+
+def refined(mesh: PolygonMesh, levels: int) -> PolygonMesh:
+    for _ in range(levels):
+        mesh = subdivide(mesh).mesh
+    return mesh
+
+
+def subface_parameters(levels: int) -> NDArray[np.intp]:
+    """(4ᵏ, 4, 2): where the corners of a quad's subfaces after k steps lie in it, in units of 2⁻ᵏ.
+
+    Corner 0 of the quad is (0, 0), corner 1 is (1, 0). The children of a quad are in the order of its corners; each begins
+    at its corner and goes on along the edge that leaves it, and to the middle.
+    """
+    parameters = np.array([[[0, 0], [1, 0], [1, 1], [0, 1]]])
+    for _ in range(levels):
+        after, before = np.roll(parameters, -1, axis=1), np.roll(parameters, 1, axis=1)
+        middle = np.broadcast_to(parameters.sum(axis=1, keepdims=True) // 2, parameters.shape)
+        children = np.stack([2 * parameters, parameters + after, middle, parameters + before], axis=2)
+        parameters = children.reshape(-1, 4, 2)
+    return parameters
+
+
+def vertex_grids(fine: PolygonMesh, faces: NDArray[np.intp], levels: int) -> NDArray[np.intp]:
+    """(faces, 2ᵏ + 1, 2ᵏ + 1): the vertices of a mesh of quads refined k times, by base face and parameters [u, v]."""
+    parameters = subface_parameters(levels).reshape(-1, 2)
+    corners = fine.corner_vertices.reshape(-1, 4 * 4**levels)[faces]
+    grids = np.zeros((len(faces), 2**levels + 1, 2**levels + 1), dtype=np.intp)
+    grids[:, parameters[:, 0], parameters[:, 1]] = corners
+    return grids
+
+
+def with_midpoints(grids: FloatArray) -> FloatArray:
+    """(…, r + 1, r + 1, D) points of bilinear facets → (…, 2r + 1, 2r + 1, D), a sample more between any two."""
+    r = grids.shape[-2] - 1
+    finer = np.zeros((*grids.shape[:-3], 2 * r + 1, 2 * r + 1, grids.shape[-1]))
+    finer[..., ::2, ::2, :] = grids
+    finer[..., 1::2, ::2, :] = (grids[..., :-1, :, :] + grids[..., 1:, :, :]) / 2
+    finer[..., 1::2, :] = (finer[..., :-1:2, :] + finer[..., 2::2, :]) / 2
+    return finer
+
+
+def limit_grids(mesh: PolygonMesh, faces: NDArray[np.intp], levels: int) -> FloatArray:
+    """(faces, 2ᵏ + 1, 2ᵏ + 1, D): S(u, v) of faces of a mesh of quads, u and v in steps of 2⁻ᵏ."""
+    fine = refined(mesh, levels)
+    return limit_positions(fine)[vertex_grids(fine, faces, levels)]
+
+
+def facet_grids(mesh: PolygonMesh, faces: NDArray[np.intp], level: int, vertices: str, samples: int) -> FloatArray:
+    """(faces, 2ˢ + 1, 2ˢ + 1, D): Lᵏ(u, v) of faces of a mesh of quads, u and v in steps of 2⁻ˢ, s at least k."""
+    fine = refined(mesh, level)
+    points = fine.positions if vertices == "CONTROL" else limit_positions(fine)
+    grids = points[vertex_grids(fine, faces, level)]
+    for _ in range(samples - level):
+        grids = with_midpoints(grids)
+    return grids
+
+
+def largest_distances(
+    mesh: PolygonMesh, faces: NDArray[np.intp], level: int, vertices: str, samples: int
+) -> FloatArray:
+    """(faces,) float64: the largest ‖Lᵏ(u, v) - S(u, v)‖ found at steps of 2⁻ˢ."""
+    offsets = facet_grids(mesh, faces, level, vertices, samples) - limit_grids(mesh, faces, samples)
+    return np.linalg.norm(offsets, axis=-1).max(axis=(1, 2))
