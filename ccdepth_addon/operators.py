@@ -256,7 +256,7 @@ class CCDEPTH_OT_select(bpy.types.Operator):
     bl_label = "Select by Depth"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
-    depth: IntProperty(name="Depth", description="The depth to look for", default=0, min=0)
+    depth: IntProperty(name="Depth", description="The depth to look for; the deepest when left out", default=0, min=0)
     comparison: EnumProperty(
         name="Comparison",
         description="Which depths to select",
@@ -278,18 +278,15 @@ class CCDEPTH_OT_select(bpy.types.Operator):
             return False
         return True
 
-    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        if not self.properties.is_property_set("depth"):
-            meshes = [obj.data for obj in meshes_meant(context)]
-            self.depth = max(mesh.ccdepth.deepest for mesh in meshes if results.has_result(mesh))
-        return self.execute(context)
-
     def execute(self, context: bpy.types.Context) -> set[str]:
+        meshes = {obj.data for obj in meshes_meant(context) if results.has_result(obj.data)}
+        if not self.properties.is_property_set("depth"):
+            self.depth = max(mesh.ccdepth.deepest for mesh in meshes)
         selected = 0
-        for mesh in {obj.data for obj in meshes_meant(context) if results.has_result(obj.data)}:
+        for mesh in meshes:
             selected += selection.select_faces(mesh, self.depth, self.comparison, extend=self.extend)
-        if context.mode == "EDIT_MESH":
-            context.tool_settings.mesh_select_mode = (False, False, True)
+        # With vertices or edges selected instead, faces between the wanted ones would be selected as well.
+        context.tool_settings.mesh_select_mode = (False, False, True)
         self.report({"INFO"}, f"{_count(selected, 'face', 'faces')} selected")
         return {"FINISHED"}
 

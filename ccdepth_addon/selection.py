@@ -28,7 +28,7 @@ def select_faces(mesh: bpy.types.Mesh, depth: int, comparison: str, *, extend: b
 
 
 def _select_only(mesh: bpy.types.Mesh, faces: NDArray[np.bool_]) -> None:
-    """Select these faces with their vertices and edges: Edit Mode, when entered, believes its own select mode."""
+    """Select these faces with their vertices and edges, and nothing else."""
     sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
     corners = np.repeat(faces, sizes)
     for name, elements, attribute in (
