@@ -31,6 +31,10 @@ TOLERANCE_MODES = (
     ("ABSOLUTE", "Absolute", "The tolerance is a distance in the scene, with the object's scale counted in"),
 )
 METHOD_TEXTS = {
+    "CERTIFIED": (
+        "Certified",
+        "The least depth that can be proved from the mesh itself, on nearly all faces the least that is true",
+    ),
     "SECOND_ORDER": (
         "Second Order (Published)",
         "Depth from second differences of the control points, after Cheng, Chen and Yong (2006)",
@@ -76,7 +80,7 @@ def method_property() -> Any:
         name="Method",
         description="How the distance to the limit surface is bounded",
         items=METHOD_ITEMS,
-        default="SECOND_ORDER",
+        default="CERTIFIED",
     )
 
 

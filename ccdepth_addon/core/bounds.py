@@ -34,6 +34,7 @@ class Vertices(StrEnum):
 class Method(StrEnum):
     """How the distance is bounded."""
 
+    CERTIFIED = "CERTIFIED"
     SECOND_ORDER = "SECOND_ORDER"
     FIRST_ORDER = "FIRST_ORDER"
 

@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bounds → depth: the least level at which every face is proved to lie within the tolerance of the limit surface.
+"""The depth of every face: the least level proved to lie within a tolerance of the limit surface.
 
-A face whose patch is regular or extraordinary takes its depth from its bounds. An irregular one is refined, with its
-neighbours, until what is left of it has a bound: its bound at level k is the largest of its level-k descendants'.
-Patches take over as soon as a descendant has one; the first-order bound of the support holds for the rest from the
-second level on, when n-gons, triangles and faces with several extraordinary corners have become patches.
+This is the door to the core: meshes and a tolerance in, depths out. ``norm_depth`` and ``certified_depth`` do the work.
 """
 
 from __future__ import annotations
@@ -15,17 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .bounds import PATCH_METHODS, Method, PatchBounds, PatchMethod, Vertices, support_bounds
-from .mesh import FloatArray, IndexArray, PolygonMesh, validate
-from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
-from .refinement import Refinement, split
-
-# Faces handled at a time: few enough for the caches and a responsive interface, enough to hide the interpreter.
-REGULAR_FACES_AT_ONCE = 1 << 14
-EXTRAORDINARY_POINTS_AT_ONCE = 1 << 18
-IRREGULAR_FACES_AT_ONCE = 1 << 11
-
-FIRST_SUPPORT_LEVEL = 2
+from .bounds import PATCH_METHODS, Method, Vertices
+from .certified_depth import certified_blocks
+from .mesh import FloatArray, PolygonMesh, validate
+from .norm_depth import norm_blocks
+from .search import FaceBlock, Question
 
 METHODS = tuple(method.value for method in Method)
 VERTICES = tuple(vertices.value for vertices in Vertices)
@@ -37,10 +28,16 @@ class ToleranceError(ValueError):
 
 @dataclass(frozen=True)
 class DepthResult:
-    """depths: (F,) int32; bounds: (F,) float64, the proved distance at that depth in the unit of the positions."""
+    """What was found, (F,) each; distances are in the unit of the positions.
+
+    depths: int32. bounds: float64, the proved distance at that depth. distances: float64, a distance that is really
+    reached there (0 where the method looks for none). exact: bool, whether every lesser depth is disproved.
+    """
 
     depths: NDArray[np.int32]
     bounds: FloatArray
+    distances: FloatArray
+    exact: NDArray[np.bool_]
 
 
 def largest_coordinate(mesh: PolygonMesh) -> float:
@@ -85,15 +82,20 @@ def face_depths_stepwise(
     """``face_depths`` in small steps: yields the fraction done, and returns the result at the end."""
     validate(mesh)
     _check_tolerance(mesh, tolerance)
-    search = _Search(tolerance, rounding_allowance(mesh), PATCH_METHODS[Method(method)], Vertices(vertices))
-    result = DepthResult(np.zeros(mesh.face_count, dtype=np.int32), np.zeros(mesh.face_count))
+    question = Question(tolerance, rounding_allowance(mesh))
+    whole = FaceBlock.undecided(np.arange(mesh.face_count))
     done = 0
-    for block in search.blocks(mesh):
-        result.depths[block.faces] = block.depths
-        result.bounds[block.faces] = block.bounds
+    for block in _blocks(mesh, question, Method(method), Vertices(vertices)):
+        whole.take(block)
         done += len(block.faces)
         yield done / mesh.face_count
-    return result
+    return DepthResult(whole.depths, whole.bounds, whole.distances, whole.exact)
+
+
+def _blocks(mesh: PolygonMesh, question: Question, method: Method, vertices: Vertices) -> Iterator[FaceBlock]:
+    if method is Method.CERTIFIED:
+        return certified_blocks(mesh, question, vertices)
+    return norm_blocks(mesh, question, PATCH_METHODS[method], vertices)
 
 
 def _check_tolerance(mesh: PolygonMesh, tolerance: float) -> None:
@@ -107,121 +109,3 @@ def _check_tolerance(mesh: PolygonMesh, tolerance: float) -> None:
             f"the tolerance {tolerance:.3g} is finer than the mesh's single-precision coordinates can show; "
             f"the smallest that means anything here is {least:.3g}"
         )
-
-
-@dataclass(frozen=True)
-class _FaceBlock:
-    """Some faces of the mesh, settled: (P,) face indices, depths and bounds."""
-
-    faces: IndexArray
-    depths: NDArray[np.int32]
-    bounds: FloatArray
-
-
-@dataclass(frozen=True)
-class _Piece:
-    """Descendants of one kind that appear at one level: the base face of each (an index), and their bounds."""
-
-    level: int
-    bases: IndexArray
-    bounds: PatchBounds
-
-    def of(self, wanted: NDArray[np.bool_]) -> _Piece:
-        """The part of it whose base faces are wanted: (base faces,) bool."""
-        kept = wanted[self.bases]
-        return _Piece(self.level, self.bases[kept], PatchBounds(self.bounds.value[kept], self.bounds.rate))
-
-
-@dataclass(frozen=True)
-class _Search:
-    """How far each face has to be subdivided: one question, put to meshes and their refinements."""
-
-    tolerance: float
-    allowance: float
-    method: PatchMethod
-    vertices: Vertices
-
-    def blocks(self, mesh: PolygonMesh) -> Iterator[_FaceBlock]:
-        """Every face of the mesh, in blocks; some blocks are empty, to let the caller breathe."""
-        patches = classify_patches(mesh)
-        yield _NOTHING
-        for faces, bounds in self._patches(mesh, patches, np.arange(mesh.face_count)):
-            depths, reached = self._first_levels(bounds)
-            yield _FaceBlock(faces, depths, reached)
-        irregular = np.flatnonzero(patches.kinds == PatchKind.IRREGULAR)
-        for faces in split(irregular, IRREGULAR_FACES_AT_ONCE):
-            yield from self._irregular_block(mesh, faces)
-
-    def _patches(
-        self, mesh: PolygonMesh, patches: PatchKinds, faces: IndexArray
-    ) -> Iterator[tuple[IndexArray, PatchBounds]]:
-        """The bounds of the regular and the extraordinary among the faces, a block of one kind at a time."""
-        kinds = patches.kinds[faces]
-        for regular in split(faces[kinds == PatchKind.REGULAR], REGULAR_FACES_AT_ONCE):
-            yield regular, self.method.regular(regular_nets(mesh, regular), self.vertices)
-        extraordinary = faces[kinds == PatchKind.EXTRAORDINARY]
-        valences = mesh.vertex_face_counts[mesh.corner_vertices[patches.extraordinary_corners[extraordinary]]]
-        for valence in np.unique(valences).tolist():
-            at_once = max(1, EXTRAORDINARY_POINTS_AT_ONCE // (2 * valence + 8))
-            for block in split(extraordinary[valences == valence], at_once):
-                nets = extraordinary_nets(mesh, patches.extraordinary_corners[block], valence)
-                yield block, self.method.extraordinary(nets, self.vertices)
-
-    def _within(self, bounds: FloatArray) -> NDArray[np.bool_]:
-        return bounds + self.allowance <= self.tolerance
-
-    def _first_levels(self, bounds: PatchBounds) -> tuple[NDArray[np.int32], FloatArray]:
-        """The first level of each patch whose bound is within the tolerance, and that bound: (P,) each."""
-        levels = np.zeros(len(bounds.value), dtype=np.int32)
-        reached = bounds.value.copy()
-        undecided = np.flatnonzero(~self._within(reached))
-        while len(undecided):
-            levels[undecided] += 1
-            reached[undecided] = bounds.value[undecided] * bounds.rate ** levels[undecided[0]]
-            undecided = undecided[~self._within(reached[undecided])]
-        return levels, reached + self.allowance
-
-    def _irregular_block(self, mesh: PolygonMesh, faces: IndexArray) -> Iterator[_FaceBlock]:
-        """The depth of irregular faces: all are refined in step with the level asked about."""
-        depths = np.full(len(faces), -1, dtype=np.int32)
-        bounds = np.zeros(len(faces))
-        pieces: list[_Piece] = []
-        refinement = Refinement.start(mesh, faces)
-        level = 0
-        while np.any(depths < 0):
-            found, refinement = self._take_patches(refinement, level)
-            pieces += found
-            reached = self._bounds_at(level, pieces, refinement, len(faces))
-            settled = (depths < 0) & self._within(reached)
-            depths[settled] = level
-            bounds[settled] = reached[settled] + self.allowance
-            pieces = [piece.of(depths < 0) for piece in pieces]
-            refinement = refinement.of(depths < 0).refined()
-            level += 1
-            yield _NOTHING
-        yield _FaceBlock(faces, depths, bounds)
-
-    def _take_patches(self, refinement: Refinement, level: int) -> tuple[list[_Piece], Refinement]:
-        """The refinement's patches as pieces, and the refinement with its irregular descendants alone."""
-        if not len(refinement.bases):
-            return [], refinement
-        patches = classify_patches(refinement.mesh)
-        core = np.arange(len(refinement.bases))
-        found = self._patches(refinement.mesh, patches, core)
-        pieces = [_Piece(level, refinement.bases[block], bounds) for block, bounds in found]
-        return pieces, refinement.keep(patches.kinds[core] == PatchKind.IRREGULAR)
-
-    def _bounds_at(self, level: int, pieces: list[_Piece], refinement: Refinement, face_count: int) -> FloatArray:
-        """(base faces,) float64: the largest bound at a level of each one's pieces and irregular descendants."""
-        reached = np.zeros(face_count)
-        for piece in pieces:
-            np.maximum.at(reached, piece.bases, piece.bounds.at(level - piece.level))
-        if level < FIRST_SUPPORT_LEVEL:
-            reached[refinement.bases] = np.inf
-        elif len(refinement.bases):
-            found = support_bounds(refinement.mesh, self.vertices)[: len(refinement.bases)]
-            np.maximum.at(reached, refinement.bases, found)
-        return reached
-
-
-_NOTHING = _FaceBlock(np.zeros(0, dtype=np.intp), np.zeros(0, dtype=np.int32), np.zeros(0))

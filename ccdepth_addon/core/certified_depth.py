@@ -1,0 +1,280 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The certified depth: proved from the mesh itself, both ways, level by level.
+
+For level k = 0, 1, 2, … every face that has no depth yet is asked whether its level-k facets lie within the tolerance.
+An upper bound on their distance says yes, a true distance somewhere on them says no; while neither does, the doubtful
+parts are split and asked again. Regular patches are asked in closed form (``facets``) and split by knot insertion,
+then in Bernstein form; everything else is refined with its neighbours, the level-k facets being carried along, until
+regular patches and a last bound that has shrunk to nothing are left (docs/methods.md, Certified).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .bounds import Vertices, second_order_extraordinary, support_bounds
+from .catmull_clark import limit_positions
+from .facets import LaterBounds, facet_error, later_bounds, sampled_error
+from .mesh import FloatArray, IndexArray, PolygonMesh
+from .patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
+from .refinement import Refinement, split
+from .search import FaceBlock, Question
+from .splines import HALVES, SPLINE_HALVES, bilinear_coefficients, both_ways, largest_norm, patch_coefficients
+
+REGULAR_FACES_AT_ONCE = 1 << 13
+OTHER_FACES_AT_ONCE = 1 << 11
+
+# How often doubtful parts are split: each time the gap between the bounds falls to about a quarter for a patch in
+# Bernstein form, and by the subdominant eigenvalue (0.41 to 0.68) around an extraordinary vertex.
+NET_SPLITS = 3
+BLOCK_SPLITS = 6
+REFINEMENTS = 12
+
+BoolArray = NDArray[np.bool_]
+
+
+def certified_blocks(mesh: PolygonMesh, question: Question, vertices: Vertices) -> Iterator[FaceBlock]:
+    """Every face of the mesh with its certified depth, in blocks; some are empty, to let the caller breathe."""
+    patches = classify_patches(mesh)
+    regular = patches.kinds == PatchKind.REGULAR
+    for faces in split(np.flatnonzero(regular), REGULAR_FACES_AT_ONCE):
+        pieces = [_Patches(0, np.arange(len(faces)), regular_nets(mesh, faces))]
+        yield from _Search(question, vertices, faces, pieces, None).run()
+    for faces in split(np.flatnonzero(~regular), OTHER_FACES_AT_ONCE):
+        yield from _Search(question, vertices, faces, [], Refinement.start(mesh, faces)).run()
+
+
+@dataclass
+class _Patches:
+    """Regular patches that appear at one level: (P,) base faces and (4, 4, P, 3) nets."""
+
+    level: int
+    bases: IndexArray
+    nets: FloatArray
+    later: LaterBounds | None = None
+
+    def of(self, wanted: BoolArray) -> _Patches:
+        kept = wanted[self.bases]
+        if np.all(kept):
+            return self
+        return _Patches(self.level, self.bases[kept], self.nets.compress(kept, axis=2))
+
+
+@dataclass
+class _Verdict:
+    """What is known of the level-k facets of B base faces: distances at most and at least, and what is still open."""
+
+    question: Question
+    wanted: BoolArray
+    upper: FloatArray
+    lower: FloatArray
+    open_blocks: list[tuple[IndexArray, FloatArray]] = field(default_factory=list)
+
+    @staticmethod
+    def of(question: Question, wanted: BoolArray) -> _Verdict:
+        return _Verdict(question, wanted.copy(), np.zeros(len(wanted)), np.zeros(len(wanted)))
+
+    def hear(self, bases: IndexArray, upper: FloatArray, lower: FloatArray) -> BoolArray:
+        """Take the bounds of some parts; (parts,) bool, those still in doubt. Settled parts count for good."""
+        np.maximum.at(self.lower, bases, lower)
+        self.wanted &= ~self.question.exceeds(self.lower)
+        within = self.question.within(upper)
+        np.maximum.at(self.upper, bases[within], upper[within])
+        return ~within & self.wanted[bases]
+
+    def give_up(self, bases: IndexArray) -> None:
+        """No proof either way: such a face is not taken to be within the tolerance."""
+        self.upper[bases] = np.inf
+
+
+@dataclass
+class _Search:
+    """Some base faces on their way to a depth: their regular patches so far, and the refinement of the rest."""
+
+    question: Question
+    vertices: Vertices
+    faces: IndexArray
+    patches: list[_Patches]
+    refinement: Refinement | None
+
+    def run(self) -> Iterator[FaceBlock]:
+        block = FaceBlock.undecided(self.faces)
+        wanted = np.ones(len(self.faces), dtype=bool)
+        level = 0
+        while np.any(wanted):
+            verdict = _Verdict.of(self.question, wanted)
+            self._take_patches(level)
+            self._ask_patches(verdict, level)
+            self._ask_refinement(verdict)
+            self._ask_blocks(verdict)
+            settled = verdict.wanted & np.isfinite(verdict.upper)
+            block.settle(settled, level, verdict.upper + self.question.allowance, verdict.lower)
+            # A level that was neither proved nor disproved leaves the depth above it without proof of being the least.
+            block.exact[verdict.wanted & ~settled] = False
+            wanted &= ~settled
+            self.patches = [patches.of(wanted) for patches in self.patches]
+            if self.refinement is not None:
+                self.refinement = self.refinement.of(wanted).refined()
+            level += 1
+            yield FaceBlock.empty()
+        yield block
+
+    def _take_patches(self, level: int) -> None:
+        """Move the refinement's regular faces to the patches."""
+        refinement = self.refinement
+        if refinement is None or not len(refinement.bases):
+            return
+        regular = classify_patches(refinement.mesh).kinds[: len(refinement.bases)] == PatchKind.REGULAR
+        found = np.flatnonzero(regular)
+        if len(found):
+            self.patches.append(_Patches(level, refinement.bases[found], regular_nets(refinement.mesh, found)))
+            self.refinement = refinement.keep(~regular)
+
+    def _ask_patches(self, verdict: _Verdict, level: int) -> None:
+        for patches in self.patches:
+            if len(patches.bases):
+                self._ask_nets(verdict, patches, level - patches.level)
+
+    def _ask_nets(self, verdict: _Verdict, patches: _Patches, levels: int) -> None:
+        """Ask regular patches about the facets so many levels after their own."""
+        bases, nets = patches.bases, patches.nets
+        if patches.later is None and self._has_closed_form(levels):
+            patches.later = later_bounds(nets, self.vertices)
+        later = patches.later
+        for remaining in range(levels, max(levels - NET_SPLITS, 0) - 1, -1):
+            doubtful = np.arange(len(bases))
+            if later is not None and self._has_closed_form(remaining):
+                doubtful = self._ask_closed_form(verdict, bases, nets, later.at(remaining), remaining)
+            if not len(doubtful):
+                return
+            bases, nets = bases[doubtful], nets.take(doubtful, axis=2)
+            if remaining == 0:
+                verdict.open_blocks.append((bases, facet_error(nets, self.vertices)))
+                return
+            bases, nets = np.tile(bases, 4), both_ways(SPLINE_HALVES, nets)
+            later = later_bounds(nets, self.vertices)
+        verdict.give_up(bases)
+
+    def _has_closed_form(self, levels: int) -> bool:
+        """A control facet of the patch's own level is known better from its 12 coefficients."""
+        return levels > 0 or self.vertices is Vertices.LIMIT
+
+    def _ask_closed_form(
+        self, verdict: _Verdict, bases: IndexArray, nets: FloatArray, upper: FloatArray, levels: int
+    ) -> IndexArray:
+        """Indices of the patches that their bounds and samples leave in doubt."""
+        high = np.flatnonzero(~self.question.within(upper) & verdict.wanted[bases])
+        lower = np.zeros(len(bases))
+        lower[high] = sampled_error(nets.take(high, axis=2), self.vertices, levels)
+        return np.flatnonzero(verdict.hear(bases, upper, lower))
+
+    def _ask_refinement(self, verdict: _Verdict) -> None:
+        """Ask the faces that are not regular at this level, refining them further while in doubt."""
+        if self.refinement is None:
+            return
+        refinement = self.refinement.of(verdict.wanted)
+        facets = self._vertices_of(refinement)
+        for extra in range(REFINEMENTS):
+            if not len(refinement.bases):
+                return
+            if extra or np.all(refinement.mesh.face_sizes[: len(refinement.bases)] == 4):
+                gaps = largest_norm(self._quads(refinement, facets) - self._quads(refinement, _limits_of(refinement)))
+                upper = gaps + _last_bounds(refinement)
+                doubtful = verdict.hear(refinement.bases, upper, gaps)
+                kept_corners = np.repeat(doubtful, 4)
+                refinement, facets = refinement.keep(doubtful), facets[kept_corners]
+            refinement, facets = self._refine(verdict, refinement, facets)
+        verdict.give_up(refinement.bases)
+
+    def _vertices_of(self, refinement: Refinement) -> FloatArray:
+        """(C, 3): where the vertices at the descendants' corners lie."""
+        if self.vertices is Vertices.LIMIT:
+            return _limits_of(refinement)
+        return refinement.mesh.positions[_corner_vertices(refinement)]
+
+    @staticmethod
+    def _quads(refinement: Refinement, corners: FloatArray) -> FloatArray:
+        """(4, P, 3) from (4P, 3)."""
+        return corners.reshape(-1, 4, 3).swapaxes(0, 1)
+
+    def _refine(self, verdict: _Verdict, refinement: Refinement, facets: FloatArray) -> tuple[Refinement, FloatArray]:
+        """The children that are not regular, with the facets over them; regular ones become open blocks."""
+        if not len(refinement.bases):
+            return refinement, facets
+        facets = _facets_of_children(refinement, facets)
+        refinement = refinement.refined()
+        regular = classify_patches(refinement.mesh).kinds[: len(refinement.bases)] == PatchKind.REGULAR
+        found = np.flatnonzero(regular)
+        values = patch_coefficients(regular_nets(refinement.mesh, found))
+        blocks = values - bilinear_coefficients(facets.take(found, axis=1))
+        verdict.open_blocks.append((refinement.bases[found], blocks))
+        rest = ~regular
+        return refinement.keep(rest), facets.compress(rest, axis=1).swapaxes(0, 1).reshape(-1, 3)
+
+    def _ask_blocks(self, verdict: _Verdict) -> None:
+        """Ask the differences S - L that are in Bernstein form: (4, 4, P, 3) blocks."""
+        blocks = [(bases, values) for bases, values in verdict.open_blocks if len(bases)]
+        for _ in range(BLOCK_SPLITS):
+            if not blocks:
+                return
+            remaining = []
+            for bases, values in blocks:
+                wanted = verdict.wanted[bases]
+                if not np.all(wanted):
+                    bases, values = bases[wanted], values.compress(wanted, axis=2)
+                if not len(bases):
+                    continue
+                rows = values.reshape(16, -1, 3)
+                doubtful = verdict.hear(bases, largest_norm(rows), largest_norm(rows[[0, 3, 12, 15]]))
+                if np.any(doubtful):
+                    remaining.append((np.tile(bases[doubtful], 4), both_ways(HALVES, values.compress(doubtful, axis=2))))
+            blocks = remaining
+        for bases, _ in blocks:
+            verdict.give_up(bases)
+
+
+def _corner_vertices(refinement: Refinement) -> IndexArray:
+    """(C,) the vertices at the corners of the descendants, face by face."""
+    return refinement.mesh.corner_vertices[: refinement.mesh.face_starts[len(refinement.bases)]]
+
+
+def _limits_of(refinement: Refinement) -> FloatArray:
+    """(C, 3) the limit positions of the vertices at the corners of the descendants."""
+    return limit_positions(refinement.mesh)[_corner_vertices(refinement)]
+
+
+def _last_bounds(refinement: Refinement) -> FloatArray:
+    """(P,) ‖L̂ - S‖ at most for the descendants' own facets with limit vertices: a norm's bound or the support's."""
+    mesh = refinement.mesh
+    count = len(refinement.bases)
+    all_quads = np.all(mesh.face_sizes == 4)
+    bounds = support_bounds(mesh, Vertices.LIMIT)[:count] if all_quads else np.full(count, np.inf)
+    patches = classify_patches(mesh)
+    extraordinary = np.flatnonzero(patches.kinds[:count] == PatchKind.EXTRAORDINARY)
+    corners = patches.extraordinary_corners[extraordinary]
+    valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
+    for valence in np.unique(valences).tolist():
+        of_valence = valences == valence
+        nets = extraordinary_nets(mesh, corners[of_valence], valence)
+        bounds[extraordinary[of_valence]] = second_order_extraordinary(nets, Vertices.LIMIT).value
+    return bounds
+
+
+def _facets_of_children(refinement: Refinement, facets: FloatArray) -> FloatArray:
+    """(4, C, 3): the facet of each face, given at its corners (C, 3), restricted to its children.
+
+    An n-gon's facet is the fan of quads over corner, edge midpoint, centroid and edge midpoint.
+    """
+    mesh = refinement.mesh
+    count = len(refinement.bases)
+    corner_count = mesh.face_starts[count]
+    following = mesh.next_corner[:corner_count]
+    before = mesh.previous_corner[:corner_count]
+    sizes = mesh.face_sizes[:count]
+    centroids = np.add.reduceat(facets, mesh.face_starts[:count]) / sizes[:, None]
+    middles = (facets + facets[following]) / 2
+    return np.stack([facets, middles, np.repeat(centroids, sizes, axis=0), middles[before]])

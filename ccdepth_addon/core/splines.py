@@ -1,0 +1,89 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bicubic B-spline patches in Bernstein form, and what a level-k facet misses of them, exactly.
+
+Nets are (4, 4, P, 3); coefficients are (rows, P, 3), or (4, 4, P, 3) for a whole patch. Functionals of a net are
+(rows, 16) matrices, its points counted [i, j] → 4i + j.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from .mesh import FloatArray
+
+SPLINE_TO_BERNSTEIN = np.array([[1, 4, 1, 0], [0, 4, 2, 0], [0, 2, 4, 0], [0, 1, 4, 1]]) / 6
+SECOND_DIFFERENCE = np.array([[1, -2, 1, 0], [0, 1, -2, 1]], dtype=np.float64)
+ELEVATE_LINEAR = np.stack([1 - np.arange(4) / 3, np.arange(4) / 3], axis=1)
+FIRST_HALF = np.array([[8, 0, 0, 0], [4, 4, 0, 0], [2, 4, 2, 0], [1, 3, 3, 1]]) / 8
+HALVES = (FIRST_HALF, FIRST_HALF[::-1, ::-1])
+SPLINE_HALVES = (
+    np.array([[4, 4, 0, 0], [1, 6, 1, 0], [0, 4, 4, 0], [0, 1, 6, 1]]) / 8,
+    np.array([[1, 6, 1, 0], [0, 4, 4, 0], [0, 1, 6, 1], [0, 0, 4, 4]]) / 8,
+)
+
+
+def apply(functionals: FloatArray, net: FloatArray) -> FloatArray:
+    """(rows, P, 3): the values of functionals (rows, 16) on nets (4, 4, P, 3)."""
+    return (functionals @ net.reshape(16, -1)).reshape(len(functionals), -1, 3)
+
+
+def tensor(along_u: FloatArray, along_v: FloatArray) -> FloatArray:
+    """(a · b, 16): the functionals with every pair of rows of (a, 4) and (b, 4)."""
+    return np.einsum("ai,bj->abij", along_u, along_v).reshape(-1, 16)
+
+
+def both_ways(halves: tuple[FloatArray, FloatArray], blocks: FloatArray) -> FloatArray:
+    """Four blocks for each of (4, 4, P, 3), one quarter after the other: (4, 4, 4P, 3)."""
+    quarters = [
+        np.matmul(a, np.einsum("bj,ijpd->ibpd", b, blocks).reshape(4, -1)).reshape(blocks.shape)
+        for a in halves
+        for b in halves
+    ]
+    return np.concatenate(quarters, axis=2)
+
+
+def squared_norms(vectors: FloatArray) -> FloatArray:
+    """(rows, P) squared lengths of (rows, P, 3) vectors."""
+    return np.einsum("rpd,rpd->rp", vectors, vectors)
+
+
+def largest_norm(vectors: FloatArray) -> FloatArray:
+    """(P,): the longest of the vectors (rows, P, 3) of each patch."""
+    return np.sqrt(squared_norms(vectors).max(axis=0))
+
+
+@cache
+def second_derivatives() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Functionals for the Bernstein coefficients of S_uu (2 × 4), S_vv (4 × 2) and S_uuvv (2 × 2), knots 1 apart."""
+    return (
+        tensor(SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN),
+        tensor(SPLINE_TO_BERNSTEIN, SECOND_DIFFERENCE),
+        tensor(SECOND_DIFFERENCE, SECOND_DIFFERENCE),
+    )
+
+
+@cache
+def elevated_second_derivatives() -> tuple[FloatArray, FloatArray]:
+    """Functionals for S_uu and S_vv raised to bicubic, (16, 16) each, coefficient [i, j] in row 4i + j."""
+    return (
+        tensor(ELEVATE_LINEAR @ SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN),
+        tensor(SPLINE_TO_BERNSTEIN, ELEVATE_LINEAR @ SECOND_DIFFERENCE),
+    )
+
+
+def bilinear_coefficients(corners: FloatArray) -> FloatArray:
+    """(4, 4, …): the bicubic Bernstein coefficients of bilinear facets over corners (4, …) in a face's order."""
+    weights = ELEVATE_LINEAR
+    first, second, third, fourth = corners
+    over_u_low = np.multiply.outer(weights[:, 0], first) + np.multiply.outer(weights[:, 1], second)
+    over_u_high = np.multiply.outer(weights[:, 0], fourth) + np.multiply.outer(weights[:, 1], third)
+    low = np.multiply.outer(weights[:, 0], over_u_low)
+    high = np.multiply.outer(weights[:, 1], over_u_high)
+    return np.swapaxes(low + high, 0, 1)
+
+
+def patch_coefficients(net: FloatArray) -> FloatArray:
+    """(4, 4, P, 3): the Bernstein coefficients of the patches."""
+    return apply(tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN), net).reshape(net.shape)
