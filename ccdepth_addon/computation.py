@@ -15,9 +15,9 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from .control_mesh import NO_ORIGIN, ControlMesh, ControlMeshError, read_control_mesh
-from .core.depth import DepthResult, ToleranceError, face_depths_stepwise, smallest_tolerance
-from .core.mesh import FloatArray, InvalidMeshError, PolygonMesh
+from .control_mesh import NO_ORIGIN, ControlMesh, ControlMeshError, SharedMeshes, read_control_mesh
+from .core.depth import DepthResult, ToleranceError, face_depths_stepwise
+from .core.mesh import FloatArray, InvalidMeshError
 
 # How much smaller, relatively, an object's scale may be than another's by rounding alone and still be outdone by it.
 SCALE_ROUNDING = 1e-9
@@ -48,13 +48,21 @@ class Surface:
 
 
 @dataclass(frozen=True)
+class Measurement:
+    """The measuring of a surface, begun."""
+
+    surface: Surface
+    steps: Generator[float, None, DepthResult]
+
+
+@dataclass(frozen=True)
 class MeshTask:
     """All there is to compute for one mesh. It keeps no reference to Blender's data, which may move meanwhile."""
 
     mesh_uid: int
     face_count: int
     object_names: list[str]
-    surfaces: list[Surface]
+    measurements: list[Measurement]
 
 
 @dataclass(frozen=True)
@@ -62,7 +70,7 @@ class MeshDepths:
     """The answer for one mesh.
 
     depths: (F,) int32; bounds: (F,) float64, lengths in the scene. world_tolerance: the least of the tolerances in
-    force, a length. uniform_corners: the corners of the control mesh, of the largest one. added_faces: how many faces
+    force, a length. control_faces, control_corners: of the control mesh, the largest one. added_faces: how many faces
     the modifiers add that come from no face of the mesh, and added_deepest, the deepest depth among them. taken_faces:
     how many of the mesh's faces the modifiers take away; their depth and bound are 0.
     """
@@ -105,29 +113,43 @@ def check_tolerance(tolerance: float) -> None:
 
 
 def prepare(context: bpy.types.Context, objects: Iterable[bpy.types.Object], settings: Settings) -> list[MeshTask]:
-    """Read the objects' meshes and decide what to compute.
+    """Read the objects' meshes, decide what to compute, and begin with it, which finds what cannot be measured.
 
-    Raises ComputeError, naming every object whose mesh cannot be measured.
+    Raises ComputeError, naming every object at fault.
     """
     check_tolerance(settings.tolerance)
-    by_mesh: dict[int, list[Surface]] = {}
-    meshes = {}
-    faults = []
+    tasks: dict[int, MeshTask] = {}
+    surfaces: dict[int, list[Surface]] = {}
+    faults: dict[str, ValueError] = {}
+    shared: SharedMeshes = {}
+    objects = list(objects)
     for blender_object in objects:
         mesh = blender_object.data
         try:
-            surface = _read_surface(context, blender_object, settings)
-        except (ControlMeshError, InvalidMeshError, ToleranceError) as fault:
-            faults.append(f"{blender_object.name}: {fault}")
+            surface = _read_surface(context, blender_object, settings, shared)
+        except (ControlMeshError, InvalidMeshError) as fault:
+            faults[blender_object.name] = fault
             continue
-        meshes[mesh.session_uid] = mesh
-        by_mesh.setdefault(mesh.session_uid, []).append(surface)
+        task = tasks.setdefault(mesh.session_uid, MeshTask(mesh.session_uid, count_faces(mesh), [], []))
+        task.object_names.append(blender_object.name)
+        surfaces.setdefault(mesh.session_uid, []).append(surface)
+    for uid, task in tasks.items():
+        for surface in _not_outdone(surfaces[uid]):
+            try:
+                task.measurements.append(_begin(surface, settings))
+            except (InvalidMeshError, ToleranceError) as fault:
+                faults[surface.object_name] = fault
     if faults:
-        raise ComputeError("\n".join(faults))
-    return [
-        MeshTask(uid, count_faces(meshes[uid]), [surface.object_name for surface in surfaces], _not_outdone(surfaces))
-        for uid, surfaces in by_mesh.items()
-    ]
+        named = [f"{obj.name}: {faults[obj.name]}" for obj in objects if obj.name in faults]
+        raise ComputeError("\n".join(named))
+    return list(tasks.values())
+
+
+def _begin(surface: Surface, settings: Settings) -> Measurement:
+    steps = face_depths_stepwise(surface.control.in_world, surface.tolerance, settings.method, settings.vertices)
+    # The first step checks the mesh and the tolerance.
+    next(steps)
+    return Measurement(surface, steps)
 
 
 def count_faces(mesh: bpy.types.Mesh) -> int:
@@ -139,18 +161,12 @@ def count_faces(mesh: bpy.types.Mesh) -> int:
     return len(bmesh.from_edit_mesh(mesh).faces)
 
 
-def _read_surface(context: bpy.types.Context, blender_object: bpy.types.Object, settings: Settings) -> Surface:
-    control = read_control_mesh(context, blender_object, use_modifiers=settings.use_modifiers)
-    tolerance = settings.tolerance
-    if settings.tolerance_mode == "RELATIVE":
-        tolerance *= control.diagonal()
-    least = smallest_tolerance(control.in_world())
-    if tolerance < least:
-        raise ToleranceError(
-            f"a tolerance of {tolerance:.3g} is finer than the mesh's single-precision coordinates can show; the "
-            f"smallest that means anything here is {least:.3g}"
-        )
-    return Surface(blender_object.name, control, tolerance)
+def _read_surface(
+    context: bpy.types.Context, blender_object: bpy.types.Object, settings: Settings, shared: SharedMeshes
+) -> Surface:
+    control = read_control_mesh(context, blender_object, use_modifiers=settings.use_modifiers, shared=shared)
+    relative = settings.tolerance_mode == "RELATIVE"
+    return Surface(blender_object.name, control, settings.tolerance * (control.diagonal() if relative else 1.0))
 
 
 def gram_matrix(world: FloatArray) -> FloatArray:
@@ -174,14 +190,17 @@ def _not_outdone(surfaces: list[Surface]) -> list[Surface]:
 
 
 def _is_outdone(gram: FloatArray, other: FloatArray) -> bool:
-    return bool(np.linalg.eigvalsh(other - gram).min() >= -SCALE_ROUNDING * np.trace(other))
+    difference = other - gram
+    # A bad mesh can make it anything; the mesh will be refused.
+    if not np.isfinite(difference).all():
+        return False
+    return bool(np.linalg.eigvalsh(difference).min() >= -SCALE_ROUNDING * np.trace(other))
 
 
 def _same_control_mesh(one: ControlMesh, other: ControlMesh) -> bool:
-    if one.base_faces is None or other.base_faces is None:
-        if one.base_faces is not other.base_faces:
-            return False
-    elif not np.array_equal(one.base_faces, other.base_faces):
+    if one.mesh is other.mesh:
+        return True
+    if one.base_faces is None or other.base_faces is None or not np.array_equal(one.base_faces, other.base_faces):
         return False
     arrays = ("positions", "face_starts", "corner_vertices", "corner_edges", "edge_sharpness", "vertex_sharpness")
     return all(np.array_equal(getattr(one.mesh, name), getattr(other.mesh, name)) for name in arrays)
@@ -194,7 +213,7 @@ class Calculation:
         self.settings = settings
         self.fraction = 0.0
         self.answers: list[MeshDepths] = []
-        self._steps = _compute_stepwise(tasks, settings)
+        self._steps = _compute_stepwise(tasks)
 
     def work(self, seconds: float = np.inf) -> bool:
         """Go on for a while; True when it is done, and the answers are there."""
@@ -207,19 +226,18 @@ class Calculation:
         return bool(self.answers)
 
 
-def _compute_stepwise(tasks: list[MeshTask], settings: Settings) -> Generator[float, None, list[MeshDepths]]:
+def _compute_stepwise(tasks: list[MeshTask]) -> Generator[float, None, list[MeshDepths]]:
     """Measure every surface in small steps: yields the fraction done, and returns the answers at the end."""
-    total = max(1, sum(surface.control.mesh.face_count for task in tasks for surface in task.surfaces))
+    total = sum(measurement.surface.control.mesh.face_count for task in tasks for measurement in task.measurements)
     done = 0
     answers = []
     for task in tasks:
         answer = _Answer(task)
-        for surface in task.surfaces:
-            mesh = surface.control.in_world()
-            steps = face_depths_stepwise(mesh, surface.tolerance, settings.method, settings.vertices)
-            result = yield from _scaled(steps, done / total, mesh.face_count / total)
-            answer.include(surface, mesh, result.depths, result.bounds)
-            done += mesh.face_count
+        for measurement in task.measurements:
+            face_count = measurement.surface.control.mesh.face_count
+            result = yield from _scaled(measurement.steps, done / total, face_count / total)
+            answer.include(measurement.surface.control, result)
+            done += face_count
         answers.append(answer.finished())
     return answers
 
@@ -246,25 +264,28 @@ class _Answer:
         self.present = np.zeros(task.face_count, dtype=bool)
         self.control_faces = self.control_corners = self.added_faces = self.added_deepest = 0
 
-    def include(self, surface: Surface, mesh: PolygonMesh, depths: NDArray[np.int32], bounds: FloatArray) -> None:
-        self.control_faces = max(self.control_faces, mesh.face_count)
-        self.control_corners = max(self.control_corners, mesh.corner_count)
-        base_faces = surface.control.base_faces
-        if base_faces is None:
-            base_faces = np.arange(self.task.face_count)
-        known = base_faces != NO_ORIGIN
-        np.maximum.at(self.depths, base_faces[known], depths[known])
-        np.maximum.at(self.bounds, base_faces[known], bounds[known])
-        self.present[base_faces[known]] = True
+    def include(self, control: ControlMesh, result: DepthResult) -> None:
+        self.control_faces = max(self.control_faces, control.mesh.face_count)
+        self.control_corners = max(self.control_corners, control.mesh.corner_count)
+        if control.base_faces is None:
+            np.maximum(self.depths, result.depths, out=self.depths)
+            np.maximum(self.bounds, result.bounds, out=self.bounds)
+            self.present[:] = True
+            return
+        known = control.base_faces != NO_ORIGIN
+        faces = control.base_faces[known]
+        np.maximum.at(self.depths, faces, result.depths[known])
+        np.maximum.at(self.bounds, faces, result.bounds[known])
+        self.present[faces] = True
         self.added_faces += int(np.count_nonzero(~known))
-        self.added_deepest = max(self.added_deepest, int(depths[~known].max(initial=0)))
+        self.added_deepest = max(self.added_deepest, int(result.depths[~known].max(initial=0)))
 
     def finished(self) -> MeshDepths:
         return MeshDepths(
             task=self.task,
             depths=self.depths,
             bounds=self.bounds,
-            world_tolerance=min(surface.tolerance for surface in self.task.surfaces),
+            world_tolerance=min(measurement.surface.tolerance for measurement in self.task.measurements),
             control_faces=self.control_faces,
             control_corners=self.control_corners,
             added_faces=self.added_faces,

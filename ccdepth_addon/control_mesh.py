@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import bpy
@@ -19,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .core.catmull_clark import apply_boundary_rule, crease_to_sharpness
-from .core.mesh import FloatArray, IndexArray, PolygonMesh, validate
+from .core.mesh import FloatArray, IndexArray, InvalidMeshError, PolygonMesh
 
 ORIGIN_ATTRIBUTE = "ccdepth_origin"
 NO_ORIGIN = -1
@@ -60,6 +61,7 @@ class ControlMesh:
     base_faces: IndexArray | None
     world: FloatArray
 
+    @cached_property
     def in_world(self) -> PolygonMesh:
         """The mesh with the object's rotation, scale and shear applied, and without its location."""
         # Positions that are not finite are found and refused later.
@@ -75,9 +77,15 @@ class ControlMesh:
         used = self.mesh.positions[self.mesh.vertex_face_counts > 0]
         if not len(used):
             return 0.0
-        x, y, z = used.max(axis=0) - used.min(axis=0)
-        diagonals = np.array([(x, y, z), (-x, y, z), (x, -y, z), (x, y, -z)]) @ self.world.T
+        # Positions that are not finite are found and refused later.
+        with np.errstate(invalid="ignore"):
+            x, y, z = used.max(axis=0) - used.min(axis=0)
+            diagonals = np.array([(x, y, z), (-x, y, z), (x, -y, z), (x, y, -z)]) @ self.world.T
         return float(np.linalg.norm(diagonals, axis=1).max())
+
+
+# By the session identifier of the mesh and the rule it was read with.
+SharedMeshes = dict[tuple[int, SurfaceRule], PolygonMesh]
 
 
 def subdivision_modifier(blender_object: bpy.types.Object) -> bpy.types.Modifier | None:
@@ -111,27 +119,39 @@ def counted_modifiers(blender_object: bpy.types.Object) -> list[bpy.types.Modifi
 
 
 def read_control_mesh(
-    context: bpy.types.Context, blender_object: bpy.types.Object, *, use_modifiers: bool
+    context: bpy.types.Context,
+    blender_object: bpy.types.Object,
+    *,
+    use_modifiers: bool,
+    shared: SharedMeshes | None = None,
 ) -> ControlMesh:
     """The object's control mesh; in Edit Mode, of the mesh as it is being edited.
 
+    shared: the meshes read so far that other objects may use as well, to be read once only.
     Nothing of the file is changed. Raises ControlMeshError when its modifiers leave no trace of its faces, and
-    InvalidMeshError when there is no surface to measure.
+    InvalidMeshError when it has no faces.
     """
     depsgraph = context.evaluated_depsgraph_get()
     rule = surface_rule(blender_object)
     counted = counted_modifiers(blender_object) if use_modifiers else []
-    base_faces = None
-    with own_mesh(blender_object) as own:
-        # What Edit Mode shows is the shape key being edited, and that is what it holds; elsewhere keys are mixed.
-        if counted or own.shape_keys is not None:
-            mesh, base_faces = _read_evaluated(context, blender_object, own, [m.name for m in counted], rule)
-        else:
-            mesh = mesh_arrays(own, rule)
     world = np.array(blender_object.evaluated_get(depsgraph).matrix_world, dtype=np.float64)[:3, :3]
-    control = ControlMesh(mesh, base_faces, world)
-    validate(control.in_world())
-    return replace(control, mesh=apply_boundary_rule(mesh, smooth_corners=rule.smooth_corners))
+    data = blender_object.data
+    # What Edit Mode shows is the shape key being edited, and that is what it holds; elsewhere keys are mixed.
+    if counted or (data.shape_keys is not None and not data.is_editmode):
+        with own_mesh(blender_object) as own:
+            mesh, base_faces = _read_evaluated(context, blender_object, own, [m.name for m in counted], rule)
+        return ControlMesh(_with_boundary_rule(mesh, rule), base_faces, world)
+    shared = {} if shared is None else shared
+    if (data.session_uid, rule) not in shared:
+        with own_mesh(blender_object) as own:
+            shared[data.session_uid, rule] = _with_boundary_rule(mesh_arrays(own, rule), rule)
+    return ControlMesh(shared[data.session_uid, rule], None, world)
+
+
+def _with_boundary_rule(mesh: PolygonMesh, rule: SurfaceRule) -> PolygonMesh:
+    if mesh.face_count == 0:
+        raise InvalidMeshError("the mesh has no faces")
+    return apply_boundary_rule(mesh, smooth_corners=rule.smooth_corners)
 
 
 @contextmanager

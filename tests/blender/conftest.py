@@ -16,3 +16,5 @@ if not hasattr(bpy.types.Scene, "ccdepth"):
 def startup_file() -> None:
     bpy.ops.wm.read_homefile(use_factory_startup=True)
     bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes])
+    # The quickest method: these tests are about the way from Blender to the core and back.
+    bpy.context.scene.ccdepth.method = "SECOND_ORDER"

@@ -16,8 +16,9 @@ from tests.blender import addon, scene
 TOLERANCE = 0.01
 
 
-def expected(holder: bpy.types.Object, tolerance: float = TOLERANCE, method: str = "SECOND_ORDER") -> np.ndarray:
-    """What the core says of the object's mesh as it is."""
+def expected(holder: bpy.types.Object, tolerance: float = TOLERANCE) -> np.ndarray:
+    """What the core says of the object's mesh as it is, by the method of its record, else of the scene."""
+    method = holder.data.ccdepth.method or bpy.context.scene.ccdepth.method
     mesh = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
     return face_depths(mesh, tolerance, method, "CONTROL").depths
 
@@ -47,13 +48,13 @@ def test_the_attributes_have_the_promised_kinds() -> None:
 
 def test_the_record_tells_what_was_computed() -> None:
     holder = scene.add_suzanne()
-    addon.compute(holder, tolerance=TOLERANCE, vertices="LIMIT")
+    addon.compute(holder, tolerance=TOLERANCE, method="FIRST_ORDER", vertices="LIMIT")
     record = holder.data.ccdepth
     depths = addon.depths(holder)
     assert record.has_result
     assert record.tolerance == pytest.approx(TOLERANCE)
     assert record.world_tolerance == pytest.approx(TOLERANCE)
-    assert (record.tolerance_mode, record.method, record.vertices) == ("ABSOLUTE", "SECOND_ORDER", "LIMIT")
+    assert (record.tolerance_mode, record.method, record.vertices) == ("ABSOLUTE", "FIRST_ORDER", "LIMIT")
     assert (record.faces, record.deepest) == (len(depths), depths.max())
     assert addon.histogram(holder) == dict(zip(*np.unique(depths, return_counts=True), strict=True))
     assert int(record.uniform_faces) == len(holder.data.loops) * 4 ** (int(depths.max()) - 1)
@@ -111,7 +112,7 @@ def test_equal_duplicates_are_computed_once() -> None:
     bpy.context.view_layer.update()
     settings = computation.Settings(TOLERANCE, "ABSOLUTE", "SECOND_ORDER", "CONTROL", True)
     (task,) = computation.prepare(bpy.context, objects, settings)
-    assert [surface.object_name for surface in task.surfaces] == [objects[2].name]
+    assert [measurement.surface.object_name for measurement in task.measurements] == [objects[2].name]
 
 
 def test_all_selected_objects_are_computed_and_others_are_not() -> None:

@@ -18,9 +18,9 @@ TOLERANCE = 0.01
 
 
 def core_depths(mesh: bpy.types.Mesh, *, smooth_corners: bool = True) -> np.ndarray:
-    """(F,) int32: what the core says of a Blender mesh."""
+    """(F,) int32: what the core says of a Blender mesh, by the scene's method."""
     explicit = apply_boundary_rule(scene.polygon_mesh_of(mesh), smooth_corners=smooth_corners)
-    return face_depths(explicit, TOLERANCE, "SECOND_ORDER", "CONTROL").depths
+    return face_depths(explicit, TOLERANCE, bpy.context.scene.ccdepth.method, "CONTROL").depths
 
 
 def evaluated(holder: bpy.types.Object) -> bpy.types.Mesh:
