@@ -6,6 +6,8 @@ Numbers V₁ … V₂ₙ₊₈ of extraordinary nets are those of Cheng, Chen an
 
 from __future__ import annotations
 
+from math import ceil, log
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -93,6 +95,77 @@ def net_mesh(positions: FloatArray) -> PolygonMesh:
     return apply_boundary_rule(mesh, smooth_corners=True)
 
 
+class Walk:
+    """The quads of a mesh, found by a directed edge."""
+
+    def __init__(self, mesh: PolygonMesh) -> None:
+        self.quads = mesh.corner_vertices.reshape(-1, 4).tolist()
+        turned = [quad[i:] + quad[:i] for quad in self.quads for i in range(4)]
+        self.begun_with = {(quad[0], quad[1]): quad for quad in turned}
+        self.at: dict[int, list[list[int]]] = {}
+        for quad in turned:
+            self.at.setdefault(quad[0], []).append(quad)
+
+    def valence(self, vertex: int) -> int | None:
+        """The number of quads around a vertex, None where they do not close."""
+        ends = [(quad[1], quad[3]) for quad in self.at[vertex]]
+        return len(ends) if {after for after, _ in ends} == {before for _, before in ends} else None
+
+    def stam_points(self, v1: int, v6: int, valence: int) -> dict[int, int]:
+        """The vertices V₁ … V₂ₙ₊₈ of the face that has the directed edge from V₁ to V₆."""
+        n, at = valence, {1: v1, 6: v6}
+        at[5], at[4] = self.begun_with[v1, v6][2:]
+        spoke = 4
+        for _ in range(n - 1):
+            quad = self.begun_with[v1, at[spoke]]
+            spoke, diagonal = ring(n, spoke + 2 * n - 2), ring(n, spoke + 2 * n - 1)
+            at[diagonal], at[spoke] = quad[2:]
+        v7, v8 = ring(n, 7), ring(n, 8)
+        assert self.begun_with[v6, v1][2:] == [at[v8], at[v7]]
+        at[2 * n + 7], at[2 * n + 8] = self.begun_with[at[3], at[4]][2:]
+        at[2 * n + 6] = self.begun_with[at[4], at[5]][2]
+        at[2 * n + 4], at[2 * n + 3] = self.begun_with[at[5], at[6]][2:]
+        at[2 * n + 2] = self.begun_with[at[5], at[2 * n + 3]][2]
+        at[2 * n + 5] = self.begun_with[at[6], at[v7]][2]
+        return at
+
+
+def published_norms(mesh: PolygonMesh) -> dict[int, tuple[int, float]]:
+    """For each quad of interior corners, all but one at the most of valence 4: the valence n of that one, and M.
+
+    A mesh of quads, smooth inside. Found by walking from quad to quad; the differences are the listed ones (those of
+    valence 4 are the 16 of a 4×4 net).
+    """
+    walk = Walk(mesh)
+    norms = {}
+    for face, quad in enumerate(walk.quads):
+        valences = [walk.valence(vertex) for vertex in quad]
+        others = [corner for corner, valence in enumerate(valences) if valence != 4]
+        corner = others[0] if others else 0
+        n = valences[corner]
+        if len(others) > 1 or n is None or n == 2:
+            continue
+        points = walk.stam_points(quad[corner], quad[(corner + 1) % 4], n)
+        positions = mesh.positions[[points[number] for number in range(1, 2 * n + 9)]]
+        norms[face] = n, float(np.linalg.norm(difference_matrix(n) @ positions, axis=1).max())
+    return norms
+
+
+def published_depth(valence: int, norm: float, tolerance: float) -> int:
+    """⌈log₄(M/3ε)⌉ (Theorem 3) or ⌈log_w(M/(zε))⌉ (Theorem 8), never below 0."""
+    n = valence
+    if n == 4:
+        w, z = 4.0, 3.0
+    elif n == 3:
+        w, z = 3 / 2, 1.0
+    elif n == 5:
+        w, z = 25 / 18, 25 / 18
+    else:
+        w = 4 * n**2 / (3 * n**2 + 8 * n - 46)
+        z = 25 / 18 if n <= 8 else 2 * (n**2 - 8 * n + 46) / n**2
+    return max(0, ceil(log(norm / (z * tolerance), w)))
+
+
 def refined(mesh: PolygonMesh, levels: int) -> PolygonMesh:
     for _ in range(levels):
         mesh = subdivide(mesh).mesh
@@ -102,8 +175,8 @@ def refined(mesh: PolygonMesh, levels: int) -> PolygonMesh:
 def subface_parameters(levels: int) -> NDArray[np.intp]:
     """(4ᵏ, 4, 2): where the corners of a quad's subfaces after k steps lie in it, in units of 2⁻ᵏ.
 
-    Corner 0 of the quad is (0, 0), corner 1 is (1, 0). The children of a quad are in the order of its corners; each begins
-    at its corner and goes on along the edge that leaves it, and to the middle.
+    Corner 0 of the quad is (0, 0), corner 1 is (1, 0). The children of a quad are in the order of its corners; each
+    begins at its corner and goes on along the edge that leaves it, and to the middle.
     """
     parameters = np.array([[[0, 0], [1, 0], [1, 1], [0, 1]]])
     for _ in range(levels):

@@ -36,36 +36,6 @@ def with_faces_turned(data: meshes.MeshData, seed: int = 1) -> meshes.MeshData:
     return replace(data, corner_vertices=np.take_along_axis(quads, turns, axis=1).reshape(-1))
 
 
-class Walk:
-    """The quads of a mesh, found by a directed edge."""
-
-    def __init__(self, mesh: PolygonMesh) -> None:
-        self.quads = mesh.corner_vertices.reshape(-1, 4).tolist()
-        turned = [quad[i:] + quad[:i] for quad in self.quads for i in range(4)]
-        self.begun_with = {(quad[0], quad[1]): quad for quad in turned}
-
-    def faces_at(self, vertex: int) -> int:
-        return sum(vertex in quad for quad in self.quads)
-
-    def stam_points(self, v1: int, v6: int, valence: int) -> dict[int, int]:
-        """The vertices V₁ … V₂ₙ₊₈ of the face that has the directed edge from V₁ to V₆."""
-        n, at = valence, {1: v1, 6: v6}
-        at[5], at[4] = self.begun_with[v1, v6][2:]
-        spoke = 4
-        for _ in range(n - 1):
-            quad = self.begun_with[v1, at[spoke]]
-            spoke, diagonal = nets.ring(n, spoke + 2 * n - 2), nets.ring(n, spoke + 2 * n - 1)
-            at[diagonal], at[spoke] = quad[2:]
-        v7, v8 = nets.ring(n, 7), nets.ring(n, 8)
-        assert self.begun_with[v6, v1][2:] == [at[v8], at[v7]]
-        at[2 * n + 7], at[2 * n + 8] = self.begun_with[at[3], at[4]][2:]
-        at[2 * n + 6] = self.begun_with[at[4], at[5]][2]
-        at[2 * n + 4], at[2 * n + 3] = self.begun_with[at[5], at[6]][2:]
-        at[2 * n + 2] = self.begun_with[at[5], at[2 * n + 3]][2]
-        at[2 * n + 5] = self.begun_with[at[6], at[v7]][2]
-        return at
-
-
 # Which points
 
 
@@ -81,7 +51,7 @@ def test_regular_nets_of_a_torus() -> None:
 
 def test_regular_nets_begin_at_the_first_corner() -> None:
     mesh = with_numbers(build(with_faces_turned(meshes.torus(9, 7))))
-    walk = Walk(mesh)
+    walk = nets.Walk(mesh)
     found = regular_nets(mesh, np.arange(mesh.face_count))[..., 0].astype(int)
     # On a net of valence 4 Stam's numbers name the grid's points.
     places = {1: (1, 1), 6: (2, 1), 5: (2, 2), 4: (1, 2), 3: (0, 2), 2: (0, 1), 9: (0, 0), 8: (1, 0), 7: (2, 0)}
@@ -97,7 +67,7 @@ def test_extraordinary_nets_have_the_points_of_stams_order(valence: int) -> None
     quads = with_faces_turned(meshes.from_faces(closed.positions, closed.corner_vertices.reshape(-1, 4).tolist()))
     mesh = with_numbers(build(quads))
     patches = classify_patches(mesh)
-    walk = Walk(mesh)
+    walk = nets.Walk(mesh)
     counts = mesh.vertex_face_counts
     seen = set()
     for n in (3, valence):

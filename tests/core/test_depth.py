@@ -1,0 +1,458 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Depths of faces: the published numbers and formulas, every kind of face, and what must not matter."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from math import ceil, log
+
+import numpy as np
+import pytest
+
+from ccdepth_addon.core import certified_depth, norm_depth
+from ccdepth_addon.core.bounds import Method, Vertices, first_order_rate
+from ccdepth_addon.core.catmull_clark import apply_boundary_rule, subdivide
+from ccdepth_addon.core.depth import (
+    METHODS,
+    VERTICES,
+    DepthResult,
+    ToleranceError,
+    face_depths,
+    face_depths_stepwise,
+    smallest_tolerance,
+)
+from ccdepth_addon.core.mesh import InvalidMeshError, PolygonMesh, polygon_mesh
+from ccdepth_addon.core.patches import PatchKind, classify_patches
+from tests import meshes, nets
+
+every_method = pytest.mark.parametrize("method", METHODS)
+both_vertices = pytest.mark.parametrize("vertices", VERTICES)
+
+
+def build(data: meshes.MeshData, *, smooth_corners: bool = True) -> PolygonMesh:
+    return apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=smooth_corners)
+
+
+def pole_mesh(valence: int) -> PolygonMesh:
+    """A closed mesh of quads with one extraordinary corner each at the most, of valence 3 or ``valence``."""
+    return nets.refined(build(meshes.bumpy(meshes.trapezohedron(valence), 0.1)), 1)
+
+
+def moved_to(mesh: PolygonMesh, positions: np.ndarray) -> PolygonMesh:
+    return replace(mesh, positions=positions)
+
+
+# The published numbers
+
+
+@pytest.mark.parametrize(
+    ("valence", "bound", "z", "depths"),
+    [(3, 0.16, 1.0, [2, 7, 13, 19]), (5, 0.81, 25 / 18, [7, 14, 21, 28])],
+)
+def test_printed_examples(valence: int, bound: float, z: float, depths: list[int]) -> None:
+    mesh = pole_mesh(5)
+    norms = {face: norm for face, (n, norm) in nets.published_norms(mesh).items() if n == valence}
+    for face in sorted(norms)[:6]:
+        scaled = moved_to(mesh, mesh.positions * (bound * z / norms[face]))
+        found = [face_depths(scaled, tolerance, "SECOND_ORDER", "CONTROL") for tolerance in (0.1, 0.01, 0.001, 0.0001)]
+        assert [result.depths[face] for result in found] == depths
+
+
+@pytest.mark.parametrize("valence", [3, 5, 6, 7, 8, 12, 64])
+@pytest.mark.parametrize("tolerance", [0.2, 0.0123, 0.00077, 0.000031])
+def test_depths_are_the_formulas(valence: int, tolerance: float) -> None:
+    for levels in (0, 1):
+        mesh = nets.refined(pole_mesh(valence), levels)
+        norms = nets.published_norms(mesh)
+        assert len(norms) == mesh.face_count
+        assert {n for n, _ in norms.values()} >= {3, valence}
+        result = face_depths(mesh, tolerance, "SECOND_ORDER", "CONTROL")
+        expected = [nets.published_depth(*norms[face], tolerance) for face in range(mesh.face_count)]
+        np.testing.assert_array_equal(result.depths, expected)
+
+
+@pytest.mark.parametrize("tolerance", [0.3, 0.0123, 0.00077])
+def test_regular_depths_are_the_formula(tolerance: float) -> None:
+    mesh = build(meshes.bumpy(meshes.torus(12, 8), 0.1))
+    norms = nets.published_norms(mesh)
+    expected = [max(0, ceil(log(norms[face][1] / (3 * tolerance), 4))) for face in range(mesh.face_count)]
+    np.testing.assert_array_equal(face_depths(mesh, tolerance, "SECOND_ORDER", "CONTROL").depths, expected)
+
+
+def test_open_meshes_follow_the_formulas_inside() -> None:
+    mesh = build(meshes.fan(7, 4))
+    norms = nets.published_norms(mesh)
+    assert {n for n, _ in norms.values()} == {4, 7}
+    result = face_depths(mesh, 0.002, "SECOND_ORDER", "CONTROL")
+    for face, (n, norm) in norms.items():
+        assert result.depths[face] == nets.published_depth(n, norm, 0.002)
+
+
+@pytest.mark.parametrize("valence", [3, 5, 8, 12])
+@pytest.mark.parametrize("tolerance", [0.2, 0.0123, 0.00077])
+def test_first_order_depths_are_its_formula(valence: int, tolerance: float) -> None:
+    points = np.random.default_rng(valence).normal(size=(2 * valence + 8, 3))
+    longest = max(np.linalg.norm(points[a] - points[b]) for a, b in nets.net_edges(valence))
+    z = {3: 1, 5: 25 / 18, 8: 25 / 18, 12: 2 * (144 - 96 + 46) / 144}[valence]
+    expected = max(0, ceil(log(2 * longest / (z * tolerance), 1 / first_order_rate(valence))))
+    assert face_depths(nets.net_mesh(points), tolerance, "FIRST_ORDER", "CONTROL").depths[0] == expected
+
+
+def test_a_flat_regular_grid_needs_nothing() -> None:
+    mesh = build(meshes.grid(6, 5), smooth_corners=False)
+    for vertices in VERTICES:
+        result = face_depths(mesh, smallest_tolerance(mesh), "SECOND_ORDER", vertices)
+        assert np.all(result.depths == 0)
+        assert np.all(result.bounds < 1e-9)
+
+
+# Bounds and tolerance
+
+
+AWKWARD: dict[str, Callable[[], meshes.MeshData]] = {
+    "cube": meshes.cube,
+    "triangles": lambda: meshes.bumpy(meshes.bipyramid(7), 0.1),
+    "triangles and quads": meshes.triangles_and_quads,
+    "cylinder": lambda: meshes.cylinder(9),
+    "landscape": lambda: meshes.landscape(5, 4),
+    "single quad": lambda: meshes.bumpy(meshes.grid(1, 1), 0.3),
+    "valences 2 and 12": meshes.valences_two_and_twelve,
+    "valence 2 creased": lambda: meshes.with_random_creases(meshes.valence_two(), seed=5, share=0.8),
+    "creased cube": meshes.creased_cube,
+    "corner creased cube": meshes.corner_creased_cube,
+    "landscape with random creases": lambda: meshes.with_random_creases(meshes.landscape(5, 5), share=0.5),
+    "cylinder with random creases": lambda: meshes.with_random_creases(meshes.cylinder(8), share=0.6),
+    "two cubes sharing an edge": meshes.two_cubes_sharing_an_edge,
+    "two cubes sharing a vertex": meshes.two_cubes_sharing_a_vertex,
+    "bow tie": meshes.bow_tie,
+    "bow tie inside": meshes.bow_tie_inside,
+    "three faces on an edge": meshes.three_faces_on_an_edge,
+    "fin through": meshes.fin_through,
+    "flipped face": meshes.flipped_face,
+    "soup": meshes.face_soup,
+    "soup with random creases": lambda: meshes.with_random_creases(meshes.face_soup(2), seed=2, share=0.4),
+}
+
+
+@pytest.mark.parametrize("name", AWKWARD)
+@pytest.mark.parametrize("smooth_corners", [True, False])
+@every_method
+@both_vertices
+def test_every_face_has_a_depth(name: str, smooth_corners: bool, method: str, vertices: str) -> None:
+    mesh = build(AWKWARD[name](), smooth_corners=smooth_corners)
+    shallower = np.zeros(mesh.face_count, dtype=int)
+    for tolerance in (0.5, 0.004):
+        result = face_depths(mesh, tolerance, method, vertices)
+        assert result.depths.shape == result.bounds.shape == (mesh.face_count,)
+        assert result.depths.dtype == np.int32
+        assert np.all((result.bounds >= 0) & (result.bounds <= tolerance))
+        # Finer tolerances never make a depth less.
+        assert np.all(result.depths >= shallower)
+        assert np.all(result.depths < 60)
+        shallower = result.depths
+
+
+@pytest.mark.parametrize("name", [name for name, data in AWKWARD.items() if np.all(data().face_sizes == 4)])
+@every_method
+@both_vertices
+def test_no_face_is_farther_than_proved(name: str, method: str, vertices: str) -> None:
+    """Facets against the limit surface, at two levels more, on all faces of depths up to 3."""
+    mesh = build(AWKWARD[name](), smooth_corners=False)
+    seen = 0
+    for tolerance in (2.0, 0.5, 0.1):
+        result = face_depths(mesh, tolerance, method, vertices)
+        for level in range(4):
+            faces = np.flatnonzero(result.depths == level)
+            seen += len(faces)
+            if len(faces):
+                distances = nets.largest_distances(mesh, faces, level, vertices, level + 2)
+                assert np.all(distances <= result.bounds[faces])
+    assert seen
+
+
+@pytest.mark.parametrize("name", ["landscape", "valences 2 and 12", "landscape with random creases", "soup"])
+@both_vertices
+def test_what_is_called_exact_is(name: str, vertices: str) -> None:
+    """Where lesser depths are said to be disproved, the level before is found to be too far, if only just."""
+    mesh = build(AWKWARD[name](), smooth_corners=False)
+    seen = 0
+    for tolerance in (0.5, 0.1, 0.05):
+        result = face_depths(mesh, tolerance, "CERTIFIED", vertices)
+        assert np.all(result.distances <= result.bounds)
+        for level in range(1, 4):
+            faces = np.flatnonzero(result.exact & (result.depths == level))
+            seen += len(faces)
+            if len(faces):
+                # The distance that disproves is one at single points, which samples at eighths of the facets may miss.
+                before = nets.largest_distances(mesh, faces, level - 1, vertices, level + 2)
+                assert np.all(before > 0.95 * tolerance)
+    assert seen
+
+
+# Irregular faces
+
+
+@pytest.mark.parametrize("name", ["cube", "triangles", "triangles and quads", "cylinder"])
+@pytest.mark.parametrize("method", ["SECOND_ORDER", "FIRST_ORDER"])
+@both_vertices
+def test_irregular_faces_are_as_deep_as_their_children_and_one(name: str, method: str, vertices: str) -> None:
+    """Closed smooth meshes, all of whose faces are patches after two steps."""
+    mesh = build(AWKWARD[name]())
+    step = subdivide(mesh)
+    assert np.all(classify_patches(nets.refined(mesh, 2)).kinds != PatchKind.IRREGULAR)
+    irregular = classify_patches(mesh).kinds == PatchKind.IRREGULAR
+    assert irregular.any()
+    for tolerance in (1.0, 0.3, 0.02, 0.0007):
+        found = face_depths(mesh, tolerance, method, vertices).depths
+        children = np.zeros(mesh.face_count, dtype=int)
+        np.maximum.at(children, step.parent_faces, face_depths(step.mesh, tolerance, method, vertices).depths)
+        np.testing.assert_array_equal(found[irregular], 1 + children[irregular])
+
+
+@pytest.mark.parametrize("method", ["SECOND_ORDER", "FIRST_ORDER"])
+@both_vertices
+def test_depths_past_features_are_those_of_their_patches(method: str, vertices: str) -> None:
+    """Awkward meshes: where all the descendants of a face after s steps are patches and none was before, s + theirs."""
+    counted, tolerance = 0, 0.001
+    for name, data in AWKWARD.items():
+        mesh = build(data(), smooth_corners=False)
+        patch_before = classify_patches(mesh).kinds != PatchKind.IRREGULAR
+        fine, bases = mesh, np.arange(mesh.face_count)
+        for steps in (1, 2, 3):
+            step = subdivide(fine)
+            fine, bases = step.mesh, bases[step.parent_faces]
+            is_patch = classify_patches(fine).kinds != PatchKind.IRREGULAR
+            patches = np.bincount(bases, weights=is_patch, minlength=mesh.face_count)
+            all_now = (patches == np.bincount(bases)) & ~patch_before
+            deepest = np.zeros(mesh.face_count, dtype=int)
+            np.maximum.at(deepest, bases, face_depths(fine, tolerance, method, vertices).depths)
+            found = face_depths(mesh, tolerance, method, vertices).depths
+            assert np.all(found[all_now] == steps + deepest[all_now]), name
+            counted += np.count_nonzero(all_now)
+            patch_before |= patches > 0
+    assert counted > 30
+
+
+@pytest.mark.parametrize("method", ["SECOND_ORDER", "FIRST_ORDER"])
+def test_n_gons_are_never_left_as_they_are(method: str) -> None:
+    for data in (meshes.cylinder(9), meshes.bipyramid(5), meshes.triangles_and_quads()):
+        result = face_depths(build(data), 1000.0, method, "CONTROL")
+        assert np.all(result.depths[data.face_sizes != 4] >= 1)
+
+
+@pytest.mark.parametrize("method", ["SECOND_ORDER", "FIRST_ORDER"])
+def test_limit_vertices_need_no_more_levels(method: str) -> None:
+    for valence in (3, 5, 8, 64):
+        for tolerance in (0.1, 0.003):
+            mesh = pole_mesh(valence)
+            control, limit = (face_depths(mesh, tolerance, method, vertices).depths for vertices in VERTICES)
+            assert np.all(limit <= control)
+
+
+# What must not matter
+
+
+def everything() -> meshes.MeshData:
+    """One mesh with all kinds of faces."""
+    parts = [
+        meshes.with_random_creases(meshes.landscape(6, 6), share=0.15),
+        meshes.bumpy(meshes.cylinder(7), 0.1),
+        meshes.bumpy(meshes.bipyramid(5), 0.1),
+        meshes.with_random_creases(meshes.face_soup(), share=0.1),
+        meshes.fan(12),
+        meshes.fan(5, 3),
+        meshes.valence_two(),
+    ]
+    whole = parts[0]
+    for number, part in enumerate(parts[1:], 1):
+        shifted = meshes.moved(part, 9.0 * number)
+        vertex_creases = {len(whole.positions) + v: crease for v, crease in part.vertex_creases.items()}
+        whole = replace(meshes.welded(whole, shifted, {}), vertex_creases=whole.vertex_creases | vertex_creases)
+    return whole
+
+
+def assert_same(found: DepthResult, expected: DepthResult, order: np.ndarray, scale: float = 1.0) -> None:
+    np.testing.assert_array_equal(found.depths, expected.depths[order])
+    np.testing.assert_allclose(found.bounds, scale * expected.bounds[order], rtol=1e-9, atol=1e-12 * scale)
+
+
+@every_method
+@both_vertices
+def test_size_place_and_turn_do_not_matter(method: str, vertices: str) -> None:
+    mesh, tolerance = build(everything()), 0.0123
+    expected = face_depths(mesh, tolerance, method, vertices)
+    assert len(np.unique(expected.depths)) > 3
+    order = np.arange(mesh.face_count)
+    for scale in (1e-3, 1e6):
+        scaled = moved_to(mesh, mesh.positions * scale)
+        assert_same(face_depths(scaled, tolerance * scale, method, vertices), expected, order, scale)
+    turn, _ = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))
+    placed = moved_to(mesh, mesh.positions @ turn + [3.0, -20.0, 7.0])
+    # Rounding, and the allowance for it, grow with the distance from the origin.
+    found = face_depths(placed, tolerance, method, vertices)
+    np.testing.assert_array_equal(found.depths, expected.depths)
+    np.testing.assert_allclose(found.bounds, expected.bounds, rtol=1e-9, atol=1e-10)
+
+
+@every_method
+def test_order_and_beginning_of_faces_do_not_matter(method: str) -> None:
+    data, tolerance = everything(), 0.0123
+    generator = np.random.default_rng(1)
+    expected = face_depths(build(data), tolerance, method, "CONTROL")
+    faces = data.faces
+    order = generator.permutation(len(faces))
+    number = generator.permutation(len(data.positions))
+    turned = [np.roll(number[faces[face]], generator.integers(9)).tolist() for face in order.tolist()]
+    shuffled = replace(
+        meshes.from_faces(data.positions[np.argsort(number)], turned),
+        edge_creases={(int(number[a]), int(number[b])): crease for (a, b), crease in data.edge_creases.items()},
+        vertex_creases={int(number[v]): crease for v, crease in data.vertex_creases.items()},
+    )
+    assert_same(face_depths(build(shuffled), tolerance, method, "CONTROL"), expected, order)
+
+
+@every_method
+@both_vertices
+def test_the_side_of_the_faces_does_not_matter(method: str, vertices: str) -> None:
+    data, tolerance = everything(), 0.0123
+    reversed_faces = [face[::-1] for face in data.faces]
+    other_side = replace(
+        meshes.from_faces(data.positions, reversed_faces),
+        edge_creases=data.edge_creases,
+        vertex_creases=data.vertex_creases,
+    )
+    expected = face_depths(build(data), tolerance, method, vertices)
+    found = face_depths(build(other_side), tolerance, method, vertices)
+    assert_same(found, expected, np.arange(len(reversed_faces)))
+
+
+@every_method
+@both_vertices
+def test_blocks_do_not_matter(method: str, vertices: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    mesh = build(everything())
+    expected = face_depths(mesh, 0.0123, method, vertices)
+    sizes = [
+        (module, name) for module in (norm_depth, certified_depth) for name in vars(module) if name.endswith("_AT_ONCE")
+    ]
+    assert len(sizes) == 5
+    for module, name in sizes:
+        monkeypatch.setattr(module, name, 7)
+    assert_same(face_depths(mesh, 0.0123, method, vertices), expected, np.arange(mesh.face_count))
+
+
+@every_method
+def test_mesh_is_left_alone(method: str) -> None:
+    mesh = build(everything())
+    arrays = [mesh.positions, mesh.corner_vertices, mesh.corner_edges, mesh.edge_sharpness, mesh.vertex_sharpness]
+    before = [array.copy() for array in arrays]
+    face_depths(mesh, 0.05, method, "LIMIT")
+    for array, copy in zip(arrays, before, strict=True):
+        np.testing.assert_array_equal(array, copy)
+
+
+# Step by step
+
+
+@every_method
+@both_vertices
+def test_steps_lead_to_the_result(method: str, vertices: str) -> None:
+    mesh = build(everything())
+    steps = face_depths_stepwise(mesh, 0.0123, method, vertices)
+    fractions = []
+    while True:
+        try:
+            fractions.append(next(steps))
+        except StopIteration as finished:
+            result = finished.value
+            break
+    assert fractions == sorted(fractions)
+    assert 0 <= fractions[0] < fractions[-1] == 1
+    expected = face_depths(mesh, 0.0123, method, vertices)
+    np.testing.assert_array_equal(result.depths, expected.depths)
+    np.testing.assert_array_equal(result.bounds, expected.bounds)
+
+
+@every_method
+def test_steps_can_be_dropped(method: str) -> None:
+    mesh = build(everything())
+    expected = face_depths(mesh, 0.0123, method, "CONTROL")
+    for taken in range(4):
+        steps = face_depths_stepwise(mesh, 0.0123, method, "CONTROL")
+        for _ in range(taken):
+            next(steps)
+        steps.close()
+        assert list(steps) == []
+    again = face_depths(mesh, 0.0123, method, "CONTROL")
+    np.testing.assert_array_equal(again.depths, expected.depths)
+
+
+# Bad input
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -0.1, np.nan, np.inf, -np.inf, 1e-12])
+@every_method
+def test_tolerances_that_decide_nothing(tolerance: float, method: str) -> None:
+    with pytest.raises(ToleranceError, match="tolerance"):
+        face_depths(build(meshes.cube()), tolerance, method, "CONTROL")
+
+
+@every_method
+def test_smallest_tolerance_is_accepted(method: str) -> None:
+    mesh = build(meshes.trapezohedron(5))
+    least = smallest_tolerance(mesh)
+    # Single precision tells apart multiples of 2⁻²³ below 2; nothing smaller can mean anything at coordinates of 1.
+    assert 2**-24 < least < 1e-6
+    assert np.all(face_depths(mesh, least, method, "CONTROL").bounds <= least)
+    with pytest.raises(ToleranceError):
+        face_depths(mesh, 0.99 * least, method, "CONTROL")
+    assert smallest_tolerance(moved_to(mesh, 1000 * mesh.positions)) == pytest.approx(1000 * least)
+
+
+def test_vertices_without_faces_do_not_count() -> None:
+    data = meshes.trapezohedron(5)
+    lost = np.array([[1e9, 0, 0], [np.nan, np.inf, 0]])
+    with_lost = replace(data, positions=np.concatenate([data.positions, lost]))
+    expected = face_depths(build(data), 0.001, "SECOND_ORDER", "CONTROL")
+    found = face_depths(build(with_lost), 0.001, "SECOND_ORDER", "CONTROL")
+    np.testing.assert_array_equal(found.depths, expected.depths)
+    assert smallest_tolerance(build(with_lost)) == smallest_tolerance(build(data))
+
+
+def with_position(value: list[float]) -> meshes.MeshData:
+    data = meshes.cube()
+    return replace(data, positions=np.where((np.arange(8) == 3)[:, None], value, data.positions))
+
+
+BAD_MESHES: dict[str, Callable[[], meshes.MeshData]] = {
+    "nan": lambda: with_position([np.nan, 0, 0]),
+    "infinity": lambda: with_position([0, np.inf, 0]),
+    "repeated vertex": lambda: meshes.from_faces(meshes.grid(2, 1).positions, [[0, 1, 4, 3], [1, 2, 1, 4]]),
+    "repeated neighbour": lambda: meshes.from_faces(meshes.grid(2, 1).positions, [[0, 1, 4, 3], [1, 2, 5, 5]]),
+    "zero area": lambda: meshes.from_faces([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]], [[0, 1, 2, 3]]),
+    "one point": lambda: meshes.from_faces(np.ones((4, 3)), [[0, 1, 2, 3]]),
+}
+
+
+@pytest.mark.parametrize("name", BAD_MESHES)
+@every_method
+def test_bad_meshes_are_refused(name: str, method: str) -> None:
+    with pytest.raises(InvalidMeshError):
+        face_depths(build(BAD_MESHES[name]()), 0.1, method, "CONTROL")
+
+
+@every_method
+def test_a_mesh_without_faces_is_refused(method: str) -> None:
+    empty = polygon_mesh(np.zeros((2, 3)), np.zeros(0, dtype=int), np.zeros(0, dtype=int))
+    with pytest.raises(InvalidMeshError, match="no faces"):
+        face_depths(empty, 0.1, method, "CONTROL")
+
+
+def test_unknown_names_are_refused() -> None:
+    mesh = build(meshes.cube())
+    with pytest.raises(ValueError, match="NONE"):
+        face_depths(mesh, 0.1, "NONE", "CONTROL")
+    with pytest.raises(ValueError, match="NONE"):
+        face_depths(mesh, 0.1, "SECOND_ORDER", "NONE")
+    assert set(METHODS) >= {Method.SECOND_ORDER, Method.FIRST_ORDER}
+    assert set(VERTICES) == {Vertices.CONTROL, Vertices.LIMIT}
