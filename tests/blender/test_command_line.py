@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The command line, called as Blender calls it."""
+
+from __future__ import annotations
+
+import subprocess
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from tests.blender import addon, scene
+
+command_line = addon.module("command_line")
+
+SUZANNE_FACES = 500
+
+
+def run(*arguments: object) -> int:
+    return command_line.run([str(argument) for argument in arguments], program="ccdepth")
+
+
+def depths_in(path: Path) -> dict[str, list[int]]:
+    """The depths on the meshes of a .blend file, by object."""
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    meshes = [holder for holder in bpy.data.objects if holder.type == "MESH"]
+    return {holder.name: addon.depths(holder).tolist() for holder in meshes if "ccdepth" in holder.data.attributes}
+
+
+def write_mesh_file(path: Path) -> None:
+    """Suzanne alone, in a file of the path's format."""
+    scene.clear()
+    addon.select(scene.add_suzanne())
+    if path.suffix == ".blend":
+        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    else:
+        getattr(bpy.ops.wm, f"{path.suffix[1:]}_export")(filepath=str(path))
+
+
+def test_without_a_mesh_it_measures_suzanne(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run("--output", tmp_path / "suzanne.blend") == 0
+    printed = capfd.readouterr().out
+    written = depths_in(tmp_path / "suzanne.blend")["Suzanne"]
+    assert len(written) == SUZANNE_FACES
+    for depth, count in zip(*np.unique(written, return_counts=True), strict=True):
+        assert f"{depth:>8}{count:>14,}" in printed
+
+
+def test_the_depths_are_those_of_the_operator(tmp_path: Path) -> None:
+    assert run("--tolerance", "0.01", "--absolute", "--vertices", "limit", "--output", tmp_path / "out.blend") == 0
+    written = depths_in(tmp_path / "out.blend")["Suzanne"]
+    scene.clear()
+    suzanne = scene.add_suzanne()
+    addon.compute(suzanne, tolerance=0.01, vertices="LIMIT")
+    assert written == addon.depths(suzanne).tolist()
+
+
+@pytest.mark.parametrize("suffix", [".blend", ".obj", ".ply", ".stl"])
+def test_every_format_can_be_read(tmp_path: Path, suffix: str) -> None:
+    mesh = tmp_path / f"mesh{suffix}"
+    write_mesh_file(mesh)
+    assert run(mesh, "--output", tmp_path / "out.blend") == 0
+    [depths] = depths_in(tmp_path / "out.blend").values()
+    # An STL file holds triangles alone.
+    assert len(depths) == (SUZANNE_FACES if suffix != ".stl" else 968)
+
+
+def test_the_mesh_file_itself_stays_as_it_is(tmp_path: Path) -> None:
+    mesh = tmp_path / "mesh.blend"
+    write_mesh_file(mesh)
+    before = mesh.read_bytes()
+    assert run(mesh) == 0
+    assert mesh.read_bytes() == before
+
+
+def test_all_visible_meshes_of_a_file_are_measured(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for index, name in enumerate(("Shown", "Unselectable", "Hidden")):
+        holder = scene.add_suzanne()
+        holder.name = name
+        holder.hide_select = index == 1
+        holder.hide_set(index == 2)
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mesh.blend"), copy=True)
+    assert run(tmp_path / "mesh.blend", "--output", tmp_path / "out.blend") == 0
+    assert "Left out because it is hidden: Hidden" in capfd.readouterr().out
+    assert set(depths_in(tmp_path / "out.blend")) == {"Shown", "Unselectable"}
+
+
+def test_a_file_saved_in_edit_mode_is_measured(tmp_path: Path) -> None:
+    with addon.edit_mode(scene.add_suzanne()):
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mesh.blend"), copy=True)
+    assert run(tmp_path / "mesh.blend", "--output", tmp_path / "out.blend") == 0
+    assert len(depths_in(tmp_path / "out.blend")["Suzanne"]) == SUZANNE_FACES
+
+
+def test_the_settings_of_a_file_are_used_unless_others_are_given(tmp_path: Path) -> None:
+    scene.add_suzanne()
+    settings = bpy.context.scene.ccdepth
+    settings.tolerance_mode, settings.tolerance, settings.vertices = "ABSOLUTE", 0.125, "LIMIT"
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mesh.blend"), copy=True)
+    assert run(tmp_path / "mesh.blend", "--vertices", "control", "--output", tmp_path / "out.blend") == 0
+    assert depths_in(tmp_path / "out.blend")
+    settings, record = bpy.context.scene.ccdepth, bpy.data.objects["Suzanne"].data.ccdepth
+    for holder in (settings, record):
+        assert (holder.tolerance, holder.tolerance_mode, holder.vertices) == (0.125, "ABSOLUTE", "CONTROL")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--tolerance", "0"], "The tolerance must be greater than zero"),
+        (["--tolerance", "-1"], "The tolerance must be greater than zero"),
+        (["--tolerance", "nan"], "The tolerance is not a finite number"),
+        (["--tolerance", "1e-12"], "single-precision"),
+        (["nowhere.obj"], "there is no such file"),
+        (["mesh.fbx"], "not a .blend, .obj, .ply or .stl file"),
+        (["--picture", "picture.jpg"], "its name must end in .png"),
+        (["--picture", "nowhere/picture.png"], "there is no folder"),
+    ],
+)
+def test_what_cannot_be_done_is_said_and_nothing_is_written(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    assert run(*arguments, "--output", tmp_path / "out.blend") == 1
+    assert message in capfd.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("suffix", [".blend", ".obj", ".ply", ".stl"])
+def test_a_file_that_holds_no_mesh_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str], suffix: str) -> None:
+    (tmp_path / f"broken{suffix}").write_text("this is no mesh\n")
+    assert run(tmp_path / f"broken{suffix}") == 1
+    assert "ccdepth: " in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("arguments", [["--tolerance", "fine"], ["--method", "guess"], ["--unknown"]])
+def test_a_line_that_makes_no_sense_is_refused(capfd: pytest.CaptureFixture[str], arguments: list[str]) -> None:
+    assert run(*arguments) == 2
+    assert "usage: ccdepth" in capfd.readouterr().err
+
+
+def test_help_is_no_failure(capfd: pytest.CaptureFixture[str]) -> None:
+    assert run("--help") == 0
+    assert "--tolerance" in capfd.readouterr().out
+
+
+@pytest.mark.skipif(not bpy.app.binary_path, reason="needs Blender's own program")
+@pytest.mark.parametrize(("arguments", "status"), [([], 0), (["--tolerance", "0"], 1), (["--unknown"], 2)])
+def test_blender_passes_the_exit_status_on(arguments: list[str], status: int) -> None:
+    command = [bpy.app.binary_path, "-b", "--command", "ccdepth", *arguments]
+    assert subprocess.run(command, timeout=120, capture_output=True).returncode == status

@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The picture of the heat map, rendered with fewer samples than people get."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests import meshes
+from tests.blender import addon, scene
+
+picture = addon.module("picture")
+palette = addon.module("colors").palette
+
+
+@pytest.fixture(autouse=True)
+def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(picture, "SAMPLES", 2)
+
+
+def render(path: Path, *holders: bpy.types.Object) -> NDArray[np.float32]:
+    """(height, width, 3): the sRGB colours of a picture, the top row first."""
+    picture.render(bpy.context, holders, path, "Title", "Subtitle")
+    image = bpy.data.images.load(str(path))
+    pixels = np.empty(picture.WIDTH * picture.HEIGHT * 4, dtype=np.float32)
+    image.pixels.foreach_get(pixels)
+    bpy.data.images.remove(image)
+    return pixels.reshape(picture.HEIGHT, picture.WIDTH, 4)[::-1, :, :3]
+
+
+def count_color(pixels: NDArray[np.float32], color: tuple[float, ...]) -> int:
+    return int((np.abs(pixels - np.array(color)).max(axis=2) < 1.5 / 255).sum())
+
+
+def split(pixels: NDArray[np.float32]) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """The part with the objects, and the part with the legend."""
+    border = picture.WIDTH - picture.MARGIN - picture.LEGEND_WIDTH
+    return pixels[picture.TITLE_HEIGHT + picture.MARGIN :, : border - 1], pixels[:, border - 1 :]
+
+
+def contents() -> list[tuple[str, str]]:
+    kinds = ("scenes", "objects", "meshes", "curves", "cameras", "materials", "images", "worlds", "collections")
+    return [(kind, item.name) for kind in kinds for item in getattr(bpy.data, kind) if item.name != "Render Result"]
+
+
+def test_the_legend_has_the_exact_colour_of_every_depth(tmp_path: Path) -> None:
+    suzanne = scene.add_suzanne()
+    addon.compute(suzanne, tolerance=0.01)
+    _, legend = split(render(tmp_path / "picture.png", suzanne))
+    depths = addon.histogram(suzanne)
+    colors = palette(min(depths), max(depths))
+    for depth in depths:
+        assert count_color(legend, colors[depth - min(depths)]) > 500
+
+
+def test_faces_have_the_hues_of_their_depths(tmp_path: Path) -> None:
+    cube = scene.add_object(meshes.cube())
+    addon.compute(cube, tolerance=0.01)
+    objects, _ = split(render(tmp_path / "picture.png", cube))
+    [depth] = addon.histogram(cube)
+    color = np.array(palette(depth, depth)[0])
+    seen = objects[(objects.max(axis=2) - objects.min(axis=2)) > 0.2]
+    assert len(seen) > 0.05 * objects.shape[0] * objects.shape[1]
+    linear = addon.module("colors").to_linear
+    shades = linear(seen.astype(np.float64)) / linear(color)
+    # Every face is evenly darkened, by no more than the shading may take.
+    assert np.median(np.ptp(shades, axis=1)) < 0.02
+    assert picture.SHADOW - 0.02 < np.quantile(shades, 0.02)
+    assert np.quantile(shades, 0.98) < 1.02
+
+
+def test_the_file_stays_as_it_is(tmp_path: Path) -> None:
+    suzanne = scene.add_suzanne()
+    suzanne.modifiers.new("Mirror", "MIRROR")
+    scene.add_subdivision(suzanne, 1)
+    addon.compute(suzanne)
+    before, settings = contents(), bpy.context.scene.render.engine
+    render(tmp_path / "picture.png", suzanne)
+    assert contents() == before
+    assert (bpy.context.scene.render.engine, len(suzanne.modifiers)) == (settings, 2)
+
+
+def test_all_objects_are_in_the_picture_whatever_their_size(tmp_path: Path) -> None:
+    for scale in (1e-4, 1.0, 1e4):
+        cube = scene.add_object(meshes.cube())
+        cube.scale = (scale, scale, scale)
+        cube.location = (1e3 * scale, 0.0, 0.0)
+        bpy.context.view_layer.update()
+        addon.compute(cube, tolerance=0.01 * scale)
+        pixels = render(tmp_path / "picture.png", cube)
+        colorful = (pixels.max(axis=2) - pixels.min(axis=2)) > 0.2
+        rows, columns = np.flatnonzero(colorful.any(axis=1)), np.flatnonzero(colorful.any(axis=0))
+        assert rows[-1] <= picture.HEIGHT - picture.MARGIN + 2
+        assert columns[0] >= picture.MARGIN - 2
+        assert np.ptp(rows) > picture.HEIGHT / 2
+
+
+def test_without_depths_there_is_no_picture(tmp_path: Path) -> None:
+    with pytest.raises(picture.PictureError):
+        render(tmp_path / "picture.png", scene.add_suzanne())
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Runs inside the Blender whose window is tested: sets the scene, then tells again and again what it sees.
+
+The window is the test's to use; nothing here presses a button. The report goes to the file named in
+``CCDEPTH_WINDOW_REPORT``.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+import bmesh
+import bpy
+from mathutils import Euler
+
+REPORT = Path(os.environ["CCDEPTH_WINDOW_REPORT"])
+INTERVAL = 0.1
+CATEGORY = "CC Depth"
+
+
+def set_scene() -> None:
+    """Suzanne, subdivided once so that all her faces are quads, seen from the front and a little to the side."""
+    bpy.context.preferences.view.show_splash = False
+    bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes])
+    mesh = bpy.data.meshes.new("Suzanne")
+    shape = bmesh.new()
+    bmesh.ops.create_monkey(shape)
+    shape.to_mesh(mesh)
+    shape.free()
+    suzanne = bpy.data.objects.new("Suzanne", mesh)
+    bpy.context.scene.collection.objects.link(suzanne)
+    suzanne.modifiers.new("Subdivision", "SUBSURF").levels = 1
+    evaluated = suzanne.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    suzanne.data = bpy.data.meshes.new_from_object(evaluated)
+    suzanne.modifiers.clear()
+    bpy.context.view_layer.objects.active = suzanne
+    suzanne.select_set(True)
+
+
+def viewport() -> tuple[Any, Any, dict[str, Any]]:
+    """The window, the 3D View's area, and its regions by type."""
+    window = bpy.context.window_manager.windows[0]
+    area = next(area for area in window.screen.areas if area.type == "VIEW_3D")
+    return window, area, {region.type: region for region in area.regions}
+
+
+def arrange() -> None:
+    _, area, regions = viewport()
+    space = area.spaces.active
+    space.show_region_ui = True
+    overlay = space.overlay
+    overlay.show_floor = overlay.show_axis_x = overlay.show_axis_y = overlay.show_cursor = False
+    space.region_3d.view_rotation = Euler((1.35, 0.0, 0.5)).to_quaternion()
+    space.region_3d.view_location = (0.42, 0.2, 0.0)
+    space.region_3d.view_distance = 4.6
+    try:
+        regions["UI"].active_panel_category = CATEGORY
+    except AttributeError:
+        return  # The sidebar has not been drawn yet.
+
+
+def hovered_command(window: Any, area: Any, region: Any) -> str:
+    """The command of the button under the mouse, as its context menu would copy it; empty when there is none."""
+    with bpy.context.temp_override(window=window, area=area, region=region):
+        if not bpy.ops.ui.copy_python_command_button.poll():
+            return ""
+        bpy.ops.ui.copy_python_command_button()
+    return str(bpy.context.window_manager.clipboard)
+
+
+def rectangle(region: Any, window_height: int) -> list[int]:
+    """Left, top, right and bottom on the screen, counted from the top."""
+    top = window_height - region.y - region.height
+    return [region.x, top, region.x + region.width, top + region.height]
+
+
+def observe() -> dict[str, Any]:
+    window, area, regions = viewport()
+    mesh = bpy.data.objects["Suzanne"].data
+    record, attributes = mesh.ccdepth, mesh.attributes
+    return {
+        "category": getattr(regions["UI"], "active_panel_category", ""),
+        "sidebar": rectangle(regions["UI"], window.height),
+        "viewport": rectangle(regions["WINDOW"], window.height),
+        "hovered": hovered_command(window, area, regions["UI"]),
+        "has_result": record.has_result,
+        "rows": {row.depth: row.faces for row in record.rows},
+        "color_depths": [record.least_color_depth, record.deepest_color_depth],
+        "attributes": {item.name: [item.data_type, item.domain] for item in attributes if "ccdepth" in item.name},
+        "depths": [item.value for item in attributes["ccdepth"].data] if "ccdepth" in attributes else [],
+        "color_type": area.spaces.active.shading.color_type,
+    }
+
+
+def tell() -> float:
+    """Write the report in one go, so that no half of it is ever read."""
+    if viewport()[2]["UI"].width <= 1 or getattr(viewport()[2]["UI"], "active_panel_category", "") != CATEGORY:
+        arrange()
+    unfinished = REPORT.with_suffix(".unfinished")
+    unfinished.write_text(json.dumps(observe()))
+    unfinished.replace(REPORT)
+    return INTERVAL
+
+
+set_scene()
+bpy.app.timers.register(tell, first_interval=1.0)

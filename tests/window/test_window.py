@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A person presses Compute Depth: Blender's real window, the installed extension, and the mouse.
+
+``CCDEPTH_BLENDER`` names the Blender to start and ``CCDEPTH_EXTENSION`` the built extension; without them there is
+nothing to test. ``CCDEPTH_SCREENSHOT`` names a PNG file to keep what the window looks like at the end.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ccdepth_addon.colors import palette
+
+BLENDER = os.environ.get("CCDEPTH_BLENDER", "")
+EXTENSION = os.environ.get("CCDEPTH_EXTENSION", "")
+SCREENSHOT = os.environ.get("CCDEPTH_SCREENSHOT", "")
+
+WIDTH, HEIGHT = 1440, 900
+SECONDS_TO_START = 90.0
+SECONDS_TO_ANSWER = 30.0
+
+INSIDE_BLENDER = Path(__file__).with_name("inside_blender.py")
+
+# How far a button is from the next, in pixels; the mouse looks for it in smaller steps.
+SEARCH_STEP = 8
+
+pytestmark = pytest.mark.skipif(
+    not (BLENDER and EXTENSION), reason="needs CCDEPTH_BLENDER and CCDEPTH_EXTENSION: a real Blender, and the built zip"
+)
+
+Image = NDArray[np.int16]
+
+
+@dataclass
+class Window:
+    """Blender's window on a display of its own."""
+
+    display: str
+    report_path: Path
+    process: subprocess.Popen[bytes]
+
+    def report(self) -> dict[str, Any]:
+        """What Blender told last; empty before it has told anything."""
+        return json.loads(self.report_path.read_text()) if self.report_path.exists() else {}
+
+    def wait_for(self, condition: Callable[[dict[str, Any]], Any], seconds: float, what: str) -> dict[str, Any]:
+        """The first report that meets the condition."""
+        until = time.monotonic() + seconds
+        while time.monotonic() < until:
+            assert self.process.poll() is None, "Blender ended by itself"
+            report = self.report()
+            if report and condition(report):
+                return report
+            time.sleep(0.1)
+        raise AssertionError(f"waited {seconds:.0f} s in vain: {what}; the last report was {self.report()}")
+
+    def move_mouse(self, x: int, y: int) -> None:
+        self._run("xdotool", "mousemove", str(x), str(y))
+
+    def click(self) -> None:
+        """Press and release as slowly as a hand does: a faster click is not noticed."""
+        time.sleep(0.3)
+        self._run("xdotool", "mousedown", "1")
+        time.sleep(0.2)
+        self._run("xdotool", "mouseup", "1")
+
+    def look(self, path: Path) -> Image:
+        """(height, width, 3): a screenshot, which is also written to a PNG file."""
+        self._run("import", "-window", "root", str(path))
+        pixels = self._run("convert", str(path), "-depth", "8", "rgb:-")
+        return np.frombuffer(pixels, dtype=np.uint8).reshape(HEIGHT, WIDTH, 3).astype(np.int16)
+
+    def _run(self, *command: str) -> bytes:
+        environment = {**os.environ, "DISPLAY": self.display}
+        return subprocess.run(command, check=True, env=environment, stdout=subprocess.PIPE, timeout=60).stdout
+
+
+@contextmanager
+def virtual_display() -> Iterator[str]:
+    """A display without a screen; the server itself finds a free number."""
+    reading, writing = os.pipe()
+    command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", f"{WIDTH}x{HEIGHT}x24", "-nolisten", "tcp"]
+    server = subprocess.Popen(command, pass_fds=[writing], stderr=subprocess.DEVNULL)
+    os.close(writing)
+    try:
+        with os.fdopen(reading) as number:
+            yield f":{number.readline().strip()}"
+    finally:
+        server.terminate()
+        server.wait(timeout=20)
+
+
+@pytest.fixture
+def window(tmp_path: Path) -> Iterator[Window]:
+    for program in ("Xvfb", "xdotool", "import", "convert"):
+        assert shutil.which(program), f"{program} is missing: install xvfb, xdotool and imagemagick"
+    environment = {
+        **os.environ,
+        "BLENDER_USER_RESOURCES": str(tmp_path / "resources"),
+        "CCDEPTH_WINDOW_REPORT": str(tmp_path / "report.json"),
+        "LIBGL_ALWAYS_SOFTWARE": "1",
+    }
+    install = [BLENDER, "--command", "extension", "install-file", "-e", "-r", "user_default", EXTENSION]
+    subprocess.run(install, check=True, env=environment, timeout=120)
+    with virtual_display() as display, (tmp_path / "blender.log").open("wb") as log:
+        command = [BLENDER, "-p", "0", "0", str(WIDTH), str(HEIGHT), "--python", str(INSIDE_BLENDER)]
+        process = subprocess.Popen(command, env={**environment, "DISPLAY": display}, stdout=log, stderr=log)
+        try:
+            yield Window(display, tmp_path / "report.json", process)
+        finally:
+            process.kill()
+            process.wait(timeout=20)
+            print((tmp_path / "blender.log").read_text(errors="replace")[-4000:])
+
+
+def find_button(window: Window, sidebar: list[int], command: str) -> None:
+    """Move the mouse down the sidebar until the button of that command is under it."""
+    left, top, right, bottom = sidebar
+    for y in range(top + SEARCH_STEP, bottom, SEARCH_STEP):
+        window.move_mouse((left + right) // 2, y)
+        time.sleep(0.25)
+        if command in window.report()["hovered"]:
+            return
+    raise AssertionError(f"there is no button for {command} in the sidebar")
+
+
+def count_color(image: Image, color: tuple[float, ...]) -> int:
+    """How many pixels have this sRGB colour, give or take rounding."""
+    return int((np.abs(image - np.array(color) * 255).max(axis=2) <= 1.5).sum())
+
+
+def colorful_part(image: Image) -> float:
+    """The part of the pixels that are clearly not grey, however dark."""
+    brightest = image.max(axis=2)
+    return float((brightest - image.min(axis=2) > np.maximum(0.3 * brightest, 15)).mean())
+
+
+def test_a_click_on_compute_depth_shows_the_heat_map(window: Window, tmp_path: Path) -> None:
+    started = window.wait_for(lambda report: report["category"] == "CC Depth", SECONDS_TO_START, "the CC Depth tab")
+    assert not started["has_result"]
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.compute")
+    before = window.look(tmp_path / "before.png")
+
+    window.click()
+    report = window.wait_for(lambda report: report["has_result"], SECONDS_TO_ANSWER, "a result")
+    window.move_mouse(started["viewport"][0] + 300, started["viewport"][3] - 100)
+    time.sleep(2.0)
+    picture = Path(SCREENSHOT or tmp_path / "after.png")
+    after = window.look(picture)
+
+    assert report["attributes"] == {
+        "ccdepth": ["INT", "FACE"],
+        "ccdepth_bound": ["FLOAT", "FACE"],
+        "ccdepth_color": ["FLOAT_COLOR", "CORNER"],
+    }
+    depths, counts = np.unique(report["depths"], return_counts=True)
+    assert report["rows"] == {str(depth): count for depth, count in zip(depths, counts, strict=True)}
+    assert len(depths) > 3
+    assert report["color_type"] == "VERTEX"
+
+    left, top, right, bottom = report["viewport"]
+    right = report["sidebar"][0]
+    seen_before, seen = before[top:bottom, left:right], after[top:bottom, left:right]
+    assert colorful_part(seen) > colorful_part(seen_before) + 0.05, "no heat map in the viewport"
+    least, deepest = report["color_depths"]
+    colors = palette(least, deepest)
+    for depth in depths:
+        assert count_color(seen, colors[depth - least]) > 100, f"no swatch of depth {depth} in the legend"
+        assert count_color(seen_before, colors[depth - least]) < 100
