@@ -20,10 +20,12 @@ from .bounds import Vertices, second_order_extraordinary, support_bounds
 from .catmull_clark import limit_positions
 from .facets import LaterBounds, facet_error, later_bounds, sampled_error
 from .mesh import FloatArray, IndexArray, PolygonMesh
-from .patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
+from .norms import ring_index
+from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from .refinement import Refinement, split
 from .search import FaceBlock, Question
 from .splines import HALVES, SPLINE_HALVES, bilinear_coefficients, both_ways, largest_norm, patch_coefficients
+from .stencils import PatchStencils, apply_stencils, patch_stencils
 
 REGULAR_FACES_AT_ONCE = 1 << 13
 OTHER_FACES_AT_ONCE = 1 << 11
@@ -33,6 +35,9 @@ OTHER_FACES_AT_ONCE = 1 << 11
 NET_SPLITS = 3
 BLOCK_SPLITS = 6
 REFINEMENTS = 12
+
+# The stencils of a valence are a square matrix of 2n + 8 rows; beyond this the mesh itself is refined.
+LARGEST_STENCIL_VALENCE = 512
 
 BoolArray = NDArray[np.bool_]
 
@@ -62,6 +67,36 @@ class _Patches:
         if np.all(kept):
             return self
         return _Patches(self.level, self.bases[kept], self.nets.compress(kept, axis=2))
+
+
+@dataclass
+class _ExtraordinaryPatches:
+    """Extraordinary patches of one valence at the level that is asked about: (P,) base faces, (2n + 8, P, 3) nets."""
+
+    bases: IndexArray
+    nets: FloatArray
+
+    @property
+    def stencils(self) -> PatchStencils:
+        return patch_stencils((len(self.nets) - 8) // 2)
+
+    def at(self, chosen: IndexArray) -> _ExtraordinaryPatches:
+        """Some of them, by index."""
+        return _ExtraordinaryPatches(self.bases[chosen], self.nets.take(chosen, axis=1))
+
+    def corners(self, vertices: Vertices) -> FloatArray:
+        """(4, P, 3): the corners of their facets, in the face's order."""
+        if vertices is Vertices.LIMIT:
+            return apply_stencils(self.stencils.limits, self.nets)
+        valence = (len(self.nets) - 8) // 2
+        return self.nets[[0, *(ring_index(valence, number) for number in (6, 5, 4))]]
+
+    def refined(self) -> tuple[_ExtraordinaryPatches, IndexArray, FloatArray]:
+        """The children at the extraordinary vertices; the bases (3P,) and nets (4, 4, 3P, 3) of the regular ones."""
+        regular = apply_stencils(self.stencils.regular, self.nets).reshape(3, 4, 4, -1, 3)
+        regular = np.moveaxis(regular, 0, 2).reshape(4, 4, -1, 3)
+        refined = _ExtraordinaryPatches(self.bases, apply_stencils(self.stencils.refined, self.nets))
+        return refined, np.tile(self.bases, 3), regular
 
 
 @dataclass
@@ -100,6 +135,7 @@ class _Search:
     faces: IndexArray
     patches: list[_Patches]
     refinement: Refinement | None
+    extraordinary: list[_ExtraordinaryPatches] = field(default_factory=list)
 
     def run(self) -> Iterator[FaceBlock]:
         block = FaceBlock.undecided(self.faces)
@@ -109,6 +145,8 @@ class _Search:
             verdict = _Verdict.of(self.question, wanted)
             self._take_patches(level)
             self._ask_patches(verdict, level)
+            for patches in self.extraordinary:
+                self._ask_extraordinary(verdict, patches, patches.corners(self.vertices))
             self._ask_refinement(verdict)
             self._ask_blocks(verdict)
             settled = verdict.wanted & np.isfinite(verdict.upper)
@@ -116,23 +154,31 @@ class _Search:
             # A level that was neither proved nor disproved leaves the depth above it without proof of being the least.
             block.exact[verdict.wanted & ~settled] = False
             wanted &= ~settled
-            self.patches = [patches.of(wanted) for patches in self.patches]
-            if self.refinement is not None:
-                self.refinement = self.refinement.of(wanted).refined()
+            self._descend(wanted, level)
             level += 1
             yield FaceBlock.empty()
         yield block
 
+    def _descend(self, wanted: BoolArray, level: int) -> None:
+        """Go from a level to the next with the wanted base faces."""
+        self.patches = [patches.of(wanted) for patches in self.patches]
+        kept = (patches.at(np.flatnonzero(wanted[patches.bases])) for patches in self.extraordinary)
+        self.extraordinary = []
+        for patches in kept:
+            refined, bases, nets = patches.refined()
+            self.extraordinary.append(refined)
+            self.patches.append(_Patches(level + 1, bases, nets))
+        if self.refinement is not None:
+            self.refinement = self.refinement.of(wanted).refined()
+
     def _take_patches(self, level: int) -> None:
-        """Move the refinement's regular faces to the patches."""
-        refinement = self.refinement
-        if refinement is None or not len(refinement.bases):
+        """Move the refinement's regular and extraordinary faces to the patches."""
+        if self.refinement is None or not len(self.refinement.bases):
             return
-        regular = classify_patches(refinement.mesh).kinds[: len(refinement.bases)] == PatchKind.REGULAR
-        found = np.flatnonzero(regular)
-        if len(found):
-            self.patches.append(_Patches(level, refinement.bases[found], regular_nets(refinement.mesh, found)))
-            self.refinement = refinement.keep(~regular)
+        sorted_out = _sort_out(self.refinement)
+        self.patches.append(_Patches(level, sorted_out.regular_bases, sorted_out.regular_nets()))
+        self.extraordinary += [patches for patches, _ in sorted_out.extraordinary()]
+        self.refinement = self.refinement.keep(sorted_out.rest)
 
     def _ask_patches(self, verdict: _Verdict, level: int) -> None:
         for patches in self.patches:
@@ -172,21 +218,35 @@ class _Search:
         lower[high] = sampled_error(nets.take(high, axis=2), self.vertices, levels)
         return np.flatnonzero(verdict.hear(bases, upper, lower))
 
+    def _ask_extraordinary(self, verdict: _Verdict, patches: _ExtraordinaryPatches, facets: FloatArray) -> None:
+        """Ask extraordinary patches about facets over them, (4, P, 3), refining them further while in doubt."""
+        for _ in range(REFINEMENTS):
+            if not len(patches.bases):
+                return
+            gaps = largest_norm(facets - patches.corners(Vertices.LIMIT))
+            last = second_order_extraordinary(patches.nets, Vertices.LIMIT).value
+            doubtful = np.flatnonzero(verdict.hear(patches.bases, gaps + last, gaps))
+            patches, bases, nets = patches.at(doubtful).refined()
+            of_children = _facets_of_quads(facets.take(doubtful, axis=1))
+            facets = of_children[:, 0]
+            regular_facets = of_children[:, 1:].reshape(4, -1, 3)
+            verdict.open_blocks.append((bases, patch_coefficients(nets) - bilinear_coefficients(regular_facets)))
+        verdict.give_up(patches.bases)
+
     def _ask_refinement(self, verdict: _Verdict) -> None:
-        """Ask the faces that are not regular at this level, refining them further while in doubt."""
+        """Ask the faces that are neither regular nor extraordinary, refining them further while in doubt."""
         if self.refinement is None:
             return
         refinement = self.refinement.of(verdict.wanted)
         facets = self._vertices_of(refinement)
-        for extra in range(REFINEMENTS):
+        for _ in range(REFINEMENTS):
             if not len(refinement.bases):
                 return
-            if extra or np.all(refinement.mesh.face_sizes[: len(refinement.bases)] == 4):
-                gaps = largest_norm(self._quads(refinement, facets) - self._quads(refinement, _limits_of(refinement)))
-                upper = gaps + _last_bounds(refinement)
-                doubtful = verdict.hear(refinement.bases, upper, gaps)
-                kept_corners = np.repeat(doubtful, 4)
-                refinement, facets = refinement.keep(doubtful), facets[kept_corners]
+            if np.all(refinement.mesh.face_sizes == 4):
+                gaps = largest_norm(_quads(facets) - _quads(_limits_of(refinement)))
+                last = support_bounds(refinement.mesh, Vertices.LIMIT)[: len(refinement.bases)]
+                doubtful = verdict.hear(refinement.bases, gaps + last, gaps)
+                refinement, facets = refinement.keep(doubtful), facets[np.repeat(doubtful, 4)]
             refinement, facets = self._refine(verdict, refinement, facets)
         verdict.give_up(refinement.bases)
 
@@ -196,24 +256,20 @@ class _Search:
             return _limits_of(refinement)
         return refinement.mesh.positions[_corner_vertices(refinement)]
 
-    @staticmethod
-    def _quads(refinement: Refinement, corners: FloatArray) -> FloatArray:
-        """(4, P, 3) from (4P, 3)."""
-        return corners.reshape(-1, 4, 3).swapaxes(0, 1)
-
     def _refine(self, verdict: _Verdict, refinement: Refinement, facets: FloatArray) -> tuple[Refinement, FloatArray]:
-        """The children that are not regular, with the facets over them; regular ones become open blocks."""
+        """The children that are no patches, with the facets over them; the patches among them are asked at once."""
         if not len(refinement.bases):
             return refinement, facets
-        facets = _facets_of_children(refinement, facets)
+        facets = _facets_of_faces(refinement, facets)
         refinement = refinement.refined()
-        regular = classify_patches(refinement.mesh).kinds[: len(refinement.bases)] == PatchKind.REGULAR
-        found = np.flatnonzero(regular)
-        values = patch_coefficients(regular_nets(refinement.mesh, found))
-        blocks = values - bilinear_coefficients(facets.take(found, axis=1))
-        verdict.open_blocks.append((refinement.bases[found], blocks))
-        rest = ~regular
-        return refinement.keep(rest), facets.compress(rest, axis=1).swapaxes(0, 1).reshape(-1, 3)
+        sorted_out = _sort_out(refinement)
+        blocks = patch_coefficients(sorted_out.regular_nets())
+        blocks -= bilinear_coefficients(facets.take(sorted_out.regular, axis=1))
+        verdict.open_blocks.append((sorted_out.regular_bases, blocks))
+        for patches, faces in sorted_out.extraordinary():
+            self._ask_extraordinary(verdict, patches, facets[sorted_out.corners_from_extraordinary(faces), faces])
+        rest = facets.compress(sorted_out.rest, axis=1)
+        return refinement.keep(sorted_out.rest), rest.swapaxes(0, 1).reshape(-1, 3)
 
     def _ask_blocks(self, verdict: _Verdict) -> None:
         """Ask the differences S - L that are in Bernstein form: (4, 4, P, 3) blocks."""
@@ -231,7 +287,9 @@ class _Search:
                 rows = values.reshape(16, -1, 3)
                 doubtful = verdict.hear(bases, largest_norm(rows), largest_norm(rows[[0, 3, 12, 15]]))
                 if np.any(doubtful):
-                    remaining.append((np.tile(bases[doubtful], 4), both_ways(HALVES, values.compress(doubtful, axis=2))))
+                    remaining.append(
+                        (np.tile(bases[doubtful], 4), both_ways(HALVES, values.compress(doubtful, axis=2)))
+                    )
             blocks = remaining
         for bases, _ in blocks:
             verdict.give_up(bases)
@@ -247,24 +305,64 @@ def _limits_of(refinement: Refinement) -> FloatArray:
     return limit_positions(refinement.mesh)[_corner_vertices(refinement)]
 
 
-def _last_bounds(refinement: Refinement) -> FloatArray:
-    """(P,) ‖L̂ - S‖ at most for the descendants' own facets with limit vertices: a norm's bound or the support's."""
+@dataclass(frozen=True)
+class _SortedOut:
+    """The descendants in a refinement by the kind of their patch."""
+
+    refinement: Refinement
+    kinds: PatchKinds
+    regular: IndexArray
+    rest: BoolArray
+
+    @property
+    def regular_bases(self) -> IndexArray:
+        return self.refinement.bases[self.regular]
+
+    def regular_nets(self) -> FloatArray:
+        return regular_nets(self.refinement.mesh, self.regular)
+
+    def extraordinary(self) -> Iterator[tuple[_ExtraordinaryPatches, IndexArray]]:
+        """The extraordinary ones, valence by valence, and which of the descendants they are."""
+        mesh = self.refinement.mesh
+        faces = np.flatnonzero(~self.rest)
+        faces = faces[self.kinds.kinds[faces] == PatchKind.EXTRAORDINARY]
+        corners = self.kinds.extraordinary_corners[faces]
+        valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
+        for valence in np.unique(valences).tolist():
+            of_valence = valences == valence
+            nets = extraordinary_nets(mesh, corners[of_valence], valence)
+            yield _ExtraordinaryPatches(self.refinement.bases[faces[of_valence]], nets), faces[of_valence]
+
+    def corners_from_extraordinary(self, faces: IndexArray) -> IndexArray:
+        """(4, P): the corners 0 to 3 of extraordinary faces, from the extraordinary one on as in their nets."""
+        first = self.kinds.extraordinary_corners[faces] - self.refinement.mesh.face_starts[faces]
+        return (first + np.arange(4)[:, None]) % 4
+
+
+def _sort_out(refinement: Refinement) -> _SortedOut:
     mesh = refinement.mesh
-    count = len(refinement.bases)
-    all_quads = np.all(mesh.face_sizes == 4)
-    bounds = support_bounds(mesh, Vertices.LIMIT)[:count] if all_quads else np.full(count, np.inf)
-    patches = classify_patches(mesh)
-    extraordinary = np.flatnonzero(patches.kinds[:count] == PatchKind.EXTRAORDINARY)
-    corners = patches.extraordinary_corners[extraordinary]
-    valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
-    for valence in np.unique(valences).tolist():
-        of_valence = valences == valence
-        nets = extraordinary_nets(mesh, corners[of_valence], valence)
-        bounds[extraordinary[of_valence]] = second_order_extraordinary(nets, Vertices.LIMIT).value
-    return bounds
+    kinds = classify_patches(mesh)
+    own = kinds.kinds[: len(refinement.bases)]
+    extraordinary = np.flatnonzero(own == PatchKind.EXTRAORDINARY)
+    valences = mesh.vertex_face_counts[mesh.corner_vertices[kinds.extraordinary_corners[extraordinary]]]
+    rest = own == PatchKind.IRREGULAR
+    rest[extraordinary[valences > LARGEST_STENCIL_VALENCE]] = True
+    return _SortedOut(refinement, kinds, np.flatnonzero(own == PatchKind.REGULAR), rest)
 
 
-def _facets_of_children(refinement: Refinement, facets: FloatArray) -> FloatArray:
+def _quads(corners: FloatArray) -> FloatArray:
+    """(4, P, 3) from (4P, 3)."""
+    return corners.reshape(-1, 4, 3).swapaxes(0, 1)
+
+
+def _facets_of_quads(facets: FloatArray) -> FloatArray:
+    """(4, 4, P, 3): bilinear facets (4, P, 3) restricted to the children: [corner of the child, child, facet]."""
+    middles = (facets + facets[[1, 2, 3, 0]]) / 2
+    centres = np.broadcast_to(facets.mean(axis=0), facets.shape)
+    return np.stack([facets, middles, centres, middles[[3, 0, 1, 2]]])
+
+
+def _facets_of_faces(refinement: Refinement, facets: FloatArray) -> FloatArray:
     """(4, C, 3): the facet of each face, given at its corners (C, 3), restricted to its children.
 
     An n-gon's facet is the fan of quads over corner, edge midpoint, centroid and edge midpoint.

@@ -5,7 +5,7 @@ Derivations: docs/methods.md, Certified. With A = S_uu, B = S_vv, R = S_uuvv for
 place in a facet j levels after the patch's own,
 
     control vertices:  L - S = -(h²/6)(αA* + βB*) + (h⁴/36)αβR*,   α = (1-s)³ + s³,  β likewise in t, both in [1/4, 1]
-    limit vertices:    L - S = -(h²/8)(αA* + βB*) - (h⁴/64)αβR*,   α = 4s(1-s),      β likewise in t, both in [0, 1]
+    limit vertices:    L - S =  (h²/8)(αA* + βB*) + (h⁴/64)αβR*,   α = 4s(1-s),      β likewise in t, both in [0, 1]
 
 the stars marking places inside the same facet, off by at most ``MISMATCH`` of h in units of the weight.
 """

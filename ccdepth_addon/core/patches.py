@@ -81,7 +81,8 @@ def _classify_corners(mesh: PolygonMesh) -> tuple[BoolArray, BoolArray]:
     sharp_in = sharp_out[mesh.previous_corner]
 
     smooth = settled & quads_only & (rules == VertexRule.SMOOTH)
-    crease = settled & (rules == VertexRule.CREASE) & (sharp_out != sharp_in) & _next_sector_edge_sharp(mesh, sharp_out)
+    crease = settled & (rules == VertexRule.CREASE) & (sharp_out != sharp_in)
+    crease[crease] = _next_sector_edge_sharp(mesh, np.flatnonzero(crease), sharp_out)
     fixed = settled & (rules == VertexRule.CORNER) & sharp_out & sharp_in
     regular = (smooth & (valence == 4)) | crease | fixed
     return regular, smooth & ((valence == 3) | (valence >= 5))
@@ -94,12 +95,12 @@ def _touches_other_than_quads(mesh: PolygonMesh) -> BoolArray:
     return touched
 
 
-def _next_sector_edge_sharp(mesh: PolygonMesh, sharp_out: BoolArray) -> BoolArray:
-    """(C,) bool: across the corner's one smooth edge lies a quad whose other edge at the vertex is sharp."""
-    across_out = mesh.next_corner[mesh.twin]
-    across_in = mesh.twin[mesh.previous_corner]
-    neighbour = np.where(sharp_out, across_in, across_out)
-    other_edge = np.where(sharp_out, mesh.previous_corner[neighbour], neighbour)
+def _next_sector_edge_sharp(mesh: PolygonMesh, corners: IndexArray, sharp_out: BoolArray) -> BoolArray:
+    """(corners,) bool: across the corner's one smooth edge lies a quad whose other edge at the vertex is sharp."""
+    across_out = mesh.next_corner[mesh.twin[corners]]
+    across_in = mesh.twin[mesh.previous_corner[corners]]
+    neighbour = np.where(sharp_out[corners], across_in, across_out)
+    other_edge = np.where(sharp_out[corners], mesh.previous_corner[neighbour], neighbour)
     return sharp_out[other_edge] & (mesh.face_sizes[mesh.corner_faces[neighbour]] == 4)
 
 
