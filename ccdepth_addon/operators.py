@@ -9,6 +9,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
 
 from . import fingerprint, heat_map, properties, results, selection, staleness
 from .computation import Calculation, ComputeError, MeshDepths, Settings, as_typed, count_faces, prepare
+from .object_state import object_state
 
 # Seconds of work before the interface gets control back: once at the start, and then again and again.
 PATIENCE_AT_START = 0.5
@@ -149,9 +150,7 @@ class CCDEPTH_OT_compute(bpy.types.Operator):
             return {"CANCELLED"}
         color_depths = [depth for answer in answers for depth in (answer.least, answer.deepest)]
         objects = [[bpy.data.objects[name] for name in answer.task.object_names] for answer in answers]
-        states = [
-            [fingerprint.object_state(user, use_modifiers=self.use_modifiers) for user in users] for users in objects
-        ]
+        states = [[object_state(user, use_modifiers=self.use_modifiers) for user in users] for users in objects]
         for answer, users, described in zip(answers, objects, states, strict=True):
             mesh = users[0].data
             results.write_result(mesh, answer, calculation.settings, min(color_depths), max(color_depths))

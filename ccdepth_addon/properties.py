@@ -148,10 +148,10 @@ class DepthRow(bpy.types.PropertyGroup):
 
 
 class Contributor(bpy.types.PropertyGroup):
-    """One object the result was computed for: its scale as AᵀA (upper triangle), and a digest of its modifiers."""
+    """One object the result was computed for: its scale as AᵀA (upper triangle), and a checksum of the rest."""
 
     gram: FloatVectorProperty(size=6)
-    modifiers: StringProperty()
+    checksum: StringProperty()
 
 
 class MeshRecord(bpy.types.PropertyGroup):

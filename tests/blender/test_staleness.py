@@ -186,6 +186,47 @@ def test_a_pose_a_modifier_depends_on() -> None:
     assert stale_line(holder) == MESH_LINE
 
 
+@pytest.fixture
+def stretched() -> bpy.types.Object:
+    """Suzanne with Geometry Nodes that scale it by their input, within a node group of its own."""
+    inner = bpy.data.node_groups.new("Inner", "GeometryNodeTree")
+    outer = bpy.data.node_groups.new("Outer", "GeometryNodeTree")
+    for tree, make in ((inner, "GeometryNodeTransform"), (outer, "GeometryNodeGroup")):
+        tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+        tree.interface.new_socket("Scale", in_out="INPUT", socket_type="NodeSocketVector").default_value = (1, 1, 1)
+        tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+        start, node, end = (tree.nodes.new(kind) for kind in ("NodeGroupInput", make, "NodeGroupOutput"))
+        if tree is outer:
+            node.node_tree = inner
+        tree.links.new(start.outputs["Geometry"], node.inputs["Geometry"])
+        tree.links.new(start.outputs["Scale"], node.inputs["Scale"])
+        tree.links.new(node.outputs["Geometry"], end.inputs["Geometry"])
+    holder = scene.add_suzanne()
+    holder.modifiers.new("Nodes", "NODES").node_group = outer
+    addon.compute(holder)
+    assert stale_line(holder) == ""
+    return holder
+
+
+def test_inputs_of_geometry_nodes(stretched: bpy.types.Object) -> None:
+    modifier = stretched.modifiers["Nodes"]
+    if hasattr(modifier, "properties"):
+        modifier.properties.inputs.Socket_1.value = (1.0, 2.0, 1.0)
+    else:
+        modifier["Socket_1"] = (1.0, 2.0, 1.0)
+    stretched.update_tag()
+    assert stale_line(stretched) == MESH_LINE
+
+
+def test_geometry_nodes_within_a_group(stretched: bpy.types.Object) -> None:
+    inner = bpy.data.node_groups["Inner"]
+    transform = next(node for node in inner.nodes if node.bl_idname == "GeometryNodeTransform")
+    transform.location.x += 100.0
+    assert stale_line(stretched) == ""
+    transform.inputs["Translation"].default_value = (0.0, 0.0, 1.0)
+    assert stale_line(stretched) == MESH_LINE
+
+
 def test_shape_keys() -> None:
     holder = scene.add_suzanne()
     holder.shape_key_add(name="Basis")
