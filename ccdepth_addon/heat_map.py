@@ -37,6 +37,12 @@ def synchronise(context: bpy.types.Context) -> None:
     redraw_viewports(context)
 
 
+def restore_viewports() -> None:
+    """Put every viewport back, whatever there is to show."""
+    for shading in _shadings():
+        _switch(shading, False)
+
+
 def _shadings() -> Iterator[bpy.types.View3DShading]:
     for screen in bpy.data.screens:
         for area in screen.areas:

@@ -21,9 +21,13 @@ NAVIGATION_EVENTS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MOUSEMOVE
 
 
 def meshes_meant(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The mesh objects an operator works on: in Edit Mode those in it, else the selected ones, or the active one."""
+    """The mesh objects an operator works on: the selected ones, or the active one when nothing is selected.
+
+    In Edit Mode they are those in it, and selected ones that share a mesh with them: undo covers no others there.
+    """
     if context.mode == "EDIT_MESH":
-        return [obj for obj in context.objects_in_mode if obj.type == "MESH"]
+        edited = dict.fromkeys([*context.objects_in_mode, *context.selected_objects])
+        return [obj for obj in edited if obj.type == "MESH" and obj.data.is_editmode]
     active = context.active_object
     candidates = context.selected_objects or ([] if active is None else [active])
     return [obj for obj in candidates if obj.type == "MESH"]

@@ -35,6 +35,11 @@ METHOD_TEXTS = {
         "Certified",
         "The least depth that can be proved from the mesh itself, on nearly all faces the least that is true",
     ),
+    "SHARP": (
+        "Sharp",
+        "Depth from second differences of the control points, with the least factors that hold for every mesh; "
+        "far lower around poles than as published",
+    ),
     "SECOND_ORDER": (
         "Second Order (Published)",
         "Depth from second differences of the control points, after Cheng, Chen and Yong (2006)",
@@ -197,6 +202,8 @@ def register() -> None:
 
 
 def unregister() -> None:
+    # Without these properties nobody would know any more what the viewports were like.
+    heat_map.restore_viewports()
     del bpy.types.View3DShading.ccdepth
     del bpy.types.Mesh.ccdepth
     del bpy.types.Scene.ccdepth

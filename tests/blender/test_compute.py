@@ -151,6 +151,18 @@ def test_edit_mode_sees_what_is_being_edited_and_stays() -> None:
     assert not [mesh for mesh in bpy.data.meshes if mesh not in (first.data, second.data)]
 
 
+def test_edit_mode_counts_in_duplicates_of_what_is_being_edited() -> None:
+    first, large = scene.add_suzanne(), scene.add_object(meshes.cube())
+    large.data = first.data
+    large.scale = (5.0, 5.0, 5.0)
+    addon.compute(first, large, tolerance=TOLERANCE)
+    found = addon.depths(first)
+    bpy.ops.ccdepth.clear()
+    with addon.edit_mode(large, first):
+        bpy.ops.ccdepth.compute(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE")
+    np.testing.assert_array_equal(addon.depths(first), found)
+
+
 def test_edit_mode_and_object_mode_write_the_same() -> None:
     holder = scene.add_suzanne()
     addon.compute(holder, tolerance=TOLERANCE)

@@ -67,6 +67,17 @@ def test_hidden_results_do_not_keep_the_viewports() -> None:
     assert color_types() == before
 
 
+def test_viewports_are_restored_when_the_addon_goes() -> None:
+    before = color_types()
+    addon.compute(scene.add_suzanne())
+    module = addon.module("properties")
+    module.unregister()
+    try:
+        assert color_types() == before
+    finally:
+        module.register()
+
+
 def test_the_heat_map_can_be_switched_off_and_on() -> None:
     before = color_types()
     holder = scene.add_suzanne()
