@@ -75,7 +75,7 @@ class CCDEPTH_PT_results(bpy.types.Panel):
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
     """What to tell of a result that no longer fits; empty when it does."""
     if staleness.is_stale(mesh):
-        return "Out of date: the mesh has changed"
+        return "Out of date: mesh changed"
     record = mesh.ccdepth
     tolerance = settings.relative_tolerance if settings.tolerance_mode == "RELATIVE" else settings.tolerance
     # Both as the decimals they were typed as: one has been through single precision once more than the other.
@@ -87,7 +87,7 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
         record.vertices,
         record.use_modifiers,
     )
-    return "" if asked == answered else "Out of date: the settings have changed"
+    return "" if asked == answered else "Out of date: settings changed"
 
 
 def _draw_stale_line(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> None:

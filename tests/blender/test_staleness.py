@@ -12,8 +12,8 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene
 
-MESH_LINE = "Out of date: the mesh has changed"
-SETTINGS_LINE = "Out of date: the settings have changed"
+MESH_LINE = "Out of date: mesh changed"
+SETTINGS_LINE = "Out of date: settings changed"
 
 
 def stale_line(holder: bpy.types.Object) -> str:
