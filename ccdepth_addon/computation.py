@@ -69,7 +69,8 @@ class MeshTask:
 class MeshDepths:
     """The answer for one mesh.
 
-    depths: (F,) int32; bounds: (F,) float64, lengths in the scene. world_tolerance: the least of the tolerances in
+    depths: (F,) int32; bounds: (F,) float64, lengths in the scene. exact: (F,) bool, whether the depth is proved to be
+    the least. world_tolerance: the least of the tolerances in
     force, a length. control_faces, control_corners: of the control mesh, the largest one. added_faces: how many faces
     the modifiers add that come from no face of the mesh, and added_deepest, the deepest depth among them. taken_faces:
     how many of the mesh's faces the modifiers take away; their depth and bound are 0.
@@ -78,6 +79,7 @@ class MeshDepths:
     task: MeshTask
     depths: NDArray[np.int32]
     bounds: FloatArray
+    exact: NDArray[np.bool_]
     world_tolerance: float
     control_faces: int
     control_corners: int
@@ -261,6 +263,7 @@ class _Answer:
         self.task = task
         self.depths = np.zeros(task.face_count, dtype=np.int32)
         self.bounds = np.zeros(task.face_count)
+        self.exact = np.ones(task.face_count, dtype=bool)
         self.present = np.zeros(task.face_count, dtype=bool)
         self.control_faces = self.control_corners = self.added_faces = self.added_deepest = 0
 
@@ -270,12 +273,14 @@ class _Answer:
         if control.base_faces is None:
             np.maximum(self.depths, result.depths, out=self.depths)
             np.maximum(self.bounds, result.bounds, out=self.bounds)
+            self.exact &= result.exact
             self.present[:] = True
             return
         known = control.base_faces != NO_ORIGIN
         faces = control.base_faces[known]
         np.maximum.at(self.depths, faces, result.depths[known])
         np.maximum.at(self.bounds, faces, result.bounds[known])
+        self.exact[faces[~result.exact[known]]] = False
         self.present[faces] = True
         self.added_faces += int(np.count_nonzero(~known))
         self.added_deepest = max(self.added_deepest, int(result.depths[~known].max(initial=0)))
@@ -285,6 +290,7 @@ class _Answer:
             task=self.task,
             depths=self.depths,
             bounds=self.bounds,
+            exact=self.exact,
             world_tolerance=min(measurement.surface.tolerance for measurement in self.task.measurements),
             control_faces=self.control_faces,
             control_corners=self.control_corners,

@@ -101,18 +101,28 @@ def _draw_stale_line(layout: bpy.types.UILayout, settings: bpy.types.PropertyGro
 def _draw_numbers(layout: bpy.types.UILayout, scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> None:
     unit = scene.unit_settings
     length = bpy.utils.units.to_string(unit.system, "LENGTH", record.world_tolerance * unit.scale_length, precision=5)
-    column = layout.column(align=True)
-    for name, value in (
+    numbers = [
         ("Faces", f"{record.faces:,}"),
         ("Deepest Depth", str(record.deepest)),
         ("Tolerance", length if unit.system != "NONE" else f"{record.world_tolerance:.4g}"),
         ("Uniform Faces", count_text(int(record.uniform_faces))),
-    ):
+    ]
+    if record.method == "CERTIFIED":
+        numbers.append(("Depth Is Exact", exact_text(record.exact_faces, record.faces)))
+    column = layout.column(align=True)
+    for name, value in numbers:
         split = column.split(factor=0.45)
         label = split.row()
         label.alignment = "RIGHT"
         label.label(text=name)
         split.label(text=value)
+
+
+def exact_text(exact: int, faces: int) -> str:
+    """On how many faces no lesser depth would do; never rounded up to all of them."""
+    if exact == faces:
+        return "On all faces"
+    return f"On {min(100 * exact / faces, 99.9):.1f} % of faces"
 
 
 def count_text(count: int) -> str:

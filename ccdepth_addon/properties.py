@@ -171,6 +171,7 @@ class MeshRecord(bpy.types.PropertyGroup):
     use_modifiers: BoolProperty()
     version: StringProperty(description="The version of CC Depth that computed it")
     faces: IntProperty()
+    exact_faces: IntProperty(description="Faces whose depth is proved to be the least that is enough")
     deepest: IntProperty()
     least_color_depth: IntProperty(description="The depth shown in the first colour of the heat map")
     deepest_color_depth: IntProperty(description="The depth shown in the last colour of the heat map")

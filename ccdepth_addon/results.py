@@ -72,7 +72,7 @@ def write_result(
     """Put the answer on its mesh: attributes, with the heat map's colours between these two depths, and record."""
     color_depths = range(least_color_depth, deepest_color_depth + 1)
     palette = to_linear(depth_colors(color_depths, least_color_depth, deepest_color_depth))
-    _write_attributes(mesh, answer.depths, answer.bounds, palette[answer.depths - least_color_depth])
+    _write_attributes(mesh, answer.depths, rounded_up(answer.bounds), palette[answer.depths - least_color_depth])
     record = mesh.ccdepth
     record.has_result = True
     record.tolerance = settings.tolerance
@@ -83,6 +83,7 @@ def write_result(
     record.use_modifiers = settings.use_modifiers
     record.version = VERSION
     record.faces = len(answer.depths)
+    record.exact_faces = int(np.count_nonzero(answer.exact))
     record.deepest = answer.deepest
     record.least_color_depth = least_color_depth
     record.deepest_color_depth = deepest_color_depth
@@ -94,8 +95,14 @@ def write_result(
         row.depth, row.faces = depth, int(counts[depth])
 
 
+def rounded_up(bounds: FloatArray) -> NDArray[np.float32]:
+    """In single precision, and not below: a bound has to stay one."""
+    single = bounds.astype(np.float32)
+    return np.where(single < bounds, np.nextafter(single, np.float32(np.inf)), single)
+
+
 def _write_attributes(
-    mesh: bpy.types.Mesh, depths: NDArray[np.int32], bounds: FloatArray, linear_colors: FloatArray
+    mesh: bpy.types.Mesh, depths: NDArray[np.int32], bounds: NDArray[np.float32], linear_colors: FloatArray
 ) -> None:
     """Write the attributes: depths and bounds (F,), and one linear colour (F, 3) for all corners of each face."""
     opaque = np.concatenate([linear_colors, np.ones((len(linear_colors), 1))], axis=1)
@@ -105,7 +112,7 @@ def _write_attributes(
     attributes = mesh.attributes
     displayed, rendered = attributes.active_color_name, attributes.default_color_name
     sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
-    columns = (depths, bounds.astype(np.float32), np.repeat(opaque.astype(np.float32), sizes, axis=0).ravel())
+    columns = (depths, bounds, np.repeat(opaque.astype(np.float32), sizes, axis=0).ravel())
     for kind, values in zip(ATTRIBUTES, columns, strict=True):
         attribute = attributes.get(kind.name) or attributes.new(kind.name, kind.data_type, kind.domain)
         attribute.data.foreach_set(kind.value, values)

@@ -243,3 +243,19 @@ def test_settings_and_results_are_saved_with_the_file(tmp_path: object) -> None:
     np.testing.assert_array_equal(addon.depths(holder), depths)
     assert addon.histogram(holder) == record
     assert bpy.context.scene.ccdepth.relative_tolerance == pytest.approx(0.003)
+
+
+def test_the_record_says_on_how_many_faces_the_depth_is_the_least() -> None:
+    holder = scene.add_object(meshes.cube())
+    addon.compute(holder, tolerance=0.01, method="CERTIFIED")
+    assert holder.data.ccdepth.exact_faces == len(holder.data.polygons)
+    addon.compute(holder, tolerance=0.01, method="SECOND_ORDER")
+    assert holder.data.ccdepth.exact_faces == 0
+
+
+def test_bounds_are_never_rounded_down() -> None:
+    bounds = np.array([0.0, 0.1, 1 / 3, 1e-30, 1.0])
+    single = addon.module("results").rounded_up(bounds)
+    assert single.dtype == np.float32
+    assert np.all(single >= bounds)
+    assert np.all(single <= bounds * (1 + np.finfo(np.float32).eps))
