@@ -13,6 +13,7 @@ import bpy
 
 from . import picture
 from .core.depth import METHODS, VERTICES
+from .panels import exact_text
 from .properties import METHOD_TEXTS, VERTEX_ITEMS
 
 COMMAND = "ccdepth"
@@ -178,6 +179,8 @@ def depth_table(record: bpy.types.PropertyGroup) -> str:
     lines += [f"{row.depth:>8}{row.faces:>14,}{row.faces / record.faces:>9.1%}" for row in record.rows]
     lines.append(f"{'all':>8}{record.faces:>14,}")
     lines.append(f"  all of it at depth {record.deepest}: {int(record.uniform_faces):,} faces")
+    if record.method == "CERTIFIED":
+        lines.append(f"  no lesser depth would do {exact_text(record.exact_faces, record.faces).lower()}")
     return "\n".join(lines)
 
 
