@@ -10,11 +10,13 @@ Derivations that are our own stand in docs/methods.md.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
 
+from . import sharp_constants
 from .mesh import FloatArray, PolygonMesh
 from .norms import (
     first_order_norm_extraordinary,
@@ -35,23 +37,33 @@ class Method(StrEnum):
     """How the distance is bounded."""
 
     CERTIFIED = "CERTIFIED"
+    SHARP = "SHARP"
     SECOND_ORDER = "SECOND_ORDER"
     FIRST_ORDER = "FIRST_ORDER"
 
 
 @dataclass(frozen=True)
 class PatchBounds:
-    """Bounds of P patches for every level from their own on: ``value · rateʲ`` after j more levels.
+    """Bounds of P patches for every level from their own on: ``value · factors[j]`` after j more levels.
 
-    value: (P,) float64 in the unit of the positions; rate: the factor per level, below 1.
+    Beyond the factors the last ``period`` of them recur, times ``rate`` each time.
+    value: (P,) float64 in the unit of the positions; rate: below 1.
     """
 
     value: FloatArray
     rate: float
+    factors: tuple[float, ...] = (1.0,)
+    period: int = 1
 
     def at(self, levels: int) -> FloatArray:
         """(P,) float64: the bound after so many more levels."""
-        return self.value * self.rate**levels
+        beyond = max(levels - (len(self.factors) - 1), 0)
+        rounds = -(-beyond // self.period)
+        return self.value * (self.factors[levels - rounds * self.period] * self.rate**rounds)
+
+    def of(self, wanted: NDArray[np.bool_]) -> PatchBounds:
+        """The bounds of some of the patches: (P,) bool."""
+        return replace(self, value=self.value[wanted])
 
 
 def published_rate(valence: int) -> float:
@@ -123,6 +135,25 @@ def second_order_extraordinary(net: FloatArray, vertices: Vertices) -> PatchBoun
     return PatchBounds(second_order_norm_extraordinary(net) * factor, published_rate(valence))
 
 
+SHARP_FACTORS = {
+    Vertices.CONTROL: sharp_constants.CONTROL_FACTORS,
+    Vertices.LIMIT: sharp_constants.LIMIT_FACTORS,
+}
+
+
+def sharp_extraordinary(net: FloatArray, vertices: Vertices) -> PatchBounds:
+    """The best factors of M, level by level, where they are tabled (docs/methods.md, Sharp); the published ones beyond.
+
+    Regular patches have theirs already: M/3 and M/4 are reached, and so is their rate of 1/4.
+    """
+    valence = (len(net) - 8) // 2
+    if valence not in sharp_constants.RATES:
+        return second_order_extraordinary(net, vertices)
+    factors = SHARP_FACTORS[vertices][valence]
+    norm = second_order_norm_extraordinary(net)
+    return PatchBounds(norm, sharp_constants.RATES[valence], factors, sharp_constants.PERIOD)
+
+
 def first_order_rate(valence: int) -> float:
     """The factor by which the first-order norm shrinks with each level at the least (docs/methods.md, First Order).
 
@@ -160,6 +191,7 @@ class PatchMethod:
 
 
 PATCH_METHODS = {
+    Method.SHARP: PatchMethod(second_order_regular, sharp_extraordinary),
     Method.SECOND_ORDER: PatchMethod(second_order_regular, second_order_extraordinary),
     Method.FIRST_ORDER: PatchMethod(first_order_regular, first_order_extraordinary),
 }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Depth from the norms of control nets, the same rate for every level (``bounds``).
+"""Depth from the norms of control nets: bounds for every level from one norm (``bounds``).
 
 A face whose patch is regular or extraordinary takes its depth from its bounds. An irregular one is refined, with its
 neighbours, until what is left of it has a bound: its bound at level k is the largest of its level-k descendants'.
@@ -52,7 +52,7 @@ class _Piece:
     def of(self, wanted: NDArray[np.bool_]) -> _Piece:
         """The part of it whose base faces are wanted: (base faces,) bool."""
         kept = wanted[self.bases]
-        return _Piece(self.level, self.bases[kept], PatchBounds(self.bounds.value[kept], self.bounds.rate))
+        return _Piece(self.level, self.bases[kept], self.bounds.of(kept))
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Certificates for constants of extraordinary patches (needs scipy).
+
+Every point of a facet, of a refined net and of the surface is a linear functional c of the net. One that vanishes on
+every net without second differences is c = Dᵀy for some y, D being the matrix of the 2n + 10 second differences; then
+‖c·V‖ = ‖y·(DV)‖ ≤ ‖y‖₁ · M. A small ‖y‖₁ is a certificate that anybody can check: least squares gives one at once,
+and linear programming the least, which is the largest c·V of all nets with M ≤ 1.
+
+The facet without its extraordinary corner is tiled by the regular patches of every level; on each tile the surface and
+the facet are bicubic, so their distance there is at most the largest Bernstein coefficient of their difference, on the
+tile or on the pieces it is split into.
+
+Functionals are rows over the net's 2n + 8 points; Bernstein blocks of them are (pieces, 4, 4, 2n + 8).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import linprog
+
+from ccdepth_addon.core.catmull_clark import limit_positions, subdivide
+from ccdepth_addon.core.mesh import FloatArray, PolygonMesh, polygon_mesh, submesh
+from ccdepth_addon.core.norms import ring_index, second_differences
+from ccdepth_addon.core.patches import regular_nets
+from ccdepth_addon.core.splines import HALVES, SPLINE_TO_BERNSTEIN, bilinear_coefficients
+
+# Far above what double precision can lose in a certificate, far below the margins that are met.
+ROUNDING = 1e-10
+
+# Singular values of D below this part of the largest are zero: the others are above 1/n of it.
+RANK_TOLERANCE = 1e-10
+
+# How many solved programs are remembered, to bound further functionals without solving theirs.
+REMEMBERED = 32
+
+# Children 1 and 2 of the facet (3 mirrors 1): their corners in the parent's parameters, in the child's own order.
+TILES = {1: ((1, 0), (1, 0.5), (0.5, 0.5), (0.5, 0)), 2: ((1, 1), (0.5, 1), (0.5, 0.5), (1, 0.5))}
+
+
+class NotCertifiedError(Exception):
+    """No certificate was found; the claim may still be true."""
+
+
+def stencil_patch(valence: int) -> PolygonMesh:
+    """The faces of an extraordinary net of 2n + 8 points; vertex i stands at the i-th unit vector, so every position
+    of a refinement is the stencil it has on the net. Face 0 is the facet, from its extraordinary vertex on."""
+    n = valence
+
+    def ring(number: int) -> int:
+        return ring_index(n, number)
+
+    o2, o3, o4, o5, o6, o7, o8 = range(2 * n + 1, 2 * n + 8)
+    around = [[0, ring(2 * i + 2), ring(2 * i + 1), ring(2 * i)] for i in range(2, n + 2)]
+    outer = [
+        [ring(6), o4, o3, ring(5)],
+        [ring(5), o3, o2, o6],
+        [ring(4), ring(5), o6, o7],
+        [ring(3), ring(4), o7, o8],
+        [ring(7), o5, o4, ring(6)],
+    ]
+    corners = np.array(around + outer).reshape(-1)
+    patch = polygon_mesh(np.eye(2 * n + 8), np.full(n + 5, 4), corners)
+    # The net's outline is no boundary of the surface.
+    return replace(patch, sharpness_is_explicit=True)
+
+
+def difference_matrix(valence: int) -> FloatArray:
+    """D: (2n + 10, 2n + 8)."""
+    rows = second_differences(valence)
+    differences = np.zeros((len(rows), 2 * valence + 8))
+    for row, (a, b, c) in enumerate(rows):
+        np.add.at(differences[row], [a, b, c], [2, -1, -1])
+    return differences
+
+
+@dataclass
+class _Solved:
+    """Solved programs: the least-squares weights of each functional, what was added to them, and its worst net."""
+
+    weights: list[FloatArray] = field(default_factory=list)
+    additions: list[FloatArray] = field(default_factory=list)
+    nets: list[FloatArray] = field(default_factory=list)
+
+    def add(self, weights: FloatArray, addition: FloatArray, net: FloatArray) -> None:
+        for entries, entry in ((self.weights, weights), (self.additions, addition), (self.nets, net)):
+            entries.append(entry)
+            del entries[:-REMEMBERED]
+
+
+@dataclass(frozen=True)
+class Certifier:
+    """Bounds on functionals of the nets whose second differences are at most 1."""
+
+    differences: FloatArray
+    least_squares: FloatArray
+    solved: _Solved = field(default_factory=_Solved)
+
+    @staticmethod
+    def of(valence: int) -> Certifier:
+        differences = difference_matrix(valence)
+        return Certifier(differences, np.linalg.pinv(differences.T, rcond=RANK_TOLERANCE))
+
+    def solve(self, functional: FloatArray) -> float:
+        """The least ‖y‖₁ with Dᵀy = functional, by linear programming; remembered with the net that reaches it."""
+        count = len(self.differences)
+        both_signs = np.hstack([self.differences.T, -self.differences.T])
+        start = self.least_squares @ functional
+        scale = np.abs(start).max()
+        made_of_differences = self.differences.T @ (start / scale)
+        found = linprog(np.ones(2 * count), A_eq=both_signs, b_eq=made_of_differences, method="highs")
+        if found.status:
+            raise NotCertifiedError(found.message)
+        weights = scale * (found.x[:count] - found.x[count:])
+        weights += self.least_squares @ (functional - self.differences.T @ weights)
+        net = found.eqlin.marginals / np.abs(self.differences @ found.eqlin.marginals).max()
+        self.solved.add(start, weights - start, net)
+        return float(np.abs(weights).sum()) + ROUNDING
+
+    def upper(self, functionals: FloatArray) -> FloatArray:
+        """(rows,): a bound on each functional, from least squares and what the solved programs added to it there.
+
+        What a program added, z, has Dᵀz = 0, so any multiple of it leaves a certificate a certificate.
+        """
+        start = functionals @ self.least_squares.T
+        if len(start) and np.abs(start @ self.differences - functionals).max() > ROUNDING:
+            raise NotCertifiedError("a functional does not vanish with the second differences")
+        bounds = np.abs(start).sum(axis=1)
+        for weights, addition in zip(self.solved.weights, self.solved.additions, strict=True):
+            bounds = np.minimum(bounds, self._with_addition(start, weights, addition))
+        return bounds + ROUNDING
+
+    def improved(self, bounds: FloatArray, functionals: FloatArray) -> FloatArray:
+        """``upper`` bounds, with the program solved last taken into account."""
+        start = functionals @ self.least_squares.T
+        latest = self._with_addition(start, self.solved.weights[-1], self.solved.additions[-1])
+        return np.minimum(bounds, latest + ROUNDING)
+
+    @staticmethod
+    def _with_addition(start: FloatArray, weights: FloatArray, addition: FloatArray) -> FloatArray:
+        likeness = start @ weights / (weights @ weights)
+        return np.abs(start + likeness[:, None] * addition).sum(axis=1)
+
+    def lower(self, functionals: FloatArray) -> FloatArray:
+        """(rows,): what the worst nets of the solved programs make of each functional."""
+        if not self.solved.nets:
+            return np.zeros(len(functionals))
+        return np.abs(functionals @ np.stack(self.solved.nets, axis=1)).max(axis=1)
+
+    def largest(self, functionals: FloatArray, enough: float, precision: float = 0.0) -> float:
+        """A bound on all the functionals, (…, 2n + 8): ``enough``, or what exceeds it, to a relative precision."""
+        rows = functionals.reshape(-1, functionals.shape[-1])
+        bounds = self.upper(rows)
+        while len(rows) and bounds.max() > enough:
+            worst = int(bounds.argmax())
+            least = self.solve(rows[worst])
+            bounds = self.improved(bounds, rows)
+            bounds[worst] = min(bounds[worst], least)
+            enough = max(enough, bounds[worst] * (1 + precision))
+        return enough
+
+    def pieces_above(self, pieces: FloatArray, claim: float) -> NDArray[np.bool_]:
+        """(pieces,) bool: those Bernstein blocks that have a coefficient above the claim for some net."""
+        rows = pieces.reshape(-1, pieces.shape[-1])
+        above = (self.lower(rows) > claim).reshape(-1, 16).any(axis=1)
+        bounds = self.upper(rows)
+        while True:
+            doubtful = (bounds > claim) & np.repeat(~above, 16)
+            if not doubtful.any():
+                return above
+            worst = int(np.where(doubtful, bounds, 0.0).argmax())
+            least = self.solve(rows[worst])
+            bounds = self.improved(bounds, rows)
+            bounds[worst] = min(bounds[worst], least)
+            above |= (self.lower(rows) > claim).reshape(-1, 16).any(axis=1)
+            above[worst // 16] |= least > claim
+
+
+def tiles(patch: PolygonMesh, levels: int) -> Iterator[tuple[int, int, FloatArray]]:
+    """(level, tile, net of the tile (4, 4, 2n + 8)); last (levels, 0, limits of the corners of what is left)."""
+    for level in range(1, levels + 1):
+        children = subdivide(submesh(patch, np.array([0]))[0]).mesh
+        nets = regular_nets(children, np.array([1, 2]))
+        for tile in TILES:
+            yield level, tile, nets[:, :, tile - 1]
+        patch = children
+    yield levels, 0, limit_positions(patch)[patch.corner_vertices[:4]]
+
+
+def bernstein(net: FloatArray) -> FloatArray:
+    """(4, 4, D) net → (4, 4, D) Bernstein coefficients."""
+    return np.einsum("ai,bj,ijd->abd", SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN, net)
+
+
+def bilinear(corners: FloatArray, u: float, v: float) -> FloatArray:
+    """(D,): the facet over four corners (4, D), in order (0,0), (1,0), (1,1), (0,1)."""
+    return (1 - u) * (1 - v) * corners[0] + u * (1 - v) * corners[1] + u * v * corners[2] + (1 - u) * v * corners[3]
+
+
+def facet_over_tile(corners: FloatArray, level: int, tile: int) -> FloatArray:
+    """(4, 4, D): the Bernstein coefficients over a tile of the facet with those corners (4, D)."""
+    scale = 2.0 ** (1 - level)
+    return bilinear_coefficients(np.stack([bilinear(corners, u * scale, v * scale) for u, v in TILES[tile]]))
+
+
+def facet_corner(corners: FloatArray, level: int) -> FloatArray:
+    """(4, D): the facet's values at the corners of [0, 2⁻ᵐ]²."""
+    scale = 2.0**-level
+    return np.stack([bilinear(corners, u * scale, v * scale) for u, v in ((0, 0), (1, 0), (1, 1), (0, 1))])
+
+
+def split(pieces: FloatArray) -> FloatArray:
+    """The Bernstein blocks after halving both ways: (4 · pieces, 4, 4, D)."""
+    return np.concatenate([np.einsum("ai,bj,pijd->pabd", a, b, pieces) for a in HALVES for b in HALVES])
