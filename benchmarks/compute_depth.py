@@ -94,5 +94,4 @@ def main(side: int = SIDE, repeats: int = REPEATS) -> None:
 
 
 if __name__ == "__main__":
-    after = sys.argv.index("--") + 1 if "--" in sys.argv else len(sys.argv) if bpy.app.binary_path else 1
-    main(*map(int, sys.argv[after:]))
+    main(*map(int, sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else ()))

@@ -3,6 +3,7 @@
 
 import os
 import sys
+import traceback
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
@@ -13,7 +14,11 @@ import ccdepth_addon
 from ccdepth_addon.command_line import run
 
 ccdepth_addon.register()
-status = run(sys.argv[1:], program="heat_map.py")
+status = 1
+try:
+    status = run(sys.argv[1:], program="heat_map.py")
+except Exception:
+    traceback.print_exc()
 sys.stdout.flush()
-# Not sys.exit: after a file that could not be read, the bpy module can crash or hang while the interpreter winds up.
+# Not sys.exit: after an error the bpy module can crash or hang while the interpreter winds up.
 os._exit(status)
