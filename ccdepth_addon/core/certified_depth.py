@@ -213,9 +213,7 @@ class _Search:
         self, verdict: _Verdict, bases: IndexArray, nets: FloatArray, upper: FloatArray, levels: int
     ) -> IndexArray:
         """Indices of the patches that their bounds and samples leave in doubt."""
-        high = np.flatnonzero(~self.question.within(upper) & verdict.wanted[bases])
-        lower = np.zeros(len(bases))
-        lower[high] = sampled_error(nets.take(high, axis=2), self.vertices, levels)
+        lower = sampled_error(nets, self.vertices, levels)
         return np.flatnonzero(verdict.hear(bases, upper, lower))
 
     def _ask_extraordinary(self, verdict: _Verdict, patches: _ExtraordinaryPatches, facets: FloatArray) -> None:

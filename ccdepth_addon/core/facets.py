@@ -24,7 +24,7 @@ from .splines import (
     SPLINE_TO_BERNSTEIN,
     apply,
     bilinear_coefficients,
-    elevated_second_derivatives,
+    elevated,
     largest_norm,
     patch_coefficients,
     second_derivatives,
@@ -50,7 +50,8 @@ class LaterBounds:
     """Upper bounds of P patches for the facets of every later level: (P,) float64 each.
 
     together: the largest of ‖A + B‖; apart: of the combinations with one weight at its least; curves: of ‖A‖ and ‖B‖;
-    twist: of ‖R‖; change: of ‖A_u‖ plus that of ‖B_v‖.
+    twist: of ‖R‖; change: of ‖A_u‖ plus that of ‖B_v‖. With control vertices apart and change are only worked out
+    where curves is the larger of curves and together: elsewhere they cannot help.
     """
 
     vertices: Vertices
@@ -73,19 +74,34 @@ class LaterBounds:
 
 def later_bounds(net: FloatArray, vertices: Vertices) -> LaterBounds:
     """The bounds for the levels after the nets' own; nets are (4, 4, P, 3)."""
-    to_u, to_v = elevated_second_derivatives()
-    a, b = apply(to_u, net), apply(to_v, net)
-    least = LEAST_WEIGHT[vertices]
-    curves = np.maximum(largest_norm(a), largest_norm(b))
-    apart = np.maximum(largest_norm(a + least * b), largest_norm(least * a + b)) if least else curves
-    return LaterBounds(
-        vertices=vertices,
-        together=largest_norm(a + b),
-        apart=apart,
-        curves=curves,
-        twist=largest_norm(apply(second_derivatives()[2], net)),
-        change=largest_norm(a[12:] - a[:4]) + largest_norm(b[3::4] - b[::4]),
-    )
+    derivatives = apply(second_derivatives(), net)
+    a = derivatives[:8].reshape(2, 4, -1, 3)
+    b = derivatives[8:16].reshape(4, 2, -1, 3)
+    a_bicubic, b_bicubic = elevated(a), elevated(b.swapaxes(0, 1)).swapaxes(0, 1)
+    curves = np.maximum(largest_norm(_rows(a)), largest_norm(_rows(b)))
+    together = largest_norm(_rows(a_bicubic + b_bicubic))
+    apart = curves.copy()
+    change = np.zeros(len(curves))
+    if vertices is Vertices.CONTROL:
+        # Only where A and B work against each other does it matter how much.
+        opposed = np.flatnonzero(curves > together)
+        a_bicubic, b_bicubic = a_bicubic.take(opposed, axis=2), b_bicubic.take(opposed, axis=2)
+        least = LEAST_WEIGHT[vertices]
+        mixed = largest_norm(_rows(a_bicubic + least * b_bicubic))
+        apart[opposed] = np.maximum(mixed, largest_norm(_rows(least * a_bicubic + b_bicubic)))
+        change[opposed] = _change(a.take(opposed, axis=2), b.take(opposed, axis=2))
+    else:
+        change = _change(a, b)
+    return LaterBounds(vertices, together, apart, curves, twist=largest_norm(derivatives[16:]), change=change)
+
+
+def _rows(coefficients: FloatArray) -> FloatArray:
+    rows = coefficients.shape[0] * coefficients.shape[1]
+    return coefficients.reshape(rows, *coefficients.shape[2:])
+
+
+def _change(a: FloatArray, b: FloatArray) -> FloatArray:
+    return largest_norm(a[1] - a[0]) + largest_norm(b[:, 1] - b[:, 0])
 
 
 def sampled_error(net: FloatArray, vertices: Vertices, levels: int) -> FloatArray:

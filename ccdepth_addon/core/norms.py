@@ -14,13 +14,18 @@ import numpy as np
 from .mesh import FloatArray
 
 
-def _lengths(vectors: FloatArray) -> FloatArray:
-    """(P, 3) vectors → (P,) squared lengths; the root is taken once, of the largest."""
-    return np.einsum("pi,pi->p", vectors, vectors)
+def squared_norms(vectors: FloatArray) -> FloatArray:
+    """(…, 3) vectors → (…) squared lengths."""
+    squares = vectors * vectors
+    # Three strided sums are faster than a reduction over an axis of three.
+    total = squares[..., 0] + squares[..., 1]
+    total += squares[..., 2]
+    return total
 
 
 def _largest(vectors: Iterable[FloatArray]) -> FloatArray:
-    squares = iter(map(_lengths, vectors))
+    """The root is taken once, of the largest square."""
+    squares = iter(map(squared_norms, vectors))
     largest = next(squares)
     for square in squares:
         np.maximum(largest, square, out=largest)

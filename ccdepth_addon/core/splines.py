@@ -12,10 +12,10 @@ from functools import cache
 import numpy as np
 
 from .mesh import FloatArray
+from .norms import squared_norms
 
 SPLINE_TO_BERNSTEIN = np.array([[1, 4, 1, 0], [0, 4, 2, 0], [0, 2, 4, 0], [0, 1, 4, 1]]) / 6
 SECOND_DIFFERENCE = np.array([[1, -2, 1, 0], [0, 1, -2, 1]], dtype=np.float64)
-ELEVATE_LINEAR = np.stack([1 - np.arange(4) / 3, np.arange(4) / 3], axis=1)
 FIRST_HALF = np.array([[8, 0, 0, 0], [4, 4, 0, 0], [2, 4, 2, 0], [1, 3, 3, 1]]) / 8
 HALVES = (FIRST_HALF, FIRST_HALF[::-1, ::-1])
 SPLINE_HALVES = (
@@ -44,44 +44,34 @@ def both_ways(halves: tuple[FloatArray, FloatArray], blocks: FloatArray) -> Floa
     return np.concatenate(quarters, axis=2)
 
 
-def squared_norms(vectors: FloatArray) -> FloatArray:
-    """(rows, P) squared lengths of (rows, P, 3) vectors."""
-    return np.einsum("rpd,rpd->rp", vectors, vectors)
-
-
 def largest_norm(vectors: FloatArray) -> FloatArray:
     """(P,): the longest of the vectors (rows, P, 3) of each patch."""
     return np.sqrt(squared_norms(vectors).max(axis=0))
 
 
 @cache
-def second_derivatives() -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Functionals for the Bernstein coefficients of S_uu (2 × 4), S_vv (4 × 2) and S_uuvv (2 × 2), knots 1 apart."""
-    return (
-        tensor(SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN),
-        tensor(SPLINE_TO_BERNSTEIN, SECOND_DIFFERENCE),
-        tensor(SECOND_DIFFERENCE, SECOND_DIFFERENCE),
+def second_derivatives() -> FloatArray:
+    """(20, 16): functionals for S_uu (2 × 4) and S_vv (4 × 2) in Bernstein form, and S_uuvv (2 × 2), knots 1 apart."""
+    return np.concatenate(
+        [
+            tensor(SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN),
+            tensor(SPLINE_TO_BERNSTEIN, SECOND_DIFFERENCE),
+            tensor(SECOND_DIFFERENCE, SECOND_DIFFERENCE),
+        ]
     )
 
 
-@cache
-def elevated_second_derivatives() -> tuple[FloatArray, FloatArray]:
-    """Functionals for S_uu and S_vv raised to bicubic, (16, 16) each, coefficient [i, j] in row 4i + j."""
-    return (
-        tensor(ELEVATE_LINEAR @ SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN),
-        tensor(SPLINE_TO_BERNSTEIN, ELEVATE_LINEAR @ SECOND_DIFFERENCE),
-    )
+def elevated(ends: FloatArray) -> FloatArray:
+    """(4, …): linear coefficients (2, …) raised to cubic ones."""
+    first, last = ends
+    return np.stack([first, (2 * first + last) / 3, (first + 2 * last) / 3, last])
 
 
 def bilinear_coefficients(corners: FloatArray) -> FloatArray:
     """(4, 4, …): the bicubic Bernstein coefficients of bilinear facets over corners (4, …) in a face's order."""
-    weights = ELEVATE_LINEAR
     first, second, third, fourth = corners
-    over_u_low = np.multiply.outer(weights[:, 0], first) + np.multiply.outer(weights[:, 1], second)
-    over_u_high = np.multiply.outer(weights[:, 0], fourth) + np.multiply.outer(weights[:, 1], third)
-    low = np.multiply.outer(weights[:, 0], over_u_low)
-    high = np.multiply.outer(weights[:, 1], over_u_high)
-    return np.swapaxes(low + high, 0, 1)
+    ends = np.stack([elevated(np.stack([first, fourth])), elevated(np.stack([second, third]))])
+    return elevated(ends)
 
 
 def patch_coefficients(net: FloatArray) -> FloatArray:
