@@ -1,0 +1,369 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The promise itself: no face at its depth is farther from the limit surface than the tolerance, nor than proved.
+
+Measured with Blender's own Subdivision Surface modifier, Use Limit Surface off, and nothing of the add-on's. Each face
+of the base mesh carries its number, and its corners parameters (as UVs, which are interpolated linearly), so that a
+point of a facet finds its counterpart in a much deeper level: the one of the same face at the same parameters.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import product
+
+import bmesh
+import bpy
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from tests import meshes, nets
+from tests.blender import addon, scene
+
+FloatArray = NDArray[np.float64]
+
+# The surface is taken from so many levels below the facets, and from up to two more where these are cheap.
+LEVELS_DEEPER = 5
+
+# Most quads of a deep level, which is what the time goes into. As many faces of a depth are measured as this allows.
+MOST_QUADS = 700_000
+CHEAP_QUADS = 200_000
+
+
+@dataclass(frozen=True)
+class Level:
+    """A subdivided mesh, of some of the base faces only. P polygons, C corners in order.
+
+    sizes: (P,); faces: (C,) the base face each corner came from; parameters: (C, 2); points: (C, 3).
+    """
+
+    sizes: NDArray[np.int32]
+    faces: NDArray[np.int64]
+    parameters: FloatArray
+    points: FloatArray
+
+    def quads(self, values: FloatArray) -> FloatArray:
+        """(Q, 4, D): the corners of the facets, for (C, D) values at the corners of the polygons.
+
+        What is not a quad is taken as the fan of quads over corner, edge midpoint, centroid and edge midpoint. Where
+        there is one, so are the quads, which does not change their facets.
+        """
+        if self.all_quads:
+            return values.reshape(-1, 4, values.shape[1])
+        starts = np.cumsum(self.sizes) - self.sizes
+        after = np.arange(1, len(values) + 1)
+        after[starts + self.sizes - 1] = starts
+        before = np.argsort(after)
+        centroids = np.add.reduceat(values, starts) / self.sizes[:, None]
+        middles = (values + values[after]) / 2
+        return np.stack([values, middles, np.repeat(centroids, self.sizes, axis=0), middles[before]], axis=1)
+
+    @property
+    def all_quads(self) -> bool:
+        return bool(np.all(self.sizes == 4))
+
+    @property
+    def quad_faces(self) -> NDArray[np.int64]:
+        """(Q,) the base face of each of them."""
+        return self.faces[::4] if self.all_quads else self.faces
+
+
+class Positions:
+    """The points of a level by face and parameters."""
+
+    def __init__(self, deep: Level, level: int) -> None:
+        # Cells of an eighth of the spacing in a quad: below the least spacing in any polygon, above all rounding.
+        self.cells = 2.0 ** (level + 3)
+        self.keys, first = np.unique(self._keys(deep.faces, deep.parameters), return_index=True)
+        self.points = deep.points[first]
+
+    def _keys(self, faces: NDArray[np.int64], parameters: FloatArray) -> NDArray[np.int64]:
+        cells = np.rint(self.cells * parameters).astype(np.int64) + 1
+        return (faces << 42) + (cells[..., 0] << 21) + cells[..., 1]
+
+    def at(self, faces: NDArray[np.int64], parameters: FloatArray) -> FloatArray:
+        """(…, 3) for faces and (…, 2) parameters, all of which must be there, in the same cell or one beside it."""
+        wanted = self._keys(faces, parameters).reshape(-1)
+        places = np.full(wanted.shape, -1)
+        for beside in (0, 1, -1):
+            for above in (0, 1, -1):
+                missing = np.flatnonzero(places < 0)
+                keys = wanted[missing] + (above << 21) + beside
+                found = np.minimum(np.searchsorted(self.keys, keys), len(self.keys) - 1)
+                hit = self.keys[found] == keys
+                places[missing[hit]] = found[hit]
+        assert np.all(places >= 0)
+        return self.points[places].reshape((*parameters.shape[:-1], 3))
+
+
+def corner_parameters(size: int) -> FloatArray:
+    """(size, 2): a unit square for quads, whose parameters are exact in binary; for others a regular polygon."""
+    if size == 4:
+        return np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    angles = 2 * np.pi * np.arange(size) / size
+    return 1 + np.stack([np.cos(angles), np.sin(angles)], axis=1)
+
+
+def part_of(data: meshes.MeshData, faces: NDArray[np.intp]) -> tuple[meshes.MeshData, NDArray[np.intp]]:
+    """The faces and all that touch them, on which their surface depends, and the number of each in the whole mesh."""
+    touched = np.zeros(len(data.positions), dtype=bool)
+    touched[np.concatenate([data.faces[face] for face in faces])] = True
+    kept = np.array([number for number, face in enumerate(data.faces) if touched[face].any()])
+    part = meshes.from_faces(data.positions, [data.faces[face] for face in kept])
+    edges = {tuple(edge) for edge in part.edges.tolist()}
+    creases = {ends: crease for ends, crease in data.edge_creases.items() if tuple(sorted(ends)) in edges}
+    return replace(part, edge_creases=creases, vertex_creases=data.vertex_creases), kept
+
+
+def add_part(data: meshes.MeshData, numbers: NDArray[np.intp]) -> bpy.types.Object:
+    """An object of it whose faces carry their numbers, and their corners the parameters."""
+    added = scene.add_object(data)
+    added.data.attributes.new("base_face", "INT", "FACE").data.foreach_set("value", numbers.astype(np.int32))
+    uvs = np.concatenate([corner_parameters(size) for size in data.face_sizes.tolist()])
+    added.data.uv_layers.new(name="Parameters")
+    added.data.uv_layers["Parameters"].uv.foreach_set("vector", uvs.reshape(-1).astype(np.float32))
+    return added
+
+
+def level_of(part: bpy.types.Object, level: int, faces: NDArray[np.intp]) -> Level:
+    """The given base faces of an object after so many levels of its modifier."""
+    part.modifiers[0].levels = level
+    evaluated = part.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    mesh = evaluated.to_mesh()
+    bases = np.zeros(len(mesh.polygons), dtype=np.int32)
+    mesh.attributes["base_face"].data.foreach_get("value", bases)
+    sizes = np.zeros(len(mesh.polygons), dtype=np.int32)
+    mesh.polygons.foreach_get("loop_total", sizes)
+    corners = np.zeros(len(mesh.loops), dtype=np.int32)
+    mesh.loops.foreach_get("vertex_index", corners)
+    uvs = np.zeros(2 * len(mesh.loops), dtype=np.float32)
+    mesh.uv_layers["Parameters"].uv.foreach_get("vector", uvs)
+    positions = np.zeros(3 * len(mesh.vertices), dtype=np.float32)
+    mesh.attributes["position"].data.foreach_get("vector", positions)
+    evaluated.to_mesh_clear()
+    wanted = np.isin(bases, faces)
+    at = np.repeat(wanted, sizes)
+    parameters = uvs.reshape(-1, 2)[at].astype(np.float64)
+    points = positions.reshape(-1, 3)[corners[at]].astype(np.float64)
+    return Level(sizes[wanted], np.repeat(bases, sizes)[at].astype(np.int64), parameters, points)
+
+
+def bilinear(corners: FloatArray, steps: int) -> FloatArray:
+    """(Q, 4, D) → (Q, steps + 1, steps + 1, D): the facets at equal steps."""
+    along = np.linspace(0, 1, steps + 1)
+    u, v = np.meshgrid(along, along, indexing="ij")
+    weights = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v])
+    return np.einsum("cuv,qcd->quvd", weights, corners)
+
+
+@dataclass(frozen=True)
+class Distances:
+    """Of some faces at one depth, (faces,) each: the largest distances found, and how uncertain these are."""
+
+    control: FloatArray
+    limit: FloatArray
+    uncertainty: FloatArray
+
+
+def measured(part: bpy.types.Object, faces: NDArray[np.intp], depth: int, deepest: int) -> Distances:
+    """The distances of the faces' facets at that depth from the surface at the same parameters.
+
+    The deepest level stands in for the surface. A step moves a point by less than 0.655 of what the step before did,
+    once its features have settled (no rule has a larger second eigenvalue), so that what is left of the way after the
+    last step is less than twice that step. Limit vertices are taken from there too, and are as far off.
+    """
+    deep = Positions(level_of(part, deepest, faces), deepest)
+    before = level_of(part, deepest - 1, faces)
+    last_step = np.linalg.norm(deep.at(before.faces, before.parameters) - before.points, axis=1)
+
+    facets = level_of(part, depth, faces)
+    # The quads of a fan are a level down already.
+    steps = 2 ** (LEVELS_DEEPER if facets.all_quads else LEVELS_DEEPER - 1)
+    parameters = bilinear(facets.quads(facets.parameters), steps)
+    surface = deep.at(facets.quad_faces[:, None, None], parameters)
+    limits = deep.at(facets.faces, facets.parameters)
+    control, limit = (
+        np.linalg.norm(bilinear(facets.quads(corners), steps) - surface, axis=-1).max(axis=(1, 2))
+        for corners in (facets.points, limits)
+    )
+    return Distances(
+        largest_of_faces(control, facets.quad_faces, faces),
+        largest_of_faces(limit, facets.quad_faces, faces),
+        2 * largest_of_faces(last_step, before.faces, faces),
+    )
+
+
+def largest_of_faces(values: FloatArray, bases: NDArray[np.int64], faces: NDArray[np.intp]) -> FloatArray:
+    """(faces,) the largest value of each one; the faces in rising order."""
+    largest = np.zeros(len(faces))
+    np.maximum.at(largest, np.searchsorted(faces, bases), values)
+    return largest
+
+
+def rounding(data: meshes.MeshData, level: int) -> float:
+    """Blender computes in single precision; each level rounds weights, products and sums, an ulp or so each."""
+    return 3 * level * float(np.finfo(np.float32).eps * np.abs(data.positions).max())
+
+
+# What is asked of the add-on, and the faces to measure
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The add-on's depths and proved distances of all faces, and what it was asked."""
+
+    tolerance: float
+    method: str
+    vertices: str
+    depths: NDArray[np.int32]
+    bounds: FloatArray
+
+
+def answers(asked: bpy.types.Object, tolerances: tuple[float, ...]) -> Iterator[Answer]:
+    core = addon.module("core.depth")
+    for tolerance, method, vertices in product(tolerances, core.METHODS, core.VERTICES):
+        addon.compute(asked, tolerance=tolerance, method=method, vertices=vertices)
+        bounds = addon.bounds(asked).astype(np.float64)
+        yield Answer(tolerance, method, vertices, addon.depths(asked), bounds)
+
+
+def quad_count(data: meshes.MeshData, level: int) -> int:
+    """How many quads a mesh has at a level from 1 on."""
+    return int(data.face_sizes.sum()) * 4 ** (level - 1)
+
+
+def faces_to_measure(data: meshes.MeshData, wanted: NDArray[np.intp], depth: int, quads: int) -> NDArray[np.intp]:
+    """As many of the wanted faces, in random order, as fit in so many quads of the deep level with their neighbours."""
+    order = np.random.default_rng(depth).permutation(wanted)
+    count, least, most = 0, 1, len(order)
+    while least <= most:
+        middle = (least + most) // 2
+        part, _ = part_of(data, order[:middle])
+        if quad_count(part, depth + LEVELS_DEEPER) <= quads:
+            count, least = middle, middle + 1
+        else:
+            most = middle - 1
+    return np.sort(order[:count])
+
+
+# The meshes
+
+
+def suzanne() -> meshes.MeshData:
+    return scene.mesh_data(scene.add_suzanne().data)
+
+
+def icosphere() -> meshes.MeshData:
+    mesh, shape = bpy.data.meshes.new("Icosphere"), bmesh.new()
+    bmesh.ops.create_icosphere(shape, subdivisions=1, radius=1.0)
+    shape.to_mesh(mesh)
+    shape.free()
+    return meshes.bumpy(scene.mesh_data(mesh), 0.1)
+
+
+def softened(data: meshes.MeshData) -> meshes.MeshData:
+    """With creases halved that are not 1, so that the last semi-sharp rule has run out by level 3.
+
+    The vertices of the deep level have then been under way to their limits for some levels already.
+    """
+    edges = {ends: crease if crease == 1 else crease / 2 for ends, crease in data.edge_creases.items()}
+    vertices = {vertex: crease if crease == 1 else crease / 2 for vertex, crease in data.vertex_creases.items()}
+    return meshes.creased(data, edges, vertices)
+
+
+@dataclass(frozen=True)
+class Case:
+    """A mesh, the tolerances to ask for, and the depths of which some faces at least have to be measured."""
+
+    build: Callable[[], meshes.MeshData]
+    tolerances: tuple[float, ...]
+    depths: set[int]
+    quads: int = MOST_QUADS
+    boundaries: tuple[str, ...] = ("ALL",)
+
+
+BOTH = ("ALL", "PRESERVE_CORNERS")
+
+CASES: dict[str, Case] = {
+    "cube": Case(meshes.cube, (1.0, 0.2, 0.03, 0.008), {0, 1, 2, 3, 4}, quads=1_600_000),
+    "suzanne": Case(suzanne, (0.5, 0.05, 0.01), {0, 1, 2, 3}, quads=1_000_000),
+    "torus": Case(lambda: meshes.torus(9, 6), (0.3, 0.03), {0, 1, 2, 3}),
+    "landscape": Case(lambda: meshes.landscape(5, 4), (0.5, 0.08, 0.02), {0, 1, 2, 3}, boundaries=BOTH),
+    "cylinder": Case(lambda: meshes.cylinder(7), (0.3, 0.03), {0, 1, 2, 3}),
+    "icosphere": Case(icosphere, (0.3, 0.03), {0, 1, 2, 3}),
+    "valence 2": Case(meshes.valence_two, (0.5, 0.1), {0, 1, 2, 3}, boundaries=BOTH),
+    "valence 12": Case(lambda: meshes.fan(12, 2), (1.0, 0.2), {0, 1, 2}, boundaries=BOTH),
+    "creases": Case(
+        lambda: softened(meshes.with_random_creases(meshes.landscape(5, 5), share=0.3)),
+        (1.0, 0.3, 0.1),
+        {0, 1, 2, 3},
+        boundaries=BOTH,
+    ),
+    "creased cylinder": Case(
+        lambda: softened(meshes.with_random_creases(meshes.cylinder(5), share=0.4)), (1.0, 0.3, 0.1), {0, 1, 2, 3}
+    ),
+    "creased cube": Case(lambda: softened(meshes.corner_creased_cube()), (1.0, 0.3, 0.1), {0, 1, 2, 3}),
+    "two cubes": Case(meshes.two_cubes_sharing_an_edge, (1.0, 0.3), {0, 1, 2, 3}),
+}
+
+
+@pytest.mark.parametrize(
+    ("name", "boundary"), [(name, boundary) for name, case in CASES.items() for boundary in case.boundaries]
+)
+def test_no_face_at_its_depth_is_farther_than_promised(name: str, boundary: str) -> None:
+    case = CASES[name]
+    data = case.build()
+    asked = scene.add_object(data)
+    scene.add_subdivision(asked, 1, boundary)
+    given = list(answers(asked, case.tolerances))
+    seen = set()
+    for depth in range(5):
+        wanted = np.flatnonzero(np.any([answer.depths == depth for answer in given], axis=0))
+        faces = faces_to_measure(data, wanted, depth, case.quads)
+        if not len(faces):
+            continue
+        seen.add(depth)
+        part_data, numbers = part_of(data, faces)
+        deepest = depth + LEVELS_DEEPER
+        deepest += sum(quad_count(part_data, deepest + more) <= CHEAP_QUADS for more in (1, 2))
+        part = add_part(part_data, numbers)
+        scene.add_subdivision(part, 1, boundary).uv_smooth = "NONE"
+        distances = measured(part, faces, depth, deepest)
+        bpy.data.meshes.remove(part.data)
+        for answer in given:
+            assert_within(answer, distances, faces, depth, rounding(data, deepest))
+    assert seen >= case.depths
+
+
+def assert_within(answer: Answer, found: Distances, faces: NDArray[np.intp], depth: int, slack: float) -> None:
+    """All of the measured faces that have this depth in the answer are as near as it says.
+
+    A distance is uncertain by what is left of the way from the deep level to the surface, with limit vertices twice
+    (of the corners' ways and the surface point's own), and by single precision.
+    """
+    here = answer.depths[faces] == depth
+    control = answer.vertices == "CONTROL"
+    distances = (found.control if control else found.limit)[here]
+    slacks = (1 if control else 2) * found.uncertainty[here] + slack
+    bounds = answer.bounds[faces][here]
+    assert np.all(bounds <= np.float32(answer.tolerance))
+    assert np.all(distances <= bounds + slacks), (answer.method, answer.vertices, answer.tolerance, depth)
+
+
+# The published formulas on Suzanne
+
+
+@pytest.mark.parametrize("tolerance", [0.1, 0.01, 0.001, 0.0001])
+def test_published_depths_of_suzanne(tolerance: float) -> None:
+    """After one level every quad has one extraordinary corner at the most; inside, depths are the formulas'."""
+    base = scene.add_suzanne()
+    scene.add_subdivision(base, 1)
+    once = scene.add_object(scene.evaluated_mesh_data(base))
+    addon.compute(once, tolerance=tolerance, method="SECOND_ORDER", vertices="CONTROL")
+    depths = addon.depths(once)
+    norms = nets.published_norms(meshes.to_polygon_mesh(scene.mesh_data(once.data)))
+    assert len(norms) > 1700
+    assert {valence for valence, _ in norms.values()} >= {3, 4, 5, 6}
+    expected = {face: nets.published_depth(valence, norm, tolerance) for face, (valence, norm) in norms.items()}
+    assert {face: int(depths[face]) for face in norms} == expected
