@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from .bounds import Vertices, second_order_extraordinary, support_bounds
 from .catmull_clark import limit_positions
-from .facets import LaterBounds, facet_error, later_bounds, sampled_error
+from .facets import LaterBounds, control_facet_bounds, facet_error, later_bounds, sampled_error
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .norms import ring_index
+from .parallel import in_parallel
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from .refinement import Refinement, split
 from .search import FaceBlock, Question
@@ -45,12 +46,22 @@ BoolArray = NDArray[np.bool_]
 def certified_blocks(mesh: PolygonMesh, question: Question, vertices: Vertices) -> Iterator[FaceBlock]:
     """Every face of the mesh with its certified depth, in blocks; some are empty, to let the caller breathe."""
     patches = classify_patches(mesh)
+    yield FaceBlock.empty()
     regular = patches.kinds == PatchKind.REGULAR
-    for faces in split(np.flatnonzero(regular), REGULAR_FACES_AT_ONCE):
+
+    def settle_regular(faces: IndexArray) -> FaceBlock:
         pieces = [_Patches(0, np.arange(len(faces)), regular_nets(mesh, faces))]
-        yield from _Search(question, vertices, faces, pieces, None).run()
-    for faces in split(np.flatnonzero(~regular), OTHER_FACES_AT_ONCE):
-        yield from _Search(question, vertices, faces, [], Refinement.start(mesh, faces)).run()
+        return _Search(question, vertices, faces, pieces, None).run()
+
+    def settle_other(faces: IndexArray) -> FaceBlock:
+        return _Search(question, vertices, faces, [], Refinement.start(mesh, faces)).run()
+
+    for settle, faces, at_once in (
+        (settle_regular, regular, REGULAR_FACES_AT_ONCE),
+        (settle_other, ~regular, OTHER_FACES_AT_ONCE),
+    ):
+        for block in in_parallel(settle, split(np.flatnonzero(faces), at_once)):
+            yield FaceBlock.empty() if block is None else block
 
 
 @dataclass
@@ -137,7 +148,7 @@ class _Search:
     refinement: Refinement | None
     extraordinary: list[_ExtraordinaryPatches] = field(default_factory=list)
 
-    def run(self) -> Iterator[FaceBlock]:
+    def run(self) -> FaceBlock:
         block = FaceBlock.undecided(self.faces)
         wanted = np.ones(len(self.faces), dtype=bool)
         level = 0
@@ -156,8 +167,7 @@ class _Search:
             wanted &= ~settled
             self._descend(wanted, level)
             level += 1
-            yield FaceBlock.empty()
-        yield block
+        return block
 
     def _descend(self, wanted: BoolArray, level: int) -> None:
         """Go from a level to the next with the wanted base faces."""
@@ -188,13 +198,12 @@ class _Search:
     def _ask_nets(self, verdict: _Verdict, patches: _Patches, levels: int) -> None:
         """Ask regular patches about the facets so many levels after their own."""
         bases, nets = patches.bases, patches.nets
-        if patches.later is None and self._has_closed_form(levels):
+        if patches.later is None and self._needs_later_bounds(levels):
             patches.later = later_bounds(nets, self.vertices)
         later = patches.later
         for remaining in range(levels, max(levels - NET_SPLITS, 0) - 1, -1):
-            doubtful = np.arange(len(bases))
-            if later is not None and self._has_closed_form(remaining):
-                doubtful = self._ask_closed_form(verdict, bases, nets, later.at(remaining), remaining)
+            upper, lower = self._closed_form(nets, later, remaining)
+            doubtful = np.flatnonzero(verdict.hear(bases, upper, lower))
             if not len(doubtful):
                 return
             bases, nets = bases[doubtful], nets.take(doubtful, axis=2)
@@ -202,19 +211,18 @@ class _Search:
                 verdict.open_blocks.append((bases, facet_error(nets, self.vertices)))
                 return
             bases, nets = np.tile(bases, 4), both_ways(SPLINE_HALVES, nets)
-            later = later_bounds(nets, self.vertices)
+            later = later_bounds(nets, self.vertices) if self._needs_later_bounds(remaining - 1) else None
         verdict.give_up(bases)
 
-    def _has_closed_form(self, levels: int) -> bool:
+    def _needs_later_bounds(self, levels: int) -> bool:
         """A control facet of the patch's own level is known better from its 12 coefficients."""
         return levels > 0 or self.vertices is Vertices.LIMIT
 
-    def _ask_closed_form(
-        self, verdict: _Verdict, bases: IndexArray, nets: FloatArray, upper: FloatArray, levels: int
-    ) -> IndexArray:
-        """Indices of the patches that their bounds and samples leave in doubt."""
-        lower = sampled_error(nets, self.vertices, levels)
-        return np.flatnonzero(verdict.hear(bases, upper, lower))
+    def _closed_form(self, nets: FloatArray, later: LaterBounds | None, levels: int) -> tuple[FloatArray, FloatArray]:
+        """(P,) each: distances at most and at least, so many levels after the nets' own."""
+        if later is None:
+            return control_facet_bounds(nets)
+        return later.at(levels), sampled_error(nets, self.vertices, levels)
 
     def _ask_extraordinary(self, verdict: _Verdict, patches: _ExtraordinaryPatches, facets: FloatArray) -> None:
         """Ask extraordinary patches about facets over them, (4, P, 3), refining them further while in doubt."""

@@ -14,11 +14,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from itertools import product
 
 import numpy as np
 
 from .bounds import Vertices
 from .mesh import FloatArray
+from .norms import squared_norms
 from .splines import (
     SECOND_DIFFERENCE,
     SPLINE_TO_BERNSTEIN,
@@ -26,7 +28,6 @@ from .splines import (
     bilinear_coefficients,
     elevated,
     largest_norm,
-    patch_coefficients,
     second_derivatives,
     tensor,
 )
@@ -40,9 +41,30 @@ MISMATCH = {Vertices.CONTROL: 0.09623, Vertices.LIMIT: 0.12831}
 
 def facet_error(net: FloatArray, vertices: Vertices) -> FloatArray:
     """(4, 4, P, 3): Bernstein coefficients of S - L over each patch's own facet."""
-    values = patch_coefficients(net)
-    corners = net[[1, 2, 2, 1], [1, 1, 2, 2]] if vertices is Vertices.CONTROL else values[[0, 3, 3, 0], [0, 0, 3, 3]]
-    return values - bilinear_coefficients(corners)
+    return apply(_facet_error(vertices), net).reshape(net.shape)
+
+
+@cache
+def _facet_error(vertices: Vertices) -> FloatArray:
+    """(16, 16): the same as functionals of the net, coefficient [i, j] in row 4i + j."""
+    points = np.eye(16).reshape(4, 4, 16)
+    values = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN).reshape(4, 4, 16)
+    corners = points[[1, 2, 2, 1], [1, 1, 2, 2]] if vertices is Vertices.CONTROL else values[[0, 3, 3, 0], [0, 0, 3, 3]]
+    return (values - bilinear_coefficients(corners)).reshape(16, 16)
+
+
+CORNER_ROWS = [0, 3, 12, 15]
+SIDE_ROWS = [1, 2, 4, 7, 8, 11, 13, 14]
+
+
+def control_facet_bounds(net: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(P,) float64 each: ‖L - S‖ over the patches' own facets with control vertices, at most and at least.
+
+    Of the 16 coefficients the four in the middle are 0, and those at the corners are values.
+    """
+    squares = squared_norms(apply(_facet_error(Vertices.CONTROL)[CORNER_ROWS + SIDE_ROWS], net))
+    at_corners = squares[:4].max(axis=0)
+    return np.sqrt(np.maximum(at_corners, squares[4:].max(axis=0))), np.sqrt(at_corners)
 
 
 @dataclass(frozen=True)
@@ -113,12 +135,11 @@ def sampled_error(net: FloatArray, vertices: Vertices, levels: int) -> FloatArra
 def _samples(vertices: Vertices, levels: int) -> FloatArray:
     """(places, 16): L - S as functionals of the net, in the facets at the corners of the patch."""
     h = 0.5**levels
-    inside = (0.0, h / 2) if vertices is Vertices.CONTROL else (h / 2,)
-    near = [*inside, *(1 - place for place in inside)]
-    if vertices is Vertices.LIMIT:
-        near += [0.0, 1.0]
-    places = [(u, v) for u in near for v in near]
-    return np.concatenate([_error_at(vertices, h, u, v) for u, v in places])
+    ends, middles = (0.0, 1.0), (h / 2, 1 - h / 2)
+    sides = [*product(ends, middles), *product(middles, ends)]
+    # Control facets are worst at corners or along sides, limit facets in the middle or along sides.
+    others = product(ends, ends) if vertices is Vertices.CONTROL else product(middles, middles)
+    return np.concatenate([_error_at(vertices, h, u, v) for u, v in [*sides, *others]])
 
 
 def _error_at(vertices: Vertices, h: float, u: float, v: float) -> FloatArray:
