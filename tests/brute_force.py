@@ -39,6 +39,10 @@ class Levels:
         self._limits: tuple[int, FloatArray] = (-1, mesh.positions)
 
     def mesh(self, level: int) -> PolygonMesh:
+        return self.subdivided(level)
+
+    def subdivided(self, level: int) -> PolygonMesh:
+        """The core's mesh of a level, which is also the order of its faces and vertices."""
         while len(self._meshes) <= level:
             self._meshes.append(subdivide(self._meshes[-1]).mesh)
         return self._meshes[level]
@@ -53,12 +57,12 @@ class Levels:
         """(F,): the largest ‖Lᵏ(u, v) - S(u, v)‖ of each face of the mesh, at steps so many levels below level k's."""
         limits = self.limits(level + deeper)
         points = self.mesh(level).positions if vertices == "CONTROL" else limits
-        values = points[self.mesh(level).corner_vertices]
+        values = points[self.subdivided(level).corner_vertices]
         for finer in range(level, level + deeper):
-            values = linear_children(self.mesh(finer), values)
-        gaps = np.linalg.norm(values - limits[self.mesh(level + deeper).corner_vertices], axis=1)
+            values = linear_children(self.subdivided(finer), values)
+        gaps = np.linalg.norm(values - limits[self.subdivided(level + deeper).corner_vertices], axis=1)
         # The corners of a face's descendants lie together, four times as many with every level.
-        return np.maximum.reduceat(gaps, self.mesh(0).face_starts[:-1] * 4 ** (level + deeper))
+        return np.maximum.reduceat(gaps, self.subdivided(0).face_starts[:-1] * 4 ** (level + deeper))
 
 
 # In the search for the largest distance: how often the steps are halved, and how many quads of a face go on each time.
