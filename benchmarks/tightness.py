@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Certified depths next to the least ones by brute force, with Blender's own Subdivision Surface as the measure.
+
+python benchmarks/tightness.py [QUADS] [NAME…]               with the bpy wheel
+blender -b --python benchmarks/tightness.py -- [QUADS] [NAME…]
+
+Every level's facets are compared with the surface at the same parameters, some levels deeper. QUADS is how many quads
+of a deep level are made for each mesh and level; where they do not suffice for all the faces, only so many of them are
+measured at that level, in patches chosen at random. Exits with 1 where a depth is below the least one, or fewer than
+99.5 % of all are equal to it.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import perf_counter
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import bpy
+import numpy as np
+
+from ccdepth_addon.core.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.depth import VERTICES, face_depths
+from ccdepth_addon.core.mesh import FloatArray, IndexArray
+from tests import meshes
+from tests.blender import scene
+from tests.blender.measuring import BlenderLevels, part_of, rounding
+from tests.brute_force import Comparison, Levels, compare
+
+QUADS = 1_000_000
+RELATIVE_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5)
+LEAST_EQUAL_SHARE = 0.995
+
+# Levels that are tried, and how much deeper the samples of each are.
+DEEPER = (4, 4, 4, 3, 3, 2, 2, 2)
+
+# Faces that lie together are measured together, as they need each other's surroundings; and as many as fit in a deep
+# level of some quads at once.
+PATCH_FACES = 16
+QUADS_AT_ONCE = 400_000
+
+
+def suzanne() -> meshes.MeshData:
+    return scene.mesh_data(scene.add_suzanne().data)
+
+
+def suzanne_once() -> meshes.MeshData:
+    base = scene.add_suzanne()
+    scene.add_subdivision(base, 1)
+    return scene.evaluated_mesh_data(base)
+
+
+CASES: dict[str, Callable[[], meshes.MeshData]] = {
+    "Suzanne": suzanne,
+    "Suzanne after one step": suzanne_once,
+    "cube": meshes.cube,
+    "torus": lambda: meshes.torus(16, 12),
+    "Suzanne with random creases": lambda: meshes.with_random_creases(suzanne(), share=0.1),
+    "landscape with boundary": lambda: meshes.landscape(16, 12),
+    "landscape with random creases": lambda: meshes.with_random_creases(meshes.landscape(8, 8)),
+    "valence 2": meshes.valence_two,
+    "valence 3": lambda: meshes.fan(3, 3),
+    "valence 5": lambda: meshes.fan(5, 3),
+    "valence 6": lambda: meshes.fan(6, 3),
+    "valence 7": lambda: meshes.fan(7, 3),
+    "valence 8": lambda: meshes.fan(8, 3),
+    "valence 12": lambda: meshes.fan(12, 2),
+    "valence 64": lambda: meshes.fan(64, 1),
+    "valence 360": lambda: meshes.fan(360, 1),
+    "valences 3 and 9": lambda: meshes.bumpy(meshes.trapezohedron(9), 0.05),
+    "n-gons": lambda: meshes.bumpy(meshes.cylinder(7), 0.1),
+    "triangles, quads, valence 12": lambda: meshes.bumpy(meshes.bipyramid(12), 0.05),
+    "n-gons with random creases": lambda: meshes.with_random_creases(meshes.cylinder(8), share=0.6),
+    "valence 2 with random creases": lambda: meshes.with_random_creases(meshes.valence_two(), seed=5, share=0.8),
+    "house with random creases": lambda: meshes.with_random_creases(meshes.triangles_and_quads()),
+    "not manifold": lambda: meshes.with_random_creases(meshes.face_soup(), share=0.1),
+}
+
+
+@dataclass
+class Measured:
+    """(levels, F) distances of the faces at each level, nan where they were not measured.
+
+    blender: by Blender's positions in single precision, which are uncertain by ``slack`` (levels,); core: by the
+    core's in double precision, measured where a distance by Blender's is that near a tolerance.
+    """
+
+    blender: FloatArray
+    core: FloatArray
+    slack: FloatArray
+
+    @staticmethod
+    def nothing(data: meshes.MeshData) -> Measured:
+        count = len(data.face_sizes)
+        empty = np.full((len(DEEPER), count), np.nan)
+        levels = [level + deeper for level, deeper in enumerate(DEEPER)]
+        # A distance has two ends, or three with limit vertices.
+        return Measured(empty, empty.copy(), np.array([3 * rounding(data, level) for level in levels]))
+
+    def near(self, tolerances: list[float]) -> FloatArray:
+        """(levels, F) bool: within the slack of a tolerance."""
+        return np.any([np.abs(self.blender - tolerance) <= self.slack[:, None] for tolerance in tolerances], axis=0)
+
+    def decided(self, tolerance: float) -> FloatArray:
+        """(levels, F): the distances, in double precision where single precision does not tell."""
+        return np.where(self.near([tolerance]), self.core, self.blender)
+
+
+def patches(data: meshes.MeshData, seed: int = 1) -> IndexArray:
+    """All the faces, in an order such that faces lie together in patches, and the patches at random."""
+    middles = np.array([data.positions[face].mean(axis=0) for face in data.faces])
+    left = np.random.default_rng(seed).permutation(len(middles))
+    order = []
+    while len(left):
+        away = np.linalg.norm(middles[left] - middles[left[0]], axis=1)
+        order.append(left[np.argsort(away, kind="stable")[:PATCH_FACES]])
+        left = np.setdiff1d(left, order[-1], assume_unique=True)
+        left = left[np.random.default_rng(len(order)).permutation(len(left))]
+    return np.concatenate(order)
+
+
+def blocks(data: meshes.MeshData, finest: int, quads: int) -> Iterator[tuple[meshes.MeshData, IndexArray, IndexArray]]:
+    """Parts of the mesh to measure one by one: the part, which of its faces count, and which those are in the mesh."""
+    order = patches(data)
+    # About half of a part is there for the other half.
+    count = max(1, min(len(order), QUADS_AT_ONCE // (2 * 4**finest)))
+    for start in range(0, len(order), count):
+        faces = np.sort(order[start : start + count])
+        part, numbers = part_of(data, faces)
+        quads -= int(part.face_sizes.sum()) * 4 ** (finest - 1)
+        if quads < 0:
+            return
+        yield part, np.searchsorted(numbers, faces), faces
+
+
+def measure(data: meshes.MeshData, boundary: str, quads: int, tolerances: list[float]) -> dict[str, Measured]:
+    """Of every level as many faces as the quads allow, by the name of the vertices."""
+    found = {vertices: Measured.nothing(data) for vertices in VERTICES}
+    for level, deeper in enumerate(DEEPER):
+        for part, inside, faces in blocks(data, level + deeper, quads):
+            own = BlenderLevels(part, boundary)
+            core = Levels(own.subdivided(0))
+            for vertices, measured in found.items():
+                measured.blender[level, faces] = own.distances(level, vertices, deeper)[inside]
+                if np.any(measured.near(tolerances)[level, faces]):
+                    measured.core[level, faces] = core.distances(level, vertices, deeper)[inside]
+            own.remove()
+    return found
+
+
+def single_precision(data: meshes.MeshData) -> meshes.MeshData:
+    """The mesh as Blender holds it."""
+    return replace(data, positions=data.positions.astype(np.float32).astype(np.float64))
+
+
+def compare_mesh(
+    data: meshes.MeshData, boundary: str, quads: int, relative_tolerances: tuple[float, ...]
+) -> tuple[dict[float, Comparison], float, int]:
+    """By relative tolerance, both kinds of vertices together; how far Blender and the core are apart in units of the
+    slack, at most; and how many distances could be told in double precision only."""
+    data = single_precision(data)
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=boundary == "ALL")
+    diagonal = float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
+    measured = measure(data, boundary, quads, [relative * diagonal for relative in relative_tolerances])
+    totals = {}
+    for relative in relative_tolerances:
+        totals[relative] = Comparison()
+        for vertices in VERTICES:
+            found = face_depths(mesh, relative * diagonal, "CERTIFIED", vertices)
+            sampled = measured[vertices].decided(relative * diagonal)
+            totals[relative] += compare(mesh, sampled, found, relative * diagonal, vertices)
+    apart = [np.abs(each.blender - each.core) / each.slack[:, None] for each in measured.values()]
+    near = sum(
+        np.count_nonzero(each.near([relative * diagonal]))
+        for each in measured.values()
+        for relative in relative_tolerances
+    )
+    return totals, float(np.nanmax(apart)) if np.isfinite(apart).any() else 0.0, near
+
+
+HEADER = (
+    f"{'':44}{'compared':>9}{'equal':>8}{'closely':>8}{'1 above':>8}{'more':>6}{'below':>6}"
+    f"{'inexact':>8}{'wrong':>6}{'unknown':>8}"
+)
+
+
+def row(name: str, found: Comparison) -> str:
+    return (
+        f"{name:44}{found.faces:9,}{found.equal:8,}{found.confirmed:8,}{found.one_above:8,}{found.more_above:6,}"
+        f"{found.below:6,}{found.unproved:8,}{found.wrongly_exact:6,}{found.unknown:8,}"
+    )
+
+
+def main(quads: int = QUADS, names: Sequence[str] = ()) -> int:
+    """The exit status."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    print(f"Blender {bpy.app.version_string}; both kinds of vertices together; depths compared with the least ones")
+    print(
+        "closely: equal once the largest distance had been looked for more closely; inexact: not said to be the least;"
+        "\nwrong: said to be the least, and not; unknown: too deep to measure"
+    )
+    print(HEADER)
+    total = Comparison()
+    by_tolerance = {relative: Comparison() for relative in RELATIVE_TOLERANCES}
+    for name in names or list(CASES):
+        start = perf_counter()
+        data = CASES[name]()
+        found, apart, near = compare_mesh(data, "ALL", quads, RELATIVE_TOLERANCES)
+        whole = Comparison()
+        for relative, comparison in found.items():
+            whole += comparison
+            by_tolerance[relative] += comparison
+        total += whole
+        print(row(f"{name}, {len(data.face_sizes):,} faces", whole), end="   ")
+        print(f"{perf_counter() - start:4.0f} s; {near} in double precision, {apart:.2f} slacks apart", flush=True)
+        scene.clear()
+    for relative, comparison in by_tolerance.items():
+        print(row(f"tolerance {relative:g} of the diagonal", comparison))
+    print(row("in total", total))
+    print(f"equal on {100 * total.equal_share:.3f} %, below on {total.below}")
+    return int(total.below > 0 or total.equal_share < LEAST_EQUAL_SHARE)
+
+
+if __name__ == "__main__":
+    after = sys.argv.index("--") + 1 if "--" in sys.argv else len(sys.argv) if bpy.app.binary_path else 1
+    given = sys.argv[after:]
+    sys.exit(main(int(given[0]) if given else QUADS, given[1:]))
