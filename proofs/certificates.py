@@ -16,15 +16,15 @@ Functionals are rows over the net's 2n + 8 points; Bernstein blocks of them are 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
 from ccdepth_addon.core.catmull_clark import limit_positions, subdivide
-from ccdepth_addon.core.mesh import FloatArray, PolygonMesh, polygon_mesh, submesh
-from ccdepth_addon.core.norms import ring_index, second_differences
+from ccdepth_addon.core.mesh import FloatArray, PolygonMesh, submesh
+from ccdepth_addon.core.norms import second_differences
 from ccdepth_addon.core.patches import regular_nets
 from ccdepth_addon.core.splines import HALVES, SPLINE_TO_BERNSTEIN, bilinear_coefficients
 
@@ -43,29 +43,6 @@ TILES = {1: ((1, 0), (1, 0.5), (0.5, 0.5), (0.5, 0)), 2: ((1, 1), (0.5, 1), (0.5
 
 class NotCertifiedError(Exception):
     """No certificate was found; the claim may still be true."""
-
-
-def stencil_patch(valence: int) -> PolygonMesh:
-    """The faces of an extraordinary net of 2n + 8 points; vertex i stands at the i-th unit vector, so every position
-    of a refinement is the stencil it has on the net. Face 0 is the facet, from its extraordinary vertex on."""
-    n = valence
-
-    def ring(number: int) -> int:
-        return ring_index(n, number)
-
-    o2, o3, o4, o5, o6, o7, o8 = range(2 * n + 1, 2 * n + 8)
-    around = [[0, ring(2 * i + 2), ring(2 * i + 1), ring(2 * i)] for i in range(2, n + 2)]
-    outer = [
-        [ring(6), o4, o3, ring(5)],
-        [ring(5), o3, o2, o6],
-        [ring(4), ring(5), o6, o7],
-        [ring(3), ring(4), o7, o8],
-        [ring(7), o5, o4, ring(6)],
-    ]
-    corners = np.array(around + outer).reshape(-1)
-    patch = polygon_mesh(np.eye(2 * n + 8), np.full(n + 5, 4), corners)
-    # The net's outline is no boundary of the surface.
-    return replace(patch, sharpness_is_explicit=True)
 
 
 def difference_matrix(valence: int) -> FloatArray:

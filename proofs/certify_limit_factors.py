@@ -24,7 +24,8 @@ from ccdepth_addon.core.bounds import (
 )
 from ccdepth_addon.core.catmull_clark import limit_positions
 from ccdepth_addon.core.mesh import FloatArray
-from proofs.certificates import Certifier, bernstein, facet_corner, facet_over_tile, split, stencil_patch, tiles
+from ccdepth_addon.core.stencils import stencil_patch
+from proofs.certificates import Certifier, bernstein, facet_corner, facet_over_tile, split, tiles
 
 TILED_LEVELS = 14
 SPLITS = (3, 1)  # how often the tiles of the first levels are halved both ways; the others stay whole

@@ -40,13 +40,9 @@ from ccdepth_addon.core.bounds import Vertices, limit_displacement, published_di
 from ccdepth_addon.core.catmull_clark import limit_positions, subdivide
 from ccdepth_addon.core.mesh import FloatArray, submesh
 from ccdepth_addon.core.patches import extraordinary_nets
-from ccdepth_addon.core.splines import (
-    SPLINE_HALVES,
-    bilinear_coefficients,
-    elevated_second_derivatives,
-    second_derivatives,
-)
-from proofs.certificates import Certifier, bernstein, facet_corner, facet_over_tile, split, stencil_patch, tiles
+from ccdepth_addon.core.splines import SPLINE_HALVES, bilinear_coefficients, second_derivatives
+from ccdepth_addon.core.stencils import stencil_patch
+from proofs.certificates import Certifier, bernstein, facet_corner, facet_over_tile, split, tiles
 
 LAST_VALENCE = 128
 LAST_LEVEL = 9
@@ -119,9 +115,8 @@ def regular_error(net: FloatArray, vertices: Vertices) -> FloatArray:
 def later_error(certifier: Certifier, net: FloatArray, vertices: Vertices, levels: int) -> float:
     """A bound on a regular patch's facets so many levels after its own, (‖A‖ + ‖B‖)s + ‖R‖s²."""
     scale = 1 / DIVISORS[vertices] / 4**levels
-    functionals = (*elevated_second_derivatives(), second_derivatives()[2])
-    rows = net.reshape(16, -1)
-    a, b, r = (float(certifier.upper(which @ rows).max()) for which in functionals)
+    derivatives = certifier.upper(second_derivatives() @ net.reshape(16, -1))
+    a, b, r = (float(part.max()) for part in (derivatives[:8], derivatives[8:16], derivatives[16:]))
     return scale * (a + b + scale * r)
 
 
