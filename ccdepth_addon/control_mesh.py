@@ -66,7 +66,8 @@ class ControlMesh:
         """The mesh with the object's rotation, scale and shear applied, and without its location."""
         # Positions that are not finite are found and refused later.
         with np.errstate(invalid="ignore"):
-            return replace(self.mesh, positions=self.mesh.positions @ self.world.T)
+            x, y, z = (self.mesh.positions[:, axis, None] * self.world[:, axis] for axis in range(3))
+            return replace(self.mesh, positions=x + y + z)
 
     def diagonal(self) -> float:
         """The diagonal of the object's dimensions, as a length in the scene.

@@ -13,6 +13,7 @@ import numpy as np
 
 from .mesh import FloatArray
 from .norms import squared_norms
+from .products import product
 
 SPLINE_TO_BERNSTEIN = np.array([[1, 4, 1, 0], [0, 4, 2, 0], [0, 2, 4, 0], [0, 1, 4, 1]]) / 6
 SECOND_DIFFERENCE = np.array([[1, -2, 1, 0], [0, 1, -2, 1]], dtype=np.float64)
@@ -26,7 +27,7 @@ SPLINE_HALVES = (
 
 def apply(functionals: FloatArray, net: FloatArray) -> FloatArray:
     """(rows, P, 3): the values of functionals (rows, 16) on nets (4, 4, P, 3)."""
-    return (functionals @ net.reshape(16, -1)).reshape(len(functionals), -1, 3)
+    return product(functionals, net.reshape(16, -1)).reshape(len(functionals), -1, 3)
 
 
 def tensor(along_u: FloatArray, along_v: FloatArray) -> FloatArray:
@@ -36,11 +37,8 @@ def tensor(along_u: FloatArray, along_v: FloatArray) -> FloatArray:
 
 def both_ways(halves: tuple[FloatArray, FloatArray], blocks: FloatArray) -> FloatArray:
     """Four blocks for each of (4, 4, P, 3), one quarter after the other: (4, 4, 4P, 3)."""
-    quarters = [
-        np.matmul(a, np.einsum("bj,ijpd->ibpd", b, blocks).reshape(4, -1)).reshape(blocks.shape)
-        for a in halves
-        for b in halves
-    ]
+    rows = blocks.reshape(16, -1)
+    quarters = [product(np.kron(a, b), rows).reshape(blocks.shape) for a in halves for b in halves]
     return np.concatenate(quarters, axis=2)
 
 

@@ -15,6 +15,7 @@ from .catmull_clark import limit_positions, subdivide
 from .mesh import FloatArray, PolygonMesh, polygon_mesh
 from .norms import ring_index
 from .patches import extraordinary_nets, regular_nets
+from .products import product
 
 
 def stencil_patch(valence: int) -> PolygonMesh:
@@ -71,4 +72,4 @@ def patch_stencils(valence: int) -> PatchStencils:
 
 def apply_stencils(stencils: FloatArray, nets: FloatArray) -> FloatArray:
     """(rows, P, 3): stencils (rows, N) applied to nets (N, P, 3)."""
-    return (stencils @ nets.reshape(len(nets), -1)).reshape(len(stencils), *nets.shape[1:])
+    return product(stencils, nets.reshape(len(nets), -1)).reshape(len(stencils), *nets.shape[1:])
