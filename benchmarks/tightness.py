@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Certified depths next to the least ones by brute force, with Blender's own Subdivision Surface as the measure.
 
-python benchmarks/tightness.py [QUADS] [NAME…]               with the bpy wheel
+python benchmarks/tightness.py -- [QUADS] [NAME…]            with the bpy wheel
 blender -b --python benchmarks/tightness.py -- [QUADS] [NAME…]
 
 Every level's facets are compared with the surface at the same parameters, some levels deeper. QUADS is how many quads
@@ -36,7 +36,7 @@ RELATIVE_TOLERANCES = (1e-2, 1e-3, 1e-4, 1e-5)
 LEAST_EQUAL_SHARE = 0.995
 
 # Levels that are tried, and how much deeper the samples of each are.
-DEEPER = (4, 4, 4, 3, 3, 2, 2, 2)
+DEEPER = (4, 4, 3, 3, 2, 2, 2, 2)
 
 # Faces that lie together are measured together, as they need each other's surroundings; and as many as fit in a deep
 # level of some quads at once.
@@ -226,6 +226,5 @@ def main(quads: int = QUADS, names: Sequence[str] = ()) -> int:
 
 
 if __name__ == "__main__":
-    after = sys.argv.index("--") + 1 if "--" in sys.argv else len(sys.argv) if bpy.app.binary_path else 1
-    given = sys.argv[after:]
+    given = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []
     sys.exit(main(int(given[0]) if given else QUADS, given[1:]))
