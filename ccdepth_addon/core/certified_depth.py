@@ -37,10 +37,17 @@ NET_SPLITS = 3
 BLOCK_SPLITS = 6
 REFINEMENTS = 12
 
+# Doubtful parts in Bernstein form: of a face at most, before its level is given up, and of all the faces at once.
+MOST_BLOCKS_OF_A_FACE = 512
+MOST_BLOCKS = 1 << 15
+
 # The stencils of a valence are a square matrix of 2n + 8 rows; beyond this the mesh itself is refined.
 LARGEST_STENCIL_VALENCE = 512
 
 BoolArray = NDArray[np.bool_]
+
+# (P,) base faces, and (4, 4, P, 3) differences S - L over them.
+Blocks = tuple[IndexArray, FloatArray]
 
 
 def certified_blocks(mesh: PolygonMesh, question: Question, vertices: Vertices) -> Iterator[FaceBlock]:
@@ -118,7 +125,7 @@ class _Verdict:
     wanted: BoolArray
     upper: FloatArray
     lower: FloatArray
-    open_blocks: list[tuple[IndexArray, FloatArray]] = field(default_factory=list)
+    open_blocks: list[Blocks] = field(default_factory=list)
 
     @staticmethod
     def of(question: Question, wanted: BoolArray) -> _Verdict:
@@ -159,7 +166,7 @@ class _Search:
             for patches in self.extraordinary:
                 self._ask_extraordinary(verdict, patches, patches.corners(self.vertices))
             self._ask_refinement(verdict)
-            self._ask_blocks(verdict)
+            self._ask_blocks(verdict, verdict.open_blocks)
             settled = verdict.wanted & np.isfinite(verdict.upper)
             block.settle(settled, level, verdict.upper + self.question.allowance, verdict.lower)
             # A level that was neither proved nor disproved leaves the depth above it without proof of being the least.
@@ -277,28 +284,50 @@ class _Search:
         rest = facets.compress(sorted_out.rest, axis=1)
         return refinement.keep(sorted_out.rest), rest.swapaxes(0, 1).reshape(-1, 3)
 
-    def _ask_blocks(self, verdict: _Verdict) -> None:
-        """Ask the differences S - L that are in Bernstein form: (4, 4, P, 3) blocks."""
-        blocks = [(bases, values) for bases, values in verdict.open_blocks if len(bases)]
-        for _ in range(BLOCK_SPLITS):
-            if not blocks:
-                return
-            remaining = []
-            for bases, values in blocks:
-                wanted = verdict.wanted[bases]
-                if not np.all(wanted):
-                    bases, values = bases[wanted], values.compress(wanted, axis=2)
-                if not len(bases):
-                    continue
-                rows = values.reshape(16, -1, 3)
-                doubtful = verdict.hear(bases, largest_norm(rows), largest_norm(rows[[0, 3, 12, 15]]))
-                if np.any(doubtful):
-                    remaining.append(
-                        (np.tile(bases[doubtful], 4), both_ways(HALVES, values.compress(doubtful, axis=2)))
-                    )
-            blocks = remaining
-        for bases, _ in blocks:
-            verdict.give_up(bases)
+    def _ask_blocks(self, verdict: _Verdict, blocks: list[Blocks], splits: int = BLOCK_SPLITS) -> None:
+        """Ask differences S - L in Bernstein form, splitting them so often while in doubt."""
+        doubtful = [block for block in (self._hear_blocks(verdict, *block) for block in blocks) if len(block[0])]
+        if not doubtful:
+            return
+        counts = np.bincount(np.concatenate([bases for bases, _ in doubtful]), minlength=len(verdict.wanted))
+        # Where a distance is the tolerance itself along a line, doubt grows with every split and never ends.
+        hopeless = counts > (MOST_BLOCKS_OF_A_FACE if splits else 0)
+        if np.any(hopeless):
+            verdict.give_up(np.flatnonzero(hopeless))
+            doubtful = _blocks_of(doubtful, ~hopeless)
+            counts = np.where(hopeless, 0, counts)
+        for some in _groups(counts, MOST_BLOCKS):
+            chosen = doubtful if np.all(some[counts > 0]) else _blocks_of(doubtful, some)
+            halved = [(np.tile(bases, 4), both_ways(HALVES, values)) for bases, values in chosen]
+            self._ask_blocks(verdict, halved, splits - 1)
+
+    def _hear_blocks(self, verdict: _Verdict, bases: IndexArray, values: FloatArray) -> Blocks:
+        """The blocks that are left in doubt."""
+        [(bases, values)] = _blocks_of([(bases, values)], verdict.wanted) or [(bases[:0], values[:, :, :0])]
+        if not len(bases):
+            return bases, values
+        rows = values.reshape(16, -1, 3)
+        doubtful = verdict.hear(bases, largest_norm(rows), largest_norm(rows[[0, 3, 12, 15]]))
+        return bases[doubtful], values.compress(doubtful, axis=2)
+
+
+def _blocks_of(blocks: list[Blocks], wanted: BoolArray) -> list[Blocks]:
+    """The blocks of the wanted base faces."""
+    kept = []
+    for bases, values in blocks:
+        chosen = wanted[bases]
+        if np.all(chosen):
+            kept.append((bases, values))
+        elif np.any(chosen):
+            kept.append((bases[chosen], values.compress(chosen, axis=2)))
+    return kept
+
+
+def _groups(counts: IndexArray, most: int) -> Iterator[BoolArray]:
+    """Base faces in groups that have so many blocks together, a little more where need be: (B,) bool each."""
+    group = (np.cumsum(counts) - counts) // most
+    for number in np.unique(group[counts > 0]):
+        yield (group == number) & (counts > 0)
 
 
 def _corner_vertices(refinement: Refinement) -> IndexArray:
