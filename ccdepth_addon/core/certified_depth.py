@@ -32,14 +32,15 @@ REGULAR_FACES_AT_ONCE = 1 << 13
 OTHER_FACES_AT_ONCE = 1 << 11
 
 # How often doubtful parts are split: each time the gap between the bounds falls to about a quarter for a patch in
-# Bernstein form, and by the subdominant eigenvalue (0.41 to 0.68) around an extraordinary vertex.
+# Bernstein form, and by the subdominant eigenvalue (0.41 to 0.68) around an extraordinary vertex,
+# or to a half where only the support is known.
 NET_SPLITS = 3
-BLOCK_SPLITS = 6
-REFINEMENTS = 12
+BLOCK_SPLITS = 9
+REFINEMENTS = 18
 
 # Doubtful parts in Bernstein form: of a face at most, before its level is given up, and of all the faces at once.
-MOST_BLOCKS_OF_A_FACE = 512
-MOST_BLOCKS = 1 << 15
+MOST_BLOCKS_OF_A_FACE = 128
+MOST_BLOCKS = 1 << 13
 
 # The stencils of a valence are a square matrix of 2n + 8 rows; beyond this the mesh itself is refined.
 LARGEST_STENCIL_VALENCE = 512
