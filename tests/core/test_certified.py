@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Callable
 from contextlib import suppress
 
@@ -294,6 +295,37 @@ def test_refining_the_mesh_itself_gives_the_same(vertices: str, monkeypatch: pyt
     expected = [certified(mesh, 0.01, vertices) for mesh in built]
     monkeypatch.setattr(certified_depth, "LARGEST_STENCIL_VALENCE", 2)
     for mesh, before in zip(built, expected, strict=True):
+        found = certified(mesh, 0.01, vertices)
+        np.testing.assert_array_equal(found.depths, before.depths)
+        np.testing.assert_array_equal(found.exact, before.exact)
+
+
+def parabolic(side: int) -> meshes.MeshData:
+    """A grid over z = x², whose facets are all as far from the surface, along a line in each of them."""
+    data = meshes.grid(side, side)
+    x, y, _ = data.positions.T
+    return meshes.MeshData(np.stack([x, y, x**2], axis=1), data.face_sizes, data.corner_vertices)
+
+
+@pytest.mark.parametrize(("vertices", "distance"), [("CONTROL", 1 / 3), ("LIMIT", 1 / 4)])
+def test_tolerances_that_are_the_distance(vertices: str, distance: float) -> None:
+    """No bound tells the two apart, on any face. One level more is the price, and neither time nor memory."""
+    mesh = build(parabolic(24))
+    for level in range(4):
+        tracemalloc.start()
+        found = certified(mesh, distance / 4**level, vertices)
+        peak = tracemalloc.get_traced_memory()[1]
+        tracemalloc.stop()
+        assert np.all(found.depths <= level + 1)
+        assert peak < 400e6
+
+
+@both_vertices
+def test_groups_of_doubtful_parts_do_not_matter(vertices: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    cases = [build(data) for data in (meshes.landscape(6, 6), meshes.fan(5), meshes.creased_cube())]
+    expected = [certified(mesh, 0.01, vertices) for mesh in cases]
+    monkeypatch.setattr(certified_depth, "MOST_BLOCKS", 3)
+    for mesh, before in zip(cases, expected, strict=True):
         found = certified(mesh, 0.01, vertices)
         np.testing.assert_array_equal(found.depths, before.depths)
         np.testing.assert_array_equal(found.exact, before.exact)
