@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -67,7 +67,7 @@ class ControlMesh:
         # Positions that are not finite are found and refused later.
         with np.errstate(invalid="ignore"):
             x, y, z = (self.mesh.positions[:, axis, None] * self.world[:, axis] for axis in range(3))
-            return replace(self.mesh, positions=x + y + z)
+            return self.mesh.changed(positions=x + y + z)
 
     def diagonal(self) -> float:
         """The diagonal of the object's dimensions, as a length in the scene.

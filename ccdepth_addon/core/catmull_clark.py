@@ -15,7 +15,7 @@ them, and in the level where it drops to 0 the sharp and the smooth rule are ble
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
@@ -78,7 +78,7 @@ def apply_boundary_rule(mesh: PolygonMesh, *, smooth_corners: bool) -> PolygonMe
         return mesh
     has_faces = mesh.edge_face_counts > 0
     boundary = mesh.edge_face_counts == 1
-    non_manifold = (mesh.edge_face_counts > 1) & ~_has_twins(mesh)
+    non_manifold = (mesh.edge_face_counts > 1) & ~mesh.edge_has_twins
     creases = np.where(has_faces, _capped(mesh.edge_sharpness), 0.0)
     edge_sharpness = np.where(boundary | non_manifold, INFINITELY_SHARP, creases)
 
@@ -93,8 +93,7 @@ def apply_boundary_rule(mesh: PolygonMesh, *, smooth_corners: bool) -> PolygonMe
     if not smooth_corners:
         sharp |= (mesh.vertex_face_counts == 1) & (edge_counts == 2)
     with_edges = _sharpened_between_two_edges(mesh, creases, edge_counts)
-    return replace(
-        mesh,
+    return mesh.changed(
         edge_sharpness=edge_sharpness,
         vertex_sharpness=np.where(sharp, INFINITELY_SHARP, with_edges),
         sharpness_is_explicit=True,
@@ -135,8 +134,10 @@ def subdivide(mesh: PolygonMesh) -> Subdivision:
     return Subdivision(refined, mesh.corner_faces)
 
 
-def limit_positions(mesh: PolygonMesh) -> FloatArray:
+def limit_positions(mesh: PolygonMesh, wanted: BoolArray | None = None) -> FloatArray:
     """(V, 3) float64, where each vertex of a mesh with explicit sharpness goes on the limit surface.
+
+    wanted: (V,) bool, the vertices for which it has to be right; all when left out.
 
     With n, V, E and F the valence, the vertex, edge and face points after one step (which makes the formulas hold
     around faces of any size), a smooth vertex goes to (n²V + 4ΣE + ΣF) / (n(n + 5)) (Halstead, Kass and DeRose,
@@ -145,7 +146,7 @@ def limit_positions(mesh: PolygonMesh) -> FloatArray:
     first, around such vertices only. Valence 2 is no exception here, and a dart vertex goes to its true limit too,
     where OpenSubdiv takes the vertex itself for the one and the smooth formula for the other.
     """
-    return _limit_positions(mesh, np.ones(mesh.vertex_count, dtype=bool))
+    return _limit_positions(mesh, np.ones(mesh.vertex_count, dtype=bool) if wanted is None else wanted)
 
 
 def vertex_rules(mesh: PolygonMesh) -> NDArray[np.int8]:
@@ -174,16 +175,10 @@ def _sum_by(index: IndexArray, values: FloatArray, count: int) -> FloatArray:
 # Topology
 
 
-def _has_twins(mesh: PolygonMesh) -> BoolArray:
-    """(E,) whether an edge lies inside a manifold surface of consistently oriented faces."""
-    paired = np.zeros(mesh.edge_count, dtype=bool)
-    paired[mesh.corner_edges[mesh.twin != np.arange(mesh.corner_count)]] = True
-    return paired
-
-
 def _edges_at_vertices(mesh: PolygonMesh, chosen: BoolArray) -> IndexArray:
     """(V,) how many of the chosen edges end at each vertex."""
-    return np.bincount(mesh.edge_vertices[chosen].reshape(-1), minlength=mesh.vertex_count)
+    ends = mesh.edge_vertices if np.all(chosen) else mesh.edge_vertices[chosen]
+    return np.bincount(ends.reshape(-1), minlength=mesh.vertex_count)
 
 
 def _is_single_fan(mesh: PolygonMesh) -> BoolArray:
@@ -197,15 +192,19 @@ def _is_single_fan(mesh: PolygonMesh) -> BoolArray:
     first[mesh.corner_vertices] = corners
     first[mesh.corner_vertices[leaves_boundary]] = corners[leaves_boundary]
     reached = np.zeros(mesh.vertex_count, dtype=np.intp)
-    walking = np.flatnonzero(mesh.vertex_face_counts > 0)
-    current = first[walking]
+    walking = np.flatnonzero(mesh.vertex_face_counts)
+    start = current = first[walking]
+    turns = 0
     while len(walking):
-        reached[walking] += 1
-        arriving = mesh.previous_corner[current]
-        current = mesh.twin[arriving]
+        turns += 1
+        arriving = mesh.previous_corner.take(current)
+        current = mesh.twin.take(arriving)
         # The walk ends at the other boundary, or where it began.
-        goes_on = (current != arriving) & (current != first[walking])
-        walking, current = walking[goes_on], current[goes_on]
+        ends = (current == arriving) | (current == start)
+        if np.any(ends):
+            reached[walking[ends]] = turns
+            goes_on = np.flatnonzero(~ends)
+            walking, start, current = walking[goes_on], start[goes_on], current[goes_on]
     return (reached > 0) & (reached == mesh.vertex_face_counts)
 
 
@@ -216,10 +215,15 @@ def _sharpened_between_two_edges(mesh: PolygonMesh, creases: FloatArray, edge_co
     not their being boundaries. Single precision, as there.
     """
     own = _capped(mesh.vertex_sharpness)
-    has_faces = mesh.edge_face_counts > 0
-    duller = np.full(mesh.vertex_count, INFINITELY_SHARP)
-    np.minimum.at(duller, mesh.edge_vertices[has_faces].reshape(-1), np.repeat(creases[has_faces], 2))
-    total = own.astype(np.float32) + np.where(edge_counts == 2, duller, 0.0).astype(np.float32)
+    added = np.zeros(mesh.vertex_count)
+    creased = creases > 0
+    if np.any(creased):
+        duller = np.full(mesh.vertex_count, INFINITELY_SHARP)
+        np.minimum.at(duller, mesh.edge_vertices[creased].reshape(-1), np.repeat(creases[creased], 2))
+        # Where one of the two edges is smooth it is the duller one, and adds nothing.
+        both = (edge_counts == 2) & (_edges_at_vertices(mesh, creased) == 2)
+        added[both] = duller[both]
+    total = own.astype(np.float32) + added.astype(np.float32)
     return np.where(np.isinf(own), own, _capped(total.astype(np.float64)))
 
 
@@ -316,7 +320,7 @@ def _has_finite_sharpness_above(mesh: PolygonMesh, level: float) -> BoolArray:
 
 def _limit_positions(mesh: PolygonMesh, wanted: BoolArray) -> FloatArray:
     """(V, 3) the limit positions, right at the wanted vertices only."""
-    limits = _limits_after_one_step(mesh)
+    limits = _limits_after_one_step(mesh, wanted)
     undecided = wanted & _has_finite_sharpness_above(mesh, 1.0) & (mesh.vertex_face_counts > 0)
     if not undecided.any():
         return limits
@@ -334,8 +338,11 @@ def _limit_positions(mesh: PolygonMesh, wanted: BoolArray) -> FloatArray:
     return limits
 
 
-def _limits_after_one_step(mesh: PolygonMesh) -> FloatArray:
-    """(V, 3) the limit positions from the points of one step, right where no sharpness remains after it or all."""
+def _limits_after_one_step(mesh: PolygonMesh, wanted: BoolArray) -> FloatArray:
+    """(V, 3) the limit positions from the points of one step, right where no sharpness remains after it or all.
+
+    Dart vertices, which take long, have theirs only where wanted.
+    """
     vertex_points, edge_points, face_points = _refined_points(mesh)
     sharp_edges = mesh.edge_sharpness > 1
     rules = _rules(mesh, sharp_edges, mesh.vertex_sharpness > 1)
@@ -349,7 +356,7 @@ def _limits_after_one_step(mesh: PolygonMesh) -> FloatArray:
     creases = rules == VertexRule.CREASE
     crease_sums = _point_sums_at_ends(mesh, edge_points, sharp_edges)
     limits[creases] = (4.0 * vertex_points[creases] + crease_sums[creases]) / 6.0
-    darts = np.flatnonzero(rules == VertexRule.DART)
+    darts = np.flatnonzero((rules == VertexRule.DART) & wanted)
     if len(darts):
         limits[darts] = _dart_limits(mesh, darts, vertex_points, edge_points, face_points)
     return limits

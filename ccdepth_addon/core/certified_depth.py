@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,34 +59,54 @@ def certified_blocks(mesh: PolygonMesh, question: Question, vertices: Vertices) 
     regular = patches.kinds == PatchKind.REGULAR
 
     def settle_regular(faces: IndexArray) -> FaceBlock:
-        pieces = [_Patches(0, np.arange(len(faces)), regular_nets(mesh, faces))]
+        pieces = [_Patches.new(0, np.arange(len(faces)), regular_nets(mesh, faces))]
         return _Search(question, vertices, faces, pieces, None).run()
 
     def settle_other(faces: IndexArray) -> FaceBlock:
         return _Search(question, vertices, faces, [], Refinement.start(mesh, faces)).run()
 
-    for settle, faces, at_once in (
-        (settle_regular, regular, REGULAR_FACES_AT_ONCE),
-        (settle_other, ~regular, OTHER_FACES_AT_ONCE),
-    ):
-        for block in in_parallel(settle, split(np.flatnonzero(faces), at_once)):
-            yield FaceBlock.empty() if block is None else block
+    # Those that take longest first, so that no processor is left with one of them in the end.
+    jobs = [partial(settle_other, block) for block in split(np.flatnonzero(~regular), OTHER_FACES_AT_ONCE)]
+    jobs += [partial(settle_regular, block) for block in split(np.flatnonzero(regular), REGULAR_FACES_AT_ONCE)]
+    for block in in_parallel(lambda job: job(), jobs):
+        yield FaceBlock.empty() if block is None else block
 
 
 @dataclass
 class _Patches:
-    """Regular patches that appear at one level: (P,) base faces and (4, 4, P, 3) nets."""
+    """Regular patches that appear at one level.
+
+    bases: (P,) base faces. rows: (P,) which of the nets (4, 4, N, 3) is each one's; nets that are no longer wanted are
+    left where they are. later: the bounds for later levels, once they have been asked for.
+    """
 
     level: int
     bases: IndexArray
+    rows: IndexArray
     nets: FloatArray
     later: LaterBounds | None = None
 
+    @staticmethod
+    def new(level: int, bases: IndexArray, nets: FloatArray) -> _Patches:
+        return _Patches(level, bases, np.arange(len(bases)), nets)
+
     def of(self, wanted: BoolArray) -> _Patches:
-        kept = wanted[self.bases]
-        if np.all(kept):
+        kept = np.flatnonzero(wanted[self.bases])
+        if len(kept) == len(self.bases):
             return self
-        return _Patches(self.level, self.bases[kept], self.nets.compress(kept, axis=2))
+        later = None if self.later is None else self.later.of(kept)
+        return _Patches(self.level, self.bases[kept], self.rows[kept], self.nets, later)
+
+    def nets_of(self, chosen: IndexArray) -> FloatArray:
+        """(4, 4, chosen, 3): the nets of some of the patches, by index."""
+        return self.nets.take(self.rows[chosen], axis=2)
+
+    def with_later_bounds(self, vertices: Vertices) -> LaterBounds:
+        if self.later is None:
+            if len(self.rows) < self.nets.shape[2]:
+                self.nets, self.rows = self.nets.take(self.rows, axis=2), np.arange(len(self.rows))
+            self.later = later_bounds(self.nets, vertices)
+        return self.later
 
 
 @dataclass
@@ -169,6 +190,7 @@ class _Search:
             self._ask_refinement(verdict)
             self._ask_blocks(verdict, verdict.open_blocks)
             settled = verdict.wanted & np.isfinite(verdict.upper)
+            self._look_closer(verdict, settled, level)
             block.settle(settled, level, verdict.upper + self.question.allowance, verdict.lower)
             # A level that was neither proved nor disproved leaves the depth above it without proof of being the least.
             block.exact[verdict.wanted & ~settled] = False
@@ -185,7 +207,7 @@ class _Search:
         for patches in kept:
             refined, bases, nets = patches.refined()
             self.extraordinary.append(refined)
-            self.patches.append(_Patches(level + 1, bases, nets))
+            self.patches.append(_Patches.new(level + 1, bases, nets))
         if self.refinement is not None:
             self.refinement = self.refinement.of(wanted).refined()
 
@@ -194,7 +216,7 @@ class _Search:
         if self.refinement is None or not len(self.refinement.bases):
             return
         sorted_out = _sort_out(self.refinement)
-        self.patches.append(_Patches(level, sorted_out.regular_bases, sorted_out.regular_nets()))
+        self.patches.append(_Patches.new(level, sorted_out.regular_bases, sorted_out.regular_nets()))
         self.extraordinary += [patches for patches, _ in sorted_out.extraordinary()]
         self.refinement = self.refinement.keep(sorted_out.rest)
 
@@ -204,33 +226,57 @@ class _Search:
                 self._ask_nets(verdict, patches, level - patches.level)
 
     def _ask_nets(self, verdict: _Verdict, patches: _Patches, levels: int) -> None:
-        """Ask regular patches about the facets so many levels after their own."""
-        bases, nets = patches.bases, patches.nets
-        if patches.later is None and self._needs_later_bounds(levels):
-            patches.later = later_bounds(nets, self.vertices)
-        later = patches.later
+        """Ask regular patches about the facets so many levels after their own: first by what costs least."""
+        upper, lower = self._first_bounds(patches, levels)
+        doubtful = np.flatnonzero(verdict.hear(patches.bases, upper, lower))
+        if not len(doubtful):
+            return
+        bases, upper, nets = patches.bases[doubtful], upper[doubtful], patches.nets_of(doubtful)
         for remaining in range(levels, max(levels - NET_SPLITS, 0) - 1, -1):
-            upper, lower = self._closed_form(nets, later, remaining)
-            doubtful = np.flatnonzero(verdict.hear(bases, upper, lower))
-            if not len(doubtful):
+            if self._has_later_bounds(remaining):
+                lower = sampled_error(nets, self.vertices, remaining)
+                doubtful = np.flatnonzero(verdict.hear(bases, upper, lower))
+                bases, nets = bases[doubtful], nets.take(doubtful, axis=2)
+            if not len(bases):
                 return
-            bases, nets = bases[doubtful], nets.take(doubtful, axis=2)
             if remaining == 0:
                 verdict.open_blocks.append((bases, facet_error(nets, self.vertices)))
                 return
             bases, nets = np.tile(bases, 4), both_ways(SPLINE_HALVES, nets)
-            later = later_bounds(nets, self.vertices) if self._needs_later_bounds(remaining - 1) else None
+            upper, lower = self._bounds(nets, remaining - 1)
+            doubtful = np.flatnonzero(verdict.hear(bases, upper, lower))
+            bases, upper, nets = bases[doubtful], upper[doubtful], nets.take(doubtful, axis=2)
         verdict.give_up(bases)
 
-    def _needs_later_bounds(self, levels: int) -> bool:
+    def _has_later_bounds(self, levels: int) -> bool:
         """A control facet of the patch's own level is known better from its 12 coefficients."""
         return levels > 0 or self.vertices is Vertices.LIMIT
 
-    def _closed_form(self, nets: FloatArray, later: LaterBounds | None, levels: int) -> tuple[FloatArray, FloatArray]:
-        """(P,) each: distances at most and at least, so many levels after the nets' own."""
-        if later is None:
+    def _first_bounds(self, patches: _Patches, levels: int) -> tuple[FloatArray, FloatArray]:
+        """(P,) each: distances at most and at least, so many levels after the patches' own."""
+        if not self._has_later_bounds(levels):
+            return control_facet_bounds(patches.nets)
+        later = patches.with_later_bounds(self.vertices)
+        return later.at(levels), later.least(levels)
+
+    def _bounds(self, nets: FloatArray, levels: int) -> tuple[FloatArray, FloatArray]:
+        """The same for nets alone."""
+        if not self._has_later_bounds(levels):
             return control_facet_bounds(nets)
-        return later.at(levels), sampled_error(nets, self.vertices, levels)
+        later = later_bounds(nets, self.vertices)
+        return later.at(levels), later.least(levels)
+
+    def _look_closer(self, verdict: _Verdict, settled: BoolArray, level: int) -> None:
+        """Raise the least distances of settled faces as far as the samples of regular patches do."""
+        for patches in self.patches:
+            if patches.later is None:
+                continue
+            levels = level - patches.level
+            promising = settled[patches.bases] & (patches.later.at(levels) > verdict.lower[patches.bases])
+            chosen = np.flatnonzero(promising)
+            if len(chosen):
+                found = sampled_error(patches.nets_of(chosen), self.vertices, levels)
+                np.maximum.at(verdict.lower, patches.bases[chosen], found)
 
     def _ask_extraordinary(self, verdict: _Verdict, patches: _ExtraordinaryPatches, facets: FloatArray) -> None:
         """Ask extraordinary patches about facets over them, (4, P, 3), refining them further while in doubt."""
@@ -238,6 +284,8 @@ class _Search:
             if not len(patches.bases):
                 return
             gaps = largest_norm(facets - patches.corners(Vertices.LIMIT))
+            doubtful = np.flatnonzero(verdict.hear(patches.bases, np.full(len(gaps), np.inf), gaps))
+            patches, facets, gaps = patches.at(doubtful), facets.take(doubtful, axis=1), gaps[doubtful]
             last = second_order_extraordinary(patches.nets, Vertices.LIMIT).value
             doubtful = np.flatnonzero(verdict.hear(patches.bases, gaps + last, gaps))
             patches, bases, nets = patches.at(doubtful).refined()
@@ -338,7 +386,10 @@ def _corner_vertices(refinement: Refinement) -> IndexArray:
 
 def _limits_of(refinement: Refinement) -> FloatArray:
     """(C, 3) the limit positions of the vertices at the corners of the descendants."""
-    return limit_positions(refinement.mesh)[_corner_vertices(refinement)]
+    vertices = _corner_vertices(refinement)
+    wanted = np.zeros(refinement.mesh.vertex_count, dtype=bool)
+    wanted[vertices] = True
+    return limit_positions(refinement.mesh, wanted)[vertices]
 
 
 @dataclass(frozen=True)

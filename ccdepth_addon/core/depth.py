@@ -42,8 +42,9 @@ class DepthResult:
 
 def largest_coordinate(mesh: PolygonMesh) -> float:
     """The largest absolute coordinate of a vertex that has a face."""
-    used = mesh.positions[mesh.vertex_face_counts > 0]
-    return float(np.abs(used).max(initial=0.0))
+    has_faces = mesh.vertex_face_counts > 0
+    used = mesh.positions if np.all(has_faces) else mesh.positions[has_faces]
+    return max(float(used.max(initial=0.0)), -float(used.min(initial=0.0)))
 
 
 def smallest_tolerance(mesh: PolygonMesh) -> float:

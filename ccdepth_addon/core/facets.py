@@ -19,7 +19,7 @@ from itertools import product
 import numpy as np
 
 from .bounds import Vertices
-from .mesh import FloatArray
+from .mesh import FloatArray, IndexArray
 from .norms import squared_norms
 from .splines import (
     SECOND_DIFFERENCE,
@@ -69,11 +69,12 @@ def control_facet_bounds(net: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @dataclass(frozen=True)
 class LaterBounds:
-    """Upper bounds of P patches for the facets of every later level: (P,) float64 each.
+    """Bounds of P patches for the facets of every later level: (P,) float64 each.
 
-    together: the largest of ‖A + B‖; apart: of the combinations with one weight at its least; curves: of ‖A‖ and ‖B‖;
-    twist: of ‖R‖; change: of ‖A_u‖ plus that of ‖B_v‖. With control vertices apart and change are only worked out
-    where curves is the larger of curves and together: elsewhere they cannot help.
+    From above, together: the largest of ‖A + B‖; apart: of the combinations with one weight at its least; curves: of
+    ‖A‖ and ‖B‖; twist: of ‖R‖; change: of ‖A_u‖ plus that of ‖B_v‖. With control vertices apart and change are only
+    worked out where curves is the larger of curves and together: elsewhere they cannot help.
+    From below, at_corners: the largest of ‖A + B‖ at the patch's corners.
     """
 
     vertices: Vertices
@@ -82,6 +83,12 @@ class LaterBounds:
     curves: FloatArray
     twist: FloatArray
     change: FloatArray
+    at_corners: FloatArray
+
+    def of(self, chosen: IndexArray) -> LaterBounds:
+        """Those of some of the patches, by index."""
+        own = (self.together, self.apart, self.curves, self.twist, self.change, self.at_corners)
+        return LaterBounds(self.vertices, *(bounds.take(chosen) for bounds in own))
 
     def at(self, levels: int) -> FloatArray:
         """(P,) float64: ‖L - S‖ at most, so many levels after the patch's own."""
@@ -93,37 +100,78 @@ class LaterBounds:
             mixed = np.minimum(mixed, np.maximum(self.together, self.curves))
         return scale * (mixed + scale * self.twist)
 
+    def least(self, levels: int) -> FloatArray:
+        """(P,) float64: ‖L - S‖ at least. At a corner of the patch it is ‖A + B - sR‖ times s with control vertices.
+
+        With limit vertices nothing is known without a closer look.
+        """
+        if self.vertices is Vertices.LIMIT:
+            return np.zeros(len(self.twist))
+        scale = 0.25**levels * SCALE[self.vertices]
+        return scale * np.maximum(self.at_corners - scale * self.twist, 0.0)
+
+
+# The functionals of ``later_functionals``, part by part.
+TOGETHER, CURVES, TWIST, CHANGE_OF_A, CHANGE_OF_B = (
+    slice(0, 16),
+    slice(16, 32),
+    slice(32, 36),
+    slice(36, 40),
+    slice(40, 44),
+)
+
 
 def later_bounds(net: FloatArray, vertices: Vertices) -> LaterBounds:
     """The bounds for the levels after the nets' own; nets are (4, 4, P, 3)."""
-    derivatives = apply(second_derivatives(), net)
-    a = derivatives[:8].reshape(2, 4, -1, 3)
-    b = derivatives[8:16].reshape(4, 2, -1, 3)
-    a_bicubic, b_bicubic = elevated(a), elevated(b.swapaxes(0, 1)).swapaxes(0, 1)
-    curves = np.maximum(largest_norm(_rows(a)), largest_norm(_rows(b)))
-    together = largest_norm(_rows(a_bicubic + b_bicubic))
-    apart = curves.copy()
-    change = np.zeros(len(curves))
-    if vertices is Vertices.CONTROL:
-        # Only where A and B work against each other does it matter how much.
-        opposed = np.flatnonzero(curves > together)
-        a_bicubic, b_bicubic = a_bicubic.take(opposed, axis=2), b_bicubic.take(opposed, axis=2)
-        least = LEAST_WEIGHT[vertices]
-        mixed = largest_norm(_rows(a_bicubic + least * b_bicubic))
-        apart[opposed] = np.maximum(mixed, largest_norm(_rows(least * a_bicubic + b_bicubic)))
-        change[opposed] = _change(a.take(opposed, axis=2), b.take(opposed, axis=2))
+    control = vertices is Vertices.CONTROL
+    squares = squared_norms(apply(later_functionals()[: TWIST.stop if control else None], net))
+    together, curves, twist = (np.sqrt(squares[part].max(axis=0)) for part in (TOGETHER, CURVES, TWIST))
+    if control:
+        apart, change = _apart_and_change(net, curves, together)
     else:
-        change = _change(a, b)
-    return LaterBounds(vertices, together, apart, curves, twist=largest_norm(derivatives[16:]), change=change)
+        apart = curves
+        change = sum(np.sqrt(squares[part].max(axis=0)) for part in (CHANGE_OF_A, CHANGE_OF_B))
+    at_corners = np.sqrt(squares[TOGETHER][CORNER_ROWS].max(axis=0))
+    return LaterBounds(vertices, together, apart, curves, twist, change, at_corners)
 
 
-def _rows(coefficients: FloatArray) -> FloatArray:
-    rows = coefficients.shape[0] * coefficients.shape[1]
-    return coefficients.reshape(rows, *coefficients.shape[2:])
+def _apart_and_change(net: FloatArray, curves: FloatArray, together: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(P,) each, with control vertices: only where A and B work against each other does it matter how much."""
+    apart, change = curves.copy(), np.zeros(len(curves))
+    opposed = np.flatnonzero(curves > together)
+    if len(opposed):
+        nets = net.take(opposed, axis=2)
+        apart[opposed] = largest_norm(apply(_apart_functionals(LEAST_WEIGHT[Vertices.CONTROL]), nets))
+        changes = squared_norms(apply(later_functionals()[TWIST.stop :], nets))
+        change[opposed] = np.sqrt(changes[:4].max(axis=0)) + np.sqrt(changes[4:].max(axis=0))
+    return apart, change
 
 
-def _change(a: FloatArray, b: FloatArray) -> FloatArray:
-    return largest_norm(a[1] - a[0]) + largest_norm(b[:, 1] - b[:, 0])
+@cache
+def later_functionals() -> FloatArray:
+    """(44, 16): Bernstein coefficients of A + B (4 × 4), A (2 × 4) and B (4 × 2), R (2 × 2), A_u (4) and B_v (4)."""
+    a, b, twist = _parts()
+    together = _bicubic(a, b, 1.0, 1.0)
+    changes = np.concatenate([a[1] - a[0], b[:, 1] - b[:, 0]])
+    return np.concatenate([together, a.reshape(8, 16), b.reshape(8, 16), twist, changes])
+
+
+@cache
+def _apart_functionals(least: float) -> FloatArray:
+    """(32, 16): Bernstein coefficients of A + least · B and of least · A + B."""
+    a, b, _ = _parts()
+    return np.concatenate([_bicubic(a, b, 1.0, least), _bicubic(a, b, least, 1.0)])
+
+
+def _parts() -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(2, 4, 16), (4, 2, 16), (4, 16): the functionals of A, B and R."""
+    derivatives = second_derivatives()
+    return derivatives[:8].reshape(2, 4, 16), derivatives[8:16].reshape(4, 2, 16), derivatives[16:]
+
+
+def _bicubic(a: FloatArray, b: FloatArray, weight_a: float, weight_b: float) -> FloatArray:
+    """(16, 16): the functionals of a weighted sum of A and B, both raised to bicubic form."""
+    return (weight_a * elevated(a) + weight_b * elevated(b.swapaxes(0, 1)).swapaxes(0, 1)).reshape(16, 16)
 
 
 def sampled_error(net: FloatArray, vertices: Vertices, levels: int) -> FloatArray:

@@ -8,8 +8,10 @@ corner arrays and half-edge arrays share one numbering: the corners of face ``f`
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import combinations, pairwise
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +20,17 @@ IndexArray = NDArray[np.intp]
 FloatArray = NDArray[np.float64]
 
 INFINITELY_SHARP = np.inf
+
+# What is worked out from the faces' corners alone, and kept.
+TOPOLOGY = (
+    "face_sizes",
+    "corner_faces",
+    "next_corner",
+    "previous_corner",
+    "edge_face_counts",
+    "vertex_face_counts",
+    "_twins",
+)
 
 
 @dataclass(frozen=True)
@@ -42,6 +55,12 @@ class PolygonMesh:
     edge_sharpness: FloatArray
     vertex_sharpness: FloatArray
     sharpness_is_explicit: bool = False
+
+    def changed(self, **fields: Any) -> PolygonMesh:
+        """The mesh with other positions or another sharpness; what is known of its topology is not lost."""
+        mesh = replace(self, **fields)
+        vars(mesh).update({name: vars(self)[name] for name in TOPOLOGY if name in vars(self)})
+        return mesh
 
     @property
     def vertex_count(self) -> int:
@@ -93,21 +112,32 @@ class PolygonMesh:
         """(V,) intp, how many corners stand at each vertex."""
         return np.bincount(self.corner_vertices, minlength=self.vertex_count)
 
-    @cached_property
+    @property
     def twin(self) -> IndexArray:
         """(C,) intp, the half-edge on the other side of each edge; a half-edge without one is its own twin.
 
         Only an edge inside a manifold surface with consistently oriented faces has twins: exactly two half-edges,
         running in opposite directions.
         """
+        return self._twins[0]
+
+    @property
+    def edge_has_twins(self) -> NDArray[np.bool_]:
+        """(E,) bool, whether each edge has twins."""
+        return self._twins[1]
+
+    @cached_property
+    def _twins(self) -> tuple[IndexArray, NDArray[np.bool_]]:
         half_edges = np.arange(self.corner_count)
         last = np.zeros(self.edge_count, dtype=np.intp)
         last[self.corner_edges] = half_edges
         first = np.zeros(self.edge_count, dtype=np.intp)
         first[self.corner_edges[::-1]] = half_edges[::-1]
         paired = (self.edge_face_counts == 2) & (self.corner_vertices[first] != self.corner_vertices[last])
+        if np.all(paired):
+            return (first + last)[self.corner_edges] - half_edges, paired
         total = np.where(paired, first + last, 0)[self.corner_edges]
-        return np.where(paired[self.corner_edges], total - half_edges, half_edges)
+        return np.where(paired[self.corner_edges], total - half_edges, half_edges), paired
 
 
 def polygon_mesh(
@@ -205,6 +235,9 @@ class InvalidMeshError(ValueError):
 # perimeter squared: what rounding leaves of a face whose vertices lie on one line.
 NO_AREA = 1e-12
 
+# Beyond this size it takes less to sort a face's vertices than to compare each with all the others.
+LARGEST_COMPARED_SIZE = 6
+
 # An angle whose parallelogram covers more than this part of its sides squared is no rounding of a straight line.
 CLEAR_ANGLE = 1e-6
 
@@ -213,8 +246,9 @@ def validate(mesh: PolygonMesh) -> None:
     """Raise InvalidMeshError unless the mesh has faces, finite positions, and no degenerate face."""
     if mesh.face_count == 0:
         raise InvalidMeshError("the mesh has no faces")
-    astray = ~np.isfinite(mesh.positions).all(axis=1) & (mesh.vertex_face_counts > 0)
-    _refuse(astray, "vertex", "vertices", "at no finite position")
+    if not np.all(np.isfinite(mesh.positions)):
+        astray = ~np.isfinite(mesh.positions).all(axis=1) & (mesh.vertex_face_counts > 0)
+        _refuse(astray, "vertex", "vertices", "at no finite position")
     _refuse(_faces_with_repeated_vertices(mesh), "face", "faces", "with a repeated vertex")
     _refuse(_faces_without_area(mesh), "face", "faces", "with zero area")
 
@@ -226,31 +260,32 @@ def _refuse(bad: NDArray[np.bool_], one: str, many: str, fault: str) -> None:
 
 
 def _faces_with_repeated_vertices(mesh: PolygonMesh) -> NDArray[np.bool_]:
-    """(F,) bool: every corner is compared with those up to half way round its face."""
+    """(F,) bool: the vertices of small faces are compared two by two, those of others once they are sorted."""
     bad = np.zeros(mesh.face_count, dtype=bool)
-    corners = np.arange(mesh.corner_count)
-    ahead = corners
-    for distance in range(1, int(mesh.face_sizes.max()) // 2 + 1):
-        within = mesh.face_sizes[mesh.corner_faces[corners]] >= 2 * distance
-        if not np.all(within):
-            corners, ahead = corners[within], ahead[within]
-        ahead = mesh.next_corner[ahead]
-        same = mesh.corner_vertices[corners] == mesh.corner_vertices[ahead]
-        bad[mesh.corner_faces[corners[same]]] = True
+    for size in np.flatnonzero(np.bincount(mesh.face_sizes)).tolist():
+        faces = np.flatnonzero(mesh.face_sizes == size)
+        first = mesh.face_starts[faces]
+        vertices = [mesh.corner_vertices.take(first + corner) for corner in range(size)]
+        small = size <= LARGEST_COMPARED_SIZE
+        for one, other in combinations(vertices, 2) if small else pairwise(np.sort(vertices, axis=0)):
+            bad[faces[one == other]] = True
     return bad
 
 
 def _faces_without_area(mesh: PolygonMesh) -> NDArray[np.bool_]:
     """(F,) bool: a face with an angle at its first corner has area; the others are measured whole."""
     bad = np.zeros(mesh.face_count, dtype=bool)
-    first = mesh.face_starts[:-1]
-    at_first, after, before = (
-        mesh.positions[mesh.corner_vertices[corner]]
-        for corner in (first, mesh.next_corner[first], mesh.previous_corner[first])
+    first, last = mesh.face_starts[:-1], mesh.face_starts[1:] - 1
+    at_first, a, b = (
+        mesh.positions.take(mesh.corner_vertices.take(corner), axis=0)
+        for corner in (first, np.minimum(first + 1, last), last)
     )
-    a, b = after - at_first, before - at_first
-    spread = np.einsum("ij,ij->i", a, a) + np.einsum("ij,ij->i", b, b)
-    doubtful = np.flatnonzero(_doubled_area(a, b) <= CLEAR_ANGLE * spread)
+    a -= at_first
+    b -= at_first
+    squared_a, product, squared_b = (np.einsum("ij,ij->i", one, other) for one, other in ((a, a), (a, b), (b, b)))
+    # The parallelogram's area squared; what cancels in it is far below the angle asked for.
+    areas = squared_a * squared_b - product * product
+    doubtful = np.flatnonzero(areas <= (CLEAR_ANGLE * (squared_a + squared_b)) ** 2)
     if len(doubtful):
         bad[doubtful] = _faces_collapsed(mesh, doubtful)
     return bad

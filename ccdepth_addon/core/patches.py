@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .catmull_clark import VertexRule, has_semi_sharp, vertex_rules
-from .mesh import FloatArray, IndexArray, PolygonMesh
+from .mesh import FloatArray, IndexArray, PolygonMesh, corners_of_faces
 from .norms import ring_index
 
 BoolArray = NDArray[np.bool_]
@@ -32,6 +32,15 @@ class PatchKind(IntEnum):
     REGULAR = 0
     EXTRAORDINARY = 1
     IRREGULAR = 2
+
+
+class CornerKind(IntEnum):
+    """What a face's corner allows its patch to be: inside the surface or at a sharp edge a spline patch."""
+
+    OTHER = 0
+    INSIDE = 1
+    AT_SHARP_EDGE = 2
+    EXTRAORDINARY = 3
 
 
 @dataclass(frozen=True)
@@ -47,61 +56,69 @@ def classify_patches(mesh: PolygonMesh) -> PatchKinds:
 
     A face of a submesh is told rightly when all the faces around its corners are there.
     """
-    regular, extraordinary = _classify_corners(mesh)
-    quads = mesh.face_sizes == 4
-    starts = mesh.face_starts[:-1]
-    regular_corners = np.add.reduceat(regular.astype(np.intp), starts)
-    spline_corners = np.add.reduceat((regular & _inside(mesh)).astype(np.intp), starts)
-    extraordinary_corners = np.add.reduceat(extraordinary.astype(np.intp), starts)
+    corners = _classify_corners(mesh)
+    quads = np.flatnonzero(mesh.face_sizes == 4)
+    # A digit for each kind of corner: how many of them a quad has.
+    digits = np.array([0, 1, 8, 64], dtype=np.uint16)[corners]
+    first = mesh.face_starts[quads]
+    counts = digits[first] + digits[first + 1] + digits[first + 2] + digits[first + 3]
     kinds = np.full(mesh.face_count, PatchKind.IRREGULAR, dtype=np.int8)
-    kinds[quads & (regular_corners == 4)] = PatchKind.REGULAR
-    kinds[quads & (spline_corners == 3) & (extraordinary_corners == 1)] = PatchKind.EXTRAORDINARY
+    kinds[quads[(counts % 8) + (counts // 8) % 8 == 4]] = PatchKind.REGULAR
+    kinds[quads[counts == 64 + 3]] = PatchKind.EXTRAORDINARY
     which = np.zeros(mesh.face_count, dtype=np.intp)
-    found = np.flatnonzero(extraordinary)
+    found = np.flatnonzero(corners == CornerKind.EXTRAORDINARY)
     which[mesh.corner_faces[found]] = found
     return PatchKinds(kinds=kinds, extraordinary_corners=which)
 
 
-def _inside(mesh: PolygonMesh) -> BoolArray:
-    """Corners at smooth vertices, hence inside the surface: (C,) bool."""
-    return (vertex_rules(mesh) == VertexRule.SMOOTH)[mesh.corner_vertices]
+def _classify_corners(mesh: PolygonMesh) -> NDArray[np.int8]:
+    """(C,) int8 of ``CornerKind``.
 
-
-def _classify_corners(mesh: PolygonMesh) -> tuple[BoolArray, BoolArray]:
-    """(C,) bool each: corners that a spline patch can have, and extraordinary ones.
-
-    A regular corner has quads only around it (in its sector, between sharp edges) and is an interior vertex of
-    valence 4, a crease vertex with two faces in the sector, or a fixed vertex with one.
+    A corner that a spline patch can have has quads only around it (in its sector, between sharp edges) and is an
+    interior vertex of valence 4, a crease vertex with two faces in the sector, or a fixed vertex with one.
     """
-    rules = vertex_rules(mesh)[mesh.corner_vertices]
-    settled = ~has_semi_sharp(mesh)[mesh.corner_vertices]
-    valence = mesh.vertex_face_counts[mesh.corner_vertices]
-    quads_only = ~_touches_other_than_quads(mesh)[mesh.corner_vertices]
-    sharp_out = np.isinf(mesh.edge_sharpness)[mesh.corner_edges]
-    sharp_in = sharp_out[mesh.previous_corner]
+    rules = vertex_rules(mesh)
+    settled = ~has_semi_sharp(mesh)
+    valence = mesh.vertex_face_counts
+    smooth = settled & (rules == VertexRule.SMOOTH) & ~_touches_other_than_quads(mesh)
+    kinds = np.full(mesh.vertex_count, CornerKind.OTHER, dtype=np.int8)
+    kinds[smooth & (valence == 4)] = CornerKind.INSIDE
+    kinds[smooth & ((valence == 3) | (valence >= 5))] = CornerKind.EXTRAORDINARY
+    corner_kinds = kinds[mesh.corner_vertices]
+    at_sharp = settled & ((rules == VertexRule.CREASE) | (rules == VertexRule.CORNER))
+    corners = np.flatnonzero(at_sharp[mesh.corner_vertices])
+    corner_kinds[corners[_regular_at_sharp_edges(mesh, corners, rules)]] = CornerKind.AT_SHARP_EDGE
+    return corner_kinds
 
-    smooth = settled & quads_only & (rules == VertexRule.SMOOTH)
-    crease = settled & (rules == VertexRule.CREASE) & (sharp_out != sharp_in)
-    crease[crease] = _next_sector_edge_sharp(mesh, np.flatnonzero(crease), sharp_out)
-    fixed = settled & (rules == VertexRule.CORNER) & sharp_out & sharp_in
-    regular = (smooth & (valence == 4)) | crease | fixed
-    return regular, smooth & ((valence == 3) | (valence >= 5))
+
+def _regular_at_sharp_edges(mesh: PolygonMesh, corners: IndexArray, rules: NDArray[np.int8]) -> BoolArray:
+    """(corners,) bool: which of these corners at crease and fixed vertices a spline patch can have."""
+    sharp_edges = np.isinf(mesh.edge_sharpness)
+    sharp_out = sharp_edges[mesh.corner_edges[corners]]
+    sharp_in = sharp_edges[mesh.corner_edges[mesh.previous_corner[corners]]]
+    fixed = rules[mesh.corner_vertices[corners]] == VertexRule.CORNER
+    regular = fixed & sharp_out & sharp_in
+    crease = np.flatnonzero(~fixed & (sharp_out != sharp_in))
+    regular[crease] = _next_sector_edge_sharp(mesh, corners[crease], sharp_edges)
+    return regular
 
 
 def _touches_other_than_quads(mesh: PolygonMesh) -> BoolArray:
     """Vertices of a face that is not a quad: (V,) bool."""
     touched = np.zeros(mesh.vertex_count, dtype=bool)
-    touched[mesh.corner_vertices[mesh.face_sizes[mesh.corner_faces] != 4]] = True
+    others = np.flatnonzero(mesh.face_sizes != 4)
+    touched[mesh.corner_vertices[corners_of_faces(mesh, others)]] = True
     return touched
 
 
-def _next_sector_edge_sharp(mesh: PolygonMesh, corners: IndexArray, sharp_out: BoolArray) -> BoolArray:
+def _next_sector_edge_sharp(mesh: PolygonMesh, corners: IndexArray, sharp_edges: BoolArray) -> BoolArray:
     """(corners,) bool: across the corner's one smooth edge lies a quad whose other edge at the vertex is sharp."""
-    across_out = mesh.next_corner[mesh.twin[corners]]
-    across_in = mesh.twin[mesh.previous_corner[corners]]
-    neighbour = np.where(sharp_out[corners], across_in, across_out)
-    other_edge = np.where(sharp_out[corners], mesh.previous_corner[neighbour], neighbour)
-    return sharp_out[other_edge] & (mesh.face_sizes[mesh.corner_faces[neighbour]] == 4)
+    before = mesh.previous_corner[corners]
+    sharp_out = sharp_edges[mesh.corner_edges[corners]]
+    neighbour = np.where(sharp_out, mesh.twin[before], mesh.next_corner[mesh.twin[corners]])
+    other_edge = np.where(sharp_out, mesh.previous_corner[neighbour], neighbour)
+    is_quad = mesh.face_sizes[mesh.corner_faces[neighbour]] == 4
+    return sharp_edges[mesh.corner_edges[other_edge]] & is_quad
 
 
 def regular_nets(mesh: PolygonMesh, faces: IndexArray) -> FloatArray:
@@ -116,7 +133,7 @@ def regular_nets(mesh: PolygonMesh, faces: IndexArray) -> FloatArray:
         [diagonal[1], near[1], far[1], diagonal[2]],
     ]
     net = mesh.positions.take(np.array(rows, dtype=np.intp), axis=0)
-    sharp = np.isinf(mesh.edge_sharpness)[mesh.corner_edges[corners]]
+    sharp = np.isinf(mesh.edge_sharpness[mesh.corner_edges[corners]])
     _extrapolate(net, sharp)
     return net
 

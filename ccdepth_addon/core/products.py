@@ -18,9 +18,12 @@ FEWEST_COLUMNS = 64
 def product(matrix: FloatArray, columns: FloatArray) -> FloatArray:
     """(rows, N) = (rows, k) @ (k, N), in blocks of columns."""
     rows, size = matrix.shape
+    count = columns.shape[1]
     at_once = max(FEWEST_COLUMNS, MOST_MULTIPLICATIONS // max(1, rows * size) - 1)
-    result = np.empty((rows, columns.shape[1]))
-    for start in range(0, columns.shape[1], at_once):
-        block = slice(start, start + at_once)
-        np.matmul(matrix, columns[:, block], out=result[:, block])
+    result = np.empty((rows, count))
+    whole = count - count % at_once
+    # All the blocks in one call, as a stack of products.
+    blocks = (array[:, :whole].reshape(len(array), -1, at_once).swapaxes(0, 1) for array in (columns, result))
+    np.matmul(matrix, next(blocks), out=next(blocks))
+    np.matmul(matrix, columns[:, whole:], out=result[:, whole:])
     return result
