@@ -1,0 +1,202 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The limit surface at given points against the limits of the vertices of refined meshes, which know of no patches."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccdepth_addon.core.catmull_clark import apply_boundary_rule, limit_positions, subdivide
+from ccdepth_addon.core.limit_surface import LARGEST_STENCIL_VALENCE, limit_values
+from ccdepth_addon.core.mesh import PolygonMesh
+from ccdepth_addon.core.surface_points import SurfacePoints
+from tests import meshes
+
+MESHES: dict[str, Callable[[], meshes.MeshData]] = {
+    "cube": meshes.cube,
+    "single quad": lambda: meshes.grid(1, 1),
+    "landscape": lambda: meshes.landscape(5, 4),
+    "torus": lambda: meshes.torus(7, 5),
+    "cylinder": lambda: meshes.cylinder(9),
+    "triangles and quads": meshes.triangles_and_quads,
+    "trapezohedron": lambda: meshes.trapezohedron(7),
+    "bipyramid": lambda: meshes.bipyramid(5),
+    "valences 2 and 12": meshes.valences_two_and_twelve,
+    "dart": lambda: meshes.creased(meshes.fan(5, 3), {(0, 1): 1.0}),
+    "two cubes sharing an edge": meshes.two_cubes_sharing_an_edge,
+    "two cubes sharing a vertex": meshes.two_cubes_sharing_a_vertex,
+    "bow tie": meshes.bow_tie,
+    "bow tie inside": meshes.bow_tie_inside,
+    "three faces on an edge": meshes.three_faces_on_an_edge,
+    "fin through": meshes.fin_through,
+    "boundary touching inside": meshes.boundary_touching_inside,
+    "flipped face": meshes.flipped_face,
+    "creased cube": meshes.creased_cube,
+    "corner creased cube": meshes.corner_creased_cube,
+    "landscape with random creases": lambda: meshes.with_random_creases(meshes.landscape(6, 6), share=0.5),
+    "cylinder with random creases": lambda: meshes.with_random_creases(meshes.cylinder(12), share=0.6),
+    "face soup with random creases": lambda: meshes.with_random_creases(meshes.face_soup(), share=0.4),
+}
+
+every_mesh = pytest.mark.parametrize("name", MESHES)
+
+
+def build(name: str, *, smooth_corners: bool = True) -> PolygonMesh:
+    return apply_boundary_rule(meshes.to_polygon_mesh(MESHES[name]()), smooth_corners=smooth_corners)
+
+
+def rounding(values: np.ndarray, levels: int) -> float:
+    """A level adds some dozens of products, none larger than the largest value, each rounded to half a unit in its
+    last place; they are bounded as if all erred the same way, the few steps to the limit counted as another level."""
+    return 16 * (levels + 1) * np.finfo(np.float64).eps * np.abs(values).max()
+
+
+def corners_of_descendants(mesh: PolygonMesh, levels: int) -> SurfacePoints:
+    """The corners of all faces after so many steps, one at least, in their order, as points of the mesh.
+
+    Children come in the order of their parents' corners, and the first are the quarters themselves.
+    """
+    quads = np.tile([[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]], (mesh.corner_count, 1, 1))
+    for _ in range(levels - 1):
+        following = (quads + np.roll(quads, -1, axis=1)) / 2
+        centre = np.broadcast_to(quads.mean(axis=1, keepdims=True), quads.shape)
+        quads = np.stack([quads, following, centre, np.roll(following, 1, axis=1)], axis=2).reshape(-1, 4, 2)
+    return SurfacePoints(np.repeat(np.arange(mesh.corner_count), 4 * 4 ** (levels - 1)), quads.reshape(-1, 2))
+
+
+def limits_of_descendants(mesh: PolygonMesh, levels: int) -> np.ndarray:
+    """The limits of the corners of all faces after so many steps, by refining the whole mesh."""
+    for _ in range(levels):
+        mesh = subdivide(mesh).mesh
+    return limit_positions(mesh)[mesh.corner_vertices]
+
+
+def next_to_vertex(corners: np.ndarray, distance: float) -> SurfacePoints:
+    """For each corner three points as far from its vertex: along both sides and between."""
+    parameters = distance * np.array([[1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    return SurfacePoints(np.repeat(corners, 3), np.tile(parameters, (len(corners), 1)))
+
+
+@pytest.mark.parametrize("smooth_corners", [True, False])
+@every_mesh
+def test_agrees_with_the_limits_of_refined_vertices(name: str, smooth_corners: bool) -> None:
+    mesh = build(name, smooth_corners=smooth_corners)
+    found = limit_values(mesh, mesh.positions, corners_of_descendants(mesh, 3))
+    expected = limits_of_descendants(mesh, 3)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=rounding(mesh.positions, 3))
+
+
+@pytest.mark.parametrize("name", ["cube", "creased cube", "cylinder", "dart", "fin through"])
+def test_agrees_with_the_limits_of_vertices_five_levels_down(name: str) -> None:
+    mesh = build(name)
+    found = limit_values(mesh, mesh.positions, corners_of_descendants(mesh, 5))
+    expected = limits_of_descendants(mesh, 5)
+    np.testing.assert_allclose(found, expected, rtol=0, atol=rounding(mesh.positions, 5))
+
+
+@pytest.mark.parametrize("valence", [*range(2, 13), LARGEST_STENCIL_VALENCE, LARGEST_STENCIL_VALENCE + 1])
+def test_agrees_around_every_valence(valence: int) -> None:
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.fan(valence)), smooth_corners=True)
+    found = limit_values(mesh, mesh.positions, corners_of_descendants(mesh, 3))
+    np.testing.assert_allclose(
+        found, limits_of_descendants(mesh, 3), rtol=0, atol=valence * rounding(mesh.positions, 3)
+    )
+
+
+@pytest.mark.parametrize("columns", [1, 2, 6])
+@pytest.mark.parametrize("name", ["cylinder", "creased cube", "dart", "landscape with random creases"])
+def test_carries_values_in_place_of_positions(name: str, columns: int) -> None:
+    mesh = build(name)
+    values = np.random.default_rng(columns).uniform(-1.0, 1.0, (mesh.vertex_count, columns))
+    found = limit_values(mesh, values, corners_of_descendants(mesh, 2))
+    expected = limits_of_descendants(mesh.changed(positions=values), 2)
+    assert found.shape == expected.shape
+    np.testing.assert_allclose(found, expected, rtol=0, atol=rounding(values, 2))
+
+
+@every_mesh
+def test_points_in_any_order_and_number(name: str) -> None:
+    mesh = build(name)
+    points = corners_of_descendants(mesh, 2)
+    expected = limit_values(mesh, mesh.positions, points)
+    order = np.random.default_rng(1).integers(0, len(expected), len(expected) // 2)
+    found = limit_values(mesh, mesh.positions, points.at(order))
+    np.testing.assert_allclose(found, expected[order], rtol=0, atol=rounding(mesh.positions, 2))
+    assert limit_values(mesh, mesh.positions, points.at(slice(0, 0))).shape == (0, 3)
+
+
+@every_mesh
+def test_faces_agree_where_they_meet(name: str) -> None:
+    """Both sides of an edge see the same points on it: twins run in opposite directions, half an edge to a quarter."""
+    mesh = build(name)
+    sides = np.flatnonzero(mesh.twin > np.arange(mesh.corner_count))
+    for distance in (2.0**-20, 0.25, 0.375, 1.0):
+        along = np.tile([distance, 0.0], (len(sides), 1))
+        back = np.tile([0.0, distance], (len(sides), 1))
+        one = limit_values(mesh, mesh.positions, SurfacePoints(sides, along))
+        other = limit_values(mesh, mesh.positions, SurfacePoints(mesh.next_corner[mesh.twin[sides]], back))
+        np.testing.assert_allclose(one, other, rtol=0, atol=rounding(mesh.positions, 20))
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    name=st.sampled_from(sorted(MESHES)),
+    corner=st.integers(0, 10**6),
+    level=st.integers(1, 12),
+    numerators=st.tuples(st.integers(0, 1 << 12), st.integers(0, 1 << 12)),
+)
+def test_a_point_is_where_its_child_has_it(name: str, corner: int, level: int, numerators: tuple[int, int]) -> None:
+    """The same surface, told by the mesh one step down, where the kinds of patches differ."""
+    mesh = build(name)
+    corner %= mesh.corner_count
+    u, v = (numerator % (1 << level) / (1 << level) for numerator in numerators)
+    # In the child the quarter at its first corner holds what lies within half of its parameters.
+    child = SurfacePoints(np.array([4 * corner]), np.array([[u, v]]))
+    parent = SurfacePoints(np.array([corner]), np.array([[u / 2, v / 2]]))
+    refined = subdivide(mesh).mesh
+    np.testing.assert_allclose(
+        limit_values(mesh, mesh.positions, parent),
+        limit_values(refined, refined.positions, child),
+        rtol=0,
+        atol=rounding(mesh.positions, level),
+    )
+
+
+@every_mesh
+def test_deep_points_close_in_on_the_limit_of_their_vertex(name: str) -> None:
+    """No rule leaves more than 0.6546 of the distance to the limit after a step (see ``DART_STEPS``); those of
+    semi-sharp features, which last ten steps at most, leave no more than all."""
+    mesh = build(name)
+    corners = np.arange(mesh.corner_count)
+    limits = np.repeat(limit_positions(mesh)[mesh.corner_vertices], 3, axis=0)
+    size = np.ptp(mesh.positions, axis=0).max()
+    started = time.perf_counter()
+    found = limit_values(mesh, mesh.positions, next_to_vertex(corners, 2.0**-30))
+    assert time.perf_counter() - started < 1.0
+    assert np.abs(found - limits).max() < 10 * size * 0.6546**20
+    at_vertices = limit_values(mesh, mesh.positions, SurfacePoints(corners, np.zeros((len(corners), 2))))
+    np.testing.assert_allclose(at_vertices, limits[::3], rtol=0, atol=rounding(mesh.positions, 1))
+
+
+def test_points_at_every_depth_beside_extraordinary_vertices() -> None:
+    mesh = build("cube")
+    depths = np.arange(1, 41)
+    corners = np.repeat(np.arange(mesh.corner_count), len(depths))
+    distances = np.tile(2.0**-depths, mesh.corner_count)
+    found = limit_values(mesh, mesh.positions, SurfacePoints(corners, np.stack([distances, distances], axis=1)))
+    off = np.linalg.norm(found - limit_positions(mesh)[mesh.corner_vertices[corners]], axis=1)
+    ratios = (off.reshape(-1, 40)[:, 1:] / off.reshape(-1, 40)[:, :-1])[:, 5:20]
+    # The subdominant eigenvalue of valence 3, (5 + cos(2π/3) + cos(π/3) √(2 (9 + cos(2π/3)))) / 16, once the first
+    # few levels have left little else (the next eigenvalue is 0.25), and rounding does not yet show.
+    np.testing.assert_allclose(ratios, (5 - 0.5 + 0.5 * np.sqrt(17.0)) / 16, rtol=0, atol=0.01)
+
+
+def test_points_on_a_face_of_a_hundred_corners() -> None:
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.cylinder(100)), smooth_corners=True)
+    found = limit_values(mesh, mesh.positions, corners_of_descendants(mesh, 2))
+    np.testing.assert_allclose(found, limits_of_descendants(mesh, 2), rtol=0, atol=1e2 * rounding(mesh.positions, 2))
