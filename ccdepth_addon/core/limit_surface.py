@@ -47,7 +47,7 @@ class Quantity(Protocol):
         """(P, K): at the first point of extraordinary nets (2n + 8, P, D) in Stam's order."""
 
     def at_vertices(self, mesh: PolygonMesh, corners: IndexArray) -> FloatArray:
-        """(P, K): at the vertices of corners (P,), seen from the corner's face; all faces around the vertex are there."""
+        """(P, K): at the vertices of corners (P,), seen from the corner's face; the faces around them are all there."""
 
 
 def limit_values(mesh: PolygonMesh, values: FloatArray, points: SurfacePoints) -> FloatArray:
