@@ -1,0 +1,201 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""UV maps as subdivision surfaces of their own: which corners share a UV vertex, and where the map stays sharp.
+
+A UV map is a control mesh in the plane with the faces and corners of the mesh it belongs to, cut open along its seams.
+Subdividing it needs no rules beside those of ``catmull_clark``, given the right sharpness. What that is follows
+OpenSubdiv's face-varying interpolation (its ``vtr/fvarLevel``) and Blender's converter to it, in our own words:
+
+- Corners at a vertex share a UV vertex when their UVs are closer than ``WELD_DISTANCE`` in u and in v, and their faces
+  are wound the same way in the map: a mirrored half stays apart though its UVs coincide.
+- An edge is whole when the faces at it agree on both its ends; else it is cut, into one edge for each of its faces.
+- Whole edges, and UV vertices that no cut touches, follow the rules of the mesh's own edges and vertices, creases too.
+- Cut edges are sharp, and what happens at their ends is the modifier's UV Smooth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .mesh import INFINITELY_SHARP, FloatArray, IndexArray, PolygonMesh
+
+BoolArray = NDArray[np.bool_]
+
+WELD_DISTANCE = np.float32(1e-4)
+
+# The modifier's UV Smooth. With NONE, values are interpolated linearly, and there is no surface.
+UV_SMOOTH = (
+    "NONE",
+    "PRESERVE_CORNERS",
+    "PRESERVE_CORNERS_AND_JUNCTIONS",
+    "PRESERVE_CORNERS_JUNCTIONS_AND_CONCAVE",
+    "PRESERVE_BOUNDARIES",
+    "SMOOTH_ALL",
+)
+JUNCTIONS = {"PRESERVE_CORNERS_AND_JUNCTIONS", "PRESERVE_CORNERS_JUNCTIONS_AND_CONCAVE"}
+DARTS = {"PRESERVE_CORNERS_JUNCTIONS_AND_CONCAVE", "PRESERVE_BOUNDARIES"}
+
+
+def uv_surface(mesh: PolygonMesh, uvs: NDArray[np.float32], smooth: str) -> PolygonMesh:
+    """The control mesh of a UV map, at positions (u, v, 0), with the same faces and corners as ``mesh``.
+
+    mesh: with its sharpness explicit. uvs: (C, 2) float32, finite. smooth: one of ``UV_SMOOTH`` but NONE.
+    """
+    if smooth not in UV_SMOOTH[1:]:
+        raise ValueError(f"no surface of a UV map is smoothed as {smooth}")
+    cut = _CutMesh(mesh, *_welded(mesh, uvs))
+    whole = cut.mesh
+    corners = _sharp_corners(cut, smooth)
+    softly = np.maximum(whole.vertex_sharpness, _neighbours_sharpness(cut, smooth))
+    sharpness = np.where(corners, INFINITELY_SHARP, softly)
+    return replace(whole, vertex_sharpness=sharpness)
+
+
+def _welded(mesh: PolygonMesh, uvs: NDArray[np.float32]) -> tuple[IndexArray, FloatArray]:
+    """(C,) intp, the UV vertex of each corner, and (W, 3) float64, where the UV vertices are.
+
+    In every round the last corner left at each vertex takes the others near it along. Who begins matters only where UVs
+    differ by about the welding distance; this is Blender's order.
+    """
+    uvs = uvs.astype(np.float32)
+    mirrored = _is_mirrored(mesh, uvs)[mesh.corner_faces]
+    leaders = np.zeros(mesh.corner_count, dtype=np.intp)
+    last = np.zeros(mesh.vertex_count, dtype=np.intp)
+    left = np.arange(mesh.corner_count)
+    while len(left):
+        vertices = mesh.corner_vertices[left]
+        last[vertices] = left
+        leader = last[vertices]
+        near = (np.abs(uvs[left] - uvs[leader]) < WELD_DISTANCE).all(axis=1) & (mirrored[left] == mirrored[leader])
+        near |= left == leader
+        leaders[left[near]] = leader[near]
+        left = left[~near]
+    chosen, corner_uvs = np.unique(leaders, return_inverse=True)
+    positions = np.zeros((len(chosen), 3))
+    positions[:, :2] = uvs[chosen]
+    return corner_uvs.reshape(-1).astype(np.intp), positions
+
+
+def _is_mirrored(mesh: PolygonMesh, uvs: NDArray[np.float32]) -> BoolArray:
+    """(F,) whether each face runs clockwise in the map."""
+    (u, v), (next_u, next_v) = uvs.T.astype(np.float64), uvs[mesh.next_corner].T.astype(np.float64)
+    return np.add.reduceat((u - next_u) * (v + next_v), mesh.face_starts[:-1]) < 0
+
+
+class _CutMesh:
+    """A mesh cut open along the seams of a UV map. W UV vertices; V, E, C of the mesh."""
+
+    def __init__(self, base: PolygonMesh, corner_uvs: IndexArray, positions: FloatArray) -> None:
+        self.base = base
+        self.uv_count = len(positions)
+        self.base_vertices = np.zeros(self.uv_count, dtype=np.intp)
+        self.base_vertices[corner_uvs] = base.corner_vertices
+        following = corner_uvs[base.next_corner]
+        backwards = base.edge_vertices[base.corner_edges, 1] == base.corner_vertices
+        ends = np.where(backwards[:, None], np.stack([following, corner_uvs], 1), np.stack([corner_uvs, following], 1))
+        self.edge_is_cut = self._find_cuts(ends)
+        self.mesh = self._with_edges(corner_uvs, positions, ends)
+
+    def _find_cuts(self, ends: IndexArray) -> BoolArray:
+        """(E,) whether the faces at an edge disagree, for the UV vertices (C, 2) at its ends in each of them."""
+        edges = self.base.corner_edges
+        agreed = np.zeros((self.base.edge_count, 2), dtype=np.intp)
+        agreed[edges] = ends
+        cut = np.zeros(self.base.edge_count, dtype=bool)
+        cut[edges[(ends != agreed[edges]).any(axis=1)]] = True
+        return cut
+
+    def _with_edges(self, corner_uvs: IndexArray, positions: FloatArray, ends: IndexArray) -> PolygonMesh:
+        """Whole edges keep their number; the parts of cut ones come after them."""
+        base = self.base
+        cut_corners = np.flatnonzero(self.edge_is_cut[base.corner_edges])
+        corner_edges = base.corner_edges.copy()
+        corner_edges[cut_corners] = base.edge_count + np.arange(len(cut_corners))
+        edge_vertices = np.zeros((base.edge_count + len(cut_corners), 2), dtype=np.intp)
+        edge_vertices[corner_edges] = ends
+        sharp_parts = np.full(len(cut_corners), INFINITELY_SHARP)
+        # Nothing may follow from edges that no face has any more.
+        edge_sharpness = np.where(self.edge_is_cut | (base.edge_face_counts == 0), 0.0, base.edge_sharpness)
+        return PolygonMesh(
+            positions=positions,
+            face_starts=base.face_starts,
+            corner_vertices=corner_uvs,
+            corner_edges=corner_edges,
+            edge_vertices=edge_vertices,
+            edge_sharpness=np.concatenate([edge_sharpness, sharp_parts]),
+            vertex_sharpness=base.vertex_sharpness[self.base_vertices],
+            sharpness_is_explicit=True,
+        )
+
+    def touches(self, edges: BoolArray) -> BoolArray:
+        """(V,) whether a vertex of the mesh touches one of these edges (E,)."""
+        found = np.zeros(self.base.vertex_count, dtype=bool)
+        found[self.base.edge_vertices[edges].reshape(-1)] = True
+        return found
+
+    def edges_at(self, edges: BoolArray) -> IndexArray:
+        """(W,) how many of these edges of the cut mesh end at each UV vertex."""
+        return np.bincount(self.mesh.edge_vertices[edges].reshape(-1), minlength=self.uv_count)
+
+    @cached_property
+    def uv_counts(self) -> IndexArray:
+        """(V,) how many UV vertices stand at each vertex."""
+        return np.bincount(self.base_vertices, minlength=self.base.vertex_count)
+
+    @cached_property
+    def inner_edges(self) -> BoolArray:
+        """Edges of the cut mesh with a face on either side."""
+        return self.mesh.edge_face_counts > 1
+
+
+def _sharp_corners(cut: _CutMesh, smooth: str) -> BoolArray:
+    """(W,) the UV vertices that are held in place because of the cuts and boundaries at them."""
+    base = cut.base
+    twins = base.twin != np.arange(base.corner_count)
+    paired = np.zeros(base.edge_count, dtype=bool)
+    paired[base.corner_edges[twins]] = True
+    on_boundary = cut.touches(base.edge_face_counts == 1)
+    not_manifold = cut.touches((base.edge_face_counts > 1) & ~paired)
+    cut_open = cut.touches(cut.edge_is_cut)
+    changed = cut_open | (not_manifold & (cut.uv_counts > 1))
+    all_sharp = changed & not_manifold
+    if smooth == "PRESERVE_BOUNDARIES":
+        all_sharp |= changed | on_boundary
+    if smooth in DARTS:
+        all_sharp |= cut_open & (cut.uv_counts == 1) & ~on_boundary
+    # More than two edges with one face: the faces at the UV vertex are several fans, or one that is cut into.
+    torn = cut.edges_at(cut.mesh.edge_face_counts == 1) > 2
+    single = cut.mesh.vertex_face_counts == 1
+    if smooth in JUNCTIONS:
+        all_sharp |= changed & (cut.uv_counts > 2)
+        unsettled = torn | (cut.edges_at(cut.inner_edges & np.isinf(cut.mesh.edge_sharpness)) > 0)
+        if smooth in DARTS:
+            unsettled |= single
+        all_sharp |= changed & (cut.uv_counts == 2) & _anywhere(cut, unsettled)
+    sharp = all_sharp[cut.base_vertices] | (torn & changed[cut.base_vertices])
+    if smooth != "SMOOTH_ALL":
+        sharp |= single & (changed | on_boundary)[cut.base_vertices]
+    return sharp
+
+
+def _anywhere(cut: _CutMesh, chosen: BoolArray) -> BoolArray:
+    """(V,) whether one of the UV vertices at a vertex is among the chosen ones (W,)."""
+    found = np.zeros(cut.base.vertex_count, dtype=bool)
+    found[cut.base_vertices[chosen]] = True
+    return found
+
+
+def _neighbours_sharpness(cut: _CutMesh, smooth: str) -> FloatArray:
+    """(W,) where junctions are kept, of two UV vertices at a vertex one stays sharp as long as the other one does."""
+    sharpness = np.zeros(cut.uv_count)
+    if smooth not in JUNCTIONS:
+        return sharpness
+    ends = cut.mesh.edge_vertices[cut.inner_edges]
+    np.maximum.at(sharpness, ends.reshape(-1), np.repeat(cut.mesh.edge_sharpness[cut.inner_edges], 2))
+    at_vertex = np.zeros(cut.base.vertex_count)
+    np.maximum.at(at_vertex, cut.base_vertices, sharpness)
+    of_two = (cut.uv_counts == 2)[cut.base_vertices]
+    return np.where(of_two & (sharpness == 0), at_vertex[cut.base_vertices], 0.0)

@@ -1,0 +1,76 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every face subdivided as often as every other, as the Subdivision Surface modifier does, to compare with it."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ccdepth_addon.core.catmull_clark import limit_positions, subdivide
+from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh
+from ccdepth_addon.core.subdivided_mesh import SubdividedMesh
+from ccdepth_addon.core.surface_points import SurfacePoints
+from tests.brute_force import linear_children
+
+QUARTER = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+def uniform(mesh: PolygonMesh, level: int) -> SubdividedMesh:
+    """The mesh, with explicit sharpness and without loose parts, at a level from 1 up, on its limit surface."""
+    fine = mesh
+    base_edges = np.arange(mesh.edge_count)
+    vertex_edges = np.full(mesh.vertex_count, -1)
+    for _ in range(level):
+        inner = np.full(fine.corner_count + fine.face_count, -1)
+        vertex_edges = np.concatenate([vertex_edges, base_edges, inner[: fine.face_count]])
+        base_edges = np.concatenate([np.repeat(base_edges, 2), inner[: fine.corner_count]])
+        fine = subdivide(fine).mesh
+    points = uniform_points(mesh, level)
+    _, first = np.unique(fine.corner_vertices, return_index=True)
+    base_vertices = np.full(fine.vertex_count, -1)
+    base_vertices[: mesh.vertex_count] = np.arange(mesh.vertex_count)
+    return SubdividedMesh(
+        vertex_points=points.at(first),
+        positions=limit_positions(fine),
+        face_starts=fine.face_starts,
+        corner_vertices=fine.corner_vertices,
+        corner_edges=fine.corner_edges,
+        edge_vertices=fine.edge_vertices,
+        corner_points=points,
+        base_faces=mesh.corner_faces[points.corners[::4]],
+        base_edges=base_edges,
+        base_vertices=base_vertices,
+        vertex_edges=vertex_edges,
+    )
+
+
+def uniform_points(mesh: PolygonMesh, level: int) -> SurfacePoints:
+    """Where the corners of the mesh at that level lie, in their order."""
+    corners = np.arange(mesh.corner_count)
+    parameters = np.tile(QUARTER, (mesh.corner_count, 1))
+    fine = subdivide(mesh).mesh
+    for _ in range(level - 1):
+        parameters = linear_children(fine, parameters)
+        fine = subdivide(fine).mesh
+    return SurfacePoints(np.repeat(corners, 4**level), parameters)
+
+
+def refined_values(mesh: PolygonMesh, values: FloatArray, level: int, *, limit: bool) -> FloatArray:
+    """(C, D): values (V, D) at the vertices after so many levels, or their limits there, at the fine corners."""
+    return fine_values(mesh, values, level, limit=limit)[corner_vertices(mesh, level)]
+
+
+def fine_values(mesh: PolygonMesh, values: FloatArray, level: int, *, limit: bool) -> FloatArray:
+    """(fine V, D) the same at the fine vertices."""
+    columns = []
+    for column in values.T:
+        fine = mesh.changed(positions=np.repeat(column[:, None], 3, axis=1))
+        for _ in range(level):
+            fine = subdivide(fine).mesh
+        columns.append((limit_positions(fine) if limit else fine.positions)[:, 0])
+    return np.stack(columns, axis=1)
+
+
+def corner_vertices(mesh: PolygonMesh, level: int) -> IndexArray:
+    for _ in range(level):
+        mesh = subdivide(mesh).mesh
+    return mesh.corner_vertices
