@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The shape keys of a mesh on its subdivision: the same points of the surface for every key.
+
+The limit surface depends linearly on the control points, so keys mixed on the subdivision give the limit surface of the
+mixed control mesh.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+
+from .control_mesh import read_values
+from .core.limit_surface import limit_values
+from .core.mesh import PolygonMesh
+from .core.subdivided_mesh import SubdividedMesh
+
+KEY_SETTINGS = ("slider_min", "slider_max", "value", "mute", "vertex_group", "interpolation", "lock_shape")
+ANIMATION_SETTINGS = (
+    "action",
+    "action_slot",
+    "action_blend_type",
+    "action_extrapolation",
+    "action_influence",
+    "use_nla",
+)
+
+
+def write_shape_keys(
+    holder: bpy.types.Object, base: bpy.types.Mesh, control: PolygonMesh, subdivided: SubdividedMesh
+) -> None:
+    """Give the mesh of ``holder``, which has none, the shape keys of ``base``, with their settings and animation.
+
+    The vertices move to where the basis has them, as always on a mesh with keys.
+    """
+    keys = base.shape_keys
+    if keys is None:
+        return
+    blocks = list(keys.key_blocks)
+    for key in blocks:
+        copy = _add_key(holder, key, keys.use_relative)
+        coordinates = read_values(key.points, "co", np.float32, 3).astype(np.float64)
+        positions = limit_values(control, coordinates, subdivided.vertex_points).astype(np.float32)
+        copy.points.foreach_set("co", positions.ravel())
+        if key == keys.reference_key:
+            holder.data.attributes["position"].data.foreach_set("vector", positions.ravel())
+    copies = holder.data.shape_keys
+    for key, copy in zip(blocks, copies.key_blocks, strict=True):
+        copy.relative_key = copies.key_blocks[blocks.index(key.relative_key)]
+        _copy_settings(key, copy, KEY_SETTINGS)
+    copies.eval_time = keys.eval_time
+    _copy_animation(keys, copies)
+
+
+def _add_key(holder: bpy.types.Object, key: bpy.types.ShapeKey, relative: bool) -> bpy.types.ShapeKey:
+    """A key of the same name; where keys are absolute, at the same frame, which Blender sets by the evaluation time."""
+    if not relative and holder.data.shape_keys is not None:
+        holder.data.shape_keys.use_relative = False
+        holder.data.shape_keys.eval_time = key.frame
+    return holder.shape_key_add(name=key.name, from_mix=False)
+
+
+def _copy_settings(source: Any, target: Any, names: tuple[str, ...]) -> None:
+    for name in names:
+        # Not every version has them all.
+        if hasattr(source, name) and not target.is_property_readonly(name):
+            setattr(target, name, getattr(source, name))
+
+
+def _copy_animation(source: bpy.types.Key, target: bpy.types.Key) -> None:
+    animation = source.animation_data
+    if animation is None:
+        return
+    copy = target.animation_data_create()
+    if animation.action is not None:
+        _copy_settings(animation, copy, ANIMATION_SETTINGS)
+    for driver in animation.drivers:
+        copy.drivers.from_existing(src_driver=driver)

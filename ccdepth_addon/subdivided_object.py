@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A subdivision result → a new Blender mesh, with everything that the base mesh carries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from .carried_attributes import Carrier
+from .carried_groups import group_names, write_groups
+from .carried_shape_keys import write_shape_keys
+from .core.mesh import PolygonMesh
+from .core.subdivided_mesh import SubdividedMesh
+
+
+@dataclass(frozen=True)
+class CarryOptions:
+    """uv_smooth: the modifier's UV Smooth."""
+
+    uv_smooth: str = "PRESERVE_BOUNDARIES"
+
+
+def new_mesh(
+    base: bpy.types.Mesh, control: PolygonMesh, subdivided: SubdividedMesh, options: CarryOptions | None = None
+) -> bpy.types.Mesh:
+    """The subdivision as a mesh of its own, with the materials, attributes, groups, keys and settings of ``base``.
+
+    base: in Object Mode. control: its control mesh, with the same vertices, edges, faces and corners, and explicit
+    sharpness. Nothing of ``base`` is changed. Results of ours are left out.
+    """
+    options = options or CarryOptions()
+    mesh = base.copy()
+    holder = bpy.data.objects.new(mesh.name, mesh)
+    try:
+        groups = group_names(holder)
+        if mesh.shape_keys is not None:
+            holder.shape_key_clear()
+        mesh.clear_geometry()
+        mesh.property_unset("ccdepth")
+        _write_faces(mesh, subdivided)
+        write_groups(holder, groups, base, control, subdivided)
+        Carrier(base, control, subdivided, options.uv_smooth).write(mesh)
+        write_shape_keys(holder, base, control, subdivided)
+    except BaseException:
+        bpy.data.objects.remove(holder)
+        bpy.data.meshes.remove(mesh)
+        raise
+    bpy.data.objects.remove(holder)
+    mesh.update()
+    return mesh
+
+
+def _write_faces(mesh: bpy.types.Mesh, subdivided: SubdividedMesh) -> None:
+    """Give an empty mesh its vertices, edges and faces."""
+    mesh.vertices.add(len(subdivided.positions))
+    mesh.edges.add(len(subdivided.edge_vertices))
+    mesh.loops.add(len(subdivided.corner_vertices))
+    mesh.polygons.add(len(subdivided.base_faces))
+    data = mesh.attributes
+    data["position"].data.foreach_set("vector", subdivided.positions.astype(np.float32).ravel())
+    data[".edge_verts"].data.foreach_set("value", subdivided.edge_vertices.astype(np.int32).ravel())
+    mesh.polygons.foreach_set("loop_start", subdivided.face_starts[:-1].astype(np.int32))
+    data[".corner_vert"].data.foreach_set("value", subdivided.corner_vertices.astype(np.int32))
+    data[".corner_edge"].data.foreach_set("value", subdivided.corner_edges.astype(np.int32))
+    # New parts are selected, and flat ones are told apart from new ones by an attribute of their own.
+    for name in (".select_vert", ".select_edge", ".select_poly"):
+        if name in data:
+            data.remove(data[name])
