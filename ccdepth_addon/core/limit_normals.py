@@ -23,10 +23,10 @@ def limit_normals(mesh: PolygonMesh, points: SurfacePoints) -> FloatArray:
 
     Exact but for rounding on spline patches, at smooth vertices of any valence above 2, and at the corner of a single
     face between sharp edges. At a crease the normal is that of the side of the point's own face. In other sectors at
-    sharp edges that no spline patch has, it is that between the face's two spokes ``RING_STEPS`` steps down: what is missing
-    from the limit shrinks by a factor each step, but for two faces between sharp edges at a fixed vertex, where it is
-    about one part in ``RING_STEPS`` of how far the sector bends. At fixed vertices a sector of several faces has no
-    tangent plane, and each face its own normal.
+    sharp edges that no spline patch has, it is that between the face's two spokes ``RING_STEPS`` steps down: what is
+    missing from the limit shrinks by a factor each step, but for two faces between sharp edges at a fixed vertex, where
+    it is about one part in ``RING_STEPS`` of how far the sector bends. At fixed vertices a sector of several faces has
+    no tangent plane, and each face its own normal.
     Rounding: a point h from an irregular vertex, in parameters, is on a patch of that size, whose shape is known to
     some units in the last place of the positions.
     Where the surface has no normal, its tangents being parallel or none, the face's own stands in; where that has no

@@ -28,9 +28,12 @@ from .surface_points import SurfacePoints
 
 # Faces whose nets, or whose refined neighbourhoods, are held at once.
 PATCHES_AT_ONCE = 1 << 13
-REFINED_AT_ONCE = 1 << 13
+REFINED_AT_ONCE = 1 << 12
 
-# Points on spline patches worked out at once, so that what belongs to them stays in the processor's cache.
+# Points on these held at once.
+POINTS_ON_PATCHES = 1 << 16
+
+# Points worked out at once, so that what belongs to them stays in the processor's cache.
 POINTS_AT_ONCE = 1 << 13
 
 # The stencils of a valence take time that grows with its cube; beyond this the mesh itself is refined.
@@ -151,9 +154,12 @@ def _settled(pending: _Pending, quantity: Quantity, result: FloatArray) -> Itera
 def _put_on_regular(pending: _Pending, quantity: Quantity, result: FloatArray) -> None:
     mesh = pending.mesh
     for faces, chosen, which in _by_faces(pending.faces(), PATCHES_AT_ONCE):
-        part = pending.at(chosen)
-        parameters = _in_face(part.corners_from(faces[which]), part.points.parameters)
-        result[part.rows] = quantity.on_splines(regular_nets(mesh, faces), which, parameters)
+        nets = regular_nets(mesh, faces)
+        for start in range(0, len(chosen), POINTS_ON_PATCHES):
+            block = slice(start, start + POINTS_ON_PATCHES)
+            part = pending.at(chosen[block])
+            parameters = _in_face(part.corners_from(faces[which[block]]), part.points.parameters)
+            result[part.rows] = quantity.on_splines(nets, which[block], parameters)
 
 
 def _put_on_extraordinary(pending: _Pending, corners: IndexArray, quantity: Quantity, result: FloatArray) -> None:
