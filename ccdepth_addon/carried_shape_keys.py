@@ -54,6 +54,14 @@ def write_shape_keys(
     _copy_animation(keys, copies)
 
 
+def basis_mesh(base: bpy.types.Mesh, control: PolygonMesh) -> PolygonMesh:
+    """The control mesh as the basis key has it, where there are keys."""
+    if base.shape_keys is None:
+        return control
+    coordinates = read_values(base.shape_keys.reference_key.points, "co", np.float32, 3)
+    return control.changed(positions=coordinates.astype(np.float64))
+
+
 def _add_key(holder: bpy.types.Object, key: bpy.types.ShapeKey, relative: bool) -> bpy.types.ShapeKey:
     """A key of the same name; where keys are absolute, at the same frame, which Blender sets by the evaluation time."""
     if not relative and holder.data.shape_keys is not None:

@@ -10,16 +10,18 @@ import numpy as np
 
 from .carried_attributes import Carrier
 from .carried_groups import group_names, write_groups
-from .carried_shape_keys import write_shape_keys
+from .carried_normals import write_limit_normals
+from .carried_shape_keys import basis_mesh, write_shape_keys
 from .core.mesh import PolygonMesh
 from .core.subdivided_mesh import SubdividedMesh
 
 
 @dataclass(frozen=True)
 class CarryOptions:
-    """uv_smooth: the modifier's UV Smooth."""
+    """uv_smooth: the modifier's UV Smooth. limit_normals: shade with the exact normals of the limit surface."""
 
     uv_smooth: str = "PRESERVE_BOUNDARIES"
+    limit_normals: bool = False
 
 
 def new_mesh(
@@ -43,6 +45,9 @@ def new_mesh(
         write_groups(holder, groups, base, control, subdivided)
         Carrier(base, control, subdivided, options.uv_smooth).write(mesh)
         write_shape_keys(holder, base, control, subdivided)
+        if options.limit_normals:
+            deformable = base.shape_keys is not None or bool(groups.names)
+            write_limit_normals(mesh, basis_mesh(base, control), subdivided, deformable=deformable)
     except BaseException:
         bpy.data.objects.remove(holder)
         bpy.data.meshes.remove(mesh)
@@ -64,7 +69,7 @@ def _write_faces(mesh: bpy.types.Mesh, subdivided: SubdividedMesh) -> None:
     mesh.polygons.foreach_set("loop_start", subdivided.face_starts[:-1].astype(np.int32))
     data[".corner_vert"].data.foreach_set("value", subdivided.corner_vertices.astype(np.int32))
     data[".corner_edge"].data.foreach_set("value", subdivided.corner_edges.astype(np.int32))
-    # New parts are selected, and flat ones are told apart from new ones by an attribute of their own.
+    # Blender selects what it adds.
     for name in (".select_vert", ".select_edge", ".select_poly"):
         if name in data:
             data.remove(data[name])

@@ -10,6 +10,9 @@ OpenSubdiv's face-varying interpolation (its ``vtr/fvarLevel``) and Blender's co
 - An edge is whole when the faces at it agree on both its ends; else it is cut, into one edge for each of its faces.
 - Whole edges, and UV vertices that no cut touches, follow the rules of the mesh's own edges and vertices, creases too.
 - Cut edges are sharp, and what happens at their ends is the modifier's UV Smooth.
+
+Where UV vertices touch in a point only, each in several fans of faces, all stay in place. With SMOOTH_ALL, OpenSubdiv
+lets some of them go, by the order in which it meets them.
 """
 
 from __future__ import annotations
@@ -189,13 +192,24 @@ def _anywhere(cut: _CutMesh, chosen: BoolArray) -> BoolArray:
 
 
 def _neighbours_sharpness(cut: _CutMesh, smooth: str) -> FloatArray:
-    """(W,) where junctions are kept, of two UV vertices at a vertex one stays sharp as long as the other one does."""
-    sharpness = np.zeros(cut.uv_count)
+    """(W,) where junctions are kept, of two UV vertices at a vertex one stays sharp as long as the other one does.
+
+    While other creases at the vertex go on, along the cut, it does so to the end of the level.
+    """
     if smooth not in JUNCTIONS:
-        return sharpness
-    ends = cut.mesh.edge_vertices[cut.inner_edges]
-    np.maximum.at(sharpness, ends.reshape(-1), np.repeat(cut.mesh.edge_sharpness[cut.inner_edges], 2))
-    at_vertex = np.zeros(cut.base.vertex_count)
-    np.maximum.at(at_vertex, cut.base_vertices, sharpness)
-    of_two = (cut.uv_counts == 2)[cut.base_vertices]
-    return np.where(of_two & (sharpness == 0), at_vertex[cut.base_vertices], 0.0)
+        return np.zeros(cut.uv_count)
+    own = _sharpest(cut.mesh, np.where(cut.inner_edges, cut.mesh.edge_sharpness, 0.0))
+    of_two = np.zeros(cut.base.vertex_count)
+    np.maximum.at(of_two, cut.base_vertices, own)
+    of_two[cut.uv_counts != 2] = 0.0
+    semi_sharp = np.where(np.isinf(cut.base.edge_sharpness), 0.0, cut.base.edge_sharpness)
+    of_two = np.where(_sharpest(cut.base, semi_sharp) > np.ceil(of_two), np.ceil(of_two), of_two)
+    return np.where(own == 0, of_two[cut.base_vertices], 0.0)
+
+
+def _sharpest(mesh: PolygonMesh, edge_sharpness: FloatArray) -> FloatArray:
+    """(V,) the largest of these sharpnesses (E,) at each vertex."""
+    sharpest = np.zeros(mesh.vertex_count)
+    chosen = edge_sharpness > 0
+    np.maximum.at(sharpest, mesh.edge_vertices[chosen].reshape(-1), np.repeat(edge_sharpness[chosen], 2))
+    return sharpest

@@ -16,6 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ccdepth_addon.core.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.limit_normals import limit_normals
 from ccdepth_addon.core.mesh import PolygonMesh
 from ccdepth_addon.core.subdivided_mesh import SubdividedMesh
 from ccdepth_addon.core.surface_points import interpolate_linearly
@@ -249,7 +250,7 @@ class Carried:
         return read(self.mesh, name), read(self.blenders, name)[self.matching(domain)]
 
 
-def carry(holder: bpy.types.Object, uv_smooth: str = "PRESERVE_BOUNDARIES") -> Carried:
+def carry(holder: bpy.types.Object, uv_smooth: str = "PRESERVE_BOUNDARIES", *, exact_normals: bool = False) -> Carried:
     base = holder.data
     numbers = np.arange(len(base.polygons))
     write(base, FACE_NUMBERS, "INT", "FACE", numbers)
@@ -260,7 +261,7 @@ def carry(holder: bpy.types.Object, uv_smooth: str = "PRESERVE_BOUNDARIES") -> C
     control = apply_boundary_rule(scene.polygon_mesh_of(base), smooth_corners=True)
     subdivided = uniform.uniform(control, LEVEL)
     module = addon.module("subdivided_object")
-    mesh = module.new_mesh(base, control, subdivided, module.CarryOptions(uv_smooth=uv_smooth))
+    mesh = module.new_mesh(base, control, subdivided, module.CarryOptions(uv_smooth, exact_normals))
     blenders = holder.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     return Carried(base, control, subdivided, mesh, blenders)
 
@@ -539,6 +540,35 @@ def flush(mesh: bpy.types.Mesh, flag: str, faces: set[int]) -> None:
     for items, chosen in ((mesh.vertices, vertices), (mesh.edges, edges)):
         for item in items:
             setattr(item, flag, item.index in chosen)
+
+
+def corner_normals(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
+    normals = np.empty(3 * len(mesh.loops), dtype=np.float32)
+    mesh.corner_normals.foreach_get("vector", normals)
+    return normals.reshape(-1, 3)
+
+
+def test_custom_normals_are_left_out() -> None:
+    holder = scene.add_object(meshes.creased_cube())
+    holder.data.normals_split_custom_set([(0.6, 0.0, 0.8)] * len(holder.data.loops))
+    assert not carry(holder).mesh.has_custom_normals
+
+
+@pytest.mark.parametrize("deformable", [False, True])
+def test_limit_normals_on_request(deformable: bool) -> None:
+    holder = scene.add_object(meshes.creased_cube())
+    holder.data.polygons[0].use_smooth = False
+    if deformable:
+        holder.vertex_groups.new(name="Group")
+    carried = carry(holder, exact_normals=True)
+    expected = limit_normals(carried.control, carried.subdivided.corner_points)
+    # As they are, or as angles in 16 bits: those are up to π, from normals that may be far off.
+    free = bpy.app.version >= (4, 5) and not deformable
+    tolerance = ROUNDING if free else 1e-3
+    np.testing.assert_allclose(corner_normals(carried.mesh), expected, atol=tolerance, rtol=0)
+    by_vertex = np.zeros((len(carried.mesh.vertices), 3))
+    by_vertex[carried.subdivided.corner_vertices] = expected
+    assert np.abs(by_vertex[carried.subdivided.corner_vertices] - expected).max() > 0.5
 
 
 def test_results_of_ours_are_not_carried() -> None:

@@ -1,0 +1,35 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The limit surface's own normals as custom normals."""
+
+from __future__ import annotations
+
+import bpy
+
+from .carried_attributes import CUSTOM_NORMAL, write_attribute
+from .core.carried_values import at_corners
+from .core.limit_normals import limit_normals
+from .core.mesh import PolygonMesh
+from .core.subdivided_mesh import SubdividedMesh
+
+# From this version on normals can be stored as they are; before, only as angles from Blender's own, in 16 bits each.
+FREE_NORMALS = (4, 5)
+
+
+def write_limit_normals(
+    mesh: bpy.types.Mesh, control: PolygonMesh, subdivided: SubdividedMesh, *, deformable: bool
+) -> None:
+    """Shade a new mesh, which has its positions, with the normals of the limit surface, on both sides of every crease.
+
+    All faces become smooth ones: flat ones would not show them. deformable: whether the normals have to follow when
+    the vertices move, which only those stored as angles do.
+    """
+    normals = at_corners(subdivided, lambda points: limit_normals(control, points))
+    flat = mesh.attributes.get("sharp_face")
+    if flat is not None:
+        mesh.attributes.remove(flat)
+    if bpy.app.version >= FREE_NORMALS and not deformable:
+        write_attribute(mesh, CUSTOM_NORMAL, "FLOAT_VECTOR", "CORNER", normals)
+        return
+    mesh.update()
+    # A list of lists takes Blender a third of the time that an array does.
+    mesh.normals_split_custom_set(normals.tolist())

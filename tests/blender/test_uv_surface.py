@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""UV maps smoothed in every way, against those of Blender's own modifier, on meshes with all kinds of seams."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from ccdepth_addon.core.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.mesh import PolygonMesh
+from ccdepth_addon.core.uv_surface import UV_SMOOTH, uv_surface
+from tests import meshes, uniform
+from tests.blender import scene
+
+LEVEL = 2
+
+# Single precision: a level rounds weights, their products and the sum, each worth an ulp or so of the largest UV.
+ULPS = 4 * LEVEL
+
+MESHES: dict[str, Callable[[], meshes.MeshData]] = {
+    "landscape": lambda: meshes.landscape(6, 5),
+    "cylinder": lambda: meshes.cylinder(7),
+    "house": meshes.triangles_and_quads,
+    "fin": meshes.fin_through,
+    "bow tie": meshes.bow_tie,
+    "valence 2": meshes.valence_two,
+}
+
+
+def maps(mesh: PolygonMesh) -> dict[str, NDArray[np.float32]]:
+    """(C, 2) each: UV maps without and with seams, cut into all its faces, and torn at single corners."""
+    rng = np.random.default_rng(5)
+    x, y, z = mesh.positions.T
+    whole = np.stack([x + 0.2 * z, y + 0.3 * z], axis=1)[mesh.corner_vertices]
+    islands = (mesh.corner_faces < mesh.face_count // 2)[:, None]
+    torn = (
+        whole + np.where(rng.random(mesh.corner_count) < 0.15, rng.uniform(0.1, 0.3, mesh.corner_count), 0.0)[:, None]
+    )
+    found = {
+        "whole": whole,
+        "islands": whole + 9.0 * islands,
+        "apart": whole + mesh.corner_faces[:, None],
+        "torn": torn,
+    }
+    return {name: uvs.astype(np.float32) for name, uvs in found.items()}
+
+
+@pytest.mark.parametrize("creased", [False, True])
+@pytest.mark.parametrize("uv_smooth", UV_SMOOTH[1:])
+@pytest.mark.parametrize("name", MESHES)
+def test_levels_agree_with_the_modifier(name: str, uv_smooth: str, creased: bool) -> None:
+    scene.clear()
+    data = MESHES[name]()
+    if creased:
+        data = meshes.with_random_creases(data, seed=3, share=0.5)
+    if "JUNCTIONS" in uv_smooth:
+        # A UV vertex that is sharp for its neighbour's sake and by a vertex crease, both fading in the same level,
+        # takes the mean of the two from OpenSubdiv, and the larger one from us.
+        data = replace(data, vertex_creases={})
+    holder = scene.add_object(data)
+    control = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
+    found = maps(control)
+    for layer, uvs in found.items():
+        holder.data.uv_layers.new(name=layer).uv.foreach_set("vector", uvs.ravel())
+    scene.add_subdivision(holder, LEVEL).uv_smooth = uv_smooth
+    evaluated = holder.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
+    for layer, uvs in found.items():
+        surface = uv_surface(control, uvs, uv_smooth)
+        own = uniform.refined_values(surface, surface.positions[:, :2], LEVEL, limit=False)
+        blenders = np.empty(2 * len(evaluated.loops), dtype=np.float32)
+        evaluated.uv_layers[layer].uv.foreach_get("vector", blenders)
+        tolerance = ULPS * float(np.finfo(np.float32).eps * np.abs(uvs).max())
+        by_face = (by_base_face(points, control) for points in (own, blenders.reshape(-1, 2).astype(np.float64)))
+        for ours, theirs in zip(*by_face, strict=True):
+            distances = np.abs(ours[:, None] - theirs).max(axis=2)
+            assert max(distances.min(axis=0).max(), distances.min(axis=1).max()) <= tolerance, layer
+
+
+def by_base_face(points: NDArray[np.float64], control: PolygonMesh) -> list[NDArray[np.float64]]:
+    """The points (C, 2) at fine corners, by base face: both meshes go through the faces in their order."""
+    return np.split(points, control.face_starts[1:-1] * 4**LEVEL)
