@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from .catmull_clark import subdivide
-from .mesh import IndexArray, PolygonMesh, submesh
+from .catmull_clark import limit_positions, subdivide
+from .mesh import FloatArray, IndexArray, PolygonMesh, submesh
 
 
 @dataclass(frozen=True)
@@ -46,6 +46,14 @@ class Refinement:
             return self
         bases = np.repeat(self.bases, self.mesh.face_sizes[: len(self.bases)])
         return Refinement(subdivide(self.mesh).mesh, bases)
+
+    def corner_vertices(self) -> IndexArray:
+        """(C,) intp, the vertices at the corners of the descendants, face by face."""
+        return self.mesh.corner_vertices[: self.mesh.face_starts[len(self.bases)]]
+
+    def limits_at_corners(self) -> FloatArray:
+        """(C, 3) float64, the limit positions of those vertices."""
+        return limit_positions(self.mesh)[self.corner_vertices()]
 
 
 def split(faces: IndexArray, at_once: int) -> Iterator[IndexArray]:

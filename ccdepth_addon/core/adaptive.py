@@ -1,0 +1,278 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Adaptive subdivision: which quadtree over a control mesh is drawn within a tolerance of the limit surface.
+
+A node is split while its own bound, as it is drawn, exceeds the tolerance; then wherever a neighbour is more than one
+level deeper; then wherever no template for its split sides is within the tolerance; until nothing is left to split.
+Splitting only ever makes bounds smaller in the end, and no split is undone, so this ends. What is drawn in the end is
+what was bounded (``triangle_bounds``, ``polygons``), piece by piece, at equal parameters or along one normal: so every
+point of the mesh is that near to the surface, and every point of the surface that near to the mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass, fields
+from enum import StrEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .cells import CELLS_AT_ONCE, Cells, Fit, NetCells, cells_of_faces
+from .drawing import draw, face_counts
+from .mesh import FloatArray, IndexArray, PolygonMesh
+from .parallel import in_parallel
+from .quadtree import NONE, Column, Quadtree
+from .subdivided_mesh import SubdividedMesh
+from .templates import Transitions
+
+BoolArray = NDArray[np.bool_]
+
+# Faces for each leaf, transitions included, when they are only estimated; and how far the estimate has to be above the
+# number allowed to be believed.
+FACES_OF_A_LEAF = 1.3
+BELIEVED = 4
+
+
+class Mode(StrEnum):
+    """How the faces of the control mesh are divided."""
+
+    ADAPTIVE = "ADAPTIVE"
+    PER_FACE = "PER_FACE"
+
+
+class TooManyFacesError(ValueError):
+    """The result would be too large. faces: about how many; tolerance: one that would fit, in the positions' unit."""
+
+    def __init__(self, faces: int, tolerance: float) -> None:
+        super().__init__(f"the result would have about {faces:,} faces; a tolerance of {tolerance:.3g} would fit")
+        self.faces = faces
+        self.tolerance = tolerance
+
+
+@dataclass(frozen=True)
+class AdaptiveMesh:
+    """The mesh, and of each of its F faces: (F,) float64 the proved distance; (F,) int32 the depth of its base face,
+    which is the level of the deepest leaf there."""
+
+    mesh: SubdividedMesh
+    bounds: FloatArray
+    depths: NDArray[np.int32]
+
+
+@dataclass(frozen=True)
+class Request:
+    """What is wanted of a control mesh. limit: the largest distance, in the unit of its positions, rounding taken off.
+
+    most_faces: beyond that many the result is refused.
+    """
+
+    limit: float
+    mode: Mode
+    transitions: Transitions
+    most_faces: int
+
+
+def count_faces(mesh: PolygonMesh, request: Request) -> Generator[int, None, int]:
+    """How many faces the result would have, in steps: yields how many leaves there are so far.
+
+    mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``). Raises TooManyFacesError.
+    """
+    planner = _Planner(mesh, request)
+    yield from planner.settle()
+    leaves = planner.leaves()
+    return int(face_counts(planner.tree, leaves, planner.fit_of(leaves), request.transitions).sum())
+
+
+def subdivide_adaptively(
+    mesh: PolygonMesh, request: Request, positions: FloatArray
+) -> Generator[int, None, AdaptiveMesh]:
+    """The mesh that is drawn within the limit, in steps: yields how many leaves there are so far.
+
+    mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``), in the space the limit is meant in.
+    positions: (V, 3) float64, of the same control mesh in the space that is wanted. Raises TooManyFacesError.
+    """
+    planner = _Planner(mesh, request)
+    yield from planner.settle()
+    while True:
+        leaves = planner.leaves()
+        drawing = draw(planner.tree, leaves, planner.fit_of(leaves), request.transitions, positions)
+        if not len(drawing.clashes):
+            depths = planner.face_levels()[drawing.mesh.base_faces].astype(np.int32)
+            return AdaptiveMesh(drawing.mesh, drawing.bounds, depths)
+        yield from planner.split(planner.marked(drawing.clashes))
+        yield from planner.settle_neighbours()
+
+
+class _Planner:
+    """A tree on its way, the cells of its leaves, and how they fit so far."""
+
+    def __init__(self, mesh: PolygonMesh, request: Request) -> None:
+        self.tree = Quadtree(mesh)
+        self._request = request
+        self._limit = request.limit
+        self._cells: list[Cells] = []
+        self._fits: list[Column] = [Column(getattr(Fit.none(0), field.name)) for field in fields(Fit)]
+        self._bounds, self._least = self._fits[0], self._fits[-1]
+        # How many of a leaf's sides were split when it was fitted last; it never gets fewer.
+        self._split_sides = Column(np.zeros(0, dtype=np.int32))
+
+    def settle(self) -> Generator[int, None, None]:
+        """Find the whole tree."""
+        yield from self.grow(cells_of_faces(self.tree.mesh))
+        if self._request.mode is Mode.PER_FACE:
+            yield from self.level_faces()
+        yield from self.settle_neighbours()
+
+    def settle_neighbours(self) -> Generator[int, None, None]:
+        """Split until every leaf fits beside its neighbours."""
+        while np.any(wanted := self.unbalanced()) or np.any(wanted := self.fit_split_sides()):
+            yield from self.split(wanted)
+
+    def grow(self, frontier: Iterator[Cells]) -> Generator[int, None, None]:
+        """Fit new cells, and split what does not fit, level by level."""
+        self._extend()
+        while True:
+            unfit: list[Cells] = []
+            for result in in_parallel(self._fit_whole, frontier):
+                if result is not None:
+                    unfit += self._sort_out(*result)
+                yield len(self.tree.first_child) // 4 * 3
+            if not unfit:
+                return
+            nodes = np.sort(np.concatenate([cells.nodes for cells in unfit]))
+            self._refuse_too_many(nodes)
+            self.tree.split(nodes)
+            self._extend()
+            frontier = _merged(child for cells in unfit for child in cells.children(self.tree))
+
+    def split(self, wanted: BoolArray) -> Generator[int, None, None]:
+        """Split the wanted leaves: (N,) bool."""
+        self.tree.split(np.flatnonzero(wanted))
+        parents: list[Cells] = []
+        kept: list[Cells] = []
+        for cells in self._cells:
+            chosen = wanted[cells.nodes]
+            parents += _some(cells, chosen)
+            kept += _some(cells, ~chosen)
+        self._cells = kept
+        yield from self.grow(_merged(child for cells in parents for child in cells.children(self.tree)))
+
+    def level_faces(self) -> Generator[int, None, None]:
+        """Split every face of the control mesh to the level of its deepest leaf."""
+        while True:
+            leaves = self.tree.leaves()
+            shallow = leaves[self.tree.levels[leaves] < self.face_levels()[self.tree.base_faces[leaves]]]
+            if not len(shallow):
+                return
+            self._refuse_too_many(shallow)
+            yield from self.split(self.marked(shallow))
+
+    def face_levels(self) -> NDArray[np.int8]:
+        """(faces of the control mesh,) the level of the deepest leaf of each."""
+        deepest = np.zeros(self.tree.mesh.face_count, dtype=np.int8)
+        np.maximum.at(deepest, self.tree.base_faces, self.tree.levels)
+        return deepest
+
+    def unbalanced(self) -> BoolArray:
+        """(N,) the leaves beside others more than one level deeper, or with all their sides split."""
+        nodes = np.arange(len(self.tree.first_child))
+        surrounded = self.tree.split_side_counts() == self.tree.slot_counts(nodes)
+        return (self.tree.first_child == NONE) & (self.tree.beside_deeper() | surrounded)
+
+    def fit_split_sides(self) -> BoolArray:
+        """Fit the leaves anew some more of whose sides are split by now; (N,) those that do not fit."""
+        counts = self.tree.split_side_counts()
+        pending = (self.tree.first_child == NONE) & (counts != self._split_sides.values)
+        self._split_sides.values[:] = counts
+        some = (part for cells in self._cells for part in _some(cells, pending[cells.nodes]))
+        for result in in_parallel(self._fit_as_split, some):
+            if result is not None:
+                self._record(*result)
+        return pending & np.isinf(self._bounds.values)
+
+    def leaves(self) -> IndexArray:
+        """The leaves in the order of the control mesh's faces."""
+        leaves = self.tree.leaves()
+        return leaves[np.argsort(self.tree.base_faces[leaves], kind="stable")]
+
+    def fit_of(self, leaves: IndexArray) -> Fit:
+        return Fit(*(column.values[leaves] for column in self._fits))
+
+    def _fit_whole(self, cells: Cells) -> tuple[Cells, Fit]:
+        slots = self.tree.slot_counts(cells.nodes).sum()
+        return cells, self._fit(cells, np.zeros(slots, dtype=bool))
+
+    def _fit_as_split(self, cells: Cells) -> tuple[Cells, Fit]:
+        return cells, self._fit(cells, self.tree.hanging(self.tree.slots(cells.nodes)))
+
+    def _fit(self, cells: Cells, hanging: BoolArray) -> Fit:
+        return cells.fit(hanging, self._request.transitions, self._limit)
+
+    def _sort_out(self, cells: Cells, fit: Fit) -> list[Cells]:
+        """Keep the cells that fit; the others."""
+        self._record(cells, fit)
+        fits = np.isfinite(fit.bounds)
+        self._cells += _some(cells, fits)
+        return _some(cells, ~fits)
+
+    def _record(self, cells: Cells, fit: Fit) -> None:
+        for column, field in zip(self._fits, fields(Fit), strict=True):
+            column.values[cells.nodes] = getattr(fit, field.name)
+
+    def _extend(self) -> None:
+        more = len(self.tree.first_child) - len(self._split_sides.values)
+        for column, field in zip(self._fits, fields(Fit), strict=True):
+            column.append(getattr(Fit.none(more), field.name))
+        self._split_sides.append(np.zeros(more, dtype=np.int32))
+
+    def marked(self, nodes: IndexArray) -> BoolArray:
+        """(N,) bool, which nodes these are."""
+        marked = np.zeros(len(self.tree.first_child), dtype=bool)
+        marked[nodes] = True
+        return marked
+
+    def _refuse_too_many(self, unfit: IndexArray) -> None:
+        """Raise TooManyFacesError if there are too many leaves now that these nodes have to be split, or will be.
+
+        Each level divides the distance by about four, as it multiplies the leaves, so that a node is worth about as
+        many leaves as its distance is limits.
+        """
+        leaves = int(np.count_nonzero(self.tree.first_child == NONE))
+        worth = np.maximum(self._least.values[unfit] / self._limit, 4.0)
+        estimate = FACES_OF_A_LEAF * (leaves - len(unfit) + worth.sum())
+        if leaves + 3 * len(unfit) > self._request.most_faces or estimate > BELIEVED * self._request.most_faces:
+            raise TooManyFacesError(int(estimate), self._fitting_limit())
+
+    def _fitting_limit(self) -> float:
+        """A limit by which about as many faces as allowed would be made; inf where the mesh has too many itself."""
+        least = np.sort(self._least.values[: self.tree.mesh.face_count])[::-1]
+        count = np.arange(1, len(least) + 1)
+        room = self._request.most_faces / FACES_OF_A_LEAF - (len(least) - count)
+        # With the first k faces divided and the others whole, the limit is their distances' sum over the room left.
+        limits = np.where(room > 0, np.cumsum(least) / np.maximum(room, 1), np.inf)
+        return float(limits.max())
+
+
+def _some(cells: Cells, wanted: BoolArray) -> list[Cells]:
+    """The wanted cells, if there are any."""
+    if np.all(wanted):
+        return [cells]
+    chosen = np.flatnonzero(wanted)
+    return [cells.at(chosen)] if len(chosen) else []
+
+
+def _merged(cells: Iterator[Cells]) -> Iterator[Cells]:
+    """The same cells in larger blocks where they are of one kind."""
+    waiting: dict[int, list[NetCells]] = {}
+    for block in cells:
+        if not isinstance(block, NetCells):
+            yield block
+            continue
+        if not len(block.nodes):
+            continue
+        same = waiting.setdefault(block.valence, [])
+        same.append(block)
+        if sum(len(each.nodes) for each in same) >= CELLS_AT_ONCE:
+            yield NetCells.joined(waiting.pop(block.valence))
+    for same in waiting.values():
+        yield NetCells.joined(same)

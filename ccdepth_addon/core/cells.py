@@ -1,0 +1,391 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The surface over the nodes of a quadtree: what is known of it, its children's share of that, and how it is drawn.
+
+Cells are nodes whose surface is known in one way: ``NetCells`` by a net from which every bound is linear (bicubic quads
+and quads with one extraordinary corner), ``RefinedCells`` and ``PolygonCells`` by the mesh refined so far, with the
+neighbours it needs. How a cell is drawn depends on which of its sides are split (``templates``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import triangle_bounds
+from .facet_bounds import facet_bounds, facets_of_children
+from .mesh import FloatArray, IndexArray, PolygonMesh
+from .norms import squared_norms
+from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
+from .polygons import polygon_thickness, thickness_of_quads
+from .products import product
+from .quadtree import Quadtree
+from .refinement import Refinement, split
+from .splines import HALVES, SPLINE_TO_BERNSTEIN, largest_norm, patch_coefficients, tensor
+from .stencils import patch_stencils
+from .templates import ALL_SPLIT, WHOLE, Transitions, templates
+
+BoolArray = NDArray[np.bool_]
+
+CELLS_AT_ONCE = 1 << 13
+
+# Beyond this valence the matrices of ``triangle_bounds`` are too large to pay.
+LARGEST_NET_VALENCE = 64
+
+# A bound that misses the tolerance by more than this is not worth a second look: splitting the parts of triangles once
+# takes at most about a fifth of it away.
+WORTH_A_SECOND_LOOK = 1.5
+
+# Points of a quad (``templates.QUAD_POINTS``, then the centre): the middles of its sides, between corners, and of its
+# diagonals.
+MIDDLES, STARTS, ENDS = [4, 5, 6, 7], [0, 1, 2, 3], [1, 2, 3, 0]
+CENTRE = 8
+
+# Blender draws a quad along its first diagonal unless the triangles there face away from each other. Single precision
+# must not decide that, so they have to agree a little.
+LEAST_COSINE = 1e-3
+
+PATTERN_BITS = np.array([1, 2, 4, 8])
+
+
+@dataclass
+class Fit:
+    """How P cells are drawn, and how well: (P,) each.
+
+    bounds: float64, the proved distance as they are drawn, inf where that is not within the limit. patterns and
+    alternatives: int8, the template (``templates``), counted from slot ``turns`` on. folded: bool, whether the
+    triangles of a whole quad face away from each other, so that it has to be drawn as triangles. least: float64, a
+    distance that is really there when the cell's sides are whole.
+    """
+
+    bounds: FloatArray
+    patterns: NDArray[np.int8]
+    alternatives: NDArray[np.int8]
+    turns: NDArray[np.int8]
+    folded: BoolArray
+    least: FloatArray
+
+    @staticmethod
+    def none(count: int) -> Fit:
+        """Nothing found yet."""
+        small = np.zeros(count, dtype=np.int8)
+        folded = np.zeros(count, dtype=bool)
+        return Fit(np.full(count, np.inf), small, small.copy(), small.copy(), folded, np.zeros(count))
+
+    def fold(self, chosen: IndexArray, pattern: int, points: FloatArray) -> None:
+        """Find out which of the chosen cells, whose points are (8 or more, n, 3), are folded as they are drawn."""
+        if pattern == WHOLE:
+            self.folded[chosen] = _folded(points[:4], self.alternatives[chosen])
+
+
+class Cells(Protocol):
+    """P nodes whose surface is known in one way."""
+
+    @property
+    def nodes(self) -> IndexArray:
+        """(P,) intp."""
+
+    def at(self, chosen: IndexArray) -> Cells:
+        """Some of them, by index."""
+
+    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float) -> Fit:
+        """How to draw them within a limit; hanging: (slots of the nodes,) bool, which sides are split."""
+
+    def children(self, tree: Quadtree) -> Iterator[Cells]:
+        """The cells of their children; the tree's nodes have been split."""
+
+
+def cells_of_faces(mesh: PolygonMesh) -> Iterator[Cells]:
+    """The faces of a control mesh, whose sharpness is explicit, as cells: node f is face f."""
+    kinds = classify_patches(mesh)
+    regular, extraordinary, rest = _by_valence(mesh, kinds, mesh.face_count)
+    for faces in split(regular, CELLS_AT_ONCE):
+        yield NetCells.bicubic(faces, regular_nets(mesh, faces))
+    for valence, of_valence in extraordinary:
+        for faces in split(of_valence, CELLS_AT_ONCE):
+            yield _extraordinary_cells(mesh, kinds, valence, faces, faces)
+    quads = mesh.face_sizes[rest] == 4
+    for faces in split(rest[quads], CELLS_AT_ONCE):
+        yield RefinedCells(faces, Refinement.start(mesh, faces))
+    for faces in split(rest[~quads], CELLS_AT_ONCE):
+        yield PolygonCells(faces, Refinement.start(mesh, faces))
+
+
+def _cells_of_refinement(nodes: IndexArray, refinement: Refinement) -> Iterator[Cells]:
+    """Descendants, all quads, as cells: descendant i is ``nodes[i]``."""
+    mesh = refinement.mesh
+    kinds = classify_patches(mesh)
+    regular, extraordinary, rest = _by_valence(mesh, kinds, len(nodes))
+    if len(regular):
+        yield NetCells.bicubic(nodes[regular], regular_nets(mesh, regular))
+    for valence, faces in extraordinary:
+        yield _extraordinary_cells(mesh, kinds, valence, faces, nodes[faces])
+    if len(rest):
+        wanted = np.zeros(len(nodes), dtype=bool)
+        wanted[rest] = True
+        yield RefinedCells(nodes[rest], _numbered(refinement.keep(wanted)))
+
+
+def _by_valence(
+    mesh: PolygonMesh, kinds: PatchKinds, count: int
+) -> tuple[IndexArray, list[tuple[int, IndexArray]], IndexArray]:
+    """The regular ones of the first faces, the extraordinary ones valence by valence, and the rest."""
+    own = kinds.kinds[:count]
+    extraordinary = np.flatnonzero(own == PatchKind.EXTRAORDINARY)
+    valences = mesh.vertex_face_counts[mesh.corner_vertices[kinds.extraordinary_corners[extraordinary]]]
+    small = valences <= LARGEST_NET_VALENCE
+    by_valence = [(n, extraordinary[valences == n]) for n in np.unique(valences[small]).tolist()]
+    rest = np.sort(np.concatenate([np.flatnonzero(own == PatchKind.IRREGULAR), extraordinary[~small]]))
+    return np.flatnonzero(own == PatchKind.REGULAR), by_valence, rest
+
+
+def _extraordinary_cells(
+    mesh: PolygonMesh, kinds: PatchKinds, valence: int, faces: IndexArray, nodes: IndexArray
+) -> NetCells:
+    corners = kinds.extraordinary_corners[faces]
+    return NetCells(nodes, corners - mesh.face_starts[faces], extraordinary_nets(mesh, corners, valence), valence)
+
+
+def _child_matrices() -> list[FloatArray]:
+    """Four of (16, 16): a bicubic quad's Bernstein coefficients → those of its child at each slot, in its own frame."""
+    low, high = HALVES
+    quarters = [np.kron(a, b).reshape(4, 4, 16) for a, b in ((low, low), (high, low), (high, high), (low, high))]
+    return [np.ascontiguousarray(np.rot90(q, turns).reshape(16, 16)) for turns, q in enumerate(quarters)]
+
+
+CHILD_MATRICES = _child_matrices()
+TO_BERNSTEIN = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
+
+
+@dataclass(frozen=True)
+class NetCells:
+    """Quads with a net: bicubic ones by their 16 Bernstein coefficients, others by the net around a corner.
+
+    nodes: (P,); slots: (P,) the slot the net is counted from; nets: (16 or 2n + 8, P, 3); valence: 4 or n.
+    """
+
+    nodes: IndexArray
+    slots: IndexArray
+    nets: FloatArray
+    valence: int = 4
+
+    @staticmethod
+    def bicubic(nodes: IndexArray, spline_nets: FloatArray) -> NetCells:
+        """From B-spline nets (4, 4, P, 3)."""
+        return NetCells(nodes, np.zeros_like(nodes), patch_coefficients(spline_nets).reshape(16, -1, 3))
+
+    @staticmethod
+    def joined(blocks: list[NetCells]) -> NetCells:
+        """Cells of one valence as one block."""
+        return NetCells(
+            np.concatenate([block.nodes for block in blocks]),
+            np.concatenate([block.slots for block in blocks]),
+            np.concatenate([block.nets for block in blocks], axis=1),
+            blocks[0].valence,
+        )
+
+    def at(self, chosen: IndexArray) -> NetCells:
+        return NetCells(self.nodes[chosen], self.slots[chosen], self.nets.take(chosen, axis=1), self.valence)
+
+    def children(self, tree: Quadtree) -> Iterator[Cells]:
+        first = tree.first_child[self.nodes]
+        zeros = np.zeros_like(first)
+        if self.valence == 4:
+            for slot, matrix in enumerate(CHILD_MATRICES):
+                yield NetCells(first + slot, zeros, _apply(matrix, self.nets))
+            return
+        stencils = patch_stencils(self.valence)
+        yield NetCells(first + self.slots, zeros, _apply(stencils.refined, self.nets), self.valence)
+        for turn in (1, 2, 3):
+            matrix = TO_BERNSTEIN @ stencils.regular[16 * (turn - 1) : 16 * turn]
+            yield NetCells(first + (self.slots + turn) % 4, zeros, _apply(matrix, self.nets))
+
+    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float) -> Fit:
+        patterns = _patterns(hanging, self.slots)
+        found = Fit.none(len(self.nodes))
+        found.turns[:] = self.slots
+        found.patterns[:] = patterns
+        for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
+            chosen = np.flatnonzero(patterns == pattern)
+            self._fit_pattern(found, chosen, pattern, transitions, limit)
+        return found
+
+    def _fit_pattern(
+        self, found: Fit, chosen: IndexArray, pattern: int, transitions: Transitions, limit: float
+    ) -> None:
+        """Try the templates of a pattern, the likeliest first, until one is within the limit."""
+        nets = self.nets if len(chosen) == len(self.nodes) else self.nets.take(chosen, axis=1)
+        points = self._points(nets)
+        least = _sampled(points, pattern)
+        found.least[chosen] = least.min(axis=0)
+        order = np.argsort(least, axis=0, kind="stable")
+        bounds = np.full(len(chosen), np.inf)
+        for rank in order:
+            for alternative in range(len(least)):
+                promising = (rank == alternative) & np.isinf(bounds) & (least[alternative] <= limit)
+                tried = np.flatnonzero(promising)
+                if len(tried):
+                    reached = self._bounds(pattern, alternative, nets.take(tried, axis=1), limit)
+                    if transitions is Transitions.NGONS and pattern != WHOLE:
+                        reached += thickness_of_quads(points[:, tried], pattern, alternative)
+                    bounds[tried] = np.where(reached <= limit, reached, np.inf)
+                    found.alternatives[chosen[tried]] = alternative
+        found.bounds[chosen] = bounds
+        found.fold(chosen, pattern, points)
+
+    def _bounds(self, pattern: int, alternative: int, nets: FloatArray, limit: float) -> FloatArray:
+        """(n,): the distance at most, looked at twice where that decides."""
+        bounds = self._bounds_once(pattern, alternative, nets, fine=False)
+        doubtful = np.flatnonzero((bounds > limit) & (bounds <= WORTH_A_SECOND_LOOK * limit))
+        if len(doubtful):
+            bounds[doubtful] = self._bounds_once(pattern, alternative, nets.take(doubtful, axis=1), fine=True)
+        return bounds
+
+    def _bounds_once(self, pattern: int, alternative: int, nets: FloatArray, *, fine: bool) -> FloatArray:
+        if self.valence == 4:
+            rows = triangle_bounds.regular_rows(pattern, alternative, fine=fine)
+            return triangle_bounds.regular_bounds(rows, nets)
+        matrices = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=fine)
+        return triangle_bounds.extraordinary_bounds(matrices, nets)
+
+    def _points(self, nets: FloatArray) -> FloatArray:
+        """(9, P, 3): the quads' points and centres, counted from the slot the net is counted from."""
+        if self.valence == 4:
+            return _apply(triangle_bounds.regular_points(), nets)
+        return _apply(triangle_bounds.extraordinary_points(self.valence), nets)
+
+
+@dataclass(frozen=True)
+class RefinedCells:
+    """Quads of another kind, by the mesh refined so far: descendant i is ``nodes[i]``."""
+
+    nodes: IndexArray
+    refinement: Refinement
+
+    def at(self, chosen: IndexArray) -> RefinedCells:
+        wanted = np.zeros(len(self.nodes), dtype=bool)
+        wanted[chosen] = True
+        places = np.sort(chosen)
+        return RefinedCells(self.nodes[places], _numbered(self.refinement.keep(wanted)))
+
+    def children(self, tree: Quadtree) -> Iterator[Cells]:
+        return _refined_children(tree, self.nodes, self.refinement)
+
+    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float) -> Fit:
+        """By way of the bilinear facets: their distance from the surface, and the triangles' from them."""
+        found = Fit.none(len(self.nodes))
+        found.patterns[:] = _patterns(hanging, np.zeros_like(self.nodes))
+        facets = self.refinement.limits_at_corners()
+        distances = facet_bounds(self.refinement, facets_of_children(self.refinement, facets), limit)
+        points = _points_of_quads(self.refinement, facets)
+        for pattern in np.unique(found.patterns[found.patterns != ALL_SPLIT]).tolist():
+            chosen = np.flatnonzero(found.patterns == pattern)
+            least = _sampled(points[:, chosen], pattern)
+            found.least[chosen] = least.min(axis=0)
+            rows = [triangle_bounds.bilinear_rows(pattern, alternative) for alternative in range(len(least))]
+            reached = np.stack([largest_norm(_apply(of_one, points[:8, chosen])) for of_one in rows])
+            reached += distances[chosen]
+            if transitions is Transitions.NGONS and pattern != WHOLE:
+                drawn = points[:, chosen]
+                reached += [thickness_of_quads(drawn, pattern, alternative) for alternative in range(len(least))]
+            # Of templates that are proved alike, the one that is seen to be nearer.
+            best = np.argmin(np.where(reached <= limit, least, np.inf), axis=0)
+            bounds = np.take_along_axis(reached, best[None], axis=0)[0]
+            found.bounds[chosen] = np.where(bounds <= limit, bounds, np.inf)
+            found.alternatives[chosen] = best
+            found.fold(chosen, pattern, points[:, chosen])
+        return found
+
+
+@dataclass(frozen=True)
+class PolygonCells:
+    """Faces of the control mesh that are no quads, drawn as they are."""
+
+    nodes: IndexArray
+    refinement: Refinement
+
+    def at(self, chosen: IndexArray) -> PolygonCells:
+        wanted = np.zeros(len(self.nodes), dtype=bool)
+        wanted[chosen] = True
+        places = np.sort(chosen)
+        return PolygonCells(self.nodes[places], _numbered(self.refinement.keep(wanted)))
+
+    def children(self, tree: Quadtree) -> Iterator[Cells]:
+        return _refined_children(tree, self.nodes, self.refinement)
+
+    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float) -> Fit:
+        """By way of the fans of bilinear facets around the centroids, which bend at the middles of split sides."""
+        found = Fit.none(len(self.nodes))
+        corners = self.refinement.limits_at_corners()
+        middles, _ = _limits_of_children(self.refinement)
+        facets = facets_of_children(self.refinement, corners)
+        before = self.refinement.mesh.previous_corner[: len(corners)]
+        facets[1] = np.where(hanging[:, None], middles, facets[1])
+        facets[3] = facets[1][before]
+        found.bounds[:] = facet_bounds(self.refinement, facets, limit)
+        starts = self.refinement.mesh.face_starts[: len(self.nodes)]
+        found.bounds += polygon_thickness(facets, hanging, starts)[0]
+        found.bounds[found.bounds > limit] = np.inf
+        found.bounds[np.logical_and.reduceat(hanging, starts)] = np.inf
+        gaps = np.sqrt(squared_norms(middles - facets[1]))
+        found.least[:] = np.maximum.reduceat(gaps, starts)
+        return found
+
+
+def _apply(matrix: FloatArray, nets: FloatArray) -> FloatArray:
+    """(rows, P, 3): a matrix (rows, N) applied to nets (N, P, 3)."""
+    return product(matrix, nets.reshape(len(nets), -1)).reshape(len(matrix), -1, 3)
+
+
+def _patterns(hanging: BoolArray, turns: IndexArray) -> NDArray[np.int8]:
+    """(P,) the patterns of quads, counted from slot ``turns`` on."""
+    sides = hanging.reshape(-1, 4)
+    places = (np.arange(4) + turns[:, None]) % 4
+    return (np.take_along_axis(sides, places, axis=1) @ PATTERN_BITS).astype(np.int8)
+
+
+def _sampled(points: FloatArray, pattern: int) -> FloatArray:
+    """(alternatives, P): ‖S - T‖ at least, from the quads' points and centres (9, P, 3); 0 where nothing is seen."""
+    count = len(templates(pattern))
+    if pattern != WHOLE:
+        return np.zeros((count, points.shape[1]))
+    sides = largest_norm(points[MIDDLES] - (points[STARTS] + points[ENDS]) / 2)
+    diagonals = points[CENTRE] - (points[[0, 1]] + points[[2, 3]]) / 2
+    return np.maximum(sides, np.sqrt(squared_norms(diagonals)))
+
+
+def _folded(corners: FloatArray, alternatives: NDArray[np.int8]) -> BoolArray:
+    """(P,) whether the two triangles of quads (4, P, 3), split from corner 0 or from corner 1, face apart or nearly."""
+    a, b, c, d = np.where(alternatives[None, :, None] == 0, corners, np.roll(corners, -1, axis=0))
+    first, second = np.cross(b - a, c - a), np.cross(c - a, d - a)
+    cosines = np.einsum("ij,ij->i", first, second)
+    return cosines <= LEAST_COSINE * np.sqrt(squared_norms(first) * squared_norms(second))
+
+
+def _numbered(refinement: Refinement) -> Refinement:
+    """The same, each descendant its own base."""
+    return Refinement(refinement.mesh, np.arange(len(refinement.bases)))
+
+
+def _refined_children(tree: Quadtree, nodes: IndexArray, refinement: Refinement) -> Iterator[Cells]:
+    sizes = refinement.mesh.face_sizes[: len(nodes)]
+    places = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    children = np.repeat(tree.first_child[nodes], sizes) + places
+    return _cells_of_refinement(children, _numbered(refinement.refined()))
+
+
+def _limits_of_children(refinement: Refinement) -> tuple[FloatArray, FloatArray]:
+    """(C, 3) twice: where the middle of each side, and the centre of the face, lie on the limit surface."""
+    children = refinement.refined()
+    corners = children.limits_at_corners().reshape(-1, 4, 3)
+    return corners[:, 1], corners[:, 2]
+
+
+def _points_of_quads(refinement: Refinement, corners: FloatArray) -> FloatArray:
+    """(9, P, 3): the points of quads and their centres, from the limits at their corners (4P, 3)."""
+    middles, centres = _limits_of_children(refinement)
+    by_quad = [corners.reshape(-1, 4, 3), middles.reshape(-1, 4, 3), centres.reshape(-1, 4, 3)[:, :1]]
+    return np.ascontiguousarray(np.concatenate(by_quad, axis=1).swapaxes(0, 1))

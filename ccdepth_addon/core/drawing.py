@@ -1,0 +1,242 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From the leaves of a quadtree to polygons: templates where sides are split, whole faces elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .cells import Fit
+from .limit_surface import limit_values
+from .mesh import FloatArray, IndexArray, PolygonMesh
+from .quadtree import NONE, Quadtree
+from .subdivided_mesh import SubdividedMesh
+from .surface_points import SurfacePoints
+from .templates import ALL_SPLIT, WHOLE, Template, Transitions, templates, triangle_template
+
+BoolArray = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Polygons:
+    """P polygons of one size k: (P,) the leaf each draws, as a place among the leaves; (P, k) vertices, and the same as
+    corners and (P, k, 2) parameters of their ``SurfacePoints``."""
+
+    leaves: IndexArray
+    vertices: IndexArray
+    corners: IndexArray
+    parameters: FloatArray
+
+    def at(self, chosen: BoolArray | IndexArray) -> Polygons:
+        return Polygons(self.leaves[chosen], self.vertices[chosen], self.corners[chosen], self.parameters[chosen])
+
+    def pick(self, points: tuple[int, ...] | list[int]) -> Polygons:
+        """The polygons over some of their points, in that order."""
+        order = list(points)
+        return Polygons(self.leaves, self.vertices[:, order], self.corners[:, order], self.parameters[:, order])
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """A mesh, and the proved distance of each of its faces, (F,) float64.
+
+    clashes: (…,) nodes whose triangles would share an edge with too many others: they have to be split first.
+    """
+
+    mesh: SubdividedMesh
+    bounds: FloatArray
+    clashes: IndexArray
+
+
+def draw(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions, positions: FloatArray) -> Drawing:
+    """Draw the leaves (L,) of a tree as they were fitted.
+
+    positions: (V, 3) float64, those of the control mesh in the space that is
+    wanted; the tree's own may be in another.
+    """
+    polygons = [*_polygons_of_quads(tree, leaves, fit, transitions), *_polygons_of_faces(tree, leaves, transitions)]
+    mesh, faces_along, drawn = _assembled(tree, polygons, leaves, positions)
+    clashing = drawn[_clashing(tree.mesh, mesh, faces_along)]
+    return Drawing(mesh, fit.bounds[drawn], leaves[np.unique(clashing)])
+
+
+def face_counts(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> IndexArray:
+    """(L,) how many polygons draw each leaf."""
+    quads = tree.is_quad(leaves)
+    if transitions is Transitions.NGONS:
+        return 1 + (quads & fit.folded)
+    sizes = np.array([1, *(len(templates(pattern)[0]) for pattern in range(1, ALL_SPLIT))])
+    counts = np.where(quads, sizes[fit.patterns] + fit.folded, 1)
+    triangles = np.flatnonzero(tree.slot_counts(leaves) == 3)
+    slots = tree.slots(leaves[triangles]).reshape(-1, 3)
+    counts[triangles] += tree.hanging(slots).sum(axis=1)
+    return counts
+
+
+def _templates_in_use(fit: Fit, quads: IndexArray) -> Iterator[tuple[IndexArray, int, Template]]:
+    """The templates that quads are drawn by: which of them, the slot they are counted from, and the template."""
+    keys = np.stack([fit.patterns[quads], fit.alternatives[quads], fit.turns[quads]], axis=1)
+    found, group = np.unique(keys, axis=0, return_inverse=True)
+    for number, (pattern, alternative, turns) in enumerate(found.tolist()):
+        yield np.flatnonzero(group.reshape(-1) == number), turns, templates(pattern)[alternative]
+
+
+def _polygons_of_quads(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Iterator[Polygons]:
+    quads = np.flatnonzero(tree.is_quad(leaves))
+    table = _quad_table(tree, leaves, quads)
+    for chosen, turns, template in _templates_in_use(fit, quads):
+        points = table.at(chosen).pick(_turned(turns))
+        folded = fit.folded[quads[chosen]]
+        pattern = int(fit.patterns[quads[chosen[0]]])
+        if pattern == WHOLE:
+            # A quad is drawn along its first diagonal.
+            yield points.at(~folded).pick([*template[0], template[1][2]])
+            points = points.at(folded)
+        elif transitions is Transitions.NGONS:
+            yield points.pick(_around([bool(pattern >> side & 1) for side in range(4)]))
+            continue
+        for triangle in template:
+            yield points.pick(triangle)
+
+
+def _around(split_sides: list[bool]) -> list[int]:
+    """The corners 0 to k - 1 of a polygon, each followed by the middle k + corner of its side if that is split."""
+    size = len(split_sides)
+    return [point for side in range(size) for point in (side, size + side) if point < size or split_sides[side]]
+
+
+def _turned(turns: int) -> list[int]:
+    """The eight points of a quad, counted from another corner on."""
+    corners = [(corner + turns) % 4 for corner in range(4)]
+    return corners + [4 + corner for corner in corners]
+
+
+def _quad_table(tree: Quadtree, leaves: IndexArray, quads: IndexArray) -> Polygons:
+    """The eight points of each quad; a side that is whole has no vertex at its middle."""
+    nodes = leaves[quads]
+    slots = tree.slots(nodes).reshape(-1, 4)
+    middle_vertices = np.where(tree.hanging(slots), tree.midpoints[tree.slot_edges[slots]], NONE)
+    vertices = np.concatenate([tree.slot_vertices[slots], middle_vertices], axis=1)
+    corners, middles = tree.quad_points(nodes)
+    return Polygons(
+        quads,
+        vertices,
+        np.concatenate([corners.corners.reshape(-1, 4), middles.corners.reshape(-1, 4)], axis=1),
+        np.concatenate([corners.parameters.reshape(-1, 4, 2), middles.parameters.reshape(-1, 4, 2)], axis=1),
+    )
+
+
+def _polygons_of_faces(tree: Quadtree, leaves: IndexArray, transitions: Transitions) -> Iterator[Polygons]:
+    """Faces of the control mesh that are no quads: with a vertex at the middle of every split side."""
+    others = np.flatnonzero(~tree.is_quad(leaves))
+    sizes = tree.slot_counts(leaves[others])
+    for size in np.unique(sizes).tolist():
+        chosen = others[sizes == size]
+        slots = tree.slots(leaves[chosen]).reshape(-1, size)
+        middles = np.where(tree.hanging(slots), tree.midpoints[tree.slot_edges[slots]], NONE)
+        table = Polygons(
+            chosen,
+            np.concatenate([tree.slot_vertices[slots], middles], axis=1),
+            np.concatenate([slots, slots], axis=1),
+            np.broadcast_to(np.repeat([(0.0, 0.0), (1.0, 0.0)], size, axis=0), (len(chosen), 2 * size, 2)),
+        )
+        found, group = np.unique(tree.hanging(slots), axis=0, return_inverse=True)
+        for number, sides in enumerate(found.tolist()):
+            yield from _polygons_of_pattern(table.at(group.reshape(-1) == number), sides, transitions)
+
+
+def _polygons_of_pattern(points: Polygons, split_sides: list[bool], transitions: Transitions) -> Iterator[Polygons]:
+    if len(split_sides) == 3 and any(split_sides) and transitions is Transitions.TRIANGLES:
+        for triangle in triangle_template(sum(1 << side for side in range(3) if split_sides[side])):
+            yield points.pick(triangle)
+        return
+    order = _around(split_sides)
+    # A triangle with a fourth point on a side is drawn as a quad, which has to be split from there.
+    first = next((place for place, point in enumerate(order) if point >= 3), 0) if len(split_sides) == 3 else 0
+    yield points.pick(order[first:] + order[:first])
+
+
+def _assembled(
+    tree: Quadtree, polygons: list[Polygons], leaves: IndexArray, positions: FloatArray
+) -> tuple[SubdividedMesh, IndexArray, IndexArray]:
+    """One mesh of all polygons, in the order of their leaves; (E,) the faces along its edges; (F,) each face's leaf."""
+    polygons = [block for block in polygons if len(block.leaves)]
+    sizes = np.concatenate([np.full(len(block.leaves), block.vertices.shape[1]) for block in polygons])
+    of_leaves = np.concatenate([block.leaves for block in polygons])
+    order = np.argsort(of_leaves, kind="stable")
+    starts = np.concatenate([[0], np.cumsum(sizes[order])])
+    # Where each polygon's corners go, polygon by polygon as they were made.
+    target = np.empty(len(order), dtype=np.intp)
+    target[order] = starts[:-1]
+    made = np.cumsum(sizes) - sizes
+    places = np.arange(starts[-1]) + np.repeat(target - made, sizes)
+    vertices, corners = (np.empty(starts[-1], dtype=np.intp) for _ in range(2))
+    parameters = np.empty((starts[-1], 2))
+    vertices[places] = np.concatenate([block.vertices.ravel() for block in polygons])
+    corners[places] = np.concatenate([block.corners.ravel() for block in polygons])
+    parameters[places] = np.concatenate([block.parameters.reshape(-1, 2) for block in polygons])
+
+    used, corner_vertices = _compact(vertices, len(tree.vertex_edges))
+    following = np.arange(1, len(vertices) + 1)
+    following[starts[1:] - 1] = starts[:-1]
+    edge_keys, corner_edges, faces_along = _edges(corner_vertices, corner_vertices[following], len(used))
+    points = tree.vertex_points.at(used)
+    mesh = SubdividedMesh(
+        vertex_points=points,
+        positions=limit_values(tree.mesh, positions, points),
+        face_starts=starts,
+        corner_vertices=corner_vertices,
+        corner_edges=corner_edges,
+        edge_vertices=np.stack(np.divmod(edge_keys, len(used)), axis=1),
+        corner_points=SurfacePoints(corners, parameters),
+        base_faces=tree.base_faces[leaves[of_leaves[order]]],
+        base_edges=_base_edges(tree, used, edge_keys),
+        base_vertices=np.where(used < tree.mesh.vertex_count, used, NONE),
+        vertex_edges=tree.vertex_edges[used],
+    )
+    return mesh, faces_along, of_leaves[order]
+
+
+def _compact(vertices: IndexArray, count: int) -> tuple[IndexArray, IndexArray]:
+    """The vertices that are used, in ascending order, and the same array numbered by them."""
+    is_used = np.zeros(count, dtype=bool)
+    is_used[vertices] = True
+    return np.flatnonzero(is_used), (np.cumsum(is_used) - 1)[vertices]
+
+
+def _edges(first: IndexArray, second: IndexArray, count: int) -> tuple[IndexArray, IndexArray, IndexArray]:
+    """Edges as keys low · count + high, ascending; the edge of each half-edge; how many half-edges each has."""
+    keys = np.minimum(first, second) * count + np.maximum(first, second)
+    order = np.argsort(keys, kind="stable")
+    ordered = keys[order]
+    new = np.ones(len(keys), dtype=bool)
+    new[1:] = ordered[1:] != ordered[:-1]
+    edge_of = np.empty(len(keys), dtype=np.intp)
+    edge_of[order] = np.cumsum(new) - 1
+    return ordered[new], edge_of, np.diff(np.flatnonzero(new), append=len(keys))
+
+
+def _base_edges(tree: Quadtree, used: IndexArray, edge_keys: IndexArray) -> IndexArray:
+    """(E,) the edge of the control mesh each edge lies on, or NONE."""
+    new = np.full(len(tree.vertex_edges), NONE, dtype=np.intp)
+    new[used] = np.arange(len(used))
+    along = np.flatnonzero((tree.base_edges != NONE) & (tree.edge_children == NONE))
+    ends = np.sort(new[tree.edge_vertices[along]], axis=1)
+    there = ends[:, 0] != NONE
+    found = np.full(len(edge_keys), NONE, dtype=np.intp)
+    places = np.searchsorted(edge_keys, ends[there, 0] * len(used) + ends[there, 1])
+    found[places] = tree.base_edges[along[there]]
+    return found
+
+
+def _clashing(mesh: PolygonMesh, drawn: SubdividedMesh, faces_along: IndexArray) -> BoolArray:
+    """(F,) the faces with an edge that has other faces than it should: two inside a face, as many as before elsewhere.
+
+    Two quads over the same two opposite corners, split along the diagonal between these, would do that.
+    """
+    expected = np.where(drawn.base_edges == NONE, 2, mesh.edge_face_counts[drawn.base_edges])
+    bad = (faces_along != expected)[drawn.corner_edges]
+    return np.logical_or.reduceat(bad, drawn.face_starts[:-1])

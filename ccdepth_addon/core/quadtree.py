@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The quadtrees over the faces of a control mesh: which subfaces there are, and how they hang together.
+
+Nodes are faces of the control mesh and, four to a split node (or one for each corner of a face that is no quad), the
+subfaces below them. Every node has one slot for each of its corners, which is also its side from that corner to the
+next. Splitting a node splits its sides; edges form trees of their own, shared by all nodes along them, so that a leaf
+knows from its sides alone what lies across, on a boundary, on a crease where three faces meet, or inside.
+
+The child of slot s has slots at the vertex of s, the middle of side s, the centre, and the middle of the side before,
+in this order: that of ``catmull_clark.subdivide``.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .mesh import FloatArray, IndexArray, PolygonMesh
+from .surface_points import SurfacePoints
+
+BoolArray = NDArray[np.bool_]
+
+NONE = -1
+
+# Slots of a quad in the parameters of its frame, counter-clockwise.
+QUAD_SLOTS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float64)
+
+GROWTH = 1.5
+
+
+class Column:
+    """An array that grows at its end."""
+
+    def __init__(self, values: NDArray[Any]) -> None:
+        self._room = values.copy()
+        self._count = len(values)
+
+    @property
+    def values(self) -> NDArray[Any]:
+        return self._room[: self._count]
+
+    def append(self, more: NDArray[Any]) -> None:
+        needed = self._count + len(more)
+        if needed > len(self._room):
+            grown = np.empty((max(needed, int(GROWTH * len(self._room))), *self._room.shape[1:]), self._room.dtype)
+            grown[: self._count] = self.values
+            self._room = grown
+        self._room[self._count : needed] = more
+        self._count = needed
+
+
+class Quadtree:
+    """N nodes, S slots, E edges and V vertices; the first of each are the mesh's faces, corners, edges and vertices.
+
+    nodes: (N,) first_child (node, or NONE for a leaf), levels (int8), base_faces.
+    slots: (S,) slot_vertices, slot_edges.
+    edges: (E, 2) edge_vertices; (E,) edge_children (the half at the first vertex, the other is the next; NONE while
+    whole), midpoints (vertex, or NONE), base_edges (NONE inside a face).
+    vertices: (V,) vertex_corners and (V, 2) vertex_parameters, together their ``SurfacePoints``; (V,) vertex_edges, the
+    edge of the mesh that a vertex made by splitting lies on, or NONE.
+    """
+
+    def __init__(self, mesh: PolygonMesh) -> None:
+        self.mesh = mesh
+        faces, corners, edges = mesh.face_count, mesh.corner_count, mesh.edge_count
+        self._first_child = Column(np.full(faces, NONE, dtype=np.intp))
+        self._levels = Column(np.zeros(faces, dtype=np.int8))
+        self._base_faces = Column(np.arange(faces))
+        # A frame is the quarter a node lies in, its first slot there, and the side from there.
+        self._frame_corners = Column(mesh.face_starts[:-1])
+        self._frames = Column(np.zeros((faces, 4)))
+        self._slot_vertices = Column(mesh.corner_vertices)
+        self._slot_edges = Column(mesh.corner_edges)
+        self._edge_vertices = Column(mesh.edge_vertices)
+        self._edge_children = Column(np.full(edges, NONE, dtype=np.intp))
+        self._midpoints = Column(np.full(edges, NONE, dtype=np.intp))
+        self._base_edges = Column(np.arange(edges))
+        first_corner = np.zeros(mesh.vertex_count, dtype=np.intp)
+        first_corner[mesh.corner_vertices] = np.arange(corners)
+        self._vertex_corners = Column(first_corner)
+        self._vertex_parameters = Column(np.zeros((mesh.vertex_count, 2)))
+        self._vertex_edges = Column(np.full(mesh.vertex_count, NONE, dtype=np.intp))
+
+    first_child = property(lambda self: self._first_child.values)
+    levels = property(lambda self: self._levels.values)
+    base_faces = property(lambda self: self._base_faces.values)
+    slot_vertices = property(lambda self: self._slot_vertices.values)
+    slot_edges = property(lambda self: self._slot_edges.values)
+    edge_vertices = property(lambda self: self._edge_vertices.values)
+    edge_children = property(lambda self: self._edge_children.values)
+    midpoints = property(lambda self: self._midpoints.values)
+    base_edges = property(lambda self: self._base_edges.values)
+    vertex_edges = property(lambda self: self._vertex_edges.values)
+
+    @property
+    def vertex_points(self) -> SurfacePoints:
+        return SurfacePoints(self._vertex_corners.values, self._vertex_parameters.values)
+
+    def leaves(self) -> IndexArray:
+        """The nodes that are not split, in ascending order."""
+        return np.flatnonzero(self.first_child == NONE)
+
+    def slot_counts(self, nodes: IndexArray) -> IndexArray:
+        """(nodes,) how many corners each has."""
+        counts = np.full(len(nodes), 4, dtype=np.intp)
+        faces = np.flatnonzero(nodes < self.mesh.face_count)
+        counts[faces] = self.mesh.face_sizes[nodes[faces]]
+        return counts
+
+    def first_slots(self, nodes: IndexArray) -> IndexArray:
+        """(nodes,) the first slot of each."""
+        first = self.mesh.corner_count + 4 * (nodes - self.mesh.face_count)
+        faces = np.flatnonzero(nodes < self.mesh.face_count)
+        first[faces] = self.mesh.face_starts[nodes[faces]]
+        return first
+
+    def slots(self, nodes: IndexArray) -> IndexArray:
+        """(slots of the nodes,) node by node."""
+        counts = self.slot_counts(nodes)
+        starts = np.cumsum(counts) - counts
+        return np.arange(counts.sum()) + np.repeat(self.first_slots(nodes) - starts, counts)
+
+    def quad_points(self, nodes: IndexArray) -> tuple[SurfacePoints, SurfacePoints]:
+        """The corners, and the middles of the sides, of nodes that are quads: 4 each, node by node."""
+        origins, axes = self._frame_axes(nodes)
+        corners = np.repeat(self._frame_corners.values[nodes], 4).reshape(-1, 4)
+        slots = origins[:, None] + QUAD_SLOTS @ axes
+        middles = origins[:, None] + (QUAD_SLOTS + np.roll(QUAD_SLOTS, -1, axis=0)) / 2 @ axes
+        # The quarters of a face meet in its centre, so a whole face has a corner in each.
+        faces = np.flatnonzero(nodes < self.mesh.face_count)
+        corners[faces] += np.arange(4)
+        slots[faces] = 0.0
+        middles[faces] = (1.0, 0.0)
+        return (
+            SurfacePoints(corners.ravel(), slots.reshape(-1, 2)),
+            SurfacePoints(corners.ravel(), middles.reshape(-1, 2)),
+        )
+
+    def _frame_axes(self, nodes: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """(nodes, 2) origins and (nodes, 2, 2) axes: the sides from the first slot to the second and to the last."""
+        frames = self._frames.values[nodes]
+        along, across = frames[:, 2:], frames[:, [3, 2]] * (-1.0, 1.0)
+        return frames[:, :2], np.stack([along, across], axis=1)
+
+    def is_quad(self, nodes: IndexArray) -> BoolArray:
+        """(nodes,) bool."""
+        return self.slot_counts(nodes) == 4
+
+    def hanging(self, slots: IndexArray) -> BoolArray:
+        """Whether the sides at these slots are split, whatever the shape of the array."""
+        return self.edge_children[self.slot_edges[slots]] != NONE
+
+    def split_side_counts(self) -> NDArray[np.int32]:
+        """(N,) int32, how many sides of each node are split."""
+        return self._per_node(np.add, (self.edge_children != NONE).astype(np.int32)[self.slot_edges])
+
+    def beside_deeper(self) -> BoolArray:
+        """(N,) whether half of a node's side is split again."""
+        is_split = self.edge_children != NONE
+        parents = np.flatnonzero(is_split)
+        halves = self.edge_children[parents]
+        twice = np.zeros(len(is_split), dtype=bool)
+        twice[parents] = is_split[halves] | is_split[halves + 1]
+        return self._per_node(np.logical_or, twice[self.slot_edges])
+
+    def _per_node(self, reduce: np.ufunc, of_slots: NDArray[Any]) -> NDArray[Any]:
+        corners = self.mesh.corner_count
+        of_faces = reduce.reduceat(of_slots[:corners], self.mesh.face_starts[:-1])
+        of_quads = of_slots[corners:].reshape(-1, 4)
+        first, second, third, fourth = of_quads.T
+        return np.concatenate([of_faces, reduce(reduce(first, second), reduce(third, fourth))])
+
+    def split(self, nodes: IndexArray) -> None:
+        """Split leaves, each once."""
+        counts = self.slot_counts(nodes)
+        starts = np.cumsum(counts) - counts
+        places = np.arange(counts.sum()) - np.repeat(starts, counts)
+        slots = self.slots(nodes)
+        last = np.repeat(starts + counts - 1, counts)
+        before = np.where(places == 0, last, np.arange(len(slots)) - 1)
+        owners = np.repeat(nodes, counts)
+
+        corners, origins, sides = self._slot_frames(owners, slots, places)
+        self._split_edges(slots, corners, origins + sides / 2)
+        centres = len(self._vertex_corners.values) + np.repeat(np.arange(len(nodes)), counts)
+        across = sides[:, [1, 0]] * (-1.0, 1.0)
+        self._append_vertices(corners[starts], (origins + sides / 2 + across / 2)[starts], NONE)
+        inner = self._append_edges(np.stack([self.midpoints[self.slot_edges[slots]], centres], axis=1), NONE)
+
+        outgoing = self._half_at(slots, slots)
+        incoming = self._half_at(slots[before], slots)
+        middles = self.midpoints[self.slot_edges[slots]]
+        vertices = np.stack([self.slot_vertices[slots], middles, centres, middles[before]], axis=1)
+        edges = np.stack([outgoing, inner, inner[before], incoming], axis=1)
+        self.first_child[nodes] = len(self.first_child) + starts
+        self._first_child.append(np.full(len(slots), NONE, dtype=np.intp))
+        self._levels.append(self.levels[owners] + np.int8(1))
+        self._base_faces.append(self.base_faces[owners])
+        self._frame_corners.append(corners)
+        self._frames.append(np.concatenate([origins, sides / 2], axis=1))
+        self._slot_vertices.append(vertices.ravel())
+        self._slot_edges.append(edges.ravel())
+
+    def _slot_frames(
+        self, owners: IndexArray, slots: IndexArray, places: IndexArray
+    ) -> tuple[IndexArray, FloatArray, FloatArray]:
+        """For slots: the quarter each lies in, its parameters there (…, 2), and its side there (…, 2).
+
+        The side of a whole face reaches twice as far as its quarter.
+        """
+        origins, axes = self._frame_axes(owners)
+        quad_places = places % 4
+        corners = self._frame_corners.values[owners].copy()
+        steps = np.roll(QUAD_SLOTS, -1, axis=0) - QUAD_SLOTS
+        points = origins + np.einsum("ni,nij->nj", QUAD_SLOTS[quad_places], axes)
+        sides = np.einsum("ni,nij->nj", steps[quad_places], axes)
+        faces = np.flatnonzero(owners < self.mesh.face_count)
+        corners[faces] = slots[faces]
+        points[faces] = 0.0
+        sides[faces] = (2.0, 0.0)
+        return corners, points, sides
+
+    def _split_edges(self, slots: IndexArray, corners: IndexArray, middles: FloatArray) -> None:
+        """Split the sides at the slots that are whole; corners and middles say where their midpoints lie."""
+        edges, first = np.unique(self.slot_edges[slots], return_index=True)
+        whole = self.edge_children[edges] == NONE
+        edges, first = edges[whole], first[whole]
+        base_edges = self.base_edges[edges]
+        midpoints = self._append_vertices(corners[first], middles[first], base_edges)
+        ends = self.edge_vertices[edges]
+        halves = np.stack([ends[:, 0], midpoints, midpoints, ends[:, 1]], axis=1).reshape(-1, 2)
+        children = self._append_edges(halves, np.repeat(base_edges, 2))
+        self.edge_children[edges] = children[::2]
+        self.midpoints[edges] = midpoints
+
+    def _half_at(self, sides: IndexArray, slots: IndexArray) -> IndexArray:
+        """The half of the side at each of ``sides`` that ends at the vertex of each of ``slots``."""
+        edges = self.slot_edges[sides]
+        return self.edge_children[edges] + (self.edge_vertices[edges, 1] == self.slot_vertices[slots])
+
+    def _append_vertices(self, corners: IndexArray, parameters: FloatArray, edges: IndexArray | int) -> IndexArray:
+        first = len(self._vertex_corners.values)
+        self._vertex_corners.append(corners)
+        self._vertex_parameters.append(parameters)
+        self._vertex_edges.append(np.broadcast_to(np.asarray(edges, dtype=np.intp), corners.shape))
+        return np.arange(first, first + len(corners))
+
+    def _append_edges(self, ends: IndexArray, base_edges: IndexArray | int) -> IndexArray:
+        first = len(self.edge_vertices)
+        self._edge_vertices.append(ends)
+        self._edge_children.append(np.full(len(ends), NONE, dtype=np.intp))
+        self._midpoints.append(np.full(len(ends), NONE, dtype=np.intp))
+        self._base_edges.append(np.broadcast_to(np.asarray(base_edges, dtype=np.intp), (len(ends),)))
+        return np.arange(first, first + len(ends))

@@ -1,0 +1,227 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the triangles of a template miss of the surface: bounds for a quad as it is really drawn.
+
+The triangles' vertices lie on the surface, at their own parameters; the distance is measured at equal parameters, so it
+holds in both directions. Over a piece of the surface that is bicubic, S - T on a part of a triangle is a polynomial of
+total degree 6, and no longer than the longest of its 28 Bernstein coefficients over that part. These are linear in the
+control net, so a template is a matrix for each kind of net:
+
+- a bicubic quad: 16 Bernstein coefficients;
+- a quad at an extraordinary vertex: its net, by way of the bicubic pieces of some levels (``stencils``); what is left
+  at the vertex is compared with its bilinear facet, which is within a known part of the second-order norm;
+- any other quad: the four corners and the middles of its sides, compared with the bilinear facet over its corners.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, lru_cache
+from itertools import pairwise
+from math import factorial
+
+import numpy as np
+
+from .bounds import Vertices, second_order_extraordinary
+from .mesh import FloatArray
+from .products import product
+from .splines import SPLINE_TO_BERNSTEIN, bilinear_coefficients, largest_norm, tensor
+from .stencils import apply_stencils, patch_stencils
+from .templates import QUAD_POINTS, Template, templates
+
+DEGREE = 6
+
+# Rows that differ by less are one row; a row that is less is nothing. Both are rounding.
+ROW_ROUNDING = 1e-12
+
+# The Bernstein coefficients, of 16 in [i, j] → 4i + j, that are the values at corners 0 to 3.
+CORNER_COEFFICIENTS = [0, 12, 15, 3]
+
+# A quarter turn, counter-clockwise, of row vectors.
+QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
+
+# How many levels of bicubic pieces are looked at around an extraordinary vertex.
+COARSE_LEVELS = 2
+FINE_LEVELS = 5
+
+
+@dataclass(frozen=True)
+class Square:
+    """A square part of a quad's parameters: where its corner 0 lies, and its sides from there as rows (2, 2)."""
+
+    origin: FloatArray
+    axes: FloatArray
+
+    def from_parent(self, points: FloatArray) -> FloatArray:
+        """(N, 2) parameters of the quad as parameters of the square."""
+        return (points - self.origin) @ np.linalg.inv(self.axes)
+
+    def corners(self) -> FloatArray:
+        return self.origin + QUAD_POINTS[:4] @ self.axes
+
+
+WHOLE_QUAD = Square(np.zeros(2), np.eye(2))
+
+
+@cache
+def _domain() -> FloatArray:
+    """(28, 3): barycentric coordinates of the domain points of a polynomial's Bernstein coefficients."""
+    return np.array([(i, j, DEGREE - i - j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]) / DEGREE
+
+
+@cache
+def _values_to_coefficients() -> FloatArray:
+    """(28, 28): from the values of a polynomial at the domain points to its Bernstein coefficients."""
+    exponents = np.rint(_domain() * DEGREE).astype(int)
+    multinomials = [factorial(DEGREE) / (factorial(i) * factorial(j) * factorial(k)) for i, j, k in exponents.tolist()]
+    values = np.prod(_domain()[:, None, :] ** exponents[None, :, :], axis=2) * np.array(multinomials)
+    return np.linalg.inv(values)
+
+
+def _bicubic_basis(points: FloatArray) -> FloatArray:
+    """(N, 16): the bicubic Bernstein basis at parameters (N, 2)."""
+
+    def cubic(x: FloatArray) -> FloatArray:
+        return np.stack([(1 - x) ** 3, 3 * x * (1 - x) ** 2, 3 * x * x * (1 - x), x**3], axis=1)
+
+    return np.einsum("ni,nj->nij", cubic(points[:, 0]), cubic(points[:, 1])).reshape(len(points), 16)
+
+
+def _barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
+    """(N, 3): points (N, 2) as averages of a triangle's vertices (3, 2)."""
+    square = np.column_stack([triangle, np.ones(3)])
+    return np.column_stack([points, np.ones(len(points))]) @ np.linalg.inv(square)
+
+
+def _error_rows(
+    part: FloatArray, square: Square, surface: FloatArray, triangle: FloatArray, vertices: FloatArray
+) -> FloatArray:
+    """(28, N): the coefficients of S - T over a part (3, 2) of a triangle (3, 2), as functionals of N control points.
+
+    surface: (16, N), S over the square that holds the part; vertices: (3, N), T at the triangle's vertices.
+    """
+    points = _domain() @ part
+    values = _values_to_coefficients() @ _bicubic_basis(square.from_parent(points)) @ surface
+    return values - _barycentric(triangle, points) @ vertices
+
+
+def _distinct(rows: FloatArray) -> FloatArray:
+    """The rows without zeros and repetitions: triangles share their sides."""
+    rows = rows[np.abs(rows).max(axis=1) > ROW_ROUNDING]
+    _, first = np.unique(np.rint(rows / ROW_ROUNDING), axis=0, return_index=True)
+    return np.ascontiguousarray(rows[np.sort(first)])
+
+
+def _clipped(triangle: FloatArray, square: Square) -> list[FloatArray]:
+    """The part of a triangle inside a square, as triangles (3, 2)."""
+    corners = square.corners()
+    polygon = list(triangle)
+    for corner, following in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        side = following - corner
+        heights = [float(side[0] * (p - corner)[1] - side[1] * (p - corner)[0]) for p in polygon]
+        clipped = []
+        for i, (point, height) in enumerate(zip(polygon, heights, strict=True)):
+            previous, previous_height = polygon[i - 1], heights[i - 1]
+            if height * previous_height < 0:
+                clipped.append(previous + (point - previous) * (previous_height / (previous_height - height)))
+            if height >= 0:
+                clipped.append(point)
+        polygon = clipped
+    fans = [np.array([polygon[0], b, c]) for b, c in pairwise(polygon[1:])]
+    return [fan for fan in fans if abs(np.linalg.det(fan[1:] - fan[0])) > ROW_ROUNDING]
+
+
+def _quartered(triangle: FloatArray) -> list[FloatArray]:
+    """A triangle's four quarters."""
+    a, b, c = triangle
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    return [np.array(part) for part in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+
+
+def _template_rows(
+    template: Template, square: Square, surface: FloatArray, points: FloatArray, *, fine: bool
+) -> FloatArray:
+    """(R, N): the coefficients of S - T over a square, for a whole template whose points are (8 or more, N)."""
+    rows = []
+    for triangle in template:
+        places, vertices = QUAD_POINTS[list(triangle)], points[list(triangle)]
+        for part in _clipped(places, square):
+            for piece in _quartered(part) if fine else [part]:
+                rows.append(_error_rows(piece, square, surface, places, vertices))
+    return _distinct(np.concatenate(rows)) if rows else np.zeros((0, points.shape[1]))
+
+
+@lru_cache(maxsize=256)
+def regular_rows(pattern: int, alternative: int, *, fine: bool) -> FloatArray:
+    """(R, 16): S - T over a bicubic quad with Bernstein coefficients [i, j] → 4i + j, u along i."""
+    return _template_rows(templates(pattern)[alternative], WHOLE_QUAD, np.eye(16), regular_points(), fine=fine)
+
+
+@lru_cache(maxsize=256)
+def bilinear_rows(pattern: int, alternative: int) -> FloatArray:
+    """(R, 8): B - T for the bilinear facet B over the corners, as functionals of the eight points of the quad."""
+    points = np.eye(8)
+    surface = bilinear_coefficients(points[:4]).reshape(16, 8)
+    return _template_rows(templates(pattern)[alternative], WHOLE_QUAD, surface, points, fine=True)
+
+
+@dataclass(frozen=True)
+class ExtraordinaryRows:
+    """S - T over a quad whose corner 0 is extraordinary, as functionals of its net of 2n + 8 points.
+
+    pieces: (R, 2n + 8), over bicubic pieces; last: (L, 2n + 8), B - T over what is left at the vertex, whose net is
+    ``last_net`` (2n + 8, 2n + 8).
+    """
+
+    pieces: FloatArray
+    last: FloatArray
+    last_net: FloatArray
+
+
+@lru_cache(maxsize=512)
+def extraordinary_rows(valence: int, pattern: int, alternative: int, *, fine: bool) -> ExtraordinaryRows:
+    """The rows for a valence of 3, 5 or more; the pattern is counted from the extraordinary corner on."""
+    template = templates(pattern)[alternative]
+    stencils = patch_stencils(valence)
+    points = extraordinary_points(valence)
+    to_bernstein = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
+    net = np.eye(2 * valence + 8)
+    rows, side = [], 1.0
+    for _ in range(FINE_LEVELS if fine else COARSE_LEVELS):
+        for child in (1, 2, 3):
+            surface = to_bernstein @ stencils.regular[16 * (child - 1) : 16 * child] @ net
+            axes = side / 2 * np.linalg.matrix_power(QUARTER_TURN, child)
+            rows.append(_template_rows(template, Square(side * QUAD_POINTS[child], axes), surface, points, fine=fine))
+        net = stencils.refined @ net
+        side /= 2
+    corner = Square(np.zeros(2), side * np.eye(2))
+    facet = bilinear_coefficients(stencils.limits @ net).reshape(16, -1)
+    last = _template_rows(template, corner, facet, points, fine=fine)
+    return ExtraordinaryRows(np.concatenate(rows), last, net)
+
+
+@lru_cache(maxsize=64)
+def extraordinary_points(valence: int) -> FloatArray:
+    """(9, 2n + 8): the points of a quad and its centre, on the limit surface, from its net."""
+    stencils = patch_stencils(valence)
+    corner_rows = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)[CORNER_COEFFICIENTS]
+    first, second, third = (corner_rows @ net for net in stencils.regular.reshape(3, 16, -1))
+    return np.concatenate([stencils.limits, [first[3], first[1], second[1], third[1]], first[2:3]])
+
+
+@cache
+def regular_points() -> FloatArray:
+    """(9, 16): the points of a quad and its centre from its Bernstein coefficients."""
+    return _bicubic_basis(np.concatenate([QUAD_POINTS, [[0.5, 0.5]]]))
+
+
+def extraordinary_bounds(rows: ExtraordinaryRows, nets: FloatArray) -> FloatArray:
+    """(P,): ‖S - T‖ at most, for nets (2n + 8, P, 3)."""
+    last_nets = apply_stencils(rows.last_net, nets)
+    left = second_order_extraordinary(last_nets, Vertices.LIMIT).value
+    left += largest_norm(apply_stencils(rows.last, nets))
+    return np.maximum(left, largest_norm(apply_stencils(rows.pieces, nets)))
+
+
+def regular_bounds(rows: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """(P,): ‖S - T‖ at most, for Bernstein coefficients (16, P, 3)."""
+    return largest_norm(product(rows, coefficients.reshape(16, -1)).reshape(len(rows), -1, 3))
