@@ -66,8 +66,11 @@ class ControlMesh:
         """The mesh with the object's rotation, scale and shear applied, and without its location."""
         # Positions that are not finite are found and refused later.
         with np.errstate(invalid="ignore"):
-            x, y, z = (self.mesh.positions[:, axis, None] * self.world[:, axis] for axis in range(3))
-            return self.mesh.changed(positions=x + y + z)
+            x, y, z = self.mesh.positions.T
+            positions = np.empty_like(self.mesh.positions)
+            for axis, weights in enumerate(self.world):
+                positions[:, axis] = x * weights[0] + y * weights[1] + z * weights[2]
+            return self.mesh.changed(positions=positions)
 
     def diagonal(self) -> float:
         """The diagonal of the object's dimensions, as a length in the scene.
@@ -75,12 +78,14 @@ class ControlMesh:
         The box lies along the object's axes and holds every vertex that has a face; its eight corners are taken to the
         scene, and the longest of its four diagonals counts. So turning the object changes nothing.
         """
-        used = self.mesh.positions[self.mesh.vertex_face_counts > 0]
+        has_faces = self.mesh.vertex_face_counts > 0
+        used = self.mesh.positions if np.all(has_faces) else self.mesh.positions[has_faces]
         if not len(used):
             return 0.0
         # Positions that are not finite are found and refused later.
         with np.errstate(invalid="ignore"):
-            x, y, z = used.max(axis=0) - used.min(axis=0)
+            # One axis after another is much faster than all three together.
+            x, y, z = (np.ptp(along) for along in used.T)
             diagonals = np.array([(x, y, z), (-x, y, z), (x, -y, z), (x, y, -z)]) @ self.world.T
         return float(np.linalg.norm(diagonals, axis=1).max())
 

@@ -43,7 +43,7 @@ def mesh_checksum(blender_object: bpy.types.Object) -> str:
             arrays.vertex_sharpness,
             _depths(mesh),
         ):
-            checksum = crc32(array.tobytes(), checksum)
+            checksum = crc32(array.data, checksum)
     return f"{checksum:08x}"
 
 

@@ -72,7 +72,9 @@ def write_result(
     """Put the answer on its mesh: attributes, with the heat map's colours between these two depths, and record."""
     color_depths = range(least_color_depth, deepest_color_depth + 1)
     palette = to_linear(depth_colors(color_depths, least_color_depth, deepest_color_depth))
-    _write_attributes(mesh, answer.depths, rounded_up(answer.bounds), palette[answer.depths - least_color_depth])
+    opaque = np.concatenate([palette, np.ones((len(palette), 1))], axis=1).astype(np.float32)
+    colors = opaque.take(answer.depths - least_color_depth, axis=0)
+    _write_attributes(mesh, answer.depths, rounded_up(answer.bounds), colors)
     record = mesh.ccdepth
     record.has_result = True
     record.tolerance = settings.tolerance
@@ -102,17 +104,16 @@ def rounded_up(bounds: FloatArray) -> NDArray[np.float32]:
 
 
 def _write_attributes(
-    mesh: bpy.types.Mesh, depths: NDArray[np.int32], bounds: NDArray[np.float32], linear_colors: FloatArray
+    mesh: bpy.types.Mesh, depths: NDArray[np.int32], bounds: NDArray[np.float32], colors: NDArray[np.float32]
 ) -> None:
-    """Write the attributes: depths and bounds (F,), and one linear colour (F, 3) for all corners of each face."""
-    opaque = np.concatenate([linear_colors, np.ones((len(linear_colors), 1))], axis=1)
+    """Write the attributes: depths and bounds (F,), and one linear colour (F, 4) for all corners of each face."""
     if mesh.is_editmode:
-        _write_while_editing(mesh, depths.tolist(), bounds.tolist(), opaque.tolist())
+        _write_while_editing(mesh, depths.tolist(), bounds.tolist(), colors.tolist())
         return
     attributes = mesh.attributes
     displayed, rendered = attributes.active_color_name, attributes.default_color_name
     sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
-    columns = (depths, bounds, np.repeat(opaque.astype(np.float32), sizes, axis=0).ravel())
+    columns = (depths, bounds, np.repeat(colors, sizes, axis=0).ravel())
     for kind, values in zip(ATTRIBUTES, columns, strict=True):
         attribute = attributes.get(kind.name) or attributes.new(kind.name, kind.data_type, kind.domain)
         attribute.data.foreach_set(kind.value, values)

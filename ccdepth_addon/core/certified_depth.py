@@ -10,17 +10,17 @@ regular patches and a last bound that has shrunk to nothing are left (docs/metho
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .bounds import Vertices, second_order_extraordinary, support_bounds
+from .bounds import PatchBounds, Vertices, second_order_extraordinary, second_order_regular, support_bounds
 from .catmull_clark import limit_positions
-from .facets import LaterBounds, control_facet_bounds, facet_error, later_bounds, sampled_error
-from .mesh import FloatArray, IndexArray, PolygonMesh
+from .facets import CORNER_ROWS, LaterBounds, control_facet_bounds, facet_error, later_bounds, sampled_error
+from .mesh import FloatArray, IndexArray, PolygonMesh, submesh
 from .norms import ring_index
 from .parallel import in_parallel
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
@@ -30,7 +30,10 @@ from .splines import HALVES, SPLINE_HALVES, bilinear_coefficients, both_ways, la
 from .stencils import PatchStencils, apply_stencils, patch_stencils
 
 REGULAR_FACES_AT_ONCE = 1 << 13
-OTHER_FACES_AT_ONCE = 1 << 11
+OTHER_FACES_AT_ONCE = 1 << 10
+
+# They are cut out of the mesh with their neighbours, which takes a look at all of it, many blocks at a time.
+OTHER_FACES_TOGETHER = 1 << 15
 
 # How often doubtful parts are split: each time the gap between the bounds falls to about a quarter for a patch in
 # Bernstein form, and by the subdominant eigenvalue (0.41 to 0.68) around an extraordinary vertex,
@@ -48,7 +51,7 @@ LARGEST_STENCIL_VALENCE = 512
 
 BoolArray = NDArray[np.bool_]
 
-# (P,) base faces, and (4, 4, P, 3) differences S - L over them.
+# (P,) base faces, and for each of them (4, 4, P, 3): a net, or the difference S - L.
 Blocks = tuple[IndexArray, FloatArray]
 
 
@@ -59,53 +62,76 @@ def certified_blocks(mesh: PolygonMesh, question: Question, vertices: Vertices) 
     regular = patches.kinds == PatchKind.REGULAR
 
     def settle_regular(faces: IndexArray) -> FaceBlock:
-        pieces = [_Patches.new(0, np.arange(len(faces)), regular_nets(mesh, faces))]
-        return _Search(question, vertices, faces, pieces, None).run()
+        nets = [(np.arange(len(faces)), regular_nets(mesh, faces))]
+        return _Search(question, vertices, faces, nets, None).run()
 
-    def settle_other(faces: IndexArray) -> FaceBlock:
-        return _Search(question, vertices, faces, [], Refinement.start(mesh, faces)).run()
+    def settle_other(part: PolygonMesh, own: IndexArray, faces: IndexArray) -> FaceBlock:
+        return _Search(question, vertices, faces, [], Refinement.start(part, own)).run()
 
-    # Those that take longest first, so that no processor is left with one of them in the end.
-    jobs = [partial(settle_other, block) for block in split(np.flatnonzero(~regular), OTHER_FACES_AT_ONCE)]
-    jobs += [partial(settle_regular, block) for block in split(np.flatnonzero(regular), REGULAR_FACES_AT_ONCE)]
-    for block in in_parallel(lambda job: job(), jobs):
+    def jobs() -> Iterator[Callable[[], FaceBlock]]:
+        # Those that take longest first, so that no processor is left with one of them in the end.
+        for faces in split(np.flatnonzero(~regular), OTHER_FACES_TOGETHER):
+            part = submesh(mesh, faces)[0]
+            for own in split(np.arange(len(faces)), OTHER_FACES_AT_ONCE):
+                yield partial(settle_other, part, own, faces[own])
+        for faces in split(np.flatnonzero(regular), REGULAR_FACES_AT_ONCE):
+            yield partial(settle_regular, faces)
+
+    for block in in_parallel(lambda job: job(), jobs()):
         yield FaceBlock.empty() if block is None else block
 
 
 @dataclass
 class _Patches:
-    """Regular patches that appear at one level.
+    """Regular patches that appear at one level: (P,) base faces.
 
-    bases: (P,) base faces. rows: (P,) which of the nets (4, 4, N, 3) is each one's; nets that are no longer wanted are
-    left where they are. later: the bounds for later levels, once they have been asked for.
+    rows: (P,) which of the nets (4, 4, N, 3) is each one's; nets that are no longer wanted are left where they are.
+    rough, later: bounds by the norm alone and from the net itself, worked out when they are asked for first.
     """
 
     level: int
     bases: IndexArray
     rows: IndexArray
     nets: FloatArray
+    rough: PatchBounds | None = None
     later: LaterBounds | None = None
 
     @staticmethod
-    def new(level: int, bases: IndexArray, nets: FloatArray) -> _Patches:
+    def joined(level: int, pieces: list[Blocks]) -> _Patches:
+        """One of several (P,) base faces with their (4, 4, P, 3) nets."""
+        bases, nets = pieces[0] if len(pieces) == 1 else _joined(pieces)
         return _Patches(level, bases, np.arange(len(bases)), nets)
 
     def of(self, wanted: BoolArray) -> _Patches:
-        kept = np.flatnonzero(wanted[self.bases])
-        if len(kept) == len(self.bases):
+        """Those of some of the base faces: (B,) bool."""
+        return self.at(np.flatnonzero(wanted[self.bases]))
+
+    def at(self, chosen: IndexArray) -> _Patches:
+        """Some of them, by index."""
+        if len(chosen) == len(self.bases):
             return self
-        later = None if self.later is None else self.later.of(kept)
-        return _Patches(self.level, self.bases[kept], self.rows[kept], self.nets, later)
+        rough = None if self.rough is None else replace(self.rough, value=self.rough.value[chosen])
+        later = None if self.later is None else self.later.of(chosen)
+        return _Patches(self.level, self.bases[chosen], self.rows[chosen], self.nets, rough, later)
 
     def nets_of(self, chosen: IndexArray) -> FloatArray:
         """(4, 4, chosen, 3): the nets of some of the patches, by index."""
         return self.nets.take(self.rows[chosen], axis=2)
 
-    def with_later_bounds(self, vertices: Vertices) -> LaterBounds:
+    def compact(self) -> FloatArray:
+        """(4, 4, P, 3): the nets, when those that are no longer wanted are gone."""
+        if len(self.rows) < self.nets.shape[2]:
+            self.nets, self.rows = self.nets.take(self.rows, axis=2), np.arange(len(self.rows))
+        return self.nets
+
+    def rough_bounds(self, vertices: Vertices) -> PatchBounds:
+        if self.rough is None:
+            self.rough = second_order_regular(self.compact(), vertices)
+        return self.rough
+
+    def later_bounds(self, vertices: Vertices) -> LaterBounds:
         if self.later is None:
-            if len(self.rows) < self.nets.shape[2]:
-                self.nets, self.rows = self.nets.take(self.rows, axis=2), np.arange(len(self.rows))
-            self.later = later_bounds(self.nets, vertices)
+            self.later = later_bounds(self.compact(), vertices)
         return self.later
 
 
@@ -155,11 +181,23 @@ class _Verdict:
 
     def hear(self, bases: IndexArray, upper: FloatArray, lower: FloatArray) -> BoolArray:
         """Take the bounds of some parts; (parts,) bool, those still in doubt. Settled parts count for good."""
-        np.maximum.at(self.lower, bases, lower)
-        self.wanted &= ~self.question.exceeds(self.lower)
+        self.disprove(bases, lower)
         within = self.question.within(upper)
         np.maximum.at(self.upper, bases[within], upper[within])
         return ~within & self.wanted[bases]
+
+    def disprove(self, bases: IndexArray, lower: FloatArray) -> None:
+        """Take the least distances of some parts."""
+        np.maximum.at(self.lower, bases, lower)
+        self.wanted &= ~self.question.exceeds(self.lower)
+
+    def bounds(self) -> FloatArray:
+        """(B,): the proved distances of faces that are settled.
+
+        Parts that were not looked at closely are within the tolerance, and within what some other part reaches.
+        """
+        reached = np.maximum(self.upper, self.lower) + self.question.allowance
+        return np.minimum(reached, self.question.tolerance)
 
     def give_up(self, bases: IndexArray) -> None:
         """No proof either way: such a face is not taken to be within the tolerance."""
@@ -168,13 +206,17 @@ class _Verdict:
 
 @dataclass
 class _Search:
-    """Some base faces on their way to a depth: their regular patches so far, and the refinement of the rest."""
+    """Some base faces on their way to a depth: their patches so far, and the refinement of the rest.
+
+    found: the regular patches that appear at the level to be asked about next.
+    """
 
     question: Question
     vertices: Vertices
     faces: IndexArray
-    patches: list[_Patches]
+    found: list[Blocks]
     refinement: Refinement | None
+    patches: list[_Patches] = field(default_factory=list)
     extraordinary: list[_ExtraordinaryPatches] = field(default_factory=list)
 
     def run(self) -> FaceBlock:
@@ -184,22 +226,26 @@ class _Search:
         while np.any(wanted):
             verdict = _Verdict.of(self.question, wanted)
             self._take_patches(level)
-            self._ask_patches(verdict, level)
+            self._ask_corners(verdict)
+            asked = self._ask_patches(verdict, level)
             for patches in self.extraordinary:
+                patches = patches.at(np.flatnonzero(verdict.wanted[patches.bases]))
                 self._ask_extraordinary(verdict, patches, patches.corners(self.vertices))
             self._ask_refinement(verdict)
-            self._ask_blocks(verdict, verdict.open_blocks)
+            if verdict.open_blocks:
+                self._ask_blocks(verdict, *_joined(verdict.open_blocks))
             settled = verdict.wanted & np.isfinite(verdict.upper)
-            self._look_closer(verdict, settled, level)
-            block.settle(settled, level, verdict.upper + self.question.allowance, verdict.lower)
+            for regular in asked:
+                self._look_closer(verdict, regular.of(settled), level)
+            block.settle(settled, level, verdict.bounds(), verdict.lower)
             # A level that was neither proved nor disproved leaves the depth above it without proof of being the least.
             block.exact[verdict.wanted & ~settled] = False
             wanted &= ~settled
-            self._descend(wanted, level)
+            self._descend(wanted)
             level += 1
         return block
 
-    def _descend(self, wanted: BoolArray, level: int) -> None:
+    def _descend(self, wanted: BoolArray) -> None:
         """Go from a level to the next with the wanted base faces."""
         self.patches = [patches.of(wanted) for patches in self.patches]
         kept = (patches.at(np.flatnonzero(wanted[patches.bases])) for patches in self.extraordinary)
@@ -207,45 +253,60 @@ class _Search:
         for patches in kept:
             refined, bases, nets = patches.refined()
             self.extraordinary.append(refined)
-            self.patches.append(_Patches.new(level + 1, bases, nets))
+            self.found.append((bases, nets))
         if self.refinement is not None:
             self.refinement = self.refinement.of(wanted).refined()
 
     def _take_patches(self, level: int) -> None:
         """Move the refinement's regular and extraordinary faces to the patches."""
-        if self.refinement is None or not len(self.refinement.bases):
-            return
-        sorted_out = _sort_out(self.refinement)
-        self.patches.append(_Patches.new(level, sorted_out.regular_bases, sorted_out.regular_nets()))
-        self.extraordinary += [patches for patches, _ in sorted_out.extraordinary()]
-        self.refinement = self.refinement.keep(sorted_out.rest)
+        if self.refinement is not None and len(self.refinement.bases):
+            sorted_out = _sort_out(self.refinement)
+            self.found.append((sorted_out.regular_bases, sorted_out.regular_nets()))
+            self.extraordinary += [patches for patches, _ in sorted_out.extraordinary()]
+            self.refinement = self.refinement.keep(sorted_out.rest)
+        if self.found:
+            self.patches.append(_Patches.joined(level, self.found))
+            self.found = []
 
-    def _ask_patches(self, verdict: _Verdict, level: int) -> None:
+    def _ask_corners(self, verdict: _Verdict) -> None:
+        """Most levels that are not enough show it where control points at extraordinary vertices are far from them."""
+        if self.vertices is Vertices.CONTROL:
+            for patches in self.extraordinary:
+                gaps = largest_norm(patches.corners(Vertices.CONTROL) - patches.corners(Vertices.LIMIT))
+                verdict.disprove(patches.bases, gaps)
+
+    def _ask_patches(self, verdict: _Verdict, level: int) -> list[_Patches]:
+        """Ask regular patches of the faces that are still wanted, and return them.
+
+        Most of those that a face is refined into are so near the surface that their norm alone says enough.
+        """
+        asked = []
         for patches in self.patches:
-            if len(patches.bases):
-                self._ask_nets(verdict, patches, level - patches.level)
+            patches = patches.of(verdict.wanted)
+            if not len(patches.bases):
+                continue
+            levels = level - patches.level
+            if self.refinement is not None:
+                near = self.question.within(patches.rough_bounds(self.vertices).at(levels))
+                asked.append(patches.at(np.flatnonzero(near)))
+                patches = patches.at(np.flatnonzero(~near))
+            self._ask_nets(verdict, patches, levels)
+            asked.append(patches)
+        return asked
 
     def _ask_nets(self, verdict: _Verdict, patches: _Patches, levels: int) -> None:
         """Ask regular patches about the facets so many levels after their own: first by what costs least."""
-        upper, lower = self._first_bounds(patches, levels)
-        doubtful = np.flatnonzero(verdict.hear(patches.bases, upper, lower))
-        if not len(doubtful):
-            return
-        bases, upper, nets = patches.bases[doubtful], upper[doubtful], patches.nets_of(doubtful)
+        doubtful = np.flatnonzero(verdict.hear(patches.bases, *self._first_bounds(patches, levels)))
+        bases, nets = patches.bases[doubtful], patches.nets_of(doubtful)
         for remaining in range(levels, max(levels - NET_SPLITS, 0) - 1, -1):
-            if self._has_later_bounds(remaining):
-                lower = sampled_error(nets, self.vertices, remaining)
-                doubtful = np.flatnonzero(verdict.hear(bases, upper, lower))
-                bases, nets = bases[doubtful], nets.take(doubtful, axis=2)
             if not len(bases):
                 return
+            doubtful = np.flatnonzero(verdict.hear(bases, *self._closer_bounds(nets, remaining)))
+            bases, nets = bases[doubtful], nets.take(doubtful, axis=2)
             if remaining == 0:
                 verdict.open_blocks.append((bases, facet_error(nets, self.vertices)))
                 return
             bases, nets = np.tile(bases, 4), both_ways(SPLINE_HALVES, nets)
-            upper, lower = self._bounds(nets, remaining - 1)
-            doubtful = np.flatnonzero(verdict.hear(bases, upper, lower))
-            bases, upper, nets = bases[doubtful], upper[doubtful], nets.take(doubtful, axis=2)
         verdict.give_up(bases)
 
     def _has_later_bounds(self, levels: int) -> bool:
@@ -255,28 +316,28 @@ class _Search:
     def _first_bounds(self, patches: _Patches, levels: int) -> tuple[FloatArray, FloatArray]:
         """(P,) each: distances at most and at least, so many levels after the patches' own."""
         if not self._has_later_bounds(levels):
-            return control_facet_bounds(patches.nets)
-        later = patches.with_later_bounds(self.vertices)
+            return control_facet_bounds(patches.compact())
+        later = patches.later_bounds(self.vertices)
         return later.at(levels), later.least(levels)
 
-    def _bounds(self, nets: FloatArray, levels: int) -> tuple[FloatArray, FloatArray]:
-        """The same for nets alone."""
+    def _closer_bounds(self, nets: FloatArray, levels: int) -> tuple[FloatArray, FloatArray]:
+        """The same for nets alone, and with samples."""
         if not self._has_later_bounds(levels):
             return control_facet_bounds(nets)
-        later = later_bounds(nets, self.vertices)
-        return later.at(levels), later.least(levels)
+        return later_bounds(nets, self.vertices).at(levels), sampled_error(nets, self.vertices, levels)
 
-    def _look_closer(self, verdict: _Verdict, settled: BoolArray, level: int) -> None:
-        """Raise the least distances of settled faces as far as the samples of regular patches do."""
-        for patches in self.patches:
-            if patches.later is None:
-                continue
-            levels = level - patches.level
-            promising = settled[patches.bases] & (patches.later.at(levels) > verdict.lower[patches.bases])
-            chosen = np.flatnonzero(promising)
-            if len(chosen):
-                found = sampled_error(patches.nets_of(chosen), self.vertices, levels)
-                np.maximum.at(verdict.lower, patches.bases[chosen], found)
+    def _look_closer(self, verdict: _Verdict, patches: _Patches, level: int) -> None:
+        """Hear the distances of settled faces' patches where they may be the largest, as near as they are known."""
+        levels = level - patches.level
+        if patches.rough is not None:
+            within_reach = patches.rough.at(levels) > verdict.lower[patches.bases]
+            patches = patches.at(np.flatnonzero(within_reach))
+        if len(patches.bases):
+            upper, lower = self._first_bounds(patches, levels)
+            if self._has_later_bounds(levels):
+                promising = np.flatnonzero(upper > verdict.lower[patches.bases])
+                lower[promising] = sampled_error(patches.nets_of(promising), self.vertices, levels)
+            verdict.hear(patches.bases, upper, lower)
 
     def _ask_extraordinary(self, verdict: _Verdict, patches: _ExtraordinaryPatches, facets: FloatArray) -> None:
         """Ask extraordinary patches about facets over them, (4, P, 3), refining them further while in doubt."""
@@ -284,10 +345,15 @@ class _Search:
             if not len(patches.bases):
                 return
             gaps = largest_norm(facets - patches.corners(Vertices.LIMIT))
-            doubtful = np.flatnonzero(verdict.hear(patches.bases, np.full(len(gaps), np.inf), gaps))
+            verdict.disprove(patches.bases, gaps)
+            doubtful = np.flatnonzero(verdict.wanted[patches.bases])
+            if not len(doubtful):
+                return
             patches, facets, gaps = patches.at(doubtful), facets.take(doubtful, axis=1), gaps[doubtful]
             last = second_order_extraordinary(patches.nets, Vertices.LIMIT).value
             doubtful = np.flatnonzero(verdict.hear(patches.bases, gaps + last, gaps))
+            if not len(doubtful):
+                return
             patches, bases, nets = patches.at(doubtful).refined()
             of_children = _facets_of_quads(facets.take(doubtful, axis=1))
             facets = of_children[:, 0]
@@ -333,43 +399,38 @@ class _Search:
         rest = facets.compress(sorted_out.rest, axis=1)
         return refinement.keep(sorted_out.rest), rest.swapaxes(0, 1).reshape(-1, 3)
 
-    def _ask_blocks(self, verdict: _Verdict, blocks: list[Blocks], splits: int = BLOCK_SPLITS) -> None:
+    def _ask_blocks(self, verdict: _Verdict, bases: IndexArray, values: FloatArray, splits: int = BLOCK_SPLITS) -> None:
         """Ask differences S - L in Bernstein form, splitting them so often while in doubt."""
-        doubtful = [block for block in (self._hear_blocks(verdict, *block) for block in blocks) if len(block[0])]
-        if not doubtful:
+        bases, values = _blocks_of(bases, values, verdict.wanted[bases])
+        if not len(bases):
             return
-        counts = np.bincount(np.concatenate([bases for bases, _ in doubtful]), minlength=len(verdict.wanted))
+        rows = values.reshape(16, -1, 3)
+        bases, values = _blocks_of(
+            bases, values, verdict.hear(bases, largest_norm(rows), largest_norm(rows[CORNER_ROWS]))
+        )
+        counts = np.bincount(bases, minlength=len(verdict.wanted))
         # Where a distance is the tolerance itself along a line, doubt grows with every split and never ends.
         hopeless = counts > (MOST_BLOCKS_OF_A_FACE if splits else 0)
         if np.any(hopeless):
             verdict.give_up(np.flatnonzero(hopeless))
-            doubtful = _blocks_of(doubtful, ~hopeless)
-            counts = np.where(hopeless, 0, counts)
+            bases, values = _blocks_of(bases, values, ~hopeless[bases])
+            counts[hopeless] = 0
         for some in _groups(counts, MOST_BLOCKS):
-            chosen = doubtful if np.all(some[counts > 0]) else _blocks_of(doubtful, some)
-            halved = [(np.tile(bases, 4), both_ways(HALVES, values)) for bases, values in chosen]
-            self._ask_blocks(verdict, halved, splits - 1)
-
-    def _hear_blocks(self, verdict: _Verdict, bases: IndexArray, values: FloatArray) -> Blocks:
-        """The blocks that are left in doubt."""
-        [(bases, values)] = _blocks_of([(bases, values)], verdict.wanted) or [(bases[:0], values[:, :, :0])]
-        if not len(bases):
-            return bases, values
-        rows = values.reshape(16, -1, 3)
-        doubtful = verdict.hear(bases, largest_norm(rows), largest_norm(rows[[0, 3, 12, 15]]))
-        return bases[doubtful], values.compress(doubtful, axis=2)
+            chosen, parts = _blocks_of(bases, values, some[bases])
+            self._ask_blocks(verdict, np.tile(chosen, 4), both_ways(HALVES, parts), splits - 1)
 
 
-def _blocks_of(blocks: list[Blocks], wanted: BoolArray) -> list[Blocks]:
-    """The blocks of the wanted base faces."""
-    kept = []
-    for bases, values in blocks:
-        chosen = wanted[bases]
-        if np.all(chosen):
-            kept.append((bases, values))
-        elif np.any(chosen):
-            kept.append((bases[chosen], values.compress(chosen, axis=2)))
-    return kept
+def _joined(blocks: list[Blocks]) -> Blocks:
+    bases, values = zip(*blocks, strict=True)
+    return np.concatenate(bases), np.concatenate(values, axis=2)
+
+
+def _blocks_of(bases: IndexArray, values: FloatArray, chosen: BoolArray) -> Blocks:
+    """The chosen ones of some blocks."""
+    if np.all(chosen):
+        return bases, values
+    kept = np.flatnonzero(chosen)
+    return bases[kept], values.take(kept, axis=2)
 
 
 def _groups(counts: IndexArray, most: int) -> Iterator[BoolArray]:

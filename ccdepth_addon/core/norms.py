@@ -8,6 +8,7 @@ A regular net is a (4, 4, P, 3) array, an extraordinary net of valence n a (2n +
 from __future__ import annotations
 
 from collections.abc import Iterable
+from functools import cache
 
 import numpy as np
 
@@ -76,8 +77,17 @@ def second_differences(valence: int) -> list[tuple[int, int, int]]:
 
 def second_order_norm_extraordinary(net: FloatArray) -> FloatArray:
     """M of an extraordinary patch: the largest of its 2n + 10 second differences."""
-    valence = (len(net) - 8) // 2
-    return _largest(2 * net[a] - net[b] - net[c] for a, b, c in second_differences(valence))
+    middles, ones, others = _second_difference_ends((len(net) - 8) // 2)
+    differences = 2 * net.take(middles, axis=0)
+    differences -= net.take(ones, axis=0)
+    differences -= net.take(others, axis=0)
+    return np.sqrt(squared_norms(differences).max(axis=0))
+
+
+@cache
+def _second_difference_ends(valence: int) -> tuple[tuple[int, ...], ...]:
+    """The a, the b and the c of ``second_differences``."""
+    return tuple(zip(*second_differences(valence), strict=True))
 
 
 def first_order_norm_regular(net: FloatArray) -> FloatArray:
