@@ -176,7 +176,7 @@ class Carrier:
     def _sources(self, domain: str) -> NDArray[np.intp]:
         """The element of the base that each element of the new mesh takes after, or -1."""
         if domain == "POINT":
-            return nearest_vertices(self.control, self.subdivided.vertex_points)
+            return nearest_vertices(self.control, self.subdivided)
         if domain == "CORNER":
             return self.subdivided.corner_points.corners
         return self.subdivided.base_edges if domain == "EDGE" else self.subdivided.base_faces
@@ -189,7 +189,7 @@ class Carrier:
         kinds, numbers = vertex_origins(self.control, self.subdivided)
         sizes = np.array([0, len(vertices), len(vertices) + len(edges)])
         at_vertices = np.concatenate([vertices, edges, faces])[sizes[kinds] + numbers]
-        edge_faces = np.empty(len(self.subdivided.edge_vertices), dtype=np.intp)
+        edge_faces = np.zeros(len(self.subdivided.edge_vertices), dtype=np.intp)
         edge_faces[self.subdivided.corner_edges] = np.repeat(
             self.subdivided.base_faces, np.diff(self.subdivided.face_starts)
         )

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .carried_attributes import write_attribute
-from .core.carried_values import interpolated
+from .core.carried_values import at_vertices
 from .core.mesh import PolygonMesh
 from .core.subdivided_mesh import SubdividedMesh
 
@@ -54,8 +54,7 @@ def write_groups(
         values = np.zeros((len(base.vertices), 2))
         values[members[chosen], 0] = weights[chosen]
         values[members[chosen], 1] = 1.0
-        # Most groups are of a part of the mesh only.
-        found = interpolated(control, values[control.corner_vertices], subdivided.vertex_points)
+        found = at_vertices(control, values, subdivided)
         _write_group(holder, name, found[:, 0], found[:, 1] > 0)
         holder.vertex_groups[-1].lock_weight = lock
     if groups.names:

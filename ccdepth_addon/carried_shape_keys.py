@@ -26,6 +26,24 @@ ANIMATION_SETTINGS = (
     "action_influence",
     "use_nla",
 )
+TRACK_SETTINGS = ("name", "mute", "lock")
+# In this order: where a strip ends follows from the others.
+STRIP_SETTINGS = (
+    "action_slot",
+    "action_frame_start",
+    "action_frame_end",
+    "repeat",
+    "scale",
+    "frame_start",
+    "frame_end",
+    "blend_in",
+    "blend_out",
+    "blend_type",
+    "extrapolation",
+    "influence",
+    "mute",
+    "use_reverse",
+)
 
 
 def write_shape_keys(
@@ -39,10 +57,13 @@ def write_shape_keys(
     if keys is None:
         return
     blocks = list(keys.key_blocks)
+    without_faces = control.vertex_face_counts == 0
+    loose = np.flatnonzero((subdivided.base_vertices >= 0) & without_faces[subdivided.base_vertices])
     for key in blocks:
         copy = _add_key(holder, key, keys.use_relative)
         coordinates = read_values(key.points, "co", np.float32, 3).astype(np.float64)
         positions = limit_values(control, coordinates, subdivided.vertex_points).astype(np.float32)
+        positions[loose] = coordinates[subdivided.base_vertices[loose]]
         copy.points.foreach_set("co", positions.ravel())
         if key == keys.reference_key:
             holder.data.attributes["position"].data.foreach_set("vector", positions.ravel())
@@ -86,3 +107,10 @@ def _copy_animation(source: bpy.types.Key, target: bpy.types.Key) -> None:
         _copy_settings(animation, copy, ANIMATION_SETTINGS)
     for driver in animation.drivers:
         copy.drivers.from_existing(src_driver=driver)
+    for track in animation.nla_tracks:
+        copied = copy.nla_tracks.new(prev=copy.nla_tracks[-1] if len(copy.nla_tracks) else None)
+        _copy_settings(track, copied, TRACK_SETTINGS)
+        for strip in track.strips:
+            if strip.type == "CLIP":
+                new_strip = copied.strips.new(strip.name, int(strip.frame_start), strip.action)
+                _copy_settings(strip, new_strip, STRIP_SETTINGS)

@@ -12,6 +12,7 @@ from .carried_attributes import Carrier
 from .carried_groups import group_names, write_groups
 from .carried_normals import write_limit_normals
 from .carried_shape_keys import basis_mesh, write_shape_keys
+from .core.loose_parts import with_loose_parts
 from .core.mesh import PolygonMesh
 from .core.subdivided_mesh import SubdividedMesh
 
@@ -30,9 +31,11 @@ def new_mesh(
     """The subdivision as a mesh of its own, with the materials, attributes, groups, keys and settings of ``base``.
 
     base: in Object Mode. control: its control mesh, with the same vertices, edges, faces and corners, and explicit
-    sharpness. Nothing of ``base`` is changed. Results of ours are left out.
+    sharpness. Nothing of ``base`` is changed. Vertices and edges without faces stay as they are. Results of ours are
+    left out.
     """
     options = options or CarryOptions()
+    subdivided = with_loose_parts(control, subdivided)
     mesh = base.copy()
     holder = bpy.data.objects.new(mesh.name, mesh)
     try:

@@ -48,9 +48,18 @@ def at_corners(subdivided: SubdividedMesh, evaluate: Evaluate) -> NDArray[np.flo
     return values
 
 
-def nearest_vertices(mesh: PolygonMesh, points: SurfacePoints) -> IndexArray:
-    """(N,) intp, the vertex of the control mesh that each point is nearest to, in its face."""
-    return mesh.corner_vertices[points.corners]
+def at_vertices(mesh: PolygonMesh, values: FloatArray, subdivided: SubdividedMesh) -> NDArray[np.float32]:
+    """(V, D) float32: values at the control mesh's vertices, interpolated; vertices that stay keep theirs exactly."""
+    found = interpolated(mesh, values[mesh.corner_vertices], subdivided.vertex_points)
+    staying = np.flatnonzero(subdivided.base_vertices >= 0)
+    found[staying] = values[subdivided.base_vertices[staying]]
+    return found
+
+
+def nearest_vertices(mesh: PolygonMesh, subdivided: SubdividedMesh) -> IndexArray:
+    """(V,) intp, the vertex of the control mesh that each vertex is nearest to, in its face."""
+    nearest = mesh.corner_vertices[subdivided.vertex_points.corners]
+    return np.where(subdivided.base_vertices >= 0, subdivided.base_vertices, nearest)
 
 
 def vertex_origins(mesh: PolygonMesh, subdivided: SubdividedMesh) -> tuple[IndexArray, IndexArray]:

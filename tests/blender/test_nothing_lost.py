@@ -501,6 +501,42 @@ def test_keys_mix_to_the_surface_of_the_mixed_mesh() -> None:
     np.testing.assert_allclose(mixed, limits, atol=2 * ROUNDING, rtol=0)
 
 
+def test_the_animation_of_keys_stays() -> None:
+    holder = everything()
+    keys = holder.data.shape_keys
+    keys.key_blocks["Tall"].keyframe_insert("value", frame=3)
+    action = keys.animation_data.action
+    track = keys.animation_data.nla_tracks.new()
+    strip = track.strips.new("Strip", 20, action)
+    strip.repeat, strip.blend_type, track.mute = 2.0, "ADD", True
+    new = carry(holder).mesh.shape_keys.animation_data
+    assert new.action == action
+    if hasattr(new, "action_slot"):
+        assert new.action_slot == keys.animation_data.action_slot
+    copied = new.nla_tracks[0].strips[0]
+    assert new.nla_tracks[0].mute
+    for name in ("name", "action", "frame_start", "frame_end", "repeat", "blend_type"):
+        assert getattr(copied, name) == getattr(strip, name)
+
+
+def test_freestyle_marks_stay() -> None:
+    holder = scene.add_object(meshes.landscape(3, 3))
+    mesh = holder.data
+    edges = [edge.index % 3 == 0 for edge in mesh.edges]
+    if hasattr(mesh.edges[0], "use_freestyle_mark"):
+        mesh.edges.foreach_set("use_freestyle_mark", edges)
+    else:
+        write(mesh, "freestyle_edge", "BOOLEAN", "EDGE", np.array(edges))
+    carried = carry(holder)
+    if hasattr(mesh.edges[0], "use_freestyle_mark"):
+        found = np.empty(len(carried.mesh.edges), dtype=bool)
+        carried.mesh.edges.foreach_get("use_freestyle_mark", found)
+    else:
+        found = read(carried.mesh, "freestyle_edge")[:, 0]
+    base = carried.subdivided.base_edges
+    np.testing.assert_array_equal(found, (base >= 0) & np.array(edges)[base])
+
+
 def test_absolute_keys_keep_their_frames() -> None:
     holder = everything()
     keys = holder.data.shape_keys
@@ -569,6 +605,55 @@ def test_limit_normals_on_request(deformable: bool) -> None:
     by_vertex = np.zeros((len(carried.mesh.vertices), 3))
     by_vertex[carried.subdivided.corner_vertices] = expected
     assert np.abs(by_vertex[carried.subdivided.corner_vertices] - expected).max() > 0.5
+
+
+def test_loose_parts_stay_with_their_values() -> None:
+    cube = meshes.cube()
+    loose = replace(
+        cube,
+        positions=np.concatenate([cube.positions, [[3, 0, 0], [4, 0, 0], [5, 0, 0]]]),
+        loose_edges=[(8, 9), (0, 8)],
+    )
+    holder = scene.add_object(loose)
+    numbers = np.arange(11)
+    for data_type in ("FLOAT", "INT"):
+        write(holder.data, f"POINT {data_type}", data_type, "POINT", numbers)
+    holder.vertex_groups.new(name="Group").add([8, 10], 0.5, "REPLACE")
+    for name in ("Basis", "Key"):
+        holder.shape_key_add(name=name, from_mix=False).value = 1.0
+    holder.data.shape_keys.key_blocks["Key"].points[10].co = (5, 6, 7)
+    module = addon.module("subdivided_object")
+    control = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
+    subdivided = uniform.uniform(control, LEVEL)
+    used = np.unique(subdivided.corner_vertices)
+    mesh = module.new_mesh(holder.data, control, without_loose_parts(subdivided, used))
+    assert not mesh.validate()
+    assert len(mesh.vertices) == len(used) + 3
+    assert len(mesh.edges) == len(np.unique(subdivided.corner_edges)) + 2
+    for data_type in ("FLOAT", "INT"):
+        np.testing.assert_array_equal(read(mesh, f"POINT {data_type}")[-3:, 0], [8, 9, 10])
+    np.testing.assert_array_equal(read(mesh, "position")[-3:], [[3, 0, 0], [4, 0, 0], [5, 0, 0]])
+    assert tuple(mesh.shape_keys.key_blocks["Key"].points[len(used) + 2].co) == (5, 6, 7)
+    assert weights_of(mesh)[-3:] == [{0: 0.5}, {}, {0: 0.5}]
+    ends = {tuple(sorted(edge.vertices)) for edge in list(mesh.edges)[-2:]}
+    assert (len(used), len(used) + 1) in ends
+
+
+def without_loose_parts(subdivided: SubdividedMesh, used: NDArray[np.intp]) -> SubdividedMesh:
+    """A subdivision with those vertices and edges alone that have faces."""
+    places = np.zeros(len(subdivided.positions), dtype=np.intp)
+    places[used] = np.arange(len(used))
+    edges, corner_edges = np.unique(subdivided.corner_edges, return_inverse=True)
+    return replace(
+        subdivided,
+        positions=subdivided.positions[used],
+        corner_vertices=places[subdivided.corner_vertices],
+        corner_edges=corner_edges.reshape(-1),
+        edge_vertices=places[subdivided.edge_vertices[edges]],
+        base_edges=subdivided.base_edges[edges],
+        base_vertices=subdivided.base_vertices[used],
+        vertex_edges=subdivided.vertex_edges[used],
+    )
 
 
 def test_results_of_ours_are_not_carried() -> None:
