@@ -162,7 +162,10 @@ def _polygons_of_pattern(points: Polygons, split_sides: list[bool], transitions:
 def _assembled(
     tree: Quadtree, polygons: list[Polygons], leaves: IndexArray, positions: FloatArray
 ) -> tuple[SubdividedMesh, IndexArray, IndexArray]:
-    """One mesh of all polygons, in the order of their leaves; (E,) the faces along its edges; (F,) each face's leaf."""
+    """One mesh of all polygons, in the order of their leaves; (E,) the faces along its edges; (F,) each face's leaf.
+
+    Vertices and edges of the control mesh that have no faces are kept as they are.
+    """
     polygons = [block for block in polygons if len(block.leaves)]
     sizes = np.concatenate([np.full(len(block.leaves), block.vertices.shape[1]) for block in polygons])
     of_leaves = np.concatenate([block.leaves for block in polygons])
@@ -179,31 +182,47 @@ def _assembled(
     corners[places] = np.concatenate([block.corners.ravel() for block in polygons])
     parameters[places] = np.concatenate([block.parameters.reshape(-1, 2) for block in polygons])
 
-    used, corner_vertices = _compact(vertices, len(tree.vertex_edges))
+    loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
+    used, corner_vertices = _compact(vertices, loose, len(tree.vertex_edges))
     following = np.arange(1, len(vertices) + 1)
     following[starts[1:] - 1] = starts[:-1]
     edge_keys, corner_edges, faces_along = _edges(corner_vertices, corner_vertices[following], len(used))
-    points = tree.vertex_points.at(used)
+    base_edges = _base_edges(tree, used, edge_keys)
+    loose_edges = np.flatnonzero(tree.mesh.edge_face_counts == 0)
     mesh = SubdividedMesh(
-        vertex_points=points,
-        positions=limit_values(tree.mesh, positions, points),
+        vertex_points=tree.vertex_points.at(used),
+        positions=_positions(tree, used, positions),
         face_starts=starts,
         corner_vertices=corner_vertices,
         corner_edges=corner_edges,
-        edge_vertices=np.stack(np.divmod(edge_keys, len(used)), axis=1),
+        edge_vertices=np.concatenate(
+            [np.stack(np.divmod(edge_keys, len(used)), axis=1), np.searchsorted(used, tree.edge_vertices[loose_edges])]
+        ),
         corner_points=SurfacePoints(corners, parameters),
         base_faces=tree.base_faces[leaves[of_leaves[order]]],
-        base_edges=_base_edges(tree, used, edge_keys),
+        base_edges=np.concatenate([base_edges, loose_edges]),
         base_vertices=np.where(used < tree.mesh.vertex_count, used, NONE),
         vertex_edges=tree.vertex_edges[used],
     )
-    return mesh, faces_along, of_leaves[order]
+    return mesh, np.concatenate([faces_along, np.zeros_like(loose_edges)]), of_leaves[order]
 
 
-def _compact(vertices: IndexArray, count: int) -> tuple[IndexArray, IndexArray]:
-    """The vertices that are used, in ascending order, and the same array numbered by them."""
+def _positions(tree: Quadtree, used: IndexArray, positions: FloatArray) -> FloatArray:
+    """(V, 3) where the used vertices lie; those without faces stay where they are."""
+    points = tree.vertex_points.at(used)
+    on_surface = np.flatnonzero(points.corners != NONE)
+    found = np.empty((len(used), 3))
+    found[on_surface] = limit_values(tree.mesh, positions, points.at(on_surface))
+    loose = np.flatnonzero(points.corners == NONE)
+    found[loose] = positions[used[loose]]
+    return found
+
+
+def _compact(vertices: IndexArray, loose: IndexArray, count: int) -> tuple[IndexArray, IndexArray]:
+    """The vertices that are used, and the loose ones, in ascending order; the used ones numbered by them."""
     is_used = np.zeros(count, dtype=bool)
     is_used[vertices] = True
+    is_used[loose] = True
     return np.flatnonzero(is_used), (np.cumsum(is_used) - 1)[vertices]
 
 

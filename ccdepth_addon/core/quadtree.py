@@ -58,8 +58,8 @@ class Quadtree:
     slots: (S,) slot_vertices, slot_edges.
     edges: (E, 2) edge_vertices; (E,) edge_children (the half at the first vertex, the other is the next; NONE while
     whole), midpoints (vertex, or NONE), base_edges (NONE inside a face).
-    vertices: (V,) vertex_corners and (V, 2) vertex_parameters, together their ``SurfacePoints``; (V,) vertex_edges, the
-    edge of the mesh that a vertex made by splitting lies on, or NONE.
+    vertices: vertex_points (V), their corner NONE where the mesh's vertex has no face; (V,) vertex_edges, the edge of
+    the mesh that a vertex made by splitting lies on, or NONE.
     """
 
     def __init__(self, mesh: PolygonMesh) -> None:
@@ -77,7 +77,7 @@ class Quadtree:
         self._edge_children = Column(np.full(edges, NONE, dtype=np.intp))
         self._midpoints = Column(np.full(edges, NONE, dtype=np.intp))
         self._base_edges = Column(np.arange(edges))
-        first_corner = np.zeros(mesh.vertex_count, dtype=np.intp)
+        first_corner = np.full(mesh.vertex_count, NONE, dtype=np.intp)
         first_corner[mesh.corner_vertices] = np.arange(corners)
         self._vertex_corners = Column(first_corner)
         self._vertex_parameters = Column(np.zeros((mesh.vertex_count, 2)))

@@ -13,7 +13,7 @@ from .surface_points import SurfacePoints
 class SubdividedMesh:
     """Polygons on the limit surface of a control mesh. V vertices, E edges, F faces, C corners.
 
-    vertex_points: SurfacePoints (V)          where each vertex lies
+    vertex_points: SurfacePoints (V)          where each vertex lies; corner -1 for vertices without faces
     positions: (V, 3) float64                 limit positions, object space
     face_starts: (F + 1,) intp; corner_vertices: (C,) intp; corner_edges: (C,) intp; edge_vertices: (E, 2) intp
     corner_points: SurfacePoints (C)          where each corner lies, in its face's own base face
