@@ -72,6 +72,7 @@ def _write_group(holder: bpy.types.Object, name: str, weights: NDArray[np.float3
     mesh = holder.data
     write_attribute(mesh, WEIGHTS, "FLOAT", "POINT", np.clip(weights, 0.0, 1.0))
     mesh.attributes.active = mesh.attributes[WEIGHTS]
+    # Another object that is being edited must not stand in the way.
     with bpy.context.temp_override(object=holder, active_object=holder, edit_object=None):
         bpy.ops.geometry.attribute_convert(mode="VERTEX_GROUP")
     group = holder.vertex_groups[-1]

@@ -467,6 +467,13 @@ def test_vertex_groups_are_those_of_the_modifier(carried: Carried) -> None:
     assert 3 < sum(2 in weights for weights in own) < len(own)
 
 
+def test_an_object_being_edited_is_not_in_the_way() -> None:
+    holder = everything()
+    with addon.edit_mode(scene.add_object(meshes.cube())):
+        carried = carry(holder)
+    assert sum(0 in weights for weights in weights_of(carried.mesh)) == len(carried.mesh.vertices)
+
+
 def test_shape_keys_stay_with_their_settings(carried: Carried) -> None:
     old, new = carried.base.shape_keys, carried.mesh.shape_keys
     assert new != old
