@@ -77,7 +77,7 @@ def count_faces(mesh: PolygonMesh, request: Request) -> Generator[int, None, int
 
     mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``). Raises TooManyFacesError.
     """
-    planner = _Planner(mesh, request)
+    planner = _Planner(mesh, request, np.zeros(mesh.face_count, dtype=np.int8))
     yield from planner.settle()
     leaves = planner.leaves()
     return int(face_counts(planner.tree, leaves, planner.fit_of(leaves), request.transitions).sum())
@@ -91,23 +91,27 @@ def subdivide_adaptively(
     mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``), in the space the limit is meant in.
     positions: (V, 3) float64, of the same control mesh in the space that is wanted. Raises TooManyFacesError.
     """
-    planner = _Planner(mesh, request)
-    yield from planner.settle()
+    least_levels = np.zeros(mesh.face_count, dtype=np.int8)
     while True:
-        leaves = planner.leaves()
-        drawing = draw(planner.tree, leaves, planner.fit_of(leaves), request.transitions, positions)
+        planner = _Planner(mesh, request, least_levels)
+        yield from planner.settle()
+        tree, leaves, depths = planner.tree, planner.leaves(), planner.face_levels()
+        fit = planner.fit_of(leaves)
+        # What is known of the surface takes as much memory as the tree, and has served its turn.
+        del planner
+        drawing = draw(tree, leaves, fit, request.transitions, positions)
         if not len(drawing.clashes):
-            depths = planner.face_levels()[drawing.mesh.base_faces].astype(np.int32)
-            return AdaptiveMesh(drawing.mesh, drawing.bounds, depths)
-        yield from planner.split(planner.marked(drawing.clashes))
-        yield from planner.settle_neighbours()
+            return AdaptiveMesh(drawing.mesh, drawing.bounds, depths[drawing.mesh.base_faces].astype(np.int32))
+        deeper = tree.levels[drawing.clashes] + np.int8(1)
+        np.maximum.at(least_levels, tree.base_faces[drawing.clashes], deeper)
 
 
 class _Planner:
     """A tree on its way, the cells of its leaves, and how they fit so far."""
 
-    def __init__(self, mesh: PolygonMesh, request: Request) -> None:
+    def __init__(self, mesh: PolygonMesh, request: Request, least_levels: NDArray[np.int8]) -> None:
         self.tree = Quadtree(mesh)
+        self._least_levels = least_levels
         self._request = request
         self._limit = request.limit
         self._cells: list[Cells] = []
@@ -212,6 +216,7 @@ class _Planner:
         """Keep the cells that fit; the others."""
         self._record(cells, fit)
         fits = np.isfinite(fit.bounds)
+        fits &= self.tree.levels[cells.nodes] >= self._least_levels[self.tree.base_faces[cells.nodes]]
         self._cells += _some(cells, fits)
         return _some(cells, ~fits)
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,29 +14,19 @@ from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .quadtree import NONE, Quadtree
 from .subdivided_mesh import SubdividedMesh
-from .surface_points import SurfacePoints
-from .templates import ALL_SPLIT, WHOLE, Template, Transitions, templates, triangle_template
+from .templates import ALL_SPLIT, WHOLE, Transitions, templates, triangle_template
 
 BoolArray = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
 class Polygons:
-    """P polygons of one size k: (P,) the leaf each draws, as a place among the leaves; (P, k) vertices, and the same as
-    corners and (P, k, 2) parameters of their ``SurfacePoints``."""
+    """P polygons of one size k: (P,) the leaf each draws, as a place among the leaves; (P, k) slots; (k,) whether a
+    point is the middle of the side at its slot, or else the corner."""
 
     leaves: IndexArray
-    vertices: IndexArray
-    corners: IndexArray
-    parameters: FloatArray
-
-    def at(self, chosen: BoolArray | IndexArray) -> Polygons:
-        return Polygons(self.leaves[chosen], self.vertices[chosen], self.corners[chosen], self.parameters[chosen])
-
-    def pick(self, points: tuple[int, ...] | list[int]) -> Polygons:
-        """The polygons over some of their points, in that order."""
-        order = list(points)
-        return Polygons(self.leaves, self.vertices[:, order], self.corners[:, order], self.parameters[:, order])
+    slots: IndexArray
+    middles: list[bool]
 
 
 @dataclass(frozen=True)
@@ -76,30 +66,33 @@ def face_counts(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Trans
     return counts
 
 
-def _templates_in_use(fit: Fit, quads: IndexArray) -> Iterator[tuple[IndexArray, int, Template]]:
-    """The templates that quads are drawn by: which of them, the slot they are counted from, and the template."""
-    keys = np.stack([fit.patterns[quads], fit.alternatives[quads], fit.turns[quads]], axis=1)
-    found, group = np.unique(keys, axis=0, return_inverse=True)
-    for number, (pattern, alternative, turns) in enumerate(found.tolist()):
-        yield np.flatnonzero(group.reshape(-1) == number), turns, templates(pattern)[alternative]
-
-
 def _polygons_of_quads(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Iterator[Polygons]:
     quads = np.flatnonzero(tree.is_quad(leaves))
-    table = _quad_table(tree, leaves, quads)
-    for chosen, turns, template in _templates_in_use(fit, quads):
-        points = table.at(chosen).pick(_turned(turns))
-        folded = fit.folded[quads[chosen]]
-        pattern = int(fit.patterns[quads[chosen[0]]])
+    # Patterns and turns are below 16 and 4, so every template in use has a number of its own.
+    numbers = (fit.alternatives[quads].astype(np.intp) * 16 + fit.patterns[quads]) * 4 + fit.turns[quads]
+    for number in np.unique(numbers).tolist():
+        chosen = quads[numbers == number]
+        pattern, turns = number // 4 % 16, number % 4
+        template = templates(pattern)[number // 64]
         if pattern == WHOLE:
             # A quad is drawn along its first diagonal.
-            yield points.at(~folded).pick([*template[0], template[1][2]])
-            points = points.at(folded)
+            flat = chosen[~fit.folded[chosen]]
+            yield _polygons(tree, leaves, flat, [*template[0], template[1][2]], turns)
+            chosen = chosen[fit.folded[chosen]]
         elif transitions is Transitions.NGONS:
-            yield points.pick(_around([bool(pattern >> side & 1) for side in range(4)]))
+            yield _polygons(tree, leaves, chosen, _around([bool(pattern >> side & 1) for side in range(4)]), turns)
             continue
         for triangle in template:
-            yield points.pick(triangle)
+            yield _polygons(tree, leaves, chosen, triangle, turns)
+
+
+def _polygons(
+    tree: Quadtree, leaves: IndexArray, chosen: IndexArray, points: Sequence[int], turns: int = 0, size: int = 4
+) -> Polygons:
+    """Polygons over points of the chosen leaves: corners 0 to size - 1, and from size on the middles of the sides."""
+    places = [(point + turns) % size for point in points]
+    slots = tree.first_slots(leaves[chosen])[:, None] + np.array(places)
+    return Polygons(chosen, slots, [point >= size for point in points])
 
 
 def _around(split_sides: list[bool]) -> list[int]:
@@ -108,55 +101,29 @@ def _around(split_sides: list[bool]) -> list[int]:
     return [point for side in range(size) for point in (side, size + side) if point < size or split_sides[side]]
 
 
-def _turned(turns: int) -> list[int]:
-    """The eight points of a quad, counted from another corner on."""
-    corners = [(corner + turns) % 4 for corner in range(4)]
-    return corners + [4 + corner for corner in corners]
-
-
-def _quad_table(tree: Quadtree, leaves: IndexArray, quads: IndexArray) -> Polygons:
-    """The eight points of each quad; a side that is whole has no vertex at its middle."""
-    nodes = leaves[quads]
-    slots = tree.slots(nodes).reshape(-1, 4)
-    middle_vertices = np.where(tree.hanging(slots), tree.midpoints[tree.slot_edges[slots]], NONE)
-    vertices = np.concatenate([tree.slot_vertices[slots], middle_vertices], axis=1)
-    corners, middles = tree.quad_points(nodes)
-    return Polygons(
-        quads,
-        vertices,
-        np.concatenate([corners.corners.reshape(-1, 4), middles.corners.reshape(-1, 4)], axis=1),
-        np.concatenate([corners.parameters.reshape(-1, 4, 2), middles.parameters.reshape(-1, 4, 2)], axis=1),
-    )
-
-
 def _polygons_of_faces(tree: Quadtree, leaves: IndexArray, transitions: Transitions) -> Iterator[Polygons]:
     """Faces of the control mesh that are no quads: with a vertex at the middle of every split side."""
     others = np.flatnonzero(~tree.is_quad(leaves))
     sizes = tree.slot_counts(leaves[others])
     for size in np.unique(sizes).tolist():
-        chosen = others[sizes == size]
-        slots = tree.slots(leaves[chosen]).reshape(-1, size)
-        middles = np.where(tree.hanging(slots), tree.midpoints[tree.slot_edges[slots]], NONE)
-        table = Polygons(
-            chosen,
-            np.concatenate([tree.slot_vertices[slots], middles], axis=1),
-            np.concatenate([slots, slots], axis=1),
-            np.broadcast_to(np.repeat([(0.0, 0.0), (1.0, 0.0)], size, axis=0), (len(chosen), 2 * size, 2)),
+        of_size = others[sizes == size]
+        found, group = np.unique(
+            tree.hanging(tree.slots(leaves[of_size])).reshape(-1, size), axis=0, return_inverse=True
         )
-        found, group = np.unique(tree.hanging(slots), axis=0, return_inverse=True)
         for number, sides in enumerate(found.tolist()):
-            yield from _polygons_of_pattern(table.at(group.reshape(-1) == number), sides, transitions)
+            chosen = of_size[group.reshape(-1) == number]
+            for points in _points_of_face(sides, transitions):
+                yield _polygons(tree, leaves, chosen, points, size=size)
 
 
-def _polygons_of_pattern(points: Polygons, split_sides: list[bool], transitions: Transitions) -> Iterator[Polygons]:
+def _points_of_face(split_sides: list[bool], transitions: Transitions) -> list[Sequence[int]]:
+    """The polygons that draw a face, by which of its sides are split."""
     if len(split_sides) == 3 and any(split_sides) and transitions is Transitions.TRIANGLES:
-        for triangle in triangle_template(sum(1 << side for side in range(3) if split_sides[side])):
-            yield points.pick(triangle)
-        return
+        return [*triangle_template(sum(1 << side for side in range(3) if split_sides[side]))]
     order = _around(split_sides)
     # A triangle with a fourth point on a side is drawn as a quad, which has to be split from there.
     first = next((place for place, point in enumerate(order) if point >= 3), 0) if len(split_sides) == 3 else 0
-    yield points.pick(order[first:] + order[:first])
+    return [order[first:] + order[:first]]
 
 
 def _assembled(
@@ -166,21 +133,20 @@ def _assembled(
 
     Vertices and edges of the control mesh that have no faces are kept as they are.
     """
-    polygons = [block for block in polygons if len(block.leaves)]
-    sizes = np.concatenate([np.full(len(block.leaves), block.vertices.shape[1]) for block in polygons])
+    sizes = np.concatenate([np.full(len(block.leaves), len(block.middles)) for block in polygons])
     of_leaves = np.concatenate([block.leaves for block in polygons])
     order = np.argsort(of_leaves, kind="stable")
     starts = np.concatenate([[0], np.cumsum(sizes[order])])
     # Where each polygon's corners go, polygon by polygon as they were made.
     target = np.empty(len(order), dtype=np.intp)
     target[order] = starts[:-1]
-    made = np.cumsum(sizes) - sizes
-    places = np.arange(starts[-1]) + np.repeat(target - made, sizes)
-    vertices, corners = (np.empty(starts[-1], dtype=np.intp) for _ in range(2))
-    parameters = np.empty((starts[-1], 2))
-    vertices[places] = np.concatenate([block.vertices.ravel() for block in polygons])
-    corners[places] = np.concatenate([block.corners.ravel() for block in polygons])
-    parameters[places] = np.concatenate([block.parameters.reshape(-1, 2) for block in polygons])
+    places = np.arange(starts[-1]) + np.repeat(target - (np.cumsum(sizes) - sizes), sizes)
+    slots = np.empty(starts[-1], dtype=np.intp)
+    slots[places] = np.concatenate([block.slots.ravel() for block in polygons])
+    middles = np.empty(starts[-1], dtype=bool)
+    middles[places] = np.concatenate([np.tile(block.middles, len(block.leaves)) for block in polygons])
+    del places
+    vertices = np.where(middles, tree.midpoints[tree.slot_edges[slots]], tree.slot_vertices[slots])
 
     loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
     used, corner_vertices = _compact(vertices, loose, len(tree.vertex_edges))
@@ -198,7 +164,7 @@ def _assembled(
         edge_vertices=np.concatenate(
             [np.stack(np.divmod(edge_keys, len(used)), axis=1), np.searchsorted(used, tree.edge_vertices[loose_edges])]
         ),
-        corner_points=SurfacePoints(corners, parameters),
+        corner_points=tree.slot_points(slots, middles),
         base_faces=tree.base_faces[leaves[of_leaves[order]]],
         base_edges=np.concatenate([base_edges, loose_edges]),
         base_vertices=np.where(used < tree.mesh.vertex_count, used, NONE),

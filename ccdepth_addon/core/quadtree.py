@@ -19,13 +19,11 @@ from numpy.typing import NDArray
 
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .surface_points import SurfacePoints
+from .templates import QUAD_POINTS
 
 BoolArray = NDArray[np.bool_]
 
 NONE = -1
-
-# Slots of a quad in the parameters of its frame, counter-clockwise.
-QUAD_SLOTS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float64)
 
 GROWTH = 1.5
 
@@ -122,21 +120,21 @@ class Quadtree:
         starts = np.cumsum(counts) - counts
         return np.arange(counts.sum()) + np.repeat(self.first_slots(nodes) - starts, counts)
 
-    def quad_points(self, nodes: IndexArray) -> tuple[SurfacePoints, SurfacePoints]:
-        """The corners, and the middles of the sides, of nodes that are quads: 4 each, node by node."""
-        origins, axes = self._frame_axes(nodes)
-        corners = np.repeat(self._frame_corners.values[nodes], 4).reshape(-1, 4)
-        slots = origins[:, None] + QUAD_SLOTS @ axes
-        middles = origins[:, None] + (QUAD_SLOTS + np.roll(QUAD_SLOTS, -1, axis=0)) / 2 @ axes
-        # The quarters of a face meet in its centre, so a whole face has a corner in each.
-        faces = np.flatnonzero(nodes < self.mesh.face_count)
-        corners[faces] += np.arange(4)
-        slots[faces] = 0.0
-        middles[faces] = (1.0, 0.0)
-        return (
-            SurfacePoints(corners.ravel(), slots.reshape(-1, 2)),
-            SurfacePoints(corners.ravel(), middles.reshape(-1, 2)),
-        )
+    def slot_points(self, slots: IndexArray, middles: BoolArray) -> SurfacePoints:
+        """Where the corners at slots lie, or the middles of the sides there: (n,) each, in their own node's face."""
+        corners = slots.copy()
+        parameters = np.zeros((len(slots), 2))
+        # The quarters of a whole face meet in its centre, so its corners and sides are all alike in theirs.
+        parameters[:, 0] = middles
+        deeper = np.flatnonzero(slots >= self.mesh.corner_count)
+        nodes, places = np.divmod(slots[deeper] - self.mesh.corner_count, 4)
+        nodes += self.mesh.face_count
+        corners[deeper] = self._frame_corners.values[nodes]
+        x, y, along_x, along_y = self._frames.values[nodes].T
+        u, v = QUAD_POINTS[places + 4 * middles[deeper]].T
+        parameters[deeper, 0] = x + u * along_x - v * along_y
+        parameters[deeper, 1] = y + u * along_y + v * along_x
+        return SurfacePoints(corners, parameters)
 
     def _frame_axes(self, nodes: IndexArray) -> tuple[FloatArray, FloatArray]:
         """(nodes, 2) origins and (nodes, 2, 2) axes: the sides from the first slot to the second and to the last."""
@@ -213,8 +211,8 @@ class Quadtree:
         origins, axes = self._frame_axes(owners)
         quad_places = places % 4
         corners = self._frame_corners.values[owners].copy()
-        steps = np.roll(QUAD_SLOTS, -1, axis=0) - QUAD_SLOTS
-        points = origins + np.einsum("ni,nij->nj", QUAD_SLOTS[quad_places], axes)
+        steps = np.roll(QUAD_POINTS[:4], -1, axis=0) - QUAD_POINTS[:4]
+        points = origins + np.einsum("ni,nij->nj", QUAD_POINTS[quad_places], axes)
         sides = np.einsum("ni,nij->nj", steps[quad_places], axes)
         faces = np.flatnonzero(owners < self.mesh.face_count)
         corners[faces] = slots[faces]
