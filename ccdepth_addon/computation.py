@@ -9,42 +9,31 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable
 from dataclasses import dataclass
-from time import perf_counter
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from .control_mesh import NO_ORIGIN, ControlMesh, ControlMeshError, SharedMeshes, read_control_mesh
-from .core.depth import DepthResult, ToleranceError, face_depths_stepwise
-from .core.mesh import FloatArray, InvalidMeshError
-
-# How much smaller, relatively, an object's scale may be than another's by rounding alone and still be outdone by it.
-SCALE_ROUNDING = 1e-9
-
-
-class ComputeError(ValueError):
-    """Depths cannot be computed; the message names every object at fault in a modeller's words."""
+from .control_mesh import NO_ORIGIN, ControlMesh, SharedMeshes, read_control_mesh
+from .core.depth import DepthResult, face_depths_stepwise
+from .core.mesh import FloatArray
+from .surfaces import (
+    Faults,
+    Surface,
+    SurfaceSettings,
+    is_outdone,
+    refuse_bad_tolerance,
+    same_control_mesh,
+    surface_of,
+)
 
 
 @dataclass(frozen=True)
-class Settings:
-    """What is asked: ``tolerance`` is a length in the scene or a part of the diagonal, by ``tolerance_mode``."""
+class Settings(SurfaceSettings):
+    """What is asked of Compute Depth."""
 
-    tolerance: float
-    tolerance_mode: str
     method: str
     vertices: str
-    use_modifiers: bool
-
-
-@dataclass(frozen=True)
-class Surface:
-    """One surface to measure: a control mesh where an object puts it, and the tolerance there, as a length."""
-
-    object_name: str
-    control: ControlMesh
-    tolerance: float
 
 
 @dataclass(frozen=True)
@@ -101,49 +90,29 @@ class MeshDepths:
         return self.control_faces if self.deepest == 0 else self.control_corners * 4 ** (self.deepest - 1)
 
 
-def as_typed(value: float) -> float:
-    """The shortest decimal that Blender's single-precision number stands for: 0.1, not 0.10000000149."""
-    return float(str(np.float32(value)))
-
-
-def check_tolerance(tolerance: float) -> None:
-    """Raise ComputeError unless the tolerance is a finite number greater than zero."""
-    if not np.isfinite(tolerance):
-        raise ComputeError("The tolerance is not a finite number")
-    if tolerance <= 0:
-        raise ComputeError("The tolerance must be greater than zero")
-
-
 def prepare(context: bpy.types.Context, objects: Iterable[bpy.types.Object], settings: Settings) -> list[MeshTask]:
     """Read the objects' meshes, decide what to compute, and begin with it, which finds what cannot be measured.
 
     Raises ComputeError, naming every object at fault.
     """
-    check_tolerance(settings.tolerance)
+    refuse_bad_tolerance(settings.tolerance)
     tasks: dict[int, MeshTask] = {}
     surfaces: dict[int, list[Surface]] = {}
-    faults: dict[str, ValueError] = {}
     shared: SharedMeshes = {}
     objects = list(objects)
+    faults = Faults(objects)
     for blender_object in objects:
         mesh = blender_object.data
-        try:
-            surface = _read_surface(context, blender_object, settings, shared)
-        except (ControlMeshError, InvalidMeshError) as fault:
-            faults[blender_object.name] = fault
-            continue
-        task = tasks.setdefault(mesh.session_uid, MeshTask(mesh.session_uid, count_faces(mesh), [], []))
-        task.object_names.append(blender_object.name)
-        surfaces.setdefault(mesh.session_uid, []).append(surface)
+        with faults.of(blender_object.name):
+            control = read_control_mesh(context, blender_object, use_modifiers=settings.use_modifiers, shared=shared)
+            task = tasks.setdefault(mesh.session_uid, MeshTask(mesh.session_uid, count_faces(mesh), [], []))
+            task.object_names.append(blender_object.name)
+            surfaces.setdefault(mesh.session_uid, []).append(surface_of(blender_object, control, settings))
     for uid, task in tasks.items():
         for surface in _not_outdone(surfaces[uid]):
-            try:
+            with faults.of(surface.object_name):
                 task.measurements.append(_begin(surface, settings))
-            except (InvalidMeshError, ToleranceError) as fault:
-                faults[surface.object_name] = fault
-    if faults:
-        named = [f"{obj.name}: {faults[obj.name]}" for obj in objects if obj.name in faults]
-        raise ComputeError("\n".join(named))
+    faults.refuse()
     return list(tasks.values())
 
 
@@ -163,19 +132,6 @@ def count_faces(mesh: bpy.types.Mesh) -> int:
     return len(bmesh.from_edit_mesh(mesh).faces)
 
 
-def _read_surface(
-    context: bpy.types.Context, blender_object: bpy.types.Object, settings: Settings, shared: SharedMeshes
-) -> Surface:
-    control = read_control_mesh(context, blender_object, use_modifiers=settings.use_modifiers, shared=shared)
-    relative = settings.tolerance_mode == "RELATIVE"
-    return Surface(blender_object.name, control, settings.tolerance * (control.diagonal() if relative else 1.0))
-
-
-def gram_matrix(world: FloatArray) -> FloatArray:
-    """(3, 3): AᵀA, which says how long the object makes every vector of its mesh, however it is turned."""
-    return world.T @ world
-
-
 def _not_outdone(surfaces: list[Surface]) -> list[Surface]:
     """The surfaces of one mesh that have to be measured.
 
@@ -183,52 +139,15 @@ def _not_outdone(surfaces: list[Surface]) -> list[Surface]:
     the tolerance: then its distances are no larger, and neither are its depths.
     """
     kept: list[tuple[Surface, FloatArray]] = []
-    weighed = [(surface, gram_matrix(surface.control.world) / surface.tolerance**2) for surface in surfaces]
+    weighed = [(surface, surface.weighed_gram()) for surface in surfaces]
     for surface, gram in sorted(weighed, key=lambda pair: -np.trace(pair[1])):
-        rivals = [other for rival, other in kept if _same_control_mesh(rival.control, surface.control)]
-        if not any(_is_outdone(gram, other) for other in rivals):
+        rivals = [other for rival, other in kept if same_control_mesh(rival.control, surface.control)]
+        if not any(is_outdone(gram, other) for other in rivals):
             kept.append((surface, gram))
     return [surface for surface, _ in kept]
 
 
-def _is_outdone(gram: FloatArray, other: FloatArray) -> bool:
-    difference = other - gram
-    # A bad mesh can make it anything; the mesh will be refused.
-    if not np.isfinite(difference).all():
-        return False
-    return bool(np.linalg.eigvalsh(difference).min() >= -SCALE_ROUNDING * np.trace(other))
-
-
-def _same_control_mesh(one: ControlMesh, other: ControlMesh) -> bool:
-    if one.mesh is other.mesh:
-        return True
-    if one.base_faces is None or other.base_faces is None or not np.array_equal(one.base_faces, other.base_faces):
-        return False
-    arrays = ("positions", "face_starts", "corner_vertices", "corner_edges", "edge_sharpness", "vertex_sharpness")
-    return all(np.array_equal(getattr(one.mesh, name), getattr(other.mesh, name)) for name in arrays)
-
-
-class Calculation:
-    """The measuring of all surfaces, in as small steps as the caller likes."""
-
-    def __init__(self, tasks: list[MeshTask], settings: Settings) -> None:
-        self.settings = settings
-        self.fraction = 0.0
-        self.answers: list[MeshDepths] = []
-        self._steps = _compute_stepwise(tasks)
-
-    def work(self, seconds: float = np.inf) -> bool:
-        """Go on for a while; True when it is done, and the answers are there."""
-        until = perf_counter() + seconds
-        while not self.answers and perf_counter() < until:
-            try:
-                self.fraction = next(self._steps)
-            except StopIteration as finished:
-                self.answers = finished.value
-        return bool(self.answers)
-
-
-def _compute_stepwise(tasks: list[MeshTask]) -> Generator[float, None, list[MeshDepths]]:
+def compute_stepwise(tasks: list[MeshTask]) -> Generator[float, None, list[MeshDepths]]:
     """Measure every surface in small steps: yields the fraction done, and returns the answers at the end."""
     total = sum(measurement.surface.control.mesh.face_count for task in tasks for measurement in task.measurements)
     done = 0

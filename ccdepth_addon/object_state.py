@@ -10,9 +10,9 @@ from zlib import crc32
 import bpy
 import numpy as np
 
-from .computation import gram_matrix
 from .control_mesh import counted_modifiers, read_values, surface_rule
 from .core.mesh import FloatArray
+from .surfaces import gram_matrix
 
 # What modifiers and nodes say about their own display, and not about the mesh.
 DISPLAY_PREFIXES = ("open_", "show_")

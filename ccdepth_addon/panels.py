@@ -7,7 +7,7 @@ import numpy as np
 
 from . import results, staleness
 from .colors import palette
-from .computation import as_typed
+from .surfaces import as_typed
 
 # From here on a count of faces is written as a power of ten.
 LARGEST_COUNT_IN_FULL = 10**10

@@ -82,7 +82,7 @@ def face_depths_stepwise(
 ) -> Generator[float, None, DepthResult]:
     """``face_depths`` in small steps: yields the fraction done, and returns the result at the end."""
     validate(mesh)
-    _check_tolerance(mesh, tolerance)
+    check_tolerance(tolerance, smallest_tolerance(mesh))
     question = Question(tolerance, rounding_allowance(mesh))
     whole = FaceBlock.undecided(np.arange(mesh.face_count))
     done = 0
@@ -99,12 +99,12 @@ def _blocks(mesh: PolygonMesh, question: Question, method: Method, vertices: Ver
     return norm_blocks(mesh, question, PATCH_METHODS[method], vertices)
 
 
-def _check_tolerance(mesh: PolygonMesh, tolerance: float) -> None:
+def check_tolerance(tolerance: float, least: float) -> None:
+    """Raise ToleranceError unless it is a number, greater than zero and not below the least that means anything."""
     if not np.isfinite(tolerance):
         raise ToleranceError("the tolerance is not a finite number")
     if tolerance <= 0:
         raise ToleranceError("the tolerance must be greater than zero")
-    least = smallest_tolerance(mesh)
     if tolerance < least:
         raise ToleranceError(
             f"the tolerance {tolerance:.3g} is finer than the mesh's single-precision coordinates can show; "

@@ -110,7 +110,7 @@ def test_equal_duplicates_are_computed_once() -> None:
     objects[3].rotation_euler = (0.1, 0.2, 0.3)
     computation = addon.module("computation")
     bpy.context.view_layer.update()
-    settings = computation.Settings(TOLERANCE, "ABSOLUTE", "SECOND_ORDER", "CONTROL", True)
+    settings = computation.Settings(TOLERANCE, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
     (task,) = computation.prepare(bpy.context, objects, settings)
     assert [measurement.surface.object_name for measurement in task.measurements] == [objects[2].name]
 
@@ -200,7 +200,7 @@ def test_computing_again_replaces_the_result() -> None:
 
 
 def test_a_number_typed_is_the_number_meant() -> None:
-    as_typed = addon.module("computation").as_typed
+    as_typed = addon.module("surfaces").as_typed
     for typed in (0.1, 0.01, 0.0003, 123.4):
         assert as_typed(float(np.float32(typed))) == typed
 
