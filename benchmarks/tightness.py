@@ -6,8 +6,10 @@ blender -b --python benchmarks/tightness.py -- [QUADS] [NAME…]
 
 Every level's facets are compared with the surface at the same parameters, some levels deeper. QUADS is how many quads
 of a deep level are made for each mesh and level; where they do not suffice for all the faces, only so many of them are
-measured at that level, in patches chosen at random. Exits with 1 where a depth is below the least one, or fewer than
-99.5 % of all are equal to it.
+measured at that level, in patches chosen at random. Where all faces share a vertex of large valence, whose surroundings
+need the most levels, deep levels are measured near that vertex only, in meshes cut out of Blender's level by level:
+what is found there is reached on the whole face, so no least depth is taken to be more than it is. Exits with 1 where a
+depth is below the least one, or fewer than 99.5 % of all are equal to it.
 """
 
 from __future__ import annotations
@@ -23,9 +25,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import bpy
 import numpy as np
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.catmull_clark import apply_boundary_rule, subdivide
 from ccdepth_addon.core.depth import VERTICES, face_depths
-from ccdepth_addon.core.mesh import FloatArray, IndexArray
+from ccdepth_addon.core.mesh import FloatArray, IndexArray, submesh
 from tests import meshes
 from tests.blender import scene
 from tests.blender.measuring import BlenderLevels, part_of, rounding
@@ -37,6 +39,13 @@ LEAST_EQUAL_SHARE = 0.995
 
 # Levels that are tried, and how much deeper the samples of each are.
 DEEPER = (4, 4, 3, 3, 2, 2, 2, 2)
+
+# Deep levels around a vertex that all the faces share: from this valence on, how many levels of facets are measured
+# there, how much deeper the samples are, and the last level.
+LARGE_VALENCE = 32
+NEAR = 1
+NEAR_DEEPER = 2
+LAST_NEAR_LEVEL = 21
 
 # Faces that lie together are measured together, as they need each other's surroundings; and as many as fit in a deep
 # level of some quads at once.
@@ -96,8 +105,10 @@ class Measured:
     @staticmethod
     def nothing(data: meshes.MeshData) -> Measured:
         count = len(data.face_sizes)
-        empty = np.full((len(DEEPER), count), np.nan)
         levels = [level + deeper for level, deeper in enumerate(DEEPER)]
+        if shared_vertex(data) is not None:
+            levels += [level + NEAR_DEEPER for level in range(len(levels), LAST_NEAR_LEVEL + 1)]
+        empty = np.full((len(levels), count), np.nan)
         # A distance has two ends, or three with limit vertices.
         return Measured(empty, empty.copy(), np.array([3 * rounding(data, level) for level in levels]))
 
@@ -108,6 +119,12 @@ class Measured:
     def decided(self, tolerance: float) -> FloatArray:
         """(levels, F): the distances, in double precision where single precision does not tell."""
         return np.where(self.near([tolerance]), self.core, self.blender)
+
+
+def shared_vertex(data: meshes.MeshData) -> int | None:
+    """The vertex that all the faces share, if there is one of large valence."""
+    found = np.flatnonzero(np.bincount(data.corner_vertices) == len(data.face_sizes))
+    return int(found[0]) if len(found) == 1 and len(data.face_sizes) >= LARGE_VALENCE else None
 
 
 def patches(data: meshes.MeshData, seed: int = 1) -> IndexArray:
@@ -126,8 +143,10 @@ def patches(data: meshes.MeshData, seed: int = 1) -> IndexArray:
 def blocks(data: meshes.MeshData, finest: int, quads: int) -> Iterator[tuple[meshes.MeshData, IndexArray, IndexArray]]:
     """Parts of the mesh to measure one by one: the part, which of its faces count, and which those are in the mesh."""
     order = patches(data)
-    # About half of a part is there for the other half.
+    # About half of a part is there for the other half; all of it where all faces touch.
     count = max(1, min(len(order), QUADS_AT_ONCE // (2 * 4**finest)))
+    if shared_vertex(data) is not None:
+        count = len(order)
     for start in range(0, len(order), count):
         faces = np.sort(order[start : start + count])
         part, numbers = part_of(data, faces)
@@ -149,7 +168,37 @@ def measure(data: meshes.MeshData, boundary: str, quads: int, tolerances: list[f
                 if np.any(measured.near(tolerances)[level, faces]):
                     measured.core[level, faces] = core.distances(level, vertices, deeper)[inside]
             own.remove()
+    vertex = shared_vertex(data)
+    if vertex is not None:
+        measure_near(data, vertex, boundary, found, tolerances)
     return found
+
+
+def measure_near(
+    data: meshes.MeshData, vertex: int, boundary: str, found: dict[str, Measured], tolerances: list[float]
+) -> None:
+    """Where levels were not measured: near the vertex that all the faces share, by the children there of each face."""
+    faces = np.arange(len(data.face_sizes))
+    own = BlenderLevels(data, boundary)
+    core = own.subdivided(0)
+    for level in range(NEAR, LAST_NEAR_LEVEL + 1):
+        for vertices, measured in found.items():
+            missing = np.isnan(measured.blender[level])
+            if np.any(missing):
+                distances = own.distances(NEAR, vertices, NEAR_DEEPER)[faces]
+                measured.blender[level, missing] = distances[missing]
+                near = missing & measured.near(tolerances)[level]
+                if np.any(near):
+                    measured.core[level, near] = Levels(core).distances(NEAR, vertices, NEAR_DEEPER)[faces][near]
+        children = np.flatnonzero(core.corner_vertices[: core.face_starts[len(faces)]] == vertex)
+        # Children come in the order of the corners, and vertex points first.
+        part = submesh(own.mesh(1), children)[0]
+        core = submesh(subdivide(core).mesh, children)[0]
+        own.remove()
+        vertex = int(part.corner_vertices[0])
+        quads = part.corner_vertices.reshape(-1, 4).tolist()
+        own = BlenderLevels(meshes.from_faces(part.positions, quads), boundary)
+    own.remove()
 
 
 def single_precision(data: meshes.MeshData) -> meshes.MeshData:

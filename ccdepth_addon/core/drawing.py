@@ -133,21 +133,8 @@ def _assembled(
 
     Vertices and edges of the control mesh that have no faces are kept as they are.
     """
-    sizes = np.concatenate([np.full(len(block.leaves), len(block.middles)) for block in polygons])
-    of_leaves = np.concatenate([block.leaves for block in polygons])
-    order = np.argsort(of_leaves, kind="stable")
-    starts = np.concatenate([[0], np.cumsum(sizes[order])])
-    # Where each polygon's corners go, polygon by polygon as they were made.
-    target = np.empty(len(order), dtype=np.intp)
-    target[order] = starts[:-1]
-    places = np.arange(starts[-1]) + np.repeat(target - (np.cumsum(sizes) - sizes), sizes)
-    slots = np.empty(starts[-1], dtype=np.intp)
-    slots[places] = np.concatenate([block.slots.ravel() for block in polygons])
-    middles = np.empty(starts[-1], dtype=bool)
-    middles[places] = np.concatenate([np.tile(block.middles, len(block.leaves)) for block in polygons])
-    del places
+    starts, drawn, slots, middles = _in_order(polygons)
     vertices = np.where(middles, tree.midpoints[tree.slot_edges[slots]], tree.slot_vertices[slots])
-
     loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
     used, corner_vertices = _compact(vertices, loose, len(tree.vertex_edges))
     following = np.arange(1, len(vertices) + 1)
@@ -165,12 +152,29 @@ def _assembled(
             [np.stack(np.divmod(edge_keys, len(used)), axis=1), np.searchsorted(used, tree.edge_vertices[loose_edges])]
         ),
         corner_points=tree.slot_points(slots, middles),
-        base_faces=tree.base_faces[leaves[of_leaves[order]]],
+        base_faces=tree.base_faces[leaves[drawn]],
         base_edges=np.concatenate([base_edges, loose_edges]),
         base_vertices=np.where(used < tree.mesh.vertex_count, used, NONE),
         vertex_edges=tree.vertex_edges[used],
     )
-    return mesh, np.concatenate([faces_along, np.zeros_like(loose_edges)]), of_leaves[order]
+    return mesh, np.concatenate([faces_along, np.zeros_like(loose_edges)]), drawn
+
+
+def _in_order(polygons: list[Polygons]) -> tuple[IndexArray, IndexArray, IndexArray, BoolArray]:
+    """All polygons in the order of their leaves: (F + 1,) first corners, (F,) leaves, (C,) slots and (C,) middles."""
+    sizes = np.concatenate([np.full(len(block.leaves), len(block.middles)) for block in polygons])
+    of_leaves = np.concatenate([block.leaves for block in polygons])
+    order = np.argsort(of_leaves, kind="stable")
+    starts = np.concatenate([[0], np.cumsum(sizes[order])])
+    # Where each polygon's corners go, polygon by polygon as they were made.
+    target = np.empty(len(order), dtype=np.intp)
+    target[order] = starts[:-1]
+    places = np.arange(starts[-1]) + np.repeat(target - (np.cumsum(sizes) - sizes), sizes)
+    slots = np.empty(starts[-1], dtype=np.intp)
+    slots[places] = np.concatenate([block.slots.ravel() for block in polygons])
+    middles = np.empty(starts[-1], dtype=bool)
+    middles[places] = np.concatenate([np.tile(block.middles, len(block.leaves)) for block in polygons])
+    return starts, of_leaves[order], slots, middles
 
 
 def _positions(tree: Quadtree, used: IndexArray, positions: FloatArray) -> FloatArray:

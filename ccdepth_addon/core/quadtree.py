@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .mesh import FloatArray, IndexArray, PolygonMesh
+from .refinement import split
 from .surface_points import SurfacePoints
 from .templates import QUAD_POINTS
 
@@ -26,6 +27,8 @@ BoolArray = NDArray[np.bool_]
 NONE = -1
 
 GROWTH = 1.5
+
+SLOTS_AT_ONCE = 1 << 16
 
 
 class Column:
@@ -126,14 +129,14 @@ class Quadtree:
         parameters = np.zeros((len(slots), 2))
         # The quarters of a whole face meet in its centre, so its corners and sides are all alike in theirs.
         parameters[:, 0] = middles
-        deeper = np.flatnonzero(slots >= self.mesh.corner_count)
-        nodes, places = np.divmod(slots[deeper] - self.mesh.corner_count, 4)
-        nodes += self.mesh.face_count
-        corners[deeper] = self._frame_corners.values[nodes]
-        x, y, along_x, along_y = self._frames.values[nodes].T
-        u, v = QUAD_POINTS[places + 4 * middles[deeper]].T
-        parameters[deeper, 0] = x + u * along_x - v * along_y
-        parameters[deeper, 1] = y + u * along_y + v * along_x
+        for deeper in split(np.flatnonzero(slots >= self.mesh.corner_count), SLOTS_AT_ONCE):
+            nodes, places = np.divmod(slots[deeper] - self.mesh.corner_count, 4)
+            nodes += self.mesh.face_count
+            corners[deeper] = self._frame_corners.values[nodes]
+            x, y, along_x, along_y = self._frames.values[nodes].T
+            u, v = QUAD_POINTS[places + 4 * middles[deeper]].T
+            parameters[deeper, 0] = x + u * along_x - v * along_y
+            parameters[deeper, 1] = y + u * along_y + v * along_x
         return SurfacePoints(corners, parameters)
 
     def _frame_axes(self, nodes: IndexArray) -> tuple[FloatArray, FloatArray]:
