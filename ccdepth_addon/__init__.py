@@ -10,7 +10,16 @@ from types import ModuleType
 VERSION = "0.1.0"
 
 # In the order in which they depend on each other.
-MODULES = ("properties", "operators", "staleness", "panels", "legend", "command_line")
+MODULES = (
+    "properties",
+    "operators",
+    "subdivision_operators",
+    "staleness",
+    "face_counts",
+    "panels",
+    "legend",
+    "command_line",
+)
 
 
 def _modules() -> list[ModuleType]:

@@ -32,6 +32,9 @@ ORIGIN_PRIME = 2**31 - 1
 # These take faces away. What others lose, they have merged into faces that count for one of their origins only.
 TAKING_FACES_AWAY = {"BOOLEAN", "BUILD", "MASK", "NODES", "WELD"}
 
+# These stand in the stack and leave the mesh as it is.
+NOT_SHAPING = {"COLLISION", "PARTICLE_SYSTEM"}
+
 # Their result is kept with the object itself, and a copy of it has none.
 SIMULATIONS = {"CLOTH", "EXPLODE", "FLUID", "SOFT_BODY"}
 
@@ -152,6 +155,47 @@ def read_control_mesh(
         with own_mesh(blender_object) as own:
             shared[data.session_uid, rule] = _with_boundary_rule(mesh_arrays(own, rule), rule)
     return ControlMesh(shared[data.session_uid, rule], None, world)
+
+
+def applied_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
+    """The modifiers that a subdivision of the object's surface has in it: the Subdivision Surface modifier, and those
+    that are counted in."""
+    counted = counted_modifiers(blender_object) if use_modifiers else []
+    subdivision = subdivision_modifier(blender_object)
+    applied = [modifier for modifier in counted if modifier.type not in NOT_SHAPING]
+    return applied if subdivision is None else [*applied, subdivision]
+
+
+@contextmanager
+def base_mesh(
+    context: bpy.types.Context,
+    blender_object: bpy.types.Object,
+    *,
+    use_modifiers: bool,
+    shared: SharedMeshes | None = None,
+) -> Iterator[tuple[bpy.types.Mesh, ControlMesh]]:
+    """The Blender mesh whose Catmull-Clark surface is meant, with everything it carries, and its control mesh.
+
+    In Object Mode. It is the object's own mesh, or where modifiers are counted in, a temporary one they have made.
+    Unlike depths, a subdivision need not know which face of the object's own mesh each face comes from.
+    """
+    subdivision = subdivision_modifier(blender_object)
+    applied = [m.name for m in applied_modifiers(blender_object, use_modifiers=use_modifiers) if m != subdivision]
+    if not applied:
+        control = read_control_mesh(context, blender_object, use_modifiers=False, shared=shared)
+        yield blender_object.data, control
+        return
+    _refuse_simulations(blender_object, applied)
+    with _frozen_copy(context, blender_object, blender_object.data, applied) as copy:
+        depsgraph = context.evaluated_depsgraph_get()
+        evaluated = copy.evaluated_get(depsgraph)
+        world = np.array(evaluated.matrix_world, dtype=np.float64)[:3, :3]
+        mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
+    try:
+        rule = surface_rule(blender_object)
+        yield mesh, ControlMesh(_with_boundary_rule(mesh_arrays(mesh, rule), rule), None, world)
+    finally:
+        bpy.data.meshes.remove(mesh)
 
 
 def _with_boundary_rule(mesh: PolygonMesh, rule: SurfaceRule) -> PolygonMesh:

@@ -61,6 +61,13 @@ def has_changed(mesh: bpy.types.Mesh, users: list[bpy.types.Object]) -> bool:
     return not all(any(_is_same(contributor, state) for state in present) for contributor in record.contributors)
 
 
+def covers(blender_object: bpy.types.Object) -> bool:
+    """Whether the result on the object's mesh was computed for an object like it."""
+    record = blender_object.data.ccdepth
+    state = object_state(blender_object, use_modifiers=record.use_modifiers)
+    return any(_is_same(contributor, state) for contributor in record.contributors)
+
+
 def _is_same(contributor: bpy.types.PropertyGroup, state: ObjectState) -> bool:
     recorded = np.array(contributor.gram, dtype=np.float64)
     drift = np.abs(recorded - state.scale).max()

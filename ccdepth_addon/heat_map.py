@@ -29,7 +29,7 @@ def synchronise(context: bpy.types.Context) -> None:
     wanted = scene.ccdepth.show_heat_map
     shown = False
     for blender_object in scene.objects:
-        if blender_object.type == "MESH" and results.has_result(blender_object.data):
+        if blender_object.type == "MESH" and results.has_heat_map(blender_object.data):
             results.show_color(blender_object.data, wanted)
             shown = shown or blender_object.visible_get()
     for shading in _shadings():

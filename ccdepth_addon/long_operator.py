@@ -195,14 +195,10 @@ class LongOperator(bpy.types.Operator):
             if not self.properties.is_property_set(name):
                 setattr(self, name, getattr(settings, name))
         if not self.properties.is_property_set("tolerance"):
-            self.tolerance = getattr(settings, _tolerance_name(self.tolerance_mode))
+            self.tolerance = getattr(settings, properties.tolerance_name(self.tolerance_mode))
 
     def _keep_settings(self, settings: bpy.types.PropertyGroup) -> None:
         """Let the panel show what was chosen in the redo panel."""
         for name in self.SETTINGS:
             setattr(settings, name, getattr(self, name))
-        setattr(settings, _tolerance_name(self.tolerance_mode), self.tolerance)
-
-
-def _tolerance_name(tolerance_mode: str) -> str:
-    return "relative_tolerance" if tolerance_mode == "RELATIVE" else "tolerance"
+        setattr(settings, properties.tolerance_name(self.tolerance_mode), self.tolerance)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""Compute Depth, Clear, and Select by Depth."""
+"""Compute Depth, Clear, Select by Depth, and Set Subdivision Levels."""
 
 from collections.abc import Generator
 from typing import ClassVar
@@ -10,6 +10,7 @@ from bpy.props import BoolProperty, EnumProperty, IntProperty
 
 from . import fingerprint, heat_map, properties, results, selection, staleness
 from .computation import MeshDepths, Settings, compute_stepwise, count_faces, prepare
+from .control_mesh import subdivision_modifier
 from .long_operator import (
     LongOperator,
     count_text,
@@ -28,7 +29,7 @@ class CCDEPTH_OT_compute(LongOperator):
     bl_idname = "ccdepth.compute"
     bl_label = "Compute Depth"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
-    SETTINGS = ("tolerance_mode", "method", "vertices", "use_modifiers")
+    SETTINGS: ClassVar[tuple[str, ...]] = ("tolerance_mode", "method", "vertices", "use_modifiers")
 
     method: properties.method_property()
     vertices: properties.vertices_property()
@@ -161,7 +162,72 @@ class CCDEPTH_OT_select(bpy.types.Operator):
         return {"FINISHED"}
 
 
-CLASSES = (CCDEPTH_OT_compute, CCDEPTH_OT_clear, CCDEPTH_OT_select)
+class CCDEPTH_OT_set_levels(bpy.types.Operator):
+    """Set the levels of the Subdivision Surface modifiers to the deepest depth, which is enough for every face"""
+
+    bl_idname = "ccdepth.set_levels"
+    bl_label = "Set Subdivision Levels"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not poll_meshes(cls, context):
+            return False
+        if not any(_has_depths(obj) for obj in meshes_meant(context)):
+            cls.poll_message_set("Compute Depth first")
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        objects = meshes_meant(context)
+        faults = [f"{obj.name}: {fault}" for obj in objects if (fault := _levels_fault(obj))]
+        if faults:
+            self.report({"ERROR"}, "\n".join(faults))
+            return {"CANCELLED"}
+        for blender_object in objects:
+            _set_levels(blender_object)
+        levels = {str(_levels_needed(obj)) for obj in objects}
+        self.report({"INFO"}, f"{count_text(len(objects), 'object', 'objects')}, level {', '.join(sorted(levels))}")
+        return {"FINISHED"}
+
+
+def _has_depths(blender_object: bpy.types.Object) -> bool:
+    mesh = blender_object.data
+    return results.has_result(mesh) and not mesh.ccdepth.subdivision
+
+
+def _levels_needed(blender_object: bpy.types.Object) -> int:
+    record = blender_object.data.ccdepth
+    return max(record.deepest, record.added_deepest)
+
+
+def _levels_fault(blender_object: bpy.types.Object) -> str | None:
+    """Why the object's levels cannot be set, if they cannot."""
+    if not _has_depths(blender_object):
+        return "it has no depths; compute them first"
+    if not blender_object.is_editable:
+        return "the object is linked from another file; make it local first"
+    users = [obj for obj in bpy.data.objects if obj.data == blender_object.data]
+    if fingerprint.has_changed(blender_object.data, users) or not fingerprint.covers(blender_object):
+        return "its depths are out of date; compute them again"
+    needed, most = _levels_needed(blender_object), bpy.types.SubsurfModifier.bl_rna.properties["levels"].hard_max
+    if needed > most:
+        return f"it needs {needed} levels, and a Subdivision Surface modifier has {most} at most"
+    return None
+
+
+def _set_levels(blender_object: bpy.types.Object) -> None:
+    record = blender_object.data.ccdepth
+    modifier = subdivision_modifier(blender_object)
+    if modifier is None:
+        modifier = blender_object.modifiers.new("Subdivision", "SUBSURF")
+        if not record.use_modifiers:
+            blender_object.modifiers.move(len(blender_object.modifiers) - 1, 0)
+    modifier.levels = modifier.render_levels = _levels_needed(blender_object)
+    modifier.use_limit_surface = record.vertices == "LIMIT"
+
+
+CLASSES = (CCDEPTH_OT_compute, CCDEPTH_OT_clear, CCDEPTH_OT_select, CCDEPTH_OT_set_levels)
 
 
 def register() -> None:

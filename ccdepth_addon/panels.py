@@ -7,6 +7,9 @@ import numpy as np
 
 from . import results, staleness
 from .colors import palette
+from .face_counts import known_count
+from .properties import tolerance_name
+from .subdivision import subdivision_settings
 from .surfaces import as_typed
 
 # From here on a count of faces is written as a power of ten.
@@ -65,6 +68,10 @@ class CCDEPTH_PT_results(bpy.types.Panel):
         row = layout.row(align=True)
         row.operator("ccdepth.select", text="Select by Depth", icon="RESTRICT_SELECT_OFF")
         row.operator("ccdepth.clear", icon="X")
+        if not mesh.ccdepth.subdivision:
+            layout.operator("ccdepth.set_levels", icon="MOD_SUBSURF")
+        if not results.has_heat_map(mesh):
+            return
         layout.use_property_split = True
         layout.use_property_decorate = False
         column = layout.column(heading="Show")
@@ -77,7 +84,10 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
     if staleness.is_stale(mesh):
         return "Out of date: mesh changed"
     record = mesh.ccdepth
-    tolerance = settings.relative_tolerance if settings.tolerance_mode == "RELATIVE" else settings.tolerance
+    if record.subdivision:
+        # It was made with its settings, whatever is to be made next.
+        return ""
+    tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
     # Both as the decimals they were typed as: one has been through single precision once more than the other.
     asked = (as_typed(tolerance), settings.tolerance_mode, settings.method, settings.vertices, settings.use_modifiers)
     answered = (
@@ -99,23 +109,49 @@ def _draw_stale_line(layout: bpy.types.UILayout, settings: bpy.types.PropertyGro
 
 
 def _draw_numbers(layout: bpy.types.UILayout, scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> None:
-    unit = scene.unit_settings
-    length = bpy.utils.units.to_string(unit.system, "LENGTH", record.world_tolerance * unit.scale_length, precision=5)
-    numbers = [
-        ("Faces", f"{record.faces:,}"),
-        ("Deepest Depth", str(record.deepest)),
-        ("Tolerance", length if unit.system != "NONE" else f"{record.world_tolerance:.4g}"),
-        ("Uniform Faces", count_text(int(record.uniform_faces))),
-    ]
-    if record.method == "CERTIFIED":
-        numbers.append(("Depth Is Exact", exact_text(record.exact_faces, record.faces)))
+    numbers = _numbers_of_subdivision(scene, record) if record.subdivision else _numbers_of_depths(scene, record)
+    _draw_rows(layout, numbers)
+
+
+def _draw_rows(layout: bpy.types.UILayout, rows: list[tuple[str, str]]) -> None:
+    """Names and values beside each other, like properties."""
     column = layout.column(align=True)
-    for name, value in numbers:
+    for name, value in rows:
         split = column.split(factor=0.45)
         label = split.row()
         label.alignment = "RIGHT"
         label.label(text=name)
         split.label(text=value)
+
+
+def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:
+    numbers = [
+        ("Faces", f"{record.faces:,}"),
+        ("Deepest Depth", str(record.deepest)),
+        ("Tolerance", _length_text(scene, record.world_tolerance)),
+        ("Uniform Faces", count_text(int(record.uniform_faces))),
+    ]
+    if record.method == "CERTIFIED":
+        numbers.append(("Depth Is Exact", exact_text(record.exact_faces, record.faces)))
+    return numbers
+
+
+def _numbers_of_subdivision(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:
+    return [
+        ("Faces", f"{record.faces:,}"),
+        ("Made From", f"{record.base_faces:,}"),
+        ("Uniform Faces", count_text(int(record.uniform_faces))),
+        ("Deepest Depth", str(record.deepest)),
+        ("Tolerance", _length_text(scene, record.world_tolerance)),
+        ("Proved", _length_text(scene, record.largest_bound)),
+    ]
+
+
+def _length_text(scene: bpy.types.Scene, length: float) -> str:
+    unit = scene.unit_settings
+    if unit.system == "NONE":
+        return f"{length:.4g}"
+    return str(bpy.utils.units.to_string(unit.system, "LENGTH", length * unit.scale_length, precision=5))
 
 
 def exact_text(exact: int, faces: int) -> str:
@@ -134,13 +170,14 @@ def count_text(count: int) -> str:
 
 
 def _draw_histogram(layout: bpy.types.UILayout, record: bpy.types.PropertyGroup) -> None:
-    colors = palette(record.least_color_depth, record.deepest_color_depth)
+    colors = [] if record.subdivision else palette(record.least_color_depth, record.deepest_color_depth)
     most = max(row.faces for row in record.rows)
     box = layout.box().column(align=True)
     for row in reversed(record.rows):
         split = box.split(factor=0.22)
         key = split.row(align=True)
-        key.label(text=str(row.depth), icon_value=_swatch(colors[row.depth - record.least_color_depth]))
+        swatch = _swatch(colors[row.depth - record.least_color_depth]) if colors else 0
+        key.label(text=str(row.depth), icon_value=swatch)
         value = split.row(align=True)
         value.progress(text=f"{row.faces:,}", factor=row.faces / most)
         button = value.operator("ccdepth.select", text="", icon="RESTRICT_SELECT_OFF", emboss=False)
@@ -158,7 +195,48 @@ def _swatch(color: tuple[float, float, float]) -> int:
     return _swatches[name].icon_id
 
 
-CLASSES = (CCDEPTH_PT_settings, CCDEPTH_PT_results)
+class CCDEPTH_PT_subdivision(bpy.types.Panel):
+    bl_label = "Adaptive Subdivision"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "CC Depth"
+    bl_parent_id = "CCDEPTH_PT_settings"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        settings = context.scene.ccdepth
+        button = layout.column()
+        button.scale_y = 1.4
+        button.operator("ccdepth.subdivide", icon="MOD_MULTIRES")
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        column = layout.column()
+        column.row().prop(settings, "mode", expand=True)
+        column.row().prop(settings, "transitions", expand=True)
+        column.row().prop(settings, "output", expand=True)
+        column.prop(settings, "exact_normals")
+        column.prop(settings, "max_faces")
+        _draw_face_count(layout, context)
+
+
+def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    settings, active = context.scene.ccdepth, context.active_object
+    tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
+    asked = subdivision_settings(settings, tolerance)
+    count = None if active is None else known_count(active, asked)
+    if count is None:
+        layout.operator("ccdepth.count_faces", icon="FACESEL")
+        return
+    if count.fitting is None:
+        _draw_rows(layout, [("Faces to Make", f"{count.faces:,}")])
+        return
+    column = layout.column()
+    column.alert = True
+    fitting = f"{count.fitting:.2g}" if np.isfinite(count.fitting) else "None"
+    _draw_rows(column, [("Faces to Make", f"{count.faces:,}, too many"), ("Fitting Tolerance", fitting)])
+
+
+CLASSES = (CCDEPTH_PT_settings, CCDEPTH_PT_results, CCDEPTH_PT_subdivision)
 
 
 def register() -> None:

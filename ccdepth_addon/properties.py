@@ -56,8 +56,31 @@ VERTEX_ITEMS = (
 )
 
 
+SUBDIVISION_MODES = (
+    ("ADAPTIVE", "Adaptive", "Divide each part of a face only as far as it needs: the fewest faces"),
+    ("PER_FACE", "Per Face", "Divide each face evenly, as far as the part of it that needs most"),
+)
+TRANSITION_ITEMS = (
+    ("TRIANGLES", "Triangles", "As a few well-shaped triangles"),
+    ("NGONS", "N-Gons", "As one polygon with more than four corners"),
+)
+OUTPUT_ITEMS = (
+    ("NEW_OBJECT", "New Object", "The result is a new object in the same place, and the original is hidden"),
+    (
+        "IN_PLACE",
+        "In Place",
+        "The result takes the place of the object's mesh; objects that are not selected keep a mesh they share with it",
+    ),
+)
+
+
 # Lets a library override hold a result, though not save it: Blender overrides no attributes.
 OVERRIDABLE_LIST = {"LIBRARY_OVERRIDABLE", "USE_INSERTION"}
+
+
+def tolerance_name(tolerance_mode: str) -> str:
+    """The setting of the scene that holds the tolerance."""
+    return "relative_tolerance" if tolerance_mode == "RELATIVE" else "tolerance"
 
 
 def absolute_tolerance_property() -> Any:
@@ -101,8 +124,48 @@ def vertices_property() -> Any:
 def use_modifiers_property() -> Any:
     return BoolProperty(
         name="Modifiers",
-        description="Count in the modifiers above the Subdivision Surface modifier, or all of them when there is none",
+        description="Count in the modifiers above the Subdivision Surface modifier, or all of them when there is none. "
+        "A subdivision has those counted in applied, and keeps all others",
         default=True,
+    )
+
+
+def mode_property() -> Any:
+    return EnumProperty(
+        name="Division", description="How the faces are divided", items=SUBDIVISION_MODES, default="ADAPTIVE"
+    )
+
+
+def transitions_property() -> Any:
+    return EnumProperty(
+        name="Transitions",
+        description="How a face beside finer ones is drawn",
+        items=TRANSITION_ITEMS,
+        default="TRIANGLES",
+    )
+
+
+def output_property() -> Any:
+    return EnumProperty(name="Output", description="Where the result goes", items=OUTPUT_ITEMS, default="NEW_OBJECT")
+
+
+def exact_normals_property() -> Any:
+    return BoolProperty(
+        name="Exact Normals",
+        description="Shade with the normals of the limit surface, as custom normals, however few faces there are",
+        default=False,
+    )
+
+
+def max_faces_property() -> Any:
+    return IntProperty(
+        name="Face Limit",
+        description="Refuse to make more faces than this, of all selected objects together, and tell a tolerance that "
+        "would fit",
+        default=5_000_000,
+        min=1,
+        soft_min=1000,
+        soft_max=100_000_000,
     )
 
 
@@ -115,7 +178,7 @@ def _redraw(_settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> N
 
 
 class SceneSettings(bpy.types.PropertyGroup):
-    """What Compute Depth uses when it is called without arguments of its own."""
+    """What Compute Depth and Apply Adaptive Subdivision use when they are called without arguments of their own."""
 
     tolerance: absolute_tolerance_property()
     relative_tolerance: FloatProperty(
@@ -131,6 +194,11 @@ class SceneSettings(bpy.types.PropertyGroup):
     method: method_property()
     vertices: vertices_property()
     use_modifiers: use_modifiers_property()
+    mode: mode_property()
+    transitions: transitions_property()
+    output: output_property()
+    exact_normals: exact_normals_property()
+    max_faces: max_faces_property()
     show_heat_map: BoolProperty(
         name="Heat Map",
         description="Show the depths as colours in Solid shading",
@@ -160,9 +228,15 @@ class Contributor(bpy.types.PropertyGroup):
 
 
 class MeshRecord(bpy.types.PropertyGroup):
-    """What was computed on this mesh, from what, and what to restore when it is cleared."""
+    """What was computed on this mesh, from what, and what to restore when it is cleared.
+
+    On a subdivision: what it was made with. ``deepest`` and ``rows`` are about the depths of its faces' base faces.
+    """
 
     has_result: BoolProperty()
+    subdivision: StringProperty(description="How the mesh was made by subdivision; empty when it was not")
+    base_faces: IntProperty(description="Faces of the mesh that was subdivided")
+    largest_bound: FloatProperty(description="The largest distance proved", subtype="DISTANCE")
     tolerance: FloatProperty(description="The tolerance as it was given")
     tolerance_mode: StringProperty()
     world_tolerance: FloatProperty(description="The tolerance as a distance in the scene", subtype="DISTANCE")
@@ -173,6 +247,7 @@ class MeshRecord(bpy.types.PropertyGroup):
     faces: IntProperty()
     exact_faces: IntProperty(description="Faces whose depth is proved to be the least that is enough")
     deepest: IntProperty()
+    added_deepest: IntProperty(description="The deepest depth of faces that modifiers add, which no face stands for")
     least_color_depth: IntProperty(description="The depth shown in the first colour of the heat map")
     deepest_color_depth: IntProperty(description="The depth shown in the last colour of the heat map")
     rows: CollectionProperty(type=DepthRow, override=OVERRIDABLE_LIST)

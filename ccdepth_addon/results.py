@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +16,8 @@ from .colors import depth_colors, to_linear
 from .computation import MeshDepths, Settings
 from .control_mesh import read_values
 from .core.mesh import FloatArray
+from .subdivision import Subdivision, SubdivisionSettings
+from .surfaces import SurfaceSettings
 
 DEPTH = "ccdepth"
 BOUND = "ccdepth_bound"
@@ -43,6 +46,11 @@ ATTRIBUTES = (
 def has_result(mesh: bpy.types.Mesh) -> bool:
     """Whether the mesh holds depths of ours; undo in Edit Mode can take them away from under their record."""
     return mesh.ccdepth.has_result and DEPTH in mesh.attributes
+
+
+def has_heat_map(mesh: bpy.types.Mesh) -> bool:
+    """Whether the mesh holds our colours; a subdivision has depths, and none of them."""
+    return has_result(mesh) and COLOR in mesh.attributes
 
 
 def has_traces(mesh: bpy.types.Mesh) -> bool:
@@ -75,26 +83,47 @@ def write_result(
     opaque = np.concatenate([palette, np.ones((len(palette), 1))], axis=1).astype(np.float32)
     colors = opaque.take(answer.depths - least_color_depth, axis=0)
     _write_attributes(mesh, answer.depths, rounded_up(answer.bounds), colors)
-    record = mesh.ccdepth
-    record.has_result = True
-    record.tolerance = settings.tolerance
-    record.tolerance_mode = settings.tolerance_mode
+    record = _new_record(mesh, answer.depths, settings)
     record.world_tolerance = answer.world_tolerance
     record.method = settings.method
     record.vertices = settings.vertices
     record.use_modifiers = settings.use_modifiers
-    record.version = VERSION
-    record.faces = len(answer.depths)
     record.exact_faces = int(np.count_nonzero(answer.exact))
-    record.deepest = answer.deepest
+    record.added_deepest = answer.added_deepest
     record.least_color_depth = least_color_depth
     record.deepest_color_depth = deepest_color_depth
     record.uniform_faces = str(answer.uniform_faces)
+
+
+def write_subdivision(mesh: bpy.types.Mesh, answer: Subdivision, settings: SubdivisionSettings) -> None:
+    """Put what is known of a subdivision on its mesh, in Object Mode: attributes and record, and no colours: the mesh
+    is there to be used."""
+    depths, bounds = answer.adaptive.depths, rounded_up(answer.bounds)
+    _write_columns(mesh, zip(ATTRIBUTES[:2], (depths, bounds), strict=True))
+    record = _new_record(mesh, depths, settings)
+    record.subdivision = settings.mode
+    record.world_tolerance = answer.world_tolerance
+    record.base_faces = answer.task.surface.control.mesh.face_count
+    record.largest_bound = float(bounds.max(initial=0.0))
+    record.uniform_faces = str(answer.uniform_faces)
+
+
+def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: SurfaceSettings) -> bpy.types.PropertyGroup:
+    """The mesh's record, with what is known of any result."""
+    record = mesh.ccdepth
+    record.has_result = True
+    record.subdivision = ""
+    record.tolerance = settings.tolerance
+    record.tolerance_mode = settings.tolerance_mode
+    record.version = VERSION
+    record.faces = len(depths)
+    record.deepest = int(depths.max(initial=0))
     record.rows.clear()
-    counts = np.bincount(answer.depths)
+    counts = np.bincount(depths)
     for depth in np.flatnonzero(counts).tolist():
         row = record.rows.add()
         row.depth, row.faces = depth, int(counts[depth])
+    return record
 
 
 def rounded_up(bounds: FloatArray) -> NDArray[np.float32]:
@@ -110,11 +139,16 @@ def _write_attributes(
     if mesh.is_editmode:
         _write_while_editing(mesh, depths.tolist(), bounds.tolist(), colors.tolist())
         return
-    attributes = mesh.attributes
-    displayed, rendered = attributes.active_color_name, attributes.default_color_name
     sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
     columns = (depths, bounds, np.repeat(colors, sizes, axis=0).ravel())
-    for kind, values in zip(ATTRIBUTES, columns, strict=True):
+    _write_columns(mesh, zip(ATTRIBUTES, columns, strict=True))
+
+
+def _write_columns(mesh: bpy.types.Mesh, columns: Iterable[tuple[AttributeKind, NDArray[Any]]]) -> None:
+    """Write attributes in Object Mode."""
+    attributes = mesh.attributes
+    displayed, rendered = attributes.active_color_name, attributes.default_color_name
+    for kind, values in columns:
         attribute = attributes.get(kind.name) or attributes.new(kind.name, kind.data_type, kind.domain)
         attribute.data.foreach_set(kind.value, values)
     # The first colour attribute of a mesh becomes the one displayed and the one rendered: not without being asked.

@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Subdivisions → objects: their meshes with everything carried over, in the place of the objects or beside them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+
+from . import fingerprint, heat_map, results, staleness
+from .control_mesh import applied_modifiers, base_mesh, subdivision_modifier
+from .object_state import object_state
+from .subdivided_object import CarryOptions, new_mesh
+from .subdivision import Subdivision, SubdivisionSettings
+from .surfaces import ComputeError, same_control_mesh
+
+NAME_SUFFIX = " Adaptive"
+
+CHANGED = "The objects were changed in the meantime: nothing was written"
+
+
+@dataclass(frozen=True)
+class Placing:
+    """How results become objects."""
+
+    in_place: bool
+    exact_normals: bool
+
+
+def write_objects(
+    context: bpy.types.Context, answers: list[Subdivision], settings: SubdivisionSettings, placing: Placing
+) -> list[bpy.types.Object]:
+    """Make the results' meshes, all or none, and put them where they belong; returns the objects that have them.
+
+    In Object Mode. Raises ComputeError when an object is no longer what it was.
+    """
+    meshes: list[bpy.types.Mesh] = []
+    try:
+        for answer in answers:
+            meshes.append(_new_result_mesh(context, answer, settings, placing))
+    except BaseException:
+        bpy.data.batch_remove(meshes)
+        raise
+    placed = []
+    for answer, mesh in zip(answers, meshes, strict=True):
+        users = _place(context, answer, mesh, settings, placing)
+        # New objects have no matrix of their own before.
+        context.view_layer.update()
+        fingerprint.remember(users[0], [object_state(user, use_modifiers=False) for user in users])
+        staleness.note_write(mesh)
+        placed += users
+    heat_map.synchronise(context)
+    return placed
+
+
+def _new_result_mesh(
+    context: bpy.types.Context, answer: Subdivision, settings: SubdivisionSettings, placing: Placing
+) -> bpy.types.Mesh:
+    objects = [bpy.data.objects.get(name) for name in answer.task.object_names]
+    if any(obj is None or obj.type != "MESH" or obj.data.session_uid != answer.task.mesh_uid for obj in objects):
+        raise ComputeError(CHANGED)
+    made_for = objects[0]
+    modifier = subdivision_modifier(made_for)
+    options = CarryOptions(limit_normals=placing.exact_normals)
+    if modifier is not None:
+        options = CarryOptions(uv_smooth=modifier.uv_smooth, limit_normals=placing.exact_normals)
+    with base_mesh(context, made_for, use_modifiers=settings.use_modifiers) as (base, control):
+        if not same_control_mesh(control, answer.task.surface.control):
+            raise ComputeError(CHANGED)
+        mesh = new_mesh(base, control.mesh, answer.adaptive.mesh, options)
+    mesh.name = made_for.name + NAME_SUFFIX
+    results.write_subdivision(mesh, answer, settings)
+    return mesh
+
+
+def _place(
+    context: bpy.types.Context,
+    answer: Subdivision,
+    mesh: bpy.types.Mesh,
+    settings: SubdivisionSettings,
+    placing: Placing,
+) -> list[bpy.types.Object]:
+    originals = [bpy.data.objects[name] for name in answer.task.object_names]
+    if not placing.in_place:
+        return [_place_beside(context, original, mesh, settings) for original in originals]
+    old = originals[0].data
+    for original in originals:
+        _take_modifiers_off(original, settings)
+        original.data = mesh
+    name = old.name
+    if not old.users:
+        bpy.data.meshes.remove(old)
+    mesh.name = name
+    return originals
+
+
+def _place_beside(
+    context: bpy.types.Context, original: bpy.types.Object, mesh: bpy.types.Mesh, settings: SubdivisionSettings
+) -> bpy.types.Object:
+    """A copy of the object with the mesh, selected in its stead, and the object hidden, from the render as well."""
+    copy = original.copy()
+    copy.name = original.name + NAME_SUFFIX
+    _take_modifiers_off(copy, settings)
+    copy.data = mesh
+    _link_beside(context, original, copy)
+    space = context.space_data
+    if space is not None and space.type == "VIEW_3D" and space.local_view:
+        copy.local_view_set(space, True)
+    copy.select_set(original.select_get())
+    if context.view_layer.objects.active == original:
+        context.view_layer.objects.active = copy
+    original.select_set(False)
+    original.hide_set(True)
+    original.hide_render = True
+    return copy
+
+
+def _link_beside(context: bpy.types.Context, original: bpy.types.Object, copy: bpy.types.Object) -> None:
+    """Put the copy into the original's collections, and where all of them are of another file, into the scene's."""
+    own = [collection for collection in original.users_collection if collection.is_editable]
+    for collection in own or [context.scene.collection]:
+        collection.objects.link(copy)
+
+
+def _take_modifiers_off(blender_object: bpy.types.Object, settings: SubdivisionSettings) -> None:
+    for modifier in applied_modifiers(blender_object, use_modifiers=settings.use_modifiers):
+        blender_object.modifiers.remove(modifier)

@@ -1,0 +1,159 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+# mypy: disable-error-code="valid-type"
+"""Apply Adaptive Subdivision, and Count Faces."""
+
+from collections.abc import Generator
+from typing import ClassVar
+
+import bpy
+
+from . import face_counts, heat_map, properties
+from .control_mesh import applied_modifiers, subdivision_modifier
+from .long_operator import (
+    LongOperator,
+    count_text,
+    meshes_meant,
+    refuse_what_cannot_be_written,
+    without_mesh_text,
+)
+from .subdivision import (
+    FaceCount,
+    Subdivision,
+    SubdivisionSettings,
+    SubdivisionTask,
+    count_stepwise,
+    prepare_subdivision,
+    subdivide_stepwise,
+    subdivision_settings,
+    too_many_text,
+)
+from .subdivision_objects import Placing, write_objects
+from .surfaces import ComputeError
+
+
+class SubdivisionOperator(LongOperator):
+    """An operator that makes subdivisions, or finds out what they would be like; it leaves Edit Mode meanwhile."""
+
+    SETTINGS: ClassVar[tuple[str, ...]] = ("tolerance_mode", "mode", "transitions", "use_modifiers", "max_faces")
+
+    mode: properties.mode_property()
+    transitions: properties.transitions_property()
+    max_faces: properties.max_faces_property()
+
+    def prepared(self, context: bpy.types.Context) -> list[SubdivisionTask]:
+        """What there is to make, with Edit Mode left. Raises ComputeError."""
+        objects = meshes_meant(context)
+        refuse_what_cannot_be_written(objects)
+        _refuse_linked(objects)
+        self._was_editing = context.mode == "EDIT_MESH"
+        if self._was_editing:
+            bpy.ops.object.mode_set(mode="OBJECT")
+        return prepare_subdivision(context, objects, self.settings())
+
+    def leave(self, context: bpy.types.Context) -> None:
+        if getattr(self, "_was_editing", False):
+            bpy.ops.object.mode_set(mode="EDIT")
+            self._was_editing = False
+
+    def settings(self) -> SubdivisionSettings:
+        return subdivision_settings(self, self.tolerance)
+
+
+def _refuse_linked(objects: list[bpy.types.Object]) -> None:
+    """Raise ComputeError naming every object of another file."""
+    linked = [obj.name for obj in objects if not obj.is_editable]
+    if linked:
+        raise ComputeError(
+            "\n".join(f"{name}: the object is linked from another file; make it local first" for name in linked)
+        )
+
+
+class CCDEPTH_OT_subdivide(SubdivisionOperator):
+    """Make the mesh that is within the tolerance of the limit surface with few faces, and without cracks.
+    It takes the place of the Subdivision Surface modifier"""
+
+    bl_idname = "ccdepth.subdivide"
+    bl_label = "Apply Adaptive Subdivision"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+    SETTINGS: ClassVar[tuple[str, ...]] = (*SubdivisionOperator.SETTINGS, "output", "exact_normals")
+
+    output: properties.output_property()
+    exact_normals: properties.exact_normals_property()
+
+    def start(self, context: bpy.types.Context) -> Generator[int, None, list[Subdivision]]:
+        tasks = self.prepared(context)
+        self._notes = [note for task in tasks for note in _notes(task, self.use_modifiers)]
+        return subdivide_stepwise(tasks, self.settings())
+
+    def progress_text(self, progress: int) -> str:
+        return f"Subdividing: {progress:,} faces so far"
+
+    def finish(self, context: bpy.types.Context, answer: list[Subdivision]) -> set[str]:
+        placing = Placing(in_place=self.output == "IN_PLACE", exact_normals=self.exact_normals)
+        objects = write_objects(context, answer, self.settings(), placing)
+        skipped = without_mesh_text(context)
+        if skipped:
+            self.report({"INFO"}, skipped)
+        for note in self._notes:
+            self.report({"WARNING"}, note)
+        faces = count_text(sum(len(each.adaptive.depths) for each in answer), "face", "faces")
+        objects_text = f"{len(objects)} objects, " if len(objects) > 1 else ""
+        deepest = max(int(each.adaptive.depths.max(initial=0)) for each in answer)
+        self.report({"INFO"}, f"{objects_text}{faces}, deepest depth {deepest}")
+        return {"FINISHED"}
+
+
+def _notes(task: SubdivisionTask, use_modifiers: bool) -> list[str]:
+    """What is lost or not promised, as far as shape keys are concerned."""
+    blender_object = bpy.data.objects[task.object_names[0]]
+    keys = blender_object.data.shape_keys
+    if keys is None:
+        return []
+    subdivision = subdivision_modifier(blender_object)
+    if any(m != subdivision for m in applied_modifiers(blender_object, use_modifiers=use_modifiers)):
+        return [f"{blender_object.name}: its shape keys are applied, like the modifiers that are counted in"]
+    if any(key.vertex_group and not key.mute and key.value for key in keys.key_blocks):
+        return [f"{blender_object.name}: the tolerance is not proved where a vertex group limits a shape key"]
+    return []
+
+
+class CCDEPTH_OT_count_faces(SubdivisionOperator):
+    """Find out how many faces Apply Adaptive Subdivision would make of the selected objects, and change nothing"""
+
+    bl_idname = "ccdepth.count_faces"
+    bl_label = "Count Faces"
+    bl_options: ClassVar[set[str]] = {"REGISTER"}
+
+    def start(self, context: bpy.types.Context) -> Generator[int, None, list[FaceCount]]:
+        self._tasks = self.prepared(context)
+        return count_stepwise(self._tasks, self.settings())
+
+    def progress_text(self, progress: int) -> str:
+        return f"Counting faces: {progress:,} so far"
+
+    def finish(self, context: bpy.types.Context, answer: list[FaceCount]) -> set[str]:
+        self.leave(context)
+        # What was evaluated for counting must not look like a change of the objects.
+        context.view_layer.update()
+        for task, count in zip(self._tasks, answer, strict=True):
+            for name in task.object_names:
+                face_counts.remember(bpy.data.objects[name], self.settings(), count)
+            if count.fitting is not None:
+                self.report({"WARNING"}, f"{task.object_names[0]}: {too_many_text(count, self.settings())}")
+        if all(count.fitting is None for count in answer):
+            self.report({"INFO"}, count_text(sum(count.faces for count in answer), "face", "faces"))
+        heat_map.redraw_viewports(context)
+        return {"FINISHED"}
+
+
+CLASSES = (CCDEPTH_OT_subdivide, CCDEPTH_OT_count_faces)
+
+
+def register() -> None:
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister() -> None:
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)
