@@ -159,7 +159,9 @@ def blocks(data: meshes.MeshData, finest: int, quads: int) -> Iterator[tuple[mes
 def measure(data: meshes.MeshData, boundary: str, quads: int, tolerances: list[float]) -> dict[str, Measured]:
     """Of every level as many faces as the quads allow, by the name of the vertices."""
     found = {vertices: Measured.nothing(data) for vertices in VERTICES}
-    for level, deeper in enumerate(DEEPER):
+    vertex = shared_vertex(data)
+    # Around a large valence Blender takes very long for several levels at once.
+    for level, deeper in enumerate(DEEPER if vertex is None else DEEPER[:NEAR]):
         for part, inside, faces in blocks(data, level + deeper, quads):
             own = BlenderLevels(part, boundary)
             core = Levels(own.subdivided(0))
@@ -168,7 +170,6 @@ def measure(data: meshes.MeshData, boundary: str, quads: int, tolerances: list[f
                 if np.any(measured.near(tolerances)[level, faces]):
                     measured.core[level, faces] = core.distances(level, vertices, deeper)[inside]
             own.remove()
-    vertex = shared_vertex(data)
     if vertex is not None:
         measure_near(data, vertex, boundary, found, tolerances)
     return found
