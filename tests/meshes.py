@@ -265,6 +265,53 @@ def flipped_face() -> MeshData:
     return replace(data, corner_vertices=quads.reshape(-1))
 
 
+def mobius_strip(segments: int = 7) -> MeshData:
+    """A band two quads wide, whose ends meet turned over: its faces cannot all be oriented alike."""
+    turn = 2 * np.pi * np.repeat(np.arange(segments), 3) / segments
+    across = np.tile([-0.6, 0.0, 0.6], segments)
+    radius = 2 + across * np.cos(turn / 2)
+    positions = np.stack([radius * np.cos(turn), radius * np.sin(turn), across * np.sin(turn / 2)], axis=1)
+    rows = np.arange(3 * segments).reshape(-1, 3)
+    following = np.concatenate([rows[1:], rows[:1, ::-1]])
+    quads = np.stack([rows[:, :-1], rows[:, 1:], following[:, 1:], following[:, :-1]], axis=-1)
+    return MeshData(positions, np.full(2 * segments, 4), quads.reshape(-1))
+
+
+def two_quads_on_opposite_corners() -> MeshData:
+    """Two quads that share two opposite corners, and no edge."""
+    positions = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [1, 0.2, 0.8], [0, 1, 0.7]]
+    return from_faces(positions, [[0, 1, 2, 3], [0, 4, 2, 5]])
+
+
+def ring_of_quads_on_opposite_corners() -> MeshData:
+    """Four quads around one pair of opposite corners, each sharing two edges with the next."""
+    positions = [[0, 0, 0], [1, 0, 0.5], [1, 1, 0], [0, 1, 0.5], [1, 0, -0.5], [0, 1, -0.5]]
+    return from_faces(positions, [[0, 1, 2, 3], [0, 3, 2, 5], [0, 5, 2, 4], [0, 4, 2, 1]])
+
+
+def pillow(size: int) -> MeshData:
+    """Two faces, back to back, on the same bent ring of vertices."""
+    angles = 2 * np.pi * np.arange(size) / size
+    positions = np.stack([np.cos(angles), np.sin(angles), 0.3 * np.cos(2 * angles)], axis=1)
+    ring = list(range(size))
+    return from_faces(positions, [ring, ring[::-1]])
+
+
+def doubled_face() -> MeshData:
+    """The same quad twice, facing the same way."""
+    return from_faces([[0, 0, 0], [1, 0, 0], [1, 1, 0.3], [0, 1, 0]], [[0, 1, 2, 3], [0, 1, 2, 3]])
+
+
+def tetrahedron() -> MeshData:
+    return from_faces([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], [[0, 2, 1], [0, 1, 3], [1, 2, 3], [2, 0, 3]])
+
+
+def concave_faces() -> MeshData:
+    """A concave pentagon, a dart and plain quads in one roof."""
+    positions = [[0, 0, 0], [2, 0, 0], [2, 2, 0.2], [1, 0.5, 0], [0, 2, 0], [0, 0, -1], [2, 0, -1], [1, 3, 0.1]]
+    return from_faces(positions, [[0, 1, 2, 3, 4], [1, 0, 5, 6], [4, 3, 2, 7]])
+
+
 def loose_edge_at_a_face_vertex() -> MeshData:
     """A landscape; loose edges at a vertex inside, at one on the border, and one far away."""
     data = landscape(4, 4)

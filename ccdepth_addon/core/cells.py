@@ -153,7 +153,7 @@ def _child_matrices() -> list[FloatArray]:
     """Four of (16, 16): a bicubic quad's Bernstein coefficients → those of its child at each slot, in its own frame."""
     low, high = HALVES
     quarters = [np.kron(a, b).reshape(4, 4, 16) for a, b in ((low, low), (high, low), (high, high), (low, high))]
-    return [np.ascontiguousarray(np.rot90(q, turns).reshape(16, 16)) for turns, q in enumerate(quarters)]
+    return [np.ascontiguousarray(np.rot90(q, -turns).reshape(16, 16)) for turns, q in enumerate(quarters)]
 
 
 CHILD_MATRICES = _child_matrices()
