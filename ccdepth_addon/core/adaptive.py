@@ -18,7 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cells import CELLS_AT_ONCE, Cells, Fit, NetCells, cells_of_faces
-from .drawing import draw, face_counts
+from .drawing import draw, face_counts, triangles_around
+from .graph_bounds import graph_bounds
+from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .parallel import in_parallel
 from .quadtree import NONE, Column, Quadtree
@@ -31,6 +33,9 @@ BoolArray = NDArray[np.bool_]
 # number allowed to be believed.
 FACES_OF_A_LEAF = 1.3
 BELIEVED = 4
+
+# Blocks of cells that have fallen apart are put together again.
+MOST_BLOCKS = 256
 
 
 class Mode(StrEnum):
@@ -116,7 +121,11 @@ class _Planner:
         self._limit = request.limit
         self._cells: list[Cells] = []
         self._fits: list[Column] = [Column(getattr(Fit.none(0), field.name)) for field in fields(Fit)]
-        self._bounds, self._least = self._fits[0], self._fits[-1]
+        self._bounds, self._normal, self._tangential = self._fits[:3]
+        self._least = self._fits[-1]
+        # Bounds that take the neighbours into account, of leaves that have no other.
+        self._graph_bounds = Column(np.zeros(0))
+        self._positions = Column(np.zeros((0, 3)))
         # How many of a leaf's sides were split when it was fitted last; it never gets fewer.
         self._split_sides = Column(np.zeros(0, dtype=np.int32))
 
@@ -129,37 +138,49 @@ class _Planner:
 
     def settle_neighbours(self) -> Generator[int, None, None]:
         """Split until every leaf fits beside its neighbours."""
-        while np.any(wanted := self.unbalanced()) or np.any(wanted := self.fit_split_sides()):
+        while (
+            np.any(wanted := self.unbalanced())
+            or np.any(wanted := self.fit_split_sides())
+            or np.any(wanted := self.fit_along_surface())
+        ):
             yield from self.split(wanted)
 
     def grow(self, frontier: Iterator[Cells]) -> Generator[int, None, None]:
-        """Fit new cells, and split what does not fit, level by level."""
+        """Fit the cells of new leaves, and split what does not fit, level by level."""
         self._extend()
         while True:
             unfit: list[Cells] = []
-            for result in in_parallel(self._fit_whole, frontier):
+            for result in in_parallel(self._fit_whole, self._leaves_among(frontier, unfit)):
                 if result is not None:
                     unfit += self._sort_out(*result)
                 yield len(self.tree.first_child) // 4 * 3
             if not unfit:
                 return
             nodes = np.sort(np.concatenate([cells.nodes for cells in unfit]))
+            nodes = nodes[self.tree.first_child[nodes] == NONE]
             self._refuse_too_many(nodes)
             self.tree.split(nodes)
             self._extend()
             frontier = _merged(child for cells in unfit for child in cells.children(self.tree))
 
     def split(self, wanted: BoolArray) -> Generator[int, None, None]:
-        """Split the wanted leaves: (N,) bool."""
-        self.tree.split(np.flatnonzero(wanted))
-        parents: list[Cells] = []
-        kept: list[Cells] = []
-        for cells in self._cells:
-            chosen = wanted[cells.nodes]
-            parents += _some(cells, chosen)
-            kept += _some(cells, ~chosen)
-        self._cells = kept
+        """Split the wanted leaves, (N,) bool, and all that gets out of balance by that."""
+        while np.any(wanted):
+            self.tree.split(np.flatnonzero(wanted))
+            wanted = self.unbalanced()
+        is_leaf = self.tree.first_child == NONE
+        parents = [part for cells in self._cells for part in _some(cells, ~is_leaf[cells.nodes])]
+        self._cells = [part for cells in self._cells for part in _some(cells, is_leaf[cells.nodes])]
+        if len(self._cells) > MOST_BLOCKS:
+            self._cells = [*_merged(iter(self._cells))]
         yield from self.grow(_merged(child for cells in parents for child in cells.children(self.tree)))
+
+    def _leaves_among(self, frontier: Iterator[Cells], others: list[Cells]) -> Iterator[Cells]:
+        """The cells of leaves; those of nodes that are split already are put with the others."""
+        for cells in frontier:
+            is_leaf = self.tree.first_child[cells.nodes] == NONE
+            others += _some(cells, ~is_leaf)
+            yield from _some(cells, is_leaf)
 
     def level_faces(self) -> Generator[int, None, None]:
         """Split every face of the control mesh to the level of its deepest leaf."""
@@ -180,19 +201,56 @@ class _Planner:
     def unbalanced(self) -> BoolArray:
         """(N,) the leaves beside others more than one level deeper, or with all their sides split."""
         nodes = np.arange(len(self.tree.first_child))
-        surrounded = self.tree.split_side_counts() == self.tree.slot_counts(nodes)
-        return (self.tree.first_child == NONE) & (self.tree.beside_deeper() | surrounded)
+        counts, deeper = self.tree.sides()
+        surrounded = counts == self.tree.slot_counts(nodes)
+        return (self.tree.first_child == NONE) & (deeper | surrounded)
 
     def fit_split_sides(self) -> BoolArray:
         """Fit the leaves anew some more of whose sides are split by now; (N,) those that do not fit."""
-        counts = self.tree.split_side_counts()
+        counts, _ = self.tree.sides()
         pending = (self.tree.first_child == NONE) & (counts != self._split_sides.values)
         self._split_sides.values[:] = counts
         some = (part for cells in self._cells for part in _some(cells, pending[cells.nodes]))
         for result in in_parallel(self._fit_as_split, some):
             if result is not None:
                 self._record(*result)
-        return pending & np.isinf(self._bounds.values)
+        return pending & np.isinf(self._normal.values)
+
+    def fit_along_surface(self) -> BoolArray:
+        """Bound the leaves that are not within the limit at equal parameters by their neighbours; (N,) those that do
+        not fit for all that."""
+        wanted = (self.tree.first_child == NONE) & np.isinf(self._bounds.values)
+        self._graph_bounds.values[:] = np.inf
+        if np.any(wanted):
+            self._find_graph_bounds(wanted)
+        return wanted & (self._graph_bounds.values > self._limit)
+
+    def _find_graph_bounds(self, wanted: BoolArray) -> None:
+        leaves = self.tree.leaves()
+        triangles, drawn, closed = triangles_around(
+            self.tree, leaves, self.fit_of(leaves), self._request.transitions, wanted[leaves]
+        )
+        used, corners = np.unique(triangles, return_inverse=True)
+        nodes = leaves[drawn]
+        found = graph_bounds(
+            self._positions_of(used),
+            corners.reshape(-1, 3),
+            self._normal.values[nodes],
+            self._tangential.values[nodes],
+            closed[used],
+        )
+        of_nodes = np.zeros(len(wanted))
+        np.maximum.at(of_nodes, nodes, found)
+        self._graph_bounds.values[wanted] = of_nodes[wanted]
+
+    def _positions_of(self, vertices: IndexArray) -> FloatArray:
+        """(…, 3) where vertices of the tree lie on the surface, each found once."""
+        more = len(self.tree.vertex_edges) - len(self._positions.values)
+        self._positions.append(np.full((more, 3), np.nan))
+        unknown = vertices[np.isnan(self._positions.values[vertices, 0])]
+        points = self.tree.vertex_points.at(unknown)
+        self._positions.values[unknown] = limit_values(self.tree.mesh, self.tree.mesh.positions, points)
+        return self._positions.values[vertices]
 
     def leaves(self) -> IndexArray:
         """The leaves in the order of the control mesh's faces."""
@@ -200,7 +258,10 @@ class _Planner:
         return leaves[np.argsort(self.tree.base_faces[leaves], kind="stable")]
 
     def fit_of(self, leaves: IndexArray) -> Fit:
-        return Fit(*(column.values[leaves] for column in self._fits))
+        """How the leaves are drawn, with the better of the two bounds."""
+        fit = Fit(*(column.values[leaves] for column in self._fits))
+        np.minimum(fit.bounds, self._graph_bounds.values[leaves], out=fit.bounds)
+        return fit
 
     def _fit_whole(self, cells: Cells) -> tuple[Cells, Fit]:
         slots = self.tree.slot_counts(cells.nodes).sum()
@@ -215,7 +276,7 @@ class _Planner:
     def _sort_out(self, cells: Cells, fit: Fit) -> list[Cells]:
         """Keep the cells that fit; the others."""
         self._record(cells, fit)
-        fits = np.isfinite(fit.bounds)
+        fits = fit.fits
         fits &= self.tree.levels[cells.nodes] >= self._least_levels[self.tree.base_faces[cells.nodes]]
         self._cells += _some(cells, fits)
         return _some(cells, ~fits)
@@ -228,6 +289,7 @@ class _Planner:
         more = len(self.tree.first_child) - len(self._split_sides.values)
         for column, field in zip(self._fits, fields(Fit), strict=True):
             column.append(getattr(Fit.none(more), field.name))
+        self._graph_bounds.append(np.full(more, np.inf))
         self._split_sides.append(np.zeros(more, dtype=np.int32))
 
     def marked(self, nodes: IndexArray) -> BoolArray:

@@ -8,8 +8,8 @@ neighbours it needs. How a cell is drawn depends on which of its sides are split
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
 from typing import Protocol
 
 import numpy as np
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from . import triangle_bounds
 from .facet_bounds import facet_bounds, facets_of_children
 from .mesh import FloatArray, IndexArray, PolygonMesh
-from .norms import squared_norms
+from .norms import cross_products, squared_norms
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from .polygons import polygon_thickness, thickness_of_quads
 from .products import product
@@ -26,7 +26,8 @@ from .quadtree import Quadtree
 from .refinement import Refinement, split
 from .splines import HALVES, SPLINE_TO_BERNSTEIN, largest_norm, patch_coefficients, tensor
 from .stencils import patch_stencils
-from .templates import ALL_SPLIT, WHOLE, Transitions, templates
+from .templates import ALL_SPLIT, WHOLE, Template, Transitions, templates
+from .triangle_bounds import Misses
 
 BoolArray = NDArray[np.bool_]
 
@@ -38,6 +39,11 @@ LARGEST_NET_VALENCE = 64
 # A bound that misses the tolerance by more than this is not worth a second look: splitting the parts of triangles once
 # takes at most about a fifth of it away.
 WORTH_A_SECOND_LOOK = 1.5
+
+# How much of the limit what is expected of the neighbours may take up; and what the tilt of triangles against their
+# neighbours is to the height of a side's middle over its chord, in parts of its length: 8 for a circle, and some more.
+HOPEFUL = 0.9
+SLOPE_OF_HEIGHT = 10.0
 
 # Points of a quad (``templates.QUAD_POINTS``, then the centre): the middles of its sides, between corners, and of its
 # diagonals.
@@ -55,13 +61,18 @@ PATTERN_BITS = np.array([1, 2, 4, 8])
 class Fit:
     """How P cells are drawn, and how well: (P,) each.
 
-    bounds: float64, the proved distance as they are drawn, inf where that is not within the limit. patterns and
+    bounds: float64, the proved distance as they are drawn, inf where that is not within the limit. normal, tangential:
+    float64, how far they are off at equal parameters, along the triangles' normals and across these, at most; inf where
+    no template will do. Where these are finite and the bound is not, it takes the neighbours to find one
+    (``graph_bounds``), and is likely to be within the limit. patterns and
     alternatives: int8, the template (``templates``), counted from slot ``turns`` on. folded: bool, whether the
     triangles of a whole quad face away from each other, so that it has to be drawn as triangles. least: float64, a
     distance that is really there when the cell's sides are whole.
     """
 
     bounds: FloatArray
+    normal: FloatArray
+    tangential: FloatArray
     patterns: NDArray[np.int8]
     alternatives: NDArray[np.int8]
     turns: NDArray[np.int8]
@@ -72,8 +83,24 @@ class Fit:
     def none(count: int) -> Fit:
         """Nothing found yet."""
         small = np.zeros(count, dtype=np.int8)
+        far = np.full(count, np.inf)
         folded = np.zeros(count, dtype=bool)
-        return Fit(np.full(count, np.inf), small, small.copy(), small.copy(), folded, np.zeros(count))
+        return Fit(far, far.copy(), far.copy(), small, small.copy(), small.copy(), folded, np.zeros(count))
+
+    def at(self, chosen: IndexArray) -> Fit:
+        """Those of some of the cells, by index."""
+        return Fit(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    @property
+    def fits(self) -> BoolArray:
+        """(P,) whether a template will do, or is likely to."""
+        return np.isfinite(self.normal)
+
+    def take(self, chosen: IndexArray, misses: Misses, alternative: int) -> None:
+        """Draw the chosen cells by a template that is within the limit, or likely to be."""
+        self.normal[chosen] = misses.normal
+        self.tangential[chosen] = misses.tangential
+        self.alternatives[chosen] = alternative
 
     def fold(self, chosen: IndexArray, pattern: int, points: FloatArray) -> None:
         """Find out which of the chosen cells, whose points are (8 or more, n, 3), are folded as they are drawn."""
@@ -216,40 +243,59 @@ class NetCells:
     def _fit_pattern(
         self, found: Fit, chosen: IndexArray, pattern: int, transitions: Transitions, limit: float
     ) -> None:
-        """Try the templates of a pattern, the likeliest first, until one is within the limit."""
+        """Try the templates of a pattern, the likeliest first, until one is within the limit, or likely to be."""
         nets = self.nets if len(chosen) == len(self.nodes) else self.nets.take(chosen, axis=1)
         points = self._points(nets)
-        least = _sampled(points, pattern)
-        found.least[chosen] = least.min(axis=0)
-        order = np.argsort(least, axis=0, kind="stable")
-        bounds = np.full(len(chosen), np.inf)
-        for rank in order:
-            for alternative in range(len(least)):
-                promising = (rank == alternative) & np.isinf(bounds) & (least[alternative] <= limit)
-                tried = np.flatnonzero(promising)
-                if len(tried):
-                    reached = self._bounds(pattern, alternative, nets.take(tried, axis=1), limit)
-                    if transitions is Transitions.NGONS and pattern != WHOLE:
-                        reached += thickness_of_quads(points[:, tried], pattern, alternative)
-                    bounds[tried] = np.where(reached <= limit, reached, np.inf)
-                    found.alternatives[chosen[tried]] = alternative
-        found.bounds[chosen] = bounds
+        samples = _Samples.of(points, pattern)
+        found.least[chosen] = samples.whole.min(axis=0)
+        as_polygons = transitions is Transitions.NGONS and pattern != WHOLE
+        for alternative, tried in _in_turn(samples.whole, lambda: np.isinf(found.bounds[chosen])):
+            tried = tried[samples.whole[alternative, tried] <= limit]
+            if len(tried):
+                misses = self._misses(pattern, alternative, nets.take(tried, axis=1), points[:, tried], limit)
+                reached = misses.whole
+                if as_polygons:
+                    reached = reached + thickness_of_quads(points[:, tried], pattern, alternative)
+                within = np.flatnonzero(reached <= limit)
+                found.bounds[chosen[tried[within]]] = reached[within]
+                found.take(chosen[tried[within]], misses.at(within), alternative)
+        if not as_polygons:
+            self._hope(found, chosen, pattern, samples, points, limit)
         found.fold(chosen, pattern, points)
 
-    def _bounds(self, pattern: int, alternative: int, nets: FloatArray, limit: float) -> FloatArray:
-        """(n,): the distance at most, looked at twice where that decides."""
-        bounds = self._bounds_once(pattern, alternative, nets, fine=False)
-        doubtful = np.flatnonzero((bounds > limit) & (bounds <= WORTH_A_SECOND_LOOK * limit))
-        if len(doubtful):
-            bounds[doubtful] = self._bounds_once(pattern, alternative, nets.take(doubtful, axis=1), fine=True)
-        return bounds
+    def _hope(
+        self, found: Fit, chosen: IndexArray, pattern: int, samples: _Samples, points: FloatArray, limit: float
+    ) -> None:
+        """Where none is within the limit at equal parameters, take one that is likely to be along the surface."""
+        hopes = samples.hope(samples.normal, samples.tangential)
+        for alternative, tried in _in_turn(hopes, lambda: ~found.fits[chosen]):
+            tried = tried[hopes[alternative, tried] <= HOPEFUL * limit]
+            if len(tried):
+                nets = self.nets.take(chosen[tried], axis=1)
+                misses = self._misses(pattern, alternative, nets, points[:, tried], limit)
+                hopeful = samples.at(tried).hope(misses.normal, misses.tangential) <= HOPEFUL * limit
+                found.take(chosen[tried[hopeful]], misses.at(np.flatnonzero(hopeful)), alternative)
 
-    def _bounds_once(self, pattern: int, alternative: int, nets: FloatArray, *, fine: bool) -> FloatArray:
+    def _misses(self, pattern: int, alternative: int, nets: FloatArray, points: FloatArray, limit: float) -> Misses:
+        """How far (n,) quads are off at most, looked at twice where that decides."""
+        normals = _triangle_normals(points, templates(pattern)[alternative])
+        misses = self._misses_once(pattern, alternative, nets, normals, fine=False)
+        doubtful = np.flatnonzero((misses.whole > limit) & (misses.whole <= WORTH_A_SECOND_LOOK * limit))
+        if len(doubtful):
+            finer = self._misses_once(
+                pattern, alternative, nets.take(doubtful, axis=1), normals[:, doubtful], fine=True
+            )
+            misses.put(doubtful, finer)
+        return misses
+
+    def _misses_once(
+        self, pattern: int, alternative: int, nets: FloatArray, normals: FloatArray, *, fine: bool
+    ) -> Misses:
         if self.valence == 4:
             rows = triangle_bounds.regular_rows(pattern, alternative, fine=fine)
-            return triangle_bounds.regular_bounds(rows, nets)
+            return triangle_bounds.regular_misses(rows, nets, normals)
         matrices = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=fine)
-        return triangle_bounds.extraordinary_bounds(matrices, nets)
+        return triangle_bounds.extraordinary_misses(matrices, nets, normals)
 
     def _points(self, nets: FloatArray) -> FloatArray:
         """(9, P, 3): the quads' points and centres, counted from the slot the net is counted from."""
@@ -283,7 +329,7 @@ class RefinedCells:
         points = _points_of_quads(self.refinement, facets)
         for pattern in np.unique(found.patterns[found.patterns != ALL_SPLIT]).tolist():
             chosen = np.flatnonzero(found.patterns == pattern)
-            least = _sampled(points[:, chosen], pattern)
+            least = _Samples.of(points[:, chosen], pattern).whole
             found.least[chosen] = least.min(axis=0)
             rows = [triangle_bounds.bilinear_rows(pattern, alternative) for alternative in range(len(least))]
             reached = np.stack([largest_norm(_apply(of_one, points[:8, chosen])) for of_one in rows])
@@ -297,6 +343,7 @@ class RefinedCells:
             found.bounds[chosen] = np.where(bounds <= limit, bounds, np.inf)
             found.alternatives[chosen] = best
             found.fold(chosen, pattern, points[:, chosen])
+        found.normal[:] = found.tangential[:] = found.bounds
         return found
 
 
@@ -330,6 +377,7 @@ class PolygonCells:
         found.bounds += polygon_thickness(facets, hanging, starts)[0]
         found.bounds[found.bounds > limit] = np.inf
         found.bounds[np.logical_and.reduceat(hanging, starts)] = np.inf
+        found.normal[:] = found.tangential[:] = found.bounds
         gaps = np.sqrt(squared_norms(middles - facets[1]))
         found.least[:] = np.maximum.reduceat(gaps, starts)
         return found
@@ -347,20 +395,73 @@ def _patterns(hanging: BoolArray, turns: IndexArray) -> NDArray[np.int8]:
     return (np.take_along_axis(sides, places, axis=1) @ PATTERN_BITS).astype(np.int8)
 
 
-def _sampled(points: FloatArray, pattern: int) -> FloatArray:
-    """(alternatives, P): ‖S - T‖ at least, from the quads' points and centres (9, P, 3); 0 where nothing is seen."""
-    count = len(templates(pattern))
-    if pattern != WHOLE:
-        return np.zeros((count, points.shape[1]))
-    sides = largest_norm(points[MIDDLES] - (points[STARTS] + points[ENDS]) / 2)
-    diagonals = points[CENTRE] - (points[[0, 1]] + points[[2, 3]]) / 2
-    return np.maximum(sides, np.sqrt(squared_norms(diagonals)))
+@dataclass(frozen=True)
+class _Samples:
+    """S - T at the middles of the sides and of the diagonals of P quads, as lengths: (alternatives, P) each.
+
+    slopes: (P,) by how much the triangles there and around are tilted against each other, roughly.
+    """
+
+    whole: FloatArray
+    normal: FloatArray
+    tangential: FloatArray
+    slopes: FloatArray
+
+    @staticmethod
+    def of(points: FloatArray, pattern: int) -> _Samples:
+        """From the quads' points and centres (9, P, 3); for split sides nothing is sampled but the slopes."""
+        sides = points[MIDDLES] - (points[STARTS] + points[ENDS]) / 2
+        diagonals = points[CENTRE] - (points[[0, 1]] + points[[2, 3]]) / 2
+        normals = _triangle_normals(points, ((0, 1, 2), (0, 2, 3)))
+        normals = (normals[0] + normals[1]) / 2
+        lengths = np.sqrt(squared_norms(points[ENDS] - points[STARTS])).min(axis=0)
+        heights, across = _along_and_across(np.concatenate([sides, diagonals]), normals)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slopes = SLOPE_OF_HEIGHT * heights[:4].max(axis=0) / lengths
+        slopes = np.where(np.isfinite(slopes), slopes, np.inf)
+        if pattern != WHOLE:
+            none = np.zeros((len(templates(pattern)), points.shape[1]))
+            return _Samples(none, none, none, slopes)
+        normal = np.maximum(heights[:4].max(axis=0), heights[4:])
+        tangential = np.maximum(across[:4].max(axis=0), across[4:])
+        whole = np.sqrt(squared_norms(np.concatenate([sides, diagonals])))
+        return _Samples(np.maximum(whole[:4].max(axis=0), whole[4:]), normal, tangential, slopes)
+
+    def at(self, chosen: IndexArray) -> _Samples:
+        return _Samples(self.whole[:, chosen], self.normal[:, chosen], self.tangential[:, chosen], self.slopes[chosen])
+
+    def hope(self, normal: FloatArray, tangential: FloatArray) -> FloatArray:
+        """About what ``graph_bounds`` will find for quads that are off by so much."""
+        secants = np.sqrt(1 + self.slopes**2)
+        with np.errstate(invalid="ignore"):
+            hope = normal * secants + 2 * self.slopes * (tangential + normal * self.slopes / secants)
+        return np.where(np.isnan(hope), np.inf, hope)
+
+
+def _in_turn(samples: FloatArray, wanted: Callable[[], BoolArray]) -> Iterator[tuple[int, IndexArray]]:
+    """The alternatives (A, P), for each cell in the order of its samples, with the cells that still want one."""
+    for rank in np.argsort(samples, axis=0, kind="stable"):
+        for alternative in range(len(samples)):
+            yield alternative, np.flatnonzero((rank == alternative) & wanted())
+
+
+def _triangle_normals(points: FloatArray, template: Template) -> FloatArray:
+    """(T, P, 3): unit normals of the triangles over quads' points (8 or more, P, 3); zero where there is no area."""
+    crosses = np.stack([cross_products(points[b] - points[a], points[c] - points[a]) for a, b, c in template])
+    lengths = np.sqrt(squared_norms(crosses))[..., None]
+    return crosses / np.where(lengths > 0, lengths, 1.0)
+
+
+def _along_and_across(vectors: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(R, P) twice: the lengths of vectors (R, P, 3) along unit normals (P, 3) and across them."""
+    along = np.abs(np.einsum("rpi,pi->rp", vectors, normals))
+    return along, np.sqrt(np.maximum(squared_norms(vectors) - along**2, 0.0))
 
 
 def _folded(corners: FloatArray, alternatives: NDArray[np.int8]) -> BoolArray:
     """(P,) whether the two triangles of quads (4, P, 3), split from corner 0 or from corner 1, face apart or nearly."""
     a, b, c, d = np.where(alternatives[None, :, None] == 0, corners, np.roll(corners, -1, axis=0))
-    first, second = np.cross(b - a, c - a), np.cross(c - a, d - a)
+    first, second = cross_products(b - a, c - a), cross_products(c - a, d - a)
     cosines = np.einsum("ij,ij->i", first, second)
     return cosines <= LEAST_COSINE * np.sqrt(squared_norms(first) * squared_norms(second))
 

@@ -66,11 +66,72 @@ def face_counts(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Trans
     return counts
 
 
+def triangles_around(
+    tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions, wanted: BoolArray
+) -> tuple[IndexArray, IndexArray, BoolArray]:
+    """The triangles that are drawn at the vertices of the wanted leaves, (L,) bool.
+
+    Returns (T, 3) vertices of the tree, (T,) the leaf of each as a place, and (V,) whether a vertex has no other faces
+    than triangles and quads around it, which close up to a disc: not so on boundaries and infinitely sharp creases.
+    """
+    closed = _is_inside(tree)
+    nearby = _share_a_vertex(tree, leaves, wanted)
+    near, fit_near = leaves[nearby], fit.at(nearby)
+    for block in _polygons_of_faces(tree, near, transitions):
+        closed[_vertices(tree, block.slots, block.middles)] = False
+    triangles, drawn = [np.zeros((0, 3), dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
+    for block in _polygons_of_quads(tree, near, fit_near, transitions):
+        vertices, of_leaves = _as_triangles(tree, block)
+        if vertices.shape[1] == 3:
+            triangles.append(vertices)
+            drawn.append(nearby[of_leaves])
+        else:
+            closed[vertices] = False
+    return np.concatenate(triangles), np.concatenate(drawn), closed
+
+
+def _share_a_vertex(tree: Quadtree, leaves: IndexArray, wanted: BoolArray) -> IndexArray:
+    """The places of the leaves that have a vertex of the wanted ones, (L,) bool."""
+    marked = np.zeros(len(tree.vertex_edges), dtype=bool)
+    slots = tree.slots(leaves[wanted])
+    middles = tree.midpoints[tree.slot_edges[slots]]
+    marked[tree.slot_vertices[slots]] = True
+    marked[middles[tree.hanging(slots)]] = True
+    slots = tree.slots(leaves)
+    counts = tree.slot_counts(leaves)
+    middles = tree.midpoints[tree.slot_edges[slots]]
+    touched = marked[tree.slot_vertices[slots]] | (marked[middles] & (middles != NONE))
+    return np.flatnonzero(np.logical_or.reduceat(touched, np.cumsum(counts) - counts))
+
+
+def _is_inside(tree: Quadtree) -> BoolArray:
+    """(V,) whether a vertex lies inside a smooth or semi-sharp part of the surface."""
+    inside = np.ones(len(tree.vertex_edges), dtype=bool)
+    sharp_edges = np.isinf(tree.mesh.edge_sharpness)
+    inside[: tree.mesh.vertex_count] = ~np.isinf(tree.mesh.vertex_sharpness)
+    inside[tree.mesh.edge_vertices[sharp_edges]] = False
+    on_edges = np.flatnonzero(tree.vertex_edges != NONE)
+    inside[on_edges] = ~sharp_edges[tree.vertex_edges[on_edges]]
+    return inside
+
+
+def _as_triangles(tree: Quadtree, block: Polygons) -> tuple[IndexArray, IndexArray]:
+    """The vertices of polygons, quads as two triangles along their first diagonal, and their leaves."""
+    vertices = _vertices(tree, block.slots, block.middles)
+    if vertices.shape[1] != 4:
+        return vertices, block.leaves
+    return vertices[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3), np.repeat(block.leaves, 2)
+
+
+def _vertices(tree: Quadtree, slots: IndexArray, middles: BoolArray | list[bool]) -> IndexArray:
+    return np.where(middles, tree.midpoints[tree.slot_edges[slots]], tree.slot_vertices[slots])
+
+
 def _polygons_of_quads(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Iterator[Polygons]:
     quads = np.flatnonzero(tree.is_quad(leaves))
     # Patterns and turns are below 16 and 4, so every template in use has a number of its own.
     numbers = (fit.alternatives[quads].astype(np.intp) * 16 + fit.patterns[quads]) * 4 + fit.turns[quads]
-    for number in np.unique(numbers).tolist():
+    for number in np.flatnonzero(np.bincount(numbers)).tolist():
         chosen = quads[numbers == number]
         pattern, turns = number // 4 % 16, number % 4
         template = templates(pattern)[number // 64]
@@ -134,7 +195,7 @@ def _assembled(
     Vertices and edges of the control mesh that have no faces are kept as they are.
     """
     starts, drawn, slots, middles = _in_order(polygons)
-    vertices = np.where(middles, tree.midpoints[tree.slot_edges[slots]], tree.slot_vertices[slots])
+    vertices = _vertices(tree, slots, middles)
     loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
     used, corner_vertices = _compact(vertices, loose, len(tree.vertex_edges))
     following = np.arange(1, len(vertices) + 1)

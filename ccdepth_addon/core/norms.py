@@ -24,6 +24,15 @@ def squared_norms(vectors: FloatArray) -> FloatArray:
     return total
 
 
+def cross_products(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(…, 3) vectors each → (…, 3); what numpy's own does takes several times as long."""
+    product = np.empty(np.broadcast_shapes(a.shape, b.shape))
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        np.multiply(a[..., j], b[..., k], out=product[..., i])
+        product[..., i] -= a[..., k] * b[..., j]
+    return product
+
+
 def _largest(vectors: Iterable[FloatArray]) -> FloatArray:
     """The root is taken once, of the largest square."""
     squares = iter(map(squared_norms, vectors))

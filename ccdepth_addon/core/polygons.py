@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .mesh import FloatArray, IndexArray
+from .norms import cross_products
 from .templates import templates
 
 # How far, in radians, the angles around the centroid may be from a full turn by rounding.
@@ -30,7 +31,7 @@ def polygon_thickness(facets: FloatArray, bent: NDArray[np.bool_], starts: Index
     # The normal of Newell: half the cross products of consecutive vertices, seen from the centroid.
     spokes, between = corners - centroids, middles - centroids
     following = facets[0][_next(starts, sizes)] - centroids
-    doubled = np.cross(spokes, between) + np.cross(between, following)
+    doubled = cross_products(spokes, between) + cross_products(between, following)
     normals = np.add.reduceat(doubled, starts)
     lengths = np.linalg.norm(normals, axis=1)
     flat = lengths > 0
@@ -71,7 +72,7 @@ def thickness_of_quads(points: FloatArray, pattern: int, alternative: int) -> Fl
 def turns_left(points: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
     """(P,) whether triangles (3, P, 3) go round counter-clockwise, seen along normals (P, 3)."""
     a, b, c = points
-    return np.einsum("ij,ij->i", np.cross(b - a, c - a), normals) > 0
+    return np.einsum("ij,ij->i", cross_products(b - a, c - a), normals) > 0
 
 
 def _inner_triangles_turn_left(
@@ -99,14 +100,14 @@ def _next(starts: IndexArray, sizes: IndexArray) -> IndexArray:
 def _convex(facets: FloatArray, normals: FloatArray) -> NDArray[np.bool_]:
     """(C,) whether each quad of the fan turns left at every corner, or goes straight on, seen along the normal."""
     sides = np.roll(facets, -1, axis=0) - facets
-    turns = np.einsum("kij,ij->ki", np.cross(np.roll(sides, 1, axis=0), sides), normals)
+    turns = np.einsum("kij,ij->ki", cross_products(np.roll(sides, 1, axis=0), sides), normals)
     return np.all(turns > 0, axis=0)
 
 
 def _once_around(facets: FloatArray, normals: FloatArray, starts: IndexArray) -> NDArray[np.bool_]:
     """(P,) whether the quads' angles at the centroid are a full turn together."""
     first, second = facets[3] - facets[2], facets[1] - facets[2]
-    sines = np.einsum("ij,ij->i", np.cross(first, second), normals)
+    sines = np.einsum("ij,ij->i", cross_products(first, second), normals)
     # Cosines of what is seen along the normal: without the parts along it.
     heights = np.einsum("ij,ij->i", first, normals) * np.einsum("ij,ij->i", second, normals)
     cosines = np.einsum("ij,ij->i", first, second) - heights

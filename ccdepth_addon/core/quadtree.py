@@ -28,6 +28,10 @@ NONE = -1
 
 GROWTH = 1.5
 
+# The state of an edge, and a number with 1 in each of its four bytes.
+SPLIT, SPLIT_TWICE = np.uint8(1), np.uint8(2)
+EACH_BYTE = np.uint32(0x01010101)
+
 SLOTS_AT_ONCE = 1 << 16
 
 
@@ -76,6 +80,8 @@ class Quadtree:
         self._slot_edges = Column(mesh.corner_edges)
         self._edge_vertices = Column(mesh.edge_vertices)
         self._edge_children = Column(np.full(edges, NONE, dtype=np.intp))
+        self._edge_parents = Column(np.full(edges, NONE, dtype=np.intp))
+        self._edge_states = Column(np.zeros(edges, dtype=np.uint8))
         self._midpoints = Column(np.full(edges, NONE, dtype=np.intp))
         self._base_edges = Column(np.arange(edges))
         first_corner = np.full(mesh.vertex_count, NONE, dtype=np.intp)
@@ -153,25 +159,18 @@ class Quadtree:
         """Whether the sides at these slots are split, whatever the shape of the array."""
         return self.edge_children[self.slot_edges[slots]] != NONE
 
-    def split_side_counts(self) -> NDArray[np.int32]:
-        """(N,) int32, how many sides of each node are split."""
-        return self._per_node(np.add, (self.edge_children != NONE).astype(np.int32)[self.slot_edges])
-
-    def beside_deeper(self) -> BoolArray:
-        """(N,) whether half of a node's side is split again."""
-        is_split = self.edge_children != NONE
-        parents = np.flatnonzero(is_split)
-        halves = self.edge_children[parents]
-        twice = np.zeros(len(is_split), dtype=bool)
-        twice[parents] = is_split[halves] | is_split[halves + 1]
-        return self._per_node(np.logical_or, twice[self.slot_edges])
-
-    def _per_node(self, reduce: np.ufunc, of_slots: NDArray[Any]) -> NDArray[Any]:
+    def sides(self) -> tuple[NDArray[np.int32], BoolArray]:
+        """(N,) each: how many sides of a node are split, and whether half of one is split again."""
         corners = self.mesh.corner_count
-        of_faces = reduce.reduceat(of_slots[:corners], self.mesh.face_starts[:-1])
-        of_quads = of_slots[corners:].reshape(-1, 4)
-        first, second, third, fourth = of_quads.T
-        return np.concatenate([of_faces, reduce(reduce(first, second), reduce(third, fourth))])
+        of_corners = self._edge_states.values[self.slot_edges[:corners]]
+        starts = self.mesh.face_starts[:-1]
+        counts_of_faces = np.add.reduceat((of_corners & SPLIT).astype(np.int32), starts)
+        deeper_of_faces = np.logical_or.reduceat(of_corners & SPLIT_TWICE, starts)
+        # The four sides of a quad in the four bytes of one number.
+        of_quads = self._edge_states.values[self.slot_edges[corners:]].view(np.uint32)
+        counts = ((of_quads & (SPLIT * EACH_BYTE)) * EACH_BYTE >> np.uint32(24)).astype(np.int32)
+        deeper = (of_quads & (SPLIT_TWICE * EACH_BYTE)) != 0
+        return np.concatenate([counts_of_faces, counts]), np.concatenate([deeper_of_faces, deeper])
 
     def split(self, nodes: IndexArray) -> None:
         """Split leaves, each once."""
@@ -232,9 +231,12 @@ class Quadtree:
         midpoints = self._append_vertices(corners[first], middles[first], base_edges)
         ends = self.edge_vertices[edges]
         halves = np.stack([ends[:, 0], midpoints, midpoints, ends[:, 1]], axis=1).reshape(-1, 2)
-        children = self._append_edges(halves, np.repeat(base_edges, 2))
+        children = self._append_edges(halves, np.repeat(base_edges, 2), np.repeat(edges, 2))
         self.edge_children[edges] = children[::2]
         self.midpoints[edges] = midpoints
+        self._edge_states.values[edges] |= SPLIT
+        parents = self._edge_parents.values[edges]
+        self._edge_states.values[parents[parents != NONE]] |= SPLIT_TWICE
 
     def _half_at(self, sides: IndexArray, slots: IndexArray) -> IndexArray:
         """The half of the side at each of ``sides`` that ends at the vertex of each of ``slots``."""
@@ -248,8 +250,12 @@ class Quadtree:
         self._vertex_edges.append(np.broadcast_to(np.asarray(edges, dtype=np.intp), corners.shape))
         return np.arange(first, first + len(corners))
 
-    def _append_edges(self, ends: IndexArray, base_edges: IndexArray | int) -> IndexArray:
+    def _append_edges(
+        self, ends: IndexArray, base_edges: IndexArray | int, parents: IndexArray | int = NONE
+    ) -> IndexArray:
         first = len(self.edge_vertices)
+        self._edge_parents.append(np.broadcast_to(np.asarray(parents, dtype=np.intp), (len(ends),)))
+        self._edge_states.append(np.zeros(len(ends), dtype=np.uint8))
         self._edge_vertices.append(ends)
         self._edge_children.append(np.full(len(ends), NONE, dtype=np.intp))
         self._midpoints.append(np.full(len(ends), NONE, dtype=np.intp))

@@ -21,16 +21,17 @@ from math import factorial
 
 import numpy as np
 
-from .bounds import Vertices, second_order_extraordinary
-from .mesh import FloatArray
+from .bounds import certified_limit_factor
+from .mesh import FloatArray, IndexArray
+from .norms import second_differences, squared_norms
 from .products import product
-from .splines import SPLINE_TO_BERNSTEIN, bilinear_coefficients, largest_norm, tensor
-from .stencils import apply_stencils, patch_stencils
+from .splines import SPLINE_TO_BERNSTEIN, bilinear_coefficients, tensor
+from .stencils import patch_stencils
 from .templates import QUAD_POINTS, Template, templates
 
 DEGREE = 6
 
-# Rows that differ by less are one row; a row that is less is nothing. Both are rounding.
+# A row, or a part of a triangle, that is less is nothing but rounding.
 ROW_ROUNDING = 1e-12
 
 # The Bernstein coefficients, of 16 in [i, j] → 4i + j, that are the values at corners 0 to 3.
@@ -104,11 +105,62 @@ def _error_rows(
     return values - _barycentric(triangle, points) @ vertices
 
 
-def _distinct(rows: FloatArray) -> FloatArray:
-    """The rows without zeros and repetitions: triangles share their sides."""
-    rows = rows[np.abs(rows).max(axis=1) > ROW_ROUNDING]
-    _, first = np.unique(np.rint(rows / ROW_ROUNDING), axis=0, return_index=True)
-    return np.ascontiguousarray(rows[np.sort(first)])
+@dataclass(frozen=True)
+class Rows:
+    """R functionals of N control points. matrix: (R, N); triangles: (R,) which triangle of the template each is for."""
+
+    matrix: FloatArray
+    triangles: IndexArray
+
+    @staticmethod
+    def joined(parts: list[Rows]) -> Rows:
+        """All of them, triangle by triangle, without zeros."""
+        matrix = np.concatenate([part.matrix for part in parts])
+        triangles = np.concatenate([part.triangles for part in parts])
+        kept = np.flatnonzero(np.abs(matrix).max(axis=1) > ROW_ROUNDING)
+        kept = kept[np.argsort(triangles[kept], kind="stable")]
+        return Rows(np.ascontiguousarray(matrix[kept]), triangles[kept])
+
+
+@dataclass(frozen=True)
+class Misses:
+    """How far P quads are from the surface, (P,) float64 each: in all, along the normals of their triangles, and across
+    these."""
+
+    whole: FloatArray
+    normal: FloatArray
+    tangential: FloatArray
+
+    @staticmethod
+    def of(vectors: FloatArray, triangles: IndexArray, normals: FloatArray) -> Misses:
+        """Of vectors (R, P, 3) that belong to triangles with unit normals (T, P, 3)."""
+        squares = squared_norms(vectors)
+        along = np.einsum("rpi,rpi->rp", vectors, normals[triangles])
+        along *= along
+        across = np.maximum(squares - along, 0.0)
+        return Misses(*(np.sqrt(values.max(axis=0)) for values in (squares, along, across)))
+
+    def __add__(self, other: Misses) -> Misses:
+        return Misses(self.whole + other.whole, self.normal + other.normal, self.tangential + other.tangential)
+
+    def at(self, chosen: IndexArray) -> Misses:
+        """Some of them, by index."""
+        return Misses(self.whole[chosen], self.normal[chosen], self.tangential[chosen])
+
+    def put(self, chosen: IndexArray, other: Misses) -> None:
+        """Replace some of them."""
+        self.whole[chosen], self.normal[chosen], self.tangential[chosen] = other.whole, other.normal, other.tangential
+
+    def or_more(self, other: Misses) -> Misses:
+        """The larger of both."""
+        return Misses(
+            np.maximum(self.whole, other.whole),
+            np.maximum(self.normal, other.normal),
+            np.maximum(self.tangential, other.tangential),
+        )
+
+    def times(self, factor: float) -> Misses:
+        return Misses(factor * self.whole, factor * self.normal, factor * self.tangential)
 
 
 def _clipped(triangle: FloatArray, square: Square) -> list[FloatArray]:
@@ -137,22 +189,21 @@ def _quartered(triangle: FloatArray) -> list[FloatArray]:
     return [np.array(part) for part in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
 
 
-def _template_rows(
-    template: Template, square: Square, surface: FloatArray, points: FloatArray, *, fine: bool
-) -> FloatArray:
-    """(R, N): the coefficients of S - T over a square, for a whole template whose points are (8 or more, N)."""
-    rows = []
-    for triangle in template:
+def _template_rows(template: Template, square: Square, surface: FloatArray, points: FloatArray, *, fine: bool) -> Rows:
+    """The coefficients of S - T over a square, for a whole template whose points are (8 or more, N)."""
+    parts = [Rows(np.zeros((0, points.shape[1])), np.zeros(0, dtype=np.intp))]
+    for number, triangle in enumerate(template):
         places, vertices = QUAD_POINTS[list(triangle)], points[list(triangle)]
         for part in _clipped(places, square):
             for piece in _quartered(part) if fine else [part]:
-                rows.append(_error_rows(piece, square, surface, places, vertices))
-    return _distinct(np.concatenate(rows)) if rows else np.zeros((0, points.shape[1]))
+                rows = _error_rows(piece, square, surface, places, vertices)
+                parts.append(Rows(rows, np.full(len(rows), number)))
+    return Rows.joined(parts)
 
 
 @lru_cache(maxsize=256)
-def regular_rows(pattern: int, alternative: int, *, fine: bool) -> FloatArray:
-    """(R, 16): S - T over a bicubic quad with Bernstein coefficients [i, j] → 4i + j, u along i."""
+def regular_rows(pattern: int, alternative: int, *, fine: bool) -> Rows:
+    """S - T over a bicubic quad with Bernstein coefficients [i, j] → 4i + j, u along i."""
     return _template_rows(templates(pattern)[alternative], WHOLE_QUAD, np.eye(16), regular_points(), fine=fine)
 
 
@@ -161,20 +212,20 @@ def bilinear_rows(pattern: int, alternative: int) -> FloatArray:
     """(R, 8): B - T for the bilinear facet B over the corners, as functionals of the eight points of the quad."""
     points = np.eye(8)
     surface = bilinear_coefficients(points[:4]).reshape(16, 8)
-    return _template_rows(templates(pattern)[alternative], WHOLE_QUAD, surface, points, fine=True)
+    return _template_rows(templates(pattern)[alternative], WHOLE_QUAD, surface, points, fine=True).matrix
 
 
 @dataclass(frozen=True)
 class ExtraordinaryRows:
     """S - T over a quad whose corner 0 is extraordinary, as functionals of its net of 2n + 8 points.
 
-    pieces: (R, 2n + 8), over bicubic pieces; last: (L, 2n + 8), B - T over what is left at the vertex, whose net is
-    ``last_net`` (2n + 8, 2n + 8).
+    pieces: over bicubic pieces. last: B - T over what is left at the vertex; differences: (2n + 10, 2n + 8), the second
+    differences of its net, which bound S - B.
     """
 
-    pieces: FloatArray
-    last: FloatArray
-    last_net: FloatArray
+    pieces: Rows
+    last: Rows
+    differences: FloatArray
 
 
 @lru_cache(maxsize=512)
@@ -196,7 +247,8 @@ def extraordinary_rows(valence: int, pattern: int, alternative: int, *, fine: bo
     corner = Square(np.zeros(2), side * np.eye(2))
     facet = bilinear_coefficients(stencils.limits @ net).reshape(16, -1)
     last = _template_rows(template, corner, facet, points, fine=fine)
-    return ExtraordinaryRows(np.concatenate(rows), last, net)
+    differences = np.array([2 * net[a] - net[b] - net[c] for a, b, c in second_differences(valence)])
+    return ExtraordinaryRows(Rows.joined(rows), last, differences)
 
 
 @lru_cache(maxsize=64)
@@ -214,14 +266,28 @@ def regular_points() -> FloatArray:
     return _bicubic_basis(np.concatenate([QUAD_POINTS, [[0.5, 0.5]]]))
 
 
-def extraordinary_bounds(rows: ExtraordinaryRows, nets: FloatArray) -> FloatArray:
-    """(P,): ‖S - T‖ at most, for nets (2n + 8, P, 3)."""
-    last_nets = apply_stencils(rows.last_net, nets)
-    left = second_order_extraordinary(last_nets, Vertices.LIMIT).value
-    left += largest_norm(apply_stencils(rows.last, nets))
-    return np.maximum(left, largest_norm(apply_stencils(rows.pieces, nets)))
+def regular_misses(rows: Rows, coefficients: FloatArray, normals: FloatArray) -> Misses:
+    """‖S - T‖ at most, for Bernstein coefficients (16, P, 3) and the triangles' normals (T, P, 3)."""
+    return Misses.of(_applied(rows.matrix, coefficients), rows.triangles, normals)
 
 
-def regular_bounds(rows: FloatArray, coefficients: FloatArray) -> FloatArray:
-    """(P,): ‖S - T‖ at most, for Bernstein coefficients (16, P, 3)."""
-    return largest_norm(product(rows, coefficients.reshape(16, -1)).reshape(len(rows), -1, 3))
+def extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> Misses:
+    """‖S - T‖ at most, for nets (2n + 8, P, 3) and the triangles' normals (T, P, 3).
+
+    At the vertex S - B is within a factor of the second differences; so is each component of it within theirs.
+    """
+    valence = (len(nets) - 8) // 2
+    pieces = Misses.of(_applied(rows.pieces.matrix, nets), rows.pieces.triangles, normals)
+    differences = _applied(rows.differences, nets)
+    factor = certified_limit_factor(valence)
+    left = Misses.of(_applied(rows.last.matrix, nets), rows.last.triangles, normals)
+    at_vertex = Misses(*(np.zeros(nets.shape[1]) for _ in range(3)))
+    for triangle in np.unique(rows.last.triangles).tolist():
+        own = np.full(len(differences), triangle)
+        at_vertex = at_vertex.or_more(Misses.of(differences, own, normals).times(factor))
+    return pieces.or_more(left + at_vertex)
+
+
+def _applied(matrix: FloatArray, nets: FloatArray) -> FloatArray:
+    """(R, P, 3): a matrix (R, N) applied to nets (N, P, 3)."""
+    return product(matrix, nets.reshape(len(nets), -1)).reshape(len(matrix), -1, 3)
