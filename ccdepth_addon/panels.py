@@ -139,7 +139,7 @@ def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) 
 def _numbers_of_subdivision(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:
     return [
         ("Faces", f"{record.faces:,}"),
-        ("Made From", f"{record.base_faces:,}"),
+        ("Base Faces", f"{record.base_faces:,}"),
         ("Uniform Faces", count_text(int(record.uniform_faces))),
         ("Deepest Depth", str(record.deepest)),
         ("Tolerance", _length_text(scene, record.world_tolerance)),
@@ -208,15 +208,15 @@ class CCDEPTH_PT_subdivision(bpy.types.Panel):
         button = layout.column()
         button.scale_y = 1.4
         button.operator("ccdepth.subdivide", icon="MOD_MULTIRES")
+        _draw_face_count(layout, context)
         layout.use_property_split = True
         layout.use_property_decorate = False
         column = layout.column()
-        column.row().prop(settings, "mode", expand=True)
-        column.row().prop(settings, "transitions", expand=True)
-        column.row().prop(settings, "output", expand=True)
+        column.prop(settings, "mode")
+        column.prop(settings, "transitions")
+        column.prop(settings, "output")
         column.prop(settings, "exact_normals")
         column.prop(settings, "max_faces")
-        _draw_face_count(layout, context)
 
 
 def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -1,0 +1,569 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Apply Adaptive Subdivision on selected objects: where its result goes, what it is, and what is refused.
+
+How near to the surface the result is, and that nothing on the mesh is lost, is tested elsewhere.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Matrix
+
+from tests import meshes
+from tests.blender import addon, scene
+
+TOLERANCE = 0.01
+
+
+def subdivide(*objects: bpy.types.Object, **settings: object) -> list[bpy.types.Object]:
+    """Select the objects and subdivide them; the objects selected then, in the order of their names."""
+    addon.select(*objects)
+    settings.setdefault("tolerance", TOLERANCE)
+    settings.setdefault("tolerance_mode", "ABSOLUTE")
+    assert bpy.ops.ccdepth.subdivide(**settings) == {"FINISHED"}
+    return sorted(bpy.context.selected_objects, key=lambda obj: obj.name)
+
+
+def faces(holder: bpy.types.Object) -> int:
+    return len(holder.data.polygons)
+
+
+def everything_in_the_file() -> dict[str, tuple[object, ...]]:
+    """What there is, with what a subdivision could change of it."""
+    found: dict[str, tuple[object, ...]] = {item.name_full: () for item in bpy.data.user_map()}
+    for obj in bpy.data.objects:
+        found[obj.name_full] = (
+            obj.data.name_full,
+            obj.hide_get(),
+            obj.hide_render,
+            obj.select_get(),
+            [modifier.name for modifier in obj.modifiers],
+        )
+    for mesh in bpy.data.meshes:
+        coordinates = np.empty(3 * len(mesh.vertices), dtype=np.float32)
+        mesh.vertices.foreach_get("co", coordinates)
+        names = [name for name in mesh.attributes.keys() if not name.startswith(".select")]  # noqa: SIM118
+        found[mesh.name_full] = (len(mesh.polygons), coordinates.tobytes(), mesh.users, sorted(names))
+    return found
+
+
+def refused(*objects: bpy.types.Object, match: str, **settings: object) -> None:
+    """The operator reports an error, and nothing is changed."""
+    addon.select(*objects)
+    settings.setdefault("tolerance", TOLERANCE)
+    settings.setdefault("tolerance_mode", "ABSOLUTE")
+    before = everything_in_the_file()
+    with pytest.raises(RuntimeError, match=match):
+        bpy.ops.ccdepth.subdivide(**settings)
+    assert everything_in_the_file() == before
+
+
+def shape(holder: bpy.types.Object) -> np.ndarray:
+    """(V, 3): where the object's vertices are in the scene."""
+    bpy.context.view_layer.update()
+    positions = np.empty(3 * len(holder.data.vertices), dtype=np.float32)
+    holder.data.vertices.foreach_get("co", positions)
+    world = np.array(holder.matrix_world)
+    return positions.reshape(-1, 3) @ world[:3, :3].T + world[:3, 3]
+
+
+# What is made, and where.
+
+
+def test_the_result_is_a_new_object_beside_the_hidden_original() -> None:
+    holder = scene.add_suzanne()
+    collection = bpy.data.collections.new("Heads")
+    bpy.context.scene.collection.children.link(collection)
+    collection.objects.link(holder)
+    parent = bpy.data.objects.new("Parent", None)
+    collection.objects.link(parent)
+    holder.parent, parent.location = parent, (1.0, 2.0, 3.0)
+    before = faces(holder)
+    [result] = subdivide(holder)
+    bpy.context.view_layer.update()
+    assert result != holder
+    assert result.matrix_world == holder.matrix_world
+    assert set(result.users_collection) == set(holder.users_collection)
+    assert result.parent == parent
+    assert bpy.context.active_object == result
+    assert (holder.hide_get(), holder.hide_render, result.visible_get(), result.hide_render) == (
+        True,
+        True,
+        True,
+        False,
+    )
+    assert faces(holder) == before
+    assert faces(result) > before
+    assert addon.is_untouched([holder])
+
+
+def test_the_result_can_take_the_place_of_the_mesh() -> None:
+    holder = scene.add_suzanne()
+    name = holder.data.name
+    [result] = subdivide(holder, output="IN_PLACE")
+    assert result == holder
+    assert (holder.data.name, [mesh.name for mesh in bpy.data.meshes]) == (name, [name])
+    assert faces(holder) > 500
+    assert holder.visible_get()
+
+
+def test_the_attributes_tell_depths_and_proved_distances() -> None:
+    [result] = subdivide(scene.add_suzanne())
+    kinds = {name: result.data.attributes[name] for name in ("ccdepth", "ccdepth_bound")}
+    assert {name: (kind.domain, kind.data_type) for name, kind in kinds.items()} == {
+        "ccdepth": ("FACE", "INT"),
+        "ccdepth_bound": ("FACE", "FLOAT"),
+    }
+    assert "ccdepth_color" not in result.data.attributes
+    assert 0 < addon.bounds(result).max() <= np.float32(TOLERANCE)
+    assert addon.depths(result).min() >= 0
+
+
+def test_the_record_tells_what_was_made_and_is_not_out_of_date() -> None:
+    holder = scene.add_suzanne()
+    scene.add_subdivision(holder, 1, boundary="PRESERVE_CORNERS")
+    [result] = subdivide(holder, mode="PER_FACE")
+    record = result.data.ccdepth
+    depths = addon.depths(result)
+    assert (record.subdivision, record.faces, record.base_faces) == ("PER_FACE", len(depths), 500)
+    assert record.world_tolerance == pytest.approx(TOLERANCE)
+    assert record.largest_bound == addon.bounds(result).max()
+    assert addon.histogram(result) == dict(zip(*np.unique(depths, return_counts=True), strict=True))
+    addon.module("staleness").check_touched()
+    assert addon.module("panels").stale_line(bpy.context.scene.ccdepth, result.data) == ""
+    result.data.vertices[0].co.x += 1.0
+    result.data.update()
+    bpy.context.view_layer.update()
+    addon.module("staleness").check_touched()
+    assert "mesh changed" in addon.module("panels").stale_line(bpy.context.scene.ccdepth, result.data)
+
+
+def test_an_earlier_result_stays_with_the_original_alone() -> None:
+    holder = scene.add_suzanne()
+    addon.compute(holder)
+    [result] = subdivide(holder)
+    assert "ccdepth_color" in holder.data.attributes
+    assert "ccdepth_color" not in result.data.attributes
+    assert result.data.attributes.active_color_name != "ccdepth_color"
+
+
+def test_each_mode_and_transition_makes_another_mesh() -> None:
+    holder = scene.add_suzanne()
+    sizes, corners = {}, {}
+    for mode in ("ADAPTIVE", "PER_FACE"):
+        for transitions in ("TRIANGLES", "NGONS"):
+            holder.hide_set(False)
+            [result] = subdivide(holder, mode=mode, transitions=transitions)
+            sizes[mode, transitions] = faces(result)
+            corners[mode, transitions] = max(polygon.loop_total for polygon in result.data.polygons)
+    assert sizes["ADAPTIVE", "TRIANGLES"] < sizes["PER_FACE", "TRIANGLES"]
+    assert len(set(sizes.values())) == 4
+    for mode in ("ADAPTIVE", "PER_FACE"):
+        assert corners[mode, "TRIANGLES"] <= 4 < corners[mode, "NGONS"]
+
+
+def test_exact_normals_are_custom_normals() -> None:
+    holder = scene.add_suzanne()
+    [plain] = subdivide(holder)
+    holder.hide_set(False)
+    [exact] = subdivide(holder, exact_normals=True)
+    assert not plain.data.has_custom_normals
+    assert exact.data.has_custom_normals
+
+
+# Tolerance.
+
+
+@pytest.mark.parametrize("scale", [(2.0, 2.0, 2.0), (1.0, 4.0, 0.3), (-2.0, 1.0, 1.0)])
+def test_scale_is_counted_in(scale: tuple[float, float, float]) -> None:
+    holder = scene.add_suzanne()
+    holder.scale = scale
+    holder.location = (100.0, 0.0, 0.0)
+    [scaled] = subdivide(holder)
+    applied = scene.add_suzanne()
+    applied.data.transform(Matrix.Diagonal((*scale, 1.0)))
+    [same] = subdivide(applied)
+    assert abs(faces(scaled) - faces(same)) <= 0.002 * faces(same)
+    assert scaled.scale[:] == pytest.approx(scale)
+    assert addon.bounds(scaled).max() <= np.float32(TOLERANCE)
+
+
+def test_a_relative_tolerance_is_a_part_of_the_diagonal() -> None:
+    holder = scene.add_suzanne()
+    diagonal = holder.dimensions.length
+    [relative] = subdivide(holder, tolerance=0.004, tolerance_mode="RELATIVE")
+    assert relative.data.ccdepth.world_tolerance == pytest.approx(0.004 * diagonal)
+    holder.hide_set(False)
+    [absolute] = subdivide(holder, tolerance=0.004 * diagonal)
+    assert faces(relative) == faces(absolute)
+
+
+def test_settings_come_from_the_scene_unless_given() -> None:
+    settings = bpy.context.scene.ccdepth
+    settings.tolerance_mode, settings.tolerance = "ABSOLUTE", TOLERANCE
+    settings.output, settings.transitions = "IN_PLACE", "NGONS"
+    first, second = scene.add_suzanne(), scene.add_suzanne()
+    addon.select(first)
+    assert bpy.ops.ccdepth.subdivide() == {"FINISHED"}
+    subdivide(second, output="IN_PLACE", transitions="NGONS")
+    assert faces(first) == faces(second)
+
+
+def test_the_result_has_the_shape_of_the_surface() -> None:
+    holder = scene.add_suzanne()
+    [result] = subdivide(holder)
+    scene.add_subdivision(holder, 4).use_limit_surface = True
+    surface = scene.evaluated_mesh_data(holder).positions
+    found = shape(result)
+    nearest = [np.linalg.norm(surface - point, axis=1).min() for point in found[:: len(found) // 100]]
+    assert max(nearest) < 5 * TOLERANCE
+
+
+# Faces counted beforehand.
+
+
+def test_the_count_is_what_is_made() -> None:
+    first, second = scene.add_suzanne(), scene.add_object(meshes.creased_cube())
+    scene.add_subdivision(first, 1)
+    before = everything_in_the_file()
+    for mode in ("ADAPTIVE", "PER_FACE"):
+        for transitions in ("TRIANGLES", "NGONS"):
+            for obj in (first, second):
+                obj.hide_set(False)
+            addon.select(first, second)
+            settings = bpy.context.scene.ccdepth
+            settings.tolerance_mode, settings.tolerance = "ABSOLUTE", TOLERANCE
+            settings.mode, settings.transitions = mode, transitions
+            assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
+            counts = [known_count(obj).faces for obj in (second, first)]
+            results = subdivide(first, second, mode=mode, transitions=transitions)
+            assert [faces(result) for result in results] == counts
+            bpy.data.batch_remove([result.data for result in results])
+    assert set(everything_in_the_file()) == set(before)
+
+
+def known_count(holder: bpy.types.Object) -> object:
+    settings = bpy.context.scene.ccdepth
+    asked = addon.module("subdivision").subdivision_settings(settings, settings.tolerance)
+    return addon.module("face_counts").known_count(holder, asked)
+
+
+def test_counting_changes_nothing() -> None:
+    holder = scene.add_suzanne()
+    holder.modifiers.new("Mirror", "MIRROR")
+    addon.select(holder)
+    before = everything_in_the_file()
+    assert bpy.ops.ccdepth.count_faces(tolerance=TOLERANCE) == {"FINISHED"}
+    assert everything_in_the_file() == before
+
+
+@pytest.mark.parametrize("change", ["mesh", "scale", "settings"])
+def test_a_count_is_forgotten_when_something_changes(change: str) -> None:
+    holder = scene.add_suzanne()
+    settings = bpy.context.scene.ccdepth
+    settings.tolerance_mode, settings.tolerance = "ABSOLUTE", TOLERANCE
+    addon.select(holder)
+    bpy.ops.ccdepth.count_faces()
+    bpy.context.view_layer.update()
+    assert known_count(holder) is not None
+    if change == "mesh":
+        holder.data.vertices[0].co.x += 1.0
+        holder.data.update()
+    elif change == "scale":
+        holder.scale.x = 2.0
+    else:
+        settings.tolerance *= 2
+    bpy.context.view_layer.update()
+    assert known_count(holder) is None
+
+
+@pytest.mark.parametrize("tolerance_mode", ["ABSOLUTE", "RELATIVE"])
+def test_too_many_faces_are_refused_with_a_tolerance_that_fits(tolerance_mode: str) -> None:
+    holder = scene.add_suzanne()
+    holder.scale = (3.0, 3.0, 3.0)
+    asked = {"tolerance": 0.0005, "tolerance_mode": tolerance_mode, "max_faces": 3000}
+    refused(holder, match="Suzanne: the result would have about .* 3,000 are allowed", **asked)
+    with pytest.raises(RuntimeError) as caught:
+        bpy.ops.ccdepth.subdivide(**asked)
+    words = str(caught.value).partition("a tolerance of ")[2].split()
+    assert ("of the diagonal" in str(caught.value)) == (tolerance_mode == "RELATIVE")
+    [result] = subdivide(holder, **{**asked, "tolerance": float(words[0])})
+    assert faces(result) <= 3000
+
+
+def test_no_tolerance_fits_where_the_mesh_itself_has_too_many_faces() -> None:
+    refused(scene.add_suzanne(), match="no tolerance would fit", max_faces=100)
+
+
+def test_the_limit_is_for_all_objects_together() -> None:
+    objects = [scene.add_suzanne(), scene.add_suzanne()]
+    [alone] = subdivide(objects[0])
+    objects[0].hide_set(False)
+    refused(*objects, match="are allowed", max_faces=int(1.5 * faces(alone)))
+
+
+# Several objects, and Edit Mode.
+
+
+def test_several_objects_get_a_result_each() -> None:
+    first, second = scene.add_suzanne(), scene.add_object(meshes.landscape(5, 5), "Land")
+    light = bpy.data.objects.new("Light", bpy.data.lights.new("Light", "POINT"))
+    bpy.context.scene.collection.objects.link(light)
+    results = subdivide(light, first, second)
+    assert [result.name for result in results] == ["Land Adaptive", "Light", "Suzanne Adaptive"]
+    assert bpy.context.active_object == results[0]
+
+
+@pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
+def test_objects_that_share_a_mesh_share_the_result(output: str) -> None:
+    first = scene.add_suzanne()
+    second, large = scene.add_mesh(first.data), scene.add_mesh(first.data)
+    second.rotation_euler = (0.1, 0.2, 0.3)
+    large.scale = (3.0, 3.0, 3.0)
+    other = scene.add_mesh(first.data)
+    results = subdivide(first, second, large, output=output)
+    assert len({result.data for result in results}) == 1
+    assert other.data not in {result.data for result in results}
+    assert faces(other) == 500
+    assert addon.bounds(large if output == "IN_PLACE" else results[0]).max() <= np.float32(TOLERANCE)
+
+
+def test_objects_that_share_a_mesh_but_not_the_surface_get_results_of_their_own() -> None:
+    first = scene.add_suzanne()
+    bent, wide = scene.add_mesh(first.data), scene.add_mesh(first.data)
+    bent.modifiers.new("Bend", "SIMPLE_DEFORM").angle = 1.0
+    wide.scale = (3.0, 0.5, 0.5)
+    results = subdivide(first, bent, wide)
+    assert len({result.data for result in results}) == 3
+
+
+@pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
+def test_edit_mode_is_left_and_entered_again(output: str) -> None:
+    import bmesh
+
+    first, second = scene.add_suzanne(), scene.add_object(meshes.creased_cube())
+    with addon.edit_mode(first, second):
+        edited = bmesh.from_edit_mesh(first.data)
+        edited.verts.ensure_lookup_table()
+        edited.verts[3].co.z += 0.5
+        bmesh.update_edit_mesh(first.data)
+        settings = {"tolerance": TOLERANCE, "tolerance_mode": "ABSOLUTE", "output": output}
+        assert bpy.ops.ccdepth.subdivide(**settings) == {"FINISHED"}
+        assert bpy.context.mode == "EDIT_MESH"
+        assert len(bpy.context.objects_in_mode) == 2
+        results = sorted(bpy.context.objects_in_mode, key=lambda obj: obj.name)
+    names = ["Mesh", "Suzanne"] if output == "IN_PLACE" else ["Mesh Adaptive", "Suzanne Adaptive"]
+    assert [result.name for result in results] == names
+    assert all(addon.depths(result).max() > 0 for result in results)
+    assert shape(results[1]).max() > 1.2
+
+
+def test_edit_mode_stays_when_something_is_refused() -> None:
+    holder = scene.add_suzanne()
+    with addon.edit_mode(holder):
+        with pytest.raises(RuntimeError, match="greater than zero"):
+            bpy.ops.ccdepth.subdivide(tolerance=0.0)
+        assert bpy.context.mode == "EDIT_MESH"
+
+
+# Modifiers and shape keys.
+
+
+def test_what_was_counted_in_is_taken_off_the_result() -> None:
+    holder = scene.add_object(meshes.landscape(4, 4))
+    holder.modifiers.new("Mirror", "MIRROR")
+    holder.modifiers.new("Off", "DISPLACE").show_viewport = False
+    scene.add_subdivision(holder, 2)
+    holder.modifiers.new("Bend", "SIMPLE_DEFORM")
+    [counted] = subdivide(holder)
+    assert [modifier.name for modifier in counted.modifiers] == ["Off", "Bend"]
+    assert counted.data.ccdepth.base_faces == 2 * faces(holder)
+    holder.hide_set(False)
+    [left_out] = subdivide(holder, use_modifiers=False)
+    assert [modifier.name for modifier in left_out.modifiers] == ["Mirror", "Off", "Bend"]
+    assert left_out.data.ccdepth.base_faces == faces(holder)
+    assert [modifier.name for modifier in holder.modifiers] == ["Mirror", "Off", "Subdivision", "Bend"]
+
+
+def test_modifiers_that_merge_faces_can_be_counted_in() -> None:
+    holder = scene.add_suzanne()
+    remesh = holder.modifiers.new("Remesh", "REMESH")
+    remesh.mode, remesh.voxel_size = "VOXEL", 0.3
+    [result] = subdivide(holder)
+    assert not result.modifiers
+    assert faces(result) > 100
+
+
+def test_particles_are_kept() -> None:
+    holder = scene.add_suzanne()
+    holder.modifiers.new("Hair", "PARTICLE_SYSTEM")
+    [result] = subdivide(holder)
+    assert [modifier.name for modifier in result.modifiers] == ["Hair"]
+
+
+def test_shape_keys_stay_and_their_mix_is_measured() -> None:
+    holder = scene.add_suzanne()
+    holder.shape_key_add(name="Basis")
+    key = holder.shape_key_add(name="Long")
+    for point in key.points:
+        point.co.z *= 3.0
+    key.value = 1.0
+    [result] = subdivide(holder)
+    long = scene.add_suzanne()
+    long.data.transform(Matrix.Diagonal((1.0, 1.0, 3.0, 1.0)))
+    [same] = subdivide(long)
+    assert [block.name for block in result.data.shape_keys.key_blocks] == ["Basis", "Long"]
+    assert abs(faces(result) - faces(same)) <= 0.01 * faces(same)
+    assert addon.bounds(result).max() <= np.float32(TOLERANCE)
+
+
+def test_shape_keys_are_applied_with_modifiers_and_that_is_said(capfd: pytest.CaptureFixture[str]) -> None:
+    holder = scene.add_suzanne()
+    holder.shape_key_add(name="Basis")
+    holder.shape_key_add(name="Other").value = 0.5
+    holder.modifiers.new("Bend", "SIMPLE_DEFORM")
+    [result] = subdivide(holder)
+    assert result.data.shape_keys is None
+    assert "Suzanne: its shape keys are applied" in capfd.readouterr().out
+
+
+# Undo and redo.
+
+
+@pytest.mark.parametrize("editing", [False, True])
+@pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
+def test_undo_takes_everything_back(editing: bool, output: str) -> None:
+    holder = scene.add_suzanne()
+    scene.add_subdivision(holder, 1)
+    addon.select(holder)
+    bpy.ops.ed.undo_push(message="before")
+    if editing:
+        bpy.ops.object.mode_set(mode="EDIT")
+        bpy.ops.ed.undo_push(message="Edit Mode")
+    assert bpy.ops.ccdepth.subdivide(tolerance=TOLERANCE, output=output) == {"FINISHED"}
+    bpy.ops.ed.undo_push(message="Apply Adaptive Subdivision")
+    bpy.ops.ed.undo()
+    assert bpy.context.mode == ("EDIT_MESH" if editing else "OBJECT")
+    if editing:
+        bpy.ops.object.mode_set(mode="OBJECT")
+    [holder] = bpy.data.objects
+    assert (faces(holder), holder.visible_get(), holder.hide_render) == (500, True, False)
+    assert [modifier.name for modifier in holder.modifiers] == ["Subdivision"]
+    assert len(bpy.data.meshes) == 1
+
+
+def test_it_can_be_undone_and_repeated() -> None:
+    assert bpy.types.CCDEPTH_OT_subdivide.bl_options >= {"REGISTER", "UNDO"}
+    assert "UNDO" not in bpy.types.CCDEPTH_OT_count_faces.bl_options
+
+
+# What is refused.
+
+
+def no_faces() -> bpy.types.Object:
+    return scene.add_mesh(bpy.data.meshes.new("Empty"))
+
+
+def not_finite() -> bpy.types.Object:
+    holder = scene.add_suzanne()
+    holder.data.vertices[0].co.x = np.nan
+    return holder
+
+
+def simulated() -> bpy.types.Object:
+    holder = scene.add_suzanne()
+    holder.modifiers.new("Cloth", "CLOTH")
+    return holder
+
+
+def with_attribute_of_the_same_name() -> bpy.types.Object:
+    holder = scene.add_suzanne()
+    holder.data.attributes.new("ccdepth", "FLOAT", "POINT")
+    return holder
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (no_faces, "the mesh has no faces"),
+        (not_finite, "1 vertex"),
+        (simulated, "“Cloth” is a simulation"),
+        (with_attribute_of_the_same_name, "called “ccdepth”"),
+    ],
+)
+def test_bad_meshes_are_refused(make: Callable[[], bpy.types.Object], message: str) -> None:
+    good, bad = scene.add_object(meshes.cube(), "Good"), make()
+    refused(good, bad, match=f"{bad.name}: .*{message}")
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "message"),
+    [
+        (0.0, "greater than zero"),
+        (-1.0, "greater than zero"),
+        (float("nan"), "not a finite number"),
+        (1e-12, "Suzanne: the tolerance 1e-12 is finer than the mesh's single-precision coordinates can show"),
+    ],
+)
+def test_bad_tolerances_are_refused(tolerance: float, message: str) -> None:
+    refused(scene.add_suzanne(), match=message, tolerance=tolerance)
+
+
+def test_flattened_objects_are_refused() -> None:
+    holder = scene.add_suzanne()
+    holder.scale = (1.0, 1.0, 0.0)
+    refused(holder, match="Suzanne: 4 faces with zero area")
+
+
+def test_hidden_objects_are_refused() -> None:
+    shown, hidden = scene.add_object(meshes.cube(), "Shown"), scene.add_suzanne()
+    addon.select(shown)
+    hidden.hide_set(True)
+    with (
+        bpy.context.temp_override(selected_objects=[shown, hidden], active_object=shown),
+        pytest.raises(RuntimeError, match="Suzanne: the object is hidden; show it first"),
+    ):
+        bpy.ops.ccdepth.subdivide(tolerance=TOLERANCE)
+    assert len(bpy.data.objects) == 2
+
+
+def test_linked_meshes_and_objects_are_refused(tmp_path: Path) -> None:
+    holder = scene.add_suzanne()
+    bpy.data.libraries.write(str(tmp_path / "library.blend"), {holder})
+    scene.clear()
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (source, target):
+        target.objects = list(source.objects)
+    [linked] = target.objects
+    bpy.context.scene.collection.objects.link(linked)
+    refused(linked, match="Suzanne: the mesh is linked from another file")
+    local = bpy.data.objects.new("Local", linked.data)
+    bpy.context.scene.collection.objects.link(local)
+    refused(local, match="Local: the mesh is linked from another file")
+
+
+def test_without_a_mesh_object_it_is_not_offered() -> None:
+    addon.select()
+    assert not bpy.ops.ccdepth.subdivide.poll()
+    assert not bpy.ops.ccdepth.count_faces.poll()
+
+
+# Long runs.
+
+
+def test_giving_up_leaves_everything_as_it_was() -> None:
+    holder = scene.add_suzanne()
+    addon.select(holder)
+    subdivision = addon.module("subdivision")
+    before = everything_in_the_file()
+    settings = subdivision.SubdivisionSettings(1e-5, "RELATIVE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
+    tasks = subdivision.prepare_subdivision(bpy.context, [holder], settings)
+    run = addon.module("stepwise").Stepwise(subdivision.subdivide_stepwise(tasks, settings))
+    assert not run.work(0.05)
+    assert run.progress > 0
+    run.give_up()
+    assert everything_in_the_file() == before
