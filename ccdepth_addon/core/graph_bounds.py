@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What triangles miss of the surface when gliding along it costs nothing (docs/methods.md, As Drawn).
+"""What triangles miss of the surface when gliding along it costs nothing (docs/adaptive.md, Along the surface).
 
 At equal parameters a point of the surface is off a triangle along its normal, and across it. Where the triangles
 around are nearly in one plane, what is off across hardly matters: another point of the mesh, or of the surface, is

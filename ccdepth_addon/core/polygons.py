@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Polygons that are drawn as a whole, as Blender triangulates them.
+"""Polygons that are drawn as a whole, as Blender triangulates them (docs/adaptive.md, Polygons).
 
 A polygon with one loop of vertices is compared with the fan of bilinear quads between its vertices and its centroid:
 seen along the polygon's normal, both cover the same region, each once, if the quads of the fan are convex there and go

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the triangles of a template miss of the surface: bounds for a quad as it is really drawn.
+"""What the triangles of a template miss of the surface: bounds for a quad as it is really drawn (docs/adaptive.md).
 
 The triangles' vertices lie on the surface, at their own parameters; the distance is measured at equal parameters, so it
 holds in both directions. Over a piece of the surface that is bicubic, S - T on a part of a triangle is a polynomial of
