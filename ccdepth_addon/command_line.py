@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Compute Depth from the command line: ``blender -b --command ccdepth MESH``."""
+"""Compute Depth and Apply Adaptive Subdivision from the command line: ``blender -b --command ccdepth MESH``."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ from typing import Any
 import bpy
 
 from . import picture
+from .core.adaptive import Mode
 from .core.depth import METHODS, VERTICES
+from .core.templates import Transitions
 from .panels import exact_text
-from .properties import METHOD_TEXTS, VERTEX_ITEMS
+from .properties import METHOD_TEXTS, VERTEX_ITEMS, tolerance_name
 
 COMMAND = "ccdepth"
 PROGRAM = f"blender -b --command {COMMAND}"
@@ -22,6 +24,18 @@ PROGRAM = f"blender -b --command {COMMAND}"
 IMPORTERS = {".obj": "obj_import", ".ply": "ply_import", ".stl": "stl_import"}
 
 VERTEX_TEXTS = {name: text for name, text, _ in VERTEX_ITEMS}
+
+# The options that are settings of the scene under the same names.
+GIVEN = (
+    "tolerance_mode",
+    "method",
+    "vertices",
+    "use_modifiers",
+    "mode",
+    "transitions",
+    "exact_normals",
+    "max_faces",
+)
 
 EXIT_FAILURE = 1
 
@@ -52,7 +66,8 @@ def _parser(program: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog=program,
         description="How many Catmull-Clark levels does each face of a mesh need to be within a tolerance of the limit "
-        "surface? Computes it for all mesh objects of a file, and prints how many faces have which depth.",
+        "surface? Computes it for all mesh objects of a file, and prints how many faces have which depth; or makes the "
+        "meshes that are within the tolerance with few faces.",
         epilog="Without a mesh, Blender's Suzanne is used. What is not given is taken from the scene of a .blend file, "
         "or has the panel's default.",
     )
@@ -78,9 +93,30 @@ def _parser(program: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "--no-modifiers", dest="use_modifiers", action="store_false", default=None, help="leave modifiers out"
     )
-    parser.add_argument("--output", type=Path, metavar="BLEND", help="write a .blend file with the attributes")
+    _add_subdivision(parser)
+    parser.add_argument("--output", type=Path, metavar="BLEND", help="write a .blend file with the results")
     parser.add_argument("--picture", type=Path, metavar="PNG", help="render the heat map with its legend")
     return parser
+
+
+def _add_subdivision(parser: argparse.ArgumentParser) -> None:
+    group = parser.add_argument_group("adaptive subdivision")
+    group.add_argument("--subdivide", action="store_true", help="make the meshes instead of measuring depths")
+    group.add_argument("--mode", type=_name, choices=list(Mode), help="how the faces are divided")
+    group.add_argument(
+        "--transitions", type=_name, choices=list(Transitions), help="how faces beside finer ones are drawn"
+    )
+    group.add_argument(
+        "--in-place",
+        dest="output_kind",
+        action="store_const",
+        const="IN_PLACE",
+        help="let the results take the place of the objects' meshes, instead of hiding the objects",
+    )
+    group.add_argument(
+        "--exact-normals", action="store_true", default=None, help="shade with the normals of the limit surface"
+    )
+    group.add_argument("--max-faces", type=int, help="refuse to make more faces than this")
 
 
 def _name(text: str) -> str:
@@ -92,9 +128,13 @@ def _carry_out(options: argparse.Namespace) -> None:
     _refuse_impossible_paths(options)
     objects = _load(options.mesh)
     _change_settings(bpy.context.scene.ccdepth, options)
-    with bpy.context.temp_override(selected_objects=objects, active_object=objects[0]):
-        _call(bpy.ops.ccdepth.compute)
-    _print_report(objects)
+    if options.subdivide:
+        objects = _subdivide(objects)
+        _print_subdivisions(objects)
+    else:
+        with bpy.context.temp_override(selected_objects=objects, active_object=objects[0]):
+            _call(bpy.ops.ccdepth.compute)
+        _print_report(objects)
     if options.output is not None:
         path = options.output.absolute()
         _call(bpy.ops.wm.save_as_mainfile, filepath=str(path), copy=True, check_existing=False)
@@ -105,7 +145,18 @@ def _carry_out(options: argparse.Namespace) -> None:
         print(f"Written: {options.picture}")
 
 
+def _subdivide(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
+    """The objects that have the results."""
+    in_place = bpy.context.scene.ccdepth.output == "IN_PLACE"
+    before = set(bpy.data.objects)
+    with bpy.context.temp_override(selected_objects=objects, active_object=objects[0]):
+        _call(bpy.ops.ccdepth.subdivide)
+    return objects if in_place else [obj for obj in bpy.data.objects if obj not in before]
+
+
 def _refuse_impossible_paths(options: argparse.Namespace) -> None:
+    if options.subdivide and options.picture is not None:
+        raise CommandError("--picture shows depths, and cannot be had with --subdivide")
     if options.mesh is not None:
         if options.mesh.suffix.lower() not in {".blend", *IMPORTERS}:
             raise CommandError(f"{options.mesh}: not a .blend, .obj, .ply or .stl file")
@@ -147,13 +198,14 @@ def _visible_meshes(path: Path | None) -> list[bpy.types.Object]:
 
 def _change_settings(settings: bpy.types.PropertyGroup, options: argparse.Namespace) -> None:
     """Put what was given into the scene, so that a file written holds the settings of its results."""
-    for name in ("tolerance_mode", "method", "vertices", "use_modifiers"):
+    for name in GIVEN:
         value = getattr(options, name)
         if value is not None:
             setattr(settings, name, value)
+    if options.output_kind is not None:
+        settings.output = options.output_kind
     if options.tolerance is not None:
-        name = "relative_tolerance" if settings.tolerance_mode == "RELATIVE" else "tolerance"
-        setattr(settings, name, options.tolerance)
+        setattr(settings, tolerance_name(settings.tolerance_mode), options.tolerance)
 
 
 def _call(operator: Any, **properties: Any) -> None:
@@ -171,6 +223,15 @@ def _print_report(objects: list[bpy.types.Object]) -> None:
     for mesh in dict.fromkeys(obj.data for obj in objects):
         names = [obj.name for obj in objects if obj.data == mesh]
         print(f"\n{', '.join(names)}\n{depth_table(mesh.ccdepth)}\n")
+
+
+def _print_subdivisions(objects: list[bpy.types.Object]) -> None:
+    for mesh in dict.fromkeys(obj.data for obj in objects):
+        names = [obj.name for obj in objects if obj.data == mesh]
+        record = mesh.ccdepth
+        print(f"{', '.join(names)}: {record.faces:,} faces made from {record.base_faces:,}")
+        print(f"  largest distance proved: {record.largest_bound:.4g}; tolerance: {record.world_tolerance:.4g}")
+        print(f"  all of it at depth {record.deepest}: {int(record.uniform_faces):,} faces")
 
 
 def depth_table(record: bpy.types.PropertyGroup) -> str:

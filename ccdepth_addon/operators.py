@@ -180,7 +180,8 @@ class CCDEPTH_OT_set_levels(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         objects = meshes_meant(context)
-        faults = [f"{obj.name}: {fault}" for obj in objects if (fault := _levels_fault(obj))]
+        most_faces = context.scene.ccdepth.max_faces
+        faults = [f"{obj.name}: {fault}" for obj in objects if (fault := _levels_fault(obj, most_faces))]
         if faults:
             self.report({"ERROR"}, "\n".join(faults))
             return {"CANCELLED"}
@@ -201,7 +202,7 @@ def _levels_needed(blender_object: bpy.types.Object) -> int:
     return max(record.deepest, record.added_deepest)
 
 
-def _levels_fault(blender_object: bpy.types.Object) -> str | None:
+def _levels_fault(blender_object: bpy.types.Object, most_faces: int) -> str | None:
     """Why the object's levels cannot be set, if they cannot."""
     if not _has_depths(blender_object):
         return "it has no depths; compute them first"
@@ -213,6 +214,10 @@ def _levels_fault(blender_object: bpy.types.Object) -> str | None:
     needed, most = _levels_needed(blender_object), bpy.types.SubsurfModifier.bl_rna.properties["levels"].hard_max
     if needed > most:
         return f"it needs {needed} levels, and a Subdivision Surface modifier has {most} at most"
+    record = blender_object.data.ccdepth
+    faces = int(record.uniform_faces) * 4 ** (needed - record.deepest)
+    if faces > most_faces:
+        return f"{needed} levels would make {faces:,} faces, and the Face Limit is {most_faces:,}"
     return None
 
 

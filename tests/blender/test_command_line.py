@@ -144,6 +144,39 @@ def test_help_is_no_failure(capfd: pytest.CaptureFixture[str]) -> None:
     assert "--tolerance" in capfd.readouterr().out
 
 
+@pytest.mark.parametrize("in_place", [False, True])
+def test_it_subdivides_adaptively(tmp_path: Path, capfd: pytest.CaptureFixture[str], in_place: bool) -> None:
+    line = ["--subdivide", "--tolerance", "0.01", "--absolute", "--mode", "per-face", "--transitions", "ngons"]
+    assert run(*line, *(["--in-place"] if in_place else []), "--output", tmp_path / "out.blend") == 0
+    printed = capfd.readouterr().out
+    [(name, written)] = depths_in(tmp_path / "out.blend").items()
+    assert name == ("Suzanne" if in_place else "Suzanne Adaptive")
+    assert bpy.data.objects[name].visible_get()
+    assert len([holder for holder in bpy.data.objects if holder.visible_get()]) == 1
+    assert f"{name}: {len(written):,} faces made from {SUZANNE_FACES}" in printed
+    scene.clear()
+    addon.select(scene.add_suzanne())
+    bpy.ops.ccdepth.subdivide(tolerance=0.01, tolerance_mode="ABSOLUTE", mode="PER_FACE", transitions="NGONS")
+    [result] = bpy.context.selected_objects
+    assert written == addon.depths(result).tolist()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--max-faces", "1000"], "1,000 are allowed"),
+        (["--tolerance", "nan"], "The tolerance is not a finite number"),
+        (["--picture", "picture.png"], "cannot be had with --subdivide"),
+    ],
+)
+def test_what_cannot_be_subdivided_is_said_and_nothing_is_written(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], arguments: list[str], message: str
+) -> None:
+    assert run("--subdivide", *arguments, "--output", tmp_path / "out.blend") == 1
+    assert message in capfd.readouterr().err
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.skipif(not bpy.app.binary_path, reason="needs Blender's own program")
 @pytest.mark.parametrize(("arguments", "status"), [([], 0), (["--tolerance", "0"], 1), (["--unknown"], 2)])
 def test_blender_passes_the_exit_status_on(arguments: list[str], status: int) -> None:
