@@ -4,8 +4,8 @@
 A node is split while its own bound, as it is drawn, exceeds the tolerance; then wherever a neighbour is more than one
 level deeper; then wherever no template for its split sides is within the tolerance; until nothing is left to split.
 Splitting only ever makes bounds smaller in the end, and no split is undone, so this ends. What is drawn in the end is
-what was bounded (``triangle_bounds``, ``polygons``, ``graph_bounds``), piece by piece: so every point of the mesh is that
-near to the surface, and every point of the surface that near to the mesh (docs/adaptive.md).
+what was bounded, piece by piece (``triangle_bounds``, ``polygons``, ``graph_bounds``): so every point of the mesh is
+that near to the surface, and every point of the surface that near to the mesh (docs/adaptive.md).
 """
 
 from __future__ import annotations

@@ -272,7 +272,8 @@ class NetCells:
             tried = tried[hopes[alternative, tried] <= HOPEFUL * limit]
             if len(tried):
                 nets = self.nets.take(chosen[tried], axis=1)
-                misses = self._misses(pattern, alternative, nets, points[:, tried], limit)
+                normals = _triangle_normals(points[:, tried], templates(pattern)[alternative])
+                misses = self._misses_once(pattern, alternative, nets, normals, fine=True)
                 hopeful = samples.at(tried).hope(misses.normal, misses.tangential) <= HOPEFUL * limit
                 found.take(chosen[tried[hopeful]], misses.at(np.flatnonzero(hopeful)), alternative)
 

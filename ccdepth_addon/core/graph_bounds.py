@@ -3,13 +3,14 @@
 
 At equal parameters a point of the surface is off a triangle along its normal, and across it. Where the triangles
 around are nearly in one plane, what is off across hardly matters: another point of the mesh, or of the surface, is
-nearer. With τ a triangle, all triangles at its vertices tilted against it by Θ at most and off by at most N along their
-normals and by T across them, both distances, from τ to the surface and from the surface over τ to the mesh, are at most
+nearer. Let τ be a triangle, and all triangles at a vertex of it be tilted against it by Θ at most and off by at most N
+along their normals and by T across them. In the third of τ that is nearest to that vertex, both distances, from τ to
+the surface and from the surface over τ to the mesh, are at most
 
     N / cos Θ + 2 tan Θ (T + N sin Θ)
 
-provided that the triangles around each vertex of τ close up to a disc, go round it once as seen along τ's normal, and
-are wide enough: T + N is less than a third of cos Θ times the least of their heights over the vertex.
+provided that the triangles around the vertex close up to a disc, go round it once as seen along τ's normal, and are
+wide enough: T + N is less than a third of cos Θ times the least of their heights over the vertex.
 """
 
 from __future__ import annotations
@@ -47,23 +48,23 @@ def graph_bounds(
     with np.errstate(divide="ignore", invalid="ignore"):
         axes = axes / np.sqrt(squared_norms(axes))[:, None]
 
-    # Comparisons below are made so that what is not a number meets no condition.
+    # (T, 3) from here on: for each triangle, what is so around each of its vertices. Comparisons are made so that what
+    # is not a number meets no condition.
     tilts = _angles(np.einsum("ti,tki->tk", normals, axes[triangles]))
-    around = _largest_at(triangles, tilts, len(positions))
-    tilt = (around[triangles] + tilts).max(axis=1) + ROUNDING
-    turns = np.bincount(triangles.ravel(), _corner_angles(sides).ravel(), len(positions))[triangles].max(axis=1)
-    width = -_largest_at(triangles, -heights, len(positions))[triangles].max(axis=1)
-    off_normal = _largest_at(triangles, np.repeat(normal, 3), len(positions))[triangles].max(axis=1)
-    off_across = _largest_at(triangles, np.repeat(tangential, 3), len(positions))[triangles].max(axis=1)
+    tilt = _largest_at(triangles, tilts, len(positions))[triangles] + tilts + ROUNDING
+    turns = np.bincount(triangles.ravel(), _corner_angles(sides).ravel(), len(positions))[triangles]
+    width = -_largest_at(triangles, -heights, len(positions))[triangles]
+    off_normal = _largest_at(triangles, np.repeat(normal, 3), len(positions))[triangles]
+    off_across = _largest_at(triangles, np.repeat(tangential, 3), len(positions))[triangles]
 
     cosines = np.cos(np.minimum(tilt, np.pi / 2))
-    holds = (cosines > LEAST_COSINE) & closed[triangles].all(axis=1)
+    holds = (cosines > LEAST_COSINE) & closed[triangles]
     holds &= turns < 4 * np.pi * cosines * (1 - ROUNDING)
     holds &= off_across + off_normal < cosines * width / 3 * (1 - ROUNDING)
     cosines = np.where(holds, cosines, 1.0)
     sines = np.sqrt(1 - cosines**2)
     bounds = off_normal / cosines + 2 * sines / cosines * (off_across + off_normal * sines)
-    return np.where(holds, bounds * (1 + ROUNDING), np.inf)
+    return np.where(holds, bounds * (1 + ROUNDING), np.inf).max(axis=1)
 
 
 def _angles(cosines: FloatArray) -> FloatArray:
