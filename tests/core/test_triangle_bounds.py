@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bounds of templates' triangles against the surface itself, by refining a patch and going to the limit."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ccdepth_addon.core import triangle_bounds
+from ccdepth_addon.core.catmull_clark import apply_boundary_rule, limit_positions, subdivide
+from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh, submesh
+from ccdepth_addon.core.patches import extraordinary_nets, regular_nets
+from ccdepth_addon.core.splines import patch_coefficients
+from ccdepth_addon.core.templates import ALL_SPLIT, QUAD_POINTS, WHOLE, Template, templates
+from tests import meshes
+from tests.brute_force import linear_children
+
+CHOICES = [(pattern, number) for pattern in range(ALL_SPLIT) for number in range(len(templates(pattern)))]
+LEVELS = 5
+NETS = 24
+
+# Rounding of some hundred products of values around 1.
+ROUNDING = 1e-12
+
+
+def random_nets(mesh: PolygonMesh, seed: int) -> FloatArray:
+    """(V, NETS, 3): positions of the vertices; wild ones, wavy ones on the flat mesh, and single displaced points."""
+    generator = np.random.default_rng(seed)
+    wild = generator.normal(size=(mesh.vertex_count, NETS // 3, 3))
+    waves = np.einsum("vi,ijn->vnj", mesh.positions[:, :2], generator.normal(size=(2, 3, NETS // 3)))
+    smooth = np.sin(waves) + mesh.positions[:, None]
+    single = np.repeat(mesh.positions[:, None], NETS // 3, axis=1)
+    first = mesh.corner_vertices[:4]
+    for number in range(NETS // 3):
+        single[first[number % 4], number] += generator.normal(size=3)
+    return np.concatenate([wild, smooth, single], axis=1)
+
+
+class Samples:
+    """A fan's first face, whose corner 0 is the only extraordinary vertex: points of its surface and their parameters.
+
+    Every position is a weighted sum of the control points, found once with the points at unit vectors.
+    """
+
+    def __init__(self, valence: int) -> None:
+        self.mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.fan(valence, 2)), smooth_corners=True)
+        part = submesh(self.mesh.changed(positions=np.eye(self.mesh.vertex_count)), np.array([0]))[0]
+        parameters = QUAD_POINTS[:4]
+        for level in range(LEVELS):
+            parameters = linear_children(part, parameters)
+            part = submesh(subdivide(part).mesh, np.arange(4 ** (level + 1)))[0]
+        self.parameters, first = np.unique(parameters, axis=0, return_index=True)
+        self.weights = limit_positions(part)[part.corner_vertices[first]]
+
+    def surface(self, nets: FloatArray) -> FloatArray:
+        """(samples, NETS, 3)."""
+        return np.tensordot(self.weights, nets, axes=1)
+
+    def distances(self, template: Template, surface: FloatArray) -> FloatArray:
+        """(3, NETS) the largest at equal parameters, over all samples: in all, along the triangles' normals, across."""
+        points = surface[self.corners()]
+        on_triangles, triangles = drawn(template, self.parameters, points)
+        gaps = surface - on_triangles
+        along = np.einsum("npi,npi->np", gaps, normals_of(template, points)[triangles])
+        whole = np.linalg.norm(gaps, axis=2)
+        across = np.sqrt(np.maximum(whole**2 - along**2, 0))
+        return np.stack([whole.max(axis=0), np.abs(along).max(axis=0), across.max(axis=0)])
+
+    def corners(self) -> list[int]:
+        """Which of the samples are the eight points of the quad."""
+        return [int(np.flatnonzero(np.all(self.parameters == point, axis=1))[0]) for point in QUAD_POINTS]
+
+
+def drawn(template: Template, parameters: FloatArray, points: FloatArray) -> tuple[FloatArray, IndexArray]:
+    """(N, …): the triangles over the eight points of a quad (8, …), at parameters (N, 2), which they all cover; and
+    which of them is there."""
+    result = np.full((len(parameters), *points.shape[1:]), np.nan)
+    triangles = np.zeros(len(parameters), dtype=np.intp)
+    for number, triangle in enumerate(template):
+        a, b, c = QUAD_POINTS[list(triangle)]
+        weights = np.linalg.solve(np.stack([b - a, c - a], axis=1), (parameters - a).T)
+        weights = np.stack([1 - weights.sum(axis=0), *weights], axis=1)
+        inside = np.all(weights >= 0, axis=1)
+        result[inside] = np.tensordot(weights[inside], points[list(triangle)], axes=1)
+        triangles[inside] = number
+    assert not np.any(np.isnan(result))
+    return result, triangles
+
+
+def normals_of(template: Template, points: FloatArray) -> FloatArray:
+    """(triangles, NETS, 3) unit normals of triangles over points (8, NETS, 3)."""
+    normals = np.array([np.cross(points[b] - points[a], points[c] - points[a]) for a, b, c in template])
+    return normals / np.linalg.norm(normals, axis=2, keepdims=True)
+
+
+@cache
+def samples(valence: int) -> Samples:
+    return Samples(valence)
+
+
+def bounds_of(valence: int, pattern: int, alternative: int, nets: FloatArray, *, fine: bool) -> FloatArray:
+    """(3, NETS): what the distances are at most."""
+    template = templates(pattern)[alternative]
+    normals = normals_of(template, samples(valence).surface(nets)[samples(valence).corners()])
+    mesh = samples(valence).mesh.changed(positions=nets.reshape(len(nets), -1))
+    if valence == 4:
+        coefficients = patch_coefficients(regular_nets(mesh, np.array([0]))).reshape(16, -1, 3)
+        rows = triangle_bounds.regular_rows(pattern, alternative, fine=fine)
+        found = triangle_bounds.regular_misses(rows, coefficients, normals)
+    else:
+        net = extraordinary_nets(mesh, np.array([0]), valence).reshape(2 * valence + 8, -1, 3)
+        matrices = triangle_bounds.extraordinary_rows(valence, pattern, alternative, fine=fine)
+        found = triangle_bounds.extraordinary_misses(matrices, net, normals)
+    return np.stack([found.whole, found.normal, found.tangential])
+
+
+# A matrix of a large valence takes some seconds to make, so not all of them are.
+FEW_CHOICES = [(0, 0), (0, 1), (1, 0), (3, 0), (10, 2), (14, 1)]
+
+
+@pytest.mark.parametrize("fine", [False, True])
+@pytest.mark.parametrize("valence", [3, 4, 5, 6, 7, 12, 64])
+def test_no_triangle_is_farther_than_its_bound(valence: int, fine: bool) -> None:
+    nets = random_nets(samples(valence).mesh, valence)
+    surface = samples(valence).surface(nets)
+    for pattern, alternative in CHOICES if valence < 6 else FEW_CHOICES:
+        distances = samples(valence).distances(templates(pattern)[alternative], surface)
+        bounds = bounds_of(valence, pattern, alternative, nets, fine=fine)
+        assert np.all(distances <= bounds + ROUNDING), (pattern, alternative)
+
+
+def test_bounds_of_regular_quads_are_tight() -> None:
+    """Parts of triangles looked at once more: the bound is the largest distance but for a few per cent."""
+    nets = random_nets(samples(4).mesh, 1)
+    surface = samples(4).surface(nets)
+    ratios = []
+    for pattern, alternative in CHOICES:
+        distances = samples(4).distances(templates(pattern)[alternative], surface)
+        ratios.append(distances[0] / bounds_of(4, pattern, alternative, nets, fine=True)[0])
+    assert np.mean(np.concatenate(ratios) >= 0.9) > 0.9
+    assert np.min(ratios) > 0.75
+
+
+@pytest.mark.parametrize(("pattern", "alternative"), CHOICES)
+def test_triangles_and_bilinear_facets(pattern: int, alternative: int) -> None:
+    """The distance from the facet over the corners, with the middles of split sides anywhere."""
+    points = np.random.default_rng(pattern).normal(size=(8, NETS, 3))
+    steps = np.linspace(0, 1, 33)
+    parameters = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    u, v = parameters.T[:, :, None, None]
+    facet = (1 - v) * ((1 - u) * points[0] + u * points[1]) + v * ((1 - u) * points[3] + u * points[2])
+    on_triangles, _ = drawn(templates(pattern)[alternative], parameters, points)
+    gaps = np.linalg.norm(facet - on_triangles, axis=2)
+    rows = triangle_bounds.bilinear_rows(pattern, alternative)
+    bounds = np.linalg.norm(np.tensordot(rows, points, axes=1), axis=2).max(axis=0)
+    assert np.all(gaps.max(axis=0) <= bounds + ROUNDING)
+    # The middles of the sides are sampled, where the distance of a whole quad is largest, or of a bent one.
+    assert np.all(gaps.max(axis=0) >= 0.9 * bounds) or pattern != WHOLE
