@@ -175,6 +175,8 @@ class LongOperator(bpy.types.Operator):
             outcome = self.finish(context, self._run.answer)
         except ComputeError as fault:
             return self._refuse(context, fault)
+        except MemoryError:
+            return self._refuse(context, ComputeError("There is not enough memory for it: nothing was changed"))
         self.leave(context)
         if self.options.is_repeat:
             self._keep_settings(context.scene.ccdepth)

@@ -233,7 +233,7 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
     column = layout.column()
     column.alert = True
     fitting = f"{count.fitting:.2g}" if np.isfinite(count.fitting) else "None"
-    _draw_rows(column, [("Faces to Make", f"{count.faces:,}, too many"), ("Fitting Tolerance", fitting)])
+    _draw_rows(column, [("Faces to Make", f"About {count.faces:,}, too many"), ("Fitting Tolerance", fitting)])
 
 
 CLASSES = (CCDEPTH_PT_settings, CCDEPTH_PT_results, CCDEPTH_PT_subdivision)

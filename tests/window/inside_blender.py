@@ -2,7 +2,7 @@
 """Runs inside the Blender whose window is tested: sets the scene, then tells again and again what it sees.
 
 The window is the test's to use; nothing here presses a button. The report goes to the file named in
-``CCDEPTH_WINDOW_REPORT``.
+``CCDEPTH_WINDOW_REPORT``; ``CCDEPTH_WINDOW_TOLERANCE``, if set, is the relative tolerance to begin with.
 """
 
 from __future__ import annotations
@@ -17,6 +17,7 @@ import bpy
 from mathutils import Euler
 
 REPORT = Path(os.environ["CCDEPTH_WINDOW_REPORT"])
+TOLERANCE = os.environ.get("CCDEPTH_WINDOW_TOLERANCE", "")
 INTERVAL = 0.1
 CATEGORY = "CC Depth"
 
@@ -38,6 +39,8 @@ def set_scene() -> None:
     suzanne.modifiers.clear()
     bpy.context.view_layer.objects.active = suzanne
     suzanne.select_set(True)
+    if TOLERANCE:
+        bpy.context.scene.ccdepth.relative_tolerance = float(TOLERANCE)
 
 
 def viewport() -> tuple[Any, Any, dict[str, Any]]:
@@ -48,7 +51,10 @@ def viewport() -> tuple[Any, Any, dict[str, Any]]:
 
 
 def arrange() -> None:
-    _, area, regions = viewport()
+    window, area, regions = viewport()
+    with bpy.context.temp_override(window=window):
+        # What a script makes is no step that undo could return to.
+        bpy.ops.ed.undo_push(message="The scene is set")
     space = area.spaces.active
     space.show_region_ui = True
     overlay = space.overlay
@@ -77,6 +83,15 @@ def rectangle(region: Any, window_height: int) -> list[int]:
     return [region.x, top, region.x + region.width, top + region.height]
 
 
+def describe(holder: bpy.types.Object) -> dict[str, Any]:
+    return {
+        "faces": len(holder.data.polygons),
+        "visible": holder.visible_get(),
+        "selected": holder.select_get(),
+        "attributes": [item.name for item in holder.data.attributes if "ccdepth" in item.name],
+    }
+
+
 def observe() -> dict[str, Any]:
     window, area, regions = viewport()
     mesh = bpy.data.objects["Suzanne"].data
@@ -92,6 +107,8 @@ def observe() -> dict[str, Any]:
         "attributes": {item.name: [item.data_type, item.domain] for item in attributes if "ccdepth" in item.name},
         "depths": [item.value for item in attributes["ccdepth"].data] if "ccdepth" in attributes else [],
         "color_type": area.spaces.active.shading.color_type,
+        "objects": {holder.name: describe(holder) for holder in bpy.data.objects},
+        "running": [operator.bl_idname for operator in window.modal_operators],
     }
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A person presses Compute Depth: Blender's real window, the installed extension, and the mouse.
+"""A person presses the buttons: Blender's real window, the installed extension, and the mouse.
 
 ``CCDEPTH_BLENDER`` names the Blender to start and ``CCDEPTH_EXTENSION`` the built extension; without them there is
 nothing to test. ``CCDEPTH_SCREENSHOT`` names a PNG file to keep what the window looks like at the end.
@@ -81,6 +81,9 @@ class Window:
         time.sleep(0.2)
         self._run("xdotool", "mouseup", "1")
 
+    def press(self, key: str) -> None:
+        self._run("xdotool", "key", key)
+
     def look(self, path: Path) -> Image:
         """(height, width, 3): a screenshot, which is also written to a PNG file."""
         self._run("import", "-window", "root", str(path))
@@ -108,13 +111,15 @@ def virtual_display() -> Iterator[str]:
 
 
 @pytest.fixture
-def window(tmp_path: Path) -> Iterator[Window]:
+def window(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Window]:
+    """The window; a parameter is the relative tolerance to begin with."""
     for program in ("Xvfb", "xdotool", "import", "convert"):
         assert shutil.which(program), f"{program} is missing: install xvfb, xdotool and imagemagick"
     environment = {
         **os.environ,
         "BLENDER_USER_RESOURCES": str(tmp_path / "resources"),
         "CCDEPTH_WINDOW_REPORT": str(tmp_path / "report.json"),
+        "CCDEPTH_WINDOW_TOLERANCE": getattr(request, "param", ""),
         "LIBGL_ALWAYS_SOFTWARE": "1",
     }
     install = [BLENDER, "--command", "extension", "install-file", "-e", "-r", "user_default", EXTENSION]
@@ -185,3 +190,38 @@ def test_a_click_on_compute_depth_shows_the_heat_map(window: Window, tmp_path: P
         color = colors[depth - least]
         assert count_color(seen[:, -LEGEND_WIDTH:], color) > 200, f"no swatch of depth {depth} in the legend"
         assert count_color(seen_before[:, -LEGEND_WIDTH:], color) < 50
+
+
+def find_apply(window: Window) -> dict[str, Any]:
+    """Put the mouse over Apply Adaptive Subdivision; what Blender told at the beginning."""
+    started = window.wait_for(lambda report: report["category"] == "CC Depth", SECONDS_TO_START, "the CC Depth tab")
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.subdivide")
+    return started
+
+
+def test_a_click_on_apply_adaptive_subdivision_makes_an_object_and_undo_takes_it_back(window: Window) -> None:
+    started = find_apply(window)
+    window.click()
+    made = window.wait_for(lambda report: len(report["objects"]) == 2, SECONDS_TO_ANSWER, "a second object")["objects"]
+    original, result = made["Suzanne"], made["Suzanne Adaptive"]
+    assert (original["visible"], original["selected"], original["attributes"]) == (False, False, [])
+    assert (result["visible"], result["selected"]) == (True, True)
+    assert set(result["attributes"]) == {"ccdepth", "ccdepth_bound"}
+    assert result["faces"] > 2 * original["faces"]
+
+    window.move_mouse(started["viewport"][0] + 300, started["viewport"][1] + 300)
+    time.sleep(0.5)
+    window.press("ctrl+z")
+    undone = window.wait_for(lambda report: len(report["objects"]) == 1, SECONDS_TO_ANSWER, "the undoing")
+    assert undone["objects"] == started["objects"]
+
+
+@pytest.mark.parametrize("window", ["2e-6"], indirect=True)
+def test_escape_stops_a_long_run_and_nothing_is_changed(window: Window) -> None:
+    started = find_apply(window)
+    window.click()
+    window.wait_for(lambda report: "CCDEPTH_OT_subdivide" in report["running"], SECONDS_TO_ANSWER, "work in steps")
+    time.sleep(1.0)
+    window.press("Escape")
+    stopped = window.wait_for(lambda report: not report["running"], SECONDS_TO_ANSWER, "the end of it")
+    assert stopped["objects"] == started["objects"]
