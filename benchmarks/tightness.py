@@ -160,8 +160,8 @@ def measure(data: meshes.MeshData, boundary: str, quads: int, tolerances: list[f
     """Of every level as many faces as the quads allow, by the name of the vertices."""
     found = {vertices: Measured.nothing(data) for vertices in VERTICES}
     vertex = shared_vertex(data)
-    # Around a large valence Blender takes very long for several levels at once.
-    for level, deeper in enumerate(DEEPER if vertex is None else DEEPER[:NEAR]):
+    # Around a large valence Blender takes very long for several levels at once: half a minute for four of valence 360.
+    for level, deeper in enumerate(DEEPER if vertex is None else [NEAR_DEEPER + 1] * NEAR):
         for part, inside, faces in blocks(data, level + deeper, quads):
             own = BlenderLevels(part, boundary)
             core = Levels(own.subdivided(0))
@@ -190,7 +190,7 @@ def measure_near(
                 measured.blender[level, missing] = distances[missing]
                 near = missing & measured.near(tolerances)[level]
                 if np.any(near):
-                    measured.core[level, near] = Levels(core).distances(NEAR, vertices, NEAR_DEEPER)[faces][near]
+                    measured.core[level, near] = Levels(core).distances(NEAR, vertices, NEAR_DEEPER + 1)[faces][near]
         children = np.flatnonzero(core.corner_vertices[: core.face_starts[len(faces)]] == vertex)
         # Children come in the order of the corners, and vertex points first.
         part = submesh(own.mesh(1), children)[0]
@@ -251,7 +251,7 @@ def main(quads: int = QUADS, names: Sequence[str] = ()) -> int:
     print(f"Blender {bpy.app.version_string}; both kinds of vertices together; depths compared with the least ones")
     print(
         "closely: equal once the largest distance had been looked for more closely; inexact: not said to be the least;"
-        "\nwrong: said to be the least, and not; unknown: too deep to measure"
+        "\nwrong: said to be the least, and not by the samples; unknown: too deep to measure"
     )
     print(HEADER)
     total = Comparison()

@@ -69,6 +69,9 @@ class Levels:
 ROUNDS = 12
 QUADS_OF_A_FACE = 256
 
+# Beyond this level there is no such search, as all of a face is subdivided so often: the samples decide.
+LAST_CLOSE_LEVEL = 8
+
 
 def reached(mesh: PolygonMesh, faces: IndexArray, level: int, vertices: str) -> FloatArray:
     """(faces,): distances of the level's facets that are really reached, the largest one as far as can be found.
@@ -138,12 +141,12 @@ class Comparison:
 def compare(mesh: PolygonMesh, sampled: FloatArray, found: DepthResult, tolerance: float, vertices: str) -> Comparison:
     """Compare depths with the least ones by (levels, F) sampled distances, nan where a level was not measured.
 
-    Where a depth is above, the lesser levels are measured again, closely.
+    Where a depth is above, the lesser levels are measured again, closely, as far as ``LAST_CLOSE_LEVEL``.
     """
     sampled = sampled.copy()
     least = least_depths(sampled, tolerance)
     at_first = (least >= 0) & (found.depths == least)
-    for level in range(len(sampled)):
+    for level in range(min(len(sampled), LAST_CLOSE_LEVEL + 1)):
         faces = np.flatnonzero((least >= 0) & (level < found.depths) & (sampled[level] <= tolerance))
         if len(faces):
             sampled[level, faces] = np.maximum(sampled[level, faces], reached(mesh, faces, level, vertices))
