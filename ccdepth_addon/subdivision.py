@@ -45,6 +45,9 @@ SINGLE_ROUNDING = 2.0**-24
 # A tolerance said to fit is tried first: this many times what the core estimates, and then so much more each time.
 FIRST_TRY, NEXT_TRY = 2.0, 1.4
 
+# Results with more faces than this, and than this many times those of the control mesh, take too long to be tried.
+FACES_TRIED, CONTROL_FACES_TRIED = 50_000, 8
+
 
 @dataclass(frozen=True)
 class SubdivisionSettings(SurfaceSettings):
@@ -268,19 +271,40 @@ def _refuse_too_many(faces: int, request: Request) -> None:
 def _fitting_tolerance(
     task: SubdivisionTask, settings: SubdivisionSettings, room: int, fault: TooManyFacesError
 ) -> Generator[int, None, float]:
-    """A tolerance, as it is typed, with which the result is found not to have too many faces; inf if there is none."""
+    """A tolerance, as it is typed, with which the result does not have too many faces; inf if there is none.
+
+    It is found by trying, where that does not take long. Else coarser results are counted, and as many more faces
+    expected as the tolerance is finer. Where all faces are split at the same tolerance, their number keeps to that
+    within a factor of four, and is on its old course again at a quarter of the tolerance: so it is looked for at what
+    lies between, by steps of √2, and is not missed by more than another √2.
+    """
     control = task.surface.control
+    if control.mesh.face_count > room or not np.isfinite(fault.tolerance):
+        return float("inf")
     unit = task.surface.tolerance / settings.tolerance
-    fitting = max(fault.tolerance, task.surface.tolerance) * FIRST_TRY
-    while np.isfinite(fitting) and control.mesh.face_count <= room:
-        typed = _with_two_digits(fitting / unit)
-        request = task.request(settings, typed * unit, room)
-        try:
-            _refuse_too_many((yield from count_faces(control.in_world, request)), request)
-            return typed
-        except TooManyFacesError:
-            fitting *= NEXT_TRY
-    return float("inf")
+    tried = min(room, max(FACES_TRIED, CONTROL_FACES_TRIED * control.mesh.face_count))
+    fitting = max(fault.tolerance, task.surface.tolerance) * FIRST_TRY * room / tried
+    while (yield from _count(task, settings, _with_two_digits(fitting / unit) * unit, tried)) is None:
+        fitting *= NEXT_TRY
+    if tried < room:
+        products = []
+        for step in np.sqrt(2.0) ** np.arange(4):
+            faces = yield from _count(task, settings, fitting * step, tried)
+            products.append(fitting * step * (faces or tried))
+        fitting = np.sqrt(2.0) * max(products) / room
+    return _with_two_digits(fitting / unit)
+
+
+def _count(
+    task: SubdivisionTask, settings: SubdivisionSettings, tolerance: float, most_faces: int
+) -> Generator[int, None, int | None]:
+    """How many faces the result would have with another tolerance, None when they are too many."""
+    request = task.request(settings, tolerance, most_faces)
+    try:
+        faces = yield from count_faces(task.surface.control.in_world, request)
+    except TooManyFacesError:
+        return None
+    return faces if faces <= most_faces else None
 
 
 def _with_two_digits(number: float) -> float:

@@ -390,6 +390,22 @@ def test_what_was_counted_in_is_taken_off_the_result() -> None:
     assert [modifier.name for modifier in holder.modifiers] == ["Mirror", "Off", "Subdivision", "Bend"]
 
 
+def test_what_modifiers_make_is_carried_over() -> None:
+    holder = scene.add_object(meshes.landscape(4, 4))
+    holder.data.uv_layers.new(name="Map")
+    holder.data.materials.append(bpy.data.materials.new("Red"))
+    holder.vertex_groups.new(name="Group").add(range(8), 0.5, "REPLACE")
+    holder.modifiers.new("Mirror", "MIRROR")
+    [result] = subdivide(holder, output="IN_PLACE")
+    assert result == holder
+    assert [layer.name for layer in result.data.uv_layers] == ["Map"]
+    assert [slot.material.name for slot in result.material_slots] == ["Red"]
+    assert [group.name for group in result.vertex_groups] == ["Group"]
+    weighted = [vertex for vertex in result.data.vertices if vertex.groups]
+    assert 0 < len(weighted) < len(result.data.vertices)
+    assert len(bpy.data.meshes) == 1
+
+
 def test_modifiers_that_merge_faces_can_be_counted_in() -> None:
     holder = scene.add_suzanne()
     remesh = holder.modifiers.new("Remesh", "REMESH")
@@ -397,6 +413,15 @@ def test_modifiers_that_merge_faces_can_be_counted_in() -> None:
     [result] = subdivide(holder)
     assert not result.modifiers
     assert faces(result) > 100
+
+
+def test_materials_of_the_object_stay_with_it() -> None:
+    holder = scene.add_suzanne()
+    holder.data.materials.append(bpy.data.materials.new("Red"))
+    holder.material_slots[0].link = "OBJECT"
+    holder.material_slots[0].material = bpy.data.materials.new("Blue")
+    [result] = subdivide(holder)
+    assert [(slot.link, slot.material.name) for slot in result.material_slots] == [("OBJECT", "Blue")]
 
 
 def test_particles_are_kept() -> None:
