@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import triangle_bounds
-from .facet_bounds import facet_bounds, facets_of_children
+from .facet_bounds import facet_bounds
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .norms import cross_products, squared_norms
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
@@ -25,16 +25,13 @@ from .products import product
 from .quadtree import Quadtree
 from .refinement import Refinement, split
 from .splines import HALVES, SPLINE_TO_BERNSTEIN, largest_norm, patch_coefficients, tensor
-from .stencils import patch_stencils
+from .stencils import LARGEST_STENCIL_VALENCE, patch_stencils
 from .templates import ALL_SPLIT, WHOLE, Template, Transitions, templates
 from .triangle_bounds import Misses
 
 BoolArray = NDArray[np.bool_]
 
 CELLS_AT_ONCE = 1 << 13
-
-# Beyond this valence the matrices of ``triangle_bounds`` are too large to pay.
-LARGEST_NET_VALENCE = 64
 
 # A bound that misses the tolerance by more than this is not worth a second look: splitting the parts of triangles once
 # takes at most about a fifth of it away.
@@ -163,7 +160,7 @@ def _by_valence(
     own = kinds.kinds[:count]
     extraordinary = np.flatnonzero(own == PatchKind.EXTRAORDINARY)
     valences = mesh.vertex_face_counts[mesh.corner_vertices[kinds.extraordinary_corners[extraordinary]]]
-    small = valences <= LARGEST_NET_VALENCE
+    small = valences <= LARGEST_STENCIL_VALENCE
     by_valence = [(n, extraordinary[valences == n]) for n in np.unique(valences[small]).tolist()]
     rest = np.sort(np.concatenate([np.flatnonzero(own == PatchKind.IRREGULAR), extraordinary[~small]]))
     return np.flatnonzero(own == PatchKind.REGULAR), by_valence, rest
@@ -326,7 +323,7 @@ class RefinedCells:
         found = Fit.none(len(self.nodes))
         found.patterns[:] = _patterns(hanging, np.zeros_like(self.nodes))
         facets = self.refinement.limits_at_corners()
-        distances = facet_bounds(self.refinement, facets_of_children(self.refinement, facets), limit)
+        distances = facet_bounds(self.refinement, self.refinement.facets_of_children(facets), limit)
         points = _points_of_quads(self.refinement, facets)
         for pattern in np.unique(found.patterns[found.patterns != ALL_SPLIT]).tolist():
             chosen = np.flatnonzero(found.patterns == pattern)
@@ -369,7 +366,7 @@ class PolygonCells:
         found = Fit.none(len(self.nodes))
         corners = self.refinement.limits_at_corners()
         middles, _ = _limits_of_children(self.refinement)
-        facets = facets_of_children(self.refinement, corners)
+        facets = self.refinement.facets_of_children(corners)
         before = self.refinement.mesh.previous_corner[: len(corners)]
         facets[1] = np.where(hanging[:, None], middles, facets[1])
         facets[3] = facets[1][before]

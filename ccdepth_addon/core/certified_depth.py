@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bounds import PatchBounds, Vertices, second_order_extraordinary, second_order_regular, support_bounds
-from .catmull_clark import limit_positions
 from .facets import CORNER_ROWS, LaterBounds, control_facet_bounds, facet_error, later_bounds, sampled_error
 from .mesh import FloatArray, IndexArray, PolygonMesh, submesh
 from .norms import ring_index
@@ -46,8 +45,8 @@ REFINEMENTS = 18
 MOST_BLOCKS_OF_A_FACE = 128
 MOST_BLOCKS = 1 << 13
 
-# The stencils of a valence are a square matrix of 2n + 8 rows; beyond this the mesh itself is refined.
-LARGEST_STENCIL_VALENCE = 512
+# The search uses the stencils of a valence over and over, so larger ones pay here than elsewhere.
+LARGEST_SEARCHED_VALENCE = 512
 
 BoolArray = NDArray[np.bool_]
 
@@ -371,7 +370,7 @@ class _Search:
             if not len(refinement.bases):
                 return
             if np.all(refinement.mesh.face_sizes == 4):
-                gaps = largest_norm(_quads(facets) - _quads(_limits_of(refinement)))
+                gaps = largest_norm(_quads(facets) - _quads(refinement.limits_at_corners()))
                 last = support_bounds(refinement.mesh, Vertices.LIMIT)[: len(refinement.bases)]
                 doubtful = verdict.hear(refinement.bases, gaps + last, gaps)
                 refinement, facets = refinement.keep(doubtful), facets[np.repeat(doubtful, 4)]
@@ -381,14 +380,14 @@ class _Search:
     def _vertices_of(self, refinement: Refinement) -> FloatArray:
         """(C, 3): where the vertices at the descendants' corners lie."""
         if self.vertices is Vertices.LIMIT:
-            return _limits_of(refinement)
-        return refinement.mesh.positions[_corner_vertices(refinement)]
+            return refinement.limits_at_corners()
+        return refinement.mesh.positions[refinement.corner_vertices()]
 
     def _refine(self, verdict: _Verdict, refinement: Refinement, facets: FloatArray) -> tuple[Refinement, FloatArray]:
         """The children that are no patches, with the facets over them; the patches among them are asked at once."""
         if not len(refinement.bases):
             return refinement, facets
-        facets = _facets_of_faces(refinement, facets)
+        facets = refinement.facets_of_children(facets)
         refinement = refinement.refined()
         sorted_out = _sort_out(refinement)
         blocks = patch_coefficients(sorted_out.regular_nets())
@@ -440,19 +439,6 @@ def _groups(counts: IndexArray, most: int) -> Iterator[BoolArray]:
         yield (group == number) & (counts > 0)
 
 
-def _corner_vertices(refinement: Refinement) -> IndexArray:
-    """(C,) the vertices at the corners of the descendants, face by face."""
-    return refinement.mesh.corner_vertices[: refinement.mesh.face_starts[len(refinement.bases)]]
-
-
-def _limits_of(refinement: Refinement) -> FloatArray:
-    """(C, 3) the limit positions of the vertices at the corners of the descendants."""
-    vertices = _corner_vertices(refinement)
-    wanted = np.zeros(refinement.mesh.vertex_count, dtype=bool)
-    wanted[vertices] = True
-    return limit_positions(refinement.mesh, wanted)[vertices]
-
-
 @dataclass(frozen=True)
 class _SortedOut:
     """The descendants in a refinement by the kind of their patch."""
@@ -494,7 +480,7 @@ def _sort_out(refinement: Refinement) -> _SortedOut:
     extraordinary = np.flatnonzero(own == PatchKind.EXTRAORDINARY)
     valences = mesh.vertex_face_counts[mesh.corner_vertices[kinds.extraordinary_corners[extraordinary]]]
     rest = own == PatchKind.IRREGULAR
-    rest[extraordinary[valences > LARGEST_STENCIL_VALENCE]] = True
+    rest[extraordinary[valences > LARGEST_SEARCHED_VALENCE]] = True
     return _SortedOut(refinement, kinds, np.flatnonzero(own == PatchKind.REGULAR), rest)
 
 
@@ -508,19 +494,3 @@ def _facets_of_quads(facets: FloatArray) -> FloatArray:
     middles = (facets + facets[[1, 2, 3, 0]]) / 2
     centres = np.broadcast_to(facets.mean(axis=0), facets.shape)
     return np.stack([facets, middles, centres, middles[[3, 0, 1, 2]]])
-
-
-def _facets_of_faces(refinement: Refinement, facets: FloatArray) -> FloatArray:
-    """(4, C, 3): the facet of each face, given at its corners (C, 3), restricted to its children.
-
-    An n-gon's facet is the fan of quads over corner, edge midpoint, centroid and edge midpoint.
-    """
-    mesh = refinement.mesh
-    count = len(refinement.bases)
-    corner_count = mesh.face_starts[count]
-    following = mesh.next_corner[:corner_count]
-    before = mesh.previous_corner[:corner_count]
-    sizes = mesh.face_sizes[:count]
-    centroids = np.add.reduceat(facets, mesh.face_starts[:count]) / sizes[:, None]
-    middles = (facets + facets[following]) / 2
-    return np.stack([facets, middles, np.repeat(centroids, sizes, axis=0), middles[before]])

@@ -20,20 +20,6 @@ from .splines import bilinear_coefficients, largest_norm, patch_coefficients
 REFINEMENTS = 6
 
 
-def facets_of_children(refinement: Refinement, facets: FloatArray) -> FloatArray:
-    """(4, C, 3): the facet of each face, given at its corners (C, 3), restricted to its children: [corner, child].
-
-    An n-gon's facet is the fan of quads over corner, edge midpoint, centroid and edge midpoint.
-    """
-    mesh = refinement.mesh
-    count = len(refinement.bases)
-    following, before = mesh.next_corner[: len(facets)], mesh.previous_corner[: len(facets)]
-    sizes = mesh.face_sizes[:count]
-    centroids = np.add.reduceat(facets, mesh.face_starts[:count]) / sizes[:, None]
-    middles = (facets + facets[following]) / 2
-    return np.stack([facets, middles, np.repeat(centroids, sizes, axis=0), middles[before]])
-
-
 def facet_bounds(refinement: Refinement, facets: FloatArray, limit: float) -> FloatArray:
     """(base faces,) float64: the distance between the surface and facets over the children (4, C, 3), at most.
 
@@ -60,7 +46,7 @@ def facet_bounds(refinement: Refinement, facets: FloatArray, limit: float) -> Fl
         refinement, facets = refinement.keep(~settled), facets[:, ~settled]
         if not len(refinement.bases):
             break
-        facets = facets_of_children(refinement, facets.swapaxes(0, 1).reshape(-1, 3))
+        facets = refinement.facets_of_children(facets.swapaxes(0, 1).reshape(-1, 3))
     return upper
 
 

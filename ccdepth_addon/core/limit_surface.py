@@ -23,7 +23,7 @@ import numpy as np
 from .catmull_clark import limit_positions, subdivide
 from .mesh import FloatArray, IndexArray, PolygonMesh, submesh
 from .patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
-from .stencils import apply_stencils, patch_stencils
+from .stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils
 from .surface_points import SurfacePoints
 
 # Faces whose nets, or whose refined neighbourhoods, are held at once.
@@ -35,9 +35,6 @@ POINTS_ON_PATCHES = 1 << 16
 
 # Points worked out at once, so that what belongs to them stays in the processor's cache.
 POINTS_AT_ONCE = 1 << 13
-
-# The stencils of a valence take time that grows with its cube; beyond this the mesh itself is refined.
-LARGEST_STENCIL_VALENCE = 64
 
 
 class Quantity(Protocol):

@@ -53,7 +53,22 @@ class Refinement:
 
     def limits_at_corners(self) -> FloatArray:
         """(C, 3) float64, the limit positions of those vertices."""
-        return limit_positions(self.mesh)[self.corner_vertices()]
+        vertices = self.corner_vertices()
+        wanted = np.zeros(self.mesh.vertex_count, dtype=bool)
+        wanted[vertices] = True
+        return limit_positions(self.mesh, wanted)[vertices]
+
+    def facets_of_children(self, facets: FloatArray) -> FloatArray:
+        """(4, C, 3): the bilinear facet of each descendant, given at its corners (C, 3), restricted to its children.
+
+        An n-gon's facet is the fan of quads over corner, edge midpoint, centroid and edge midpoint.
+        """
+        count = len(self.bases)
+        following, before = self.mesh.next_corner[: len(facets)], self.mesh.previous_corner[: len(facets)]
+        sizes = self.mesh.face_sizes[:count]
+        centroids = np.add.reduceat(facets, self.mesh.face_starts[:count]) / sizes[:, None]
+        middles = (facets + facets[following]) / 2
+        return np.stack([facets, middles, np.repeat(centroids, sizes, axis=0), middles[before]])
 
 
 def split(faces: IndexArray, at_once: int) -> Iterator[IndexArray]:

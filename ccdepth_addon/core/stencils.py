@@ -17,6 +17,9 @@ from .norms import ring_index
 from .patches import extraordinary_nets, regular_nets
 from .products import product
 
+# The stencils of a valence take time that grows with its cube; beyond this the mesh itself had better be refined.
+LARGEST_STENCIL_VALENCE = 64
+
 
 def stencil_patch(valence: int) -> PolygonMesh:
     """The faces of an extraordinary net of 2n + 8 points, vertex i at the i-th unit vector.
