@@ -232,7 +232,10 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
         return
     column = layout.column()
     column.alert = True
-    fitting = f"{count.fitting:.2g}" if np.isfinite(count.fitting) else "None"
+    fitting = "None"
+    if np.isfinite(count.fitting):
+        relative = settings.tolerance_mode == "RELATIVE"
+        fitting = f"{count.fitting:.2g}" if relative else _length_text(context.scene, count.fitting)
     _draw_rows(column, [("Faces to Make", f"About {count.faces:,}, too many"), ("Fitting Tolerance", fitting)])
 
 
