@@ -1,0 +1,256 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How many faces adaptive subdivision makes, next to ideal quadtrees and to one level for all.
+
+python benchmarks/adaptive_faces.py -- [NAME…]        with the bpy wheel
+
+An ideal quadtree splits a quad while it misses the tolerance, and nothing for its neighbours' sake. What a quad misses
+is sampled, at 17 × 17 points of the surface, in two ways:
+
+- facet: the bilinear facet's largest distance at equal parameters, and a quarter of the part of its twist that stands
+  on its plane, as in the definition of the ideal quadtree;
+- drawn: the largest distance of the better pair of triangles at equal parameters.
+
+Faces are those that are made, transitions included; leaves are those of the balanced quadtree. Exits with 1 where a
+line does not hold.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Generator
+from dataclasses import dataclass
+from pathlib import Path
+from time import perf_counter
+from typing import Any, TypeVar
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import bpy
+import numpy as np
+
+from benchmarks.tightness import CASES, single_precision
+from ccdepth_addon.core import adaptive
+from ccdepth_addon.core.adaptive import Mode, Request, TooManyFacesError, subdivide_adaptively
+from ccdepth_addon.core.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.drawing import Drawing
+from ccdepth_addon.core.limit_surface import limit_values
+from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh
+from ccdepth_addon.core.quadtree import Quadtree
+from ccdepth_addon.core.surface_points import SurfacePoints
+from ccdepth_addon.core.templates import Transitions
+from tests import meshes
+from tests.blender import scene
+
+RELATIVE_TOLERANCES = (1e-2, 1e-3, 3e-4)
+MOST_FACES = 3_000_000
+STEPS = 16
+
+# Suzanne after one step: the most faces there may be.
+LINES = {1e-3: 9_000, 3e-4: 29_000}
+MOST_OVER_IDEAL = 1.25
+
+Result = TypeVar("Result")
+
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+
+def result_of(steps: Generator[int, None, Result]) -> Result:
+    while True:
+        try:
+            next(steps)
+        except StopIteration as stopped:
+            return stopped.value
+
+
+# Ideal quadtrees, and uniform levels
+
+
+@dataclass(frozen=True)
+class Quads:
+    """Squares in the quarters of the mesh's faces: the quarter's corner, the square's lower corner, and its side; or
+    whole quads, side 2, whose corner is the face's first."""
+
+    corners: IndexArray
+    origins: FloatArray
+    side: float
+
+
+def quads_of(mesh: PolygonMesh) -> Quads:
+    """What ideal quadtrees begin with: quads whole, the quarters of other faces."""
+    is_quad = mesh.face_sizes == 4
+    whole = mesh.face_starts[:-1][is_quad]
+    return Quads(whole, np.zeros((len(whole), 2)), 2.0)
+
+
+def quarters_of(mesh: PolygonMesh, faces: IndexArray) -> Quads:
+    """The quarters of some faces."""
+    corners = np.flatnonzero(np.isin(mesh.corner_faces, faces))
+    return Quads(corners, np.zeros((len(corners), 2)), 1.0)
+
+
+def surface_grid(mesh: PolygonMesh, quads: Quads) -> FloatArray:
+    """(quads, STEPS + 1, STEPS + 1, 3): the surface at equal steps, u along the second axis."""
+    along = np.linspace(0.0, 1.0, STEPS + 1)
+    grid = np.stack(np.meshgrid(along, along, indexing="ij"), axis=-1).reshape(-1, 2)
+    places = (quads.origins[:, None] + quads.side * grid).reshape(-1, 2)
+    corners = np.repeat(quads.corners, len(grid))
+    points = _over_whole_quads(corners, places) if quads.side == 2 else SurfacePoints(corners, places)
+    return limit_values(mesh, mesh.positions, points).reshape(-1, STEPS + 1, STEPS + 1, 3)
+
+
+def _over_whole_quads(first: IndexArray, places: FloatArray) -> SurfacePoints:
+    """Places in [0, 2]² of whole quads, as points in their quarters."""
+    right, upper = places[:, 0] > 1, places[:, 1] > 1
+    place = np.where(upper, np.where(right, 2, 3), np.where(right, 1, 0))
+    offsets = places - 2 * SQUARE[place]
+    along, across = SQUARE[(place + 1) % 4] - SQUARE[place], SQUARE[place - 1] - SQUARE[place]
+    return SurfacePoints(
+        first + place, np.stack([(offsets * along).sum(axis=1), (offsets * across).sum(axis=1)], axis=1)
+    )
+
+
+def missed(surface: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(quads,) twice: what facets and what triangles miss."""
+    corners = surface[:, [0, -1, -1, 0], [0, 0, -1, -1]]
+    a, b, c, d = (corners[:, corner, None, None] for corner in range(4))
+    along = np.linspace(0.0, 1.0, STEPS + 1)
+    u, v = (each[None, :, :, None] for each in np.meshgrid(along, along, indexing="ij"))
+    bilinear = (1 - v) * ((1 - u) * a + u * b) + v * ((1 - u) * d + u * c)
+    twist = a - b - d + c
+    normals = np.cross((c - a)[:, 0, 0], (d - b)[:, 0, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1), np.finfo(float).tiny)[:, None]
+    # B - T on the two sides of the first diagonal, and of the second.
+    first = np.where(u >= v, -v * (1 - u), -u * (1 - v)) * twist
+    second = np.where(u + v <= 1, u * v, (1 - u) * (1 - v)) * twist
+    facet = _largest(surface - bilinear) + np.abs(np.einsum("ij,ij->i", normals, twist[:, 0, 0])) / 4
+    return facet, np.minimum(_largest(surface - bilinear + first), _largest(surface - bilinear + second))
+
+
+def _largest(vectors: FloatArray) -> FloatArray:
+    return np.linalg.norm(vectors, axis=-1).max(axis=(1, 2))
+
+
+def children(mesh: PolygonMesh, quads: Quads, split: np.ndarray) -> Quads:
+    chosen = np.flatnonzero(split)
+    if quads.side == 2:
+        return quarters_of(mesh, mesh.corner_faces[quads.corners[chosen]])
+    origins = quads.origins[chosen, None] + quads.side / 2 * SQUARE
+    return Quads(np.repeat(quads.corners[chosen], 4), origins.reshape(-1, 2), quads.side / 2)
+
+
+QUADS_AT_ONCE = 1 << 12
+
+
+def missed_by_all(mesh: PolygonMesh, quads: Quads) -> tuple[FloatArray, FloatArray]:
+    blocks = [
+        missed(surface_grid(mesh, Quads(quads.corners[block], quads.origins[block], quads.side)))
+        for start in range(0, len(quads.corners), QUADS_AT_ONCE)
+        for block in [slice(start, start + QUADS_AT_ONCE)]
+    ]
+    facet, drawn = (np.concatenate(column) for column in zip(*blocks, strict=True))
+    return facet, drawn
+
+
+def ideal_leaves(mesh: PolygonMesh, limit: float, way: int) -> tuple[int, int]:
+    """How many leaves an ideal quadtree has, by facets (0) or as drawn (1), and its deepest level.
+
+    Faces that are no quads begin as their quarters.
+    """
+    leaves, level, deepest = 0, 0, 0
+    frontier = [quads_of(mesh)]
+    others = np.flatnonzero(mesh.face_sizes != 4)
+    while frontier or level <= 1:
+        if level == 1 and len(others):
+            frontier.append(quarters_of(mesh, others))
+        following = []
+        for quads in frontier:
+            if not len(quads.corners):
+                continue
+            deepest = level
+            split = missed_by_all(mesh, quads)[way] > limit
+            leaves += int(np.count_nonzero(~split))
+            following.append(children(mesh, quads, split))
+        frontier = [quads for quads in following if len(quads.corners)]
+        level += 1
+    return leaves, deepest
+
+
+# What is made
+
+
+@dataclass(frozen=True)
+class Made:
+    """faces, -1 where there would be too many; quads among them; leaves of the tree; the deepest level; seconds."""
+
+    faces: int
+    quads: int
+    leaves: int
+    deepest: int
+    seconds: float
+
+
+def make(mesh: PolygonMesh, limit: float, mode: Mode) -> Made:
+    leaves = 0
+
+    def counting(tree: Quadtree, those: IndexArray, *rest: Any) -> Drawing:
+        nonlocal leaves
+        leaves = len(those)
+        return draw(tree, those, *rest)
+
+    draw, start = adaptive.draw, perf_counter()
+    adaptive.draw = counting  # type: ignore[assignment]
+    try:
+        found = result_of(
+            subdivide_adaptively(mesh, Request(limit, mode, Transitions.TRIANGLES, MOST_FACES), mesh.positions)
+        )
+    except TooManyFacesError:
+        return Made(-1, -1, -1, -1, perf_counter() - start)
+    finally:
+        adaptive.draw = draw
+    quads = int(np.count_nonzero(np.diff(found.mesh.face_starts) == 4))
+    return Made(len(found.bounds), quads, leaves, int(found.depths.max()), perf_counter() - start)
+
+
+HEADER = (
+    f"{'':34}{'tolerance':>10}{'faces':>9}{'quads':>9}{'leaves':>9}{'ideal':>9}{'drawn':>9}"
+    f"{'faces/ideal':>12}{'leaves/ideal':>13}{'leaves/drawn':>13}{'per face':>10}{'uniform':>15}"
+)
+
+
+def report(name: str, mesh: PolygonMesh, relative: float) -> bool:
+    """Print a row; whether the lines hold."""
+    limit = relative * float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
+    made, per_face = (make(mesh, limit, mode) for mode in (Mode.ADAPTIVE, Mode.PER_FACE))
+    (ideal, _), (drawn, deepest) = (ideal_leaves(mesh, limit, way) for way in (0, 1))
+    uniform = mesh.corner_count * 4 ** (deepest - 1) if deepest else mesh.face_count
+    each = f"{per_face.faces:,}" if per_face.faces >= 0 else "too many"
+    print(
+        f"{name:34}{relative:10g}{made.faces:9,}{made.quads:9,}{made.leaves:9,}{ideal:9,}{drawn:9,}"
+        f"{made.faces / ideal:12.2f}{made.leaves / ideal:13.2f}{made.leaves / drawn:13.2f}{each:>10}{uniform:15,}",
+        flush=True,
+    )
+    holds = made.leaves <= MOST_OVER_IDEAL * ideal
+    if name == "Suzanne after one step":
+        holds &= made.faces <= LINES.get(relative, made.faces)
+    return holds
+
+
+def main(names: list[str]) -> int:
+    """The exit status."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    print("ideal: quadtree by facets; drawn: quadtree by triangles; uniform: the level of its deepest leaf")
+    print(HEADER)
+    failed = []
+    for name in names or list(CASES):
+        data = single_precision(CASES[name]())
+        mesh = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
+        for relative in RELATIVE_TOLERANCES:
+            if not report(name, mesh, relative):
+                failed.append(f"{name} at {relative:g}")
+        scene.clear()
+    print("Lines that do not hold: " + ("; ".join(failed) if failed else "none"))
+    return int(bool(failed))
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []))

@@ -1,0 +1,148 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Adaptive subdivision of 126,000 quads to a million faces, next to Blender's Subdivision Surface as it is shipped.
+
+python benchmarks/adaptive_speed.py -- [TOLERANCE] [REPEATS]        with the bpy wheel
+blender -b --python benchmarks/adaptive_speed.py -- [TOLERANCE] [REPEATS]
+
+The mesh is Suzanne after four levels; TOLERANCE is in parts of her diagonal. The modifier, with limit surface, is timed
+level by level up to the least one at which every quad is within the tolerance as it is drawn, by sampling, or as far as
+``MOST_FACES`` allow. Memory is what Python and NumPy take at most, per face made.
+"""
+
+from __future__ import annotations
+
+import sys
+import tracemalloc
+from collections.abc import Callable
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import bpy
+import numpy as np
+
+from benchmarks.adaptive_faces import children as children_of
+from benchmarks.adaptive_faces import missed_by_all, quads_of, result_of
+from ccdepth_addon.core.adaptive import AdaptiveMesh, Mode, Request, subdivide_adaptively
+from ccdepth_addon.core.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.mesh import PolygonMesh
+from ccdepth_addon.core.templates import Transitions
+from tests.blender import scene
+
+TOLERANCE = 7e-6
+REPEATS = 3
+LEVELS = 4
+MOST_FACES = 10_000_000
+
+
+def suzanne() -> bpy.types.Object:
+    """Suzanne after some levels, as an object of its own, active and selected."""
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    base = scene.add_suzanne()
+    scene.add_subdivision(base, LEVELS)
+    made = scene.add_object(scene.evaluated_mesh_data(base), "Base")
+    bpy.data.meshes.remove(base.data)
+    bpy.context.view_layer.objects.active = made
+    made.select_set(True)
+    return made
+
+
+def level_needed(mesh: PolygonMesh, limit: float) -> int:
+    """The least level at which every quad, drawn along its better diagonal, is sampled within the limit."""
+    level, frontier = 0, quads_of(mesh)
+    while True:
+        frontier = children_of(mesh, frontier, missed_by_all(mesh, frontier)[1] > limit)
+        if not len(frontier.corners):
+            return level
+        level += 1
+
+
+def subdivide(mesh: PolygonMesh, limit: float) -> AdaptiveMesh:
+    request = Request(limit, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
+    return result_of(subdivide_adaptively(mesh, request, mesh.positions))
+
+
+def modifier(base: bpy.types.Object, level: int) -> float:
+    """Seconds to evaluate it, with limit surface, from nothing to the mesh."""
+    added = base.modifiers.new("Subdivision", "SUBSURF")
+    added.levels = level
+
+    def evaluate() -> None:
+        made = base.evaluated_get(bpy.context.evaluated_depsgraph_get()).to_mesh()
+        assert len(made.polygons) == len(base.data.polygons) * 4**level
+
+    taken = seconds(evaluate)
+    base.modifiers.remove(added)
+    bpy.context.view_layer.update()
+    return taken
+
+
+def operator(tolerance: float) -> float:
+    """Seconds for Apply Adaptive Subdivision, whose result is taken away again."""
+    before = set(bpy.data.objects)
+    taken = seconds(lambda: bpy.ops.ccdepth.subdivide(tolerance=tolerance, tolerance_mode="RELATIVE"))
+    for made in set(bpy.data.objects) - before:
+        bpy.data.meshes.remove(made.data)
+    for kept in before:
+        kept.hide_set(False)
+        kept.select_set(True)
+        bpy.context.view_layer.objects.active = kept
+    return taken
+
+
+def seconds(work: Callable[[], object]) -> float:
+    start = perf_counter()
+    work()
+    return perf_counter() - start
+
+
+def peak_memory(work: Callable[[], object]) -> int:
+    tracemalloc.start()
+    work()
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    return peak
+
+
+def report(name: str, times: list[float], more: str = "") -> None:
+    print(f"  {name:<44}{median(times):7.2f} s   ({min(times):.2f} to {max(times):.2f})   {more}".rstrip(), flush=True)
+
+
+def main(tolerance: float = TOLERANCE, repeats: int = REPEATS) -> None:
+    if not hasattr(bpy.types.Scene, "ccdepth"):
+        import ccdepth_addon
+
+        ccdepth_addon.register()
+    base = suzanne()
+    mesh = apply_boundary_rule(scene.polygon_mesh_of(base.data), smooth_corners=True)
+    limit = tolerance * float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
+    found = subdivide(mesh, limit)
+    faces = len(found.bounds)
+    print(f"Blender {bpy.app.version_string}, numpy {np.__version__}, median of {repeats}")
+    print(f"{mesh.face_count:,} quads, {tolerance:g} of the diagonal: {faces:,} faces, deepest {found.depths.max()}")
+    del found
+    peak = peak_memory(lambda: subdivide(mesh, limit))
+    report(
+        "core", [seconds(lambda: subdivide(mesh, limit)) for _ in range(repeats)], f"{peak / faces:.0f} bytes a face"
+    )
+    peak = peak_memory(lambda: operator(tolerance))
+    report(
+        "Apply Adaptive Subdivision", [operator(tolerance) for _ in range(repeats)], f"{peak / faces:.0f} bytes a face"
+    )
+    level = level_needed(mesh, limit)
+    for tried in range(1, level + 1):
+        if mesh.face_count * 4**tried > MOST_FACES:
+            print(f"  Subdivision Surface at level {level} would have {mesh.face_count * 4**level:,} faces")
+            break
+        report(
+            f"Subdivision Surface, level {tried}",
+            [modifier(base, tried) for _ in range(repeats)],
+            f"{mesh.face_count * 4**tried:,} faces" + (", the level that is needed" if tried == level else ""),
+        )
+
+
+if __name__ == "__main__":
+    given = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []
+    main(float(given[0]) if given else TOLERANCE, int(given[1]) if len(given) > 1 else REPEATS)
