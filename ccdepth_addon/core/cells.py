@@ -42,6 +42,9 @@ WORTH_A_SECOND_LOOK = 1.5
 HOPEFUL = 0.9
 SLOPE_OF_HEIGHT = 10.0
 
+# What ``graph_bounds`` leaves is a third of a height at most, and that of the least triangle around.
+ROOM = 0.12
+
 # Points of a quad (``templates.QUAD_POINTS``, then the centre): the middles of its sides, between corners, and of its
 # diagonals.
 MIDDLES, STARTS, ENDS = [4, 5, 6, 7], [0, 1, 2, 3], [1, 2, 3, 0]
@@ -269,8 +272,7 @@ class NetCells:
             tried = tried[hopes[alternative, tried] <= HOPEFUL * limit]
             if len(tried):
                 nets = self.nets.take(chosen[tried], axis=1)
-                normals = _triangle_normals(points[:, tried], templates(pattern)[alternative])
-                misses = self._misses_once(pattern, alternative, nets, normals, fine=True)
+                misses = self._misses_along(pattern, alternative, nets, points[:, tried], HOPEFUL * limit)
                 hopeful = samples.at(tried).hope(misses.normal, misses.tangential) <= HOPEFUL * limit
                 found.take(chosen[tried[hopeful]], misses.at(np.flatnonzero(hopeful)), alternative)
 
@@ -284,6 +286,23 @@ class NetCells:
                 pattern, alternative, nets.take(doubtful, axis=1), normals[:, doubtful], fine=True
             )
             misses.put(doubtful, finer)
+        return misses
+
+    def _misses_along(
+        self, pattern: int, alternative: int, nets: FloatArray, points: FloatArray, limit: float
+    ) -> Misses:
+        """The same, looked at twice where they leave the triangles little room, or are far along the normals."""
+        template = templates(pattern)[alternative]
+        normals = _triangle_normals(points, template)
+        misses = self._misses_once(pattern, alternative, nets, normals, fine=False)
+        crowded = misses.normal + misses.tangential > ROOM * _least_heights(points, template)
+        # Bicubic quads take little time.
+        doubtful = np.flatnonzero(crowded | (misses.normal > limit / 2) | (self.valence == 4))
+        if len(doubtful):
+            misses.put(
+                doubtful,
+                self._misses_once(pattern, alternative, nets.take(doubtful, axis=1), normals[:, doubtful], fine=True),
+            )
         return misses
 
     def _misses_once(
@@ -323,8 +342,8 @@ class RefinedCells:
         found = Fit.none(len(self.nodes))
         found.patterns[:] = _patterns(hanging, np.zeros_like(self.nodes))
         facets = self.refinement.limits_at_corners()
-        distances = facet_bounds(self.refinement, self.refinement.facets_of_children(facets), limit)
         points = _points_of_quads(self.refinement, facets)
+        distances = self._facet_distances(facets, points, limit)
         for pattern in np.unique(found.patterns[found.patterns != ALL_SPLIT]).tolist():
             chosen = np.flatnonzero(found.patterns == pattern)
             least = _Samples.of(points[:, chosen], pattern).whole
@@ -343,6 +362,18 @@ class RefinedCells:
             found.fold(chosen, pattern, points[:, chosen])
         found.normal[:] = found.tangential[:] = found.bounds
         return found
+
+    def _facet_distances(self, facets: FloatArray, points: FloatArray, limit: float) -> FloatArray:
+        """(P,): the distance of the bilinear facets at most; inf where it is seen to be beyond the limit."""
+        corners = points[[0, 1, 2, 3]]
+        gaps = [points[MIDDLES] - (points[STARTS] + points[ENDS]) / 2, points[CENTRE:] - corners.mean(axis=0)]
+        promising = largest_norm(np.concatenate(gaps)) <= limit
+        distances = np.full(len(self.nodes), np.inf)
+        if np.any(promising):
+            part = _numbered(self.refinement.keep(promising))
+            children = part.facets_of_children(facets[np.repeat(promising, 4)])
+            distances[promising] = facet_bounds(part, children, limit)
+        return distances
 
 
 @dataclass(frozen=True)
@@ -370,14 +401,17 @@ class PolygonCells:
         before = self.refinement.mesh.previous_corner[: len(corners)]
         facets[1] = np.where(hanging[:, None], middles, facets[1])
         facets[3] = facets[1][before]
-        found.bounds[:] = facet_bounds(self.refinement, facets, limit)
         starts = self.refinement.mesh.face_starts[: len(self.nodes)]
-        found.bounds += polygon_thickness(facets, hanging, starts)[0]
-        found.bounds[found.bounds > limit] = np.inf
-        found.bounds[np.logical_and.reduceat(hanging, starts)] = np.inf
+        found.least[:] = np.maximum.reduceat(np.sqrt(squared_norms(middles - facets[1])), starts)
+        promising = (found.least <= limit) & ~np.logical_and.reduceat(hanging, starts)
+        if np.any(promising):
+            chosen = np.flatnonzero(promising)
+            kept = np.repeat(promising, self.refinement.mesh.face_sizes[: len(self.nodes)])
+            part = _numbered(self.refinement.keep(promising))
+            bounds = facet_bounds(part, facets[:, kept], limit)
+            bounds += polygon_thickness(facets[:, kept], hanging[kept], part.mesh.face_starts[: len(chosen)])[0]
+            found.bounds[chosen] = np.where(bounds <= limit, bounds, np.inf)
         found.normal[:] = found.tangential[:] = found.bounds
-        gaps = np.sqrt(squared_norms(middles - facets[1]))
-        found.least[:] = np.maximum.reduceat(gaps, starts)
         return found
 
 
@@ -448,6 +482,17 @@ def _triangle_normals(points: FloatArray, template: Template) -> FloatArray:
     crosses = np.stack([cross_products(points[b] - points[a], points[c] - points[a]) for a, b, c in template])
     lengths = np.sqrt(squared_norms(crosses))[..., None]
     return crosses / np.where(lengths > 0, lengths, 1.0)
+
+
+def _least_heights(points: FloatArray, template: Template) -> FloatArray:
+    """(P,): the least height of the triangles over quads' points (8 or more, P, 3)."""
+    heights = np.full(points.shape[1], np.inf)
+    for triangle in template:
+        corners = points[list(triangle)]
+        areas = np.sqrt(squared_norms(cross_products(corners[1] - corners[0], corners[2] - corners[0])))
+        longest = np.sqrt(squared_norms(np.roll(corners, -1, axis=0) - corners)).max(axis=0)
+        heights = np.minimum(heights, areas / np.where(longest > 0, longest, 1.0))
+    return heights
 
 
 def _along_and_across(vectors: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:

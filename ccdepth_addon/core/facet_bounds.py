@@ -24,7 +24,7 @@ def facet_bounds(refinement: Refinement, facets: FloatArray, limit: float) -> Fl
     """(base faces,) float64: the distance between the surface and facets over the children (4, C, 3), at most.
 
     The descendants are the base faces themselves. A base face is looked at no further once it is known to be within
-    the limit, or is too far from it.
+    the limit, or cannot be any more.
     """
     upper = np.zeros(len(refinement.bases))
     for step in range(REFINEMENTS):
@@ -39,9 +39,13 @@ def facet_bounds(refinement: Refinement, facets: FloatArray, limit: float) -> Fl
         if not len(refinement.bases):
             break
         own = refinement.limits_at_corners().reshape(-1, 4, 3).swapaxes(0, 1)
-        reached = largest_norm(facets - own) + _own_facet_bounds(refinement)
+        gaps = largest_norm(facets - own)
+        hopeless = np.zeros(len(upper), dtype=bool)
+        hopeless[refinement.bases[gaps > limit]] = True
+        hopeless |= upper > limit
+        reached = gaps + _own_facet_bounds(refinement)
         last = step == REFINEMENTS - 1
-        settled = (reached <= limit) | (upper[refinement.bases] > 2 * limit) | last
+        settled = (reached <= limit) | hopeless[refinement.bases] | last
         np.maximum.at(upper, refinement.bases[settled], reached[settled])
         refinement, facets = refinement.keep(~settled), facets[:, ~settled]
         if not len(refinement.bases):

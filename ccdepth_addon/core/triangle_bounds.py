@@ -44,6 +44,10 @@ QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 COARSE_LEVELS = 2
 FINE_LEVELS = 5
 
+# Coefficients, as numbers, that are looked at together, and quads at least.
+VALUES_AT_ONCE = 1 << 17
+FEWEST_AT_ONCE = 64
+
 
 @dataclass(frozen=True)
 class Square:
@@ -139,6 +143,15 @@ class Misses:
         along *= along
         across = np.maximum(squares - along, 0.0)
         return Misses(*(np.sqrt(values.max(axis=0)) for values in (squares, along, across)))
+
+    @staticmethod
+    def joined(parts: list[Misses]) -> Misses:
+        """Those of all quads, block after block."""
+        return Misses(
+            np.concatenate([part.whole for part in parts]),
+            np.concatenate([part.normal for part in parts]),
+            np.concatenate([part.tangential for part in parts]),
+        )
 
     def __add__(self, other: Misses) -> Misses:
         return Misses(self.whole + other.whole, self.normal + other.normal, self.tangential + other.tangential)
@@ -268,24 +281,39 @@ def regular_points() -> FloatArray:
 
 def regular_misses(rows: Rows, coefficients: FloatArray, normals: FloatArray) -> Misses:
     """‖S - T‖ at most, for Bernstein coefficients (16, P, 3) and the triangles' normals (T, P, 3)."""
-    return Misses.of(_applied(rows.matrix, coefficients), rows.triangles, normals)
+    blocks = _blocks(len(rows.matrix), coefficients.shape[1])
+    return Misses.joined(
+        [
+            Misses.of(_applied(rows.matrix, coefficients[:, block]), rows.triangles, normals[:, block])
+            for block in blocks
+        ]
+    )
 
 
 def extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> Misses:
-    """‖S - T‖ at most, for nets (2n + 8, P, 3) and the triangles' normals (T, P, 3).
+    """‖S - T‖ at most, for nets (2n + 8, P, 3) and the triangles' normals (T, P, 3)."""
+    blocks = _blocks(len(rows.pieces.matrix), nets.shape[1])
+    return Misses.joined([_extraordinary_misses(rows, nets[:, block], normals[:, block]) for block in blocks])
 
-    At the vertex S - B is within a factor of the second differences; so is each component of it within theirs.
-    """
+
+def _extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> Misses:
+    """At the vertex S - B is within a factor of the second differences; so is each component of it within theirs."""
     valence = (len(nets) - 8) // 2
     pieces = Misses.of(_applied(rows.pieces.matrix, nets), rows.pieces.triangles, normals)
     differences = _applied(rows.differences, nets)
-    factor = certified_limit_factor(valence)
     left = Misses.of(_applied(rows.last.matrix, nets), rows.last.triangles, normals)
     at_vertex = Misses(*(np.zeros(nets.shape[1]) for _ in range(3)))
     for triangle in np.unique(rows.last.triangles).tolist():
         own = np.full(len(differences), triangle)
-        at_vertex = at_vertex.or_more(Misses.of(differences, own, normals).times(factor))
+        found = Misses.of(differences, own, normals)
+        at_vertex = at_vertex.or_more(found.times(certified_limit_factor(valence)))
     return pieces.or_more(left + at_vertex)
+
+
+def _blocks(rows: int, count: int) -> list[slice]:
+    """The quads in blocks whose coefficients stay in the processor's cache."""
+    at_once = max(FEWEST_AT_ONCE, VALUES_AT_ONCE // (3 * rows))
+    return [slice(start, start + at_once) for start in range(0, count, at_once)]
 
 
 def _applied(matrix: FloatArray, nets: FloatArray) -> FloatArray:
