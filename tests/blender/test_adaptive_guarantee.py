@@ -1,0 +1,249 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The promise of adaptive subdivision: within the tolerance of the limit surface, and the other way round.
+
+The mesh is measured as Blender draws it, by the triangles Blender makes of its faces, and the surface is that of
+Blender's own Subdivision Surface modifier, Use Limit Surface off, some levels deeper, with nothing of the add-on's but
+the last step of its vertices to their limits (``BlenderLevels``). Distances are to the nearest point there is, found by
+Blender's BVH trees:
+
+- every vertex of the deep level is a point of the surface; it has to be near the mesh;
+- every point of the mesh has to be near the facets of the deep level, or else as near to the surface as these show.
+
+A facet of the deep level misses the surface by no more than the one before it does where that is known, at the deep
+level's vertices: the next step always takes some of it away.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, replace
+from typing import TypeVar
+
+import bpy
+import numpy as np
+import pytest
+from mathutils.bvhtree import BVHTree
+from numpy.typing import NDArray
+
+from tests import meshes
+from tests.blender import addon, scene
+from tests.blender.measuring import BlenderLevels, part_of, rounding
+from tests.brute_force import linear_children
+
+FloatArray = NDArray[np.float64]
+Result = TypeVar("Result")
+
+# Most quads of the deep level, which says how many faces are measured; most points that are.
+MOST_QUADS = 25_000
+MOST_POINTS = 1_000
+
+# Around a vertex of a large valence all faces belong to the part, of which there may be so many quads and no more.
+LIMIT_QUADS = 70_000
+MOST_FACES = 1_000_000
+
+# Steps along the sides of a triangle.
+STEPS = 4
+
+# Where facets of the deep level may be off by no more than this part of the tolerance, a distance says something.
+SMALL_PART = 0.5
+
+# So it is at this share of the points at least; the others are near vertices where the mesh itself is as deep.
+LEAST_SHARE = 0.25
+
+
+def suzanne() -> meshes.MeshData:
+    return scene.mesh_data(scene.add_suzanne().data)
+
+
+def softened(data: meshes.MeshData) -> meshes.MeshData:
+    """With creases below 0.4, or 1: the last semi-sharp rule has run out by level 2."""
+    edges = {ends: crease if crease == 1 else 0.4 * crease for ends, crease in data.edge_creases.items()}
+    vertices = {vertex: crease if crease == 1 else 0.4 * crease for vertex, crease in data.vertex_creases.items()}
+    return meshes.creased(data, edges, vertices)
+
+
+CASES: dict[str, Callable[[], meshes.MeshData]] = {
+    "Suzanne": suzanne,
+    "Suzanne with random creases": lambda: softened(meshes.with_random_creases(suzanne(), share=0.1)),
+    "cube": meshes.cube,
+    "torus": lambda: meshes.torus(9, 6),
+    "landscape with boundary": lambda: meshes.landscape(6, 5),
+    "landscape with creases": lambda: softened(meshes.with_random_creases(meshes.landscape(5, 5))),
+    "valence 2": meshes.valence_two,
+    "valences 3 and 9": lambda: meshes.bumpy(meshes.trapezohedron(9), 0.05),
+    "valence 7": lambda: meshes.fan(7, 3),
+    "valence 12": lambda: meshes.fan(12, 2),
+    "valence 64": lambda: meshes.fan(64, 1),
+    "valence 360": lambda: meshes.fan(360, 1),
+    "n-gons": lambda: meshes.bumpy(meshes.cylinder(7), 0.1),
+    "triangles": lambda: meshes.bumpy(meshes.bipyramid(6), 0.05),
+    "n-gons with creases": lambda: softened(meshes.with_random_creases(meshes.cylinder(8), share=0.5)),
+    "concave faces": meshes.concave_faces,
+}
+
+# In parts of the diagonal: the deep level, and the transitions.
+TOLERANCES = {3e-2: (4, "TRIANGLES"), 1e-2: (5, "NGONS"), 1e-3: (5, "TRIANGLES"), 1e-4: (6, "TRIANGLES")}
+
+# At smaller ones these become too many faces for a test, or the deep level does not tell enough.
+LEAST_TOLERANCES = {
+    "valence 360": 3e-2,
+    "valence 64": 1e-3,
+    "valence 12": 1e-3,
+    "Suzanne": 1e-3,
+    "Suzanne with random creases": 1e-3,
+    "cube": 1e-3,
+    "valences 3 and 9": 1e-3,
+    "triangles": 1e-3,
+    "n-gons": 1e-3,
+    "n-gons with creases": 1e-3,
+    "concave faces": 1e-3,
+}
+
+
+def result_of(steps: Generator[int, None, Result]) -> Result:
+    while True:
+        try:
+            next(steps)
+        except StopIteration as stopped:
+            return stopped.value
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """An adaptive mesh as Blender draws it: (V, 3) points in single precision, (T, 3) triangles, and of each triangle
+    the base face and the proved distance, (T,)."""
+
+    points: FloatArray
+    triangles: NDArray[np.intp]
+    base_faces: NDArray[np.intp]
+    bounds: FloatArray
+
+
+def drawn(data: meshes.MeshData, tolerance: float, transitions: str) -> Drawn:
+    """tolerance: in the unit of the positions."""
+    adaptive, rules = addon.module("core.adaptive"), addon.module("core.catmull_clark")
+    templates = addon.module("core.templates")
+    base = rules.apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
+    asked = adaptive.Request(tolerance, adaptive.Mode.ADAPTIVE, templates.Transitions(transitions), MOST_FACES)
+    found = result_of(adaptive.subdivide_adaptively(base, asked, base.positions))
+    assert np.all(found.bounds <= tolerance)
+    made = found.mesh
+    mesh = bpy.data.meshes.new("Adaptive")
+    faces = np.split(made.corner_vertices, made.face_starts[1:-1])
+    mesh.from_pydata(made.positions.tolist(), [], [face.tolist() for face in faces])
+    mesh.calc_loop_triangles()
+    triangles = np.zeros(3 * len(mesh.loop_triangles), dtype=np.int32)
+    mesh.loop_triangles.foreach_get("vertices", triangles)
+    polygons = np.zeros(len(mesh.loop_triangles), dtype=np.int32)
+    mesh.loop_triangles.foreach_get("polygon_index", polygons)
+    points = np.zeros(3 * len(mesh.vertices), dtype=np.float32)
+    mesh.vertices.foreach_get("co", points)
+    bpy.data.meshes.remove(mesh)
+    return Drawn(
+        points.reshape(-1, 3).astype(np.float64),
+        triangles.reshape(-1, 3).astype(np.intp),
+        made.base_faces[polygons],
+        found.bounds[polygons],
+    )
+
+
+@dataclass(frozen=True)
+class Surface:
+    """The surface of some faces of a mesh, as a level of Blender's: (V, 3) points on it, (Q, 4) quads, of each quad
+    how far it may be from the surface, (Q,); and which vertices belong to the faces that are measured, (V,) bool."""
+
+    points: FloatArray
+    quads: NDArray[np.intp]
+    off: FloatArray
+    measured: NDArray[np.bool_]
+
+
+def surface_of(data: meshes.MeshData, faces: NDArray[np.intp], level: int) -> Surface:
+    """The given faces, and the others around them."""
+    part, numbers = part_of(data, faces)
+    while part.face_sizes.sum() * 4 ** (level - 1) > LIMIT_QUADS:
+        level -= 1
+    levels = BlenderLevels(part, "ALL")
+    points, coarse, fine = levels.limits(level), levels.subdivided(level - 1), levels.subdivided(level)
+    levels.remove()
+    # What the facets of the level before miss, at the corners, the middles of the sides and the centres.
+    facets = linear_children(coarse, points[coarse.corner_vertices])
+    gaps = np.linalg.norm(facets - points[fine.corner_vertices], axis=1).reshape(-1, 16).max(axis=1)
+    # The two triangles of a quad are a quarter of its twist from its facet.
+    a, b, c, d = points[fine.corner_vertices.reshape(-1, 4)].swapaxes(0, 1)
+    off = np.repeat(gaps, 4) + np.linalg.norm(a - b + c - d, axis=1) / 4
+    bases = np.repeat(np.arange(len(numbers)), part.face_sizes * 4 ** (level - 1))
+    measured = np.zeros(len(points), dtype=bool)
+    quads = fine.corner_vertices.reshape(-1, 4)
+    measured[quads[np.isin(numbers, faces)[bases]]] = True
+    return Surface(points, quads, off, measured)
+
+
+def some(count: int, most: int) -> NDArray[np.intp]:
+    """As many of so many numbers, at random."""
+    return np.sort(np.random.default_rng(1).permutation(count)[:most])
+
+
+def nearest(tree: BVHTree, points: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
+    """(N,) distances of points, and which polygons are there."""
+    found = [tree.find_nearest(point) for point in points.tolist()]
+    return np.array([each[3] for each in found]), np.array([each[2] for each in found])
+
+
+def points_of_triangles(points: FloatArray) -> FloatArray:
+    """(T, samples, 3): evenly spread points of triangles (T, 3, 3) but for their corners, which lie on the surface."""
+    steps = [(i, j, STEPS - i - j) for i in range(STEPS + 1) for j in range(STEPS + 1 - i)]
+    weights = np.array([each for each in steps if max(each) < STEPS]) / STEPS
+    return np.einsum("sc,tcd->tsd", weights, points)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_within_the_tolerance_both_ways(name: str) -> None:
+    data = CASES[name]()
+    data = replace(data, positions=data.positions.astype(np.float32).astype(np.float64))
+    diagonal = float(np.linalg.norm(np.ptp(data.positions, axis=0)))
+    for relative, (level, transitions) in TOLERANCES.items():
+        if relative < LEAST_TOLERANCES.get(name, 0):
+            continue
+        while data.face_sizes.sum() * 4**level <= MOST_QUADS:
+            level += 1
+        faces = faces_to_measure(data, level)
+        surface = surface_of(data, faces, level)
+        mesh = drawn(data, relative * diagonal, transitions)
+        # Blender's trees compute in single precision as well.
+        slack = 2 * rounding(data, level)
+        assert_mesh_near_surface(mesh, faces, surface, relative * diagonal, slack)
+        assert_surface_near_mesh(mesh, surface, relative * diagonal, slack)
+
+
+def faces_to_measure(data: meshes.MeshData, level: int) -> NDArray[np.intp]:
+    """As many faces near each other as there may be at the deep level; what is around them is as many again or more."""
+    middles = np.array([data.positions[face].mean(axis=0) for face in data.faces])
+    order = np.argsort(np.linalg.norm(middles - middles[0], axis=1), kind="stable")
+    quads = np.cumsum(data.face_sizes[order]) * 4 ** (level - 1)
+    return np.sort(order[: max(1, int(np.searchsorted(quads, MOST_QUADS / 2)))])
+
+
+def assert_mesh_near_surface(
+    mesh: Drawn, faces: NDArray[np.intp], surface: Surface, tolerance: float, slack: float
+) -> None:
+    """Of the triangles of these faces, no point is farther from the surface than proved."""
+    halves = surface.quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+    tree = BVHTree.FromPolygons(surface.points.tolist(), halves.tolist())
+    triangles = np.flatnonzero(np.isin(mesh.base_faces, faces))
+    samples = points_of_triangles(mesh.points[mesh.triangles[triangles]])
+    owners = np.repeat(triangles, samples.shape[1])
+    chosen = some(len(owners), MOST_POINTS)
+    distances, there = nearest(tree, samples.reshape(-1, 3)[chosen])
+    off = surface.off[there // 2]
+    assert np.all(distances <= mesh.bounds[owners[chosen]] + off + slack)
+    assert np.mean(off <= SMALL_PART * tolerance) >= LEAST_SHARE
+
+
+def assert_surface_near_mesh(mesh: Drawn, surface: Surface, tolerance: float, slack: float) -> None:
+    """No point of the surface is farther from the mesh than the tolerance."""
+    tree = BVHTree.FromPolygons(mesh.points.tolist(), mesh.triangles.tolist())
+    measured = np.flatnonzero(surface.measured)
+    points = surface.points[measured[some(len(measured), MOST_POINTS)]]
+    distances, _ = nearest(tree, points)
+    assert np.all(distances <= tolerance + slack)
