@@ -11,7 +11,7 @@ from ccdepth_addon.core.catmull_clark import apply_boundary_rule
 from ccdepth_addon.core.limit_surface import limit_values
 from tests.blender import scene
 from tests.blender.test_subdivision_oracle import OBJECTS, nearest_points
-from tests.core.test_limit_surface import corners_of_descendants
+from tests.uniform import uniform_points
 
 LEVELS = 3
 
@@ -37,7 +37,7 @@ def empty_scene() -> None:
 def test_points_are_where_the_modifier_has_them(name: str) -> None:
     blender_object = OBJECTS[name]()
     mesh = apply_boundary_rule(scene.polygon_mesh_of(blender_object.data), smooth_corners=True)
-    own = np.unique(limit_values(mesh, mesh.positions, corners_of_descendants(mesh, LEVELS)).round(12), axis=0)
+    own = np.unique(limit_values(mesh, mesh.positions, uniform_points(mesh, LEVELS)).round(12), axis=0)
     distances = nearest_distances(own, limit_of_the_modifier(blender_object))
     size = np.abs(own).max()
     has_creases = np.any(mesh.vertex_sharpness > 0) or np.any(mesh.edge_sharpness[mesh.edge_face_counts == 2] > 0)

@@ -16,6 +16,7 @@ from ccdepth_addon.core.limit_surface import LARGEST_STENCIL_VALENCE, limit_valu
 from ccdepth_addon.core.mesh import PolygonMesh
 from ccdepth_addon.core.surface_points import SurfacePoints
 from tests import meshes
+from tests.uniform import uniform_points
 
 MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     "cube": meshes.cube,
@@ -56,19 +57,6 @@ def rounding(values: np.ndarray, levels: int) -> float:
     return 16 * (levels + 1) * np.finfo(np.float64).eps * np.abs(values).max()
 
 
-def corners_of_descendants(mesh: PolygonMesh, levels: int) -> SurfacePoints:
-    """The corners of all faces after so many steps, one at least, in their order, as points of the mesh.
-
-    Children come in the order of their parents' corners, and the first are the quarters themselves.
-    """
-    quads = np.tile([[[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]], (mesh.corner_count, 1, 1))
-    for _ in range(levels - 1):
-        following = (quads + np.roll(quads, -1, axis=1)) / 2
-        centre = np.broadcast_to(quads.mean(axis=1, keepdims=True), quads.shape)
-        quads = np.stack([quads, following, centre, np.roll(following, 1, axis=1)], axis=2).reshape(-1, 4, 2)
-    return SurfacePoints(np.repeat(np.arange(mesh.corner_count), 4 * 4 ** (levels - 1)), quads.reshape(-1, 2))
-
-
 def limits_of_descendants(mesh: PolygonMesh, levels: int) -> np.ndarray:
     """The limits of the corners of all faces after so many steps, by refining the whole mesh."""
     for _ in range(levels):
@@ -86,7 +74,7 @@ def next_to_vertex(corners: np.ndarray, distance: float) -> SurfacePoints:
 @every_mesh
 def test_agrees_with_the_limits_of_refined_vertices(name: str, smooth_corners: bool) -> None:
     mesh = build(name, smooth_corners=smooth_corners)
-    found = limit_values(mesh, mesh.positions, corners_of_descendants(mesh, 3))
+    found = limit_values(mesh, mesh.positions, uniform_points(mesh, 3))
     expected = limits_of_descendants(mesh, 3)
     np.testing.assert_allclose(found, expected, rtol=0, atol=rounding(mesh.positions, 3))
 
@@ -94,7 +82,7 @@ def test_agrees_with_the_limits_of_refined_vertices(name: str, smooth_corners: b
 @pytest.mark.parametrize("name", ["cube", "creased cube", "cylinder", "dart", "fin through"])
 def test_agrees_with_the_limits_of_vertices_five_levels_down(name: str) -> None:
     mesh = build(name)
-    found = limit_values(mesh, mesh.positions, corners_of_descendants(mesh, 5))
+    found = limit_values(mesh, mesh.positions, uniform_points(mesh, 5))
     expected = limits_of_descendants(mesh, 5)
     np.testing.assert_allclose(found, expected, rtol=0, atol=rounding(mesh.positions, 5))
 
@@ -102,7 +90,7 @@ def test_agrees_with_the_limits_of_vertices_five_levels_down(name: str) -> None:
 @pytest.mark.parametrize("valence", [*range(2, 13), LARGEST_STENCIL_VALENCE, LARGEST_STENCIL_VALENCE + 1])
 def test_agrees_around_every_valence(valence: int) -> None:
     mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.fan(valence)), smooth_corners=True)
-    found = limit_values(mesh, mesh.positions, corners_of_descendants(mesh, 3))
+    found = limit_values(mesh, mesh.positions, uniform_points(mesh, 3))
     np.testing.assert_allclose(
         found, limits_of_descendants(mesh, 3), rtol=0, atol=valence * rounding(mesh.positions, 3)
     )
@@ -113,7 +101,7 @@ def test_agrees_around_every_valence(valence: int) -> None:
 def test_carries_values_in_place_of_positions(name: str, columns: int) -> None:
     mesh = build(name)
     values = np.random.default_rng(columns).uniform(-1.0, 1.0, (mesh.vertex_count, columns))
-    found = limit_values(mesh, values, corners_of_descendants(mesh, 2))
+    found = limit_values(mesh, values, uniform_points(mesh, 2))
     expected = limits_of_descendants(mesh.changed(positions=values), 2)
     assert found.shape == expected.shape
     np.testing.assert_allclose(found, expected, rtol=0, atol=rounding(values, 2))
@@ -122,7 +110,7 @@ def test_carries_values_in_place_of_positions(name: str, columns: int) -> None:
 @every_mesh
 def test_points_in_any_order_and_number(name: str) -> None:
     mesh = build(name)
-    points = corners_of_descendants(mesh, 2)
+    points = uniform_points(mesh, 2)
     expected = limit_values(mesh, mesh.positions, points)
     order = np.random.default_rng(1).integers(0, len(expected), len(expected) // 2)
     found = limit_values(mesh, mesh.positions, points.at(order))
@@ -198,5 +186,5 @@ def test_points_at_every_depth_beside_extraordinary_vertices() -> None:
 
 def test_points_on_a_face_of_a_hundred_corners() -> None:
     mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.cylinder(100)), smooth_corners=True)
-    found = limit_values(mesh, mesh.positions, corners_of_descendants(mesh, 2))
+    found = limit_values(mesh, mesh.positions, uniform_points(mesh, 2))
     np.testing.assert_allclose(found, limits_of_descendants(mesh, 2), rtol=0, atol=1e2 * rounding(mesh.positions, 2))
