@@ -12,7 +12,8 @@ from ccdepth_addon.core.limit_surface import limit_values
 from ccdepth_addon.core.mesh import PolygonMesh
 from ccdepth_addon.core.surface_points import SurfacePoints
 from tests import meshes
-from tests.core.test_limit_surface import build, corners_of_descendants, every_mesh
+from tests.core.test_limit_surface import build, every_mesh
+from tests.uniform import uniform_points
 
 # A step short enough for second derivatives to be worth 1e-5, and long enough for rounding to be worth less.
 STEP = 2.0**-18
@@ -37,7 +38,7 @@ def normals_by_differences(mesh: PolygonMesh, points: SurfacePoints) -> np.ndarr
 @every_mesh
 def test_have_unit_length(name: str) -> None:
     mesh = build(name)
-    normals = limit_normals(mesh, corners_of_descendants(mesh, 2))
+    normals = limit_normals(mesh, uniform_points(mesh, 2))
     np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=0, atol=1e-14)
 
 
@@ -128,13 +129,13 @@ def test_at_sharp_edges_are_what_the_normals_in_the_face_close_in_on(case: str) 
 def test_of_a_plane_are_square_to_it() -> None:
     for data in (meshes.grid(4, 3), meshes.creased(meshes.grid(4, 4), {(6, 7): 1.0, (7, 12): 0.5, (12, 13): 1.0})):
         mesh = smooth(data)
-        normals = limit_normals(mesh, corners_of_descendants(mesh, 2))
+        normals = limit_normals(mesh, uniform_points(mesh, 2))
         np.testing.assert_allclose(normals, np.broadcast_to([0.0, 0.0, 1.0], normals.shape), rtol=0, atol=1e-9)
 
 
 def test_of_a_cube_point_away_from_its_middle() -> None:
     mesh = smooth(meshes.cube())
-    points = corners_of_descendants(mesh, 3)
+    points = uniform_points(mesh, 3)
     positions = limit_values(mesh, mesh.positions, points)
     radial = positions / np.linalg.norm(positions, axis=1, keepdims=True)
     normals = limit_normals(mesh, points)
@@ -147,7 +148,7 @@ def test_of_a_cube_point_away_from_its_middle() -> None:
 def test_at_creases_are_those_of_the_points_own_side() -> None:
     edges = {tuple(edge): 1.0 for edge in meshes.cube().edges.tolist()}
     mesh = smooth(meshes.creased(meshes.cube(), edges))
-    points = corners_of_descendants(mesh, 2)
+    points = uniform_points(mesh, 2)
     normals = limit_normals(mesh, points)
     faces = mesh.corner_faces[points.corners]
     centres = np.add.reduceat(mesh.positions[mesh.corner_vertices], mesh.face_starts[:-1]) / 4
@@ -158,5 +159,5 @@ def test_of_faces_without_area_are_not_nan() -> None:
     data = meshes.grid(2, 2)
     for flat in (data.positions * np.array([1.0, 0.0, 0.0]), data.positions * 0.0):
         mesh = smooth(meshes.MeshData(flat, data.face_sizes, data.corner_vertices))
-        normals = limit_normals(mesh, corners_of_descendants(mesh, 2))
+        normals = limit_normals(mesh, uniform_points(mesh, 2))
         np.testing.assert_allclose(np.linalg.norm(normals, axis=1), 1.0, rtol=0, atol=1e-14)
