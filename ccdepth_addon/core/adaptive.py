@@ -34,6 +34,9 @@ BoolArray = NDArray[np.bool_]
 FACES_OF_A_LEAF = 1.3
 BELIEVED = 4
 
+# By how much a tolerance is raised in search of one that fits.
+SEARCH_STEP = 1.1
+
 # Blocks of cells that have fallen apart are put together again.
 MOST_BLOCKS = 256
 
@@ -46,10 +49,11 @@ class Mode(StrEnum):
 
 
 class TooManyFacesError(ValueError):
-    """The result would be too large. faces: about how many; tolerance: one that would fit, in the positions' unit."""
+    """The result would be too large. faces: about how many there would be; tolerance: where to begin to look for one
+    that fits, in the unit of the positions. It is worked out from the whole faces, and not tried out."""
 
     def __init__(self, faces: int, tolerance: float) -> None:
-        super().__init__(f"the result would have about {faces:,} faces; a tolerance of {tolerance:.3g} would fit")
+        super().__init__(f"the result would have about {faces:,} faces; about {tolerance:.3g} might fit")
         self.faces = faces
         self.tolerance = tolerance
 
@@ -299,25 +303,28 @@ class _Planner:
         return marked
 
     def _refuse_too_many(self, unfit: IndexArray) -> None:
-        """Raise TooManyFacesError if there are too many leaves now that these nodes have to be split, or will be.
-
-        Each level divides the distance by about four, as it multiplies the leaves, so that a node is worth about as
-        many leaves as its distance is limits.
-        """
+        """Raise TooManyFacesError if there are too many leaves now that these nodes have to be split, or will be."""
         leaves = int(np.count_nonzero(self.tree.first_child == NONE))
-        worth = np.maximum(self._least.values[unfit] / self._limit, 4.0)
+        worth = np.maximum(_leaves_of(self._least.values[unfit] / self._limit), 4.0)
         estimate = FACES_OF_A_LEAF * (leaves - len(unfit) + worth.sum())
         if leaves + 3 * len(unfit) > self._request.most_faces or estimate > BELIEVED * self._request.most_faces:
             raise TooManyFacesError(int(estimate), self._fitting_limit())
 
     def _fitting_limit(self) -> float:
         """A limit by which about as many faces as allowed would be made; inf where the mesh has too many itself."""
-        least = np.sort(self._least.values[: self.tree.mesh.face_count])[::-1]
-        count = np.arange(1, len(least) + 1)
-        room = self._request.most_faces / FACES_OF_A_LEAF - (len(least) - count)
-        # With the first k faces divided and the others whole, the limit is their distances' sum over the room left.
-        limits = np.where(room > 0, np.cumsum(least) / np.maximum(room, 1), np.inf)
-        return float(limits.max())
+        least = self._least.values[: self.tree.mesh.face_count]
+        room = self._request.most_faces / FACES_OF_A_LEAF
+        if len(least) > room:
+            return np.inf
+        limit = self._limit
+        while _leaves_of(least / limit).sum() > room:
+            limit *= SEARCH_STEP
+        return limit
+
+
+def _leaves_of(ratios: FloatArray) -> FloatArray:
+    """About how many leaves it takes where the distance is so many limits: a level divides it by four."""
+    return 4.0 ** np.ceil(np.log2(np.maximum(ratios, 1.0)) / 2)
 
 
 def _some(cells: Cells, wanted: BoolArray) -> list[Cells]:
