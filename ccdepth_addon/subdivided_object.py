@@ -12,7 +12,6 @@ from .carried_attributes import Carrier
 from .carried_groups import group_names, write_groups
 from .carried_normals import write_limit_normals
 from .carried_shape_keys import basis_mesh, write_shape_keys
-from .core.loose_parts import with_loose_parts
 from .core.mesh import PolygonMesh
 from .core.subdivided_mesh import SubdividedMesh
 
@@ -35,7 +34,6 @@ def new_mesh(
     left out.
     """
     options = options or CarryOptions()
-    subdivided = with_loose_parts(control, subdivided)
     mesh = base.copy()
     holder = bpy.data.objects.new(mesh.name, mesh)
     try:

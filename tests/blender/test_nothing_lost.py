@@ -633,7 +633,9 @@ def test_loose_parts_stay_with_their_values() -> None:
     control = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
     subdivided = uniform.uniform(control, LEVEL)
     used = np.unique(subdivided.corner_vertices)
-    mesh = module.new_mesh(holder.data, control, without_loose_parts(subdivided, used))
+    mesh = module.new_mesh(
+        holder.data, control, uniform.with_loose_parts(control, without_loose_parts(subdivided, used))
+    )
     assert not mesh.validate()
     assert len(mesh.vertices) == len(used) + 3
     assert len(mesh.edges) == len(np.unique(subdivided.corner_edges)) + 2
