@@ -214,7 +214,7 @@ class _Planner:
         counts, _ = self.tree.sides()
         pending = (self.tree.first_child == NONE) & (counts != self._split_sides.values)
         self._split_sides.values[:] = counts
-        some = (part for cells in self._cells for part in _some(cells, pending[cells.nodes]))
+        some = _merged(part for cells in self._cells for part in _some(cells, pending[cells.nodes]))
         for result in in_parallel(self._fit_as_split, some):
             if result is not None:
                 self._record(*result)
