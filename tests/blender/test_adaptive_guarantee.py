@@ -62,6 +62,12 @@ def softened(data: meshes.MeshData) -> meshes.MeshData:
     return meshes.creased(data, edges, vertices)
 
 
+def flattened(data: meshes.MeshData) -> meshes.MeshData:
+    """Nearly in one plane, where the faces of a mesh are much nearer to the surface than their parameters tell."""
+    noise = np.random.default_rng(3).uniform(-0.12, 0.12, data.positions.shape)
+    return replace(data, positions=(data.positions + noise) * (1.0, 1.0, 0.05))
+
+
 CASES: dict[str, Callable[[], meshes.MeshData]] = {
     "Suzanne": suzanne,
     "Suzanne with random creases": lambda: softened(meshes.with_random_creases(suzanne(), share=0.1)),
@@ -79,6 +85,7 @@ CASES: dict[str, Callable[[], meshes.MeshData]] = {
     "triangles": lambda: meshes.bumpy(meshes.bipyramid(6), 0.05),
     "n-gons with creases": lambda: softened(meshes.with_random_creases(meshes.cylinder(8), share=0.5)),
     "concave faces": meshes.concave_faces,
+    "nearly flat around a pole": lambda: flattened(meshes.fan(5, 3)),
 }
 
 # In parts of the diagonal: the deep level, and the transitions.
