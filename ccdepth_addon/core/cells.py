@@ -105,7 +105,7 @@ class Fit:
     def fold(self, chosen: IndexArray, pattern: int, points: FloatArray) -> None:
         """Find out which of the chosen cells, whose points are (8 or more, n, 3), are folded as they are drawn."""
         if pattern == WHOLE:
-            self.folded[chosen] = _folded(points[:4], self.alternatives[chosen])
+            self.folded[chosen] = is_folded(points[:4], self.alternatives[chosen])
 
 
 class Cells(Protocol):
@@ -501,7 +501,7 @@ def _along_and_across(vectors: FloatArray, normals: FloatArray) -> tuple[FloatAr
     return along, np.sqrt(np.maximum(squared_norms(vectors) - along**2, 0.0))
 
 
-def _folded(corners: FloatArray, alternatives: NDArray[np.int8]) -> BoolArray:
+def is_folded(corners: FloatArray, alternatives: NDArray[np.int8]) -> BoolArray:
     """(P,) whether the two triangles of quads (4, P, 3), split from corner 0 or from corner 1, face apart or nearly."""
     a, b, c, d = np.where(alternatives[None, :, None] == 0, corners, np.roll(corners, -1, axis=0))
     first, second = cross_products(b - a, c - a), cross_products(c - a, d - a)

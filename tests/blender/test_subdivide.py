@@ -7,6 +7,7 @@ How near to the surface the result is, and that nothing on the mesh is lost, is 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -592,3 +593,21 @@ def test_giving_up_leaves_everything_as_it_was() -> None:
     assert run.progress > 0
     run.give_up()
     assert everything_in_the_file() == before
+
+
+def test_quads_are_drawn_along_the_diagonal_that_was_proved_on_a_flattened_object() -> None:
+    """Flattened, the object is smooth where its mesh is folded, and Blender triangulates the mesh."""
+    data = meshes.bumpy(meshes.torus(9, 6), 0.2)
+    bent = scene.add_object(replace(data, positions=data.positions * (1.0, 1.0, 40.0)))
+    bent.scale = (1.0, 1.0, 0.001)
+    bpy.context.view_layer.objects.active = bent
+    bent.select_set(True)
+    bpy.context.view_layer.update()
+    bpy.ops.ccdepth.subdivide(tolerance=0.05, tolerance_mode="RELATIVE", output="IN_PLACE")
+    mesh = bent.data
+    mesh.calc_loop_triangles()
+    for triangle in mesh.loop_triangles:
+        polygon = mesh.polygons[triangle.polygon_index]
+        if polygon.loop_total == 4:
+            places = sorted(loop - polygon.loop_start for loop in triangle.loops)
+            assert places in ([0, 1, 2], [0, 2, 3])
