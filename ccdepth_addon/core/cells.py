@@ -8,9 +8,10 @@ neighbours it needs. How a cell is drawn depends on which of its sides are split
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +24,9 @@ from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets
 from .polygons import polygon_thickness, thickness_of_quads
 from .products import product
 from .quadtree import Quadtree
+from .refined_bounds import refined_misses
 from .refinement import Refinement, split
-from .splines import HALVES, SPLINE_TO_BERNSTEIN, largest_norm, patch_coefficients, tensor
+from .splines import HALVES, SPLINE_TO_BERNSTEIN, patch_coefficients, tensor
 from .stencils import LARGEST_STENCIL_VALENCE, patch_stencils
 from .templates import ALL_SPLIT, WHOLE, Template, Transitions, templates
 from .triangle_bounds import Misses
@@ -187,8 +189,86 @@ CHILD_MATRICES = _child_matrices()
 TO_BERNSTEIN = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
 
 
+class QuadCells(ABC):
+    """Quads, drawn by the templates for their split sides."""
+
+    nodes: IndexArray
+
+    @abstractmethod
+    def at(self, chosen: IndexArray) -> Self:
+        """Some of them, by ascending index."""
+
+    @abstractmethod
+    def turns(self) -> IndexArray:
+        """(P,) the slot from which the points and the patterns of each are counted."""
+
+    @abstractmethod
+    def points(self) -> FloatArray:
+        """(9, P, 3): the quads' points (``templates.QUAD_POINTS``) and centres, on the surface."""
+
+    @abstractmethod
+    def misses(self, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
+        """How far the quads are off at most, drawn by a template, as well as it takes to see what is within the limit.
+
+        points: their own.
+        """
+
+    @abstractmethod
+    def misses_along(self, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
+        """The same, as well as it takes to bound by the neighbours what is within the limit along the normals."""
+
+    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float) -> Fit:
+        """As in ``Cells``."""
+        patterns = _patterns(hanging, self.turns())
+        found = Fit.none(len(self.nodes))
+        found.turns[:] = self.turns()
+        found.patterns[:] = patterns
+        for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
+            chosen = np.flatnonzero(patterns == pattern)
+            part = self if len(chosen) == len(self.nodes) else self.at(chosen)
+            part._fit_pattern(found, chosen, pattern, transitions, limit)
+        return found
+
+    def _fit_pattern(
+        self, found: Fit, chosen: IndexArray, pattern: int, transitions: Transitions, limit: float
+    ) -> None:
+        """Try the templates of a pattern, the likeliest first, until one is within the limit, or likely to be.
+
+        chosen: where in what is found the quads are.
+        """
+        points = self.points()
+        samples = _Samples.of(points, pattern)
+        found.least[chosen] = samples.whole.min(axis=0)
+        as_polygons = transitions is Transitions.NGONS and pattern != WHOLE
+        for alternative, tried in _in_turn(samples.whole, lambda: np.isinf(found.bounds[chosen])):
+            tried = tried[samples.whole[alternative, tried] <= limit]
+            if len(tried):
+                misses = self.at(tried).misses(pattern, alternative, points[:, tried], limit)
+                reached = misses.whole
+                if as_polygons:
+                    reached = reached + thickness_of_quads(points[:, tried], pattern, alternative)
+                within = np.flatnonzero(reached <= limit)
+                found.bounds[chosen[tried[within]]] = reached[within]
+                found.take(chosen[tried[within]], misses.at(within), alternative)
+        if not as_polygons:
+            self._hope(found, chosen, pattern, samples, points, limit)
+        found.fold(chosen, pattern, points)
+
+    def _hope(
+        self, found: Fit, chosen: IndexArray, pattern: int, samples: _Samples, points: FloatArray, limit: float
+    ) -> None:
+        """Where none is within the limit at equal parameters, take one that is likely to be along the surface."""
+        hopes = samples.hope(samples.normal, samples.tangential)
+        for alternative, tried in _in_turn(hopes, lambda: ~found.fits[chosen]):
+            tried = tried[hopes[alternative, tried] <= HOPEFUL * limit]
+            if len(tried):
+                misses = self.at(tried).misses_along(pattern, alternative, points[:, tried], HOPEFUL * limit)
+                hopeful = samples.at(tried).hope(misses.normal, misses.tangential) <= HOPEFUL * limit
+                found.take(chosen[tried[hopeful]], misses.at(np.flatnonzero(hopeful)), alternative)
+
+
 @dataclass(frozen=True)
-class NetCells:
+class NetCells(QuadCells):
     """Quads with a net: bicubic ones by their 16 Bernstein coefficients, others by the net around a corner.
 
     nodes: (P,); slots: (P,) the slot the net is counted from; nets: (16 or 2n + 8, P, 3); valence: 4 or n.
@@ -230,99 +310,45 @@ class NetCells:
             matrix = TO_BERNSTEIN @ stencils.regular[16 * (turn - 1) : 16 * turn]
             yield NetCells(first + (self.slots + turn) % 4, zeros, _apply(matrix, self.nets))
 
-    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float) -> Fit:
-        patterns = _patterns(hanging, self.slots)
-        found = Fit.none(len(self.nodes))
-        found.turns[:] = self.slots
-        found.patterns[:] = patterns
-        for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
-            chosen = np.flatnonzero(patterns == pattern)
-            self._fit_pattern(found, chosen, pattern, transitions, limit)
-        return found
+    def turns(self) -> IndexArray:
+        return self.slots
 
-    def _fit_pattern(
-        self, found: Fit, chosen: IndexArray, pattern: int, transitions: Transitions, limit: float
-    ) -> None:
-        """Try the templates of a pattern, the likeliest first, until one is within the limit, or likely to be."""
-        nets = self.nets if len(chosen) == len(self.nodes) else self.nets.take(chosen, axis=1)
-        points = self._points(nets)
-        samples = _Samples.of(points, pattern)
-        found.least[chosen] = samples.whole.min(axis=0)
-        as_polygons = transitions is Transitions.NGONS and pattern != WHOLE
-        for alternative, tried in _in_turn(samples.whole, lambda: np.isinf(found.bounds[chosen])):
-            tried = tried[samples.whole[alternative, tried] <= limit]
-            if len(tried):
-                misses = self._misses(pattern, alternative, nets.take(tried, axis=1), points[:, tried], limit)
-                reached = misses.whole
-                if as_polygons:
-                    reached = reached + thickness_of_quads(points[:, tried], pattern, alternative)
-                within = np.flatnonzero(reached <= limit)
-                found.bounds[chosen[tried[within]]] = reached[within]
-                found.take(chosen[tried[within]], misses.at(within), alternative)
-        if not as_polygons:
-            self._hope(found, chosen, pattern, samples, points, limit)
-        found.fold(chosen, pattern, points)
+    def points(self) -> FloatArray:
+        if self.valence == 4:
+            return _apply(triangle_bounds.regular_points(), self.nets)
+        return _apply(triangle_bounds.extraordinary_points(self.valence), self.nets)
 
-    def _hope(
-        self, found: Fit, chosen: IndexArray, pattern: int, samples: _Samples, points: FloatArray, limit: float
-    ) -> None:
-        """Where none is within the limit at equal parameters, take one that is likely to be along the surface."""
-        hopes = samples.hope(samples.normal, samples.tangential)
-        for alternative, tried in _in_turn(hopes, lambda: ~found.fits[chosen]):
-            tried = tried[hopes[alternative, tried] <= HOPEFUL * limit]
-            if len(tried):
-                nets = self.nets.take(chosen[tried], axis=1)
-                misses = self._misses_along(pattern, alternative, nets, points[:, tried], HOPEFUL * limit)
-                hopeful = samples.at(tried).hope(misses.normal, misses.tangential) <= HOPEFUL * limit
-                found.take(chosen[tried[hopeful]], misses.at(np.flatnonzero(hopeful)), alternative)
-
-    def _misses(self, pattern: int, alternative: int, nets: FloatArray, points: FloatArray, limit: float) -> Misses:
-        """How far (n,) quads are off at most, looked at twice where that decides."""
+    def misses(self, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
+        """Looked at twice where that decides."""
         normals = _triangle_normals(points, templates(pattern)[alternative])
-        misses = self._misses_once(pattern, alternative, nets, normals, fine=False)
+        misses = self._misses_once(pattern, alternative, normals, fine=False)
         doubtful = np.flatnonzero((misses.whole > limit) & (misses.whole <= WORTH_A_SECOND_LOOK * limit))
         if len(doubtful):
-            finer = self._misses_once(
-                pattern, alternative, nets.take(doubtful, axis=1), normals[:, doubtful], fine=True
-            )
-            misses.put(doubtful, finer)
+            misses.put(doubtful, self.at(doubtful)._misses_once(pattern, alternative, normals[:, doubtful], fine=True))
         return misses
 
-    def _misses_along(
-        self, pattern: int, alternative: int, nets: FloatArray, points: FloatArray, limit: float
-    ) -> Misses:
-        """The same, looked at twice where they leave the triangles little room, or are far along the normals."""
+    def misses_along(self, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
+        """Looked at twice where they leave the triangles little room, or are far along the normals."""
         template = templates(pattern)[alternative]
         normals = _triangle_normals(points, template)
-        misses = self._misses_once(pattern, alternative, nets, normals, fine=False)
+        misses = self._misses_once(pattern, alternative, normals, fine=False)
         crowded = misses.normal + misses.tangential > ROOM * _least_heights(points, template)
         # Bicubic quads take little time.
         doubtful = np.flatnonzero(crowded | (misses.normal > limit / 2) | (self.valence == 4))
         if len(doubtful):
-            misses.put(
-                doubtful,
-                self._misses_once(pattern, alternative, nets.take(doubtful, axis=1), normals[:, doubtful], fine=True),
-            )
+            misses.put(doubtful, self.at(doubtful)._misses_once(pattern, alternative, normals[:, doubtful], fine=True))
         return misses
 
-    def _misses_once(
-        self, pattern: int, alternative: int, nets: FloatArray, normals: FloatArray, *, fine: bool
-    ) -> Misses:
+    def _misses_once(self, pattern: int, alternative: int, normals: FloatArray, *, fine: bool) -> Misses:
         if self.valence == 4:
             rows = triangle_bounds.regular_rows(pattern, alternative, fine=fine)
-            return triangle_bounds.regular_misses(rows, nets, normals)
+            return triangle_bounds.regular_misses(rows, self.nets, normals)
         matrices = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=fine)
-        return triangle_bounds.extraordinary_misses(matrices, nets, normals)
-
-    def _points(self, nets: FloatArray) -> FloatArray:
-        """(9, P, 3): the quads' points and centres, counted from the slot the net is counted from."""
-        if self.valence == 4:
-            return _apply(triangle_bounds.regular_points(), nets)
-        return _apply(triangle_bounds.extraordinary_points(self.valence), nets)
+        return triangle_bounds.extraordinary_misses(matrices, self.nets, normals)
 
 
 @dataclass(frozen=True)
-class RefinedCells:
+class RefinedCells(QuadCells):
     """Quads of another kind, by the mesh refined so far: descendant i is ``nodes[i]``."""
 
     nodes: IndexArray
@@ -337,43 +363,22 @@ class RefinedCells:
     def children(self, tree: Quadtree) -> Iterator[Cells]:
         return _refined_children(tree, self.nodes, self.refinement)
 
-    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float) -> Fit:
-        """By way of the bilinear facets: their distance from the surface, and the triangles' from them."""
-        found = Fit.none(len(self.nodes))
-        found.patterns[:] = _patterns(hanging, np.zeros_like(self.nodes))
-        facets = self.refinement.limits_at_corners()
-        points = _points_of_quads(self.refinement, facets)
-        distances = self._facet_distances(facets, points, limit)
-        for pattern in np.unique(found.patterns[found.patterns != ALL_SPLIT]).tolist():
-            chosen = np.flatnonzero(found.patterns == pattern)
-            least = _Samples.of(points[:, chosen], pattern).whole
-            found.least[chosen] = least.min(axis=0)
-            rows = [triangle_bounds.bilinear_rows(pattern, alternative) for alternative in range(len(least))]
-            reached = np.stack([largest_norm(_apply(of_one, points[:8, chosen])) for of_one in rows])
-            reached += distances[chosen]
-            if transitions is Transitions.NGONS and pattern != WHOLE:
-                drawn = points[:, chosen]
-                reached += [thickness_of_quads(drawn, pattern, alternative) for alternative in range(len(least))]
-            # Of templates that are proved alike, the one that is seen to be nearer.
-            best = np.argmin(np.where(reached <= limit, least, np.inf), axis=0)
-            bounds = np.take_along_axis(reached, best[None], axis=0)[0]
-            found.bounds[chosen] = np.where(bounds <= limit, bounds, np.inf)
-            found.alternatives[chosen] = best
-            found.fold(chosen, pattern, points[:, chosen])
-        found.normal[:] = found.tangential[:] = found.bounds
-        return found
+    def turns(self) -> IndexArray:
+        return np.zeros_like(self.nodes)
 
-    def _facet_distances(self, facets: FloatArray, points: FloatArray, limit: float) -> FloatArray:
-        """(P,): the distance of the bilinear facets at most; inf where it is seen to be beyond the limit."""
-        corners = points[[0, 1, 2, 3]]
-        gaps = [points[MIDDLES] - (points[STARTS] + points[ENDS]) / 2, points[CENTRE:] - corners.mean(axis=0)]
-        promising = largest_norm(np.concatenate(gaps)) <= limit
-        distances = np.full(len(self.nodes), np.inf)
-        if np.any(promising):
-            part = _numbered(self.refinement.keep(promising))
-            children = part.facets_of_children(facets[np.repeat(promising, 4)])
-            distances[promising] = facet_bounds(part, children, limit)
-        return distances
+    def points(self) -> FloatArray:
+        return _points_of_quads(self.refinement, self.refinement.limits_at_corners())
+
+    def misses(self, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
+        return self._misses(pattern, alternative, points, limit, along=False)
+
+    def misses_along(self, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
+        return self._misses(pattern, alternative, points, limit, along=True)
+
+    def _misses(self, pattern: int, alternative: int, points: FloatArray, limit: float, *, along: bool) -> Misses:
+        normals = _triangle_normals(points, templates(pattern)[alternative])
+        children = self.refinement.refined()
+        return refined_misses(children, points, (pattern, alternative), normals, limit, along=along)
 
 
 @dataclass(frozen=True)

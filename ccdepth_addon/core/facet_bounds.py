@@ -43,7 +43,7 @@ def facet_bounds(refinement: Refinement, facets: FloatArray, limit: float) -> Fl
         hopeless = np.zeros(len(upper), dtype=bool)
         hopeless[refinement.bases[gaps > limit]] = True
         hopeless |= upper > limit
-        reached = gaps + _own_facet_bounds(refinement)
+        reached = gaps + own_facet_bounds(refinement)
         last = step == REFINEMENTS - 1
         settled = (reached <= limit) | hopeless[refinement.bases] | last
         np.maximum.at(upper, refinement.bases[settled], reached[settled])
@@ -54,7 +54,7 @@ def facet_bounds(refinement: Refinement, facets: FloatArray, limit: float) -> Fl
     return upper
 
 
-def _own_facet_bounds(refinement: Refinement) -> FloatArray:
+def own_facet_bounds(refinement: Refinement) -> FloatArray:
     """(descendants,): the distance of quads from the facets over the limits of their own corners, at most."""
     mesh = refinement.mesh
     bounds = support_bounds(mesh, Vertices.LIMIT)[: len(refinement.bases)]

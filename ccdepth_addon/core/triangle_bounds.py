@@ -63,6 +63,11 @@ class Square:
     def corners(self) -> FloatArray:
         return self.origin + QUAD_POINTS[:4] @ self.axes
 
+    def child(self, number: int) -> Square:
+        """The quarter at a corner, which is its own corner 0."""
+        axes = np.linalg.matrix_power(QUARTER_TURN, number) @ self.axes / 2
+        return Square(self.origin + QUAD_POINTS[number] @ self.axes, axes)
+
 
 WHOLE_QUAD = Square(np.zeros(2), np.eye(2))
 
@@ -212,6 +217,16 @@ def _template_rows(template: Template, square: Square, surface: FloatArray, poin
                 rows = _error_rows(piece, square, surface, places, vertices)
                 parts.append(Rows(rows, np.full(len(rows), number)))
     return Rows.joined(parts)
+
+
+def clipped_rows(triangle: tuple[int, int, int], square: Square, surface: FloatArray, points: FloatArray) -> FloatArray:
+    """(R, N): the coefficients of S - T over the part of a square in one triangle, as functionals of N numbers.
+
+    surface: (16, N), S over the square; points: (8 or more, N), of the quad.
+    """
+    places, vertices = QUAD_POINTS[list(triangle)], points[list(triangle)]
+    parts = [_error_rows(part, square, surface, places, vertices) for part in _clipped(places, square)]
+    return np.concatenate([np.zeros((0, points.shape[1])), *parts])
 
 
 @lru_cache(maxsize=256)

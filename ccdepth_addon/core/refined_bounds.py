@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the triangles of a template miss over quads of any kind, by refining these (docs/adaptive.md, Any other quad).
+
+A quad's descendants are squares in its parameters. A regular one is bicubic, and is compared with the triangles in
+Bernstein form: where a square lies in one triangle, that is linear over it; where the template's lines cut it, by the
+matrices of its parts (``triangle_bounds``). Any other is compared by way of the bilinear facet over the limits of its
+corners, which is within a known distance of the surface, and refined again while that decides.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from .facet_bounds import own_facet_bounds
+from .mesh import FloatArray, IndexArray
+from .norms import squared_norms
+from .patches import PatchKind, classify_patches, regular_nets
+from .refinement import Refinement
+from .splines import bilinear_coefficients, patch_coefficients
+from .templates import QUAD_POINTS, Template, templates
+from .triangle_bounds import QUARTER_TURN, WHOLE_QUAD, Misses, clipped_rows
+
+# By then what is left of a quad around an irregular vertex is small against the quad.
+REFINEMENTS = 8
+
+# Weights and lengths are dyadic fractions, or a few times such; less is rounding.
+NOTHING = 1e-9
+
+# Where only a bound along the normals will do, facets have to be within this part of the limit.
+NEAR_FACET = 1 / 16
+
+
+@dataclass(frozen=True)
+class Squares:
+    """N square parts of the parameters of quads.
+
+    bases: (N,) intp, which quad; paths: (N,) intp, the children on the way there as digits of base 4 after a leading 1;
+    origins: (N, 2), where corner 0 lies; axes: (N, 2, 2), the sides from there to corners 1 and 3.
+    """
+
+    bases: IndexArray
+    paths: IndexArray
+    origins: FloatArray
+    axes: FloatArray
+
+    @staticmethod
+    def whole(count: int) -> Squares:
+        """All of each quad."""
+        axes = np.broadcast_to(np.eye(2), (count, 2, 2))
+        return Squares(np.arange(count), np.ones(count, dtype=np.intp), np.zeros((count, 2)), axes)
+
+    def at(self, chosen: IndexArray) -> Squares:
+        return Squares(self.bases[chosen], self.paths[chosen], self.origins[chosen], self.axes[chosen])
+
+    def children(self) -> Squares:
+        """Their four quarters each, from corner 0 on, every one with its own corner 0 where the square has a corner."""
+        origins = self.origins[:, None] + np.einsum("ci,nij->ncj", QUAD_POINTS[:4], self.axes)
+        turns = np.stack([np.linalg.matrix_power(QUARTER_TURN, turn) for turn in range(4)]) / 2
+        axes = np.einsum("cij,njk->ncik", turns, self.axes)
+        paths = 4 * self.paths[:, None] + np.arange(4)
+        return Squares(np.repeat(self.bases, 4), paths.ravel(), origins.reshape(-1, 2), axes.reshape(-1, 2, 2))
+
+    def corners(self) -> FloatArray:
+        """(4, N, 2)."""
+        return self.origins + np.einsum("ci,nij->cnj", QUAD_POINTS[:4], self.axes)
+
+
+def refined_misses(
+    children: Refinement, points: FloatArray, key: tuple[int, int], normals: FloatArray, limit: float, *, along: bool
+) -> Misses:
+    """‖S - T‖ at most, for P quads and the triangles of a template.
+
+    children: of all the quads, whose bases these are. points: (8 or more, P, 3), as in ``templates.QUAD_POINTS``; key:
+    pattern and alternative; normals: (T, P, 3), of the triangles. What is beyond the limit, in all or, with ``along``,
+    along the normals, is looked at no further.
+    """
+    refinement, squares = children, Squares.whole(points.shape[1]).children()
+    found = Misses(*(np.zeros(points.shape[1]) for _ in range(3)))
+    for step in range(REFINEMENTS):
+        kinds = classify_patches(refinement.mesh).kinds[: len(refinement.bases)]
+        regular, rest = np.flatnonzero(kinds == PatchKind.REGULAR), np.flatnonzero(kinds != PatchKind.REGULAR)
+        coefficients = patch_coefficients(regular_nets(refinement.mesh, regular)).reshape(16, -1, 3)
+        _raise(found, squares.at(regular), _misses_of(coefficients, squares.at(regular), points, key, normals))
+        if not len(rest):
+            break
+        refinement, squares = refinement.keep(kinds != PatchKind.REGULAR), squares.at(rest)
+        own = refinement.limits_at_corners().reshape(-1, 4, 3).swapaxes(0, 1)
+        near = own_facet_bounds(refinement)
+        left = _misses_of(bilinear_coefficients(own).reshape(16, -1, 3), squares, points, key, normals)
+        reached = left + Misses(near, near, near)
+        beyond = np.zeros(points.shape[1], dtype=bool)
+        beyond[squares.bases[(left.normal if along else left.whole) > limit]] = True
+        beyond |= (found.normal if along else found.whole) > limit
+        enough = near <= NEAR_FACET * limit if along else reached.whole <= limit
+        settled = enough | beyond[squares.bases] | (step == REFINEMENTS - 1)
+        _raise(found, squares.at(np.flatnonzero(settled)), reached.at(np.flatnonzero(settled)))
+        refinement, squares = refinement.keep(~settled).refined(), squares.at(np.flatnonzero(~settled)).children()
+        if not len(refinement.bases):
+            break
+    return found
+
+
+def _raise(found: Misses, squares: Squares, misses: Misses) -> None:
+    """Of each quad, the most of its squares."""
+    np.maximum.at(found.whole, squares.bases, misses.whole)
+    np.maximum.at(found.normal, squares.bases, misses.normal)
+    np.maximum.at(found.tangential, squares.bases, misses.tangential)
+
+
+def _misses_of(
+    coefficients: FloatArray, squares: Squares, points: FloatArray, key: tuple[int, int], normals: FloatArray
+) -> Misses:
+    """(N,): what the triangles miss over squares with Bernstein coefficients (16, N, 3)."""
+    pattern, alternative = key
+    found = Misses(*(np.zeros(len(squares.bases)) for _ in range(3)))
+    corners = squares.corners()
+    for number, triangle in enumerate(templates(pattern)[alternative]):
+        places = QUAD_POINTS[list(triangle)]
+        weights = _barycentric(places, corners)
+        covered = np.all(weights >= -NOTHING, axis=(0, 2))
+        apart = np.any(np.all(weights <= NOTHING, axis=0), axis=1) | _boxes_apart(places, corners)
+        inside = np.flatnonzero(covered)
+        vertices = points[list(triangle)][:, squares.bases[inside]]
+        flat = np.einsum("cnk,kni->cni", weights[:, inside], vertices)
+        vectors = coefficients[:, inside] - bilinear_coefficients(flat).reshape(16, -1, 3)
+        _raise_at(found, inside, vectors, normals[number, squares.bases[inside]])
+        cut = np.flatnonzero(~covered & ~apart)
+        for path in np.unique(squares.paths[cut]).tolist():
+            chosen = cut[squares.paths[cut] == path]
+            rows = _cut_rows(pattern, alternative, number, path)
+            if not len(rows):
+                continue
+            bases = squares.bases[chosen]
+            given = np.concatenate([coefficients[:, chosen], points[:8, bases]])
+            vectors = (rows @ given.reshape(24, -1)).reshape(len(rows), -1, 3)
+            _raise_at(found, chosen, vectors, normals[number, bases])
+    return found
+
+
+def _raise_at(found: Misses, chosen: IndexArray, vectors: FloatArray, normals: FloatArray) -> None:
+    """Put in vectors (R, n, 3) of some squares, over triangles with unit normals (n, 3)."""
+    squares = squared_norms(vectors)
+    along = np.einsum("rni,ni->rn", vectors, normals) ** 2
+    across = np.maximum(squares - along, 0.0)
+    for values, own in ((found.whole, squares), (found.normal, along), (found.tangential, across)):
+        values[chosen] = np.maximum(values[chosen], np.sqrt(own.max(axis=0, initial=0.0)))
+
+
+def _barycentric(places: FloatArray, corners: FloatArray) -> FloatArray:
+    """(4, N, 3): corners (4, N, 2) as averages of the places (3, 2) of a triangle's vertices."""
+    inverse = np.linalg.inv(np.column_stack([places, np.ones(3)]))
+    return corners @ inverse[:2] + inverse[2]
+
+
+def _boxes_apart(places: FloatArray, corners: FloatArray) -> FloatArray:
+    """(N,) bool: whether squares (4, N, 2) lie beside the triangle along one of the axes."""
+    above = corners.min(axis=0) >= places.max(axis=0) - NOTHING
+    below = corners.max(axis=0) <= places.min(axis=0) + NOTHING
+    return np.any(above | below, axis=1)
+
+
+@lru_cache(maxsize=2048)
+def _cut_rows(pattern: int, alternative: int, number: int, path: int) -> FloatArray:
+    """(R, 24): S - T over the part of a square in a triangle, from the square's 16 coefficients and the quad's points."""
+    template: Template = templates(pattern)[alternative]
+    digits = [int(digit) for digit in np.base_repr(path, 4)[1:]]
+    square = WHOLE_QUAD
+    for digit in digits:
+        square = square.child(digit)
+    given = np.eye(24)
+    return clipped_rows(template[number], square, given[:16], given[16:])
