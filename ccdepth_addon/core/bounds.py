@@ -17,13 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import sharp_constants
-from .mesh import FloatArray, PolygonMesh
+from .mesh import FloatArray, IndexArray, PolygonMesh
 from .norms import (
     first_order_norm_extraordinary,
     first_order_norm_regular,
     second_order_norm_extraordinary,
     second_order_norm_regular,
 )
+from .patches import faces_on_grids, regular_nets
+from .splines import largest_norm
+
+# Where the rows of a 4 × 4 net lie along a face from 0 to 1.
+GRID_PLACES = np.arange(-1.0, 3.0)
 
 
 class Vertices(StrEnum):
@@ -204,6 +209,8 @@ def support_bounds(mesh: PolygonMesh, vertices: Vertices) -> FloatArray:
     support, the points of all faces around its corners: no point of it is farther from the facet than the farthest
     support point is from a corner. With c a corner, p a point of a face around the corner c' and s(c') the distance
     from c' to the farthest such point, ‖c - p‖ ≤ ‖c - c'‖ + s(c'). The limit position of c lies within s(c) of c.
+
+    Faces on grids have a nearer bound (``_grid_bounds``).
     """
     corners = mesh.positions[mesh.corner_vertices].reshape(-1, 4, 3)
     apart = np.linalg.norm(corners[:, :, None] - corners[:, None, :], axis=3)
@@ -213,4 +220,23 @@ def support_bounds(mesh: PolygonMesh, vertices: Vertices) -> FloatArray:
     distance = apart + reach[:, None, :]
     if vertices is Vertices.LIMIT:
         distance = distance + reach[:, :, None]
-    return distance.max(axis=(1, 2))
+    bounds: FloatArray = distance.max(axis=(1, 2))
+    on_grids = np.flatnonzero(faces_on_grids(mesh))
+    bounds[on_grids] = np.minimum(bounds[on_grids], _grid_bounds(mesh, on_grids, vertices))
+    return bounds
+
+
+def _grid_bounds(mesh: PolygonMesh, faces: IndexArray, vertices: Vertices) -> FloatArray:
+    """(faces,) float64: ‖L - S‖ of faces on grids (``patches.faces_on_grids``), which falls by four a level.
+
+    The surface is S = Σ wᵢⱼ(u, v) Vᵢⱼ, with weights that are not negative and sum to 1, and reproduces bilinear
+    functions; so with L the facet of the control points, extended to the whole net, S - L = Σ wᵢⱼ (Vᵢⱼ - L(i, j)) is
+    no longer than the longest Vᵢⱼ - L(i, j). So is what the limits of the corners are away from these, and the facet
+    over the limits from L. Points beyond infinitely sharp sides have no weight, and count for nothing but safety.
+    """
+    net = regular_nets(mesh, faces)
+    corners = net[[1, 2, 2, 1], [1, 1, 2, 2]]
+    along = np.stack([1.0 - GRID_PLACES, GRID_PLACES])
+    weights = np.einsum("ki,kj->kij", along[[0, 1, 1, 0]], along[[0, 0, 1, 1]])
+    off = largest_norm((net - np.einsum("kij,kpc->ijpc", weights, corners)).reshape(16, -1, 3))
+    return 2.0 * off if vertices is Vertices.LIMIT else off

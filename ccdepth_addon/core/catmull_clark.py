@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,11 +28,6 @@ BoolArray = NDArray[np.bool_]
 
 # From this sharpness on a feature never softens (OpenSubdiv's convention).
 LARGEST_SEMI_SHARPNESS = 10.0
-
-# Steps after which the ring around a dart vertex has shrunk below double precision: the second eigenvalue of a ring
-# step is (6 + √20)/16 < 0.6546 at most, for ever larger valences, and 0.6546¹⁰⁰ < 1e-18.
-DART_STEPS = 100
-
 
 class VertexRule(IntEnum):
     """Which rule a vertex follows. The first three are numbered by their number of sharp edges."""
@@ -373,33 +369,47 @@ def _dart_limits(
 ) -> FloatArray:
     """(len(darts), 3) the limits of dart vertices, from the points of one step.
 
-    The sharp edge breaks the ring's symmetry, so no closed formula is at hand; the rings (each dart with its spokes'
-    ends and the points across its quads) are refined on their own until they have shrunk to a point. Positions are
-    relative to the dart's, so that rounding shrinks with them.
+    Positions are taken relative to the dart's, so that rounding stays small with the ring.
     """
-    ring_of = np.full(mesh.vertex_count, -1, dtype=np.intp)
-    ring_of[darts] = np.arange(len(darts))
-    corners = np.flatnonzero(ring_of[mesh.corner_vertices] >= 0)
-    ring = ring_of[mesh.corner_vertices[corners]]
-    outgoing, incoming = _half_edges_at_corners(mesh)
-    halves = np.concatenate([outgoing[corners], incoming[corners]])
-    spokes, positions_in_spokes = np.unique(halves, return_inverse=True)
-    leaving, entering = positions_in_spokes.reshape(2, -1)
-    spoke_ring = np.zeros(len(spokes), dtype=np.intp)
-    spoke_ring[leaving] = ring
-    spoke_ring[entering] = ring
-    sharp = (mesh.edge_sharpness[spokes // 2] > 1)[:, None]
-    valence = np.bincount(ring, minlength=len(darts))[:, None].astype(np.float64)
+    limits = vertex_points[darts]
+    first = np.zeros(mesh.vertex_count, dtype=np.intp)
+    sharp = np.flatnonzero(mesh.edge_sharpness[mesh.corner_edges] > 1)
+    first[mesh.corner_vertices[sharp]] = sharp
+    valences = mesh.vertex_face_counts[darts]
+    for valence in np.unique(valences).tolist():
+        chosen = np.flatnonzero(valences == valence)
+        origins, total, spokes = limits[chosen], 0.0, first[darts[chosen]]
+        for end_weight, across_weight in dart_weights(valence).reshape(-1, 2).tolist():
+            ends = edge_points[mesh.corner_edges[spokes]] - origins
+            across = face_points[mesh.corner_faces[spokes]] - origins
+            total = total + end_weight * ends + across_weight * across
+            spokes = mesh.twin[mesh.previous_corner[spokes]]
+        limits[chosen] = origins + total
+    return limits
 
-    origin = vertex_points[darts]
-    centre = np.zeros_like(origin)
-    ends = edge_points[spokes // 2] - origin[spoke_ring]
-    across = face_points[mesh.corner_faces[corners]] - origin[ring]
-    for _ in range(DART_STEPS):
-        across = 0.25 * (centre[ring] + ends[leaving] + ends[entering] + across)
-        beside = _sum_by(leaving, across, len(spokes)) + _sum_by(entering, across, len(spokes))
-        halfway = 0.5 * (centre[spoke_ring] + ends)
-        around = _sum_by(spoke_ring, ends, len(darts)) + _sum_by(ring, across, len(darts))
-        centre = ((valence - 2.0) * centre + around / valence) / valence
-        ends = np.where(sharp, halfway, 0.5 * halfway + 0.25 * beside)
-    return origin + centre
+
+@lru_cache(maxsize=64)
+def dart_weights(valence: int) -> FloatArray:
+    """(2n,) the weights with which the ring of a dart vertex enters into its limit; what they lack to 1 is its own.
+
+    The ring: the ends of its spokes, beginning with the sharp one, each before the point across the quad that follows.
+    The sharp edge breaks the symmetry that has a closed formula; but a step maps the vertex and its ring to themselves,
+    so the weights are the step's left eigenvector to the eigenvalue 1.
+    """
+    ends, across = 1 + 2 * np.arange(valence), 2 + 2 * np.arange(valence)
+    following, before = np.roll(ends, -1), np.roll(across, 1)
+    step = np.zeros((2 * valence + 1, 2 * valence + 1))
+    for points in (0, ends, following, across):
+        step[across, points] += 0.25
+    step[0, 0] = (valence - 2) / valence
+    step[0, ends] = 1 / valence**2
+    step[0] += step[across].sum(axis=0) / valence**2
+    step[ends, 0] += 0.5
+    step[ends, ends] += 0.5
+    smooth = ends[1:]
+    step[smooth] *= 0.5
+    step[smooth] += 0.25 * (step[across] + step[before])[1:]
+    # The eigenvector's sum is 1, in place of an equation that follows from the others.
+    equations = step.T - np.eye(len(step))
+    equations[0] = 1.0
+    return np.linalg.solve(equations, np.eye(len(step))[0])[1:]

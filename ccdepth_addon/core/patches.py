@@ -103,6 +103,40 @@ def _regular_at_sharp_edges(mesh: PolygonMesh, corners: IndexArray, rules: NDArr
     return regular
 
 
+def faces_on_grids(mesh: PolygonMesh) -> BoolArray:
+    """(F,) bool: quads whose net is a 4 × 4 grid (``regular_nets``) by its topology, semi-sharp or not, and whose
+    surface reproduces bilinear functions of the places [i, j] on it.
+
+    With (i, j) for positions, the smooth rules, the crease rule along a line of the grid, midpoints of sharp edges and
+    fixed vertices all give a point's own place, and so does whatever is blended from these. What does not is a crease
+    that turns: a vertex whose two sharpest edges are neighbours, the other two being duller. And where a dart ends an
+    infinitely sharp crease, points beyond it count that the net has no place for.
+    """
+    infinite = np.isinf(mesh.edge_sharpness)
+    infinite_counts = np.bincount(mesh.edge_vertices[infinite].reshape(-1), minlength=mesh.vertex_count)
+    edge_counts = np.bincount(mesh.edge_vertices.reshape(-1), minlength=mesh.vertex_count)
+    fixed = np.isinf(mesh.vertex_sharpness)
+    inside = (mesh.vertex_face_counts == 4) & (edge_counts == 4) & (infinite_counts == 0) & ~fixed
+    inside &= ~_touches_other_than_quads(mesh) & ~_has_turning_crease(mesh)
+    on_grid = inside[mesh.corner_vertices]
+    rules = np.where(fixed | (infinite_counts > 2), VertexRule.CORNER, VertexRule.CREASE).astype(np.int8)
+    corners = np.flatnonzero((fixed | (infinite_counts >= 2))[mesh.corner_vertices])
+    on_grid[corners[_regular_at_sharp_edges(mesh, corners, rules)]] = True
+    return np.logical_and.reduceat(on_grid, mesh.face_starts[:-1]) & (mesh.face_sizes == 4)
+
+
+def _has_turning_crease(mesh: PolygonMesh) -> BoolArray:
+    """(V,) bool: vertices of four edges inside the surface two of which, next to each other, are sharper than the
+    others."""
+    spokes = [np.arange(mesh.corner_count)]
+    for _ in range(3):
+        spokes.append(mesh.next_corner[mesh.twin[spokes[-1]]])
+    first, second, third, fourth = (mesh.edge_sharpness[mesh.corner_edges[spoke]] for spoke in spokes)
+    turning = np.zeros(mesh.vertex_count, dtype=bool)
+    turning[mesh.corner_vertices[np.minimum(first, second) > np.maximum(third, fourth)]] = True
+    return turning
+
+
 def _touches_other_than_quads(mesh: PolygonMesh) -> BoolArray:
     """Vertices of a face that is not a quad: (V,) bool."""
     touched = np.zeros(mesh.vertex_count, dtype=bool)

@@ -10,7 +10,7 @@ corners, which is within a known distance of the surface, and refined again whil
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache, lru_cache
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from .norms import squared_norms
 from .patches import PatchKind, classify_patches, regular_nets
 from .refinement import Refinement
 from .splines import bilinear_coefficients, patch_coefficients
-from .templates import QUAD_POINTS, Template, templates
+from .templates import QUAD_POINTS, Triangle, templates
 from .triangle_bounds import QUARTER_TURN, WHOLE_QUAD, Misses, clipped_rows
 
 # By then what is left of a quad around an irregular vertex is small against the quad.
@@ -119,7 +119,8 @@ def _misses_of(
     corners = squares.corners()
     for number, triangle in enumerate(templates(pattern)[alternative]):
         places = QUAD_POINTS[list(triangle)]
-        weights = _barycentric(places, corners)
+        inverse = _barycentric(triangle)
+        weights = corners @ inverse[:2] + inverse[2]
         covered = np.all(weights >= -NOTHING, axis=(0, 2))
         apart = np.any(np.all(weights <= NOTHING, axis=0), axis=1) | _boxes_apart(places, corners)
         inside = np.flatnonzero(covered)
@@ -149,10 +150,10 @@ def _raise_at(found: Misses, chosen: IndexArray, vectors: FloatArray, normals: F
         values[chosen] = np.maximum(values[chosen], np.sqrt(own.max(axis=0, initial=0.0)))
 
 
-def _barycentric(places: FloatArray, corners: FloatArray) -> FloatArray:
-    """(4, N, 3): corners (4, N, 2) as averages of the places (3, 2) of a triangle's vertices."""
-    inverse = np.linalg.inv(np.column_stack([places, np.ones(3)]))
-    return corners @ inverse[:2] + inverse[2]
+@cache
+def _barycentric(triangle: Triangle) -> FloatArray:
+    """(3, 3): from a point's parameters and 1 to its weights as an average of the triangle's vertices."""
+    return np.linalg.inv(np.column_stack([QUAD_POINTS[list(triangle)], np.ones(3)]))
 
 
 def _boxes_apart(places: FloatArray, corners: FloatArray) -> FloatArray:
@@ -164,11 +165,9 @@ def _boxes_apart(places: FloatArray, corners: FloatArray) -> FloatArray:
 
 @lru_cache(maxsize=2048)
 def _cut_rows(pattern: int, alternative: int, number: int, path: int) -> FloatArray:
-    """(R, 24): S - T over the part of a square in a triangle, from the square's 16 coefficients and the quad's points."""
-    template: Template = templates(pattern)[alternative]
-    digits = [int(digit) for digit in np.base_repr(path, 4)[1:]]
+    """(R, 24): S - T over the part of a square in a triangle, from the square's coefficients and the quad's points."""
     square = WHOLE_QUAD
-    for digit in digits:
-        square = square.child(digit)
+    for digit in np.base_repr(path, 4)[1:]:
+        square = square.child(int(digit))
     given = np.eye(24)
-    return clipped_rows(template[number], square, given[:16], given[16:])
+    return clipped_rows(templates(pattern)[alternative][number], square, given[:16], given[16:])

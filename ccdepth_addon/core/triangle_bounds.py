@@ -58,7 +58,7 @@ class Square:
 
     def from_parent(self, points: FloatArray) -> FloatArray:
         """(N, 2) parameters of the quad as parameters of the square."""
-        return (points - self.origin) @ np.linalg.inv(self.axes)
+        return (points - self.origin) @ self.axes.T / (self.axes[0] @ self.axes[0])
 
     def corners(self) -> FloatArray:
         return self.origin + QUAD_POINTS[:4] @ self.axes
