@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -28,6 +28,9 @@ NO_ORIGIN = -1
 # The second number of an origin is the square of the first modulo this prime. A modifier that averages the origins of
 # several faces makes a pair that does not fit, and its faces are known to come from no one face.
 ORIGIN_PRIME = 2**31 - 1
+
+# Objects are taken to be at least so thick, in parts of what they are stretched to at most.
+LEAST_STRETCH = 1e-6
 
 # These take faces away. What others lose, they have merged into faces that count for one of their origins only.
 TAKING_FACES_AWAY = {"BOOLEAN", "BUILD", "MASK", "NODES", "WELD"}
@@ -74,6 +77,19 @@ class ControlMesh:
             for axis, weights in enumerate(self.world):
                 positions[:, axis] = x * weights[0] + y * weights[1] + z * weights[2]
             return self.mesh.changed(positions=positions)
+
+    def thickened(self) -> ControlMesh:
+        """The same unless the object is scaled to nothing, or nearly, along some direction: then, to a little.
+
+        That makes no distance shorter, and the scene tells again where the points of the mesh lie in object space.
+        """
+        if not np.isfinite(self.world).all():
+            return self
+        left, stretches, right = np.linalg.svd(self.world)
+        least = LEAST_STRETCH * stretches.max()
+        if least == 0 or stretches.min() >= least:
+            return self
+        return replace(self, world=left * np.maximum(stretches, least) @ right)
 
     def diagonal(self) -> float:
         """The diagonal of the object's dimensions, as a length in the scene.

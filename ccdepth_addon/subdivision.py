@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil, floor, log10
 from typing import Any
 
@@ -86,9 +87,15 @@ class SubdivisionTask:
     surface: Surface
     allowance: float
 
+    @cached_property
+    def control(self) -> ControlMesh:
+        """The control mesh where it is proved."""
+        return self.surface.control.thickened()
+
     def request(self, settings: SubdivisionSettings, tolerance: float, most_faces: int) -> Request:
         limit = tolerance - self.allowance
-        return Request(limit, Mode(settings.mode), Transitions(settings.transitions), most_faces)
+        transitions = Transitions(settings.transitions)
+        return Request(limit, Mode(settings.mode), transitions, most_faces, axes=self.control.world)
 
 
 @dataclass(frozen=True)
@@ -219,7 +226,7 @@ def subdivide_stepwise(
     answers: list[Subdivision] = []
     made = 0
     for task in tasks:
-        control = task.surface.control
+        control = task.control
         room = settings.max_faces - made
         request = task.request(settings, task.surface.tolerance, room)
         try:
@@ -242,7 +249,7 @@ def count_stepwise(
     for task in tasks:
         request = task.request(settings, task.surface.tolerance, settings.max_faces)
         try:
-            steps = count_faces(task.surface.control.in_world, request)
+            steps = count_faces(task.control.in_world, request)
             faces = yield from _raised(steps, sum(count.faces for count in counts))
             _refuse_too_many(faces, request)
             counts.append(FaceCount(faces, None))
@@ -301,7 +308,7 @@ def _count(
     """How many faces the result would have with another tolerance, None when they are too many."""
     request = task.request(settings, tolerance, most_faces)
     try:
-        faces = yield from count_faces(task.surface.control.in_world, request)
+        faces = yield from count_faces(task.control.in_world, request)
     except TooManyFacesError:
         return None
     return faces if faces <= most_faces else None

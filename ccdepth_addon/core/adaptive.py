@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass, fields
+from dataclasses import field as dataclass_field
 from enum import StrEnum
 
 import numpy as np
@@ -72,13 +73,15 @@ class AdaptiveMesh:
 class Request:
     """What is wanted of a control mesh. limit: the largest distance, in the unit of its positions, rounding taken off.
 
-    most_faces: beyond that many the result is refused.
+    most_faces: beyond that many the result is refused. axes: (3, 3) float64, its columns the axes of the space where
+    Blender triangulates the result, in coordinates of the positions.
     """
 
     limit: float
     mode: Mode
     transitions: Transitions
     most_faces: int
+    axes: FloatArray = dataclass_field(default_factory=lambda: np.eye(3))
 
 
 def count_faces(mesh: PolygonMesh, request: Request) -> Generator[int, None, int]:
@@ -98,7 +101,8 @@ def subdivide_adaptively(
     """The mesh that is drawn within the limit, in steps: yields how many leaves there are so far.
 
     mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``), in the space the limit is meant in.
-    positions: (V, 3) float64, of the same control mesh in the space that is wanted. Raises TooManyFacesError.
+    positions: (V, 3) float64, of the same control mesh in the space that is wanted, with the axes of the request.
+    Raises TooManyFacesError.
     """
     least_levels = np.zeros(mesh.face_count, dtype=np.int8)
     while True:
@@ -275,7 +279,7 @@ class _Planner:
         return cells, self._fit(cells, self.tree.hanging(self.tree.slots(cells.nodes)))
 
     def _fit(self, cells: Cells, hanging: BoolArray) -> Fit:
-        return cells.fit(hanging, self._request.transitions, self._limit)
+        return cells.fit(hanging, self._request.transitions, self._limit, self._request.axes)
 
     def _sort_out(self, cells: Cells, fit: Fit) -> list[Cells]:
         """Keep the cells that fit; the others."""

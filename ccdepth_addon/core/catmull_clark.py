@@ -29,6 +29,7 @@ BoolArray = NDArray[np.bool_]
 # From this sharpness on a feature never softens (OpenSubdiv's convention).
 LARGEST_SEMI_SHARPNESS = 10.0
 
+
 class VertexRule(IntEnum):
     """Which rule a vertex follows. The first three are numbered by their number of sharp edges."""
 

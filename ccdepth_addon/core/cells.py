@@ -21,7 +21,7 @@ from .facet_bounds import facet_bounds
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .norms import cross_products, squared_norms
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
-from .polygons import polygon_thickness, thickness_of_quads
+from .polygons import is_folded, polygon_thickness, thickness_of_quads
 from .products import product
 from .quadtree import Quadtree
 from .refined_bounds import refined_misses
@@ -52,10 +52,6 @@ ROOM = 0.12
 MIDDLES, STARTS, ENDS = [4, 5, 6, 7], [0, 1, 2, 3], [1, 2, 3, 0]
 CENTRE = 8
 
-# Blender draws a quad along its first diagonal unless the triangles there face away from each other. Single precision
-# must not decide that, so they have to agree a little.
-LEAST_COSINE = 1e-3
-
 PATTERN_BITS = np.array([1, 2, 4, 8])
 
 
@@ -68,8 +64,8 @@ class Fit:
     no template will do. Where these are finite and the bound is not, it takes the neighbours to find one
     (``graph_bounds``), and is likely to be within the limit. patterns and
     alternatives: int8, the template (``templates``), counted from slot ``turns`` on. folded: bool, whether the
-    triangles of a whole quad face away from each other, so that it has to be drawn as triangles. least: float64, a
-    distance that is really there when the cell's sides are whole.
+    triangles of a whole quad face away from each other, here or where Blender triangulates it, so that it has to be
+    drawn as triangles. least: float64, a distance that is really there when the cell's sides are whole.
     """
 
     bounds: FloatArray
@@ -104,10 +100,12 @@ class Fit:
         self.tangential[chosen] = misses.tangential
         self.alternatives[chosen] = alternative
 
-    def fold(self, chosen: IndexArray, pattern: int, points: FloatArray) -> None:
+    def fold(self, chosen: IndexArray, pattern: int, points: FloatArray, axes: FloatArray) -> None:
         """Find out which of the chosen cells, whose points are (8 or more, n, 3), are folded as they are drawn."""
         if pattern == WHOLE:
-            self.folded[chosen] = is_folded(points[:4], self.alternatives[chosen])
+            first = self.alternatives[chosen][None, :, None] == 0
+            corners = np.where(first, points[:4], np.roll(points[:4], -1, axis=0))
+            self.folded[chosen] = is_folded(corners, np.eye(3)) | is_folded(corners, axes)
 
 
 class Cells(Protocol):
@@ -120,8 +118,9 @@ class Cells(Protocol):
     def at(self, chosen: IndexArray) -> Cells:
         """Some of them, by index."""
 
-    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float) -> Fit:
-        """How to draw them within a limit; hanging: (slots of the nodes,) bool, which sides are split."""
+    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
+        """How to draw them within a limit; hanging: (slots of the nodes,) bool, which sides are split. axes: (3, 3), of
+        the space where Blender triangulates (``polygons``)."""
 
     def children(self, tree: Quadtree) -> Iterator[Cells]:
         """The cells of their children; the tree's nodes have been split."""
@@ -217,7 +216,7 @@ class QuadCells(ABC):
     def misses_along(self, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
         """The same, as well as it takes to bound by the neighbours what is within the limit along the normals."""
 
-    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float) -> Fit:
+    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
         """As in ``Cells``."""
         patterns = _patterns(hanging, self.turns())
         found = Fit.none(len(self.nodes))
@@ -226,11 +225,17 @@ class QuadCells(ABC):
         for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
             chosen = np.flatnonzero(patterns == pattern)
             part = self if len(chosen) == len(self.nodes) else self.at(chosen)
-            part._fit_pattern(found, chosen, pattern, transitions, limit)
+            part._fit_pattern(found, chosen, pattern, transitions, limit, axes)
         return found
 
     def _fit_pattern(
-        self, found: Fit, chosen: IndexArray, pattern: int, transitions: Transitions, limit: float
+        self,
+        found: Fit,
+        chosen: IndexArray,
+        pattern: int,
+        transitions: Transitions,
+        limit: float,
+        axes: FloatArray,
     ) -> None:
         """Try the templates of a pattern, the likeliest first, until one is within the limit, or likely to be.
 
@@ -246,13 +251,13 @@ class QuadCells(ABC):
                 misses = self.at(tried).misses(pattern, alternative, points[:, tried], limit)
                 reached = misses.whole
                 if as_polygons:
-                    reached = reached + thickness_of_quads(points[:, tried], pattern, alternative)
+                    reached = reached + thickness_of_quads(points[:, tried], pattern, alternative, axes)
                 within = np.flatnonzero(reached <= limit)
                 found.bounds[chosen[tried[within]]] = reached[within]
                 found.take(chosen[tried[within]], misses.at(within), alternative)
         if not as_polygons:
             self._hope(found, chosen, pattern, samples, points, limit)
-        found.fold(chosen, pattern, points)
+        found.fold(chosen, pattern, points, axes)
 
     def _hope(
         self, found: Fit, chosen: IndexArray, pattern: int, samples: _Samples, points: FloatArray, limit: float
@@ -397,7 +402,7 @@ class PolygonCells:
     def children(self, tree: Quadtree) -> Iterator[Cells]:
         return _refined_children(tree, self.nodes, self.refinement)
 
-    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float) -> Fit:
+    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
         """By way of the fans of bilinear facets around the centroids, which bend at the middles of split sides."""
         found = Fit.none(len(self.nodes))
         corners = self.refinement.limits_at_corners()
@@ -414,7 +419,8 @@ class PolygonCells:
             kept = np.repeat(promising, self.refinement.mesh.face_sizes[: len(self.nodes)])
             part = _numbered(self.refinement.keep(promising))
             bounds = facet_bounds(part, facets[:, kept], limit)
-            bounds += polygon_thickness(facets[:, kept], hanging[kept], part.mesh.face_starts[: len(chosen)])[0]
+            starts = part.mesh.face_starts[: len(chosen)]
+            bounds += polygon_thickness(facets[:, kept], hanging[kept], starts, axes)
             found.bounds[chosen] = np.where(bounds <= limit, bounds, np.inf)
         found.normal[:] = found.tangential[:] = found.bounds
         return found
@@ -504,14 +510,6 @@ def _along_and_across(vectors: FloatArray, normals: FloatArray) -> tuple[FloatAr
     """(R, P) twice: the lengths of vectors (R, P, 3) along unit normals (P, 3) and across them."""
     along = np.abs(np.einsum("rpi,pi->rp", vectors, normals))
     return along, np.sqrt(np.maximum(squared_norms(vectors) - along**2, 0.0))
-
-
-def is_folded(corners: FloatArray, alternatives: NDArray[np.int8]) -> BoolArray:
-    """(P,) whether the two triangles of quads (4, P, 3), split from corner 0 or from corner 1, face apart or nearly."""
-    a, b, c, d = np.where(alternatives[None, :, None] == 0, corners, np.roll(corners, -1, axis=0))
-    first, second = cross_products(b - a, c - a), cross_products(c - a, d - a)
-    cosines = np.einsum("ij,ij->i", first, second)
-    return cosines <= LEAST_COSINE * np.sqrt(squared_norms(first) * squared_norms(second))
 
 
 def _numbered(refinement: Refinement) -> Refinement:

@@ -4,12 +4,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .cells import Fit, is_folded
+from .cells import Fit
 from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .quadtree import NONE, Quadtree
@@ -45,23 +45,11 @@ def draw(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions,
     """Draw the leaves (L,) of a tree as they were fitted.
 
     positions: (V, 3) float64, those of the control mesh in the space that is wanted; the tree's own may be in another.
-    Blender draws the quads there, so those that are folded there are drawn as triangles, too.
     """
-    points = _positions(tree, positions)
-    fit = replace(fit, folded=fit.folded | _folded_there(tree, leaves, fit, points))
     polygons = [*_polygons_of_quads(tree, leaves, fit, transitions), *_polygons_of_faces(tree, leaves, transitions)]
-    mesh, faces_along, drawn = _assembled(tree, polygons, leaves, points)
+    mesh, faces_along, drawn = _assembled(tree, polygons, leaves, positions)
     clashing = drawn[_clashing(tree.mesh, mesh, faces_along)]
     return Drawing(mesh, fit.bounds[drawn], leaves[np.unique(clashing)])
-
-
-def _folded_there(tree: Quadtree, leaves: IndexArray, fit: Fit, points: FloatArray) -> BoolArray:
-    """(L,) which whole quads are folded as they are drawn with the tree's vertices at points (V, 3)."""
-    folded = np.zeros(len(leaves), dtype=bool)
-    quads = np.flatnonzero(tree.is_quad(leaves) & (fit.patterns == WHOLE))
-    slots = tree.first_slots(leaves[quads])[:, None] + (np.arange(4) + fit.turns[quads, None]) % 4
-    folded[quads] = is_folded(points[tree.slot_vertices[slots]].swapaxes(0, 1), fit.alternatives[quads])
-    return folded
 
 
 def face_counts(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> IndexArray:
@@ -199,7 +187,7 @@ def _points_of_face(split_sides: list[bool], transitions: Transitions) -> list[S
 
 
 def _assembled(
-    tree: Quadtree, polygons: list[Polygons], leaves: IndexArray, points: FloatArray
+    tree: Quadtree, polygons: list[Polygons], leaves: IndexArray, positions: FloatArray
 ) -> tuple[SubdividedMesh, IndexArray, IndexArray]:
     """One mesh of all polygons, in the order of their leaves; (E,) the faces along its edges; (F,) each face's leaf.
 
@@ -216,7 +204,7 @@ def _assembled(
     loose_edges = np.flatnonzero(tree.mesh.edge_face_counts == 0)
     mesh = SubdividedMesh(
         vertex_points=tree.vertex_points.at(used),
-        positions=points[used],
+        positions=_positions(tree, used, positions),
         face_starts=starts,
         corner_vertices=corner_vertices,
         corner_edges=corner_edges,
@@ -249,14 +237,14 @@ def _in_order(polygons: list[Polygons]) -> tuple[IndexArray, IndexArray, IndexAr
     return starts, of_leaves[order], slots, middles
 
 
-def _positions(tree: Quadtree, positions: FloatArray) -> FloatArray:
-    """(V, 3) where the tree's vertices lie; those without faces stay where they are."""
-    points = tree.vertex_points
-    found = np.empty((len(points.corners), 3))
+def _positions(tree: Quadtree, used: IndexArray, positions: FloatArray) -> FloatArray:
+    """(V, 3) where the used vertices lie; those without faces stay where they are."""
+    points = tree.vertex_points.at(used)
     on_surface = np.flatnonzero(points.corners != NONE)
+    found = np.empty((len(used), 3))
     found[on_surface] = limit_values(tree.mesh, positions, points.at(on_surface))
     loose = np.flatnonzero(points.corners == NONE)
-    found[loose] = positions[loose]
+    found[loose] = positions[used[loose]]
     return found
 
 

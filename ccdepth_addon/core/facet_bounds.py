@@ -2,8 +2,8 @@
 """How far bilinear facets are from the surface of faces of any kind, by refining these.
 
 After one step and more the regular descendants are compared with the facet in Bernstein form; the others lie within
-their own bound of a facet of their own, over the limits of their corners, whose distance from the facet in question is
-largest at a corner (docs/methods.md, Certified).
+their own bound of a facet of their own, over their control points, whose distance from the facet in question is largest
+at a corner (docs/methods.md, Certified).
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ def facet_bounds(refinement: Refinement, facets: FloatArray, limit: float) -> Fl
         refinement, facets = refinement.keep(rest), facets[:, rest]
         if not len(refinement.bases):
             break
-        own = refinement.limits_at_corners().reshape(-1, 4, 3).swapaxes(0, 1)
-        gaps = largest_norm(facets - own)
+        near = own_facet_bounds(refinement)
+        gaps = largest_norm(facets - refinement.control_facets())
         hopeless = np.zeros(len(upper), dtype=bool)
-        hopeless[refinement.bases[gaps > limit]] = True
+        hopeless[refinement.bases[gaps - near > limit]] = True
         hopeless |= upper > limit
-        reached = gaps + own_facet_bounds(refinement)
+        reached = gaps + near
         last = step == REFINEMENTS - 1
         settled = (reached <= limit) | hopeless[refinement.bases] | last
         np.maximum.at(upper, refinement.bases[settled], reached[settled])
@@ -55,9 +55,9 @@ def facet_bounds(refinement: Refinement, facets: FloatArray, limit: float) -> Fl
 
 
 def own_facet_bounds(refinement: Refinement) -> FloatArray:
-    """(descendants,): the distance of quads from the facets over the limits of their own corners, at most."""
+    """(descendants,): the distance of quads' surface from the facets over their own control points, at most."""
     mesh = refinement.mesh
-    bounds = support_bounds(mesh, Vertices.LIMIT)[: len(refinement.bases)]
+    bounds = support_bounds(mesh, Vertices.CONTROL)[: len(refinement.bases)]
     patches = classify_patches(mesh)
     extraordinary = np.flatnonzero(patches.kinds[: len(bounds)] == PatchKind.EXTRAORDINARY)
     corners = patches.extraordinary_corners[extraordinary]
@@ -65,5 +65,5 @@ def own_facet_bounds(refinement: Refinement) -> FloatArray:
     for valence in np.unique(valences).tolist():
         of_valence = valences == valence
         nets = extraordinary_nets(mesh, corners[of_valence], valence)
-        bounds[extraordinary[of_valence]] = second_order_extraordinary(nets, Vertices.LIMIT).value
+        bounds[extraordinary[of_valence]] = second_order_extraordinary(nets, Vertices.CONTROL).value
     return bounds

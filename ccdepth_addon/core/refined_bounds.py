@@ -3,8 +3,8 @@
 
 A quad's descendants are squares in its parameters. A regular one is bicubic, and is compared with the triangles in
 Bernstein form: where a square lies in one triangle, that is linear over it; where the template's lines cut it, by the
-matrices of its parts (``triangle_bounds``). Any other is compared by way of the bilinear facet over the limits of its
-corners, which is within a known distance of the surface, and refined again while that decides.
+matrices of its parts (``triangle_bounds``). Any other is compared by way of the bilinear facet over its control points,
+which is within a known distance of the surface, and refined again while that decides.
 """
 
 from __future__ import annotations
@@ -87,12 +87,12 @@ def refined_misses(
         if not len(rest):
             break
         refinement, squares = refinement.keep(kinds != PatchKind.REGULAR), squares.at(rest)
-        own = refinement.limits_at_corners().reshape(-1, 4, 3).swapaxes(0, 1)
         near = own_facet_bounds(refinement)
-        left = _misses_of(bilinear_coefficients(own).reshape(16, -1, 3), squares, points, key, normals)
+        facets = bilinear_coefficients(refinement.control_facets()).reshape(16, -1, 3)
+        left = _misses_of(facets, squares, points, key, normals)
         reached = left + Misses(near, near, near)
         beyond = np.zeros(points.shape[1], dtype=bool)
-        beyond[squares.bases[(left.normal if along else left.whole) > limit]] = True
+        beyond[squares.bases[(left.normal if along else left.whole) - near > limit]] = True
         beyond |= (found.normal if along else found.whole) > limit
         enough = near <= NEAR_FACET * limit if along else reached.whole <= limit
         settled = enough | beyond[squares.bases] | (step == REFINEMENTS - 1)

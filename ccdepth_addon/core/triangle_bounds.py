@@ -8,8 +8,9 @@ control net, so a template is a matrix for each kind of net:
 
 - a bicubic quad: 16 Bernstein coefficients;
 - a quad at an extraordinary vertex: its net, by way of the bicubic pieces of some levels (``stencils``); what is left
-  at the vertex is compared with its bilinear facet, which is within a known part of the second-order norm;
-- any other quad: the four corners and the middles of its sides, compared with the bilinear facet over its corners.
+  at the vertex is compared with its bilinear facet, which is within a known part of the second-order norm.
+
+Any other quad is refined first (``refined_bounds``).
 """
 
 from __future__ import annotations
@@ -233,14 +234,6 @@ def clipped_rows(triangle: tuple[int, int, int], square: Square, surface: FloatA
 def regular_rows(pattern: int, alternative: int, *, fine: bool) -> Rows:
     """S - T over a bicubic quad with Bernstein coefficients [i, j] → 4i + j, u along i."""
     return _template_rows(templates(pattern)[alternative], WHOLE_QUAD, np.eye(16), regular_points(), fine=fine)
-
-
-@lru_cache(maxsize=256)
-def bilinear_rows(pattern: int, alternative: int) -> FloatArray:
-    """(R, 8): B - T for the bilinear facet B over the corners, as functionals of the eight points of the quad."""
-    points = np.eye(8)
-    surface = bilinear_coefficients(points[:4]).reshape(16, 8)
-    return _template_rows(templates(pattern)[alternative], WHOLE_QUAD, surface, points, fine=True).matrix
 
 
 @dataclass(frozen=True)

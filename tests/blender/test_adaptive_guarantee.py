@@ -126,15 +126,21 @@ class Drawn:
     bounds: FloatArray
 
 
-def drawn(data: meshes.MeshData, tolerance: float, transitions: str) -> Drawn:
-    """tolerance: in the unit of the positions."""
+def drawn(data: meshes.MeshData, tolerance: float, transitions: str, world: FloatArray | None = None) -> Drawn:
+    """tolerance: in the unit of the positions. world: (3, 3), the matrix of the object that has the data in the scene.
+
+    Counting the faces beforehand finds as many.
+    """
+    world = np.eye(3) if world is None else world
     adaptive, rules = addon.module("core.adaptive"), addon.module("core.catmull_clark")
     templates = addon.module("core.templates")
     base = rules.apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
-    asked = adaptive.Request(tolerance, adaptive.Mode.ADAPTIVE, templates.Transitions(transitions), MOST_FACES)
-    found = result_of(adaptive.subdivide_adaptively(base, asked, base.positions))
+    asked = adaptive.Request(tolerance, adaptive.Mode.ADAPTIVE, templates.Transitions(transitions), MOST_FACES, world)
+    positions = base.positions @ np.linalg.inv(world).T
+    found = result_of(adaptive.subdivide_adaptively(base, asked, positions))
     assert np.all(found.bounds <= tolerance)
     made = found.mesh
+    assert result_of(adaptive.count_faces(base, asked)) == len(made.base_faces)
     mesh = bpy.data.meshes.new("Adaptive")
     faces = np.split(made.corner_vertices, made.face_starts[1:-1])
     mesh.from_pydata(made.positions.tolist(), [], [face.tolist() for face in faces])
@@ -147,7 +153,7 @@ def drawn(data: meshes.MeshData, tolerance: float, transitions: str) -> Drawn:
     mesh.vertices.foreach_get("co", points)
     bpy.data.meshes.remove(mesh)
     return Drawn(
-        points.reshape(-1, 3).astype(np.float64),
+        points.reshape(-1, 3).astype(np.float64) @ world.T,
         triangles.reshape(-1, 3).astype(np.intp),
         made.base_faces[polygons],
         found.bounds[polygons],
@@ -219,6 +225,34 @@ def test_within_the_tolerance_both_ways(name: str) -> None:
         mesh = drawn(data, relative * diagonal, transitions)
         # Blender's trees compute in single precision as well.
         slack = 2 * rounding(data, level)
+        assert_mesh_near_surface(mesh, faces, surface, relative * diagonal, slack)
+        assert_surface_near_mesh(mesh, surface, relative * diagonal, slack)
+
+
+# Of objects: what they do to their meshes, so unevenly that Blender does not see the polygons as they are in the scene.
+WORLDS: dict[str, FloatArray] = {
+    "flattened": np.diag([1.0, 1.0, 0.01]),
+    "stretched": np.diag([100.0, 1.0, 1.0]),
+    "sheared": np.array([[1.0, 0.0, 20.0], [0.0, 1.0, -10.0], [0.0, 0.0, 1.0]]),
+    "mirrored and uneven": np.diag([-1.0, 0.1, 0.003]),
+    "beyond what single precision could tell": np.diag([1.0, 1e-6, 1.0]),
+}
+
+
+@pytest.mark.parametrize("world", WORLDS)
+@pytest.mark.parametrize("name", ["n-gons", "n-gons with creases", "triangles", "valence 7", "concave faces"])
+def test_polygons_of_uneven_objects_are_within_the_tolerance(name: str, world: str) -> None:
+    data = CASES[name]()
+    diagonal = float(np.linalg.norm(np.ptp(data.positions, axis=0)))
+    level = 4
+    while data.face_sizes.sum() * 4**level <= MOST_QUADS:
+        level += 1
+    faces = faces_to_measure(data, level)
+    surface = surface_of(data, faces, level)
+    # The nearest points of a mesh that is stored in another space.
+    slack = 4 * rounding(data, level)
+    for relative in (3e-2, 1e-2):
+        mesh = drawn(data, relative * diagonal, "NGONS", WORLDS[world])
         assert_mesh_near_surface(mesh, faces, surface, relative * diagonal, slack)
         assert_surface_near_mesh(mesh, surface, relative * diagonal, slack)
 
