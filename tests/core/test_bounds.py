@@ -33,7 +33,7 @@ from ccdepth_addon.core.bounds import (
 from ccdepth_addon.core.catmull_clark import apply_boundary_rule, limit_positions
 from ccdepth_addon.core.depth import face_depths
 from ccdepth_addon.core.mesh import FloatArray
-from ccdepth_addon.core.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
+from ccdepth_addon.core.patches import PatchKind, classify_patches, extraordinary_nets, faces_on_grids, regular_nets
 from tests import meshes, nets
 
 VALENCES = (3, 5, 6, 7, 8, 9, 10, 11, 12, 16, 32)
@@ -41,6 +41,9 @@ VALENCES = (3, 5, 6, 7, 8, 9, 10, 11, 12, 16, 32)
 SAMPLES = 3
 
 every_valence = pytest.mark.parametrize("valence", VALENCES)
+
+# Rounding of sums of some products of values around 1, where faces are flat.
+ROUNDING = 1e-13
 
 # What HiGHS leaves unsatisfied of a constraint, relative to coefficients of about 1.
 PROGRAM_TOLERANCE = 1e-7
@@ -396,4 +399,25 @@ def test_faces_stay_within_the_bound_of_their_support(name: str, vertices: str) 
     mesh = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
     faces = np.arange(mesh.face_count)
     distances = nets.largest_distances(mesh, faces, 0, vertices, 4)
-    assert np.all(distances <= support_bounds(mesh, Vertices(vertices)))
+    assert np.all(distances <= support_bounds(mesh, Vertices(vertices)) + ROUNDING)
+
+
+@pytest.mark.parametrize("vertices", ["CONTROL", "LIMIT"])
+@pytest.mark.parametrize("seed", range(6))
+def test_faces_on_grids_stay_within_the_bound_of_their_nets(seed: int, vertices: str) -> None:
+    """Semi-sharp and infinitely sharp creases and corners on a grid, dense and sparse, straight and turning."""
+    generator = np.random.default_rng(seed)
+    data = meshes.with_random_creases(meshes.landscape(5, 5), seed=seed, share=(0.1, 0.2, 0.4)[seed % 3])
+    mesh = meshes.to_polygon_mesh(data)
+    sharpness = np.where(generator.random(mesh.vertex_count) < 0.1, generator.choice([0.5, 1.7, 3.0, 10.0]), 0.0)
+    creases = np.where(generator.random(mesh.edge_count) < 0.05, 10.0, mesh.edge_sharpness)
+    mesh = mesh.changed(vertex_sharpness=sharpness, edge_sharpness=creases if seed % 2 else mesh.edge_sharpness)
+    mesh = apply_boundary_rule(mesh, smooth_corners=bool(seed % 2))
+    distances = nets.largest_distances(mesh, np.arange(mesh.face_count), 0, vertices, 4)
+    bounds = support_bounds(mesh, Vertices(vertices))
+    assert np.all(distances <= bounds + ROUNDING)
+    on_grids = faces_on_grids(mesh)
+    assert np.any(on_grids & (classify_patches(mesh).kinds == PatchKind.IRREGULAR))
+    # Not the size of a face counts then, which is 1, but how far its net is from bilinear.
+    flattened = mesh.changed(positions=mesh.positions * [1.0, 1.0, 1e-3])
+    assert np.all(support_bounds(flattened, Vertices(vertices))[on_grids] < 0.02)

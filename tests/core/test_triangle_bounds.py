@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from functools import cache
 
 import numpy as np
@@ -11,9 +12,11 @@ import pytest
 from ccdepth_addon.core import triangle_bounds
 from ccdepth_addon.core.catmull_clark import apply_boundary_rule, limit_positions, subdivide
 from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh, submesh
-from ccdepth_addon.core.patches import extraordinary_nets, regular_nets
+from ccdepth_addon.core.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
+from ccdepth_addon.core.refined_bounds import refined_misses
+from ccdepth_addon.core.refinement import Refinement
 from ccdepth_addon.core.splines import patch_coefficients
-from ccdepth_addon.core.templates import ALL_SPLIT, QUAD_POINTS, WHOLE, Template, templates
+from ccdepth_addon.core.templates import ALL_SPLIT, QUAD_POINTS, Template, templates
 from tests import meshes
 from tests.brute_force import linear_children
 
@@ -39,14 +42,14 @@ def random_nets(mesh: PolygonMesh, seed: int) -> FloatArray:
 
 
 class Samples:
-    """A fan's first face, whose corner 0 is the only extraordinary vertex: points of its surface and their parameters.
+    """A face of a mesh whose sharpness is explicit: points of its surface and their parameters.
 
     Every position is a weighted sum of the control points, found once with the points at unit vectors.
     """
 
-    def __init__(self, valence: int) -> None:
-        self.mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.fan(valence, 2)), smooth_corners=True)
-        part = submesh(self.mesh.changed(positions=np.eye(self.mesh.vertex_count)), np.array([0]))[0]
+    def __init__(self, mesh: PolygonMesh, face: int = 0) -> None:
+        self.mesh = mesh
+        part = submesh(self.mesh.changed(positions=np.eye(self.mesh.vertex_count)), np.array([face]))[0]
         parameters = QUAD_POINTS[:4]
         for level in range(LEVELS):
             parameters = linear_children(part, parameters)
@@ -97,7 +100,8 @@ def normals_of(template: Template, points: FloatArray) -> FloatArray:
 
 @cache
 def samples(valence: int) -> Samples:
-    return Samples(valence)
+    """A fan's first face, whose corner 0 is the only extraordinary vertex."""
+    return Samples(apply_boundary_rule(meshes.to_polygon_mesh(meshes.fan(valence, 2)), smooth_corners=True))
 
 
 def bounds_of(valence: int, pattern: int, alternative: int, nets: FloatArray, *, fine: bool) -> FloatArray:
@@ -143,18 +147,39 @@ def test_bounds_of_regular_quads_are_tight() -> None:
     assert np.min(ratios) > 0.75
 
 
-@pytest.mark.parametrize(("pattern", "alternative"), CHOICES)
-def test_triangles_and_bilinear_facets(pattern: int, alternative: int) -> None:
-    """The distance from the facet over the corners, with the middles of split sides anywhere."""
-    points = np.random.default_rng(pattern).normal(size=(8, NETS, 3))
-    steps = np.linspace(0, 1, 33)
-    parameters = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
-    u, v = parameters.T[:, :, None, None]
-    facet = (1 - v) * ((1 - u) * points[0] + u * points[1]) + v * ((1 - u) * points[3] + u * points[2])
-    on_triangles, _ = drawn(templates(pattern)[alternative], parameters, points)
-    gaps = np.linalg.norm(facet - on_triangles, axis=2)
-    rows = triangle_bounds.bilinear_rows(pattern, alternative)
-    bounds = np.linalg.norm(np.tensordot(rows, points, axes=1), axis=2).max(axis=0)
-    assert np.all(gaps.max(axis=0) <= bounds + ROUNDING)
-    # The middles of the sides are sampled, where the distance of a whole quad is largest, or of a bent one.
-    assert np.all(gaps.max(axis=0) >= 0.9 * bounds) or pattern != WHOLE
+# A limit of so many times the largest distance should be seen to hold.
+TIGHT = 1.1
+
+OTHER_QUADS = {
+    "semi-sharp creases": lambda: meshes.with_random_creases(meshes.landscape(4, 4), seed=2, share=0.5),
+    "creases at a pole": lambda: meshes.with_random_creases(meshes.fan(5, 2), seed=3, share=0.6),
+    "several poles": lambda: meshes.bumpy(meshes.trapezohedron(9), 0.05),
+    "valence 2": lambda: meshes.with_random_creases(meshes.valence_two(), seed=5, share=0.8),
+    "not manifold": lambda: meshes.with_random_creases(meshes.face_soup(), share=0.3),
+}
+
+
+@pytest.mark.parametrize("name", OTHER_QUADS)
+def test_no_triangle_over_a_refined_quad_is_farther_than_its_bound(name: str) -> None:
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(OTHER_QUADS[name]()), smooth_corners=True)
+    generator = np.random.default_rng(1)
+    quads = np.flatnonzero((mesh.face_sizes == 4) & (classify_patches(mesh).kinds != PatchKind.REGULAR))
+    seen_within: dict[tuple[float, bool], list[bool]] = defaultdict(list)
+    for face in generator.choice(quads, 3, replace=False).tolist():
+        of_face = Samples(mesh, face)
+        for noise in (0.05, 1.0):
+            net = mesh.positions + noise * generator.normal(size=mesh.positions.shape)
+            surface = of_face.surface(net[:, None])
+            points = surface[of_face.corners()]
+            children = Refinement.start(mesh.changed(positions=net), np.array([face])).refined()
+            for key in CHOICES[::4]:
+                template = templates(key[0])[key[1]]
+                distances = of_face.distances(template, surface)[:, 0]
+                for ratio in (0.9, TIGHT, np.inf):
+                    limit = ratio * distances[0]
+                    for along in (False, True):
+                        found = refined_misses(children, points, key, normals_of(template, points), limit, along=along)
+                        bounds = np.ravel([found.whole, found.normal, found.tangential])
+                        assert np.all(distances <= bounds + ROUNDING), (key, limit, along)
+                        seen_within[ratio, along].append(bool(found.whole[0] <= limit))
+    assert np.mean(seen_within[TIGHT, False]) > 0.9
