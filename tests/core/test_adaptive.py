@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from functools import cache
 from itertools import product
-from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -27,8 +26,7 @@ from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh
 from ccdepth_addon.core.surface_points import SurfacePoints
 from ccdepth_addon.core.templates import Transitions
 from tests import meshes, soundness
-
-Result = TypeVar("Result")
+from tests.steps import result_of
 
 MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     "single quad": lambda: meshes.grid(1, 1),
@@ -101,14 +99,6 @@ def request(
 ) -> Request:
     """tolerance: in parts of the diagonal."""
     return Request(tolerance * diagonal(mesh), mode, transitions, most_faces)
-
-
-def result_of(steps: Generator[int, None, Result]) -> Result:
-    while True:
-        try:
-            next(steps)
-        except StopIteration as stopped:
-            return stopped.value
 
 
 def subdivided(mesh: PolygonMesh, asked: Request) -> AdaptiveMesh:
