@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How thick polygons are, against ways to draw them: none is farther from the fan than that, nor the fan from it."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccdepth_addon.core.mesh import FloatArray
+from ccdepth_addon.core.polygons import polygon_thickness, thickness_of_quads, turns_left
+from ccdepth_addon.core.templates import ALL_SPLIT, WHOLE, templates, triangle_template
+from tests import polygon_loops as loops
+from tests.polygon_loops import Loop
+
+ROUNDING = 1e-12
+
+# So many triangulations are looked for, at random.
+WAYS = 5
+
+seeds = st.integers(0, 2**32 - 1)
+shapes = {
+    "unevenness": st.sampled_from([0.0, 0.05, 0.2, 0.6]),
+    "height": st.sampled_from([0.0, 0.05, 0.3, 1.0]),
+    "bent_share": st.sampled_from([0.0, 0.4, 1.0]),
+}
+
+
+def assert_near(drawn: FloatArray, other: FloatArray, thickness: float) -> None:
+    """Both ways, (T, 3, 3) each."""
+    assert loops.farthest(loops.samples_of(drawn), other) <= thickness
+    assert loops.farthest(other.reshape(-1, 3), drawn) <= thickness
+
+
+# Whether it is a region
+
+
+@settings(max_examples=150, deadline=None)
+@given(seed=seeds, size=st.integers(3, 9), **shapes)
+def test_a_region_is_a_polygon_that_never_meets_itself(
+    seed: int, size: int, unevenness: float, height: float, bent_share: float
+) -> None:
+    """It can be cut into triangles that face its normal, and turns left at its corners; so whatever is not and does not
+    is refused."""
+    loop = loops.random_loop(seed, size, unevenness, height, bent_share)
+    thickness, normal = loop.thickness()
+    assert np.linalg.norm(normal) == pytest.approx(1)
+    if np.isfinite(thickness):
+        assert loops.is_simple(loop.vertices, normal)
+        # Where middles lie on straight sides, cutting at random often ends with three of them in one line.
+        assert unevenness == 0 or loops.drawn_ways(loop.vertices, normal, tries=20)
+        heights = loop.vertices @ normal
+        expected = 0.0 if len(loop.vertices) == 3 else np.ptp(heights)
+        assert thickness == pytest.approx(expected, abs=ROUNDING)
+
+
+@settings(max_examples=150, deadline=None)
+@given(
+    seed=seeds,
+    size=st.integers(3, 12),
+    unevenness=st.sampled_from([0.0, 0.05, 0.2]),
+    height=st.sampled_from([0.0, 0.05, 0.3]),
+)
+def test_convex_polygons_are_regions(seed: int, size: int, unevenness: float, height: float) -> None:
+    """Plain ones that turn left everywhere and go round once; all others are refused."""
+    loop = loops.random_loop(seed, size, unevenness, height, bent_share=0.0)
+    thickness, normal = loop.thickness()
+    turns = loops.convex_corners(loop.vertices, normal)
+    convex = bool(np.all(turns)) and loops.is_simple(loop.vertices, normal)
+    assert np.isfinite(thickness) == convex
+
+
+def turned(points: FloatArray) -> FloatArray:
+    """Somewhere else, and at a slant."""
+    turn, _ = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))
+    return points @ turn + [3.0, -2.0, 1.0]
+
+
+REFUSED: dict[str, FloatArray] = {
+    "dart": np.array([[0, 0, 0], [2, -1, 0], [0.5, 0, 0], [2, 1, 0]]),
+    "concave pentagon": np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [1, 0.5, 0], [0, 2, 0]]),
+    "notch as deep as the centroid": np.array([[0, 0, 0], [4, 0, 0], [4, 4, 0], [2, 1.9, 0], [0, 4, 0]]),
+    "bow tie": np.array([[0, 0, 0], [1, 1, 0], [1, 0, 0], [0, 1, 0]]),
+    "pentagram": loops.regular(5)[[0, 2, 4, 1, 3]],
+    "heptagram": loops.regular(7)[np.arange(7) * 3 % 7],
+    "square gone round twice": np.concatenate([loops.regular(4), 1.2 * loops.regular(4)]),
+    "hexagon with a corner on a side": np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0], [0, 1, 0]]),
+    "all in a line": np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0.0]]),
+    "one point": np.ones((4, 3)),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused(name: str) -> None:
+    for points in (REFUSED[name], REFUSED[name][::-1], turned(REFUSED[name]), np.roll(REFUSED[name], 1, axis=0)):
+        assert loops.plain(points).thickness()[0] == np.inf
+
+
+def test_refused_where_a_bent_side_reaches_beyond_the_centroid() -> None:
+    corners = loops.regular(6)
+    for reach, is_region in ((0.5, True), (0.02, True), (-0.02, False), (-0.5, False)):
+        loop = loops.plain(corners)
+        loop.middles[0] *= reach / np.linalg.norm(loop.middles[0])
+        bent = Loop(loop.corners, loop.middles, np.arange(6) == 0)
+        assert np.isfinite(bent.thickness()[0]) == is_region
+
+
+# How thick
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds, size=st.integers(3, 7), **shapes)
+def test_no_way_to_draw_it_is_farther_from_the_fan_than_it_is_thick(
+    seed: int, size: int, unevenness: float, height: float, bent_share: float
+) -> None:
+    loop = loops.random_loop(seed, size, unevenness, height, bent_share)
+    thickness, normal = loop.thickness()
+    if np.isfinite(thickness):
+        fan = loops.facet_triangles(loop.facets)
+        # A plain triangle is its own fan.
+        allowed = thickness + loops.twist_error(loop.facets) + ROUNDING
+        for way in loops.drawn_ways(loop.vertices, normal, WAYS):
+            assert_near(loop.vertices[np.array(way)], fan, allowed)
+
+
+@pytest.mark.parametrize("size", [4, 6, 8, 12])
+def test_corners_up_and_down_are_as_thick_as_they_are_apart(size: int) -> None:
+    corners = loops.regular(size)
+    corners[:, 2] = np.where(np.arange(size) % 2, 0.3, -0.2)
+    thickness, normal = loops.plain(turned(corners)).thickness()
+    assert thickness == pytest.approx(0.5)
+    np.testing.assert_allclose(np.abs(normal @ (turned(np.array([[0, 0, 1.0]])) - turned(np.zeros((1, 3))))[0]), 1)
+
+
+def test_flat_polygons_have_no_thickness_and_their_own_normal() -> None:
+    for size in range(3, 13):
+        thickness, normal = loops.plain(loops.regular(size)).thickness()
+        assert thickness <= ROUNDING
+        np.testing.assert_allclose(normal, [0, 0, 1], atol=ROUNDING)
+    thickness, normal = loops.plain(loops.regular(5)[::-1]).thickness()
+    assert thickness <= ROUNDING
+    np.testing.assert_allclose(normal, [0, 0, -1], atol=ROUNDING)
+
+
+def test_many_at_once_are_as_each_by_itself() -> None:
+    """Of all sizes, bent or not, regions or not."""
+    some = [
+        loops.random_loop(seed, 3 + seed % 7, 0.3, 0.2, bent_share)
+        for seed, bent_share in product(range(40), (0.0, 0.5))
+    ]
+    facets = np.concatenate([loop.facets for loop in some], axis=1)
+    bent = np.concatenate([loop.bent for loop in some])
+    sizes = np.array([len(loop.bent) for loop in some])
+    thickness, normals = polygon_thickness(facets, bent, np.cumsum(sizes) - sizes)
+    alone = [loop.thickness() for loop in some]
+    assert 10 < np.count_nonzero(np.isfinite(thickness)) < len(some) - 10
+    np.testing.assert_allclose(thickness, [each for each, _ in alone], rtol=ROUNDING)
+    np.testing.assert_allclose(normals, [normal for _, normal in alone], atol=ROUNDING)
+
+
+# Triangles and quads with split sides
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=seeds,
+    unevenness=st.sampled_from([0.0, 0.2, 0.6, 1.0]),
+    height=st.sampled_from([0.0, 0.3]),
+    pattern=st.integers(1, 6),
+)
+def test_templates_of_triangles_face_the_normal(seed: int, unevenness: float, height: float, pattern: int) -> None:
+    """Where a triangle with one or two bent sides is a region, its template covers it, as near as it is thick."""
+    drawn = loops.random_loop(seed, 3, unevenness, height, bent_share=1.0)
+    bent = np.array([pattern >> side & 1 for side in range(3)], dtype=bool)
+    straight = loops.plain(drawn.corners)
+    loop = Loop(drawn.corners, np.where(bent[:, None], drawn.middles, straight.middles), bent)
+    thickness, normal = loop.thickness()
+    if np.isfinite(thickness):
+        points = np.concatenate([loop.corners, loop.middles])
+        template = points[np.array(triangle_template(pattern))]
+        assert np.all(turns_left(template.swapaxes(0, 1), np.tile(normal, (len(template), 1))))
+        for way in loops.drawn_ways(loop.vertices, normal, WAYS):
+            assert_near(loop.vertices[np.array(way)], template, thickness + ROUNDING)
+
+
+def quad_points(seed: int, unevenness: float, height: float) -> FloatArray:
+    """(8, 3), in the order of ``templates.QUAD_POINTS``: a square's, each of them off."""
+    loop = loops.random_loop(seed, 4, unevenness, height, bent_share=1.0)
+    return np.concatenate([loop.corners, loop.middles])
+
+
+PATTERNS = list(range(WHOLE, ALL_SPLIT))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=seeds,
+    unevenness=st.sampled_from([0.0, 0.1, 0.3, 0.6]),
+    height=st.sampled_from([0.0, 0.1, 0.5]),
+    pattern=st.sampled_from(PATTERNS),
+)
+def test_quads_with_split_sides_are_as_near_to_their_template_as_they_are_thick(
+    seed: int, unevenness: float, height: float, pattern: int
+) -> None:
+    points = quad_points(seed, unevenness, height)
+    split = np.array([pattern >> side & 1 for side in range(4)], dtype=bool)
+    middles = np.where(split[:, None], points[4:], (points[:4] + np.roll(points[:4], -1, axis=0)) / 2)
+    loop = Loop(points[:4], middles, split)
+    as_polygon, normal = loop.thickness()
+    for alternative, template in enumerate(templates(pattern)):
+        [thickness] = thickness_of_quads(points[:, None], pattern, alternative).tolist()
+        flat = loops.seen_along(points, normal)
+        faces_normal = all(loops.doubled_area(flat[list(triangle)]) > 0 for triangle in template)
+        assert np.isfinite(thickness) == (np.isfinite(as_polygon) and faces_normal)
+        if np.isfinite(thickness):
+            assert thickness == pytest.approx(np.ptp(loop.vertices @ normal), abs=ROUNDING)
+            assert loops.is_simple(loop.vertices, normal)
+            ways = loops.drawn_ways(loop.vertices, normal, tries=20)
+            assert ways
+            for way in ways[:WAYS]:
+                assert_near(loop.vertices[np.array(way)], points[np.array(template)], thickness + ROUNDING)
+
+
+def test_all_patterns_are_regions_on_a_square_and_none_is_thick() -> None:
+    square = turned(np.concatenate([loops.regular(4), loops.plain(loops.regular(4)).middles]))
+    for pattern in PATTERNS:
+        for alternative in range(len(templates(pattern))):
+            found = thickness_of_quads(np.repeat(square[:, None], 3, axis=1), pattern, alternative)
+            np.testing.assert_allclose(found, np.zeros(3), atol=ROUNDING)
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_folded_quads_are_refused(pattern: int) -> None:
+    """A corner drawn in beyond the middle, which leaves a dart; and two corners changed, which leaves a bow tie."""
+    square = np.concatenate([loops.regular(4), loops.plain(loops.regular(4)).middles])
+    dart, bow_tie = square.copy(), square.copy()
+    dart[0] *= -0.5
+    bow_tie[[0, 1]] = bow_tie[[1, 0]]
+    for points in (dart, bow_tie):
+        for alternative in range(len(templates(pattern))):
+            assert thickness_of_quads(turned(points)[:, None], pattern, alternative)[0] == np.inf
+
+
+@given(seed=seeds)
+def test_turning_left(seed: int) -> None:
+    """By whole numbers, whose products are exact."""
+    generator = np.random.default_rng(seed)
+    triangles = generator.integers(-3, 4, (3, 50, 3))
+    normals = generator.integers(-3, 4, (50, 3))
+    a, b, c = triangles.tolist()
+    found = turns_left(triangles.astype(np.float64), normals.astype(np.float64))
+    for number, normal in enumerate(normals.tolist()):
+        along, across = ([q - p for p, q in zip(a[number], other[number], strict=True)] for other in (b, c))
+        cross = [along[i - 2] * across[i - 1] - along[i - 1] * across[i - 2] for i in range(3)]
+        assert found[number] == (sum(p * q for p, q in zip(cross, normal, strict=True)) > 0)
