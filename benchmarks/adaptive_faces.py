@@ -17,18 +17,16 @@ line does not hold.
 from __future__ import annotations
 
 import sys
-from collections.abc import Generator
 from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
-from typing import Any, TypeVar
+from typing import Any
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import bpy
 import numpy as np
 
-from benchmarks.tightness import CASES, single_precision
 from ccdepth_addon.core import adaptive
 from ccdepth_addon.core.adaptive import Mode, Request, TooManyFacesError, subdivide_adaptively
 from ccdepth_addon.core.catmull_clark import apply_boundary_rule
@@ -40,6 +38,8 @@ from ccdepth_addon.core.surface_points import SurfacePoints
 from ccdepth_addon.core.templates import Transitions
 from tests import meshes
 from tests.blender import scene
+from tests.blender.named_meshes import NAMED
+from tests.steps import result_of
 
 RELATIVE_TOLERANCES = (1e-2, 1e-3, 3e-4)
 MOST_FACES = 3_000_000
@@ -49,17 +49,7 @@ STEPS = 16
 LINES = {1e-3: 9_000, 3e-4: 29_000}
 MOST_OVER_IDEAL = 1.25
 
-Result = TypeVar("Result")
-
 SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-
-
-def result_of(steps: Generator[int, None, Result]) -> Result:
-    while True:
-        try:
-            next(steps)
-        except StopIteration as stopped:
-            return stopped.value
 
 
 # Ideal quadtrees, and uniform levels
@@ -241,8 +231,8 @@ def main(names: list[str]) -> int:
     print("ideal: quadtree by facets; drawn: quadtree by triangles; uniform: the level of its deepest leaf")
     print(HEADER)
     failed = []
-    for name in names or list(CASES):
-        data = single_precision(CASES[name]())
+    for name in names or list(NAMED):
+        data = meshes.single_precision(NAMED[name]())
         mesh = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
         for relative in RELATIVE_TOLERANCES:
             if not report(name, mesh, relative):

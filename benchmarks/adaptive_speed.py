@@ -24,12 +24,13 @@ import bpy
 import numpy as np
 
 from benchmarks.adaptive_faces import children as children_of
-from benchmarks.adaptive_faces import missed_by_all, quads_of, result_of
+from benchmarks.adaptive_faces import missed_by_all, quads_of
 from ccdepth_addon.core.adaptive import AdaptiveMesh, Mode, Request, subdivide_adaptively
 from ccdepth_addon.core.catmull_clark import apply_boundary_rule
 from ccdepth_addon.core.mesh import PolygonMesh
 from ccdepth_addon.core.templates import Transitions
 from tests.blender import scene
+from tests.steps import result_of
 
 TOLERANCE = 7e-6
 REPEATS = 3

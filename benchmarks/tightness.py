@@ -15,8 +15,8 @@ depth is below the least one, or fewer than 99.5 % of all are equal to it.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from time import perf_counter
 
@@ -31,6 +31,7 @@ from ccdepth_addon.core.mesh import FloatArray, IndexArray, submesh
 from tests import meshes
 from tests.blender import scene
 from tests.blender.measuring import BlenderLevels, part_of, rounding
+from tests.blender.named_meshes import NAMED
 from tests.brute_force import Comparison, Levels, compare
 
 QUADS = 1_000_000
@@ -51,43 +52,6 @@ LAST_NEAR_LEVEL = 21
 # level of some quads at once.
 PATCH_FACES = 16
 QUADS_AT_ONCE = 400_000
-
-
-def suzanne() -> meshes.MeshData:
-    return scene.mesh_data(scene.add_suzanne().data)
-
-
-def suzanne_once() -> meshes.MeshData:
-    base = scene.add_suzanne()
-    scene.add_subdivision(base, 1)
-    return scene.evaluated_mesh_data(base)
-
-
-CASES: dict[str, Callable[[], meshes.MeshData]] = {
-    "Suzanne": suzanne,
-    "Suzanne after one step": suzanne_once,
-    "cube": meshes.cube,
-    "torus": lambda: meshes.torus(16, 12),
-    "Suzanne with random creases": lambda: meshes.with_random_creases(suzanne(), share=0.1),
-    "landscape with boundary": lambda: meshes.landscape(16, 12),
-    "landscape with random creases": lambda: meshes.with_random_creases(meshes.landscape(8, 8)),
-    "valence 2": meshes.valence_two,
-    "valence 3": lambda: meshes.fan(3, 3),
-    "valence 5": lambda: meshes.fan(5, 3),
-    "valence 6": lambda: meshes.fan(6, 3),
-    "valence 7": lambda: meshes.fan(7, 3),
-    "valence 8": lambda: meshes.fan(8, 3),
-    "valence 12": lambda: meshes.fan(12, 2),
-    "valence 64": lambda: meshes.fan(64, 1),
-    "valence 360": lambda: meshes.fan(360, 1),
-    "valences 3 and 9": lambda: meshes.bumpy(meshes.trapezohedron(9), 0.05),
-    "n-gons": lambda: meshes.bumpy(meshes.cylinder(7), 0.1),
-    "triangles, quads, valence 12": lambda: meshes.bumpy(meshes.bipyramid(12), 0.05),
-    "n-gons with random creases": lambda: meshes.with_random_creases(meshes.cylinder(8), share=0.6),
-    "valence 2 with random creases": lambda: meshes.with_random_creases(meshes.valence_two(), seed=5, share=0.8),
-    "house with random creases": lambda: meshes.with_random_creases(meshes.triangles_and_quads()),
-    "not manifold": lambda: meshes.with_random_creases(meshes.face_soup(), share=0.1),
-}
 
 
 @dataclass
@@ -202,17 +166,12 @@ def measure_near(
     own.remove()
 
 
-def single_precision(data: meshes.MeshData) -> meshes.MeshData:
-    """The mesh as Blender holds it."""
-    return replace(data, positions=data.positions.astype(np.float32).astype(np.float64))
-
-
 def compare_mesh(
     data: meshes.MeshData, boundary: str, quads: int, relative_tolerances: tuple[float, ...]
 ) -> tuple[dict[float, Comparison], float, int]:
     """By relative tolerance, both kinds of vertices together; how far Blender and the core are apart in units of the
     slack, at most; and how many distances could be told in double precision only."""
-    data = single_precision(data)
+    data = meshes.single_precision(data)
     mesh = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=boundary == "ALL")
     diagonal = float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
     measured = measure(data, boundary, quads, [relative * diagonal for relative in relative_tolerances])
@@ -256,9 +215,9 @@ def main(quads: int = QUADS, names: Sequence[str] = ()) -> int:
     print(HEADER)
     total = Comparison()
     by_tolerance = {relative: Comparison() for relative in RELATIVE_TOLERANCES}
-    for name in names or list(CASES):
+    for name in names or list(NAMED):
         start = perf_counter()
-        data = CASES[name]()
+        data = NAMED[name]()
         found, apart, near = compare_mesh(data, "ALL", quads, RELATIVE_TOLERANCES)
         whole = Comparison()
         for relative, comparison in found.items():

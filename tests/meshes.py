@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,20 +26,28 @@ class MeshData:
     vertex_creases: dict[int, float] = field(default_factory=dict)
     loose_edges: list[tuple[int, int]] = field(default_factory=list)
 
-    @property
+    @cached_property
     def faces(self) -> list[list[int]]:
         return [face.tolist() for face in np.split(self.corner_vertices, np.cumsum(self.face_sizes)[:-1])]
 
     @property
     def edges(self) -> NDArray[np.intp]:
         """(E, 2), each edge that has faces once, the lower vertex first."""
-        pairs = [(face[i - 1], face[i]) for face in self.faces for i in range(len(face))]
-        return np.unique(np.sort(np.array(pairs), axis=1), axis=0)
+        ends = np.cumsum(self.face_sizes)
+        following = np.arange(1, len(self.corner_vertices) + 1)
+        following[ends - 1] = ends - self.face_sizes
+        pairs = np.stack([self.corner_vertices, self.corner_vertices[following]], axis=1)
+        return np.unique(np.sort(pairs, axis=1), axis=0)
 
 
 def from_faces(positions: object, faces: list[list[int]]) -> MeshData:
     sizes = np.array([len(face) for face in faces], dtype=np.intp)
     return MeshData(np.array(positions, dtype=np.float64), sizes, np.concatenate(faces).astype(np.intp))
+
+
+def single_precision(data: MeshData) -> MeshData:
+    """The mesh as Blender holds it."""
+    return replace(data, positions=data.positions.astype(np.float32).astype(np.float64))
 
 
 def to_polygon_mesh(data: MeshData) -> PolygonMesh:
@@ -336,6 +345,13 @@ def creased_cube() -> MeshData:
 
 def corner_creased_cube() -> MeshData:
     return creased(cube(), {(0, 1): 0.5}, {0: 0.3, 3: 0.7, 5: 1.0, 6: 0.45})
+
+
+def softened(data: MeshData, share: float) -> MeshData:
+    """With this share of the creases that are not 1, so that the last semi-sharp rule runs out after a few levels."""
+    edges = {ends: crease if crease == 1 else share * crease for ends, crease in data.edge_creases.items()}
+    vertices = {vertex: crease if crease == 1 else share * crease for vertex, crease in data.vertex_creases.items()}
+    return creased(data, edges, vertices)
 
 
 def with_random_creases(data: MeshData, seed: int = 1, share: float = 0.3) -> MeshData:

@@ -98,13 +98,18 @@ def corner_parameters(size: int) -> FloatArray:
 
 def part_of(data: meshes.MeshData, faces: NDArray[np.intp]) -> tuple[meshes.MeshData, NDArray[np.intp]]:
     """The faces and all that touch them, on which their surface depends, and the number of each in the whole mesh."""
+    wanted = np.isin(np.arange(len(data.face_sizes)), faces)
     touched = np.zeros(len(data.positions), dtype=bool)
-    touched[np.concatenate([data.faces[face] for face in faces])] = True
-    kept = np.array([number for number, face in enumerate(data.faces) if touched[face].any()])
-    part = meshes.from_faces(data.positions, [data.faces[face] for face in kept])
-    edges = {tuple(edge) for edge in part.edges.tolist()}
-    creases = {ends: crease for ends, crease in data.edge_creases.items() if tuple(sorted(ends)) in edges}
-    return replace(part, edge_creases=creases, vertex_creases=data.vertex_creases), kept
+    touched[data.corner_vertices[np.repeat(wanted, data.face_sizes)]] = True
+    near = np.logical_or.reduceat(touched[data.corner_vertices], np.cumsum(data.face_sizes) - data.face_sizes)
+    part = meshes.MeshData(
+        data.positions, data.face_sizes[near], data.corner_vertices[np.repeat(near, data.face_sizes)]
+    )
+    creases: meshes.EdgeCreases = {}
+    if data.edge_creases:
+        edges = {tuple(edge) for edge in part.edges.tolist()}
+        creases = {ends: crease for ends, crease in data.edge_creases.items() if tuple(sorted(ends)) in edges}
+    return replace(part, edge_creases=creases, vertex_creases=data.vertex_creases), np.flatnonzero(near)
 
 
 def add_part(data: meshes.MeshData, numbers: NDArray[np.intp]) -> bpy.types.Object:
@@ -127,7 +132,7 @@ def level_of(part: bpy.types.Object, level: int, faces: NDArray[np.intp]) -> Lev
     sizes = np.zeros(len(mesh.polygons), dtype=np.int32)
     mesh.polygons.foreach_get("loop_total", sizes)
     corners = np.zeros(len(mesh.loops), dtype=np.int32)
-    mesh.loops.foreach_get("vertex_index", corners)
+    mesh.attributes[".corner_vert"].data.foreach_get("value", corners)
     uvs = np.zeros(2 * len(mesh.loops), dtype=np.float32)
     mesh.uv_layers["Parameters"].uv.foreach_get("vector", uvs)
     positions = np.zeros(3 * len(mesh.vertices), dtype=np.float32)

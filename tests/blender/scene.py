@@ -42,6 +42,14 @@ def add_suzanne() -> bpy.types.Object:
     return add_mesh(mesh)
 
 
+def suzanne() -> MeshData:
+    """Her positions and faces; nothing is left in the scene."""
+    added = add_suzanne()
+    data = mesh_data(added.data)
+    bpy.data.meshes.remove(added.data)
+    return data
+
+
 def add_mesh(mesh: bpy.types.Mesh) -> bpy.types.Object:
     blender_object = bpy.data.objects.new(mesh.name, mesh)
     bpy.context.scene.collection.objects.link(blender_object)

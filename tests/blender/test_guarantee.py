@@ -116,8 +116,7 @@ def faces_to_measure(data: meshes.MeshData, wanted: NDArray[np.intp], depth: int
     count, least, most = 0, 1, len(order)
     while least <= most:
         middle = (least + most) // 2
-        part, _ = part_of(data, order[:middle])
-        if quad_count(part, depth + LEVELS_DEEPER) <= quads:
+        if quad_count(part_of(data, order[:middle])[0], depth + LEVELS_DEEPER) <= quads:
             count, least = middle, middle + 1
         else:
             most = middle - 1
@@ -125,10 +124,6 @@ def faces_to_measure(data: meshes.MeshData, wanted: NDArray[np.intp], depth: int
 
 
 # The meshes
-
-
-def suzanne() -> meshes.MeshData:
-    return scene.mesh_data(scene.add_suzanne().data)
 
 
 def icosphere() -> meshes.MeshData:
@@ -140,34 +135,38 @@ def icosphere() -> meshes.MeshData:
 
 
 def softened(data: meshes.MeshData) -> meshes.MeshData:
-    """With creases halved that are not 1, so that the last semi-sharp rule has run out by level 3.
+    """So that the last semi-sharp rule has run out by level 3.
 
     The vertices of the deep level have then been under way to their limits for some levels already.
     """
-    edges = {ends: crease if crease == 1 else crease / 2 for ends, crease in data.edge_creases.items()}
-    vertices = {vertex: crease if crease == 1 else crease / 2 for vertex, crease in data.vertex_creases.items()}
-    return meshes.creased(data, edges, vertices)
+    return meshes.softened(data, 0.5)
 
 
 @dataclass(frozen=True)
 class Case:
-    """A mesh, the tolerances to ask for, and the depths of which some faces at least have to be measured."""
+    """A mesh, the tolerances to ask for, and the depths of which some faces at least have to be measured.
+
+    everywhere: whether it is measured in every Blender; the others, which are there for the bounds, in one.
+    """
 
     build: Callable[[], meshes.MeshData]
     tolerances: tuple[float, ...]
     depths: set[int]
     quads: int = MOST_QUADS
     boundaries: tuple[str, ...] = ("ALL",)
+    everywhere: bool = False
 
 
 BOTH = ("ALL", "PRESERVE_CORNERS")
 
 CASES: dict[str, Case] = {
     "cube": Case(meshes.cube, (1.0, 0.2, 0.03, 0.008), {0, 1, 2, 3, 4}, quads=1_600_000),
-    "suzanne": Case(suzanne, (0.5, 0.05, 0.01), {0, 1, 2, 3}, quads=1_000_000),
+    "suzanne": Case(scene.suzanne, (0.5, 0.05, 0.01), {0, 1, 2, 3}, quads=1_000_000),
     "torus": Case(lambda: meshes.torus(9, 6), (0.3, 0.03), {0, 1, 2, 3}),
-    "landscape": Case(lambda: meshes.landscape(5, 4), (0.5, 0.08, 0.02), {0, 1, 2, 3}, boundaries=BOTH),
-    "cylinder": Case(lambda: meshes.cylinder(7), (0.3, 0.03), {0, 1, 2, 3}),
+    "landscape": Case(
+        lambda: meshes.landscape(5, 4), (0.5, 0.08, 0.02), {0, 1, 2, 3}, boundaries=BOTH, everywhere=True
+    ),
+    "cylinder": Case(lambda: meshes.cylinder(7), (0.3, 0.03), {0, 1, 2, 3}, everywhere=True),
     "icosphere": Case(icosphere, (0.3, 0.03), {0, 1, 2, 3}),
     "valence 2": Case(meshes.valence_two, (0.5, 0.1), {0, 1, 2, 3}, boundaries=BOTH),
     "valence 12": Case(lambda: meshes.fan(12, 2), (1.0, 0.2), {0, 1, 2}, boundaries=BOTH),
@@ -180,13 +179,20 @@ CASES: dict[str, Case] = {
     "creased cylinder": Case(
         lambda: softened(meshes.with_random_creases(meshes.cylinder(5), share=0.4)), (1.0, 0.3, 0.1), {0, 1, 2, 3}
     ),
-    "creased cube": Case(lambda: softened(meshes.corner_creased_cube()), (1.0, 0.3, 0.1), {0, 1, 2, 3}),
-    "two cubes": Case(meshes.two_cubes_sharing_an_edge, (1.0, 0.3), {0, 1, 2, 3}),
+    "creased cube": Case(
+        lambda: softened(meshes.corner_creased_cube()), (1.0, 0.3, 0.1), {0, 1, 2, 3}, everywhere=True
+    ),
+    "two cubes": Case(meshes.two_cubes_sharing_an_edge, (1.0, 0.3), {0, 1, 2, 3}, everywhere=True),
 }
 
 
 @pytest.mark.parametrize(
-    ("name", "boundary"), [(name, boundary) for name, case in CASES.items() for boundary in case.boundaries]
+    ("name", "boundary"),
+    [
+        pytest.param(name, boundary, marks=() if case.everywhere else pytest.mark.mathematics)
+        for name, case in CASES.items()
+        for boundary in case.boundaries
+    ],
 )
 def test_no_face_at_its_depth_is_farther_than_promised(name: str, boundary: str) -> None:
     case = CASES[name]

@@ -483,6 +483,34 @@ def test_undo_takes_everything_back(editing: bool, output: str) -> None:
     assert len(bpy.data.meshes) == 1
 
 
+@pytest.mark.parametrize("editing", [False, True])
+@pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
+def test_done_again_with_another_tolerance_it_is_as_if_done_so_at_once(editing: bool, output: str) -> None:
+    """As Adjust Last Operation does it: undone, and executed anew. The window's test presses on from there."""
+    found = []
+    for tolerances in ([0.1], [TOLERANCE, 0.003, 0.1]):
+        scene.clear()
+        holder = scene.add_suzanne()
+        scene.add_subdivision(holder, 1)
+        addon.select(holder)
+        bpy.ops.ed.undo_push(message="before")
+        if editing:
+            bpy.ops.object.mode_set(mode="EDIT")
+            bpy.ops.ed.undo_push(message="Edit Mode")
+        for again, tolerance in enumerate(tolerances):
+            if again:
+                bpy.ops.ed.undo()
+                assert (len(bpy.data.objects), len(bpy.data.meshes)) == (1, 1)
+            settings = {"tolerance": tolerance, "tolerance_mode": "ABSOLUTE", "output": output}
+            assert bpy.ops.ccdepth.subdivide(**settings) == {"FINISHED"}
+            bpy.ops.ed.undo_push(message="Apply Adaptive Subdivision")
+        assert bpy.context.active_object.data.ccdepth.tolerance == pytest.approx(0.1)
+        if bpy.context.mode == "EDIT_MESH":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        found.append(everything_in_the_file())
+    assert found[0] == found[1]
+
+
 def test_it_can_be_undone_and_repeated() -> None:
     assert bpy.types.CCDEPTH_OT_subdivide.bl_options >= {"REGISTER", "UNDO"}
     assert "UNDO" not in bpy.types.CCDEPTH_OT_count_faces.bl_options

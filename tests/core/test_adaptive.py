@@ -4,10 +4,9 @@
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from functools import cache
 from itertools import product
-from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -27,8 +26,7 @@ from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh
 from ccdepth_addon.core.surface_points import SurfacePoints
 from ccdepth_addon.core.templates import Transitions
 from tests import meshes, soundness
-
-Result = TypeVar("Result")
+from tests.steps import result_of
 
 MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     "single quad": lambda: meshes.grid(1, 1),
@@ -101,14 +99,6 @@ def request(
 ) -> Request:
     """tolerance: in parts of the diagonal."""
     return Request(tolerance * diagonal(mesh), mode, transitions, most_faces)
-
-
-def result_of(steps: Generator[int, None, Result]) -> Result:
-    while True:
-        try:
-            next(steps)
-        except StopIteration as stopped:
-            return stopped.value
 
 
 def subdivided(mesh: PolygonMesh, asked: Request) -> AdaptiveMesh:
@@ -261,7 +251,7 @@ def test_a_face_with_one_depth_is_divided_evenly(name: str) -> None:
     So do all faces, where all are equally deep; beside a deeper face there may be no other way than to split some.
     """
     mesh = build(name)
-    found = subdivided(mesh, request(mesh, 0.01, Mode.PER_FACE))
+    found = subdivided(mesh, request(mesh, 0.007, Mode.PER_FACE))
     depths = np.zeros(mesh.face_count, dtype=np.int64)
     depths[found.mesh.base_faces] = found.depths
     even = np.flatnonzero((deepest_neighbours(mesh, depths) < depths) | (depths.min() == depths.max()))

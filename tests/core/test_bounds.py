@@ -35,6 +35,7 @@ from ccdepth_addon.core.depth import face_depths
 from ccdepth_addon.core.mesh import FloatArray
 from ccdepth_addon.core.patches import PatchKind, classify_patches, extraordinary_nets, faces_on_grids, regular_nets
 from tests import meshes, nets
+from tests.linear_programs import PROGRAM_TOLERANCE, largest_of
 
 VALENCES = (3, 5, 6, 7, 8, 9, 10, 11, 12, 16, 32)
 # Distances are sampled at steps of 2⁻³, of unrefined facets at 2⁻⁴.
@@ -44,26 +45,6 @@ every_valence = pytest.mark.parametrize("valence", VALENCES)
 
 # Rounding of sums of some products of values around 1, where faces are flat.
 ROUNDING = 1e-13
-
-# What HiGHS leaves unsatisfied of a constraint, relative to coefficients of about 1.
-PROGRAM_TOLERANCE = 1e-7
-
-
-def largest(functional: FloatArray, differences: FloatArray) -> float:
-    """The largest c·V of all V with |DV| ≤ 1: the least Σ|y| with Dᵀy = c, by duality."""
-    count = len(differences)
-    weights = np.hstack([differences.T, -differences.T])
-    solution = linprog(np.ones(2 * count), A_eq=weights, b_eq=functional, bounds=(0, None))
-    assert solution.status == 0, "the functional is not made of the differences"
-    return float(solution.fun)
-
-
-def largest_of(functionals: FloatArray, differences: FloatArray) -> float:
-    """The largest over many functionals, (…, D); those that are the same but for rounding are solved once."""
-    rows = functionals.reshape(-1, functionals.shape[-1])
-    rows = rows[np.abs(rows).max(axis=1) > 1e-12]
-    different = np.unique(np.round(rows, 12), axis=0, return_index=True)[1]
-    return max(largest(row, differences) for row in rows[different])
 
 
 # Stencils: rows of weights over the points of a net

@@ -6,6 +6,7 @@ from __future__ import annotations
 import tracemalloc
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -281,7 +282,7 @@ def test_tiny_and_huge_meshes(exponent: int, vertices: str) -> None:
     scale = 2.0**exponent
     for data in (meshes.fan(5), meshes.creased_cube(), meshes.cylinder(5)):
         mesh = build(data)
-        scaled = build(meshes.MeshData(**{**vars(data), "positions": scale * data.positions}))
+        scaled = build(replace(data, positions=scale * data.positions))
         expected, found = certified(mesh, 0.02, vertices), certified(scaled, 0.02 * scale, vertices)
         np.testing.assert_array_equal(found.depths, expected.depths)
         np.testing.assert_array_equal(found.bounds, scale * expected.bounds)

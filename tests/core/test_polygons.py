@@ -1,102 +1,244 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Polygons however they are cut: no nearer to their fan than ``polygon_thickness`` says."""
+"""How thick polygons are, against ways to draw them: none is farther from the fan than that, nor the fan from it."""
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
-from scipy.spatial import cKDTree
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from ccdepth_addon.core.mesh import FloatArray
-from ccdepth_addon.core.polygons import is_folded, polygon_thickness
+from ccdepth_addon.core.polygons import polygon_thickness, thickness_of_quads
+from ccdepth_addon.core.templates import ALL_SPLIT, WHOLE, templates, triangle_template
+from tests import polygon_loops as loops
+from tests.polygon_loops import Loop
 
-UNEVEN = np.array([[1.0, 0.0, 30.0], [0.0, 1.0, -20.0], [0.0, 0.0, 1.0]])
+ROUNDING = 1e-12
 
-# Points along each side of a patch, to measure distances with.
-STEPS = 24
+# So many triangulations are looked for, at random.
+WAYS = 5
 
-
-def fan_of(corners: FloatArray, middles: FloatArray) -> FloatArray:
-    """(4, C, 3): the bilinear quads between a polygon's vertices and its centroid."""
-    centroids = np.broadcast_to(corners.mean(axis=0), corners.shape)
-    return np.stack([corners, middles, centroids, np.roll(middles, 1, axis=0)])
-
-
-def thickness(corners: FloatArray, middles: FloatArray, bent: list[bool], axes: FloatArray) -> float:
-    [found] = polygon_thickness(fan_of(corners, middles), np.array(bent), np.array([0]), axes)
-    return float(found)
-
-
-def dented(rng: np.random.Generator, sides: int) -> tuple[FloatArray, FloatArray, list[bool]]:
-    """A polygon that is nearly flat and regular, some sides of which are bent, inwards as well as outwards."""
-    angles = 2 * np.pi * (np.arange(sides) + rng.uniform(-0.1, 0.1, sides)) / sides
-    corners = np.stack([np.cos(angles), np.sin(angles), rng.uniform(-0.05, 0.05, sides)], axis=1)
-    middles = (corners + np.roll(corners, -1, axis=0)) / 2
-    bent = (rng.uniform(size=sides) < 0.5).tolist()
-    return corners, np.where(np.array(bent)[:, None], middles + rng.uniform(-0.1, 0.1, middles.shape), middles), bent
+seeds = st.integers(0, 2**32 - 1)
+shapes = {
+    "unevenness": st.sampled_from([0.0, 0.05, 0.2, 0.6]),
+    "height": st.sampled_from([0.0, 0.05, 0.3, 1.0]),
+    "bent_share": st.sampled_from([0.0, 0.4, 1.0]),
+}
 
 
-def cut_at_random(rng: np.random.Generator, count: int) -> list[tuple[int, int, int]]:
-    """Triangles between the vertices of a polygon: one ear after another, wherever it is."""
-    left, found = list(range(count)), []
-    while len(left) > 3:
-        at = int(rng.integers(len(left)))
-        found.append((left[at - 1], left[at], left[(at + 1) % len(left)]))
-        del left[at]
-    return [*found, (left[0], left[1], left[2])]
+def assert_near(drawn: FloatArray, other: FloatArray, thickness: float) -> None:
+    """Both ways, (T, 3, 3) each."""
+    assert loops.farthest(loops.samples_of(drawn), other) <= thickness
+    assert loops.farthest(other.reshape(-1, 3), drawn) <= thickness
 
 
-def points_of_quads(quads: FloatArray) -> FloatArray:
-    u, v = (axis.ravel() for axis in np.meshgrid(*[np.linspace(0, 1, STEPS)] * 2))
-    weights = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v])
-    return np.einsum("ks,kci->csi", weights, quads).reshape(-1, 3)
+# Whether it is a region
 
 
-def points_of_triangles(triangles: FloatArray) -> FloatArray:
-    """triangles: (T, 3, 3). As quads whose last two corners are one."""
-    return points_of_quads(triangles[:, [0, 1, 2, 2]].swapaxes(0, 1))
+@settings(max_examples=150, deadline=None)
+@given(seed=seeds, size=st.integers(3, 9), **shapes)
+def test_a_region_is_a_polygon_that_never_meets_itself(
+    seed: int, size: int, unevenness: float, height: float, bent_share: float
+) -> None:
+    """It can be cut into triangles that face its normal, and turns left at its corners; so whatever is not and does not
+    is refused."""
+    loop = loops.random_loop(seed, size, unevenness, height, bent_share)
+    thickness, normal = loop.thickness()
+    assert np.linalg.norm(normal) == pytest.approx(1)
+    if np.isfinite(thickness):
+        assert loops.is_simple(loop.vertices, normal)
+        # Where middles lie on straight sides, cutting at random often ends with three of them in one line.
+        assert unevenness == 0 or loops.drawn_ways(loop.vertices, normal, tries=20)
+        heights = loop.vertices @ normal
+        expected = 0.0 if len(loop.vertices) == 3 else np.ptp(heights)
+        assert thickness == pytest.approx(expected, abs=ROUNDING)
 
 
-@pytest.mark.parametrize("seed", range(60))
-def test_whatever_triangles_are_drawn(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    corners, middles, bent = dented(rng, int(rng.integers(3, 8)))
-    # Too uneven for Blender's triangles to be known.
-    bound = thickness(corners, middles, bent, np.diag([1.0, 1.0, 1e-5]))
-    order = [point for pair in zip(corners, middles, strict=True) for point in pair]
-    vertices = np.array([point for place, point in enumerate(order) if place % 2 == 0 or bent[place // 2]])
-    mesh = points_of_triangles(vertices[np.array(cut_at_random(rng, len(vertices)))])
-    fan = points_of_quads(fan_of(corners, middles))
-    farthest = max(cKDTree(fan).query(mesh)[0].max(), cKDTree(mesh).query(fan)[0].max())
-    # The points of the other are so far apart.
-    assert farthest <= bound + 1.5 / STEPS
-    assert np.isfinite(bound) or any(bent)
+@settings(max_examples=150, deadline=None)
+@given(
+    seed=seeds,
+    size=st.integers(3, 12),
+    unevenness=st.sampled_from([0.0, 0.05, 0.2]),
+    height=st.sampled_from([0.0, 0.05, 0.3]),
+)
+def test_convex_polygons_are_regions(seed: int, size: int, unevenness: float, height: float) -> None:
+    """Plain ones that turn left everywhere and go round once; all others are refused."""
+    loop = loops.random_loop(seed, size, unevenness, height, bent_share=0.0)
+    thickness, normal = loop.thickness()
+    turns = loops.convex_corners(loop.vertices, normal)
+    convex = bool(np.all(turns)) and loops.is_simple(loop.vertices, normal)
+    assert np.isfinite(thickness) == convex
 
 
-def test_a_dent_counts_unless_blender_is_known_to_see_it() -> None:
-    corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-    middles = (corners + np.roll(corners, -1, axis=0)) / 2
-    middles[0] += (0.0, 0.1, 0.0)
-    bent = [True, False, False, False]
-    assert thickness(corners, middles, bent, np.eye(3)) == 0
-    assert thickness(corners, middles, bent, UNEVEN) == 0
-    assert thickness(corners, middles, bent, np.diag([1.0, 1.0, 1e-5])) == pytest.approx(0.1)
+def turned(points: FloatArray) -> FloatArray:
+    """Somewhere else, and at a slant."""
+    turn, _ = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))
+    return points @ turn + [3.0, -2.0, 1.0]
 
 
-def test_along_the_line_that_blender_looks_along() -> None:
-    """The middle is seen within its side from above, and beyond it from where Blender looks."""
-    corners = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-    middles = (corners + np.roll(corners, -1, axis=0)) / 2
-    middles[0] += (0.0, 0.1, 0.01)
-    bent = [True, False, False, False]
-    even = thickness(corners, middles, bent, np.eye(3))
-    assert 0.005 < even < 0.015
-    assert thickness(corners, middles, bent, 7 * np.diag([1.0, -1.0, 1.0])) == pytest.approx(even)
-    assert thickness(corners, middles, bent, UNEVEN) == pytest.approx(np.hypot(even, 0.1), rel=1e-2)
+REFUSED: dict[str, FloatArray] = {
+    "dart": np.array([[0, 0, 0], [2, -1, 0], [0.5, 0, 0], [2, 1, 0]]),
+    "concave pentagon": np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [1, 0.5, 0], [0, 2, 0]]),
+    "notch as deep as the centroid": np.array([[0, 0, 0], [4, 0, 0], [4, 4, 0], [2, 1.9, 0], [0, 4, 0]]),
+    "bow tie": np.array([[0, 0, 0], [1, 1, 0], [1, 0, 0], [0, 1, 0]]),
+    "pentagram": loops.regular(5)[[0, 2, 4, 1, 3]],
+    "heptagram": loops.regular(7)[np.arange(7) * 3 % 7],
+    "square gone round twice": np.concatenate([loops.regular(4), 1.2 * loops.regular(4)]),
+    "hexagon with a corner on a side": np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0], [0, 1, 0]]),
+    "all in a line": np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0.0]]),
+    "one point": np.ones((4, 3)),
+}
 
 
-def test_folded_where_blender_draws() -> None:
-    quad = np.array([[0.0, 0, 0], [1, 0, 0.05], [1, 1, 0], [0, 1, 0.05]])[:, None]
-    assert not is_folded(quad, np.eye(3))[0]
-    assert is_folded(quad, np.diag([1.0, 1.0, 0.01]))[0]
-    assert not is_folded(quad, np.diag([0.01, 0.01, 1.0]))[0]
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused(name: str) -> None:
+    for points in (REFUSED[name], REFUSED[name][::-1], turned(REFUSED[name]), np.roll(REFUSED[name], 1, axis=0)):
+        assert loops.plain(points).thickness()[0] == np.inf
+
+
+def test_refused_where_a_bent_side_reaches_beyond_the_centroid() -> None:
+    corners = loops.regular(6)
+    for reach, is_region in ((0.5, True), (0.02, True), (-0.02, False), (-0.5, False)):
+        loop = loops.plain(corners)
+        loop.middles[0] *= reach / np.linalg.norm(loop.middles[0])
+        bent = Loop(loop.corners, loop.middles, np.arange(6) == 0)
+        assert np.isfinite(bent.thickness()[0]) == is_region
+
+
+# How thick
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds, size=st.integers(3, 7), **shapes)
+def test_no_way_to_draw_it_is_farther_from_the_fan_than_it_is_thick(
+    seed: int, size: int, unevenness: float, height: float, bent_share: float
+) -> None:
+    loop = loops.random_loop(seed, size, unevenness, height, bent_share)
+    thickness, normal = loop.thickness()
+    if np.isfinite(thickness):
+        fan = loops.facet_triangles(loop.facets)
+        # A plain triangle is its own fan.
+        allowed = thickness + loops.twist_error(loop.facets) + ROUNDING
+        for way in loops.drawn_ways(loop.vertices, normal, WAYS):
+            assert_near(loop.vertices[np.array(way)], fan, allowed)
+
+
+@pytest.mark.parametrize("size", [4, 6, 8, 12])
+def test_corners_up_and_down_are_as_thick_as_they_are_apart(size: int) -> None:
+    corners = loops.regular(size)
+    corners[:, 2] = np.where(np.arange(size) % 2, 0.3, -0.2)
+    thickness, normal = loops.plain(turned(corners)).thickness()
+    assert thickness == pytest.approx(0.5)
+    np.testing.assert_allclose(np.abs(normal @ (turned(np.array([[0, 0, 1.0]])) - turned(np.zeros((1, 3))))[0]), 1)
+
+
+def test_flat_polygons_have_no_thickness_and_their_own_normal() -> None:
+    for size in range(3, 13):
+        thickness, normal = loops.plain(loops.regular(size)).thickness()
+        assert thickness <= ROUNDING
+        np.testing.assert_allclose(normal, [0, 0, 1], atol=ROUNDING)
+    thickness, normal = loops.plain(loops.regular(5)[::-1]).thickness()
+    assert thickness <= ROUNDING
+    np.testing.assert_allclose(normal, [0, 0, -1], atol=ROUNDING)
+
+
+def test_many_at_once_are_as_each_by_itself() -> None:
+    """Of all sizes, bent or not, regions or not."""
+    some = [
+        loops.random_loop(seed, 3 + seed % 7, 0.3, 0.2, bent_share)
+        for seed, bent_share in product(range(40), (0.0, 0.5))
+    ]
+    facets = np.concatenate([loop.facets for loop in some], axis=1)
+    bent = np.concatenate([loop.bent for loop in some])
+    sizes = np.array([len(loop.bent) for loop in some])
+    thickness = polygon_thickness(facets, bent, np.cumsum(sizes) - sizes, np.eye(3))
+    alone = [loop.thickness() for loop in some]
+    assert 10 < np.count_nonzero(np.isfinite(thickness)) < len(some) - 10
+    np.testing.assert_allclose(thickness, [each for each, _ in alone], rtol=ROUNDING)
+
+
+# Triangles and quads with split sides
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=seeds,
+    unevenness=st.sampled_from([0.0, 0.2, 0.6, 1.0]),
+    height=st.sampled_from([0.0, 0.3]),
+    pattern=st.integers(1, 6),
+)
+def test_templates_of_triangles_face_the_normal(seed: int, unevenness: float, height: float, pattern: int) -> None:
+    """Where a triangle with one or two bent sides is a region, its template covers it, as near as it is thick."""
+    drawn = loops.random_loop(seed, 3, unevenness, height, bent_share=1.0)
+    bent = np.array([pattern >> side & 1 for side in range(3)], dtype=bool)
+    straight = loops.plain(drawn.corners)
+    loop = Loop(drawn.corners, np.where(bent[:, None], drawn.middles, straight.middles), bent)
+    thickness, normal = loop.thickness()
+    if np.isfinite(thickness):
+        points = np.concatenate([loop.corners, loop.middles])
+        template = points[np.array(triangle_template(pattern))]
+        seen = loops.seen_along(points, normal)
+        assert all(loops.doubled_area(seen[list(triangle)]) > 0 for triangle in triangle_template(pattern))
+        for way in loops.drawn_ways(loop.vertices, normal, WAYS):
+            assert_near(loop.vertices[np.array(way)], template, thickness + ROUNDING)
+
+
+def quad_points(seed: int, unevenness: float, height: float) -> FloatArray:
+    """(8, 3), in the order of ``templates.QUAD_POINTS``: a square's, each of them off."""
+    loop = loops.random_loop(seed, 4, unevenness, height, bent_share=1.0)
+    return np.concatenate([loop.corners, loop.middles])
+
+
+PATTERNS = list(range(WHOLE, ALL_SPLIT))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=seeds,
+    unevenness=st.sampled_from([0.0, 0.1, 0.3, 0.6]),
+    height=st.sampled_from([0.0, 0.1, 0.5]),
+    pattern=st.sampled_from(PATTERNS),
+)
+def test_quads_with_split_sides_are_as_near_to_their_template_as_they_are_thick(
+    seed: int, unevenness: float, height: float, pattern: int
+) -> None:
+    points = quad_points(seed, unevenness, height)
+    split = np.array([pattern >> side & 1 for side in range(4)], dtype=bool)
+    middles = np.where(split[:, None], points[4:], (points[:4] + np.roll(points[:4], -1, axis=0)) / 2)
+    loop = Loop(points[:4], middles, split)
+    as_polygon, normal = loop.thickness()
+    for alternative, template in enumerate(templates(pattern)):
+        [thickness] = thickness_of_quads(points[:, None], pattern, alternative, np.eye(3)).tolist()
+        flat = loops.seen_along(points, normal)
+        faces_normal = all(loops.doubled_area(flat[list(triangle)]) > 0 for triangle in template)
+        assert np.isfinite(thickness) == (np.isfinite(as_polygon) and faces_normal)
+        if np.isfinite(thickness):
+            assert thickness == pytest.approx(np.ptp(loop.vertices @ normal), abs=ROUNDING)
+            assert loops.is_simple(loop.vertices, normal)
+            ways = loops.drawn_ways(loop.vertices, normal, tries=20)
+            assert ways
+            for way in ways[:WAYS]:
+                assert_near(loop.vertices[np.array(way)], points[np.array(template)], thickness + ROUNDING)
+
+
+def test_all_patterns_are_regions_on_a_square_and_none_is_thick() -> None:
+    square = turned(np.concatenate([loops.regular(4), loops.plain(loops.regular(4)).middles]))
+    for pattern in PATTERNS:
+        for alternative in range(len(templates(pattern))):
+            found = thickness_of_quads(np.repeat(square[:, None], 3, axis=1), pattern, alternative, np.eye(3))
+            np.testing.assert_allclose(found, np.zeros(3), atol=ROUNDING)
+
+
+@pytest.mark.parametrize("pattern", PATTERNS)
+def test_folded_quads_are_refused(pattern: int) -> None:
+    """A corner drawn in beyond the middle, which leaves a dart; and two corners changed, which leaves a bow tie."""
+    square = np.concatenate([loops.regular(4), loops.plain(loops.regular(4)).middles])
+    dart, bow_tie = square.copy(), square.copy()
+    dart[0] *= -0.5
+    bow_tie[[0, 1]] = bow_tie[[1, 0]]
+    for points in (dart, bow_tie):
+        for alternative in range(len(templates(pattern))):
+            assert thickness_of_quads(turned(points)[:, None], pattern, alternative, np.eye(3))[0] == np.inf

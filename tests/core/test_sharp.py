@@ -11,7 +11,6 @@ from functools import cache
 
 import numpy as np
 import pytest
-from scipy.optimize import linprog
 
 from ccdepth_addon.core.bounds import (
     PATCH_METHODS,
@@ -29,41 +28,13 @@ from ccdepth_addon.core.patches import extraordinary_nets
 from ccdepth_addon.core.sharp_constants import CONTROL_FACTORS, LIMIT_FACTORS, PERIOD, RATES
 from proofs.certify_sharp_constants import sharp_constants
 from tests import meshes, nets
+from tests.linear_programs import PROGRAM_TOLERANCE, worst_of
 
 FACTORS = {"CONTROL": CONTROL_FACTORS, "LIMIT": LIMIT_FACTORS}
 LEVELS = range(len(CONTROL_FACTORS[3]))
 SAMPLES = 4
 
-# What HiGHS leaves unsatisfied of a constraint, relative to coefficients of about 1.
-PROGRAM_TOLERANCE = 1e-7
-
 every_kind_of_vertices = pytest.mark.parametrize("vertices", ["CONTROL", "LIMIT"])
-
-
-def worst_net(functional: FloatArray, differences: FloatArray) -> tuple[float, FloatArray]:
-    """The largest c·V of all V with |DV| ≤ 1, and that net."""
-    both_signs = np.vstack([differences, -differences])
-    scale = np.abs(functional).max()
-    solution = linprog(-functional / scale, A_ub=both_signs, b_ub=np.ones(len(both_signs)), bounds=(None, None))
-    assert solution.status == 0, "the functional is not made of the differences"
-    return -scale * solution.fun, solution.x
-
-
-def worst_of(functionals: FloatArray, differences: FloatArray) -> tuple[float, FloatArray]:
-    """The largest over many functionals, (rows, D), and its net.
-
-    Least squares gives weights y with Dᵀy = c, and Σ|y| is at least what the program for c finds: once it is below the
-    largest found so far, that row and all the following need no program.
-    """
-    most = np.abs(functionals @ np.linalg.pinv(differences.T, rcond=1e-10).T).sum(axis=1)
-    largest, net = 0.0, np.zeros(functionals.shape[-1])
-    for row in np.argsort(-most):
-        if most[row] <= largest:
-            break
-        found = worst_net(functionals[row], differences)
-        if found[0] > largest:
-            largest, net = found
-    return largest, net
 
 
 @cache

@@ -2,7 +2,8 @@
 """Runs inside the Blender whose window is tested: sets the scene, then tells again and again what it sees.
 
 The window is the test's to use; nothing here presses a button. The report goes to the file named in
-``CCDEPTH_WINDOW_REPORT``; ``CCDEPTH_WINDOW_TOLERANCE``, if set, is the relative tolerance to begin with.
+``CCDEPTH_WINDOW_REPORT``; ``CCDEPTH_WINDOW_TOLERANCE``, if set, is the relative tolerance to begin with. A file beside
+the report whose name ends in ``.adjust`` holds a tolerance to do the last operation again with.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ import bpy
 from mathutils import Euler
 
 REPORT = Path(os.environ["CCDEPTH_WINDOW_REPORT"])
+ADJUST = REPORT.with_suffix(".adjust")
 TOLERANCE = os.environ.get("CCDEPTH_WINDOW_TOLERANCE", "")
 INTERVAL = 0.1
 CATEGORY = "CC Depth"
@@ -112,8 +114,21 @@ def observe() -> dict[str, Any]:
     }
 
 
+def adjust(tolerance: float) -> None:
+    """What a change in the panel Adjust Last Operation does; the panel itself goes wherever there is room."""
+    window, area, regions = viewport()
+    with bpy.context.temp_override(window=window, area=area, region=regions["WINDOW"]):
+        bpy.context.window_manager.operators[-1].properties.tolerance = tolerance
+        bpy.ops.ed.undo_redo()
+
+
 def tell() -> float:
     """Write the report in one go, so that no half of it is ever read."""
+    if ADJUST.exists():
+        tolerance = float(ADJUST.read_text())
+        ADJUST.unlink()
+        adjust(tolerance)
+        return INTERVAL
     if viewport()[2]["UI"].width <= 1 or getattr(viewport()[2]["UI"], "active_panel_category", "") != CATEGORY:
         arrange()
     unfinished = REPORT.with_suffix(".unfinished")

@@ -84,6 +84,12 @@ class Window:
     def press(self, key: str) -> None:
         self._run("xdotool", "key", key)
 
+    def adjust_last_operation(self, tolerance: float) -> None:
+        """Do it again with that tolerance, as the panel in the viewport's corner does."""
+        unfinished = self.report_path.with_suffix(".asked")
+        unfinished.write_text(str(tolerance))
+        unfinished.replace(self.report_path.with_suffix(".adjust"))
+
     def look(self, path: Path) -> Image:
         """(height, width, 3): a screenshot, which is also written to a PNG file."""
         self._run("import", "-window", "root", str(path))
@@ -208,6 +214,29 @@ def test_a_click_on_apply_adaptive_subdivision_makes_an_object_and_undo_takes_it
     assert (result["visible"], result["selected"]) == (True, True)
     assert set(result["attributes"]) == {"ccdepth", "ccdepth_bound"}
     assert result["faces"] > 2 * original["faces"]
+
+    window.move_mouse(started["viewport"][0] + 300, started["viewport"][1] + 300)
+    time.sleep(0.5)
+    window.press("ctrl+z")
+    undone = window.wait_for(lambda report: len(report["objects"]) == 1, SECONDS_TO_ANSWER, "the undoing")
+    assert undone["objects"] == started["objects"]
+
+
+def test_another_tolerance_in_adjust_last_operation_makes_the_result_anew(window: Window) -> None:
+    started = find_apply(window)
+    window.click()
+    made = window.wait_for(lambda report: len(report["objects"]) == 2, SECONDS_TO_ANSWER, "a second object")["objects"]
+    faces = made["Suzanne Adaptive"]["faces"]
+
+    def has_faces(wanted: Callable[[int], bool]) -> Callable[[dict[str, Any]], bool]:
+        return lambda report: wanted(report["objects"].get("Suzanne Adaptive", {"faces": faces})["faces"])
+
+    window.adjust_last_operation(0.05)
+    coarser = window.wait_for(has_faces(lambda count: count < faces), SECONDS_TO_ANSWER, "a coarser result")["objects"]
+    assert set(coarser) == {"Suzanne", "Suzanne Adaptive"}
+    assert coarser["Suzanne"] == made["Suzanne"]
+    assert coarser["Suzanne Adaptive"]["attributes"] == made["Suzanne Adaptive"]["attributes"]
+    assert coarser["Suzanne Adaptive"]["faces"] >= started["objects"]["Suzanne"]["faces"]
 
     window.move_mouse(started["viewport"][0] + 300, started["viewport"][1] + 300)
     time.sleep(0.5)

@@ -1,0 +1,359 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The quadtree against one in plain Python, which knows no edges and no parameters, only where points lie.
+
+There a point is its weights on the control mesh's vertices, as exact fractions: the middle of a side is the mean of its
+ends, the centre of a node that of its corners. Points of the same weights on an edge are the same, whatever face they
+are seen from; so sides are the same if their ends are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from fractions import Fraction
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from ccdepth_addon.core.mesh import IndexArray, PolygonMesh
+from ccdepth_addon.core.quadtree import NONE, Quadtree
+from ccdepth_addon.core.surface_points import SurfacePoints
+from tests import meshes
+
+Weights = frozenset[tuple[int, Fraction]]
+Place = tuple[int, Weights]
+Side = frozenset[Place]
+
+MESHES: dict[str, Callable[[], meshes.MeshData]] = {
+    "single quad": lambda: meshes.grid(1, 1),
+    "grid": lambda: meshes.grid(2, 2),
+    "cube": meshes.cube,
+    "tetrahedron": meshes.tetrahedron,
+    "n-gons": lambda: meshes.cylinder(5),
+    "triangles and quads": meshes.triangles_and_quads,
+    "valence 2": meshes.valence_two,
+    "three faces on an edge": meshes.three_faces_on_an_edge,
+    "fin through": meshes.fin_through,
+    "face soup": lambda: meshes.face_soup(share=0.2),
+    "flipped face": meshes.flipped_face,
+    "Möbius strip": lambda: meshes.mobius_strip(3),
+    "bow tie": meshes.bow_tie,
+    "ring of quads on opposite corners": meshes.ring_of_quads_on_opposite_corners,
+    "pillow of triangles": lambda: meshes.pillow(3),
+    "pillow of quads": lambda: meshes.pillow(4),
+    "pillow of pentagons": lambda: meshes.pillow(5),
+    "doubled face": meshes.doubled_face,
+    "loose vertices": meshes.loose_edge_at_a_face_vertex,
+}
+
+MOST_NODES = 150
+
+
+@cache
+def build(name: str) -> PolygonMesh:
+    return meshes.to_polygon_mesh(MESHES[name]())
+
+
+# The tree in plain Python
+
+
+def mean(points: Iterable[Weights]) -> Weights:
+    given, sums = list(points), dict[int, Fraction]()
+    for point in given:
+        for vertex, weight in point:
+            sums[vertex] = sums.get(vertex, Fraction()) + weight / len(given)
+    return frozenset(sums.items())
+
+
+@dataclass
+class Node:
+    face: int
+    level: int
+    corners: list[Weights]
+    children: list[Node] = field(default_factory=list)
+
+    def middle(self, slot: int) -> Weights:
+        """Of the side from a corner to the next."""
+        return mean([self.corners[slot], self.corners[(slot + 1) % len(self.corners)]])
+
+    def place(self, point: Weights) -> Place:
+        """What tells a point from all others: those inside faces belong to the face."""
+        return (NONE if len(point) <= 2 else self.face), point
+
+    def side(self, slot: int) -> Side:
+        """The side from a corner to the next, whichever way round."""
+        ends = self.corners[slot], self.corners[(slot + 1) % len(self.corners)]
+        return frozenset(self.place(end) for end in ends)
+
+    def halves(self, slot: int) -> list[Side]:
+        """The half at the corner, and the other."""
+        ends = self.corners[slot], self.corners[(slot + 1) % len(self.corners)]
+        middle = self.place(self.middle(slot))
+        return [frozenset([self.place(end), middle]) for end in ends]
+
+    def split(self) -> None:
+        centre = mean(self.corners)
+        self.children = [
+            Node(self.face, self.level + 1, [corner, self.middle(slot), centre, self.middle(slot - 1)])
+            for slot, corner in enumerate(self.corners)
+        ]
+
+
+def roots_of(mesh: PolygonMesh) -> list[Node]:
+    """One for each face."""
+    faces = np.split(mesh.corner_vertices, mesh.face_starts[1:-1])
+    return [
+        Node(number, 0, [frozenset([(vertex, Fraction(1))]) for vertex in face.tolist()])
+        for number, face in enumerate(faces)
+    ]
+
+
+def numbered(tree: Quadtree, roots: list[Node]) -> dict[int, Node]:
+    """The nodes by the number they have in the tree: the children of a node follow its slots."""
+    waiting = list(enumerate(roots))
+    found = {}
+    while waiting:
+        number, node = waiting.pop()
+        found[number] = node
+        first = int(tree.first_child[number])
+        assert (first == NONE) == (not node.children)
+        waiting += [(first + slot, child) for slot, child in enumerate(node.children)]
+    assert sorted(found) == list(range(len(tree.first_child)))
+    return found
+
+
+def split_both(tree: Quadtree, roots: list[Node], chosen: IndexArray) -> None:
+    nodes = numbered(tree, roots)
+    for number in chosen.tolist():
+        nodes[number].split()
+    tree.split(chosen)
+
+
+# The two next to each other
+
+
+def weights_of(mesh: PolygonMesh, points: SurfacePoints) -> Iterator[Weights]:
+    """The points by bilinear interpolation in their quarters: corner, middle after it, centroid, middle before it."""
+    roots = roots_of(mesh)
+    centroids = [mean(root.corners) for root in roots]
+    for corner, (u, v) in zip(points.corners.tolist(), points.parameters.tolist(), strict=True):
+        root = roots[int(mesh.corner_faces[corner])]
+        slot = corner - int(mesh.face_starts[root.face])
+        assert 0 <= u <= 1
+        assert 0 <= v <= 1
+        x, y = Fraction(u), Fraction(v)
+        quarter = [root.corners[slot], root.middle(slot), centroids[root.face], root.middle(slot - 1)]
+        sums: dict[int, Fraction] = {}
+        for part, share in zip(quarter, ((1 - x) * (1 - y), x * (1 - y), x * y, (1 - x) * y), strict=True):
+            for vertex, weight in part:
+                sums[vertex] = sums.get(vertex, Fraction()) + share * weight
+        yield frozenset((vertex, weight) for vertex, weight in sums.items() if weight)
+
+
+def assert_same(tree: Quadtree, roots: list[Node]) -> None:
+    """The whole tree is the one in plain Python."""
+    nodes = numbered(tree, roots)
+    assert_nodes(tree, nodes)
+    vertices = assert_vertices(tree, nodes)
+    assert_edges(tree, nodes, vertices)
+    assert_slot_points(tree, nodes)
+
+
+def slots_of(tree: Quadtree, nodes: dict[int, Node]) -> Iterator[tuple[int, Node, int]]:
+    """(slot of the tree, its node, place in the node), each once."""
+    numbers = np.array(sorted(nodes))
+    for first, number in zip(tree.first_slots(numbers).tolist(), numbers.tolist(), strict=True):
+        for place in range(len(nodes[number].corners)):
+            yield first + place, nodes[number], place
+
+
+def assert_nodes(tree: Quadtree, nodes: dict[int, Node]) -> None:
+    numbers = np.array(sorted(nodes))
+    in_order = [nodes[number] for number in numbers.tolist()]
+    assert tree.levels.tolist() == [node.level for node in in_order]
+    assert tree.base_faces.tolist() == [node.face for node in in_order]
+    assert tree.leaves().tolist() == [number for number in numbers.tolist() if not nodes[number].children]
+    assert tree.slot_counts(numbers).tolist() == [len(node.corners) for node in in_order]
+    assert tree.is_quad(numbers).tolist() == [len(node.corners) == 4 for node in in_order]
+    # Every slot belongs to one node, and a node's slots follow each other, whichever nodes are asked for.
+    assert sorted(slot for slot, _, _ in slots_of(tree, nodes)) == list(range(len(tree.slot_vertices)))
+    some = np.random.default_rng(len(numbers)).permutation(numbers)[: len(numbers) // 2 + 1]
+    starts = tree.first_slots(some).tolist()
+    expected = [
+        start + place
+        for start, number in zip(starts, some.tolist(), strict=True)
+        for place in range(len(nodes[number].corners))
+    ]
+    assert tree.slots(some).tolist() == expected
+
+
+def assert_vertices(tree: Quadtree, nodes: dict[int, Node]) -> dict[Place, int]:
+    """One vertex for each point, and none besides but the mesh's without faces; the vertices by point."""
+    mesh = tree.mesh
+    found: dict[Place, int] = {}
+    for slot, node, place in slots_of(tree, nodes):
+        vertex = int(tree.slot_vertices[slot])
+        assert found.setdefault(node.place(node.corners[place]), vertex) == vertex
+    numbers = sorted(found.values())
+    assert numbers == sorted(set(numbers))
+    loose = np.flatnonzero(tree.vertex_points.corners == NONE).tolist()
+    assert sorted(numbers + loose) == list(range(len(tree.vertex_edges)))
+    assert loose == np.flatnonzero(mesh.vertex_face_counts == 0).tolist()
+
+    points = tree.vertex_points.at(np.array(numbers))
+    weights = dict(zip(numbers, weights_of(mesh, points), strict=True))
+    faces = dict(zip(numbers, mesh.corner_faces[points.corners].tolist(), strict=True))
+    edges = edges_by_ends(mesh)
+    for (face, point), vertex in found.items():
+        assert weights[vertex] == point
+        assert face in (NONE, faces[vertex])
+        # Points with weights on two vertices lie on the edge between them.
+        on_edge = edges[frozenset(corner for corner, _ in point)] if len(point) == 2 else NONE
+        assert tree.vertex_edges[vertex] == on_edge
+    return found
+
+
+def edges_by_ends(mesh: PolygonMesh) -> dict[frozenset[int], int]:
+    return {frozenset(ends): edge for edge, ends in enumerate(mesh.edge_vertices.tolist())}
+
+
+def assert_edges(tree: Quadtree, nodes: dict[int, Node], vertices: dict[Place, int]) -> None:
+    """One edge for each side that there is, and its halves where some node along it is split."""
+    edges: dict[Side, int] = {}
+    split = {node.side(slot) for node in nodes.values() if node.children for slot in range(len(node.corners))}
+    base = edges_by_ends(tree.mesh)
+    counts, deeper = tree.sides()
+    numbers = np.array(sorted(nodes))
+    all_slots = tree.slots(numbers)
+    hanging = dict(zip(all_slots.tolist(), tree.hanging(all_slots).tolist(), strict=True))
+    starts = dict(zip(numbers.tolist(), tree.first_slots(numbers).tolist(), strict=True))
+    halves_of_split: set[Side] = set()
+    for number, node in nodes.items():
+        sides = [node.side(slot) for slot in range(len(node.corners))]
+        halves = [node.halves(slot) for slot in range(len(node.corners))]
+        assert counts[number] == sum(side in split for side in sides)
+        assert deeper[number] == any(half in split for both in halves for half in both)
+        for slot, side in enumerate(sides):
+            edge = int(tree.slot_edges[starts[number] + slot])
+            assert edges.setdefault(side, edge) == edge
+            assert hanging[starts[number] + slot] == (side in split)
+            assert {*tree.edge_vertices[edge].tolist()} == {vertices[end] for end in side}
+            touched = frozenset(vertex for _, point in side for vertex, _ in point)
+            assert tree.base_edges[edge] == (base[touched] if len(touched) == 2 else NONE)
+            assert_halves(tree, edge, vertices[node.place(node.middle(slot))] if side in split else None)
+            halves_of_split.update(halves[slot] if side in split else [])
+    # Every edge is some node's side or half of one that is split.
+    assert len(set(edges.values())) == len(edges)
+    assert len(tree.edge_vertices) == len(set(edges) | halves_of_split)
+
+
+def assert_halves(tree: Quadtree, edge: int, middle: int | None) -> None:
+    """The half at the edge's first vertex, then the other; nothing where there is no middle."""
+    if middle is None:
+        assert tree.edge_children[edge] == tree.midpoints[edge] == NONE
+        return
+    first, second = tree.edge_vertices[edge].tolist()
+    halves = tree.edge_vertices[tree.edge_children[edge] + np.arange(2)].tolist()
+    assert halves == [[first, middle], [middle, second]]
+    assert tree.midpoints[edge] == middle
+
+
+def assert_slot_points(tree: Quadtree, nodes: dict[int, Node]) -> None:
+    """Corners and middles of sides are where they should be, seen from their own face, asked for in any order."""
+    listed = list(slots_of(tree, nodes))
+    listed = [listed[place] for place in np.random.default_rng(len(listed)).permutation(len(listed)).tolist()]
+    slots = np.array([slot for slot, _, _ in listed])
+    for wanted in (np.zeros(len(slots), dtype=bool), np.ones(len(slots), dtype=bool), slots % 2 == 0):
+        points = tree.slot_points(slots, wanted)
+        found = weights_of(tree.mesh, points)
+        faces = tree.mesh.corner_faces[points.corners].tolist()
+        for (_, node, place), weights, face, middle in zip(listed, found, faces, wanted.tolist(), strict=True):
+            assert face == node.face
+            assert weights == (node.middle(place) if middle else node.corners[place])
+
+
+# Tests
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_not_split(name: str) -> None:
+    mesh = build(name)
+    assert_same(Quadtree(mesh), roots_of(mesh))
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_split_all_at_once(name: str) -> None:
+    """Every edge is split from all its faces in the same call."""
+    mesh = build(name)
+    tree, roots = Quadtree(mesh), roots_of(mesh)
+    split_both(tree, roots, tree.leaves())
+    assert_same(tree, roots)
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_split_one_by_one(name: str) -> None:
+    """In whatever order, what there is in the end is the same."""
+    mesh = build(name)
+    tree, roots = Quadtree(mesh), roots_of(mesh)
+    for face in np.random.default_rng(2).permutation(mesh.face_count).tolist():
+        split_both(tree, roots, np.array([face]))
+    assert_same(tree, roots)
+    assert np.all(tree.hanging(tree.slots(np.arange(mesh.face_count))))
+
+
+@settings(max_examples=50, deadline=None)
+@given(
+    name=st.sampled_from(list(MESHES)),
+    seed=st.integers(0, 2**32 - 1),
+    shares=st.lists(st.sampled_from([0.05, 0.2, 0.5, 1.0]), min_size=1, max_size=5),
+)
+def test_random_splits(name: str, seed: int, shares: list[float]) -> None:
+    """Some of the leaves again and again, balanced or not, in any order."""
+    mesh = build(name)
+    tree, roots = Quadtree(mesh), roots_of(mesh)
+    generator = np.random.default_rng(seed)
+    for share in shares:
+        leaves = generator.permutation(tree.leaves())
+        room = max(1, (MOST_NODES - len(tree.first_child)) // 4)
+        split_both(tree, roots, leaves[: min(room, max(1, round(share * len(leaves))))])
+    assert_same(tree, roots)
+
+
+@pytest.mark.parametrize("name", ["single quad", "tetrahedron", "n-gons", "three faces on an edge", "Möbius strip"])
+def test_deep_at_a_corner_and_beside_the_centre(name: str) -> None:
+    """Points stay exact however deep; each face along the edges there knows what is split across."""
+    mesh = build(name)
+    for path in ([0] * 24, [0] + [2] * 24, [1, 3] * 12):
+        tree, roots = Quadtree(mesh), roots_of(mesh)
+        node = 0
+        for slot in path:
+            split_both(tree, roots, np.array([node]))
+            node = int(tree.first_child[node]) + slot
+        assert tree.levels.max() == len(path)
+        assert_same(tree, roots)
+
+
+def test_an_edge_with_three_faces_is_split_for_all_of_them() -> None:
+    """Whichever of them is split, all three see it; split again, they see that half a side is split."""
+    mesh = build("three faces on an edge")
+    [edge] = np.flatnonzero(mesh.edge_face_counts == 3).tolist()
+    corners = np.flatnonzero(mesh.corner_edges == edge)
+    faces = mesh.corner_faces[corners]
+    for first in faces.tolist():
+        tree = Quadtree(mesh)
+        tree.split(np.array([first]))
+        assert np.all(tree.hanging(corners))
+        others = np.setdiff1d(faces, [first])
+        assert tree.sides()[0][others].tolist() == [1, 1]
+        assert not np.any(tree.sides()[1][others])
+        slot = int(corners[faces == first][0] - mesh.face_starts[first])
+        tree.split(np.array([tree.first_child[first] + slot]))
+        assert np.all(tree.sides()[1][others])
+        assert tree.sides()[0][others].tolist() == [1, 1]
+        # Splitting the others as well makes no second midpoint.
+        before = len(tree.vertex_edges)
+        tree.split(others)
+        assert np.count_nonzero(tree.vertex_edges[before:] == edge) == 0
