@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
 
@@ -85,15 +86,17 @@ def some(cells: Cells, wanted: NDArray[np.bool_]) -> list[Cells]:
 def merged(cells: Iterable[Cells]) -> Iterator[Cells]:
     """The same cells in larger blocks where they are of one kind."""
     waiting: dict[int, list[NetCells]] = {}
+    counts = Counter[int]()
     for block in cells:
         if not isinstance(block, NetCells):
             yield block
             continue
         if not len(block.nodes):
             continue
-        same = waiting.setdefault(block.valence, [])
-        same.append(block)
-        if sum(len(each.nodes) for each in same) >= CELLS_AT_ONCE:
+        waiting.setdefault(block.valence, []).append(block)
+        counts[block.valence] += len(block.nodes)
+        if counts[block.valence] >= CELLS_AT_ONCE:
             yield NetCells.joined(waiting.pop(block.valence))
+            counts[block.valence] = 0
     for same in waiting.values():
         yield NetCells.joined(same)

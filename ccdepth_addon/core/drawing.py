@@ -13,10 +13,14 @@ from .cells import Fit, is_folded
 from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .quadtree import NONE, Quadtree
+from .refinement import split
 from .subdivided_mesh import SubdividedMesh
 from .templates import ALL_SPLIT, WHOLE, Transitions, templates, triangle_template
 
 BoolArray = NDArray[np.bool_]
+
+# Quads looked at together, so that what belongs to them stays in the processor's cache.
+QUADS_AT_ONCE = 1 << 13
 
 
 @dataclass(frozen=True)
@@ -59,8 +63,9 @@ def _folded_there(tree: Quadtree, leaves: IndexArray, fit: Fit, points: FloatArr
     """(L,) which whole quads are folded as they are drawn with the tree's vertices at points (V, 3)."""
     folded = np.zeros(len(leaves), dtype=bool)
     quads = np.flatnonzero(tree.is_quad(leaves) & (fit.patterns == WHOLE))
-    slots = tree.first_slots(leaves[quads])[:, None] + (np.arange(4) + fit.turns[quads, None]) % 4
-    folded[quads] = is_folded(points[tree.slot_vertices[slots]].swapaxes(0, 1), fit.alternatives[quads])
+    for some in split(quads, QUADS_AT_ONCE):
+        slots = tree.first_slots(leaves[some]) + (np.arange(4)[:, None] + fit.turns[some]) % 4
+        folded[some] = is_folded(points[tree.slot_vertices[slots]], fit.alternatives[some])
     return folded
 
 
