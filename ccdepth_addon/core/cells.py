@@ -26,7 +26,7 @@ from .quadtree import Quadtree
 from .refinement import Refinement, split
 from .splines import HALVES, SPLINE_TO_BERNSTEIN, largest_norm, patch_coefficients, tensor
 from .stencils import LARGEST_STENCIL_VALENCE, patch_stencils
-from .templates import ALL_SPLIT, WHOLE, Template, Transitions, templates
+from .templates import ALL_SPLIT, TURNS, WHOLE, Template, Transitions, templates
 from .triangle_bounds import Misses
 
 BoolArray = NDArray[np.bool_]
@@ -184,6 +184,9 @@ def _child_matrices() -> list[FloatArray]:
 
 
 CHILD_MATRICES = _child_matrices()
+
+# The Bernstein coefficients of a bicubic quad in the order of the same quad counted from slot 0, 1, 2 or 3.
+TURNED_COEFFICIENTS = [np.rot90(np.arange(16).reshape(4, 4), -turns).ravel() for turns in range(4)]
 TO_BERNSTEIN = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
 
 
@@ -232,6 +235,9 @@ class NetCells:
 
     def fit(self, hanging: BoolArray, transitions: Transitions, limit: float) -> Fit:
         patterns = _patterns(hanging, self.slots)
+        if self.valence == 4 and np.any(TURNS[patterns]):
+            # Fewer patterns mean less work.
+            return self._turned(TURNS[patterns]).fit(hanging, transitions, limit)
         found = Fit.none(len(self.nodes))
         found.turns[:] = self.slots
         found.patterns[:] = patterns
@@ -239,6 +245,14 @@ class NetCells:
             chosen = np.flatnonzero(patterns == pattern)
             self._fit_pattern(found, chosen, pattern, transitions, limit)
         return found
+
+    def _turned(self, turns: NDArray[np.int8]) -> NetCells:
+        """Bicubic quads counted from other slots, (P,) turns further on."""
+        nets = self.nets.copy()
+        for turn in (1, 2, 3):
+            chosen = np.flatnonzero(turns == turn)
+            nets[:, chosen] = self.nets[:, chosen].take(TURNED_COEFFICIENTS[turn], axis=0)
+        return NetCells(self.nodes, (self.slots + turns) % 4, nets, self.valence)
 
     def _fit_pattern(
         self, found: Fit, chosen: IndexArray, pattern: int, transitions: Transitions, limit: float
@@ -294,10 +308,12 @@ class NetCells:
         """The same, looked at twice where they leave the triangles little room, or are far along the normals."""
         template = templates(pattern)[alternative]
         normals = _triangle_normals(points, template)
+        if self.valence == 4:
+            # These take little time.
+            return self._misses_once(pattern, alternative, nets, normals, fine=True)
         misses = self._misses_once(pattern, alternative, nets, normals, fine=False)
         crowded = misses.normal + misses.tangential > ROOM * _least_heights(points, template)
-        # Bicubic quads take little time.
-        doubtful = np.flatnonzero(crowded | (misses.normal > limit / 2) | (self.valence == 4))
+        doubtful = np.flatnonzero(crowded | (misses.normal > limit / 2))
         if len(doubtful):
             misses.put(
                 doubtful,
