@@ -63,7 +63,8 @@ class CellStore:
         for start, end in pairwise([0, *(np.flatnonzero(np.diff(numbers)) + 1), len(nodes)]):
             block = self._blocks[numbers[start]]
             assert block is not None
-            yield int(numbers[start]), block.at(places[start:end])
+            whole = end - start == len(block.nodes)
+            yield int(numbers[start]), block if whole else block.at(places[start:end])
 
     def _tidy(self, number: int) -> None:
         """Give back the memory of a block that is used no more, or for the most part."""

@@ -28,7 +28,7 @@ MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     "Möbius strip": meshes.mobius_strip,
 }
 
-ROUNDS = 12
+ROUNDS = 8
 
 
 @pytest.mark.parametrize("name", MESHES)
