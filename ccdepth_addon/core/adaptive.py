@@ -237,12 +237,17 @@ class _Planner:
 
     def fit_along_surface(self) -> IndexArray:
         """Bound the leaves that are not within the limit at equal parameters by their neighbours; those that do not
-        fit for all that."""
+        fit for all that.
+
+        A leaf's bound comes from how it and the leaves with a vertex of it are drawn. Where that has changed one of
+        them was fitted since: its sides were split, or it is new and has the vertices of the leaf that was there.
+        """
         fitted = np.flatnonzero(self._fitted_since.values)
         self._fitted_since.values[fitted] = False
         fitted = fitted[self.tree.first_child[fitted] == NONE]
         if not len(fitted):
             return fitted
+        # All whose neighbours were fitted, and all their neighbours.
         leaves = self._leaves_around(self._leaves_around(fitted))
         around = share_a_vertex(self.tree, leaves, np.isin(leaves, fitted))
         wanted = around & np.isinf(self._bounds.values[leaves])
