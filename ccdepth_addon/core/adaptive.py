@@ -271,11 +271,12 @@ class _Planner:
         triangles, drawn, closed = triangles_around(
             self.tree, leaves, self.fit_of(leaves), self._request.transitions, wanted
         )
-        used, corners = np.unique(triangles, return_inverse=True)
+        shape = triangles.shape
+        used, triangles = np.unique(triangles, return_inverse=True)
         nodes = leaves[drawn]
         found = graph_bounds(
             self._positions_of(used),
-            corners.reshape(-1, 3),
+            triangles.reshape(shape),
             self._normal.values[nodes],
             self._tangential.values[nodes],
             closed[used],
