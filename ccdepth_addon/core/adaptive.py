@@ -18,8 +18,9 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from .cells import CELLS_AT_ONCE, Cells, Fit, NetCells, cells_of_faces
-from .drawing import draw, face_counts, triangles_around
+from .cell_store import CellStore, merged, some
+from .cells import Cells, Fit, cells_of_faces
+from .drawing import draw, face_counts, share_a_vertex, triangles_around
 from .graph_bounds import graph_bounds
 from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray, PolygonMesh
@@ -37,9 +38,6 @@ BELIEVED = 4
 
 # By how much a tolerance is raised in search of one that fits.
 SEARCH_STEP = 1.1
-
-# Blocks of cells that have fallen apart are put together again.
-MOST_BLOCKS = 256
 
 
 class Mode(StrEnum):
@@ -120,14 +118,19 @@ def subdivide_adaptively(
 
 
 class _Planner:
-    """A tree on its way, the cells of its leaves, and how they fit so far."""
+    """A tree on its way, the cells of its leaves, and how they fit so far.
+
+    Only what a split may have changed is looked at again: the leaves beside the nodes that were split
+    (``Quadtree.leaves_beside``) for how their sides are split, and those that share a vertex with a leaf fitted since
+    for how they fit along the surface.
+    """
 
     def __init__(self, mesh: PolygonMesh, request: Request, least_levels: NDArray[np.int8]) -> None:
         self.tree = Quadtree(mesh)
         self._least_levels = least_levels
         self._request = request
         self._limit = request.limit
-        self._cells: list[Cells] = []
+        self._cells = CellStore()
         self._fits: list[Column] = [Column(getattr(Fit.none(0), field.name)) for field in fields(Fit)]
         self._bounds, self._normal, self._tangential = self._fits[:3]
         self._least = self._fits[-1]
@@ -136,6 +139,11 @@ class _Planner:
         self._positions = Column(np.zeros((0, 3)))
         # How many of a leaf's sides were split when it was fitted last; it never gets fewer.
         self._split_sides = Column(np.zeros(0, dtype=np.int32))
+        # The nodes split since balance was looked at; whether a leaf's sides may have been split since it was fitted;
+        # and whether it was fitted since the bounds along the surface were found.
+        self._split_since: list[IndexArray] = []
+        self._touched = Column(np.zeros(0, dtype=bool))
+        self._fitted_since = Column(np.zeros(0, dtype=bool))
 
     def settle(self) -> Generator[int, None, None]:
         """Find the whole tree."""
@@ -147,9 +155,9 @@ class _Planner:
     def settle_neighbours(self) -> Generator[int, None, None]:
         """Split until every leaf fits beside its neighbours."""
         while (
-            np.any(wanted := self.unbalanced())
-            or np.any(wanted := self.fit_split_sides())
-            or np.any(wanted := self.fit_along_surface())
+            len(wanted := self.unbalanced())
+            or len(wanted := self.fit_split_sides())
+            or len(wanted := self.evened(self.fit_along_surface()))
         ):
             yield from self.split(wanted)
 
@@ -167,28 +175,30 @@ class _Planner:
             nodes = np.sort(np.concatenate([cells.nodes for cells in unfit]))
             nodes = nodes[self.tree.first_child[nodes] == NONE]
             self._refuse_too_many(nodes)
-            self.tree.split(nodes)
-            self._extend()
-            frontier = _merged(child for cells in unfit for child in cells.children(self.tree))
+            self._split_nodes(nodes)
+            frontier = merged(child for cells in unfit for child in cells.children(self.tree))
 
-    def split(self, wanted: BoolArray) -> Generator[int, None, None]:
-        """Split the wanted leaves, (N,) bool, and all that gets out of balance by that."""
-        while np.any(wanted):
-            self.tree.split(np.flatnonzero(wanted))
+    def split(self, wanted: IndexArray) -> Generator[int, None, None]:
+        """Split the wanted leaves, and all that gets out of balance by that."""
+        self._refuse_too_many(wanted)
+        parents: list[Cells] = []
+        while len(wanted):
+            parents += self._cells.take(wanted)
+            self._split_nodes(wanted)
             wanted = self.unbalanced()
-        is_leaf = self.tree.first_child == NONE
-        parents = [part for cells in self._cells for part in _some(cells, ~is_leaf[cells.nodes])]
-        self._cells = [part for cells in self._cells for part in _some(cells, is_leaf[cells.nodes])]
-        if len(self._cells) > MOST_BLOCKS:
-            self._cells = [*_merged(iter(self._cells))]
-        yield from self.grow(_merged(child for cells in parents for child in cells.children(self.tree)))
+        yield from self.grow(merged(child for cells in parents for child in cells.children(self.tree)))
+
+    def _split_nodes(self, nodes: IndexArray) -> None:
+        self.tree.split(nodes)
+        self._extend()
+        self._split_since.append(nodes)
 
     def _leaves_among(self, frontier: Iterator[Cells], others: list[Cells]) -> Iterator[Cells]:
         """The cells of leaves; those of nodes that are split already are put with the others."""
         for cells in frontier:
             is_leaf = self.tree.first_child[cells.nodes] == NONE
-            others += _some(cells, ~is_leaf)
-            yield from _some(cells, is_leaf)
+            others += some(cells, ~is_leaf)
+            yield from some(cells, is_leaf)
 
     def level_faces(self) -> Generator[int, None, None]:
         """Split every face of the control mesh to the level of its deepest leaf."""
@@ -197,8 +207,20 @@ class _Planner:
             shallow = leaves[self.tree.levels[leaves] < self.face_levels()[self.tree.base_faces[leaves]]]
             if not len(shallow):
                 return
-            self._refuse_too_many(shallow)
-            yield from self.split(self.marked(shallow))
+            yield from self.split(shallow)
+
+    def evened(self, wanted: IndexArray) -> IndexArray:
+        """The leaves to split so that the wanted ones are; where faces are divided evenly, with a wanted leaf of the
+        least level of its face go all others of this level."""
+        if self._request.mode is not Mode.PER_FACE or not len(wanted):
+            return wanted
+        tree, leaves = self.tree, self.tree.leaves()
+        least = np.full(tree.mesh.face_count, np.iinfo(np.int8).max, dtype=np.int8)
+        np.minimum.at(least, tree.base_faces[leaves], tree.levels[leaves])
+        is_least = tree.levels == least[tree.base_faces]
+        uneven = np.zeros(tree.mesh.face_count, dtype=bool)
+        uneven[tree.base_faces[wanted[is_least[wanted]]]] = True
+        return np.union1d(wanted, leaves[is_least[leaves] & uneven[tree.base_faces[leaves]]])
 
     def face_levels(self) -> NDArray[np.int8]:
         """(faces of the control mesh,) the level of the deepest leaf of each."""
@@ -206,50 +228,79 @@ class _Planner:
         np.maximum.at(deepest, self.tree.base_faces, self.tree.levels)
         return deepest
 
-    def unbalanced(self) -> BoolArray:
-        """(N,) the leaves beside others more than one level deeper, or with all their sides split."""
-        nodes = np.arange(len(self.tree.first_child))
-        counts, deeper = self.tree.sides()
-        surrounded = counts == self.tree.slot_counts(nodes)
-        return (self.tree.first_child == NONE) & (deeper | surrounded)
+    def unbalanced(self) -> IndexArray:
+        """The leaves beside others more than one level deeper, or with all their sides split."""
+        if not self._split_since:
+            return np.zeros(0, dtype=np.intp)
+        leaves = self.tree.leaves_beside(np.concatenate(self._split_since))
+        self._split_since = []
+        self._touched.values[leaves] = True
+        counts, deeper = self.tree.sides(leaves)
+        return leaves[deeper | (counts == self.tree.slot_counts(leaves))]
 
-    def fit_split_sides(self) -> BoolArray:
-        """Fit the leaves anew some more of whose sides are split by now; (N,) those that do not fit."""
-        counts, _ = self.tree.sides()
-        pending = (self.tree.first_child == NONE) & (counts != self._split_sides.values)
-        self._split_sides.values[:] = counts
-        some = _merged(part for cells in self._cells for part in _some(cells, pending[cells.nodes]))
-        for result in in_parallel(self._fit_as_split, some):
+    def fit_split_sides(self) -> IndexArray:
+        """Fit the leaves anew some more of whose sides are split by now; those that do not fit."""
+        leaves = np.flatnonzero(self._touched.values)
+        self._touched.values[leaves] = False
+        leaves = leaves[self.tree.first_child[leaves] == NONE]
+        counts, _ = self.tree.sides(leaves)
+        more = counts != self._split_sides.values[leaves]
+        pending = leaves[more]
+        self._split_sides.values[pending] = counts[more]
+        for result in in_parallel(self._fit_as_split, merged(self._cells.of(pending))):
             if result is not None:
                 self._record(*result)
-        return pending & np.isinf(self._normal.values)
+        return pending[np.isinf(self._normal.values[pending])]
 
-    def fit_along_surface(self) -> BoolArray:
-        """Bound the leaves that are not within the limit at equal parameters by their neighbours; (N,) those that do
-        not fit for all that."""
-        wanted = (self.tree.first_child == NONE) & np.isinf(self._bounds.values)
-        self._graph_bounds.values[:] = np.inf
+    def fit_along_surface(self) -> IndexArray:
+        """Bound the leaves that are not within the limit at equal parameters by their neighbours; those that do not
+        fit for all that.
+
+        A leaf's bound comes from how it and the leaves with a vertex of it are drawn. Where that has changed one of
+        them was fitted since: its sides were split, or it is new and has the vertices of the leaf that was there.
+        """
+        fitted = np.flatnonzero(self._fitted_since.values)
+        self._fitted_since.values[fitted] = False
+        fitted = fitted[self.tree.first_child[fitted] == NONE]
+        if not len(fitted):
+            return fitted
+        # All whose neighbours were fitted, and all their neighbours.
+        leaves = self._leaves_around(self._leaves_around(fitted))
+        around = share_a_vertex(self.tree, leaves, np.isin(leaves, fitted))
+        wanted = around & np.isinf(self._bounds.values[leaves])
         if np.any(wanted):
-            self._find_graph_bounds(wanted)
-        return wanted & (self._graph_bounds.values > self._limit)
+            self._find_graph_bounds(leaves, wanted)
+        return leaves[wanted & (self._graph_bounds.values[leaves] > self._limit)]
 
-    def _find_graph_bounds(self, wanted: BoolArray) -> None:
-        leaves = self.tree.leaves()
+    def _leaves_around(self, nodes: IndexArray) -> IndexArray:
+        """The leaves of the faces of the control mesh with a vertex of any on which there are nodes: among them all
+        that share a vertex with these."""
+        mesh = self.tree.mesh
+        marked = np.zeros(mesh.face_count, dtype=bool)
+        marked[self.tree.base_faces[nodes]] = True
+        at_vertices = np.zeros(mesh.vertex_count, dtype=bool)
+        at_vertices[mesh.corner_vertices[marked[mesh.corner_faces]]] = True
+        around = np.logical_or.reduceat(at_vertices[mesh.corner_vertices], mesh.face_starts[:-1])
+        return np.flatnonzero(around[self.tree.base_faces] & (self.tree.first_child == NONE))
+
+    def _find_graph_bounds(self, leaves: IndexArray, wanted: BoolArray) -> None:
+        """Find those of the wanted leaves, given all that share a vertex with them."""
         triangles, drawn, closed = triangles_around(
-            self.tree, leaves, self.fit_of(leaves), self._request.transitions, wanted[leaves]
+            self.tree, leaves, self.fit_of(leaves), self._request.transitions, wanted
         )
-        used, corners = np.unique(triangles, return_inverse=True)
+        shape = triangles.shape
+        used, triangles = np.unique(triangles, return_inverse=True)
         nodes = leaves[drawn]
         found = graph_bounds(
             self._positions_of(used),
-            corners.reshape(-1, 3),
+            triangles.reshape(shape),
             self._normal.values[nodes],
             self._tangential.values[nodes],
             closed[used],
         )
-        of_nodes = np.zeros(len(wanted))
-        np.maximum.at(of_nodes, nodes, found)
-        self._graph_bounds.values[wanted] = of_nodes[wanted]
+        bounds = np.zeros(len(leaves))
+        np.maximum.at(bounds, drawn, found)
+        self._graph_bounds.values[leaves[wanted]] = bounds[wanted]
 
     def _positions_of(self, vertices: IndexArray) -> FloatArray:
         """(…, 3) where vertices of the tree lie on the surface, each found once."""
@@ -286,12 +337,15 @@ class _Planner:
         self._record(cells, fit)
         fits = fit.fits
         fits &= self.tree.levels[cells.nodes] >= self._least_levels[self.tree.base_faces[cells.nodes]]
-        self._cells += _some(cells, fits)
-        return _some(cells, ~fits)
+        for kept in some(cells, fits):
+            self._cells.put(kept)
+        return some(cells, ~fits)
 
     def _record(self, cells: Cells, fit: Fit) -> None:
         for column, field in zip(self._fits, fields(Fit), strict=True):
             column.values[cells.nodes] = getattr(fit, field.name)
+        self._graph_bounds.values[cells.nodes] = np.inf
+        self._fitted_since.values[cells.nodes] = True
 
     def _extend(self) -> None:
         more = len(self.tree.first_child) - len(self._split_sides.values)
@@ -299,12 +353,9 @@ class _Planner:
             column.append(getattr(Fit.none(more), field.name))
         self._graph_bounds.append(np.full(more, np.inf))
         self._split_sides.append(np.zeros(more, dtype=np.int32))
-
-    def marked(self, nodes: IndexArray) -> BoolArray:
-        """(N,) bool, which nodes these are."""
-        marked = np.zeros(len(self.tree.first_child), dtype=bool)
-        marked[nodes] = True
-        return marked
+        self._touched.append(np.zeros(more, dtype=bool))
+        self._fitted_since.append(np.zeros(more, dtype=bool))
+        self._cells.extend(len(self.tree.first_child))
 
     def _refuse_too_many(self, unfit: IndexArray) -> None:
         """Raise TooManyFacesError if there are too many leaves now that these nodes have to be split, or will be."""
@@ -329,28 +380,3 @@ class _Planner:
 def _leaves_of(ratios: FloatArray) -> FloatArray:
     """About how many leaves it takes where the distance is so many limits: a level divides it by four."""
     return 4.0 ** np.ceil(np.log2(np.maximum(ratios, 1.0)) / 2)
-
-
-def _some(cells: Cells, wanted: BoolArray) -> list[Cells]:
-    """The wanted cells, if there are any."""
-    if np.all(wanted):
-        return [cells]
-    chosen = np.flatnonzero(wanted)
-    return [cells.at(chosen)] if len(chosen) else []
-
-
-def _merged(cells: Iterator[Cells]) -> Iterator[Cells]:
-    """The same cells in larger blocks where they are of one kind."""
-    waiting: dict[int, list[NetCells]] = {}
-    for block in cells:
-        if not isinstance(block, NetCells):
-            yield block
-            continue
-        if not len(block.nodes):
-            continue
-        same = waiting.setdefault(block.valence, [])
-        same.append(block)
-        if sum(len(each.nodes) for each in same) >= CELLS_AT_ONCE:
-            yield NetCells.joined(waiting.pop(block.valence))
-    for same in waiting.values():
-        yield NetCells.joined(same)

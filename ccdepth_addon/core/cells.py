@@ -28,7 +28,7 @@ from .refined_bounds import refined_misses
 from .refinement import Refinement, split
 from .splines import HALVES, SPLINE_TO_BERNSTEIN, patch_coefficients, tensor
 from .stencils import LARGEST_STENCIL_VALENCE, patch_stencils
-from .templates import ALL_SPLIT, WHOLE, Template, Transitions, templates
+from .templates import ALL_SPLIT, TURNS, WHOLE, Template, Transitions, templates
 from .triangle_bounds import Misses
 
 BoolArray = NDArray[np.bool_]
@@ -185,6 +185,9 @@ def _child_matrices() -> list[FloatArray]:
 
 
 CHILD_MATRICES = _child_matrices()
+
+# The Bernstein coefficients of a bicubic quad in the order of the same quad counted from slot 0, 1, 2 or 3.
+TURNED_COEFFICIENTS = [np.rot90(np.arange(16).reshape(4, 4), -turns).ravel() for turns in range(4)]
 TO_BERNSTEIN = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
 
 
@@ -315,6 +318,21 @@ class NetCells(QuadCells):
             matrix = TO_BERNSTEIN @ stencils.regular[16 * (turn - 1) : 16 * turn]
             yield NetCells(first + (self.slots + turn) % 4, zeros, _apply(matrix, self.nets))
 
+    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
+        turns = TURNS[_patterns(hanging, self.slots)]
+        if self.valence == 4 and np.any(turns):
+            # Fewer patterns mean less work.
+            return self._turned(turns).fit(hanging, transitions, limit, axes)
+        return super().fit(hanging, transitions, limit, axes)
+
+    def _turned(self, turns: NDArray[np.int8]) -> NetCells:
+        """Bicubic quads counted from other slots, (P,) turns further on."""
+        nets = self.nets.copy()
+        for turn in (1, 2, 3):
+            chosen = np.flatnonzero(turns == turn)
+            nets[:, chosen] = self.nets[:, chosen].take(TURNED_COEFFICIENTS[turn], axis=0)
+        return NetCells(self.nodes, (self.slots + turns) % 4, nets, self.valence)
+
     def turns(self) -> IndexArray:
         return self.slots
 
@@ -336,10 +354,12 @@ class NetCells(QuadCells):
         """Looked at twice where they leave the triangles little room, or are far along the normals."""
         template = templates(pattern)[alternative]
         normals = _triangle_normals(points, template)
+        if self.valence == 4:
+            # These take little time.
+            return self._misses_once(pattern, alternative, normals, fine=True)
         misses = self._misses_once(pattern, alternative, normals, fine=False)
         crowded = misses.normal + misses.tangential > ROOM * _least_heights(points, template)
-        # Bicubic quads take little time.
-        doubtful = np.flatnonzero(crowded | (misses.normal > limit / 2) | (self.valence == 4))
+        doubtful = np.flatnonzero(crowded | (misses.normal > limit / 2))
         if len(doubtful):
             misses.put(doubtful, self.at(doubtful)._misses_once(pattern, alternative, normals[:, doubtful], fine=True))
         return misses

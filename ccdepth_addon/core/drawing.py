@@ -18,6 +18,9 @@ from .templates import ALL_SPLIT, WHOLE, Transitions, templates, triangle_templa
 
 BoolArray = NDArray[np.bool_]
 
+# Quads looked at together, so that what belongs to them stays in the processor's cache.
+QUADS_AT_ONCE = 1 << 13
+
 
 @dataclass(frozen=True)
 class Polygons:
@@ -68,13 +71,15 @@ def face_counts(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Trans
 def triangles_around(
     tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions, wanted: BoolArray
 ) -> tuple[IndexArray, IndexArray, BoolArray]:
-    """The triangles that are drawn at the vertices of the wanted leaves, (L,) bool.
+    """The triangles that are drawn at the vertices of the wanted ones, (L,) bool, among leaves (L,).
+
+    leaves: all that have a vertex of the wanted ones, and maybe others.
 
     Returns (T, 3) vertices of the tree, (T,) the leaf of each as a place, and (V,) whether a vertex has no other faces
     than triangles and quads around it, which close up to a disc: not so on boundaries and infinitely sharp creases.
     """
     closed = _is_inside(tree)
-    nearby = _share_a_vertex(tree, leaves, wanted)
+    nearby = np.flatnonzero(share_a_vertex(tree, leaves, wanted))
     near, fit_near = leaves[nearby], fit.at(nearby)
     for block in _polygons_of_faces(tree, near, transitions):
         closed[_vertices(tree, block.slots, block.middles)] = False
@@ -89,8 +94,8 @@ def triangles_around(
     return np.concatenate(triangles), np.concatenate(drawn), closed
 
 
-def _share_a_vertex(tree: Quadtree, leaves: IndexArray, wanted: BoolArray) -> IndexArray:
-    """The places of the leaves that have a vertex of the wanted ones, (L,) bool."""
+def share_a_vertex(tree: Quadtree, leaves: IndexArray, wanted: BoolArray) -> BoolArray:
+    """(L,) the leaves that have a vertex of the wanted ones, (L,) bool."""
     marked = np.zeros(len(tree.vertex_edges), dtype=bool)
     slots = tree.slots(leaves[wanted])
     middles = tree.midpoints[tree.slot_edges[slots]]
@@ -100,7 +105,7 @@ def _share_a_vertex(tree: Quadtree, leaves: IndexArray, wanted: BoolArray) -> In
     counts = tree.slot_counts(leaves)
     middles = tree.midpoints[tree.slot_edges[slots]]
     touched = marked[tree.slot_vertices[slots]] | (marked[middles] & (middles != NONE))
-    return np.flatnonzero(np.logical_or.reduceat(touched, np.cumsum(counts) - counts))
+    return np.logical_or.reduceat(touched, np.cumsum(counts) - counts)
 
 
 def _is_inside(tree: Quadtree) -> BoolArray:

@@ -36,8 +36,8 @@ def graph_bounds(
     positions: (V, 3); triangles: (T, 3); normal, tangential: (T,), how far each is off the surface at equal parameters,
     at most. closed: (V,) whether all the triangles around a vertex are there and close up to a disc.
     """
-    corners: FloatArray = positions[triangles]
-    sides: FloatArray = np.roll(corners, -1, axis=1) - corners
+    sides: FloatArray = positions[np.roll(triangles, -1, axis=1)]
+    sides -= positions[triangles]
     crosses = cross_products(sides[:, 0], sides[:, 1])
     doubled = np.sqrt(squared_norms(crosses))
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -73,7 +73,8 @@ def _angles(cosines: FloatArray) -> FloatArray:
 
 def _corner_angles(sides: FloatArray) -> FloatArray:
     """(T, 3): the angle of each triangle at each corner; sides: (T, 3, 3), from each corner to the next."""
-    back = -np.roll(sides, 1, axis=1)
+    back = np.roll(sides, 1, axis=1)
+    np.negative(back, out=back)
     sines = np.sqrt(squared_norms(cross_products(sides, back)))
     return np.arctan2(sines, np.einsum("tki,tki->tk", sides, back))
 

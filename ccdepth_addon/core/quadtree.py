@@ -4,7 +4,8 @@
 Nodes are faces of the control mesh and, four to a split node (or one for each corner of a face that is no quad), the
 subfaces below them. Every node has one slot for each of its corners, which is also its side from that corner to the
 next. Splitting a node splits its sides; edges form trees of their own, shared by all nodes along them, so that a leaf
-knows from its sides alone what lies across, on a boundary, on a crease where three faces meet, or inside.
+knows from its sides alone what lies across, on a boundary, on a crease where three faces meet, or inside. Every edge
+knows the slots along it, by a chain from slot to slot, so that a split finds the leaves it concerns.
 
 The child of slot s has slots at the vertex of s, the middle of side s, the centre, and the middle of the side before,
 in this order: that of ``catmull_clark.subdivide``.
@@ -28,9 +29,8 @@ NONE = -1
 
 GROWTH = 1.5
 
-# The state of an edge, and a number with 1 in each of its four bytes.
+# The state of an edge.
 SPLIT, SPLIT_TWICE = np.uint8(1), np.uint8(2)
-EACH_BYTE = np.uint32(0x01010101)
 
 SLOTS_AT_ONCE = 1 << 16
 
@@ -76,8 +76,12 @@ class Quadtree:
         # A frame is the quarter a node lies in, its first slot there, and the side from there.
         self._frame_corners = Column(mesh.face_starts[:-1])
         self._frames = Column(np.zeros((faces, 4)))
-        self._slot_vertices = Column(mesh.corner_vertices)
-        self._slot_edges = Column(mesh.corner_edges)
+        self._slot_vertices = Column(mesh.corner_vertices[:0])
+        self._slot_edges = Column(mesh.corner_edges[:0])
+        # The last slot made along an edge, and the one made along the same edge before a slot; or NONE. A tree with
+        # more slots than int32 can count would take hundreds of gigabytes.
+        self._last_slots = Column(np.full(edges, NONE, dtype=np.int32))
+        self._slots_before = Column(np.zeros(0, dtype=np.int32))
         self._edge_vertices = Column(mesh.edge_vertices)
         self._edge_children = Column(np.full(edges, NONE, dtype=np.intp))
         self._edge_parents = Column(np.full(edges, NONE, dtype=np.intp))
@@ -89,6 +93,7 @@ class Quadtree:
         self._vertex_corners = Column(first_corner)
         self._vertex_parameters = Column(np.zeros((mesh.vertex_count, 2)))
         self._vertex_edges = Column(np.full(mesh.vertex_count, NONE, dtype=np.intp))
+        self._append_slots(mesh.corner_vertices, mesh.corner_edges)
 
     first_child = property(lambda self: self._first_child.values)
     levels = property(lambda self: self._levels.values)
@@ -159,18 +164,52 @@ class Quadtree:
         """Whether the sides at these slots are split, whatever the shape of the array."""
         return self.edge_children[self.slot_edges[slots]] != NONE
 
-    def sides(self) -> tuple[NDArray[np.int32], BoolArray]:
-        """(N,) each: how many sides of a node are split, and whether half of one is split again."""
-        corners = self.mesh.corner_count
-        of_corners = self._edge_states.values[self.slot_edges[:corners]]
-        starts = self.mesh.face_starts[:-1]
-        counts_of_faces = np.add.reduceat((of_corners & SPLIT).astype(np.int32), starts)
-        deeper_of_faces = np.logical_or.reduceat(of_corners & SPLIT_TWICE, starts)
-        # The four sides of a quad in the four bytes of one number.
-        of_quads = self._edge_states.values[self.slot_edges[corners:]].view(np.uint32)
-        counts = ((of_quads & (SPLIT * EACH_BYTE)) * EACH_BYTE >> np.uint32(24)).astype(np.int32)
-        deeper = (of_quads & (SPLIT_TWICE * EACH_BYTE)) != 0
-        return np.concatenate([counts_of_faces, counts]), np.concatenate([deeper_of_faces, deeper])
+    def sides(self, nodes: IndexArray) -> tuple[NDArray[np.int32], BoolArray]:
+        """(nodes,) each: how many sides are split, and whether half of one is split again."""
+        counts = self.slot_counts(nodes)
+        states = self._edge_states.values[self.slot_edges[self.slots(nodes)]]
+        starts = np.cumsum(counts) - counts
+        if not len(starts):
+            return np.zeros(0, dtype=np.int32), np.zeros(0, dtype=bool)
+        split_sides = np.add.reduceat(states & SPLIT, starts, dtype=np.int32)
+        return split_sides, np.bitwise_or.reduceat(states, starts) >= SPLIT_TWICE
+
+    def leaves_beside(self, nodes: IndexArray) -> IndexArray:
+        """The leaves any of whose sides may have been split along with nodes, each once, in ascending order.
+
+        Splitting a node splits its sides and nothing else. Which sides of a leaf are split, and which of these again,
+        changes by that only where a side of the leaf is one of these or has one of these for a half; or where the leaf
+        is new.
+        """
+        edges = self.slot_edges[self.slots(nodes)]
+        parents = self._edge_parents.values[edges]
+        beside = np.zeros(len(self.first_child), dtype=bool)
+        beside[self._owners(self._slots_along(edges))] = True
+        beside[self._owners(self._slots_along(parents[parents != NONE]))] = True
+        beside[self._children(nodes)] = True
+        found = np.flatnonzero(beside)
+        return found[self.first_child[found] == NONE]
+
+    def _slots_along(self, edges: IndexArray) -> IndexArray:
+        """All the slots whose sides are these edges."""
+        found = [np.zeros(0, dtype=np.int32)]
+        slots = self._last_slots.values[edges]
+        while len(slots := slots[slots != NONE]):
+            found.append(slots)
+            slots = self._slots_before.values[slots]
+        return np.concatenate(found)
+
+    def _owners(self, slots: IndexArray) -> IndexArray:
+        """The nodes of slots."""
+        nodes = (slots - self.mesh.corner_count) // 4 + self.mesh.face_count
+        corners = np.flatnonzero(slots < self.mesh.corner_count)
+        nodes[corners] = self.mesh.corner_faces[slots[corners]]
+        return nodes
+
+    def _children(self, nodes: IndexArray) -> IndexArray:
+        """The children of nodes that have been split."""
+        counts = self.slot_counts(nodes)
+        return np.arange(counts.sum()) + np.repeat(self.first_child[nodes] - np.cumsum(counts) + counts, counts)
 
     def split(self, nodes: IndexArray) -> None:
         """Split leaves, each once."""
@@ -200,8 +239,7 @@ class Quadtree:
         self._base_faces.append(self.base_faces[owners])
         self._frame_corners.append(corners)
         self._frames.append(np.concatenate([origins, sides / 2], axis=1))
-        self._slot_vertices.append(vertices.ravel())
-        self._slot_edges.append(edges.ravel())
+        self._append_slots(vertices.ravel(), edges.ravel())
 
     def _slot_frames(
         self, owners: IndexArray, slots: IndexArray, places: IndexArray
@@ -243,6 +281,20 @@ class Quadtree:
         edges = self.slot_edges[sides]
         return self.edge_children[edges] + (self.edge_vertices[edges, 1] == self.slot_vertices[slots])
 
+    def _append_slots(self, vertices: IndexArray, edges: IndexArray) -> None:
+        waiting = np.arange(len(edges)) + len(self.slot_edges)
+        self._slot_vertices.append(vertices)
+        self._slot_edges.append(edges)
+        self._slots_before.append(np.full(len(edges), NONE, dtype=np.int32))
+        # Of several slots along an edge one is written, and the others go before it in turn.
+        while len(waiting):
+            edges = self.slot_edges[waiting]
+            before = self._last_slots.values[edges]
+            self._last_slots.values[edges] = waiting
+            written = self._last_slots.values[edges] == waiting
+            self._slots_before.values[waiting[written]] = before[written]
+            waiting = waiting[~written]
+
     def _append_vertices(self, corners: IndexArray, parameters: FloatArray, edges: IndexArray | int) -> IndexArray:
         first = len(self._vertex_corners.values)
         self._vertex_corners.append(corners)
@@ -256,6 +308,7 @@ class Quadtree:
         first = len(self.edge_vertices)
         self._edge_parents.append(np.broadcast_to(np.asarray(parents, dtype=np.intp), (len(ends),)))
         self._edge_states.append(np.zeros(len(ends), dtype=np.uint8))
+        self._last_slots.append(np.full(len(ends), NONE, dtype=np.int32))
         self._edge_vertices.append(ends)
         self._edge_children.append(np.full(len(ends), NONE, dtype=np.intp))
         self._midpoints.append(np.full(len(ends), NONE, dtype=np.intp))

@@ -46,11 +46,17 @@ CANONICAL = {0b0000: PLAIN, 0b0001: ONE_SIDE, 0b0011: SIDES_IN_A_ROW, 0b0101: OP
 @cache
 def templates(pattern: int) -> tuple[Template, ...]:
     """The templates to choose from for a pattern other than ``ALL_SPLIT``: such a quad is better split itself."""
-    for turns in range(4):
-        source = rotated_pattern(pattern, -turns)
-        if source in CANONICAL:
-            return tuple(tuple(_rotated(t, turns) for t in template) for template in CANONICAL[source])
-    raise ValueError("a quad whose four sides are split has no template")
+    if pattern == ALL_SPLIT:
+        raise ValueError("a quad whose four sides are split has no template")
+    turns = _turns(pattern)
+    return tuple(
+        tuple(_rotated(t, turns) for t in template) for template in CANONICAL[rotated_pattern(pattern, -turns)]
+    )
+
+
+def _turns(pattern: int) -> int:
+    """By how many sides a pattern is turned from one in ``CANONICAL``."""
+    return next((turns for turns in range(4) if rotated_pattern(pattern, -turns) in CANONICAL), 0)
 
 
 def rotated_pattern(pattern: int, turns: int) -> int:
@@ -63,6 +69,9 @@ def _rotated(triangle: Triangle, turns: int) -> Triangle:
     a, b, c = ((point + turns) % 4 + point // 4 * 4 for point in triangle)
     return a, b, c
 
+
+# By how many sides each pattern is turned.
+TURNS = np.array([_turns(pattern) for pattern in range(16)])
 
 # The same for a triangle of the control mesh: corners 0 to 2, middles 3 to 5.
 ONE_SIDE_OF_TRIANGLE: Template = ((2, 0, 3), (2, 3, 1))

@@ -7,10 +7,12 @@ import tracemalloc
 from collections.abc import Callable
 from functools import cache
 from itertools import product
+from typing import Any
 
 import numpy as np
 import pytest
 
+from ccdepth_addon.core import adaptive
 from ccdepth_addon.core.adaptive import (
     AdaptiveMesh,
     Mode,
@@ -20,9 +22,13 @@ from ccdepth_addon.core.adaptive import (
     subdivide_adaptively,
 )
 from ccdepth_addon.core.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.cells import Fit
+from ccdepth_addon.core.drawing import Drawing, draw, triangles_around
+from ccdepth_addon.core.graph_bounds import graph_bounds
 from ccdepth_addon.core.limit_normals import limit_normals
 from ccdepth_addon.core.limit_surface import limit_values
 from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh
+from ccdepth_addon.core.quadtree import Quadtree
 from ccdepth_addon.core.surface_points import SurfacePoints
 from ccdepth_addon.core.templates import Transitions
 from tests import meshes, soundness
@@ -241,6 +247,65 @@ def nearest(mesh: PolygonMesh, faces: IndexArray, places: FloatArray, points: Fl
     return distances
 
 
+# Finished
+
+# Rounding, of bounds that are worked out twice, among others then.
+SAME = 1e-9
+
+
+@pytest.mark.parametrize("mode", Mode)
+@pytest.mark.parametrize(
+    "name", ["cube", "torus", "n-gons", "triangles and quads", "valences 3 and 7", "landscape", "fin through"]
+)
+def test_finished_tree(name: str, mode: Mode, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is drawn is balanced, was fitted with its sides as they are, and is bounded by its neighbours as they are.
+
+    While a tree grows only what may have changed is looked at; here the whole tree is, from nothing.
+    """
+    mesh = build(name)
+    for tolerance in (0.02, 2e-3) if mode is Mode.ADAPTIVE else (0.05,):
+        drawn: list[tuple[Quadtree, IndexArray, Fit]] = []
+
+        def drawing(tree: Quadtree, leaves: IndexArray, fit: Fit, *rest: Any, drawn: Any = drawn) -> Drawing:
+            drawn.append((tree, leaves, fit))
+            return draw(tree, leaves, fit, *rest)
+
+        monkeypatch.setattr(adaptive, "draw", drawing)
+        asked = request(mesh, tolerance, mode)
+        subdivided(mesh, asked)
+        for tree, leaves, fit in drawn:
+            np.testing.assert_array_equal(np.sort(leaves), tree.leaves())
+            assert_fitted_as_it_is(tree, leaves, fit)
+            assert_bounded_as_it_is(tree, leaves, fit, asked.limit)
+
+
+def assert_fitted_as_it_is(tree: Quadtree, leaves: IndexArray, fit: Fit) -> None:
+    counts, deeper = tree.sides(leaves)
+    assert not np.any(deeper)
+    assert np.all(counts < tree.slot_counts(leaves))
+    quads = np.flatnonzero(tree.is_quad(leaves))
+    hanging = tree.hanging(tree.first_slots(leaves[quads])[:, None] + (np.arange(4) + fit.turns[quads, None]) % 4)
+    np.testing.assert_array_equal(hanging @ [1, 2, 4, 8], fit.patterns[quads])
+
+
+def assert_bounded_as_it_is(tree: Quadtree, leaves: IndexArray, fit: Fit, limit: float) -> None:
+    """A bound is one at equal parameters, which is between the parts along and across normals and their sum, or comes
+    from the neighbours."""
+    triangles, of_leaves, closed = triangles_around(
+        tree, leaves, fit, Transitions.TRIANGLES, np.ones(len(leaves), dtype=bool)
+    )
+    points = np.zeros((len(tree.vertex_edges), 3))
+    used = np.unique(triangles)
+    points[used] = limit_values(tree.mesh, tree.mesh.positions, tree.vertex_points.at(used))
+    along = np.zeros(len(leaves))
+    found = graph_bounds(points, triangles, fit.normal[of_leaves], fit.tangential[of_leaves], closed)
+    np.maximum.at(along, of_leaves, found)
+    least, most = np.maximum(fit.normal, fit.tangential), np.hypot(fit.normal, fit.tangential)
+    at_equal_parameters = (fit.bounds >= least * (1 - SAME)) & (fit.bounds <= most * (1 + SAME))
+    assert np.all(at_equal_parameters | np.isclose(fit.bounds, along, rtol=SAME))
+    assert np.all(fit.bounds <= limit)
+
+
 # One depth for each face
 
 
@@ -287,7 +352,7 @@ def test_one_depth_for_each_face_takes_no_fewer_faces() -> None:
 # Few
 
 
-DEPTH_15 = 8e-4
+DEPTH_15 = 1.5e-4
 
 # By then the parts around the corner are smooth enough for their size.
 SETTLED = 10

@@ -225,7 +225,7 @@ def assert_edges(tree: Quadtree, nodes: dict[int, Node], vertices: dict[Place, i
     edges: dict[Side, int] = {}
     split = {node.side(slot) for node in nodes.values() if node.children for slot in range(len(node.corners))}
     base = edges_by_ends(tree.mesh)
-    counts, deeper = tree.sides()
+    counts, deeper = tree.sides(np.arange(len(tree.first_child)))
     numbers = np.array(sorted(nodes))
     all_slots = tree.slots(numbers)
     hanging = dict(zip(all_slots.tolist(), tree.hanging(all_slots).tolist(), strict=True))
@@ -347,13 +347,65 @@ def test_an_edge_with_three_faces_is_split_for_all_of_them() -> None:
         tree.split(np.array([first]))
         assert np.all(tree.hanging(corners))
         others = np.setdiff1d(faces, [first])
-        assert tree.sides()[0][others].tolist() == [1, 1]
-        assert not np.any(tree.sides()[1][others])
+        assert tree.sides(others)[0].tolist() == [1, 1]
+        assert not np.any(tree.sides(others)[1])
         slot = int(corners[faces == first][0] - mesh.face_starts[first])
         tree.split(np.array([tree.first_child[first] + slot]))
-        assert np.all(tree.sides()[1][others])
-        assert tree.sides()[0][others].tolist() == [1, 1]
+        assert np.all(tree.sides(others)[1])
+        assert tree.sides(others)[0].tolist() == [1, 1]
         # Splitting the others as well makes no second midpoint.
         before = len(tree.vertex_edges)
         tree.split(others)
         assert np.count_nonzero(tree.vertex_edges[before:] == edge) == 0
+
+
+# Which leaves a split concerns
+
+
+ROUNDS = 8
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_only_leaves_beside_change_their_sides(name: str) -> None:
+    """Random splits, one after another, now many leaves and now few, without any balance."""
+    tree = Quadtree(build(name))
+    generator = np.random.default_rng(7)
+    for turn in range(ROUNDS):
+        leaves = tree.leaves()
+        chosen = np.sort(generator.choice(leaves, 1 + len(leaves) // (2 + 3 * (turn % 3)), replace=False))
+        kept = np.setdiff1d(leaves, chosen)
+        before = sides_by_brute_force(tree, kept)
+        tree.split(chosen)
+        beside = tree.leaves_beside(chosen)
+        changed = np.any(sides_by_brute_force(tree, kept) != before, axis=1)
+        assert np.all(np.isin(kept[changed], beside))
+        assert np.all(np.isin(np.setdiff1d(tree.leaves(), leaves), beside))
+        np.testing.assert_array_equal(beside, beside_by_brute_force(tree, chosen, leaves))
+        for nodes in (tree.leaves(), np.arange(len(tree.first_child))):
+            np.testing.assert_array_equal(np.stack(tree.sides(nodes), axis=1), sides_by_brute_force(tree, nodes))
+
+
+def sides_by_brute_force(tree: Quadtree, nodes: IndexArray) -> IndexArray:
+    """(nodes, 2): how many sides are split, and whether half of one is split again."""
+    found = np.zeros((len(nodes), 2), dtype=np.intp)
+    for place, node in enumerate(nodes.tolist()):
+        halves = tree.edge_children[tree.slot_edges[tree.slots(np.array([node]))]]
+        halves = halves[halves != NONE]
+        again = tree.edge_children[np.concatenate([halves, halves + 1])] != NONE
+        found[place] = len(halves), np.any(again)
+    return found
+
+
+def beside_by_brute_force(tree: Quadtree, nodes: IndexArray, leaves_before: IndexArray) -> IndexArray:
+    """New leaves, and those with a side that is a side of the nodes or has one for a half."""
+    edges = tree.slot_edges[tree.slots(nodes)]
+    halves = tree.edge_children
+    wholes = np.flatnonzero(np.isin(halves, edges) | np.isin(np.where(halves == NONE, NONE, halves + 1), edges))
+    concerned = np.concatenate([edges, wholes])
+    return np.array(
+        [
+            leaf
+            for leaf in tree.leaves().tolist()
+            if leaf not in leaves_before or np.any(np.isin(tree.slot_edges[tree.slots(np.array([leaf]))], concerned))
+        ]
+    )

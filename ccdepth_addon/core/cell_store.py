@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where the cells of leaves are kept: in blocks, and to be found by their nodes."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .cells import CELLS_AT_ONCE, Cells, NetCells
+from .mesh import IndexArray
+from .quadtree import NONE, Column
+
+# A block of which less than this part is left is copied without the rest.
+LEAST_PART = 0.75
+
+
+class CellStore:
+    """Cells in blocks as they came; and for each node of a tree the block and the place of its cell, if it has one."""
+
+    def __init__(self) -> None:
+        self._blocks: list[Cells | None] = []
+        self._left: list[int] = []
+        self._numbers = Column(np.zeros(0, dtype=np.int32))
+        self._places = Column(np.zeros(0, dtype=np.int32))
+
+    def extend(self, count: int) -> None:
+        """There are so many nodes by now."""
+        more = np.full(count - len(self._numbers.values), NONE, dtype=np.int32)
+        self._numbers.append(more)
+        self._places.append(more)
+
+    def put(self, cells: Cells) -> None:
+        """Keep cells of nodes that have none here."""
+        self._numbers.values[cells.nodes] = len(self._blocks)
+        self._places.values[cells.nodes] = np.arange(len(cells.nodes))
+        self._blocks.append(cells)
+        self._left.append(len(cells.nodes))
+
+    def of(self, nodes: IndexArray) -> Iterator[Cells]:
+        """The cells of those nodes that have some, block by block."""
+        for _, cells in self._found(nodes):
+            yield cells
+
+    def take(self, nodes: IndexArray) -> Iterator[Cells]:
+        """The same, which are not kept any longer."""
+        for number, cells in self._found(nodes):
+            self._numbers.values[cells.nodes] = NONE
+            self._left[number] -= len(cells.nodes)
+            self._tidy(number)
+            yield cells
+
+    def _found(self, nodes: IndexArray) -> Iterator[tuple[int, Cells]]:
+        """For each block that has cells of these nodes: its number, and these cells."""
+        nodes = nodes[self._numbers.values[nodes] != NONE]
+        if not len(nodes):
+            return
+        nodes = nodes[np.argsort(self._numbers.values[nodes], kind="stable")]
+        numbers, places = self._numbers.values[nodes], self._places.values[nodes]
+        for start, end in pairwise([0, *(np.flatnonzero(np.diff(numbers)) + 1), len(nodes)]):
+            block = self._blocks[numbers[start]]
+            assert block is not None
+            whole = end - start == len(block.nodes)
+            yield int(numbers[start]), block if whole else block.at(places[start:end])
+
+    def _tidy(self, number: int) -> None:
+        """Give back the memory of a block that is used no more, or for the most part."""
+        block, left = self._blocks[number], self._left[number]
+        if block is None or left >= LEAST_PART * len(block.nodes):
+            return
+        self._blocks[number] = None
+        if left:
+            self.put(block.at(np.flatnonzero(self._numbers.values[block.nodes] == number)))
+
+
+def some(cells: Cells, wanted: NDArray[np.bool_]) -> list[Cells]:
+    """The wanted cells, if there are any."""
+    if np.all(wanted):
+        return [cells]
+    chosen = np.flatnonzero(wanted)
+    return [cells.at(chosen)] if len(chosen) else []
+
+
+def merged(cells: Iterable[Cells]) -> Iterator[Cells]:
+    """The same cells in larger blocks where they are of one kind."""
+    waiting: dict[int, list[NetCells]] = {}
+    counts = Counter[int]()
+    for block in cells:
+        if not isinstance(block, NetCells):
+            yield block
+            continue
+        if not len(block.nodes):
+            continue
+        waiting.setdefault(block.valence, []).append(block)
+        counts[block.valence] += len(block.nodes)
+        if counts[block.valence] >= CELLS_AT_ONCE:
+            yield NetCells.joined(waiting.pop(block.valence))
+            counts[block.valence] = 0
+    for same in waiting.values():
+        yield NetCells.joined(same)
