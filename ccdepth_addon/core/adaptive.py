@@ -19,8 +19,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .cell_store import CellStore, merged, some
-from .cells import Cells, Fit, cells_of_faces
+from .cells import cells_of_faces
 from .drawing import draw, face_counts, share_a_vertex, triangles_around
+from .fits import Cells, Fit
 from .graph_bounds import graph_bounds
 from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray, PolygonMesh

@@ -10,8 +10,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from .cells import CELLS_AT_ONCE, Cells, NetCells
+from .fits import Cells
 from .mesh import IndexArray
+from .quad_cells import CELLS_AT_ONCE, NetCells
 from .quadtree import NONE, Column
 
 # A block of which less than this part is left is copied without the rest.

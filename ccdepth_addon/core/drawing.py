@@ -5,11 +5,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
 
-from .cells import Fit
+from .fits import Fit
 from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .quadtree import NONE, Quadtree
@@ -81,11 +82,11 @@ def triangles_around(
     closed = _is_inside(tree)
     nearby = np.flatnonzero(share_a_vertex(tree, leaves, wanted))
     near, fit_near = leaves[nearby], fit.at(nearby)
-    for block in _polygons_of_faces(tree, near, transitions):
-        closed[_vertices(tree, block.slots, block.middles)] = False
     triangles, drawn = [np.zeros((0, 3), dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
-    for block in _polygons_of_quads(tree, near, fit_near, transitions):
-        vertices, of_leaves = _as_triangles(tree, block)
+    others = _polygons_of_faces(tree, near, transitions)
+    of_faces = ((_vertices(tree, block.slots, block.middles), block.leaves) for block in others)
+    of_quads = (_as_triangles(tree, block) for block in _polygons_of_quads(tree, near, fit_near, transitions))
+    for vertices, of_leaves in chain(of_faces, of_quads):
         if vertices.shape[1] == 3:
             triangles.append(vertices)
             drawn.append(nearby[of_leaves])

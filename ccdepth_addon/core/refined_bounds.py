@@ -1,23 +1,27 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the triangles of a template miss over quads of any kind, by refining these (docs/adaptive.md, Any other quad).
+"""What is missed over faces of any kind, by refining these (docs/adaptive.md, Any other quad).
 
-A quad's descendants are squares in its parameters. A regular one is bicubic, and is compared with the triangles in
-Bernstein form: where a square lies in one triangle, that is linear over it; where the template's lines cut it, by the
-matrices of its parts (``triangle_bounds``). Any other is compared by way of the bilinear facet over its control points,
-which is within a known distance of the surface, and refined again while that decides.
+A quad's descendants are squares in its parameters. A regular one is bicubic, and is compared in Bernstein form. Any
+other is compared by way of the bilinear facet over its control points, which is within a known distance of the surface,
+and refined again while that decides. They are compared
+
+- with the triangles of a template: where a square lies in one of them, that is linear over it; where the template's
+  lines cut it, by the matrices of its parts (``triangle_bounds``);
+- or with bilinear facets.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, lru_cache
 
 import numpy as np
 
-from .facet_bounds import own_facet_bounds
+from .bounds import Vertices, second_order_extraordinary, support_bounds
 from .mesh import FloatArray, IndexArray
 from .norms import squared_norms
-from .patches import PatchKind, classify_patches, regular_nets
+from .patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
 from .refinement import Refinement
 from .splines import bilinear_coefficients, patch_coefficients
 from .templates import QUAD_POINTS, Triangle, templates
@@ -68,32 +72,61 @@ class Squares:
         return self.origins + np.einsum("ci,nij->cnj", QUAD_POINTS[:4], self.axes)
 
 
-def refined_misses(
+# What is missed over squares with Bernstein coefficients (16, N, 3), (N,) each.
+Comparison = Callable[[FloatArray, Squares], Misses]
+
+
+def template_misses(
     children: Refinement, points: FloatArray, key: tuple[int, int], normals: FloatArray, limit: float, *, along: bool
 ) -> Misses:
-    """‖S - T‖ at most, for P quads and the triangles of a template.
+    """(P,): ‖S - T‖ at most, for P quads and the triangles of a template.
 
     children: of all the quads, whose bases these are. points: (8 or more, P, 3), as in ``templates.QUAD_POINTS``; key:
-    pattern and alternative; normals: (T, P, 3), of the triangles. What is beyond the limit, in all or, with ``along``,
-    along the normals, is looked at no further.
+    pattern and alternative; normals: (T, P, 3), of the triangles. For limit and along see ``_refined_misses``.
     """
-    refinement, squares = children, Squares.whole(points.shape[1]).children()
-    found = Misses(*(np.zeros(points.shape[1]) for _ in range(3)))
+
+    def compare(coefficients: FloatArray, squares: Squares) -> Misses:
+        return _off_template(coefficients, squares, points, key, normals)
+
+    return _refined_misses(children, Squares.whole(points.shape[1]).children(), compare, limit, along=along)
+
+
+def fan_misses(quarters: Refinement, facets: FloatArray, normals: FloatArray, limit: float, *, along: bool) -> Misses:
+    """(C,): ‖S - F‖ at most, for the quarters of some faces and bilinear facets over their corners (4, C, 3).
+
+    quarters: the children of the faces. normals: (T, C, 3), those of all triangles that are drawn there. For limit and
+    along see ``_refined_misses``.
+    """
+
+    def compare(coefficients: FloatArray, squares: Squares) -> Misses:
+        return _off_facets(coefficients, squares, facets, normals)
+
+    return _refined_misses(quarters, Squares.whole(facets.shape[1]), compare, limit, along=along)
+
+
+def _refined_misses(
+    refinement: Refinement, squares: Squares, compare: Comparison, limit: float, *, along: bool
+) -> Misses:
+    """What is missed of the surface over quads of which the refinement's descendants are squares.
+
+    What is beyond the limit, in all or, with ``along``, along the normals, is looked at no further; then nothing else
+    is known of it but that it may be.
+    """
+    count = int(squares.bases.max(initial=-1)) + 1
+    found = Misses(*(np.zeros(count) for _ in range(3)))
     for step in range(REFINEMENTS):
         kinds = classify_patches(refinement.mesh).kinds[: len(refinement.bases)]
         regular, rest = np.flatnonzero(kinds == PatchKind.REGULAR), np.flatnonzero(kinds != PatchKind.REGULAR)
         coefficients = patch_coefficients(regular_nets(refinement.mesh, regular)).reshape(16, -1, 3)
-        _raise(found, squares.at(regular), _misses_of(coefficients, squares.at(regular), points, key, normals))
+        _raise(found, squares.at(regular), compare(coefficients, squares.at(regular)))
         if not len(rest):
             break
         refinement, squares = refinement.keep(kinds != PatchKind.REGULAR), squares.at(rest)
-        near = own_facet_bounds(refinement)
-        facets = bilinear_coefficients(refinement.control_facets()).reshape(16, -1, 3)
-        left = _misses_of(facets, squares, points, key, normals)
+        near = _facet_distances(refinement)
+        left = compare(bilinear_coefficients(refinement.control_facets()).reshape(16, -1, 3), squares)
         reached = left + Misses(near, near, near)
-        beyond = np.zeros(points.shape[1], dtype=bool)
+        beyond = (found.normal if along else found.whole) > limit
         beyond[squares.bases[(left.normal if along else left.whole) - near > limit]] = True
-        beyond |= (found.normal if along else found.whole) > limit
         enough = near <= NEAR_FACET * limit if along else reached.whole <= limit
         settled = enough | beyond[squares.bases] | (step == REFINEMENTS - 1)
         _raise(found, squares.at(np.flatnonzero(settled)), reached.at(np.flatnonzero(settled)))
@@ -103,6 +136,21 @@ def refined_misses(
     return found
 
 
+def _facet_distances(refinement: Refinement) -> FloatArray:
+    """(descendants,): the distance of quads' surface from the facets over their own control points, at most."""
+    mesh = refinement.mesh
+    bounds = support_bounds(mesh, Vertices.CONTROL)[: len(refinement.bases)]
+    patches = classify_patches(mesh)
+    extraordinary = np.flatnonzero(patches.kinds[: len(bounds)] == PatchKind.EXTRAORDINARY)
+    corners = patches.extraordinary_corners[extraordinary]
+    valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
+    for valence in np.unique(valences).tolist():
+        of_valence = valences == valence
+        nets = extraordinary_nets(mesh, corners[of_valence], valence)
+        bounds[extraordinary[of_valence]] = second_order_extraordinary(nets, Vertices.CONTROL).value
+    return bounds
+
+
 def _raise(found: Misses, squares: Squares, misses: Misses) -> None:
     """Of each quad, the most of its squares."""
     np.maximum.at(found.whole, squares.bases, misses.whole)
@@ -110,7 +158,19 @@ def _raise(found: Misses, squares: Squares, misses: Misses) -> None:
     np.maximum.at(found.tangential, squares.bases, misses.tangential)
 
 
-def _misses_of(
+def _off_facets(coefficients: FloatArray, squares: Squares, facets: FloatArray, normals: FloatArray) -> Misses:
+    """(N,): how far squares with Bernstein coefficients (16, N, 3) are off the facets (4, C, 3)."""
+    found = Misses(*(np.zeros(len(squares.bases)) for _ in range(3)))
+    u, v = squares.corners().transpose(2, 0, 1)
+    weights = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v])
+    over = np.einsum("kcn,kni->cni", weights, facets[:, squares.bases])
+    vectors = coefficients - bilinear_coefficients(over).reshape(16, -1, 3)
+    for of_triangle in normals:
+        _raise_at(found, np.arange(len(squares.bases)), vectors, of_triangle[squares.bases])
+    return found
+
+
+def _off_template(
     coefficients: FloatArray, squares: Squares, points: FloatArray, key: tuple[int, int], normals: FloatArray
 ) -> Misses:
     """(N,): what the triangles miss over squares with Bernstein coefficients (16, N, 3)."""

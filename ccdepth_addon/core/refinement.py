@@ -47,6 +47,10 @@ class Refinement:
         bases = np.repeat(self.bases, self.mesh.face_sizes[: len(self.bases)])
         return Refinement(subdivide(self.mesh).mesh, bases)
 
+    def numbered(self) -> Refinement:
+        """The same, each descendant its own base."""
+        return Refinement(self.mesh, np.arange(len(self.bases)))
+
     def corner_vertices(self) -> IndexArray:
         """(C,) intp, the vertices at the corners of the descendants, face by face."""
         return self.mesh.corner_vertices[: self.mesh.face_starts[len(self.bases)]]
@@ -57,6 +61,11 @@ class Refinement:
         wanted = np.zeros(self.mesh.vertex_count, dtype=bool)
         wanted[vertices] = True
         return limit_positions(self.mesh, wanted)[vertices]
+
+    def limits_inside(self) -> tuple[FloatArray, FloatArray]:
+        """(C, 3) twice: where the middle of each side, and the centre of its face, lie on the limit surface."""
+        corners = self.refined().limits_at_corners().reshape(-1, 4, 3)
+        return corners[:, 1], corners[:, 2]
 
     def control_facets(self) -> FloatArray:
         """(4, descendants, 3): the control points at the corners of the descendants, all of them quads."""

@@ -178,6 +178,10 @@ class Misses:
             np.maximum(self.tangential, other.tangential),
         )
 
+    def columns(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """In all, along the normals, and across."""
+        return self.whole, self.normal, self.tangential
+
     def times(self, factor: float) -> Misses:
         return Misses(factor * self.whole, factor * self.normal, factor * self.tangential)
 

@@ -22,8 +22,8 @@ from ccdepth_addon.core.adaptive import (
     subdivide_adaptively,
 )
 from ccdepth_addon.core.catmull_clark import apply_boundary_rule
-from ccdepth_addon.core.cells import Fit
 from ccdepth_addon.core.drawing import Drawing, draw, triangles_around
+from ccdepth_addon.core.fits import Fit
 from ccdepth_addon.core.graph_bounds import graph_bounds
 from ccdepth_addon.core.limit_normals import limit_normals
 from ccdepth_addon.core.limit_surface import limit_values

@@ -8,7 +8,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from ccdepth_addon.core.cell_store import CellStore
-from ccdepth_addon.core.cells import Cells, NetCells
+from ccdepth_addon.core.fits import Cells
+from ccdepth_addon.core.quad_cells import NetCells
 
 
 def cells(nodes: Iterable[int], valence: int) -> NetCells:

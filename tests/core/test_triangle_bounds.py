@@ -13,7 +13,7 @@ from ccdepth_addon.core import triangle_bounds
 from ccdepth_addon.core.catmull_clark import apply_boundary_rule, limit_positions, subdivide
 from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh, submesh
 from ccdepth_addon.core.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
-from ccdepth_addon.core.refined_bounds import refined_misses
+from ccdepth_addon.core.refined_bounds import template_misses
 from ccdepth_addon.core.refinement import Refinement
 from ccdepth_addon.core.splines import patch_coefficients
 from ccdepth_addon.core.templates import ALL_SPLIT, QUAD_POINTS, Template, templates
@@ -178,7 +178,7 @@ def test_no_triangle_over_a_refined_quad_is_farther_than_its_bound(name: str) ->
                 for ratio in (0.9, TIGHT, np.inf):
                     limit = ratio * distances[0]
                     for along in (False, True):
-                        found = refined_misses(children, points, key, normals_of(template, points), limit, along=along)
+                        found = template_misses(children, points, key, normals_of(template, points), limit, along=along)
                         bounds = np.ravel([found.whole, found.normal, found.tangential])
                         assert np.all(distances <= bounds + ROUNDING), (key, limit, along)
                         seen_within[ratio, along].append(bool(found.whole[0] <= limit))

@@ -1,0 +1,189 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How cells, the nodes of a quadtree with what is known of the surface there, are drawn; and what is likely to fit.
+
+How a cell is drawn depends on which of its sides are split (``templates``). What is not within the limit at equal
+parameters may be along the surface (``graph_bounds``), which the neighbours decide; so it is guessed here first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, fields
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .mesh import FloatArray, IndexArray
+from .norms import cross_products, squared_norms
+from .polygons import is_folded
+from .quadtree import Quadtree
+from .templates import WHOLE, Template, Transitions, templates
+from .triangle_bounds import Misses
+
+BoolArray = NDArray[np.bool_]
+
+# How much of the limit what is expected of the neighbours may take up; and what the tilt of triangles against their
+# neighbours is to the height of a side's middle over its chord, in parts of its length: 8 for a circle, and some more.
+HOPEFUL = 0.9
+SLOPE_OF_HEIGHT = 10.0
+
+# Points of a quad (``templates.QUAD_POINTS``, then the centre): the middles of its sides, between corners, and of its
+# diagonals.
+MIDDLES, STARTS, ENDS = [4, 5, 6, 7], [0, 1, 2, 3], [1, 2, 3, 0]
+CENTRE = 8
+
+
+@dataclass
+class Fit:
+    """How P cells are drawn, and how well: (P,) each.
+
+    bounds: float64, the proved distance as they are drawn, inf where that is not within the limit. normal, tangential:
+    float64, how far they are off at equal parameters, along the triangles' normals and across these, at most; inf where
+    no template will do. Where these are finite and the bound is not, it takes the neighbours to find one
+    (``graph_bounds``), and is likely to be within the limit. patterns and
+    alternatives: int8, the template (``templates``), counted from slot ``turns`` on. folded: bool, whether the
+    triangles of a whole quad face away from each other, here or where Blender triangulates it, so that it has to be
+    drawn as triangles. least: float64, a distance that is really there when the cell's sides are whole.
+    """
+
+    bounds: FloatArray
+    normal: FloatArray
+    tangential: FloatArray
+    patterns: NDArray[np.int8]
+    alternatives: NDArray[np.int8]
+    turns: NDArray[np.int8]
+    folded: BoolArray
+    least: FloatArray
+
+    @staticmethod
+    def none(count: int) -> Fit:
+        """Nothing found yet."""
+        small = np.zeros(count, dtype=np.int8)
+        far = np.full(count, np.inf)
+        folded = np.zeros(count, dtype=bool)
+        return Fit(far, far.copy(), far.copy(), small, small.copy(), small.copy(), folded, np.zeros(count))
+
+    def at(self, chosen: IndexArray) -> Fit:
+        """Those of some of the cells, by index."""
+        return Fit(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
+    @property
+    def fits(self) -> BoolArray:
+        """(P,) whether a template will do, or is likely to."""
+        return np.isfinite(self.normal)
+
+    def put(self, chosen: IndexArray, other: Fit) -> None:
+        """Replace those of some cells."""
+        for field in fields(self):
+            getattr(self, field.name)[chosen] = getattr(other, field.name)
+
+    def take(self, chosen: IndexArray, misses: Misses, alternative: int) -> None:
+        """Draw the chosen cells by a template that is within the limit, or likely to be."""
+        self.normal[chosen] = misses.normal
+        self.tangential[chosen] = misses.tangential
+        self.alternatives[chosen] = alternative
+
+    def fold(self, chosen: IndexArray, pattern: int, points: FloatArray, axes: FloatArray) -> None:
+        """Find out which of the chosen cells, whose points are (8 or more, n, 3), are folded as they are drawn."""
+        if pattern == WHOLE:
+            first = self.alternatives[chosen][None, :, None] == 0
+            corners = np.where(first, points[:4], np.roll(points[:4], -1, axis=0))
+            self.folded[chosen] = is_folded(corners, np.eye(3)) | is_folded(corners, axes)
+
+
+class Cells(Protocol):
+    """P nodes whose surface is known in one way."""
+
+    @property
+    def nodes(self) -> IndexArray:
+        """(P,) intp."""
+
+    def at(self, chosen: IndexArray) -> Cells:
+        """Some of them, by index."""
+
+    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
+        """How to draw them within a limit; hanging: (slots of the nodes,) bool, which sides are split. axes: (3, 3), of
+        the space where Blender triangulates (``polygons``)."""
+
+    def children(self, tree: Quadtree) -> Iterator[Cells]:
+        """The cells of their children; the tree's nodes have been split."""
+
+
+@dataclass(frozen=True)
+class Samples:
+    """S - T at the middles of the sides and of the diagonals of P quads, as lengths: (alternatives, P) each.
+
+    slopes: (P,) by how much the triangles there and around are tilted against each other, roughly.
+    """
+
+    whole: FloatArray
+    normal: FloatArray
+    tangential: FloatArray
+    slopes: FloatArray
+
+    @staticmethod
+    def of(points: FloatArray, pattern: int) -> Samples:
+        """From the quads' points and centres (9, P, 3); for split sides nothing is sampled but the slopes."""
+        sides = points[MIDDLES] - (points[STARTS] + points[ENDS]) / 2
+        diagonals = points[CENTRE] - (points[[0, 1]] + points[[2, 3]]) / 2
+        normals = triangle_normals(points, ((0, 1, 2), (0, 2, 3)))
+        normals = (normals[0] + normals[1]) / 2
+        lengths = np.sqrt(squared_norms(points[ENDS] - points[STARTS])).min(axis=0)
+        heights, across = along_and_across(np.concatenate([sides, diagonals]), normals)
+        slopes = Samples.slopes_of(heights[:4].max(axis=0), lengths)
+        if pattern != WHOLE:
+            none = np.zeros((len(templates(pattern)), points.shape[1]))
+            return Samples(none, none, none, slopes)
+        normal = np.maximum(heights[:4].max(axis=0), heights[4:])
+        tangential = np.maximum(across[:4].max(axis=0), across[4:])
+        whole = np.sqrt(squared_norms(np.concatenate([sides, diagonals])))
+        return Samples(np.maximum(whole[:4].max(axis=0), whole[4:]), normal, tangential, slopes)
+
+    @staticmethod
+    def slopes_of(heights: FloatArray, lengths: FloatArray) -> FloatArray:
+        """(P,), from how high the sides' middles are over their chords, and from the sides' lengths."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slopes = SLOPE_OF_HEIGHT * heights / lengths
+        return np.where(np.isfinite(slopes), slopes, np.inf)
+
+    def at(self, chosen: IndexArray) -> Samples:
+        return Samples(self.whole[:, chosen], self.normal[:, chosen], self.tangential[:, chosen], self.slopes[chosen])
+
+    def hope(self, normal: FloatArray, tangential: FloatArray) -> FloatArray:
+        """About what ``graph_bounds`` will find for quads that are off by so much."""
+        secants = np.sqrt(1 + self.slopes**2)
+        with np.errstate(invalid="ignore"):
+            hope = normal * secants + 2 * self.slopes * (tangential + normal * self.slopes / secants)
+        return np.where(np.isnan(hope), np.inf, hope)
+
+
+def in_turn(samples: FloatArray, wanted: Callable[[], BoolArray]) -> Iterator[tuple[int, IndexArray]]:
+    """The alternatives (A, P), for each cell in the order of its samples, with the cells that still want one."""
+    for rank in np.argsort(samples, axis=0, kind="stable"):
+        for alternative in range(len(samples)):
+            yield alternative, np.flatnonzero((rank == alternative) & wanted())
+
+
+def triangle_normals(points: FloatArray, template: Template) -> FloatArray:
+    """(T, P, 3): unit normals of the triangles over quads' points (8 or more, P, 3); zero where there is no area."""
+    crosses = np.stack([cross_products(points[b] - points[a], points[c] - points[a]) for a, b, c in template])
+    lengths = np.sqrt(squared_norms(crosses))[..., None]
+    return crosses / np.where(lengths > 0, lengths, 1.0)
+
+
+def least_heights(points: FloatArray, template: Template) -> FloatArray:
+    """(P,): the least height of the triangles over quads' points (8 or more, P, 3)."""
+    heights = np.full(points.shape[1], np.inf)
+    for triangle in template:
+        corners = points[list(triangle)]
+        areas = np.sqrt(squared_norms(cross_products(corners[1] - corners[0], corners[2] - corners[0])))
+        longest = np.sqrt(squared_norms(np.roll(corners, -1, axis=0) - corners)).max(axis=0)
+        heights = np.minimum(heights, areas / np.where(longest > 0, longest, 1.0))
+    return heights
+
+
+def along_and_across(vectors: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(R, P) twice: the lengths of vectors (R, P, 3) along unit normals (P, 3) and across them."""
+    along = np.abs(np.einsum("rpi,pi->rp", vectors, normals))
+    return along, np.sqrt(np.maximum(squared_norms(vectors) - along**2, 0.0))

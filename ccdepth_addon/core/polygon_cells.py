@@ -1,0 +1,215 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Faces of the control mesh that are no quads, as cells: triangles, and polygons of more corners.
+
+They are compared with the fan of bilinear facets over corner, middle of the side, centroid and middle of the side
+before. A polygon, however it is drawn, is near to its fan by the way it lies (``polygons``). A triangle is its own fan;
+one with split sides is near to a fan that bends with them (``fan_of_template``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .fits import HOPEFUL, Cells, Fit, Samples, along_and_across, triangle_normals
+from .mesh import FloatArray, IndexArray
+from .norms import squared_norms
+from .polygons import polygon_thickness
+from .quad_cells import refined_children
+from .quadtree import Quadtree
+from .refined_bounds import fan_misses
+from .refinement import Refinement
+from .templates import WHOLE, Template, Transitions, triangle_template
+from .triangle_bounds import Misses
+
+BoolArray = NDArray[np.bool_]
+
+PATTERN_BITS = np.array([1, 2, 4])
+ALL_SPLIT = 7
+
+# The points of a triangle are its corners 0 to 2, the middles 3 to 5 of the sides from them, and its centre.
+CORNERS, MIDDLES, FOLLOWING = [0, 1, 2], [3, 4, 5], [1, 2, 0]
+CENTRE = 6
+
+# Weights of the corners for the corners and the middles.
+TRIANGLE_POINTS: FloatArray = np.array(
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]], dtype=np.float64
+)
+
+# Steps along a quarter where a template is compared with its fan.
+STEPS = 400
+
+
+@dataclass(frozen=True)
+class PolygonCells:
+    """P faces by the mesh refined so far, with the neighbours it needs: descendant i is ``nodes[i]``."""
+
+    nodes: IndexArray
+    refinement: Refinement
+
+    def at(self, chosen: IndexArray) -> Self:
+        """Some of them, by index."""
+        wanted = np.zeros(len(self.nodes), dtype=bool)
+        wanted[chosen] = True
+        return type(self)(self.nodes[np.sort(chosen)], self.refinement.keep(wanted).numbered())
+
+    def children(self, tree: Quadtree) -> Iterator[Cells]:
+        """As in ``Cells``."""
+        return refined_children(tree, self.nodes, self.refinement)
+
+    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
+        """As in ``Cells``: by way of fans that bend at the middles of split sides."""
+        found = Fit.none(len(self.nodes))
+        corners = self.refinement.limits_at_corners()
+        middles, _ = self.refinement.limits_inside()
+        facets = self.refinement.facets_of_children(corners)
+        facets[1] = np.where(hanging[:, None], middles, facets[1])
+        facets[3] = facets[1][self.refinement.mesh.previous_corner[: len(corners)]]
+        starts = self.refinement.mesh.face_starts[: len(self.nodes)]
+        found.least[:] = np.maximum.reduceat(np.sqrt(squared_norms(middles - facets[1])), starts)
+        chosen = np.flatnonzero((found.least <= limit) & ~np.logical_and.reduceat(hanging, starts))
+        if len(chosen):
+            part = self.at(chosen).refinement
+            kept = np.isin(np.repeat(np.arange(len(self.nodes)), self._sizes()), chosen)
+            own = fan_misses(part.refined(), facets[:, kept], np.zeros((1, *corners[kept].shape)), limit, along=False)
+            starts = part.mesh.face_starts[: len(chosen)]
+            bounds = np.maximum.reduceat(own.whole, starts)
+            bounds += polygon_thickness(facets[:, kept], hanging[kept], starts, axes)
+            found.bounds[chosen] = np.where(bounds <= limit, bounds, np.inf)
+        found.normal[:] = found.tangential[:] = found.bounds
+        return found
+
+    def _sizes(self) -> IndexArray:
+        return self.refinement.mesh.face_sizes[: len(self.nodes)]
+
+
+@dataclass(frozen=True)
+class TriangleCells(PolygonCells):
+    """P triangles of the control mesh."""
+
+    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
+        """As in ``Cells``; as polygons only where sides are split and triangles are not wanted there."""
+        found = Fit.none(len(self.nodes))
+        patterns = hanging.reshape(-1, 3) @ PATTERN_BITS
+        for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
+            chosen = np.flatnonzero(patterns == pattern)
+            part = self.at(chosen)
+            if pattern == WHOLE or transitions is Transitions.TRIANGLES:
+                found.put(chosen, part._fit_template(pattern, limit))
+            else:
+                sides = np.tile((pattern & PATTERN_BITS) > 0, len(chosen))
+                found.put(chosen, super(TriangleCells, part).fit(sides, transitions, limit, axes))
+        return found
+
+    def _fit_template(self, pattern: int, limit: float) -> Fit:
+        found = Fit.none(len(self.nodes))
+        template = ((0, 1, 2),) if pattern == WHOLE else triangle_template(pattern)
+        points = self._points()
+        samples = samples_of_triangles(points, pattern)
+        found.least[:] = samples.whole[0]
+        hopes = samples.hope(samples.normal, samples.tangential)[0]
+        chosen = np.flatnonzero((samples.whole[0] <= limit) | (hopes <= HOPEFUL * limit))
+        if not len(chosen):
+            return found
+        misses = self.at(chosen)._misses(pattern, template, points[:, chosen], limit)
+        within = misses.whole <= limit
+        found.bounds[chosen[within]] = misses.whole[within]
+        fine = within | (samples.at(chosen).hope(misses.normal, misses.tangential) <= HOPEFUL * limit)
+        found.take(chosen[fine], misses.at(np.flatnonzero(fine)), 0)
+        return found
+
+    def _points(self) -> FloatArray:
+        """(7, P, 3): the triangles' points on the surface, and their centres."""
+        middles, centres = self.refinement.limits_inside()
+        corners = self.refinement.limits_at_corners().reshape(-1, 3, 3)
+        by_triangle = [corners, middles.reshape(-1, 3, 3), centres.reshape(-1, 3, 3)[:, :1]]
+        return np.ascontiguousarray(np.concatenate(by_triangle, axis=1).swapaxes(0, 1))
+
+    def _misses(self, pattern: int, template: Template, points: FloatArray, limit: float) -> Misses:
+        """How far the triangles of a template are off at most: their fan, and what they are off that."""
+        split_sides = (pattern & PATTERN_BITS) > 0
+        chords = (points[CORNERS] + points[FOLLOWING]) / 2
+        sagittas = np.where(split_sides[:, None, None], points[MIDDLES] - chords, 0.0)
+        lifts, gaps = fan_of_template(pattern)
+        middles = chords + sagittas
+        centroids = points[CORNERS].mean(axis=0) + np.einsum("s,spi->pi", lifts, sagittas)
+        facets = np.stack([points[CORNERS], middles, np.stack([centroids] * 3), np.roll(middles, 1, axis=0)])
+        normals = triangle_normals(points, template)
+        # The quarters go triangle by triangle.
+        own = fan_misses(
+            self.refinement.refined(),
+            facets.transpose(0, 2, 1, 3).reshape(4, -1, 3),
+            np.repeat(normals, 3, axis=1),
+            limit,
+            along=True,
+        )
+        found = Misses(*(np.maximum.reduceat(each, 3 * np.arange(points.shape[1])) for each in own.columns()))
+        for gap, sagitta in zip(gaps.tolist(), sagittas, strict=True):
+            off = [along_and_across(sagitta[None], normal) for normal in normals]
+            along, across = (np.max(each, axis=0)[0] for each in zip(*off, strict=True))
+            found = found + Misses(np.sqrt(squared_norms(sagitta)), along, across).times(gap)
+        return found
+
+
+def samples_of_triangles(points: FloatArray, pattern: int) -> Samples:
+    """S - T where nothing is split: at the middles of the sides, and at the centre if all are whole."""
+    sides = points[MIDDLES] - (points[CORNERS] + points[FOLLOWING]) / 2
+    normals = triangle_normals(points, ((0, 1, 2),))[0]
+    lengths = np.sqrt(squared_norms(points[FOLLOWING] - points[CORNERS])).min(axis=0)
+    slopes = Samples.slopes_of(along_and_across(sides, normals)[0].max(axis=0), lengths)
+    sampled = sides[[side for side in range(3) if not pattern >> side & 1]]
+    if pattern == WHOLE:
+        sampled = np.concatenate([sampled, [points[CENTRE] - points[CORNERS].mean(axis=0)]])
+    heights, across = along_and_across(sampled, normals)
+    distances = np.sqrt(squared_norms(sampled))
+    whole, normal, tangential = (each.max(axis=0, keepdims=True) for each in (distances, heights, across))
+    return Samples(whole, normal, tangential, slopes)
+
+
+@cache
+def fan_of_template(pattern: int) -> tuple[FloatArray, FloatArray]:
+    """A triangle's template against a fan, by how far the middles of split sides are off the sides: (3,) each.
+
+    The template's triangles are those of the plain triangle and, for each split side s, its middle's way off times a
+    function φ of the place: 1 at the middle, 0 at the other points and linear between. The fan's facets are those of
+    the plain triangle and the same ways times functions ψ: bilinear, 1 at the middle, 0 at the corners and the other
+    middles, and at the centroid what φ is there. Returns these values at the centroid, and what |φ - ψ| is at most.
+
+    φ changes by twice the step in a quarter's parameters at most, and ψ by the step. No place is more than half a step
+    in each of the two from a sample, so no difference is more than three steps above those sampled.
+    """
+    lifts, gaps = np.zeros(3), np.zeros(3)
+    if pattern == WHOLE:
+        return lifts, gaps
+    steps = np.linspace(0.0, 1.0, STEPS + 1)
+    u, v = (each[..., None] for each in np.meshgrid(steps, steps, indexing="ij"))
+    centroid = np.full(3, 1 / 3)
+    for side in (side for side in range(3) if pattern >> side & 1):
+        lifts[side] = _hat(pattern, side, centroid[None])[0]
+        for quarter in range(3):
+            before = (quarter - 1) % 3
+            ring = [TRIANGLE_POINTS[quarter], TRIANGLE_POINTS[3 + quarter], centroid, TRIANGLE_POINTS[3 + before]]
+            weights = [(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v]
+            places = sum(weight * place for weight, place in zip(weights, ring, strict=True))
+            values = [0.0, float(quarter == side), lifts[side], float(before == side)]
+            bilinear = sum(weight * value for weight, value in zip(weights, values, strict=True))
+            gap = np.abs(_hat(pattern, side, places.reshape(-1, 3)) - np.ravel(bilinear)).max()
+            gaps[side] = max(gaps[side], gap + 3 / STEPS)
+    return lifts, gaps
+
+
+def _hat(pattern: int, side: int, places: FloatArray) -> FloatArray:
+    """(N,): the function that is 1 at the middle of a side and 0 at the template's other points, at places (N, 3)."""
+    found = np.zeros(len(places))
+    for triangle in triangle_template(pattern):
+        weights = places @ np.linalg.inv(TRIANGLE_POINTS[list(triangle)])
+        inside = np.all(weights >= -1e-12, axis=1)
+        for point, weight in zip(triangle, weights.T, strict=True):
+            if point == 3 + side:
+                found[inside] = weight[inside]
+    return found

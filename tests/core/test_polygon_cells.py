@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Triangles of the control mesh as they are drawn, against the surface itself at sampled places."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ccdepth_addon.core.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.limit_surface import limit_values
+from ccdepth_addon.core.mesh import FloatArray, PolygonMesh
+from ccdepth_addon.core.polygon_cells import TriangleCells
+from ccdepth_addon.core.refinement import Refinement
+from ccdepth_addon.core.surface_points import SurfacePoints
+from ccdepth_addon.core.templates import Template, Transitions, triangle_template
+from tests import meshes
+
+MESHES = {
+    "bipyramid": lambda: meshes.bumpy(meshes.bipyramid(6), 0.1),
+    "tetrahedron": meshes.tetrahedron,
+    "creases": lambda: meshes.with_random_creases(meshes.triangles_and_quads(), seed=4, share=0.4),
+}
+
+PATTERNS = range(7)
+STEPS = 12
+
+# Corners and middles of the sides of a triangle, in a plane of its own.
+FLAT = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.0], [0.5, 0.5], [0.0, 0.5]])
+CENTROID = FLAT[:3].mean(axis=0)
+
+# Rounding of some hundred products of values around 1.
+ROUNDING = 1e-12
+
+
+def template_of(pattern: int) -> Template:
+    return triangle_template(pattern) if pattern else ((0, 1, 2),)
+
+
+def sampled(mesh: PolygonMesh, face: int) -> tuple[FloatArray, FloatArray]:
+    """(N, 3) points of the surface over a face, and (N, 2) where each belongs on the flat triangle."""
+    steps = np.linspace(0, 1, STEPS + 1)
+    grid = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
+    corners = mesh.face_starts[face] + np.repeat(np.arange(3), len(grid))
+    surface = limit_values(mesh, mesh.positions, SurfacePoints(corners, np.tile(grid, (3, 1))))
+    u, v = grid.T[:, :, None]
+    places = []
+    for corner in range(3):
+        after, before = FLAT[3 + corner], FLAT[3 + (corner + 2) % 3]
+        quarter = (1 - v) * ((1 - u) * FLAT[corner] + u * after) + v * ((1 - u) * before + u * CENTROID)
+        places.append(quarter)
+    return surface, np.concatenate(places)
+
+
+def distances(template: Template, surface: FloatArray, places: FloatArray, points: FloatArray) -> FloatArray:
+    """(3,) the largest: in all, along the triangles' normals, across them."""
+    largest = np.zeros(3)
+    seen = np.zeros(len(places), dtype=bool)
+    for triangle in template:
+        a, b, c = FLAT[list(triangle)]
+        weights = np.linalg.solve(np.stack([b - a, c - a], axis=1), (places - a).T)
+        weights = np.stack([1 - weights.sum(axis=0), *weights], axis=1)
+        inside = np.all(weights >= -ROUNDING, axis=1)
+        seen |= inside
+        corners = points[list(triangle)]
+        gaps = surface[inside] - weights[inside] @ corners
+        normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
+        along = gaps @ (normal / np.linalg.norm(normal))
+        whole = np.linalg.norm(gaps, axis=1)
+        across = np.sqrt(np.maximum(whole**2 - along**2, 0))
+        largest = np.maximum(largest, [whole.max(), np.abs(along).max(), across.max()])
+    assert np.all(seen)
+    return largest
+
+
+@pytest.mark.parametrize("name", MESHES)
+def test_no_triangle_is_farther_than_its_bound(name: str) -> None:
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(MESHES[name]()), smooth_corners=True)
+    faces = np.flatnonzero(mesh.face_sizes == 3)[:4]
+    cells = TriangleCells(faces, Refinement.start(mesh, faces))
+    for pattern in PATTERNS:
+        hanging = np.array([bool(pattern >> side & 1) for side in range(3)])
+        for place, face in enumerate(faces.tolist()):
+            surface, places = sampled(mesh, face)
+            nearest = [int(np.flatnonzero(np.all(np.isclose(places, point), axis=1))[0]) for point in FLAT]
+            found = distances(template_of(pattern), surface, places, surface[nearest])
+            # A plain triangle is compared with itself; the others by way of a fan, which takes some more.
+            for room in (1.2 if pattern == 0 else 2.0, 100.0):
+                fit = cells.at(np.array([place])).fit(hanging, Transitions.TRIANGLES, room * found[0], np.eye(3))
+                bounds = np.concatenate([fit.bounds, fit.normal, fit.tangential])
+                assert np.all(found <= bounds + ROUNDING), (pattern, face)
+                assert bounds[0] <= room * found[0], (pattern, face)
