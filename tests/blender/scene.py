@@ -50,6 +50,15 @@ def suzanne() -> MeshData:
     return data
 
 
+def icosphere(subdivisions: int) -> MeshData:
+    """Positions and triangles; nothing is left in the scene."""
+    bpy.ops.mesh.primitive_ico_sphere_add(subdivisions=subdivisions, radius=1)
+    added = bpy.context.object
+    data = mesh_data(added.data)
+    bpy.data.meshes.remove(added.data)
+    return data
+
+
 def add_mesh(mesh: bpy.types.Mesh) -> bpy.types.Object:
     blender_object = bpy.data.objects.new(mesh.name, mesh)
     bpy.context.scene.collection.objects.link(blender_object)
