@@ -112,15 +112,20 @@ class TriangleCells(PolygonCells):
         points = self._points()
         samples = samples_of_triangles(points, pattern)
         found.least[:] = samples.whole[0]
+        tried = np.flatnonzero(samples.whole[0] <= limit)
+        if len(tried):
+            # Where sides are split the fan's distance is not all of it, and has to be known well.
+            misses = self.at(tried)._misses(pattern, template, points[:, tried], limit, along=pattern != WHOLE)
+            within = np.flatnonzero(misses.whole <= limit)
+            found.bounds[tried[within]] = misses.whole[within]
+            found.take(tried[within], misses.at(within), 0)
         hopes = samples.hope(samples.normal, samples.tangential)[0]
-        chosen = np.flatnonzero((samples.whole[0] <= limit) | (hopes <= HOPEFUL * limit))
-        if not len(chosen):
-            return found
-        misses = self.at(chosen)._misses(pattern, template, points[:, chosen], limit)
-        within = misses.whole <= limit
-        found.bounds[chosen[within]] = misses.whole[within]
-        fine = within | (samples.at(chosen).hope(misses.normal, misses.tangential) <= HOPEFUL * limit)
-        found.take(chosen[fine], misses.at(np.flatnonzero(fine)), 0)
+        tried = np.flatnonzero(~found.fits & (hopes <= HOPEFUL * limit))
+        if len(tried):
+            misses = self.at(tried)._misses(pattern, template, points[:, tried], HOPEFUL * limit, along=True)
+            hopes = samples.at(tried).hope(misses.normal, misses.tangential)
+            hopeful = np.flatnonzero(hopes <= HOPEFUL * limit)
+            found.take(tried[hopeful], misses.at(hopeful), 0)
         return found
 
     def _points(self) -> FloatArray:
@@ -130,7 +135,7 @@ class TriangleCells(PolygonCells):
         by_triangle = [corners, middles.reshape(-1, 3, 3), centres.reshape(-1, 3, 3)[:, :1]]
         return np.ascontiguousarray(np.concatenate(by_triangle, axis=1).swapaxes(0, 1))
 
-    def _misses(self, pattern: int, template: Template, points: FloatArray, limit: float) -> Misses:
+    def _misses(self, pattern: int, template: Template, points: FloatArray, limit: float, *, along: bool) -> Misses:
         """How far the triangles of a template are off at most: their fan, and what they are off that."""
         split_sides = (pattern & PATTERN_BITS) > 0
         chords = (points[CORNERS] + points[FOLLOWING]) / 2
@@ -146,13 +151,13 @@ class TriangleCells(PolygonCells):
             facets.transpose(0, 2, 1, 3).reshape(4, -1, 3),
             np.repeat(normals, 3, axis=1),
             limit,
-            along=True,
+            along=along,
         )
         found = Misses(*(np.maximum.reduceat(each, 3 * np.arange(points.shape[1])) for each in own.columns()))
         for gap, sagitta in zip(gaps.tolist(), sagittas, strict=True):
             off = [along_and_across(sagitta[None], normal) for normal in normals]
-            along, across = (np.max(each, axis=0)[0] for each in zip(*off, strict=True))
-            found = found + Misses(np.sqrt(squared_norms(sagitta)), along, across).times(gap)
+            normal, tangential = (np.max(each, axis=0)[0] for each in zip(*off, strict=True))
+            found = found + Misses(np.sqrt(squared_norms(sagitta)), normal, tangential).times(gap)
         return found
 
 

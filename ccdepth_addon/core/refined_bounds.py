@@ -21,7 +21,7 @@ import numpy as np
 from .bounds import Vertices, second_order_extraordinary, support_bounds
 from .mesh import FloatArray, IndexArray
 from .norms import squared_norms
-from .patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
+from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from .refinement import Refinement
 from .splines import bilinear_coefficients, patch_coefficients
 from .templates import QUAD_POINTS, Triangle, templates
@@ -122,7 +122,7 @@ def _refined_misses(
         if not len(rest):
             break
         refinement, squares = refinement.keep(kinds != PatchKind.REGULAR), squares.at(rest)
-        near = _facet_distances(refinement)
+        near = _facet_distances(refinement, classify_patches(refinement.mesh))
         left = compare(bilinear_coefficients(refinement.control_facets()).reshape(16, -1, 3), squares)
         reached = left + Misses(near, near, near)
         beyond = (found.normal if along else found.whole) > limit
@@ -136,12 +136,14 @@ def _refined_misses(
     return found
 
 
-def _facet_distances(refinement: Refinement) -> FloatArray:
+def _facet_distances(refinement: Refinement, patches: PatchKinds) -> FloatArray:
     """(descendants,): the distance of quads' surface from the facets over their own control points, at most."""
-    mesh = refinement.mesh
-    bounds = support_bounds(mesh, Vertices.CONTROL)[: len(refinement.bases)]
-    patches = classify_patches(mesh)
-    extraordinary = np.flatnonzero(patches.kinds[: len(bounds)] == PatchKind.EXTRAORDINARY)
+    mesh, kinds = refinement.mesh, patches.kinds[: len(refinement.bases)]
+    bounds = np.empty(len(kinds))
+    others = kinds == PatchKind.IRREGULAR
+    if np.any(others):
+        bounds[others] = support_bounds(mesh, Vertices.CONTROL)[: len(kinds)][others]
+    extraordinary = np.flatnonzero(kinds == PatchKind.EXTRAORDINARY)
     corners = patches.extraordinary_corners[extraordinary]
     valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
     for valence in np.unique(valences).tolist():
