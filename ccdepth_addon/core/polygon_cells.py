@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from .fits import HOPEFUL, Cells, Fit, Samples, along_and_across, triangle_normals
+from .fits import HOPEFUL, Cells, Fit, Samples, along_and_across, hopeful_room, triangle_normals
 from .mesh import FloatArray, IndexArray
 from .norms import squared_norms
 from .polygons import polygon_thickness
@@ -76,7 +76,7 @@ class PolygonCells:
         if len(chosen):
             part = self.at(chosen).refinement
             kept = np.isin(np.repeat(np.arange(len(self.nodes)), self._sizes()), chosen)
-            own = fan_misses(part.refined(), facets[:, kept], np.zeros((1, *corners[kept].shape)), limit, along=False)
+            own = fan_misses(part.refined(), facets[:, kept], np.zeros((1, *corners[kept].shape)), limit)
             starts = part.mesh.face_starts[: len(chosen)]
             bounds = np.maximum.reduceat(own.whole, starts)
             bounds += polygon_thickness(facets[:, kept], hanging[kept], starts, axes)
@@ -115,16 +115,18 @@ class TriangleCells(PolygonCells):
         tried = np.flatnonzero(samples.whole[0] <= limit)
         if len(tried):
             # Where sides are split the fan's distance is not all of it, and has to be known well.
-            misses = self.at(tried)._misses(pattern, template, points[:, tried], limit, along=pattern != WHOLE)
+            room = None if pattern == WHOLE else np.full(len(tried), np.inf)
+            misses = self.at(tried)._misses(pattern, template, points[:, tried], limit, room)
             within = np.flatnonzero(misses.whole <= limit)
             found.bounds[tried[within]] = misses.whole[within]
             found.take(tried[within], misses.at(within), 0)
         hopes = samples.hope(samples.normal, samples.tangential)[0]
         tried = np.flatnonzero(~found.fits & (hopes <= HOPEFUL * limit))
         if len(tried):
-            misses = self.at(tried)._misses(pattern, template, points[:, tried], HOPEFUL * limit, along=True)
-            hopes = samples.at(tried).hope(misses.normal, misses.tangential)
-            hopeful = np.flatnonzero(hopes <= HOPEFUL * limit)
+            room = hopeful_room(points[:, tried], template)
+            misses = self.at(tried)._misses(pattern, template, points[:, tried], HOPEFUL * limit, room)
+            fine = samples.at(tried).hope(misses.normal, misses.tangential) <= HOPEFUL * limit
+            hopeful = np.flatnonzero(fine & (misses.normal + misses.tangential <= room))
             found.take(tried[hopeful], misses.at(hopeful), 0)
         return found
 
@@ -135,7 +137,9 @@ class TriangleCells(PolygonCells):
         by_triangle = [corners, middles.reshape(-1, 3, 3), centres.reshape(-1, 3, 3)[:, :1]]
         return np.ascontiguousarray(np.concatenate(by_triangle, axis=1).swapaxes(0, 1))
 
-    def _misses(self, pattern: int, template: Template, points: FloatArray, limit: float, *, along: bool) -> Misses:
+    def _misses(
+        self, pattern: int, template: Template, points: FloatArray, limit: float, room: FloatArray | None
+    ) -> Misses:
         """How far the triangles of a template are off at most: their fan, and what they are off that."""
         split_sides = (pattern & PATTERN_BITS) > 0
         chords = (points[CORNERS] + points[FOLLOWING]) / 2
@@ -151,7 +155,7 @@ class TriangleCells(PolygonCells):
             facets.transpose(0, 2, 1, 3).reshape(4, -1, 3),
             np.repeat(normals, 3, axis=1),
             limit,
-            along=along,
+            None if room is None else np.repeat(room, 3),
         )
         found = Misses(*(np.maximum.reduceat(each, 3 * np.arange(points.shape[1])) for each in own.columns()))
         for gap, sagitta in zip(gaps.tolist(), sagittas, strict=True):

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import triangle_bounds
-from .fits import HOPEFUL, Cells, Fit, Samples, in_turn, least_heights, triangle_normals
+from .fits import HOPEFUL, Cells, Fit, Samples, hopeful_room, in_turn, least_heights, triangle_normals
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from .polygons import thickness_of_quads
@@ -173,6 +173,8 @@ class QuadCells(ABC):
             if len(tried):
                 misses = self.at(tried).misses_along(pattern, alternative, points[:, tried], HOPEFUL * limit)
                 hopeful = samples.at(tried).hope(misses.normal, misses.tangential) <= HOPEFUL * limit
+                room = hopeful_room(points[:, tried], templates(pattern)[alternative])
+                hopeful &= misses.normal + misses.tangential <= room
                 found.take(chosen[tried[hopeful]], misses.at(np.flatnonzero(hopeful)), alternative)
 
 
@@ -296,15 +298,13 @@ class RefinedCells(QuadCells):
         return _points_of_quads(self.refinement, self.refinement.limits_at_corners())
 
     def misses(self, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
-        return self._misses(pattern, alternative, points, limit, along=False)
+        normals = triangle_normals(points, templates(pattern)[alternative])
+        return template_misses(self.refinement.refined(), points, (pattern, alternative), normals, limit)
 
     def misses_along(self, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
-        return self._misses(pattern, alternative, points, limit, along=True)
-
-    def _misses(self, pattern: int, alternative: int, points: FloatArray, limit: float, *, along: bool) -> Misses:
-        normals = triangle_normals(points, templates(pattern)[alternative])
-        children = self.refinement.refined()
-        return template_misses(children, points, (pattern, alternative), normals, limit, along=along)
+        template = templates(pattern)[alternative]
+        normals, room = triangle_normals(points, template), hopeful_room(points, template)
+        return template_misses(self.refinement.refined(), points, (pattern, alternative), normals, limit, room)
 
 
 def _apply(matrix: FloatArray, nets: FloatArray) -> FloatArray:

@@ -77,40 +77,48 @@ Comparison = Callable[[FloatArray, Squares], Misses]
 
 
 def template_misses(
-    children: Refinement, points: FloatArray, key: tuple[int, int], normals: FloatArray, limit: float, *, along: bool
+    children: Refinement,
+    points: FloatArray,
+    key: tuple[int, int],
+    normals: FloatArray,
+    limit: float,
+    room: FloatArray | None = None,
 ) -> Misses:
     """(P,): ‖S - T‖ at most, for P quads and the triangles of a template.
 
     children: of all the quads, whose bases these are. points: (8 or more, P, 3), as in ``templates.QUAD_POINTS``; key:
-    pattern and alternative; normals: (T, P, 3), of the triangles. For limit and along see ``_refined_misses``.
+    pattern and alternative; normals: (T, P, 3), of the triangles. For limit and room see ``_refined_misses``.
     """
 
     def compare(coefficients: FloatArray, squares: Squares) -> Misses:
         return _off_template(coefficients, squares, points, key, normals)
 
-    return _refined_misses(children, Squares.whole(points.shape[1]).children(), compare, limit, along=along)
+    return _refined_misses(children, Squares.whole(points.shape[1]).children(), compare, limit, room)
 
 
-def fan_misses(quarters: Refinement, facets: FloatArray, normals: FloatArray, limit: float, *, along: bool) -> Misses:
+def fan_misses(
+    quarters: Refinement, facets: FloatArray, normals: FloatArray, limit: float, room: FloatArray | None = None
+) -> Misses:
     """(C,): ‖S - F‖ at most, for the quarters of some faces and bilinear facets over their corners (4, C, 3).
 
     quarters: the children of the faces. normals: (T, C, 3), those of all triangles that are drawn there. For limit and
-    along see ``_refined_misses``.
+    room see ``_refined_misses``.
     """
 
     def compare(coefficients: FloatArray, squares: Squares) -> Misses:
         return _off_facets(coefficients, squares, facets, normals)
 
-    return _refined_misses(quarters, Squares.whole(facets.shape[1]), compare, limit, along=along)
+    return _refined_misses(quarters, Squares.whole(facets.shape[1]), compare, limit, room)
 
 
 def _refined_misses(
-    refinement: Refinement, squares: Squares, compare: Comparison, limit: float, *, along: bool
+    refinement: Refinement, squares: Squares, compare: Comparison, limit: float, room: FloatArray | None
 ) -> Misses:
     """What is missed of the surface over quads of which the refinement's descendants are squares.
 
-    What is beyond the limit, in all or, with ``along``, along the normals, is looked at no further; then nothing else
-    is known of it but that it may be.
+    They are looked at as closely as it takes to see whether they are within the limit; or, with room (quads,), as it
+    takes to know well how far they are off along the normals. Nothing else is known of what is beyond the limit, along
+    the normals then, or takes more than its room along and across together, but that it may be.
     """
     count = int(squares.bases.max(initial=-1)) + 1
     found = Misses(*(np.zeros(count) for _ in range(3)))
@@ -125,9 +133,12 @@ def _refined_misses(
         near = _facet_distances(refinement, classify_patches(refinement.mesh))
         left = compare(bilinear_coefficients(refinement.control_facets()).reshape(16, -1, 3), squares)
         reached = left + Misses(near, near, near)
-        beyond = (found.normal if along else found.whole) > limit
-        beyond[squares.bases[(left.normal if along else left.whole) - near > limit]] = True
-        enough = near <= NEAR_FACET * limit if along else reached.whole <= limit
+        if room is None:
+            beyond, seen_beyond, enough = found.whole > limit, left.whole - near > limit, reached.whole <= limit
+        else:
+            beyond = (found.normal > limit) | (found.normal + found.tangential > room)
+            seen_beyond, enough = left.normal - near > limit, near <= NEAR_FACET * limit
+        beyond[squares.bases[seen_beyond]] = True
         settled = enough | beyond[squares.bases] | (step == REFINEMENTS - 1)
         _raise(found, squares.at(np.flatnonzero(settled)), reached.at(np.flatnonzero(settled)))
         refinement, squares = refinement.keep(~settled).refined(), squares.at(np.flatnonzero(~settled)).children()

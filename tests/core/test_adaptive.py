@@ -355,7 +355,7 @@ def test_one_depth_for_each_face_takes_no_fewer_faces() -> None:
 DEPTH_15 = 1.5e-4
 
 # By then the parts around the corner are smooth enough for their size.
-SETTLED = 10
+SETTLED = 11
 
 
 @pytest.mark.parametrize("transitions", Transitions)
