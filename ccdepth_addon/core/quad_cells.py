@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import triangle_bounds
-from .fits import HOPEFUL, Cells, Fit, Samples, hopeful_room, in_turn, least_heights, triangle_normals
+from .fits import HOPEFUL, Cells, Fit, Samples, in_turn, least_heights, triangle_normals
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from .polygons import thickness_of_quads
@@ -173,8 +173,6 @@ class QuadCells(ABC):
             if len(tried):
                 misses = self.at(tried).misses_along(pattern, alternative, points[:, tried], HOPEFUL * limit)
                 hopeful = samples.at(tried).hope(misses.normal, misses.tangential) <= HOPEFUL * limit
-                room = hopeful_room(points[:, tried], templates(pattern)[alternative])
-                hopeful &= misses.normal + misses.tangential <= room
                 found.take(chosen[tried[hopeful]], misses.at(np.flatnonzero(hopeful)), alternative)
 
 
@@ -302,8 +300,8 @@ class RefinedCells(QuadCells):
         return template_misses(self.refinement.refined(), points, (pattern, alternative), normals, limit)
 
     def misses_along(self, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
-        template = templates(pattern)[alternative]
-        normals, room = triangle_normals(points, template), hopeful_room(points, template)
+        # What leaves its neighbours no room now may do so when some of its sides are split.
+        normals, room = triangle_normals(points, templates(pattern)[alternative]), np.full(len(self.nodes), np.inf)
         return template_misses(self.refinement.refined(), points, (pattern, alternative), normals, limit, room)
 
 
