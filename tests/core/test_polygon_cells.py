@@ -9,7 +9,7 @@ import pytest
 from ccdepth_addon.core.catmull_clark import apply_boundary_rule
 from ccdepth_addon.core.limit_surface import limit_values
 from ccdepth_addon.core.mesh import FloatArray, PolygonMesh
-from ccdepth_addon.core.polygon_cells import TriangleCells
+from ccdepth_addon.core.polygon_cells import TriangleCells, fan_of_template
 from ccdepth_addon.core.refinement import Refinement
 from ccdepth_addon.core.surface_points import SurfacePoints
 from ccdepth_addon.core.templates import Template, Transitions, triangle_template
@@ -89,3 +89,24 @@ def test_no_triangle_is_farther_than_its_bound(name: str) -> None:
                 bounds = np.concatenate([fit.bounds, fit.normal, fit.tangential])
                 assert np.all(found <= bounds + ROUNDING), (pattern, face)
                 assert bounds[0] <= room * found[0], (pattern, face)
+
+
+@pytest.mark.parametrize("pattern", PATTERNS[1:])
+def test_templates_and_fans_are_no_farther_apart_than_told(pattern: int) -> None:
+    """At places between those the distance was found at; and it is found nearly as large there."""
+    lifts, gaps = fan_of_template(pattern)
+    u, v = np.random.default_rng(pattern).random((2, 200_000, 1))
+    for side in (side for side in range(3) if pattern >> side & 1):
+        heights = np.zeros((6, 1))
+        heights[3 + side] = 1
+        # Heights over the flat triangle, so that a distance is one of heights.
+        points, centre = np.hstack([FLAT, heights]), np.append(CENTROID, lifts[side])
+        fan = np.concatenate(
+            [
+                (1 - v) * ((1 - u) * points[corner] + u * points[3 + corner])
+                + v * ((1 - u) * points[3 + (corner + 2) % 3] + u * centre)
+                for corner in range(3)
+            ]
+        )
+        farthest = distances(template_of(pattern), fan, fan[:, :2], points)[0]
+        assert 0.95 * gaps[side] <= farthest <= gaps[side]
