@@ -260,18 +260,15 @@ class _Planner:
         A leaf's bound comes from how it and the leaves with a vertex of it are drawn. Where that has changed one of
         them was fitted since: its sides were split, or it is new and has the vertices of the leaf that was there.
         """
-        fitted = np.flatnonzero(self._fitted_since.values)
-        self._fitted_since.values[fitted] = False
-        fitted = fitted[self.tree.first_child[fitted] == NONE]
-        if not len(fitted):
-            return fitted
-        # All whose neighbours were fitted, and all their neighbours.
-        leaves = self._leaves_around(self._leaves_around(fitted))
-        around = share_a_vertex(self.tree, leaves, np.isin(leaves, fitted))
-        wanted = around & np.isinf(self._bounds.values[leaves])
-        if np.any(wanted):
-            self._find_graph_bounds(leaves, wanted)
-        return leaves[wanted & (self._graph_bounds.values[leaves] > self._limit)]
+        unbounded = np.flatnonzero(np.isinf(self._bounds.values) & (self.tree.first_child == NONE))
+        wanted = self._fitted_since.values[unbounded]
+        fitted = np.flatnonzero(self._fitted_since.values & (self.tree.first_child == NONE))
+        wanted[~wanted] = share_a_vertex(self.tree, unbounded[~wanted], fitted)
+        self._fitted_since.values[:] = False
+        wanted = unbounded[wanted]
+        if len(wanted):
+            self._find_graph_bounds(wanted)
+        return wanted[self._graph_bounds.values[wanted] > self._limit]
 
     def _leaves_around(self, nodes: IndexArray) -> IndexArray:
         """The leaves of the faces of the control mesh with a vertex of any on which there are nodes: among them all
@@ -284,10 +281,13 @@ class _Planner:
         around = np.logical_or.reduceat(at_vertices[mesh.corner_vertices], mesh.face_starts[:-1])
         return np.flatnonzero(around[self.tree.base_faces] & (self.tree.first_child == NONE))
 
-    def _find_graph_bounds(self, leaves: IndexArray, wanted: BoolArray) -> None:
-        """Find those of the wanted leaves, given all that share a vertex with them."""
+    def _find_graph_bounds(self, wanted: IndexArray) -> None:
+        """Find those of the wanted leaves."""
+        leaves = self._leaves_around(wanted)
+        is_wanted = np.zeros(len(self.tree.first_child), dtype=bool)
+        is_wanted[wanted] = True
         triangles, drawn, closed = triangles_around(
-            self.tree, leaves, self.fit_of(leaves), self._request.transitions, wanted
+            self.tree, leaves, self.fit_of(leaves), self._request.transitions, is_wanted[leaves]
         )
         shape = triangles.shape
         used, triangles = np.unique(triangles, return_inverse=True)
@@ -299,9 +299,8 @@ class _Planner:
             self._tangential.values[nodes],
             closed[used],
         )
-        bounds = np.zeros(len(leaves))
-        np.maximum.at(bounds, drawn, found)
-        self._graph_bounds.values[leaves[wanted]] = bounds[wanted]
+        self._graph_bounds.values[wanted] = 0.0
+        np.maximum.at(self._graph_bounds.values, nodes, np.where(is_wanted[nodes], found, 0.0))
 
     def _positions_of(self, vertices: IndexArray) -> FloatArray:
         """(…, 3) where vertices of the tree lie on the surface, each found once."""
@@ -338,8 +337,7 @@ class _Planner:
         self._record(cells, fit)
         fits = fit.fits
         fits &= self.tree.levels[cells.nodes] >= self._least_levels[self.tree.base_faces[cells.nodes]]
-        for kept in some(cells, fits):
-            self._cells.put(kept)
+        self._cells.put(cells, fits)
         return some(cells, ~fits)
 
     def _record(self, cells: Cells, fit: Fit) -> None:

@@ -15,7 +15,7 @@ from .mesh import IndexArray
 from .quad_cells import CELLS_AT_ONCE, NetCells
 from .quadtree import NONE, Column
 
-# A block of which less than this part is left is copied without the rest.
+# Where less than this part of a block is wanted it is copied without the rest.
 LEAST_PART = 0.75
 
 
@@ -34,12 +34,17 @@ class CellStore:
         self._numbers.append(more)
         self._places.append(more)
 
-    def put(self, cells: Cells) -> None:
-        """Keep cells of nodes that have none here."""
-        self._numbers.values[cells.nodes] = len(self._blocks)
-        self._places.values[cells.nodes] = np.arange(len(cells.nodes))
+    def put(self, cells: Cells, wanted: NDArray[np.bool_]) -> None:
+        """Keep the wanted of some cells, whose nodes have none here."""
+        places = np.flatnonzero(wanted)
+        if not len(places):
+            return
+        if len(places) < LEAST_PART * len(wanted):
+            cells, places = cells.at(places), np.arange(len(places))
+        self._numbers.values[cells.nodes[places]] = len(self._blocks)
+        self._places.values[cells.nodes[places]] = places
         self._blocks.append(cells)
-        self._left.append(len(cells.nodes))
+        self._left.append(len(places))
 
     def of(self, nodes: IndexArray) -> Iterator[Cells]:
         """The cells of those nodes that have some, block by block."""
@@ -74,7 +79,7 @@ class CellStore:
             return
         self._blocks[number] = None
         if left:
-            self.put(block.at(np.flatnonzero(self._numbers.values[block.nodes] == number)))
+            self.put(block, self._numbers.values[block.nodes] == number)
 
 
 def some(cells: Cells, wanted: NDArray[np.bool_]) -> list[Cells]:

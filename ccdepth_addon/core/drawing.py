@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from .fits import Fit
 from .limit_surface import limit_values
-from .mesh import FloatArray, IndexArray, PolygonMesh
+from .mesh import FloatArray, IndexArray
 from .quadtree import NONE, Quadtree
 from .subdivided_mesh import SubdividedMesh
+from .surface_points import SurfacePoints
 from .templates import ALL_SPLIT, WHOLE, Transitions, templates, triangle_template
 
 BoolArray = NDArray[np.bool_]
@@ -23,14 +24,44 @@ BoolArray = NDArray[np.bool_]
 QUADS_AT_ONCE = 1 << 13
 
 
+# A point of a leaf: the place of a corner, and whether it is the middle of the side from there that is meant.
+Point = tuple[int, bool]
+
+
 @dataclass(frozen=True)
 class Polygons:
-    """P polygons of one size k: (P,) the leaf each draws, as a place among the leaves; (P, k) slots; (k,) whether a
-    point is the middle of the side at its slot, or else the corner."""
+    """P polygons over the same points of leaves with so many corners. leaves: (P,) the leaf each draws, as a place
+    among the leaves."""
 
     leaves: IndexArray
-    slots: IndexArray
-    middles: list[bool]
+    points: list[Point]
+    size: int
+
+    def slots(self, tree: Quadtree, leaves: IndexArray) -> list[IndexArray]:
+        """For each point: (P,) the slots of the corners."""
+        first = tree.first_slots(leaves[self.leaves])
+        return [first + place for place, _ in self.points]
+
+    def vertices(self, tree: Quadtree, leaves: IndexArray) -> Iterator[IndexArray]:
+        """For each point: (P,)."""
+        for slots, (_, middle) in zip(self.slots(tree, leaves), self.points, strict=True):
+            yield tree.midpoints[tree.slot_edges[slots]] if middle else tree.slot_vertices[slots]
+
+    def sides(self, tree: Quadtree, leaves: IndexArray) -> Iterator[IndexArray | int]:
+        """For each point: (P,) the tree's edges from there to the next point, or NONE if these lie inside the leaf."""
+        slots = self.slots(tree, leaves)
+        for number, (place, middle) in enumerate(self.points):
+            following = (number + 1) % len(self.points)
+            next_place, next_middle = self.points[following]
+            goes_on = next_place == (place + 1) % self.size
+            if not middle and not next_middle and goes_on:
+                yield tree.slot_edges[slots[number]]
+            elif not middle and next_middle and next_place == place:
+                yield tree.half_at(slots[number], slots[number])
+            elif middle and not next_middle and goes_on:
+                yield tree.half_at(slots[number], slots[following])
+            else:
+                yield NONE
 
 
 @dataclass(frozen=True)
@@ -51,8 +82,8 @@ def draw(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions,
     positions: (V, 3) float64, those of the control mesh in the space that is wanted; the tree's own may be in another.
     """
     polygons = [*_polygons_of_quads(tree, leaves, fit, transitions), *_polygons_of_faces(tree, leaves, transitions)]
-    mesh, faces_along, drawn = _assembled(tree, polygons, leaves, positions)
-    clashing = drawn[_clashing(tree.mesh, mesh, faces_along)]
+    mesh, clashing_edges, drawn = _assembled(tree, polygons, leaves, positions)
+    clashing = drawn[_clashing(mesh, clashing_edges)]
     return Drawing(mesh, fit.bounds[drawn], leaves[np.unique(clashing)])
 
 
@@ -80,12 +111,12 @@ def triangles_around(
     than triangles and quads around it, which close up to a disc: not so on boundaries and infinitely sharp creases.
     """
     closed = _is_inside(tree)
-    nearby = np.flatnonzero(share_a_vertex(tree, leaves, wanted))
+    nearby = np.flatnonzero(share_a_vertex(tree, leaves, leaves[wanted]))
     near, fit_near = leaves[nearby], fit.at(nearby)
     triangles, drawn = [np.zeros((0, 3), dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
     others = _polygons_of_faces(tree, near, transitions)
-    of_faces = ((_vertices(tree, block.slots, block.middles), block.leaves) for block in others)
-    of_quads = (_as_triangles(tree, block) for block in _polygons_of_quads(tree, near, fit_near, transitions))
+    of_faces = ((np.stack([*block.vertices(tree, near)], axis=1), block.leaves) for block in others)
+    of_quads = (_as_triangles(tree, near, block) for block in _polygons_of_quads(tree, near, fit_near, transitions))
     for vertices, of_leaves in chain(of_faces, of_quads):
         if vertices.shape[1] == 3:
             triangles.append(vertices)
@@ -95,10 +126,10 @@ def triangles_around(
     return np.concatenate(triangles), np.concatenate(drawn), closed
 
 
-def share_a_vertex(tree: Quadtree, leaves: IndexArray, wanted: BoolArray) -> BoolArray:
-    """(L,) the leaves that have a vertex of the wanted ones, (L,) bool."""
+def share_a_vertex(tree: Quadtree, leaves: IndexArray, others: IndexArray) -> BoolArray:
+    """(L,) the leaves that have a vertex of the others."""
     marked = np.zeros(len(tree.vertex_edges), dtype=bool)
-    slots = tree.slots(leaves[wanted])
+    slots = tree.slots(others)
     middles = tree.midpoints[tree.slot_edges[slots]]
     marked[tree.slot_vertices[slots]] = True
     marked[middles[tree.hanging(slots)]] = True
@@ -120,16 +151,12 @@ def _is_inside(tree: Quadtree) -> BoolArray:
     return inside
 
 
-def _as_triangles(tree: Quadtree, block: Polygons) -> tuple[IndexArray, IndexArray]:
+def _as_triangles(tree: Quadtree, leaves: IndexArray, block: Polygons) -> tuple[IndexArray, IndexArray]:
     """The vertices of polygons, quads as two triangles along their first diagonal, and their leaves."""
-    vertices = _vertices(tree, block.slots, block.middles)
+    vertices = np.stack([*block.vertices(tree, leaves)], axis=1)
     if vertices.shape[1] != 4:
         return vertices, block.leaves
     return vertices[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3), np.repeat(block.leaves, 2)
-
-
-def _vertices(tree: Quadtree, slots: IndexArray, middles: BoolArray | list[bool]) -> IndexArray:
-    return np.where(middles, tree.midpoints[tree.slot_edges[slots]], tree.slot_vertices[slots])
 
 
 def _polygons_of_quads(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Iterator[Polygons]:
@@ -143,22 +170,18 @@ def _polygons_of_quads(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions
         if pattern == WHOLE:
             # A quad is drawn along its first diagonal.
             flat = chosen[~fit.folded[chosen]]
-            yield _polygons(tree, leaves, flat, [*template[0], template[1][2]], turns)
+            yield _polygons(flat, [*template[0], template[1][2]], turns)
             chosen = chosen[fit.folded[chosen]]
         elif transitions is Transitions.NGONS:
-            yield _polygons(tree, leaves, chosen, _around([bool(pattern >> side & 1) for side in range(4)]), turns)
+            yield _polygons(chosen, _around([bool(pattern >> side & 1) for side in range(4)]), turns)
             continue
         for triangle in template:
-            yield _polygons(tree, leaves, chosen, triangle, turns)
+            yield _polygons(chosen, triangle, turns)
 
 
-def _polygons(
-    tree: Quadtree, leaves: IndexArray, chosen: IndexArray, points: Sequence[int], turns: int = 0, size: int = 4
-) -> Polygons:
-    """Polygons over points of the chosen leaves: corners 0 to size - 1, and from size on the middles of the sides."""
-    places = [(point + turns) % size for point in points]
-    slots = tree.first_slots(leaves[chosen])[:, None] + np.array(places)
-    return Polygons(chosen, slots, [point >= size for point in points])
+def _polygons(leaves: IndexArray, points: Sequence[int], turns: int = 0, size: int = 4) -> Polygons:
+    """Polygons over points of leaves: corners 0 to size - 1, and from size on the middles of the sides."""
+    return Polygons(leaves, [((point + turns) % size, point >= size) for point in points], size)
 
 
 def _around(split_sides: list[bool]) -> list[int]:
@@ -179,7 +202,7 @@ def _polygons_of_faces(tree: Quadtree, leaves: IndexArray, transitions: Transiti
         for number, sides in enumerate(found.tolist()):
             chosen = of_size[group.reshape(-1) == number]
             for points in _points_of_face(sides, transitions):
-                yield _polygons(tree, leaves, chosen, points, size=size)
+                yield _polygons(chosen, points, size=size)
 
 
 def _points_of_face(split_sides: list[bool], transitions: Transitions) -> list[Sequence[int]]:
@@ -194,53 +217,70 @@ def _points_of_face(split_sides: list[bool], transitions: Transitions) -> list[S
 
 def _assembled(
     tree: Quadtree, polygons: list[Polygons], leaves: IndexArray, positions: FloatArray
-) -> tuple[SubdividedMesh, IndexArray, IndexArray]:
-    """One mesh of all polygons, in the order of their leaves; (E,) the faces along its edges; (F,) each face's leaf.
+) -> tuple[SubdividedMesh, BoolArray, IndexArray]:
+    """One mesh of all polygons, in the order of their leaves; (E,) which edges clash; (F,) the leaf of each face.
 
     Vertices and edges of the control mesh that have no faces are kept as they are.
     """
-    starts, drawn, slots, middles = _in_order(polygons)
-    vertices = _vertices(tree, slots, middles)
+    starts, drawn, firsts = _order(polygons)
+    vertices = np.empty(starts[-1], dtype=np.intp)
+    for block, first in zip(polygons, firsts, strict=True):
+        for number, values in enumerate(block.vertices(tree, leaves)):
+            vertices[first + number] = values
     loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
     used, corner_vertices = _compact(vertices, loose, len(tree.vertex_edges))
-    following = np.arange(1, len(vertices) + 1)
-    following[starts[1:] - 1] = starts[:-1]
-    edge_keys, corner_edges, faces_along = _edges(corner_vertices, corner_vertices[following], len(used))
-    base_edges = _base_edges(tree, used, edge_keys)
-    loose_edges = np.flatnonzero(tree.mesh.edge_face_counts == 0)
+    del vertices
+    edges = _edges(tree, _sides(tree, polygons, leaves, firsts), used, starts, corner_vertices)
     mesh = SubdividedMesh(
         vertex_points=tree.vertex_points.at(used),
         positions=_positions(tree, used, positions),
         face_starts=starts,
         corner_vertices=corner_vertices,
-        corner_edges=corner_edges,
-        edge_vertices=np.concatenate(
-            [np.stack(np.divmod(edge_keys, len(used)), axis=1), np.searchsorted(used, tree.edge_vertices[loose_edges])]
-        ),
-        corner_points=tree.slot_points(slots, middles),
+        corner_edges=edges.of_corners,
+        edge_vertices=edges.vertices,
+        corner_points=_corner_points(tree, polygons, leaves, firsts),
         base_faces=tree.base_faces[leaves[drawn]],
-        base_edges=np.concatenate([base_edges, loose_edges]),
+        base_edges=edges.base_edges,
         base_vertices=np.where(used < tree.mesh.vertex_count, used, NONE),
         vertex_edges=tree.vertex_edges[used],
     )
-    return mesh, np.concatenate([faces_along, np.zeros_like(loose_edges)]), drawn
+    return mesh, edges.clashing, drawn
 
 
-def _in_order(polygons: list[Polygons]) -> tuple[IndexArray, IndexArray, IndexArray, BoolArray]:
-    """All polygons in the order of their leaves: (F + 1,) first corners, (F,) leaves, (C,) slots and (C,) middles."""
-    sizes = np.concatenate([np.full(len(block.leaves), len(block.middles)) for block in polygons])
+def _order(polygons: list[Polygons]) -> tuple[IndexArray, IndexArray, list[IndexArray]]:
+    """How all polygons come in the order of their leaves: (F + 1,) first corners, (F,) leaves; and for each block (P,)
+    first corners."""
+    sizes = np.concatenate([np.full(len(block.leaves), len(block.points)) for block in polygons])
     of_leaves = np.concatenate([block.leaves for block in polygons])
     order = np.argsort(of_leaves, kind="stable")
     starts = np.concatenate([[0], np.cumsum(sizes[order])])
-    # Where each polygon's corners go, polygon by polygon as they were made.
-    target = np.empty(len(order), dtype=np.intp)
-    target[order] = starts[:-1]
-    places = np.arange(starts[-1]) + np.repeat(target - (np.cumsum(sizes) - sizes), sizes)
-    slots = np.empty(starts[-1], dtype=np.intp)
-    slots[places] = np.concatenate([block.slots.ravel() for block in polygons])
-    middles = np.empty(starts[-1], dtype=bool)
-    middles[places] = np.concatenate([np.tile(block.middles, len(block.leaves)) for block in polygons])
-    return starts, of_leaves[order], slots, middles
+    firsts = np.empty(len(order), dtype=np.intp)
+    firsts[order] = starts[:-1]
+    return starts, of_leaves[order], np.split(firsts, np.cumsum([len(block.leaves) for block in polygons])[:-1])
+
+
+def _sides(tree: Quadtree, polygons: list[Polygons], leaves: IndexArray, firsts: list[IndexArray]) -> IndexArray:
+    """(C,) the tree's edge from each corner to the next, or NONE inside a leaf."""
+    sides = np.empty(sum(len(block.leaves) * len(block.points) for block in polygons), dtype=np.intp)
+    for block, first in zip(polygons, firsts, strict=True):
+        for number, values in enumerate(block.sides(tree, leaves)):
+            sides[first + number] = values
+    return sides
+
+
+def _corner_points(
+    tree: Quadtree, polygons: list[Polygons], leaves: IndexArray, firsts: list[IndexArray]
+) -> SurfacePoints:
+    """(C,) where the corners lie."""
+    count = sum(len(block.leaves) * len(block.points) for block in polygons)
+    corners, parameters = np.empty(count, dtype=np.intp), np.empty((count, 2))
+    for block, first in zip(polygons, firsts, strict=True):
+        for start in range(0, len(first), QUADS_AT_ONCE):
+            part = slice(start, start + QUADS_AT_ONCE)
+            for number, points in enumerate(tree.points_at(leaves[block.leaves[part]], block.points)):
+                corners[first[part] + number] = points.corners
+                parameters[first[part] + number] = points.parameters
+    return SurfacePoints(corners, parameters)
 
 
 def _positions(tree: Quadtree, used: IndexArray, positions: FloatArray) -> FloatArray:
@@ -262,36 +302,63 @@ def _compact(vertices: IndexArray, loose: IndexArray, count: int) -> tuple[Index
     return np.flatnonzero(is_used), (np.cumsum(is_used) - 1)[vertices]
 
 
-def _edges(first: IndexArray, second: IndexArray, count: int) -> tuple[IndexArray, IndexArray, IndexArray]:
-    """Edges as keys low · count + high, ascending; the edge of each half-edge; how many half-edges each has."""
-    keys = np.minimum(first, second) * count + np.maximum(first, second)
-    order = np.argsort(keys, kind="stable")
-    ordered = keys[order]
-    new = np.ones(len(keys), dtype=bool)
-    new[1:] = ordered[1:] != ordered[:-1]
-    edge_of = np.empty(len(keys), dtype=np.intp)
-    edge_of[order] = np.cumsum(new) - 1
-    return ordered[new], edge_of, np.diff(np.flatnonzero(new), append=len(keys))
+@dataclass(frozen=True)
+class _Edges:
+    """E edges. of_corners: (C,) the edge from each corner to the next; vertices: (E, 2); base_edges: (E,) the edge of
+    the control mesh each lies on, or NONE; clashing: (E,) bool, whether it has not as many faces as it should, two
+    inside a face and as many as before elsewhere, or another edge has the same vertices.
+
+    Two quads over the same two opposite corners, both split along the diagonal between these, would do that.
+    """
+
+    of_corners: IndexArray
+    vertices: IndexArray
+    base_edges: IndexArray
+    clashing: BoolArray
 
 
-def _base_edges(tree: Quadtree, used: IndexArray, edge_keys: IndexArray) -> IndexArray:
-    """(E,) the edge of the control mesh each edge lies on, or NONE."""
+def _edges(
+    tree: Quadtree, sides: IndexArray, used: IndexArray, starts: IndexArray, corner_vertices: IndexArray
+) -> _Edges:
+    """The edges: those of the tree in its order, then those inside leaves, then those of the mesh without faces.
+
+    sides: (C,) the tree's edge from each corner to the next, or NONE.
+    """
+    is_used = np.zeros(len(tree.edge_vertices) + 1, dtype=bool)
+    is_used[sides] = True
+    outer = np.flatnonzero(is_used[:NONE])
+    of_corners = (np.cumsum(is_used) - 1)[sides]
+    inner = np.flatnonzero(sides == NONE)
+    loose = np.flatnonzero(tree.mesh.edge_face_counts == 0)
     new = np.full(len(tree.vertex_edges), NONE, dtype=np.intp)
     new[used] = np.arange(len(used))
-    along = np.flatnonzero((tree.base_edges != NONE) & (tree.edge_children == NONE))
-    ends = np.sort(new[tree.edge_vertices[along]], axis=1)
-    there = ends[:, 0] != NONE
-    found = np.full(len(edge_keys), NONE, dtype=np.intp)
-    places = np.searchsorted(edge_keys, ends[there, 0] * len(used) + ends[there, 1])
-    found[places] = tree.base_edges[along[there]]
-    return found
+    faces = np.searchsorted(starts, inner, side="right") - 1
+    following = np.where(inner + 1 == starts[faces + 1], starts[faces], inner + 1)
+    ends = np.sort(corner_vertices[np.stack([inner, following], axis=1)], axis=1)
+    keys, of_inner = np.unique(ends @ [len(used), 1], return_inverse=True)
+    of_corners[inner] = len(outer) + of_inner.reshape(-1)
+    inner_vertices = np.stack(np.divmod(keys, len(used)), axis=1)
+    vertices = np.concatenate([new[tree.edge_vertices[outer]], inner_vertices, new[tree.edge_vertices[loose]]])
+    base_edges = np.concatenate([tree.base_edges[outer], np.full(len(keys), NONE), loose])
+    counts = np.bincount(of_corners, minlength=len(vertices))
+    expected = np.where(base_edges == NONE, 2, tree.mesh.edge_face_counts[base_edges])
+    return _Edges(of_corners, vertices, base_edges, (counts != expected) | _doubled(vertices, len(outer), len(used)))
 
 
-def _clashing(mesh: PolygonMesh, drawn: SubdividedMesh, faces_along: IndexArray) -> BoolArray:
-    """(F,) the faces with an edge that has other faces than it should: two inside a face, as many as before elsewhere.
+def _doubled(vertices: IndexArray, outer: int, count: int) -> BoolArray:
+    """(E,) which edges (E, 2) between so many vertices have the same ends as another; the first ``outer`` are known to
+    differ among themselves."""
+    at_inner = np.zeros(count, dtype=bool)
+    at_inner[vertices[outer:]] = True
+    possible = np.flatnonzero(np.all(at_inner[vertices], axis=1))
+    _, pair, pairs = np.unique(
+        np.sort(vertices[possible], axis=1) @ [count, 1], return_inverse=True, return_counts=True
+    )
+    doubled = np.zeros(len(vertices), dtype=bool)
+    doubled[possible] = pairs[pair.reshape(-1)] > 1
+    return doubled
 
-    Two quads over the same two opposite corners, split along the diagonal between these, would do that.
-    """
-    expected = np.where(drawn.base_edges == NONE, 2, mesh.edge_face_counts[drawn.base_edges])
-    bad = (faces_along != expected)[drawn.corner_edges]
-    return np.logical_or.reduceat(bad, drawn.face_starts[:-1])
+
+def _clashing(drawn: SubdividedMesh, clashing_edges: BoolArray) -> BoolArray:
+    """(F,) the faces with an edge that clashes."""
+    return np.logical_or.reduceat(clashing_edges[drawn.corner_edges], drawn.face_starts[:-1])

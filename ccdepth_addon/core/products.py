@@ -16,14 +16,24 @@ FEWEST_COLUMNS = 64
 
 
 def product(matrix: FloatArray, columns: FloatArray) -> FloatArray:
-    """(rows, N) = (rows, k) @ (k, N), in blocks of columns."""
+    """(rows, N) = (rows, k) @ (k, N), in blocks of rows and columns."""
+    rows, size = matrix.shape
+    result = np.empty((rows, columns.shape[1]))
+    rows_at_once = max(1, min(rows, MOST_MULTIPLICATIONS // (FEWEST_COLUMNS * max(1, size)) - 1))
+    for start in range(0, rows, rows_at_once):
+        block = slice(start, start + rows_at_once)
+        _by_columns(matrix[block], columns, result[block])
+    return result
+
+
+def _by_columns(matrix: FloatArray, columns: FloatArray, result: FloatArray) -> None:
     rows, size = matrix.shape
     count = columns.shape[1]
-    at_once = max(FEWEST_COLUMNS, MOST_MULTIPLICATIONS // max(1, rows * size) - 1)
-    result = np.empty((rows, count))
+    at_once = max(1, MOST_MULTIPLICATIONS // max(1, rows * size) - 1)
     whole = count - count % at_once
-    # All the blocks in one call, as a stack of products.
-    blocks = (array[:, :whole].reshape(len(array), -1, at_once).swapaxes(0, 1) for array in (columns, result))
-    np.matmul(matrix, next(blocks), out=next(blocks))
-    np.matmul(matrix, columns[:, whole:], out=result[:, whole:])
-    return result
+    if whole:
+        # All the blocks in one call, as a stack of products.
+        blocks = (array[:, :whole].reshape(len(array), -1, at_once).swapaxes(0, 1) for array in (columns, result))
+        np.matmul(matrix, next(blocks), out=next(blocks))
+    if whole < count:
+        np.matmul(matrix, columns[:, whole:], out=result[:, whole:])

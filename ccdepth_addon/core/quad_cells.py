@@ -196,6 +196,8 @@ class NetCells(QuadCells):
     @staticmethod
     def joined(blocks: list[NetCells]) -> NetCells:
         """Cells of one valence as one block."""
+        if len(blocks) == 1:
+            return blocks[0]
         return NetCells(
             np.concatenate([block.nodes for block in blocks]),
             np.concatenate([block.slots for block in blocks]),

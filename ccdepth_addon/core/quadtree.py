@@ -13,13 +13,13 @@ in this order: that of ``catmull_clark.subdivide``.
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from .mesh import FloatArray, IndexArray, PolygonMesh
-from .refinement import split
 from .surface_points import SurfacePoints
 from .templates import QUAD_POINTS
 
@@ -31,8 +31,6 @@ GROWTH = 1.5
 
 # The state of an edge.
 SPLIT, SPLIT_TWICE = np.uint8(1), np.uint8(2)
-
-SLOTS_AT_ONCE = 1 << 16
 
 
 class Column:
@@ -130,25 +128,28 @@ class Quadtree:
 
     def slots(self, nodes: IndexArray) -> IndexArray:
         """(slots of the nodes,) node by node."""
-        counts = self.slot_counts(nodes)
+        counts, first = self.slot_counts(nodes), self.first_slots(nodes)
+        if np.all(counts == 4):
+            return (first[:, None] + np.arange(4)).ravel()
         starts = np.cumsum(counts) - counts
-        return np.arange(counts.sum()) + np.repeat(self.first_slots(nodes) - starts, counts)
+        return np.arange(counts.sum()) + np.repeat(first - starts, counts)
 
-    def slot_points(self, slots: IndexArray, middles: BoolArray) -> SurfacePoints:
-        """Where the corners at slots lie, or the middles of the sides there: (n,) each, in their own node's face."""
-        corners = slots.copy()
-        parameters = np.zeros((len(slots), 2))
-        # The quarters of a whole face meet in its centre, so its corners and sides are all alike in theirs.
-        parameters[:, 0] = middles
-        for deeper in split(np.flatnonzero(slots >= self.mesh.corner_count), SLOTS_AT_ONCE):
-            nodes, places = np.divmod(slots[deeper] - self.mesh.corner_count, 4)
-            nodes += self.mesh.face_count
-            corners[deeper] = self._frame_corners.values[nodes]
-            x, y, along_x, along_y = self._frames.values[nodes].T
-            u, v = QUAD_POINTS[places + 4 * middles[deeper]].T
-            parameters[deeper, 0] = x + u * along_x - v * along_y
-            parameters[deeper, 1] = y + u * along_y + v * along_x
-        return SurfacePoints(corners, parameters)
+    def points_at(self, nodes: IndexArray, points: Sequence[tuple[int, bool]]) -> Iterator[SurfacePoints]:
+        """For each point, (nodes,) where it lies: the corner at a place, or the middle of the side from there.
+
+        Each in its own node's face.
+        """
+        corners = self._frame_corners.values[nodes]
+        x, y, along_x, along_y = np.ascontiguousarray(self._frames.values[nodes].T)
+        faces = np.flatnonzero(nodes < self.mesh.face_count)
+        for place, middle in points:
+            u, v = QUAD_POINTS[place % 4 + 4 * middle]
+            parameters = np.stack([x + u * along_x - v * along_y, y + u * along_y + v * along_x], axis=1)
+            # The quarters of a whole face meet in its centre, so its corners and sides are all alike in theirs.
+            parameters[faces] = (middle, 0.0)
+            own = corners.copy()
+            own[faces] += place
+            yield SurfacePoints(own, parameters)
 
     def _frame_axes(self, nodes: IndexArray) -> tuple[FloatArray, FloatArray]:
         """(nodes, 2) origins and (nodes, 2, 2) axes: the sides from the first slot to the second and to the last."""
@@ -228,8 +229,8 @@ class Quadtree:
         self._append_vertices(corners[starts], (origins + sides / 2 + across / 2)[starts], NONE)
         inner = self._append_edges(np.stack([self.midpoints[self.slot_edges[slots]], centres], axis=1), NONE)
 
-        outgoing = self._half_at(slots, slots)
-        incoming = self._half_at(slots[before], slots)
+        outgoing = self.half_at(slots, slots)
+        incoming = self.half_at(slots[before], slots)
         middles = self.midpoints[self.slot_edges[slots]]
         vertices = np.stack([self.slot_vertices[slots], middles, centres, middles[before]], axis=1)
         edges = np.stack([outgoing, inner, inner[before], incoming], axis=1)
@@ -276,8 +277,8 @@ class Quadtree:
         parents = self._edge_parents.values[edges]
         self._edge_states.values[parents[parents != NONE]] |= SPLIT_TWICE
 
-    def _half_at(self, sides: IndexArray, slots: IndexArray) -> IndexArray:
-        """The half of the side at each of ``sides`` that ends at the vertex of each of ``slots``."""
+    def half_at(self, sides: IndexArray, slots: IndexArray) -> IndexArray:
+        """The half of the split side at each of the slots ``sides`` that ends at the vertex of each of ``slots``."""
         edges = self.slot_edges[sides]
         return self.edge_children[edges] + (self.edge_vertices[edges, 1] == self.slot_vertices[slots])
 

@@ -35,8 +35,10 @@ def test_cells_are_found_by_their_nodes_until_they_are_taken() -> None:
         first = 50 * turn
         store.extend(first + 50)
         order = first + generator.permutation(40)
-        store.put(cells(order[:25], 4))
-        store.put(cells(order[25:], 5))
+        store.put(cells(order[:25], 4), np.ones(25, dtype=bool))
+        wanted = generator.random(15) < turn / 40
+        store.put(cells(order[25:], 5), wanted)
+        order = np.concatenate([order[:25], order[25:][wanted]])
         kept |= {*order.tolist()}
         asked = generator.choice(first + 50, (first + 50) // 3, replace=False)
         there = sorted(kept & {*asked.tolist()})

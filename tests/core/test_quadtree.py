@@ -263,16 +263,18 @@ def assert_halves(tree: Quadtree, edge: int, middle: int | None) -> None:
 
 def assert_slot_points(tree: Quadtree, nodes: dict[int, Node]) -> None:
     """Corners and middles of sides are where they should be, seen from their own face, asked for in any order."""
-    listed = list(slots_of(tree, nodes))
-    listed = [listed[place] for place in np.random.default_rng(len(listed)).permutation(len(listed)).tolist()]
-    slots = np.array([slot for slot, _, _ in listed])
-    for wanted in (np.zeros(len(slots), dtype=bool), np.ones(len(slots), dtype=bool), slots % 2 == 0):
-        points = tree.slot_points(slots, wanted)
-        found = weights_of(tree.mesh, points)
-        faces = tree.mesh.corner_faces[points.corners].tolist()
-        for (_, node, place), weights, face, middle in zip(listed, found, faces, wanted.tolist(), strict=True):
-            assert face == node.face
-            assert weights == (node.middle(place) if middle else node.corners[place])
+    numbers = np.random.default_rng(len(nodes)).permutation(sorted(nodes))
+    sizes = tree.slot_counts(numbers)
+    for size in np.unique(sizes).tolist():
+        of_size = numbers[sizes == size]
+        wanted = [(place, middle) for place in range(size) for middle in (False, True)]
+        for (place, middle), points in zip(wanted, tree.points_at(of_size, wanted), strict=True):
+            found = weights_of(tree.mesh, points)
+            faces = tree.mesh.corner_faces[points.corners].tolist()
+            for number, weights, face in zip(of_size.tolist(), found, faces, strict=True):
+                node = nodes[number]
+                assert face == node.face
+                assert weights == (node.middle(place) if middle else node.corners[place])
 
 
 # Tests
