@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from .cell_store import CellStore, merged, some
 from .cells import cells_of_faces
-from .drawing import draw, face_counts, share_a_vertex, triangles_around
+from .drawing import draw, face_counts, triangles_around
 from .fits import Cells, Fit
 from .graph_bounds import graph_bounds
 from .limit_surface import limit_values
@@ -263,7 +263,7 @@ class _Planner:
         unbounded = np.flatnonzero(np.isinf(self._bounds.values) & (self.tree.first_child == NONE))
         wanted = self._fitted_since.values[unbounded]
         fitted = np.flatnonzero(self._fitted_since.values & (self.tree.first_child == NONE))
-        wanted[~wanted] = share_a_vertex(self.tree, unbounded[~wanted], fitted)
+        wanted[~wanted] = self.tree.share_a_vertex(unbounded[~wanted], fitted)
         self._fitted_since.values[:] = False
         wanted = unbounded[wanted]
         if len(wanted):

@@ -13,7 +13,7 @@ from .fits import Cells
 from .mesh import PolygonMesh
 from .patches import classify_patches, regular_nets
 from .polygon_cells import PolygonCells, TriangleCells
-from .quad_cells import CELLS_AT_ONCE, NetCells, RefinedCells, by_valence, extraordinary_cells
+from .quad_cells import CELLS_AT_ONCE, REFINED_AT_ONCE, NetCells, RefinedCells, by_valence, extraordinary_cells
 from .refinement import Refinement, split
 
 
@@ -28,5 +28,5 @@ def cells_of_faces(mesh: PolygonMesh) -> Iterator[Cells]:
             yield extraordinary_cells(mesh, kinds, valence, faces, faces)
     sizes = mesh.face_sizes[rest]
     for kind, of_kind in ((RefinedCells, sizes == 4), (TriangleCells, sizes == 3), (PolygonCells, sizes > 4)):
-        for faces in split(rest[of_kind], CELLS_AT_ONCE):
+        for faces in split(rest[of_kind], REFINED_AT_ONCE):
             yield kind(faces, Refinement.start(mesh, faces))

@@ -111,7 +111,7 @@ def triangles_around(
     than triangles and quads around it, which close up to a disc: not so on boundaries and infinitely sharp creases.
     """
     closed = _is_inside(tree)
-    nearby = np.flatnonzero(share_a_vertex(tree, leaves, leaves[wanted]))
+    nearby = np.flatnonzero(tree.share_a_vertex(leaves, leaves[wanted]))
     near, fit_near = leaves[nearby], fit.at(nearby)
     triangles, drawn = [np.zeros((0, 3), dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
     others = _polygons_of_faces(tree, near, transitions)
@@ -124,20 +124,6 @@ def triangles_around(
         else:
             closed[vertices] = False
     return np.concatenate(triangles), np.concatenate(drawn), closed
-
-
-def share_a_vertex(tree: Quadtree, leaves: IndexArray, others: IndexArray) -> BoolArray:
-    """(L,) the leaves that have a vertex of the others."""
-    marked = np.zeros(len(tree.vertex_edges), dtype=bool)
-    slots = tree.slots(others)
-    middles = tree.midpoints[tree.slot_edges[slots]]
-    marked[tree.slot_vertices[slots]] = True
-    marked[middles[tree.hanging(slots)]] = True
-    slots = tree.slots(leaves)
-    counts = tree.slot_counts(leaves)
-    middles = tree.midpoints[tree.slot_edges[slots]]
-    touched = marked[tree.slot_vertices[slots]] | (marked[middles] & (middles != NONE))
-    return np.logical_or.reduceat(touched, np.cumsum(counts) - counts)
 
 
 def _is_inside(tree: Quadtree) -> BoolArray:

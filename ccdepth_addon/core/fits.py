@@ -93,7 +93,8 @@ class Fit:
         if pattern == WHOLE:
             first = self.alternatives[chosen][None, :, None] == 0
             corners = np.where(first, points[:4], np.roll(points[:4], -1, axis=0))
-            self.folded[chosen] = is_folded(corners, np.eye(3)) | is_folded(corners, axes)
+            here = np.eye(3)
+            self.folded[chosen] = is_folded(corners, here, *([] if np.array_equal(axes, here) else [axes]))
 
 
 class Cells(Protocol):

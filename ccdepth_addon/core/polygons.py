@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from .mesh import FloatArray, IndexArray
 from .norms import cross_products, squared_norms
+from .products import product
 from .templates import templates
 
 # How far, in radians, the angles around the centroid may be from a full turn by rounding.
@@ -96,16 +97,20 @@ def thickness_of_quads(points: FloatArray, pattern: int, alternative: int, axes:
     return polygon_thickness(facets, bent, 4 * np.arange(len(corners)), axes, triangles)
 
 
-def is_folded(corners: FloatArray, axes: FloatArray) -> NDArray[np.bool_]:
-    """(P,) whether the triangles of quads (4, P, 3), split from corner 0, face apart or nearly.
+def is_folded(corners: FloatArray, *spaces: FloatArray) -> NDArray[np.bool_]:
+    """(P,) whether the triangles of quads (4, P, 3), split from corner 0, face apart or nearly, in any of the spaces.
 
-    axes: (3, 3), the columns are the axes of the space where that is asked, in coordinates of this one.
+    spaces: (3, 3) each, whose columns are the axes of a space where that is asked, in coordinates of this one.
     """
     a, b, c, d = corners
-    # What is at right angles to a plane goes from space to space by the transposed matrix, and a length.
-    first, second = cross_products(b - a, c - a) @ axes, cross_products(c - a, d - a) @ axes
-    cosines = np.einsum("ij,ij->i", first, second)
-    return cosines <= LEAST_COSINE * np.sqrt(squared_norms(first) * squared_norms(second))
+    first, second = cross_products(b - a, c - a), cross_products(c - a, d - a)
+    folded = np.zeros(len(a), dtype=bool)
+    for axes in spaces:
+        # What is at right angles to a plane goes from space to space by the transposed matrix, and a length.
+        one, other = product(axes.T, first.T).T, product(axes.T, second.T).T
+        cosines = np.einsum("ij,ij->i", one, other)
+        folded |= cosines <= LEAST_COSINE * np.sqrt(squared_norms(one) * squared_norms(other))
+    return folded
 
 
 def _unit(vectors: FloatArray) -> FloatArray:

@@ -16,11 +16,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from . import triangle_bounds
+from .coordinates import applied, chosen_vectors, coordinates_apart
 from .fits import HOPEFUL, Cells, Fit, Samples, in_turn, least_heights, triangle_normals
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from .polygons import thickness_of_quads
-from .products import product
 from .quadtree import Quadtree
 from .refined_bounds import template_misses
 from .refinement import Refinement
@@ -40,7 +40,10 @@ ROOM = 0.12
 
 PATTERN_BITS = np.array([1, 2, 4, 8])
 
-CELLS_AT_ONCE = 1 << 13
+# Cells with nets that are looked at together: enough of them that the threads seldom wait for the interpreter. Those
+# by refined meshes take so long that fewer are enough.
+CELLS_AT_ONCE = 1 << 15
+REFINED_AT_ONCE = 1 << 12
 
 
 def cells_of_refinement(nodes: IndexArray, refinement: Refinement) -> Iterator[Cells]:
@@ -75,7 +78,8 @@ def extraordinary_cells(
     mesh: PolygonMesh, kinds: PatchKinds, valence: int, faces: IndexArray, nodes: IndexArray
 ) -> NetCells:
     corners = kinds.extraordinary_corners[faces]
-    return NetCells(nodes, corners - mesh.face_starts[faces], extraordinary_nets(mesh, corners, valence), valence)
+    nets = coordinates_apart(extraordinary_nets(mesh, corners, valence))
+    return NetCells(nodes, corners - mesh.face_starts[faces], nets, valence)
 
 
 def _child_matrices() -> list[FloatArray]:
@@ -152,10 +156,10 @@ class QuadCells(ABC):
         for alternative, tried in in_turn(samples.whole, lambda: np.isinf(found.bounds[chosen])):
             tried = tried[samples.whole[alternative, tried] <= limit]
             if len(tried):
-                misses = self.at(tried).misses(pattern, alternative, points[:, tried], limit)
+                misses = self.at(tried).misses(pattern, alternative, chosen_vectors(points, tried), limit)
                 reached = misses.whole
                 if as_polygons:
-                    reached = reached + thickness_of_quads(points[:, tried], pattern, alternative, axes)
+                    reached = reached + thickness_of_quads(chosen_vectors(points, tried), pattern, alternative, axes)
                 within = np.flatnonzero(reached <= limit)
                 found.bounds[chosen[tried[within]]] = reached[within]
                 found.take(chosen[tried[within]], misses.at(within), alternative)
@@ -171,7 +175,9 @@ class QuadCells(ABC):
         for alternative, tried in in_turn(hopes, lambda: ~found.fits[chosen]):
             tried = tried[hopes[alternative, tried] <= HOPEFUL * limit]
             if len(tried):
-                misses = self.at(tried).misses_along(pattern, alternative, points[:, tried], HOPEFUL * limit)
+                misses = self.at(tried).misses_along(
+                    pattern, alternative, chosen_vectors(points, tried), HOPEFUL * limit
+                )
                 hopeful = samples.at(tried).hope(misses.normal, misses.tangential) <= HOPEFUL * limit
                 found.take(chosen[tried[hopeful]], misses.at(np.flatnonzero(hopeful)), alternative)
 
@@ -191,7 +197,8 @@ class NetCells(QuadCells):
     @staticmethod
     def bicubic(nodes: IndexArray, spline_nets: FloatArray) -> NetCells:
         """From B-spline nets (4, 4, P, 3)."""
-        return NetCells(nodes, np.zeros_like(nodes), patch_coefficients(spline_nets).reshape(16, -1, 3))
+        coefficients = coordinates_apart(patch_coefficients(spline_nets).reshape(16, -1, 3))
+        return NetCells(nodes, np.zeros_like(nodes), coefficients)
 
     @staticmethod
     def joined(blocks: list[NetCells]) -> NetCells:
@@ -206,20 +213,20 @@ class NetCells(QuadCells):
         )
 
     def at(self, chosen: IndexArray) -> NetCells:
-        return NetCells(self.nodes[chosen], self.slots[chosen], self.nets.take(chosen, axis=1), self.valence)
+        return NetCells(self.nodes[chosen], self.slots[chosen], chosen_vectors(self.nets, chosen), self.valence)
 
     def children(self, tree: Quadtree) -> Iterator[Cells]:
         first = tree.first_child[self.nodes]
         zeros = np.zeros_like(first)
         if self.valence == 4:
             for slot, matrix in enumerate(CHILD_MATRICES):
-                yield NetCells(first + slot, zeros, _apply(matrix, self.nets))
+                yield NetCells(first + slot, zeros, applied(matrix, self.nets))
             return
         stencils = patch_stencils(self.valence)
-        yield NetCells(first + self.slots, zeros, _apply(stencils.refined, self.nets), self.valence)
+        yield NetCells(first + self.slots, zeros, applied(stencils.refined, self.nets), self.valence)
         for turn in (1, 2, 3):
             matrix = TO_BERNSTEIN @ stencils.regular[16 * (turn - 1) : 16 * turn]
-            yield NetCells(first + (self.slots + turn) % 4, zeros, _apply(matrix, self.nets))
+            yield NetCells(first + (self.slots + turn) % 4, zeros, applied(matrix, self.nets))
 
     def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
         turns = TURNS[_patterns(hanging, self.slots)]
@@ -230,10 +237,10 @@ class NetCells(QuadCells):
 
     def _turned(self, turns: NDArray[np.int8]) -> NetCells:
         """Bicubic quads counted from other slots, (P,) turns further on."""
-        nets = self.nets.copy()
+        nets = self.nets.copy("K")
         for turn in (1, 2, 3):
             chosen = np.flatnonzero(turns == turn)
-            nets[:, chosen] = self.nets[:, chosen].take(TURNED_COEFFICIENTS[turn], axis=0)
+            nets[:, chosen] = chosen_vectors(self.nets, chosen).take(TURNED_COEFFICIENTS[turn], axis=0)
         return NetCells(self.nodes, (self.slots + turns) % 4, nets, self.valence)
 
     def turns(self) -> IndexArray:
@@ -241,8 +248,8 @@ class NetCells(QuadCells):
 
     def points(self) -> FloatArray:
         if self.valence == 4:
-            return _apply(triangle_bounds.regular_points(), self.nets)
-        return _apply(triangle_bounds.extraordinary_points(self.valence), self.nets)
+            return applied(triangle_bounds.regular_points(), self.nets)
+        return applied(triangle_bounds.extraordinary_points(self.valence), self.nets)
 
     def misses(self, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
         """Looked at twice where that decides."""
@@ -250,7 +257,10 @@ class NetCells(QuadCells):
         misses = self._misses_once(pattern, alternative, normals, fine=False)
         doubtful = np.flatnonzero((misses.whole > limit) & (misses.whole <= WORTH_A_SECOND_LOOK * limit))
         if len(doubtful):
-            misses.put(doubtful, self.at(doubtful)._misses_once(pattern, alternative, normals[:, doubtful], fine=True))
+            misses.put(
+                doubtful,
+                self.at(doubtful)._misses_once(pattern, alternative, chosen_vectors(normals, doubtful), fine=True),
+            )
         return misses
 
     def misses_along(self, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
@@ -264,8 +274,18 @@ class NetCells(QuadCells):
         crowded = misses.normal + misses.tangential > ROOM * least_heights(points, template)
         doubtful = np.flatnonzero(crowded | (misses.normal > limit / 2))
         if len(doubtful):
-            misses.put(doubtful, self.at(doubtful)._misses_once(pattern, alternative, normals[:, doubtful], fine=True))
+            misses.put(
+                doubtful,
+                self.at(doubtful)._misses_once(pattern, alternative, chosen_vectors(normals, doubtful), fine=True),
+            )
         return misses
+
+    def _look_again(
+        self, misses: Misses, doubtful: IndexArray, pattern: int, alternative: int, normals: FloatArray
+    ) -> None:
+        """Find the misses of doubtful ones anew, finely."""
+        normals = chosen_vectors(normals, doubtful)
+        misses.put(doubtful, self.at(doubtful)._misses_once(pattern, alternative, normals, fine=True))
 
     def _misses_once(self, pattern: int, alternative: int, normals: FloatArray, *, fine: bool) -> Misses:
         if self.valence == 4:
@@ -307,11 +327,6 @@ class RefinedCells(QuadCells):
         return template_misses(self.refinement.refined(), points, (pattern, alternative), normals, limit, room)
 
 
-def _apply(matrix: FloatArray, nets: FloatArray) -> FloatArray:
-    """(rows, P, 3): a matrix (rows, N) applied to nets (N, P, 3)."""
-    return product(matrix, nets.reshape(len(nets), -1)).reshape(len(matrix), -1, 3)
-
-
 def _patterns(hanging: BoolArray, turns: IndexArray) -> NDArray[np.int8]:
     """(P,) the patterns of quads, counted from slot ``turns`` on."""
     sides = hanging.reshape(-1, 4)
@@ -330,4 +345,4 @@ def _points_of_quads(refinement: Refinement, corners: FloatArray) -> FloatArray:
     """(9, P, 3): the points of quads and their centres, from the limits at their corners (4P, 3)."""
     middles, centres = refinement.limits_inside()
     by_quad = [corners.reshape(-1, 4, 3), middles.reshape(-1, 4, 3), centres.reshape(-1, 4, 3)[:, :1]]
-    return np.ascontiguousarray(np.concatenate(by_quad, axis=1).swapaxes(0, 1))
+    return coordinates_apart(np.concatenate(by_quad, axis=1).swapaxes(0, 1))

@@ -29,6 +29,9 @@ NONE = -1
 
 GROWTH = 1.5
 
+# What is made on the way for so many nodes stays in the processor's cache.
+NODES_AT_ONCE = 1 << 13
+
 # The state of an edge.
 SPLIT, SPLIT_TWICE = np.uint8(1), np.uint8(2)
 
@@ -52,6 +55,11 @@ class Column:
             self._room = grown
         self._room[self._count : needed] = more
         self._count = needed
+
+
+def _parts(count: int) -> Iterator[slice]:
+    """All of so many nodes, some at a time."""
+    return (slice(start, start + NODES_AT_ONCE) for start in range(0, count, NODES_AT_ONCE))
 
 
 class Quadtree:
@@ -167,13 +175,30 @@ class Quadtree:
 
     def sides(self, nodes: IndexArray) -> tuple[NDArray[np.int32], BoolArray]:
         """(nodes,) each: how many sides are split, and whether half of one is split again."""
-        counts = self.slot_counts(nodes)
-        states = self._edge_states.values[self.slot_edges[self.slots(nodes)]]
-        starts = np.cumsum(counts) - counts
-        if not len(starts):
-            return np.zeros(0, dtype=np.int32), np.zeros(0, dtype=bool)
-        split_sides = np.add.reduceat(states & SPLIT, starts, dtype=np.int32)
-        return split_sides, np.bitwise_or.reduceat(states, starts) >= SPLIT_TWICE
+        split_sides, deeper = np.zeros(len(nodes), dtype=np.int32), np.zeros(len(nodes), dtype=bool)
+        for part in _parts(len(nodes)):
+            counts = self.slot_counts(nodes[part])
+            states = self._edge_states.values[self.slot_edges[self.slots(nodes[part])]]
+            starts = np.cumsum(counts) - counts
+            split_sides[part] = np.add.reduceat(states & SPLIT, starts, dtype=np.int32)
+            deeper[part] = np.bitwise_or.reduceat(states, starts) >= SPLIT_TWICE
+        return split_sides, deeper
+
+    def share_a_vertex(self, leaves: IndexArray, others: IndexArray) -> BoolArray:
+        """(leaves,) those that have a vertex of the others, the middles of split sides included."""
+        marked = np.zeros(len(self.vertex_edges), dtype=bool)
+        for part in _parts(len(others)):
+            slots = self.slots(others[part])
+            middles = self.midpoints[self.slot_edges[slots]]
+            marked[self.slot_vertices[slots]] = True
+            marked[middles[middles != NONE]] = True
+        found = np.zeros(len(leaves), dtype=bool)
+        for part in _parts(len(leaves)):
+            slots, counts = self.slots(leaves[part]), self.slot_counts(leaves[part])
+            middles = self.midpoints[self.slot_edges[slots]]
+            touched = marked[self.slot_vertices[slots]] | (marked[middles] & (middles != NONE))
+            found[part] = np.logical_or.reduceat(touched, np.cumsum(counts) - counts)
+        return found
 
     def leaves_beside(self, nodes: IndexArray) -> IndexArray:
         """The leaves any of whose sides may have been split along with nodes, each once, in ascending order.
@@ -182,12 +207,13 @@ class Quadtree:
         changes by that only where a side of the leaf is one of these or has one of these for a half; or where the leaf
         is new.
         """
-        edges = self.slot_edges[self.slots(nodes)]
-        parents = self._edge_parents.values[edges]
         beside = np.zeros(len(self.first_child), dtype=bool)
-        beside[self._owners(self._slots_along(edges))] = True
-        beside[self._owners(self._slots_along(parents[parents != NONE]))] = True
-        beside[self._children(nodes)] = True
+        for part in _parts(len(nodes)):
+            edges = self.slot_edges[self.slots(nodes[part])]
+            parents = self._edge_parents.values[edges]
+            beside[self._owners(self._slots_along(edges))] = True
+            beside[self._owners(self._slots_along(parents[parents != NONE]))] = True
+            beside[self._children(nodes[part])] = True
         found = np.flatnonzero(beside)
         return found[self.first_child[found] == NONE]
 
@@ -214,6 +240,10 @@ class Quadtree:
 
     def split(self, nodes: IndexArray) -> None:
         """Split leaves, each once."""
+        for part in _parts(len(nodes)):
+            self._split(nodes[part])
+
+    def _split(self, nodes: IndexArray) -> None:
         counts = self.slot_counts(nodes)
         starts = np.cumsum(counts) - counts
         places = np.arange(counts.sum()) - np.repeat(starts, counts)

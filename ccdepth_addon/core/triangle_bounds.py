@@ -23,9 +23,9 @@ from math import factorial
 import numpy as np
 
 from .bounds import certified_limit_factor
+from .coordinates import applied
 from .mesh import FloatArray, IndexArray
 from .norms import second_differences
-from .products import product
 from .splines import SPLINE_TO_BERNSTEIN, bilinear_coefficients, tensor
 from .stencils import patch_stencils
 from .templates import QUAD_POINTS, Template, templates
@@ -46,7 +46,7 @@ COARSE_LEVELS = 2
 FINE_LEVELS = 5
 
 # Coefficients, as numbers, that are looked at together, and quads at least.
-VALUES_AT_ONCE = 1 << 17
+VALUES_AT_ONCE = 1 << 18
 FEWEST_AT_ONCE = 64
 
 
@@ -143,12 +143,12 @@ class Misses:
 
     @staticmethod
     def of(vectors: FloatArray, triangles: IndexArray, normals: FloatArray) -> Misses:
-        """Of vectors (R, 3, P) that belong to triangles, in ascending order, with unit normals (T, P, 3)."""
-        largest = np.zeros((3, vectors.shape[2]))
+        """Of vectors (R, P, 3) that belong to triangles, in ascending order, with unit normals (T, P, 3)."""
+        largest = np.zeros((3, vectors.shape[1]))
         starts = np.flatnonzero(np.diff(triangles, prepend=-1))
         for start, end in pairwise([*starts.tolist(), len(triangles)]):
-            x, y, z = vectors[start:end].swapaxes(0, 1)
-            normal_x, normal_y, normal_z = np.ascontiguousarray(normals[triangles[start]].T)
+            x, y, z = np.moveaxis(vectors[start:end], 2, 0)
+            normal_x, normal_y, normal_z = normals[triangles[start]].T
             along = x * normal_x
             along += y * normal_y
             along += z * normal_z
@@ -305,10 +305,7 @@ def regular_misses(rows: Rows, coefficients: FloatArray, normals: FloatArray) ->
     """‖S - T‖ at most, for Bernstein coefficients (16, P, 3) and the triangles' normals (T, P, 3)."""
     blocks = _blocks(len(rows.matrix), coefficients.shape[1])
     return Misses.joined(
-        [
-            Misses.of(_applied(rows.matrix, coefficients[:, block]), rows.triangles, normals[:, block])
-            for block in blocks
-        ]
+        [Misses.of(applied(rows.matrix, coefficients[:, block]), rows.triangles, normals[:, block]) for block in blocks]
     )
 
 
@@ -321,9 +318,9 @@ def extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: Flo
 def _extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> Misses:
     """At the vertex S - B is within a factor of the second differences; so is each component of it within theirs."""
     valence = (len(nets) - 8) // 2
-    pieces = Misses.of(_applied(rows.pieces.matrix, nets), rows.pieces.triangles, normals)
-    differences = _applied(rows.differences, nets)
-    left = Misses.of(_applied(rows.last.matrix, nets), rows.last.triangles, normals)
+    pieces = Misses.of(applied(rows.pieces.matrix, nets), rows.pieces.triangles, normals)
+    differences = applied(rows.differences, nets)
+    left = Misses.of(applied(rows.last.matrix, nets), rows.last.triangles, normals)
     at_vertex = Misses(*(np.zeros(nets.shape[1]) for _ in range(3)))
     for triangle in np.unique(rows.last.triangles).tolist():
         own = np.full(len(differences), triangle)
@@ -336,9 +333,3 @@ def _blocks(rows: int, count: int) -> list[slice]:
     """The quads in blocks whose coefficients stay in the processor's cache."""
     at_once = max(FEWEST_AT_ONCE, VALUES_AT_ONCE // (3 * rows))
     return [slice(start, start + at_once) for start in range(0, count, at_once)]
-
-
-def _applied(matrix: FloatArray, nets: FloatArray) -> FloatArray:
-    """(R, 3, P): a matrix (R, N) applied to nets (N, P, 3); coordinate by coordinate, which is faster to go on with."""
-    apart = np.ascontiguousarray(nets.swapaxes(1, 2))
-    return product(matrix, apart.reshape(len(nets), -1)).reshape(len(matrix), 3, -1)
