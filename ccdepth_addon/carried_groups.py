@@ -48,6 +48,8 @@ def write_groups(
     A vertex belongs to a group when one of the base's vertices with a say in it does.
     """
     holder.vertex_groups.clear()
+    if not groups.names:
+        return
     members, numbers, weights = _read_weights(base)
     for number, (name, lock) in enumerate(zip(groups.names, groups.locks, strict=True)):
         chosen = numbers == number
@@ -57,8 +59,7 @@ def write_groups(
         found = at_vertices(control, values, subdivided)
         _write_group(holder, name, found[:, 0], found[:, 1] > 0)
         holder.vertex_groups[-1].lock_weight = lock
-    if groups.names:
-        holder.vertex_groups.active_index = groups.active
+    holder.vertex_groups.active_index = groups.active
 
 
 def _read_weights(base: bpy.types.Mesh) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:

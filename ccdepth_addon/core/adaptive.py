@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from .cell_store import CellStore, merged, some
 from .cells import cells_of_faces
-from .drawing import draw, face_counts, triangles_around
+from .drawing import compact, draw, face_counts, triangles_around
 from .fits import Cells, Fit
 from .graph_bounds import graph_bounds
 from .limit_surface import limit_values
@@ -284,23 +284,22 @@ class _Planner:
     def _find_graph_bounds(self, wanted: IndexArray) -> None:
         """Find those of the wanted leaves."""
         leaves = self._leaves_around(wanted)
+        leaves = leaves[self.tree.share_a_vertex(leaves, wanted)]
+        triangles, drawn, closed = triangles_around(self.tree, leaves, self.fit_of(leaves), self._request.transitions)
+        used, triangles = compact(triangles, len(self.tree.vertex_edges))
+        nodes = leaves[drawn]
         is_wanted = np.zeros(len(self.tree.first_child), dtype=bool)
         is_wanted[wanted] = True
-        triangles, drawn, closed = triangles_around(
-            self.tree, leaves, self.fit_of(leaves), self._request.transitions, is_wanted[leaves]
-        )
-        shape = triangles.shape
-        used, triangles = np.unique(triangles, return_inverse=True)
-        nodes = leaves[drawn]
         found = graph_bounds(
             self._positions_of(used),
-            triangles.reshape(shape),
+            triangles,
             self._normal.values[nodes],
             self._tangential.values[nodes],
             closed[used],
+            is_wanted[nodes],
         )
         self._graph_bounds.values[wanted] = 0.0
-        np.maximum.at(self._graph_bounds.values, nodes, np.where(is_wanted[nodes], found, 0.0))
+        np.maximum.at(self._graph_bounds.values, nodes[is_wanted[nodes]], found)
 
     def _positions_of(self, vertices: IndexArray) -> FloatArray:
         """(…, 3) where vertices of the tree lie on the surface, each found once."""

@@ -102,7 +102,7 @@ def merged(cells: Iterable[Cells]) -> Iterator[Cells]:
             continue
         waiting.setdefault(block.valence, []).append(block)
         counts[block.valence] += len(block.nodes)
-        if counts[block.valence] >= CELLS_AT_ONCE:
+        if counts[block.valence] >= CELLS_AT_ONCE / 2:
             yield NetCells.joined(waiting.pop(block.valence))
             counts[block.valence] = 0
     for same in waiting.values():

@@ -101,26 +101,22 @@ def face_counts(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Trans
 
 
 def triangles_around(
-    tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions, wanted: BoolArray
+    tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions
 ) -> tuple[IndexArray, IndexArray, BoolArray]:
-    """The triangles that are drawn at the vertices of the wanted ones, (L,) bool, among leaves (L,).
-
-    leaves: all that have a vertex of the wanted ones, and maybe others.
+    """The triangles that are drawn for some leaves (L,).
 
     Returns (T, 3) vertices of the tree, (T,) the leaf of each as a place, and (V,) whether a vertex has no other faces
     than triangles and quads around it, which close up to a disc: not so on boundaries and infinitely sharp creases.
     """
     closed = _is_inside(tree)
-    nearby = np.flatnonzero(tree.share_a_vertex(leaves, leaves[wanted]))
-    near, fit_near = leaves[nearby], fit.at(nearby)
     triangles, drawn = [np.zeros((0, 3), dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
-    others = _polygons_of_faces(tree, near, transitions)
-    of_faces = ((np.stack([*block.vertices(tree, near)], axis=1), block.leaves) for block in others)
-    of_quads = (_as_triangles(tree, near, block) for block in _polygons_of_quads(tree, near, fit_near, transitions))
+    others = _polygons_of_faces(tree, leaves, transitions)
+    of_faces = ((np.stack([*block.vertices(tree, leaves)], axis=1), block.leaves) for block in others)
+    of_quads = (_as_triangles(tree, leaves, block) for block in _polygons_of_quads(tree, leaves, fit, transitions))
     for vertices, of_leaves in chain(of_faces, of_quads):
         if vertices.shape[1] == 3:
             triangles.append(vertices)
-            drawn.append(nearby[of_leaves])
+            drawn.append(of_leaves)
         else:
             closed[vertices] = False
     return np.concatenate(triangles), np.concatenate(drawn), closed
@@ -214,7 +210,7 @@ def _assembled(
         for number, values in enumerate(block.vertices(tree, leaves)):
             vertices[first + number] = values
     loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
-    used, corner_vertices = _compact(vertices, loose, len(tree.vertex_edges))
+    used, corner_vertices = compact(vertices, len(tree.vertex_edges), loose)
     del vertices
     edges = _edges(tree, _sides(tree, polygons, leaves, firsts), used, starts, corner_vertices)
     mesh = SubdividedMesh(
@@ -280,11 +276,13 @@ def _positions(tree: Quadtree, used: IndexArray, positions: FloatArray) -> Float
     return found
 
 
-def _compact(vertices: IndexArray, loose: IndexArray, count: int) -> tuple[IndexArray, IndexArray]:
-    """The vertices that are used, and the loose ones, in ascending order; the used ones numbered by them."""
+def compact(vertices: IndexArray, count: int, others: IndexArray | None = None) -> tuple[IndexArray, IndexArray]:
+    """Those of so many vertices that are used, or among the others, in ascending order; and the used ones numbered by
+    that, in the shape they were given in."""
     is_used = np.zeros(count, dtype=bool)
     is_used[vertices] = True
-    is_used[loose] = True
+    if others is not None:
+        is_used[others] = True
     return np.flatnonzero(is_used), (np.cumsum(is_used) - 1)[vertices]
 
 

@@ -29,12 +29,17 @@ ROUNDING = 1e-9
 
 
 def graph_bounds(
-    positions: FloatArray, triangles: IndexArray, normal: FloatArray, tangential: FloatArray, closed: NDArray[np.bool_]
+    positions: FloatArray,
+    triangles: IndexArray,
+    normal: FloatArray,
+    tangential: FloatArray,
+    closed: NDArray[np.bool_],
+    wanted: NDArray[np.bool_],
 ) -> FloatArray:
-    """(T,) float64: the distance of each triangle in both directions, at most; inf where the conditions do not hold.
+    """The distance of each wanted triangle in both directions, float64, at most; inf where the conditions do not hold.
 
     positions: (V, 3); triangles: (T, 3); normal, tangential: (T,), how far each is off the surface at equal parameters,
-    at most. closed: (V,) whether all the triangles around a vertex are there and close up to a disc.
+    at most. closed: (V,) whether all the triangles around a vertex are there and close up to a disc. wanted: (T,).
     """
     sides: FloatArray = positions[np.roll(triangles, -1, axis=1)]
     sides -= positions[triangles]
@@ -48,17 +53,23 @@ def graph_bounds(
     with np.errstate(divide="ignore", invalid="ignore"):
         axes = axes / np.sqrt(squared_norms(axes))[:, None]
 
-    # (T, 3) from here on: for each triangle, what is so around each of its vertices. Comparisons are made so that what
-    # is not a number meets no condition.
+    # (T, 3): for each triangle, what is so at each of its corners.
     tilts = _angles(np.einsum("ti,tki->tk", normals, axes[triangles]))
-    tilt = _largest_at(triangles, tilts, len(positions))[triangles] + tilts + ROUNDING
-    turns = np.bincount(triangles.ravel(), _corner_angles(sides).ravel(), len(positions))[triangles]
-    width = -_largest_at(triangles, -heights, len(positions))[triangles]
-    off_normal = _largest_at(triangles, np.repeat(normal, 3), len(positions))[triangles]
-    off_across = _largest_at(triangles, np.repeat(tangential, 3), len(positions))[triangles]
-
+    angles = _corner_angles(sides)
+    around = (
+        _largest_at(triangles, tilts, len(positions)),
+        np.bincount(triangles.ravel(), angles.ravel(), len(positions)),
+        -_largest_at(triangles, -heights, len(positions)),
+        _largest_at(triangles, np.repeat(normal, 3), len(positions)),
+        _largest_at(triangles, np.repeat(tangential, 3), len(positions)),
+    )
+    # And for each that is wanted, what is so around each of its vertices. Comparisons are made so that what is not a
+    # number meets no condition.
+    own = triangles[wanted]
+    largest_tilt, turns, width, off_normal, off_across = (values[own] for values in around)
+    tilt = largest_tilt + tilts[wanted] + ROUNDING
     cosines = np.cos(np.minimum(tilt, np.pi / 2))
-    holds = (cosines > LEAST_COSINE) & closed[triangles]
+    holds = (cosines > LEAST_COSINE) & closed[own]
     holds &= turns < 4 * np.pi * cosines * (1 - ROUNDING)
     holds &= off_across + off_normal < cosines * width / 3 * (1 - ROUNDING)
     cosines = np.where(holds, cosines, 1.0)

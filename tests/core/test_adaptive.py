@@ -291,14 +291,12 @@ def assert_fitted_as_it_is(tree: Quadtree, leaves: IndexArray, fit: Fit) -> None
 def assert_bounded_as_it_is(tree: Quadtree, leaves: IndexArray, fit: Fit, limit: float) -> None:
     """A bound is one at equal parameters, which is between the parts along and across normals and their sum, or comes
     from the neighbours."""
-    triangles, of_leaves, closed = triangles_around(
-        tree, leaves, fit, Transitions.TRIANGLES, np.ones(len(leaves), dtype=bool)
-    )
+    triangles, of_leaves, closed = triangles_around(tree, leaves, fit, Transitions.TRIANGLES)
     points = np.zeros((len(tree.vertex_edges), 3))
     used = np.unique(triangles)
     points[used] = limit_values(tree.mesh, tree.mesh.positions, tree.vertex_points.at(used))
     along = np.zeros(len(leaves))
-    found = graph_bounds(points, triangles, fit.normal[of_leaves], fit.tangential[of_leaves], closed)
+    found = graph_bounds(points, triangles, fit.normal[of_leaves], fit.tangential[of_leaves], closed, of_leaves >= 0)
     np.maximum.at(along, of_leaves, found)
     least, most = np.maximum(fit.normal, fit.tangential), np.hypot(fit.normal, fit.tangential)
     at_equal_parameters = (fit.bounds >= least * (1 - SAME)) & (fit.bounds <= most * (1 + SAME))
