@@ -10,7 +10,7 @@ that near to the surface, and every point of the surface that near to the mesh (
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from dataclasses import dataclass, fields
 from dataclasses import field as dataclass_field
 from enum import StrEnum
@@ -18,7 +18,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from .cell_store import CellStore, merged, some
+from .cell_store import CellStore, in_blocks, some, trimmed
 from .cells import cells_of_faces
 from .drawing import compact, draw, face_counts, triangles_around
 from .fits import Cells, Fit
@@ -26,6 +26,7 @@ from .graph_bounds import graph_bounds
 from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .parallel import in_parallel
+from .quad_cells import CELLS_AT_ONCE
 from .quadtree import NONE, Column, Quadtree
 from .subdivided_mesh import SubdividedMesh
 from .templates import Transitions
@@ -148,7 +149,7 @@ class _Planner:
 
     def settle(self) -> Generator[int, None, None]:
         """Find the whole tree."""
-        yield from self.grow(cells_of_faces(self.tree.mesh))
+        yield from self.grow([cells] for cells in cells_of_faces(self.tree.mesh))
         if self._request.mode is Mode.PER_FACE:
             yield from self.level_faces()
         yield from self.settle_neighbours()
@@ -162,14 +163,17 @@ class _Planner:
         ):
             yield from self.split(wanted)
 
-    def grow(self, frontier: Iterator[Cells]) -> Generator[int, None, None]:
+    def grow(self, families: Iterator[Iterable[Cells]]) -> Generator[int, None, None]:
         """Fit the cells of new leaves, and split what does not fit, level by level."""
         self._extend()
         while True:
             unfit: list[Cells] = []
-            for result in in_parallel(self._fit_whole, self._leaves_among(frontier, unfit)):
+            for result in in_parallel(self._fit_new, families):
                 if result is not None:
-                    unfit += self._sort_out(*result)
+                    kept, others = result
+                    for cells, fits in kept:
+                        self._cells.put(cells, fits)
+                    unfit += others
                 yield len(self.tree.first_child) // 4 * 3
             if not unfit:
                 return
@@ -177,7 +181,11 @@ class _Planner:
             nodes = nodes[self.tree.first_child[nodes] == NONE]
             self._refuse_too_many(nodes)
             self._split_nodes(nodes)
-            frontier = merged(child for cells in unfit for child in cells.children(self.tree))
+            families = self._families(unfit)
+
+    def _families(self, parents: Iterable[Cells]) -> Iterator[Iterable[Cells]]:
+        """The children of cells, as many together as are worth a thread's while."""
+        return (cells.children(self.tree) for cells in in_blocks(parents, CELLS_AT_ONCE // 4))
 
     def split(self, wanted: IndexArray) -> Generator[int, None, None]:
         """Split the wanted leaves, and all that gets out of balance by that."""
@@ -187,19 +195,12 @@ class _Planner:
             parents += self._cells.take(wanted)
             self._split_nodes(wanted)
             wanted = self.unbalanced()
-        yield from self.grow(merged(child for cells in parents for child in cells.children(self.tree)))
+        yield from self.grow(self._families(parents))
 
     def _split_nodes(self, nodes: IndexArray) -> None:
         self.tree.split(nodes)
         self._extend()
         self._split_since.append(nodes)
-
-    def _leaves_among(self, frontier: Iterator[Cells], others: list[Cells]) -> Iterator[Cells]:
-        """The cells of leaves; those of nodes that are split already are put with the others."""
-        for cells in frontier:
-            is_leaf = self.tree.first_child[cells.nodes] == NONE
-            others += some(cells, ~is_leaf)
-            yield from some(cells, is_leaf)
 
     def level_faces(self) -> Generator[int, None, None]:
         """Split every face of the control mesh to the level of its deepest leaf."""
@@ -248,9 +249,8 @@ class _Planner:
         more = counts != self._split_sides.values[leaves]
         pending = leaves[more]
         self._split_sides.values[pending] = counts[more]
-        for result in in_parallel(self._fit_as_split, merged(self._cells.of(pending))):
-            if result is not None:
-                self._record(*result)
+        for _ in in_parallel(self._fit_as_split, in_blocks(self._cells.of(pending))):
+            pass
         return pending[np.isinf(self._normal.values[pending])]
 
     def fit_along_surface(self) -> IndexArray:
@@ -321,23 +321,32 @@ class _Planner:
         np.minimum(fit.bounds, self._graph_bounds.values[leaves], out=fit.bounds)
         return fit
 
-    def _fit_whole(self, cells: Cells) -> tuple[Cells, Fit]:
-        slots = self.tree.slot_counts(cells.nodes).sum()
-        return cells, self._fit(cells, np.zeros(slots, dtype=bool))
+    def _fit_new(self, cells: Iterable[Cells]) -> tuple[list[tuple[Cells, BoolArray]], list[Cells]]:
+        """Fit and record the cells of new leaves, with their sides whole: cells and which of them are kept; and those
+        that do not fit, or whose nodes are split already.
 
-    def _fit_as_split(self, cells: Cells) -> tuple[Cells, Fit]:
-        return cells, self._fit(cells, self.tree.hanging(self.tree.slots(cells.nodes)))
+        On any thread: no other has the same nodes.
+        """
+        kept: list[tuple[Cells, BoolArray]] = []
+        others: list[Cells] = []
+        for block in in_blocks(cells):
+            is_leaf = self.tree.first_child[block.nodes] == NONE
+            others += some(block, ~is_leaf)
+            for leaves in some(block, is_leaf):
+                fit = self._fit(leaves, np.zeros(self.tree.slot_counts(leaves.nodes).sum(), dtype=bool))
+                self._record(leaves, fit)
+                fits = fit.fits
+                fits &= self.tree.levels[leaves.nodes] >= self._least_levels[self.tree.base_faces[leaves.nodes]]
+                kept.append(trimmed(leaves, fits))
+                others += some(leaves, ~fits)
+        return kept, others
+
+    def _fit_as_split(self, cells: Cells) -> None:
+        """Fit and record cells with those sides split that are; on any thread."""
+        self._record(cells, self._fit(cells, self.tree.hanging(self.tree.slots(cells.nodes))))
 
     def _fit(self, cells: Cells, hanging: BoolArray) -> Fit:
         return cells.fit(hanging, self._request.transitions, self._limit, self._request.axes)
-
-    def _sort_out(self, cells: Cells, fit: Fit) -> list[Cells]:
-        """Keep the cells that fit; the others."""
-        self._record(cells, fit)
-        fits = fit.fits
-        fits &= self.tree.levels[cells.nodes] >= self._least_levels[self.tree.base_faces[cells.nodes]]
-        self._cells.put(cells, fits)
-        return some(cells, ~fits)
 
     def _record(self, cells: Cells, fit: Fit) -> None:
         for column, field in zip(self._fits, fields(Fit), strict=True):

@@ -36,11 +36,10 @@ class CellStore:
 
     def put(self, cells: Cells, wanted: NDArray[np.bool_]) -> None:
         """Keep the wanted of some cells, whose nodes have none here."""
+        cells, wanted = trimmed(cells, wanted)
         places = np.flatnonzero(wanted)
         if not len(places):
             return
-        if len(places) < LEAST_PART * len(wanted):
-            cells, places = cells.at(places), np.arange(len(places))
         self._numbers.values[cells.nodes[places]] = len(self._blocks)
         self._places.values[cells.nodes[places]] = places
         self._blocks.append(cells)
@@ -90,8 +89,16 @@ def some(cells: Cells, wanted: NDArray[np.bool_]) -> list[Cells]:
     return [cells.at(chosen)] if len(chosen) else []
 
 
-def merged(cells: Iterable[Cells]) -> Iterator[Cells]:
-    """The same cells in larger blocks where they are of one kind."""
+def trimmed(cells: Cells, wanted: NDArray[np.bool_]) -> tuple[Cells, NDArray[np.bool_]]:
+    """The wanted cells alone, where they are less than a good part of all, and which are wanted then."""
+    places = np.flatnonzero(wanted)
+    if len(places) >= LEAST_PART * len(wanted):
+        return cells, wanted
+    return cells.at(places), np.ones(len(places), dtype=bool)
+
+
+def in_blocks(cells: Iterable[Cells], at_once: int = CELLS_AT_ONCE) -> Iterator[Cells]:
+    """The same cells; those with nets in blocks of about so many of one kind."""
     waiting: dict[int, list[NetCells]] = {}
     counts = Counter[int]()
     for block in cells:
@@ -102,8 +109,17 @@ def merged(cells: Iterable[Cells]) -> Iterator[Cells]:
             continue
         waiting.setdefault(block.valence, []).append(block)
         counts[block.valence] += len(block.nodes)
-        if counts[block.valence] >= CELLS_AT_ONCE / 2:
-            yield NetCells.joined(waiting.pop(block.valence))
+        if counts[block.valence] >= at_once / 2:
+            yield from _cut(NetCells.joined(waiting.pop(block.valence)), at_once)
             counts[block.valence] = 0
     for same in waiting.values():
         yield NetCells.joined(same)
+
+
+def _cut(cells: NetCells, at_once: int) -> Iterator[NetCells]:
+    """Cells in blocks of at most half as many again, or else about as many."""
+    if len(cells.nodes) <= 1.5 * at_once:
+        yield cells
+        return
+    for chosen in np.array_split(np.arange(len(cells.nodes)), round(len(cells.nodes) / at_once)):
+        yield cells.at(chosen)
