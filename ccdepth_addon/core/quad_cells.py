@@ -257,10 +257,7 @@ class NetCells(QuadCells):
         misses = self._misses_once(pattern, alternative, normals, fine=False)
         doubtful = np.flatnonzero((misses.whole > limit) & (misses.whole <= WORTH_A_SECOND_LOOK * limit))
         if len(doubtful):
-            misses.put(
-                doubtful,
-                self.at(doubtful)._misses_once(pattern, alternative, chosen_vectors(normals, doubtful), fine=True),
-            )
+            self._look_again(misses, doubtful, pattern, alternative, normals)
         return misses
 
     def misses_along(self, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
@@ -274,10 +271,7 @@ class NetCells(QuadCells):
         crowded = misses.normal + misses.tangential > ROOM * least_heights(points, template)
         doubtful = np.flatnonzero(crowded | (misses.normal > limit / 2))
         if len(doubtful):
-            misses.put(
-                doubtful,
-                self.at(doubtful)._misses_once(pattern, alternative, chosen_vectors(normals, doubtful), fine=True),
-            )
+            self._look_again(misses, doubtful, pattern, alternative, normals)
         return misses
 
     def _look_again(
