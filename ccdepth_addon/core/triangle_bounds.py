@@ -28,7 +28,7 @@ from .mesh import FloatArray, IndexArray
 from .norms import second_differences
 from .splines import SPLINE_TO_BERNSTEIN, bilinear_coefficients, tensor
 from .stencils import patch_stencils
-from .templates import QUAD_POINTS, Template, templates
+from .templates import QUAD_POINTS, templates
 
 DEGREE = 6
 
@@ -103,16 +103,14 @@ def _barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
     return np.column_stack([points, np.ones(len(points))]) @ np.linalg.inv(square)
 
 
-def _error_rows(
-    part: FloatArray, square: Square, surface: FloatArray, triangle: FloatArray, vertices: FloatArray
-) -> FloatArray:
-    """(28, N): the coefficients of S - T over a part (3, 2) of a triangle (3, 2), as functionals of N control points.
+def _functionals(part: FloatArray, square: Square, triangle: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(28, 16) and (28, 3): the coefficients of S and of T over a part (3, 2) of a triangle (3, 2).
 
-    surface: (16, N), S over the square that holds the part; vertices: (3, N), T at the triangle's vertices.
+    S by its Bernstein coefficients over the square that holds the part, T by its values at the triangle's vertices.
     """
     points = _domain() @ part
-    values = _values_to_coefficients() @ _bicubic_basis(square.from_parent(points)) @ surface
-    return values - _barycentric(triangle, points) @ vertices
+    of_surface = _values_to_coefficients() @ _bicubic_basis(square.from_parent(points))
+    return of_surface, _barycentric(triangle, points)
 
 
 @dataclass(frozen=True)
@@ -222,16 +220,41 @@ def _quartered(triangle: FloatArray) -> list[FloatArray]:
     return [np.array(part) for part in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
 
 
-def _template_rows(template: Template, square: Square, surface: FloatArray, points: FloatArray, *, fine: bool) -> Rows:
-    """The coefficients of S - T over a square, for a whole template whose points are (8 or more, N)."""
-    parts = [Rows(np.zeros((0, points.shape[1])), np.zeros(0, dtype=np.intp))]
+def _square(level: int, child: int) -> Square:
+    """The corner of a quad after some levels, child 0; or one of the three that were beside it one level before."""
+    axes = np.linalg.matrix_power(QUARTER_TURN, child) / 2**level
+    return Square(QUAD_POINTS[child] / 2 ** (level - 1), axes)
+
+
+@lru_cache(maxsize=1024)
+def _template_functionals(
+    pattern: int, alternative: int, level: int, child: int, *, fine: bool
+) -> tuple[FloatArray, FloatArray, IndexArray]:
+    """S - T over a square for a whole template: (R, 16) of S over it, (R, 8) of the quad's points, (R,) triangles."""
+    square, template = _square(level, child), templates(pattern)[alternative]
+    of_surface, of_points = [np.zeros((0, 16))], [np.zeros((0, 8))]
+    triangles = [np.zeros(0, dtype=np.intp)]
     for number, triangle in enumerate(template):
-        places, vertices = QUAD_POINTS[list(triangle)], points[list(triangle)]
+        places = QUAD_POINTS[list(triangle)]
         for part in _clipped(places, square):
             for piece in _quartered(part) if fine else [part]:
-                rows = _error_rows(piece, square, surface, places, vertices)
-                parts.append(Rows(rows, np.full(len(rows), number)))
-    return Rows.joined(parts)
+                rows, weights = _functionals(piece, square, places)
+                of_surface.append(rows)
+                of_points.append(np.zeros((len(rows), 8)))
+                of_points[-1][:, list(triangle)] = weights
+                triangles.append(np.full(len(rows), number))
+    return np.concatenate(of_surface), np.concatenate(of_points), np.concatenate(triangles)
+
+
+def _template_rows(
+    key: tuple[int, int], level: int, child: int, surface: FloatArray, points: FloatArray, *, fine: bool
+) -> Rows:
+    """The coefficients of S - T over a square, where S is (16, N), for a whole template on points (8 or more, N).
+
+    key: pattern and alternative.
+    """
+    of_surface, of_points, triangles = _template_functionals(*key, level, child, fine=fine)
+    return Rows(of_surface @ surface - of_points @ points[:8], triangles)
 
 
 def clipped_rows(triangle: tuple[int, int, int], square: Square, surface: FloatArray, points: FloatArray) -> FloatArray:
@@ -240,14 +263,17 @@ def clipped_rows(triangle: tuple[int, int, int], square: Square, surface: FloatA
     surface: (16, N), S over the square; points: (8 or more, N), of the quad.
     """
     places, vertices = QUAD_POINTS[list(triangle)], points[list(triangle)]
-    parts = [_error_rows(part, square, surface, places, vertices) for part in _clipped(places, square)]
-    return np.concatenate([np.zeros((0, points.shape[1])), *parts])
+    parts = [np.zeros((0, points.shape[1]))]
+    for part in _clipped(places, square):
+        of_surface, of_vertices = _functionals(part, square, places)
+        parts.append(of_surface @ surface - of_vertices @ vertices)
+    return np.concatenate(parts)
 
 
 @lru_cache(maxsize=256)
 def regular_rows(pattern: int, alternative: int, *, fine: bool) -> Rows:
     """S - T over a bicubic quad with Bernstein coefficients [i, j] → 4i + j, u along i."""
-    return _template_rows(templates(pattern)[alternative], WHOLE_QUAD, np.eye(16), regular_points(), fine=fine)
+    return Rows.joined([_template_rows((pattern, alternative), 0, 0, np.eye(16), regular_points(), fine=fine)])
 
 
 @dataclass(frozen=True)
@@ -266,22 +292,18 @@ class ExtraordinaryRows:
 @lru_cache(maxsize=512)
 def extraordinary_rows(valence: int, pattern: int, alternative: int, *, fine: bool) -> ExtraordinaryRows:
     """The rows for a valence of 3, 5 or more; the pattern is counted from the extraordinary corner on."""
-    template = templates(pattern)[alternative]
-    stencils = patch_stencils(valence)
+    key, stencils = (pattern, alternative), patch_stencils(valence)
     points = extraordinary_points(valence)
     to_bernstein = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
-    net = np.eye(2 * valence + 8)
-    rows, side = [], 1.0
-    for _ in range(FINE_LEVELS if fine else COARSE_LEVELS):
+    net, rows = np.eye(2 * valence + 8), []
+    levels = FINE_LEVELS if fine else COARSE_LEVELS
+    for level in range(1, levels + 1):
         for child in (1, 2, 3):
             surface = to_bernstein @ stencils.regular[16 * (child - 1) : 16 * child] @ net
-            axes = side / 2 * np.linalg.matrix_power(QUARTER_TURN, child)
-            rows.append(_template_rows(template, Square(side * QUAD_POINTS[child], axes), surface, points, fine=fine))
+            rows.append(_template_rows(key, level, child, surface, points, fine=fine))
         net = stencils.refined @ net
-        side /= 2
-    corner = Square(np.zeros(2), side * np.eye(2))
     facet = bilinear_coefficients(stencils.limits @ net).reshape(16, -1)
-    last = _template_rows(template, corner, facet, points, fine=fine)
+    last = Rows.joined([_template_rows(key, levels, 0, facet, points, fine=fine)])
     differences = np.array([2 * net[a] - net[b] - net[c] for a, b, c in second_differences(valence)])
     return ExtraordinaryRows(Rows.joined(rows), last, differences)
 
