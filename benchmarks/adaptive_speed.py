@@ -5,8 +5,9 @@ python benchmarks/adaptive_speed.py -- [TOLERANCE] [REPEATS]        with the bpy
 blender -b --python benchmarks/adaptive_speed.py -- [TOLERANCE] [REPEATS]
 
 The mesh is Suzanne after four levels; TOLERANCE is in parts of her diagonal. The modifier, with limit surface, is timed
-level by level up to the one that meets the same tolerance: before it there are quads whose surface is sampled farther
-off the planes of both their triangles, along whichever diagonal. Memory is what Python and NumPy take at most.
+at each level up to the one that meets the same tolerance: before it there are quads whose surface is sampled farther
+off the planes of both their triangles, along whichever diagonal. All are timed in turn. Memory is what Python and NumPy
+take at most.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from __future__ import annotations
 import sys
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from statistics import median
@@ -32,6 +34,8 @@ from ccdepth_addon.core.mesh import FloatArray, PolygonMesh
 from ccdepth_addon.core.templates import Transitions
 from tests.blender import scene
 from tests.steps import result_of
+
+OPERATOR = "Apply Adaptive Subdivision"
 
 TOLERANCE = 5.3e-6
 REPEATS = 3
@@ -136,8 +140,47 @@ def peak_memory(work: Callable[[], object]) -> int:
     return peak
 
 
-def report(name: str, times: list[float], more: str = "") -> None:
-    print(f"  {name:<44}{median(times):7.2f} s   ({min(times):.2f} to {max(times):.2f})   {more}".rstrip(), flush=True)
+@dataclass(frozen=True)
+class Job:
+    """Something to time: what it is called, and what else there is to say of it."""
+
+    name: str
+    run: Callable[[], float]
+    remark: str
+
+
+def jobs_of_ours(mesh: PolygonMesh, limit: float, tolerance: float, faces: int) -> list[Job]:
+    core_peak = peak_memory(lambda: subdivide(mesh, limit))
+    operator_peak = peak_memory(lambda: operator(tolerance))
+    return [
+        Job("core", lambda: seconds(lambda: subdivide(mesh, limit)), f"{core_peak / faces:.0f} bytes a face"),
+        Job(OPERATOR, lambda: operator(tolerance), f"{operator_peak / faces:.0f} bytes a face"),
+    ]
+
+
+def jobs_of_modifier(base: bpy.types.Object, needed: int) -> list[Job]:
+    """The levels up to the one that is needed, but for those that are too large."""
+    counts = {level: len(base.data.polygons) * 4**level for level in range(1, needed + 1)}
+    return [
+        Job(name_of_level(level), partial(modifier, base, level), f"{count:,} faces")
+        for level, count in counts.items()
+        if count <= MOST_UNIFORM_FACES
+    ]
+
+
+def name_of_level(level: int) -> str:
+    return f"Subdivision Surface, level {level}"
+
+
+def report(jobs: list[Job], rounds: list[dict[str, float]], needed: str) -> None:
+    for job in jobs:
+        times = [taken[job.name] for taken in rounds]
+        print(f"  {job.name:<30}{median(times):7.2f} s   ({min(times):.2f} to {max(times):.2f})   {job.remark}")
+    if needed in rounds[0]:
+        ratios = [taken[OPERATOR] / taken[needed] for taken in rounds]
+        print(
+            f"  {OPERATOR} took {median(ratios):.2f} ({min(ratios):.2f} to {max(ratios):.2f}) of the time of {needed}"
+        )
 
 
 def main(tolerance: float = TOLERANCE, repeats: int = REPEATS) -> None:
@@ -149,36 +192,16 @@ def main(tolerance: float = TOLERANCE, repeats: int = REPEATS) -> None:
     mesh = apply_boundary_rule(scene.polygon_mesh_of(base.data), smooth_corners=True)
     limit = tolerance * float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
     found = subdivide(mesh, limit)
-    faces = len(found.bounds)
-    print(f"Blender {bpy.app.version_string}, numpy {np.__version__}, median of {repeats}")
-    print(f"{mesh.face_count:,} quads, {tolerance:g} of the diagonal: {faces:,} faces, deepest {found.depths.max()}")
+    faces, deepest = len(found.bounds), found.depths.max()
     del found
-    core_peak = peak_memory(lambda: subdivide(mesh, limit))
-    operator_peak = peak_memory(lambda: operator(tolerance))
+    print(f"Blender {bpy.app.version_string}, numpy {np.__version__}, median of {repeats}")
+    print(f"{mesh.face_count:,} quads, {tolerance:g} of the diagonal: {faces:,} faces, deepest {deepest}")
     level, of_most = levels_needed(mesh, limit)
     print(f"  Subdivision Surface needs level {level}, or {of_most} for 99 % of the faces")
-    levels = [tried for tried in range(1, level + 1) if mesh.face_count * 4**tried <= MOST_UNIFORM_FACES]
-    if level not in levels:
-        print(f"  Subdivision Surface at level {level} would have {mesh.face_count * 4**level:,} faces")
-    jobs: dict[str, Callable[[], float]] = {
-        "core": lambda: seconds(lambda: subdivide(mesh, limit)),
-        "Apply Adaptive Subdivision": lambda: operator(tolerance),
-        **{f"Subdivision Surface, level {tried}": partial(modifier, base, tried) for tried in levels},
-    }
-    more = {"core": f"{core_peak / faces:.0f} bytes a face"}
-    more["Apply Adaptive Subdivision"] = f"{operator_peak / faces:.0f} bytes a face"
-    more |= {f"Subdivision Surface, level {tried}": f"{mesh.face_count * 4**tried:,} faces" for tried in levels}
+    jobs = [*jobs_of_ours(mesh, limit, tolerance, faces), *jobs_of_modifier(base, level)]
     # In turn, so that a machine that is busy for a while is so for all of them.
-    rounds = [{name: job() for name, job in jobs.items()} for _ in range(repeats)]
-    for name in jobs:
-        report(name, [times[name] for times in rounds], more[name])
-    if level in levels:
-        needed = f"Subdivision Surface, level {level}"
-        ratios = [times["Apply Adaptive Subdivision"] / times[needed] for times in rounds]
-        print(
-            f"  Apply Adaptive Subdivision took {median(ratios):.2f} of the time of the level that is needed"
-            f"   ({min(ratios):.2f} to {max(ratios):.2f})"
-        )
+    rounds = [{job.name: job.run() for job in jobs} for _ in range(repeats)]
+    report(jobs, rounds, name_of_level(level))
 
 
 if __name__ == "__main__":

@@ -20,11 +20,11 @@ from numpy.typing import NDArray
 
 from .cell_store import CellStore, in_blocks, some, trimmed
 from .cells import cells_of_faces
-from .drawing import compact, draw, face_counts, triangles_around
+from .drawing import draw, face_counts, triangles_around
 from .fits import Cells, Fit
 from .graph_bounds import graph_bounds
 from .limit_surface import limit_values
-from .mesh import FloatArray, IndexArray, PolygonMesh
+from .mesh import FloatArray, IndexArray, PolygonMesh, compact
 from .parallel import in_parallel
 from .quad_cells import CELLS_AT_ONCE
 from .quadtree import NONE, Column, Quadtree
@@ -298,8 +298,11 @@ class _Planner:
             closed[used],
             is_wanted[nodes],
         )
-        self._graph_bounds.values[wanted] = 0.0
-        np.maximum.at(self._graph_bounds.values, nodes[is_wanted[nodes]], found)
+        # Of a leaf without triangles nothing would be known.
+        bounds, own = self._graph_bounds.values, nodes[is_wanted[nodes]]
+        bounds[wanted] = np.inf
+        bounds[own] = 0.0
+        np.maximum.at(bounds, own, found)
 
     def _positions_of(self, vertices: IndexArray) -> FloatArray:
         """(…, 3) where vertices of the tree lie on the surface, each found once."""

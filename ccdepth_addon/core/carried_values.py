@@ -12,6 +12,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from .blocks import blocks
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .subdivided_mesh import SubdividedMesh
 from .surface_points import SurfacePoints, interpolate_linearly
@@ -26,8 +27,7 @@ Evaluate = Callable[[SurfacePoints], NDArray[np.floating]]
 def interpolated(mesh: PolygonMesh, corner_values: FloatArray, points: SurfacePoints) -> NDArray[np.float32]:
     """(N, D): ``interpolate_linearly`` in single precision, block by block."""
     values = np.empty((len(points.corners), corner_values.shape[1]), dtype=np.float32)
-    for start in range(0, len(values), BLOCK):
-        block = slice(start, start + BLOCK)
+    for block in blocks(len(values), BLOCK):
         values[block] = interpolate_linearly(mesh, corner_values, points.at(block))
     return values
 

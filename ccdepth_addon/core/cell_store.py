@@ -36,7 +36,6 @@ class CellStore:
 
     def put(self, cells: Cells, wanted: NDArray[np.bool_]) -> None:
         """Keep the wanted of some cells, whose nodes have none here."""
-        cells, wanted = trimmed(cells, wanted)
         places = np.flatnonzero(wanted)
         if not len(places):
             return
@@ -78,7 +77,7 @@ class CellStore:
             return
         self._blocks[number] = None
         if left:
-            self.put(block, self._numbers.values[block.nodes] == number)
+            self.put(*trimmed(block, self._numbers.values[block.nodes] == number))
 
 
 def some(cells: Cells, wanted: NDArray[np.bool_]) -> list[Cells]:

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from .blocks import split
 from .fits import Cells
 from .mesh import PolygonMesh
 from .patches import classify_patches, regular_nets
 from .polygon_cells import PolygonCells, TriangleCells
 from .quad_cells import CELLS_AT_ONCE, REFINED_AT_ONCE, NetCells, RefinedCells, by_valence, extraordinary_cells
-from .refinement import Refinement, split
+from .refinement import Refinement
 
 
 def cells_of_faces(mesh: PolygonMesh) -> Iterator[Cells]:

@@ -17,13 +17,14 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from .blocks import split
 from .bounds import PatchBounds, Vertices, second_order_extraordinary, second_order_regular, support_bounds
 from .facets import CORNER_ROWS, LaterBounds, control_facet_bounds, facet_error, later_bounds, sampled_error
 from .mesh import FloatArray, IndexArray, PolygonMesh, submesh
 from .norms import ring_index
 from .parallel import in_parallel
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
-from .refinement import Refinement, split
+from .refinement import Refinement
 from .search import FaceBlock, Question
 from .splines import HALVES, SPLINE_HALVES, bilinear_coefficients, both_ways, largest_norm, patch_coefficients
 from .stencils import PatchStencils, apply_stencils, patch_stencils

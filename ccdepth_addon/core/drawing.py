@@ -10,22 +10,19 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from .blocks import blocks
 from .fits import Fit
 from .limit_surface import limit_values
-from .mesh import FloatArray, IndexArray
-from .quadtree import NONE, Quadtree
+from .mesh import FloatArray, IndexArray, compact
+from .quadtree import NONE, Point, Quadtree
 from .subdivided_mesh import SubdividedMesh
 from .surface_points import SurfacePoints
 from .templates import ALL_SPLIT, WHOLE, Transitions, templates, triangle_template
 
 BoolArray = NDArray[np.bool_]
 
-# Quads looked at together, so that what belongs to them stays in the processor's cache.
-QUADS_AT_ONCE = 1 << 13
-
-
-# A point of a leaf: the place of a corner, and whether it is the middle of the side from there that is meant.
-Point = tuple[int, bool]
+# Polygons looked at together, so that what belongs to them stays in the processor's cache.
+POLYGONS_AT_ONCE = 1 << 13
 
 
 @dataclass(frozen=True)
@@ -83,8 +80,8 @@ def draw(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions,
     """
     polygons = [*_polygons_of_quads(tree, leaves, fit, transitions), *_polygons_of_faces(tree, leaves, transitions)]
     mesh, clashing_edges, drawn = _assembled(tree, polygons, leaves, positions)
-    clashing = drawn[_clashing(mesh, clashing_edges)]
-    return Drawing(mesh, fit.bounds[drawn], leaves[np.unique(clashing)])
+    clashing = np.logical_or.reduceat(clashing_edges[mesh.corner_edges], mesh.face_starts[:-1])
+    return Drawing(mesh, fit.bounds[drawn], leaves[np.unique(drawn[clashing])])
 
 
 def face_counts(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> IndexArray:
@@ -210,8 +207,9 @@ def _assembled(
         for number, values in enumerate(block.vertices(tree, leaves)):
             vertices[first + number] = values
     loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
-    used, corner_vertices = compact(vertices, len(tree.vertex_edges), loose)
-    del vertices
+    used, numbered = compact(np.concatenate([vertices, loose]), len(tree.vertex_edges))
+    corner_vertices = numbered[: len(vertices)]
+    del vertices, numbered
     edges = _edges(tree, _sides(tree, polygons, leaves, firsts), used, starts, corner_vertices)
     mesh = SubdividedMesh(
         vertex_points=tree.vertex_points.at(used),
@@ -257,8 +255,7 @@ def _corner_points(
     count = sum(len(block.leaves) * len(block.points) for block in polygons)
     corners, parameters = np.empty(count, dtype=np.intp), np.empty((count, 2))
     for block, first in zip(polygons, firsts, strict=True):
-        for start in range(0, len(first), QUADS_AT_ONCE):
-            part = slice(start, start + QUADS_AT_ONCE)
+        for part in blocks(len(first), POLYGONS_AT_ONCE):
             for number, points in enumerate(tree.points_at(leaves[block.leaves[part]], block.points)):
                 corners[first[part] + number] = points.corners
                 parameters[first[part] + number] = points.parameters
@@ -274,16 +271,6 @@ def _positions(tree: Quadtree, used: IndexArray, positions: FloatArray) -> Float
     loose = np.flatnonzero(points.corners == NONE)
     found[loose] = positions[used[loose]]
     return found
-
-
-def compact(vertices: IndexArray, count: int, others: IndexArray | None = None) -> tuple[IndexArray, IndexArray]:
-    """Those of so many vertices that are used, or among the others, in ascending order; and the used ones numbered by
-    that, in the shape they were given in."""
-    is_used = np.zeros(count, dtype=bool)
-    is_used[vertices] = True
-    if others is not None:
-        is_used[others] = True
-    return np.flatnonzero(is_used), (np.cumsum(is_used) - 1)[vertices]
 
 
 @dataclass(frozen=True)
@@ -313,20 +300,28 @@ def _edges(
     outer = np.flatnonzero(is_used[:NONE])
     of_corners = (np.cumsum(is_used) - 1)[sides]
     inner = np.flatnonzero(sides == NONE)
+    inner_vertices, of_inner = _inner_edges(inner, starts, corner_vertices, len(used))
+    of_corners[inner] = len(outer) + of_inner
     loose = np.flatnonzero(tree.mesh.edge_face_counts == 0)
     new = np.full(len(tree.vertex_edges), NONE, dtype=np.intp)
     new[used] = np.arange(len(used))
-    faces = np.searchsorted(starts, inner, side="right") - 1
-    following = np.where(inner + 1 == starts[faces + 1], starts[faces], inner + 1)
-    ends = np.sort(corner_vertices[np.stack([inner, following], axis=1)], axis=1)
-    keys, of_inner = np.unique(ends @ [len(used), 1], return_inverse=True)
-    of_corners[inner] = len(outer) + of_inner.reshape(-1)
-    inner_vertices = np.stack(np.divmod(keys, len(used)), axis=1)
     vertices = np.concatenate([new[tree.edge_vertices[outer]], inner_vertices, new[tree.edge_vertices[loose]]])
-    base_edges = np.concatenate([tree.base_edges[outer], np.full(len(keys), NONE), loose])
+    base_edges = np.concatenate([tree.base_edges[outer], np.full(len(inner_vertices), NONE), loose])
     counts = np.bincount(of_corners, minlength=len(vertices))
     expected = np.where(base_edges == NONE, 2, tree.mesh.edge_face_counts[base_edges])
     return _Edges(of_corners, vertices, base_edges, (counts != expected) | _doubled(vertices, len(outer), len(used)))
+
+
+def _inner_edges(
+    corners: IndexArray, starts: IndexArray, corner_vertices: IndexArray, count: int
+) -> tuple[IndexArray, IndexArray]:
+    """The edges from some corners to the next ones in their faces: (I, 2) of so many vertices, each pair once, and
+    (corners,) which it is."""
+    faces = np.searchsorted(starts, corners, side="right") - 1
+    following = np.where(corners + 1 == starts[faces + 1], starts[faces], corners + 1)
+    ends = np.sort(corner_vertices[np.stack([corners, following], axis=1)], axis=1)
+    keys, of_corners = np.unique(ends @ [count, 1], return_inverse=True)
+    return np.stack(np.divmod(keys, count), axis=1), of_corners.reshape(-1)
 
 
 def _doubled(vertices: IndexArray, outer: int, count: int) -> BoolArray:
@@ -341,8 +336,3 @@ def _doubled(vertices: IndexArray, outer: int, count: int) -> BoolArray:
     doubled = np.zeros(len(vertices), dtype=bool)
     doubled[possible] = pairs[pair.reshape(-1)] > 1
     return doubled
-
-
-def _clashing(drawn: SubdividedMesh, clashing_edges: BoolArray) -> BoolArray:
-    """(F,) the faces with an edge that clashes."""
-    return np.logical_or.reduceat(clashing_edges[drawn.corner_edges], drawn.face_starts[:-1])

@@ -28,10 +28,6 @@ BoolArray = NDArray[np.bool_]
 HOPEFUL = 0.9
 SLOPE_OF_HEIGHT = 10.0
 
-# How far off triangles may be, along and across together, in parts of their least height: ``graph_bounds`` leaves a
-# third of the least height around.
-HOPEFUL_ROOM = 0.33
-
 # Points of a quad (``templates.QUAD_POINTS``, then the centre): the middles of its sides, between corners, and of its
 # diagonals.
 MIDDLES, STARTS, ENDS = [4, 5, 6, 7], [0, 1, 2, 3], [1, 2, 3, 0]
@@ -93,8 +89,7 @@ class Fit:
         if pattern == WHOLE:
             first = self.alternatives[chosen][None, :, None] == 0
             corners = np.where(first, points[:4], np.roll(points[:4], -1, axis=0))
-            here = np.eye(3)
-            self.folded[chosen] = is_folded(corners, here, *([] if np.array_equal(axes, here) else [axes]))
+            self.folded[chosen] = is_folded(corners, np.eye(3), axes)
 
 
 class Cells(Protocol):
@@ -186,11 +181,6 @@ def least_heights(points: FloatArray, template: Template) -> FloatArray:
         longest = np.sqrt(squared_norms(np.roll(corners, -1, axis=0) - corners)).max(axis=0)
         heights = np.minimum(heights, areas / np.where(longest > 0, longest, 1.0))
     return heights
-
-
-def hopeful_room(points: FloatArray, template: Template) -> FloatArray:
-    """(P,) how far off the triangles over quads' points may be, along and across together, for there to be hope."""
-    return HOPEFUL_ROOM * least_heights(points, template)
 
 
 def along_and_across(vectors: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:

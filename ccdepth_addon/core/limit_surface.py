@@ -20,6 +20,7 @@ from typing import Protocol
 
 import numpy as np
 
+from .blocks import blocks
 from .catmull_clark import limit_positions, subdivide
 from .mesh import FloatArray, IndexArray, PolygonMesh, submesh
 from .patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
@@ -89,8 +90,7 @@ def spline_sums(nets: FloatArray, which: IndexArray, along: FloatArray, across: 
     # Columns apart: rows of two or three numbers are too short to be fast.
     columns = np.ascontiguousarray(np.moveaxis(nets, 3, 2))
     sums = np.empty((nets.shape[3], len(which)))
-    for start in range(0, len(which), POINTS_AT_ONCE):
-        block = slice(start, start + POINTS_AT_ONCE)
+    for block in blocks(len(which), POINTS_AT_ONCE):
         total = 0.0
         for j in range(4):
             row = sum(along[i, block] * columns[i, j].take(which[block], axis=1) for i in range(4))
@@ -152,8 +152,7 @@ def _put_on_regular(pending: _Pending, quantity: Quantity, result: FloatArray) -
     mesh = pending.mesh
     for faces, chosen, which in _by_faces(pending.faces(), PATCHES_AT_ONCE):
         nets = regular_nets(mesh, faces)
-        for start in range(0, len(chosen), POINTS_ON_PATCHES):
-            block = slice(start, start + POINTS_ON_PATCHES)
+        for block in blocks(len(chosen), POINTS_ON_PATCHES):
             part = pending.at(chosen[block])
             parameters = _in_face(part.corners_from(faces[which[block]]), part.points.parameters)
             result[part.rows] = quantity.on_splines(nets, which[block], parameters)

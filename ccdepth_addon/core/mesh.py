@@ -196,8 +196,8 @@ def submesh(mesh: PolygonMesh, faces: IndexArray) -> tuple[PolygonMesh, IndexArr
     in_ring[faces] = False
     kept_faces = np.concatenate([np.asarray(faces, dtype=np.intp), np.flatnonzero(in_ring)])
     kept_corners = corners_of_faces(mesh, kept_faces)
-    kept_vertices, corner_vertices = _compact(mesh.corner_vertices[kept_corners], mesh.vertex_count)
-    kept_edges, corner_edges = _compact(mesh.corner_edges[kept_corners], mesh.edge_count)
+    kept_vertices, corner_vertices = compact(mesh.corner_vertices[kept_corners], mesh.vertex_count)
+    kept_edges, corner_edges = compact(mesh.corner_edges[kept_corners], mesh.edge_count)
     new_vertex = np.zeros(mesh.vertex_count, dtype=np.intp)
     new_vertex[kept_vertices] = np.arange(len(kept_vertices))
     part = PolygonMesh(
@@ -220,7 +220,7 @@ def corners_of_faces(mesh: PolygonMesh, faces: IndexArray) -> IndexArray:
     return np.arange(sizes.sum()) + np.repeat(skipped, sizes)
 
 
-def _compact(indices: IndexArray, count: int) -> tuple[IndexArray, IndexArray]:
+def compact(indices: IndexArray, count: int) -> tuple[IndexArray, IndexArray]:
     """Which of 0 … count - 1 occur in ``indices``, in ascending order, and ``indices`` renumbered to match."""
     used = np.zeros(count, dtype=bool)
     used[indices] = True

@@ -15,10 +15,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from .blocks import split
 from .bounds import PatchBounds, PatchMethod, Vertices, support_bounds
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
-from .refinement import Refinement, split
+from .refinement import Refinement
 from .search import FaceBlock, Question
 
 # Faces handled at a time: few enough for the caches and a responsive interface, enough to hide the interpreter.

@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from .fits import HOPEFUL, Cells, Fit, Samples, along_and_across, hopeful_room, triangle_normals
+from .fits import HOPEFUL, Cells, Fit, Samples, along_and_across, least_heights, triangle_normals
 from .mesh import FloatArray, IndexArray
 from .norms import squared_norms
 from .polygons import polygon_thickness
@@ -40,6 +40,10 @@ CENTRE = 6
 TRIANGLE_POINTS: FloatArray = np.array(
     [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]], dtype=np.float64
 )
+
+# How far off triangles may be, along and across together, in parts of their least height, for there to be hope:
+# ``graph_bounds`` leaves a third of the least height around.
+HOPEFUL_ROOM = 0.33
 
 # Steps along a quarter where a template is compared with its fan.
 STEPS = 400
@@ -123,7 +127,7 @@ class TriangleCells(PolygonCells):
         hopes = samples.hope(samples.normal, samples.tangential)[0]
         tried = np.flatnonzero(~found.fits & (hopes <= HOPEFUL * limit))
         if len(tried):
-            room = hopeful_room(points[:, tried], template)
+            room = HOPEFUL_ROOM * least_heights(points[:, tried], template)
             misses = self.at(tried)._misses(pattern, template, points[:, tried], HOPEFUL * limit, room)
             fine = samples.at(tried).hope(misses.normal, misses.tangential) <= HOPEFUL * limit
             hopeful = np.flatnonzero(fine & (misses.normal + misses.tangential <= room))

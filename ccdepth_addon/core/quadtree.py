@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .blocks import blocks
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .surface_points import SurfacePoints
 from .templates import QUAD_POINTS
@@ -28,6 +29,9 @@ BoolArray = NDArray[np.bool_]
 NONE = -1
 
 GROWTH = 1.5
+
+# A point of a node: the place of a corner, and whether it is the middle of the side from there that is meant.
+Point = tuple[int, bool]
 
 # What is made on the way for so many nodes stays in the processor's cache.
 NODES_AT_ONCE = 1 << 13
@@ -55,11 +59,6 @@ class Column:
             self._room = grown
         self._room[self._count : needed] = more
         self._count = needed
-
-
-def _parts(count: int) -> Iterator[slice]:
-    """All of so many nodes, some at a time."""
-    return (slice(start, start + NODES_AT_ONCE) for start in range(0, count, NODES_AT_ONCE))
 
 
 class Quadtree:
@@ -142,11 +141,8 @@ class Quadtree:
         starts = np.cumsum(counts) - counts
         return np.arange(counts.sum()) + np.repeat(first - starts, counts)
 
-    def points_at(self, nodes: IndexArray, points: Sequence[tuple[int, bool]]) -> Iterator[SurfacePoints]:
-        """For each point, (nodes,) where it lies: the corner at a place, or the middle of the side from there.
-
-        Each in its own node's face.
-        """
+    def points_at(self, nodes: IndexArray, points: Sequence[Point]) -> Iterator[SurfacePoints]:
+        """For each point: (nodes,) where it lies, in each node's own face."""
         corners = self._frame_corners.values[nodes]
         x, y, along_x, along_y = np.ascontiguousarray(self._frames.values[nodes].T)
         faces = np.flatnonzero(nodes < self.mesh.face_count)
@@ -176,7 +172,7 @@ class Quadtree:
     def sides(self, nodes: IndexArray) -> tuple[NDArray[np.int32], BoolArray]:
         """(nodes,) each: how many sides are split, and whether half of one is split again."""
         split_sides, deeper = np.zeros(len(nodes), dtype=np.int32), np.zeros(len(nodes), dtype=bool)
-        for part in _parts(len(nodes)):
+        for part in blocks(len(nodes), NODES_AT_ONCE):
             counts = self.slot_counts(nodes[part])
             states = self._edge_states.values[self.slot_edges[self.slots(nodes[part])]]
             starts = np.cumsum(counts) - counts
@@ -187,13 +183,13 @@ class Quadtree:
     def share_a_vertex(self, leaves: IndexArray, others: IndexArray) -> BoolArray:
         """(leaves,) those that have a vertex of the others, the middles of split sides included."""
         marked = np.zeros(len(self.vertex_edges), dtype=bool)
-        for part in _parts(len(others)):
+        for part in blocks(len(others), NODES_AT_ONCE):
             slots = self.slots(others[part])
             middles = self.midpoints[self.slot_edges[slots]]
             marked[self.slot_vertices[slots]] = True
             marked[middles[middles != NONE]] = True
         found = np.zeros(len(leaves), dtype=bool)
-        for part in _parts(len(leaves)):
+        for part in blocks(len(leaves), NODES_AT_ONCE):
             slots, counts = self.slots(leaves[part]), self.slot_counts(leaves[part])
             middles = self.midpoints[self.slot_edges[slots]]
             touched = marked[self.slot_vertices[slots]] | (marked[middles] & (middles != NONE))
@@ -208,7 +204,7 @@ class Quadtree:
         is new.
         """
         beside = np.zeros(len(self.first_child), dtype=bool)
-        for part in _parts(len(nodes)):
+        for part in blocks(len(nodes), NODES_AT_ONCE):
             edges = self.slot_edges[self.slots(nodes[part])]
             parents = self._edge_parents.values[edges]
             beside[self._owners(self._slots_along(edges))] = True
@@ -240,7 +236,7 @@ class Quadtree:
 
     def split(self, nodes: IndexArray) -> None:
         """Split leaves, each once."""
-        for part in _parts(len(nodes)):
+        for part in blocks(len(nodes), NODES_AT_ONCE):
             self._split(nodes[part])
 
     def _split(self, nodes: IndexArray) -> None:

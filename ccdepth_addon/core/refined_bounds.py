@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets
 from .refinement import Refinement
 from .splines import bilinear_coefficients, patch_coefficients
 from .templates import QUAD_POINTS, Triangle, templates
-from .triangle_bounds import QUARTER_TURN, WHOLE_QUAD, Misses, clipped_rows
+from .triangle_bounds import QUARTER_TURN, Misses, template_rows
 
 # By then what is left of a quad around an irregular vertex is small against the quad.
 REFINEMENTS = 8
@@ -204,7 +204,8 @@ def _off_template(
         cut = np.flatnonzero(~covered & ~apart)
         for path in np.unique(squares.paths[cut]).tolist():
             chosen = cut[squares.paths[cut] == path]
-            rows = _cut_rows(pattern, alternative, number, path)
+            of_template = template_rows(pattern, alternative, path)
+            rows = of_template.matrix[of_template.triangles == number]
             if not len(rows):
                 continue
             bases = squares.bases[chosen]
@@ -234,13 +235,3 @@ def _boxes_apart(places: FloatArray, corners: FloatArray) -> FloatArray:
     above = corners.min(axis=0) >= places.max(axis=0) - NOTHING
     below = corners.max(axis=0) <= places.min(axis=0) + NOTHING
     return np.any(above | below, axis=1)
-
-
-@lru_cache(maxsize=2048)
-def _cut_rows(pattern: int, alternative: int, number: int, path: int) -> FloatArray:
-    """(R, 24): S - T over the part of a square in a triangle, from the square's coefficients and the quad's points."""
-    square = WHOLE_QUAD
-    for digit in np.base_repr(path, 4)[1:]:
-        square = square.child(int(digit))
-    given = np.eye(24)
-    return clipped_rows(templates(pattern)[alternative][number], square, given[:16], given[16:])

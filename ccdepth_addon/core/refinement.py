@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,9 +81,3 @@ class Refinement:
         centroids = np.add.reduceat(facets, self.mesh.face_starts[:count]) / sizes[:, None]
         middles = (facets + facets[following]) / 2
         return np.stack([facets, middles, np.repeat(centroids, sizes, axis=0), middles[before]])
-
-
-def split(faces: IndexArray, at_once: int) -> Iterator[IndexArray]:
-    """The faces in blocks of at most so many."""
-    for start in range(0, len(faces), at_once):
-        yield faces[start : start + at_once]

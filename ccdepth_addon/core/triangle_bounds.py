@@ -22,6 +22,7 @@ from math import factorial
 
 import numpy as np
 
+from .blocks import blocks
 from .bounds import certified_limit_factor
 from .coordinates import applied
 from .mesh import FloatArray, IndexArray
@@ -119,6 +120,11 @@ class Rows:
 
     matrix: FloatArray
     triangles: IndexArray
+
+    def of(self, surface: FloatArray, points: FloatArray) -> Rows:
+        """Functionals of the coefficients of S and the quad's points, where S is (16, N) and the points (8 or more, N):
+        as functionals of N numbers."""
+        return Rows(self.matrix[:, :16] @ surface + self.matrix[:, 16:] @ points[:8], self.triangles)
 
     @staticmethod
     def joined(parts: list[Rows]) -> Rows:
@@ -220,60 +226,38 @@ def _quartered(triangle: FloatArray) -> list[FloatArray]:
     return [np.array(part) for part in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
 
 
-def _square(level: int, child: int) -> Square:
-    """The corner of a quad after some levels, child 0; or one of the three that were beside it one level before."""
-    axes = np.linalg.matrix_power(QUARTER_TURN, child) / 2**level
-    return Square(QUAD_POINTS[child] / 2 ** (level - 1), axes)
+def _square_at(path: int) -> Square:
+    """The square that a path of children leads to, digits of base 4 after a leading 1."""
+    square = WHOLE_QUAD
+    for digit in np.base_repr(path, 4)[1:]:
+        square = square.child(int(digit))
+    return square
 
 
-@lru_cache(maxsize=1024)
-def _template_functionals(
-    pattern: int, alternative: int, level: int, child: int, *, fine: bool
-) -> tuple[FloatArray, FloatArray, IndexArray]:
-    """S - T over a square for a whole template: (R, 16) of S over it, (R, 8) of the quad's points, (R,) triangles."""
-    square, template = _square(level, child), templates(pattern)[alternative]
-    of_surface, of_points = [np.zeros((0, 16))], [np.zeros((0, 8))]
-    triangles = [np.zeros(0, dtype=np.intp)]
-    for number, triangle in enumerate(template):
+@lru_cache(maxsize=2048)
+def template_rows(pattern: int, alternative: int, path: int, *, fine: bool = False) -> Rows:
+    """S - T over a square for a whole template, as functionals of 24 numbers: 16 coefficients of S over the square, and
+    the quad's 8 points.
+
+    path: to the square, digits of base 4 after a leading 1. fine: over the quarters of each part.
+    """
+    square, matrices, triangles = _square_at(path), [np.zeros((0, 24))], [np.zeros(0, dtype=np.intp)]
+    for number, triangle in enumerate(templates(pattern)[alternative]):
         places = QUAD_POINTS[list(triangle)]
         for part in _clipped(places, square):
             for piece in _quartered(part) if fine else [part]:
-                rows, weights = _functionals(piece, square, places)
-                of_surface.append(rows)
-                of_points.append(np.zeros((len(rows), 8)))
-                of_points[-1][:, list(triangle)] = weights
-                triangles.append(np.full(len(rows), number))
-    return np.concatenate(of_surface), np.concatenate(of_points), np.concatenate(triangles)
-
-
-def _template_rows(
-    key: tuple[int, int], level: int, child: int, surface: FloatArray, points: FloatArray, *, fine: bool
-) -> Rows:
-    """The coefficients of S - T over a square, where S is (16, N), for a whole template on points (8 or more, N).
-
-    key: pattern and alternative.
-    """
-    of_surface, of_points, triangles = _template_functionals(*key, level, child, fine=fine)
-    return Rows(of_surface @ surface - of_points @ points[:8], triangles)
-
-
-def clipped_rows(triangle: tuple[int, int, int], square: Square, surface: FloatArray, points: FloatArray) -> FloatArray:
-    """(R, N): the coefficients of S - T over the part of a square in one triangle, as functionals of N numbers.
-
-    surface: (16, N), S over the square; points: (8 or more, N), of the quad.
-    """
-    places, vertices = QUAD_POINTS[list(triangle)], points[list(triangle)]
-    parts = [np.zeros((0, points.shape[1]))]
-    for part in _clipped(places, square):
-        of_surface, of_vertices = _functionals(part, square, places)
-        parts.append(of_surface @ surface - of_vertices @ vertices)
-    return np.concatenate(parts)
+                of_surface, of_vertices = _functionals(piece, square, places)
+                of_points = np.zeros((len(of_vertices), 8))
+                of_points[:, list(triangle)] = of_vertices
+                matrices.append(np.hstack([of_surface, -of_points]))
+                triangles.append(np.full(len(of_surface), number))
+    return Rows(np.concatenate(matrices), np.concatenate(triangles))
 
 
 @lru_cache(maxsize=256)
 def regular_rows(pattern: int, alternative: int, *, fine: bool) -> Rows:
     """S - T over a bicubic quad with Bernstein coefficients [i, j] → 4i + j, u along i."""
-    return Rows.joined([_template_rows((pattern, alternative), 0, 0, np.eye(16), regular_points(), fine=fine)])
+    return Rows.joined([template_rows(pattern, alternative, 1, fine=fine).of(np.eye(16), regular_points())])
 
 
 @dataclass(frozen=True)
@@ -292,7 +276,7 @@ class ExtraordinaryRows:
 @lru_cache(maxsize=512)
 def extraordinary_rows(valence: int, pattern: int, alternative: int, *, fine: bool) -> ExtraordinaryRows:
     """The rows for a valence of 3, 5 or more; the pattern is counted from the extraordinary corner on."""
-    key, stencils = (pattern, alternative), patch_stencils(valence)
+    stencils = patch_stencils(valence)
     points = extraordinary_points(valence)
     to_bernstein = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
     net, rows = np.eye(2 * valence + 8), []
@@ -300,10 +284,10 @@ def extraordinary_rows(valence: int, pattern: int, alternative: int, *, fine: bo
     for level in range(1, levels + 1):
         for child in (1, 2, 3):
             surface = to_bernstein @ stencils.regular[16 * (child - 1) : 16 * child] @ net
-            rows.append(_template_rows(key, level, child, surface, points, fine=fine))
+            rows.append(template_rows(pattern, alternative, 4**level + child, fine=fine).of(surface, points))
         net = stencils.refined @ net
     facet = bilinear_coefficients(stencils.limits @ net).reshape(16, -1)
-    last = Rows.joined([_template_rows(key, levels, 0, facet, points, fine=fine)])
+    last = Rows.joined([template_rows(pattern, alternative, 4**levels, fine=fine).of(facet, points)])
     differences = np.array([2 * net[a] - net[b] - net[c] for a, b, c in second_differences(valence)])
     return ExtraordinaryRows(Rows.joined(rows), last, differences)
 
@@ -325,16 +309,22 @@ def regular_points() -> FloatArray:
 
 def regular_misses(rows: Rows, coefficients: FloatArray, normals: FloatArray) -> Misses:
     """‖S - T‖ at most, for Bernstein coefficients (16, P, 3) and the triangles' normals (T, P, 3)."""
-    blocks = _blocks(len(rows.matrix), coefficients.shape[1])
     return Misses.joined(
-        [Misses.of(applied(rows.matrix, coefficients[:, block]), rows.triangles, normals[:, block]) for block in blocks]
+        [
+            Misses.of(applied(rows.matrix, coefficients[:, block]), rows.triangles, normals[:, block])
+            for block in blocks(coefficients.shape[1], _at_once(len(rows.matrix)))
+        ]
     )
 
 
 def extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> Misses:
     """‖S - T‖ at most, for nets (2n + 8, P, 3) and the triangles' normals (T, P, 3)."""
-    blocks = _blocks(len(rows.pieces.matrix), nets.shape[1])
-    return Misses.joined([_extraordinary_misses(rows, nets[:, block], normals[:, block]) for block in blocks])
+    return Misses.joined(
+        [
+            _extraordinary_misses(rows, nets[:, block], normals[:, block])
+            for block in blocks(nets.shape[1], _at_once(len(rows.pieces.matrix)))
+        ]
+    )
 
 
 def _extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> Misses:
@@ -351,7 +341,6 @@ def _extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: Fl
     return pieces.or_more(left + at_vertex)
 
 
-def _blocks(rows: int, count: int) -> list[slice]:
-    """The quads in blocks whose coefficients stay in the processor's cache."""
-    at_once = max(FEWEST_AT_ONCE, VALUES_AT_ONCE // (3 * rows))
-    return [slice(start, start + at_once) for start in range(0, count, at_once)]
+def _at_once(rows: int) -> int:
+    """How many quads have so many coefficients that these stay in the processor's cache."""
+    return max(FEWEST_AT_ONCE, VALUES_AT_ONCE // (3 * rows))
