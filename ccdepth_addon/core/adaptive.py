@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from .cell_store import CellStore, in_blocks, some, trimmed
 from .cells import cells_of_faces
-from .drawing import draw, face_counts, triangles_around
+from .drawing import Outline, draw, outline, triangles_around
 from .fits import Cells, Fit
 from .graph_bounds import graph_bounds
 from .limit_surface import limit_values
@@ -62,11 +62,12 @@ class TooManyFacesError(ValueError):
 @dataclass(frozen=True)
 class AdaptiveMesh:
     """The mesh, and of each of its F faces: (F,) float64 the proved distance; (F,) int32 the depth of its base face,
-    which is the level of the deepest leaf there."""
+    which is the level of the deepest leaf there. leaf_count: how many leaves of the quadtree they draw."""
 
     mesh: SubdividedMesh
     bounds: FloatArray
     depths: NDArray[np.int32]
+    leaf_count: int
 
 
 @dataclass(frozen=True)
@@ -89,10 +90,8 @@ def count_faces(mesh: PolygonMesh, request: Request) -> Generator[int, None, int
 
     mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``). Raises TooManyFacesError.
     """
-    planner = _Planner(mesh, request, np.zeros(mesh.face_count, dtype=np.int8))
-    yield from planner.settle()
-    leaves = planner.leaves()
-    return int(face_counts(planner.tree, leaves, planner.fit_of(leaves), request.transitions).sum())
+    settled = yield from _settled(mesh, request)
+    return len(settled.bounds)
 
 
 def subdivide_adaptively(
@@ -104,6 +103,24 @@ def subdivide_adaptively(
     positions: (V, 3) float64, of the same control mesh in the space that is wanted, with the axes of the request.
     Raises TooManyFacesError.
     """
+    settled = yield from _settled(mesh, request)
+    made = draw(settled.outline, positions)
+    depths = settled.depths[made.base_faces].astype(np.int32)
+    return AdaptiveMesh(made, settled.bounds, depths, len(settled.outline.leaves))
+
+
+@dataclass(frozen=True)
+class _Settled:
+    """What is drawn within the limit, and the proved distance of each of its F faces: (F,) float64. depths: (faces of
+    the control mesh,) the level of the deepest leaf of each."""
+
+    outline: Outline
+    bounds: FloatArray
+    depths: NDArray[np.int8]
+
+
+def _settled(mesh: PolygonMesh, request: Request) -> Generator[int, None, _Settled]:
+    """Plan until nothing that is drawn clashes."""
     least_levels = np.zeros(mesh.face_count, dtype=np.int8)
     while True:
         planner = _Planner(mesh, request, least_levels)
@@ -112,11 +129,10 @@ def subdivide_adaptively(
         fit = planner.fit_of(leaves)
         # What is known of the surface takes as much memory as the tree, and has served its turn.
         del planner
-        drawing = draw(tree, leaves, fit, request.transitions, positions)
-        if not len(drawing.clashes):
-            return AdaptiveMesh(drawing.mesh, drawing.bounds, depths[drawing.mesh.base_faces].astype(np.int32))
-        deeper = tree.levels[drawing.clashes] + np.int8(1)
-        np.maximum.at(least_levels, tree.base_faces[drawing.clashes], deeper)
+        found = outline(tree, leaves, fit, request.transitions)
+        if not len(clashes := found.clashes):
+            return _Settled(found, fit.bounds[found.drawn], depths)
+        np.maximum.at(least_levels, tree.base_faces[clashes], tree.levels[clashes] + np.int8(1))
 
 
 class _Planner:

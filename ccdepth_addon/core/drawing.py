@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -17,7 +17,7 @@ from .mesh import FloatArray, IndexArray, compact
 from .quadtree import NONE, Point, Quadtree
 from .subdivided_mesh import SubdividedMesh
 from .surface_points import SurfacePoints
-from .templates import ALL_SPLIT, WHOLE, Transitions, templates, triangle_template
+from .templates import WHOLE, Transitions, templates, triangle_template
 
 BoolArray = NDArray[np.bool_]
 
@@ -62,39 +62,84 @@ class Polygons:
 
 
 @dataclass(frozen=True)
-class Drawing:
-    """A mesh, and the proved distance of each of its faces, (F,) float64.
+class Edges:
+    """E edges of C corners. of_corners: (C,) the edge from each corner to the next; vertices: (E, 2); base_edges: (E,)
+    the edge of the control mesh each lies on, or NONE.
 
-    clashes: (…,) nodes whose triangles would share an edge with too many others: they have to be split first.
+    clashing: (E,) bool, whether it has not as many faces as it should, two inside a face and as many as before
+    elsewhere, or another edge has the same vertices. Two quads over the same two opposite corners, both split along the
+    diagonal between these, would do that.
     """
 
-    mesh: SubdividedMesh
-    bounds: FloatArray
-    clashes: IndexArray
+    of_corners: IndexArray
+    vertices: IndexArray
+    base_edges: IndexArray
+    clashing: BoolArray
 
 
-def draw(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions, positions: FloatArray) -> Drawing:
-    """Draw the leaves (L,) of a tree as they were fitted.
+@dataclass(frozen=True)
+class Outline:
+    """The polygons that draw leaves (L,) of a tree, in the order of these, and how they hang together.
 
-    positions: (V, 3) float64, those of the control mesh in the space that is wanted; the tree's own may be in another.
+    blocks: the polygons as they were made, and firsts: (P,) for each block, the first corners of its polygons. starts:
+    (F + 1,) first corners; drawn: (F,) the leaf of each face, as a place; used: (V,) vertices of the tree;
+    corner_vertices: (C,) which of these.
+    """
+
+    tree: Quadtree
+    leaves: IndexArray
+    blocks: list[Polygons]
+    firsts: list[IndexArray]
+    starts: IndexArray
+    drawn: IndexArray
+    used: IndexArray
+    corner_vertices: IndexArray
+    edges: Edges
+
+    @property
+    def clashes(self) -> IndexArray:
+        """The nodes that have edges that clash: they have to be split first."""
+        clashing = np.logical_or.reduceat(self.edges.clashing[self.edges.of_corners], self.starts[:-1])
+        return self.leaves[np.unique(self.drawn[clashing])]
+
+
+def outline(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Outline:
+    """How leaves (L,) of a tree are drawn as they were fitted.
+
+    Vertices and edges of the control mesh that have no faces are kept.
     """
     polygons = [*_polygons_of_quads(tree, leaves, fit, transitions), *_polygons_of_faces(tree, leaves, transitions)]
-    mesh, clashing_edges, drawn = _assembled(tree, polygons, leaves, positions)
-    clashing = np.logical_or.reduceat(clashing_edges[mesh.corner_edges], mesh.face_starts[:-1])
-    return Drawing(mesh, fit.bounds[drawn], leaves[np.unique(drawn[clashing])])
+    starts, drawn, firsts = _order(polygons)
+    vertices = _at_corners(polygons, firsts, (block.vertices(tree, leaves) for block in polygons))
+    loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
+    used, numbered = compact(np.concatenate([vertices, loose]), len(tree.vertex_edges))
+    corner_vertices = numbered[: len(vertices)]
+    del vertices, numbered
+    sides = _at_corners(polygons, firsts, (block.sides(tree, leaves) for block in polygons))
+    edges = _edges(tree, sides, used, starts, corner_vertices)
+    return Outline(tree, leaves, polygons, firsts, starts, drawn, used, corner_vertices, edges)
 
 
-def face_counts(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> IndexArray:
-    """(L,) how many polygons draw each leaf."""
-    quads = tree.is_quad(leaves)
-    if transitions is Transitions.NGONS:
-        return 1 + (quads & fit.folded)
-    sizes = np.array([1, *(len(templates(pattern)[0]) for pattern in range(1, ALL_SPLIT))])
-    counts = np.where(quads, sizes[fit.patterns] + fit.folded, 1)
-    triangles = np.flatnonzero(tree.slot_counts(leaves) == 3)
-    slots = tree.slots(leaves[triangles]).reshape(-1, 3)
-    counts[triangles] += tree.hanging(slots).sum(axis=1)
-    return counts
+def draw(outlined: Outline, positions: FloatArray) -> SubdividedMesh:
+    """The mesh of an outline.
+
+    positions: (V, 3) float64, those of the control mesh in the space that is wanted; the tree's own may be in another.
+    Vertices without faces stay as they are.
+    """
+    tree, used, edges = outlined.tree, outlined.used, outlined.edges
+    return SubdividedMesh(
+        vertex_points=tree.vertex_points.at(used),
+        positions=_positions(tree, used, positions),
+        face_starts=outlined.starts,
+        corner_vertices=outlined.corner_vertices,
+        corner_edges=edges.of_corners,
+        edge_vertices=edges.vertices,
+        corner_points=_corner_points(outlined),
+        base_faces=tree.base_faces[outlined.leaves[outlined.drawn]],
+        base_edges=edges.base_edges,
+        base_vertices=np.where(used < tree.mesh.vertex_count, used, NONE),
+        vertex_edges=tree.vertex_edges[used],
+    )
 
 
 def triangles_around(
@@ -194,39 +239,6 @@ def _points_of_face(split_sides: list[bool], transitions: Transitions) -> list[S
     return [order[first:] + order[:first]]
 
 
-def _assembled(
-    tree: Quadtree, polygons: list[Polygons], leaves: IndexArray, positions: FloatArray
-) -> tuple[SubdividedMesh, BoolArray, IndexArray]:
-    """One mesh of all polygons, in the order of their leaves; (E,) which edges clash; (F,) the leaf of each face.
-
-    Vertices and edges of the control mesh that have no faces are kept as they are.
-    """
-    starts, drawn, firsts = _order(polygons)
-    vertices = np.empty(starts[-1], dtype=np.intp)
-    for block, first in zip(polygons, firsts, strict=True):
-        for number, values in enumerate(block.vertices(tree, leaves)):
-            vertices[first + number] = values
-    loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
-    used, numbered = compact(np.concatenate([vertices, loose]), len(tree.vertex_edges))
-    corner_vertices = numbered[: len(vertices)]
-    del vertices, numbered
-    edges = _edges(tree, _sides(tree, polygons, leaves, firsts), used, starts, corner_vertices)
-    mesh = SubdividedMesh(
-        vertex_points=tree.vertex_points.at(used),
-        positions=_positions(tree, used, positions),
-        face_starts=starts,
-        corner_vertices=corner_vertices,
-        corner_edges=edges.of_corners,
-        edge_vertices=edges.vertices,
-        corner_points=_corner_points(tree, polygons, leaves, firsts),
-        base_faces=tree.base_faces[leaves[drawn]],
-        base_edges=edges.base_edges,
-        base_vertices=np.where(used < tree.mesh.vertex_count, used, NONE),
-        vertex_edges=tree.vertex_edges[used],
-    )
-    return mesh, edges.clashing, drawn
-
-
 def _order(polygons: list[Polygons]) -> tuple[IndexArray, IndexArray, list[IndexArray]]:
     """How all polygons come in the order of their leaves: (F + 1,) first corners, (F,) leaves; and for each block (P,)
     first corners."""
@@ -239,24 +251,29 @@ def _order(polygons: list[Polygons]) -> tuple[IndexArray, IndexArray, list[Index
     return starts, of_leaves[order], np.split(firsts, np.cumsum([len(block.leaves) for block in polygons])[:-1])
 
 
-def _sides(tree: Quadtree, polygons: list[Polygons], leaves: IndexArray, firsts: list[IndexArray]) -> IndexArray:
-    """(C,) the tree's edge from each corner to the next, or NONE inside a leaf."""
-    sides = np.empty(sum(len(block.leaves) * len(block.points) for block in polygons), dtype=np.intp)
-    for block, first in zip(polygons, firsts, strict=True):
-        for number, values in enumerate(block.sides(tree, leaves)):
-            sides[first + number] = values
-    return sides
+def _at_corners(
+    polygons: list[Polygons], firsts: list[IndexArray], values: Iterable[Iterable[IndexArray | int]]
+) -> IndexArray:
+    """(C,) what is given for each block and point of it, put where the corners go."""
+    found = np.empty(_corner_count(polygons), dtype=np.intp)
+    for first, of_block in zip(firsts, values, strict=True):
+        for number, of_point in enumerate(of_block):
+            found[first + number] = of_point
+    return found
 
 
-def _corner_points(
-    tree: Quadtree, polygons: list[Polygons], leaves: IndexArray, firsts: list[IndexArray]
-) -> SurfacePoints:
+def _corner_count(polygons: list[Polygons]) -> int:
+    return sum(len(block.leaves) * len(block.points) for block in polygons)
+
+
+def _corner_points(outlined: Outline) -> SurfacePoints:
     """(C,) where the corners lie."""
-    count = sum(len(block.leaves) * len(block.points) for block in polygons)
+    count = _corner_count(outlined.blocks)
     corners, parameters = np.empty(count, dtype=np.intp), np.empty((count, 2))
-    for block, first in zip(polygons, firsts, strict=True):
+    for block, first in zip(outlined.blocks, outlined.firsts, strict=True):
         for part in blocks(len(first), POLYGONS_AT_ONCE):
-            for number, points in enumerate(tree.points_at(leaves[block.leaves[part]], block.points)):
+            nodes = outlined.leaves[block.leaves[part]]
+            for number, points in enumerate(outlined.tree.points_at(nodes, block.points)):
                 corners[first[part] + number] = points.corners
                 parameters[first[part] + number] = points.parameters
     return SurfacePoints(corners, parameters)
@@ -273,24 +290,9 @@ def _positions(tree: Quadtree, used: IndexArray, positions: FloatArray) -> Float
     return found
 
 
-@dataclass(frozen=True)
-class _Edges:
-    """E edges. of_corners: (C,) the edge from each corner to the next; vertices: (E, 2); base_edges: (E,) the edge of
-    the control mesh each lies on, or NONE; clashing: (E,) bool, whether it has not as many faces as it should, two
-    inside a face and as many as before elsewhere, or another edge has the same vertices.
-
-    Two quads over the same two opposite corners, both split along the diagonal between these, would do that.
-    """
-
-    of_corners: IndexArray
-    vertices: IndexArray
-    base_edges: IndexArray
-    clashing: BoolArray
-
-
 def _edges(
     tree: Quadtree, sides: IndexArray, used: IndexArray, starts: IndexArray, corner_vertices: IndexArray
-) -> _Edges:
+) -> Edges:
     """The edges: those of the tree in its order, then those inside leaves, then those of the mesh without faces.
 
     sides: (C,) the tree's edge from each corner to the next, or NONE.
@@ -309,7 +311,7 @@ def _edges(
     base_edges = np.concatenate([tree.base_edges[outer], np.full(len(inner_vertices), NONE), loose])
     counts = np.bincount(of_corners, minlength=len(vertices))
     expected = np.where(base_edges == NONE, 2, tree.mesh.edge_face_counts[base_edges])
-    return _Edges(of_corners, vertices, base_edges, (counts != expected) | _doubled(vertices, len(outer), len(used)))
+    return Edges(of_corners, vertices, base_edges, (counts != expected) | _doubled(vertices, len(outer), len(used)))
 
 
 def _inner_edges(

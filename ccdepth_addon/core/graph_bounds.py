@@ -28,6 +28,8 @@ LEAST_COSINE = 0.25
 ROUNDING = 1e-9
 
 
+# At degenerate triangles, and where normals cancel, there is nothing to divide by.
+@np.errstate(divide="ignore", invalid="ignore")
 def graph_bounds(
     positions: FloatArray,
     triangles: IndexArray,
@@ -45,13 +47,11 @@ def graph_bounds(
     sides -= positions[triangles]
     crosses = cross_products(sides[:, 0], sides[:, 1])
     doubled = np.sqrt(squared_norms(crosses))
-    with np.errstate(divide="ignore", invalid="ignore"):
-        normals = crosses / doubled[:, None]
-        heights = doubled[:, None] / np.sqrt(squared_norms(np.roll(sides, -1, axis=1)))
+    normals = crosses / doubled[:, None]
+    heights = doubled[:, None] / np.sqrt(squared_norms(np.roll(sides, -1, axis=1)))
     sums = [np.bincount(triangles.ravel(), np.repeat(component, 3), len(positions)) for component in normals.T]
     axes: FloatArray = np.stack(sums, axis=1).astype(np.float64)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        axes = axes / np.sqrt(squared_norms(axes))[:, None]
+    axes = axes / np.sqrt(squared_norms(axes))[:, None]
 
     # (T, 3): for each triangle, what is so at each of its corners.
     tilts = _angles(np.einsum("ti,tki->tk", normals, axes[triangles]))

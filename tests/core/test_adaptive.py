@@ -22,7 +22,7 @@ from ccdepth_addon.core.adaptive import (
     subdivide_adaptively,
 )
 from ccdepth_addon.core.catmull_clark import apply_boundary_rule
-from ccdepth_addon.core.drawing import Drawing, draw, triangles_around
+from ccdepth_addon.core.drawing import Outline, outline, triangles_around
 from ccdepth_addon.core.fits import Fit
 from ccdepth_addon.core.graph_bounds import graph_bounds
 from ccdepth_addon.core.limit_normals import limit_normals
@@ -266,11 +266,13 @@ def test_finished_tree(name: str, mode: Mode, monkeypatch: pytest.MonkeyPatch) -
     for tolerance in (0.02, 2e-3) if mode is Mode.ADAPTIVE else (0.05,):
         drawn: list[tuple[Quadtree, IndexArray, Fit]] = []
 
-        def drawing(tree: Quadtree, leaves: IndexArray, fit: Fit, *rest: Any, drawn: Any = drawn) -> Drawing:
+        def drawing(
+            tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions, drawn: Any = drawn
+        ) -> Outline:
             drawn.append((tree, leaves, fit))
-            return draw(tree, leaves, fit, *rest)
+            return outline(tree, leaves, fit, transitions)
 
-        monkeypatch.setattr(adaptive, "draw", drawing)
+        monkeypatch.setattr(adaptive, "outline", drawing)
         asked = request(mesh, tolerance, mode)
         subdivided(mesh, asked)
         for tree, leaves, fit in drawn:

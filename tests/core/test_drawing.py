@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.catmull_clark import apply_boundary_rule
-from ccdepth_addon.core.drawing import Drawing, draw
+from ccdepth_addon.core.drawing import Outline, outline
 from ccdepth_addon.core.fits import Fit
 from ccdepth_addon.core.mesh import PolygonMesh, polygon_mesh
 from ccdepth_addon.core.quadtree import Quadtree
@@ -22,13 +22,13 @@ def two_faces(second: list[int]) -> PolygonMesh:
     return apply_boundary_rule(mesh, smooth_corners=True)
 
 
-def drawn_folded(mesh: PolygonMesh, alternatives: list[int]) -> Drawing:
+def drawn_folded(mesh: PolygonMesh, alternatives: list[int]) -> Outline:
     """Every face as two triangles, along the diagonals of the alternatives."""
     tree = Quadtree(mesh)
     fit = Fit.none(mesh.face_count)
     fit.folded[:] = True
     fit.alternatives[:] = alternatives
-    return draw(tree, tree.leaves(), fit, Transitions.TRIANGLES, mesh.positions)
+    return outline(tree, tree.leaves(), fit, Transitions.TRIANGLES)
 
 
 @pytest.mark.parametrize(
@@ -42,9 +42,9 @@ def drawn_folded(mesh: PolygonMesh, alternatives: list[int]) -> Drawing:
     ],
 )
 def test_faces_do_not_share_a_diagonal(second: list[int], alternatives: list[int], clashing: list[int]) -> None:
-    drawing = drawn_folded(two_faces(second), alternatives)
-    assert drawing.clashes.tolist() == clashing
-    assert len(drawing.mesh.base_faces) == 4
+    outlined = drawn_folded(two_faces(second), alternatives)
+    assert outlined.clashes.tolist() == clashing
+    assert len(outlined.drawn) == 4
 
 
 def test_a_diagonal_is_not_where_a_loose_edge_is() -> None:
