@@ -25,8 +25,8 @@ from .fits import Cells, Fit
 from .graph_bounds import graph_bounds
 from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray, PolygonMesh, compact
+from .net_cells import CELLS_AT_ONCE
 from .parallel import in_parallel
-from .quad_cells import CELLS_AT_ONCE
 from .quadtree import NONE, Column, Quadtree
 from .subdivided_mesh import SubdividedMesh
 from .templates import Transitions
@@ -150,7 +150,7 @@ class _Planner:
         self._limit = request.limit
         self._cells = CellStore()
         self._fits: list[Column] = [Column(getattr(Fit.none(0), field.name)) for field in fields(Fit)]
-        self._bounds, self._normal, self._tangential = self._fits[:3]
+        self._fitting, self._bounds, self._normal, self._tangential = self._fits[:4]
         self._least = self._fits[-1]
         # Bounds that take the neighbours into account, of leaves that have no other.
         self._graph_bounds = Column(np.zeros(0))
@@ -267,7 +267,7 @@ class _Planner:
         self._split_sides.values[pending] = counts[more]
         for _ in in_parallel(self._fit_as_split, in_blocks(self._cells.of(pending))):
             pass
-        return pending[np.isinf(self._normal.values[pending])]
+        return pending[~self._fitting.values[pending]]
 
     def fit_along_surface(self) -> IndexArray:
         """Bound the leaves that are not within the limit at equal parameters by their neighbours; those that do not
@@ -301,6 +301,7 @@ class _Planner:
         """Find those of the wanted leaves."""
         leaves = self._leaves_around(wanted)
         leaves = leaves[self.tree.share_a_vertex(leaves, wanted)]
+        self._find_misses(leaves)
         triangles, drawn, closed = triangles_around(self.tree, leaves, self.fit_of(leaves), self._request.transitions)
         used, triangles = compact(triangles, len(self.tree.vertex_edges))
         nodes = leaves[drawn]
@@ -319,6 +320,19 @@ class _Planner:
         bounds[wanted] = np.inf
         bounds[own] = 0.0
         np.maximum.at(bounds, own, found)
+
+    def _find_misses(self, leaves: IndexArray) -> None:
+        """Find how far leaves are off along and across their normals where that is not known yet."""
+        unknown = leaves[np.isinf(self._normal.values[leaves])]
+        for _ in in_parallel(self._miss, in_blocks(self._cells.of(unknown))):
+            pass
+
+    def _miss(self, cells: Cells) -> None:
+        """Find and record how far cells are off along and across their normals: no farther than in all."""
+        nodes = cells.nodes
+        misses = cells.misses(Fit(*(column.values[nodes] for column in self._fits)), self._limit)
+        for column, found in ((self._normal, misses.normal), (self._tangential, misses.tangential)):
+            column.values[nodes] = np.minimum(found, self._bounds.values[nodes])
 
     def _positions_of(self, vertices: IndexArray) -> FloatArray:
         """(…, 3) where vertices of the tree lie on the surface, each found once."""
@@ -354,8 +368,9 @@ class _Planner:
             for leaves in some(block, is_leaf):
                 fit = self._fit(leaves, np.zeros(self.tree.slot_counts(leaves.nodes).sum(), dtype=bool))
                 self._record(leaves, fit)
-                fits = fit.fits
-                fits &= self.tree.levels[leaves.nodes] >= self._least_levels[self.tree.base_faces[leaves.nodes]]
+                fits = fit.fits & (
+                    self.tree.levels[leaves.nodes] >= self._least_levels[self.tree.base_faces[leaves.nodes]]
+                )
                 kept.append(trimmed(leaves, fits))
                 others += some(leaves, ~fits)
         return kept, others

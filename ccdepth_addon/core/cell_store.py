@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
 
@@ -12,11 +12,14 @@ from numpy.typing import NDArray
 
 from .fits import Cells
 from .mesh import IndexArray
-from .quad_cells import CELLS_AT_ONCE, NetCells
+from .net_cells import CELLS_AT_ONCE, NetCells
 from .quadtree import NONE, Column
 
 # Where less than this part of a block is wanted it is copied without the rest.
 LEAST_PART = 0.75
+
+# Cells of one kind have nets of as many points.
+Kind = tuple[type[NetCells], int]
 
 
 class CellStore:
@@ -98,21 +101,24 @@ def trimmed(cells: Cells, wanted: NDArray[np.bool_]) -> tuple[Cells, NDArray[np.
 
 def in_blocks(cells: Iterable[Cells], at_once: int = CELLS_AT_ONCE) -> Iterator[Cells]:
     """The same cells; those with nets in blocks of about so many of one kind."""
-    waiting: dict[int, list[NetCells]] = {}
-    counts = Counter[int]()
+    waiting: defaultdict[Kind, list[NetCells]] = defaultdict(list)
+    counts = Counter[Kind]()
     for block in cells:
         if not isinstance(block, NetCells):
             yield block
             continue
-        if not len(block.nodes):
-            continue
-        waiting.setdefault(block.valence, []).append(block)
-        counts[block.valence] += len(block.nodes)
-        if counts[block.valence] >= at_once / 2:
-            yield from _cut(NetCells.joined(waiting.pop(block.valence)), at_once)
-            counts[block.valence] = 0
+        kind = type(block), len(block.nets)
+        waiting[kind].append(block)
+        counts[kind] += len(block.nodes)
+        if counts[kind] >= at_once / 2:
+            yield from _cut(_joined(waiting.pop(kind)), at_once)
+            counts[kind] = 0
     for same in waiting.values():
-        yield NetCells.joined(same)
+        yield _joined(same)
+
+
+def _joined(blocks: list[NetCells]) -> NetCells:
+    return blocks[0] if len(blocks) == 1 else type(blocks[0]).joined(blocks)
 
 
 def _cut(cells: NetCells, at_once: int) -> Iterator[NetCells]:

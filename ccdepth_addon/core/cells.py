@@ -12,9 +12,10 @@ from collections.abc import Iterator
 from .blocks import split
 from .fits import Cells
 from .mesh import PolygonMesh
-from .patches import classify_patches, regular_nets
+from .net_cells import CELLS_AT_ONCE, BicubicCells, ExtraordinaryCells
+from .patches import classify_patches
 from .polygon_cells import PolygonCells, TriangleCells
-from .quad_cells import CELLS_AT_ONCE, REFINED_AT_ONCE, NetCells, RefinedCells, by_valence, extraordinary_cells
+from .refined_cells import REFINED_AT_ONCE, RefinedCells, by_valence
 from .refinement import Refinement
 
 
@@ -23,10 +24,10 @@ def cells_of_faces(mesh: PolygonMesh) -> Iterator[Cells]:
     kinds = classify_patches(mesh)
     regular, extraordinary, rest = by_valence(mesh, kinds, mesh.face_count)
     for faces in split(regular, CELLS_AT_ONCE):
-        yield NetCells.bicubic(faces, regular_nets(mesh, faces))
+        yield BicubicCells.of_faces(mesh, faces, faces)
     for valence, of_valence in extraordinary:
         for faces in split(of_valence, CELLS_AT_ONCE):
-            yield extraordinary_cells(mesh, kinds, valence, faces, faces)
+            yield ExtraordinaryCells.of_faces(mesh, kinds, valence, faces, faces)
     sizes = mesh.face_sizes[rest]
     for kind, of_kind in ((RefinedCells, sizes == 4), (TriangleCells, sizes == 3), (PolygonCells, sizes > 4)):
         for faces in split(rest[of_kind], REFINED_AT_ONCE):

@@ -28,25 +28,26 @@ BoolArray = NDArray[np.bool_]
 HOPEFUL = 0.9
 SLOPE_OF_HEIGHT = 10.0
 
-# Points of a quad (``templates.QUAD_POINTS``, then the centre): the middles of its sides, between corners, and of its
-# diagonals.
-MIDDLES, STARTS, ENDS = [4, 5, 6, 7], [0, 1, 2, 3], [1, 2, 3, 0]
-CENTRE = 8
+# Points of a quad (``templates.QUAD_POINTS``, then the centre): the corners its sides go from and to; and the middles
+# of its sides and diagonals, each with what it is between.
+STARTS, ENDS = [0, 1, 2, 3], [1, 2, 3, 0]
+CHORDS = [(4, 0, 1), (5, 1, 2), (6, 2, 3), (7, 3, 0), (8, 0, 2), (8, 1, 3)]
 
 
 @dataclass
 class Fit:
     """How P cells are drawn, and how well: (P,) each.
 
-    bounds: float64, the proved distance as they are drawn, inf where that is not within the limit. normal, tangential:
-    float64, how far they are off at equal parameters, along the triangles' normals and across these, at most; inf where
-    no template will do. Where these are finite and the bound is not, it takes the neighbours to find one
-    (``graph_bounds``), and is likely to be within the limit. patterns and
-    alternatives: int8, the template (``templates``), counted from slot ``turns`` on. folded: bool, whether the
-    triangles of a whole quad face away from each other, here or where Blender triangulates it, so that it has to be
-    drawn as triangles. least: float64, a distance that is really there when the cell's sides are whole.
+    fits: bool, whether a template will do, or is likely to. bounds: float64, the proved distance as they are drawn, inf
+    where that is not within the limit at equal parameters: it takes the neighbours to find one then (``graph_bounds``).
+    normal, tangential: float64, how far they are off at equal parameters, along the triangles' normals and across
+    these, at most; inf where that has not been worked out. patterns and alternatives: int8, the template
+    (``templates``), counted from slot ``turns`` on. folded: bool, whether the triangles of a whole quad face away from
+    each other, here or where Blender triangulates it, so that it has to be drawn as triangles. least: float64, a
+    distance that is really there when the cell's sides are whole.
     """
 
+    fits: BoolArray
     bounds: FloatArray
     normal: FloatArray
     tangential: FloatArray
@@ -62,34 +63,32 @@ class Fit:
         small = np.zeros(count, dtype=np.int8)
         far = np.full(count, np.inf)
         folded = np.zeros(count, dtype=bool)
-        return Fit(far, far.copy(), far.copy(), small, small.copy(), small.copy(), folded, np.zeros(count))
+        least = np.zeros(count)
+        return Fit(folded, far, far.copy(), far.copy(), small, small.copy(), small.copy(), folded.copy(), least)
 
     def at(self, chosen: IndexArray) -> Fit:
         """Those of some of the cells, by index."""
         return Fit(*(getattr(self, field.name)[chosen] for field in fields(self)))
-
-    @property
-    def fits(self) -> BoolArray:
-        """(P,) whether a template will do, or is likely to."""
-        return np.isfinite(self.normal)
 
     def put(self, chosen: IndexArray, other: Fit) -> None:
         """Replace those of some cells."""
         for field in fields(self):
             getattr(self, field.name)[chosen] = getattr(other, field.name)
 
-    def take(self, chosen: IndexArray, misses: Misses, alternative: int) -> None:
+    def take(self, chosen: IndexArray, alternative: int) -> None:
         """Draw the chosen cells by a template that is within the limit, or likely to be."""
-        self.normal[chosen] = misses.normal
-        self.tangential[chosen] = misses.tangential
+        self.fits[chosen] = True
         self.alternatives[chosen] = alternative
 
-    def fold(self, chosen: IndexArray, pattern: int, points: FloatArray, axes: FloatArray) -> None:
-        """Find out which of the chosen cells, whose points are (8 or more, n, 3), are folded as they are drawn."""
-        if pattern == WHOLE:
-            first = self.alternatives[chosen][None, :, None] == 0
-            corners = np.where(first, points[:4], np.roll(points[:4], -1, axis=0))
-            self.folded[chosen] = is_folded(corners, np.eye(3), axes)
+    def know(self, chosen: IndexArray, misses: Misses) -> None:
+        """So much are the chosen cells off as they are drawn."""
+        self.normal[chosen], self.tangential[chosen] = misses.normal, misses.tangential
+
+    def fold(self, chosen: IndexArray, points: FloatArray, axes: FloatArray) -> None:
+        """Find out which of the chosen cells, whole and with points (4 or more, n, 3), are folded as they are drawn."""
+        first = self.alternatives[chosen][None, :, None] == 0
+        corners = np.where(first, points[:4], np.roll(points[:4], -1, axis=0))
+        self.folded[chosen] = is_folded(corners, np.eye(3), axes)
 
 
 class Cells(Protocol):
@@ -106,8 +105,30 @@ class Cells(Protocol):
         """How to draw them within a limit; hanging: (slots of the nodes,) bool, which sides are split. axes: (3, 3), of
         the space where Blender triangulates (``polygons``)."""
 
+    def misses(self, fit: Fit, limit: float) -> Misses:
+        """How far they are off along and across the normals of the triangles they are drawn by, as they were fitted."""
+
     def children(self, tree: Quadtree) -> Iterator[Cells]:
         """The cells of their children; the tree's nodes have been split."""
+
+
+def sampled_distances(points: FloatArray, pattern: int) -> FloatArray:
+    """(alternatives, P): how far quads are off at the middles of their sides and diagonals, from their points and
+    centres (9, P, 3); 0 where sides are split."""
+    if pattern != WHOLE:
+        return np.zeros((len(templates(pattern)), points.shape[1]))
+    squares = squared_norms(_off_sides_and_diagonals(points))
+    return np.sqrt(np.maximum(squares[:4].max(axis=0), squares[4:]))
+
+
+def _off_sides_and_diagonals(points: FloatArray) -> FloatArray:
+    """(6, P, 3): S - T at the middles of the four sides and of the two diagonals."""
+    off = np.empty_like(points, shape=(6, *points.shape[1:]))
+    for number, (middle, start, end) in enumerate(CHORDS):
+        np.add(points[start], points[end], out=off[number])
+        off[number] *= -0.5
+        off[number] += points[middle]
+    return off
 
 
 @dataclass(frozen=True)
@@ -117,7 +138,6 @@ class Samples:
     slopes: (P,) by how much the triangles there and around are tilted against each other, roughly.
     """
 
-    whole: FloatArray
     normal: FloatArray
     tangential: FloatArray
     slopes: FloatArray
@@ -125,20 +145,17 @@ class Samples:
     @staticmethod
     def of(points: FloatArray, pattern: int) -> Samples:
         """From the quads' points and centres (9, P, 3); for split sides nothing is sampled but the slopes."""
-        sides = points[MIDDLES] - (points[STARTS] + points[ENDS]) / 2
-        diagonals = points[CENTRE] - (points[[0, 1]] + points[[2, 3]]) / 2
         normals = triangle_normals(points, ((0, 1, 2), (0, 2, 3)))
         normals = (normals[0] + normals[1]) / 2
         lengths = np.sqrt(squared_norms(points[ENDS] - points[STARTS])).min(axis=0)
-        heights, across = along_and_across(np.concatenate([sides, diagonals]), normals)
+        heights, across = along_and_across(_off_sides_and_diagonals(points), normals)
         slopes = Samples.slopes_of(heights[:4].max(axis=0), lengths)
         if pattern != WHOLE:
             none = np.zeros((len(templates(pattern)), points.shape[1]))
-            return Samples(none, none, none, slopes)
+            return Samples(none, none, slopes)
         normal = np.maximum(heights[:4].max(axis=0), heights[4:])
         tangential = np.maximum(across[:4].max(axis=0), across[4:])
-        whole = np.sqrt(squared_norms(np.concatenate([sides, diagonals])))
-        return Samples(np.maximum(whole[:4].max(axis=0), whole[4:]), normal, tangential, slopes)
+        return Samples(normal, tangential, slopes)
 
     @staticmethod
     def slopes_of(heights: FloatArray, lengths: FloatArray) -> FloatArray:
@@ -148,7 +165,7 @@ class Samples:
         return np.where(np.isfinite(slopes), slopes, np.inf)
 
     def at(self, chosen: IndexArray) -> Samples:
-        return Samples(self.whole[:, chosen], self.normal[:, chosen], self.tangential[:, chosen], self.slopes[chosen])
+        return Samples(self.normal[:, chosen], self.tangential[:, chosen], self.slopes[chosen])
 
     def hope(self, normal: FloatArray, tangential: FloatArray) -> FloatArray:
         """About what ``graph_bounds`` will find for quads that are off by so much."""

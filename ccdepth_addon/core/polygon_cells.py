@@ -20,9 +20,9 @@ from .fits import HOPEFUL, Cells, Fit, Samples, along_and_across, least_heights,
 from .mesh import FloatArray, IndexArray
 from .norms import squared_norms
 from .polygons import polygon_thickness
-from .quad_cells import refined_children
 from .quadtree import Quadtree
 from .refined_bounds import fan_misses
+from .refined_cells import refined_children
 from .refinement import Refinement
 from .templates import WHOLE, Template, Transitions, triangle_template
 from .triangle_bounds import Misses
@@ -84,9 +84,13 @@ class PolygonCells:
             starts = part.mesh.face_starts[: len(chosen)]
             bounds = np.maximum.reduceat(own.whole, starts)
             bounds += polygon_thickness(facets[:, kept], hanging[kept], starts, axes)
+            found.take(chosen[bounds <= limit], 0)
             found.bounds[chosen] = np.where(bounds <= limit, bounds, np.inf)
-        found.normal[:] = found.tangential[:] = found.bounds
         return found
+
+    def misses(self, fit: Fit, limit: float) -> Misses:
+        """As in ``Cells``: neither is farther than they are in all."""
+        return Misses(fit.bounds, fit.bounds, fit.bounds)
 
     def _sizes(self) -> IndexArray:
         return self.refinement.mesh.face_sizes[: len(self.nodes)]
@@ -114,16 +118,18 @@ class TriangleCells(PolygonCells):
         found = Fit.none(len(self.nodes))
         template = ((0, 1, 2),) if pattern == WHOLE else triangle_template(pattern)
         points = self._points()
-        samples = samples_of_triangles(points, pattern)
-        found.least[:] = samples.whole[0]
-        tried = np.flatnonzero(samples.whole[0] <= limit)
+        sampled = off_sides_and_centre(points, pattern)
+        found.least[:] = np.sqrt(squared_norms(sampled)).max(axis=0)
+        tried = np.flatnonzero(found.least <= limit)
         if len(tried):
             # Where sides are split the fan's distance is not all of it, and has to be known well.
             room = None if pattern == WHOLE else np.full(len(tried), np.inf)
             misses = self.at(tried)._misses(pattern, template, points[:, tried], limit, room)
             within = np.flatnonzero(misses.whole <= limit)
+            found.take(tried[within], 0)
+            found.know(tried[within], misses.at(within))
             found.bounds[tried[within]] = misses.whole[within]
-            found.take(tried[within], misses.at(within), 0)
+        samples = samples_of_triangles(points, sampled)
         hopes = samples.hope(samples.normal, samples.tangential)[0]
         tried = np.flatnonzero(~found.fits & (hopes <= HOPEFUL * limit))
         if len(tried):
@@ -131,7 +137,8 @@ class TriangleCells(PolygonCells):
             misses = self.at(tried)._misses(pattern, template, points[:, tried], HOPEFUL * limit, room)
             fine = samples.at(tried).hope(misses.normal, misses.tangential) <= HOPEFUL * limit
             hopeful = np.flatnonzero(fine & (misses.normal + misses.tangential <= room))
-            found.take(tried[hopeful], misses.at(hopeful), 0)
+            found.take(tried[hopeful], 0)
+            found.know(tried[hopeful], misses.at(hopeful))
         return found
 
     def _points(self) -> FloatArray:
@@ -169,19 +176,24 @@ class TriangleCells(PolygonCells):
         return found
 
 
-def samples_of_triangles(points: FloatArray, pattern: int) -> Samples:
-    """S - T where nothing is split: at the middles of the sides, and at the centre if all are whole."""
+def off_sides_and_centre(points: FloatArray, pattern: int) -> FloatArray:
+    """(…, P, 3): S - T where nothing is split, from the triangles' points and centres (7, P, 3): at the middles of the
+    sides, and at the centre if all are whole."""
+    sides = points[MIDDLES] - (points[CORNERS] + points[FOLLOWING]) / 2
+    sampled = sides[[side for side in range(3) if not pattern >> side & 1]]
+    if pattern == WHOLE:
+        return np.concatenate([sampled, [points[CENTRE] - points[CORNERS].mean(axis=0)]])
+    return sampled
+
+
+def samples_of_triangles(points: FloatArray, sampled: FloatArray) -> Samples:
+    """Of triangles by their points and centres (7, P, 3), and S - T at some places (…, P, 3)."""
     sides = points[MIDDLES] - (points[CORNERS] + points[FOLLOWING]) / 2
     normals = triangle_normals(points, ((0, 1, 2),))[0]
     lengths = np.sqrt(squared_norms(points[FOLLOWING] - points[CORNERS])).min(axis=0)
     slopes = Samples.slopes_of(along_and_across(sides, normals)[0].max(axis=0), lengths)
-    sampled = sides[[side for side in range(3) if not pattern >> side & 1]]
-    if pattern == WHOLE:
-        sampled = np.concatenate([sampled, [points[CENTRE] - points[CORNERS].mean(axis=0)]])
-    heights, across = along_and_across(sampled, normals)
-    distances = np.sqrt(squared_norms(sampled))
-    whole, normal, tangential = (each.max(axis=0, keepdims=True) for each in (distances, heights, across))
-    return Samples(whole, normal, tangential, slopes)
+    normal, tangential = (each.max(axis=0, keepdims=True) for each in along_and_across(sampled, normals))
+    return Samples(normal, tangential, slopes)
 
 
 @cache

@@ -6,7 +6,8 @@ holds in both directions. Over a piece of the surface that is bicubic, S - T on 
 total degree 6, and no longer than the longest of its 28 Bernstein coefficients over that part. These are linear in the
 control net, so a template is a matrix for each kind of net:
 
-- a bicubic quad: 16 Bernstein coefficients;
+- a bicubic quad: 16 Bernstein coefficients, by the quarters of triangles. Where S - T is nearly quadratic it is enough
+  to take it apart: the quadratic polynomial with its values at the vertices and the middles of the sides, and the rest;
 - a quad at an extraordinary vertex: its net, by way of the bicubic pieces of some levels (``stencils``); what is left
   at the vertex is compared with its bilinear facet, which is within a known part of the second-order norm.
 
@@ -15,6 +16,7 @@ Any other quad is refined first (``refined_bounds``).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import pairwise
@@ -24,7 +26,7 @@ import numpy as np
 
 from .blocks import blocks
 from .bounds import certified_limit_factor
-from .coordinates import applied
+from .coordinates import applied, chosen_vectors
 from .mesh import FloatArray, IndexArray
 from .norms import second_differences
 from .splines import SPLINE_TO_BERNSTEIN, bilinear_coefficients, tensor
@@ -75,18 +77,38 @@ WHOLE_QUAD = Square(np.zeros(2), np.eye(2))
 
 
 @cache
-def _domain() -> FloatArray:
-    """(28, 3): barycentric coordinates of the domain points of a polynomial's Bernstein coefficients."""
-    return np.array([(i, j, DEGREE - i - j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]) / DEGREE
+def _domain(degree: int) -> FloatArray:
+    """(28 for degree 6, 3): barycentric coordinates of the domain points of a polynomial's Bernstein coefficients."""
+    return np.array([(i, j, degree - i - j) for i in range(degree + 1) for j in range(degree + 1 - i)]) / degree
+
+
+def _bernstein_basis(degree: int, points: FloatArray) -> FloatArray:
+    """(N, 28 for degree 6): the Bernstein polynomials over a triangle at barycentric coordinates (N, 3)."""
+    exponents = np.rint(_domain(degree) * degree).astype(int)
+    multinomials = [factorial(degree) / (factorial(i) * factorial(j) * factorial(k)) for i, j, k in exponents.tolist()]
+    return np.prod(points[:, None, :] ** exponents[None, :, :], axis=2) * np.array(multinomials)
 
 
 @cache
-def _values_to_coefficients() -> FloatArray:
-    """(28, 28): from the values of a polynomial at the domain points to its Bernstein coefficients."""
-    exponents = np.rint(_domain() * DEGREE).astype(int)
-    multinomials = [factorial(DEGREE) / (factorial(i) * factorial(j) * factorial(k)) for i, j, k in exponents.tolist()]
-    values = np.prod(_domain()[:, None, :] ** exponents[None, :, :], axis=2) * np.array(multinomials)
-    return np.linalg.inv(values)
+def _values_to_coefficients(degree: int) -> FloatArray:
+    """(28, 28) for degree 6: from the values of a polynomial at the domain points to its Bernstein coefficients."""
+    return np.linalg.inv(_bernstein_basis(degree, _domain(degree)))
+
+
+@cache
+def _taken_apart() -> tuple[FloatArray, FloatArray]:
+    """(24, 28), (28, 28): from the Bernstein coefficients of f over a triangle to those of its quadratic part over the
+    four quarters of it, six each, and to those of the rest.
+
+    The quadratic part has the values of f at the vertices and the middles of the sides. It is no longer than the
+    longest of its coefficients over the quarters, and f no longer than it and the rest together.
+    """
+    to_quadratic = _values_to_coefficients(2) @ _bernstein_basis(DEGREE, _domain(2))
+    over_quarters = [
+        _values_to_coefficients(2) @ _bernstein_basis(2, _domain(2) @ quarter) for quarter in _quartered(np.eye(3))
+    ]
+    raised = _values_to_coefficients(DEGREE) @ _bernstein_basis(2, _domain(DEGREE))
+    return np.concatenate(over_quarters) @ to_quadratic, np.eye(len(raised)) - raised @ to_quadratic
 
 
 def _bicubic_basis(points: FloatArray) -> FloatArray:
@@ -109,8 +131,8 @@ def _functionals(part: FloatArray, square: Square, triangle: FloatArray) -> tupl
 
     S by its Bernstein coefficients over the square that holds the part, T by its values at the triangle's vertices.
     """
-    points = _domain() @ part
-    of_surface = _values_to_coefficients() @ _bicubic_basis(square.from_parent(points))
+    points = _domain(DEGREE) @ part
+    of_surface = _values_to_coefficients(DEGREE) @ _bicubic_basis(square.from_parent(points))
     return of_surface, _barycentric(triangle, points)
 
 
@@ -128,11 +150,17 @@ class Rows:
 
     @staticmethod
     def joined(parts: list[Rows]) -> Rows:
-        """All of them, triangle by triangle, without zeros."""
+        """All of them, triangle by triangle, without zeros and what is there already, with whatever sign."""
         matrix = np.concatenate([part.matrix for part in parts])
         triangles = np.concatenate([part.triangles for part in parts])
         kept = np.flatnonzero(np.abs(matrix).max(axis=1) > ROW_ROUNDING)
         kept = kept[np.argsort(triangles[kept], kind="stable")]
+        matrix, triangles = matrix[kept], triangles[kept]
+        first = np.argmax(np.abs(matrix) > ROW_ROUNDING, axis=1)
+        upwards = matrix * np.sign(np.take_along_axis(matrix, first[:, None], axis=1))
+        rounded = np.round(np.column_stack([triangles, upwards]) / ROW_ROUNDING)
+        _, kept = np.unique(rounded, axis=0, return_index=True)
+        kept.sort()
         return Rows(np.ascontiguousarray(matrix[kept]), triangles[kept])
 
 
@@ -255,9 +283,22 @@ def template_rows(pattern: int, alternative: int, path: int, *, fine: bool = Fal
 
 
 @lru_cache(maxsize=256)
-def regular_rows(pattern: int, alternative: int, *, fine: bool) -> Rows:
-    """S - T over a bicubic quad with Bernstein coefficients [i, j] → 4i + j, u along i."""
-    return Rows.joined([template_rows(pattern, alternative, 1, fine=fine).of(np.eye(16), regular_points())])
+def regular_rows(pattern: int, alternative: int) -> Rows:
+    """S - T over a bicubic quad with Bernstein coefficients [i, j] → 4i + j, u along i, by the triangles' quarters."""
+    return Rows.joined([template_rows(pattern, alternative, 1, fine=True).of(np.eye(16), regular_points())])
+
+
+@lru_cache(maxsize=256)
+def quadratic_rows(pattern: int, alternative: int) -> tuple[Rows, Rows]:
+    """The same by whole triangles, taken apart: the quadratic part and the rest, whose lengths add."""
+    rows = template_rows(pattern, alternative, 1).of(np.eye(16), regular_points())
+    coefficients = rows.matrix.reshape(-1, len(_domain(DEGREE)), 16)
+    triangles = rows.triangles.reshape(len(coefficients), -1)[:, 0]
+    quadratic, rest = (
+        Rows.joined([Rows((matrix @ coefficients).reshape(-1, 16), np.repeat(triangles, len(matrix)))])
+        for matrix in _taken_apart()
+    )
+    return quadratic, rest
 
 
 @dataclass(frozen=True)
@@ -315,6 +356,25 @@ def regular_misses(rows: Rows, coefficients: FloatArray, normals: FloatArray) ->
             for block in blocks(coefficients.shape[1], _at_once(len(rows.matrix)))
         ]
     )
+
+
+def regular_distances(parts: Sequence[Rows], coefficients: FloatArray, chosen: IndexArray) -> FloatArray:
+    """(parts, n): the same in all, by each of some parts, for chosen ones of Bernstein coefficients (16, P, 3)."""
+    found = np.empty((len(parts), len(chosen)))
+    for block in blocks(len(chosen), _at_once(max(len(rows.matrix) for rows in parts))):
+        own = chosen_vectors(coefficients, chosen[block])
+        for number, rows in enumerate(parts):
+            found[number, block] = _longest(applied(rows.matrix, own))
+    return found
+
+
+def _longest(vectors: FloatArray) -> FloatArray:
+    """(P,): the largest length of vectors (R, P, 3), which are overwritten."""
+    vectors *= vectors
+    squares = vectors[..., 0]
+    squares += vectors[..., 1]
+    squares += vectors[..., 2]
+    return np.sqrt(squares.max(axis=0))
 
 
 def extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> Misses:

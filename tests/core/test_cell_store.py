@@ -9,21 +9,22 @@ import numpy as np
 
 from ccdepth_addon.core.cell_store import CellStore
 from ccdepth_addon.core.fits import Cells
-from ccdepth_addon.core.quad_cells import NetCells
+from ccdepth_addon.core.net_cells import BicubicCells, ExtraordinaryCells, NetCells
 
 
 def cells(nodes: Iterable[int], valence: int) -> NetCells:
     """With nets that tell their nodes."""
     numbers = np.array([*nodes], dtype=np.intp)
     nets = np.broadcast_to(numbers[None, :, None], (2 * valence + 8, len(numbers), 3)).astype(np.float64)
-    return NetCells(numbers, np.zeros_like(numbers), nets, valence)
+    kind = BicubicCells if valence == 4 else ExtraordinaryCells
+    return kind(numbers, np.zeros_like(numbers), nets)
 
 
 def nodes_of(found: Iterable[Cells]) -> list[int]:
     nodes: list[int] = []
     for block in found:
         assert isinstance(block, NetCells)
-        np.testing.assert_array_equal(block.nets, cells(block.nodes, block.valence).nets)
+        np.testing.assert_array_equal(block.nets, cells(block.nodes, (len(block.nets) - 8) // 2).nets)
         nodes += block.nodes.tolist()
     return sorted(nodes)
 

@@ -111,8 +111,12 @@ def bounds_of(valence: int, pattern: int, alternative: int, nets: FloatArray, *,
     mesh = samples(valence).mesh.changed(positions=nets.reshape(len(nets), -1))
     if valence == 4:
         coefficients = patch_coefficients(regular_nets(mesh, np.array([0]))).reshape(16, -1, 3)
-        rows = triangle_bounds.regular_rows(pattern, alternative, fine=fine)
-        found = triangle_bounds.regular_misses(rows, coefficients, normals)
+        closer = [triangle_bounds.regular_rows(pattern, alternative)]
+        rows = closer if fine else triangle_bounds.quadratic_rows(pattern, alternative)
+        parts = [triangle_bounds.regular_misses(part, coefficients, normals) for part in rows]
+        found = sum(parts[1:], parts[0])
+        in_all = triangle_bounds.regular_distances(rows, coefficients, np.arange(coefficients.shape[1]))
+        np.testing.assert_allclose(in_all.sum(axis=0), found.whole, rtol=ROUNDING)
     else:
         net = extraordinary_nets(mesh, np.array([0]), valence).reshape(2 * valence + 8, -1, 3)
         matrices = triangle_bounds.extraordinary_rows(valence, pattern, alternative, fine=fine)

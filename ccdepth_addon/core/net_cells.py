@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Quads of a quadtree known by a net from which every bound is linear (``triangle_bounds``).
+
+They are bicubic, or have an extraordinary corner.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from . import triangle_bounds
+from .coordinates import applied, chosen_vectors, coordinates_apart
+from .fits import Cells, Fit, least_heights, triangle_normals
+from .mesh import FloatArray, IndexArray, PolygonMesh
+from .patches import PatchKinds, extraordinary_nets, regular_nets
+from .quad_cells import BoolArray, QuadCells, patterns_of
+from .quadtree import Quadtree
+from .splines import HALVES, SPLINE_TO_BERNSTEIN, patch_coefficients, tensor
+from .stencils import patch_stencils
+from .templates import TURNS, Transitions, templates
+from .triangle_bounds import Misses
+
+# A closer look takes away nearly all that is not quadratic, and sometimes a little more; at an extraordinary corner it
+# takes away a third at most. So much more than the limit may be found without one for there to be hope.
+HOPEFUL_QUADRATIC = 1.1
+HOPEFUL_EXTRAORDINARY = 1.5
+
+# Where the rest is less than this part of what is quadratic, a closer look is not worth it.
+SMALL_REST = 0.05
+
+# What ``graph_bounds`` leaves is a third of a height at most, and that of the least triangle around.
+ROOM = 0.12
+
+# Cells that are looked at together: enough of them that the threads seldom wait for the interpreter.
+CELLS_AT_ONCE = 1 << 15
+
+
+def _child_matrices() -> list[FloatArray]:
+    """Four of (16, 16): a bicubic quad's Bernstein coefficients → those of its child at each slot, in its own frame."""
+    low, high = HALVES
+    quarters = [np.kron(a, b).reshape(4, 4, 16) for a, b in ((low, low), (high, low), (high, high), (low, high))]
+    return [np.ascontiguousarray(np.rot90(q, -turns).reshape(16, 16)) for turns, q in enumerate(quarters)]
+
+
+CHILD_MATRICES = _child_matrices()
+
+# The Bernstein coefficients of a bicubic quad in the order of the same quad counted from slot 0, 1, 2 or 3.
+TURNED_COEFFICIENTS = [np.rot90(np.arange(16).reshape(4, 4), -turns).ravel() for turns in range(4)]
+TO_BERNSTEIN = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
+
+
+@dataclass(frozen=True)
+class NetCells(QuadCells):
+    """Quads with a net.
+
+    nodes: (P,); slots: (P,) the slot the net is counted from; nets: (N, P, 3).
+    """
+
+    nodes: IndexArray
+    slots: IndexArray
+    nets: FloatArray
+
+    @classmethod
+    def joined(cls, blocks: Sequence[NetCells]) -> Self:
+        """Cells of one kind as one block."""
+        return cls(
+            np.concatenate([block.nodes for block in blocks]),
+            np.concatenate([block.slots for block in blocks]),
+            np.concatenate([block.nets for block in blocks], axis=1),
+        )
+
+    def at(self, chosen: IndexArray) -> Self:
+        return type(self)(self.nodes[chosen], self.slots[chosen], chosen_vectors(self.nets, chosen))
+
+    def turns(self) -> IndexArray:
+        return self.slots
+
+    def points(self) -> FloatArray:
+        return applied(self._to_points(), self.nets)
+
+    def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
+        """Looked at twice where they leave the triangles little room, or are far along the normals."""
+        points, nets = chosen_vectors(points, chosen), chosen_vectors(self.nets, chosen)
+        template = templates(pattern)[alternative]
+        normals = triangle_normals(points, template)
+        misses, far = self._misses_once(nets, pattern, alternative, normals, limit)
+        crowded = misses.normal + misses.tangential > ROOM * least_heights(points, template)
+        doubtful = np.flatnonzero(crowded | far)
+        if len(doubtful):
+            nets, normals = chosen_vectors(nets, doubtful), chosen_vectors(normals, doubtful)
+            misses.put(doubtful, self._misses_closely(nets, pattern, alternative, normals))
+        return misses
+
+    @abstractmethod
+    def _to_points(self) -> FloatArray:
+        """(9, N): from a net to the quad's points and its centre."""
+
+    @abstractmethod
+    def _misses_once(
+        self, nets: FloatArray, pattern: int, alternative: int, normals: FloatArray, limit: float
+    ) -> tuple[Misses, BoolArray]:
+        """How far quads with nets (N, n, 3) are off at a first look, and whether that is not known well enough for what
+        is within the limit along the normals."""
+
+    @abstractmethod
+    def _misses_closely(self, nets: FloatArray, pattern: int, alternative: int, normals: FloatArray) -> Misses:
+        """The same at a closer look."""
+
+
+class BicubicCells(NetCells):
+    """Bicubic quads, by their 16 Bernstein coefficients [i, j] → 4i + j, u along i."""
+
+    @staticmethod
+    def of_faces(mesh: PolygonMesh, faces: IndexArray, nodes: IndexArray) -> BicubicCells:
+        """From regular faces of a mesh."""
+        coefficients = patch_coefficients(regular_nets(mesh, faces)).reshape(16, -1, 3)
+        return BicubicCells(nodes, np.zeros_like(nodes), coordinates_apart(coefficients))
+
+    def children(self, tree: Quadtree) -> Iterator[Cells]:
+        count = len(self.nodes)
+        nodes = tree.first_child[self.nodes] + np.arange(4)[:, None]
+        nets = np.empty((16, 3, 4, count))
+        for slot, matrix in enumerate(CHILD_MATRICES):
+            nets[:, :, slot] = applied(matrix, self.nets).swapaxes(1, 2)
+        yield BicubicCells(nodes.ravel(), np.zeros(4 * count, dtype=np.intp), nets.reshape(16, 3, -1).swapaxes(1, 2))
+
+    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
+        # Fewer patterns mean less work.
+        turned = self._turned(TURNS[patterns_of(hanging, self.slots)])
+        return super(BicubicCells, turned).fit(hanging, transitions, limit, axes)
+
+    def misses(self, fit: Fit, limit: float) -> Misses:
+        turned = self._turned((fit.turns - self.slots) % 4)
+        return super(BicubicCells, turned).misses(fit, limit)
+
+    def _turned(self, turns: NDArray[np.int8] | IndexArray) -> BicubicCells:
+        """Counted from other slots, (P,) turns further on."""
+        if not np.any(turns):
+            return self
+        nets = self.nets.copy("K")
+        for turn in (1, 2, 3):
+            chosen = np.flatnonzero(turns == turn)
+            nets[:, chosen] = chosen_vectors(self.nets, chosen).take(TURNED_COEFFICIENTS[turn], axis=0)
+        return BicubicCells(self.nodes, (self.slots + turns) % 4, nets)
+
+    def distances_of(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
+    ) -> FloatArray:
+        """Looked at twice where that decides."""
+        rows = triangle_bounds.quadratic_rows(pattern, alternative)
+        quadratic, rest = triangle_bounds.regular_distances(rows, self.nets, chosen)
+        distances = quadratic + rest
+        doubtful = np.flatnonzero((distances > limit) & (quadratic <= HOPEFUL_QUADRATIC * limit))
+        closer = [triangle_bounds.regular_rows(pattern, alternative)]
+        distances[doubtful] = triangle_bounds.regular_distances(closer, self.nets, chosen[doubtful])[0]
+        return distances
+
+    def _to_points(self) -> FloatArray:
+        return triangle_bounds.regular_points()
+
+    def _misses_once(
+        self, nets: FloatArray, pattern: int, alternative: int, normals: FloatArray, limit: float
+    ) -> tuple[Misses, BoolArray]:
+        rows = triangle_bounds.quadratic_rows(pattern, alternative)
+        quadratic, rest = (triangle_bounds.regular_misses(part, nets, normals) for part in rows)
+        return quadratic + rest, rest.normal > SMALL_REST * quadratic.normal
+
+    def _misses_closely(self, nets: FloatArray, pattern: int, alternative: int, normals: FloatArray) -> Misses:
+        return triangle_bounds.regular_misses(triangle_bounds.regular_rows(pattern, alternative), nets, normals)
+
+
+class ExtraordinaryCells(NetCells):
+    """Quads whose corner at the slot is extraordinary, of one valence n, by the net of 2n + 8 points around it."""
+
+    @staticmethod
+    def of_faces(
+        mesh: PolygonMesh, kinds: PatchKinds, valence: int, faces: IndexArray, nodes: IndexArray
+    ) -> ExtraordinaryCells:
+        """From faces of a mesh with an extraordinary vertex of this valence."""
+        corners = kinds.extraordinary_corners[faces]
+        nets = coordinates_apart(extraordinary_nets(mesh, corners, valence))
+        return ExtraordinaryCells(nodes, corners - mesh.face_starts[faces], nets)
+
+    @property
+    def valence(self) -> int:
+        return (len(self.nets) - 8) // 2
+
+    def children(self, tree: Quadtree) -> Iterator[Cells]:
+        first = tree.first_child[self.nodes]
+        zeros = np.zeros_like(first)
+        stencils = patch_stencils(self.valence)
+        yield ExtraordinaryCells(first + self.slots, zeros, applied(stencils.refined, self.nets))
+        for turn in (1, 2, 3):
+            matrix = TO_BERNSTEIN @ stencils.regular[16 * (turn - 1) : 16 * turn]
+            yield BicubicCells(first + (self.slots + turn) % 4, zeros, applied(matrix, self.nets))
+
+    def distances_of(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
+    ) -> FloatArray:
+        """Looked at twice where that decides."""
+        nets = chosen_vectors(self.nets, chosen)
+        normals = triangle_normals(chosen_vectors(points, chosen), templates(pattern)[alternative])
+        distances = self._misses_once(nets, pattern, alternative, normals, limit)[0].whole
+        doubtful = np.flatnonzero((distances > limit) & (distances <= HOPEFUL_EXTRAORDINARY * limit))
+        if len(doubtful):
+            nets, normals = chosen_vectors(nets, doubtful), chosen_vectors(normals, doubtful)
+            distances[doubtful] = self._misses_closely(nets, pattern, alternative, normals).whole
+        return distances
+
+    def _to_points(self) -> FloatArray:
+        return triangle_bounds.extraordinary_points(self.valence)
+
+    def _misses_once(
+        self, nets: FloatArray, pattern: int, alternative: int, normals: FloatArray, limit: float
+    ) -> tuple[Misses, BoolArray]:
+        rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=False)
+        misses = triangle_bounds.extraordinary_misses(rows, nets, normals)
+        return misses, misses.normal > limit / 2
+
+    def _misses_closely(self, nets: FloatArray, pattern: int, alternative: int, normals: FloatArray) -> Misses:
+        rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=True)
+        return triangle_bounds.extraordinary_misses(rows, nets, normals)
