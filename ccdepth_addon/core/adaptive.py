@@ -154,7 +154,6 @@ class _Planner:
         self._least = self._fits[-1]
         # Bounds that take the neighbours into account, of leaves that have no other.
         self._graph_bounds = Column(np.zeros(0))
-        self._positions = Column(np.zeros((0, 3)))
         # How many of a leaf's sides were split when it was fitted last; it never gets fewer.
         self._split_sides = Column(np.zeros(0, dtype=np.int32))
         # The nodes split since balance was looked at; whether a leaf's sides may have been split since it was fitted;
@@ -304,11 +303,12 @@ class _Planner:
         self._find_misses(leaves)
         triangles, drawn, closed = triangles_around(self.tree, leaves, self.fit_of(leaves), self._request.transitions)
         used, triangles = compact(triangles, len(self.tree.vertex_edges))
+        positions = limit_values(self.tree.mesh, self.tree.mesh.positions, self.tree.vertex_points.at(used))
         nodes = leaves[drawn]
         is_wanted = np.zeros(len(self.tree.first_child), dtype=bool)
         is_wanted[wanted] = True
         found = graph_bounds(
-            self._positions_of(used),
+            positions,
             triangles,
             self._normal.values[nodes],
             self._tangential.values[nodes],
@@ -333,15 +333,6 @@ class _Planner:
         misses = cells.misses(Fit(*(column.values[nodes] for column in self._fits)), self._limit)
         for column, found in ((self._normal, misses.normal), (self._tangential, misses.tangential)):
             column.values[nodes] = np.minimum(found, self._bounds.values[nodes])
-
-    def _positions_of(self, vertices: IndexArray) -> FloatArray:
-        """(…, 3) where vertices of the tree lie on the surface, each found once."""
-        more = len(self.tree.vertex_edges) - len(self._positions.values)
-        self._positions.append(np.full((more, 3), np.nan))
-        unknown = vertices[np.isnan(self._positions.values[vertices, 0])]
-        points = self.tree.vertex_points.at(unknown)
-        self._positions.values[unknown] = limit_values(self.tree.mesh, self.tree.mesh.positions, points)
-        return self._positions.values[vertices]
 
     def leaves(self) -> IndexArray:
         """The leaves in the order of the control mesh's faces."""

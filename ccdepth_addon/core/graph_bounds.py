@@ -18,14 +18,18 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from .blocks import blocks
 from .mesh import FloatArray, IndexArray
-from .norms import cross_products, squared_norms
 
 # Steeper than this the bound is of no use any more.
 LEAST_COSINE = 0.25
 
 # What rounding may take from an angle or a ratio.
 ROUNDING = 1e-9
+
+
+# Triangles that are looked at together: what is made on the way stays in the processor's cache.
+TRIANGLES_AT_ONCE = 1 << 12
 
 
 # At degenerate triangles, and where normals cancel, there is nothing to divide by.
@@ -43,31 +47,30 @@ def graph_bounds(
     positions: (V, 3); triangles: (T, 3); normal, tangential: (T,), how far each is off the surface at equal parameters,
     at most. closed: (V,) whether all the triangles around a vertex are there and close up to a disc. wanted: (T,).
     """
-    sides: FloatArray = positions[np.roll(triangles, -1, axis=1)]
-    sides -= positions[triangles]
-    crosses = cross_products(sides[:, 0], sides[:, 1])
-    doubled = np.sqrt(squared_norms(crosses))
-    normals = crosses / doubled[:, None]
-    heights = doubled[:, None] / np.sqrt(squared_norms(np.roll(sides, -1, axis=1)))
-    sums = [np.bincount(triangles.ravel(), np.repeat(component, 3), len(positions)) for component in normals.T]
-    axes: FloatArray = np.stack(sums, axis=1).astype(np.float64)
-    axes = axes / np.sqrt(squared_norms(axes))[:, None]
+    count = len(positions)
+    corners, columns = np.ascontiguousarray(triangles.T), np.ascontiguousarray(positions.T)
+    normals, heights, angles = np.empty((3, 3, len(triangles)))
+    for block in blocks(len(triangles), TRIANGLES_AT_ONCE):
+        normals[:, block], heights[:, block], angles[:, block] = _shapes(columns[:, corners[:, block]])
+    axes = np.stack([_sums_at(corners, np.broadcast_to(component, corners.shape), count) for component in normals])
+    axes /= np.sqrt(np.sum(axes * axes, axis=0))
 
-    # (T, 3): for each triangle, what is so at each of its corners.
-    tilts = _angles(np.einsum("ti,tki->tk", normals, axes[triangles]))
-    angles = _corner_angles(sides)
+    # (3, T): for each triangle, what is so at each of its corners.
+    tilts = np.empty_like(heights)
+    for block in blocks(len(triangles), TRIANGLES_AT_ONCE):
+        tilts[:, block] = _angles(np.einsum("it,ikt->kt", normals[:, block], axes[:, corners[:, block]]))
     around = (
-        _largest_at(triangles, tilts, len(positions)),
-        np.bincount(triangles.ravel(), angles.ravel(), len(positions)),
-        -_largest_at(triangles, -heights, len(positions)),
-        _largest_at(triangles, np.repeat(normal, 3), len(positions)),
-        _largest_at(triangles, np.repeat(tangential, 3), len(positions)),
+        _largest_at(corners, tilts, count),
+        _sums_at(corners, angles, count),
+        -_largest_at(corners, -heights, count),
+        _largest_at(corners, np.broadcast_to(normal, corners.shape), count),
+        _largest_at(corners, np.broadcast_to(tangential, corners.shape), count),
     )
     # And for each that is wanted, what is so around each of its vertices. Comparisons are made so that what is not a
     # number meets no condition.
-    own = triangles[wanted]
+    own = corners[:, wanted]
     largest_tilt, turns, width, off_normal, off_across = (values[own] for values in around)
-    tilt = largest_tilt + tilts[wanted] + ROUNDING
+    tilt = largest_tilt + tilts[:, wanted] + ROUNDING
     cosines = np.cos(np.minimum(tilt, np.pi / 2))
     holds = (cosines > LEAST_COSINE) & closed[own]
     holds &= turns < 4 * np.pi * cosines * (1 - ROUNDING)
@@ -75,23 +78,33 @@ def graph_bounds(
     cosines = np.where(holds, cosines, 1.0)
     sines = np.sqrt(1 - cosines**2)
     bounds = off_normal / cosines + 2 * sines / cosines * (off_across + off_normal * sines)
-    return np.where(holds, bounds * (1 + ROUNDING), np.inf).max(axis=1)
+    return np.where(holds, bounds * (1 + ROUNDING), np.inf).max(axis=0)
 
 
 def _angles(cosines: FloatArray) -> FloatArray:
     return np.arccos(np.clip(cosines, -1.0, 1.0))
 
 
-def _corner_angles(sides: FloatArray) -> FloatArray:
-    """(T, 3): the angle of each triangle at each corner; sides: (T, 3, 3), from each corner to the next."""
-    back = np.roll(sides, 1, axis=1)
-    np.negative(back, out=back)
-    sines = np.sqrt(squared_norms(cross_products(sides, back)))
-    return np.arctan2(sines, np.einsum("tki,tki->tk", sides, back))
+def _shapes(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of triangles with corners (3, 3, T), coordinate by coordinate: their normals (3, T); and corner by corner (3, T)
+    their heights and angles there."""
+    sides = points[:, [1, 2, 0]] - points
+    back = -sides[:, [2, 0, 1]]
+    crosses = np.stack([sides[i] * back[j] - sides[j] * back[i] for i, j in ((1, 2), (2, 0), (0, 1))])
+    doubled = np.sqrt(np.sum(crosses * crosses, axis=0))
+    lengths = np.sqrt(np.sum(sides * sides, axis=0))
+    angles = np.arctan2(doubled, np.sum(sides * back, axis=0))
+    return crosses[:, 0] / doubled[0], doubled / lengths[[1, 2, 0]], angles
 
 
-def _largest_at(triangles: IndexArray, values: FloatArray, count: int) -> FloatArray:
-    """(count,) the largest of the values at the corners (T · 3 in all) of each vertex."""
+def _sums_at(corners: IndexArray, values: FloatArray, count: int) -> FloatArray:
+    """(count,) the sum of the values at the corners (3, T) of each vertex."""
+    sums: FloatArray = np.bincount(corners.ravel(), values.ravel(), count).astype(np.float64, copy=False)
+    return sums
+
+
+def _largest_at(corners: IndexArray, values: FloatArray, count: int) -> FloatArray:
+    """(count,) the largest of the values at the corners (3, T) of each vertex."""
     largest = np.full(count, -np.inf)
-    np.maximum.at(largest, triangles.ravel(), values.ravel())
+    np.maximum.at(largest, corners.ravel(), values.ravel())
     return largest

@@ -7,6 +7,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from itertools import chain, islice
 from typing import TypeVar
 
 Work = TypeVar("Work")
@@ -24,11 +25,17 @@ def in_parallel(function: Callable[[Work], Result], work: Iterable[Work]) -> Ite
     While a result takes its time there is None instead, every now and then. When the caller stops asking, what has not
     begun is dropped.
     """
+    work = iter(work)
+    first = [*islice(work, 2)]
+    if len(first) == 1:
+        # One piece alone takes less time than a thread takes to wake up, or not much longer.
+        yield function(first[0])
+        return
     threads = min(MOST_THREADS, os.cpu_count() or 1)
     waiting: deque[Future[Result]] = deque()
     pool = ThreadPoolExecutor(threads)
     try:
-        for piece in work:
+        for piece in chain(first, work):
             waiting.append(pool.submit(function, piece))
             if len(waiting) > 2 * threads:
                 yield from _result_of(waiting.popleft())
