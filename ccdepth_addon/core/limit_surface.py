@@ -82,7 +82,7 @@ class _Values:
 def spline_weights(parameters: FloatArray) -> FloatArray:
     """(4, P): the weights of four points in a row of the cubic B-spline over the middle two, at parameters (P,)."""
     t, s = parameters, 1 - parameters
-    return np.stack([s**3, 4 - 3 * t * t * (1 + s), 4 - 3 * s * s * (1 + t), t**3]) / 6
+    return np.stack([s * s * s, 4 - 3 * t * t * (1 + s), 4 - 3 * s * s * (1 + t), t * t * t]) / 6
 
 
 def spline_sums(nets: FloatArray, which: IndexArray, along: FloatArray, across: FloatArray) -> FloatArray:

@@ -85,13 +85,11 @@ class NetCells(QuadCells):
         return applied(self._to_points(), self.nets)
 
     def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
-        """Looked at twice where they leave the triangles little room, or are far along the normals."""
+        """Looked at twice where they are not known well enough."""
         points, nets = chosen_vectors(points, chosen), chosen_vectors(self.nets, chosen)
-        template = templates(pattern)[alternative]
-        normals = triangle_normals(points, template)
-        misses, far = self._misses_once(nets, pattern, alternative, normals, limit)
-        crowded = misses.normal + misses.tangential > ROOM * least_heights(points, template)
-        doubtful = np.flatnonzero(crowded | far)
+        normals = triangle_normals(points, templates(pattern)[alternative])
+        misses, is_doubtful = self._misses_once(nets, pattern, alternative, points, normals, limit)
+        doubtful = np.flatnonzero(is_doubtful)
         if len(doubtful):
             nets, normals = chosen_vectors(nets, doubtful), chosen_vectors(normals, doubtful)
             misses.put(doubtful, self._misses_closely(nets, pattern, alternative, normals))
@@ -103,10 +101,16 @@ class NetCells(QuadCells):
 
     @abstractmethod
     def _misses_once(
-        self, nets: FloatArray, pattern: int, alternative: int, normals: FloatArray, limit: float
+        self,
+        nets: FloatArray,
+        pattern: int,
+        alternative: int,
+        points: FloatArray,
+        normals: FloatArray,
+        limit: float,
     ) -> tuple[Misses, BoolArray]:
-        """How far quads with nets (N, n, 3) are off at a first look, and whether that is not known well enough for what
-        is within the limit along the normals."""
+        """How far quads with nets (N, n, 3) and points (9, n, 3) are off at a first look, and whether a closer look may
+        make a difference to what the neighbours say of them."""
 
     @abstractmethod
     def _misses_closely(self, nets: FloatArray, pattern: int, alternative: int, normals: FloatArray) -> Misses:
@@ -165,7 +169,13 @@ class BicubicCells(NetCells):
         return triangle_bounds.regular_points()
 
     def _misses_once(
-        self, nets: FloatArray, pattern: int, alternative: int, normals: FloatArray, limit: float
+        self,
+        nets: FloatArray,
+        pattern: int,
+        alternative: int,
+        points: FloatArray,
+        normals: FloatArray,
+        limit: float,
     ) -> tuple[Misses, BoolArray]:
         rows = triangle_bounds.quadratic_rows(pattern, alternative)
         quadratic, rest = (triangle_bounds.regular_misses(part, nets, normals) for part in rows)
@@ -204,9 +214,9 @@ class ExtraordinaryCells(NetCells):
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> FloatArray:
         """Looked at twice where that decides."""
-        nets = chosen_vectors(self.nets, chosen)
-        normals = triangle_normals(chosen_vectors(points, chosen), templates(pattern)[alternative])
-        distances = self._misses_once(nets, pattern, alternative, normals, limit)[0].whole
+        points, nets = chosen_vectors(points, chosen), chosen_vectors(self.nets, chosen)
+        normals = triangle_normals(points, templates(pattern)[alternative])
+        distances = self._misses_once(nets, pattern, alternative, points, normals, limit)[0].whole
         doubtful = np.flatnonzero((distances > limit) & (distances <= HOPEFUL_EXTRAORDINARY * limit))
         if len(doubtful):
             nets, normals = chosen_vectors(nets, doubtful), chosen_vectors(normals, doubtful)
@@ -217,11 +227,18 @@ class ExtraordinaryCells(NetCells):
         return triangle_bounds.extraordinary_points(self.valence)
 
     def _misses_once(
-        self, nets: FloatArray, pattern: int, alternative: int, normals: FloatArray, limit: float
+        self,
+        nets: FloatArray,
+        pattern: int,
+        alternative: int,
+        points: FloatArray,
+        normals: FloatArray,
+        limit: float,
     ) -> tuple[Misses, BoolArray]:
         rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=False)
         misses = triangle_bounds.extraordinary_misses(rows, nets, normals)
-        return misses, misses.normal > limit / 2
+        room = ROOM * least_heights(points, templates(pattern)[alternative])
+        return misses, (misses.normal > limit / 2) | (misses.normal + misses.tangential > room)
 
     def _misses_closely(self, nets: FloatArray, pattern: int, alternative: int, normals: FloatArray) -> Misses:
         rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=True)

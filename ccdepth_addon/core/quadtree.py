@@ -33,6 +33,11 @@ GROWTH = 1.5
 # A point of a node: the place of a corner, and whether it is the middle of the side from there that is meant.
 Point = tuple[int, bool]
 
+# Parameters as complex numbers, which turn and scale by multiplication: the points of a quad, and its sides from corner
+# to corner.
+COMPLEX_POINTS = QUAD_POINTS @ np.array([1, 1j])
+COMPLEX_SIDES = np.array([1, 1j, -1, -1j])
+
 # What is made on the way for so many nodes stays in the processor's cache.
 NODES_AT_ONCE = 1 << 13
 
@@ -78,9 +83,9 @@ class Quadtree:
         self._first_child = Column(np.full(faces, NONE, dtype=np.intp))
         self._levels = Column(np.zeros(faces, dtype=np.int8))
         self._base_faces = Column(np.arange(faces))
-        # A frame is the quarter a node lies in, its first slot there, and the side from there.
+        # A frame is the quarter a node lies in, its first slot there, and the side from there, as complex numbers.
         self._frame_corners = Column(mesh.face_starts[:-1])
-        self._frames = Column(np.zeros((faces, 4)))
+        self._frames = Column(np.zeros((faces, 2), dtype=np.complex128))
         self._slot_vertices = Column(mesh.corner_vertices[:0])
         self._slot_edges = Column(mesh.corner_edges[:0])
         # The last slot made along an edge, and the one made along the same edge before a slot; or NONE. A tree with
@@ -144,22 +149,15 @@ class Quadtree:
     def points_at(self, nodes: IndexArray, points: Sequence[Point]) -> Iterator[SurfacePoints]:
         """For each point: (nodes,) where it lies, in each node's own face."""
         corners = self._frame_corners.values[nodes]
-        x, y, along_x, along_y = np.ascontiguousarray(self._frames.values[nodes].T)
+        origins, sides = self._frames.values[nodes].T
         faces = np.flatnonzero(nodes < self.mesh.face_count)
         for place, middle in points:
-            u, v = QUAD_POINTS[place % 4 + 4 * middle]
-            parameters = np.stack([x + u * along_x - v * along_y, y + u * along_y + v * along_x], axis=1)
+            parameters = origins + COMPLEX_POINTS[place % 4 + 4 * middle] * sides
             # The quarters of a whole face meet in its centre, so its corners and sides are all alike in theirs.
-            parameters[faces] = (middle, 0.0)
+            parameters[faces] = middle
             own = corners.copy()
             own[faces] += place
-            yield SurfacePoints(own, parameters)
-
-    def _frame_axes(self, nodes: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """(nodes, 2) origins and (nodes, 2, 2) axes: the sides from the first slot to the second and to the last."""
-        frames = self._frames.values[nodes]
-        along, across = frames[:, 2:], frames[:, [3, 2]] * (-1.0, 1.0)
-        return frames[:, :2], np.stack([along, across], axis=1)
+            yield SurfacePoints(own, _as_pairs(parameters))
 
     def is_quad(self, nodes: IndexArray) -> BoolArray:
         """(nodes,) bool."""
@@ -243,57 +241,52 @@ class Quadtree:
         counts = self.slot_counts(nodes)
         starts = np.cumsum(counts) - counts
         places = np.arange(counts.sum()) - np.repeat(starts, counts)
-        slots = self.slots(nodes)
+        slots, owners = self.slots(nodes), np.repeat(nodes, counts)
         last = np.repeat(starts + counts - 1, counts)
         before = np.where(places == 0, last, np.arange(len(slots)) - 1)
-        owners = np.repeat(nodes, counts)
+        edges, vertices = self.slot_edges[slots], self.slot_vertices[slots]
 
         corners, origins, sides = self._slot_frames(owners, slots, places)
-        self._split_edges(slots, corners, origins + sides / 2)
+        self._split_edges(edges, corners, origins + sides / 2)
         centres = len(self._vertex_corners.values) + np.repeat(np.arange(len(nodes)), counts)
-        across = sides[:, [1, 0]] * (-1.0, 1.0)
-        self._append_vertices(corners[starts], (origins + sides / 2 + across / 2)[starts], NONE)
-        inner = self._append_edges(np.stack([self.midpoints[self.slot_edges[slots]], centres], axis=1), NONE)
+        self._append_vertices(corners[starts], (origins + (0.5 + 0.5j) * sides)[starts], NONE)
+        middles = self.midpoints[edges]
+        inner = self._append_edges(np.stack([middles, centres], axis=1), NONE)
 
-        outgoing = self.half_at(slots, slots)
-        incoming = self.half_at(slots[before], slots)
-        middles = self.midpoints[self.slot_edges[slots]]
-        vertices = np.stack([self.slot_vertices[slots], middles, centres, middles[before]], axis=1)
-        edges = np.stack([outgoing, inner, inner[before], incoming], axis=1)
+        outgoing, incoming = self._halves(edges, vertices), self._halves(edges[before], vertices)
+        child_vertices = np.stack([vertices, middles, centres, middles[before]], axis=1)
+        child_edges = np.stack([outgoing, inner, inner[before], incoming], axis=1)
         self.first_child[nodes] = len(self.first_child) + starts
         self._first_child.append(np.full(len(slots), NONE, dtype=np.intp))
         self._levels.append(self.levels[owners] + np.int8(1))
         self._base_faces.append(self.base_faces[owners])
         self._frame_corners.append(corners)
-        self._frames.append(np.concatenate([origins, sides / 2], axis=1))
-        self._append_slots(vertices.ravel(), edges.ravel())
+        self._frames.append(np.stack([origins, sides / 2], axis=1))
+        self._append_slots(child_vertices.ravel(), child_edges.ravel())
 
     def _slot_frames(
         self, owners: IndexArray, slots: IndexArray, places: IndexArray
-    ) -> tuple[IndexArray, FloatArray, FloatArray]:
-        """For slots: the quarter each lies in, its parameters there (…, 2), and its side there (…, 2).
+    ) -> tuple[IndexArray, NDArray[np.complex128], NDArray[np.complex128]]:
+        """For slots: the quarter each lies in, its parameters there, and its side there.
 
         The side of a whole face reaches twice as far as its quarter.
         """
-        origins, axes = self._frame_axes(owners)
-        quad_places = places % 4
-        corners = self._frame_corners.values[owners].copy()
-        steps = np.roll(QUAD_POINTS[:4], -1, axis=0) - QUAD_POINTS[:4]
-        points = origins + np.einsum("ni,nij->nj", QUAD_POINTS[quad_places], axes)
-        sides = np.einsum("ni,nij->nj", steps[quad_places], axes)
+        corners = self._frame_corners.values[owners]
+        origins, axes = self._frames.values[owners].T
+        points, sides = origins + COMPLEX_POINTS[places % 4] * axes, COMPLEX_SIDES[places % 4] * axes
         faces = np.flatnonzero(owners < self.mesh.face_count)
-        corners[faces] = slots[faces]
-        points[faces] = 0.0
-        sides[faces] = (2.0, 0.0)
+        corners[faces], points[faces], sides[faces] = slots[faces], 0.0, 2.0
         return corners, points, sides
 
-    def _split_edges(self, slots: IndexArray, corners: IndexArray, middles: FloatArray) -> None:
-        """Split the sides at the slots that are whole; corners and middles say where their midpoints lie."""
-        edges, first = np.unique(self.slot_edges[slots], return_index=True)
-        whole = self.edge_children[edges] == NONE
-        edges, first = edges[whole], first[whole]
+    def _split_edges(self, sides: IndexArray, corners: IndexArray, middles: NDArray[np.complex128]) -> None:
+        """Split those edges of some sides that are whole; corners and middles say where their midpoints lie."""
+        whole = np.flatnonzero(self.edge_children[sides] == NONE)
+        # Of several sides along an edge one is written.
+        self.edge_children[sides[whole]] = whole
+        chosen = whole[self.edge_children[sides[whole]] == whole]
+        edges = sides[chosen]
         base_edges = self.base_edges[edges]
-        midpoints = self._append_vertices(corners[first], middles[first], base_edges)
+        midpoints = self._append_vertices(corners[chosen], middles[chosen], base_edges)
         ends = self.edge_vertices[edges]
         halves = np.stack([ends[:, 0], midpoints, midpoints, ends[:, 1]], axis=1).reshape(-1, 2)
         children = self._append_edges(halves, np.repeat(base_edges, 2), np.repeat(edges, 2))
@@ -305,8 +298,11 @@ class Quadtree:
 
     def half_at(self, sides: IndexArray, slots: IndexArray) -> IndexArray:
         """The half of the split side at each of the slots ``sides`` that ends at the vertex of each of ``slots``."""
-        edges = self.slot_edges[sides]
-        return self.edge_children[edges] + (self.edge_vertices[edges, 1] == self.slot_vertices[slots])
+        return self._halves(self.slot_edges[sides], self.slot_vertices[slots])
+
+    def _halves(self, edges: IndexArray, vertices: IndexArray) -> IndexArray:
+        """The half of each split edge that ends at a vertex."""
+        return self.edge_children[edges] + (self.edge_vertices[edges, 1] == vertices)
 
     def _append_slots(self, vertices: IndexArray, edges: IndexArray) -> None:
         waiting = np.arange(len(edges)) + len(self.slot_edges)
@@ -322,10 +318,12 @@ class Quadtree:
             self._slots_before.values[waiting[written]] = before[written]
             waiting = waiting[~written]
 
-    def _append_vertices(self, corners: IndexArray, parameters: FloatArray, edges: IndexArray | int) -> IndexArray:
+    def _append_vertices(
+        self, corners: IndexArray, parameters: NDArray[np.complex128], edges: IndexArray | int
+    ) -> IndexArray:
         first = len(self._vertex_corners.values)
         self._vertex_corners.append(corners)
-        self._vertex_parameters.append(parameters)
+        self._vertex_parameters.append(_as_pairs(parameters))
         self._vertex_edges.append(np.broadcast_to(np.asarray(edges, dtype=np.intp), corners.shape))
         return np.arange(first, first + len(corners))
 
@@ -341,3 +339,8 @@ class Quadtree:
         self._midpoints.append(np.full(len(ends), NONE, dtype=np.intp))
         self._base_edges.append(np.broadcast_to(np.asarray(base_edges, dtype=np.intp), (len(ends),)))
         return np.arange(first, first + len(ends))
+
+
+def _as_pairs(parameters: NDArray[np.complex128]) -> FloatArray:
+    """(…, 2): complex numbers as parameters u and v."""
+    return parameters.view(np.float64).reshape(-1, 2)
