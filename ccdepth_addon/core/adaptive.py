@@ -180,7 +180,7 @@ class _Planner:
 
     def grow(self, families: Iterator[Iterable[Cells]]) -> Generator[int, None, None]:
         """Fit the cells of new leaves, and split what does not fit, level by level."""
-        self._extend()
+        self._extend(len(self.tree.first_child))
         while True:
             unfit: list[Cells] = []
             for result in in_parallel(self._fit_new, families):
@@ -192,15 +192,21 @@ class _Planner:
                 yield len(self.tree.first_child) // 4 * 3
             if not unfit:
                 return
-            nodes = np.sort(np.concatenate([cells.nodes for cells in unfit]))
-            nodes = nodes[self.tree.first_child[nodes] == NONE]
+            nodes = self._whole_of(np.concatenate([cells.nodes for cells in unfit]))
             self._refuse_too_many(nodes)
-            self._split_nodes(nodes)
+            # While families are fitted others are split, and what is written to must not move then.
+            self._extend(len(self.tree.first_child) + int(self.tree.slot_counts(nodes).sum()))
             families = self._families(unfit)
 
     def _families(self, parents: Iterable[Cells]) -> Iterator[Iterable[Cells]]:
-        """The children of cells, as many together as are worth a thread's while."""
-        return (cells.children(self.tree) for cells in in_blocks(parents, CELLS_AT_ONCE // 4))
+        """The children of cells, split now if they are whole yet, as many together as are worth a thread's while."""
+        for cells in in_blocks(parents, CELLS_AT_ONCE // 4):
+            self._split_nodes(self._whole_of(cells.nodes))
+            yield cells.children(self.tree)
+
+    def _whole_of(self, nodes: IndexArray) -> IndexArray:
+        """Those of some nodes that are not split."""
+        return nodes[self.tree.first_child[nodes] == NONE]
 
     def split(self, wanted: IndexArray) -> Generator[int, None, None]:
         """Split the wanted leaves, and all that gets out of balance by that."""
@@ -209,12 +215,12 @@ class _Planner:
         while len(wanted):
             parents += self._cells.take(wanted)
             self._split_nodes(wanted)
+            self._extend(len(self.tree.first_child))
             wanted = self.unbalanced()
         yield from self.grow(self._families(parents))
 
     def _split_nodes(self, nodes: IndexArray) -> None:
         self.tree.split(nodes)
-        self._extend()
         self._split_since.append(nodes)
 
     def level_faces(self) -> Generator[int, None, None]:
@@ -379,15 +385,16 @@ class _Planner:
         self._graph_bounds.values[cells.nodes] = np.inf
         self._fitted_since.values[cells.nodes] = True
 
-    def _extend(self) -> None:
-        more = len(self.tree.first_child) - len(self._split_sides.values)
+    def _extend(self, count: int) -> None:
+        """Make room for so many nodes."""
+        more = count - len(self._split_sides.values)
         for column, field in zip(self._fits, fields(Fit), strict=True):
             column.append(getattr(Fit.none(more), field.name))
         self._graph_bounds.append(np.full(more, np.inf))
         self._split_sides.append(np.zeros(more, dtype=np.int32))
         self._touched.append(np.zeros(more, dtype=bool))
         self._fitted_since.append(np.zeros(more, dtype=bool))
-        self._cells.extend(len(self.tree.first_child))
+        self._cells.extend(count)
 
     def _refuse_too_many(self, unfit: IndexArray) -> None:
         """Raise TooManyFacesError if there are too many leaves now that these nodes have to be split, or will be."""
