@@ -387,13 +387,13 @@ class _Planner:
 
     def _extend(self, count: int) -> None:
         """Make room for so many nodes."""
-        more = count - len(self._split_sides.values)
+        more, nothing = count - len(self._split_sides.values), Fit.none(1)
         for column, field in zip(self._fits, fields(Fit), strict=True):
-            column.append(getattr(Fit.none(more), field.name))
-        self._graph_bounds.append(np.full(more, np.inf))
-        self._split_sides.append(np.zeros(more, dtype=np.int32))
-        self._touched.append(np.zeros(more, dtype=bool))
-        self._fitted_since.append(np.zeros(more, dtype=bool))
+            column.extend(more, getattr(nothing, field.name))
+        self._graph_bounds.extend(more, np.inf)
+        self._split_sides.extend(more, 0)
+        self._touched.extend(more, False)
+        self._fitted_since.extend(more, False)
         self._cells.extend(count)
 
     def _refuse_too_many(self, unfit: IndexArray) -> None:

@@ -33,9 +33,9 @@ class CellStore:
 
     def extend(self, count: int) -> None:
         """There are so many nodes by now."""
-        more = np.full(count - len(self._numbers.values), NONE, dtype=np.int32)
-        self._numbers.append(more)
-        self._places.append(more)
+        more = count - len(self._numbers.values)
+        self._numbers.extend(more, NONE)
+        self._places.extend(more, NONE)
 
     def put(self, cells: Cells, wanted: NDArray[np.bool_]) -> None:
         """Keep the wanted of some cells, whose nodes have none here."""

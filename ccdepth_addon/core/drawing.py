@@ -281,12 +281,10 @@ def _corner_points(outlined: Outline) -> SurfacePoints:
 
 def _positions(tree: Quadtree, used: IndexArray, positions: FloatArray) -> FloatArray:
     """(V, 3) where the used vertices lie; those without faces stay where they are."""
-    points = tree.vertex_points.at(used)
-    on_surface = np.flatnonzero(points.corners != NONE)
+    is_loose = tree.vertex_points.corners[used] == NONE
     found = np.empty((len(used), 3))
-    found[on_surface] = limit_values(tree.mesh, positions, points.at(on_surface))
-    loose = np.flatnonzero(points.corners == NONE)
-    found[loose] = positions[used[loose]]
+    found[~is_loose] = limit_values(tree.mesh, positions, tree.vertex_points.at(used[~is_loose]))
+    found[is_loose] = positions[used[is_loose]]
     return found
 
 

@@ -141,19 +141,20 @@ def _settled(pending: _Pending, quantity: Quantity, result: FloatArray) -> Itera
     extraordinary &= mesh.vertex_face_counts[mesh.corner_vertices[corners]] <= LARGEST_STENCIL_VALENCE
     regular = kinds.kinds[faces] == PatchKind.REGULAR
     at_vertex = ~(regular | extraordinary) & ~pending.points.parameters.any(axis=1)
-    _put_on_regular(pending.at(np.flatnonzero(regular)), quantity, result)
+    _put_on_regular(pending, np.flatnonzero(regular), quantity, result)
     on_extraordinary = np.flatnonzero(extraordinary)
     _put_on_extraordinary(pending.at(on_extraordinary), corners[on_extraordinary], quantity, result)
     _put_at_vertices(pending.at(np.flatnonzero(at_vertex)), quantity, result)
     return _refined(pending.at(np.flatnonzero(~(regular | extraordinary | at_vertex))))
 
 
-def _put_on_regular(pending: _Pending, quantity: Quantity, result: FloatArray) -> None:
+def _put_on_regular(pending: _Pending, regular: IndexArray, quantity: Quantity, result: FloatArray) -> None:
+    """regular: (n,) intp, which of the points lie on regular faces."""
     mesh = pending.mesh
-    for faces, chosen, which in _by_faces(pending.faces(), PATCHES_AT_ONCE):
+    for faces, chosen, which in _by_faces(pending.faces()[regular], PATCHES_AT_ONCE):
         nets = regular_nets(mesh, faces)
         for block in blocks(len(chosen), POINTS_ON_PATCHES):
-            part = pending.at(chosen[block])
+            part = pending.at(regular[chosen[block]])
             parameters = _in_face(part.corners_from(faces[which[block]]), part.points.parameters)
             result[part.rows] = quantity.on_splines(nets, which[block], parameters)
 

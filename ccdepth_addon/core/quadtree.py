@@ -57,7 +57,11 @@ class Column:
         return self._room[: self._count]
 
     def append(self, more: NDArray[Any]) -> None:
-        needed = self._count + len(more)
+        self.extend(len(more), more)
+
+    def extend(self, count: int, more: Any) -> None:
+        """Append so many entries, all equal or one by one."""
+        needed = self._count + count
         if needed > len(self._room):
             grown = np.empty((max(needed, int(GROWTH * len(self._room))), *self._room.shape[1:]), self._room.dtype)
             grown[: self._count] = self.values
@@ -257,7 +261,7 @@ class Quadtree:
         child_vertices = np.stack([vertices, middles, centres, middles[before]], axis=1)
         child_edges = np.stack([outgoing, inner, inner[before], incoming], axis=1)
         self.first_child[nodes] = len(self.first_child) + starts
-        self._first_child.append(np.full(len(slots), NONE, dtype=np.intp))
+        self._first_child.extend(len(slots), NONE)
         self._levels.append(self.levels[owners] + np.int8(1))
         self._base_faces.append(self.base_faces[owners])
         self._frame_corners.append(corners)
@@ -308,7 +312,7 @@ class Quadtree:
         waiting = np.arange(len(edges)) + len(self.slot_edges)
         self._slot_vertices.append(vertices)
         self._slot_edges.append(edges)
-        self._slots_before.append(np.full(len(edges), NONE, dtype=np.int32))
+        self._slots_before.extend(len(edges), NONE)
         # Of several slots along an edge one is written, and the others go before it in turn.
         while len(waiting):
             edges = self.slot_edges[waiting]
@@ -324,20 +328,20 @@ class Quadtree:
         first = len(self._vertex_corners.values)
         self._vertex_corners.append(corners)
         self._vertex_parameters.append(_as_pairs(parameters))
-        self._vertex_edges.append(np.broadcast_to(np.asarray(edges, dtype=np.intp), corners.shape))
+        self._vertex_edges.extend(len(corners), edges)
         return np.arange(first, first + len(corners))
 
     def _append_edges(
         self, ends: IndexArray, base_edges: IndexArray | int, parents: IndexArray | int = NONE
     ) -> IndexArray:
         first = len(self.edge_vertices)
-        self._edge_parents.append(np.broadcast_to(np.asarray(parents, dtype=np.intp), (len(ends),)))
-        self._edge_states.append(np.zeros(len(ends), dtype=np.uint8))
-        self._last_slots.append(np.full(len(ends), NONE, dtype=np.int32))
+        self._edge_parents.extend(len(ends), parents)
+        self._edge_states.extend(len(ends), 0)
+        self._last_slots.extend(len(ends), NONE)
         self._edge_vertices.append(ends)
-        self._edge_children.append(np.full(len(ends), NONE, dtype=np.intp))
-        self._midpoints.append(np.full(len(ends), NONE, dtype=np.intp))
-        self._base_edges.append(np.broadcast_to(np.asarray(base_edges, dtype=np.intp), (len(ends),)))
+        self._edge_children.extend(len(ends), NONE)
+        self._midpoints.extend(len(ends), NONE)
+        self._base_edges.extend(len(ends), base_edges)
         return np.arange(first, first + len(ends))
 
 
