@@ -14,6 +14,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from .blocks import blocks
 from .mesh import FloatArray, IndexArray
 from .norms import cross_products, squared_norms
 from .polygons import is_folded
@@ -27,6 +28,9 @@ BoolArray = NDArray[np.bool_]
 # neighbours is to the height of a side's middle over its chord, in parts of its length: 8 for a circle, and some more.
 HOPEFUL = 0.9
 SLOPE_OF_HEIGHT = 10.0
+
+# What is made on the way of the points of so many cells stays in the processor's cache.
+CELLS_IN_CACHE = 1 << 12
 
 # Points of a quad (``templates.QUAD_POINTS``, then the centre): the corners its sides go from and to; and the middles
 # of its sides and diagonals, each with what it is between.
@@ -86,9 +90,12 @@ class Fit:
 
     def fold(self, chosen: IndexArray, points: FloatArray, axes: FloatArray) -> None:
         """Find out which of the chosen cells, whole and with points (4 or more, n, 3), are folded as they are drawn."""
-        first = self.alternatives[chosen][None, :, None] == 0
-        corners = np.where(first, points[:4], np.roll(points[:4], -1, axis=0))
-        self.folded[chosen] = is_folded(corners, np.eye(3), axes)
+        spaces = [np.eye(3)] if np.array_equal(axes, np.eye(3)) else [np.eye(3), axes]
+        for block in blocks(len(chosen), CELLS_IN_CACHE):
+            first = self.alternatives[chosen[block]][None, :, None] == 0
+            corners = points[:4, block]
+            corners = np.where(first, corners, np.roll(corners, -1, axis=0))
+            self.folded[chosen[block]] = is_folded(corners, *spaces)
 
 
 class Cells(Protocol):
