@@ -87,12 +87,11 @@ class NetCells(QuadCells):
     def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
         """Looked at twice where they are not known well enough."""
         points, nets = chosen_vectors(points, chosen), chosen_vectors(self.nets, chosen)
-        normals = triangle_normals(points, templates(pattern)[alternative])
-        misses, is_doubtful = self._misses_once(nets, pattern, alternative, points, normals, limit)
+        misses, is_doubtful = self._misses_once(nets, pattern, alternative, points, limit)
         doubtful = np.flatnonzero(is_doubtful)
         if len(doubtful):
-            nets, normals = chosen_vectors(nets, doubtful), chosen_vectors(normals, doubtful)
-            misses.put(doubtful, self._misses_closely(nets, pattern, alternative, normals))
+            nets, points = chosen_vectors(nets, doubtful), chosen_vectors(points, doubtful)
+            misses.put(doubtful, self._misses_closely(nets, pattern, alternative, points))
         return misses
 
     @abstractmethod
@@ -101,19 +100,13 @@ class NetCells(QuadCells):
 
     @abstractmethod
     def _misses_once(
-        self,
-        nets: FloatArray,
-        pattern: int,
-        alternative: int,
-        points: FloatArray,
-        normals: FloatArray,
-        limit: float,
+        self, nets: FloatArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> tuple[Misses, BoolArray]:
         """How far quads with nets (N, n, 3) and points (9, n, 3) are off at a first look, and whether a closer look may
         make a difference to what the neighbours say of them."""
 
     @abstractmethod
-    def _misses_closely(self, nets: FloatArray, pattern: int, alternative: int, normals: FloatArray) -> Misses:
+    def _misses_closely(self, nets: FloatArray, pattern: int, alternative: int, points: FloatArray) -> Misses:
         """The same at a closer look."""
 
 
@@ -161,27 +154,24 @@ class BicubicCells(NetCells):
         quadratic, rest = triangle_bounds.regular_distances(rows, self.nets, chosen)
         distances = quadratic + rest
         doubtful = np.flatnonzero((distances > limit) & (quadratic <= HOPEFUL_QUADRATIC * limit))
-        closer = [triangle_bounds.regular_rows(pattern, alternative)]
-        distances[doubtful] = triangle_bounds.regular_distances(closer, self.nets, chosen[doubtful])[0]
+        if len(doubtful):
+            closer = [triangle_bounds.regular_rows(pattern, alternative)]
+            distances[doubtful] = triangle_bounds.regular_distances(closer, self.nets, chosen[doubtful])[0]
         return distances
 
     def _to_points(self) -> FloatArray:
         return triangle_bounds.regular_points()
 
     def _misses_once(
-        self,
-        nets: FloatArray,
-        pattern: int,
-        alternative: int,
-        points: FloatArray,
-        normals: FloatArray,
-        limit: float,
+        self, nets: FloatArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> tuple[Misses, BoolArray]:
         rows = triangle_bounds.quadratic_rows(pattern, alternative)
+        normals = triangle_normals(points, templates(pattern)[alternative])
         quadratic, rest = (triangle_bounds.regular_misses(part, nets, normals) for part in rows)
         return quadratic + rest, rest.normal > SMALL_REST * quadratic.normal
 
-    def _misses_closely(self, nets: FloatArray, pattern: int, alternative: int, normals: FloatArray) -> Misses:
+    def _misses_closely(self, nets: FloatArray, pattern: int, alternative: int, points: FloatArray) -> Misses:
+        normals = triangle_normals(points, templates(pattern)[alternative])
         return triangle_bounds.regular_misses(triangle_bounds.regular_rows(pattern, alternative), nets, normals)
 
 
@@ -215,31 +205,26 @@ class ExtraordinaryCells(NetCells):
     ) -> FloatArray:
         """Looked at twice where that decides."""
         points, nets = chosen_vectors(points, chosen), chosen_vectors(self.nets, chosen)
-        normals = triangle_normals(points, templates(pattern)[alternative])
-        distances = self._misses_once(nets, pattern, alternative, points, normals, limit)[0].whole
+        distances = self._misses_once(nets, pattern, alternative, points, limit)[0].whole
         doubtful = np.flatnonzero((distances > limit) & (distances <= HOPEFUL_EXTRAORDINARY * limit))
         if len(doubtful):
-            nets, normals = chosen_vectors(nets, doubtful), chosen_vectors(normals, doubtful)
-            distances[doubtful] = self._misses_closely(nets, pattern, alternative, normals).whole
+            nets, points = chosen_vectors(nets, doubtful), chosen_vectors(points, doubtful)
+            distances[doubtful] = self._misses_closely(nets, pattern, alternative, points).whole
         return distances
 
     def _to_points(self) -> FloatArray:
         return triangle_bounds.extraordinary_points(self.valence)
 
     def _misses_once(
-        self,
-        nets: FloatArray,
-        pattern: int,
-        alternative: int,
-        points: FloatArray,
-        normals: FloatArray,
-        limit: float,
+        self, nets: FloatArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> tuple[Misses, BoolArray]:
         rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=False)
-        misses = triangle_bounds.extraordinary_misses(rows, nets, normals)
-        room = ROOM * least_heights(points, templates(pattern)[alternative])
+        template = templates(pattern)[alternative]
+        misses = triangle_bounds.extraordinary_misses(rows, nets, triangle_normals(points, template))
+        room = ROOM * least_heights(points, template)
         return misses, (misses.normal > limit / 2) | (misses.normal + misses.tangential > room)
 
-    def _misses_closely(self, nets: FloatArray, pattern: int, alternative: int, normals: FloatArray) -> Misses:
+    def _misses_closely(self, nets: FloatArray, pattern: int, alternative: int, points: FloatArray) -> Misses:
         rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=True)
+        normals = triangle_normals(points, templates(pattern)[alternative])
         return triangle_bounds.extraordinary_misses(rows, nets, normals)
