@@ -10,7 +10,7 @@ that near to the surface, and every point of the surface that near to the mesh (
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, fields
 from dataclasses import field as dataclass_field
 from enum import StrEnum
@@ -171,12 +171,17 @@ class _Planner:
 
     def settle_neighbours(self) -> Generator[int, None, None]:
         """Split until every leaf fits beside its neighbours."""
-        while (
-            len(wanted := self.unbalanced())
-            or len(wanted := self.fit_split_sides())
-            or len(wanted := self.evened(self.fit_along_surface()))
-        ):
+        while len(wanted := (yield from self.misfits())):
             yield from self.split(wanted)
+
+    def misfits(self) -> Generator[int, None, IndexArray]:
+        """The leaves to split next: those out of balance, or else those that do not fit as their sides are, or else
+        along the surface."""
+        if len(wanted := self.unbalanced()):
+            return wanted
+        if len(wanted := (yield from self.fit_split_sides())):
+            return wanted
+        return self.evened((yield from self.fit_along_surface()))
 
     def grow(self, families: Iterator[Iterable[Cells]]) -> Generator[int, None, None]:
         """Fit the cells of new leaves, and split what does not fit, level by level."""
@@ -189,7 +194,7 @@ class _Planner:
                     for cells, fits in kept:
                         self._cells.put(cells, fits)
                     unfit += others
-                yield len(self.tree.first_child) // 4 * 3
+                yield self._leaf_count()
             if not unfit:
                 return
             nodes = self._whole_of(np.concatenate([cells.nodes for cells in unfit]))
@@ -261,7 +266,7 @@ class _Planner:
         counts, deeper = self.tree.sides(leaves)
         return leaves[deeper | (counts == self.tree.slot_counts(leaves))]
 
-    def fit_split_sides(self) -> IndexArray:
+    def fit_split_sides(self) -> Generator[int, None, IndexArray]:
         """Fit the leaves anew some more of whose sides are split by now; those that do not fit."""
         leaves = np.flatnonzero(self._touched.values)
         self._touched.values[leaves] = False
@@ -270,11 +275,10 @@ class _Planner:
         more = counts != self._split_sides.values[leaves]
         pending = leaves[more]
         self._split_sides.values[pending] = counts[more]
-        for _ in in_parallel(self._fit_as_split, in_blocks(self._cells.of(pending))):
-            pass
+        yield from self._each(self._fit_as_split, pending)
         return pending[~self._fitting.values[pending]]
 
-    def fit_along_surface(self) -> IndexArray:
+    def fit_along_surface(self) -> Generator[int, None, IndexArray]:
         """Bound the leaves that are not within the limit at equal parameters by their neighbours; those that do not
         fit for all that.
 
@@ -288,7 +292,7 @@ class _Planner:
         self._fitted_since.values[:] = False
         wanted = unbounded[wanted]
         if len(wanted):
-            self._find_graph_bounds(wanted)
+            yield from self._find_graph_bounds(wanted)
         return wanted[self._graph_bounds.values[wanted] > self._limit]
 
     def _leaves_around(self, nodes: IndexArray) -> IndexArray:
@@ -302,11 +306,11 @@ class _Planner:
         around = np.logical_or.reduceat(at_vertices[mesh.corner_vertices], mesh.face_starts[:-1])
         return np.flatnonzero(around[self.tree.base_faces] & (self.tree.first_child == NONE))
 
-    def _find_graph_bounds(self, wanted: IndexArray) -> None:
+    def _find_graph_bounds(self, wanted: IndexArray) -> Generator[int, None, None]:
         """Find those of the wanted leaves."""
         leaves = self._leaves_around(wanted)
         leaves = leaves[self.tree.share_a_vertex(leaves, wanted)]
-        self._find_misses(leaves)
+        yield from self._each(self._miss, leaves[np.isinf(self._normal.values[leaves])])
         triangles, drawn, closed = triangles_around(self.tree, leaves, self.fit_of(leaves), self._request.transitions)
         used, triangles = compact(triangles, len(self.tree.vertex_edges))
         positions = limit_values(self.tree.mesh, self.tree.mesh.positions, self.tree.vertex_points.at(used))
@@ -327,11 +331,14 @@ class _Planner:
         bounds[own] = 0.0
         np.maximum.at(bounds, own, found)
 
-    def _find_misses(self, leaves: IndexArray) -> None:
-        """Find how far leaves are off along and across their normals where that is not known yet."""
-        unknown = leaves[np.isinf(self._normal.values[leaves])]
-        for _ in in_parallel(self._miss, in_blocks(self._cells.of(unknown))):
-            pass
+    def _each(self, work: Callable[[Cells], None], nodes: IndexArray) -> Generator[int, None, None]:
+        """Do some work for the cells of nodes."""
+        for _ in in_parallel(work, in_blocks(self._cells.of(nodes))):
+            yield self._leaf_count()
+
+    def _leaf_count(self) -> int:
+        """About how many leaves there are."""
+        return len(self.tree.first_child) // 4 * 3
 
     def _miss(self, cells: Cells) -> None:
         """Find and record how far cells are off along and across their normals: no farther than in all."""
@@ -365,9 +372,8 @@ class _Planner:
             for leaves in some(block, is_leaf):
                 fit = self._fit(leaves, np.zeros(self.tree.slot_counts(leaves.nodes).sum(), dtype=bool))
                 self._record(leaves, fit)
-                fits = fit.fits & (
-                    self.tree.levels[leaves.nodes] >= self._least_levels[self.tree.base_faces[leaves.nodes]]
-                )
+                least_levels = self._least_levels[self.tree.base_faces[leaves.nodes]]
+                fits = fit.fits & (self.tree.levels[leaves.nodes] >= least_levels)
                 kept.append(trimmed(leaves, fits))
                 others += some(leaves, ~fits)
         return kept, others

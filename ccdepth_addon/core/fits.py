@@ -70,10 +70,6 @@ class Fit:
         least = np.zeros(count)
         return Fit(folded, far, far.copy(), far.copy(), small, small.copy(), small.copy(), folded.copy(), least)
 
-    def at(self, chosen: IndexArray) -> Fit:
-        """Those of some of the cells, by index."""
-        return Fit(*(getattr(self, field.name)[chosen] for field in fields(self)))
-
     def put(self, chosen: IndexArray, other: Fit) -> None:
         """Replace those of some cells."""
         for field in fields(self):

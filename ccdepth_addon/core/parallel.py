@@ -5,9 +5,8 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from itertools import chain, islice
 from typing import TypeVar
 
 Work = TypeVar("Work")
@@ -19,23 +18,17 @@ SECONDS_BETWEEN_SIGNS_OF_LIFE = 0.05
 MOST_THREADS = 8
 
 
-def in_parallel(function: Callable[[Work], Result], work: Iterable[Work]) -> Iterator[Result | None]:
+def in_parallel(function: Callable[[Work], Result], work: Iterable[Work]) -> Generator[Result | None, None, None]:
     """``function`` of each piece of work, in order, worked out a few pieces ahead of the caller.
 
     While a result takes its time there is None instead, every now and then. When the caller stops asking, what has not
     begun is dropped.
     """
-    work = iter(work)
-    first = [*islice(work, 2)]
-    if len(first) == 1:
-        # One piece alone takes less time than a thread takes to wake up, or not much longer.
-        yield function(first[0])
-        return
     threads = min(MOST_THREADS, os.cpu_count() or 1)
     waiting: deque[Future[Result]] = deque()
     pool = ThreadPoolExecutor(threads)
     try:
-        for piece in chain(first, work):
+        for piece in work:
             waiting.append(pool.submit(function, piece))
             if len(waiting) > 2 * threads:
                 yield from _result_of(waiting.popleft())

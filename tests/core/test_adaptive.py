@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import tracemalloc
 from collections.abc import Callable
+from dataclasses import fields
 from functools import cache
 from itertools import product
 from typing import Any
@@ -22,13 +23,15 @@ from ccdepth_addon.core.adaptive import (
     subdivide_adaptively,
 )
 from ccdepth_addon.core.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.cell_store import some
+from ccdepth_addon.core.cells import cells_of_faces
 from ccdepth_addon.core.drawing import Outline, outline, triangles_around
 from ccdepth_addon.core.fits import Fit
 from ccdepth_addon.core.graph_bounds import graph_bounds
 from ccdepth_addon.core.limit_normals import limit_normals
 from ccdepth_addon.core.limit_surface import limit_values
 from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh
-from ccdepth_addon.core.quadtree import Quadtree
+from ccdepth_addon.core.quadtree import NONE, Quadtree
 from ccdepth_addon.core.surface_points import SurfacePoints
 from ccdepth_addon.core.templates import Transitions
 from tests import meshes, soundness
@@ -278,7 +281,7 @@ def test_finished_tree(name: str, mode: Mode, monkeypatch: pytest.MonkeyPatch) -
         for tree, leaves, fit in drawn:
             np.testing.assert_array_equal(np.sort(leaves), tree.leaves())
             assert_fitted_as_it_is(tree, leaves, fit)
-            assert_bounded_as_it_is(tree, leaves, fit, asked.limit)
+            assert_bounded_as_it_is(tree, leaves, fit, asked)
 
 
 def assert_fitted_as_it_is(tree: Quadtree, leaves: IndexArray, fit: Fit) -> None:
@@ -290,20 +293,40 @@ def assert_fitted_as_it_is(tree: Quadtree, leaves: IndexArray, fit: Fit) -> None
     np.testing.assert_array_equal(hanging @ [1, 2, 4, 8], fit.patterns[quads])
 
 
-def assert_bounded_as_it_is(tree: Quadtree, leaves: IndexArray, fit: Fit, limit: float) -> None:
-    """A bound is one at equal parameters, which is no less than what is known of it along and across normals, or comes
-    from the neighbours, of which both are known there."""
-    triangles, of_leaves, closed = triangles_around(tree, leaves, fit, Transitions.TRIANGLES)
+def assert_bounded_as_it_is(tree: Quadtree, leaves: IndexArray, fit: Fit, asked: Request) -> None:
+    """Every bound is what is found for the leaf as it is drawn, or else for its neighbours as they are drawn."""
+    of_nodes = fitted_anew(tree, asked)
+    anew = Fit(*(getattr(of_nodes, field.name)[leaves] for field in fields(Fit)))
+    for name in ("patterns", "alternatives", "turns", "folded"):
+        np.testing.assert_array_equal(getattr(fit, name), getattr(anew, name))
+    triangles, of_leaves, closed = triangles_around(tree, leaves, anew, Transitions.TRIANGLES)
     points = np.zeros((len(tree.vertex_edges), 3))
     used = np.unique(triangles)
     points[used] = limit_values(tree.mesh, tree.mesh.positions, tree.vertex_points.at(used))
     along = np.zeros(len(leaves))
-    found = graph_bounds(points, triangles, fit.normal[of_leaves], fit.tangential[of_leaves], closed, of_leaves >= 0)
+    found = graph_bounds(points, triangles, anew.normal[of_leaves], anew.tangential[of_leaves], closed, of_leaves >= 0)
     np.maximum.at(along, of_leaves, found)
-    parts = np.maximum(fit.normal, fit.tangential)
-    at_equal_parameters = np.isinf(parts) | (fit.bounds >= parts * (1 - SAME))
-    assert np.all(at_equal_parameters | np.isclose(fit.bounds, along, rtol=SAME))
-    assert np.all(fit.bounds <= limit)
+    np.testing.assert_allclose(fit.bounds, np.where(np.isinf(anew.bounds), along, anew.bounds), rtol=SAME, atol=0)
+    assert np.all(fit.bounds <= asked.limit)
+
+
+def fitted_anew(tree: Quadtree, asked: Request) -> Fit:
+    """(nodes,) how the leaves of a tree fit with their sides as they are, and how far all are off along their normals
+    and across: from the faces of the control mesh down."""
+    found, waiting = Fit.none(len(tree.first_child)), [*cells_of_faces(tree.mesh)]
+    while waiting:
+        cells = waiting.pop()
+        is_leaf = tree.first_child[cells.nodes] == NONE
+        for parents in some(cells, ~is_leaf):
+            waiting += parents.children(tree)
+        for leaves in some(cells, is_leaf):
+            fit = leaves.fit(tree.hanging(tree.slots(leaves.nodes)), asked.transitions, asked.limit, asked.axes)
+            misses = leaves.misses(fit, asked.limit)
+            unknown = np.flatnonzero(np.isinf(fit.normal))
+            fit.normal[unknown] = np.minimum(misses.normal, fit.bounds)[unknown]
+            fit.tangential[unknown] = np.minimum(misses.tangential, fit.bounds)[unknown]
+            found.put(leaves.nodes, fit)
+    return found
 
 
 # One depth for each face
