@@ -199,6 +199,7 @@ class _Planner:
                 return
             nodes = self._whole_of(np.concatenate([cells.nodes for cells in unfit]))
             self._refuse_too_many(nodes)
+            self.tree.make_room(nodes)
             # While families are fitted others are split, and what is written to must not move then.
             self._extend(len(self.tree.first_child) + int(self.tree.slot_counts(nodes).sum()))
             families = self._families(unfit)
@@ -313,7 +314,7 @@ class _Planner:
         yield from self._each(self._miss, leaves[np.isinf(self._normal.values[leaves])])
         triangles, drawn, closed = triangles_around(self.tree, leaves, self.fit_of(leaves), self._request.transitions)
         used, triangles = compact(triangles, len(self.tree.vertex_edges))
-        positions = limit_values(self.tree.mesh, self.tree.mesh.positions, self.tree.vertex_points.at(used))
+        positions = limit_values(self.tree.mesh, self.tree.mesh.positions, self.tree.vertex_points(used))
         nodes = leaves[drawn]
         is_wanted = np.zeros(len(self.tree.first_child), dtype=bool)
         is_wanted[wanted] = True

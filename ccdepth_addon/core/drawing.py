@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from .blocks import blocks
 from .fits import Fit
 from .limit_surface import limit_values
-from .mesh import FloatArray, IndexArray, compact
+from .mesh import FloatArray, IndexArray, PolygonMesh, compact
 from .quadtree import NONE, Point, Quadtree
 from .subdivided_mesh import SubdividedMesh
 from .surface_points import SurfacePoints
@@ -127,18 +127,19 @@ def draw(outlined: Outline, positions: FloatArray) -> SubdividedMesh:
     Vertices without faces stay as they are.
     """
     tree, used, edges = outlined.tree, outlined.used, outlined.edges
+    vertex_points = tree.vertex_points(used)
     return SubdividedMesh(
-        vertex_points=tree.vertex_points.at(used),
-        positions=_positions(tree, used, positions),
+        vertex_points=vertex_points,
+        positions=_positions(tree.mesh, vertex_points, used, positions),
         face_starts=outlined.starts,
         corner_vertices=outlined.corner_vertices,
         corner_edges=edges.of_corners,
         edge_vertices=edges.vertices,
         corner_points=_corner_points(outlined),
-        base_faces=tree.base_faces[outlined.leaves[outlined.drawn]],
+        base_faces=tree.base_faces[outlined.leaves[outlined.drawn]].astype(np.intp),
         base_edges=edges.base_edges,
         base_vertices=np.where(used < tree.mesh.vertex_count, used, NONE),
-        vertex_edges=tree.vertex_edges[used],
+        vertex_edges=tree.vertex_edges[used].astype(np.intp),
     )
 
 
@@ -279,11 +280,13 @@ def _corner_points(outlined: Outline) -> SurfacePoints:
     return SurfacePoints(corners, parameters)
 
 
-def _positions(tree: Quadtree, used: IndexArray, positions: FloatArray) -> FloatArray:
+def _positions(mesh: PolygonMesh, points: SurfacePoints, used: IndexArray, positions: FloatArray) -> FloatArray:
     """(V, 3) where the used vertices lie; those without faces stay where they are."""
-    is_loose = tree.vertex_points.corners[used] == NONE
+    is_loose = points.corners == NONE
+    if not np.any(is_loose):
+        return limit_values(mesh, positions, points)
     found = np.empty((len(used), 3))
-    found[~is_loose] = limit_values(tree.mesh, positions, tree.vertex_points.at(used[~is_loose]))
+    found[~is_loose] = limit_values(mesh, positions, points.at(np.flatnonzero(~is_loose)))
     found[is_loose] = positions[used[is_loose]]
     return found
 

@@ -7,6 +7,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Generator, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from functools import cache
 from typing import TypeVar
 
 Work = TypeVar("Work")
@@ -24,18 +25,29 @@ def in_parallel(function: Callable[[Work], Result], work: Iterable[Work]) -> Gen
     While a result takes its time there is None instead, every now and then. When the caller stops asking, what has not
     begun is dropped.
     """
-    threads = min(MOST_THREADS, os.cpu_count() or 1)
     waiting: deque[Future[Result]] = deque()
-    pool = ThreadPoolExecutor(threads)
     try:
         for piece in work:
-            waiting.append(pool.submit(function, piece))
-            if len(waiting) > 2 * threads:
-                yield from _result_of(waiting.popleft())
+            waiting.append(_threads().submit(function, piece))
+            if len(waiting) > 2 * _thread_count():
+                yield from _result_of(waiting[0])
+                waiting.popleft()
         while waiting:
-            yield from _result_of(waiting.popleft())
+            yield from _result_of(waiting[0])
+            waiting.popleft()
     finally:
-        pool.shutdown(wait=False, cancel_futures=True)
+        for future in waiting:
+            future.cancel()
+
+
+def _thread_count() -> int:
+    return min(MOST_THREADS, os.cpu_count() or 1)
+
+
+@cache
+def _threads() -> ThreadPoolExecutor:
+    """The threads, kept: new ones would have to get their memory from the system anew."""
+    return ThreadPoolExecutor(_thread_count())
 
 
 def _result_of(future: Future[Result]) -> Iterator[Result | None]:

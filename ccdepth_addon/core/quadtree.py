@@ -28,7 +28,8 @@ BoolArray = NDArray[np.bool_]
 
 NONE = -1
 
-GROWTH = 1.5
+# How much more room is made than is needed.
+SLACK = 1.125
 
 # A point of a node: the place of a corner, and whether it is the middle of the side from there that is meant.
 Point = tuple[int, bool]
@@ -37,6 +38,9 @@ Point = tuple[int, bool]
 # to corner.
 COMPLEX_POINTS = QUAD_POINTS @ np.array([1, 1j])
 COMPLEX_SIDES = np.array([1, 1j, -1, -1j])
+
+# There are more slots than nodes, edges or vertices.
+MOST_SLOTS = np.iinfo(np.int32).max
 
 # What is made on the way for so many nodes stays in the processor's cache.
 NODES_AT_ONCE = 1 << 13
@@ -61,13 +65,17 @@ class Column:
 
     def extend(self, count: int, more: Any) -> None:
         """Append so many entries, all equal or one by one."""
+        self.make_room(count)
+        self._room[self._count : self._count + count] = more
+        self._count += count
+
+    def make_room(self, count: int) -> None:
+        """That so many entries, and some more, can be appended without another array."""
         needed = self._count + count
         if needed > len(self._room):
-            grown = np.empty((max(needed, int(GROWTH * len(self._room))), *self._room.shape[1:]), self._room.dtype)
+            grown = np.empty((int(SLACK * needed), *self._room.shape[1:]), self._room.dtype)
             grown[: self._count] = self.values
             self._room = grown
-        self._room[self._count : needed] = more
-        self._count = needed
 
 
 class Quadtree:
@@ -77,36 +85,37 @@ class Quadtree:
     slots: (S,) slot_vertices, slot_edges.
     edges: (E, 2) edge_vertices; (E,) edge_children (the half at the first vertex, the other is the next; NONE while
     whole), midpoints (vertex, or NONE), base_edges (NONE inside a face).
-    vertices: vertex_points (V), their corner NONE where the mesh's vertex has no face; (V,) vertex_edges, the edge of
-    the mesh that a vertex made by splitting lies on, or NONE.
+    vertices: (V,) vertex_edges, the edge of the mesh that a vertex made by splitting lies on, or NONE.
+
+    All of these are int32: a mesh in Blender has no more corners than that can count, and the tree of one would take
+    hundreds of gigabytes.
     """
 
     def __init__(self, mesh: PolygonMesh) -> None:
         self.mesh = mesh
         faces, corners, edges = mesh.face_count, mesh.corner_count, mesh.edge_count
-        self._first_child = Column(np.full(faces, NONE, dtype=np.intp))
+        self._first_child = Column(_numbers(NONE, faces))
         self._levels = Column(np.zeros(faces, dtype=np.int8))
-        self._base_faces = Column(np.arange(faces))
+        self._base_faces = Column(_numbers(np.arange(faces), faces))
         # A frame is the quarter a node lies in, its first slot there, and the side from there, as complex numbers.
-        self._frame_corners = Column(mesh.face_starts[:-1])
+        self._frame_corners = Column(_numbers(mesh.face_starts[:-1], faces))
         self._frames = Column(np.zeros((faces, 2), dtype=np.complex128))
-        self._slot_vertices = Column(mesh.corner_vertices[:0])
-        self._slot_edges = Column(mesh.corner_edges[:0])
-        # The last slot made along an edge, and the one made along the same edge before a slot; or NONE. A tree with
-        # more slots than int32 can count would take hundreds of gigabytes.
-        self._last_slots = Column(np.full(edges, NONE, dtype=np.int32))
-        self._slots_before = Column(np.zeros(0, dtype=np.int32))
-        self._edge_vertices = Column(mesh.edge_vertices)
-        self._edge_children = Column(np.full(edges, NONE, dtype=np.intp))
-        self._edge_parents = Column(np.full(edges, NONE, dtype=np.intp))
+        self._slot_vertices = Column(_numbers(NONE, 0))
+        self._slot_edges = Column(_numbers(NONE, 0))
+        # The last slot made along an edge, and the one made along the same edge before a slot; or NONE.
+        self._last_slots = Column(_numbers(NONE, edges))
+        self._slots_before = Column(_numbers(NONE, 0))
+        self._edge_vertices = Column(_numbers(mesh.edge_vertices, (edges, 2)))
+        self._edge_children = Column(_numbers(NONE, edges))
+        self._edge_parents = Column(_numbers(NONE, edges))
         self._edge_states = Column(np.zeros(edges, dtype=np.uint8))
-        self._midpoints = Column(np.full(edges, NONE, dtype=np.intp))
-        self._base_edges = Column(np.arange(edges))
-        first_corner = np.full(mesh.vertex_count, NONE, dtype=np.intp)
+        self._midpoints = Column(_numbers(NONE, edges))
+        self._base_edges = Column(_numbers(np.arange(edges), edges))
+        first_corner = _numbers(NONE, mesh.vertex_count)
         first_corner[mesh.corner_vertices] = np.arange(corners)
         self._vertex_corners = Column(first_corner)
         self._vertex_parameters = Column(np.zeros((mesh.vertex_count, 2)))
-        self._vertex_edges = Column(np.full(mesh.vertex_count, NONE, dtype=np.intp))
+        self._vertex_edges = Column(_numbers(NONE, mesh.vertex_count))
         self._append_slots(mesh.corner_vertices, mesh.corner_edges)
 
     first_child = property(lambda self: self._first_child.values)
@@ -120,9 +129,10 @@ class Quadtree:
     base_edges = property(lambda self: self._base_edges.values)
     vertex_edges = property(lambda self: self._vertex_edges.values)
 
-    @property
-    def vertex_points(self) -> SurfacePoints:
-        return SurfacePoints(self._vertex_corners.values, self._vertex_parameters.values)
+    def vertex_points(self, vertices: IndexArray) -> SurfacePoints:
+        """Where vertices lie, their corner NONE for those of the mesh that have no face."""
+        corners = self._vertex_corners.values[vertices].astype(np.intp)
+        return SurfacePoints(corners, self._vertex_parameters.values[vertices])
 
     def leaves(self) -> IndexArray:
         """The nodes that are not split, in ascending order."""
@@ -152,7 +162,7 @@ class Quadtree:
 
     def points_at(self, nodes: IndexArray, points: Sequence[Point]) -> Iterator[SurfacePoints]:
         """For each point: (nodes,) where it lies, in each node's own face."""
-        corners = self._frame_corners.values[nodes]
+        corners = self._frame_corners.values[nodes].astype(np.intp)
         origins, sides = self._frames.values[nodes].T
         faces = np.flatnonzero(nodes < self.mesh.face_count)
         for place, middle in points:
@@ -236,6 +246,27 @@ class Quadtree:
         counts = self.slot_counts(nodes)
         return np.arange(counts.sum()) + np.repeat(self.first_child[nodes] - np.cumsum(counts) + counts, counts)
 
+    def make_room(self, nodes: IndexArray) -> None:
+        """That splitting leaves takes no more time than it has to, when they are split some at a time."""
+        children = int(self.slot_counts(nodes).sum())
+        for column in (self._first_child, self._levels, self._base_faces, self._frame_corners, self._frames):
+            column.make_room(children)
+        for column in (self._slot_vertices, self._slot_edges, self._slots_before):
+            column.make_room(4 * children)
+        # Where all leaves are split, two share a side; and so they do a vertex at its middle.
+        for column in (
+            self._last_slots,
+            self._edge_vertices,
+            self._edge_children,
+            self._edge_parents,
+            self._edge_states,
+            self._midpoints,
+            self._base_edges,
+        ):
+            column.make_room(2 * children)
+        for column in (self._vertex_corners, self._vertex_parameters, self._vertex_edges):
+            column.make_room(len(nodes) + children // 2)
+
     def split(self, nodes: IndexArray) -> None:
         """Split leaves, each once."""
         for part in blocks(len(nodes), NODES_AT_ONCE):
@@ -309,6 +340,8 @@ class Quadtree:
         return self.edge_children[edges] + (self.edge_vertices[edges, 1] == vertices)
 
     def _append_slots(self, vertices: IndexArray, edges: IndexArray) -> None:
+        if len(self.slot_edges) + len(edges) > MOST_SLOTS:
+            raise MemoryError("the quadtree is too large")
         waiting = np.arange(len(edges)) + len(self.slot_edges)
         self._slot_vertices.append(vertices)
         self._slot_edges.append(edges)
@@ -343,6 +376,11 @@ class Quadtree:
         self._midpoints.extend(len(ends), NONE)
         self._base_edges.extend(len(ends), base_edges)
         return np.arange(first, first + len(ends))
+
+
+def _numbers(values: IndexArray | int, shape: int | tuple[int, int]) -> NDArray[np.int32]:
+    """As the tree keeps them."""
+    return np.full(shape, values, dtype=np.int32)
 
 
 def _as_pairs(parameters: NDArray[np.complex128]) -> FloatArray:

@@ -302,7 +302,7 @@ def assert_bounded_as_it_is(tree: Quadtree, leaves: IndexArray, fit: Fit, asked:
     triangles, of_leaves, closed = triangles_around(tree, leaves, anew, Transitions.TRIANGLES)
     points = np.zeros((len(tree.vertex_edges), 3))
     used = np.unique(triangles)
-    points[used] = limit_values(tree.mesh, tree.mesh.positions, tree.vertex_points.at(used))
+    points[used] = limit_values(tree.mesh, tree.mesh.positions, tree.vertex_points(used))
     along = np.zeros(len(leaves))
     found = graph_bounds(points, triangles, anew.normal[of_leaves], anew.tangential[of_leaves], closed, of_leaves >= 0)
     np.maximum.at(along, of_leaves, found)

@@ -199,11 +199,11 @@ def assert_vertices(tree: Quadtree, nodes: dict[int, Node]) -> dict[Place, int]:
         assert found.setdefault(node.place(node.corners[place]), vertex) == vertex
     numbers = sorted(found.values())
     assert numbers == sorted(set(numbers))
-    loose = np.flatnonzero(tree.vertex_points.corners == NONE).tolist()
+    loose = np.flatnonzero(tree.vertex_points(np.arange(len(tree.vertex_edges))).corners == NONE).tolist()
     assert sorted(numbers + loose) == list(range(len(tree.vertex_edges)))
     assert loose == np.flatnonzero(mesh.vertex_face_counts == 0).tolist()
 
-    points = tree.vertex_points.at(np.array(numbers))
+    points = tree.vertex_points(np.array(numbers))
     weights = dict(zip(numbers, weights_of(mesh, points), strict=True))
     faces = dict(zip(numbers, mesh.corner_faces[points.corners].tolist(), strict=True))
     edges = edges_by_ends(mesh)
