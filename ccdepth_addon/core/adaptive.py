@@ -18,14 +18,14 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from .cell_store import CellStore, in_blocks, some, trimmed
+from .cell_store import CellStore, in_blocks, some
 from .cells import cells_of_faces
 from .drawing import Outline, draw, outline, triangles_around
 from .fits import Cells, Fit
 from .graph_bounds import graph_bounds
 from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray, PolygonMesh, compact
-from .net_cells import CELLS_AT_ONCE
+from .net_cells import CELLS_AT_ONCE, NetCells
 from .parallel import in_parallel
 from .quadtree import NONE, Column, Quadtree
 from .subdivided_mesh import SubdividedMesh
@@ -135,6 +135,15 @@ def _settled(mesh: PolygonMesh, request: Request) -> Generator[int, None, _Settl
         np.maximum.at(least_levels, tree.base_faces[clashes], tree.levels[clashes] + np.int8(1))
 
 
+@dataclass(frozen=True)
+class Family:
+    """Cells of new leaves. are_made_again: whether that is how they are found later, from their parents' nets, so that
+    they are not kept (``CellStore``)."""
+
+    cells: Iterable[Cells]
+    are_made_again: bool = False
+
+
 class _Planner:
     """A tree on its way, the cells of its leaves, and how they fit so far.
 
@@ -148,7 +157,7 @@ class _Planner:
         self._least_levels = least_levels
         self._request = request
         self._limit = request.limit
-        self._cells = CellStore()
+        self._cells = CellStore(self.tree)
         self._fits: list[Column] = [Column(getattr(Fit.none(0), field.name)) for field in fields(Fit)]
         self._fitting, self._bounds, self._normal, self._tangential = self._fits[:4]
         self._least = self._fits[-1]
@@ -164,7 +173,7 @@ class _Planner:
 
     def settle(self) -> Generator[int, None, None]:
         """Find the whole tree."""
-        yield from self.grow([cells] for cells in cells_of_faces(self.tree.mesh))
+        yield from self.grow(Family([cells]) for cells in cells_of_faces(self.tree.mesh))
         if self._request.mode is Mode.PER_FACE:
             yield from self.level_faces()
         yield from self.settle_neighbours()
@@ -183,7 +192,7 @@ class _Planner:
             return wanted
         return self.evened((yield from self.fit_along_surface()))
 
-    def grow(self, families: Iterator[Iterable[Cells]]) -> Generator[int, None, None]:
+    def grow(self, families: Iterator[Family]) -> Generator[int, None, None]:
         """Fit the cells of new leaves, and split what does not fit, level by level."""
         self._extend(len(self.tree.first_child))
         while True:
@@ -191,8 +200,8 @@ class _Planner:
             for result in in_parallel(self._fit_new, families):
                 if result is not None:
                     kept, others = result
-                    for cells, fits in kept:
-                        self._cells.put(cells, fits)
+                    for cells in kept:
+                        self._cells.put(cells)
                     unfit += others
                 yield self._leaf_count()
             if not unfit:
@@ -204,11 +213,14 @@ class _Planner:
             self._extend(len(self.tree.first_child) + int(self.tree.slot_counts(nodes).sum()))
             families = self._families(unfit)
 
-    def _families(self, parents: Iterable[Cells]) -> Iterator[Iterable[Cells]]:
+    def _families(self, parents: Iterable[Cells]) -> Iterator[Family]:
         """The children of cells, split now if they are whole yet, as many together as are worth a thread's while."""
         for cells in in_blocks(parents, CELLS_AT_ONCE // 4):
             self._split_nodes(self._whole_of(cells.nodes))
-            yield cells.children(self.tree)
+            has_nets = isinstance(cells, NetCells)
+            if has_nets:
+                self._cells.put(cells)
+            yield Family(cells.children(self.tree), are_made_again=has_nets)
 
     def _whole_of(self, nodes: IndexArray) -> IndexArray:
         """Those of some nodes that are not split."""
@@ -219,7 +231,7 @@ class _Planner:
         self._refuse_too_many(wanted)
         parents: list[Cells] = []
         while len(wanted):
-            parents += self._cells.take(wanted)
+            parents += self._cells.of(wanted)
             self._split_nodes(wanted)
             self._extend(len(self.tree.first_child))
             wanted = self.unbalanced()
@@ -359,15 +371,15 @@ class _Planner:
         np.minimum(fit.bounds, self._graph_bounds.values[leaves], out=fit.bounds)
         return fit
 
-    def _fit_new(self, cells: Iterable[Cells]) -> tuple[list[tuple[Cells, BoolArray]], list[Cells]]:
-        """Fit and record the cells of new leaves, with their sides whole: cells and which of them are kept; and those
-        that do not fit, or whose nodes are split already.
+    def _fit_new(self, family: Family) -> tuple[list[Cells], list[Cells]]:
+        """Fit and record the cells of new leaves, with their sides whole: those to keep; and those that do not fit, or
+        whose nodes are split already.
 
         On any thread: no other has the same nodes.
         """
-        kept: list[tuple[Cells, BoolArray]] = []
+        kept: list[Cells] = []
         others: list[Cells] = []
-        for block in in_blocks(cells):
+        for block in in_blocks(family.cells):
             is_leaf = self.tree.first_child[block.nodes] == NONE
             others += some(block, ~is_leaf)
             for leaves in some(block, is_leaf):
@@ -375,7 +387,8 @@ class _Planner:
                 self._record(leaves, fit)
                 least_levels = self._least_levels[self.tree.base_faces[leaves.nodes]]
                 fits = fit.fits & (self.tree.levels[leaves.nodes] >= least_levels)
-                kept.append(trimmed(leaves, fits))
+                if not family.are_made_again:
+                    kept += some(leaves, fits)
                 others += some(leaves, ~fits)
         return kept, others
 

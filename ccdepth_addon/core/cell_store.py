@@ -1,5 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the cells of leaves are kept: in blocks, and to be found by their nodes."""
+"""Where the cells of leaves are kept, to be found by their nodes: their own, or those they are made from.
+
+Nets are large, and most leaves are never looked at again. So where a cell is known by its net, its children are not
+kept: those that are asked for are made again.
+"""
 
 from __future__ import annotations
 
@@ -13,10 +17,7 @@ from numpy.typing import NDArray
 from .fits import Cells
 from .mesh import IndexArray
 from .net_cells import CELLS_AT_ONCE, NetCells
-from .quadtree import NONE, Column
-
-# Where less than this part of a block is wanted it is copied without the rest.
-LEAST_PART = 0.75
+from .quadtree import NONE, Column, Quadtree
 
 # Cells of one kind have nets of as many points.
 Kind = tuple[type[NetCells], int]
@@ -25,9 +26,9 @@ Kind = tuple[type[NetCells], int]
 class CellStore:
     """Cells in blocks as they came; and for each node of a tree the block and the place of its cell, if it has one."""
 
-    def __init__(self) -> None:
-        self._blocks: list[Cells | None] = []
-        self._left: list[int] = []
+    def __init__(self, tree: Quadtree) -> None:
+        self._tree = tree
+        self._blocks: list[Cells] = []
         self._numbers = Column(np.zeros(0, dtype=np.int32))
         self._places = Column(np.zeros(0, dtype=np.int32))
 
@@ -37,50 +38,33 @@ class CellStore:
         self._numbers.extend(more, NONE)
         self._places.extend(more, NONE)
 
-    def put(self, cells: Cells, wanted: NDArray[np.bool_]) -> None:
-        """Keep the wanted of some cells, whose nodes have none here."""
-        places = np.flatnonzero(wanted)
-        if not len(places):
-            return
-        self._numbers.values[cells.nodes[places]] = len(self._blocks)
-        self._places.values[cells.nodes[places]] = places
+    def put(self, cells: Cells) -> None:
+        """Keep cells: for themselves, and where they are known by nets for their children."""
+        self._numbers.values[cells.nodes] = len(self._blocks)
+        self._places.values[cells.nodes] = np.arange(len(cells.nodes))
         self._blocks.append(cells)
-        self._left.append(len(places))
 
     def of(self, nodes: IndexArray) -> Iterator[Cells]:
-        """The cells of those nodes that have some, block by block."""
-        for _, cells in self._found(nodes):
-            yield cells
-
-    def take(self, nodes: IndexArray) -> Iterator[Cells]:
-        """The same, which are not kept any longer."""
-        for number, cells in self._found(nodes):
-            self._numbers.values[cells.nodes] = NONE
-            self._left[number] -= len(cells.nodes)
-            self._tidy(number)
-            yield cells
-
-    def _found(self, nodes: IndexArray) -> Iterator[tuple[int, Cells]]:
-        """For each block that has cells of these nodes: its number, and these cells."""
-        nodes = nodes[self._numbers.values[nodes] != NONE]
-        if not len(nodes):
+        """The cells of nodes, each of which is kept, or its parent."""
+        is_kept = self._numbers.values[nodes] != NONE
+        yield from self._found(nodes[is_kept])
+        children = nodes[~is_kept]
+        if not len(children):
             return
+        is_wanted = np.zeros(len(self._numbers.values), dtype=bool)
+        is_wanted[children] = True
+        for cells in self._found(np.unique(self._tree.parents[children])):
+            assert isinstance(cells, NetCells)
+            yield from cells.children(self._tree, is_wanted)
+
+    def _found(self, nodes: IndexArray) -> Iterator[Cells]:
+        """The cells that are kept of these nodes, block by block."""
         nodes = nodes[np.argsort(self._numbers.values[nodes], kind="stable")]
         numbers, places = self._numbers.values[nodes], self._places.values[nodes]
         for start, end in pairwise([0, *(np.flatnonzero(np.diff(numbers)) + 1), len(nodes)]):
-            block = self._blocks[numbers[start]]
-            assert block is not None
-            whole = end - start == len(block.nodes)
-            yield int(numbers[start]), block if whole else block.at(places[start:end])
-
-    def _tidy(self, number: int) -> None:
-        """Give back the memory of a block that is used no more, or for the most part."""
-        block, left = self._blocks[number], self._left[number]
-        if block is None or left >= LEAST_PART * len(block.nodes):
-            return
-        self._blocks[number] = None
-        if left:
-            self.put(*trimmed(block, self._numbers.values[block.nodes] == number))
+            if start < end:
+                block = self._blocks[numbers[start]]
+                yield block if end - start == len(block.nodes) else block.at(places[start:end])
 
 
 def some(cells: Cells, wanted: NDArray[np.bool_]) -> list[Cells]:
@@ -89,14 +73,6 @@ def some(cells: Cells, wanted: NDArray[np.bool_]) -> list[Cells]:
         return [cells]
     chosen = np.flatnonzero(wanted)
     return [cells.at(chosen)] if len(chosen) else []
-
-
-def trimmed(cells: Cells, wanted: NDArray[np.bool_]) -> tuple[Cells, NDArray[np.bool_]]:
-    """The wanted cells alone, where they are less than a good part of all, and which are wanted then."""
-    places = np.flatnonzero(wanted)
-    if len(places) >= LEAST_PART * len(wanted):
-        return cells, wanted
-    return cells.at(places), np.ones(len(places), dtype=bool)
 
 
 def in_blocks(cells: Iterable[Cells], at_once: int = CELLS_AT_ONCE) -> Iterator[Cells]:

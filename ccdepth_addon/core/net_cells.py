@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from . import triangle_bounds
 from .coordinates import applied, chosen_vectors, coordinates_apart
-from .fits import Cells, Fit, least_heights, triangle_normals
+from .fits import Fit, least_heights, triangle_normals
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .patches import PatchKinds, extraordinary_nets, regular_nets
 from .quad_cells import BoolArray, QuadCells, patterns_of
@@ -95,6 +95,10 @@ class NetCells(QuadCells):
         return misses
 
     @abstractmethod
+    def children(self, tree: Quadtree, is_wanted: BoolArray | None = None) -> Iterator[NetCells]:
+        """As in ``Cells``; all of the children, or those wanted of all nodes of the tree (bool), and made alike."""
+
+    @abstractmethod
     def _to_points(self) -> FloatArray:
         """(9, N): from a net to the quad's points and its centre."""
 
@@ -110,6 +114,14 @@ class NetCells(QuadCells):
         """The same at a closer look."""
 
 
+def _wanted(nodes: IndexArray, nets: FloatArray, is_wanted: BoolArray | None) -> tuple[IndexArray, FloatArray]:
+    """Those of some nodes that are wanted, and their nets."""
+    if is_wanted is None:
+        return nodes, nets
+    chosen = np.flatnonzero(is_wanted[nodes])
+    return nodes[chosen], chosen_vectors(nets, chosen)
+
+
 class BicubicCells(NetCells):
     """Bicubic quads, by their 16 Bernstein coefficients [i, j] → 4i + j, u along i."""
 
@@ -119,13 +131,14 @@ class BicubicCells(NetCells):
         coefficients = patch_coefficients(regular_nets(mesh, faces)).reshape(16, -1, 3)
         return BicubicCells(nodes, np.zeros_like(nodes), coordinates_apart(coefficients))
 
-    def children(self, tree: Quadtree) -> Iterator[Cells]:
-        count = len(self.nodes)
-        nodes = tree.first_child[self.nodes] + np.arange(4)[:, None]
-        nets = np.empty((16, 3, 4, count))
-        for slot, matrix in enumerate(CHILD_MATRICES):
-            nets[:, :, slot] = applied(matrix, self.nets).swapaxes(1, 2)
-        yield BicubicCells(nodes.ravel(), np.zeros(4 * count, dtype=np.intp), nets.reshape(16, 3, -1).swapaxes(1, 2))
+    def children(self, tree: Quadtree, is_wanted: BoolArray | None = None) -> Iterator[NetCells]:
+        families = [_wanted(tree.first_child[self.nodes] + slot, self.nets, is_wanted) for slot in range(4)]
+        nodes = np.concatenate([children for children, _ in families])
+        nets, start = np.empty((16, 3, len(nodes))), 0
+        for matrix, (children, own) in zip(CHILD_MATRICES, families, strict=True):
+            nets[:, :, start : start + len(children)] = applied(matrix, own).swapaxes(1, 2)
+            start += len(children)
+        yield BicubicCells(nodes, np.zeros_like(nodes), nets.swapaxes(1, 2))
 
     def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
         # Fewer patterns mean less work.
@@ -191,14 +204,15 @@ class ExtraordinaryCells(NetCells):
     def valence(self) -> int:
         return (len(self.nets) - 8) // 2
 
-    def children(self, tree: Quadtree) -> Iterator[Cells]:
-        first = tree.first_child[self.nodes]
-        zeros = np.zeros_like(first)
+    def children(self, tree: Quadtree, is_wanted: BoolArray | None = None) -> Iterator[NetCells]:
         stencils = patch_stencils(self.valence)
-        yield ExtraordinaryCells(first + self.slots, zeros, applied(stencils.refined, self.nets))
-        for turn in (1, 2, 3):
-            matrix = TO_BERNSTEIN @ stencils.regular[16 * (turn - 1) : 16 * turn]
-            yield BicubicCells(first + (self.slots + turn) % 4, zeros, applied(matrix, self.nets))
+        regular = [TO_BERNSTEIN @ stencils.regular[16 * child : 16 * (child + 1)] for child in range(3)]
+        for turn, matrix in enumerate([stencils.refined, *regular]):
+            children = tree.first_child[self.nodes] + (self.slots + turn) % 4
+            nodes, nets = _wanted(children, self.nets, is_wanted)
+            if len(nodes):
+                kind = BicubicCells if turn else ExtraordinaryCells
+                yield kind(nodes, np.zeros_like(nodes), applied(matrix, nets))
 
     def distances_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float

@@ -81,7 +81,7 @@ class Column:
 class Quadtree:
     """N nodes, S slots, E edges and V vertices; the first of each are the mesh's faces, corners, edges and vertices.
 
-    nodes: (N,) first_child (node, or NONE for a leaf), levels (int8), base_faces.
+    nodes: (N,) first_child (node, or NONE for a leaf), parents (node, or NONE for a face), levels (int8), base_faces.
     slots: (S,) slot_vertices, slot_edges.
     edges: (E, 2) edge_vertices; (E,) edge_children (the half at the first vertex, the other is the next; NONE while
     whole), midpoints (vertex, or NONE), base_edges (NONE inside a face).
@@ -95,6 +95,7 @@ class Quadtree:
         self.mesh = mesh
         faces, corners, edges = mesh.face_count, mesh.corner_count, mesh.edge_count
         self._first_child = Column(_numbers(NONE, faces))
+        self._parents = Column(_numbers(NONE, faces))
         self._levels = Column(np.zeros(faces, dtype=np.int8))
         self._base_faces = Column(_numbers(np.arange(faces), faces))
         # A frame is the quarter a node lies in, its first slot there, and the side from there, as complex numbers.
@@ -119,6 +120,7 @@ class Quadtree:
         self._append_slots(mesh.corner_vertices, mesh.corner_edges)
 
     first_child = property(lambda self: self._first_child.values)
+    parents = property(lambda self: self._parents.values)
     levels = property(lambda self: self._levels.values)
     base_faces = property(lambda self: self._base_faces.values)
     slot_vertices = property(lambda self: self._slot_vertices.values)
@@ -249,7 +251,14 @@ class Quadtree:
     def make_room(self, nodes: IndexArray) -> None:
         """That splitting leaves takes no more time than it has to, when they are split some at a time."""
         children = int(self.slot_counts(nodes).sum())
-        for column in (self._first_child, self._levels, self._base_faces, self._frame_corners, self._frames):
+        for column in (
+            self._first_child,
+            self._parents,
+            self._levels,
+            self._base_faces,
+            self._frame_corners,
+            self._frames,
+        ):
             column.make_room(children)
         for column in (self._slot_vertices, self._slot_edges, self._slots_before):
             column.make_room(4 * children)
@@ -293,6 +302,7 @@ class Quadtree:
         child_edges = np.stack([outgoing, inner, inner[before], incoming], axis=1)
         self.first_child[nodes] = len(self.first_child) + starts
         self._first_child.extend(len(slots), NONE)
+        self._parents.append(owners)
         self._levels.append(self.levels[owners] + np.int8(1))
         self._base_faces.append(self.base_faces[owners])
         self._frame_corners.append(corners)

@@ -1,51 +1,60 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cells found by their nodes: by brute force."""
+"""Cells found by their nodes: against all that were ever made."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-
 import numpy as np
 
-from ccdepth_addon.core.cell_store import CellStore
-from ccdepth_addon.core.fits import Cells
+from ccdepth_addon.core.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.cell_store import CellStore, in_blocks
+from ccdepth_addon.core.cells import cells_of_faces
+from ccdepth_addon.core.mesh import FloatArray
 from ccdepth_addon.core.net_cells import BicubicCells, ExtraordinaryCells, NetCells
+from ccdepth_addon.core.quadtree import Quadtree
+from tests import meshes
 
 
-def cells(nodes: Iterable[int], valence: int) -> NetCells:
-    """With nets that tell their nodes."""
-    numbers = np.array([*nodes], dtype=np.intp)
-    nets = np.broadcast_to(numbers[None, :, None], (2 * valence + 8, len(numbers), 3)).astype(np.float64)
-    kind = BicubicCells if valence == 4 else ExtraordinaryCells
-    return kind(numbers, np.zeros_like(numbers), nets)
+def remember(nets: dict[int, tuple[int, FloatArray]], cells: NetCells) -> None:
+    for place, node in enumerate(cells.nodes.tolist()):
+        nets[node] = int(cells.slots[place]), cells.nets[:, place]
 
 
-def nodes_of(found: Iterable[Cells]) -> list[int]:
-    nodes: list[int] = []
-    for block in found:
-        assert isinstance(block, NetCells)
-        np.testing.assert_array_equal(block.nets, cells(block.nodes, (len(block.nets) - 8) // 2).nets)
-        nodes += block.nodes.tolist()
-    return sorted(nodes)
+def assert_found(store: CellStore, nodes: list[int], nets: dict[int, tuple[int, FloatArray]]) -> None:
+    """Each once, with its own net, counted from its own slot."""
+    found: dict[int, tuple[int, FloatArray]] = {}
+    for cells in store.of(np.array(nodes, dtype=np.intp)):
+        assert isinstance(cells, NetCells)
+        assert not found.keys() & {*cells.nodes.tolist()}
+        remember(found, cells)
+    assert found.keys() == {*nodes}
+    for node, (slot, net) in found.items():
+        assert slot == nets[node][0]
+        # Sums of some dozens of products of the nets' coordinates.
+        np.testing.assert_allclose(net, nets[node][1], rtol=0, atol=1e-14 * np.abs(net).max())
 
 
-def test_cells_are_found_by_their_nodes_until_they_are_taken() -> None:
+def test_cells_are_found_by_their_nodes() -> None:
+    """Those put there, and the children of these, as they were when all children were made at once."""
     generator = np.random.default_rng(3)
-    store, kept = CellStore(), set[int]()
-    for turn in range(40):
-        first = 50 * turn
-        store.extend(first + 50)
-        order = first + generator.permutation(40)
-        store.put(cells(order[:25], 4), np.ones(25, dtype=bool))
-        wanted = generator.random(15) < turn / 40
-        store.put(cells(order[25:], 5), wanted)
-        order = np.concatenate([order[:25], order[25:][wanted]])
-        kept |= {*order.tolist()}
-        asked = generator.choice(first + 50, (first + 50) // 3, replace=False)
-        there = sorted(kept & {*asked.tolist()})
-        assert nodes_of(store.of(asked)) == there
-        assert nodes_of(store.take(asked)) == there
-        assert nodes_of(store.of(asked)) == []
-        kept -= {*there}
-    assert nodes_of(store.of(np.arange(2000))) == sorted(kept)
-    assert nodes_of(store.of(np.arange(0))) == []
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.bumpy(meshes.trapezohedron(5), 0.2)), smooth_corners=True)
+    tree = Quadtree(mesh)
+    store, nets = CellStore(tree), dict[int, tuple[int, FloatArray]]()
+    waiting = [cells for cells in in_blocks(cells_of_faces(mesh)) if isinstance(cells, NetCells)]
+    assert {type(cells) for cells in waiting} <= {BicubicCells, ExtraordinaryCells}
+    while waiting and len(nets) < 3000:
+        cells = waiting.pop(0)
+        remember(nets, cells)
+        store.extend(len(tree.first_child))
+        store.put(cells)
+        split = np.sort(generator.permutation(len(cells.nodes))[: 1 + len(cells.nodes) // 2])
+        parents = cells.at(split)
+        tree.split(parents.nodes)
+        store.extend(len(tree.first_child))
+        children = [*parents.children(tree)]
+        for block in children:
+            remember(nets, block)
+        asked = generator.choice([*nets], len(nets) // 3, replace=False)
+        assert_found(store, asked.tolist(), nets)
+        waiting += in_blocks(children)
+    assert_found(store, [*nets], nets)
+    assert_found(store, [], nets)
