@@ -15,6 +15,9 @@ wide enough: T + N is less than a third of cos Θ times the least of their heigh
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -52,33 +55,56 @@ def graph_bounds(
     normals, heights, angles = np.empty((3, 3, len(triangles)))
     for block in blocks(len(triangles), TRIANGLES_AT_ONCE):
         normals[:, block], heights[:, block], angles[:, block] = _shapes(columns[:, corners[:, block]])
-    axes = np.stack([_sums_at(corners, np.broadcast_to(component, corners.shape), count) for component in normals])
+    axes = np.stack([_sums_at(corners, [component] * 3, count) for component in normals])
     axes /= np.sqrt(np.sum(axes * axes, axis=0))
 
     # (3, T): for each triangle, what is so at each of its corners.
     tilts = np.empty_like(heights)
     for block in blocks(len(triangles), TRIANGLES_AT_ONCE):
         tilts[:, block] = _angles(np.einsum("it,ikt->kt", normals[:, block], axes[:, corners[:, block]]))
-    around = (
-        _largest_at(corners, tilts, count),
-        _sums_at(corners, angles, count),
-        -_largest_at(corners, -heights, count),
-        _largest_at(corners, np.broadcast_to(normal, corners.shape), count),
-        _largest_at(corners, np.broadcast_to(tangential, corners.shape), count),
+    around = _Stars(
+        tilts=_largest_at(corners, tilts, count),
+        turns=_sums_at(corners, angles, count),
+        widths=-_largest_at(corners, np.negative(heights, out=heights), count),
+        normal=_largest_at(corners, [normal] * 3, count),
+        tangential=_largest_at(corners, [tangential] * 3, count),
+        closed=closed,
     )
-    # And for each that is wanted, what is so around each of its vertices. Comparisons are made so that what is not a
-    # number meets no condition.
-    own = corners[:, wanted]
-    largest_tilt, turns, width, off_normal, off_across = (values[own] for values in around)
-    tilt = largest_tilt + tilts[:, wanted] + ROUNDING
-    cosines = np.cos(np.minimum(tilt, np.pi / 2))
-    holds = (cosines > LEAST_COSINE) & closed[own]
-    holds &= turns < 4 * np.pi * cosines * (1 - ROUNDING)
-    holds &= off_across + off_normal < cosines * width / 3 * (1 - ROUNDING)
-    cosines = np.where(holds, cosines, 1.0)
-    sines = np.sqrt(1 - cosines**2)
-    bounds = off_normal / cosines + 2 * sines / cosines * (off_across + off_normal * sines)
-    return np.where(holds, bounds * (1 + ROUNDING), np.inf).max(axis=0)
+    chosen = np.flatnonzero(wanted)
+    found = np.empty(len(chosen))
+    for block in blocks(len(chosen), TRIANGLES_AT_ONCE):
+        own = chosen[block]
+        found[block] = around.bounds(corners[:, own], tilts[:, own])
+    return found
+
+
+@dataclass(frozen=True)
+class _Stars:
+    """What is so around V vertices, (V,) each: the largest tilt of the triangles there against the mean of their
+    normals, the sum of their angles, the least of their heights, how far they are off along their normals and across
+    at most, and whether they close up to a disc."""
+
+    tilts: FloatArray
+    turns: FloatArray
+    widths: FloatArray
+    normal: FloatArray
+    tangential: FloatArray
+    closed: NDArray[np.bool_]
+
+    def bounds(self, corners: IndexArray, tilts: FloatArray) -> FloatArray:
+        """(n,) the bounds of triangles with corners (3, n), tilted by (3, n) at each.
+
+        Comparisons are made so that what is not a number meets no condition.
+        """
+        off_normal, off_across = self.normal[corners], self.tangential[corners]
+        cosines = np.cos(np.minimum(self.tilts[corners] + tilts + ROUNDING, np.pi / 2))
+        holds = (cosines > LEAST_COSINE) & self.closed[corners]
+        holds &= self.turns[corners] < 4 * np.pi * cosines * (1 - ROUNDING)
+        holds &= off_across + off_normal < cosines * self.widths[corners] / 3 * (1 - ROUNDING)
+        cosines = np.where(holds, cosines, 1.0)
+        sines = np.sqrt(1 - cosines**2)
+        bounds = off_normal / cosines + 2 * sines / cosines * (off_across + off_normal * sines)
+        return np.where(holds, bounds * (1 + ROUNDING), np.inf).max(axis=0)
 
 
 def _angles(cosines: FloatArray) -> FloatArray:
@@ -97,14 +123,17 @@ def _shapes(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     return crosses[:, 0] / doubled[0], doubled / lengths[[1, 2, 0]], angles
 
 
-def _sums_at(corners: IndexArray, values: FloatArray, count: int) -> FloatArray:
+def _sums_at(corners: IndexArray, values: Sequence[FloatArray] | FloatArray, count: int) -> FloatArray:
     """(count,) the sum of the values at the corners (3, T) of each vertex."""
-    sums: FloatArray = np.bincount(corners.ravel(), values.ravel(), count).astype(np.float64, copy=False)
+    sums = np.zeros(count)
+    for vertices, of_corner in zip(corners, values, strict=True):
+        sums += np.bincount(vertices, of_corner, count)
     return sums
 
 
-def _largest_at(corners: IndexArray, values: FloatArray, count: int) -> FloatArray:
+def _largest_at(corners: IndexArray, values: Sequence[FloatArray] | FloatArray, count: int) -> FloatArray:
     """(count,) the largest of the values at the corners (3, T) of each vertex."""
     largest = np.full(count, -np.inf)
-    np.maximum.at(largest, corners.ravel(), values.ravel())
+    for vertices, of_corner in zip(corners, values, strict=True):
+        np.maximum.at(largest, vertices, of_corner)
     return largest
