@@ -164,12 +164,12 @@ class BicubicCells(NetCells):
     ) -> FloatArray:
         """Looked at twice where that decides."""
         rows = triangle_bounds.quadratic_rows(pattern, alternative)
-        quadratic, rest = triangle_bounds.regular_distances(rows, self.nets, chosen)
+        quadratic, rest = triangle_bounds.quadratic_distances(rows, self.nets, chosen)
         distances = quadratic + rest
         doubtful = np.flatnonzero((distances > limit) & (quadratic <= HOPEFUL_QUADRATIC * limit))
         if len(doubtful):
-            closer = [triangle_bounds.regular_rows(pattern, alternative)]
-            distances[doubtful] = triangle_bounds.regular_distances(closer, self.nets, chosen[doubtful])[0]
+            closer = triangle_bounds.regular_rows(pattern, alternative)
+            distances[doubtful] = triangle_bounds.regular_distances(closer, self.nets, chosen[doubtful])
         return distances
 
     def _to_points(self) -> FloatArray:
@@ -180,7 +180,7 @@ class BicubicCells(NetCells):
     ) -> tuple[Misses, BoolArray]:
         rows = triangle_bounds.quadratic_rows(pattern, alternative)
         normals = triangle_normals(points, templates(pattern)[alternative])
-        quadratic, rest = (triangle_bounds.regular_misses(part, nets, normals) for part in rows)
+        quadratic, rest = triangle_bounds.quadratic_misses(rows, nets, normals)
         return quadratic + rest, rest.normal > SMALL_REST * quadratic.normal
 
     def _misses_closely(self, nets: FloatArray, pattern: int, alternative: int, points: FloatArray) -> Misses:

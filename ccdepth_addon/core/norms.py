@@ -24,6 +24,15 @@ def squared_norms(vectors: FloatArray) -> FloatArray:
     return total
 
 
+def squared_dots(vectors: FloatArray, directions: FloatArray) -> FloatArray:
+    """(R, P, 3) vectors and (P, 3) directions → (R, P) squares of their products."""
+    dots = vectors[..., 0] * directions[..., 0]
+    dots += vectors[..., 1] * directions[..., 1]
+    dots += vectors[..., 2] * directions[..., 2]
+    dots *= dots
+    return dots
+
+
 def cross_products(a: FloatArray, b: FloatArray) -> FloatArray:
     """(…, 3) vectors each → (…, 3); what numpy's own does takes several times as long."""
     product = np.empty_like(a, shape=np.broadcast_shapes(a.shape, b.shape))

@@ -7,7 +7,8 @@ total degree 6, and no longer than the longest of its 28 Bernstein coefficients 
 control net, so a template is a matrix for each kind of net:
 
 - a bicubic quad: 16 Bernstein coefficients, by the quarters of triangles. Where S - T is nearly quadratic it is enough
-  to take it apart: the quadratic polynomial with its values at the vertices and the middles of the sides, and the rest;
+  to take it apart: the quadratic polynomial with its values at the vertices and the middles of the sides, and the rest,
+  monomial by monomial;
 - a quad at an extraordinary vertex: its net, by way of the bicubic pieces of some levels (``stencils``); what is left
   at the vertex is compared with its bilinear facet, which is within a known part of the second-order norm.
 
@@ -16,7 +17,6 @@ Any other quad is refined first (``refined_bounds``).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import pairwise
@@ -28,7 +28,7 @@ from .blocks import blocks
 from .bounds import certified_limit_factor
 from .coordinates import applied, chosen_vectors
 from .mesh import FloatArray, IndexArray
-from .norms import second_differences
+from .norms import second_differences, squared_dots, squared_norms
 from .splines import SPLINE_TO_BERNSTEIN, bilinear_coefficients, tensor
 from .stencils import patch_stencils
 from .templates import QUAD_POINTS, templates
@@ -37,6 +37,11 @@ DEGREE = 6
 
 # A row, or a part of a triangle, that is less is nothing but rounding.
 ROW_ROUNDING = 1e-12
+
+# The monomials (u - 1/2)^i (v - 1/2)^j → 4i + j that are more than quadratic; and how often a triangle is quartered to
+# find how far these are off their quadratic parts: once more would tell 1 % less.
+BEYOND_QUADRATIC = [4 * i + j for i in range(4) for j in range(4) if i + j > 2]
+QUARTERINGS = 3
 
 # The Bernstein coefficients, of 16 in [i, j] → 4i + j, that are the values at corners 0 to 3.
 CORNER_COEFFICIENTS = [0, 12, 15, 3]
@@ -96,19 +101,50 @@ def _values_to_coefficients(degree: int) -> FloatArray:
 
 
 @cache
-def _taken_apart() -> tuple[FloatArray, FloatArray]:
-    """(24, 28), (28, 28): from the Bernstein coefficients of f over a triangle to those of its quadratic part over the
-    four quarters of it, six each, and to those of the rest.
+def _quadratic_part() -> FloatArray:
+    """(24, 28): from the Bernstein coefficients of f over a triangle to those of its quadratic part over the four
+    quarters of it, six each.
 
     The quadratic part has the values of f at the vertices and the middles of the sides. It is no longer than the
-    longest of its coefficients over the quarters, and f no longer than it and the rest together.
+    longest of these coefficients.
     """
     to_quadratic = _values_to_coefficients(2) @ _bernstein_basis(DEGREE, _domain(2))
     over_quarters = [
         _values_to_coefficients(2) @ _bernstein_basis(2, _domain(2) @ quarter) for quarter in _quartered(np.eye(3))
     ]
-    raised = _values_to_coefficients(DEGREE) @ _bernstein_basis(2, _domain(DEGREE))
-    return np.concatenate(over_quarters) @ to_quadratic, np.eye(len(raised)) - raised @ to_quadratic
+    return np.concatenate(over_quarters) @ to_quadratic
+
+
+def _monomials(points: FloatArray) -> FloatArray:
+    """(N, 16): (u - 1/2)^i (v - 1/2)^j → 4i + j at parameters (N, 2)."""
+    along, across = np.moveaxis((points - 0.5)[..., None] ** np.arange(4), 1, 0)
+    return np.einsum("ni,nj->nij", along, across).reshape(len(points), 16)
+
+
+@cache
+def _to_monomials() -> FloatArray:
+    """(10, 16): from Bernstein coefficients to those of the ``_monomials`` that are more than quadratic."""
+    grid = np.stack(np.divmod(np.arange(16), 4), axis=1) / 3
+    return (np.linalg.inv(_monomials(grid)) @ _bicubic_basis(grid))[BEYOND_QUADRATIC]
+
+
+@lru_cache(maxsize=256)
+def _off_quadratic(pattern: int, alternative: int) -> FloatArray:
+    """(10,): how far each of these monomials is off its own quadratic part, over all the triangles of a template, at
+    most: by Bernstein coefficients over parts of these."""
+    largest = np.zeros(len(BEYOND_QUADRATIC))
+    for numbers in templates(pattern)[alternative]:
+        triangle = QUAD_POINTS[list(numbers)]
+        quadratic = _values_to_coefficients(2) @ _monomials(_domain(2) @ triangle)[:, BEYOND_QUADRATIC]
+        parts = [triangle]
+        for _ in range(QUARTERINGS):
+            parts = [quarter for part in parts for quarter in _quartered(part)]
+        for part in parts:
+            points = _domain(DEGREE) @ part
+            values = _monomials(points)[:, BEYOND_QUADRATIC]
+            values -= _bernstein_basis(2, _barycentric(triangle, points)) @ quadratic
+            largest = np.maximum(largest, np.abs(_values_to_coefficients(DEGREE) @ values).max(axis=0))
+    return largest
 
 
 def _bicubic_basis(points: FloatArray) -> FloatArray:
@@ -179,15 +215,8 @@ class Misses:
         largest = np.zeros((3, vectors.shape[1]))
         starts = np.flatnonzero(np.diff(triangles, prepend=-1))
         for start, end in pairwise([*starts.tolist(), len(triangles)]):
-            x, y, z = np.moveaxis(vectors[start:end], 2, 0)
-            normal_x, normal_y, normal_z = normals[triangles[start]].T
-            along = x * normal_x
-            along += y * normal_y
-            along += z * normal_z
-            along *= along
-            squares = x * x
-            squares += y * y
-            squares += z * z
+            own = vectors[start:end]
+            along, squares = squared_dots(own, normals[triangles[start]]), squared_norms(own)
             for most, values in zip(largest, (squares, along, squares - along), strict=True):
                 np.maximum(most, values.max(axis=0), out=most)
         return Misses(*np.sqrt(largest))
@@ -288,17 +317,34 @@ def regular_rows(pattern: int, alternative: int) -> Rows:
     return Rows.joined([template_rows(pattern, alternative, 1, fine=True).of(np.eye(16), regular_points())])
 
 
+@dataclass(frozen=True)
+class QuadraticRows:
+    """S - T over a bicubic quad, taken apart into the quadratic parts over whole triangles, and the rest.
+
+    matrix: (Q + 10, 16), functionals for the quadratic parts, then the coefficients of S of monomials that are more
+    than quadratic, T having none. triangles: (Q,) as in ``Rows``. weights: (10,) how far the monomials are off their
+    own quadratic parts. The rest is no longer than the sum of the coefficients' lengths, so weighted.
+    """
+
+    matrix: FloatArray
+    triangles: IndexArray
+    weights: FloatArray
+
+    def rest(self, lengths: FloatArray) -> FloatArray:
+        """(P,): of lengths (10, P)."""
+        return self.weights @ lengths
+
+
 @lru_cache(maxsize=256)
-def quadratic_rows(pattern: int, alternative: int) -> tuple[Rows, Rows]:
-    """The same by whole triangles, taken apart: the quadratic part and the rest, whose lengths add."""
+def quadratic_rows(pattern: int, alternative: int) -> QuadraticRows:
+    """With Bernstein coefficients as for ``regular_rows``."""
     rows = template_rows(pattern, alternative, 1).of(np.eye(16), regular_points())
     coefficients = rows.matrix.reshape(-1, len(_domain(DEGREE)), 16)
     triangles = rows.triangles.reshape(len(coefficients), -1)[:, 0]
-    quadratic, rest = (
-        Rows.joined([Rows((matrix @ coefficients).reshape(-1, 16), np.repeat(triangles, len(matrix)))])
-        for matrix in _taken_apart()
-    )
-    return quadratic, rest
+    matrix = (_quadratic_part() @ coefficients).reshape(-1, 16)
+    quadratic = Rows.joined([Rows(matrix, np.repeat(triangles, len(_quadratic_part())))])
+    both = np.concatenate([quadratic.matrix, _to_monomials()])
+    return QuadraticRows(both, quadratic.triangles, _off_quadratic(pattern, alternative))
 
 
 @dataclass(frozen=True)
@@ -358,14 +404,45 @@ def regular_misses(rows: Rows, coefficients: FloatArray, normals: FloatArray) ->
     )
 
 
-def regular_distances(parts: Sequence[Rows], coefficients: FloatArray, chosen: IndexArray) -> FloatArray:
-    """(parts, n): the same in all, by each of some parts, for chosen ones of Bernstein coefficients (16, P, 3)."""
-    found = np.empty((len(parts), len(chosen)))
-    for block in blocks(len(chosen), _at_once(max(len(rows.matrix) for rows in parts))):
-        own = chosen_vectors(coefficients, chosen[block])
-        for number, rows in enumerate(parts):
-            found[number, block] = _longest(applied(rows.matrix, own))
+def regular_distances(rows: Rows, coefficients: FloatArray, chosen: IndexArray) -> FloatArray:
+    """(n,): the same in all, for chosen ones of Bernstein coefficients (16, P, 3)."""
+    found = np.empty(len(chosen))
+    for block in blocks(len(chosen), _at_once(len(rows.matrix))):
+        found[block] = _longest(applied(rows.matrix, chosen_vectors(coefficients, chosen[block])))
     return found
+
+
+def quadratic_misses(rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray) -> tuple[Misses, Misses]:
+    """‖S - T‖ at most, as the sum of two: what the quadratic parts miss, and the rest. As for ``regular_misses``."""
+    found = [
+        _quadratic_misses(rows, coefficients[:, block], normals[:, block])
+        for block in blocks(coefficients.shape[1], _at_once(len(rows.matrix)))
+    ]
+    return Misses.joined([quadratic for quadratic, _ in found]), Misses.joined([rest for _, rest in found])
+
+
+def _quadratic_misses(rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray) -> tuple[Misses, Misses]:
+    vectors = applied(rows.matrix, coefficients)
+    quadratic = Misses.of(vectors[: len(rows.triangles)], rows.triangles, normals)
+    squares = squared_norms(vectors[len(rows.triangles) :])
+    rest = Misses(rows.rest(np.sqrt(squares)), *np.zeros((2, len(normals[0]))))
+    for normal in normals:
+        along = squared_dots(vectors[len(rows.triangles) :], normal)
+        np.maximum(rest.normal, rows.rest(np.sqrt(along)), out=rest.normal)
+        np.maximum(rest.tangential, rows.rest(np.sqrt(np.maximum(squares - along, 0.0))), out=rest.tangential)
+    return quadratic, rest
+
+
+def quadratic_distances(
+    rows: QuadraticRows, coefficients: FloatArray, chosen: IndexArray
+) -> tuple[FloatArray, FloatArray]:
+    """(n,) twice: the same in all, for chosen ones of Bernstein coefficients (16, P, 3)."""
+    quadratic, rest = np.empty((2, len(chosen)))
+    for block in blocks(len(chosen), _at_once(len(rows.matrix))):
+        vectors = applied(rows.matrix, chosen_vectors(coefficients, chosen[block]))
+        rest[block] = rows.rest(np.sqrt(squared_norms(vectors[len(rows.triangles) :])))
+        quadratic[block] = _longest(vectors[: len(rows.triangles)])
+    return quadratic, rest
 
 
 def _longest(vectors: FloatArray) -> FloatArray:

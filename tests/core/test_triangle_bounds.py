@@ -111,12 +111,17 @@ def bounds_of(valence: int, pattern: int, alternative: int, nets: FloatArray, *,
     mesh = samples(valence).mesh.changed(positions=nets.reshape(len(nets), -1))
     if valence == 4:
         coefficients = patch_coefficients(regular_nets(mesh, np.array([0]))).reshape(16, -1, 3)
-        closer = [triangle_bounds.regular_rows(pattern, alternative)]
-        rows = closer if fine else triangle_bounds.quadratic_rows(pattern, alternative)
-        parts = [triangle_bounds.regular_misses(part, coefficients, normals) for part in rows]
-        found = sum(parts[1:], parts[0])
-        in_all = triangle_bounds.regular_distances(rows, coefficients, np.arange(coefficients.shape[1]))
-        np.testing.assert_allclose(in_all.sum(axis=0), found.whole, rtol=ROUNDING)
+        every = np.arange(coefficients.shape[1])
+        if fine:
+            closer = triangle_bounds.regular_rows(pattern, alternative)
+            found = triangle_bounds.regular_misses(closer, coefficients, normals)
+            in_all = triangle_bounds.regular_distances(closer, coefficients, every)
+        else:
+            rows = triangle_bounds.quadratic_rows(pattern, alternative)
+            quadratic, rest = triangle_bounds.quadratic_misses(rows, coefficients, normals)
+            found = quadratic + rest
+            in_all = np.add(*triangle_bounds.quadratic_distances(rows, coefficients, every))
+        np.testing.assert_allclose(in_all, found.whole, rtol=ROUNDING)
     else:
         net = extraordinary_nets(mesh, np.array([0]), valence).reshape(2 * valence + 8, -1, 3)
         matrices = triangle_bounds.extraordinary_rows(valence, pattern, alternative, fine=fine)
@@ -170,7 +175,7 @@ def test_bounds_of_quadratic_distances_need_no_closer_look() -> None:
         on_triangles, _ = drawn(templates(pattern)[alternative], parameters, points)
         distances = np.abs(paraboloids(*parameters.T) - on_triangles)[..., 2].max(axis=0)
         rows = triangle_bounds.quadratic_rows(pattern, alternative)
-        bounds = triangle_bounds.regular_distances(rows, coefficients, np.arange(NETS)).sum(axis=0)
+        bounds = np.add(*triangle_bounds.quadratic_distances(rows, coefficients, np.arange(NETS)))
         assert np.all((distances <= bounds + ROUNDING) & (bounds <= 9 / 8 * 1.01 * distances))
         exact.append(bounds <= distances + ROUNDING)
     assert np.mean(exact) > 0.8
