@@ -35,7 +35,7 @@ from .core.carried_values import (
 )
 from .core.catmull_clark import crease_to_sharpness
 from .core.limit_surface import limit_values
-from .core.mesh import PolygonMesh
+from .core.mesh import IndexArray, PolygonMesh, ShortIndexArray
 from .core.subdivided_mesh import SubdividedMesh
 from .core.surface_points import SurfacePoints
 from .core.uv_surface import uv_surface
@@ -173,7 +173,7 @@ class Carrier:
         for place in np.flatnonzero((sources >= 0) & filled[sources]).tolist():
             written[place].value = texts[sources[place]]
 
-    def _sources(self, domain: str) -> NDArray[np.intp]:
+    def _sources(self, domain: str) -> IndexArray | ShortIndexArray:
         """The element of the base that each element of the new mesh takes after, or -1."""
         if domain == "POINT":
             return nearest_vertices(self.control, self.subdivided)
@@ -246,7 +246,7 @@ def _rows(data: Any, kind: ValueType) -> Values:
     return read_values(data, kind.value, kind.dtype, kind.width).reshape(-1, kind.width)
 
 
-def _copied(values: Values, sources: NDArray[np.intp], kind: ValueType) -> Values:
+def _copied(values: Values, sources: ShortIndexArray, kind: ValueType) -> Values:
     """The rows of ``values`` at ``sources``, and the type's default at -1."""
     default: Values = np.resize(np.array(kind.default, dtype=kind.dtype), (1, kind.width))
     return np.concatenate([values, default])[sources]

@@ -66,10 +66,10 @@ def _write_faces(mesh: bpy.types.Mesh, subdivided: SubdividedMesh) -> None:
     mesh.polygons.add(len(subdivided.base_faces))
     data = mesh.attributes
     data["position"].data.foreach_set("vector", subdivided.positions.astype(np.float32).ravel())
-    data[".edge_verts"].data.foreach_set("value", subdivided.edge_vertices.astype(np.int32).ravel())
+    data[".edge_verts"].data.foreach_set("value", subdivided.edge_vertices.ravel())
     mesh.polygons.foreach_set("loop_start", subdivided.face_starts[:-1].astype(np.int32))
-    data[".corner_vert"].data.foreach_set("value", subdivided.corner_vertices.astype(np.int32))
-    data[".corner_edge"].data.foreach_set("value", subdivided.corner_edges.astype(np.int32))
+    data[".corner_vert"].data.foreach_set("value", subdivided.corner_vertices)
+    data[".corner_edge"].data.foreach_set("value", subdivided.corner_edges)
     # Blender selects what it adds.
     for name in (".select_vert", ".select_edge", ".select_poly"):
         if name in data:

@@ -34,14 +34,14 @@ def uniform(mesh: PolygonMesh, level: int) -> SubdividedMesh:
         vertex_points=points.at(first),
         positions=limit_positions(fine),
         face_starts=fine.face_starts,
-        corner_vertices=fine.corner_vertices,
-        corner_edges=fine.corner_edges,
-        edge_vertices=fine.edge_vertices,
-        corner_points=points,
-        base_faces=mesh.corner_faces[points.corners[::4]],
-        base_edges=base_edges,
-        base_vertices=base_vertices,
-        vertex_edges=vertex_edges,
+        corner_vertices=fine.corner_vertices.astype(np.int32),
+        corner_edges=fine.corner_edges.astype(np.int32),
+        edge_vertices=fine.edge_vertices.astype(np.int32),
+        find_corner_points=lambda: points,
+        base_faces=mesh.corner_faces[points.corners[::4]].astype(np.int32),
+        base_edges=base_edges.astype(np.int32),
+        base_vertices=base_vertices.astype(np.int32),
+        vertex_edges=vertex_edges.astype(np.int32),
     )
 
 
@@ -99,8 +99,10 @@ def with_loose_parts(mesh: PolygonMesh, subdivided: SubdividedMesh) -> Subdivide
             np.concatenate([points.corners, nowhere.corners]), np.concatenate([points.parameters, nowhere.parameters])
         ),
         positions=np.concatenate([subdivided.positions, mesh.positions[loose_vertices]]),
-        edge_vertices=np.concatenate([subdivided.edge_vertices, places[mesh.edge_vertices[loose_edges]]]),
-        base_edges=np.concatenate([subdivided.base_edges, loose_edges]),
-        base_vertices=base_vertices,
-        vertex_edges=np.concatenate([subdivided.vertex_edges, np.full(len(loose_vertices), -1)]),
+        edge_vertices=np.concatenate(
+            [subdivided.edge_vertices, places[mesh.edge_vertices[loose_edges]]], dtype=np.int32
+        ),
+        base_edges=np.concatenate([subdivided.base_edges, loose_edges], dtype=np.int32),
+        base_vertices=base_vertices.astype(np.int32),
+        vertex_edges=np.concatenate([subdivided.vertex_edges, np.full(len(loose_vertices), -1)], dtype=np.int32),
     )

@@ -5,7 +5,9 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +15,7 @@ from numpy.typing import NDArray
 from .blocks import blocks
 from .fits import Fit
 from .limit_surface import limit_values
-from .mesh import FloatArray, IndexArray, PolygonMesh, compact
+from .mesh import FloatArray, IndexArray, PolygonMesh, ShortIndexArray, compact, renumbered
 from .quadtree import NONE, Point, Quadtree
 from .subdivided_mesh import SubdividedMesh
 from .surface_points import SurfacePoints
@@ -39,12 +41,12 @@ class Polygons:
         first = tree.first_slots(leaves[self.leaves])
         return [first + place for place, _ in self.points]
 
-    def vertices(self, tree: Quadtree, leaves: IndexArray) -> Iterator[IndexArray]:
+    def vertices(self, tree: Quadtree, leaves: IndexArray) -> Iterator[ShortIndexArray]:
         """For each point: (P,)."""
         for slots, (_, middle) in zip(self.slots(tree, leaves), self.points, strict=True):
             yield tree.midpoints[tree.slot_edges[slots]] if middle else tree.slot_vertices[slots]
 
-    def sides(self, tree: Quadtree, leaves: IndexArray) -> Iterator[IndexArray | int]:
+    def sides(self, tree: Quadtree, leaves: IndexArray) -> Iterator[ShortIndexArray | int]:
         """For each point: (P,) the tree's edges from there to the next point, or NONE if these lie inside the leaf."""
         slots = self.slots(tree, leaves)
         for number, (place, middle) in enumerate(self.points):
@@ -66,14 +68,13 @@ class Edges:
     """E edges of C corners. of_corners: (C,) the edge from each corner to the next; vertices: (E, 2); base_edges: (E,)
     the edge of the control mesh each lies on, or NONE.
 
-    clashing: (E,) bool, whether it has not as many faces as it should, two inside a face and as many as before
-    elsewhere, or another edge has the same vertices. Two quads over the same two opposite corners, both split along the
-    diagonal between these, would do that.
+    clashing: (E,) bool, whether it lies inside a leaf and has not two faces, or another edge has the same vertices.
+    Two quads over the same two opposite corners, both split along the diagonal between these, would do that.
     """
 
-    of_corners: IndexArray
-    vertices: IndexArray
-    base_edges: IndexArray
+    of_corners: ShortIndexArray
+    vertices: ShortIndexArray
+    base_edges: ShortIndexArray
     clashing: BoolArray
 
 
@@ -93,7 +94,7 @@ class Outline:
     starts: IndexArray
     drawn: IndexArray
     used: IndexArray
-    corner_vertices: IndexArray
+    corner_vertices: ShortIndexArray
     edges: Edges
 
     @property
@@ -112,9 +113,8 @@ def outline(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitio
     starts, drawn, firsts = _order(polygons)
     vertices = _at_corners(polygons, firsts, (block.vertices(tree, leaves) for block in polygons))
     loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
-    used, numbered = compact(np.concatenate([vertices, loose]), len(tree.vertex_edges))
-    corner_vertices = numbered[: len(vertices)]
-    del vertices, numbered
+    used, corner_vertices = compact(vertices, len(tree.vertex_edges), loose)
+    del vertices
     sides = _at_corners(polygons, firsts, (block.sides(tree, leaves) for block in polygons))
     edges = _edges(tree, sides, used, starts, corner_vertices)
     return Outline(tree, leaves, polygons, firsts, starts, drawn, used, corner_vertices, edges)
@@ -135,11 +135,11 @@ def draw(outlined: Outline, positions: FloatArray) -> SubdividedMesh:
         corner_vertices=outlined.corner_vertices,
         corner_edges=edges.of_corners,
         edge_vertices=edges.vertices,
-        corner_points=_corner_points(outlined),
-        base_faces=tree.base_faces[outlined.leaves[outlined.drawn]].astype(np.intp),
+        find_corner_points=partial(_corner_points, outlined),
+        base_faces=tree.base_faces[outlined.leaves[outlined.drawn]],
         base_edges=edges.base_edges,
-        base_vertices=np.where(used < tree.mesh.vertex_count, used, NONE),
-        vertex_edges=tree.vertex_edges[used].astype(np.intp),
+        base_vertices=np.where(used < tree.mesh.vertex_count, used, NONE).astype(np.int32),
+        vertex_edges=tree.vertex_edges[used],
     )
 
 
@@ -253,10 +253,10 @@ def _order(polygons: list[Polygons]) -> tuple[IndexArray, IndexArray, list[Index
 
 
 def _at_corners(
-    polygons: list[Polygons], firsts: list[IndexArray], values: Iterable[Iterable[IndexArray | int]]
-) -> IndexArray:
+    polygons: list[Polygons], firsts: list[IndexArray], values: Iterable[Iterable[ShortIndexArray | int]]
+) -> ShortIndexArray:
     """(C,) what is given for each block and point of it, put where the corners go."""
-    found = np.empty(_corner_count(polygons), dtype=np.intp)
+    found = np.empty(_corner_count(polygons), dtype=np.int32)
     for first, of_block in zip(firsts, values, strict=True):
         for number, of_point in enumerate(of_block):
             found[first + number] = of_point
@@ -292,50 +292,61 @@ def _positions(mesh: PolygonMesh, points: SurfacePoints, used: IndexArray, posit
 
 
 def _edges(
-    tree: Quadtree, sides: IndexArray, used: IndexArray, starts: IndexArray, corner_vertices: IndexArray
+    tree: Quadtree, sides: ShortIndexArray, used: IndexArray, starts: IndexArray, corner_vertices: ShortIndexArray
 ) -> Edges:
     """The edges: those of the tree in its order, then those inside leaves, then those of the mesh without faces.
 
-    sides: (C,) the tree's edge from each corner to the next, or NONE.
+    sides: (C,) the tree's edge from each corner to the next, or NONE. Those of the tree have all the faces they should,
+    as it is balanced.
     """
     is_used = np.zeros(len(tree.edge_vertices) + 1, dtype=bool)
     is_used[sides] = True
     outer = np.flatnonzero(is_used[:NONE])
-    of_corners = (np.cumsum(is_used) - 1)[sides]
+    of_corners = renumbered(is_used, sides)
     inner = np.flatnonzero(sides == NONE)
     inner_vertices, of_inner = _inner_edges(inner, starts, corner_vertices, len(used))
     of_corners[inner] = len(outer) + of_inner
     loose = np.flatnonzero(tree.mesh.edge_face_counts == 0)
-    new = np.full(len(tree.vertex_edges), NONE, dtype=np.intp)
+    new = np.full(len(tree.vertex_edges), NONE, dtype=np.int32)
     new[used] = np.arange(len(used))
-    vertices = np.concatenate([new[tree.edge_vertices[outer]], inner_vertices, new[tree.edge_vertices[loose]]])
-    base_edges = np.concatenate([tree.base_edges[outer], np.full(len(inner_vertices), NONE), loose])
-    counts = np.bincount(of_corners, minlength=len(vertices))
-    expected = np.where(base_edges == NONE, 2, tree.mesh.edge_face_counts[base_edges])
-    return Edges(of_corners, vertices, base_edges, (counts != expected) | _doubled(vertices, len(outer), len(used)))
+
+    insides = slice(len(outer), len(outer) + len(inner_vertices))
+    vertices = np.empty((insides.stop + len(loose), 2), dtype=np.int32)
+    vertices[: insides.start] = new[tree.edge_vertices[outer]]
+    vertices[insides] = inner_vertices
+    vertices[insides.stop :] = new[tree.edge_vertices[loose]]
+    base_edges = np.full(len(vertices), NONE, dtype=np.int32)
+    base_edges[: insides.start] = tree.base_edges[outer]
+    base_edges[insides.stop :] = loose
+    clashing = _doubled(vertices, len(outer), len(used))
+    clashing[insides] |= np.bincount(of_inner, minlength=len(inner_vertices)) != 2
+    return Edges(of_corners, vertices, base_edges, clashing)
 
 
 def _inner_edges(
-    corners: IndexArray, starts: IndexArray, corner_vertices: IndexArray, count: int
+    corners: IndexArray, starts: IndexArray, corner_vertices: ShortIndexArray, count: int
 ) -> tuple[IndexArray, IndexArray]:
     """The edges from some corners to the next ones in their faces: (I, 2) of so many vertices, each pair once, and
     (corners,) which it is."""
     faces = np.searchsorted(starts, corners, side="right") - 1
     following = np.where(corners + 1 == starts[faces + 1], starts[faces], corners + 1)
-    ends = np.sort(corner_vertices[np.stack([corners, following], axis=1)], axis=1)
-    keys, of_corners = np.unique(ends @ [count, 1], return_inverse=True)
+    ends = np.stack([corner_vertices[corners], corner_vertices[following]])
+    keys, of_corners = np.unique(_keys(ends, count), return_inverse=True)
     return np.stack(np.divmod(keys, count), axis=1), of_corners.reshape(-1)
 
 
-def _doubled(vertices: IndexArray, outer: int, count: int) -> BoolArray:
+def _keys(ends: NDArray[Any], count: int) -> IndexArray:
+    """(N,): for two vertices (2, N) each, of so many, a number that is theirs alone, in whatever order."""
+    return np.minimum(*ends).astype(np.intp) * count + np.maximum(*ends)
+
+
+def _doubled(vertices: ShortIndexArray, outer: int, count: int) -> BoolArray:
     """(E,) which edges (E, 2) between so many vertices have the same ends as another; the first ``outer`` are known to
     differ among themselves."""
     at_inner = np.zeros(count, dtype=bool)
     at_inner[vertices[outer:]] = True
-    possible = np.flatnonzero(np.all(at_inner[vertices], axis=1))
-    _, pair, pairs = np.unique(
-        np.sort(vertices[possible], axis=1) @ [count, 1], return_inverse=True, return_counts=True
-    )
+    possible = np.flatnonzero(at_inner[vertices[:, 0]] & at_inner[vertices[:, 1]])
+    _, pair, pairs = np.unique(_keys(vertices[possible].T, count), return_inverse=True, return_counts=True)
     doubled = np.zeros(len(vertices), dtype=bool)
     doubled[possible] = pairs[pair.reshape(-1)] > 1
     return doubled

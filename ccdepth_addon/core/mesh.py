@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 IndexArray = NDArray[np.intp]
+# Of meshes that are made: as Blender keeps them, and half the size.
+ShortIndexArray = NDArray[np.int32]
 FloatArray = NDArray[np.float64]
 
 INFINITELY_SHARP = np.inf
@@ -220,11 +222,21 @@ def corners_of_faces(mesh: PolygonMesh, faces: IndexArray) -> IndexArray:
     return np.arange(sizes.sum()) + np.repeat(skipped, sizes)
 
 
-def compact(indices: IndexArray, count: int) -> tuple[IndexArray, IndexArray]:
-    """Which of 0 … count - 1 occur in ``indices``, in ascending order, and ``indices`` renumbered to match."""
+def compact(indices: NDArray[Any], count: int, kept: IndexArray | None = None) -> tuple[IndexArray, NDArray[Any]]:
+    """Which of 0 … count - 1 occur in ``indices`` or are kept, in ascending order, and ``indices`` renumbered to match,
+    of the same type."""
     used = np.zeros(count, dtype=bool)
     used[indices] = True
-    return np.flatnonzero(used), (np.cumsum(used) - 1)[indices]
+    if kept is not None:
+        used[kept] = True
+    return np.flatnonzero(used), renumbered(used, indices)
+
+
+def renumbered(used: NDArray[np.bool_], indices: NDArray[Any]) -> NDArray[Any]:
+    """Indices of what is used, counted among what is used, of the same type."""
+    numbers = np.cumsum(used, dtype=indices.dtype)
+    numbers -= 1
+    return numbers[indices]
 
 
 class InvalidMeshError(ValueError):

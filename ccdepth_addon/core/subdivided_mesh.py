@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 
-from .mesh import FloatArray, IndexArray
+from .mesh import FloatArray, IndexArray, ShortIndexArray
 from .surface_points import SurfacePoints
 
 
@@ -15,22 +17,27 @@ class SubdividedMesh:
 
     vertex_points: SurfacePoints (V)          where each vertex lies; corner -1 for vertices without faces
     positions: (V, 3) float64                 limit positions, object space
-    face_starts: (F + 1,) intp; corner_vertices: (C,) intp; corner_edges: (C,) intp; edge_vertices: (E, 2) intp
-    corner_points: SurfacePoints (C)          where each corner lies, in its face's own base face
-    base_faces: (F,) intp                     face of the control mesh
-    base_edges: (E,) intp                     edge of the control mesh it lies on, or -1 inside a face
-    base_vertices: (V,) intp                  vertex of the control mesh it is, or -1
-    vertex_edges: (V,) intp                   edge of the control mesh it lies inside of, or -1
+    face_starts: (F + 1,) intp; corner_vertices: (C,) int32; corner_edges: (C,) int32; edge_vertices: (E, 2) int32
+    corner_points: SurfacePoints (C)          where each corner lies, in its face's own base face; not all who use a
+                                              mesh need to know, so it is found when it is asked for
+    base_faces: (F,) int32                    face of the control mesh
+    base_edges: (E,) int32                    edge of the control mesh it lies on, or -1 inside a face
+    base_vertices: (V,) int32                 vertex of the control mesh it is, or -1
+    vertex_edges: (V,) int32                  edge of the control mesh it lies inside of, or -1
     """
 
     vertex_points: SurfacePoints
     positions: FloatArray
     face_starts: IndexArray
-    corner_vertices: IndexArray
-    corner_edges: IndexArray
-    edge_vertices: IndexArray
-    corner_points: SurfacePoints
-    base_faces: IndexArray
-    base_edges: IndexArray
-    base_vertices: IndexArray
-    vertex_edges: IndexArray
+    corner_vertices: ShortIndexArray
+    corner_edges: ShortIndexArray
+    edge_vertices: ShortIndexArray
+    find_corner_points: Callable[[], SurfacePoints]
+    base_faces: ShortIndexArray
+    base_edges: ShortIndexArray
+    base_vertices: ShortIndexArray
+    vertex_edges: ShortIndexArray
+
+    @cached_property
+    def corner_points(self) -> SurfacePoints:
+        return self.find_corner_points()
