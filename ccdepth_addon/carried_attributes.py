@@ -31,7 +31,6 @@ from .core.carried_values import (
     split_transformations,
     to_quaternions,
     to_rotation_vectors,
-    vertex_origins,
 )
 from .core.catmull_clark import crease_to_sharpness
 from .core.limit_surface import limit_values
@@ -186,14 +185,19 @@ class Carrier:
         vertices, edges, faces = (self._flags(f"{flag}_{kind}") for kind in ("vert", "edge", "poly"))
         if not (vertices.any() or edges.any() or faces.any()):
             return
-        kinds, numbers = vertex_origins(self.control, self.subdivided)
-        sizes = np.array([0, len(vertices), len(vertices) + len(edges)])
-        at_vertices = np.concatenate([vertices, edges, faces])[sizes[kinds] + numbers]
-        edge_faces = np.zeros(len(self.subdivided.edge_vertices), dtype=np.intp)
-        edge_faces[self.subdivided.corner_edges] = np.repeat(
-            self.subdivided.base_faces, np.diff(self.subdivided.face_starts)
-        )
-        at_edges = np.where(self.subdivided.base_edges >= 0, edges[self.subdivided.base_edges], faces[edge_faces])
+        made = self.subdivided
+        at_vertices = np.full(len(made.positions), faces.any())
+        at_edges = np.full(len(made.edge_vertices), faces.any())
+        if faces.any() and not faces.all():
+            at_vertices = faces[self.control.corner_faces[made.vertex_points.corners]]
+            at_edges[made.corner_edges] = np.repeat(faces[made.base_faces], np.diff(made.face_starts))
+        for flags, sources, values in (
+            (at_vertices, made.vertex_edges, edges),
+            (at_vertices, made.base_vertices, vertices),
+            (at_edges, made.base_edges, edges),
+        ):
+            outside = np.flatnonzero(sources >= 0)
+            flags[outside] = values[sources[outside]]
         write_attribute(mesh, f"{flag}_vert", "BOOLEAN", "POINT", at_vertices)
         write_attribute(mesh, f"{flag}_edge", "BOOLEAN", "EDGE", at_edges)
 

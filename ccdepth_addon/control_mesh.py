@@ -243,11 +243,11 @@ def mesh_arrays(mesh: bpy.types.Mesh, rule: SurfaceRule) -> PolygonMesh:
     face_starts[-1] = len(mesh.loops)
     attributes = mesh.attributes
     return PolygonMesh(
-        positions=_built_in(attributes, "position", "vector", np.float32, 3).astype(np.float64),
+        positions=read_built_in(attributes, "position", "vector", np.float32, 3).astype(np.float64),
         face_starts=face_starts,
-        corner_vertices=_built_in(attributes, ".corner_vert", "value", np.int32).astype(np.intp),
-        corner_edges=_built_in(attributes, ".corner_edge", "value", np.int32).astype(np.intp),
-        edge_vertices=_built_in(attributes, ".edge_verts", "value", np.int32, 2).astype(np.intp),
+        corner_vertices=read_built_in(attributes, ".corner_vert", "value", np.int32).astype(np.intp),
+        corner_edges=read_built_in(attributes, ".corner_edge", "value", np.int32).astype(np.intp),
+        edge_vertices=read_built_in(attributes, ".edge_verts", "value", np.int32, 2).astype(np.intp),
         edge_sharpness=_sharpness(attributes, "crease_edge", len(mesh.edges), rule),
         vertex_sharpness=_sharpness(attributes, "crease_vert", len(mesh.vertices), rule),
     )
@@ -261,8 +261,8 @@ def read_values(items: Any, name: str, dtype: type, width: int = 1) -> NDArray[A
     return values if width == 1 else values.reshape(-1, width)
 
 
-def _built_in(attributes: Any, name: str, value: str, dtype: type, width: int = 1) -> NDArray[Any]:
-    # A mesh without vertices, edges or corners need not have the attribute.
+def read_built_in(attributes: Any, name: str, value: str, dtype: type, width: int = 1) -> NDArray[Any]:
+    """The same of an attribute; a mesh without vertices, edges or corners need not have it."""
     return read_values(attributes[name].data if name in attributes else (), value, dtype, width)
 
 

@@ -3,16 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from typing import Any
 from zlib import crc32
 
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 
 from . import results
 from .computation import count_faces
-from .control_mesh import SurfaceRule, mesh_arrays, own_mesh, read_values
+from .control_mesh import own_mesh, read_built_in, read_values
 from .object_state import ObjectState, object_state
 
 # How far, relatively, an object's scale may drift by rounding while it is turned.
@@ -31,25 +32,31 @@ def remember(blender_object: bpy.types.Object, states: Iterable[ObjectState]) ->
 
 def mesh_checksum(blender_object: bpy.types.Object) -> str:
     """A checksum of the object's own mesh, as far as its surface depends on it, and of the depths on it."""
+    checksum = 0
     with own_mesh(blender_object) as mesh:
-        arrays = mesh_arrays(mesh, SurfaceRule())
-        checksum = 0
-        for array in (
-            arrays.positions,
-            arrays.face_starts,
-            arrays.corner_vertices,
-            arrays.edge_vertices,
-            arrays.edge_sharpness,
-            arrays.vertex_sharpness,
-            _depths(mesh),
-        ):
-            checksum = crc32(array.data, checksum)
+        for values in _stored(mesh):
+            checksum = crc32(values.data, checksum)
     return f"{checksum:08x}"
 
 
-def _depths(mesh: bpy.types.Mesh) -> Any:
-    attribute = mesh.attributes.get(results.DEPTH)
-    return np.zeros(0) if attribute is None else read_values(attribute.data, "value", np.int32)
+def _stored(mesh: bpy.types.Mesh) -> Iterator[NDArray[Any]]:
+    """As Blender keeps it. No creases are the same as creases of zero."""
+    attributes = mesh.attributes
+    yield read_built_in(attributes, "position", "vector", np.float32, 3)
+    yield read_values(mesh.polygons, "loop_start", np.int32)
+    yield read_built_in(attributes, ".corner_vert", "value", np.int32)
+    yield read_built_in(attributes, ".edge_verts", "value", np.int32, 2)
+    for name, data_type, dtype in (
+        ("crease_edge", "FLOAT", np.float32),
+        ("crease_vert", "FLOAT", np.float32),
+        (results.DEPTH, "INT", np.int32),
+    ):
+        attribute = attributes.get(name)
+        if attribute is not None and attribute.data_type == data_type:
+            values = read_values(attribute.data, "value", dtype)
+            if values.any():
+                yield np.frombuffer(name.encode(), dtype=np.uint8)
+                yield values
 
 
 def has_changed(mesh: bpy.types.Mesh, users: list[bpy.types.Object]) -> bool:

@@ -62,13 +62,6 @@ def nearest_vertices(mesh: PolygonMesh, subdivided: SubdividedMesh) -> IndexArra
     return np.where(subdivided.base_vertices >= 0, subdivided.base_vertices, nearest)
 
 
-def vertex_origins(mesh: PolygonMesh, subdivided: SubdividedMesh) -> tuple[IndexArray, IndexArray]:
-    """What each vertex lies in, (V,) twice: 0 a vertex, 1 an edge, 2 a face of the control mesh; and its number."""
-    kinds = np.where(subdivided.base_vertices >= 0, 0, np.where(subdivided.vertex_edges >= 0, 1, 2))
-    faces = mesh.corner_faces[subdivided.vertex_points.corners]
-    return kinds, np.choose(kinds, [subdivided.base_vertices, subdivided.vertex_edges, faces])
-
-
 def to_rotation_vectors(quaternions: FloatArray) -> FloatArray:
     """(N, 4) quaternions w, x, y, z → (N, 3), axis times angle, the angle from 0 to 2π."""
     lengths = np.linalg.norm(quaternions, axis=1, keepdims=True)
