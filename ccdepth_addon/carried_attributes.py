@@ -90,6 +90,8 @@ class Carrier:
         self.subdivided = subdivided
         self.uv_smooth = uv_smooth
 
+    # Whatever is infinite or no number stays so, where it can.
+    @np.errstate(all="ignore")
     def write(self, mesh: bpy.types.Mesh) -> None:
         """Put them all on the new mesh, which has its faces, and no attributes but those."""
         uv_maps = {layer.name for layer in self.base.uv_layers}

@@ -8,6 +8,7 @@ an attribute, which Blender's own operator turns into a vertex group.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import count
 
 import bpy
 import numpy as np
@@ -43,13 +44,17 @@ def write_groups(
     control: PolygonMesh,
     subdivided: SubdividedMesh,
 ) -> None:
-    """Make the groups on the mesh of ``holder``, which has none, with the weights of ``base`` interpolated.
+    """Make the groups on the mesh of ``holder``, which has its attributes and no groups, with the weights of ``base``
+    interpolated.
 
     A vertex belongs to a group when one of the base's vertices with a say in it does.
     """
-    holder.vertex_groups.clear()
     if not groups.names:
         return
+    mesh = holder.data
+    active = None if mesh.attributes.active is None else mesh.attributes.active.name
+    taken = {*groups.names, *(attribute.name for attribute in mesh.attributes)}
+    temporary = next(name for number in count() if (name := f"{WEIGHTS}_{number}") not in taken)
     members, numbers, weights = _read_weights(base)
     for number, (name, lock) in enumerate(zip(groups.names, groups.locks, strict=True)):
         chosen = numbers == number
@@ -57,9 +62,12 @@ def write_groups(
         values[members[chosen], 0] = weights[chosen]
         values[members[chosen], 1] = 1.0
         found = at_vertices(control, values, subdivided)
-        _write_group(holder, name, found[:, 0], found[:, 1] > 0)
+        _write_group(holder, temporary, found[:, 0], found[:, 1] > 0)
+        holder.vertex_groups[-1].name = name
         holder.vertex_groups[-1].lock_weight = lock
     holder.vertex_groups.active_index = groups.active
+    if active is not None:
+        mesh.attributes.active = mesh.attributes[active]
 
 
 def _read_weights(base: bpy.types.Mesh) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
@@ -71,12 +79,11 @@ def _read_weights(base: bpy.types.Mesh) -> tuple[NDArray[np.intp], NDArray[np.in
 
 def _write_group(holder: bpy.types.Object, name: str, weights: NDArray[np.float32], belongs: NDArray[np.bool_]) -> None:
     mesh = holder.data
-    write_attribute(mesh, WEIGHTS, "FLOAT", "POINT", np.clip(weights, 0.0, 1.0))
-    mesh.attributes.active = mesh.attributes[WEIGHTS]
+    write_attribute(mesh, name, "FLOAT", "POINT", np.clip(weights, 0.0, 1.0))
+    mesh.attributes.active = mesh.attributes[name]
     # Another object that is being edited must not stand in the way.
     with bpy.context.temp_override(object=holder, active_object=holder, edit_object=None):
         bpy.ops.geometry.attribute_convert(mode="VERTEX_GROUP")
     group = holder.vertex_groups[-1]
     # The operator leaves out weights of zero.
     group.add(np.flatnonzero(belongs & (weights <= 0)).tolist(), 0.0, "REPLACE")
-    group.name = name

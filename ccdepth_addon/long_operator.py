@@ -138,7 +138,11 @@ class LongOperator(bpy.types.Operator):
             self.report({"INFO"}, f"{self.bl_label} was cancelled, and nothing was changed")
             return {"CANCELLED"}
         if event.type == "TIMER":
-            ended = self._go_on(context, PATIENCE_AT_EACH_TICK)
+            try:
+                ended = self._go_on(context, PATIENCE_AT_EACH_TICK)
+            except BaseException:
+                self._stop_waiting(context)
+                raise
             if ended:
                 self._stop_waiting(context)
                 return ended
@@ -177,6 +181,9 @@ class LongOperator(bpy.types.Operator):
             return self._refuse(context, fault)
         except MemoryError:
             return self._refuse(context, ComputeError("There is not enough memory for it: nothing was changed"))
+        except BaseException:
+            self.leave(context)
+            raise
         self.leave(context)
         if self.options.is_repeat:
             self._keep_settings(context.scene.ccdepth)

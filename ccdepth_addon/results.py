@@ -148,11 +148,15 @@ def _write_columns(mesh: bpy.types.Mesh, columns: Iterable[tuple[AttributeKind, 
     """Write attributes in Object Mode."""
     attributes = mesh.attributes
     displayed, rendered = attributes.active_color_name, attributes.default_color_name
+    active = None if attributes.active is None else attributes.active.name
     for kind, values in columns:
         attribute = attributes.get(kind.name) or attributes.new(kind.name, kind.data_type, kind.domain)
         attribute.data.foreach_set(kind.value, values)
     # The first colour attribute of a mesh becomes the one displayed and the one rendered: not without being asked.
     attributes.active_color_name, attributes.default_color_name = displayed, rendered
+    # It is remembered by its place, which others may take.
+    if active is not None:
+        attributes.active = attributes[active]
     mesh.update()
 
 

@@ -43,8 +43,10 @@ def new_mesh(
         mesh.clear_geometry()
         mesh.property_unset("ccdepth")
         _write_faces(mesh, subdivided)
-        write_groups(holder, groups, base, control, subdivided)
+        # A group and an attribute may have one name, but only if the attribute is there first.
+        holder.vertex_groups.clear()
         Carrier(base, control, subdivided, options.uv_smooth).write(mesh)
+        write_groups(holder, groups, base, control, subdivided)
         write_shape_keys(holder, base, control, subdivided)
         if options.limit_normals:
             deformable = base.shape_keys is not None or bool(groups.names)

@@ -18,6 +18,7 @@ import numpy as np
 
 from .control_mesh import (
     ControlMesh,
+    ControlMeshError,
     SharedMeshes,
     applied_modifiers,
     base_mesh,
@@ -43,10 +44,17 @@ from .surfaces import (
 # Rounding to single precision changes a number by this part of it at most.
 SINGLE_ROUNDING = 2.0**-24
 
-# A tolerance said to fit is tried first: this many times what the core estimates, and then so much more each time.
+# In search of a tolerance that fits this many times what the core estimates is tried first, and then so much more each
+# time.
 FIRST_TRY, NEXT_TRY = 2.0, 1.4
 
-# Results with more faces than this, and than this many times those of the control mesh, take too long to be tried.
+# The next is finer by this at most: where a pole makes whole faces deep, their number may grow by 4 at any time.
+LARGEST_STEP = 4.0
+
+# With a tolerance of so many diagonals nothing is split that need not be.
+WITHOUT_SPLITS = 100.0
+
+# The first that is counted may have this many faces, and this many times those of the control mesh.
 FACES_TRIED, CONTROL_FACES_TRIED = 50_000, 8
 
 
@@ -125,8 +133,8 @@ class Subdivision:
 
 @dataclass(frozen=True)
 class FaceCount:
-    """How many faces a result would have, or about how many if they are too many; then ``fitting`` is a tolerance, as
-    it is typed, that does not make too many: inf when there is none."""
+    """How many faces a result would have, or about how many if they are too many, together with those of others; then
+    ``fitting`` is a tolerance, as it is typed, that does not make too many: inf when there is none."""
 
     faces: int
     fitting: float | None
@@ -198,10 +206,12 @@ def _read_task(
 
 def _largest_coordinates(control: ControlMesh, keys: bpy.types.Key | None) -> FloatArray:
     """(3,): the largest absolute coordinate along each axis of what the result stores; no point of the surface leaves
-    the box of its control points."""
+    the box of its control points. Raises ControlMeshError where a shape key has none."""
     stored = [control.mesh.positions[control.mesh.vertex_face_counts > 0]]
-    if keys is not None:
-        stored += [read_values(key.points, "co", np.float32, 3) for key in keys.key_blocks]
+    for key in () if keys is None else keys.key_blocks:
+        stored.append(read_values(key.points, "co", np.float32, 3))
+        if not np.isfinite(stored[-1]).all():
+            raise ControlMeshError(f"the shape key “{key.name}” has a vertex at no finite position")
     return np.max([np.abs(positions).max(axis=0, initial=0.0) for positions in stored], axis=0)
 
 
@@ -227,15 +237,13 @@ def subdivide_stepwise(
     made = 0
     for task in tasks:
         control = task.control
-        room = settings.max_faces - made
-        request = task.request(settings, task.surface.tolerance, room)
+        request = task.request(settings, task.surface.tolerance, settings.max_faces - made)
         try:
             adaptive = yield from _raised(subdivide_adaptively(control.in_world, request, control.mesh.positions), made)
             _refuse_too_many(len(adaptive.mesh.base_faces), request)
         except TooManyFacesError as fault:
-            fitting = yield from _fitting_tolerance(task, settings, room, fault)
-            count = FaceCount(made + fault.faces, fitting)
-            raise ComputeError(f"{task.object_names[0]}: {too_many_text(count, settings)}") from fault
+            fitting = yield from _fitting_tolerance(tasks, settings, fault.tolerance / _unit(task, settings))
+            raise ComputeError(too_many_text(tasks, FaceCount(made + fault.faces, fitting), settings)) from fault
         answers.append(Subdivision(task, adaptive))
         made += len(adaptive.mesh.base_faces)
     return answers
@@ -245,18 +253,19 @@ def count_stepwise(
     tasks: list[SubdivisionTask], settings: SubdivisionSettings
 ) -> Generator[int, None, list[FaceCount]]:
     """How many faces every mesh would have, in small steps like ``subdivide_stepwise``."""
-    counts: list[FaceCount] = []
+    counts: list[int] = []
+    start = settings.tolerance
     for task in tasks:
         request = task.request(settings, task.surface.tolerance, settings.max_faces)
         try:
-            steps = count_faces(task.control.in_world, request)
-            faces = yield from _raised(steps, sum(count.faces for count in counts))
-            _refuse_too_many(faces, request)
-            counts.append(FaceCount(faces, None))
+            counts.append((yield from _raised(count_faces(task.control.in_world, request), sum(counts))))
         except TooManyFacesError as fault:
-            fitting = yield from _fitting_tolerance(task, settings, settings.max_faces, fault)
-            counts.append(FaceCount(fault.faces, fitting))
-    return counts
+            counts.append(fault.faces)
+            start = max(start, fault.tolerance / _unit(task, settings))
+    fitting = None
+    if sum(counts) > settings.max_faces:
+        fitting = yield from _fitting_tolerance(tasks, settings, start)
+    return [FaceCount(faces, fitting) for faces in counts]
 
 
 def _raised(steps: Generator[int, None, Any], by: int) -> Generator[int, None, Any]:
@@ -275,43 +284,59 @@ def _refuse_too_many(faces: int, request: Request) -> None:
         raise TooManyFacesError(faces, request.limit * faces / max(request.most_faces, 1))
 
 
-def _fitting_tolerance(
-    task: SubdivisionTask, settings: SubdivisionSettings, room: int, fault: TooManyFacesError
-) -> Generator[int, None, float]:
-    """A tolerance, as it is typed, with which the result does not have too many faces; inf if there is none.
+def _unit(task: SubdivisionTask, settings: SubdivisionSettings) -> float:
+    """What a tolerance of 1, as it is typed, means for a task: a length in the scene."""
+    return task.surface.tolerance / settings.tolerance
 
-    It is found by trying, where that does not take long. Else coarser results are counted, and as many more faces
-    expected as the tolerance is finer. Where all faces are split at the same tolerance, their number keeps to that
-    within a factor of four, and is on its old course again at a quarter of the tolerance: so it is looked for at what
-    lies between, by steps of √2, and is not missed by more than another √2.
+
+def _fitting_tolerance(
+    tasks: list[SubdivisionTask], settings: SubdivisionSettings, start: float
+) -> Generator[int, None, float]:
+    """A tolerance, as it is typed, with which the results together do not have too many faces; inf if there is none.
+
+    start: where to begin to look. It is tried out, so it fits. Results that are coarse are counted first and then finer
+    ones, until one has too many faces or nearly as many as there may be: counting takes as long as there are faces.
     """
-    control = task.surface.control
-    if control.mesh.face_count > room or not np.isfinite(fault.tolerance):
+    coarsest = max(task.control.diagonal() / _unit(task, settings) for task in tasks) * WITHOUT_SPLITS
+    if (yield from _count(tasks, settings, coarsest, settings.max_faces)) is None:
         return float("inf")
-    unit = task.surface.tolerance / settings.tolerance
-    tried = min(room, max(FACES_TRIED, CONTROL_FACES_TRIED * control.mesh.face_count))
-    fitting = max(fault.tolerance, task.surface.tolerance) * FIRST_TRY * room / tried
-    while (yield from _count(task, settings, _with_two_digits(fitting / unit) * unit, tried)) is None:
+    control_faces = sum(task.control.mesh.face_count for task in tasks)
+    start = max(start, settings.tolerance) if np.isfinite(start) else settings.tolerance
+    tried = min(settings.max_faces, max(FACES_TRIED, CONTROL_FACES_TRIED * control_faces))
+    fitting = start * FIRST_TRY * settings.max_faces / tried
+    while (faces := (yield from _count(tasks, settings, fitting, tried))) is None:
         fitting *= NEXT_TRY
-    if tried < room:
-        products = []
-        for step in np.sqrt(2.0) ** np.arange(4):
-            faces = yield from _count(task, settings, fitting * step, tried)
-            products.append(fitting * step * (faces or tried))
-        fitting = np.sqrt(2.0) * max(products) / room
-    return _with_two_digits(fitting / unit)
+    while True:
+        # As many more faces as the tolerance is finer, where most is flat.
+        finer = max(settings.tolerance, fitting / LARGEST_STEP, NEXT_TRY * fitting * faces / settings.max_faces)
+        if finer * NEXT_TRY >= fitting:
+            break
+        counted = yield from _count(tasks, settings, finer, settings.max_faces)
+        if counted is None:
+            halfway = float(np.sqrt(finer * fitting))
+            counted = yield from _count(tasks, settings, halfway, settings.max_faces)
+            fitting = fitting if counted is None else halfway
+            break
+        fitting, faces = finer, counted
+    return _with_two_digits(fitting)
 
 
 def _count(
-    task: SubdivisionTask, settings: SubdivisionSettings, tolerance: float, most_faces: int
+    tasks: list[SubdivisionTask], settings: SubdivisionSettings, tolerance: float, most_faces: int
 ) -> Generator[int, None, int | None]:
-    """How many faces the result would have with another tolerance, None when they are too many."""
-    request = task.request(settings, tolerance, most_faces)
-    try:
-        faces = yield from count_faces(task.control.in_world, request)
-    except TooManyFacesError:
-        return None
-    return faces if faces <= most_faces else None
+    """How many faces the results would have together with another tolerance, as it is typed to two digits; None when
+    they are too many."""
+    counted = 0
+    for task in tasks:
+        length = _with_two_digits(tolerance) * _unit(task, settings)
+        request = task.request(settings, length, most_faces - counted)
+        try:
+            counted += yield from count_faces(task.control.in_world, request)
+        except TooManyFacesError:
+            return None
+        if counted > most_faces:
+            return None
+    return counted
 
 
 def _with_two_digits(number: float) -> float:
@@ -320,10 +345,11 @@ def _with_two_digits(number: float) -> float:
     return float(f"{ceil(number * 10.0**-step)}e{step}")
 
 
-def too_many_text(count: FaceCount, settings: SubdivisionSettings) -> str:
-    """What to tell of a result that has too many faces."""
+def too_many_text(tasks: list[SubdivisionTask], count: FaceCount, settings: SubdivisionSettings) -> str:
+    """What to tell of results that have too many faces together."""
     assert count.fitting is not None
-    text = f"the result would have about {count.faces:,} faces, and {settings.max_faces:,} are allowed"
+    whose = f"{tasks[0].object_names[0]}: the result" if len(tasks) == 1 else f"The {len(tasks)} results together"
+    text = f"{whose} would have about {count.faces:,} faces, and {settings.max_faces:,} are allowed"
     if not np.isfinite(count.fitting):
         return f"{text}; no tolerance would fit"
     unit = " of the diagonal" if settings.tolerance_mode == "RELATIVE" else ""

@@ -138,10 +138,11 @@ class CCDEPTH_OT_count_faces(SubdivisionOperator):
         for task, count in zip(self._tasks, answer, strict=True):
             for name in task.object_names:
                 face_counts.remember(bpy.data.objects[name], self.settings(), count)
-            if count.fitting is not None:
-                self.report({"WARNING"}, f"{task.object_names[0]}: {too_many_text(count, self.settings())}")
-        if all(count.fitting is None for count in answer):
-            self.report({"INFO"}, count_text(sum(count.faces for count in answer), "face", "faces"))
+        together = FaceCount(sum(count.faces for count in answer), answer[0].fitting)
+        if together.fitting is None:
+            self.report({"INFO"}, count_text(together.faces, "face", "faces"))
+        else:
+            self.report({"WARNING"}, too_many_text(self._tasks, together, self.settings()))
         heat_map.redraw_viewports(context)
         return {"FINISHED"}
 

@@ -105,4 +105,7 @@ def same_control_mesh(one: ControlMesh, other: ControlMesh) -> bool:
         return True
     arrays = ("positions", "face_starts", "corner_vertices", "corner_edges", "edge_sharpness", "vertex_sharpness")
     same_origins = np.array_equal(np.array(one.base_faces), np.array(other.base_faces))
-    return same_origins and all(np.array_equal(getattr(one.mesh, name), getattr(other.mesh, name)) for name in arrays)
+    # Loose vertices may be anywhere.
+    return same_origins and all(
+        np.array_equal(getattr(one.mesh, name), getattr(other.mesh, name), equal_nan=True) for name in arrays
+    )

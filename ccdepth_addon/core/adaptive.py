@@ -427,9 +427,9 @@ class _Planner:
     def _fitting_limit(self) -> float:
         """A limit by which about as many faces as allowed would be made; inf where the mesh has too many itself."""
         least = self._least.values[: self.tree.mesh.face_count]
-        room = self._request.most_faces / FACES_OF_A_LEAF
-        if len(least) > room:
+        if len(least) > self._request.most_faces:
             return np.inf
+        room = max(self._request.most_faces / FACES_OF_A_LEAF, len(least))
         limit = self._limit
         while _leaves_of(least / limit).sum() > room:
             limit *= SEARCH_STEP

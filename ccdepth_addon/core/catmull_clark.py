@@ -51,10 +51,11 @@ def crease_to_sharpness(crease: NDArray[np.floating]) -> FloatArray:
     """Blender's crease, 0 to 1, of edges or vertices as a sharpness: 10 crease², infinite for a crease of 1.
 
     Computed in single precision, as Blender does: whether a sharpness is above or at a whole number decides in which
-    level it runs out, and where several features meet the result depends on that.
+    level it runs out, and where several features meet the result depends on that. What is no number stays none.
     """
     single = np.asarray(crease, dtype=np.float32)
-    return _capped((single * single * np.float32(LARGEST_SEMI_SHARPNESS)).astype(np.float64))
+    with np.errstate(invalid="ignore"):
+        return _capped((single * single * np.float32(LARGEST_SEMI_SHARPNESS)).astype(np.float64))
 
 
 def apply_boundary_rule(mesh: PolygonMesh, *, smooth_corners: bool) -> PolygonMesh:

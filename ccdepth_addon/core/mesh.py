@@ -255,12 +255,14 @@ CLEAR_ANGLE = 1e-6
 
 
 def validate(mesh: PolygonMesh) -> None:
-    """Raise InvalidMeshError unless the mesh has faces, finite positions, and no degenerate face."""
+    """Raise InvalidMeshError unless the mesh has faces, finite positions, creases, and no degenerate face."""
     if mesh.face_count == 0:
         raise InvalidMeshError("the mesh has no faces")
     if not np.all(np.isfinite(mesh.positions)):
         astray = ~np.isfinite(mesh.positions).all(axis=1) & (mesh.vertex_face_counts > 0)
         _refuse(astray, "vertex", "vertices", "at no finite position")
+    _refuse(np.isnan(mesh.edge_sharpness), "edge", "edges", "with a crease that is no number")
+    _refuse(np.isnan(mesh.vertex_sharpness), "vertex", "vertices", "with a crease that is no number")
     _refuse(_faces_with_repeated_vertices(mesh), "face", "faces", "with a repeated vertex")
     _refuse(_faces_without_area(mesh), "face", "faces", "with zero area")
 

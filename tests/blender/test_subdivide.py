@@ -297,15 +297,125 @@ def test_too_many_faces_are_refused_with_a_tolerance_that_fits(tolerance_mode: s
     assert faces(result) <= 3000
 
 
+def named_tolerance(*objects: bpy.types.Object, **settings: object) -> float:
+    """That which the refusal says would fit."""
+    addon.select(*objects)
+    with pytest.raises(RuntimeError, match="would fit") as caught:
+        bpy.ops.ccdepth.subdivide(tolerance_mode="RELATIVE", **settings)
+    return float(str(caught.value).partition("a tolerance of ")[2].split()[0])
+
+
+@pytest.mark.parametrize("mode", ["ADAPTIVE", "PER_FACE"])
+@pytest.mark.parametrize("name", ["cylinder", "pole", "Suzanne"])
+def test_the_tolerance_named_fits_large_results_too(name: str, mode: str) -> None:
+    """These are too large to be tried from the start; a pole may be as deep as its whole face."""
+    data = {"cylinder": lambda: meshes.cylinder(32), "pole": lambda: meshes.fan(12, 2)}
+    holder = scene.add_object(data[name]()) if name in data else scene.add_suzanne()
+    asked = {"mode": mode, "max_faces": 60_000}
+    tolerance = named_tolerance(holder, tolerance=1e-6, **asked)
+    [result] = subdivide(holder, tolerance=tolerance, tolerance_mode="RELATIVE", **asked)
+    assert faces(result) <= 60_000
+
+
 def test_no_tolerance_fits_where_the_mesh_itself_has_too_many_faces() -> None:
     refused(scene.add_suzanne(), match="no tolerance would fit", max_faces=100)
+
+
+@pytest.mark.parametrize("max_faces", [500, 600])
+def test_a_tolerance_fits_where_the_mesh_itself_has_hardly_fewer_faces(max_faces: int) -> None:
+    """Suzanne has 500."""
+    holder = scene.add_suzanne()
+    tolerance = named_tolerance(holder, tolerance=1e-4, max_faces=max_faces)
+    [result] = subdivide(holder, tolerance=tolerance, tolerance_mode="RELATIVE", max_faces=max_faces)
+    assert faces(result) <= max_faces
 
 
 def test_the_limit_is_for_all_objects_together() -> None:
     objects = [scene.add_suzanne(), scene.add_suzanne()]
     [alone] = subdivide(objects[0])
     objects[0].hide_set(False)
-    refused(*objects, match="are allowed", max_faces=int(1.5 * faces(alone)))
+    refused(*objects, match="The 2 results together .* are allowed", max_faces=int(1.5 * faces(alone)))
+
+
+@pytest.mark.parametrize("max_faces", [1100, 2000, 3000])
+def test_the_tolerance_named_fits_all_objects_together(max_faces: int) -> None:
+    objects = [scene.add_suzanne(), scene.add_suzanne()]
+    objects[1].scale = (2.0, 2.0, 2.0)
+    tolerance = named_tolerance(*objects, tolerance=0.002, max_faces=max_faces)
+    results = subdivide(*objects, tolerance=tolerance, tolerance_mode="RELATIVE", max_faces=max_faces)
+    assert sum(map(faces, results)) <= max_faces
+
+
+def test_counting_tells_when_all_objects_together_have_too_many_faces(capfd: pytest.CaptureFixture[str]) -> None:
+    objects = [scene.add_suzanne(), scene.add_suzanne()]
+    [alone] = subdivide(objects[0])
+    objects[0].hide_set(False)
+    addon.select(*objects)
+    bpy.ops.ccdepth.count_faces(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE", max_faces=int(1.5 * faces(alone)))
+    assert f"The 2 results together would have about {2 * faces(alone):,} faces" in capfd.readouterr().out
+
+
+# Names, and numbers that are none.
+
+
+@pytest.mark.parametrize("name", ["UVMap", "Paint", "sharp_face", "ccdepth_weights_0"])
+def test_a_vertex_group_may_have_the_name_of_an_attribute(name: str) -> None:
+    holder = scene.add_suzanne()
+    mesh = holder.data
+    mesh.uv_layers.new(name="UVMap")
+    mesh.attributes.new("Paint", "FLOAT_COLOR", "CORNER")
+    if "sharp_face" not in mesh.attributes:
+        mesh.attributes.new("sharp_face", "BOOLEAN", "FACE")
+    mesh.attributes.active = mesh.attributes["Paint"]
+    for group in (name, "Other"):
+        holder.vertex_groups.new(name=group).add([*range(100)], 0.5, "REPLACE")
+    [result] = subdivide(holder)
+    assert [group.name for group in result.vertex_groups] == [name, "Other"]
+    assert {"UVMap", "Paint", "sharp_face"} <= {*result.data.attributes.keys()}
+    assert not any(attribute.name.startswith("ccdepth_weights") for attribute in result.data.attributes)
+    assert holder.data.attributes.active.name == result.data.attributes.active.name == "Paint"
+    assert [round(entry.weight, 5) for entry in result.data.vertices[0].groups] == [0.5, 0.5]
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_shape_keys_at_no_finite_position_are_refused(value: float) -> None:
+    """Even where they are not mixed in."""
+    holder = scene.add_suzanne()
+    holder.shape_key_add(name="Basis")
+    key = holder.shape_key_add(name="Odd")
+    key.value = 0.0
+    key.data.foreach_set("co", np.full(3 * len(key.data), value, dtype=np.float32))
+    refused(holder, match="Suzanne: the shape key “Odd” has a vertex at no finite position")
+
+
+@pytest.mark.parametrize(("name", "domain"), [("crease_edge", "EDGE"), ("crease_vert", "POINT")])
+def test_creases_that_are_no_numbers_are_refused(name: str, domain: str) -> None:
+    holder = scene.add_suzanne()
+    holder.data.attributes.new(name, "FLOAT", domain).data[5].value = np.nan
+    refused(holder, match=r"1 (edge|vertex) with a crease that is no number \(first: (edge|vertex) 5\)")
+    with pytest.raises(RuntimeError, match="with a crease that is no number"):
+        bpy.ops.ccdepth.compute()
+
+
+def test_loose_vertices_may_be_anywhere() -> None:
+    mesh = bpy.data.meshes.new("Mesh")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0.5), (np.nan, 0, 0)], [], [(0, 1, 2, 3)])
+    [result] = subdivide(scene.add_mesh(mesh))
+    assert np.count_nonzero(np.isnan(shape(result)[:, 0])) == 1
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf, 3e38])
+@pytest.mark.parametrize("data_type", ["FLOAT", "FLOAT2", "FLOAT_COLOR", "QUATERNION", "FLOAT4X4"])
+def test_attributes_may_have_any_values(data_type: str, value: float) -> None:
+    """None of the warnings of numpy are printed, which pytest would take for errors."""
+    holder = scene.add_suzanne()
+    for domain in ("POINT", "CORNER"):
+        kind = addon.module("carried_attributes").TYPES[data_type]
+        items = holder.data.attributes.new(f"{data_type} {domain}", data_type, domain).data
+        values = np.zeros(len(items) * kind.width, dtype=np.float32)
+        values[[3, 50]] = value
+        items.foreach_set(kind.value, values)
+    subdivide(holder)
 
 
 # Several objects, and Edit Mode.
