@@ -485,6 +485,22 @@ def test_edit_mode_stays_when_something_is_refused() -> None:
 # Modifiers and shape keys.
 
 
+@pytest.mark.parametrize("operator", ["subdivide", "count_faces"])
+def test_edit_mode_stays_whatever_goes_wrong(operator: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    holder = scene.add_suzanne()
+    addon.select(holder)
+    bpy.ops.object.mode_set(mode="EDIT")
+
+    def failing(*_: object) -> None:
+        raise LookupError("odd")
+
+    name = "write_objects" if operator == "subdivide" else "FaceCount"
+    monkeypatch.setattr(addon.module("subdivision_operators"), name, failing)
+    with pytest.raises(RuntimeError, match="odd"):
+        getattr(bpy.ops.ccdepth, operator)(tolerance=TOLERANCE)
+    assert bpy.context.mode == "EDIT_MESH"
+
+
 def test_what_was_counted_in_is_taken_off_the_result() -> None:
     holder = scene.add_object(meshes.landscape(4, 4))
     holder.modifiers.new("Mirror", "MIRROR")
