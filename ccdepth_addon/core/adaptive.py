@@ -230,8 +230,10 @@ class _Planner:
         """Split the wanted leaves, and all that gets out of balance by that."""
         self._refuse_too_many(wanted)
         parents: list[Cells] = []
+        known = len(self.tree.first_child)
         while len(wanted):
-            parents += self._cells.of(wanted)
+            # What is made meanwhile comes with its parents.
+            parents += self._cells.of(wanted[wanted < known])
             self._split_nodes(wanted)
             self._extend(len(self.tree.first_child))
             wanted = self.unbalanced()

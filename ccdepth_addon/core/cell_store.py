@@ -58,7 +58,8 @@ class CellStore:
             yield from cells.children(self._tree, is_wanted)
 
     def _found(self, nodes: IndexArray) -> Iterator[Cells]:
-        """The cells that are kept of these nodes, block by block."""
+        """The cells of these nodes, which are kept, block by block."""
+        assert np.all(self._numbers.values[nodes] != NONE)
         nodes = nodes[np.argsort(self._numbers.values[nodes], kind="stable")]
         numbers, places = self._numbers.values[nodes], self._places.values[nodes]
         for start, end in pairwise([0, *(np.flatnonzero(np.diff(numbers)) + 1), len(nodes)]):

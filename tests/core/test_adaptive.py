@@ -153,6 +153,14 @@ def test_sound_at_a_fine_tolerance(name: str) -> None:
     soundness.assert_no_thin_triangles(mesh, found.mesh)
 
 
+def test_sound_where_leaves_are_split_as_soon_as_they_are_made() -> None:
+    """Beside a pole that is much deeper, by balance, before they were fitted once."""
+    mesh = build("valence 360")
+    found = subdivided(mesh, request(mesh, 0.02))
+    soundness.assert_sound(mesh, found.mesh)
+    assert np.all(found.bounds <= 0.02 * diagonal(mesh))
+
+
 @pytest.mark.parametrize("name", ["cube", "torus", "n-gons", "valences 3 and 7", "random creases", "landscape"])
 def test_faces_look_the_way_of_the_surface(name: str) -> None:
     mesh = build(name)
