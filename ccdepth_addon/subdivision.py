@@ -133,8 +133,8 @@ class Subdivision:
 
 @dataclass(frozen=True)
 class FaceCount:
-    """How many faces a result would have, or about how many if they are too many, together with those of others; then
-    ``fitting`` is a tolerance, as it is typed, that does not make too many: inf when there is none."""
+    """How many faces a result would have; or about how many all results together, if they are too many: then
+    ``fitting`` is a tolerance, as it is typed, that does not make too many, inf when there is none."""
 
     faces: int
     fitting: float | None
@@ -262,10 +262,10 @@ def count_stepwise(
         except TooManyFacesError as fault:
             counts.append(fault.faces)
             start = max(start, fault.tolerance / _unit(task, settings))
-    fitting = None
-    if sum(counts) > settings.max_faces:
-        fitting = yield from _fitting_tolerance(tasks, settings, start)
-    return [FaceCount(faces, fitting) for faces in counts]
+    if sum(counts) <= settings.max_faces:
+        return [FaceCount(faces, None) for faces in counts]
+    fitting = yield from _fitting_tolerance(tasks, settings, start)
+    return [FaceCount(sum(counts), fitting)] * len(tasks)
 
 
 def _raised(steps: Generator[int, None, Any], by: int) -> Generator[int, None, Any]:

@@ -138,11 +138,10 @@ class CCDEPTH_OT_count_faces(SubdivisionOperator):
         for task, count in zip(self._tasks, answer, strict=True):
             for name in task.object_names:
                 face_counts.remember(bpy.data.objects[name], self.settings(), count)
-        together = FaceCount(sum(count.faces for count in answer), answer[0].fitting)
-        if together.fitting is None:
-            self.report({"INFO"}, count_text(together.faces, "face", "faces"))
+        if answer[0].fitting is None:
+            self.report({"INFO"}, count_text(sum(count.faces for count in answer), "face", "faces"))
         else:
-            self.report({"WARNING"}, too_many_text(self._tasks, together, self.settings()))
+            self.report({"WARNING"}, too_many_text(self._tasks, answer[0], self.settings()))
         heat_map.redraw_viewports(context)
         return {"FINISHED"}
 

@@ -494,7 +494,7 @@ def test_edit_mode_stays_whatever_goes_wrong(operator: str, monkeypatch: pytest.
     def failing(*_: object) -> None:
         raise LookupError("odd")
 
-    name = "write_objects" if operator == "subdivide" else "FaceCount"
+    name = "write_objects" if operator == "subdivide" else "count_text"
     monkeypatch.setattr(addon.module("subdivision_operators"), name, failing)
     with pytest.raises(RuntimeError, match="odd"):
         getattr(bpy.ops.ccdepth, operator)(tolerance=TOLERANCE)
