@@ -6,6 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from ccdepth_addon.core import products
 from ccdepth_addon.core.coordinates import applied, chosen_vectors, coordinates_apart
 from ccdepth_addon.core.norms import cross_products, squared_norms
 from ccdepth_addon.core.products import MOST_MULTIPLICATIONS, product
@@ -14,6 +15,7 @@ from ccdepth_addon.core.products import MOST_MULTIPLICATIONS, product
 ROUNDING = 2.0**-34
 
 
+@pytest.mark.parametrize("has_fast_library", [True, False])
 @pytest.mark.parametrize(
     ("rows", "size", "columns"),
     [
@@ -28,7 +30,10 @@ ROUNDING = 2.0**-34
         (5, 3, 0),
     ],
 )
-def test_products_are_those_of_the_whole(rows: int, size: int, columns: int) -> None:
+def test_products_are_those_of_the_whole(
+    rows: int, size: int, columns: int, has_fast_library: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(products, "has_fast_library", lambda: has_fast_library)
     generator = np.random.default_rng(rows + size + columns)
     matrix, right = generator.random((rows, size)), generator.random((size, columns))
     np.testing.assert_allclose(product(matrix, right), matrix @ right, rtol=ROUNDING)
