@@ -107,7 +107,6 @@ class Carrier:
             self._write_flags(mesh, flag)
         self._write_marks(mesh)
         self._sharpen_creases(mesh)
-        _choose_same(self.base, mesh)
 
     def _generic(self, attribute: bpy.types.Attribute) -> Values | None:
         """The values of an attribute on the new mesh, or None for a type that is not known."""
@@ -266,7 +265,7 @@ def _count(mesh: bpy.types.Mesh, domain: str) -> int:
     return len(_elements(mesh, domain))
 
 
-def _choose_same(base: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
+def choose_same(base: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
     """Make the same UV maps, colours and attribute the active ones, and those for rendering."""
     for layer in base.uv_layers:
         copy = mesh.uv_layers.get(layer.name)

@@ -52,7 +52,6 @@ def write_groups(
     if not groups.names:
         return
     mesh = holder.data
-    active = None if mesh.attributes.active is None else mesh.attributes.active.name
     taken = {*groups.names, *(attribute.name for attribute in mesh.attributes)}
     temporary = next(name for number in count() if (name := f"{WEIGHTS}_{number}") not in taken)
     members, numbers, weights = _read_weights(base)
@@ -66,8 +65,6 @@ def write_groups(
         holder.vertex_groups[-1].name = name
         holder.vertex_groups[-1].lock_weight = lock
     holder.vertex_groups.active_index = groups.active
-    if active is not None:
-        mesh.attributes.active = mesh.attributes[active]
 
 
 def _read_weights(base: bpy.types.Mesh) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:

@@ -54,7 +54,7 @@ def _stored(mesh: bpy.types.Mesh) -> Iterator[NDArray[Any]]:
         attribute = attributes.get(name)
         if attribute is not None and attribute.data_type == data_type:
             values = read_values(attribute.data, "value", dtype)
-            if values.any():
+            if name == results.DEPTH or values.any():
                 yield np.frombuffer(name.encode(), dtype=np.uint8)
                 yield values
 

@@ -121,6 +121,9 @@ class LongOperator(bpy.types.Operator):
     def leave(self, context: bpy.types.Context) -> None:
         """Put back what ``start`` changed for the time of the work; called however it ends."""
 
+    # The work, while there is any. Blender keeps operators that have run, and the work must not be kept with them.
+    _run: ClassVar[Stepwise[Any, Any] | None] = None
+
     def execute(self, context: bpy.types.Context) -> set[str]:
         return self._begin(context, np.inf) or {"CANCELLED"}
 
@@ -152,7 +155,7 @@ class LongOperator(bpy.types.Operator):
     def cancel(self, context: bpy.types.Context) -> None:
         self._stop_waiting(context)
         self._run.give_up()
-        self.leave(context)
+        self._end(context)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -165,15 +168,13 @@ class LongOperator(bpy.types.Operator):
 
     def _begin(self, context: bpy.types.Context, seconds: float) -> set[str] | None:
         self._take_settings(context.scene.ccdepth)
-        try:
-            self._run = Stepwise(self.start(context))
-        except ComputeError as fault:
-            return self._refuse(context, fault)
         return self._go_on(context, seconds)
 
     def _go_on(self, context: bpy.types.Context, seconds: float) -> set[str] | None:
         """Work for a while; what the operator returns when it has ended, and None when there is more to do."""
         try:
+            if self._run is None:
+                self._run = Stepwise(self.start(context))
             if not self._run.work(seconds):
                 return None
             outcome = self.finish(context, self._run.answer)
@@ -182,17 +183,21 @@ class LongOperator(bpy.types.Operator):
         except MemoryError:
             return self._refuse(context, ComputeError("There is not enough memory for it: nothing was changed"))
         except BaseException:
-            self.leave(context)
+            self._end(context)
             raise
-        self.leave(context)
+        self._end(context)
         if self.options.is_repeat:
             self._keep_settings(context.scene.ccdepth)
         return outcome
 
     def _refuse(self, context: bpy.types.Context, fault: ComputeError) -> set[str]:
-        self.leave(context)
+        self._end(context)
         self.report({"ERROR"}, str(fault))
         return {"CANCELLED"}
+
+    def _end(self, context: bpy.types.Context) -> None:
+        self._run = None
+        self.leave(context)
 
     def _stop_waiting(self, context: bpy.types.Context) -> None:
         context.window_manager.event_timer_remove(self._timer)

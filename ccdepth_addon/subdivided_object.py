@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from .carried_attributes import Carrier
+from .carried_attributes import Carrier, choose_same
 from .carried_groups import group_names, write_groups
 from .carried_normals import write_limit_normals
 from .carried_shape_keys import basis_mesh, write_shape_keys
@@ -47,6 +47,7 @@ def new_mesh(
         holder.vertex_groups.clear()
         Carrier(base, control, subdivided, options.uv_smooth).write(mesh)
         write_groups(holder, groups, base, control, subdivided)
+        choose_same(base, mesh)
         write_shape_keys(holder, base, control, subdivided)
         if options.limit_normals:
             deformable = base.shape_keys is not None or bool(groups.names)

@@ -124,26 +124,33 @@ class CCDEPTH_OT_count_faces(SubdivisionOperator):
     bl_label = "Count Faces"
     bl_options: ClassVar[set[str]] = {"REGISTER"}
 
-    def start(self, context: bpy.types.Context) -> Generator[int, None, list[FaceCount]]:
-        self._tasks = self.prepared(context)
-        return count_stepwise(self._tasks, self.settings())
+    def start(self, context: bpy.types.Context) -> Generator[int, None, tuple[list[SubdivisionTask], list[FaceCount]]]:
+        return _counted(self.prepared(context), self.settings())
 
     def progress_text(self, progress: int) -> str:
         return f"Counting faces: {progress:,} so far"
 
-    def finish(self, context: bpy.types.Context, answer: list[FaceCount]) -> set[str]:
+    def finish(self, context: bpy.types.Context, answer: tuple[list[SubdivisionTask], list[FaceCount]]) -> set[str]:
+        tasks, counts = answer
         self.leave(context)
         # What was evaluated for counting must not look like a change of the objects.
         context.view_layer.update()
-        for task, count in zip(self._tasks, answer, strict=True):
+        for task, count in zip(tasks, counts, strict=True):
             for name in task.object_names:
                 face_counts.remember(bpy.data.objects[name], self.settings(), count)
-        if answer[0].fitting is None:
-            self.report({"INFO"}, count_text(sum(count.faces for count in answer), "face", "faces"))
+        if counts[0].fitting is None:
+            self.report({"INFO"}, count_text(sum(count.faces for count in counts), "face", "faces"))
         else:
-            self.report({"WARNING"}, too_many_text(self._tasks, answer[0], self.settings()))
+            self.report({"WARNING"}, too_many_text(tasks, counts[0], self.settings()))
         heat_map.redraw_viewports(context)
         return {"FINISHED"}
+
+
+def _counted(
+    tasks: list[SubdivisionTask], settings: SubdivisionSettings
+) -> Generator[int, None, tuple[list[SubdivisionTask], list[FaceCount]]]:
+    """The tasks, with how many faces each would have."""
+    return tasks, (yield from count_stepwise(tasks, settings))
 
 
 CLASSES = (CCDEPTH_OT_subdivide, CCDEPTH_OT_count_faces)

@@ -98,6 +98,15 @@ def test_changes_of_the_mesh_are_noticed(change: Callable[[bpy.types.Object], No
     assert stale_line(holder) == ""
 
 
+def test_depths_of_zero_that_are_taken_away_are_noticed() -> None:
+    holder = scene.add_object(meshes.torus(6, 6))
+    addon.compute(holder, tolerance=100.0, tolerance_mode="ABSOLUTE")
+    assert addon.depths(holder).max() == 0
+    checksum = addon.module("fingerprint").mesh_checksum(holder)
+    holder.data.attributes.remove(holder.data.attributes["ccdepth"])
+    assert addon.module("fingerprint").mesh_checksum(holder) != checksum
+
+
 def move_and_turn(holder: bpy.types.Object) -> None:
     holder.location = (5.0, 1.0, 2.0)
     holder.rotation_euler = (0.4, 1.0, -0.3)

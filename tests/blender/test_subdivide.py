@@ -6,6 +6,7 @@ How near to the surface the result is, and that nothing on the mesh is lost, is 
 
 from __future__ import annotations
 
+import gc
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -485,8 +486,16 @@ def test_edit_mode_stays_when_something_is_refused() -> None:
 # Modifiers and shape keys.
 
 
-@pytest.mark.parametrize("operator", ["subdivide", "count_faces"])
-def test_edit_mode_stays_whatever_goes_wrong(operator: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("operator", "name"),
+    [
+        ("subdivide", "prepare_subdivision"),
+        ("subdivide", "subdivide_stepwise"),
+        ("subdivide", "write_objects"),
+        ("count_faces", "count_text"),
+    ],
+)
+def test_edit_mode_stays_whatever_goes_wrong(operator: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     holder = scene.add_suzanne()
     addon.select(holder)
     bpy.ops.object.mode_set(mode="EDIT")
@@ -494,11 +503,20 @@ def test_edit_mode_stays_whatever_goes_wrong(operator: str, monkeypatch: pytest.
     def failing(*_: object) -> None:
         raise LookupError("odd")
 
-    name = "write_objects" if operator == "subdivide" else "count_text"
     monkeypatch.setattr(addon.module("subdivision_operators"), name, failing)
     with pytest.raises(RuntimeError, match="odd"):
         getattr(bpy.ops.ccdepth, operator)(tolerance=TOLERANCE)
     assert bpy.context.mode == "EDIT_MESH"
+
+
+@pytest.mark.parametrize("operator", ["subdivide", "count_faces", "compute"])
+def test_an_operator_that_has_run_keeps_nothing_of_its_work(operator: str) -> None:
+    """Blender keeps the last operators, with all they hold."""
+    addon.select(scene.add_suzanne())
+    work = addon.module("stepwise").Stepwise
+    assert getattr(bpy.ops.ccdepth, operator)("EXEC_DEFAULT", True, tolerance=TOLERANCE) == {"FINISHED"}
+    gc.collect()
+    assert not [kept for kept in gc.get_objects() if isinstance(kept, work)]
 
 
 def test_what_was_counted_in_is_taken_off_the_result() -> None:
