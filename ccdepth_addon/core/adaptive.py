@@ -25,7 +25,7 @@ from .fits import Cells, Fit
 from .graph_bounds import graph_bounds
 from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray, PolygonMesh, compact
-from .net_cells import CELLS_AT_ONCE, NetCells
+from .net_cells import CELLS_AT_ONCE, BicubicCells, NetCells
 from .parallel import in_parallel
 from .quadtree import NONE, Column, Quadtree
 from .subdivided_mesh import SubdividedMesh
@@ -137,8 +137,8 @@ def _settled(mesh: PolygonMesh, request: Request) -> Generator[int, None, _Settl
 
 @dataclass(frozen=True)
 class Family:
-    """Cells of new leaves. are_made_again: whether that is how they are found later, from their parents' nets, so that
-    they are not kept (``CellStore``)."""
+    """New leaves. cells: theirs. are_made_again: whether that is how they are found later, from their parents' nets, so
+    that they are not kept (``CellStore``)."""
 
     cells: Iterable[Cells]
     are_made_again: bool = False
@@ -220,7 +220,8 @@ class _Planner:
             has_nets = isinstance(cells, NetCells)
             if has_nets:
                 self._cells.put(cells)
-            yield Family(cells.children(self.tree), are_made_again=has_nets)
+            children = self._fit_children(cells) if isinstance(cells, BicubicCells) else cells.children(self.tree)
+            yield Family(children, are_made_again=has_nets)
 
     def _whole_of(self, nodes: IndexArray) -> IndexArray:
         """Those of some nodes that are not split."""
@@ -386,7 +387,7 @@ class _Planner:
             others += some(block, ~is_leaf)
             for leaves in some(block, is_leaf):
                 fit = self._fit(leaves, np.zeros(self.tree.slot_counts(leaves.nodes).sum(), dtype=bool))
-                self._record(leaves, fit)
+                self._record(leaves.nodes, fit)
                 least_levels = self._least_levels[self.tree.base_faces[leaves.nodes]]
                 fits = fit.fits & (self.tree.levels[leaves.nodes] >= least_levels)
                 if not family.are_made_again:
@@ -394,18 +395,33 @@ class _Planner:
                 others += some(leaves, ~fits)
         return kept, others
 
+    def _fit_children(self, parents: BicubicCells) -> Iterator[Cells]:
+        """Fit and record the new leaves of which a look at their parents tells that they fit; the cells of the others.
+
+        On any thread, as above.
+        """
+        nodes, fit = parents.fit_children(self.tree, self._limit, self._request.axes)
+        has_least_level = self.tree.levels[nodes] >= self._least_levels[self.tree.base_faces[nodes]]
+        is_done = fit.fits & has_least_level & (self.tree.first_child[nodes] == NONE)
+        self._record(nodes[is_done], fit.at(np.flatnonzero(is_done)))
+        others = nodes[~is_done]
+        if len(others):
+            is_wanted = np.zeros(len(self.tree.first_child), dtype=bool)
+            is_wanted[others] = True
+            yield from parents.children(self.tree, is_wanted)
+
     def _fit_as_split(self, cells: Cells) -> None:
         """Fit and record cells with those sides split that are; on any thread."""
-        self._record(cells, self._fit(cells, self.tree.hanging(self.tree.slots(cells.nodes))))
+        self._record(cells.nodes, self._fit(cells, self.tree.hanging(self.tree.slots(cells.nodes))))
 
     def _fit(self, cells: Cells, hanging: BoolArray) -> Fit:
         return cells.fit(hanging, self._request.transitions, self._limit, self._request.axes)
 
-    def _record(self, cells: Cells, fit: Fit) -> None:
+    def _record(self, nodes: IndexArray, fit: Fit) -> None:
         for column, field in zip(self._fits, fields(Fit), strict=True):
-            column.values[cells.nodes] = getattr(fit, field.name)
-        self._graph_bounds.values[cells.nodes] = np.inf
-        self._fitted_since.values[cells.nodes] = True
+            column.values[nodes] = getattr(fit, field.name)
+        self._graph_bounds.values[nodes] = np.inf
+        self._fitted_since.values[nodes] = True
 
     def _extend(self, count: int) -> None:
         """Make room for so many nodes."""

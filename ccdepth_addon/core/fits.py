@@ -70,12 +70,16 @@ class Fit:
         least = np.zeros(count)
         return Fit(folded, far, far.copy(), far.copy(), small, small.copy(), small.copy(), folded.copy(), least)
 
+    def at(self, chosen: IndexArray) -> Fit:
+        """Those of some cells."""
+        return Fit(*(getattr(self, field.name)[chosen] for field in fields(self)))
+
     def put(self, chosen: IndexArray, other: Fit) -> None:
         """Replace those of some cells."""
         for field in fields(self):
             getattr(self, field.name)[chosen] = getattr(other, field.name)
 
-    def take(self, chosen: IndexArray, alternative: int) -> None:
+    def take(self, chosen: IndexArray, alternative: int | IndexArray) -> None:
         """Draw the chosen cells by a template that is within the limit, or likely to be."""
         self.fits[chosen] = True
         self.alternatives[chosen] = alternative

@@ -21,6 +21,7 @@ from .mesh import FloatArray, IndexArray, PolygonMesh
 from .patches import PatchKinds, extraordinary_nets, regular_nets
 from .quad_cells import BoolArray, QuadCells, patterns_of
 from .quadtree import Quadtree
+from .quarter_bounds import CORNERS_OF_QUARTERS, quarter_distances
 from .splines import HALVES, SPLINE_TO_BERNSTEIN, patch_coefficients, tensor
 from .stencils import patch_stencils
 from .templates import TURNS, Transitions, templates
@@ -139,6 +140,23 @@ class BicubicCells(NetCells):
             nets[:, :, start : start + len(children)] = applied(matrix, own).swapaxes(1, 2)
             start += len(children)
         yield BicubicCells(nodes, np.zeros_like(nodes), nets.swapaxes(1, 2))
+
+    def fit_children(self, tree: Quadtree, limit: float, axes: FloatArray) -> tuple[IndexArray, Fit]:
+        """The children, and how they are drawn with their sides whole, as far as a look at their parents tells that
+        they are within the limit."""
+        nodes = tree.first_child[self.nodes] + np.arange(4)[:, None]
+        found, places = Fit.none(nodes.size), np.arange(nodes.size).reshape(nodes.shape)
+        distances = quarter_distances(self.nets)
+        best = np.where(distances.bounds <= limit, distances.sampled, np.inf).argmin(axis=1)
+        bounds = np.take_along_axis(distances.bounds, best[:, None], axis=1)[:, 0]
+        found.least[:] = distances.sampled.min(axis=1).ravel()
+        for slot, corners in enumerate(CORNERS_OF_QUARTERS):
+            fitted = np.flatnonzero(bounds[slot] <= limit)
+            chosen = places[slot, fitted]
+            found.take(chosen, best[slot, fitted])
+            found.bounds[chosen] = bounds[slot, fitted]
+            found.fold(chosen, chosen_vectors(distances.points[corners], fitted), axes)
+        return nodes.ravel(), found
 
     def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
         # Fewer patterns mean less work.

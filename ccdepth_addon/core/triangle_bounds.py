@@ -122,19 +122,17 @@ def _monomials(points: FloatArray) -> FloatArray:
 
 
 @cache
-def _to_monomials() -> FloatArray:
+def to_monomials() -> FloatArray:
     """(10, 16): from Bernstein coefficients to those of the ``_monomials`` that are more than quadratic."""
     grid = np.stack(np.divmod(np.arange(16), 4), axis=1) / 3
-    return (np.linalg.inv(_monomials(grid)) @ _bicubic_basis(grid))[BEYOND_QUADRATIC]
+    return (np.linalg.inv(_monomials(grid)) @ bicubic_basis(grid))[BEYOND_QUADRATIC]
 
 
-@lru_cache(maxsize=256)
-def _off_quadratic(pattern: int, alternative: int) -> FloatArray:
-    """(10,): how far each of these monomials is off its own quadratic part, over all the triangles of a template, at
-    most: by Bernstein coefficients over parts of these."""
+def off_quadratic(triangles: list[FloatArray]) -> FloatArray:
+    """(10,): how far each of these monomials is off its own quadratic part, over all of some triangles (3, 2), at most:
+    by Bernstein coefficients over parts of these."""
     largest = np.zeros(len(BEYOND_QUADRATIC))
-    for numbers in templates(pattern)[alternative]:
-        triangle = QUAD_POINTS[list(numbers)]
+    for triangle in triangles:
         quadratic = _values_to_coefficients(2) @ _monomials(_domain(2) @ triangle)[:, BEYOND_QUADRATIC]
         parts = [triangle]
         for _ in range(QUARTERINGS):
@@ -147,7 +145,7 @@ def _off_quadratic(pattern: int, alternative: int) -> FloatArray:
     return largest
 
 
-def _bicubic_basis(points: FloatArray) -> FloatArray:
+def bicubic_basis(points: FloatArray) -> FloatArray:
     """(N, 16): the bicubic Bernstein basis at parameters (N, 2)."""
 
     def cubic(x: FloatArray) -> FloatArray:
@@ -168,7 +166,7 @@ def _functionals(part: FloatArray, square: Square, triangle: FloatArray) -> tupl
     S by its Bernstein coefficients over the square that holds the part, T by its values at the triangle's vertices.
     """
     points = _domain(DEGREE) @ part
-    of_surface = _values_to_coefficients(DEGREE) @ _bicubic_basis(square.from_parent(points))
+    of_surface = _values_to_coefficients(DEGREE) @ bicubic_basis(square.from_parent(points))
     return of_surface, _barycentric(triangle, points)
 
 
@@ -343,8 +341,9 @@ def quadratic_rows(pattern: int, alternative: int) -> QuadraticRows:
     triangles = rows.triangles.reshape(len(coefficients), -1)[:, 0]
     matrix = (_quadratic_part() @ coefficients).reshape(-1, 16)
     quadratic = Rows.joined([Rows(matrix, np.repeat(triangles, len(_quadratic_part())))])
-    both = np.concatenate([quadratic.matrix, _to_monomials()])
-    return QuadraticRows(both, quadratic.triangles, _off_quadratic(pattern, alternative))
+    both = np.concatenate([quadratic.matrix, to_monomials()])
+    weights = off_quadratic([QUAD_POINTS[list(triangle)] for triangle in templates(pattern)[alternative]])
+    return QuadraticRows(both, quadratic.triangles, weights)
 
 
 @dataclass(frozen=True)
@@ -391,7 +390,7 @@ def extraordinary_points(valence: int) -> FloatArray:
 @cache
 def regular_points() -> FloatArray:
     """(9, 16): the points of a quad and its centre from its Bernstein coefficients."""
-    return _bicubic_basis(np.concatenate([QUAD_POINTS, [[0.5, 0.5]]]))
+    return bicubic_basis(np.concatenate([QUAD_POINTS, [[0.5, 0.5]]]))
 
 
 def regular_misses(rows: Rows, coefficients: FloatArray, normals: FloatArray) -> Misses:
@@ -399,7 +398,7 @@ def regular_misses(rows: Rows, coefficients: FloatArray, normals: FloatArray) ->
     return Misses.joined(
         [
             Misses.of(applied(rows.matrix, coefficients[:, block]), rows.triangles, normals[:, block])
-            for block in blocks(coefficients.shape[1], _at_once(len(rows.matrix)))
+            for block in blocks(coefficients.shape[1], at_once(len(rows.matrix)))
         ]
     )
 
@@ -407,7 +406,7 @@ def regular_misses(rows: Rows, coefficients: FloatArray, normals: FloatArray) ->
 def regular_distances(rows: Rows, coefficients: FloatArray, chosen: IndexArray) -> FloatArray:
     """(n,): the same in all, for chosen ones of Bernstein coefficients (16, P, 3)."""
     found = np.empty(len(chosen))
-    for block in blocks(len(chosen), _at_once(len(rows.matrix))):
+    for block in blocks(len(chosen), at_once(len(rows.matrix))):
         found[block] = _longest(applied(rows.matrix, chosen_vectors(coefficients, chosen[block])))
     return found
 
@@ -416,7 +415,7 @@ def quadratic_misses(rows: QuadraticRows, coefficients: FloatArray, normals: Flo
     """‖S - T‖ at most, as the sum of two: what the quadratic parts miss, and the rest. As for ``regular_misses``."""
     found = [
         _quadratic_misses(rows, coefficients[:, block], normals[:, block])
-        for block in blocks(coefficients.shape[1], _at_once(len(rows.matrix)))
+        for block in blocks(coefficients.shape[1], at_once(len(rows.matrix)))
     ]
     return Misses.joined([quadratic for quadratic, _ in found]), Misses.joined([rest for _, rest in found])
 
@@ -438,7 +437,7 @@ def quadratic_distances(
 ) -> tuple[FloatArray, FloatArray]:
     """(n,) twice: the same in all, for chosen ones of Bernstein coefficients (16, P, 3)."""
     quadratic, rest = np.empty((2, len(chosen)))
-    for block in blocks(len(chosen), _at_once(len(rows.matrix))):
+    for block in blocks(len(chosen), at_once(len(rows.matrix))):
         vectors = applied(rows.matrix, chosen_vectors(coefficients, chosen[block]))
         rest[block] = rows.rest(np.sqrt(squared_norms(vectors[len(rows.triangles) :])))
         quadratic[block] = _longest(vectors[: len(rows.triangles)])
@@ -459,7 +458,7 @@ def extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: Flo
     return Misses.joined(
         [
             _extraordinary_misses(rows, nets[:, block], normals[:, block])
-            for block in blocks(nets.shape[1], _at_once(len(rows.pieces.matrix)))
+            for block in blocks(nets.shape[1], at_once(len(rows.pieces.matrix)))
         ]
     )
 
@@ -478,6 +477,6 @@ def _extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: Fl
     return pieces.or_more(left + at_vertex)
 
 
-def _at_once(rows: int) -> int:
+def at_once(rows: int) -> int:
     """How many quads have so many coefficients that these stay in the processor's cache."""
     return max(FEWEST_AT_ONCE, VALUES_AT_ONCE // (3 * rows))

@@ -31,6 +31,7 @@ from ccdepth_addon.core.graph_bounds import graph_bounds
 from ccdepth_addon.core.limit_normals import limit_normals
 from ccdepth_addon.core.limit_surface import limit_values
 from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh
+from ccdepth_addon.core.net_cells import BicubicCells
 from ccdepth_addon.core.quadtree import NONE, Quadtree
 from ccdepth_addon.core.surface_points import SurfacePoints
 from ccdepth_addon.core.templates import Transitions
@@ -320,15 +321,20 @@ def assert_bounded_as_it_is(tree: Quadtree, leaves: IndexArray, fit: Fit, asked:
 
 def fitted_anew(tree: Quadtree, asked: Request) -> Fit:
     """(nodes,) how the leaves of a tree fit with their sides as they are, and how far all are off along their normals
-    and across: from the faces of the control mesh down."""
+    and across: from the faces of the control mesh down. Whole leaves are looked at through bicubic parents first."""
     found, waiting = Fit.none(len(tree.first_child)), [*cells_of_faces(tree.mesh)]
+    looked = Fit.none(len(found.fits))
     while waiting:
         cells = waiting.pop()
         is_leaf = tree.first_child[cells.nodes] == NONE
         for parents in some(cells, ~is_leaf):
             waiting += parents.children(tree)
+            if isinstance(parents, BicubicCells):
+                looked.put(*parents.fit_children(tree, asked.limit, asked.axes))
         for leaves in some(cells, is_leaf):
             fit = leaves.fit(tree.hanging(tree.slots(leaves.nodes)), asked.transitions, asked.limit, asked.axes)
+            at_parents = np.flatnonzero(looked.fits[leaves.nodes] & (tree.sides(leaves.nodes)[0] == 0))
+            fit.put(at_parents, looked.at(leaves.nodes[at_parents]))
             misses = leaves.misses(fit, asked.limit)
             unknown = np.flatnonzero(np.isinf(fit.normal))
             fit.normal[unknown] = np.minimum(misses.normal, fit.bounds)[unknown]

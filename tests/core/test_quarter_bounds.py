@@ -1,0 +1,125 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bounds of quads' quarters from the coefficients of the whole quads: against the surface itself, evaluated densely."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.stats import binom
+
+from ccdepth_addon.core.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.cells import cells_of_faces
+from ccdepth_addon.core.coordinates import coordinates_apart
+from ccdepth_addon.core.mesh import FloatArray
+from ccdepth_addon.core.net_cells import BicubicCells
+from ccdepth_addon.core.quadtree import Quadtree
+from ccdepth_addon.core.quarter_bounds import quarter_distances
+from ccdepth_addon.core.templates import Transitions
+from tests import meshes
+
+# Corners of a quad, counter-clockwise, and the triangles along its first and its second diagonal.
+CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
+TRIANGLES = [[(0, 1, 2), (0, 2, 3)], [(1, 2, 3), (1, 3, 0)]]
+
+# Points along each side of a triangle; the middles of the sides are among them.
+SAMPLES = 17
+
+# Rounding of some hundred products of values around 1.
+ROUNDING = 1e-12
+
+
+def surface(coefficients: FloatArray, parameters: FloatArray) -> FloatArray:
+    """(N, P, 3): points at parameters (N, 2). Bernstein polynomials are what the binomial distribution is made of."""
+    along, across = (binom.pmf(np.arange(4), 3, column[:, None]) for column in parameters.T)
+    return np.einsum("ni,nj,ijpk->npk", along, across, coefficients.reshape(4, 4, -1, 3))
+
+
+def distances(coefficients: FloatArray, corner: int, diagonal: int) -> tuple[FloatArray, FloatArray]:
+    """(P,) each, of the quarter at a corner: the largest distance at equal parameters, and that at sides' middles."""
+    # The quarter's corners, from that one on: half-way from it to all.
+    quarter = (CORNERS[corner] + np.roll(CORNERS, -corner, axis=0)) / 2
+    steps = np.arange(SAMPLES) / (SAMPLES - 1)
+    weights = np.array([(a, b, 1 - a - b) for a in steps for b in steps if a + b <= 1])
+    is_middle = np.sort(weights, axis=1)[:, 1:].min(axis=1) == 0.5
+    found = []
+    for triangle in TRIANGLES[diagonal]:
+        places = quarter[list(triangle)]
+        gaps = surface(coefficients, weights @ places) - np.tensordot(weights, surface(coefficients, places), axes=1)
+        found.append(np.linalg.norm(gaps, axis=2))
+    both = np.concatenate(found)
+    return both.max(axis=0), both[np.tile(is_middle, 2)].max(axis=0)
+
+
+def random_coefficients(roughness: float) -> FloatArray:
+    """(16, 60, 3): wavy quads over the unit square, and this much displaced at random."""
+    generator = np.random.default_rng(5)
+    grid = np.stack([*np.meshgrid(np.arange(4) / 3, np.arange(4) / 3, indexing="ij"), np.zeros((4, 4))], axis=-1)
+    flat = np.repeat(grid.reshape(16, 1, 3), 60, axis=1)
+    waves = np.sin(np.einsum("npi,ipj->npj", flat[..., :2], generator.normal(size=(2, 60, 3))))
+    return coordinates_apart(flat + waves + roughness * generator.normal(size=flat.shape))
+
+
+@pytest.mark.parametrize("roughness", [0.0, 0.01, 1.0])
+def test_no_quarter_is_farther_than_its_bound(roughness: float) -> None:
+    coefficients = random_coefficients(roughness)
+    found = quarter_distances(coefficients)
+    for corner in range(4):
+        for diagonal in range(2):
+            largest, at_middles = distances(coefficients, corner, diagonal)
+            assert np.all(largest <= found.bounds[corner, diagonal] + ROUNDING)
+            np.testing.assert_allclose(found.sampled[corner, diagonal], at_middles, rtol=0, atol=ROUNDING)
+
+
+def test_bounds_of_nearly_quadratic_quads_are_tight() -> None:
+    """Quads of a smooth mesh after some levels: the bound is the largest distance but for a few per cent."""
+    coefficients = random_coefficients(0.0)
+    # What is not quadratic becomes an eighth with every level, and what is a quarter.
+    for _ in range(4):
+        coefficients = first_quarters(coefficients)
+    found = quarter_distances(coefficients)
+    for corner in range(4):
+        for diagonal in range(2):
+            largest, _ = distances(coefficients, corner, diagonal)
+            ratios = found.bounds[corner, diagonal] / largest
+            assert 1 <= np.median(ratios) < 1.05
+
+
+def first_quarters(coefficients: FloatArray) -> FloatArray:
+    """Of the quarters at corner 0, by blossoms: half the steps of de Casteljau in each direction."""
+    halves = np.array([binom.pmf(np.arange(4), degree, 0.5) for degree in range(4)])
+    found = np.einsum("ai,bj,ijpk->abpk", halves, halves, coefficients.reshape(4, 4, -1, 3))
+    return coordinates_apart(found.reshape(16, -1, 3))
+
+
+def test_points_are_those_of_the_whole_quads() -> None:
+    coefficients = random_coefficients(1.0)
+    middles = (CORNERS + np.roll(CORNERS, -1, axis=0)) / 2
+    places = np.concatenate([CORNERS, middles, [[0.5, 0.5]]])
+    found = quarter_distances(coefficients).points
+    np.testing.assert_allclose(found, surface(coefficients, places), rtol=0, atol=ROUNDING)
+
+
+@pytest.mark.parametrize("limit", [0.03, 0.05, 0.1])
+def test_children_fit_as_they_do_when_they_are_looked_at_themselves(limit: float) -> None:
+    """But for the monomials, which are the parents', and a closer look: that makes a third here, on few large quads."""
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.bumpy(meshes.torus(9, 7), 0.2)), smooth_corners=True)
+    tree, axes = Quadtree(mesh), np.eye(3)
+    [parents] = [cells for cells in cells_of_faces(mesh) if isinstance(cells, BicubicCells)]
+    tree.split(parents.nodes)
+    nodes, fit = parents.fit_children(tree, limit, axes)
+    assert np.array_equal(np.sort(nodes), np.arange(mesh.face_count, len(tree.first_child)))
+    [children] = parents.children(tree)
+    own = children.fit(np.zeros(4 * len(children.nodes), dtype=bool), Transitions.TRIANGLES, limit, axes)
+    order = np.argsort(children.nodes)
+    own = own.at(order[np.searchsorted(children.nodes, nodes, sorter=order)])
+    assert np.all(own.fits[fit.fits])
+    np.testing.assert_allclose(fit.least, own.least, rtol=0, atol=ROUNDING)
+    # By themselves they are looked at more closely along the better diagonal before the other one is tried.
+    same = np.flatnonzero(fit.fits & (fit.alternatives == own.alternatives))
+    assert len(same) > 0.5 * np.count_nonzero(fit.fits) > 0
+    np.testing.assert_array_equal(fit.folded[same], own.folded[same])
+    ratios = fit.bounds[same] / own.bounds[same]
+    assert np.all((ratios > 0.7) & (ratios < 1.4))
+    assert np.all(np.isinf(fit.bounds[~fit.fits]))
+    sure = own.bounds < limit / 1.4
+    assert np.all(fit.fits[sure])
