@@ -137,8 +137,8 @@ def _settled(mesh: PolygonMesh, request: Request) -> Generator[int, None, _Settl
 
 @dataclass(frozen=True)
 class Family:
-    """New leaves. cells: of those that have to be looked at themselves. are_made_again: whether that is how they are found later, from their parents' nets, so
-    that they are not kept (``CellStore``)."""
+    """New leaves. cells: of those that have to be looked at themselves. are_made_again: whether that is how they are
+    found later, from their parents' nets, so that they are not kept (``CellStore``)."""
 
     cells: Iterable[Cells]
     are_made_again: bool = False
