@@ -86,6 +86,9 @@ class LongOperator(bpy.types.Operator):
     # Beside the tolerance itself.
     SETTINGS: ClassVar[tuple[str, ...]] = ("tolerance_mode", "use_modifiers")
 
+    # The work, while there is any. Blender keeps operators that have run, and the work must not be kept with them.
+    _run: ClassVar[Stepwise[Any, Any] | None] = None
+
     tolerance: properties.absolute_tolerance_property()
     tolerance_mode: properties.tolerance_mode_property()
     use_modifiers: properties.use_modifiers_property()
@@ -120,9 +123,6 @@ class LongOperator(bpy.types.Operator):
 
     def leave(self, context: bpy.types.Context) -> None:
         """Put back what ``start`` changed for the time of the work; called however it ends."""
-
-    # The work, while there is any. Blender keeps operators that have run, and the work must not be kept with them.
-    _run: ClassVar[Stepwise[Any, Any] | None] = None
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         return self._begin(context, np.inf) or {"CANCELLED"}

@@ -38,13 +38,12 @@ class QuarterDistances:
 
 def quarter_distances(coefficients: FloatArray) -> QuarterDistances:
     """Of quads with Bernstein coefficients (16, P, 3), [i, j] → 4i + j, u along i."""
-    vectors = applied(_rows(), coefficients)
-    squares = squared_norms(vectors[:50])
-    sides = squares[:16].reshape(4, 4, -1).max(axis=1)
-    sampled = np.maximum(sides[:, None], squares[16:24].reshape(4, 2, -1))
-    quadratic = np.maximum(sampled, squares[24:40].reshape(4, 2, 2, -1).max(axis=2))
-    rests = product(_weights(), np.sqrt(squares[40:])).reshape(sampled.shape)
-    return QuarterDistances(np.sqrt(sampled), np.sqrt(quadratic) + rests, vectors[50:])
+    *linear, points = np.split(applied(_rows(), coefficients), [16, 24, 40, 50])
+    sides, diagonals, sums, monomials = map(squared_norms, linear)
+    sampled = np.maximum(sides.reshape(4, 4, -1).max(axis=1)[:, None], diagonals.reshape(4, 2, -1))
+    quadratic = np.maximum(sampled, sums.reshape(4, 2, 2, -1).max(axis=2))
+    rests = product(_weights(), np.sqrt(monomials)).reshape(sampled.shape)
+    return QuarterDistances(np.sqrt(sampled), np.sqrt(quadratic) + rests, points)
 
 
 @cache

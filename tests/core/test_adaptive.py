@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import tracemalloc
 from collections.abc import Callable
-from dataclasses import fields
 from functools import cache
 from itertools import product
 from typing import Any
@@ -304,8 +303,7 @@ def assert_fitted_as_it_is(tree: Quadtree, leaves: IndexArray, fit: Fit) -> None
 
 def assert_bounded_as_it_is(tree: Quadtree, leaves: IndexArray, fit: Fit, asked: Request) -> None:
     """Every bound is what is found for the leaf as it is drawn, or else for its neighbours as they are drawn."""
-    of_nodes = fitted_anew(tree, asked)
-    anew = Fit(*(getattr(of_nodes, field.name)[leaves] for field in fields(Fit)))
+    anew = fitted_anew(tree, asked).at(leaves)
     for name in ("patterns", "alternatives", "turns", "folded"):
         np.testing.assert_array_equal(getattr(fit, name), getattr(anew, name))
     triangles, of_leaves, closed = triangles_around(tree, leaves, anew, Transitions.TRIANGLES)
@@ -341,6 +339,18 @@ def fitted_anew(tree: Quadtree, asked: Request) -> Fit:
             fit.tangential[unknown] = np.minimum(misses.tangential, fit.bounds)[unknown]
             found.put(leaves.nodes, fit)
     return found
+
+
+@pytest.mark.parametrize("exponent", [-40, 40])
+@pytest.mark.parametrize("name", ["cube", "landscape", "n-gons", "valences 3 and 7"])
+def test_a_mesh_of_another_size_is_divided_alike(name: str, exponent: int) -> None:
+    """Powers of two take part in no rounding; a library may still sum in another order."""
+    mesh = build(name)
+    scaled = mesh.changed(positions=np.ldexp(mesh.positions, exponent))
+    found, other = subdivided(mesh, request(mesh, 0.007)), subdivided(scaled, request(scaled, 0.007))
+    np.testing.assert_array_equal(other.mesh.corner_vertices, found.mesh.corner_vertices)
+    np.testing.assert_allclose(np.ldexp(other.mesh.positions, -exponent), found.mesh.positions, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.ldexp(other.bounds, -exponent), found.bounds, rtol=1e-9)
 
 
 # One depth for each face
