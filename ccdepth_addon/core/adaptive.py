@@ -10,7 +10,7 @@ that near to the surface, and every point of the surface that near to the mesh (
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, fields
 from dataclasses import field as dataclass_field
 from enum import StrEnum
@@ -18,6 +18,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from .blocks import blocks
 from .cell_store import CellStore, in_blocks, some
 from .cells import cells_of_faces
 from .drawing import Outline, draw, outline, triangles_around
@@ -25,11 +26,11 @@ from .fits import Cells, Fit
 from .graph_bounds import graph_bounds
 from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray, PolygonMesh, compact
-from .net_cells import CELLS_AT_ONCE, BicubicCells, NetCells
-from .parallel import in_parallel
+from .net_cells import BicubicCells, NetCells
 from .quadtree import NONE, Column, Quadtree
 from .subdivided_mesh import SubdividedMesh
 from .templates import Transitions
+from .vertex_positions import VertexPositions
 
 BoolArray = NDArray[np.bool_]
 
@@ -37,6 +38,11 @@ BoolArray = NDArray[np.bool_]
 # number allowed to be believed.
 FACES_OF_A_LEAF = 1.3
 BELIEVED = 4
+
+# So many bicubic cells are kept in one block, of which so many are looked at together: what is made on the way stays in
+# the processor's cache, and in memory that need not come from the system anew.
+CELLS_KEPT_TOGETHER = 1 << 15
+PARENTS_AT_ONCE = 1 << 10
 
 # By how much a tolerance is raised in search of one that fits.
 SEARCH_STEP = 1.1
@@ -104,7 +110,15 @@ def subdivide_adaptively(
     Raises TooManyFacesError.
     """
     settled = yield from _settled(mesh, request)
-    made = draw(settled.outline, positions)
+    tree = settled.outline.tree
+    is_same_space = np.array_equal(positions, mesh.positions)
+
+    def place(vertices: IndexArray) -> FloatArray:
+        if is_same_space:
+            return settled.positions.of(vertices)
+        return limit_values(mesh, positions, tree.vertex_points(vertices))
+
+    made = draw(settled.outline, positions, place)
     depths = settled.depths[made.base_faces].astype(np.int32)
     return AdaptiveMesh(made, settled.bounds, depths, len(settled.outline.leaves))
 
@@ -112,11 +126,12 @@ def subdivide_adaptively(
 @dataclass(frozen=True)
 class _Settled:
     """What is drawn within the limit, and the proved distance of each of its F faces: (F,) float64. depths: (faces of
-    the control mesh,) the level of the deepest leaf of each."""
+    the control mesh,) the level of the deepest leaf of each. positions: of the tree's vertices, in the mesh's space."""
 
     outline: Outline
     bounds: FloatArray
     depths: NDArray[np.int8]
+    positions: VertexPositions
 
 
 def _settled(mesh: PolygonMesh, request: Request) -> Generator[int, None, _Settled]:
@@ -126,22 +141,13 @@ def _settled(mesh: PolygonMesh, request: Request) -> Generator[int, None, _Settl
         planner = _Planner(mesh, request, least_levels)
         yield from planner.settle()
         tree, leaves, depths = planner.tree, planner.leaves(), planner.face_levels()
-        fit = planner.fit_of(leaves)
-        # What is known of the surface takes as much memory as the tree, and has served its turn.
+        fit, positions = planner.fit_of(leaves), planner.positions
+        # What else is known of the surface takes as much memory as the tree, and has served its turn.
         del planner
         found = outline(tree, leaves, fit, request.transitions)
         if not len(clashes := found.clashes):
-            return _Settled(found, fit.bounds[found.drawn], depths)
+            return _Settled(found, fit.bounds[found.drawn], depths, positions)
         np.maximum.at(least_levels, tree.base_faces[clashes], tree.levels[clashes] + np.int8(1))
-
-
-@dataclass(frozen=True)
-class Family:
-    """New leaves. cells: of those that have to be looked at themselves. are_made_again: whether that is how they are
-    found later, from their parents' nets, so that they are not kept (``CellStore``)."""
-
-    cells: Iterable[Cells]
-    are_made_again: bool = False
 
 
 class _Planner:
@@ -157,6 +163,7 @@ class _Planner:
         self._least_levels = least_levels
         self._request = request
         self._limit = request.limit
+        self.positions = VertexPositions(self.tree)
         self._cells = CellStore(self.tree)
         self._fits: list[Column] = [Column(getattr(Fit.none(0), field.name)) for field in fields(Fit)]
         self._fitting, self._bounds, self._normal, self._tangential = self._fits[:4]
@@ -173,7 +180,8 @@ class _Planner:
 
     def settle(self) -> Generator[int, None, None]:
         """Find the whole tree."""
-        yield from self.grow(Family([cells]) for cells in cells_of_faces(self.tree.mesh))
+        self._extend()
+        yield from self.grow((yield from self._fit_new(cells_of_faces(self.tree.mesh))))
         if self._request.mode is Mode.PER_FACE:
             yield from self.level_faces()
         yield from self.settle_neighbours()
@@ -192,36 +200,32 @@ class _Planner:
             return wanted
         return self.evened((yield from self.fit_along_surface()))
 
-    def grow(self, families: Iterator[Family]) -> Generator[int, None, None]:
-        """Fit the cells of new leaves, and split what does not fit, level by level."""
-        self._extend(len(self.tree.first_child))
-        while True:
-            unfit: list[Cells] = []
-            for result in in_parallel(self._fit_new, families):
-                if result is not None:
-                    kept, others = result
-                    for cells in kept:
-                        self._cells.put(cells)
-                    unfit += others
-                yield self._leaf_count()
-            if not unfit:
-                return
+    def grow(self, unfit: list[Cells]) -> Generator[int, None, None]:
+        """Split the nodes of cells that do not fit, if they are whole yet, and so their children, level by level."""
+        while unfit:
             nodes = self._whole_of(np.concatenate([cells.nodes for cells in unfit]))
             self._refuse_too_many(nodes)
             self.tree.make_room(nodes)
-            # While families are fitted others are split, and what is written to must not move then.
-            self._extend(len(self.tree.first_child) + int(self.tree.slot_counts(nodes).sum()))
-            families = self._families(unfit)
+            self._split_nodes(nodes)
+            unfit = yield from self._fit_children(unfit)
 
-    def _families(self, parents: Iterable[Cells]) -> Iterator[Family]:
-        """The children of cells, split now if they are whole yet, as many together as are worth a thread's while."""
-        for cells in in_blocks(parents, CELLS_AT_ONCE // 4):
-            self._split_nodes(self._whole_of(cells.nodes))
-            has_nets = isinstance(cells, NetCells)
-            if has_nets:
-                self._cells.put(cells)
-            children = self._fit_children(cells) if isinstance(cells, BicubicCells) else cells.children(self.tree)
-            yield Family(children, are_made_again=has_nets)
+    def _fit_children(self, parents: list[Cells]) -> Generator[int, None, list[Cells]]:
+        """Fit the children of cells whose nodes have been split; those that do not fit, or have been split as well."""
+        unfit: list[Cells] = []
+        doubtful: list[Cells] = []
+        with_nets = (cells for cells in parents if isinstance(cells, NetCells))
+        for cells in in_blocks(with_nets, CELLS_KEPT_TOGETHER):
+            self._cells.put(cells)
+            if isinstance(cells, BicubicCells):
+                is_doubtful, is_unfit = yield from self._look_at_children(cells)
+                doubtful += cells.children(self.tree, is_doubtful)
+                unfit += cells.children(self.tree, is_unfit)
+            else:
+                doubtful += cells.children(self.tree)
+        unfit += yield from self._fit_new(doubtful, are_made_again=True)
+        others = (cells for cells in parents if not isinstance(cells, NetCells))
+        unfit += yield from self._fit_new(child for cells in others for child in cells.children(self.tree))
+        return unfit
 
     def _whole_of(self, nodes: IndexArray) -> IndexArray:
         """Those of some nodes that are not split."""
@@ -236,12 +240,12 @@ class _Planner:
             # What is made meanwhile comes with its parents.
             parents += self._cells.of(wanted[wanted < known])
             self._split_nodes(wanted)
-            self._extend(len(self.tree.first_child))
             wanted = self.unbalanced()
-        yield from self.grow(self._families(parents))
+        yield from self.grow((yield from self._fit_children(parents)))
 
     def _split_nodes(self, nodes: IndexArray) -> None:
         self.tree.split(nodes)
+        self._extend()
         self._split_since.append(nodes)
 
     def level_faces(self) -> Generator[int, None, None]:
@@ -329,12 +333,11 @@ class _Planner:
         yield from self._each(self._miss, leaves[np.isinf(self._normal.values[leaves])])
         triangles, drawn, closed = triangles_around(self.tree, leaves, self.fit_of(leaves), self._request.transitions)
         used, triangles = compact(triangles, len(self.tree.vertex_edges))
-        positions = limit_values(self.tree.mesh, self.tree.mesh.positions, self.tree.vertex_points(used))
         nodes = leaves[drawn]
         is_wanted = np.zeros(len(self.tree.first_child), dtype=bool)
         is_wanted[wanted] = True
         found = graph_bounds(
-            positions,
+            self.positions.of(used),
             triangles,
             self._normal.values[nodes],
             self._tangential.values[nodes],
@@ -349,7 +352,8 @@ class _Planner:
 
     def _each(self, work: Callable[[Cells], None], nodes: IndexArray) -> Generator[int, None, None]:
         """Do some work for the cells of nodes."""
-        for _ in in_parallel(work, in_blocks(self._cells.of(nodes))):
+        for cells in in_blocks(self._cells.of(nodes)):
+            work(cells)
             yield self._leaf_count()
 
     def _leaf_count(self) -> int:
@@ -374,44 +378,62 @@ class _Planner:
         np.minimum(fit.bounds, self._graph_bounds.values[leaves], out=fit.bounds)
         return fit
 
-    def _fit_new(self, family: Family) -> tuple[list[Cells], list[Cells]]:
-        """Fit and record the cells of new leaves, with their sides whole: those to keep; and those that do not fit, or
-        whose nodes are split already.
+    def _fit_new(self, cells: Iterable[Cells], *, are_made_again: bool = False) -> Generator[int, None, list[Cells]]:
+        """Fit and record the cells of new leaves, with their sides whole; those that do not fit, or whose nodes are
+        split already.
 
-        On any thread: no other has the same nodes.
+        are_made_again: whether they are found later from their parents' nets, so that they are not kept
+        (``CellStore``).
         """
-        kept: list[Cells] = []
-        others: list[Cells] = []
-        for block in in_blocks(family.cells):
+        unfit: list[Cells] = []
+        for block in in_blocks(cells):
             is_leaf = self.tree.first_child[block.nodes] == NONE
-            others += some(block, ~is_leaf)
+            unfit += some(block, ~is_leaf)
             for leaves in some(block, is_leaf):
                 fit = self._fit(leaves, np.zeros(self.tree.slot_counts(leaves.nodes).sum(), dtype=bool))
                 self._record(leaves.nodes, fit)
-                least_levels = self._least_levels[self.tree.base_faces[leaves.nodes]]
-                fits = fit.fits & (self.tree.levels[leaves.nodes] >= least_levels)
-                if not family.are_made_again:
-                    kept += some(leaves, fits)
-                others += some(leaves, ~fits)
-        return kept, others
+                fits = fit.fits & self._has_least_level(leaves.nodes)
+                if not are_made_again:
+                    for kept in some(leaves, fits):
+                        self._cells.put(kept)
+                unfit += some(leaves, ~fits)
+            yield self._leaf_count()
+        return unfit
 
-    def _fit_children(self, parents: BicubicCells) -> Iterator[Cells]:
-        """Fit and record the new leaves of which a look at their parents tells that they fit; the cells of the others.
+    def _look_at_children(self, parents: BicubicCells) -> Generator[int, None, tuple[BoolArray, BoolArray]]:
+        """Fit and record the children of which a look at their parents tells whether they fit; of which it does not
+        tell, and which do not fit or have been split, (4, P) bool each."""
+        doubtful, unfit = np.zeros((2, 4, len(parents.nodes)), dtype=bool)
+        for part in blocks(len(parents.nodes), PARENTS_AT_ONCE):
+            found = parents.part(part).fit_children(self._limit, self._request.axes)
+            nodes = (self.tree.first_child[parents.nodes[part]] + np.arange(4)[:, None]).ravel()
+            self._place(parents.nodes[part], found.points)
+            is_leaf = self.tree.first_child[nodes] == NONE
+            is_done = found.fit.fits & is_leaf & self._has_least_level(nodes)
+            is_unfit = found.hopeless | (found.fit.fits & ~is_done)
+            recorded = np.flatnonzero(is_leaf & (is_done | is_unfit))
+            self._record(nodes[recorded], found.fit.at(recorded))
+            unfit[:, part] = is_unfit.reshape(4, -1)
+            doubtful[:, part] = ~(is_done | is_unfit).reshape(4, -1)
+            yield self._leaf_count()
+        return doubtful, unfit
 
-        On any thread, as above.
-        """
-        nodes, fit = parents.fit_children(self.tree, self._limit, self._request.axes)
-        has_least_level = self.tree.levels[nodes] >= self._least_levels[self.tree.base_faces[nodes]]
-        is_done = fit.fits & has_least_level & (self.tree.first_child[nodes] == NONE)
-        self._record(nodes[is_done], fit.at(np.flatnonzero(is_done)))
-        others = nodes[~is_done]
-        if len(others):
-            is_wanted = np.zeros(len(self.tree.first_child), dtype=bool)
-            is_wanted[others] = True
-            yield from parents.children(self.tree, is_wanted)
+    def _place(self, nodes: IndexArray, points: FloatArray) -> None:
+        """Keep where the points of quads and their centres (9, P, 3) lie, for the vertices of their children."""
+        tree, slots = self.tree, self.tree.slots(nodes)
+        centres = tree.slot_vertices[tree.first_slots(tree.first_child[nodes]) + 2]
+        middles = tree.midpoints[tree.slot_edges[slots]].reshape(-1, 4).T
+        self.positions.put(np.vstack([middles, centres]), points[4:])
+        faces = np.flatnonzero(nodes < tree.mesh.face_count)
+        # All others have corners that were found before.
+        if len(faces):
+            self.positions.put(tree.slot_vertices[tree.slots(nodes[faces])].reshape(-1, 4).T, points[:4, faces])
+
+    def _has_least_level(self, nodes: IndexArray) -> BoolArray:
+        return self.tree.levels[nodes] >= self._least_levels[self.tree.base_faces[nodes]]
 
     def _fit_as_split(self, cells: Cells) -> None:
-        """Fit and record cells with those sides split that are; on any thread."""
+        """Fit and record cells with those sides split that are."""
         self._record(cells.nodes, self._fit(cells, self.tree.hanging(self.tree.slots(cells.nodes))))
 
     def _fit(self, cells: Cells, hanging: BoolArray) -> Fit:
@@ -423,8 +445,9 @@ class _Planner:
         self._graph_bounds.values[nodes] = np.inf
         self._fitted_since.values[nodes] = True
 
-    def _extend(self, count: int) -> None:
-        """Make room for so many nodes."""
+    def _extend(self) -> None:
+        """Make room for the nodes of the tree."""
+        count = len(self.tree.first_child)
         more, nothing = count - len(self._split_sides.values), Fit.none(1)
         for column, field in zip(self._fits, fields(Fit), strict=True):
             column.extend(more, getattr(nothing, field.name))

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from .blocks import blocks
 from .fits import Fit
-from .limit_surface import limit_values
-from .mesh import FloatArray, IndexArray, PolygonMesh, ShortIndexArray, compact, renumbered
+from .mesh import FloatArray, IndexArray, ShortIndexArray, compact, renumbered
 from .quadtree import NONE, Point, Quadtree
 from .subdivided_mesh import SubdividedMesh
 from .surface_points import SurfacePoints
@@ -120,17 +119,18 @@ def outline(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitio
     return Outline(tree, leaves, polygons, firsts, starts, drawn, used, corner_vertices, edges)
 
 
-def draw(outlined: Outline, positions: FloatArray) -> SubdividedMesh:
+def draw(outlined: Outline, positions: FloatArray, place: Callable[[IndexArray], FloatArray]) -> SubdividedMesh:
     """The mesh of an outline.
 
     positions: (V, 3) float64, those of the control mesh in the space that is wanted; the tree's own may be in another.
-    Vertices without faces stay as they are.
+    place: of vertices (N,) of the tree, where they lie on the limit surface in that space, (N, 3). Vertices without
+    faces stay as they are.
     """
     tree, used, edges = outlined.tree, outlined.used, outlined.edges
     vertex_points = tree.vertex_points(used)
     return SubdividedMesh(
         vertex_points=vertex_points,
-        positions=_positions(tree.mesh, vertex_points, used, positions),
+        positions=_positions(vertex_points, used, positions, place),
         face_starts=outlined.starts,
         corner_vertices=outlined.corner_vertices,
         corner_edges=edges.of_corners,
@@ -280,13 +280,15 @@ def _corner_points(outlined: Outline) -> SurfacePoints:
     return SurfacePoints(corners, parameters)
 
 
-def _positions(mesh: PolygonMesh, points: SurfacePoints, used: IndexArray, positions: FloatArray) -> FloatArray:
+def _positions(
+    points: SurfacePoints, used: IndexArray, positions: FloatArray, place: Callable[[IndexArray], FloatArray]
+) -> FloatArray:
     """(V, 3) where the used vertices lie; those without faces stay where they are."""
     is_loose = points.corners == NONE
     if not np.any(is_loose):
-        return limit_values(mesh, positions, points)
+        return place(used)
     found = np.empty((len(used), 3))
-    found[~is_loose] = limit_values(mesh, positions, points.at(np.flatnonzero(~is_loose)))
+    found[~is_loose] = place(used[~is_loose])
     found[is_loose] = positions[used[is_loose]]
     return found
 

@@ -124,11 +124,11 @@ def sampled_distances(points: FloatArray, pattern: int) -> FloatArray:
     centres (9, P, 3); 0 where sides are split."""
     if pattern != WHOLE:
         return np.zeros((len(templates(pattern)), points.shape[1]))
-    squares = squared_norms(_off_sides_and_diagonals(points))
+    squares = squared_norms(off_sides_and_diagonals(points))
     return np.sqrt(np.maximum(squares[:4].max(axis=0), squares[4:]))
 
 
-def _off_sides_and_diagonals(points: FloatArray) -> FloatArray:
+def off_sides_and_diagonals(points: FloatArray) -> FloatArray:
     """(6, P, 3): S - T at the middles of the four sides and of the two diagonals."""
     off = np.empty_like(points, shape=(6, *points.shape[1:]))
     for number, (middle, start, end) in enumerate(CHORDS):
@@ -150,15 +150,16 @@ class Samples:
     slopes: FloatArray
 
     @staticmethod
-    def of(points: FloatArray, pattern: int) -> Samples:
-        """From the quads' points and centres (9, P, 3); for split sides nothing is sampled but the slopes."""
-        normals = triangle_normals(points, ((0, 1, 2), (0, 2, 3)))
+    def of(corners: FloatArray, off: FloatArray, pattern: int) -> Samples:
+        """From the quads' corners (4 or more, P, 3) and S - T (6, P, 3) at the middles of their sides and diagonals;
+        for split sides nothing is sampled but the slopes."""
+        normals = triangle_normals(corners, ((0, 1, 2), (0, 2, 3)))
         normals = (normals[0] + normals[1]) / 2
-        lengths = np.sqrt(squared_norms(points[ENDS] - points[STARTS])).min(axis=0)
-        heights, across = along_and_across(_off_sides_and_diagonals(points), normals)
+        lengths = np.sqrt(squared_norms(corners[ENDS] - corners[STARTS])).min(axis=0)
+        heights, across = along_and_across(off, normals)
         slopes = Samples.slopes_of(heights[:4].max(axis=0), lengths)
         if pattern != WHOLE:
-            none = np.zeros((len(templates(pattern)), points.shape[1]))
+            none = np.zeros((len(templates(pattern)), off.shape[1]))
             return Samples(none, none, slopes)
         normal = np.maximum(heights[:4].max(axis=0), heights[4:])
         tangential = np.maximum(across[:4].max(axis=0), across[4:])
@@ -173,6 +174,10 @@ class Samples:
 
     def at(self, chosen: IndexArray) -> Samples:
         return Samples(self.normal[:, chosen], self.tangential[:, chosen], self.slopes[chosen])
+
+    def hopes(self) -> FloatArray:
+        """(alternatives, P): ``hope`` for what is sampled."""
+        return self.hope(self.normal, self.tangential)
 
     def hope(self, normal: FloatArray, tangential: FloatArray) -> FloatArray:
         """About what ``graph_bounds`` will find for quads that are off by so much."""

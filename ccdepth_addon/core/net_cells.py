@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 
 from . import triangle_bounds
 from .coordinates import applied, chosen_vectors, coordinates_apart
-from .fits import Fit, least_heights, triangle_normals
+from .fits import HOPEFUL, Fit, Samples, least_heights, triangle_normals
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .patches import PatchKinds, extraordinary_nets, regular_nets
 from .quad_cells import BoolArray, QuadCells, patterns_of
 from .quadtree import Quadtree
-from .quarter_bounds import CORNERS_OF_QUARTERS, quarter_distances
+from .quarter_bounds import quarter_distances
 from .splines import HALVES, SPLINE_TO_BERNSTEIN, patch_coefficients, tensor
 from .stencils import patch_stencils
-from .templates import TURNS, Transitions, templates
+from .templates import TURNS, WHOLE, Transitions, templates
 from .triangle_bounds import Misses
 
 # A closer look takes away nearly all that is not quadratic, and sometimes a little more; at an extraordinary corner it
@@ -38,8 +38,8 @@ SMALL_REST = 0.05
 # What ``graph_bounds`` leaves is a third of a height at most, and that of the least triangle around.
 ROOM = 0.12
 
-# Cells that are looked at together: enough of them that the threads seldom wait for the interpreter.
-CELLS_AT_ONCE = 1 << 15
+# Cells that are looked at together: what is made on the way need not come from the system anew each time.
+CELLS_AT_ONCE = 1 << 12
 
 
 def _child_matrices() -> list[FloatArray]:
@@ -79,6 +79,10 @@ class NetCells(QuadCells):
     def at(self, chosen: IndexArray) -> Self:
         return type(self)(self.nodes[chosen], self.slots[chosen], chosen_vectors(self.nets, chosen))
 
+    def part(self, block: slice) -> Self:
+        """Some of them, side by side, without a copy."""
+        return type(self)(self.nodes[block], self.slots[block], self.nets[:, block])
+
     def turns(self) -> IndexArray:
         return self.slots
 
@@ -96,8 +100,8 @@ class NetCells(QuadCells):
         return misses
 
     @abstractmethod
-    def children(self, tree: Quadtree, is_wanted: BoolArray | None = None) -> Iterator[NetCells]:
-        """As in ``Cells``; all of the children, or those wanted of all nodes of the tree (bool), and made alike."""
+    def children(self, tree: Quadtree, wanted: BoolArray | None = None) -> Iterator[NetCells]:
+        """As in ``Cells``; all of the children, or those wanted, (4, P) by slot, and made alike."""
 
     @abstractmethod
     def _to_points(self) -> FloatArray:
@@ -115,12 +119,15 @@ class NetCells(QuadCells):
         """The same at a closer look."""
 
 
-def _wanted(nodes: IndexArray, nets: FloatArray, is_wanted: BoolArray | None) -> tuple[IndexArray, FloatArray]:
-    """Those of some nodes that are wanted, and their nets."""
-    if is_wanted is None:
-        return nodes, nets
-    chosen = np.flatnonzero(is_wanted[nodes])
-    return nodes[chosen], chosen_vectors(nets, chosen)
+@dataclass(frozen=True)
+class Children:
+    """What a look at P bicubic quads tells of their 4P children, those at slot 0 first. fit: how they are drawn with
+    their sides whole, as far as they are seen to be within the limit. hopeless: (4P,) bool, which are seen not to be,
+    nor to be likely to be along the surface. points: (9, P, 3), those of the quads themselves and their centres."""
+
+    fit: Fit
+    hopeless: BoolArray
+    points: FloatArray
 
 
 class BicubicCells(NetCells):
@@ -132,31 +139,35 @@ class BicubicCells(NetCells):
         coefficients = patch_coefficients(regular_nets(mesh, faces)).reshape(16, -1, 3)
         return BicubicCells(nodes, np.zeros_like(nodes), coordinates_apart(coefficients))
 
-    def children(self, tree: Quadtree, is_wanted: BoolArray | None = None) -> Iterator[NetCells]:
-        families = [_wanted(tree.first_child[self.nodes] + slot, self.nets, is_wanted) for slot in range(4)]
-        nodes = np.concatenate([children for children, _ in families])
+    def children(self, tree: Quadtree, wanted: BoolArray | None = None) -> Iterator[NetCells]:
+        first, everything = tree.first_child[self.nodes], np.arange(len(self.nodes))
+        families = [everything if wanted is None else np.flatnonzero(wanted[slot]) for slot in range(4)]
+        nodes = np.concatenate([first[chosen] + slot for slot, chosen in enumerate(families)])
+        if not len(nodes):
+            return
         nets, start = np.empty((16, 3, len(nodes))), 0
-        for matrix, (children, own) in zip(CHILD_MATRICES, families, strict=True):
-            nets[:, :, start : start + len(children)] = applied(matrix, own).swapaxes(1, 2)
-            start += len(children)
+        for matrix, chosen in zip(CHILD_MATRICES, families, strict=True):
+            own = self.nets if wanted is None else chosen_vectors(self.nets, chosen)
+            nets[:, :, start : start + len(chosen)] = applied(matrix, own).swapaxes(1, 2)
+            start += len(chosen)
         yield BicubicCells(nodes, np.zeros_like(nodes), nets.swapaxes(1, 2))
 
-    def fit_children(self, tree: Quadtree, limit: float, axes: FloatArray) -> tuple[IndexArray, Fit]:
-        """The children, and how they are drawn with their sides whole, as far as a look at their parents tells that
-        they are within the limit."""
-        nodes = tree.first_child[self.nodes] + np.arange(4)[:, None]
-        found, places = Fit.none(nodes.size), np.arange(nodes.size).reshape(nodes.shape)
+    def fit_children(self, limit: float, axes: FloatArray) -> Children:
+        """What a look at these quads tells of their children."""
         distances = quarter_distances(self.nets)
         best = np.where(distances.bounds <= limit, distances.sampled, np.inf).argmin(axis=1)
         bounds = np.take_along_axis(distances.bounds, best[:, None], axis=1)[:, 0]
-        found.least[:] = distances.sampled.min(axis=1).ravel()
-        for slot, corners in enumerate(CORNERS_OF_QUARTERS):
-            fitted = np.flatnonzero(bounds[slot] <= limit)
-            chosen = places[slot, fitted]
-            found.take(chosen, best[slot, fitted])
-            found.bounds[chosen] = bounds[slot, fitted]
-            found.fold(chosen, chosen_vectors(distances.points[corners], fitted), axes)
-        return nodes.ravel(), found
+        least = distances.sampled.min(axis=1)
+        fitted, far = bounds <= limit, least > limit
+        found, hopeless = Fit.none(best.size), np.zeros(best.size, dtype=bool)
+        found.least[:] = least.ravel()
+        chosen = np.flatnonzero(fitted)
+        found.take(chosen, best.ravel()[chosen])
+        found.bounds[chosen] = bounds.ravel()[chosen]
+        found.fold(chosen, distances.corners_of(fitted), axes)
+        hopes = Samples.of(distances.corners_of(far), distances.off_of(far), WHOLE).hopes()
+        hopeless[far.ravel()] = hopes.min(axis=0) > HOPEFUL * limit
+        return Children(found, hopeless, distances.points)
 
     def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
         # Fewer patterns mean less work.
@@ -222,15 +233,17 @@ class ExtraordinaryCells(NetCells):
     def valence(self) -> int:
         return (len(self.nets) - 8) // 2
 
-    def children(self, tree: Quadtree, is_wanted: BoolArray | None = None) -> Iterator[NetCells]:
+    def children(self, tree: Quadtree, wanted: BoolArray | None = None) -> Iterator[NetCells]:
         stencils = patch_stencils(self.valence)
         regular = [TO_BERNSTEIN @ stencils.regular[16 * child : 16 * (child + 1)] for child in range(3)]
         for turn, matrix in enumerate([stencils.refined, *regular]):
-            children = tree.first_child[self.nodes] + (self.slots + turn) % 4
-            nodes, nets = _wanted(children, self.nets, is_wanted)
-            if len(nodes):
+            slots, chosen = (self.slots + turn) % 4, np.arange(len(self.nodes))
+            if wanted is not None:
+                chosen = np.flatnonzero(wanted[slots, chosen])
+            if len(chosen):
+                nodes = tree.first_child[self.nodes[chosen]] + slots[chosen]
                 kind = BicubicCells if turn else ExtraordinaryCells
-                yield kind(nodes, np.zeros_like(nodes), applied(matrix, nets))
+                yield kind(nodes, np.zeros_like(nodes), applied(matrix, chosen_vectors(self.nets, chosen)))
 
     def distances_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .coordinates import chosen_vectors
-from .fits import HOPEFUL, Cells, Fit, Samples, in_turn, sampled_distances
+from .fits import HOPEFUL, Cells, Fit, Samples, in_turn, off_sides_and_diagonals, sampled_distances
 from .mesh import FloatArray, IndexArray
 from .polygons import thickness_of_quads
 from .quadtree import Quadtree
@@ -106,8 +106,8 @@ class QuadCells(ABC):
 
     def _hope(self, found: Fit, chosen: IndexArray, pattern: int, points: FloatArray, limit: float) -> None:
         """Where none is within the limit at equal parameters, take one that is likely to be along the surface."""
-        samples = Samples.of(points, pattern)
-        hopes = samples.hope(samples.normal, samples.tangential)
+        samples = Samples.of(points, off_sides_and_diagonals(points), pattern)
+        hopes = samples.hopes()
         for alternative, tried in in_turn(hopes, lambda: ~found.fits[chosen]):
             tried = tried[hopes[alternative, tried] <= HOPEFUL * limit]
             if len(tried):

@@ -29,7 +29,7 @@ BoolArray = NDArray[np.bool_]
 NONE = -1
 
 # How much more room is made than is needed.
-SLACK = 1.125
+SLACK = 1.5
 
 # A point of a node: the place of a corner, and whether it is the middle of the side from there that is meant.
 Point = tuple[int, bool]

@@ -11,13 +11,16 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .coordinates import applied
+from .coordinates import applied, chosen_vectors
 from .mesh import FloatArray
 from .norms import squared_norms
 from .products import product
 from .templates import PLAIN, Template
 from .triangle_bounds import WHOLE_QUAD, bicubic_basis, off_quadratic, regular_points, to_monomials
+
+BoolArray = NDArray[np.bool_]
 
 # The points of a quad, its centre the last, at the corners of the quarter at each of its own, from that one on.
 CORNERS_OF_QUARTERS = [[corner, 4 + corner, 8, 4 + (corner + 3) % 4] for corner in range(4)]
@@ -27,23 +30,41 @@ CORNERS_OF_QUARTERS = [[corner, 4 + corner, 8, 4 + (corner + 3) % 4] for corner 
 class QuarterDistances:
     """‖S - T‖ over the quarters of P quads, those at each corner, for each of the two diagonals, (4, 2, P) each.
 
-    sampled: at the middles of the triangles' sides, so really there. bounds: at most. points: (9, P, 3), those of the
-    whole quads (``regular_points``).
+    sampled: at the middles of the triangles' sides, so really there. bounds: at most. sides: (4, 4, P, 3), diagonals:
+    (4, 2, P, 3), S - T at the middles of each quarter's sides and diagonals. points: (9, P, 3), those of the whole
+    quads (``regular_points``).
     """
 
     sampled: FloatArray
     bounds: FloatArray
+    sides: FloatArray
+    diagonals: FloatArray
     points: FloatArray
+
+    def corners_of(self, chosen: BoolArray) -> FloatArray:
+        """(4, n, 3): the corners of chosen quarters, (4, P) bool, those at corner 0 first."""
+        own = zip(CORNERS_OF_QUARTERS, chosen, strict=True)
+        return np.concatenate([chosen_vectors(self.points[four], np.flatnonzero(some)) for four, some in own], axis=1)
+
+    def off_of(self, chosen: BoolArray) -> FloatArray:
+        """(6, n, 3): S - T at the middles of their sides and diagonals."""
+        places = [np.flatnonzero(some) for some in chosen]
+        parts = (
+            [chosen_vectors(vectors, some) for vectors, some in zip(quarters, places, strict=True)]
+            for quarters in (self.sides, self.diagonals)
+        )
+        return np.concatenate([np.concatenate(part, axis=1) for part in parts])
 
 
 def quarter_distances(coefficients: FloatArray) -> QuarterDistances:
     """Of quads with Bernstein coefficients (16, P, 3), [i, j] → 4i + j, u along i."""
-    *linear, points = np.split(applied(_rows(), coefficients), [16, 24, 40, 50])
-    sides, diagonals, sums, monomials = map(squared_norms, linear)
-    sampled = np.maximum(sides.reshape(4, 4, -1).max(axis=1)[:, None], diagonals.reshape(4, 2, -1))
-    quadratic = np.maximum(sampled, sums.reshape(4, 2, 2, -1).max(axis=2))
-    rests = product(_weights(), np.sqrt(monomials)).reshape(sampled.shape)
-    return QuarterDistances(np.sqrt(sampled), np.sqrt(quadratic) + rests, points)
+    vectors = applied(_rows(), coefficients)
+    squares = squared_norms(vectors[:50])
+    sampled = np.maximum(squares[:16].reshape(4, 4, -1).max(axis=1)[:, None], squares[16:24].reshape(4, 2, -1))
+    quadratic = np.maximum(sampled, squares[24:40].reshape(4, 2, 2, -1).max(axis=2))
+    rests = product(_weights(), np.sqrt(squares[40:])).reshape(sampled.shape)
+    sides, diagonals = vectors[:16].reshape(4, 4, -1, 3), vectors[16:24].reshape(4, 2, -1, 3)
+    return QuarterDistances(np.sqrt(sampled), np.sqrt(quadratic) + rests, sides, diagonals, vectors[50:])
 
 
 @cache

@@ -328,7 +328,8 @@ def fitted_anew(tree: Quadtree, asked: Request) -> Fit:
         for parents in some(cells, ~is_leaf):
             waiting += parents.children(tree)
             if isinstance(parents, BicubicCells):
-                looked.put(*parents.fit_children(tree, asked.limit, asked.axes))
+                children = parents.fit_children(asked.limit, asked.axes)
+                looked.put((tree.first_child[parents.nodes] + np.arange(4)[:, None]).ravel(), children.fit)
         for leaves in some(cells, is_leaf):
             fit = leaves.fit(tree.hanging(tree.slots(leaves.nodes)), asked.transitions, asked.limit, asked.axes)
             at_parents = np.flatnonzero(looked.fits[leaves.nodes] & (tree.sides(leaves.nodes)[0] == 0))
@@ -351,6 +352,20 @@ def test_a_mesh_of_another_size_is_divided_alike(name: str, exponent: int) -> No
     np.testing.assert_array_equal(other.mesh.corner_vertices, found.mesh.corner_vertices)
     np.testing.assert_allclose(np.ldexp(other.mesh.positions, -exponent), found.mesh.positions, rtol=0, atol=1e-12)
     np.testing.assert_allclose(np.ldexp(other.bounds, -exponent), found.bounds, rtol=1e-9)
+
+
+@pytest.mark.parametrize("stretch", [1.0, 2.0])
+@pytest.mark.parametrize("name", ["cube", "torus", "n-gons", "valences 3 and 7", "landscape", "fin through"])
+def test_vertices_lie_on_the_limit_surface(name: str, stretch: float) -> None:
+    """Those whose positions were found on the way, and the others; in the space of the mesh, and in a wider one."""
+    mesh = build(name)
+    wanted = mesh.positions * [stretch, 1.0, 1.0]
+    made = result_of(subdivide_adaptively(mesh, request(mesh, 2e-3), wanted)).mesh
+    has_faces = made.vertex_points.corners != NONE
+    points = made.vertex_points.at(np.flatnonzero(has_faces))
+    # Some dozens of roundings of coordinates, for each of a few levels.
+    rounding = 1e-14 * np.abs(wanted).max()
+    np.testing.assert_allclose(made.positions[has_faces], limit_values(mesh, wanted, points), rtol=0, atol=rounding)
 
 
 # One depth for each face

@@ -106,13 +106,18 @@ def test_children_fit_as_they_do_when_they_are_looked_at_themselves(limit: float
     tree, axes = Quadtree(mesh), np.eye(3)
     [parents] = [cells for cells in cells_of_faces(mesh) if isinstance(cells, BicubicCells)]
     tree.split(parents.nodes)
-    nodes, fit = parents.fit_children(tree, limit, axes)
+    found = parents.fit_children(limit, axes)
+    fit = found.fit
+    nodes = (tree.first_child[parents.nodes] + np.arange(4)[:, None]).ravel()
     assert np.array_equal(np.sort(nodes), np.arange(mesh.face_count, len(tree.first_child)))
     [children] = parents.children(tree)
     own = children.fit(np.zeros(4 * len(children.nodes), dtype=bool), Transitions.TRIANGLES, limit, axes)
     order = np.argsort(children.nodes)
     own = own.at(order[np.searchsorted(children.nodes, nodes, sorter=order)])
     assert np.all(own.fits[fit.fits])
+    # All fit within the largest limit.
+    assert np.any(found.hopeless) == (limit < 0.1)
+    assert not np.any(own.fits[found.hopeless])
     np.testing.assert_allclose(fit.least, own.least, rtol=0, atol=ROUNDING)
     # By themselves they are looked at more closely along the better diagonal before the other one is tried.
     same = np.flatnonzero(fit.fits & (fit.alternatives == own.alternatives))
