@@ -24,7 +24,6 @@ from .cells import cells_of_faces
 from .drawing import Outline, draw, outline, triangles_around
 from .fits import Cells, Fit
 from .graph_bounds import graph_bounds
-from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray, PolygonMesh, compact
 from .net_cells import BicubicCells, NetCells
 from .quadtree import NONE, Column, Quadtree
@@ -43,6 +42,9 @@ BELIEVED = 4
 # the processor's cache, and in memory that need not come from the system anew.
 CELLS_KEPT_TOGETHER = 1 << 15
 PARENTS_AT_ONCE = 1 << 10
+
+# So many take about a tenth of a second, after which there is a sign of life.
+NODES_SPLIT_AT_ONCE = 1 << 16
 
 # By how much a tolerance is raised in search of one that fits.
 SEARCH_STEP = 1.1
@@ -110,15 +112,7 @@ def subdivide_adaptively(
     Raises TooManyFacesError.
     """
     settled = yield from _settled(mesh, request)
-    tree = settled.outline.tree
-    is_same_space = np.array_equal(positions, mesh.positions)
-
-    def place(vertices: IndexArray) -> FloatArray:
-        if is_same_space:
-            return settled.positions.of(vertices)
-        return limit_values(mesh, positions, tree.vertex_points(vertices))
-
-    made = draw(settled.outline, positions, place)
+    made = draw(settled.outline, settled.positions.in_space_of(positions, settled.outline.used))
     depths = settled.depths[made.base_faces].astype(np.int32)
     return AdaptiveMesh(made, settled.bounds, depths, len(settled.outline.leaves))
 
@@ -206,7 +200,9 @@ class _Planner:
             nodes = self._whole_of(np.concatenate([cells.nodes for cells in unfit]))
             self._refuse_too_many(nodes)
             self.tree.make_room(nodes)
-            self._split_nodes(nodes)
+            for part in blocks(len(nodes), NODES_SPLIT_AT_ONCE):
+                self._split_nodes(nodes[part])
+                yield self._leaf_count()
             unfit = yield from self._fit_children(unfit)
 
     def _fit_children(self, parents: list[Cells]) -> Generator[int, None, list[Cells]]:
@@ -406,7 +402,7 @@ class _Planner:
         doubtful, unfit = np.zeros((2, 4, len(parents.nodes)), dtype=bool)
         for part in blocks(len(parents.nodes), PARENTS_AT_ONCE):
             found = parents.part(part).fit_children(self._limit, self._request.axes)
-            nodes = (self.tree.first_child[parents.nodes[part]] + np.arange(4)[:, None]).ravel()
+            nodes = self.tree.quarters(parents.nodes[part]).ravel()
             self._place(parents.nodes[part], found.points)
             is_leaf = self.tree.first_child[nodes] == NONE
             is_done = found.fit.fits & is_leaf & self._has_least_level(nodes)
@@ -419,13 +415,13 @@ class _Planner:
         return doubtful, unfit
 
     def _place(self, nodes: IndexArray, points: FloatArray) -> None:
-        """Keep where the points of quads and their centres (9, P, 3) lie, for the vertices of their children."""
+        """Keep where the points of split quads and their centres (9, P, 3) lie: the corners too of faces of the control
+        mesh; those of others came with a split before, or else they are evaluated."""
         tree, slots = self.tree, self.tree.slots(nodes)
         centres = tree.slot_vertices[tree.first_slots(tree.first_child[nodes]) + 2]
         middles = tree.midpoints[tree.slot_edges[slots]].reshape(-1, 4).T
         self.positions.put(np.vstack([middles, centres]), points[4:])
         faces = np.flatnonzero(nodes < tree.mesh.face_count)
-        # All others have corners that were found before.
         if len(faces):
             self.positions.put(tree.slot_vertices[tree.slots(nodes[faces])].reshape(-1, 4).T, points[:4, faces])
 

@@ -55,8 +55,7 @@ class CellStore:
         is_wanted[children] = True
         for cells in self._found(np.unique(self._tree.parents[children])):
             assert isinstance(cells, NetCells)
-            own = self._tree.first_child[cells.nodes] + np.arange(4)[:, None]
-            yield from cells.children(self._tree, is_wanted[own])
+            yield from cells.children(self._tree, is_wanted[self._tree.quarters(cells.nodes)])
 
     def _found(self, nodes: IndexArray) -> Iterator[Cells]:
         """The cells of these nodes, which are kept, block by block."""

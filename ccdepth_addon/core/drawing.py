@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
@@ -119,18 +119,12 @@ def outline(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitio
     return Outline(tree, leaves, polygons, firsts, starts, drawn, used, corner_vertices, edges)
 
 
-def draw(outlined: Outline, positions: FloatArray, place: Callable[[IndexArray], FloatArray]) -> SubdividedMesh:
-    """The mesh of an outline.
-
-    positions: (V, 3) float64, those of the control mesh in the space that is wanted; the tree's own may be in another.
-    place: of vertices (N,) of the tree, where they lie on the limit surface in that space, (N, 3). Vertices without
-    faces stay as they are.
-    """
+def draw(outlined: Outline, positions: FloatArray) -> SubdividedMesh:
+    """The mesh of an outline, whose vertices lie at positions (V, 3) float64."""
     tree, used, edges = outlined.tree, outlined.used, outlined.edges
-    vertex_points = tree.vertex_points(used)
     return SubdividedMesh(
-        vertex_points=vertex_points,
-        positions=_positions(vertex_points, used, positions, place),
+        vertex_points=tree.vertex_points(used),
+        positions=positions,
         face_starts=outlined.starts,
         corner_vertices=outlined.corner_vertices,
         corner_edges=edges.of_corners,
@@ -278,19 +272,6 @@ def _corner_points(outlined: Outline) -> SurfacePoints:
                 corners[first[part] + number] = points.corners
                 parameters[first[part] + number] = points.parameters
     return SurfacePoints(corners, parameters)
-
-
-def _positions(
-    points: SurfacePoints, used: IndexArray, positions: FloatArray, place: Callable[[IndexArray], FloatArray]
-) -> FloatArray:
-    """(V, 3) where the used vertices lie; those without faces stay where they are."""
-    is_loose = points.corners == NONE
-    if not np.any(is_loose):
-        return place(used)
-    found = np.empty((len(used), 3))
-    found[~is_loose] = place(used[~is_loose])
-    found[is_loose] = positions[used[is_loose]]
-    return found
 
 
 def _edges(

@@ -243,6 +243,10 @@ class Quadtree:
         nodes[corners] = self.mesh.corner_faces[slots[corners]]
         return nodes
 
+    def quarters(self, quads: IndexArray) -> IndexArray:
+        """(4, P): the children at each slot of quads (P,) that have been split."""
+        return self.first_child[quads] + np.arange(4)[:, None]
+
     def _children(self, nodes: IndexArray) -> IndexArray:
         """The children of nodes that have been split."""
         counts = self.slot_counts(nodes)

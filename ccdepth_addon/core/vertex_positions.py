@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the vertices of a quadtree lie on the limit surface: each is found once, by whoever comes by first.
+"""Where the vertices of a quadtree lie on the limit surface, found on the way or evaluated when they are asked for.
 
 Whoever looks at a bicubic quad knows its points. These are convex combinations of control points like those of
-``limit_surface``, so rounding is covered alike (``depth.rounding_allowance``).
+``limit_surface``, so rounding is covered alike (``depth.rounding_allowance``). Quads that share a vertex may differ by
+that; the last one counts.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ import numpy as np
 
 from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray
-from .quadtree import Column, Quadtree
+from .quadtree import NONE, Column, Quadtree
 
 
 class VertexPositions:
@@ -37,9 +38,18 @@ class VertexPositions:
             self._positions.values[vertices[unknown]] = found[unknown]
         return found
 
-    def make_room(self, count: int) -> None:
-        """That so many more vertices take no more time than they have to, when they come some at a time."""
-        self._positions.make_room(count)
+    def in_space_of(self, control_positions: FloatArray, vertices: IndexArray) -> FloatArray:
+        """(N, 3): where vertices (N,) lie in the space where the control mesh has these positions (V, 3). Those without
+        faces stay where they are."""
+        mesh, points = self._tree.mesh, self._tree.vertex_points(vertices)
+        positions = np.empty((len(vertices), 3))
+        has_faces = points.corners != NONE
+        positions[~has_faces] = control_positions[vertices[~has_faces]]
+        if np.array_equal(control_positions, mesh.positions):
+            positions[has_faces] = self.of(vertices[has_faces])
+        else:
+            positions[has_faces] = limit_values(mesh, control_positions, points.at(np.flatnonzero(has_faces)))
+        return positions
 
     def _extend(self) -> None:
         """There are as many vertices as the tree has by now."""

@@ -329,7 +329,7 @@ def fitted_anew(tree: Quadtree, asked: Request) -> Fit:
             waiting += parents.children(tree)
             if isinstance(parents, BicubicCells):
                 children = parents.fit_children(asked.limit, asked.axes)
-                looked.put((tree.first_child[parents.nodes] + np.arange(4)[:, None]).ravel(), children.fit)
+                looked.put(tree.quarters(parents.nodes).ravel(), children.fit)
         for leaves in some(cells, is_leaf):
             fit = leaves.fit(tree.hanging(tree.slots(leaves.nodes)), asked.transitions, asked.limit, asked.axes)
             at_parents = np.flatnonzero(looked.fits[leaves.nodes] & (tree.sides(leaves.nodes)[0] == 0))

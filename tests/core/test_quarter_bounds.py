@@ -108,7 +108,7 @@ def test_children_fit_as_they_do_when_they_are_looked_at_themselves(limit: float
     tree.split(parents.nodes)
     found = parents.fit_children(limit, axes)
     fit = found.fit
-    nodes = (tree.first_child[parents.nodes] + np.arange(4)[:, None]).ravel()
+    nodes = tree.quarters(parents.nodes).ravel()
     assert np.array_equal(np.sort(nodes), np.arange(mesh.face_count, len(tree.first_child)))
     [children] = parents.children(tree)
     own = children.fit(np.zeros(4 * len(children.nodes), dtype=bool), Transitions.TRIANGLES, limit, axes)
