@@ -198,8 +198,7 @@ class _Planner:
         """Split the nodes of cells that do not fit, if they are whole yet, and so their children, level by level."""
         while unfit:
             nodes = self._whole_of(np.concatenate([cells.nodes for cells in unfit]))
-            self._refuse_too_many(nodes)
-            self.tree.make_room(nodes)
+            self.tree.reserve(self._refuse_too_many(nodes))
             for part in blocks(len(nodes), NODES_SPLIT_AT_ONCE):
                 self._split_nodes(nodes[part])
                 yield self._leaf_count()
@@ -443,23 +442,24 @@ class _Planner:
 
     def _extend(self) -> None:
         """Make room for the nodes of the tree."""
-        count = len(self.tree.first_child)
-        more, nothing = count - len(self._split_sides.values), Fit.none(1)
-        for column, field in zip(self._fits, fields(Fit), strict=True):
-            column.extend(more, getattr(nothing, field.name))
-        self._graph_bounds.extend(more, np.inf)
-        self._split_sides.extend(more, 0)
-        self._touched.extend(more, False)
-        self._fitted_since.extend(more, False)
-        self._cells.extend(count)
+        more, nothing = len(self.tree.first_child) - len(self._split_sides.values), Fit.none(1)
+        columns = [*self._fits, self._graph_bounds, self._split_sides, self._touched, self._fitted_since]
+        values = [*(getattr(nothing, field.name) for field in fields(Fit)), np.inf, 0, False, False]
+        for column, value in zip(columns, values, strict=True):
+            column.reserve(self.tree.node_room)
+            column.extend(more, value)
+        self._cells.extend()
 
-    def _refuse_too_many(self, unfit: IndexArray) -> None:
-        """Raise TooManyFacesError if there are too many leaves now that these nodes have to be split, or will be."""
+    def _refuse_too_many(self, unfit: IndexArray) -> int:
+        """About how many leaves there will be. Raise TooManyFacesError if there are too many now that these nodes have
+        to be split, or will be."""
         leaves = int(np.count_nonzero(self.tree.first_child == NONE))
         worth = np.maximum(_leaves_of(self._least.values[unfit] / self._limit), 4.0)
-        estimate = FACES_OF_A_LEAF * (leaves - len(unfit) + worth.sum())
-        if leaves + 3 * len(unfit) > self._request.most_faces or estimate > BELIEVED * self._request.most_faces:
-            raise TooManyFacesError(int(estimate), self._fitting_limit())
+        expected = int(leaves - len(unfit) + worth.sum())
+        estimate, most = int(FACES_OF_A_LEAF * expected), self._request.most_faces
+        if leaves + 3 * len(unfit) > most or estimate > BELIEVED * most:
+            raise TooManyFacesError(estimate, self._fitting_limit())
+        return min(expected, most)
 
     def _fitting_limit(self) -> float:
         """A limit by which about as many faces as allowed would be made; inf where the mesh has too many itself."""

@@ -4,8 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
-from .mesh import IndexArray
+import numpy as np
+from numpy.typing import NDArray
+
+# So many rows are taken at once.
+ROWS_AT_ONCE = 1 << 13
 
 
 def blocks(count: int, at_once: int) -> Iterator[slice]:
@@ -13,6 +18,15 @@ def blocks(count: int, at_once: int) -> Iterator[slice]:
     return (slice(start, start + at_once) for start in range(0, count, at_once))
 
 
-def split(indices: IndexArray, at_once: int) -> Iterator[IndexArray]:
+def split(indices: NDArray[np.intp], at_once: int) -> Iterator[NDArray[np.intp]]:
     """Indices in blocks of at most so many."""
     return (indices[block] for block in blocks(len(indices), at_once))
+
+
+def taken(values: NDArray[Any], rows: NDArray[Any]) -> NDArray[Any]:
+    """``values[rows]``, without an array of as many long integers on the way; and rows of several numbers several times
+    as fast."""
+    found = np.empty((*rows.shape, *values.shape[1:]), dtype=values.dtype)
+    for block in blocks(len(rows), ROWS_AT_ONCE):
+        found[block] = values.take(rows[block], axis=0)
+    return found

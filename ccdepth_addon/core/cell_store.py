@@ -32,11 +32,12 @@ class CellStore:
         self._numbers = Column(np.zeros(0, dtype=np.int32))
         self._places = Column(np.zeros(0, dtype=np.int32))
 
-    def extend(self, count: int) -> None:
-        """There are so many nodes by now."""
-        more = count - len(self._numbers.values)
-        self._numbers.extend(more, NONE)
-        self._places.extend(more, NONE)
+    def extend(self) -> None:
+        """There are as many nodes as the tree has by now."""
+        more = len(self._tree.first_child) - len(self._numbers.values)
+        for column in (self._numbers, self._places):
+            column.reserve(self._tree.node_room)
+            column.extend(more, NONE)
 
     def put(self, cells: Cells) -> None:
         """Keep cells: for themselves, and where they are known by nets for their children."""

@@ -12,18 +12,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .blocks import blocks
+from .blocks import blocks, split
 from .fits import Fit
 from .mesh import FloatArray, IndexArray, ShortIndexArray, compact, renumbered
 from .quadtree import NONE, Point, Quadtree
 from .subdivided_mesh import SubdividedMesh
 from .surface_points import SurfacePoints
-from .templates import WHOLE, Transitions, templates, triangle_template
+from .templates import WHOLE, Template, Transitions, templates, triangle_template
 
 BoolArray = NDArray[np.bool_]
 
 # Polygons looked at together, so that what belongs to them stays in the processor's cache.
 POLYGONS_AT_ONCE = 1 << 13
+EDGES_AT_ONCE = 1 << 13
 
 
 @dataclass(frozen=True)
@@ -109,12 +110,12 @@ def outline(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitio
     Vertices and edges of the control mesh that have no faces are kept.
     """
     polygons = [*_polygons_of_quads(tree, leaves, fit, transitions), *_polygons_of_faces(tree, leaves, transitions)]
-    starts, drawn, firsts = _order(polygons)
-    vertices = _at_corners(polygons, firsts, (block.vertices(tree, leaves) for block in polygons))
+    starts, drawn, firsts = _order(polygons, len(leaves))
+    vertices = _at_corners(starts[-1], firsts, (block.vertices(tree, leaves) for block in polygons))
     loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
     used, corner_vertices = compact(vertices, len(tree.vertex_edges), loose)
     del vertices
-    sides = _at_corners(polygons, firsts, (block.sides(tree, leaves) for block in polygons))
+    sides = _at_corners(starts[-1], firsts, (block.sides(tree, leaves) for block in polygons))
     edges = _edges(tree, sides, used, starts, corner_vertices)
     return Outline(tree, leaves, polygons, firsts, starts, drawn, used, corner_vertices, edges)
 
@@ -181,21 +182,35 @@ def _as_triangles(tree: Quadtree, leaves: IndexArray, block: Polygons) -> tuple[
 def _polygons_of_quads(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Iterator[Polygons]:
     quads = np.flatnonzero(tree.is_quad(leaves))
     # Patterns and turns are below 16 and 4, so every template in use has a number of its own.
-    numbers = (fit.alternatives[quads].astype(np.intp) * 16 + fit.patterns[quads]) * 4 + fit.turns[quads]
-    for number in np.flatnonzero(np.bincount(numbers)).tolist():
-        chosen = quads[numbers == number]
+    numbers = (fit.alternatives[quads].astype(np.int16) * 16 + fit.patterns[quads]) * 4 + fit.turns[quads]
+    for number, alike in _groups(numbers):
         pattern, turns = number // 4 % 16, number % 4
         template = templates(pattern)[number // 64]
-        if pattern == WHOLE:
-            # A quad is drawn along its first diagonal.
-            flat = chosen[~fit.folded[chosen]]
-            yield _polygons(flat, [*template[0], template[1][2]], turns)
-            chosen = chosen[fit.folded[chosen]]
-        elif transitions is Transitions.NGONS:
-            yield _polygons(chosen, _around([bool(pattern >> side & 1) for side in range(4)]), turns)
-            continue
-        for triangle in template:
-            yield _polygons(chosen, triangle, turns)
+        for chosen in split(quads[alike], POLYGONS_AT_ONCE):
+            yield from _polygons_of_template(chosen, template, pattern, turns, fit.folded[chosen], transitions)
+
+
+def _groups(numbers: NDArray[np.int16]) -> Iterator[tuple[int, IndexArray]]:
+    """Each number that occurs, and where, in ascending order."""
+    order = np.argsort(numbers, kind="stable")
+    of_number = np.bincount(numbers, minlength=1)
+    ends = np.cumsum(of_number)
+    for number in np.flatnonzero(of_number).tolist():
+        yield number, order[ends[number] - of_number[number] : ends[number]]
+
+
+def _polygons_of_template(
+    leaves: IndexArray, template: Template, pattern: int, turns: int, folded: BoolArray, transitions: Transitions
+) -> Iterator[Polygons]:
+    if pattern == WHOLE:
+        # A quad is drawn along its first diagonal.
+        yield _polygons(leaves[~folded], [*template[0], template[1][2]], turns)
+        leaves = leaves[folded]
+    elif transitions is Transitions.NGONS:
+        yield _polygons(leaves, _around([bool(pattern >> side & 1) for side in range(4)]), turns)
+        return
+    for triangle in template:
+        yield _polygons(leaves, triangle, turns)
 
 
 def _polygons(leaves: IndexArray, points: Sequence[int], turns: int = 0, size: int = 4) -> Polygons:
@@ -234,43 +249,44 @@ def _points_of_face(split_sides: list[bool], transitions: Transitions) -> list[S
     return [order[first:] + order[:first]]
 
 
-def _order(polygons: list[Polygons]) -> tuple[IndexArray, IndexArray, list[IndexArray]]:
-    """How all polygons come in the order of their leaves: (F + 1,) first corners, (F,) leaves; and for each block (P,)
-    first corners."""
-    sizes = np.concatenate([np.full(len(block.leaves), len(block.points)) for block in polygons])
-    of_leaves = np.concatenate([block.leaves for block in polygons])
-    order = np.argsort(of_leaves, kind="stable")
-    starts = np.concatenate([[0], np.cumsum(sizes[order])])
-    firsts = np.empty(len(order), dtype=np.intp)
-    firsts[order] = starts[:-1]
-    return starts, of_leaves[order], np.split(firsts, np.cumsum([len(block.leaves) for block in polygons])[:-1])
+def _order(polygons: list[Polygons], count: int) -> tuple[IndexArray, IndexArray, list[IndexArray]]:
+    """How all polygons come in the order of so many leaves, and those of a leaf in that of the blocks: (F + 1,) first
+    corners, (F,) leaves; and for each block (P,) first corners."""
+    faces, corners = np.zeros((2, count), dtype=np.int32)
+    for block in polygons:
+        faces[block.leaves] += 1
+        corners[block.leaves] += len(block.points)
+    next_faces, next_corners = np.cumsum(faces) - faces, np.cumsum(corners) - corners
+    starts, firsts = np.empty(faces.sum() + 1, dtype=np.intp), []
+    starts[-1] = corners.sum()
+    for block in polygons:
+        firsts.append(next_corners[block.leaves])
+        starts[next_faces[block.leaves]] = firsts[-1]
+        next_faces[block.leaves] += 1
+        next_corners[block.leaves] += len(block.points)
+    return starts, np.repeat(np.arange(count), faces), firsts
 
 
 def _at_corners(
-    polygons: list[Polygons], firsts: list[IndexArray], values: Iterable[Iterable[ShortIndexArray | int]]
+    count: int, firsts: list[IndexArray], values: Iterable[Iterable[ShortIndexArray | int]]
 ) -> ShortIndexArray:
     """(C,) what is given for each block and point of it, put where the corners go."""
-    found = np.empty(_corner_count(polygons), dtype=np.int32)
+    found = np.empty(count, dtype=np.int32)
     for first, of_block in zip(firsts, values, strict=True):
         for number, of_point in enumerate(of_block):
             found[first + number] = of_point
     return found
 
 
-def _corner_count(polygons: list[Polygons]) -> int:
-    return sum(len(block.leaves) * len(block.points) for block in polygons)
-
-
 def _corner_points(outlined: Outline) -> SurfacePoints:
     """(C,) where the corners lie."""
-    count = _corner_count(outlined.blocks)
+    count = outlined.starts[-1]
     corners, parameters = np.empty(count, dtype=np.intp), np.empty((count, 2))
     for block, first in zip(outlined.blocks, outlined.firsts, strict=True):
-        for part in blocks(len(first), POLYGONS_AT_ONCE):
-            nodes = outlined.leaves[block.leaves[part]]
-            for number, points in enumerate(outlined.tree.points_at(nodes, block.points)):
-                corners[first[part] + number] = points.corners
-                parameters[first[part] + number] = points.parameters
+        nodes = outlined.leaves[block.leaves]
+        for number, points in enumerate(outlined.tree.points_at(nodes, block.points)):
+            corners[first + number] = points.corners
+            parameters[first + number] = points.parameters
     return SurfacePoints(corners, parameters)
 
 
@@ -291,11 +307,12 @@ def _edges(
     of_corners[inner] = len(outer) + of_inner
     loose = np.flatnonzero(tree.mesh.edge_face_counts == 0)
     new = np.full(len(tree.vertex_edges), NONE, dtype=np.int32)
-    new[used] = np.arange(len(used))
+    new[used] = np.arange(len(used), dtype=np.int32)
 
     insides = slice(len(outer), len(outer) + len(inner_vertices))
     vertices = np.empty((insides.stop + len(loose), 2), dtype=np.int32)
-    vertices[: insides.start] = new[tree.edge_vertices[outer]]
+    for block, edges in zip(blocks(len(outer), EDGES_AT_ONCE), split(outer, EDGES_AT_ONCE), strict=True):
+        vertices[: insides.start][block] = new.take(tree.edge_vertices.take(edges, axis=0))
     vertices[insides] = inner_vertices
     vertices[insides.stop :] = new[tree.edge_vertices[loose]]
     base_edges = np.full(len(vertices), NONE, dtype=np.int32)

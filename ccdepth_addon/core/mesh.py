@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from .blocks import taken
+
 IndexArray = NDArray[np.intp]
 # Of meshes that are made: as Blender keeps them, and half the size.
 ShortIndexArray = NDArray[np.int32]
@@ -236,7 +238,7 @@ def renumbered(used: NDArray[np.bool_], indices: NDArray[Any]) -> NDArray[Any]:
     """Indices of what is used, counted among what is used, of the same type."""
     numbers = np.cumsum(used, dtype=indices.dtype)
     numbers -= 1
-    return numbers[indices]
+    return taken(numbers, indices)
 
 
 class InvalidMeshError(ValueError):

@@ -28,7 +28,7 @@ BoolArray = NDArray[np.bool_]
 
 NONE = -1
 
-# How much more room is made than is needed.
+# How much more room is made than there was, at least.
 SLACK = 1.5
 
 # A point of a node: the place of a corner, and whether it is the middle of the side from there that is meant.
@@ -65,15 +65,19 @@ class Column:
 
     def extend(self, count: int, more: Any) -> None:
         """Append so many entries, all equal or one by one."""
-        self.make_room(count)
+        self.reserve(self._count + count)
         self._room[self._count : self._count + count] = more
         self._count += count
 
-    def make_room(self, count: int) -> None:
-        """That so many entries, and some more, can be appended without another array."""
-        needed = self._count + count
-        if needed > len(self._room):
-            grown = np.empty((int(SLACK * needed), *self._room.shape[1:]), self._room.dtype)
+    @property
+    def room(self) -> int:
+        """How many entries fit in before another array is needed."""
+        return len(self._room)
+
+    def reserve(self, count: int) -> None:
+        """Make room for so many entries in all."""
+        if count > self.room:
+            grown = np.empty((max(count, int(SLACK * self.room)), *self._room.shape[1:]), self._room.dtype)
             grown[: self._count] = self.values
             self._room = grown
 
@@ -100,7 +104,8 @@ class Quadtree:
         self._base_faces = Column(_numbers(np.arange(faces), faces))
         # A frame is the quarter a node lies in, its first slot there, and the side from there, as complex numbers.
         self._frame_corners = Column(_numbers(mesh.face_starts[:-1], faces))
-        self._frames = Column(np.zeros((faces, 2), dtype=np.complex128))
+        self._frame_origins = Column(np.zeros(faces, dtype=np.complex128))
+        self._frame_sides = Column(np.zeros(faces, dtype=np.complex128))
         self._slot_vertices = Column(_numbers(NONE, 0))
         self._slot_edges = Column(_numbers(NONE, 0))
         # The last slot made along an edge, and the one made along the same edge before a slot; or NONE.
@@ -115,7 +120,7 @@ class Quadtree:
         first_corner = _numbers(NONE, mesh.vertex_count)
         first_corner[mesh.corner_vertices] = np.arange(corners)
         self._vertex_corners = Column(first_corner)
-        self._vertex_parameters = Column(np.zeros((mesh.vertex_count, 2)))
+        self._vertex_parameters = Column(np.zeros(mesh.vertex_count, dtype=np.complex128))
         self._vertex_edges = Column(_numbers(NONE, mesh.vertex_count))
         self._append_slots(mesh.corner_vertices, mesh.corner_edges)
 
@@ -134,7 +139,7 @@ class Quadtree:
     def vertex_points(self, vertices: IndexArray) -> SurfacePoints:
         """Where vertices lie, their corner NONE for those of the mesh that have no face."""
         corners = self._vertex_corners.values[vertices].astype(np.intp)
-        return SurfacePoints(corners, self._vertex_parameters.values[vertices])
+        return SurfacePoints(corners, _as_pairs(self._vertex_parameters.values[vertices]))
 
     def leaves(self) -> IndexArray:
         """The nodes that are not split, in ascending order."""
@@ -165,7 +170,7 @@ class Quadtree:
     def points_at(self, nodes: IndexArray, points: Sequence[Point]) -> Iterator[SurfacePoints]:
         """For each point: (nodes,) where it lies, in each node's own face."""
         corners = self._frame_corners.values[nodes].astype(np.intp)
-        origins, sides = self._frames.values[nodes].T
+        origins, sides = self._frame_origins.values[nodes], self._frame_sides.values[nodes]
         faces = np.flatnonzero(nodes < self.mesh.face_count)
         for place, middle in points:
             parameters = origins + COMPLEX_POINTS[place % 4 + 4 * middle] * sides
@@ -252,21 +257,34 @@ class Quadtree:
         counts = self.slot_counts(nodes)
         return np.arange(counts.sum()) + np.repeat(self.first_child[nodes] - np.cumsum(counts) + counts, counts)
 
-    def make_room(self, nodes: IndexArray) -> None:
-        """That splitting leaves takes no more time than it has to, when they are split some at a time."""
-        children = int(self.slot_counts(nodes).sum())
+    @property
+    def node_room(self) -> int:
+        """How many nodes fit in before larger arrays are needed."""
+        return self._first_child.room
+
+    @property
+    def vertex_room(self) -> int:
+        """The same of vertices."""
+        return self._vertex_corners.room
+
+    def reserve(self, leaves: int) -> None:
+        """Make room for about so many leaves in all."""
+        mesh = self.mesh
+        splits = max(0, leaves - mesh.face_count) // 3
         for column in (
             self._first_child,
             self._parents,
             self._levels,
             self._base_faces,
             self._frame_corners,
-            self._frames,
+            self._frame_origins,
+            self._frame_sides,
         ):
-            column.make_room(children)
+            column.reserve(mesh.face_count + 4 * splits)
         for column in (self._slot_vertices, self._slot_edges, self._slots_before):
-            column.make_room(4 * children)
-        # Where all leaves are split, two share a side; and so they do a vertex at its middle.
+            column.reserve(mesh.corner_count + 16 * splits)
+        # A split makes four edges inside and a vertex at the centre. The halves of four sides and the vertices at their
+        # middles it shares with its neighbours.
         for column in (
             self._last_slots,
             self._edge_vertices,
@@ -276,9 +294,9 @@ class Quadtree:
             self._midpoints,
             self._base_edges,
         ):
-            column.make_room(2 * children)
+            column.reserve(mesh.edge_count + 8 * splits)
         for column in (self._vertex_corners, self._vertex_parameters, self._vertex_edges):
-            column.make_room(len(nodes) + children // 2)
+            column.reserve(mesh.vertex_count + 3 * splits)
 
     def split(self, nodes: IndexArray) -> None:
         """Split leaves, each once."""
@@ -310,7 +328,8 @@ class Quadtree:
         self._levels.append(self.levels[owners] + np.int8(1))
         self._base_faces.append(self.base_faces[owners])
         self._frame_corners.append(corners)
-        self._frames.append(np.stack([origins, sides / 2], axis=1))
+        self._frame_origins.append(origins)
+        self._frame_sides.append(sides / 2)
         self._append_slots(child_vertices.ravel(), child_edges.ravel())
 
     def _slot_frames(
@@ -321,7 +340,7 @@ class Quadtree:
         The side of a whole face reaches twice as far as its quarter.
         """
         corners = self._frame_corners.values[owners]
-        origins, axes = self._frames.values[owners].T
+        origins, axes = self._frame_origins.values[owners], self._frame_sides.values[owners]
         points, sides = origins + COMPLEX_POINTS[places % 4] * axes, COMPLEX_SIDES[places % 4] * axes
         faces = np.flatnonzero(owners < self.mesh.face_count)
         corners[faces], points[faces], sides[faces] = slots[faces], 0.0, 2.0
@@ -336,7 +355,7 @@ class Quadtree:
         edges = sides[chosen]
         base_edges = self.base_edges[edges]
         midpoints = self._append_vertices(corners[chosen], middles[chosen], base_edges)
-        ends = self.edge_vertices[edges]
+        ends = self.edge_vertices.take(edges, axis=0)
         halves = np.stack([ends[:, 0], midpoints, midpoints, ends[:, 1]], axis=1).reshape(-1, 2)
         children = self._append_edges(halves, np.repeat(base_edges, 2), np.repeat(edges, 2))
         self.edge_children[edges] = children[::2]
@@ -351,7 +370,7 @@ class Quadtree:
 
     def _halves(self, edges: IndexArray, vertices: IndexArray) -> IndexArray:
         """The half of each split edge that ends at a vertex."""
-        return self.edge_children[edges] + (self.edge_vertices[edges, 1] == vertices)
+        return self.edge_children[edges] + (self.edge_vertices.take(edges, axis=0)[:, 1] == vertices)
 
     def _append_slots(self, vertices: IndexArray, edges: IndexArray) -> None:
         if len(self.slot_edges) + len(edges) > MOST_SLOTS:
@@ -374,7 +393,7 @@ class Quadtree:
     ) -> IndexArray:
         first = len(self._vertex_corners.values)
         self._vertex_corners.append(corners)
-        self._vertex_parameters.append(_as_pairs(parameters))
+        self._vertex_parameters.append(parameters)
         self._vertex_edges.extend(len(corners), edges)
         return np.arange(first, first + len(corners))
 
