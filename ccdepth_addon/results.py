@@ -129,7 +129,7 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
 def rounded_up(bounds: FloatArray) -> NDArray[np.float32]:
     """In single precision, and not below: a bound has to stay one."""
     single = bounds.astype(np.float32)
-    return np.where(single < bounds, np.nextafter(single, np.float32(np.inf)), single)
+    return np.nextafter(single, np.float32(np.inf), out=single, where=single < bounds)
 
 
 def _write_attributes(

@@ -41,7 +41,7 @@ BELIEVED = 4
 # So many bicubic cells are kept in one block, of which so many are looked at together: what is made on the way stays in
 # the processor's cache, and in memory that need not come from the system anew.
 CELLS_KEPT_TOGETHER = 1 << 15
-PARENTS_AT_ONCE = 1 << 10
+PARENTS_AT_ONCE = 1 << 12
 
 # So many take about a tenth of a second, after which there is a sign of life.
 NODES_SPLIT_AT_ONCE = 1 << 16
@@ -216,6 +216,8 @@ class _Planner:
                 doubtful += cells.children(self.tree, is_doubtful)
                 unfit += cells.children(self.tree, is_unfit)
             else:
+                assert isinstance(cells, NetCells)
+                self._place(cells, cells.points())
                 doubtful += cells.children(self.tree)
         unfit += yield from self._fit_new(doubtful, are_made_again=True)
         others = (cells for cells in parents if not isinstance(cells, NetCells))
@@ -301,8 +303,9 @@ class _Planner:
         them was fitted since: its sides were split, or it is new and has the vertices of the leaf that was there.
         """
         unbounded = np.flatnonzero(np.isinf(self._bounds.values) & (self.tree.first_child == NONE))
-        wanted = self._fitted_since.values[unbounded]
         fitted = np.flatnonzero(self._fitted_since.values & (self.tree.first_child == NONE))
+        unbounded = unbounded[self._faces_around(fitted)[self.tree.base_faces[unbounded]]]
+        wanted = self._fitted_since.values[unbounded]
         wanted[~wanted] = self.tree.share_a_vertex(unbounded[~wanted], fitted)
         self._fitted_since.values[:] = False
         wanted = unbounded[wanted]
@@ -310,20 +313,19 @@ class _Planner:
             yield from self._find_graph_bounds(wanted)
         return wanted[self._graph_bounds.values[wanted] > self._limit]
 
-    def _leaves_around(self, nodes: IndexArray) -> IndexArray:
-        """The leaves of the faces of the control mesh with a vertex of any on which there are nodes: among them all
-        that share a vertex with these."""
+    def _faces_around(self, nodes: IndexArray) -> BoolArray:
+        """(faces of the control mesh,) those with a vertex of any on which there are nodes: on these are all nodes that
+        share a vertex with them."""
         mesh = self.tree.mesh
         marked = np.zeros(mesh.face_count, dtype=bool)
         marked[self.tree.base_faces[nodes]] = True
         at_vertices = np.zeros(mesh.vertex_count, dtype=bool)
         at_vertices[mesh.corner_vertices[marked[mesh.corner_faces]]] = True
-        around = np.logical_or.reduceat(at_vertices[mesh.corner_vertices], mesh.face_starts[:-1])
-        return np.flatnonzero(around[self.tree.base_faces] & (self.tree.first_child == NONE))
+        return np.logical_or.reduceat(at_vertices[mesh.corner_vertices], mesh.face_starts[:-1])
 
     def _find_graph_bounds(self, wanted: IndexArray) -> Generator[int, None, None]:
         """Find those of the wanted leaves."""
-        leaves = self._leaves_around(wanted)
+        leaves = np.flatnonzero(self._faces_around(wanted)[self.tree.base_faces] & (self.tree.first_child == NONE))
         leaves = leaves[self.tree.share_a_vertex(leaves, wanted)]
         yield from self._each(self._miss, leaves[np.isinf(self._normal.values[leaves])])
         triangles, drawn, closed = triangles_around(self.tree, leaves, self.fit_of(leaves), self._request.transitions)
@@ -400,9 +402,10 @@ class _Planner:
         tell, and which do not fit or have been split, (4, P) bool each."""
         doubtful, unfit = np.zeros((2, 4, len(parents.nodes)), dtype=bool)
         for part in blocks(len(parents.nodes), PARENTS_AT_ONCE):
-            found = parents.part(part).fit_children(self._limit, self._request.axes)
-            nodes = self.tree.quarters(parents.nodes[part]).ravel()
-            self._place(parents.nodes[part], found.points)
+            cells = parents.part(part)
+            found = cells.fit_children(self._limit, self._request.axes)
+            nodes = self.tree.quarters(cells.nodes).ravel()
+            self._place(cells, found.points)
             is_leaf = self.tree.first_child[nodes] == NONE
             is_done = found.fit.fits & is_leaf & self._has_least_level(nodes)
             is_unfit = found.hopeless | (found.fit.fits & ~is_done)
@@ -413,16 +416,18 @@ class _Planner:
             yield self._leaf_count()
         return doubtful, unfit
 
-    def _place(self, nodes: IndexArray, points: FloatArray) -> None:
+    def _place(self, cells: NetCells, points: FloatArray) -> None:
         """Keep where the points of split quads and their centres (9, P, 3) lie: the corners too of faces of the control
         mesh; those of others came with a split before, or else they are evaluated."""
-        tree, slots = self.tree, self.tree.slots(nodes)
+        tree, nodes = self.tree, cells.nodes
+        slots = tree.slots(nodes).reshape(-1, 4)
+        if np.any(turns := cells.turns()):
+            slots = np.take_along_axis(slots, (np.arange(4) + turns[:, None]) % 4, axis=1)
         centres = tree.slot_vertices[tree.first_slots(tree.first_child[nodes]) + 2]
-        middles = tree.midpoints[tree.slot_edges[slots]].reshape(-1, 4).T
-        self.positions.put(np.vstack([middles, centres]), points[4:])
+        self.positions.put(np.vstack([tree.midpoints[tree.slot_edges[slots.T]], centres]), points[4:])
         faces = np.flatnonzero(nodes < tree.mesh.face_count)
         if len(faces):
-            self.positions.put(tree.slot_vertices[tree.slots(nodes[faces])].reshape(-1, 4).T, points[:4, faces])
+            self.positions.put(tree.slot_vertices[slots[faces].T], points[:4, faces])
 
     def _has_least_level(self, nodes: IndexArray) -> BoolArray:
         return self.tree.levels[nodes] >= self._least_levels[self.tree.base_faces[nodes]]

@@ -15,8 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .blocks import blocks
+from .coordinates import chosen_vectors
 from .mesh import FloatArray, IndexArray
-from .norms import cross_products, squared_norms
+from .norms import cross_products, dot_products, squared_norms
 from .polygons import is_folded
 from .quadtree import Quadtree
 from .templates import WHOLE, Template, Transitions, templates
@@ -88,13 +89,30 @@ class Fit:
         """So much are the chosen cells off as they are drawn."""
         self.normal[chosen], self.tangential[chosen] = misses.normal, misses.tangential
 
+    def hope(
+        self, chosen: IndexArray, samples: Samples, limit: float, misses_of: Callable[[IndexArray, int], Misses]
+    ) -> None:
+        """Draw the chosen cells, which are not within the limit at equal parameters, by a template that is likely to be
+        along the surface.
+
+        samples: theirs. misses_of: how far some of them, by index, are off as an alternative draws them.
+        """
+        hopes = samples.hopes()
+        for alternative, tried in in_turn(hopes, lambda: ~self.fits[chosen]):
+            tried = tried[hopes[alternative, tried] <= HOPEFUL * limit]
+            if len(tried):
+                misses = misses_of(tried, alternative)
+                reached = samples.at(tried).hope(misses.normal, misses.tangential)
+                hopeful = np.flatnonzero(reached <= HOPEFUL * limit)
+                self.take(chosen[tried[hopeful]], alternative)
+                self.know(chosen[tried[hopeful]], misses.at(hopeful))
+
     def fold(self, chosen: IndexArray, points: FloatArray, axes: FloatArray) -> None:
         """Find out which of the chosen cells, whole and with points (4 or more, n, 3), are folded as they are drawn."""
         spaces = [np.eye(3)] if np.array_equal(axes, np.eye(3)) else [np.eye(3), axes]
         for block in blocks(len(chosen), CELLS_IN_CACHE):
-            first = self.alternatives[chosen[block]][None, :, None] == 0
-            corners = points[:4, block]
-            corners = np.where(first, corners, np.roll(corners, -1, axis=0))
+            corners, second = points[:4, block].copy("K"), np.flatnonzero(self.alternatives[chosen[block]])
+            corners[:, second] = chosen_vectors(corners, second)[ENDS]
             self.folded[chosen[block]] = is_folded(corners, *spaces)
 
 
@@ -214,5 +232,5 @@ def least_heights(points: FloatArray, template: Template) -> FloatArray:
 
 def along_and_across(vectors: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(R, P) twice: the lengths of vectors (R, P, 3) along unit normals (P, 3) and across them."""
-    along = np.abs(np.einsum("rpi,pi->rp", vectors, normals))
+    along = np.abs(dot_products(vectors, normals))
     return along, np.sqrt(np.maximum(squared_norms(vectors) - along**2, 0.0))

@@ -25,6 +25,9 @@ FloatArray = NDArray[np.float64]
 
 INFINITELY_SHARP = np.inf
 
+# Indices of so small a part of what is counted are sorted faster than everything is looked through.
+SORTED_UP_TO = 1 << 6
+
 # What is worked out from the faces' corners alone, and kept.
 TOPOLOGY = (
     "face_sizes",
@@ -227,11 +230,14 @@ def corners_of_faces(mesh: PolygonMesh, faces: IndexArray) -> IndexArray:
 def compact(indices: NDArray[Any], count: int, kept: IndexArray | None = None) -> tuple[IndexArray, NDArray[Any]]:
     """Which of 0 … count - 1 occur in ``indices`` or are kept, in ascending order, and ``indices`` renumbered to match,
     of the same type."""
-    used = np.zeros(count, dtype=bool)
-    used[indices] = True
-    if kept is not None:
-        used[kept] = True
-    return np.flatnonzero(used), renumbered(used, indices)
+    kept = np.zeros(0, dtype=np.intp) if kept is None else kept
+    if SORTED_UP_TO * indices.size < count and not len(kept):
+        used, found = np.unique(indices, return_inverse=True)
+        return used.astype(np.intp), found.reshape(indices.shape).astype(indices.dtype)
+    is_used = np.zeros(count, dtype=bool)
+    is_used[indices] = True
+    is_used[kept] = True
+    return np.flatnonzero(is_used), renumbered(is_used, indices)
 
 
 def renumbered(used: NDArray[np.bool_], indices: NDArray[Any]) -> NDArray[Any]:

@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Self
 
 import numpy as np
@@ -16,12 +17,12 @@ from numpy.typing import NDArray
 
 from . import triangle_bounds
 from .coordinates import applied, chosen_vectors, coordinates_apart
-from .fits import HOPEFUL, Fit, Samples, least_heights, triangle_normals
+from .fits import HOPEFUL, Fit, Samples, triangle_normals
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .patches import PatchKinds, extraordinary_nets, regular_nets
 from .quad_cells import BoolArray, QuadCells, patterns_of
 from .quadtree import Quadtree
-from .quarter_bounds import quarter_distances
+from .quarter_bounds import Quarters, corners_of_quarters, quarter_distances
 from .splines import HALVES, SPLINE_TO_BERNSTEIN, patch_coefficients, tensor
 from .stencils import patch_stencils
 from .templates import TURNS, WHOLE, Transitions, templates
@@ -34,9 +35,6 @@ HOPEFUL_EXTRAORDINARY = 1.5
 
 # Where the rest is less than this part of what is quadratic, a closer look is not worth it.
 SMALL_REST = 0.05
-
-# What ``graph_bounds`` leaves is a third of a height at most, and that of the least triangle around.
-ROOM = 0.12
 
 # Cells that are looked at together: what is made on the way need not come from the system anew each time.
 CELLS_AT_ONCE = 1 << 12
@@ -89,16 +87,6 @@ class NetCells(QuadCells):
     def points(self) -> FloatArray:
         return applied(self._to_points(), self.nets)
 
-    def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
-        """Looked at twice where they are not known well enough."""
-        points, nets = chosen_vectors(points, chosen), chosen_vectors(self.nets, chosen)
-        misses, is_doubtful = self._misses_once(nets, pattern, alternative, points, limit)
-        doubtful = np.flatnonzero(is_doubtful)
-        if len(doubtful):
-            nets, points = chosen_vectors(nets, doubtful), chosen_vectors(points, doubtful)
-            misses.put(doubtful, self._misses_closely(nets, pattern, alternative, points))
-        return misses
-
     @abstractmethod
     def children(self, tree: Quadtree, wanted: BoolArray | None = None) -> Iterator[NetCells]:
         """As in ``Cells``; all of the children, or those wanted, (4, P) by slot, and made alike."""
@@ -107,23 +95,12 @@ class NetCells(QuadCells):
     def _to_points(self) -> FloatArray:
         """(9, N): from a net to the quad's points and its centre."""
 
-    @abstractmethod
-    def _misses_once(
-        self, nets: FloatArray, pattern: int, alternative: int, points: FloatArray, limit: float
-    ) -> tuple[Misses, BoolArray]:
-        """How far quads with nets (N, n, 3) and points (9, n, 3) are off at a first look, and whether a closer look may
-        make a difference to what the neighbours say of them."""
-
-    @abstractmethod
-    def _misses_closely(self, nets: FloatArray, pattern: int, alternative: int, points: FloatArray) -> Misses:
-        """The same at a closer look."""
-
 
 @dataclass(frozen=True)
 class Children:
     """What a look at P bicubic quads tells of their 4P children, those at slot 0 first. fit: how they are drawn with
-    their sides whole, as far as they are seen to be within the limit. hopeless: (4P,) bool, which are seen not to be,
-    nor to be likely to be along the surface. points: (9, P, 3), those of the quads themselves and their centres."""
+    their sides whole, as far as they are seen to be within the limit, or likely to be along the surface. hopeless:
+    (4P,) bool, which are seen to be neither. points: (9, P, 3), those of the quads themselves and their centres."""
 
     fit: Fit
     hopeless: BoolArray
@@ -154,19 +131,22 @@ class BicubicCells(NetCells):
 
     def fit_children(self, limit: float, axes: FloatArray) -> Children:
         """What a look at these quads tells of their children."""
-        distances = quarter_distances(self.nets)
+        distances = quarter_distances(self.nets, limit)
         best = np.where(distances.bounds <= limit, distances.sampled, np.inf).argmin(axis=1)
         bounds = np.take_along_axis(distances.bounds, best[:, None], axis=1)[:, 0]
-        least = distances.sampled.min(axis=1)
-        fitted, far = bounds <= limit, least > limit
         found, hopeless = Fit.none(best.size), np.zeros(best.size, dtype=bool)
-        found.least[:] = least.ravel()
+        found.least[:] = distances.sampled.min(axis=1).ravel()
+        fitted = bounds <= limit
         chosen = np.flatnonzero(fitted)
         found.take(chosen, best.ravel()[chosen])
         found.bounds[chosen] = bounds.ravel()[chosen]
-        found.fold(chosen, distances.corners_of(fitted), axes)
-        hopes = Samples.of(distances.corners_of(far), distances.off_of(far), WHOLE).hopes()
-        hopeless[far.ravel()] = hopes.min(axis=0) > HOPEFUL * limit
+        found.fold(chosen, corners_of_quarters(distances.points, fitted), axes)
+        far = distances.far
+        chosen, samples = far.at_corners * len(self.nodes) + far.of_quads, Samples.of(far.corners, far.off, WHOLE)
+        hopeless[chosen] = samples.hopes().min(axis=0) > HOPEFUL * limit
+        found.hope(chosen, samples, limit, partial(_well_known_misses, far))
+        hopeful = np.flatnonzero(found.fits[chosen])
+        found.fold(chosen[hopeful], chosen_vectors(far.corners, hopeful), axes)
         return Children(found, hopeless, distances.points)
 
     def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
@@ -204,17 +184,27 @@ class BicubicCells(NetCells):
     def _to_points(self) -> FloatArray:
         return triangle_bounds.regular_points()
 
-    def _misses_once(
-        self, nets: FloatArray, pattern: int, alternative: int, points: FloatArray, limit: float
-    ) -> tuple[Misses, BoolArray]:
-        rows = triangle_bounds.quadratic_rows(pattern, alternative)
-        normals = triangle_normals(points, templates(pattern)[alternative])
-        quadratic, rest = triangle_bounds.quadratic_misses(rows, nets, normals)
-        return quadratic + rest, rest.normal > SMALL_REST * quadratic.normal
+    def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
+        """Looked at twice where what is not quadratic counts."""
+        nets = chosen_vectors(self.nets, chosen)
+        normals = triangle_normals(chosen_vectors(points, chosen), templates(pattern)[alternative])
+        quadratic, rest = triangle_bounds.quadratic_misses(
+            triangle_bounds.quadratic_rows(pattern, alternative), nets, normals
+        )
+        misses, doubtful = quadratic + rest, np.flatnonzero(rest.normal > SMALL_REST * quadratic.normal)
+        if len(doubtful):
+            rows = triangle_bounds.regular_rows(pattern, alternative)
+            nets, normals = chosen_vectors(nets, doubtful), chosen_vectors(normals, doubtful)
+            misses.put(doubtful, triangle_bounds.regular_misses(rows, nets, normals))
+        return misses
 
-    def _misses_closely(self, nets: FloatArray, pattern: int, alternative: int, points: FloatArray) -> Misses:
-        normals = triangle_normals(points, templates(pattern)[alternative])
-        return triangle_bounds.regular_misses(triangle_bounds.regular_rows(pattern, alternative), nets, normals)
+
+def _well_known_misses(quarters: Quarters, chosen: IndexArray, diagonal: int) -> Misses:
+    """Those of some quarters, inf where a closer look may make a difference."""
+    quadratic, rest = quarters.misses(chosen, diagonal)
+    misses = quadratic + rest
+    misses.normal[rest.normal > SMALL_REST * quadratic.normal] = np.inf
+    return misses
 
 
 class ExtraordinaryCells(NetCells):
@@ -249,27 +239,19 @@ class ExtraordinaryCells(NetCells):
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> FloatArray:
         """Looked at twice where that decides."""
-        points, nets = chosen_vectors(points, chosen), chosen_vectors(self.nets, chosen)
-        distances = self._misses_once(nets, pattern, alternative, points, limit)[0].whole
+        distances = self._misses(chosen, pattern, alternative, points, fine=False).whole
         doubtful = np.flatnonzero((distances > limit) & (distances <= HOPEFUL_EXTRAORDINARY * limit))
         if len(doubtful):
-            nets, points = chosen_vectors(nets, doubtful), chosen_vectors(points, doubtful)
-            distances[doubtful] = self._misses_closely(nets, pattern, alternative, points).whole
+            distances[doubtful] = self._misses(chosen[doubtful], pattern, alternative, points, fine=True).whole
         return distances
+
+    def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
+        return self._misses(chosen, pattern, alternative, points, fine=True)
 
     def _to_points(self) -> FloatArray:
         return triangle_bounds.extraordinary_points(self.valence)
 
-    def _misses_once(
-        self, nets: FloatArray, pattern: int, alternative: int, points: FloatArray, limit: float
-    ) -> tuple[Misses, BoolArray]:
-        rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=False)
-        template = templates(pattern)[alternative]
-        misses = triangle_bounds.extraordinary_misses(rows, nets, triangle_normals(points, template))
-        room = ROOM * least_heights(points, template)
-        return misses, (misses.normal > limit / 2) | (misses.normal + misses.tangential > room)
-
-    def _misses_closely(self, nets: FloatArray, pattern: int, alternative: int, points: FloatArray) -> Misses:
-        rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=True)
-        normals = triangle_normals(points, templates(pattern)[alternative])
-        return triangle_bounds.extraordinary_misses(rows, nets, normals)
+    def _misses(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, *, fine: bool) -> Misses:
+        rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=fine)
+        normals = triangle_normals(chosen_vectors(points, chosen), templates(pattern)[alternative])
+        return triangle_bounds.extraordinary_misses(rows, chosen_vectors(self.nets, chosen), normals)

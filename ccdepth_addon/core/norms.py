@@ -24,11 +24,17 @@ def squared_norms(vectors: FloatArray) -> FloatArray:
     return total
 
 
+def dot_products(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(…, 3) vectors each → (…); where coordinates lie apart, faster than numpy's own."""
+    dots = a[..., 0] * b[..., 0]
+    dots += a[..., 1] * b[..., 1]
+    dots += a[..., 2] * b[..., 2]
+    return dots
+
+
 def squared_dots(vectors: FloatArray, directions: FloatArray) -> FloatArray:
     """(R, P, 3) vectors and (P, 3) directions → (R, P) squares of their products."""
-    dots = vectors[..., 0] * directions[..., 0]
-    dots += vectors[..., 1] * directions[..., 1]
-    dots += vectors[..., 2] * directions[..., 2]
+    dots = dot_products(vectors, directions)
     dots *= dots
     return dots
 

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .mesh import FloatArray, IndexArray
-from .norms import cross_products, squared_norms
+from .norms import cross_products, dot_products, squared_norms
 from .products import product
 from .templates import templates
 
@@ -106,11 +106,15 @@ def is_folded(corners: FloatArray, *spaces: FloatArray) -> NDArray[np.bool_]:
     first, second = cross_products(b - a, c - a), cross_products(c - a, d - a)
     folded = np.zeros(len(a), dtype=bool)
     for axes in spaces:
-        # What is at right angles to a plane goes from space to space by the transposed matrix, and a length.
-        one, other = product(axes.T, first.T).T, product(axes.T, second.T).T
-        cosines = np.einsum("ij,ij->i", one, other)
+        one, other = _of_planes(first, axes), _of_planes(second, axes)
+        cosines = dot_products(one, other)
         folded |= cosines <= LEAST_COSINE * np.sqrt(squared_norms(one) * squared_norms(other))
     return folded
+
+
+def _of_planes(normals: FloatArray, axes: FloatArray) -> FloatArray:
+    """(P, 3): what is at right angles to planes, in a space with such axes: by the transposed matrix, and a length."""
+    return normals if np.array_equal(axes, np.eye(3)) else product(axes.T, normals.T).T
 
 
 def _unit(vectors: FloatArray) -> FloatArray:

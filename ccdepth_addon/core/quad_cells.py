@@ -107,21 +107,20 @@ class QuadCells(ABC):
     def _hope(self, found: Fit, chosen: IndexArray, pattern: int, points: FloatArray, limit: float) -> None:
         """Where none is within the limit at equal parameters, take one that is likely to be along the surface."""
         samples = Samples.of(points, off_sides_and_diagonals(points), pattern)
-        hopes = samples.hopes()
-        for alternative, tried in in_turn(hopes, lambda: ~found.fits[chosen]):
-            tried = tried[hopes[alternative, tried] <= HOPEFUL * limit]
-            if len(tried):
-                misses = self.misses_of(tried, pattern, alternative, points, HOPEFUL * limit)
-                reached = samples.at(tried).hope(misses.normal, misses.tangential)
-                hopeful = np.flatnonzero(reached <= HOPEFUL * limit)
-                found.take(chosen[tried[hopeful]], alternative)
-                found.know(chosen[tried[hopeful]], misses.at(hopeful))
+        found.hope(
+            chosen,
+            samples,
+            limit,
+            lambda tried, alternative: self.misses_of(tried, pattern, alternative, points, HOPEFUL * limit),
+        )
 
     def misses(self, fit: Fit, limit: float) -> Misses:
         """As in ``Cells``."""
         found, points = Misses(*(np.empty(len(self.nodes)) for _ in range(3))), self.points()
-        for pattern, alternative in np.unique(np.stack([fit.patterns, fit.alternatives], axis=1), axis=0).tolist():
-            chosen = np.flatnonzero((fit.patterns == pattern) & (fit.alternatives == alternative))
+        # Patterns are below 16, so every template has a number of its own.
+        numbers = fit.alternatives.astype(np.int16) * 16 + fit.patterns
+        for number in np.unique(numbers).tolist():
+            chosen, pattern, alternative = np.flatnonzero(numbers == number), number % 16, number // 16
             found.put(chosen, self.misses_of(chosen, pattern, alternative, points, limit))
         return found
 

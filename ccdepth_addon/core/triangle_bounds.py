@@ -320,17 +320,13 @@ class QuadraticRows:
     """S - T over a bicubic quad, taken apart into the quadratic parts over whole triangles, and the rest.
 
     matrix: (Q + 10, 16), functionals for the quadratic parts, then the coefficients of S of monomials that are more
-    than quadratic, T having none. triangles: (Q,) as in ``Rows``. weights: (10,) how far the monomials are off their
+    than quadratic, T having none. triangles: (Q,) as in ``Rows``. weights: (10, 1) how far the monomials are off their
     own quadratic parts. The rest is no longer than the sum of the coefficients' lengths, so weighted.
     """
 
     matrix: FloatArray
     triangles: IndexArray
     weights: FloatArray
-
-    def rest(self, lengths: FloatArray) -> FloatArray:
-        """(P,): of lengths (10, P)."""
-        return self.weights @ lengths
 
 
 @lru_cache(maxsize=256)
@@ -343,7 +339,7 @@ def quadratic_rows(pattern: int, alternative: int) -> QuadraticRows:
     quadratic = Rows.joined([Rows(matrix, np.repeat(triangles, len(_quadratic_part())))])
     both = np.concatenate([quadratic.matrix, to_monomials()])
     weights = off_quadratic([QUAD_POINTS[list(triangle)] for triangle in templates(pattern)[alternative]])
-    return QuadraticRows(both, quadratic.triangles, weights)
+    return QuadraticRows(both, quadratic.triangles, weights[:, None])
 
 
 @dataclass(frozen=True)
@@ -423,13 +419,26 @@ def quadratic_misses(rows: QuadraticRows, coefficients: FloatArray, normals: Flo
 def _quadratic_misses(rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray) -> tuple[Misses, Misses]:
     vectors = applied(rows.matrix, coefficients)
     quadratic = Misses.of(vectors[: len(rows.triangles)], rows.triangles, normals)
-    squares = squared_norms(vectors[len(rows.triangles) :])
-    rest = Misses(rows.rest(np.sqrt(squares)), *np.zeros((2, len(normals[0]))))
+    return quadratic, rest_misses(vectors[len(rows.triangles) :], rows.weights, normals)
+
+
+def rest_misses(monomials: FloatArray, weights: FloatArray, normals: FloatArray) -> Misses:
+    """What coefficients (10, P, 3) of monomials, with weights (10, P) or (10, 1) for how far these are off their
+    quadratic parts, add for triangles with unit normals (T, P, 3)."""
+    squares = squared_norms(monomials)
+    rest = Misses(_weighted(weights, squares), *np.zeros((2, len(normals[0]))))
     for normal in normals:
-        along = squared_dots(vectors[len(rows.triangles) :], normal)
-        np.maximum(rest.normal, rows.rest(np.sqrt(along)), out=rest.normal)
-        np.maximum(rest.tangential, rows.rest(np.sqrt(np.maximum(squares - along, 0.0))), out=rest.tangential)
-    return quadratic, rest
+        along = squared_dots(monomials, normal)
+        np.maximum(rest.normal, _weighted(weights, along), out=rest.normal)
+        np.maximum(rest.tangential, _weighted(weights, np.maximum(squares - along, 0.0)), out=rest.tangential)
+    return rest
+
+
+def _weighted(weights: FloatArray, squares: FloatArray) -> FloatArray:
+    """(P,): the sum of lengths, from their squares (10, P)."""
+    lengths = np.sqrt(squares)
+    lengths *= weights
+    return lengths.sum(axis=0)
 
 
 def quadratic_distances(
@@ -439,7 +448,7 @@ def quadratic_distances(
     quadratic, rest = np.empty((2, len(chosen)))
     for block in blocks(len(chosen), at_once(len(rows.matrix))):
         vectors = applied(rows.matrix, chosen_vectors(coefficients, chosen[block]))
-        rest[block] = rows.rest(np.sqrt(squared_norms(vectors[len(rows.triangles) :])))
+        rest[block] = _weighted(rows.weights, squared_norms(vectors[len(rows.triangles) :]))
         quadratic[block] = _longest(vectors[: len(rows.triangles)])
     return quadratic, rest
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from .blocks import taken
 from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray
 from .quadtree import NONE, Column, Quadtree
@@ -34,7 +35,7 @@ class VertexPositions:
         self._extend()
         found = np.empty((len(vertices), 3))
         for axis, column in enumerate(self._coordinates):
-            found[:, axis] = column.values[vertices]
+            found[:, axis] = taken(column.values, vertices)
         unknown = np.flatnonzero(np.isnan(found[:, 0]))
         if len(unknown):
             mesh, points = self._tree.mesh, self._tree.vertex_points(vertices[unknown])

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 import numpy as np
 import pytest
 from scipy.stats import binom
@@ -10,8 +12,9 @@ from scipy.stats import binom
 from ccdepth_addon.core.catmull_clark import apply_boundary_rule
 from ccdepth_addon.core.cells import cells_of_faces
 from ccdepth_addon.core.coordinates import coordinates_apart
-from ccdepth_addon.core.mesh import FloatArray
-from ccdepth_addon.core.net_cells import BicubicCells
+from ccdepth_addon.core.fits import Fit
+from ccdepth_addon.core.mesh import FloatArray, PolygonMesh
+from ccdepth_addon.core.net_cells import SMALL_REST, BicubicCells, Children
 from ccdepth_addon.core.quadtree import Quadtree
 from ccdepth_addon.core.quarter_bounds import quarter_distances
 from ccdepth_addon.core.templates import Transitions
@@ -23,6 +26,8 @@ TRIANGLES = [[(0, 1, 2), (0, 2, 3)], [(1, 2, 3), (1, 3, 0)]]
 
 # Points along each side of a triangle; the middles of the sides are among them.
 SAMPLES = 17
+STEPS = np.arange(SAMPLES) / (SAMPLES - 1)
+WEIGHTS = np.array([(a, b, 1 - a - b) for a in STEPS for b in STEPS if a + b <= 1])
 
 # Rounding of some hundred products of values around 1.
 ROUNDING = 1e-12
@@ -36,18 +41,21 @@ def surface(coefficients: FloatArray, parameters: FloatArray) -> FloatArray:
 
 def distances(coefficients: FloatArray, corner: int, diagonal: int) -> tuple[FloatArray, FloatArray]:
     """(P,) each, of the quarter at a corner: the largest distance at equal parameters, and that at sides' middles."""
+    is_middle = np.sort(WEIGHTS, axis=1)[:, 1:].min(axis=1) == 0.5
+    both = np.concatenate([np.linalg.norm(gaps, axis=2) for gaps, _ in gaps_of(coefficients, corner, diagonal)])
+    return both.max(axis=0), both[np.tile(is_middle, 2)].max(axis=0)
+
+
+def gaps_of(coefficients: FloatArray, corner: int, diagonal: int) -> Iterator[tuple[FloatArray, FloatArray]]:
+    """For each triangle of the quarter at a corner: S - T at places all over it (N, P, 3), and its normal (P, 3)."""
     # The quarter's corners, from that one on: half-way from it to all.
     quarter = (CORNERS[corner] + np.roll(CORNERS, -corner, axis=0)) / 2
-    steps = np.arange(SAMPLES) / (SAMPLES - 1)
-    weights = np.array([(a, b, 1 - a - b) for a in steps for b in steps if a + b <= 1])
-    is_middle = np.sort(weights, axis=1)[:, 1:].min(axis=1) == 0.5
-    found = []
     for triangle in TRIANGLES[diagonal]:
         places = quarter[list(triangle)]
-        gaps = surface(coefficients, weights @ places) - np.tensordot(weights, surface(coefficients, places), axes=1)
-        found.append(np.linalg.norm(gaps, axis=2))
-    both = np.concatenate(found)
-    return both.max(axis=0), both[np.tile(is_middle, 2)].max(axis=0)
+        a, b, c = surface(coefficients, places)
+        normals = np.cross(b - a, c - a)
+        drawn = np.tensordot(WEIGHTS, np.stack([a, b, c]), axes=1)
+        yield surface(coefficients, WEIGHTS @ places) - drawn, normals / np.linalg.norm(normals, axis=1)[:, None]
 
 
 def random_coefficients(roughness: float) -> FloatArray:
@@ -62,7 +70,7 @@ def random_coefficients(roughness: float) -> FloatArray:
 @pytest.mark.parametrize("roughness", [0.0, 0.01, 1.0])
 def test_no_quarter_is_farther_than_its_bound(roughness: float) -> None:
     coefficients = random_coefficients(roughness)
-    found = quarter_distances(coefficients)
+    found = quarter_distances(coefficients, np.inf)
     for corner in range(4):
         for diagonal in range(2):
             largest, at_middles = distances(coefficients, corner, diagonal)
@@ -76,7 +84,7 @@ def test_bounds_of_nearly_quadratic_quads_are_tight() -> None:
     # What is not quadratic becomes an eighth with every level, and what is a quarter.
     for _ in range(4):
         coefficients = first_quarters(coefficients)
-    found = quarter_distances(coefficients)
+    found = quarter_distances(coefficients, np.inf)
     for corner in range(4):
         for diagonal in range(2):
             largest, _ = distances(coefficients, corner, diagonal)
@@ -91,29 +99,68 @@ def first_quarters(coefficients: FloatArray) -> FloatArray:
     return coordinates_apart(found.reshape(16, -1, 3))
 
 
+@pytest.mark.parametrize("roughness", [0.0, 0.01, 1.0])
+def test_no_quarter_is_farther_along_its_normals_or_across(roughness: float) -> None:
+    coefficients = random_coefficients(roughness)
+    far = quarter_distances(coefficients, 0.0).far
+    assert len(far.corners[0]) == 4 * coefficients.shape[1]
+    for diagonal in range(2):
+        for corner in range(4):
+            chosen = np.flatnonzero(far.at_corners == corner)
+            quadratic, rest = far.misses(chosen, diagonal)
+            gaps, normals = zip(*gaps_of(coefficients[:, far.of_quads[chosen]], corner, diagonal), strict=True)
+            heights = [np.einsum("npi,pi->np", own, normal) for own, normal in zip(gaps, normals, strict=True)]
+            across = [
+                np.linalg.norm(own - height[..., None] * normal, axis=2)
+                for own, height, normal in zip(gaps, heights, normals, strict=True)
+            ]
+            assert np.all(np.abs(heights).max(axis=(0, 1)) <= (quadratic + rest).normal + ROUNDING)
+            assert np.all(np.max(across, axis=(0, 1)) <= (quadratic + rest).tangential + ROUNDING)
+
+
+def test_far_quarters_are_those_beyond_the_limit_along_both_diagonals() -> None:
+    coefficients = random_coefficients(0.01)
+    everything = quarter_distances(coefficients, 0.0)
+    limit = float(np.median(everything.sampled))
+    far = quarter_distances(coefficients, limit).far
+    expected = everything.sampled.min(axis=1) > limit
+    assert 0 < np.count_nonzero(expected) < expected.size
+    found = np.zeros_like(expected)
+    found[far.at_corners, far.of_quads] = True
+    np.testing.assert_array_equal(found, expected)
+    order = everything.far.at_corners * coefficients.shape[1] + everything.far.of_quads
+    same = np.searchsorted(np.sort(order), far.at_corners * coefficients.shape[1] + far.of_quads)
+    np.testing.assert_array_equal(far.corners, everything.far.corners[:, np.argsort(order)[same]])
+
+
 def test_points_are_those_of_the_whole_quads() -> None:
     coefficients = random_coefficients(1.0)
     middles = (CORNERS + np.roll(CORNERS, -1, axis=0)) / 2
     places = np.concatenate([CORNERS, middles, [[0.5, 0.5]]])
-    found = quarter_distances(coefficients).points
+    found = quarter_distances(coefficients, np.inf).points
     np.testing.assert_allclose(found, surface(coefficients, places), rtol=0, atol=ROUNDING)
 
 
-@pytest.mark.parametrize("limit", [0.03, 0.05, 0.1])
-def test_children_fit_as_they_do_when_they_are_looked_at_themselves(limit: float) -> None:
-    """But for the monomials, which are the parents', and a closer look: that makes a third here, on few large quads."""
-    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.bumpy(meshes.torus(9, 7), 0.2)), smooth_corners=True)
+def looked_at(mesh: PolygonMesh, limit: float) -> tuple[Children, Fit]:
+    """What a look at the faces of a regular mesh tells of their children, and how these fit by themselves."""
     tree, axes = Quadtree(mesh), np.eye(3)
     [parents] = [cells for cells in cells_of_faces(mesh) if isinstance(cells, BicubicCells)]
     tree.split(parents.nodes)
-    found = parents.fit_children(limit, axes)
-    fit = found.fit
     nodes = tree.quarters(parents.nodes).ravel()
     assert np.array_equal(np.sort(nodes), np.arange(mesh.face_count, len(tree.first_child)))
     [children] = parents.children(tree)
     own = children.fit(np.zeros(4 * len(children.nodes), dtype=bool), Transitions.TRIANGLES, limit, axes)
     order = np.argsort(children.nodes)
     own = own.at(order[np.searchsorted(children.nodes, nodes, sorter=order)])
+    return parents.fit_children(limit, axes), own
+
+
+@pytest.mark.parametrize("limit", [0.03, 0.05, 0.1])
+def test_children_fit_as_they_do_when_they_are_looked_at_themselves(limit: float) -> None:
+    """But for the monomials, which are the parents', and a closer look: that makes a third here, on few large quads."""
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.bumpy(meshes.torus(9, 7), 0.2)), smooth_corners=True)
+    found, own = looked_at(mesh, limit)
+    fit = found.fit
     assert np.all(own.fits[fit.fits])
     # All fit within the largest limit.
     assert np.any(found.hopeless) == (limit < 0.1)
@@ -128,3 +175,23 @@ def test_children_fit_as_they_do_when_they_are_looked_at_themselves(limit: float
     assert np.all(np.isinf(fit.bounds[~fit.fits]))
     sure = own.bounds < limit / 1.4
     assert np.all(fit.fits[sure])
+
+
+def test_children_are_hopeful_as_they_are_when_they_are_looked_at_themselves() -> None:
+    """On a nearly flat sheet with places ever farther apart: off at equal parameters, but not along the normals."""
+    sheet = meshes.to_polygon_mesh(meshes.grid(9, 9))
+    x, y, _ = sheet.positions.T
+    stretched = np.stack([x + 0.05 * x * x, y + 0.05 * x * y, 0.001 * (x * x - y * y)], axis=1)
+    mesh = apply_boundary_rule(sheet.changed(positions=stretched), smooth_corners=True)
+    found, own = looked_at(mesh, 0.003)
+    fit = found.fit
+    assert np.all(np.isinf(fit.bounds))
+    assert np.all(own.fits[fit.fits])
+    assert np.all(np.isinf(own.bounds[fit.fits]))
+    # Of two diagonals that are as good as each other either may come first.
+    same = np.flatnonzero(fit.fits & (fit.alternatives == own.alternatives))
+    assert len(same) > 0.9 * len(fit.fits)
+    np.testing.assert_array_equal(fit.folded[same], own.folded[same])
+    # The rest is so much at most of what is quadratic, with a closer look or without.
+    np.testing.assert_allclose(fit.normal[same], own.normal[same], rtol=2 * SMALL_REST)
+    np.testing.assert_allclose(fit.tangential[same], own.tangential[same], rtol=2 * SMALL_REST)
