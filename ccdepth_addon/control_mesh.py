@@ -54,18 +54,36 @@ class SurfaceRule:
     use_creases: bool = True
 
 
+@dataclass(frozen=True, eq=False)
+class MeshAsRead:
+    """A mesh in object space, its sharpness that of its creases alone, and the rule its surface is meant by."""
+
+    arrays: PolygonMesh
+    rule: SurfaceRule
+
+    @cached_property
+    def mesh(self) -> PolygonMesh:
+        """The same with its sharpness explicit."""
+        return apply_boundary_rule(self.arrays, smooth_corners=self.rule.smooth_corners)
+
+
 @dataclass(frozen=True)
 class ControlMesh:
     """The control mesh of an object.
 
-    mesh: in object space, with its sharpness explicit. base_faces: (F,) intp, the face of the object's own mesh that
-    each face comes from, ``NO_ORIGIN`` for none; None when they are the same faces. world: (3, 3) float64, the linear
-    part of the object's matrix.
+    read: the mesh in object space. base_faces: (F,) intp, the face of the object's own mesh that each face comes from,
+    ``NO_ORIGIN`` for none; None when they are the same faces. world: (3, 3) float64, the linear part of the object's
+    matrix.
     """
 
-    mesh: PolygonMesh
+    read: MeshAsRead
     base_faces: IndexArray | None
     world: FloatArray
+
+    @property
+    def mesh(self) -> PolygonMesh:
+        """In object space, with its sharpness explicit."""
+        return self.read.mesh
 
     @cached_property
     def in_world(self) -> PolygonMesh:
@@ -110,7 +128,7 @@ class ControlMesh:
 
 
 # By the session identifier of the mesh and the rule it was read with.
-SharedMeshes = dict[tuple[int, SurfaceRule], PolygonMesh]
+SharedMeshes = dict[tuple[int, SurfaceRule], MeshAsRead]
 
 
 def subdivision_modifier(blender_object: bpy.types.Object) -> bpy.types.Modifier | None:
@@ -165,11 +183,11 @@ def read_control_mesh(
     if counted or (data.shape_keys is not None and not data.is_editmode):
         with own_mesh(blender_object) as own:
             mesh, base_faces = _read_evaluated(context, blender_object, own, [m.name for m in counted], rule)
-        return ControlMesh(_with_boundary_rule(mesh, rule), base_faces, world)
+        return ControlMesh(_with_faces(mesh, rule), base_faces, world)
     shared = {} if shared is None else shared
     if (data.session_uid, rule) not in shared:
         with own_mesh(blender_object) as own:
-            shared[data.session_uid, rule] = _with_boundary_rule(mesh_arrays(own, rule), rule)
+            shared[data.session_uid, rule] = _with_faces(mesh_arrays(own, rule), rule)
     return ControlMesh(shared[data.session_uid, rule], None, world)
 
 
@@ -209,15 +227,15 @@ def base_mesh(
         mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
     try:
         rule = surface_rule(blender_object)
-        yield mesh, ControlMesh(_with_boundary_rule(mesh_arrays(mesh, rule), rule), None, world)
+        yield mesh, ControlMesh(_with_faces(mesh_arrays(mesh, rule), rule), None, world)
     finally:
         bpy.data.meshes.remove(mesh)
 
 
-def _with_boundary_rule(mesh: PolygonMesh, rule: SurfaceRule) -> PolygonMesh:
+def _with_faces(mesh: PolygonMesh, rule: SurfaceRule) -> MeshAsRead:
     if mesh.face_count == 0:
         raise InvalidMeshError("the mesh has no faces")
-    return apply_boundary_rule(mesh, smooth_corners=rule.smooth_corners)
+    return MeshAsRead(mesh, rule)
 
 
 @contextmanager

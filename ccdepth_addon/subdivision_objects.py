@@ -64,8 +64,9 @@ def _new_result_mesh(
     options = CarryOptions(limit_normals=placing.exact_normals)
     if modifier is not None:
         options = CarryOptions(uv_smooth=modifier.uv_smooth, limit_normals=placing.exact_normals)
-    with base_mesh(context, made_for, use_modifiers=settings.use_modifiers) as (base, control):
-        if not same_control_mesh(control, answer.task.surface.control):
+    control = answer.task.surface.control
+    with base_mesh(context, made_for, use_modifiers=settings.use_modifiers) as (base, own_control):
+        if not same_control_mesh(own_control, control):
             raise ComputeError(CHANGED)
         mesh = new_mesh(base, control.mesh, answer.adaptive.mesh, options)
     mesh.name = made_for.name + NAME_SUFFIX

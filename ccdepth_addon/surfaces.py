@@ -5,14 +5,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import bpy
 import numpy as np
 
 from .control_mesh import ControlMesh, ControlMeshError
 from .core.depth import ToleranceError
-from .core.mesh import FloatArray, InvalidMeshError
+from .core.mesh import FloatArray, InvalidMeshError, PolygonMesh
 
 # How much smaller, relatively, an object's scale may be than another's by rounding alone and still be outdone by it.
 SCALE_ROUNDING = 1e-9
@@ -101,11 +101,12 @@ def is_outdone(gram: FloatArray, other: FloatArray) -> bool:
 
 def same_control_mesh(one: ControlMesh, other: ControlMesh) -> bool:
     """Whether the two are equal; of meshes by modifiers, whether their faces come from the same ones as well."""
-    if one.mesh is other.mesh:
+    if one.read is other.read:
         return True
-    arrays = ("positions", "face_starts", "corner_vertices", "corner_edges", "edge_sharpness", "vertex_sharpness")
-    same_origins = np.array_equal(np.array(one.base_faces), np.array(other.base_faces))
+    if one.read.rule != other.read.rule or not np.array_equal(np.array(one.base_faces), np.array(other.base_faces)):
+        return False
     # Loose vertices may be anywhere.
-    return same_origins and all(
-        np.array_equal(getattr(one.mesh, name), getattr(other.mesh, name), equal_nan=True) for name in arrays
+    return all(
+        np.array_equal(getattr(one.read.arrays, field.name), getattr(other.read.arrays, field.name), equal_nan=True)
+        for field in fields(PolygonMesh)
     )

@@ -329,7 +329,7 @@ class _Planner:
         leaves = leaves[self.tree.share_a_vertex(leaves, wanted)]
         yield from self._each(self._miss, leaves[np.isinf(self._normal.values[leaves])])
         triangles, drawn, closed = triangles_around(self.tree, leaves, self.fit_of(leaves), self._request.transitions)
-        used, triangles = compact(triangles, len(self.tree.vertex_edges))
+        used = compact(triangles, len(self.tree.vertex_edges))
         nodes = leaves[drawn]
         is_wanted = np.zeros(len(self.tree.first_child), dtype=bool)
         is_wanted[wanted] = True

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from .blocks import blocks, split
 from .fits import Fit
-from .mesh import FloatArray, IndexArray, ShortIndexArray, compact, renumbered
+from .mesh import FloatArray, IndexArray, ShortIndexArray, compact, renumber
 from .quadtree import NONE, Point, Quadtree
 from .subdivided_mesh import SubdividedMesh
 from .surface_points import SurfacePoints
@@ -100,6 +100,8 @@ class Outline:
     @property
     def clashes(self) -> IndexArray:
         """The nodes that have edges that clash: they have to be split first."""
+        if not np.any(self.edges.clashing):
+            return np.zeros(0, dtype=np.intp)
         clashing = np.logical_or.reduceat(self.edges.clashing[self.edges.of_corners], self.starts[:-1])
         return self.leaves[np.unique(self.drawn[clashing])]
 
@@ -111,10 +113,9 @@ def outline(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitio
     """
     polygons = [*_polygons_of_quads(tree, leaves, fit, transitions), *_polygons_of_faces(tree, leaves, transitions)]
     starts, drawn, firsts = _order(polygons, len(leaves))
-    vertices = _at_corners(starts[-1], firsts, (block.vertices(tree, leaves) for block in polygons))
+    corner_vertices = _at_corners(starts[-1], firsts, (block.vertices(tree, leaves) for block in polygons))
     loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
-    used, corner_vertices = compact(vertices, len(tree.vertex_edges), loose)
-    del vertices
+    used = compact(corner_vertices, len(tree.vertex_edges), loose)
     sides = _at_corners(starts[-1], firsts, (block.sides(tree, leaves) for block in polygons))
     edges = _edges(tree, sides, used, starts, corner_vertices)
     return Outline(tree, leaves, polygons, firsts, starts, drawn, used, corner_vertices, edges)
@@ -295,16 +296,16 @@ def _edges(
 ) -> Edges:
     """The edges: those of the tree in its order, then those inside leaves, then those of the mesh without faces.
 
-    sides: (C,) the tree's edge from each corner to the next, or NONE. Those of the tree have all the faces they should,
-    as it is balanced.
+    sides: (C,) the tree's edge from each corner to the next, or NONE; they become the edges' own numbers, in place.
+    Those of the tree have all the faces they should, as it is balanced.
     """
     is_used = np.zeros(len(tree.edge_vertices) + 1, dtype=bool)
     is_used[sides] = True
     outer = np.flatnonzero(is_used[:NONE])
-    of_corners = renumbered(is_used, sides)
     inner = np.flatnonzero(sides == NONE)
     inner_vertices, of_inner = _inner_edges(inner, starts, corner_vertices, len(used))
-    of_corners[inner] = len(outer) + of_inner
+    renumber(sides, is_used)
+    sides[inner] = len(outer) + of_inner
     loose = np.flatnonzero(tree.mesh.edge_face_counts == 0)
     new = np.full(len(tree.vertex_edges), NONE, dtype=np.int32)
     new[used] = np.arange(len(used), dtype=np.int32)
@@ -320,7 +321,7 @@ def _edges(
     base_edges[insides.stop :] = loose
     clashing = _doubled(vertices, len(outer), len(used))
     clashing[insides] |= np.bincount(of_inner, minlength=len(inner_vertices)) != 2
-    return Edges(of_corners, vertices, base_edges, clashing)
+    return Edges(sides, vertices, base_edges, clashing)
 
 
 def _inner_edges(

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .blocks import taken
+from .blocks import blocks
 
 IndexArray = NDArray[np.intp]
 # Of meshes that are made: as Blender keeps them, and half the size.
@@ -27,6 +27,9 @@ INFINITELY_SHARP = np.inf
 
 # Indices of so small a part of what is counted are sorted faster than everything is looked through.
 SORTED_UP_TO = 1 << 6
+
+# Indices renumbered at once, so that no long array is made on the way.
+INDICES_AT_ONCE = 1 << 13
 
 # What is worked out from the faces' corners alone, and kept.
 TOPOLOGY = (
@@ -203,8 +206,8 @@ def submesh(mesh: PolygonMesh, faces: IndexArray) -> tuple[PolygonMesh, IndexArr
     in_ring[faces] = False
     kept_faces = np.concatenate([np.asarray(faces, dtype=np.intp), np.flatnonzero(in_ring)])
     kept_corners = corners_of_faces(mesh, kept_faces)
-    kept_vertices, corner_vertices = compact(mesh.corner_vertices[kept_corners], mesh.vertex_count)
-    kept_edges, corner_edges = compact(mesh.corner_edges[kept_corners], mesh.edge_count)
+    corner_vertices, corner_edges = mesh.corner_vertices[kept_corners], mesh.corner_edges[kept_corners]
+    kept_vertices, kept_edges = compact(corner_vertices, mesh.vertex_count), compact(corner_edges, mesh.edge_count)
     new_vertex = np.zeros(mesh.vertex_count, dtype=np.intp)
     new_vertex[kept_vertices] = np.arange(len(kept_vertices))
     part = PolygonMesh(
@@ -227,24 +230,27 @@ def corners_of_faces(mesh: PolygonMesh, faces: IndexArray) -> IndexArray:
     return np.arange(sizes.sum()) + np.repeat(skipped, sizes)
 
 
-def compact(indices: NDArray[Any], count: int, kept: IndexArray | None = None) -> tuple[IndexArray, NDArray[Any]]:
-    """Which of 0 … count - 1 occur in ``indices`` or are kept, in ascending order, and ``indices`` renumbered to match,
-    of the same type."""
+def compact(indices: NDArray[Any], count: int, kept: IndexArray | None = None) -> IndexArray:
+    """Which of 0 … count - 1 occur in ``indices`` or are kept, in ascending order; the indices are renumbered to match,
+    in place."""
     kept = np.zeros(0, dtype=np.intp) if kept is None else kept
     if SORTED_UP_TO * indices.size < count and not len(kept):
         used, found = np.unique(indices, return_inverse=True)
-        return used.astype(np.intp), found.reshape(indices.shape).astype(indices.dtype)
+        indices[:] = found.reshape(indices.shape)
+        return used.astype(np.intp)
     is_used = np.zeros(count, dtype=bool)
     is_used[indices] = True
     is_used[kept] = True
-    return np.flatnonzero(is_used), renumbered(is_used, indices)
+    renumber(indices, is_used)
+    return np.flatnonzero(is_used)
 
 
-def renumbered(used: NDArray[np.bool_], indices: NDArray[Any]) -> NDArray[Any]:
-    """Indices of what is used, counted among what is used, of the same type."""
+def renumber(indices: NDArray[Any], used: NDArray[np.bool_]) -> None:
+    """Count indices of what is used among what is used, in place."""
     numbers = np.cumsum(used, dtype=indices.dtype)
     numbers -= 1
-    return taken(numbers, indices)
+    for block in blocks(len(indices), INDICES_AT_ONCE):
+        indices[block] = numbers.take(indices[block])
 
 
 class InvalidMeshError(ValueError):

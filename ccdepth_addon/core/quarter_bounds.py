@@ -34,7 +34,7 @@ from .triangle_bounds import (
 BoolArray = NDArray[np.bool_]
 
 # What is made on the way of so many quads stays in the processor's cache.
-QUADS_AT_ONCE = 1 << 10
+QUADS_AT_ONCE = 1 << 9
 
 # The points of a quad, its centre the last, at the corners of the quarter at each of its own, from that one on.
 CORNERS_OF_QUARTERS = [[corner, 4 + corner, 8, 4 + (corner + 3) % 4] for corner in range(4)]

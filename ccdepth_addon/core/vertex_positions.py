@@ -23,6 +23,8 @@ class VertexPositions:
         self._tree = tree
         # Numbers one by one are put and taken several times as fast as rows of three.
         self._coordinates = [Column(np.zeros(0)) for _ in range(3)]
+        loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
+        self.put(loose, tree.mesh.positions[loose])
 
     def put(self, vertices: IndexArray, positions: FloatArray) -> None:
         """Vertices (…) lie at positions (…, 3)."""
@@ -31,7 +33,7 @@ class VertexPositions:
             column.values[vertices] = positions[..., axis]
 
     def of(self, vertices: IndexArray) -> FloatArray:
-        """(N, 3): where vertices (N,) lie, all of which have faces."""
+        """(N, 3): where vertices (N,) lie."""
         self._extend()
         found = np.empty((len(vertices), 3))
         for axis, column in enumerate(self._coordinates):
@@ -46,14 +48,13 @@ class VertexPositions:
     def in_space_of(self, control_positions: FloatArray, vertices: IndexArray) -> FloatArray:
         """(N, 3): where vertices (N,) lie in the space where the control mesh has these positions (V, 3). Those without
         faces stay where they are."""
-        mesh, points = self._tree.mesh, self._tree.vertex_points(vertices)
-        positions = np.empty((len(vertices), 3))
-        has_faces = points.corners != NONE
-        positions[~has_faces] = control_positions[vertices[~has_faces]]
+        mesh = self._tree.mesh
         if np.array_equal(control_positions, mesh.positions):
-            positions[has_faces] = self.of(vertices[has_faces])
-        else:
-            positions[has_faces] = limit_values(mesh, control_positions, points.at(np.flatnonzero(has_faces)))
+            return self.of(vertices)
+        positions, points = np.empty((len(vertices), 3)), self._tree.vertex_points(vertices)
+        is_loose = points.corners == NONE
+        positions[is_loose] = control_positions[vertices[is_loose]]
+        positions[~is_loose] = limit_values(mesh, control_positions, points.at(np.flatnonzero(~is_loose)))
         return positions
 
     def _extend(self) -> None:
