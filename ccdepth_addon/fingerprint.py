@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 from zlib import crc32
 
 import bpy
@@ -20,32 +20,41 @@ from .object_state import ObjectState, object_state
 SCALE_DRIFT = 1e-5
 
 
-def remember(blender_object: bpy.types.Object, states: Iterable[ObjectState]) -> None:
-    """Put into the record of the object's mesh what the result just written to it depends on."""
+class Topology(NamedTuple):
+    """A mesh's faces and edges as Blender keeps them, int32: (F,) first corners, (C,), (E, 2)."""
+
+    face_starts: NDArray[np.int32]
+    corner_vertices: NDArray[np.int32]
+    edge_vertices: NDArray[np.int32]
+
+
+def remember(blender_object: bpy.types.Object, states: Iterable[ObjectState], topology: Topology | None = None) -> None:
+    """Put into the record of the object's mesh what the result just written to it depends on.
+
+    topology: that of the mesh, where it is known, as it takes long to read it back.
+    """
     record = blender_object.data.ccdepth
-    record.fingerprint = mesh_checksum(blender_object)
+    record.fingerprint = mesh_checksum(blender_object, topology)
     record.contributors.clear()
     for state in states:
         contributor = record.contributors.add()
         contributor.gram, contributor.checksum = state.scale, state.checksum
 
 
-def mesh_checksum(blender_object: bpy.types.Object) -> str:
+def mesh_checksum(blender_object: bpy.types.Object, topology: Topology | None = None) -> str:
     """A checksum of the object's own mesh, as far as its surface depends on it, and of the depths on it."""
     checksum = 0
     with own_mesh(blender_object) as mesh:
-        for values in _stored(mesh):
+        for values in _stored(mesh, topology):
             checksum = crc32(values.data, checksum)
     return f"{checksum:08x}"
 
 
-def _stored(mesh: bpy.types.Mesh) -> Iterator[NDArray[Any]]:
+def _stored(mesh: bpy.types.Mesh, topology: Topology | None) -> Iterator[NDArray[Any]]:
     """As Blender keeps it. No creases are the same as creases of zero."""
     attributes = mesh.attributes
     yield read_built_in(attributes, "position", "vector", np.float32, 3)
-    yield read_values(mesh.polygons, "loop_start", np.int32)
-    yield read_built_in(attributes, ".corner_vert", "value", np.int32)
-    yield read_built_in(attributes, ".edge_verts", "value", np.int32, 2)
+    yield from topology or _read_topology(mesh)
     for name, data_type, dtype in (
         ("crease_edge", "FLOAT", np.float32),
         ("crease_vert", "FLOAT", np.float32),
@@ -57,6 +66,14 @@ def _stored(mesh: bpy.types.Mesh) -> Iterator[NDArray[Any]]:
             if name == results.DEPTH or values.any():
                 yield np.frombuffer(name.encode(), dtype=np.uint8)
                 yield values
+
+
+def _read_topology(mesh: bpy.types.Mesh) -> Topology:
+    return Topology(
+        face_starts=read_values(mesh.polygons, "loop_start", np.int32),
+        corner_vertices=read_built_in(mesh.attributes, ".corner_vert", "value", np.int32),
+        edge_vertices=read_built_in(mesh.attributes, ".edge_verts", "value", np.int32, 2),
+    )
 
 
 def has_changed(mesh: bpy.types.Mesh, users: list[bpy.types.Object]) -> bool:

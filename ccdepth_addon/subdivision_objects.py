@@ -6,9 +6,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import bpy
+import numpy as np
 
 from . import fingerprint, heat_map, results, staleness
 from .control_mesh import applied_modifiers, base_mesh, subdivision_modifier
+from .fingerprint import Topology
 from .object_state import object_state
 from .subdivided_object import CarryOptions, new_mesh
 from .subdivision import Subdivision, SubdivisionSettings
@@ -46,7 +48,9 @@ def write_objects(
         users = _place(context, answer, mesh, settings, placing)
         # New objects have no matrix of their own before.
         context.view_layer.update()
-        fingerprint.remember(users[0], [object_state(user, use_modifiers=False) for user in users])
+        made, states = answer.adaptive.mesh, [object_state(user, use_modifiers=False) for user in users]
+        starts = made.face_starts[:-1].astype(np.int32)
+        fingerprint.remember(users[0], states, Topology(starts, made.corner_vertices, made.edge_vertices))
         staleness.note_write(mesh)
         placed += users
     heat_map.synchronise(context)
