@@ -31,7 +31,7 @@ def uniform(mesh: PolygonMesh, level: int) -> SubdividedMesh:
     base_vertices = np.full(fine.vertex_count, -1)
     base_vertices[: mesh.vertex_count] = np.arange(mesh.vertex_count)
     return SubdividedMesh(
-        vertex_points=points.at(first),
+        find_vertex_points=lambda: points.at(first),
         positions=limit_positions(fine),
         face_starts=fine.face_starts,
         corner_vertices=fine.corner_vertices.astype(np.int32),
@@ -89,15 +89,16 @@ def with_loose_parts(mesh: PolygonMesh, subdivided: SubdividedMesh) -> Subdivide
         return subdivided
     nowhere = SurfacePoints(np.full(len(loose_vertices), -1), np.zeros((len(loose_vertices), 2)))
     points = subdivided.vertex_points
+    all_points = SurfacePoints(
+        np.concatenate([points.corners, nowhere.corners]), np.concatenate([points.parameters, nowhere.parameters])
+    )
     base_vertices = np.concatenate([subdivided.base_vertices, loose_vertices])
     places = np.zeros(mesh.vertex_count, dtype=np.intp)
     kept = np.flatnonzero(base_vertices >= 0)
     places[base_vertices[kept]] = kept
     return replace(
         subdivided,
-        vertex_points=SurfacePoints(
-            np.concatenate([points.corners, nowhere.corners]), np.concatenate([points.parameters, nowhere.parameters])
-        ),
+        find_vertex_points=lambda: all_points,
         positions=np.concatenate([subdivided.positions, mesh.positions[loose_vertices]]),
         edge_vertices=np.concatenate(
             [subdivided.edge_vertices, places[mesh.edge_vertices[loose_edges]]], dtype=np.int32

@@ -125,7 +125,7 @@ def draw(outlined: Outline, positions: FloatArray) -> SubdividedMesh:
     """The mesh of an outline, whose vertices lie at positions (V, 3) float64."""
     tree, used, edges = outlined.tree, outlined.used, outlined.edges
     return SubdividedMesh(
-        vertex_points=tree.vertex_points(used),
+        find_vertex_points=partial(tree.vertex_points, used),
         positions=positions,
         face_starts=outlined.starts,
         corner_vertices=outlined.corner_vertices,
@@ -134,9 +134,17 @@ def draw(outlined: Outline, positions: FloatArray) -> SubdividedMesh:
         find_corner_points=partial(_corner_points, outlined),
         base_faces=tree.base_faces[outlined.leaves[outlined.drawn]],
         base_edges=edges.base_edges,
-        base_vertices=np.where(used < tree.mesh.vertex_count, used, NONE).astype(np.int32),
+        base_vertices=_base_vertices(tree, used),
         vertex_edges=tree.vertex_edges[used],
     )
+
+
+def _base_vertices(tree: Quadtree, used: IndexArray) -> ShortIndexArray:
+    """(V,) the vertices of the control mesh that vertices of the tree are, in ascending order, or NONE."""
+    found = np.full(len(used), NONE, dtype=np.int32)
+    count = np.searchsorted(used, tree.mesh.vertex_count)
+    found[:count] = used[:count]
+    return found
 
 
 def triangles_around(
@@ -301,25 +309,28 @@ def _edges(
     """
     is_used = np.zeros(len(tree.edge_vertices) + 1, dtype=bool)
     is_used[sides] = True
-    outer = np.flatnonzero(is_used[:NONE])
+    outer_count = int(np.count_nonzero(is_used[:NONE]))
     inner = np.flatnonzero(sides == NONE)
     inner_vertices, of_inner = _inner_edges(inner, starts, corner_vertices, len(used))
     renumber(sides, is_used)
-    sides[inner] = len(outer) + of_inner
+    sides[inner] = outer_count + of_inner
     loose = np.flatnonzero(tree.mesh.edge_face_counts == 0)
     new = np.full(len(tree.vertex_edges), NONE, dtype=np.int32)
     new[used] = np.arange(len(used), dtype=np.int32)
 
-    insides = slice(len(outer), len(outer) + len(inner_vertices))
+    insides = slice(outer_count, outer_count + len(inner_vertices))
     vertices = np.empty((insides.stop + len(loose), 2), dtype=np.int32)
-    for block, edges in zip(blocks(len(outer), EDGES_AT_ONCE), split(outer, EDGES_AT_ONCE), strict=True):
-        vertices[: insides.start][block] = new.take(tree.edge_vertices.take(edges, axis=0))
+    base_edges = np.full(len(vertices), NONE, dtype=np.int32)
+    filled = 0
+    for block in blocks(len(tree.edge_vertices), EDGES_AT_ONCE):
+        outer = block.start + np.flatnonzero(is_used[:NONE][block])
+        own = slice(filled, filled := filled + len(outer))
+        vertices[own] = new.take(tree.edge_vertices.take(outer, axis=0))
+        base_edges[own] = tree.base_edges[outer]
     vertices[insides] = inner_vertices
     vertices[insides.stop :] = new[tree.edge_vertices[loose]]
-    base_edges = np.full(len(vertices), NONE, dtype=np.int32)
-    base_edges[: insides.start] = tree.base_edges[outer]
     base_edges[insides.stop :] = loose
-    clashing = _doubled(vertices, len(outer), len(used))
+    clashing = _doubled(vertices, outer_count, len(used))
     clashing[insides] |= np.bincount(of_inner, minlength=len(inner_vertices)) != 2
     return Edges(sides, vertices, base_edges, clashing)
 

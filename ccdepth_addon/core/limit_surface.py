@@ -23,7 +23,7 @@ import numpy as np
 from .blocks import blocks
 from .catmull_clark import limit_positions, subdivide
 from .mesh import FloatArray, IndexArray, PolygonMesh, submesh
-from .patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
+from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from .stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils
 from .surface_points import SurfacePoints
 
@@ -51,15 +51,18 @@ class Quantity(Protocol):
         """(P, K): at the vertices of corners (P,), seen from the corner's face; the faces around them are all there."""
 
 
-def limit_values(mesh: PolygonMesh, values: FloatArray, points: SurfacePoints) -> FloatArray:
+def limit_values(
+    mesh: PolygonMesh, values: FloatArray, points: SurfacePoints, kinds: PatchKinds | None = None
+) -> FloatArray:
     """(N, D) float64: what the values (V, D) of the control vertices come to at points of the limit surface.
 
     mesh: with explicit sharpness (``catmull_clark.apply_boundary_rule``); its rules act on the values in place of its
     positions. Exact but for rounding, everywhere: some units in the last place of the largest value for each level a
     point is descended. Parameters should be dyadic fractions; others are rounded to one where a face is not regular.
+    kinds: those of the mesh's patches, where they are known.
     """
     surface = mesh.changed(positions=np.ascontiguousarray(values, dtype=np.float64))
-    return evaluate(surface, points, _Values(), surface.positions.shape[1])
+    return evaluate(surface, points, _Values(), surface.positions.shape[1], kinds)
 
 
 class _Values:
@@ -99,11 +102,13 @@ def spline_sums(nets: FloatArray, which: IndexArray, along: FloatArray, across: 
     return sums.T
 
 
-def evaluate(mesh: PolygonMesh, points: SurfacePoints, quantity: Quantity, columns: int) -> FloatArray:
-    """(N, columns) float64: a quantity of the limit surface at the points."""
+def evaluate(
+    mesh: PolygonMesh, points: SurfacePoints, quantity: Quantity, columns: int, kinds: PatchKinds | None = None
+) -> FloatArray:
+    """(N, columns) float64: a quantity of the limit surface at the points. kinds: as for ``limit_values``."""
     result = np.empty((len(points.corners), columns))
     # A line of descent at a time, so that few refined meshes are alive at once.
-    lines: list[Iterator[_Pending]] = [iter([_Pending(mesh, points, np.arange(len(points.corners)))])]
+    lines: list[Iterator[_Pending]] = [iter([_Pending(mesh, points, np.arange(len(points.corners)), kinds)])]
     while lines:
         pending = next(lines[-1], None)
         if pending is None:
@@ -115,11 +120,13 @@ def evaluate(mesh: PolygonMesh, points: SurfacePoints, quantity: Quantity, colum
 
 @dataclass(frozen=True)
 class _Pending:
-    """Points on a mesh that wait for their values. rows: (N,) intp, where in the result these belong."""
+    """Points on a mesh that wait for their values. rows: (N,) intp, where in the result these belong. kinds: those of
+    the mesh's patches, where they are known."""
 
     mesh: PolygonMesh
     points: SurfacePoints
     rows: IndexArray
+    kinds: PatchKinds | None = None
 
     def at(self, chosen: IndexArray) -> _Pending:
         return _Pending(self.mesh, self.points.at(chosen), self.rows[chosen])
@@ -135,7 +142,7 @@ class _Pending:
 def _settled(pending: _Pending, quantity: Quantity, result: FloatArray) -> Iterator[_Pending]:
     """Put into the result what can be told at this level, and pass on the rest, refined."""
     mesh, faces = pending.mesh, pending.faces()
-    kinds = classify_patches(mesh)
+    kinds = pending.kinds or classify_patches(mesh)
     corners = kinds.extraordinary_corners[faces]
     extraordinary = kinds.kinds[faces] == PatchKind.EXTRAORDINARY
     extraordinary &= mesh.vertex_face_counts[mesh.corner_vertices[corners]] <= LARGEST_STENCIL_VALENCE

@@ -15,18 +15,18 @@ from .surface_points import SurfacePoints
 class SubdividedMesh:
     """Polygons on the limit surface of a control mesh. V vertices, E edges, F faces, C corners.
 
-    vertex_points: SurfacePoints (V)          where each vertex lies; corner -1 for vertices without faces
+    vertex_points: SurfacePoints (V)          where each vertex lies; corner -1 for vertices without faces; found when
+                                              it is asked for
     positions: (V, 3) float64                 limit positions, object space
     face_starts: (F + 1,) intp; corner_vertices: (C,) int32; corner_edges: (C,) int32; edge_vertices: (E, 2) int32
-    corner_points: SurfacePoints (C)          where each corner lies, in its face's own base face; not all who use a
-                                              mesh need to know, so it is found when it is asked for
+    corner_points: SurfacePoints (C)          where each corner lies, in its face's own base face; likewise
     base_faces: (F,) int32                    face of the control mesh
     base_edges: (E,) int32                    edge of the control mesh it lies on, or -1 inside a face
     base_vertices: (V,) int32                 vertex of the control mesh it is, or -1
     vertex_edges: (V,) int32                  edge of the control mesh it lies inside of, or -1
     """
 
-    vertex_points: SurfacePoints
+    find_vertex_points: Callable[[], SurfacePoints]
     positions: FloatArray
     face_starts: IndexArray
     corner_vertices: ShortIndexArray
@@ -37,6 +37,10 @@ class SubdividedMesh:
     base_edges: ShortIndexArray
     base_vertices: ShortIndexArray
     vertex_edges: ShortIndexArray
+
+    @cached_property
+    def vertex_points(self) -> SurfacePoints:
+        return self.find_vertex_points()
 
     @cached_property
     def corner_points(self) -> SurfacePoints:

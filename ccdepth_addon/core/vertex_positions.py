@@ -8,11 +8,14 @@ that; the last one counts.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from .blocks import taken
 from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray
+from .patches import PatchKinds, classify_patches
 from .quadtree import NONE, Column, Quadtree
 
 
@@ -41,9 +44,13 @@ class VertexPositions:
         unknown = np.flatnonzero(np.isnan(found[:, 0]))
         if len(unknown):
             mesh, points = self._tree.mesh, self._tree.vertex_points(vertices[unknown])
-            found[unknown] = limit_values(mesh, mesh.positions, points)
+            found[unknown] = limit_values(mesh, mesh.positions, points, self._kinds)
             self.put(vertices[unknown], found[unknown])
         return found
+
+    @cached_property
+    def _kinds(self) -> PatchKinds:
+        return classify_patches(self._tree.mesh)
 
     def in_space_of(self, control_positions: FloatArray, vertices: IndexArray) -> FloatArray:
         """(N, 3): where vertices (N,) lie in the space where the control mesh has these positions (V, 3). Those without
@@ -54,7 +61,7 @@ class VertexPositions:
         positions, points = np.empty((len(vertices), 3)), self._tree.vertex_points(vertices)
         is_loose = points.corners == NONE
         positions[is_loose] = control_positions[vertices[is_loose]]
-        positions[~is_loose] = limit_values(mesh, control_positions, points.at(np.flatnonzero(~is_loose)))
+        positions[~is_loose] = limit_values(mesh, control_positions, points.at(np.flatnonzero(~is_loose)), self._kinds)
         return positions
 
     def _extend(self) -> None:
