@@ -265,7 +265,7 @@ def _order(polygons: list[Polygons], count: int) -> tuple[IndexArray, IndexArray
     for block in polygons:
         faces[block.leaves] += 1
         corners[block.leaves] += len(block.points)
-    next_faces, next_corners = np.cumsum(faces) - faces, np.cumsum(corners) - corners
+    next_faces, next_corners = (np.cumsum(counts, dtype=np.int32) - counts for counts in (faces, corners))
     starts, firsts = np.empty(faces.sum() + 1, dtype=np.intp), []
     starts[-1] = corners.sum()
     for block in polygons:

@@ -102,10 +102,11 @@ class Quadtree:
         self._parents = Column(_numbers(NONE, faces))
         self._levels = Column(np.zeros(faces, dtype=np.int8))
         self._base_faces = Column(_numbers(np.arange(faces), faces))
-        # A frame is the quarter a node lies in, its first slot there, and the side from there, as complex numbers.
+        # A frame is the quarter a node lies in, its first slot there, and which of the quarter's sides the side from
+        # there is parallel to. A whole face has a frame for each slot.
         self._frame_corners = Column(_numbers(mesh.face_starts[:-1], faces))
         self._frame_origins = Column(np.zeros(faces, dtype=np.complex128))
-        self._frame_sides = Column(np.zeros(faces, dtype=np.complex128))
+        self._frame_turns = Column(np.zeros(faces, dtype=np.int8))
         self._slot_vertices = Column(_numbers(NONE, 0))
         self._slot_edges = Column(_numbers(NONE, 0))
         # The last slot made along an edge, and the one made along the same edge before a slot; or NONE.
@@ -170,7 +171,7 @@ class Quadtree:
     def points_at(self, nodes: IndexArray, points: Sequence[Point]) -> Iterator[SurfacePoints]:
         """For each point: (nodes,) where it lies, in each node's own face."""
         corners = self._frame_corners.values[nodes].astype(np.intp)
-        origins, sides = self._frame_origins.values[nodes], self._frame_sides.values[nodes]
+        origins, sides = self._frame_origins.values[nodes], self._frame_sides(nodes)
         faces = np.flatnonzero(nodes < self.mesh.face_count)
         for place, middle in points:
             parameters = origins + COMPLEX_POINTS[place % 4 + 4 * middle] * sides
@@ -278,7 +279,7 @@ class Quadtree:
             self._base_faces,
             self._frame_corners,
             self._frame_origins,
-            self._frame_sides,
+            self._frame_turns,
         ):
             column.reserve(mesh.face_count + 4 * splits)
         for column in (self._slot_vertices, self._slot_edges, self._slots_before):
@@ -329,8 +330,14 @@ class Quadtree:
         self._base_faces.append(self.base_faces[owners])
         self._frame_corners.append(corners)
         self._frame_origins.append(origins)
-        self._frame_sides.append(sides / 2)
+        self._frame_turns.append(
+            np.where(owners < self.mesh.face_count, 0, self._frame_turns.values[owners] + places) % 4
+        )
         self._append_slots(child_vertices.ravel(), child_edges.ravel())
+
+    def _frame_sides(self, nodes: IndexArray) -> NDArray[np.complex128]:
+        """The side of each node from its first slot, in its quarter, which is the child of a whole face."""
+        return COMPLEX_SIDES[self._frame_turns.values[nodes]] * np.ldexp(2.0, -self.levels[nodes].astype(np.int32))
 
     def _slot_frames(
         self, owners: IndexArray, slots: IndexArray, places: IndexArray
@@ -340,7 +347,7 @@ class Quadtree:
         The side of a whole face reaches twice as far as its quarter.
         """
         corners = self._frame_corners.values[owners]
-        origins, axes = self._frame_origins.values[owners], self._frame_sides.values[owners]
+        origins, axes = self._frame_origins.values[owners], self._frame_sides(owners)
         points, sides = origins + COMPLEX_POINTS[places % 4] * axes, COMPLEX_SIDES[places % 4] * axes
         faces = np.flatnonzero(owners < self.mesh.face_count)
         corners[faces], points[faces], sides[faces] = slots[faces], 0.0, 2.0
