@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# So many rows are taken at once.
-ROWS_AT_ONCE = 1 << 13
+# So many values are taken at once.
+VALUES_AT_ONCE = 1 << 13
 
 
 def blocks(count: int, at_once: int) -> Iterator[slice]:
@@ -23,10 +23,9 @@ def split(indices: NDArray[np.intp], at_once: int) -> Iterator[NDArray[np.intp]]
     return (indices[block] for block in blocks(len(indices), at_once))
 
 
-def taken(values: NDArray[Any], rows: NDArray[Any]) -> NDArray[Any]:
-    """``values[rows]``, without an array of as many long integers on the way; and rows of several numbers several times
-    as fast."""
-    found = np.empty((*rows.shape, *values.shape[1:]), dtype=values.dtype)
-    for block in blocks(len(rows), ROWS_AT_ONCE):
-        found[block] = values.take(rows[block], axis=0)
+def taken(values: NDArray[Any], indices: NDArray[Any]) -> NDArray[Any]:
+    """(N,): ``values[indices]``, without an array of as many long integers on the way."""
+    found = np.empty(len(indices), dtype=values.dtype)
+    for block in blocks(len(indices), VALUES_AT_ONCE):
+        found[block] = values.take(indices[block])
     return found
