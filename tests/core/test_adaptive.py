@@ -368,6 +368,24 @@ def test_vertices_lie_on_the_limit_surface(name: str, stretch: float) -> None:
     np.testing.assert_allclose(made.positions[has_faces], limit_values(mesh, wanted, points), rtol=0, atol=rounding)
 
 
+@pytest.mark.parametrize("stretch", [1.0, 2.0])
+@pytest.mark.parametrize("place", [3.0, np.inf, np.nan])
+def test_vertices_without_faces_stay_where_they_are(place: float, stretch: float) -> None:
+    """Wherever that is, in the space of the mesh and in a wider one."""
+    mesh = meshes.to_polygon_mesh(meshes.loose_edge_at_a_face_vertex())
+    loose = np.flatnonzero(mesh.vertex_face_counts == 0)
+    positions = mesh.positions.copy()
+    positions[loose[-1]] = place
+    mesh = apply_boundary_rule(mesh.changed(positions=positions), smooth_corners=True)
+    wanted = positions * [stretch, 1.0, 1.0]
+    asked = Request(0.05, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
+    made = result_of(subdivide_adaptively(mesh, asked, wanted)).mesh
+    of_loose = np.flatnonzero(np.isin(made.base_vertices, loose))
+    assert len(of_loose) == len(loose) > 0
+    np.testing.assert_array_equal(made.positions[of_loose], wanted[made.base_vertices[of_loose]])
+    assert np.all(np.isfinite(made.positions[made.corner_vertices]))
+
+
 # One depth for each face
 
 
