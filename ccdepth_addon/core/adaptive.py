@@ -198,7 +198,8 @@ class _Planner:
         """Split the nodes of cells that do not fit, if they are whole yet, and so their children, level by level."""
         while unfit:
             nodes = self._whole_of(np.concatenate([cells.nodes for cells in unfit]))
-            self.tree.reserve(self._refuse_too_many(nodes))
+            self._refuse_too_many(nodes)
+            self.tree.reserve(min(self._expected_leaves(nodes), self._request.most_faces))
             for part in blocks(len(nodes), NODES_SPLIT_AT_ONCE):
                 self._split_nodes(nodes[part])
                 yield self._leaf_count()
@@ -455,16 +456,17 @@ class _Planner:
             column.extend(more, value)
         self._cells.extend()
 
-    def _refuse_too_many(self, unfit: IndexArray) -> int:
-        """About how many leaves there will be. Raise TooManyFacesError if there are too many now that these nodes have
-        to be split, or will be."""
-        leaves = int(np.count_nonzero(self.tree.first_child == NONE))
+    def _expected_leaves(self, unfit: IndexArray) -> int:
+        """About how many leaves there will be, now that these nodes have to be split."""
         worth = np.maximum(_leaves_of(self._least.values[unfit] / self._limit), 4.0)
-        expected = int(leaves - len(unfit) + worth.sum())
-        estimate, most = int(FACES_OF_A_LEAF * expected), self._request.most_faces
+        return int(np.count_nonzero(self.tree.first_child == NONE) - len(unfit) + worth.sum())
+
+    def _refuse_too_many(self, unfit: IndexArray) -> None:
+        """Raise TooManyFacesError if there are too many leaves now that these nodes have to be split, or will be."""
+        leaves = int(np.count_nonzero(self.tree.first_child == NONE))
+        estimate, most = int(FACES_OF_A_LEAF * self._expected_leaves(unfit)), self._request.most_faces
         if leaves + 3 * len(unfit) > most or estimate > BELIEVED * most:
             raise TooManyFacesError(estimate, self._fitting_limit())
-        return min(expected, most)
 
     def _fitting_limit(self) -> float:
         """A limit by which about as many faces as allowed would be made; inf where the mesh has too many itself."""
