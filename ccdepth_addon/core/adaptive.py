@@ -24,7 +24,7 @@ from .cells import cells_of_faces
 from .drawing import Outline, draw, outline, triangles_around
 from .fits import Cells, Fit
 from .graph_bounds import graph_bounds
-from .mesh import FloatArray, IndexArray, PolygonMesh, compact
+from .mesh import FloatArray, IndexArray, PolygonMesh
 from .net_cells import BicubicCells, NetCells
 from .quadtree import NONE, Column, Quadtree
 from .subdivided_mesh import SubdividedMesh
@@ -45,6 +45,9 @@ PARENTS_AT_ONCE = 1 << 12
 
 # So many take about a tenth of a second, after which there is a sign of life.
 NODES_SPLIT_AT_ONCE = 1 << 16
+
+# Beside a quad that is split lie its own quarters and at most two leaves along each side, as soon as there is balance.
+LEAVES_BESIDE = 12
 
 # By how much a tolerance is raised in search of one that fits.
 SEARCH_STEP = 1.1
@@ -202,7 +205,7 @@ class _Planner:
             self.tree.reserve(min(self._expected_leaves(nodes), self._request.most_faces))
             for part in blocks(len(nodes), NODES_SPLIT_AT_ONCE):
                 self._split_nodes(nodes[part])
-                yield self._leaf_count()
+                yield self.tree.leaf_count
             unfit = yield from self._fit_children(unfit)
 
     def _fit_children(self, parents: list[Cells]) -> Generator[int, None, list[Cells]]:
@@ -278,11 +281,18 @@ class _Planner:
         """The leaves beside others more than one level deeper, or with all their sides split."""
         if not self._split_since:
             return np.zeros(0, dtype=np.intp)
-        leaves = self.tree.leaves_beside(np.concatenate(self._split_since))
-        self._split_since = []
+        leaves = self._leaves_beside_split()
         self._touched.values[leaves] = True
         counts, deeper = self.tree.sides(leaves)
         return leaves[deeper | (counts == self.tree.slot_counts(leaves))]
+
+    def _leaves_beside_split(self) -> IndexArray:
+        """The leaves beside nodes that were split since balance was looked at; or all if there are not many more."""
+        split = np.concatenate(self._split_since)
+        self._split_since = []
+        if LEAVES_BESIDE * len(split) >= self.tree.leaf_count:
+            return self.tree.leaves()
+        return self.tree.leaves_beside(split)
 
     def fit_split_sides(self) -> Generator[int, None, IndexArray]:
         """Fit the leaves anew some more of whose sides are split by now; those that do not fit."""
@@ -304,15 +314,22 @@ class _Planner:
         them was fitted since: its sides were split, or it is new and has the vertices of the leaf that was there.
         """
         unbounded = np.flatnonzero(np.isinf(self._bounds.values) & (self.tree.first_child == NONE))
-        fitted = np.flatnonzero(self._fitted_since.values & (self.tree.first_child == NONE))
-        unbounded = unbounded[self._faces_around(fitted)[self.tree.base_faces[unbounded]]]
         wanted = self._fitted_since.values[unbounded]
-        wanted[~wanted] = self.tree.share_a_vertex(unbounded[~wanted], fitted)
+        wanted[~wanted] = self._are_beside_fitted(unbounded[~wanted])
         self._fitted_since.values[:] = False
         wanted = unbounded[wanted]
         if len(wanted):
             yield from self._find_graph_bounds(wanted)
         return wanted[self._graph_bounds.values[wanted] > self._limit]
+
+    def _are_beside_fitted(self, leaves: IndexArray) -> BoolArray:
+        """(leaves,) those that share a vertex with one that was fitted since."""
+        if not len(leaves):
+            return np.zeros(0, dtype=bool)
+        fitted = np.flatnonzero(self._fitted_since.values & (self.tree.first_child == NONE))
+        found = self._faces_around(fitted)[self.tree.base_faces[leaves]]
+        found[found] = self.tree.share_a_vertex(leaves[found], fitted)
+        return found
 
     def _faces_around(self, nodes: IndexArray) -> BoolArray:
         """(faces of the control mesh,) those with a vertex of any on which there are nodes: on these are all nodes that
@@ -329,17 +346,16 @@ class _Planner:
         leaves = np.flatnonzero(self._faces_around(wanted)[self.tree.base_faces] & (self.tree.first_child == NONE))
         leaves = leaves[self.tree.share_a_vertex(leaves, wanted)]
         yield from self._each(self._miss, leaves[np.isinf(self._normal.values[leaves])])
-        triangles, drawn, closed = triangles_around(self.tree, leaves, self.fit_of(leaves), self._request.transitions)
-        used = compact(triangles, len(self.tree.vertex_edges))
-        nodes = leaves[drawn]
+        drawn = triangles_around(self.tree, leaves, self.fit_of(leaves), self._request.transitions)
+        nodes = leaves[drawn.leaves]
         is_wanted = np.zeros(len(self.tree.first_child), dtype=bool)
         is_wanted[wanted] = True
         found = graph_bounds(
-            self.positions.of(used),
-            triangles,
+            self.positions.of(drawn.used),
+            drawn.corners,
             self._normal.values[nodes],
             self._tangential.values[nodes],
-            closed[used],
+            drawn.closed,
             is_wanted[nodes],
         )
         # Of a leaf without triangles nothing would be known.
@@ -352,11 +368,7 @@ class _Planner:
         """Do some work for the cells of nodes."""
         for cells in in_blocks(self._cells.of(nodes)):
             work(cells)
-            yield self._leaf_count()
-
-    def _leaf_count(self) -> int:
-        """About how many leaves there are."""
-        return len(self.tree.first_child) // 4 * 3
+            yield self.tree.leaf_count
 
     def _miss(self, cells: Cells) -> None:
         """Find and record how far cells are off along and across their normals: no farther than in all."""
@@ -395,7 +407,7 @@ class _Planner:
                     for kept in some(leaves, fits):
                         self._cells.put(kept)
                 unfit += some(leaves, ~fits)
-            yield self._leaf_count()
+            yield self.tree.leaf_count
         return unfit
 
     def _look_at_children(self, parents: BicubicCells) -> Generator[int, None, tuple[BoolArray, BoolArray]]:
@@ -414,7 +426,7 @@ class _Planner:
             self._record(nodes[recorded], found.fit.at(recorded))
             unfit[:, part] = is_unfit.reshape(4, -1)
             doubtful[:, part] = ~(is_done | is_unfit).reshape(4, -1)
-            yield self._leaf_count()
+            yield self.tree.leaf_count
         return doubtful, unfit
 
     def _place(self, cells: NetCells, points: FloatArray) -> None:
@@ -459,13 +471,12 @@ class _Planner:
     def _expected_leaves(self, unfit: IndexArray) -> int:
         """About how many leaves there will be, now that these nodes have to be split."""
         worth = np.maximum(_leaves_of(self._least.values[unfit] / self._limit), 4.0)
-        return int(np.count_nonzero(self.tree.first_child == NONE) - len(unfit) + worth.sum())
+        return int(self.tree.leaf_count - len(unfit) + worth.sum())
 
     def _refuse_too_many(self, unfit: IndexArray) -> None:
         """Raise TooManyFacesError if there are too many leaves now that these nodes have to be split, or will be."""
-        leaves = int(np.count_nonzero(self.tree.first_child == NONE))
         estimate, most = int(FACES_OF_A_LEAF * self._expected_leaves(unfit)), self._request.most_faces
-        if leaves + 3 * len(unfit) > most or estimate > BELIEVED * most:
+        if self.tree.leaf_count + 3 * len(unfit) > most or estimate > BELIEVED * most:
             raise TooManyFacesError(estimate, self._fitting_limit())
 
     def _fitting_limit(self) -> float:

@@ -147,15 +147,21 @@ def _base_vertices(tree: Quadtree, used: IndexArray) -> ShortIndexArray:
     return found
 
 
-def triangles_around(
-    tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions
-) -> tuple[IndexArray, IndexArray, BoolArray]:
-    """The triangles that are drawn for some leaves (L,).
+@dataclass(frozen=True)
+class Triangles:
+    """T triangles that draw leaves. used: (U,) vertices of the tree, ascending; corners: (T, 3) which of these; leaves:
+    (T,) the leaf each draws, as a place among the leaves. closed: (U,) whether a vertex has no other faces than
+    triangles and quads around it, which close up to a disc: not so on boundaries and infinitely sharp creases."""
 
-    Returns (T, 3) vertices of the tree, (T,) the leaf of each as a place, and (V,) whether a vertex has no other faces
-    than triangles and quads around it, which close up to a disc: not so on boundaries and infinitely sharp creases.
-    """
-    closed = _is_inside(tree)
+    used: IndexArray
+    corners: IndexArray
+    leaves: IndexArray
+    closed: BoolArray
+
+
+def triangles_around(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Triangles:
+    """The triangles that are drawn for some leaves (L,)."""
+    at_polygons = np.zeros(len(tree.vertex_edges), dtype=bool)
     triangles, drawn = [np.zeros((0, 3), dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
     others = _polygons_of_faces(tree, leaves, transitions)
     of_faces = ((np.stack([*block.vertices(tree, leaves)], axis=1), block.leaves) for block in others)
@@ -165,18 +171,20 @@ def triangles_around(
             triangles.append(vertices)
             drawn.append(of_leaves)
         else:
-            closed[vertices] = False
-    return np.concatenate(triangles), np.concatenate(drawn), closed
+            at_polygons[vertices] = True
+    corners = np.concatenate(triangles)
+    used = compact(corners, len(tree.vertex_edges))
+    return Triangles(used, corners, np.concatenate(drawn), _are_inside(tree, used) & ~at_polygons[used])
 
 
-def _is_inside(tree: Quadtree) -> BoolArray:
-    """(V,) whether a vertex lies inside a smooth or semi-sharp part of the surface."""
-    inside = np.ones(len(tree.vertex_edges), dtype=bool)
-    sharp_edges = np.isinf(tree.mesh.edge_sharpness)
-    inside[: tree.mesh.vertex_count] = ~np.isinf(tree.mesh.vertex_sharpness)
-    inside[tree.mesh.edge_vertices[sharp_edges]] = False
-    on_edges = np.flatnonzero(tree.vertex_edges != NONE)
-    inside[on_edges] = ~sharp_edges[tree.vertex_edges[on_edges]]
+def _are_inside(tree: Quadtree, vertices: IndexArray) -> BoolArray:
+    """(U,) whether vertices, in ascending order, lie inside a smooth or semi-sharp part of the surface."""
+    mesh = tree.mesh
+    sharp_edges, sharp_vertices = np.isinf(mesh.edge_sharpness), np.isinf(mesh.vertex_sharpness)
+    sharp_vertices[mesh.edge_vertices[sharp_edges]] = True
+    count, edges = np.searchsorted(vertices, mesh.vertex_count), tree.vertex_edges[vertices]
+    inside = (edges == NONE) | ~sharp_edges[edges]
+    inside[:count] = ~sharp_vertices[vertices[:count]]
     return inside
 
 

@@ -15,7 +15,6 @@ wide enough: T + N is less than a third of cos Θ times the least of their heigh
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -52,29 +51,35 @@ def graph_bounds(
     """
     count = len(positions)
     corners, columns = np.ascontiguousarray(triangles.T), np.ascontiguousarray(positions.T)
-    normals, heights, angles = np.empty((3, 3, len(triangles)))
+    directions = np.empty((3, len(triangles)))
+    turns, widths, tilts = np.zeros(count), np.full(count, np.inf), np.full(count, -np.inf)
     for block in blocks(len(triangles), TRIANGLES_AT_ONCE):
-        normals[:, block], heights[:, block], angles[:, block] = _shapes(columns[:, corners[:, block]])
-    axes = np.stack([_sums_at(corners, [component] * 3, count) for component in normals])
+        directions[:, block], heights, angles = _shapes(columns[:, corners[:, block]])
+        for vertices, of_height, of_angle in zip(corners[:, block], heights, angles, strict=True):
+            np.minimum.at(widths, vertices, of_height)
+            np.add.at(turns, vertices, of_angle)
+    axes = np.stack([_sums_at(corners, component, count) for component in directions])
     axes /= np.sqrt(np.sum(axes * axes, axis=0))
 
-    # (3, T): for each triangle, what is so at each of its corners.
-    tilts = np.empty_like(heights)
+    # (3, T): for each triangle, its normal, and then its tilts at each of its corners.
     for block in blocks(len(triangles), TRIANGLES_AT_ONCE):
-        tilts[:, block] = _angles(np.einsum("it,ikt->kt", normals[:, block], axes[:, corners[:, block]]))
+        own = corners[:, block]
+        directions[:, block] = _angles(np.einsum("it,ikt->kt", directions[:, block], axes[:, own]))
+        for vertices, of_corner in zip(own, directions[:, block], strict=True):
+            np.maximum.at(tilts, vertices, of_corner)
     around = _Stars(
-        tilts=_largest_at(corners, tilts, count),
-        turns=_sums_at(corners, angles, count),
-        widths=-_largest_at(corners, np.negative(heights, out=heights), count),
-        normal=_largest_at(corners, [normal] * 3, count),
-        tangential=_largest_at(corners, [tangential] * 3, count),
+        tilts=tilts,
+        turns=turns,
+        widths=widths,
+        normal=_largest_at(corners, normal, count),
+        tangential=_largest_at(corners, tangential, count),
         closed=closed,
     )
     chosen = np.flatnonzero(wanted)
     found = np.empty(len(chosen))
     for block in blocks(len(chosen), TRIANGLES_AT_ONCE):
         own = chosen[block]
-        found[block] = around.bounds(corners[:, own], tilts[:, own])
+        found[block] = around.bounds(corners[:, own], directions[:, own])
     return found
 
 
@@ -114,26 +119,35 @@ def _angles(cosines: FloatArray) -> FloatArray:
 def _shapes(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of triangles with corners (3, 3, T), coordinate by coordinate: their normals (3, T); and corner by corner (3, T)
     their heights and angles there."""
-    sides = points[:, [1, 2, 0]] - points
-    back = -sides[:, [2, 0, 1]]
-    crosses = np.stack([sides[i] * back[j] - sides[j] * back[i] for i, j in ((1, 2), (2, 0), (0, 1))])
-    doubled = np.sqrt(np.sum(crosses * crosses, axis=0))
-    lengths = np.sqrt(np.sum(sides * sides, axis=0))
-    angles = np.arctan2(doubled, np.sum(sides * back, axis=0))
-    return crosses[:, 0] / doubled[0], doubled / lengths[[1, 2, 0]], angles
+    sides = [points[:, 1] - points[:, 0], points[:, 2] - points[:, 1], points[:, 0] - points[:, 2]]
+    crosses = np.stack([sides[0][i] * sides[1][j] - sides[0][j] * sides[1][i] for i, j in ((1, 2), (2, 0), (0, 1))])
+    doubled = np.sqrt(_products(crosses, crosses))
+    heights = np.stack(
+        [doubled / np.sqrt(_products(opposite, opposite)) for opposite in (sides[1], sides[2], sides[0])]
+    )
+    angles = np.empty_like(heights)
+    for corner in (0, 1):
+        np.arctan2(doubled, -_products(sides[corner], sides[corner - 1]), out=angles[corner])
+    angles[2] = np.pi - angles[0] - angles[1]
+    return crosses / doubled, heights, angles
 
 
-def _sums_at(corners: IndexArray, values: Sequence[FloatArray] | FloatArray, count: int) -> FloatArray:
-    """(count,) the sum of the values at the corners (3, T) of each vertex."""
+def _products(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(T,) the dot products of vectors (3, T)."""
+    return np.einsum("it,it->t", a, b)
+
+
+def _sums_at(corners: IndexArray, values: FloatArray, count: int) -> FloatArray:
+    """(count,) the sum of the values (T,) of the triangles at each vertex."""
     sums = np.zeros(count)
-    for vertices, of_corner in zip(corners, values, strict=True):
-        sums += np.bincount(vertices, of_corner, count)
+    for vertices in corners:
+        sums += np.bincount(vertices, values, count)
     return sums
 
 
-def _largest_at(corners: IndexArray, values: Sequence[FloatArray] | FloatArray, count: int) -> FloatArray:
-    """(count,) the largest of the values at the corners (3, T) of each vertex."""
+def _largest_at(corners: IndexArray, values: FloatArray, count: int) -> FloatArray:
+    """(count,) the largest of the values (T,) of the triangles at each vertex."""
     largest = np.full(count, -np.inf)
-    for vertices, of_corner in zip(corners, values, strict=True):
-        np.maximum.at(largest, vertices, of_corner)
+    for vertices in corners:
+        np.maximum.at(largest, vertices, values)
     return largest

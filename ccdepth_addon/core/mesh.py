@@ -247,8 +247,11 @@ def compact(indices: NDArray[Any], count: int, kept: IndexArray | None = None) -
 
 def renumber(indices: NDArray[Any], used: NDArray[np.bool_]) -> None:
     """Count indices of what is used among what is used, in place."""
-    numbers = np.cumsum(used, dtype=indices.dtype)
-    numbers -= 1
+    numbers, counted = np.empty(len(used), dtype=indices.dtype), 0
+    for block in blocks(len(used), INDICES_AT_ONCE):
+        found = np.flatnonzero(used[block])
+        numbers[block][found] = np.arange(counted, counted + len(found), dtype=indices.dtype)
+        counted += len(found)
     for block in blocks(len(indices), INDICES_AT_ONCE):
         indices[block] = numbers.take(indices[block])
 

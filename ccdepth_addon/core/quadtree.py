@@ -124,6 +124,7 @@ class Quadtree:
         self._vertex_parameters = Column(np.zeros(mesh.vertex_count, dtype=np.complex128))
         self._vertex_edges = Column(_numbers(NONE, mesh.vertex_count))
         self._append_slots(mesh.corner_vertices, mesh.corner_edges)
+        self.leaf_count = faces
 
     first_child = property(lambda self: self._first_child.values)
     parents = property(lambda self: self._parents.values)
@@ -334,6 +335,7 @@ class Quadtree:
             np.where(owners < self.mesh.face_count, 0, self._frame_turns.values[owners] + places) % 4
         )
         self._append_slots(child_vertices.ravel(), child_edges.ravel())
+        self.leaf_count += len(slots) - len(nodes)
 
     def _frame_sides(self, nodes: IndexArray) -> NDArray[np.complex128]:
         """The side of each node from its first slot, in its quarter, which is the child of a whole face."""

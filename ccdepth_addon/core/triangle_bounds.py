@@ -49,9 +49,11 @@ CORNER_COEFFICIENTS = [0, 12, 15, 3]
 # A quarter turn, counter-clockwise, of row vectors.
 QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
-# How many levels of bicubic pieces are looked at around an extraordinary vertex.
+# How many levels of bicubic pieces are looked at around an extraordinary vertex; and in a closer look, on how many of
+# them by the quarters of triangles: farther in that would make no difference any more.
 COARSE_LEVELS = 2
 FINE_LEVELS = 5
+QUARTERED_LEVELS = 2
 
 # Coefficients, as numbers, that are looked at together, and quads at least.
 VALUES_AT_ONCE = 1 << 18
@@ -366,10 +368,11 @@ def extraordinary_rows(valence: int, pattern: int, alternative: int, *, fine: bo
     for level in range(1, levels + 1):
         for child in (1, 2, 3):
             surface = to_bernstein @ stencils.regular[16 * (child - 1) : 16 * child] @ net
-            rows.append(template_rows(pattern, alternative, 4**level + child, fine=fine).of(surface, points))
+            quartered = fine and level <= QUARTERED_LEVELS
+            rows.append(template_rows(pattern, alternative, 4**level + child, fine=quartered).of(surface, points))
         net = stencils.refined @ net
     facet = bilinear_coefficients(stencils.limits @ net).reshape(16, -1)
-    last = Rows.joined([template_rows(pattern, alternative, 4**levels, fine=fine).of(facet, points)])
+    last = Rows.joined([template_rows(pattern, alternative, 4**levels).of(facet, points)])
     differences = np.array([2 * net[a] - net[b] - net[c] for a, b, c in second_differences(valence)])
     return ExtraordinaryRows(Rows.joined(rows), last, differences)
 

@@ -306,12 +306,11 @@ def assert_bounded_as_it_is(tree: Quadtree, leaves: IndexArray, fit: Fit, asked:
     anew = fitted_anew(tree, asked).at(leaves)
     for name in ("patterns", "alternatives", "turns", "folded"):
         np.testing.assert_array_equal(getattr(fit, name), getattr(anew, name))
-    triangles, of_leaves, closed = triangles_around(tree, leaves, anew, Transitions.TRIANGLES)
-    points = np.zeros((len(tree.vertex_edges), 3))
-    used = np.unique(triangles)
-    points[used] = limit_values(tree.mesh, tree.mesh.positions, tree.vertex_points(used))
-    along = np.zeros(len(leaves))
-    found = graph_bounds(points, triangles, anew.normal[of_leaves], anew.tangential[of_leaves], closed, of_leaves >= 0)
+    drawn = triangles_around(tree, leaves, anew, Transitions.TRIANGLES)
+    points = limit_values(tree.mesh, tree.mesh.positions, tree.vertex_points(drawn.used))
+    along, of_leaves = np.zeros(len(leaves)), drawn.leaves
+    normal, tangential = anew.normal[of_leaves], anew.tangential[of_leaves]
+    found = graph_bounds(points, drawn.corners, normal, tangential, drawn.closed, of_leaves >= 0)
     np.maximum.at(along, of_leaves, found)
     np.testing.assert_allclose(fit.bounds, np.where(np.isinf(anew.bounds), along, anew.bounds), rtol=SAME, atol=0)
     assert np.all(fit.bounds <= asked.limit)
