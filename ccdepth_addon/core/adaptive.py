@@ -11,7 +11,7 @@ that near to the surface, and every point of the surface that near to the mesh (
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from enum import StrEnum
 
@@ -22,6 +22,7 @@ from .blocks import blocks
 from .cell_store import CellStore, in_blocks, some
 from .cells import cells_of_faces
 from .drawing import Outline, draw, outline, triangles_around
+from .fit_store import FitStore
 from .fits import Cells, Fit
 from .graph_bounds import graph_bounds
 from .mesh import FloatArray, IndexArray, PolygonMesh
@@ -138,7 +139,7 @@ def _settled(mesh: PolygonMesh, request: Request) -> Generator[int, None, _Settl
         planner = _Planner(mesh, request, least_levels)
         yield from planner.settle()
         tree, leaves, depths = planner.tree, planner.leaves(), planner.face_levels()
-        fit, positions = planner.fit_of(leaves), planner.positions
+        fit, positions = planner.fits.of(leaves), planner.positions
         # What else is known of the surface takes as much memory as the tree, and has served its turn.
         del planner
         found = outline(tree, leaves, fit, request.transitions)
@@ -162,11 +163,7 @@ class _Planner:
         self._limit = request.limit
         self.positions = VertexPositions(self.tree)
         self._cells = CellStore(self.tree)
-        self._fits: list[Column] = [Column(getattr(Fit.none(0), field.name)) for field in fields(Fit)]
-        self._fitting, self._bounds, self._normal, self._tangential = self._fits[:4]
-        self._least = self._fits[-1]
-        # Bounds that take the neighbours into account, of leaves that have no other.
-        self._graph_bounds = Column(np.zeros(0))
+        self.fits = FitStore(self.tree)
         # How many of a leaf's sides were split when it was fitted last; it never gets fewer.
         self._split_sides = Column(np.zeros(0, dtype=np.int32))
         # The nodes split since balance was looked at; whether a leaf's sides may have been split since it was fitted;
@@ -304,7 +301,7 @@ class _Planner:
         pending = leaves[more]
         self._split_sides.values[pending] = counts[more]
         yield from self._each(self._fit_as_split, pending)
-        return pending[~self._fitting.values[pending]]
+        return pending[~self.fits.fits[pending]]
 
     def fit_along_surface(self) -> Generator[int, None, IndexArray]:
         """Bound the leaves that are not within the limit at equal parameters by their neighbours; those that do not
@@ -313,14 +310,14 @@ class _Planner:
         A leaf's bound comes from how it and the leaves with a vertex of it are drawn. Where that has changed one of
         them was fitted since: its sides were split, or it is new and has the vertices of the leaf that was there.
         """
-        unbounded = np.flatnonzero(np.isinf(self._bounds.values) & (self.tree.first_child == NONE))
+        unbounded = self.fits.unbounded()
         wanted = self._fitted_since.values[unbounded]
         wanted[~wanted] = self._are_beside_fitted(unbounded[~wanted])
         self._fitted_since.values[:] = False
         wanted = unbounded[wanted]
         if len(wanted):
             yield from self._find_graph_bounds(wanted)
-        return wanted[self._graph_bounds.values[wanted] > self._limit]
+        return wanted[self.fits.graph_bounds(wanted) > self._limit]
 
     def _are_beside_fitted(self, leaves: IndexArray) -> BoolArray:
         """(leaves,) those that share a vertex with one that was fitted since."""
@@ -345,24 +342,19 @@ class _Planner:
         """Find those of the wanted leaves."""
         leaves = np.flatnonzero(self._faces_around(wanted)[self.tree.base_faces] & (self.tree.first_child == NONE))
         leaves = leaves[self.tree.share_a_vertex(leaves, wanted)]
-        yield from self._each(self._miss, leaves[np.isinf(self._normal.values[leaves])])
-        drawn = triangles_around(self.tree, leaves, self.fit_of(leaves), self._request.transitions)
+        yield from self._each(self._miss, leaves[np.isinf(self.fits.misses(leaves)[0])])
+        drawn = triangles_around(self.tree, leaves, self.fits.of(leaves), self._request.transitions)
         nodes = leaves[drawn.leaves]
         is_wanted = np.zeros(len(self.tree.first_child), dtype=bool)
         is_wanted[wanted] = True
         found = graph_bounds(
             self.positions.of(drawn.used),
             drawn.corners,
-            self._normal.values[nodes],
-            self._tangential.values[nodes],
+            *self.fits.misses(nodes),
             drawn.closed,
             is_wanted[nodes],
         )
-        # Of a leaf without triangles nothing would be known.
-        bounds, own = self._graph_bounds.values, nodes[is_wanted[nodes]]
-        bounds[wanted] = np.inf
-        bounds[own] = 0.0
-        np.maximum.at(bounds, own, found)
+        self.fits.put_graph_bounds(wanted, nodes[is_wanted[nodes]], found)
 
     def _each(self, work: Callable[[Cells], None], nodes: IndexArray) -> Generator[int, None, None]:
         """Do some work for the cells of nodes."""
@@ -373,20 +365,12 @@ class _Planner:
     def _miss(self, cells: Cells) -> None:
         """Find and record how far cells are off along and across their normals: no farther than in all."""
         nodes = cells.nodes
-        misses = cells.misses(Fit(*(column.values[nodes] for column in self._fits)), self._limit)
-        for column, found in ((self._normal, misses.normal), (self._tangential, misses.tangential)):
-            column.values[nodes] = np.minimum(found, self._bounds.values[nodes])
+        self.fits.put_misses(nodes, cells.misses(self.fits.of(nodes), self._limit))
 
     def leaves(self) -> IndexArray:
         """The leaves in the order of the control mesh's faces."""
         leaves = self.tree.leaves()
         return leaves[np.argsort(self.tree.base_faces[leaves], kind="stable")]
-
-    def fit_of(self, leaves: IndexArray) -> Fit:
-        """How the leaves are drawn, with the better of the two bounds."""
-        fit = Fit(*(column.values[leaves] for column in self._fits))
-        np.minimum(fit.bounds, self._graph_bounds.values[leaves], out=fit.bounds)
-        return fit
 
     def _fit_new(self, cells: Iterable[Cells], *, are_made_again: bool = False) -> Generator[int, None, list[Cells]]:
         """Fit and record the cells of new leaves, with their sides whole; those that do not fit, or whose nodes are
@@ -453,24 +437,21 @@ class _Planner:
         return cells.fit(hanging, self._request.transitions, self._limit, self._request.axes)
 
     def _record(self, nodes: IndexArray, fit: Fit) -> None:
-        for column, field in zip(self._fits, fields(Fit), strict=True):
-            column.values[nodes] = getattr(fit, field.name)
-        self._graph_bounds.values[nodes] = np.inf
+        self.fits.put(nodes, fit)
         self._fitted_since.values[nodes] = True
 
     def _extend(self) -> None:
         """Make room for the nodes of the tree."""
-        more, nothing = len(self.tree.first_child) - len(self._split_sides.values), Fit.none(1)
-        columns = [*self._fits, self._graph_bounds, self._split_sides, self._touched, self._fitted_since]
-        values = [*(getattr(nothing, field.name) for field in fields(Fit)), np.inf, 0, False, False]
-        for column, value in zip(columns, values, strict=True):
+        more = len(self.tree.first_child) - len(self._split_sides.values)
+        for column in (self._split_sides, self._touched, self._fitted_since):
             column.reserve(self.tree.node_room)
-            column.extend(more, value)
+            column.extend(more, 0)
+        self.fits.extend()
         self._cells.extend()
 
     def _expected_leaves(self, unfit: IndexArray) -> int:
         """About how many leaves there will be, now that these nodes have to be split."""
-        worth = np.maximum(_leaves_of(self._least.values[unfit] / self._limit), 4.0)
+        worth = np.maximum(_leaves_of(self.fits.least[unfit] / self._limit), 4.0)
         return int(self.tree.leaf_count - len(unfit) + worth.sum())
 
     def _refuse_too_many(self, unfit: IndexArray) -> None:
@@ -481,7 +462,7 @@ class _Planner:
 
     def _fitting_limit(self) -> float:
         """A limit by which about as many faces as allowed would be made; inf where the mesh has too many itself."""
-        least = self._least.values[: self.tree.mesh.face_count]
+        least = self.fits.least[: self.tree.mesh.face_count]
         if len(least) > self._request.most_faces:
             return np.inf
         room = max(self._request.most_faces / FACES_OF_A_LEAF, len(least))
