@@ -50,6 +50,9 @@ NODES_SPLIT_AT_ONCE = 1 << 16
 # Beside a quad that is split lie its own quarters and at most two leaves along each side, as soon as there is balance.
 LEAVES_BESIDE = 12
 
+# No face has fewer.
+FEWEST_SIDES = 3
+
 # By how much a tolerance is raised in search of one that fits.
 SEARCH_STEP = 1.1
 
@@ -280,8 +283,10 @@ class _Planner:
             return np.zeros(0, dtype=np.intp)
         leaves = self._leaves_beside_split()
         self._touched.values[leaves] = True
-        counts, deeper = self.tree.sides(leaves)
-        return leaves[deeper | (counts == self.tree.slot_counts(leaves))]
+        counts, wanted = self.tree.sides(leaves)
+        possible = np.flatnonzero(counts >= FEWEST_SIDES)
+        wanted[possible] |= counts[possible] == self.tree.slot_counts(leaves[possible])
+        return leaves[wanted]
 
     def _leaves_beside_split(self) -> IndexArray:
         """The leaves beside nodes that were split since balance was looked at; or all if there are not many more."""
@@ -293,9 +298,8 @@ class _Planner:
 
     def fit_split_sides(self) -> Generator[int, None, IndexArray]:
         """Fit the leaves anew some more of whose sides are split by now; those that do not fit."""
-        leaves = np.flatnonzero(self._touched.values)
-        self._touched.values[leaves] = False
-        leaves = leaves[self.tree.first_child[leaves] == NONE]
+        leaves = np.flatnonzero(self._touched.values & (self.tree.first_child == NONE))
+        self._touched.values[:] = False
         counts, _ = self.tree.sides(leaves)
         more = counts != self._split_sides.values[leaves]
         pending = leaves[more]

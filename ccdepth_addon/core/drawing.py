@@ -154,7 +154,7 @@ class Triangles:
     triangles and quads around it, which close up to a disc: not so on boundaries and infinitely sharp creases."""
 
     used: IndexArray
-    corners: IndexArray
+    corners: ShortIndexArray
     leaves: IndexArray
     closed: BoolArray
 
@@ -162,7 +162,7 @@ class Triangles:
 def triangles_around(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Triangles:
     """The triangles that are drawn for some leaves (L,)."""
     at_polygons = np.zeros(len(tree.vertex_edges), dtype=bool)
-    triangles, drawn = [np.zeros((0, 3), dtype=np.intp)], [np.zeros(0, dtype=np.intp)]
+    triangles, drawn = [np.zeros((0, 3), dtype=np.int32)], [np.zeros(0, dtype=np.intp)]
     others = _polygons_of_faces(tree, leaves, transitions)
     of_faces = ((np.stack([*block.vertices(tree, leaves)], axis=1), block.leaves) for block in others)
     of_quads = (_as_triangles(tree, leaves, block) for block in _polygons_of_quads(tree, leaves, fit, transitions))

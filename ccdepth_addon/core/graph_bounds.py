@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .blocks import blocks
-from .mesh import FloatArray, IndexArray
+from .mesh import FloatArray, IndexArray, ShortIndexArray
 
 # Steeper than this the bound is of no use any more.
 LEAST_COSINE = 0.25
@@ -38,7 +38,7 @@ TRIANGLES_AT_ONCE = 1 << 12
 @np.errstate(divide="ignore", invalid="ignore")
 def graph_bounds(
     positions: FloatArray,
-    triangles: IndexArray,
+    triangles: IndexArray | ShortIndexArray,
     normal: FloatArray,
     tangential: FloatArray,
     closed: NDArray[np.bool_],

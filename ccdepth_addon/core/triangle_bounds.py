@@ -213,10 +213,12 @@ class Misses:
     def of(vectors: FloatArray, triangles: IndexArray, normals: FloatArray) -> Misses:
         """Of vectors (R, P, 3) that belong to triangles, in ascending order, with unit normals (T, P, 3)."""
         largest = np.zeros((3, vectors.shape[1]))
-        starts = np.flatnonzero(np.diff(triangles, prepend=-1))
-        for start, end in pairwise([*starts.tolist(), len(triangles)]):
+        starts = np.searchsorted(triangles, np.arange(len(normals) + 1)).tolist()
+        for triangle, (start, end) in enumerate(pairwise(starts)):
+            if start == end:
+                continue
             own = vectors[start:end]
-            along, squares = squared_dots(own, normals[triangles[start]]), squared_norms(own)
+            along, squares = squared_dots(own, normals[triangle]), squared_norms(own)
             for most, values in zip(largest, (squares, along, squares - along), strict=True):
                 np.maximum(most, values.max(axis=0), out=most)
         return Misses(*np.sqrt(largest))
