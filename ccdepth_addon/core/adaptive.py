@@ -347,7 +347,7 @@ class _Planner:
         leaves = np.flatnonzero(self._faces_around(wanted)[self.tree.base_faces] & (self.tree.first_child == NONE))
         leaves = leaves[self.tree.share_a_vertex(leaves, wanted)]
         yield from self._each(self._miss, leaves[np.isinf(self.fits.misses(leaves)[0])])
-        drawn = triangles_around(self.tree, leaves, self.fits.of(leaves), self._request.transitions)
+        drawn = triangles_around(self.tree, leaves, self.fits.as_fitted(leaves), self._request.transitions)
         nodes = leaves[drawn.leaves]
         is_wanted = np.zeros(len(self.tree.first_child), dtype=bool)
         is_wanted[wanted] = True
@@ -369,7 +369,7 @@ class _Planner:
     def _miss(self, cells: Cells) -> None:
         """Find and record how far cells are off along and across their normals: no farther than in all."""
         nodes = cells.nodes
-        self.fits.put_misses(nodes, cells.misses(self.fits.of(nodes), self._limit))
+        self.fits.put_misses(nodes, cells.misses(self.fits.as_fitted(nodes), self._limit))
 
     def leaves(self) -> IndexArray:
         """The leaves in the order of the control mesh's faces."""

@@ -49,16 +49,20 @@ class FitStore:
         chosen = np.flatnonzero(fit.fits & np.isinf(fit.bounds))
         self._append(nodes[chosen], fit.normal[chosen], fit.tangential[chosen])
 
+    def as_fitted(self, nodes: IndexArray) -> Fit:
+        """How nodes are drawn, and their bounds at equal parameters. The rest is left out, as if nothing were known."""
+        nothing = Fit.none(1)
+        known = {name: self._columns[name].values.take(nodes) for name in OF_ALL_NODES[:-1]}
+        rest = {name: np.broadcast_to(getattr(nothing, name), len(nodes)) for name in ("normal", "tangential", "least")}
+        return Fit(**known, **rest)
+
     def of(self, nodes: IndexArray) -> Fit:
-        """How nodes are drawn, with the better of the two bounds. The rest is left out, as if nothing were known."""
-        nothing, columns = Fit.none(1), {name: self._columns[name].values.take(nodes) for name in OF_ALL_NODES[:-1]}
-        unbounded = np.flatnonzero(np.isinf(columns["bounds"]))
+        """The same, with the bounds that take the neighbours into account where there are no others."""
+        fit = self.as_fitted(nodes)
+        unbounded = np.flatnonzero(np.isinf(fit.bounds))
         unbounded = unbounded[self._entries.values[nodes[unbounded]] != NONE]
-        columns["bounds"][unbounded] = self.graph_bounds(nodes[unbounded])
-        unknown = {
-            name: np.broadcast_to(getattr(nothing, name), len(nodes)) for name in ("normal", "tangential", "least")
-        }
-        return Fit(**columns, **unknown)
+        fit.bounds[unbounded] = self.graph_bounds(nodes[unbounded])
+        return fit
 
     def unbounded(self) -> IndexArray:
         """The leaves that are likely to fit, but have no bound at equal parameters, in ascending order."""

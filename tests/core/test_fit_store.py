@@ -85,6 +85,7 @@ def assert_same(tree: Quadtree, store: FitStore, dense: Dense, bounded: IndexArr
     found = store.of(nodes)
     for name in ("fits", "patterns", "alternatives", "turns", "folded"):
         np.testing.assert_array_equal(getattr(found, name), getattr(dense.fit, name))
+    np.testing.assert_array_equal(store.as_fitted(nodes).bounds, dense.fit.bounds)
     np.testing.assert_array_equal(found.bounds, np.minimum(dense.fit.bounds, dense.graph_bounds))
     np.testing.assert_array_equal(store.fits, dense.fit.fits)
     np.testing.assert_array_equal(store.least, dense.fit.least)
