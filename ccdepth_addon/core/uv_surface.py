@@ -10,9 +10,8 @@ OpenSubdiv's face-varying interpolation (its ``vtr/fvarLevel``) and Blender's co
 - An edge is whole when the faces at it agree on both its ends; else it is cut, into one edge for each of its faces.
 - Whole edges, and UV vertices that no cut touches, follow the rules of the mesh's own edges and vertices, creases too.
 - Cut edges are sharp, and what happens at their ends is the modifier's UV Smooth.
-
-Where UV vertices touch in a point only, each in several fans of faces, all stay in place. With SMOOTH_ALL, OpenSubdiv
-lets some of them go, by the order in which it meets them.
+- A UV vertex in several fans of faces, which touch in a point, stays in place. But where two of them take turns around
+  a vertex, OpenSubdiv counts the second fan of the second one as another UV vertex, and so do we.
 """
 
 from __future__ import annotations
@@ -49,7 +48,7 @@ def uv_surface(mesh: PolygonMesh, uvs: NDArray[np.float32], smooth: str) -> Poly
     """
     if smooth not in UV_SMOOTH[1:]:
         raise ValueError(f"no surface of a UV map is smoothed as {smooth}")
-    cut = _CutMesh(mesh, *_welded(mesh, uvs))
+    cut = _CutMesh(mesh, *_parted(mesh, *_welded(mesh, uvs)))
     whole = cut.mesh
     corners = _sharp_corners(cut, smooth)
     softly = np.maximum(whole.vertex_sharpness, _neighbours_sharpness(cut, smooth))
@@ -86,6 +85,47 @@ def _is_mirrored(mesh: PolygonMesh, uvs: NDArray[np.float32]) -> BoolArray:
     """(F,) whether each face runs clockwise in the map."""
     (u, v), (next_u, next_v) = uvs.T.astype(np.float64), uvs[mesh.next_corner].T.astype(np.float64)
     return np.add.reduceat((u - next_u) * (v + next_v), mesh.face_starts[:-1]) < 0
+
+
+def _parted(mesh: PolygonMesh, corner_uvs: IndexArray, positions: FloatArray) -> tuple[IndexArray, FloatArray]:
+    """The same as ``_welded`` returns, with a UV vertex more wherever the first four fans of faces around a vertex
+    belong to two UV vertices in turn: the fourth fan's.
+
+    Fans are counted from OpenSubdiv's first face on, counter-clockwise.
+    """
+    corners = _first_corners(mesh)
+    # Of the vertices that are still gone around: the UV vertices of the first two fans, and at which fan it is.
+    first, second, fans = corner_uvs[corners], corner_uvs[corners], np.ones(len(corners), dtype=np.intp)
+    parted = np.zeros(mesh.corner_count, dtype=bool)
+    left = mesh.vertex_face_counts[mesh.corner_vertices[corners]] - 1
+    while len(going := np.flatnonzero(left > 0)):
+        corners, first, second, fans, left = (values[going] for values in (corners, first, second, fans, left - 1))
+        following = mesh.twin[mesh.previous_corner[corners]]
+        fans = fans + (corner_uvs[following] != corner_uvs[corners])
+        second = np.where(fans == 2, corner_uvs[following], second)
+        in_turn = corner_uvs[following] == np.where(fans % 2 == 1, first, second)
+        parted[following[in_turn & (fans == 4)]] = True
+        corners, left = following, np.where(in_turn & (fans <= 4), left, 0)
+    of_parted, numbers = np.unique(mesh.corner_vertices[parted], return_inverse=True)
+    moved = corner_uvs.copy()
+    moved[parted] = len(positions) + numbers.reshape(-1)
+    origins = np.zeros(mesh.vertex_count, dtype=np.intp)
+    origins[mesh.corner_vertices[parted]] = corner_uvs[parted]
+    return moved, np.concatenate([positions, positions[origins[of_parted]]])
+
+
+def _first_corners(mesh: PolygonMesh) -> IndexArray:
+    """The corners from which OpenSubdiv goes around vertices whose faces are one fan or ring: on the boundary that with
+    no face before it, elsewhere that of the first face. Sharp vertices, which keep everything in place, are left out:
+    all others that are not manifold are among them."""
+    corners = np.arange(mesh.corner_count)
+    on_boundary = corners[mesh.twin == corners]
+    first = np.full(mesh.vertex_count, mesh.corner_count, dtype=np.intp)
+    np.minimum.at(first, mesh.corner_vertices, corners)
+    first[mesh.corner_vertices[on_boundary]] = on_boundary
+    left_out = (mesh.vertex_face_counts == 0) | np.isinf(mesh.vertex_sharpness)
+    left_out[mesh.edge_vertices[(mesh.edge_face_counts > 1) & ~mesh.edge_has_twins]] = True
+    return first[~left_out]
 
 
 class _CutMesh:

@@ -29,11 +29,16 @@ MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     "fin": meshes.fin_through,
     "bow tie": meshes.bow_tie,
     "valence 2": meshes.valence_two,
+    "fan": lambda: meshes.fan(9),
+    "two fans": lambda: meshes.welded(meshes.fan(8), meshes.moved(meshes.fan(8, seed=2), 9.0), {0: 0}),
+    "cubes sharing a vertex": meshes.two_cubes_sharing_a_vertex,
+    "cubes sharing an edge": meshes.two_cubes_sharing_an_edge,
 }
 
 
 def maps(mesh: PolygonMesh) -> dict[str, NDArray[np.float32]]:
-    """(C, 2) each: UV maps without and with seams, cut into all its faces, and torn at single corners."""
+    """(C, 2) each: UV maps without and with seams, cut into all its faces, torn at single corners, and in two or three
+    islands that lie all over the mesh, so that they touch themselves in points."""
     rng = np.random.default_rng(5)
     x, y, z = mesh.positions.T
     whole = np.stack([x + 0.2 * z, y + 0.3 * z], axis=1)[mesh.corner_vertices]
@@ -47,6 +52,9 @@ def maps(mesh: PolygonMesh) -> dict[str, NDArray[np.float32]]:
         "apart": whole + mesh.corner_faces[:, None],
         "torn": torn,
     }
+    for count in (2, 2, 3):
+        islands = rng.integers(0, count, mesh.face_count)[mesh.corner_faces, None]
+        found[f"scattered {len(found)}"] = whole + 9.0 * islands
     return {name: uvs.astype(np.float32) for name, uvs in found.items()}
 
 
