@@ -51,9 +51,9 @@ def uv_surface(mesh: PolygonMesh, uvs: NDArray[np.float32], smooth: str) -> Poly
     cut = _CutMesh(mesh, *_parted(mesh, *_welded(mesh, uvs)))
     whole = cut.mesh
     corners = _sharp_corners(cut, smooth)
-    softly = np.maximum(whole.vertex_sharpness, _neighbours_sharpness(cut, smooth))
-    sharpness = np.where(corners, INFINITELY_SHARP, softly)
-    return replace(whole, vertex_sharpness=sharpness)
+    # Those that are sharp by themselves follow no neighbour.
+    softly = np.where(whole.vertex_sharpness > 0, whole.vertex_sharpness, _neighbours_sharpness(cut, smooth))
+    return replace(whole, vertex_sharpness=np.where(corners, INFINITELY_SHARP, softly))
 
 
 def _welded(mesh: PolygonMesh, uvs: NDArray[np.float32]) -> tuple[IndexArray, FloatArray]:
@@ -238,7 +238,7 @@ def _neighbours_sharpness(cut: _CutMesh, smooth: str) -> FloatArray:
     """
     if smooth not in JUNCTIONS:
         return np.zeros(cut.uv_count)
-    own = _sharpest(cut.mesh, np.where(cut.inner_edges, cut.mesh.edge_sharpness, 0.0))
+    own = _faded(cut.mesh, np.where(cut.inner_edges, cut.mesh.edge_sharpness, 0.0))
     of_two = np.zeros(cut.base.vertex_count)
     np.maximum.at(of_two, cut.base_vertices, own)
     of_two[cut.uv_counts != 2] = 0.0
@@ -253,3 +253,14 @@ def _sharpest(mesh: PolygonMesh, edge_sharpness: FloatArray) -> FloatArray:
     chosen = edge_sharpness > 0
     np.maximum.at(sharpest, mesh.edge_vertices[chosen].reshape(-1), np.repeat(edge_sharpness[chosen], 2))
     return sharpest
+
+
+def _faded(mesh: PolygonMesh, edge_sharpness: FloatArray) -> FloatArray:
+    """(V,) after how many levels none of these sharpnesses (E,) is left at each vertex: the mean of those that are gone
+    in the last level."""
+    last = np.ceil(_sharpest(mesh, edge_sharpness)) - 1
+    edges, ends = np.flatnonzero(edge_sharpness > 0).repeat(2), mesh.edge_vertices[edge_sharpness > 0].reshape(-1)
+    in_last = (edge_sharpness[edges] > last[ends]) | np.isinf(edge_sharpness[edges])
+    ends = ends[in_last]
+    counts = np.bincount(ends, minlength=mesh.vertex_count)
+    return np.bincount(ends, edge_sharpness[edges[in_last]], mesh.vertex_count) / np.maximum(counts, 1)

@@ -36,6 +36,9 @@ MESHES: dict[str, Callable[[], meshes.MeshData]] = {
 }
 
 
+FAN = meshes.fan(6, rings=1)
+
+
 def maps(mesh: PolygonMesh) -> dict[str, NDArray[np.float32]]:
     """(C, 2) each: UV maps without and with seams, cut into all its faces, torn at single corners, and in two or three
     islands that lie all over the mesh, so that they touch themselves in points."""
@@ -62,17 +65,44 @@ def maps(mesh: PolygonMesh) -> dict[str, NDArray[np.float32]]:
 @pytest.mark.parametrize("uv_smooth", UV_SMOOTH[1:])
 @pytest.mark.parametrize("name", MESHES)
 def test_levels_agree_with_the_modifier(name: str, uv_smooth: str, creased: bool) -> None:
-    scene.clear()
     data = MESHES[name]()
     if creased:
         data = meshes.with_random_creases(data, seed=3, share=0.5)
-    if "JUNCTIONS" in uv_smooth:
-        # A UV vertex that is sharp for its neighbour's sake and by a vertex crease, both fading in the same level,
-        # takes the mean of the two from OpenSubdiv, and the larger one from us.
-        data = replace(data, vertex_creases={})
+    assert_agreement(data, uv_smooth, maps)
+
+
+@pytest.mark.parametrize("uv_smooth", UV_SMOOTH[1:])
+def test_neighbours_whose_creases_fade_together(uv_smooth: str) -> None:
+    """Two islands meet in a vertex; inside one of them two creases end there, which fade in the same level, or with a
+    third one that fades later, or where the vertex is sharp for a while itself."""
+    first, second, third = (tuple(edge) for edge in edges_at_the_middle(FAN)[1:4])
+    creases = {first: 0.42, second: 0.35}
+    for data in (
+        replace(FAN, edge_creases=creases),
+        replace(FAN, edge_creases=creases | {third: 0.6}),
+        replace(FAN, edge_creases=creases, vertex_creases={0: 0.4}),
+    ):
+        assert_agreement(data, uv_smooth, two_islands)
+
+
+def edges_at_the_middle(data: meshes.MeshData) -> list[list[int]]:
+    """Those of the fan, sector by sector: that between a sector and the one before."""
+    return [[0, int(second)] for second in data.corner_vertices.reshape(-1, 4)[:, 1]]
+
+
+def two_islands(mesh: PolygonMesh) -> dict[str, NDArray[np.float32]]:
+    """The first four sectors of the fan, and the other two."""
+    apart = 9.0 * (mesh.corner_faces < 4)[:, None]
+    return {"two islands": (mesh.positions[mesh.corner_vertices, :2] + apart).astype(np.float32)}
+
+
+def assert_agreement(
+    data: meshes.MeshData, uv_smooth: str, maps_of: Callable[[PolygonMesh], dict[str, NDArray[np.float32]]]
+) -> None:
+    scene.clear()
     holder = scene.add_object(data)
     control = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
-    found = maps(control)
+    found = maps_of(control)
     for layer, uvs in found.items():
         holder.data.uv_layers.new(name=layer).uv.foreach_set("vector", uvs.ravel())
     scene.add_subdivision(holder, LEVEL).uv_smooth = uv_smooth
