@@ -93,7 +93,11 @@ def _parted(mesh: PolygonMesh, corner_uvs: IndexArray, positions: FloatArray) ->
 
     Fans are counted from OpenSubdiv's first face on, counter-clockwise.
     """
-    corners = _first_corners(mesh)
+    one = np.zeros(mesh.vertex_count, dtype=np.intp)
+    one[mesh.corner_vertices] = corner_uvs
+    has_more = np.zeros(mesh.vertex_count, dtype=bool)
+    has_more[mesh.corner_vertices[corner_uvs != one[mesh.corner_vertices]]] = True
+    corners = _first_corners(mesh, has_more)
     # Of the vertices that are still gone around: the UV vertices of the first two fans, and at which fan it is.
     first, second, fans = corner_uvs[corners], corner_uvs[corners], np.ones(len(corners), dtype=np.intp)
     parted = np.zeros(mesh.corner_count, dtype=bool)
@@ -114,18 +118,20 @@ def _parted(mesh: PolygonMesh, corner_uvs: IndexArray, positions: FloatArray) ->
     return moved, np.concatenate([positions, positions[origins[of_parted]]])
 
 
-def _first_corners(mesh: PolygonMesh) -> IndexArray:
-    """The corners from which OpenSubdiv goes around vertices whose faces are one fan or ring: on the boundary that with
-    no face before it, elsewhere that of the first face. Sharp vertices, which keep everything in place, are left out:
-    all others that are not manifold are among them."""
+def _first_corners(mesh: PolygonMesh, wanted: BoolArray) -> IndexArray:
+    """The corners from which OpenSubdiv goes around those of the wanted vertices (V,) whose faces are one fan or ring:
+    on the boundary that with no face before it, elsewhere that of the first face.
+
+    Infinitely sharp vertices are left out, for they keep all in place; all with other faces are among them.
+    """
     corners = np.arange(mesh.corner_count)
     on_boundary = corners[mesh.twin == corners]
     first = np.full(mesh.vertex_count, mesh.corner_count, dtype=np.intp)
     np.minimum.at(first, mesh.corner_vertices, corners)
     first[mesh.corner_vertices[on_boundary]] = on_boundary
-    left_out = (mesh.vertex_face_counts == 0) | np.isinf(mesh.vertex_sharpness)
+    left_out = np.isinf(mesh.vertex_sharpness)
     left_out[mesh.edge_vertices[(mesh.edge_face_counts > 1) & ~mesh.edge_has_twins]] = True
-    return first[~left_out]
+    return first[wanted & ~left_out]
 
 
 class _CutMesh:
