@@ -201,8 +201,9 @@ class _Planner:
         """Split the nodes of cells that do not fit, if they are whole yet, and so their children, level by level."""
         while unfit:
             nodes = self._whole_of(np.concatenate([cells.nodes for cells in unfit]))
-            self._refuse_too_many(nodes)
-            self.tree.reserve(min(self._expected_leaves(nodes), self._request.most_faces))
+            expected = self._expected_leaves(nodes)
+            self._refuse_too_many(len(nodes), expected)
+            self.tree.reserve(min(expected, self._request.most_faces))
             for part in blocks(len(nodes), NODES_SPLIT_AT_ONCE):
                 self._split_nodes(nodes[part])
                 yield self.tree.leaf_count
@@ -234,7 +235,7 @@ class _Planner:
 
     def split(self, wanted: IndexArray) -> Generator[int, None, None]:
         """Split the wanted leaves, and all that gets out of balance by that."""
-        self._refuse_too_many(wanted)
+        self._refuse_too_many(len(wanted), self._expected_leaves(wanted))
         parents: list[Cells] = []
         known = len(self.tree.first_child)
         while len(wanted):
@@ -305,7 +306,7 @@ class _Planner:
         pending = leaves[more]
         self._split_sides.values[pending] = counts[more]
         yield from self._each(self._fit_as_split, pending)
-        return pending[~self.fits.fits[pending]]
+        return pending[~self.fits.as_fitted(pending).fits]
 
     def fit_along_surface(self) -> Generator[int, None, IndexArray]:
         """Bound the leaves that are not within the limit at equal parameters by their neighbours; those that do not
@@ -458,10 +459,11 @@ class _Planner:
         worth = np.maximum(_leaves_of(self.fits.least[unfit] / self._limit), 4.0)
         return int(self.tree.leaf_count - len(unfit) + worth.sum())
 
-    def _refuse_too_many(self, unfit: IndexArray) -> None:
-        """Raise TooManyFacesError if there are too many leaves now that these nodes have to be split, or will be."""
-        estimate, most = int(FACES_OF_A_LEAF * self._expected_leaves(unfit)), self._request.most_faces
-        if self.tree.leaf_count + 3 * len(unfit) > most or estimate > BELIEVED * most:
+    def _refuse_too_many(self, unfit: int, expected: int) -> None:
+        """Raise TooManyFacesError if there are too many leaves now that so many have to be split, or if so many as are
+        expected are far too many."""
+        estimate, most = int(FACES_OF_A_LEAF * expected), self._request.most_faces
+        if self.tree.leaf_count + 3 * unfit > most or estimate > BELIEVED * most:
             raise TooManyFacesError(estimate, self._fitting_limit())
 
     def _fitting_limit(self) -> float:

@@ -28,16 +28,14 @@ class FitStore:
         self._nodes = Column(np.zeros(0, dtype=np.intp))
         self._normal, self._tangential, self._graph_bounds = (Column(np.zeros(0)) for _ in range(3))
 
-    fits = property(lambda self: self._columns["fits"].values)
     least = property(lambda self: self._columns["least"].values)
 
     def extend(self) -> None:
         """There are as many nodes as the tree has by now."""
         more, nothing = len(self._tree.first_child) - len(self._entries.values), Fit.none(1)
-        values = {name: getattr(nothing, name)[0] for name in OF_ALL_NODES}
         for name, column in self._columns.items():
             column.reserve(self._tree.node_room)
-            column.extend(more, values[name])
+            column.extend(more, getattr(nothing, name))
         self._entries.reserve(self._tree.node_room)
         self._entries.extend(more, NONE)
 

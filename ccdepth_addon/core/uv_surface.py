@@ -93,11 +93,8 @@ def _parted(mesh: PolygonMesh, corner_uvs: IndexArray, positions: FloatArray) ->
 
     Fans are counted from OpenSubdiv's first face on, counter-clockwise.
     """
-    one = np.zeros(mesh.vertex_count, dtype=np.intp)
-    one[mesh.corner_vertices] = corner_uvs
-    has_more = np.zeros(mesh.vertex_count, dtype=bool)
-    has_more[mesh.corner_vertices[corner_uvs != one[mesh.corner_vertices]]] = True
-    corners = _first_corners(mesh, has_more)
+    uv_counts = _uv_counts(mesh, _base_vertices(mesh, corner_uvs, len(positions)))
+    corners = _first_corners(mesh, uv_counts > 1)
     # Of the vertices that are still gone around: the UV vertices of the first two fans, and at which fan it is.
     first, second, fans = corner_uvs[corners], corner_uvs[corners], np.ones(len(corners), dtype=np.intp)
     parted = np.zeros(mesh.corner_count, dtype=bool)
@@ -110,12 +107,10 @@ def _parted(mesh: PolygonMesh, corner_uvs: IndexArray, positions: FloatArray) ->
         in_turn = corner_uvs[following] == np.where(fans % 2 == 1, first, second)
         parted[following[in_turn & (fans == 4)]] = True
         corners, left = following, np.where(in_turn & (fans <= 4), left, 0)
-    of_parted, numbers = np.unique(mesh.corner_vertices[parted], return_inverse=True)
+    origins, numbers = np.unique(corner_uvs[parted], return_inverse=True)
     moved = corner_uvs.copy()
     moved[parted] = len(positions) + numbers.reshape(-1)
-    origins = np.zeros(mesh.vertex_count, dtype=np.intp)
-    origins[mesh.corner_vertices[parted]] = corner_uvs[parted]
-    return moved, np.concatenate([positions, positions[origins[of_parted]]])
+    return moved, np.concatenate([positions, positions[origins]])
 
 
 def _first_corners(mesh: PolygonMesh, wanted: BoolArray) -> IndexArray:
@@ -129,9 +124,31 @@ def _first_corners(mesh: PolygonMesh, wanted: BoolArray) -> IndexArray:
     first = np.full(mesh.vertex_count, mesh.corner_count, dtype=np.intp)
     np.minimum.at(first, mesh.corner_vertices, corners)
     first[mesh.corner_vertices[on_boundary]] = on_boundary
-    left_out = np.isinf(mesh.vertex_sharpness)
-    left_out[mesh.edge_vertices[(mesh.edge_face_counts > 1) & ~mesh.edge_has_twins]] = True
-    return first[wanted & ~left_out]
+    return first[wanted & ~np.isinf(mesh.vertex_sharpness) & ~_touch(mesh, _not_manifold(mesh))]
+
+
+def _base_vertices(mesh: PolygonMesh, corner_uvs: IndexArray, count: int) -> IndexArray:
+    """(W,) the vertex that each of so many UV vertices stands at."""
+    found = np.zeros(count, dtype=np.intp)
+    found[corner_uvs] = mesh.corner_vertices
+    return found
+
+
+def _uv_counts(mesh: PolygonMesh, base_vertices: IndexArray) -> IndexArray:
+    """(V,) how many UV vertices stand at each vertex."""
+    return np.bincount(base_vertices, minlength=mesh.vertex_count)
+
+
+def _not_manifold(mesh: PolygonMesh) -> BoolArray:
+    """(E,) edges with several faces that are no two on either side of it."""
+    return (mesh.edge_face_counts > 1) & ~mesh.edge_has_twins
+
+
+def _touch(mesh: PolygonMesh, edges: BoolArray) -> BoolArray:
+    """(V,) whether a vertex touches one of these edges (E,)."""
+    found = np.zeros(mesh.vertex_count, dtype=bool)
+    found[mesh.edge_vertices[edges].reshape(-1)] = True
+    return found
 
 
 class _CutMesh:
@@ -140,8 +157,8 @@ class _CutMesh:
     def __init__(self, base: PolygonMesh, corner_uvs: IndexArray, positions: FloatArray) -> None:
         self.base = base
         self.uv_count = len(positions)
-        self.base_vertices = np.zeros(self.uv_count, dtype=np.intp)
-        self.base_vertices[corner_uvs] = base.corner_vertices
+        self.base_vertices = _base_vertices(base, corner_uvs, self.uv_count)
+        self.uv_counts = _uv_counts(base, self.base_vertices)
         following = corner_uvs[base.next_corner]
         backwards = base.edge_vertices[base.corner_edges, 1] == base.corner_vertices
         ends = np.where(backwards[:, None], np.stack([following, corner_uvs], 1), np.stack([corner_uvs, following], 1))
@@ -179,20 +196,9 @@ class _CutMesh:
             sharpness_is_explicit=True,
         )
 
-    def touches(self, edges: BoolArray) -> BoolArray:
-        """(V,) whether a vertex of the mesh touches one of these edges (E,)."""
-        found = np.zeros(self.base.vertex_count, dtype=bool)
-        found[self.base.edge_vertices[edges].reshape(-1)] = True
-        return found
-
     def edges_at(self, edges: BoolArray) -> IndexArray:
         """(W,) how many of these edges of the cut mesh end at each UV vertex."""
         return np.bincount(self.mesh.edge_vertices[edges].reshape(-1), minlength=self.uv_count)
-
-    @cached_property
-    def uv_counts(self) -> IndexArray:
-        """(V,) how many UV vertices stand at each vertex."""
-        return np.bincount(self.base_vertices, minlength=self.base.vertex_count)
 
     @cached_property
     def inner_edges(self) -> BoolArray:
@@ -203,12 +209,9 @@ class _CutMesh:
 def _sharp_corners(cut: _CutMesh, smooth: str) -> BoolArray:
     """(W,) the UV vertices that are held in place because of the cuts and boundaries at them."""
     base = cut.base
-    twins = base.twin != np.arange(base.corner_count)
-    paired = np.zeros(base.edge_count, dtype=bool)
-    paired[base.corner_edges[twins]] = True
-    on_boundary = cut.touches(base.edge_face_counts == 1)
-    not_manifold = cut.touches((base.edge_face_counts > 1) & ~paired)
-    cut_open = cut.touches(cut.edge_is_cut)
+    on_boundary = _touch(base, base.edge_face_counts == 1)
+    not_manifold = _touch(base, _not_manifold(base))
+    cut_open = _touch(base, cut.edge_is_cut)
     changed = cut_open | (not_manifold & (cut.uv_counts > 1))
     all_sharp = changed & not_manifold
     if smooth == "PRESERVE_BOUNDARIES":
@@ -265,8 +268,8 @@ def _faded(mesh: PolygonMesh, edge_sharpness: FloatArray) -> FloatArray:
     """(V,) after how many levels none of these sharpnesses (E,) is left at each vertex: the mean of those that are gone
     in the last level."""
     last = np.ceil(_sharpest(mesh, edge_sharpness)) - 1
-    edges, ends = np.flatnonzero(edge_sharpness > 0).repeat(2), mesh.edge_vertices[edge_sharpness > 0].reshape(-1)
-    in_last = (edge_sharpness[edges] > last[ends]) | np.isinf(edge_sharpness[edges])
-    ends = ends[in_last]
-    counts = np.bincount(ends, minlength=mesh.vertex_count)
-    return np.bincount(ends, edge_sharpness[edges[in_last]], mesh.vertex_count) / np.maximum(counts, 1)
+    chosen = edge_sharpness > 0
+    ends, values = mesh.edge_vertices[chosen].reshape(-1), np.repeat(edge_sharpness[chosen], 2)
+    in_last = (values > last[ends]) | np.isinf(values)
+    counts = np.bincount(ends[in_last], minlength=mesh.vertex_count)
+    return np.bincount(ends[in_last], values[in_last], mesh.vertex_count) / np.maximum(counts, 1)

@@ -35,7 +35,6 @@ MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     "cubes sharing an edge": meshes.two_cubes_sharing_an_edge,
 }
 
-
 FAN = meshes.fan(6, rings=1)
 
 
@@ -75,7 +74,7 @@ def test_levels_agree_with_the_modifier(name: str, uv_smooth: str, creased: bool
 def test_neighbours_whose_creases_fade_together(uv_smooth: str) -> None:
     """Two islands meet in a vertex; inside one of them two creases end there, which fade in the same level, or with a
     third one that fades later, or where the vertex is sharp for a while itself."""
-    first, second, third = (tuple(edge) for edge in edges_at_the_middle(FAN)[1:4])
+    first, second, third = edges_at_the_middle(FAN)[1:4]
     creases = {first: 0.42, second: 0.35}
     for data in (
         replace(FAN, edge_creases=creases),
@@ -85,9 +84,9 @@ def test_neighbours_whose_creases_fade_together(uv_smooth: str) -> None:
         assert_agreement(data, uv_smooth, two_islands)
 
 
-def edges_at_the_middle(data: meshes.MeshData) -> list[list[int]]:
+def edges_at_the_middle(data: meshes.MeshData) -> list[tuple[int, int]]:
     """Those of the fan, sector by sector: that between a sector and the one before."""
-    return [[0, int(second)] for second in data.corner_vertices.reshape(-1, 4)[:, 1]]
+    return [(0, int(second)) for second in data.corner_vertices.reshape(-1, 4)[:, 1]]
 
 
 def two_islands(mesh: PolygonMesh) -> dict[str, NDArray[np.float32]]:

@@ -87,7 +87,7 @@ def assert_same(tree: Quadtree, store: FitStore, dense: Dense, bounded: IndexArr
         np.testing.assert_array_equal(getattr(found, name), getattr(dense.fit, name))
     np.testing.assert_array_equal(store.as_fitted(nodes).bounds, dense.fit.bounds)
     np.testing.assert_array_equal(found.bounds, np.minimum(dense.fit.bounds, dense.graph_bounds))
-    np.testing.assert_array_equal(store.fits, dense.fit.fits)
+    np.testing.assert_array_equal(store.as_fitted(nodes).fits, dense.fit.fits)
     np.testing.assert_array_equal(store.least, dense.fit.least)
     normal, tangential = store.misses(nodes)
     np.testing.assert_array_equal(normal, dense.fit.normal)
