@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from . import VERSION
 from .colors import depth_colors, to_linear
 from .computation import MeshDepths, Settings
-from .control_mesh import read_values
+from .control_mesh import ORIGIN_ATTRIBUTE, read_values
 from .core.mesh import FloatArray
 from .subdivision import Subdivision, SubdivisionSettings
 from .surfaces import SurfaceSettings
@@ -65,13 +66,12 @@ def _is_ours(mesh: bpy.types.Mesh, kind: AttributeKind) -> bool:
 
 def conflict(blender_object: bpy.types.Object) -> str | None:
     """The name of an attribute or vertex group that stands where one of ours must go, if there is one."""
-    mesh = blender_object.data
+    mesh, groups = blender_object.data, blender_object.vertex_groups
     for kind in ATTRIBUTES:
-        if kind.name in blender_object.vertex_groups:
+        if kind.name in groups or (kind.name in mesh.attributes and not _is_ours(mesh, kind)):
             return kind.name
-        if kind.name in mesh.attributes and not _is_ours(mesh, kind):
-            return kind.name
-    return None
+    # This one is on temporary copies alone, and results leave it out.
+    return ORIGIN_ATTRIBUTE if ORIGIN_ATTRIBUTE in groups or ORIGIN_ATTRIBUTE in mesh.attributes else None
 
 
 def write_result(
@@ -147,17 +147,29 @@ def _write_attributes(
 def _write_columns(mesh: bpy.types.Mesh, columns: Iterable[tuple[AttributeKind, NDArray[Any]]]) -> None:
     """Write attributes in Object Mode."""
     attributes = mesh.attributes
-    displayed, rendered = attributes.active_color_name, attributes.default_color_name
-    active = None if attributes.active is None else attributes.active.name
-    for kind, values in columns:
-        attribute = attributes.get(kind.name) or attributes.new(kind.name, kind.data_type, kind.domain)
-        attribute.data.foreach_set(kind.value, values)
-    # The first colour attribute of a mesh becomes the one displayed and the one rendered: not without being asked.
-    attributes.active_color_name, attributes.default_color_name = displayed, rendered
-    # It is remembered by its place, which others may take.
-    if active is not None:
-        attributes.active = attributes[active]
+    with _choices_kept(mesh):
+        for kind, values in columns:
+            attribute = attributes.get(kind.name) or attributes.new(kind.name, kind.data_type, kind.domain)
+            attribute.data.foreach_set(kind.value, values)
     mesh.update()
+
+
+@contextmanager
+def _choices_kept(mesh: bpy.types.Mesh) -> Iterator[None]:
+    """The active attribute, and the colours displayed and rendered, are the same afterwards, unless they are gone.
+
+    Blender remembers the active one by its place, which others take. The first colour attribute of a mesh becomes the
+    one displayed and the one rendered: not without being asked.
+    """
+    attributes = mesh.attributes
+    colors = {name: getattr(attributes, name) for name in ("active_color_name", "default_color_name")}
+    active = None if attributes.active is None else attributes.active.name
+    yield
+    for name, chosen in colors.items():
+        if not chosen or chosen in attributes:
+            setattr(attributes, name, chosen)
+    if active is None or active in attributes:
+        attributes.active = None if active is None else attributes[active]
 
 
 def _write_while_editing(
@@ -167,10 +179,11 @@ def _write_while_editing(
 
     edited = bmesh.from_edit_mesh(mesh)
     # New layers first: making one moves the others.
-    for kind in ATTRIBUTES:
-        layers = _layers(edited, kind)
-        if layers.get(kind.name) is None:
-            layers.new(kind.name)
+    with _choices_kept(mesh):
+        for kind in ATTRIBUTES:
+            layers = _layers(edited, kind)
+            if layers.get(kind.name) is None:
+                layers.new(kind.name)
     depth_layer, bound_layer, color_layer = (_layers(edited, kind)[kind.name] for kind in ATTRIBUTES)
     # BMesh has no bulk access: a tenth of a second for every hundred thousand faces.
     for face, depth, bound, color in zip(edited.faces, depths, bounds, colors, strict=True):
@@ -204,13 +217,14 @@ def show_color(mesh: bpy.types.Mesh, show: bool) -> None:
 def clear(mesh: bpy.types.Mesh) -> None:
     """Remove the attributes and the record, and put the displayed colours back."""
     show_color(mesh, False)
-    if mesh.is_editmode:
-        _remove_layers_while_editing(mesh)
-    else:
-        for kind in ATTRIBUTES:
-            if _is_ours(mesh, kind):
-                mesh.attributes.remove(mesh.attributes[kind.name])
-        mesh.update()
+    with _choices_kept(mesh):
+        if mesh.is_editmode:
+            _remove_layers_while_editing(mesh)
+        else:
+            for kind in ATTRIBUTES:
+                if _is_ours(mesh, kind):
+                    mesh.attributes.remove(mesh.attributes[kind.name])
+            mesh.update()
     mesh.property_unset("ccdepth")
 
 

@@ -1,0 +1,549 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Random scenes, random operators on them, and what must be so after each: the plan of a seed, run and checked.
+
+Any range of seeds, in processes that may crash or hang, each fault reduced to the steps it needs:
+
+    python -m tests.blender.random_runs 0 2000
+
+One seed with what happened at each step, or some of its steps alone:
+
+    python -m tests.blender.random_runs --one 17
+    python -m tests.blender.random_runs --one 17 --steps 0,3,8
+"""
+
+from __future__ import annotations
+
+import argparse
+import faulthandler
+import os
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from tests.blender import addon, random_scenes, snapshot
+from tests.blender.addon import ATTRIBUTES
+from tests.blender.random_scenes import REFUSALS, Random, Step, chance, one
+from tests.blender.snapshot import Snapshot
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+
+KINDS = {"ccdepth": ("INT", "FACE"), "ccdepth_bound": ("FLOAT", "FACE"), "ccdepth_color": ("FLOAT_COLOR", "CORNER")}
+
+# Bounds are rounded up to single precision, and tolerances are kept in it: half a step each.
+SINGLE = 2.0**-23
+
+# What a mesh says while it is edited alone. Edit Mode goes on with the result.
+EDITING = {"select history", "is_editmode", "active attribute"}
+
+# Nothing here is large: what takes longer than this is stuck.
+PATIENCE = 120.0
+
+
+class Fault(AssertionError):
+    """Something that must not be."""
+
+
+@dataclass
+class Run:
+    """One run of a plan, and what later steps look back at.
+
+    before_result: what was there before there was any result, as long as nobody has changed anything else since.
+    """
+
+    random: Random
+    tally: Counter[str] = field(default_factory=Counter)
+    before_result: Snapshot | None = None
+    before_last: Snapshot | None = None
+
+
+def plan(seed: int) -> list[str]:
+    """The names of the steps of a seed."""
+    rng = np.random.default_rng(seed)
+    steps = ["add_mesh", *(one(rng, random_scenes.ADDED_FIRST).__name__ for _ in range(rng.integers(0, 5)))]
+    steps += [one(rng, random_scenes.BUILDING).__name__ for _ in range(rng.integers(2, 14))]
+    if chance(rng, 0.7):
+        steps.append("choose_objects")
+    if chance(rng, 0.3):
+        steps.append("set_mode")
+    if chance(rng, 0.7):
+        steps.append("compute")
+    for _ in range(rng.integers(2, 7)):
+        steps.append(one(rng, ACTIONS).__name__)
+        if chance(rng, 0.3):
+            steps.append(one(rng, random_scenes.BETWEEN).__name__)
+    return steps
+
+
+def run(seed: int, kept: Sequence[int] | None = None, tell: Callable[[str], None] = lambda text: None) -> Counter[str]:
+    """Carry out the plan of a seed, or only some of its steps, and count how the operators ended. Raises Fault."""
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes])
+    tally: Counter[str] = Counter()
+    this = Run(np.random.default_rng(seed), tally)
+    with warnings.catch_warnings(), tempfile.TemporaryDirectory(prefix="random_scenes") as folder:
+        warnings.simplefilter("error", RuntimeWarning)
+        tempfile.tempdir = folder
+        try:
+            for number, name in enumerate(plan(seed)):
+                if kept is not None and number not in kept:
+                    continue
+                this.random = np.random.default_rng([seed, number])
+                tell(f"{number} {name}")
+                with _errors_heard() as heard:
+                    _carry_out(name, this)
+                    addon.module("staleness").check_touched()
+                if "Traceback" in heard():
+                    raise Fault(f"a traceback was printed: {heard()}")
+        finally:
+            tempfile.tempdir = None
+    return tally
+
+
+def _carry_out(name: str, this: Run) -> None:
+    action = next((action for action in ACTIONS if action.__name__ == name), None)
+    if action is not None:
+        action(this)
+        return
+    step: Step = getattr(random_scenes, name)
+    with suppress(*REFUSALS):
+        step(this.random)
+    bpy.context.view_layer.update()
+    this.before_result = this.before_last = None
+
+
+@contextmanager
+def _errors_heard() -> Iterator[Callable[[], str]]:
+    """Everything printed to the standard error meanwhile, by whomever: handlers and timers print their tracebacks."""
+    sys.stderr.flush()
+    python, saved = sys.stderr, os.dup(2)
+    with tempfile.TemporaryFile() as file:
+
+        def heard() -> str:
+            file.seek(0)
+            return file.read().decode(errors="replace")
+
+        os.dup2(file.fileno(), 2)
+        sys.stderr = os.fdopen(os.dup(2), "w", buffering=1)
+        text = ""
+        try:
+            yield lambda: text
+        finally:
+            sys.stderr.close()
+            sys.stderr = python
+            os.dup2(saved, 2)
+            os.close(saved)
+            text = heard()
+
+
+# Actions: operators with random settings, and what must be so afterwards.
+
+
+def _call(this: Run, name: str, **settings: Any) -> bool:
+    """Call an operator of ours; True when it finished. A refusal must have changed nothing."""
+    operator = getattr(bpy.ops.ccdepth, name)
+    before = snapshot.take()
+    this.before_last = before
+    bpy.ops.ed.undo_push(message="Before")
+    try:
+        outcome = operator(**settings)
+    except RuntimeError as refusal:
+        if "Traceback" in str(refusal):
+            raise Fault(f"{name} {settings}: {refusal}") from refusal
+        if not str(refusal).strip():
+            raise Fault(f"{name} {settings}: refused without a word") from refusal
+        outcome = {"CANCELLED"}
+        this.tally[f"{name}: {_reason(str(refusal))}"] += 1
+    bpy.context.view_layer.update()
+    finished = outcome == {"FINISHED"}
+    this.tally[f"{name} {'finished' if finished else 'refused'}"] += 1
+    if not finished:
+        _same(f"{name} {settings} refused", before, snapshot.take())
+    _nothing_temporary()
+    _results_sound(f"{name} {settings}")
+    bpy.ops.ed.undo_push(message=name)
+    return finished
+
+
+def _reason(text: str) -> str:
+    """What is said, without names and numbers."""
+    words = text.splitlines()[0].removeprefix("Error: ").rpartition(": ")[2]
+    return "".join("#" if letter.isdigit() else letter for letter in words)[:70]
+
+
+def _same(
+    what: str, before: Snapshot, after: Snapshot, but: Callable[[snapshot.Path], bool] = lambda path: False
+) -> None:
+    found = snapshot.differences(before, after, but)
+    if found:
+        raise Fault(f"{what}, and this was changed:\n" + "\n".join(found[:12]))
+
+
+def _tolerance(rng: Random) -> dict[str, Any]:
+    settings: dict[str, Any] = {}
+    if chance(rng, 0.15):
+        return settings
+    settings["tolerance_mode"] = one(rng, ("RELATIVE", "RELATIVE", "ABSOLUTE"))
+    settings["tolerance"] = float(10.0 ** rng.uniform(-2, 0))
+    if chance(rng, 0.06):
+        settings["tolerance"] = one(rng, (0.0, -1.0, 1e-12, 1e30, 1e39, float("inf"), float("nan")))
+    if chance(rng, 0.5):
+        settings["use_modifiers"] = chance(rng, 0.7)
+    return settings
+
+
+def compute(this: Run) -> None:
+    rng = this.random
+    settings = _tolerance(rng)
+    settings["method"] = one(rng, ("CERTIFIED", "CERTIFIED", "SHARP", "SECOND_ORDER", "FIRST_ORDER"))
+    settings["vertices"] = one(rng, ("CONTROL", "LIMIT"))
+    clean = not any(addon.module("results").has_traces(mesh) for mesh in bpy.data.meshes)
+    if _call(this, "compute", **settings):
+        assert this.before_last is not None
+        _same(f"compute {settings} finished", this.before_last, snapshot.take(), but=snapshot.is_ours)
+        if clean:
+            this.before_result = this.before_last
+        _results_current()
+
+
+def clear(this: Run) -> None:
+    if _call(this, "clear"):
+        after = snapshot.take()
+        left = [mesh.name for mesh in bpy.data.meshes if addon.module("results").has_traces(mesh)]
+        if this.before_result is not None and not left:
+            _same("compute and clear", this.before_result, after)
+        assert this.before_last is not None
+        _same("clear finished", this.before_last, after, but=snapshot.is_ours)
+
+
+def count_faces(this: Run) -> None:
+    settings = _subdivision(this.random)
+    if _call(this, "count_faces", **settings):
+        assert this.before_last is not None
+        _same(f"count_faces {settings}", this.before_last, snapshot.take())
+
+
+def subdivide(this: Run) -> None:
+    rng = this.random
+    settings = _subdivision(rng)
+    settings["output"] = one(rng, ("NEW_OBJECT", "IN_PLACE"))
+    settings["exact_normals"] = chance(rng, 0.3)
+    present = {mesh.session_uid for mesh in bpy.data.meshes}
+    if not _call(this, "subdivide", **settings):
+        return
+    this.before_result = None
+    made = [mesh for mesh in bpy.data.meshes if mesh.session_uid not in present]
+    if not made:
+        raise Fault(f"subdivide {settings} finished and made nothing")
+    assert this.before_last is not None
+    _originals_kept(settings, this.before_last, made)
+    for mesh in made:
+        _sound_mesh(mesh)
+    _results_current()
+
+
+def _originals_kept(settings: dict[str, Any], before: Snapshot, made: list[bpy.types.Mesh]) -> None:
+    """Meshes that are still there are as they were, but for names, which results take over, and their users."""
+    present = {mesh.name_full for mesh in bpy.data.meshes} - {mesh.name_full for mesh in made}
+    edited = before["mode",] == "EDIT_MESH"
+
+    def may_differ(path: snapshot.Path) -> bool:
+        if edited and (path[-1].startswith("total_") or path[-1] in EDITING):
+            return True
+        return path[0] != "meshes" or path[1] not in present or path[2:] == ("settings", "users")
+
+    _same(f"subdivide {settings} finished", before, snapshot.take(), but=may_differ)
+
+
+def _subdivision(rng: Random) -> dict[str, Any]:
+    settings = _tolerance(rng)
+    settings["mode"] = one(rng, ("ADAPTIVE", "PER_FACE"))
+    settings["transitions"] = one(rng, ("TRIANGLES", "NGONS"))
+    settings["max_faces"] = int(one(rng, (1, 20, 300, 2000, 2000)))
+    if "reduce" in bpy.ops.ccdepth.subdivide.get_rna_type().properties and chance(rng, 0.5):
+        settings["reduce"] = chance(rng, 0.5)
+    return settings
+
+
+def set_levels(this: Run) -> None:
+    bpy.context.scene.ccdepth.max_faces = int(one(this.random, (10, 2000, 2000)))
+    if _call(this, "set_levels"):
+        assert this.before_last is not None
+        _same("set_levels", this.before_last, snapshot.take(), but=lambda path: path[2:3] == ("modifiers",))
+        this.before_result = None
+
+
+def select(this: Run) -> None:
+    rng = this.random
+    settings: dict[str, Any] = {"extend": chance(rng, 0.3)}
+    if chance(rng, 0.7):
+        settings["depth"] = int(rng.integers(0, 4))
+        settings["comparison"] = one(rng, ("EQUAL", "AT_LEAST", "AT_MOST"))
+    if _call(this, "select", **settings):
+        assert this.before_last is not None
+        _same(f"select {settings}", this.before_last, snapshot.take(), but=_is_selection)
+        this.before_result = None
+
+
+def _is_selection(path: snapshot.Path) -> bool:
+    return path[-1] in {".select_vert", ".select_edge", ".select_poly", "select mode", "select history"} or path[-1] in {
+        "total_vert_sel", "total_edge_sel", "total_face_sel", "active attribute"}  # fmt: skip
+
+
+def undo(this: Run) -> None:
+    """Undo takes the last operator of ours back."""
+    with suppress(RuntimeError):
+        bpy.ops.ed.undo()
+    bpy.context.view_layer.update()
+    this.before_result = this.before_last = None
+    if chance(this.random, 0.3):
+        with suppress(RuntimeError):
+            bpy.ops.ed.redo()
+
+
+def save_and_load(this: Run) -> None:
+    """Results come back from the file as they were saved."""
+    before = _results()
+    file = os.path.join(tempfile.mkdtemp(prefix="saved"), "scene.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    bpy.ops.wm.open_mainfile(filepath=file)
+    after = _results()
+    if before != after:
+        raise Fault(f"saving and loading: {before} became {after}")
+    this.before_result = this.before_last = None
+
+
+def _results() -> dict[str, list[Any]]:
+    """The results on meshes that are saved: not those of overrides, whose attributes Blender does not save."""
+    found = {}
+    for mesh in bpy.data.meshes:
+        if mesh.users and mesh.library is None and mesh.override_library is None and mesh.ccdepth.has_result:
+            paths = {path: value for path, value in snapshot.mesh_paths(mesh) if snapshot.is_ours(("meshes", "", *path))}
+            found[mesh.name] = sorted((path, value) for path, value in paths.items() if path[0] != "displayed color")
+    return found
+
+
+def update(this: Run) -> None:
+    _call(this, "update")
+    this.before_result = None
+
+
+def measure(this: Run) -> None:
+    _call(this, "measure")
+    this.before_result = None
+
+
+def is_there(name: str) -> bool:
+    return hasattr(bpy.types, f"CCDEPTH_OT_{name}")
+
+
+ACTIONS: tuple[Callable[[Run], None], ...] = (
+    compute, compute, compute, compute, clear, clear, subdivide, subdivide, subdivide, count_faces, set_levels, select,
+    undo, save_and_load,
+)  # fmt: skip
+
+
+# What must be so whatever has happened.
+
+
+def _nothing_temporary() -> None:
+    for collection in ("objects", "meshes", "shape_keys", "collections", "node_groups"):
+        for block in getattr(bpy.data, collection):
+            if block.name.startswith(("ccdepth_", "Snapshot")):
+                raise Fault(f"left behind in bpy.data.{collection}: {block.name}")
+    stray = [keys.name for keys in bpy.data.shape_keys if keys.library is None and not keys.users]
+    if stray:
+        raise Fault(f"shape keys without a mesh: {stray}")
+
+
+def _results_sound(what: str) -> None:
+    """Attributes of the right kind and length, and bounds that are numbers within the tolerance."""
+    for mesh in bpy.data.meshes:
+        record = mesh.ccdepth
+        if not record.has_result or mesh.is_editmode or "ccdepth" not in mesh.attributes:
+            continue
+        lengths = {"FACE": len(mesh.polygons), "CORNER": len(mesh.loops)}
+        for name in ATTRIBUTES[: 2 if record.subdivision else 3]:
+            attribute = mesh.attributes.get(name)
+            if attribute is None or (attribute.data_type, attribute.domain) != KINDS[name]:
+                raise Fault(f"{what}: {mesh.name} has no {name} of its kind")
+            if len(attribute.data) != lengths[attribute.domain]:
+                raise Fault(f"{what}: {name} on {mesh.name} has {len(attribute.data)} values")
+        depths, bounds = (np.zeros(len(mesh.polygons), dtype) for dtype in (np.int32, np.float32))
+        mesh.attributes["ccdepth"].data.foreach_get("value", depths)
+        mesh.attributes["ccdepth_bound"].data.foreach_get("value", bounds)
+        # Several users may have several tolerances, and only the least of them is known.
+        most = record.world_tolerance * (1 + SINGLE) if mesh.users <= 1 else np.inf
+        if not (np.isfinite(bounds).all() and (bounds >= 0).all() and (bounds <= most).all()):
+            raise Fault(f"{what}: bounds from {bounds.min()} to {bounds.max()} on {mesh.name}, tolerance {most}")
+        if (depths < 0).any():
+            raise Fault(f"{what}: depth {depths.min()} on {mesh.name}")
+
+
+def _results_current() -> None:
+    """What was just made is not out of date."""
+    staleness = addon.module("staleness")
+    staleness.check_touched()
+    for holder in bpy.context.selected_objects:
+        if holder.type == "MESH" and holder.data.ccdepth.has_result and staleness.is_stale(holder.data):
+            raise Fault(f"the new result on {holder.name} is out of date")
+
+
+def _sound_mesh(mesh: bpy.types.Mesh) -> None:
+    for path, value in snapshot.mesh_content(mesh):
+        if path[0] == "attribute" and value[2] != _lengths(mesh)[value[1]]:
+            raise Fault(f"{path[1]} on the result {mesh.name} has {value[2]} values")
+    active = mesh.attributes.active_color_name
+    if active and active not in mesh.attributes:
+        raise Fault(f"the result {mesh.name} shows a color attribute “{active}” that it does not have")
+    if mesh.validate(verbose=True):
+        raise Fault(f"the result {mesh.name} was not valid")
+
+
+def _lengths(mesh: bpy.types.Mesh) -> dict[str, int]:
+    return {
+        "POINT": len(mesh.vertices), "EDGE": len(mesh.edges), "FACE": len(mesh.polygons), "CORNER": len(mesh.loops)
+    }  # fmt: skip
+
+
+# Running
+
+
+def fault_of(seed: int, kept: Sequence[int] | None = None) -> str | None:
+    """What goes wrong, if anything does."""
+    try:
+        run(seed, kept)
+    except Fault as fault:
+        return str(fault)
+    except Exception:
+        return traceback.format_exc()
+    return None
+
+
+def reduced(seed: int, fault: str) -> tuple[list[int], str]:
+    """As few steps as still end in a fault of this kind, and that fault."""
+    kept = list(range(len(plan(seed))))
+    for number in reversed(range(len(kept))):
+        without = [other for other in kept if other != number]
+        found = fault_of(seed, without)
+        if found is not None and _kind(found) == _kind(fault):
+            kept, fault = without, found
+    return kept, fault
+
+
+def _kind(fault: str) -> str:
+    """The last line of a traceback, or how the fault begins."""
+    lines = fault.strip().splitlines()
+    return lines[-1][:40] if "Traceback" in fault else lines[0][:12]
+
+
+def _run_seeds(first: int, last: int) -> None:
+    """In this process; tells the parent what happens."""
+    out = os.fdopen(os.dup(1), "w", buffering=1)
+    for seed in range(first, last):
+        print(f"@seed {seed}", file=out)
+        began = time.process_time()
+        try:
+            for name, count in run(seed).items():
+                print(f"@tally {count} {name}", file=out)
+        except Exception as found:
+            fault = str(found) if isinstance(found, Fault) else traceback.format_exc()
+            kept, fault = reduced(seed, fault)
+            steps = ",".join(map(str, kept))
+            names = " ".join(plan(seed)[number] for number in kept)
+            print(f"@fault {seed} --steps {steps}  ({names})\n{fault}\n@end", file=out)
+        print(f"@time {time.process_time() - began:.2f}", file=out)
+    out.flush()
+    # The bpy module can hang when the interpreter winds up.
+    os._exit(0)
+
+
+def _run_range(first: int, last: int, size: int) -> int:
+    """Run seeds in processes of their own, ``size`` at a time, and print the tally; how many faults there were."""
+    tally: Counter[str] = Counter()
+    faults: list[str] = []
+    times: list[float] = []
+    next_seed = first
+    while next_seed < last:
+        end = min(next_seed + size, last)
+        command = [sys.executable, "-m", "tests.blender.random_runs", "--inside", str(next_seed), str(end)]
+        reached = next_seed
+        with tempfile.TemporaryFile("w+", errors="replace") as out, tempfile.TemporaryFile("w+") as err:
+            process = subprocess.Popen(command, cwd=CHECKOUT, stdout=out, stderr=err)
+            try:
+                status: int | str = process.wait(PATIENCE * (end - next_seed) ** 0.5 + PATIENCE)
+            except subprocess.TimeoutExpired:
+                process.kill()
+                process.wait()
+                status = "took too long"
+            out.seek(0)
+            lines = out.read().splitlines()
+            err.seek(0)
+            crash = err.read()[-3000:]
+        for number, line in enumerate(lines):
+            if line.startswith("@seed "):
+                reached = int(line.split()[1])
+            elif line.startswith("@tally "):
+                _, count, name = line.split(" ", 2)
+                tally[name] += int(count)
+            elif line.startswith("@time "):
+                times.append(float(line.split()[1]))
+            elif line.startswith("@fault "):
+                text = lines[number : lines.index("@end", number)]
+                faults.append("\n".join(text))
+                print("\n".join(text), flush=True)
+        if status != 0:
+            faults.append(f"@crash {reached}: {status}")
+            where = "\n".join(line for line in crash.splitlines() if str(CHECKOUT) in line)
+            print(f"@crash {reached}: {status}\n{where}", flush=True)
+            end = reached + 1
+        next_seed = end
+    for name, count in sorted(tally.items()):
+        print(f"{count:7} {name}")
+    print(f"{last - first} seeds, {len(faults)} faults, {sum(times):.0f} s of CPU time, {max(times, default=0):.0f} s most")
+    return len(faults)
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("first", type=int, nargs="?", default=0)
+    parser.add_argument("last", type=int, nargs="?", default=100)
+    parser.add_argument("--size", type=int, default=20, help="seeds per process")
+    parser.add_argument("--one", type=int, help="run this seed alone, and say what happens")
+    parser.add_argument("--steps", help="only these of its steps")
+    parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
+    options = parser.parse_args()
+    if not (options.inside or options.one is not None):
+        sys.exit(1 if _run_range(options.first, options.last, options.size) else 0)
+    import ccdepth_addon
+
+    faulthandler.enable(os.dup(2))
+    if not hasattr(bpy.types.Scene, "ccdepth"):
+        ccdepth_addon.register()
+    if options.inside:
+        _run_seeds(options.first, options.last)
+    kept = [int(number) for number in options.steps.split(",")] if options.steps else None
+    status = 0
+    try:
+        print(run(options.one, kept, tell=lambda text: print(text, flush=True)))
+    except Exception:
+        traceback.print_exc()
+        status = 1
+    sys.stdout.flush()
+    sys.stderr.flush()
+    os._exit(status)
+
+
+if __name__ == "__main__":
+    main()
