@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from . import VERSION
+from . import version
 from .colors import depth_colors, to_linear
 from .computation import MeshDepths, Settings
 from .control_mesh import read_values
@@ -119,7 +119,7 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
     record.subdivision = ""
     record.tolerance = settings.tolerance
     record.tolerance_mode = settings.tolerance_mode
-    record.version = VERSION
+    record.version = version()
     record.faces = len(depths)
     record.deepest = int(depths.max(initial=0))
     record.rows.clear()
