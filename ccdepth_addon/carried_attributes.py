@@ -25,6 +25,7 @@ from .control_mesh import ORIGIN_ATTRIBUTE, read_values
 from .core.carried_values import (
     Evaluate,
     at_corners,
+    at_vertices,
     interpolated,
     join_transformations,
     nearest_vertices,
@@ -39,18 +40,21 @@ from .core.subdivided_mesh import SubdividedMesh
 from .core.surface_points import SurfacePoints
 from .core.uv_surface import uv_surface
 from .results import BOUND, COLOR, DEPTH
+from .writing import write_values
 
 Values = NDArray[Any]
 
 
 @dataclass(frozen=True)
 class ValueType:
-    """How Blender's collections hand out the values of a type of attributes, and what stands where there is none."""
+    """How Blender's collections hand out the values of a type of attributes, what stands where there is none, and the
+    steps they are kept in."""
 
     value: str
     dtype: type
     width: int = 1
     default: tuple[float, ...] = (0,)
+    step: float = 0.0
 
 
 IDENTITY = tuple(np.eye(4).ravel().tolist())
@@ -61,7 +65,7 @@ TYPES = {
     "FLOAT_VECTOR": ValueType("vector", np.float32, 3),
     "FLOAT4": ValueType("vector", np.float32, 4),
     "FLOAT_COLOR": ValueType("color", np.float32, 4),
-    "BYTE_COLOR": ValueType("color_srgb", np.float32, 4),
+    "BYTE_COLOR": ValueType("color_srgb", np.float32, 4, step=1 / 255),
     "QUATERNION": ValueType("value", np.float32, 4, (1, 0, 0, 0)),
     "FLOAT4X4": ValueType("value", np.float32, 16, IDENTITY),
     "BOOLEAN": ValueType("value", np.bool_),
@@ -129,12 +133,12 @@ class Carrier:
         if attribute.domain == "CORNER":
             return self._interpolated(attribute.data_type, values, self._at_corners)
         corner_values = values[self.control.corner_vertices]
-        points = self.subdivided.vertex_points
-        spread = self._interpolated(attribute.data_type, corner_values, lambda evaluate: evaluate(points))
+
+        def at(points: SurfacePoints) -> Values:
+            return self._interpolated(attribute.data_type, corner_values, lambda evaluate: evaluate(points))
+
         # What is split and joined again may not come back as it was, so vertices that stay keep theirs.
-        staying = np.flatnonzero(self.subdivided.base_vertices >= 0)
-        spread[staying] = values[self.subdivided.base_vertices[staying]]
-        return spread
+        return at_vertices(self.subdivided, values, at, self.subdivided.base_vertices >= 0)
 
     def _interpolated(self, data_type: str, values: Values, ask: Callable[[Evaluate], Values]) -> Values:
         """``values`` (C, D) at the base's corners, where ``ask`` wants them."""
@@ -216,7 +220,7 @@ class Carrier:
                 continue
             marks = read_values(items, MARKS, np.bool_)
             if marks.any():
-                new_items.foreach_set(MARKS, (sources >= 0) & marks[sources])
+                write_values(new_items, MARKS, (sources >= 0) & marks[sources])
 
     def _sharpen_creases(self, mesh: bpy.types.Mesh) -> None:
         """Crease edges that stay sharp forever are shaded sharp."""
@@ -243,7 +247,7 @@ def write_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str
         attribute = None
     if attribute is None:
         attribute = mesh.attributes.new(name, data_type, domain)
-    attribute.data.foreach_set(kind.value, np.ascontiguousarray(values, dtype=kind.dtype).ravel())
+    write_values(attribute.data, kind.value, np.asarray(values, dtype=kind.dtype), kind.step)
 
 
 def _rows(data: Any, kind: ValueType) -> Values:

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from .core.catmull_clark import apply_boundary_rule, crease_to_sharpness
 from .core.mesh import FloatArray, IndexArray, InvalidMeshError, PolygonMesh
+from .writing import own_copy, write_values
 
 ORIGIN_ATTRIBUTE = "ccdepth_origin"
 NO_ORIGIN = -1
@@ -325,8 +326,8 @@ def _frozen_copy(
 
     Its values are those the object has now, keyed or not, so it must not be animated again.
     """
-    mesh = own.copy()
-    copy = blender_object.copy()
+    mesh = own_copy(own)
+    copy = own_copy(blender_object)
     try:
         _write_origins(mesh)
         copy.data = mesh
@@ -352,7 +353,7 @@ def _write_origins(mesh: bpy.types.Mesh) -> None:
     origins = np.arange(1, len(mesh.polygons) + 1)
     pairs = np.stack([origins, origins * origins % ORIGIN_PRIME], axis=1).astype(np.int32)
     attribute = mesh.attributes.new(ORIGIN_ATTRIBUTE, "INT32_2D", "FACE")
-    attribute.data.foreach_set("value", pairs.ravel())
+    write_values(attribute.data, "value", pairs)
 
 
 def _read_origins(mesh: bpy.types.Mesh, base_face_count: int) -> IndexArray:

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 import bpy
 
 from . import results
+from .writing import is_writable
 
 # The colour type of Solid shading that shows the mesh's active colour attribute.
 COLOR_TYPE = "VERTEX"
@@ -30,8 +31,11 @@ def synchronise(context: bpy.types.Context) -> None:
     shown = False
     for blender_object in scene.objects:
         if blender_object.type == "MESH" and results.has_heat_map(blender_object.data):
-            results.show_color(blender_object.data, wanted)
-            shown = shown or blender_object.visible_get()
+            mesh = blender_object.data
+            # Another file decides for its meshes itself.
+            if is_writable(mesh):
+                results.show_color(mesh, wanted)
+            shown = shown or (mesh.ccdepth.active_color_taken and blender_object.visible_get())
     for shading in _shadings():
         _switch(shading, wanted and shown)
     redraw_viewports(context)

@@ -12,13 +12,14 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from . import VERSION
+from . import version
 from .colors import depth_colors, to_linear
 from .computation import MeshDepths, Settings
 from .control_mesh import ORIGIN_ATTRIBUTE, read_values
 from .core.mesh import FloatArray
 from .subdivision import Subdivision, SubdivisionSettings
 from .surfaces import SurfaceSettings
+from .writing import write_values
 
 DEPTH = "ccdepth"
 BOUND = "ccdepth_bound"
@@ -46,12 +47,12 @@ ATTRIBUTES = (
 
 def has_result(mesh: bpy.types.Mesh) -> bool:
     """Whether the mesh holds depths of ours; undo in Edit Mode can take them away from under their record."""
-    return mesh.ccdepth.has_result and DEPTH in mesh.attributes
+    return mesh.ccdepth.has_result and _is_ours(mesh, ATTRIBUTES[0])
 
 
 def has_heat_map(mesh: bpy.types.Mesh) -> bool:
     """Whether the mesh holds our colours; a subdivision has depths, and none of them."""
-    return has_result(mesh) and COLOR in mesh.attributes
+    return has_result(mesh) and _is_ours(mesh, ATTRIBUTES[2])
 
 
 def has_traces(mesh: bpy.types.Mesh) -> bool:
@@ -77,7 +78,10 @@ def conflict(blender_object: bpy.types.Object) -> str | None:
 def write_result(
     mesh: bpy.types.Mesh, answer: MeshDepths, settings: Settings, least_color_depth: int, deepest_color_depth: int
 ) -> None:
-    """Put the answer on its mesh: attributes, with the heat map's colours between these two depths, and record."""
+    """Put the answer on its mesh: attributes, with the heat map's colours between these two depths, and record.
+
+    Raises WriteError, with nothing changed, when Blender does not keep them.
+    """
     color_depths = range(least_color_depth, deepest_color_depth + 1)
     palette = to_linear(depth_colors(color_depths, least_color_depth, deepest_color_depth))
     opaque = np.concatenate([palette, np.ones((len(palette), 1))], axis=1).astype(np.float32)
@@ -115,7 +119,7 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
     record.subdivision = ""
     record.tolerance = settings.tolerance
     record.tolerance_mode = settings.tolerance_mode
-    record.version = VERSION
+    record.version = version()
     record.faces = len(depths)
     record.deepest = int(depths.max(initial=0))
     record.rows.clear()
@@ -145,13 +149,38 @@ def _write_attributes(
 
 
 def _write_columns(mesh: bpy.types.Mesh, columns: Iterable[tuple[AttributeKind, NDArray[Any]]]) -> None:
-    """Write attributes in Object Mode."""
+    """Write attributes in Object Mode, all or none."""
     attributes = mesh.attributes
+    before: dict[AttributeKind, NDArray[Any] | None] = {}
     with _choices_kept(mesh):
-        for kind, values in columns:
-            attribute = attributes.get(kind.name) or attributes.new(kind.name, kind.data_type, kind.domain)
-            attribute.data.foreach_set(kind.value, values)
-    mesh.update()
+        try:
+            for kind, values in columns:
+                before[kind] = _column(mesh, kind, values)
+                attribute = attributes.get(kind.name) or attributes.new(kind.name, kind.data_type, kind.domain)
+                write_values(attribute.data, kind.value, values)
+        except BaseException:
+            _put_back(mesh, before)
+            raise
+        finally:
+            mesh.update()
+
+
+def _column(mesh: bpy.types.Mesh, kind: AttributeKind, like: NDArray[Any]) -> NDArray[Any] | None:
+    """The values of an attribute as they are now, flat like others of it; None when there is none."""
+    attribute = mesh.attributes.get(kind.name)
+    if attribute is None:
+        return None
+    values = np.empty_like(like)
+    attribute.data.foreach_get(kind.value, values)
+    return values
+
+
+def _put_back(mesh: bpy.types.Mesh, columns: dict[AttributeKind, NDArray[Any] | None]) -> None:
+    for kind, values in columns.items():
+        if values is not None:
+            mesh.attributes[kind.name].data.foreach_set(kind.value, values)
+        elif kind.name in mesh.attributes:
+            mesh.attributes.remove(mesh.attributes[kind.name])
 
 
 @contextmanager
@@ -163,13 +192,15 @@ def _choices_kept(mesh: bpy.types.Mesh) -> Iterator[None]:
     """
     attributes = mesh.attributes
     colors = {name: getattr(attributes, name) for name in ("active_color_name", "default_color_name")}
+    present = set(attributes.keys())
     active = None if attributes.active is None else attributes.active.name
-    yield
-    for name, chosen in colors.items():
-        if not chosen or chosen in attributes:
-            setattr(attributes, name, chosen)
-    if active is None or active in attributes:
-        attributes.active = None if active is None else attributes[active]
+    try:
+        yield
+    finally:
+        for name, chosen in colors.items():
+            setattr(attributes, name, "" if chosen in present and chosen not in attributes else chosen)
+        if active is None or active in attributes:
+            attributes.active = None if active is None else attributes[active]
 
 
 def _write_while_editing(
