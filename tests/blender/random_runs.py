@@ -44,6 +44,12 @@ KINDS = {"ccdepth": ("INT", "FACE"), "ccdepth_bound": ("FLOAT", "FACE"), "ccdept
 # Bounds are rounded up to single precision, and tolerances are kept in it: half a step each.
 SINGLE = 2.0**-23
 
+# What Select by Depth may change.
+SELECTION = {
+    ".select_vert", ".select_edge", ".select_poly", "select mode", "select history", "total_vert_sel", "total_edge_sel",
+    "total_face_sel", "active attribute",
+}  # fmt: skip
+
 # What a mesh says while it is edited alone. Edit Mode goes on with the result.
 EDITING = {"select history", "is_editmode", "active attribute"}
 
@@ -249,7 +255,8 @@ def subdivide(this: Run) -> None:
     assert this.before_last is not None
     _originals_kept(settings, this.before_last, made)
     for mesh in made:
-        _sound_mesh(mesh)
+        if not mesh.is_editmode:
+            _sound_mesh(mesh)
     _results_current()
 
 
@@ -297,8 +304,7 @@ def select(this: Run) -> None:
 
 
 def _is_selection(path: snapshot.Path) -> bool:
-    return path[-1] in {".select_vert", ".select_edge", ".select_poly", "select mode", "select history"} or path[-1] in {
-        "total_vert_sel", "total_edge_sel", "total_face_sel", "active attribute"}  # fmt: skip
+    return path[-1] in SELECTION
 
 
 def undo(this: Run) -> None:
@@ -326,10 +332,12 @@ def save_and_load(this: Run) -> None:
 
 def _results() -> dict[str, list[Any]]:
     """The results on meshes that are saved: not those of overrides, whose attributes Blender does not save."""
-    found = {}
+    found: dict[str, list[Any]] = {}
     for mesh in bpy.data.meshes:
         if mesh.users and mesh.library is None and mesh.override_library is None and mesh.ccdepth.has_result:
-            paths = {path: value for path, value in snapshot.mesh_paths(mesh) if snapshot.is_ours(("meshes", "", *path))}
+            paths = {
+                path: value for path, value in snapshot.mesh_paths(mesh) if snapshot.is_ours(("meshes", "", *path))
+            }
             found[mesh.name] = sorted((path, value) for path, value in paths.items() if path[0] != "displayed color")
     return found
 
@@ -401,14 +409,28 @@ def _results_current() -> None:
 
 
 def _sound_mesh(mesh: bpy.types.Mesh) -> None:
+    """Its attributes are whole, the colour it shows is one of them, and Blender finds nothing to mend."""
     for path, value in snapshot.mesh_content(mesh):
         if path[0] == "attribute" and value[2] != _lengths(mesh)[value[1]]:
             raise Fault(f"{path[1]} on the result {mesh.name} has {value[2]} values")
     active = mesh.attributes.active_color_name
     if active and active not in mesh.attributes:
         raise Fault(f"the result {mesh.name} shows a color attribute “{active}” that it does not have")
-    if mesh.validate(verbose=True):
+    # Blender finds fault with what is no number, also where the base mesh has it.
+    if _is_finite(mesh) and mesh.validate(verbose=True):
         raise Fault(f"the result {mesh.name} was not valid")
+
+
+def _is_finite(mesh: bpy.types.Mesh) -> bool:
+    """Whether all values of its attributes are numbers."""
+    for attribute in mesh.attributes:
+        value, dtype, width = snapshot.VALUES.get(attribute.data_type, ("", bool, 1))
+        if np.issubdtype(dtype, np.floating):
+            values = np.zeros(len(attribute.data) * width, dtype)
+            attribute.data.foreach_get(value, values)
+            if not np.isfinite(values).all():
+                return False
+    return True
 
 
 def _lengths(mesh: bpy.types.Mesh) -> dict[str, int]:
@@ -511,7 +533,8 @@ def _run_range(first: int, last: int, size: int) -> int:
         next_seed = end
     for name, count in sorted(tally.items()):
         print(f"{count:7} {name}")
-    print(f"{last - first} seeds, {len(faults)} faults, {sum(times):.0f} s of CPU time, {max(times, default=0):.0f} s most")
+    seconds, most = sum(times), max(times, default=0.0)
+    print(f"{last - first} seeds, {len(faults)} faults, {seconds:.0f} s of CPU time, {most:.0f} s at most for one")
     return len(faults)
 
 

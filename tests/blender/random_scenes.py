@@ -146,7 +146,9 @@ def _sphere(rng: Random) -> Parts:
 
     shape = bmesh.new()
     if chance(rng, 0.5):
-        bmesh.ops.create_uvsphere(shape, u_segments=int(rng.integers(3, 9)), v_segments=int(rng.integers(3, 6)), radius=1)
+        bmesh.ops.create_uvsphere(
+            shape, u_segments=int(rng.integers(3, 9)), v_segments=int(rng.integers(3, 6)), radius=1
+        )
     elif chance(rng, 0.8):
         bmesh.ops.create_icosphere(shape, subdivisions=1, radius=1)
     else:
@@ -286,7 +288,9 @@ def hide(rng: Random) -> None:
     if holder is None or chance(rng, 0.5):
         return
     with suppress(*REFUSALS):
-        name = one(rng, ("hide_viewport", "hide_render", "hide_select", "show_only_shape_key", "use_shape_key_edit_mode"))
+        name = one(
+            rng, ("hide_viewport", "hide_render", "hide_select", "show_only_shape_key", "use_shape_key_edit_mode")
+        )
         setattr(holder, name, True)
     if chance(rng, 0.5):
         with suppress(*REFUSALS):
@@ -680,7 +684,9 @@ def add_constraint(rng: Random) -> None:
     holder = one(rng, [each for each in bpy.data.objects if each.is_editable])
     if holder is not None:
         with suppress(*REFUSALS):
-            holder.constraints.new(one(rng, ("COPY_SCALE", "LIMIT_SCALE", "TRACK_TO"))).target = one(rng, bpy.data.objects)
+            holder.constraints.new(one(rng, ("COPY_SCALE", "LIMIT_SCALE", "TRACK_TO"))).target = one(
+                rng, bpy.data.objects
+            )
 
 
 # Scenes and modes

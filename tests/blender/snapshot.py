@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Everything of the user's in the file, as plain values that can be compared: what must be the same after a refusal, and
-again after Clear.
+"""Everything of the user's in the file, as plain values that can be compared: what must be the same after a refusal,
+and again after Clear.
 
 A snapshot maps paths to values: ``("meshes", "Cube", "attribute", "UVMap")`` to its type, domain and bytes.
 """

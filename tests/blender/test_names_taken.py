@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Attributes of a user's own that stand where Blender or CC Depth has something else are kept, and named in a report."""
+"""Attributes of a user's own that stand where Blender or CC Depth has others are kept, and named in a report."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def test_attribute_that_temporary_copies_need(operator: object) -> None:
     holder = scene.add_object(meshes.cube(), "Cube")
     holder.data.attributes.new("ccdepth_origin", "FLOAT", "POINT").data.foreach_set("value", np.arange(8.0))
     addon.select(holder)
-    with pytest.raises(RuntimeError, match="Cube: the mesh has an attribute .* “ccdepth_origin”; rename it first"):
+    with pytest.raises(RuntimeError, match=r"Cube: the mesh has an attribute .* “ccdepth_origin”; rename it first"):
         operator()  # type: ignore[operator]
     assert [each.value for each in holder.data.attributes["ccdepth_origin"].data] == list(range(8))
 
