@@ -39,7 +39,7 @@ from .core.mesh import IndexArray, PolygonMesh, ShortIndexArray
 from .core.subdivided_mesh import SubdividedMesh
 from .core.surface_points import SurfacePoints
 from .core.uv_surface import uv_surface
-from .results import BOUND, COLOR, DEPTH
+from .results import BOUND, COLOR, DEPTH, color_of_user
 from .writing import write_values
 
 Values = NDArray[Any]
@@ -275,11 +275,8 @@ def choose_same(base: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
         copy = mesh.uv_layers.get(layer.name)
         if copy is not None:
             copy.active, copy.active_render, copy.active_clone = layer.active, layer.active_render, layer.active_clone
-    displayed = base.attributes.active_color_name
-    if displayed == COLOR and base.ccdepth.active_color_taken:
-        displayed = base.ccdepth.previous_active_color
-    mesh.attributes.active_color_name = displayed
-    mesh.attributes.default_color_name = base.attributes.default_color_name
+    mesh.attributes.active_color_name = color_of_user(base, base.attributes.active_color_name)
+    mesh.attributes.default_color_name = color_of_user(base, base.attributes.default_color_name)
     active = base.attributes.active
     if active is not None and active.name in mesh.attributes:
         mesh.attributes.active = mesh.attributes[active.name]

@@ -10,7 +10,7 @@ settings are the modifier's defaults.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -227,10 +227,25 @@ def base_mesh(
         world = np.array(evaluated.matrix_world, dtype=np.float64)[:3, :3]
         mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
     try:
+        _copy_custom_properties(blender_object.data, mesh)
         rule = surface_rule(blender_object)
         yield mesh, ControlMesh(_with_faces(mesh_arrays(mesh, rule), rule), None, world)
     finally:
         bpy.data.meshes.remove(mesh)
+
+
+def _copy_custom_properties(source: bpy.types.Mesh, target: bpy.types.Mesh) -> None:
+    """Copy the properties that the user has made, with how they are shown; evaluated meshes have none.
+
+    Before Blender 5.0 those of add-ons, which have their own names on the type, stand among them.
+    """
+    for name in source.keys():  # noqa: SIM118
+        if name in source.bl_rna.properties:
+            continue
+        value = source[name]
+        target[name] = value.to_dict() if hasattr(value, "to_dict") else value
+        with suppress(TypeError):  # Not every type can be shown in another way.
+            target.id_properties_ui(name).update_from(source.id_properties_ui(name))
 
 
 def _with_faces(mesh: PolygonMesh, rule: SurfaceRule) -> MeshAsRead:

@@ -55,6 +55,11 @@ def has_heat_map(mesh: bpy.types.Mesh) -> bool:
     return has_result(mesh) and _is_ours(mesh, ATTRIBUTES[2])
 
 
+def shows_heat_map(mesh: bpy.types.Mesh) -> bool:
+    """Whether the mesh holds our colours, and they are the ones displayed."""
+    return has_heat_map(mesh) and mesh.ccdepth.active_color_taken
+
+
 def has_traces(mesh: bpy.types.Mesh) -> bool:
     """Whether there is anything of ours on the mesh to clear."""
     return mesh.ccdepth.has_result or any(_is_ours(mesh, kind) for kind in ATTRIBUTES)
@@ -240,9 +245,31 @@ def show_color(mesh: bpy.types.Mesh, show: bool) -> None:
         record.previous_active_color = "" if displayed == COLOR else displayed
         attributes.active_color_name = COLOR
     elif displayed == COLOR:
-        previous = record.previous_active_color
-        attributes.active_color_name = previous if previous in attributes else ""
+        attributes.active_color_name = color_of_user(mesh, displayed)
     record.active_color_taken = show
+
+
+def keep_from_painting(mesh: bpy.types.Mesh) -> None:
+    """See to it that our colours are not the active ones, which are painted on, whoever has made them that."""
+    attributes = mesh.attributes
+    if attributes.active_color_name == COLOR:
+        attributes.active_color_name = color_of_user(mesh, COLOR)
+    mesh.ccdepth.active_color_taken = False
+
+
+def remember_same_colors(source: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
+    """Let a mesh that modifiers have made of another know which colours were displayed before ours."""
+    mesh.ccdepth.active_color_taken = source.ccdepth.active_color_taken
+    mesh.ccdepth.previous_active_color = source.ccdepth.previous_active_color
+
+
+def color_of_user(mesh: bpy.types.Mesh, name: str) -> str:
+    """The colours of a mesh without ours that this name stands for: those itself, or if they are ours, those displayed
+    before; the first ones when there are none of that name, as with Blender when colours are removed."""
+    if name == COLOR and mesh.ccdepth.active_color_taken:
+        name = mesh.ccdepth.previous_active_color
+    colors = [attribute.name for attribute in mesh.color_attributes if attribute.name != COLOR]
+    return name if name in colors or not name else next(iter(colors), "")
 
 
 def clear(mesh: bpy.types.Mesh) -> None:

@@ -102,6 +102,8 @@ def _carried_mesh(
     with base_mesh(context, made_for, use_modifiers=settings.use_modifiers) as (base, own_control):
         if not same_control_mesh(own_control, control):
             raise ComputeError(CHANGED)
+        if base != made_for.data:
+            results.remember_same_colors(made_for.data, base)
         return new_mesh(base, control.mesh, answer.adaptive.mesh, options)
 
 
