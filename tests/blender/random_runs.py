@@ -159,9 +159,9 @@ def _errors_heard() -> Iterator[Callable[[], str]]:
 def _call(this: Run, name: str, **settings: Any) -> bool:
     """Call an operator of ours; True when it finished. A refusal must have changed nothing."""
     operator = getattr(bpy.ops.ccdepth, name)
+    bpy.ops.ed.undo_push(message="Before")
     before = snapshot.take()
     this.before_last = before
-    bpy.ops.ed.undo_push(message="Before")
     try:
         outcome = operator(**settings)
     except RuntimeError as refusal:
@@ -261,14 +261,14 @@ def subdivide(this: Run) -> None:
 
 
 def _originals_kept(settings: dict[str, Any], before: Snapshot, made: list[bpy.types.Mesh]) -> None:
-    """Meshes that are still there are as they were, but for names, which results take over, and their users."""
+    """Meshes that are still there are as they were; results take over names."""
     present = {mesh.name_full for mesh in bpy.data.meshes} - {mesh.name_full for mesh in made}
     edited = before["mode",] == "EDIT_MESH"
 
     def may_differ(path: snapshot.Path) -> bool:
         if edited and (path[-1].startswith("total_") or path[-1] in EDITING):
             return True
-        return path[0] != "meshes" or path[1] not in present or path[2:] == ("settings", "users")
+        return path[0] != "meshes" or path[1] not in present
 
     _same(f"subdivide {settings} finished", before, snapshot.take(), but=may_differ)
 

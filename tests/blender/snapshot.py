@@ -39,7 +39,7 @@ VALUES: dict[str, tuple[str, type, int]] = {
 # What Blender says about an evaluation, or finds out when it is asked; and what is ours, which is looked at apart.
 VOLATILE = {
     "bound_box", "ccdepth", "dimensions", "execution_time", "is_evaluated", "is_runtime_data", "persistent_uid",
-    "rna_type", "session_uid", "tag",
+    "rna_type", "session_uid", "tag", "users",
     # Found from the positions, once somebody asks.
     "texspace_location", "texspace_size",
     # Of a bpy collection of attributes: kept by name, as places move.
@@ -51,7 +51,7 @@ SETTINGS = {"constraints", "contributors", "key_blocks", "modifiers", "particle_
 # Where settings of a data-block lie apart from it.
 APART = {"data", "display", "driver", "keyframe_points", "override_library", "properties", "inputs"}
 # What is loaded and made by working with the interface, and not by operators of ours.
-INTERFACE = {"brushes", "palettes", "screens", "window_managers", "workspaces", "fonts", "images"}
+INTERFACE = {"all_ids", "brushes", "palettes", "screens", "window_managers", "workspaces", "fonts", "images"}
 
 
 def take() -> Snapshot:
@@ -88,8 +88,10 @@ def _everything() -> Iterator[tuple[Path, Any]]:
     for collection in bpy.data.bl_rna.properties:
         if collection.type == "COLLECTION" and collection.identifier not in INTERFACE:
             for block in getattr(bpy.data, collection.identifier):
-                library = block.library.name if getattr(block, "library", None) else ""
-                yield ("blocks", collection.identifier, block.name, library), (block.users, block.use_fake_user)
+                # Blender counts two users when it copies an override of a linked block, and one when that is removed.
+                users = None if block.library else block.users
+                library = block.library.name if block.library else ""
+                yield ("blocks", collection.identifier, block.name, library), (users, block.use_fake_user)
     for mesh in bpy.data.meshes:
         for path, value in mesh_paths(mesh):
             yield ("meshes", mesh.name_full, *path), value
