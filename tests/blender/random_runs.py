@@ -61,17 +61,27 @@ class Fault(AssertionError):
     """Something that must not be."""
 
 
+@dataclass(frozen=True)
+class Computed:
+    """All settings that Compute Depth was called with, and the mesh objects that were selected."""
+
+    settings: dict[str, Any]
+    objects: list[str]
+
+
 @dataclass
 class Run:
     """One run of a plan, and what later steps look back at.
 
     before_result: what was there before there was any result, as long as nobody has changed anything else since.
+    before_last: what was there before the last operator. last_computed: how depths were computed last, in Object Mode.
     """
 
     random: Random
     tally: Counter[str] = field(default_factory=Counter)
     before_result: Snapshot | None = None
     before_last: Snapshot | None = None
+    last_computed: Computed | None = None
 
 
 def plan(seed: int) -> list[str]:
@@ -166,7 +176,7 @@ def _call(this: Run, name: str, **settings: Any) -> bool:
         outcome = operator(**settings)
     except RuntimeError as refusal:
         if "Traceback" in str(refusal):
-            raise Fault(f"{name} {settings}: {refusal}") from refusal
+            raise Fault(f"{name} {settings}: {refusal}") from None
         if not str(refusal).strip():
             raise Fault(f"{name} {settings}: refused without a word") from refusal
         outcome = {"CANCELLED"}
@@ -220,7 +230,54 @@ def compute(this: Run) -> None:
         _same(f"compute {settings} finished", this.before_last, snapshot.take(), but=snapshot.is_ours)
         if clean:
             this.before_result = this.before_last
+        in_object_mode = bpy.context.mode == "OBJECT"
+        this.last_computed = Computed(_filled_in(settings), _meant()) if in_object_mode else None
         _results_current()
+
+
+def _filled_in(settings: dict[str, Any]) -> dict[str, Any]:
+    """The settings with those that come from the scene."""
+    scene = bpy.context.scene.ccdepth
+    names = ("tolerance_mode", "use_modifiers", "method", "vertices")
+    filled = {**{name: getattr(scene, name) for name in names}, **settings}
+    relative = filled["tolerance_mode"] == "RELATIVE"
+    return {"tolerance": scene.relative_tolerance if relative else scene.tolerance, **filled}
+
+
+def _meant() -> list[str]:
+    active = bpy.context.active_object
+    chosen = bpy.context.selected_objects or ([active] if active else [])
+    return [each.name for each in chosen if each.type == "MESH" and each.library is None]
+
+
+def compute_again(this: Run) -> None:
+    """A result that is said to be current is what would be computed now."""
+    objects = [bpy.data.objects.get(name) for name in (this.last_computed.objects if this.last_computed else ())]
+    if not objects or bpy.context.mode != "OBJECT" or not all(objects):
+        return
+    assert this.last_computed is not None
+    with suppress(*REFUSALS):
+        addon.select(*objects)
+    staleness = addon.module("staleness")
+    staleness.check_touched()
+    current = {
+        each.data.name: _depths(each.data)
+        for each in objects
+        if each.type == "MESH" and _has_depths(each.data) and not staleness.is_stale(each.data)
+    }
+    if len(bpy.context.selected_objects) == len(objects) and _call(this, "compute", **this.last_computed.settings):
+        for name, depths in current.items():
+            if _depths(bpy.data.meshes[name]) != depths:
+                raise Fault(f"the result on {name} was said to be current and was not")
+    this.before_result = None
+
+
+def _has_depths(mesh: bpy.types.Mesh) -> bool:
+    return mesh.ccdepth.has_result and not mesh.ccdepth.subdivision and "ccdepth" in mesh.attributes
+
+
+def _depths(mesh: bpy.types.Mesh) -> list[int]:
+    return [each.value for each in mesh.attributes["ccdepth"].data]
 
 
 def clear(this: Run) -> None:
@@ -285,7 +342,15 @@ def _subdivision(rng: Random) -> dict[str, Any]:
 
 def set_levels(this: Run) -> None:
     bpy.context.scene.ccdepth.max_faces = int(one(this.random, (10, 2000, 2000)))
-    if _call(this, "set_levels"):
+    staleness = addon.module("staleness")
+    meshes = [bpy.data.objects[name].data for name in _meant()]
+    # A result may be current and yet not be about another user of its mesh.
+    current = all(mesh.users == 1 and not staleness.is_stale(mesh) for mesh in meshes)
+    refused = this.tally["set_levels: its depths are out of date; compute them again"]
+    finished = _call(this, "set_levels")
+    if current and this.tally["set_levels: its depths are out of date; compute them again"] > refused:
+        raise Fault("set_levels says that a result is out of date, and the panel does not")
+    if finished:
         assert this.before_last is not None
         _same("set_levels", this.before_last, snapshot.take(), but=lambda path: path[2:3] == ("modifiers",))
         this.before_result = None
@@ -343,22 +408,32 @@ def _results() -> dict[str, list[Any]]:
 
 
 def update(this: Run) -> None:
-    _call(this, "update")
+    """Update Result, where there is one."""
+    if not is_there("update"):
+        return
+    if _call(this, "update"):
+        for mesh in bpy.data.meshes:
+            if mesh.ccdepth.has_result and mesh.ccdepth.subdivision and not mesh.is_editmode and not mesh.library:
+                _sound_mesh(mesh)
     this.before_result = None
 
 
 def measure(this: Run) -> None:
-    _call(this, "measure")
-    this.before_result = None
+    """Measure Deviation, where there is one."""
+    if is_there("measure") and _call(this, "measure"):
+        assert this.before_last is not None
+        _same("measure finished", this.before_last, snapshot.take(), but=snapshot.is_ours)
+        this.before_result = None
 
 
 def is_there(name: str) -> bool:
+    """Whether this version has the operator; plans are the same with and without."""
     return hasattr(bpy.types, f"CCDEPTH_OT_{name}")
 
 
 ACTIONS: tuple[Callable[[Run], None], ...] = (
     compute, compute, compute, compute, clear, clear, subdivide, subdivide, subdivide, count_faces, set_levels, select,
-    undo, save_and_load,
+    undo, save_and_load, update, measure, compute_again, compute_again,
 )  # fmt: skip
 
 
@@ -392,7 +467,7 @@ def _results_sound(what: str) -> None:
         mesh.attributes["ccdepth"].data.foreach_get("value", depths)
         mesh.attributes["ccdepth_bound"].data.foreach_get("value", bounds)
         # Several users may have several tolerances, and only the least of them is known.
-        most = record.world_tolerance * (1 + SINGLE) if mesh.users <= 1 else np.inf
+        most = record.world_tolerance * (1 + SINGLE) if len(record.contributors) <= 1 else np.inf
         if not (np.isfinite(bounds).all() and (bounds >= 0).all() and (bounds <= most).all()):
             raise Fault(f"{what}: bounds from {bounds.min()} to {bounds.max()} on {mesh.name}, tolerance {most}")
         if (depths < 0).any():

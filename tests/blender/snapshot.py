@@ -36,6 +36,8 @@ VALUES: dict[str, tuple[str, type, int]] = {
     "INT32_2D": ("value", np.int32, 2),
 }
 
+OURS = {*ATTRIBUTES, "ccdepth_deviation"}
+
 # What Blender says about an evaluation, or finds out when it is asked; and what is ours, which is looked at apart.
 VOLATILE = {
     "bound_box", "ccdepth", "dimensions", "execution_time", "is_evaluated", "is_runtime_data", "persistent_uid",
@@ -76,7 +78,7 @@ def is_ours(path: Path) -> bool:
     """Whether Compute Depth may change this: our attributes and record, and the heat map."""
     if path[0] == "viewports":
         return True
-    return path[0] == "meshes" and (path[2] in {"record", "displayed color"} or path[-1] in ATTRIBUTES)
+    return path[0] == "meshes" and (path[2] in {"record", "displayed color"} or path[-1] in OURS)
 
 
 def _short(value: Any) -> str:
