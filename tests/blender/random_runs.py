@@ -27,6 +27,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
+from threading import Timer
 from typing import Any
 
 import bpy
@@ -53,8 +54,8 @@ SELECTION = {
 # What a mesh says while it is edited alone. Edit Mode goes on with the result.
 EDITING = {"select history", "is_editmode", "active attribute"}
 
-# Nothing here is large: what takes longer than this is stuck.
-PATIENCE = 120.0
+# Nothing here is large: what takes longer than this, in seconds, is stuck.
+PATIENCE = 600.0
 
 
 class Fault(AssertionError):
@@ -566,51 +567,72 @@ def _run_seeds(first: int, last: int) -> None:
     os._exit(0)
 
 
-def _run_range(first: int, last: int, size: int) -> int:
-    """Run seeds in processes of their own, ``size`` at a time, and print the tally; how many faults there were."""
-    tally: Counter[str] = Counter()
-    faults: list[str] = []
-    times: list[float] = []
-    next_seed = first
-    while next_seed < last:
-        end = min(next_seed + size, last)
-        command = [sys.executable, "-m", "tests.blender.random_runs", "--inside", str(next_seed), str(end)]
-        reached = next_seed
-        with tempfile.TemporaryFile("w+", errors="replace") as out, tempfile.TemporaryFile("w+") as err:
-            process = subprocess.Popen(command, cwd=CHECKOUT, stdout=out, stderr=err)
-            try:
-                status: int | str = process.wait(PATIENCE * (end - next_seed) ** 0.5 + PATIENCE)
-            except subprocess.TimeoutExpired:
-                process.kill()
-                process.wait()
-                status = "took too long"
-            out.seek(0)
-            lines = out.read().splitlines()
-            err.seek(0)
-            crash = err.read()[-3000:]
-        for number, line in enumerate(lines):
-            if line.startswith("@seed "):
-                reached = int(line.split()[1])
-            elif line.startswith("@tally "):
-                _, count, name = line.split(" ", 2)
-                tally[name] += int(count)
-            elif line.startswith("@time "):
-                times.append(float(line.split()[1]))
-            elif line.startswith("@fault "):
-                text = lines[number : lines.index("@end", number)]
-                faults.append("\n".join(text))
-                print("\n".join(text), flush=True)
-        if status != 0:
-            faults.append(f"@crash {reached}: {status}")
-            where = "\n".join(line for line in crash.splitlines() if str(CHECKOUT) in line)
-            print(f"@crash {reached}: {status}\n{where}", flush=True)
-            end = reached + 1
-        next_seed = end
-    for name, count in sorted(tally.items()):
-        print(f"{count:7} {name}")
-    seconds, most = sum(times), max(times, default=0.0)
-    print(f"{last - first} seeds, {len(faults)} faults, {seconds:.0f} s of CPU time, {most:.0f} s at most for one")
-    return len(faults)
+class Range:
+    """Seeds run in processes of their own, and what they said."""
+
+    def __init__(self) -> None:
+        self.tally: Counter[str] = Counter()
+        self.times: list[float] = []
+        self.faults = 0
+        self.reached = 0
+
+    def run(self, first: int, last: int, size: int) -> None:
+        """Run the seeds, ``size`` to a process; after a crash the next process goes on behind it."""
+        while first < last:
+            end = min(first + size, last)
+            self.reached = first
+            status, errors = self._run_process(first, end)
+            if status != 0:
+                self.faults += 1
+                end = self.reached + 1
+                where = "\n".join(line for line in errors.splitlines() if str(CHECKOUT) in line)
+                print(f"@crash {self.reached}: {status}\n{where}", flush=True)
+            first = end
+
+    def _run_process(self, first: int, end: int) -> tuple[int, str]:
+        command = [sys.executable, "-m", "tests.blender.random_runs", "--inside", str(first), str(end)]
+        with tempfile.TemporaryFile("w+", errors="replace") as errors:
+            process = subprocess.Popen(
+                command, cwd=CHECKOUT, stdout=subprocess.PIPE, stderr=errors, text=True, errors="replace"
+            )
+            assert process.stdout is not None
+            watch = Timer(PATIENCE, process.kill)
+            watch.start()
+            telling = False
+            for line in process.stdout:
+                if line.startswith("@seed "):
+                    self.reached = int(line.split()[1])
+                    watch.cancel()
+                    watch = Timer(PATIENCE, process.kill)
+                    watch.start()
+                telling = self._hear(line, telling)
+            status = process.wait()
+            watch.cancel()
+            errors.seek(0)
+            return status, errors.read()
+
+    def _hear(self, line: str, telling: bool) -> bool:
+        """Count what a process says; faults are told on as they come, from their first line to their end."""
+        if line.startswith("@tally "):
+            _, count, name = line.rstrip("\n").split(" ", 2)
+            self.tally[name] += int(count)
+        elif line.startswith("@time "):
+            self.times.append(float(line.split()[1]))
+        elif line.startswith("@fault "):
+            self.faults += 1
+            telling = True
+        elif line.startswith("@end"):
+            return False
+        if telling:
+            print(line, end="", flush=True)
+        return telling
+
+    def tell(self) -> None:
+        for name, count in sorted(self.tally.items()):
+            print(f"{count:7} {name}")
+        seconds, most = sum(self.times), max(self.times, default=0.0)
+        seeds = f"{len(self.times)} seeds, {self.faults} faults"
+        print(f"{seeds}, {seconds:.0f} s of CPU time, {most:.0f} s at most for one")
 
 
 def main() -> None:
@@ -623,7 +645,10 @@ def main() -> None:
     parser.add_argument("--inside", action="store_true", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if not (options.inside or options.one is not None):
-        sys.exit(1 if _run_range(options.first, options.last, options.size) else 0)
+        seeds = Range()
+        seeds.run(options.first, options.last, options.size)
+        seeds.tell()
+        sys.exit(1 if seeds.faults else 0)
     import ccdepth_addon
 
     faulthandler.enable(os.dup(2))
