@@ -21,7 +21,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from .control_mesh import ORIGIN_ATTRIBUTE, read_values
+from .control_mesh import EDGE_CREASE, VERTEX_CREASE, read_creases, read_values
 from .core.carried_values import (
     Evaluate,
     at_corners,
@@ -76,11 +76,13 @@ TYPES = {
 }
 
 TOPOLOGY = {"position", ".edge_verts", ".corner_vert", ".corner_edge"}
+LEFT_OUT = TOPOLOGY | {DEPTH, BOUND, COLOR}
 CUSTOM_NORMAL = "custom_normal"
-LEFT_OUT = TOPOLOGY | {CUSTOM_NORMAL, DEPTH, BOUND, COLOR, ORIGIN_ATTRIBUTE}
+# From this version on normals can be stored as they are; before, only as angles from Blender's own, in 16 bits each.
+FREE_NORMALS = (4, 5)
 # Flags that vertices, edges and faces have in common, by the beginning of their names.
 FLAGS = (".select", ".hide")
-FLAG_NAMES = {f"{flag}_{kind}" for flag in FLAGS for kind in ("vert", "edge")}
+FLAG_DOMAINS = {f"{flag}_{kind}": domain for flag in FLAGS for kind, domain in (("vert", "POINT"), ("edge", "EDGE"))}
 # Marks that Blender before 5.0 keeps outside the attributes.
 MARKS = "use_freestyle_mark"
 
@@ -100,7 +102,7 @@ class Carrier:
         """Put them all on the new mesh, which has its faces, and no attributes but those."""
         uv_maps = {layer.name for layer in self.base.uv_layers}
         for attribute in self.base.attributes:
-            if attribute.name in LEFT_OUT | FLAG_NAMES or len(attribute.data) != _count(self.base, attribute.domain):
+            if is_left_out(attribute) or len(attribute.data) != _count(self.base, attribute.domain):
                 continue
             carried = self._uv_map(attribute) if attribute.name in uv_maps else self._generic(attribute)
             if carried is not None:
@@ -122,7 +124,7 @@ class Carrier:
             return values[self.subdivided.base_faces]
         if attribute.domain == "EDGE":
             return _copied(values, self.subdivided.base_edges, kind)
-        if attribute.name == "crease_vert":
+        if attribute.name == VERTEX_CREASE and attribute.domain == "POINT":
             return _copied(values, self.subdivided.base_vertices, kind)
         if np.issubdtype(values.dtype, np.integer):
             return values[self._sources(attribute.domain)]
@@ -203,8 +205,10 @@ class Carrier:
         ):
             outside = np.flatnonzero(sources >= 0)
             flags[outside] = values[sources[outside]]
-        write_attribute(mesh, f"{flag}_vert", "BOOLEAN", "POINT", at_vertices)
-        write_attribute(mesh, f"{flag}_edge", "BOOLEAN", "EDGE", at_edges)
+        for name, values in ((f"{flag}_vert", at_vertices), (f"{flag}_edge", at_edges)):
+            # One of another kind is no flag.
+            if name not in mesh.attributes:
+                write_attribute(mesh, name, "BOOLEAN", FLAG_DOMAINS[name], values)
 
     def _flags(self, name: str) -> NDArray[np.bool_]:
         domain = {"vert": "POINT", "edge": "EDGE", "poly": "FACE"}[name.rpartition("_")[2]]
@@ -224,10 +228,10 @@ class Carrier:
 
     def _sharpen_creases(self, mesh: bpy.types.Mesh) -> None:
         """Crease edges that stay sharp forever are shaded sharp."""
-        attribute = self.base.attributes.get("crease_edge")
-        if attribute is None or attribute.data_type != "FLOAT" or attribute.domain != "EDGE":
+        creases = read_creases(self.base, EDGE_CREASE)
+        if creases is None:
             return
-        creased = np.isinf(crease_to_sharpness(read_values(attribute.data, "value", np.float32)))
+        creased = np.isinf(crease_to_sharpness(creases))
         creased &= np.isinf(self.control.edge_sharpness)
         base_edges = self.subdivided.base_edges
         sharp = (base_edges >= 0) & creased[base_edges]
@@ -236,6 +240,15 @@ class Carrier:
             if present is not None:
                 sharp |= read_values(present.data, "value", np.bool_)
             write_attribute(mesh, "sharp_edge", "BOOLEAN", "EDGE", sharp)
+
+
+def is_left_out(attribute: bpy.types.Attribute) -> bool:
+    """Whether an attribute is not carried over as it is: the mesh itself, results of ours, flags, custom normals."""
+    if attribute.name == CUSTOM_NORMAL:
+        free = attribute.data_type == "FLOAT_VECTOR" and bpy.app.version >= FREE_NORMALS
+        return free or (attribute.data_type, attribute.domain) == ("INT16_2D", "CORNER")
+    is_flag = (attribute.data_type, attribute.domain) == ("BOOLEAN", FLAG_DOMAINS.get(attribute.name))
+    return is_flag or attribute.name in LEFT_OUT
 
 
 def write_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str, values: Values) -> None:

@@ -45,9 +45,14 @@ ATTRIBUTES = (
 )
 
 
+def has_depths(mesh: bpy.types.Mesh) -> bool:
+    """Whether the mesh has depths, with a record of ours or without."""
+    return _is_ours(mesh, ATTRIBUTES[0])
+
+
 def has_result(mesh: bpy.types.Mesh) -> bool:
     """Whether the mesh holds depths of ours; undo in Edit Mode can take them away from under their record."""
-    return mesh.ccdepth.has_result and _is_ours(mesh, ATTRIBUTES[0])
+    return mesh.ccdepth.has_result and has_depths(mesh)
 
 
 def has_heat_map(mesh: bpy.types.Mesh) -> bool:
