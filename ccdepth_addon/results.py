@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from . import version
 from .colors import depth_colors, to_linear
 from .computation import MeshDepths, Settings
-from .control_mesh import ORIGIN_ATTRIBUTE, read_values
+from .control_mesh import read_values
 from .core.mesh import FloatArray
 from .subdivision import Subdivision, SubdivisionSettings
 from .surfaces import SurfaceSettings
@@ -77,12 +77,13 @@ def _is_ours(mesh: bpy.types.Mesh, kind: AttributeKind) -> bool:
 
 def conflict(blender_object: bpy.types.Object) -> str | None:
     """The name of an attribute or vertex group that stands where one of ours must go, if there is one."""
-    mesh, groups = blender_object.data, blender_object.vertex_groups
+    mesh = blender_object.data
     for kind in ATTRIBUTES:
-        if kind.name in groups or (kind.name in mesh.attributes and not _is_ours(mesh, kind)):
+        if kind.name in blender_object.vertex_groups:
             return kind.name
-    # This one is on temporary copies alone, and results leave it out.
-    return ORIGIN_ATTRIBUTE if ORIGIN_ATTRIBUTE in groups or ORIGIN_ATTRIBUTE in mesh.attributes else None
+        if kind.name in mesh.attributes and not _is_ours(mesh, kind):
+            return kind.name
+    return None
 
 
 def write_result(

@@ -1,27 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Attributes of a user's own that stand where Blender or CC Depth has others are kept, and named in a report."""
+"""An attribute that stands where Blender keeps the selection is kept, and named in a report."""
 
 from __future__ import annotations
 
 import bpy
-import numpy as np
 import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-
-
-@pytest.mark.parametrize(
-    "operator", [bpy.ops.ccdepth.compute, bpy.ops.ccdepth.subdivide, bpy.ops.ccdepth.count_faces], ids=repr
-)
-def test_attribute_that_temporary_copies_need(operator: object) -> None:
-    """Results would leave it out, and it would be lost."""
-    holder = scene.add_object(meshes.cube(), "Cube")
-    holder.data.attributes.new("ccdepth_origin", "FLOAT", "POINT").data.foreach_set("value", np.arange(8.0))
-    addon.select(holder)
-    with pytest.raises(RuntimeError, match=r"Cube: the mesh has an attribute .* “ccdepth_origin”; rename it first"):
-        operator()  # type: ignore[operator]
-    assert [each.value for each in holder.data.attributes["ccdepth_origin"].data] == list(range(8))
 
 
 @pytest.mark.parametrize("name", [".select_vert", ".select_edge", ".select_poly"])
