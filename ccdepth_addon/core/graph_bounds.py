@@ -31,6 +31,9 @@ LEAST_COSINE = 0.25
 ROUNDING = 1e-9
 ROUNDING_ACROSS = 2.0**-24
 
+# By how much more of rounding counts along the normals and across, as these may be turned by it as well.
+TURNED = 2.0
+
 # The least sine of the angle at a triangle's second corner: the directions of thinner ones are not known well enough.
 THINNEST = 1e-6
 
@@ -47,11 +50,13 @@ def graph_bounds(
     tangential: FloatArray,
     closed: NDArray[np.bool_],
     wanted: NDArray[np.bool_],
+    rounding: float = 0.0,
 ) -> FloatArray:
     """The distance of each wanted triangle in both directions, float64, at most; inf where the conditions do not hold.
 
     positions: (V, 3); triangles: (T, 3); normal, tangential: (T,), how far each is off the surface at equal parameters,
     at most. closed: (V,) whether all the triangles around a vertex are there and close up to a disc. wanted: (T,).
+    rounding: how much farther off they may be than told, and vertices than they are taken to be (docs/adaptive.md).
     """
     count = len(positions)
     corners, columns = np.ascontiguousarray(triangles.T), np.ascontiguousarray(positions.T)
@@ -75,8 +80,8 @@ def graph_bounds(
         tilts=tilts,
         turns=turns,
         widths=widths,
-        normal=_largest_at(corners, normal, count),
-        tangential=_largest_at(corners, tangential, count),
+        normal=_largest_at(corners, normal, count) + TURNED * rounding,
+        tangential=_largest_at(corners, tangential, count) + TURNED * rounding,
         closed=closed,
     )
     chosen = np.flatnonzero(wanted)
