@@ -308,6 +308,13 @@ def test_monomials_are_no_farther_off_their_quadratic_parts_than_told() -> None:
         assert np.all(told <= 1.1 * sampled)
 
 
+def test_monomials_take_no_more_rounding_than_told() -> None:
+    """docs/adaptive.md, Rounding: the sums of their rows' weights, times how far they are off their quadratic parts."""
+    in_all = np.abs(triangle_bounds.to_monomials()).sum(axis=1)
+    for pattern, alternative in CHOICES:
+        assert in_all @ triangle_bounds.quadratic_rows(pattern, alternative).weights[:, 0] < 6.6
+
+
 # A limit of so many times the largest distance should be seen to hold.
 TIGHT = 1.1
 
