@@ -103,7 +103,8 @@ class SubdivisionTask:
     def request(self, settings: SubdivisionSettings, tolerance: float, most_faces: int) -> Request:
         limit = tolerance - self.allowance
         transitions = Transitions(settings.transitions)
-        return Request(limit, Mode(settings.mode), transitions, most_faces, axes=self.control.world)
+        rounding = rounding_allowance(self.control.in_world)
+        return Request(limit, Mode(settings.mode), transitions, most_faces, self.control.world, rounding)
 
 
 @dataclass(frozen=True)

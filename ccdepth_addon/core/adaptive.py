@@ -90,7 +90,8 @@ class Request:
     """What is wanted of a control mesh. limit: the largest distance, in the unit of its positions, rounding taken off.
 
     most_faces: beyond that many the result is refused. axes: (3, 3) float64, its columns the axes of the space where
-    Blender triangulates the result, in coordinates of the positions.
+    Blender triangulates the result, in coordinates of the positions. rounding: what it can hide from a distance
+    (``depth.rounding_allowance``), in the unit of the positions, for bounds in which that counts for more.
     """
 
     limit: float
@@ -98,6 +99,7 @@ class Request:
     transitions: Transitions
     most_faces: int
     axes: FloatArray = dataclass_field(default_factory=lambda: np.eye(3))
+    rounding: float = 0.0
 
 
 def count_faces(mesh: PolygonMesh, request: Request) -> Generator[int, None, int]:
@@ -358,6 +360,7 @@ class _Planner:
             *self.fits.misses(nodes),
             drawn.closed,
             is_wanted[nodes],
+            self._request.rounding,
         )
         self.fits.put_graph_bounds(wanted, nodes[is_wanted[nodes]], found)
 
