@@ -21,6 +21,7 @@ from .long_operator import (
 )
 from .object_state import object_state
 from .surfaces import ComputeError, as_typed
+from .writing import WriteError, is_writable
 
 
 class CCDEPTH_OT_compute(LongOperator):
@@ -51,7 +52,10 @@ class CCDEPTH_OT_compute(LongOperator):
         states = [[object_state(user, use_modifiers=self.use_modifiers) for user in users] for users in objects]
         for each, users, described in zip(answer, objects, states, strict=True):
             mesh = users[0].data
-            results.write_result(mesh, each, self._settings(), min(color_depths), max(color_depths))
+            try:
+                results.write_result(mesh, each, self._settings(), min(color_depths), max(color_depths))
+            except WriteError as fault:
+                raise ComputeError(f"{users[0].name}: {fault}") from fault
             fingerprint.remember(users[0], described)
             staleness.note_write(mesh)
         heat_map.synchronise(context)
@@ -109,7 +113,7 @@ class CCDEPTH_OT_clear(bpy.types.Operator):
         return poll_meshes(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        meshes = {obj.data for obj in meshes_meant(context) if obj.data.is_editable}
+        meshes = {obj.data for obj in meshes_meant(context) if is_writable(obj.data)}
         cleared = [mesh for mesh in meshes if results.has_traces(mesh)]
         if not cleared:
             self.report({"INFO"}, "There is nothing to clear")
