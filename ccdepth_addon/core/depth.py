@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .bounds import PATCH_METHODS, Method, Vertices
-from .certified_depth import certified_blocks
-from .mesh import FloatArray, PolygonMesh, validate
-from .norm_depth import norm_blocks
-from .search import FaceBlock, Question
+from .certified_depth import certified_blocks, certified_bounds
+from .mesh import FloatArray, IndexArray, PolygonMesh, validate
+from .norm_depth import norm_blocks, norm_bounds
+from .search import FaceBlock, LevelBlock, Question
 
 METHODS = tuple(method.value for method in Method)
 VERTICES = tuple(vertices.value for vertices in Vertices)
@@ -91,6 +91,67 @@ def face_depths_stepwise(
         done += len(block.faces)
         yield done / mesh.face_count
     return DepthResult(whole.depths, whole.bounds, whole.distances, whole.exact)
+
+
+def level_bounds(mesh: PolygonMesh, tolerance: float, method: str, vertices: str, level: int) -> FloatArray:
+    """(F,) float64: what is proved of every face at one level, in the unit of the positions; inf where that is not
+    within the tolerance.
+
+    Arguments and errors are those of ``face_depths``.
+    """
+    validate(mesh)
+    check_tolerance(tolerance, smallest_tolerance(mesh))
+    bounds = np.full(mesh.face_count, np.inf)
+    faces = np.arange(mesh.face_count)
+    for block in _level_blocks(mesh, tolerance, Method(method), Vertices(vertices), faces, level):
+        bounds[block.faces] = block.bounds
+    return bounds
+
+
+def uniform_level(mesh: PolygonMesh, tolerance: float, method: str, vertices: str) -> int:
+    """The first level, from the deepest depth on, at which all faces are proved to be within the tolerance.
+
+    A face can be farther from the surface at a level than at the one before, so that the deepest depth need not be it.
+    Arguments and errors are those of ``face_depths``.
+    """
+    found = face_depths(mesh, tolerance, method, vertices)
+    steps = uniform_level_stepwise(mesh, tolerance, method, vertices, found.depths)
+    while True:
+        try:
+            next(steps)
+        except StopIteration as finished:
+            return finished.value
+
+
+def uniform_level_stepwise(
+    mesh: PolygonMesh, tolerance: float, method: str, vertices: str, depths: NDArray[np.int32], least: int = 0
+) -> Generator[float, None, int]:
+    """``uniform_level`` in small steps: yields the fraction done of the level it is at, and returns the level.
+
+    mesh, tolerance: such as ``face_depths`` takes. depths: (F,) what it found with the same arguments; these are proved
+    at their own level, and all others are evaluated. least: no level before this one is wanted.
+    """
+    level = max(least, int(depths.max(initial=0)))
+    while True:
+        faces = np.flatnonzero(depths != level)
+        done = 0
+        for block in _level_blocks(mesh, tolerance, Method(method), Vertices(vertices), faces, level):
+            done += len(block.faces)
+            yield done / max(len(faces), 1)
+            if not block.all_within:
+                break
+        else:
+            return level
+        level += 1
+
+
+def _level_blocks(
+    mesh: PolygonMesh, tolerance: float, method: Method, vertices: Vertices, faces: IndexArray, level: int
+) -> Iterator[LevelBlock]:
+    question = Question(tolerance, rounding_allowance(mesh))
+    if method is Method.CERTIFIED:
+        return certified_bounds(mesh, question, vertices, faces, level)
+    return norm_bounds(mesh, question, PATCH_METHODS[method], vertices, faces, level)
 
 
 def _blocks(mesh: PolygonMesh, question: Question, method: Method, vertices: Vertices) -> Iterator[FaceBlock]:
