@@ -12,8 +12,8 @@ from typing import Any
 import bpy
 
 from . import picture
-from .core.adaptive import Mode
 from .core.depth import METHODS, VERTICES
+from .core.plan import Mode
 from .core.templates import Transitions
 from .panels import exact_text
 from .properties import METHOD_TEXTS, VERTEX_ITEMS, tolerance_name

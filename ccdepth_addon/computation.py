@@ -29,7 +29,6 @@ from .surfaces import (
     surface_of,
 )
 
-
 Answer = TypeVar("Answer")
 
 

@@ -25,9 +25,10 @@ from .control_mesh import (
     read_values,
     subdivision_modifier,
 )
-from .core.adaptive import AdaptiveMesh, Mode, Request, TooManyFacesError, count_faces, subdivide_adaptively
+from .core.adaptive import AdaptiveMesh, count_faces, subdivide_adaptively
 from .core.depth import check_tolerance, rounding_allowance, smallest_step
 from .core.mesh import FloatArray, validate
+from .core.plan import Mode, Request, TooManyFacesError
 from .core.templates import Transitions
 from .surfaces import (
     ComputeError,
