@@ -2,8 +2,8 @@
 """Meshes of which a face is within a tolerance at level 0 and beyond it at a later level, found by linear programming.
 
 Heights of the vertices over a plain mesh are what is looked for: the distances of facets from the surface at given
-parameters are linear in them. The face's distances at level 0, and those of all others at the later level, are kept within the
-tolerance at many places, and its distance at one place at the later level is made as large as that allows.
+parameters are linear in them. The face's distances at level 0, and those of all others at the later level, are kept
+within the tolerance at many places, and its distance at one place at the later level is made as large as that allows.
 """
 
 from __future__ import annotations
