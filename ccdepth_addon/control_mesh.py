@@ -352,8 +352,8 @@ def _read_evaluated(
 ) -> tuple[PolygonMesh, IndexArray]:
     """The mesh as the counted modifiers make it, and the face of ``own`` that each of its faces comes from."""
     _refuse_simulations(blender_object, counted)
-    with _frozen_copy(context, blender_object, own, counted) as (copy, mesh):
-        origins = _write_origins(copy, mesh)
+    with _frozen_copy(context, blender_object, own, counted) as (copy, copied):
+        origins = _write_origins(copy, copied)
         evaluated = _evaluated_mesh(context, copy)
         base_faces = _read_origins(evaluated, origins, len(own.polygons))
         mesh = mesh_arrays(evaluated, rule)
@@ -431,10 +431,8 @@ def _refuse_lost_faces(context: bpy.types.Context, copy: bpy.types.Object, origi
     present = base_face_count
     for modifier in modifiers:
         modifier.show_viewport = True
-        before, present = (
-            present,
-            len(_present(_read_origins(_evaluated_mesh(context, copy), origins, base_face_count))),
-        )
+        kept = _read_origins(_evaluated_mesh(context, copy), origins, base_face_count)
+        before, present = present, len(_present(kept))
         if present < before and (present == 0 or modifier.type not in TAKING_FACES_AWAY):
             raise ControlMeshError(
                 f"the modifier “{modifier.name}” does not keep the mesh's faces apart, so their depths cannot be "

@@ -62,7 +62,7 @@ def test_colours_are_put_back_for_painting_and_shown_again_afterwards(mode: str,
     assert rendered(holder) == (colors[0] if colors else "")
 
 
-@pytest.mark.skipif(bpy.app.version < (4, 3), reason="Blender 4.2 crashes when it paints without a brush")
+@pytest.mark.skipif(bpy.app.version < (4, 5), reason="Blender 4.2 and 4.3 crash when they paint without a brush")
 @pytest.mark.parametrize("colors", [(), ("Paint",)])
 def test_what_is_painted_is_not_the_heat_map(colors: tuple[str, ...]) -> None:
     holder = computed(*colors)
