@@ -23,7 +23,11 @@ def enter(context: bpy.types.Context, uids: Iterable[int]) -> None:
     Blender edits what is selected, though it lets objects be selected and deselected meanwhile.
     """
     wanted = set(uids)
+    if not wanted:
+        return
     layer = context.view_layer
+    # Objects that were removed meanwhile leave holes in the list until then.
+    layer.update()
     edited = [each for each in layer.objects if each.session_uid in wanted and each.visible_get()]
     if not edited:
         return

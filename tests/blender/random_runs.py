@@ -212,7 +212,7 @@ def _tolerance(rng: Random) -> dict[str, Any]:
     if chance(rng, 0.15):
         return settings
     settings["tolerance_mode"] = one(rng, ("RELATIVE", "RELATIVE", "ABSOLUTE"))
-    settings["tolerance"] = float(10.0 ** rng.uniform(-2, 0))
+    settings["tolerance"] = float(10.0 ** rng.uniform(-1.5, 0))
     if chance(rng, 0.06):
         settings["tolerance"] = one(rng, (0.0, -1.0, 1e-12, 1e30, 1e39, float("inf"), float("nan")))
     if chance(rng, 0.5):
@@ -336,7 +336,7 @@ def _subdivision(rng: Random) -> dict[str, Any]:
     settings = _tolerance(rng)
     settings["mode"] = one(rng, ("ADAPTIVE", "PER_FACE"))
     settings["transitions"] = one(rng, ("TRIANGLES", "NGONS"))
-    settings["max_faces"] = int(one(rng, (1, 20, 300, 2000, 2000)))
+    settings["max_faces"] = int(one(rng, (1, 20, 300, 1000, 1000)))
     if "reduce" in bpy.ops.ccdepth.subdivide.get_rna_type().properties and chance(rng, 0.5):
         settings["reduce"] = chance(rng, 0.5)
     return settings

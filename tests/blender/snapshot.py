@@ -56,6 +56,10 @@ APART = {"data", "display", "driver", "keyframe_points", "override_library", "pr
 INTERFACE = {"all_ids", "brushes", "palettes", "screens", "window_managers", "workspaces", "fonts", "images"}
 
 
+# Looking through them takes longer than reading the values.
+_known_fields: dict[type, list[tuple[str, str]]] = {}
+
+
 def take() -> Snapshot:
     """The whole file as it is now. It changes nothing."""
     found: Snapshot = {}
@@ -151,27 +155,33 @@ def _interface() -> Iterator[tuple[Path, Any]]:
 
 def _settings(holder: Any, depth: int = 2) -> Iterator[tuple[Path, Any]]:
     """Every setting of a data-block or of a part of one, and of its parts."""
-    for field in holder.bl_rna.properties:
-        name = field.identifier
-        if name in VOLATILE:
-            continue
+    for name, kind in _fields(holder):
         try:
             value = getattr(holder, name)
         except (AttributeError, RuntimeError, UnicodeDecodeError):
             continue
-        if field.type in PLAIN:
+        if kind in PLAIN:
             yield (name,), _plain(value)
-        elif field.type == "POINTER" and isinstance(value, bpy.types.ID):
+        elif kind == "POINTER" and isinstance(value, bpy.types.ID):
             yield (name,), value.name_full
-        elif field.type == "POINTER" and value is not None and depth and name in APART:
+        elif kind == "POINTER" and value is not None and depth and name in APART:
             for path, inner in _settings(value, depth - 1):
                 yield (name, *path), inner
-        elif field.type == "COLLECTION" and name in SETTINGS and depth:
+        elif kind == "COLLECTION" and name in SETTINGS and depth:
             for number, item in enumerate(value):
                 for path, inner in _settings(item, depth - 1):
                     yield (name, str(number), *path), inner
     yield from _custom(holder)
     yield from _animation(holder)
+
+
+def _fields(holder: Any) -> list[tuple[str, str]]:
+    """The names and types of the properties of anything of this type, without volatile ones."""
+    key = type(holder)
+    if key not in _known_fields:
+        fields = holder.bl_rna.properties
+        _known_fields[key] = [(field.identifier, field.type) for field in fields if field.identifier not in VOLATILE]
+    return _known_fields[key]
 
 
 def _custom(holder: Any) -> Iterator[tuple[Path, Any]]:
