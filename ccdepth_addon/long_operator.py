@@ -13,6 +13,7 @@ import numpy as np
 from bpy.props import FloatProperty
 
 from . import properties, results
+from .printable import printable_lines
 from .stepwise import Stage, Stepwise
 from .surfaces import ComputeError
 
@@ -199,7 +200,7 @@ class LongOperator(bpy.types.Operator):
 
     def _refuse(self, context: bpy.types.Context, fault: ComputeError) -> set[str]:
         self._end(context)
-        self.report({"ERROR"}, str(fault))
+        self.report({"ERROR"}, printable_lines(str(fault)))
         return {"CANCELLED"}
 
     def _end(self, context: bpy.types.Context) -> None:

@@ -19,6 +19,7 @@ from .long_operator import (
     refuse_what_cannot_be_written,
     without_mesh_text,
 )
+from .printable import printable, printable_lines
 from .stepwise import Stage
 from .surfaces import ComputeError, as_typed
 
@@ -63,7 +64,7 @@ class CCDEPTH_OT_compute(LongOperator):
             self.report({"INFO"}, skipped)
         for answer in answers:
             for note in _modifier_notes(answer):
-                self.report({"WARNING"}, f"{answer.task.object_names[0]}: {note}")
+                self.report({"WARNING"}, f"{printable(answer.task.object_names[0])}: {note}")
         faces = count_text(sum(len(answer.depths) for answer in answers), "face", "faces")
         meshes = f"{len(answers)} meshes, " if len(answers) > 1 else ""
         self.report({"INFO"}, f"{meshes}{faces}, deepest depth {max(answer.deepest for answer in answers)}")
@@ -188,7 +189,7 @@ class CCDEPTH_OT_set_levels(bpy.types.Operator):
         stale = set(staleness.out_of_date(context, objects))
         faults = [f"{obj.name}: {fault}" for obj in objects if (fault := _levels_fault(obj, obj in stale, most_faces))]
         if faults:
-            self.report({"ERROR"}, "\n".join(faults))
+            self.report({"ERROR"}, printable_lines("\n".join(faults)))
             return {"CANCELLED"}
         for blender_object in objects:
             _set_levels(blender_object)

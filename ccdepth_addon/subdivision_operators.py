@@ -16,6 +16,7 @@ from .long_operator import (
     refuse_what_cannot_be_written,
     without_mesh_text,
 )
+from .printable import printable
 from .stepwise import Stage
 from .subdivision import (
     FaceCount,
@@ -95,7 +96,7 @@ class CCDEPTH_OT_subdivide(SubdivisionOperator):
         if skipped:
             self.report({"INFO"}, skipped)
         for note in self._notes:
-            self.report({"WARNING"}, note)
+            self.report({"WARNING"}, printable(note))
         results = [made.subdivision.adaptive for made in answer]
         faces = count_text(sum(len(each.depths) for each in results), "face", "faces")
         objects_text = f"{len(objects)} objects, " if len(objects) > 1 else ""
@@ -145,7 +146,7 @@ class CCDEPTH_OT_count_faces(SubdivisionOperator):
         if counts[0].fitting is None:
             self.report({"INFO"}, count_text(sum(count.faces for count in counts), "face", "faces"))
         else:
-            self.report({"WARNING"}, too_many_text(tasks, counts[0], self.settings()))
+            self.report({"WARNING"}, printable(too_many_text(tasks, counts[0], self.settings())))
         heat_map.redraw_viewports(context)
         return {"FINISHED"}
 

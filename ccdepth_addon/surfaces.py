@@ -18,6 +18,10 @@ from .core.mesh import FloatArray, InvalidMeshError
 # How much smaller, relatively, an object's scale may be than another's by rounding alone and still be outdone by it.
 SCALE_ROUNDING = 1e-9
 
+# The largest number that Blender holds; it stands for infinity as well, and for all that is larger.
+LARGEST_TOLERANCE = float(str(np.finfo(np.float32).max))
+TOO_LARGE = "The tolerance is too large a number"
+
 
 class ComputeError(ValueError):
     """What is asked cannot be computed; the message names every object at fault in a modeller's words."""
@@ -76,6 +80,8 @@ def refuse_bad_tolerance(tolerance: float) -> None:
     """Raise ComputeError unless the tolerance is a finite number greater than zero."""
     if not np.isfinite(tolerance):
         raise ComputeError("The tolerance is not a finite number")
+    if tolerance >= LARGEST_TOLERANCE:
+        raise ComputeError(TOO_LARGE)
     if tolerance <= 0:
         raise ComputeError("The tolerance must be greater than zero")
 
