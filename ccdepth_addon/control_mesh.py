@@ -9,10 +9,11 @@ settings are the modifier's defaults.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from hashlib import blake2b
 from itertools import count
 from typing import Any
 
@@ -35,6 +36,10 @@ ORIGIN_PRIME = 2**31 - 1
 
 # Objects are taken to be at least so thick, in parts of what they are stretched to at most.
 LEAST_STRETCH = 1e-6
+
+# Objects evaluated at once, and vertices of their own meshes: as many as keep a window responsive.
+OBJECTS_AT_ONCE = 128
+VERTICES_AT_ONCE = 1 << 18
 
 # These take faces away. What others lose, they have merged into faces that count for one of their origins only.
 TAKING_FACES_AWAY = {"BOOLEAN", "BUILD", "MASK", "NODES", "WELD"}
@@ -64,6 +69,16 @@ class MeshAsRead:
 
     arrays: PolygonMesh
     rule: SurfaceRule
+
+    @cached_property
+    def key(self) -> bytes:
+        """Equal for equal meshes; loose vertices may be anywhere, even nowhere."""
+        digest = blake2b(repr(self.rule).encode())
+        for field in fields(PolygonMesh):
+            values = np.ascontiguousarray(getattr(self.arrays, field.name))
+            digest.update(f"{field.name} {values.shape} {values.dtype}".encode())
+            digest.update(values.data)
+        return digest.digest()
 
     @cached_property
     def mesh(self) -> PolygonMesh:
@@ -171,29 +186,40 @@ def read_control_mesh(
     *,
     use_modifiers: bool,
     shared: SharedMeshes | None = None,
+    copies: FrozenCopies | None = None,
 ) -> ControlMesh:
     """The object's control mesh; in Edit Mode, of the mesh as it is being edited.
 
-    shared: the meshes read so far that other objects may use as well, to be read once only.
+    shared: the meshes read so far that other objects may use as well, to be read once only. copies: what was made by
+    ``copies_to_measure`` for this object and others; without, Blender evaluates this object alone.
     Nothing of the file is changed. Raises ControlMeshError when its modifiers leave no trace of its faces, and
     InvalidMeshError when it has no faces.
     """
-    depsgraph = context.evaluated_depsgraph_get()
+    if copies is None:
+        context.view_layer.update()
+        with copies_to_measure(context, [blender_object], use_modifiers=use_modifiers) as alone:
+            return read_control_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=alone)
     rule = surface_rule(blender_object)
     _refuse_crease_groups(blender_object, rule)
-    counted = counted_modifiers(blender_object) if use_modifiers else []
-    world = np.array(blender_object.evaluated_get(depsgraph).matrix_world, dtype=np.float64)[:3, :3]
+    world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
     data = blender_object.data
-    # What Edit Mode shows is the shape key being edited, and that is what it holds; elsewhere keys are mixed.
-    if counted or (data.shape_keys is not None and not data.is_editmode):
-        with own_mesh(blender_object) as own:
-            mesh, base_faces = _read_evaluated(context, blender_object, own, [m.name for m in counted], rule)
+    counted = counted_modifiers(blender_object) if use_modifiers else []
+    _refuse_simulations(counted)
+    if _is_evaluated(blender_object, counted):
+        mesh, base_faces = _read_evaluated(copies, blender_object, rule)
         return ControlMesh(_with_faces(mesh, rule), base_faces, world)
     shared = {} if shared is None else shared
     if (data.session_uid, rule) not in shared:
         with own_mesh(blender_object) as own:
             shared[data.session_uid, rule] = _with_faces(mesh_arrays(own, rule), rule)
     return ControlMesh(shared[data.session_uid, rule], None, world)
+
+
+def _is_evaluated(blender_object: bpy.types.Object, counted: Sequence[bpy.types.Modifier]) -> bool:
+    """Whether the control mesh is not the object's own mesh, but one that Blender makes of it."""
+    data = blender_object.data
+    # What Edit Mode shows is the shape key being edited, and that is what it holds; elsewhere keys are mixed.
+    return bool(counted) or (data.shape_keys is not None and not data.is_editmode)
 
 
 def applied_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
@@ -205,6 +231,12 @@ def applied_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) 
     return applied if subdivision is None else [*applied, subdivision]
 
 
+def base_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
+    """Those of the applied modifiers that make the base mesh: all but the Subdivision Surface modifier."""
+    subdivision = subdivision_modifier(blender_object)
+    return [m for m in applied_modifiers(blender_object, use_modifiers=use_modifiers) if m != subdivision]
+
+
 @contextmanager
 def base_mesh(
     context: bpy.types.Context,
@@ -212,31 +244,34 @@ def base_mesh(
     *,
     use_modifiers: bool,
     shared: SharedMeshes | None = None,
+    copies: FrozenCopies | None = None,
 ) -> Iterator[tuple[bpy.types.Mesh, ControlMesh]]:
     """The Blender mesh whose Catmull-Clark surface is meant, with everything it carries, and its control mesh.
 
     In Object Mode. It is the object's own mesh, or where modifiers are counted in, a temporary one they have made.
     Unlike depths, a subdivision need not know which face of the object's own mesh each face comes from.
+    copies: what was made by ``copies_to_subdivide`` for this object and others; without, Blender evaluates it alone.
     """
-    subdivision = subdivision_modifier(blender_object)
-    applied = [m.name for m in applied_modifiers(blender_object, use_modifiers=use_modifiers) if m != subdivision]
+    if copies is None:
+        context.view_layer.update()
+        with (
+            copies_to_subdivide(context, [blender_object], use_modifiers=use_modifiers) as alone,
+            base_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=alone) as base,
+        ):
+            yield base
+        return
+    applied = base_modifiers(blender_object, use_modifiers=use_modifiers)
     if not applied:
-        control = read_control_mesh(context, blender_object, use_modifiers=False, shared=shared)
+        control = read_control_mesh(context, blender_object, use_modifiers=False, shared=shared, copies=copies)
         yield blender_object.data, control
         return
-    _refuse_crease_groups(blender_object, surface_rule(blender_object))
-    _refuse_simulations(blender_object, applied)
-    with _frozen_copy(context, blender_object, blender_object.data, applied) as (copy, _):
-        depsgraph = context.evaluated_depsgraph_get()
-        evaluated = copy.evaluated_get(depsgraph)
-        world = np.array(evaluated.matrix_world, dtype=np.float64)[:3, :3]
-        mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
-    try:
-        _copy_custom_properties(blender_object.data, mesh)
-        rule = surface_rule(blender_object)
-        yield mesh, ControlMesh(_with_faces(mesh_arrays(mesh, rule), rule), None, world)
-    finally:
-        bpy.data.meshes.remove(mesh)
+    rule = surface_rule(blender_object)
+    _refuse_crease_groups(blender_object, rule)
+    _refuse_simulations(applied)
+    mesh = copies.new_mesh(blender_object)
+    _copy_custom_properties(blender_object.data, mesh)
+    world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
+    yield mesh, ControlMesh(_with_faces(mesh_arrays(mesh, rule), rule), None, world)
 
 
 def _copy_custom_properties(source: bpy.types.Mesh, target: bpy.types.Mesh) -> None:
@@ -358,59 +393,189 @@ def _refuse_crease_groups(blender_object: bpy.types.Object, rule: SurfaceRule) -
             )
 
 
-def _read_evaluated(
-    context: bpy.types.Context,
-    blender_object: bpy.types.Object,
-    own: bpy.types.Mesh,
-    counted: list[str],
-    rule: SurfaceRule,
-) -> tuple[PolygonMesh, IndexArray]:
-    """The mesh as the counted modifiers make it, and the face of ``own`` that each of its faces comes from."""
-    _refuse_simulations(blender_object, counted)
-    with _frozen_copy(context, blender_object, own, counted) as (copy, copied):
-        origins = _write_origins(copy, copied)
-        evaluated = _evaluated_mesh(context, copy)
-        base_faces = _read_origins(evaluated, origins, len(own.polygons))
-        mesh = mesh_arrays(evaluated, rule)
-        if mesh.face_count and len(_present(base_faces)) < len(own.polygons):
-            _refuse_lost_faces(context, copy, origins, len(own.polygons))
-        return mesh, base_faces
-
-
-def _refuse_simulations(blender_object: bpy.types.Object, counted: list[str]) -> None:
-    for name in counted:
-        if blender_object.modifiers[name].type in SIMULATIONS:
-            raise ControlMeshError(
-                f"the modifier “{name}” is a simulation, which cannot be counted in: apply it, or turn Modifiers off"
-            )
+def in_batches(objects: Sequence[bpy.types.Object]) -> Iterator[list[bpy.types.Object]]:
+    """The objects in groups that are few and small enough to be evaluated at once."""
+    batch: list[bpy.types.Object] = []
+    vertices = 0
+    for blender_object in objects:
+        batch.append(blender_object)
+        vertices += len(blender_object.data.vertices)
+        if len(batch) == OBJECTS_AT_ONCE or vertices >= VERTICES_AT_ONCE:
+            yield batch
+            batch, vertices = [], 0
+    if batch:
+        yield batch
 
 
 @contextmanager
-def _frozen_copy(
-    context: bpy.types.Context, blender_object: bpy.types.Object, own: bpy.types.Mesh, counted: list[str]
-) -> Iterator[tuple[bpy.types.Object, bpy.types.Mesh]]:
-    """A temporary copy of the object in the scene, with the counted modifiers alone, and the copy of ``own`` it has.
+def copies_to_measure(
+    context: bpy.types.Context, objects: Sequence[bpy.types.Object], *, use_modifiers: bool
+) -> Iterator[FrozenCopies]:
+    """For ``read_control_mesh``: copies of those of the objects that must be evaluated."""
+    wanted = {}
+    for blender_object in objects:
+        counted = counted_modifiers(blender_object) if use_modifiers else []
+        if _is_evaluated(blender_object, counted):
+            wanted[blender_object] = counted
+    with _frozen_copies(context, wanted, with_origins=True) as copies:
+        yield copies
 
-    Its values are those the object has now, keyed or not, so it must not be animated again.
+
+@contextmanager
+def copies_to_subdivide(
+    context: bpy.types.Context, objects: Sequence[bpy.types.Object], *, use_modifiers: bool
+) -> Iterator[FrozenCopies]:
+    """For ``base_mesh``: copies of those of the objects that must be evaluated."""
+    wanted = {}
+    for blender_object in objects:
+        applied = base_modifiers(blender_object, use_modifiers=use_modifiers)
+        if _is_evaluated(blender_object, applied):
+            wanted[blender_object] = applied
+    with _frozen_copies(context, wanted, with_origins=False) as copies:
+        yield copies
+
+
+class FrozenCopies:
+    """Temporary copies of objects in the scene, with some of their modifiers and origins on their faces.
+
+    Their values are those the objects have now, keyed or not, so they must not be animated again. The scene is
+    evaluated once for all of them: each time takes as long as there are objects.
     """
-    mesh = own_copy(own)
-    copy = own_copy(blender_object)
-    try:
+
+    def __init__(self, context: bpy.types.Context) -> None:
+        self._context = context
+        self._copies: dict[int, bpy.types.Object] = {}
+        self._face_counts: dict[int, int] = {}
+        self._own_copies: dict[int, bpy.types.Mesh] = {}
+        # The name that the origins have on each copy, by the identifiers of objects and of meshes.
+        self._origins: dict[int, str] = {}
+        self._origin_names: dict[int, str] = {}
+        self._made: dict[int, bpy.types.Mesh] = {}
+        self._losing: dict[int, bpy.types.Modifier | None] | None = None
+
+    def add(
+        self, blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier], *, with_origins: bool
+    ) -> None:
+        mesh = self._own_copy(blender_object, with_origins=with_origins)
+        names = {modifier.name for modifier in modifiers}
+        copy = own_copy(blender_object)
+        self._copies[blender_object.session_uid] = copy
+        self._face_counts[blender_object.session_uid] = len(mesh.polygons)
+        self._origins[blender_object.session_uid] = self._origin_names.get(blender_object.data.session_uid, "")
         copy.data = mesh
         copy.animation_data_clear()
-        if mesh.shape_keys is not None:
-            mesh.shape_keys.animation_data_clear()
-        for modifier in [m for m in copy.modifiers if m.name not in counted]:
+        for modifier in [m for m in copy.modifiers if m.name not in names]:
             copy.modifiers.remove(modifier)
-        context.scene.collection.objects.link(copy)
-        yield copy, mesh
+        self._context.scene.collection.objects.link(copy)
+
+    def _own_copy(self, blender_object: bpy.types.Object, *, with_origins: bool) -> bpy.types.Mesh:
+        """A copy of the object's mesh, made once for all objects that use it."""
+        uid = blender_object.data.session_uid
+        if uid not in self._own_copies:
+            with own_mesh(blender_object) as own:
+                mesh = self._own_copies[uid] = own_copy(own)
+            if with_origins:
+                self._origin_names[uid] = _write_origins(blender_object, mesh)
+            if mesh.shape_keys is not None:
+                mesh.shape_keys.animation_data_clear()
+        return self._own_copies[uid]
+
+    def evaluated(self, blender_object: bpy.types.Object) -> tuple[bpy.types.Mesh, IndexArray]:
+        """What the modifiers have made, and the face of the object's own mesh that each face comes from."""
+        mesh = self._evaluated(self._copies[blender_object.session_uid])
+        return mesh, self._read_origins(blender_object.session_uid, mesh)
+
+    def face_count(self, blender_object: bpy.types.Object) -> int:
+        """Of the object's own mesh."""
+        return self._face_counts[blender_object.session_uid]
+
+    def new_mesh(self, blender_object: bpy.types.Object) -> bpy.types.Mesh:
+        """What the modifiers have made, as a mesh that lasts as long as the copies do."""
+        if not self._made:
+            # All at once: each new mesh would have the scene evaluated again for the next.
+            depsgraph = self._context.evaluated_depsgraph_get()
+            for uid, copy in self._copies.items():
+                self._made[uid] = bpy.data.meshes.new_from_object(
+                    copy.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
+                )
+        return self._made[blender_object.session_uid]
+
+    def losing_modifier(self, blender_object: bpy.types.Object) -> str | None:
+        """The modifier of the object that loses faces without taking them away, if there is one."""
+        if self._losing is None:
+            self._losing = self._find_losing()
+        modifier = self._losing.get(blender_object.session_uid)
+        return None if modifier is None else modifier.name
+
+    def _find_losing(self) -> dict[int, bpy.types.Modifier | None]:
+        """Show one more modifier of all copies at a time."""
+        stacks = {uid: list(copy.modifiers) for uid, copy in self._copies.items()}
+        for modifier in [modifier for stack in stacks.values() for modifier in stack]:
+            modifier.show_viewport = False
+        present = dict(self._face_counts)
+        losing: dict[int, bpy.types.Modifier | None] = {}
+        for place in range(max(map(len, stacks.values()))):
+            shown = {uid: stack[place] for uid, stack in stacks.items() if place < len(stack)}
+            for modifier in shown.values():
+                modifier.show_viewport = True
+            for uid, modifier in shown.items():
+                origins = self._read_origins(uid, self._evaluated(self._copies[uid]))
+                before, present[uid] = present[uid], len(_present(origins))
+                if present[uid] < before and (present[uid] == 0 or modifier.type not in TAKING_FACES_AWAY):
+                    losing.setdefault(uid, modifier)
+        return losing
+
+    def _read_origins(self, uid: int, evaluated: bpy.types.Mesh) -> IndexArray:
+        return read_origins(evaluated, self._origins[uid], self._face_counts[uid])
+
+    def _evaluated(self, copy: bpy.types.Object) -> bpy.types.Mesh:
+        return copy.evaluated_get(self._context.evaluated_depsgraph_get()).data
+
+    def remove(self) -> None:
+        bpy.data.batch_remove([*self._copies.values(), *self._own_copies.values(), *self._made.values()])
+
+
+@contextmanager
+def _frozen_copies(
+    context: bpy.types.Context,
+    wanted: dict[bpy.types.Object, list[bpy.types.Modifier]],
+    *,
+    with_origins: bool,
+) -> Iterator[FrozenCopies]:
+    copies = FrozenCopies(context)
+    try:
+        for blender_object, modifiers in wanted.items():
+            # Simulations will be refused, and must not begin to run.
+            if not any(modifier.type in SIMULATIONS for modifier in modifiers):
+                copies.add(blender_object, modifiers, with_origins=with_origins)
+        yield copies
     finally:
-        bpy.data.objects.remove(copy)
-        bpy.data.meshes.remove(mesh)
+        copies.remove()
 
 
-def _evaluated_mesh(context: bpy.types.Context, copy: bpy.types.Object) -> bpy.types.Mesh:
-    return copy.evaluated_get(context.evaluated_depsgraph_get()).data
+def _read_evaluated(
+    copies: FrozenCopies, blender_object: bpy.types.Object, rule: SurfaceRule
+) -> tuple[PolygonMesh, IndexArray]:
+    """The mesh as the counted modifiers make it, and the face of the object's own that each of its faces comes from."""
+    evaluated, base_faces = copies.evaluated(blender_object)
+    mesh = mesh_arrays(evaluated, rule)
+    if mesh.face_count and len(_present(base_faces)) < copies.face_count(blender_object):
+        losing = copies.losing_modifier(blender_object)
+        if losing is not None:
+            raise ControlMeshError(
+                f"the modifier “{losing}” does not keep the mesh's faces apart, so their depths cannot be told: apply "
+                "it, or turn Modifiers off"
+            )
+    return mesh, base_faces
+
+
+def _refuse_simulations(modifiers: Sequence[bpy.types.Modifier]) -> None:
+    for modifier in modifiers:
+        if modifier.type in SIMULATIONS:
+            raise ControlMeshError(
+                f"the modifier “{modifier.name}” is a simulation, which cannot be counted in: apply it, or turn "
+                "Modifiers off"
+            )
 
 
 def _write_origins(holder: bpy.types.Object, mesh: bpy.types.Mesh) -> str:
@@ -423,7 +588,7 @@ def _write_origins(holder: bpy.types.Object, mesh: bpy.types.Mesh) -> str:
     return name
 
 
-def _read_origins(mesh: bpy.types.Mesh, name: str, base_face_count: int) -> IndexArray:
+def read_origins(mesh: bpy.types.Mesh, name: str, base_face_count: int) -> IndexArray:
     """(F,) intp: the face each face of an evaluated mesh comes from, or NO_ORIGIN."""
     attribute = mesh.attributes.get(name)
     if attribute is None or (attribute.data_type, attribute.domain) != ("INT32_2D", "FACE"):
@@ -436,20 +601,3 @@ def _read_origins(mesh: bpy.types.Mesh, name: str, base_face_count: int) -> Inde
 
 def _present(base_faces: IndexArray) -> IndexArray:
     return np.unique(base_faces[base_faces != NO_ORIGIN])
-
-
-def _refuse_lost_faces(context: bpy.types.Context, copy: bpy.types.Object, origins: str, base_face_count: int) -> None:
-    """Raise ControlMeshError when a modifier loses faces without taking them away."""
-    modifiers = list(copy.modifiers)
-    for modifier in modifiers:
-        modifier.show_viewport = False
-    present = base_face_count
-    for modifier in modifiers:
-        modifier.show_viewport = True
-        kept = _read_origins(_evaluated_mesh(context, copy), origins, base_face_count)
-        before, present = present, len(_present(kept))
-        if present < before and (present == 0 or modifier.type not in TAKING_FACES_AWAY):
-            raise ControlMeshError(
-                f"the modifier “{modifier.name}” does not keep the mesh's faces apart, so their depths cannot be "
-                "told: apply it, or turn Modifiers off"
-            )

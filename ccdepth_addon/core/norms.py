@@ -123,6 +123,14 @@ def first_order_norm_regular(net: FloatArray) -> FloatArray:
 
 def first_order_norm_extraordinary(net: FloatArray) -> FloatArray:
     """The largest edge of an extraordinary net: each second difference is one of two edges that meet."""
-    valence = (len(net) - 8) // 2
+    ones, others = _edge_ends((len(net) - 8) // 2)
+    edges = net.take(ones, axis=0)
+    edges -= net.take(others, axis=0)
+    return np.sqrt(squared_norms(edges).max(axis=0))
+
+
+@cache
+def _edge_ends(valence: int) -> tuple[tuple[int, ...], ...]:
+    """The one end and the other of every edge that a second difference spans."""
     edges = {(min(a, end), max(a, end)) for a, b, c in second_differences(valence) for end in (b, c)}
-    return _largest(net[a] - net[b] for a, b in sorted(edges))
+    return tuple(zip(*sorted(edges), strict=True))

@@ -344,6 +344,7 @@ def _subdivision(rng: Random) -> dict[str, Any]:
 
 def set_levels(this: Run) -> None:
     bpy.context.scene.ccdepth.max_faces = int(one(this.random, (10, 2000, 2000)))
+    this.before_result = None
     staleness = addon.module("staleness")
     meshes = [bpy.data.objects[name].data for name in _meant()]
     # A result may be current and yet not be about another user of its mesh.
