@@ -110,7 +110,8 @@ def _everything() -> Iterator[tuple[Path, Any]]:
         slots = [(slot.link, slot.material and slot.material.name_full) for slot in blender_object.material_slots]
         yield ("objects", blender_object.name_full, "material slots"), slots
     for keys in bpy.data.shape_keys:
-        for key in keys.key_blocks:
+        # What is edited is written to the keys when Edit Mode is left, and not before.
+        for key in () if getattr(keys.user, "is_editmode", False) else keys.key_blocks:
             points = _read(key.data, "co", np.float32, 3)
             yield ("shape_keys", keys.name_full, key.name, "points"), points
     for group in bpy.data.collections:
