@@ -248,7 +248,13 @@ class MeshRecord(bpy.types.PropertyGroup):
     deepest_color_depth: IntProperty(description="The depth shown in the last colour of the heat map")
     rows: CollectionProperty(type=DepthRow)
     # A decimal number: it soon outgrows Blender's 32-bit integers.
-    uniform_faces: StringProperty(description="Faces of the mesh subdivided uniformly to the deepest depth")
+    uniform_faces: StringProperty(
+        description="Faces of the mesh subdivided to the uniform level; on a subdivision, to the deepest depth"
+    )
+    uniform_level: IntProperty(
+        description="The first level at which all faces are within the tolerance; -1 where it is not known", default=-1
+    )
+    quality: IntProperty(description="The Quality that Use Limit Surface needs at the uniform level; 0 without it")
     fingerprint: StringProperty(description="Checksum of the mesh and of its depths")
     contributors: CollectionProperty(type=Contributor)
     active_color_taken: BoolProperty()

@@ -106,6 +106,8 @@ def write_result(
     record.added_deepest = answer.added_deepest
     record.least_color_depth = least_color_depth
     record.deepest_color_depth = deepest_color_depth
+    record.uniform_level = answer.uniform_level
+    record.quality = answer.quality
     record.uniform_faces = str(answer.uniform_faces)
 
 
