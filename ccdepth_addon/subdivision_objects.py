@@ -81,13 +81,17 @@ def place_meshes(
         if not all(_is_as_it_was(original, each.subdivision) for original in found):
             bpy.data.batch_remove(meshes)
             raise ComputeError(CHANGED)
-    users = [_place(context, *each, settings, in_place=in_place) for each in zip(originals, meshes, strict=True)]
-    # New objects have no matrix of their own before.
-    context.view_layer.update()
-    for each, mesh, placed in zip(made, meshes, users, strict=True):
-        states = [object_state(user, use_modifiers=False) for user in placed]
-        fingerprint.remember(mesh, each.geometry, each.subdivision.adaptive.depths, states)
-        staleness.note_write(mesh)
+    try:
+        users = [_place(context, *each, settings, in_place=in_place) for each in zip(originals, meshes, strict=True)]
+        # New objects have no matrix of their own before.
+        context.view_layer.update()
+        for each, mesh, placed in zip(made, meshes, users, strict=True):
+            states = [object_state(user, use_modifiers=False) for user in placed]
+            fingerprint.remember(mesh, each.geometry, each.subdivision.adaptive.depths, states)
+            staleness.note_write(mesh)
+    except BaseException:
+        bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
+        raise
     heat_map.synchronise(context)
     return [user for placed in users for user in placed]
 
