@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from . import results
 from .computation import count_faces
-from .control_mesh import own_mesh, read_built_in, read_values
+from .control_mesh import EDGE_CREASE, VERTEX_CREASE, own_mesh, read_built_in, read_creases, read_values
 from .object_state import ObjectState, object_state
 
 # How far, relatively, an object's scale may drift by rounding while it is turned.
@@ -55,17 +55,14 @@ def _stored(mesh: bpy.types.Mesh, topology: Topology | None) -> Iterator[NDArray
     attributes = mesh.attributes
     yield read_built_in(attributes, "position", "vector", np.float32, 3)
     yield from topology or _read_topology(mesh)
-    for name, data_type, dtype in (
-        ("crease_edge", "FLOAT", np.float32),
-        ("crease_vert", "FLOAT", np.float32),
-        (results.DEPTH, "INT", np.int32),
-    ):
-        attribute = attributes.get(name)
-        if attribute is not None and attribute.data_type == data_type:
-            values = read_values(attribute.data, "value", dtype)
-            if name == results.DEPTH or values.any():
-                yield np.frombuffer(name.encode(), dtype=np.uint8)
-                yield values
+    for name in (EDGE_CREASE, VERTEX_CREASE):
+        creases = read_creases(mesh, name)
+        if creases is not None and creases.any():
+            yield np.frombuffer(name.encode(), dtype=np.uint8)
+            yield creases
+    if results.has_depths(mesh):
+        yield np.frombuffer(results.DEPTH.encode(), dtype=np.uint8)
+        yield read_values(attributes[results.DEPTH].data, "value", np.int32)
 
 
 def _read_topology(mesh: bpy.types.Mesh) -> Topology:

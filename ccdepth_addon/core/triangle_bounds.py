@@ -218,7 +218,7 @@ def _functionals(part: FloatArray, square: Square, triangle: FloatArray) -> tupl
 
     S by its Bernstein coefficients over the square that holds the part, T by its values at the triangle's vertices.
     """
-    domain_points = _counts(DEGREE) @ np.column_stack([part, np.ones(3)])
+    domain_points = _counts(DEGREE).astype(np.float64) @ np.column_stack([part, np.ones(3)])
     return coefficients_over(square.from_parent(part)), _barycentric(triangle, domain_points)
 
 
