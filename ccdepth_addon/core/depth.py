@@ -77,8 +77,8 @@ def rounding_allowance(mesh: PolygonMesh) -> float:
 
     A sum of s terms with weights that are not negative and add up to 1 is off by at most (s + 2)uR, u = 2⁻⁵³ and R the
     largest coordinate; s is at most twice the largest valence or face size, plus one, and 9 on a regular patch. Hundred
-    levels of such sums and a last difference of three points with its norm stay below 128(2s + 8)uR, some 10⁻⁷ of
-    ``smallest_step``.
+    levels of such sums and a last difference of three points with its norm stay below 128(2s + 8)uR, some 10⁻⁶ of
+    ``smallest_step``. What it has to cover where triangles are drawn: docs/adaptive.md, Rounding.
     """
     terms = 2 * max(largest_valence(mesh), 4) + 1
     return 128 * (2 * terms + 8) * 2.0**-53 * largest_coordinate(mesh)
