@@ -17,6 +17,7 @@ MODULES = (
     "properties",
     "operators",
     "subdivision_operators",
+    "heat_map",
     "staleness",
     "face_counts",
     "panels",

@@ -10,10 +10,11 @@ settings are the modifier's defaults.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from hashlib import blake2b
+from itertools import count
 from typing import Any
 
 import bpy
@@ -22,8 +23,11 @@ from numpy.typing import NDArray
 
 from .core.catmull_clark import apply_boundary_rule, crease_to_sharpness
 from .core.mesh import FloatArray, IndexArray, InvalidMeshError, PolygonMesh
+from .writing import own_copy, write_values
 
 ORIGIN_ATTRIBUTE = "ccdepth_origin"
+EDGE_CREASE, VERTEX_CREASE = "crease_edge", "crease_vert"
+CREASE_DOMAINS = {EDGE_CREASE: "EDGE", VERTEX_CREASE: "POINT"}
 NO_ORIGIN = -1
 
 # The second number of an origin is the square of the first modulo this prime. A modifier that averages the origins of
@@ -196,6 +200,7 @@ def read_control_mesh(
         with copies_to_measure(context, [blender_object], use_modifiers=use_modifiers) as alone:
             return read_control_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=alone)
     rule = surface_rule(blender_object)
+    _refuse_crease_groups(blender_object, rule)
     world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
     data = blender_object.data
     counted = counted_modifiers(blender_object) if use_modifiers else []
@@ -260,11 +265,27 @@ def base_mesh(
         control = read_control_mesh(context, blender_object, use_modifiers=False, shared=shared, copies=copies)
         yield blender_object.data, control
         return
+    rule = surface_rule(blender_object)
+    _refuse_crease_groups(blender_object, rule)
     _refuse_simulations(applied)
     mesh = copies.new_mesh(blender_object)
-    rule = surface_rule(blender_object)
+    _copy_custom_properties(blender_object.data, mesh)
     world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
     yield mesh, ControlMesh(_with_faces(mesh_arrays(mesh, rule), rule), None, world)
+
+
+def _copy_custom_properties(source: bpy.types.Mesh, target: bpy.types.Mesh) -> None:
+    """Copy the properties that the user has made, with how they are shown; evaluated meshes have none.
+
+    Before Blender 5.0 those of add-ons, which have their own names on the type, stand among them.
+    """
+    for name in source.keys():  # noqa: SIM118
+        if name in source.bl_rna.properties:
+            continue
+        value = source[name]
+        target[name] = value.to_dict() if hasattr(value, "to_dict") else value
+        with suppress(TypeError):  # Not every type can be shown in another way.
+            target.id_properties_ui(name).update_from(source.id_properties_ui(name))
 
 
 def _with_faces(mesh: PolygonMesh, rule: SurfaceRule) -> MeshAsRead:
@@ -301,8 +322,8 @@ def mesh_arrays(mesh: bpy.types.Mesh, rule: SurfaceRule) -> PolygonMesh:
         corner_vertices=read_built_in(attributes, ".corner_vert", "value", np.int32).astype(np.intp),
         corner_edges=read_built_in(attributes, ".corner_edge", "value", np.int32).astype(np.intp),
         edge_vertices=read_built_in(attributes, ".edge_verts", "value", np.int32, 2).astype(np.intp),
-        edge_sharpness=_sharpness(attributes, "crease_edge", len(mesh.edges), rule),
-        vertex_sharpness=_sharpness(attributes, "crease_vert", len(mesh.vertices), rule),
+        edge_sharpness=_sharpness(mesh, EDGE_CREASE, len(mesh.edges), rule),
+        vertex_sharpness=_sharpness(mesh, VERTEX_CREASE, len(mesh.vertices), rule),
     )
 
 
@@ -319,11 +340,42 @@ def read_built_in(attributes: Any, name: str, value: str, dtype: type, width: in
     return read_values(attributes[name].data if name in attributes else (), value, dtype, width)
 
 
-def _sharpness(attributes: Any, name: str, count: int, rule: SurfaceRule) -> FloatArray:
-    attribute = attributes.get(name)
-    if attribute is None or attribute.data_type != "FLOAT" or len(attribute.data) != count or not rule.use_creases:
-        return np.zeros(count)
-    return crease_to_sharpness(read_values(attribute.data, "value", np.float32))
+def _sharpness(mesh: bpy.types.Mesh, name: str, number: int, rule: SurfaceRule) -> FloatArray:
+    creases = read_creases(mesh, name) if rule.use_creases else None
+    return np.zeros(number) if creases is None else crease_to_sharpness(creases)
+
+
+def read_creases(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
+    """(E,) or (V,): the creases that the Subdivision Surface modifier takes from an attribute, None without one.
+
+    The modifier converts an attribute of another type or domain, and so does Blender's own operator, on a copy.
+    """
+    attribute = mesh.attributes.get(name)
+    if attribute is None:
+        return None
+    if (attribute.data_type, attribute.domain) == ("FLOAT", CREASE_DOMAINS[name]):
+        return read_values(attribute.data, "value", np.float32)
+    copy = own_copy(mesh)
+    holder = bpy.data.objects.new(copy.name, copy)
+    try:
+        copy.attributes.active = copy.attributes[name]
+        # Another object that is being edited must not stand in the way.
+        with bpy.context.temp_override(object=holder, active_object=holder, edit_object=None):
+            bpy.ops.geometry.attribute_convert(mode="GENERIC", domain=CREASE_DOMAINS[name], data_type="FLOAT")
+        return read_values(copy.attributes[name].data, "value", np.float32)
+    finally:
+        bpy.data.objects.remove(holder)
+        bpy.data.meshes.remove(copy)
+
+
+def _refuse_crease_groups(blender_object: bpy.types.Object, rule: SurfaceRule) -> None:
+    """The modifier takes creases from vertex groups of these names, too."""
+    for name in CREASE_DOMAINS if rule.use_creases else ():
+        if name in blender_object.vertex_groups:
+            raise ControlMeshError(
+                f"it has a vertex group called “{name}”, which the Subdivision Surface modifier takes for creases; "
+                "rename it"
+            )
 
 
 def in_batches(objects: Sequence[bpy.types.Object]) -> Iterator[list[bpy.types.Object]]:
@@ -350,7 +402,7 @@ def copies_to_measure(
         counted = counted_modifiers(blender_object) if use_modifiers else []
         if _is_evaluated(blender_object, counted):
             wanted[blender_object] = counted
-    with _frozen_copies(context, wanted) as copies:
+    with _frozen_copies(context, wanted, with_origins=set(wanted)) as copies:
         yield copies
 
 
@@ -364,12 +416,14 @@ def copies_to_subdivide(
         applied = base_modifiers(blender_object, use_modifiers=use_modifiers)
         if _is_evaluated(blender_object, applied):
             wanted[blender_object] = applied
-    with _frozen_copies(context, wanted) as copies:
+    # Without modifiers, those with shape keys are read like any other control mesh.
+    with_origins = {holder for holder, applied in wanted.items() if not applied}
+    with _frozen_copies(context, wanted, with_origins=with_origins) as copies:
         yield copies
 
 
 class FrozenCopies:
-    """Temporary copies of objects in the scene, with some of their modifiers and origins on their faces.
+    """Temporary copies of objects in the scene, with some of their modifiers.
 
     Their values are those the objects have now, keyed or not, so they must not be animated again. The scene is
     evaluated once for all of them: each time takes as long as there are objects.
@@ -379,37 +433,49 @@ class FrozenCopies:
         self._context = context
         self._copies: dict[int, bpy.types.Object] = {}
         self._face_counts: dict[int, int] = {}
-        self._own_copies: dict[int, bpy.types.Mesh] = {}
+        self._own_copies: dict[tuple[int, bool], bpy.types.Mesh] = {}
+        # The attribute with the origins, by copied meshes and by objects.
+        self._origins: dict[int, str] = {}
+        self._names: dict[int, str] = {}
         self._made: dict[int, bpy.types.Mesh] = {}
         self._losing: dict[int, bpy.types.Modifier | None] | None = None
 
-    def add(self, blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier]) -> None:
-        mesh = self._own_copy(blender_object)
+    def add(
+        self, blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier], *, with_origins: bool
+    ) -> None:
+        """Copy an object, with these of its modifiers, and with origins on its faces where they are asked for."""
+        uid = blender_object.session_uid
+        mesh = self._own_copy(blender_object, with_origins)
         names = {modifier.name for modifier in modifiers}
-        copy = blender_object.copy()
-        self._copies[blender_object.session_uid] = copy
-        self._face_counts[blender_object.session_uid] = len(mesh.polygons)
+        copy = self._copies[uid] = own_copy(blender_object)
+        self._face_counts[uid] = len(mesh.polygons)
         copy.data = mesh
         copy.animation_data_clear()
         for modifier in [m for m in copy.modifiers if m.name not in names]:
             copy.modifiers.remove(modifier)
         self._context.scene.collection.objects.link(copy)
+        if with_origins:
+            if mesh.session_uid not in self._origins:
+                self._origins[mesh.session_uid] = _write_origins(copy, mesh)
+            self._names[uid] = self._origins[mesh.session_uid]
 
-    def _own_copy(self, blender_object: bpy.types.Object) -> bpy.types.Mesh:
+    def _own_copy(self, blender_object: bpy.types.Object, with_origins: bool) -> bpy.types.Mesh:
         """A copy of the object's mesh, made once for all objects that use it."""
-        uid = blender_object.data.session_uid
-        if uid not in self._own_copies:
+        key = blender_object.data.session_uid, with_origins
+        if key not in self._own_copies:
             with own_mesh(blender_object) as own:
-                mesh = self._own_copies[uid] = own.copy()
-            _write_origins(mesh)
+                mesh = self._own_copies[key] = own_copy(own)
             if mesh.shape_keys is not None:
                 mesh.shape_keys.animation_data_clear()
-        return self._own_copies[uid]
+        return self._own_copies[key]
 
     def evaluated(self, blender_object: bpy.types.Object) -> tuple[bpy.types.Mesh, IndexArray]:
         """What the modifiers have made, and the face of the object's own mesh that each face comes from."""
-        mesh = self._evaluated(self._copies[blender_object.session_uid])
-        return mesh, read_origins(mesh, self.face_count(blender_object))
+        uid = blender_object.session_uid
+        return self._evaluated(self._copies[uid]), self._read_origins(uid)
+
+    def _read_origins(self, uid: int) -> IndexArray:
+        return _read_origins(self._evaluated(self._copies[uid]), self._names[uid], self._face_counts[uid])
 
     def face_count(self, blender_object: bpy.types.Object) -> int:
         """Of the object's own mesh."""
@@ -445,8 +511,7 @@ class FrozenCopies:
             for modifier in shown.values():
                 modifier.show_viewport = True
             for uid, modifier in shown.items():
-                origins = read_origins(self._evaluated(self._copies[uid]), self._face_counts[uid])
-                before, present[uid] = present[uid], len(_present(origins))
+                before, present[uid] = present[uid], len(_present(self._read_origins(uid)))
                 if present[uid] < before and (present[uid] == 0 or modifier.type not in TAKING_FACES_AWAY):
                     losing.setdefault(uid, modifier)
         return losing
@@ -460,14 +525,17 @@ class FrozenCopies:
 
 @contextmanager
 def _frozen_copies(
-    context: bpy.types.Context, wanted: dict[bpy.types.Object, list[bpy.types.Modifier]]
+    context: bpy.types.Context,
+    wanted: dict[bpy.types.Object, list[bpy.types.Modifier]],
+    *,
+    with_origins: set[bpy.types.Object],
 ) -> Iterator[FrozenCopies]:
     copies = FrozenCopies(context)
     try:
         for blender_object, modifiers in wanted.items():
             # Simulations will be refused, and must not begin to run.
             if not any(modifier.type in SIMULATIONS for modifier in modifiers):
-                copies.add(blender_object, modifiers)
+                copies.add(blender_object, modifiers, with_origins=blender_object in with_origins)
         yield copies
     finally:
         copies.remove()
@@ -498,19 +566,20 @@ def _refuse_simulations(modifiers: Sequence[bpy.types.Modifier]) -> None:
             )
 
 
-def _write_origins(mesh: bpy.types.Mesh) -> None:
-    if ORIGIN_ATTRIBUTE in mesh.attributes:
-        mesh.attributes.remove(mesh.attributes[ORIGIN_ATTRIBUTE])
+def _write_origins(holder: bpy.types.Object, mesh: bpy.types.Mesh) -> str:
+    """Write its number on every face of a mesh, and return the name it has there, which nothing else has."""
+    taken = {*holder.vertex_groups.keys(), *mesh.attributes.keys()}
+    name = next(name for number in count() if (name := f"{ORIGIN_ATTRIBUTE}_{number}") not in taken)
     origins = np.arange(1, len(mesh.polygons) + 1)
     pairs = np.stack([origins, origins * origins % ORIGIN_PRIME], axis=1).astype(np.int32)
-    attribute = mesh.attributes.new(ORIGIN_ATTRIBUTE, "INT32_2D", "FACE")
-    attribute.data.foreach_set("value", pairs.ravel())
+    write_values(mesh.attributes.new(name, "INT32_2D", "FACE").data, "value", pairs)
+    return name
 
 
-def read_origins(mesh: bpy.types.Mesh, base_face_count: int) -> IndexArray:
+def _read_origins(mesh: bpy.types.Mesh, name: str, base_face_count: int) -> IndexArray:
     """(F,) intp: the face each face of an evaluated mesh comes from, or NO_ORIGIN."""
-    attribute = mesh.attributes.get(ORIGIN_ATTRIBUTE)
-    if attribute is None or attribute.domain != "FACE":
+    attribute = mesh.attributes.get(name)
+    if attribute is None or (attribute.data_type, attribute.domain) != ("INT32_2D", "FACE"):
         return np.full(len(mesh.polygons), NO_ORIGIN, dtype=np.intp)
     pairs = read_values(attribute.data, "value", np.int32, 2).astype(np.intp)
     origins = pairs[:, 0]

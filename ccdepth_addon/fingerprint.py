@@ -55,9 +55,9 @@ def mesh_checksum(blender_object: bpy.types.Object) -> str:
     """A checksum of the object's own mesh, as far as its surface depends on it, and of the depths on it."""
     with own_mesh(blender_object) as mesh:
         checksum = geometry_checksum(mesh)
-        attribute = mesh.attributes.get(results.DEPTH)
-        if attribute is not None and attribute.data_type == "INT":
-            checksum = continued(checksum, results.DEPTH, read_values(attribute.data, "value", np.int32))
+        if results.has_depths(mesh):
+            depths = read_values(mesh.attributes[results.DEPTH].data, "value", np.int32)
+            checksum = continued(checksum, results.DEPTH, depths)
     return _text(checksum)
 
 

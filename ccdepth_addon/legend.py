@@ -63,7 +63,7 @@ def draw() -> None:
     """Draw the legend in the region being drawn, if it has anything to say there."""
     context = bpy.context
     active = context.active_object
-    if active is None or active.type != "MESH" or not active.visible_get() or not results.has_heat_map(active.data):
+    if active is None or active.type != "MESH" or not active.visible_get() or not results.shows_heat_map(active.data):
         return
     if not (context.scene.ccdepth.show_legend and context.space_data.overlay.show_overlays):
         return

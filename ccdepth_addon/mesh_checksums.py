@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from .control_mesh import read_built_in, read_values
+from .control_mesh import EDGE_CREASE, VERTEX_CREASE, read_built_in, read_creases, read_values
 
 
 class Topology(NamedTuple):
@@ -48,13 +48,11 @@ def _stored(mesh: bpy.types.Mesh, topology: Topology | None) -> Iterator[NDArray
     attributes = mesh.attributes
     yield read_built_in(attributes, "position", "vector", np.float32, 3)
     yield from topology or _read_topology(mesh)
-    for name in ("crease_edge", "crease_vert"):
-        attribute = attributes.get(name)
-        if attribute is not None and attribute.data_type == "FLOAT":
-            values = read_values(attribute.data, "value", np.float32)
-            if values.any():
-                yield np.frombuffer(name.encode(), dtype=np.uint8)
-                yield values
+    for name in (EDGE_CREASE, VERTEX_CREASE):
+        creases = read_creases(mesh, name)
+        if creases is not None and creases.any():
+            yield np.frombuffer(name.encode(), dtype=np.uint8)
+            yield creases
 
 
 def _read_topology(mesh: bpy.types.Mesh) -> Topology:

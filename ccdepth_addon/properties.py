@@ -74,10 +74,6 @@ OUTPUT_ITEMS = (
 )
 
 
-# Lets a library override hold a result, though not save it: Blender overrides no attributes.
-OVERRIDABLE_LIST = {"LIBRARY_OVERRIDABLE", "USE_INSERTION"}
-
-
 def tolerance_name(tolerance_mode: str) -> str:
     """The setting of the scene that holds the tolerance."""
     return "relative_tolerance" if tolerance_mode == "RELATIVE" else "tolerance"
@@ -250,11 +246,17 @@ class MeshRecord(bpy.types.PropertyGroup):
     added_deepest: IntProperty(description="The deepest depth of faces that modifiers add, which no face stands for")
     least_color_depth: IntProperty(description="The depth shown in the first colour of the heat map")
     deepest_color_depth: IntProperty(description="The depth shown in the last colour of the heat map")
-    rows: CollectionProperty(type=DepthRow, override=OVERRIDABLE_LIST)
+    rows: CollectionProperty(type=DepthRow)
     # A decimal number: it soon outgrows Blender's 32-bit integers.
-    uniform_faces: StringProperty(description="Faces of the mesh subdivided uniformly to the deepest depth")
+    uniform_faces: StringProperty(
+        description="Faces of the mesh subdivided to the uniform level; on a subdivision, to the deepest depth"
+    )
+    uniform_level: IntProperty(
+        description="The first level at which all faces are within the tolerance; -1 where it is not known", default=-1
+    )
+    quality: IntProperty(description="The Quality that Use Limit Surface needs at the uniform level; 0 without it")
     fingerprint: StringProperty(description="Checksum of the mesh and of its depths")
-    contributors: CollectionProperty(type=Contributor, override=OVERRIDABLE_LIST)
+    contributors: CollectionProperty(type=Contributor)
     active_color_taken: BoolProperty()
     previous_active_color: StringProperty()
 
@@ -273,7 +275,7 @@ def register() -> None:
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     bpy.types.Scene.ccdepth = PointerProperty(type=SceneSettings)
-    bpy.types.Mesh.ccdepth = PointerProperty(type=MeshRecord, override={"LIBRARY_OVERRIDABLE"})
+    bpy.types.Mesh.ccdepth = PointerProperty(type=MeshRecord)
     bpy.types.View3DShading.ccdepth = PointerProperty(type=ViewportMemory)
 
 

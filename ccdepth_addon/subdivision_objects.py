@@ -24,6 +24,7 @@ from .stepwise import Stage
 from .subdivided_object import CarryOptions, new_mesh
 from .subdivision import Subdivision, SubdivisionSettings
 from .surfaces import ComputeError, same_control_mesh
+from .writing import WriteError, own_copy
 
 # Faces written in one go.
 FACES_AT_ONCE = 1 << 17
@@ -58,7 +59,10 @@ def make_meshes(
             holders = [_made_for(answer) for answer in batch]
             with copies_to_subdivide(context, holders, use_modifiers=settings.use_modifiers) as copies:
                 for answer, holder in zip(batch, holders, strict=True):
-                    made.append(_make_mesh(context, answer, holder, settings, exact_normals, copies))
+                    try:
+                        made.append(_make_mesh(context, answer, holder, settings, exact_normals, copies))
+                    except WriteError as fault:
+                        raise ComputeError(f"{holder.name}: {fault}") from fault
     except BaseException:
         bpy.data.batch_remove(_meshes(made))
         raise
@@ -73,11 +77,14 @@ def place_meshes(
     meshes = _meshes(made)
     objects = {obj.name: obj for obj in bpy.data.objects if obj.library is None}
     originals = [[objects.get(name) for name in each.subdivision.task.object_names] for each in made]
-    for each, found in zip(made, originals, strict=True):
-        if not all(_is_as_it_was(original, each.subdivision) for original in found):
-            bpy.data.batch_remove(meshes)
-            raise ComputeError(CHANGED)
-    users = [_place(context, *each, settings, in_place=in_place) for each in zip(originals, meshes, strict=True)]
+    try:
+        for each, found in zip(made, originals, strict=True):
+            if not all(_is_as_it_was(original, each.subdivision) for original in found):
+                raise ComputeError(CHANGED)
+        users = [_place(context, *each, settings, in_place=in_place) for each in zip(originals, meshes, strict=True)]
+    except BaseException:
+        bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
+        raise
     # New objects have no matrix of their own before.
     context.view_layer.update()
     for each, mesh, placed in zip(made, meshes, users, strict=True):
@@ -140,9 +147,15 @@ def _make_mesh(
     with base_mesh(context, made_for, use_modifiers=settings.use_modifiers, copies=copies) as (base, own_control):
         if not same_control_mesh(own_control, control):
             raise ComputeError(CHANGED)
+        if base != made_for.data:
+            results.remember_same_colors(made_for.data, base)
         mesh = new_mesh(base, control.mesh, answer.adaptive.mesh, options)
-    mesh.name = made_for.name + NAME_SUFFIX
-    results.write_subdivision(mesh, answer, settings)
+    try:
+        mesh.name = made_for.name + NAME_SUFFIX
+        results.write_subdivision(mesh, answer, settings)
+    except BaseException:
+        bpy.data.meshes.remove(mesh)
+        raise
     drawn = answer.adaptive.mesh
     topology = Topology(drawn.face_starts[:-1].astype(np.int32), drawn.corner_vertices, drawn.edge_vertices)
     return Made(answer, mesh.session_uid, geometry_checksum(mesh, topology))
@@ -173,7 +186,7 @@ def _place_beside(
     context: bpy.types.Context, original: bpy.types.Object, mesh: bpy.types.Mesh, settings: SubdivisionSettings
 ) -> bpy.types.Object:
     """A copy of the object with the mesh, selected in its stead, and the object hidden, from the render as well."""
-    copy = original.copy()
+    copy = own_copy(original)
     copy.name = original.name + NAME_SUFFIX
     _take_modifiers_off(copy, settings)
     copy.data = mesh
@@ -191,8 +204,10 @@ def _place_beside(
 
 
 def _link_beside(context: bpy.types.Context, original: bpy.types.Object, copy: bpy.types.Object) -> None:
-    """Put the copy into the original's collections, and where all of them are of another file, into the scene's."""
-    own = [collection for collection in original.users_collection if collection.is_editable]
+    """Put the copy into the original's collections, and where all of them are of another file or overrides of its own,
+    which take no objects, into the scene's."""
+    collections = original.users_collection
+    own = [collection for collection in collections if collection.is_editable and not collection.override_library]
     for collection in own or [context.scene.collection]:
         collection.objects.link(copy)
 

@@ -171,9 +171,14 @@ def test_a_link_stays_a_link_and_permissions_stay(tmp_path: Path) -> None:
 def test_an_error_on_the_way_leaves_everything(tmp_path: Path) -> None:
     path = tmp_path / "out.blend"
     path.write_bytes(b"before")
-    with pytest.raises(LookupError), whole_files.written_whole(path) as beside:
-        beside.write_bytes(b"half")
-        raise LookupError
+
+    def half_written() -> None:
+        with whole_files.written_whole(path) as beside:
+            beside.write_bytes(b"half")
+            raise LookupError
+
+    with pytest.raises(LookupError):
+        half_written()
     assert [each.name for each in tmp_path.iterdir()] == ["out.blend"]
     assert path.read_bytes() == b"before"
 
