@@ -77,21 +77,20 @@ def place_meshes(
     meshes = _meshes(made)
     objects = {obj.name: obj for obj in bpy.data.objects if obj.library is None}
     originals = [[objects.get(name) for name in each.subdivision.task.object_names] for each in made]
-    for each, found in zip(made, originals, strict=True):
-        if not all(_is_as_it_was(original, each.subdivision) for original in found):
-            bpy.data.batch_remove(meshes)
-            raise ComputeError(CHANGED)
     try:
+        for each, found in zip(made, originals, strict=True):
+            if not all(_is_as_it_was(original, each.subdivision) for original in found):
+                raise ComputeError(CHANGED)
         users = [_place(context, *each, settings, in_place=in_place) for each in zip(originals, meshes, strict=True)]
-        # New objects have no matrix of their own before.
-        context.view_layer.update()
-        for each, mesh, placed in zip(made, meshes, users, strict=True):
-            states = [object_state(user, use_modifiers=False) for user in placed]
-            fingerprint.remember(mesh, each.geometry, each.subdivision.adaptive.depths, states)
-            staleness.note_write(mesh)
     except BaseException:
         bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
         raise
+    # New objects have no matrix of their own before.
+    context.view_layer.update()
+    for each, mesh, placed in zip(made, meshes, users, strict=True):
+        states = [object_state(user, use_modifiers=False) for user in placed]
+        fingerprint.remember(mesh, each.geometry, each.subdivision.adaptive.depths, states)
+        staleness.note_write(mesh)
     heat_map.synchronise(context)
     return [user for placed in users for user in placed]
 
@@ -154,12 +153,12 @@ def _make_mesh(
     try:
         mesh.name = made_for.name + NAME_SUFFIX
         results.write_subdivision(mesh, answer, settings)
-        drawn = answer.adaptive.mesh
-        topology = Topology(drawn.face_starts[:-1].astype(np.int32), drawn.corner_vertices, drawn.edge_vertices)
-        return Made(answer, mesh.session_uid, geometry_checksum(mesh, topology))
     except BaseException:
         bpy.data.meshes.remove(mesh)
         raise
+    drawn = answer.adaptive.mesh
+    topology = Topology(drawn.face_starts[:-1].astype(np.int32), drawn.corner_vertices, drawn.edge_vertices)
+    return Made(answer, mesh.session_uid, geometry_checksum(mesh, topology))
 
 
 def _place(
