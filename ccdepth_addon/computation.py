@@ -29,7 +29,6 @@ from .surfaces import (
     surface_of,
 )
 
-
 Answer = TypeVar("Answer")
 
 
@@ -78,9 +77,9 @@ class MeshDepths:
     depths: (F,) int32; bounds: (F,) float64, lengths in the scene. exact: (F,) bool, whether the depth is proved to be
     the least. world_tolerance: the least of the tolerances in
     force, a length. uniform_level: the first level at which all faces are within the tolerance; quality: what Use Limit
-    Surface needs there, 0 for control vertices. control_faces, control_corners: of the control mesh, the largest one. added_faces: how many faces
-    the modifiers add that come from no face of the mesh, and added_deepest, the deepest depth among them. taken_faces:
-    how many of the mesh's faces the modifiers take away; their depth and bound are 0.
+    Surface needs there, 0 for control vertices. control_faces, control_corners: of the control mesh, the largest one.
+    added_faces: how many faces the modifiers add that come from no face of the mesh, and added_deepest, the deepest
+    depth among them. taken_faces: how many of the mesh's faces the modifiers take away; their depth and bound are 0.
     """
 
     task: MeshTask

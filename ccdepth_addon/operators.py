@@ -242,8 +242,8 @@ def _levels_fault(blender_object: bpy.types.Object, most_faces: int) -> str | No
         return f"it needs {needed} levels, and a Subdivision Surface modifier has {most} at most"
     if record.quality > limits["quality"].hard_max:
         return (
-            f"with Use Limit Surface it needs a higher Quality than the {limits['quality'].hard_max} that a Subdivision "
-            "Surface modifier has at most; compute its depths for the Control Mesh"
+            f"with Use Limit Surface it needs a higher Quality than the {limits['quality'].hard_max} that a "
+            "Subdivision Surface modifier has at most; compute its depths for the Control Mesh"
         )
     faces = int(record.uniform_faces)
     if faces > most_faces:

@@ -236,7 +236,8 @@ def _grid_bounds(mesh: PolygonMesh, faces: IndexArray, vertices: Vertices) -> Fl
     functions; so with L the facet of the control points, extended to the whole net, S - L = Σ wᵢⱼ (Vᵢⱼ - L(i, j)) is
     no longer than the longest Vᵢⱼ - L(i, j). So is what the limits of the corners are away from these, and the facet
     over the limits from L, and, at all further levels, what the corners of facets of either kind are away from L, being
-    averages of the same kind; so twice it holds there too. Points beyond infinitely sharp sides have no weight, and count for nothing but safety.
+    averages of the same kind; so twice it holds there too. Points beyond infinitely sharp sides have no weight, and
+    count for nothing but safety.
     """
     net = regular_nets(mesh, faces)
     corners = net[[1, 2, 2, 1], [1, 1, 2, 2]]

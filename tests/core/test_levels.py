@@ -23,6 +23,7 @@ from tests import meshes
 from tests.brute_force import Levels
 from tests.core.test_depth import AWKWARD, build, every_method
 from tests.level_nets import worse_later
+from tests.steps import result_of
 
 both_vertices = pytest.mark.parametrize("vertices", VERTICES)
 
@@ -96,28 +97,33 @@ def test_the_deepest_depth_is_not_enough_for_all_faces() -> None:
 
 def test_a_face_may_be_farther_at_the_next_two_levels() -> None:
     """The middle face of 3 × 3, whose depth is 0, is off at level 1 by several times the tolerance, and at level 2."""
-    mesh = build(worse_later(meshes.grid(3, 3), 4, "CONTROL", EPSILON, 1, others_near=False), smooth_corners=False)
+    found = worse_later(meshes.grid(3, 3), 4, "CONTROL", EPSILON, 1, others_near=False)
+    flat, mesh = meshes.grid(3, 3), build(found, smooth_corners=False)
+    # The program knew level 0 at some places only; distances go with the heights, the grid itself being even and flat.
+    share = 1.07 / Levels(mesh).distances(0, "CONTROL", 5)[4]
+    mesh = mesh.changed(positions=flat.positions + share * (found.positions - flat.positions))
     levels = Levels(mesh)
     distances = [levels.distances(level, "CONTROL", 4)[4] for level in range(4)]
     assert distances[0] <= EPSILON
     assert distances[1] > 4 * EPSILON
     assert distances[2] > EPSILON >= distances[3]
     assert face_depths(mesh, EPSILON, "CERTIFIED", "CONTROL").depths[4] == 0
-    found = [level_bounds(mesh, EPSILON, "CERTIFIED", "CONTROL", level)[4] for level in range(4)]
-    assert np.isfinite(found).tolist() == [True, False, False, True]
+    bounds = [level_bounds(mesh, EPSILON, "CERTIFIED", "CONTROL", level)[4] for level in range(4)]
+    assert np.isfinite(bounds).tolist() == [True, False, False, True]
 
 
 @every_method
 def test_no_level_before_the_least_one_is_taken(method: str) -> None:
     mesh = build(AWKWARD["cylinder"]())
     depths = face_depths(mesh, 0.1, method, "LIMIT").depths
-    steps = uniform_level_stepwise(mesh, 0.1, method, "LIMIT", depths, int(depths.max()) + 2)
-    while True:
-        try:
-            assert 0 <= next(steps) <= 1
-        except StopIteration as finished:
-            assert finished.value == depths.max() + 2
-            return
+    least = int(depths.max()) + 2
+    assert result_of(uniform_level_stepwise(mesh, 0.1, method, "LIMIT", depths, least)) == least
+
+
+def test_limit_vertices_take_a_level_at_least() -> None:
+    """A modifier at level 0 moves nothing to the limit surface."""
+    mesh = build(meshes.grid(3, 3), smooth_corners=False)
+    assert [uniform_level(mesh, 0.1, "CERTIFIED", vertices) for vertices in ("CONTROL", "LIMIT")] == [0, 1]
 
 
 def test_bad_tolerances_are_refused() -> None:
