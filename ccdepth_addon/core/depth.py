@@ -151,13 +151,15 @@ def uniform_level_stepwise(
     """``uniform_level`` in small steps: yields the fraction done of the level it is at, and returns the level.
 
     mesh, tolerance: such as ``face_depths`` takes. depths: (F,) what it found with the same arguments; these are proved
-    at their own level, and all others are evaluated. least: no level before this one is wanted.
+    at their own level, and all others are evaluated. least: no level before this one is wanted. With limit vertices
+    level 1 is the first: a modifier at level 0 leaves every vertex where it is.
     """
     with_margin, margin = np.zeros(mesh.face_count, dtype=bool), 0.0
     if Vertices(vertices) is Vertices.LIMIT:
         unmet = unmet_corners(mesh)
         with_margin[mesh.corner_faces[unmet.corners]] = True
         margin = unmet.margin(tolerance)
+        least = max(least, 1)
     level = max(least, int(depths.max(initial=0)))
     while True:
         parts = [(np.flatnonzero((depths != level) & ~with_margin), tolerance)]
