@@ -305,9 +305,24 @@ def own_mesh(blender_object: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
     scratch = bpy.data.meshes.new(ORIGIN_ATTRIBUTE)
     try:
         bmesh.from_edit_mesh(blender_object.data).to_mesh(scratch)
+        _take_over_lists(blender_object, scratch)
         yield scratch
     finally:
         bpy.data.meshes.remove(scratch)
+
+
+def _take_over_lists(blender_object: bpy.types.Object, scratch: bpy.types.Mesh) -> None:
+    """Give a mesh the object's vertex groups and materials, which its vertices and faces know by number alone:
+    modifiers ask for them by name."""
+    for material in blender_object.data.materials:
+        scratch.materials.append(material)
+    if not blender_object.vertex_groups:
+        return
+    # Blender lets nobody but an object make vertex groups.
+    holder = bpy.data.objects.new(scratch.name, scratch)
+    for group in blender_object.vertex_groups:
+        holder.vertex_groups.new(name=group.name)
+    bpy.data.objects.remove(holder)
 
 
 def mesh_arrays(mesh: bpy.types.Mesh, rule: SurfaceRule) -> PolygonMesh:

@@ -188,6 +188,14 @@ class CCDEPTH_OT_select(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         meshes = {obj.data for obj in meshes_meant(context) if results.has_result(obj.data)}
+        faults = [
+            f"{mesh.name}: the mesh has an attribute called “{name}” that is no selection; remove it first"
+            for mesh in meshes
+            if (name := selection.conflict(mesh))
+        ]
+        if faults:
+            self.report({"ERROR"}, "\n".join(sorted(faults)))
+            return {"CANCELLED"}
         if not self.properties.is_property_set("depth"):
             self.depth = max(mesh.ccdepth.deepest for mesh in meshes)
         selected = 0

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import bpy
 
-from . import face_counts, heat_map, properties
+from . import edit_mode, face_counts, heat_map, properties
 from .control_mesh import applied_modifiers, subdivision_modifier
 from .long_operator import (
     LongOperator,
@@ -46,9 +46,7 @@ class SubdivisionOperator(LongOperator):
         """What there is to make, with Edit Mode left; yields how far it is. Raises ComputeError."""
         objects = meshes_meant(context)
         refuse(objects, lambda obj: hidden_fault(obj) or self.object_fault(obj) or name_fault(obj))
-        self._was_editing = context.mode == "EDIT_MESH"
-        if self._was_editing:
-            bpy.ops.object.mode_set(mode="OBJECT")
+        self._edited = edit_mode.leave(context)
         return (yield from prepare_subdivision(context, objects, self.settings()))
 
     def object_fault(self, blender_object: bpy.types.Object) -> str | None:
@@ -58,9 +56,8 @@ class SubdivisionOperator(LongOperator):
         return None
 
     def leave(self, context: bpy.types.Context) -> None:
-        if getattr(self, "_was_editing", False):
-            bpy.ops.object.mode_set(mode="EDIT")
-            self._was_editing = False
+        edit_mode.enter(context, getattr(self, "_edited", ()))
+        self._edited = []
 
     def settings(self) -> SubdivisionSettings:
         return subdivision_settings(self, self.tolerance)
@@ -94,6 +91,8 @@ class CCDEPTH_OT_subdivide(SubdivisionOperator):
 
     def finish(self, context: bpy.types.Context, answer: list[Made]) -> set[str]:
         objects = place_meshes(context, answer, self.settings(), in_place=self.output == "IN_PLACE")
+        if self._edited:
+            self._edited = [placed.session_uid for placed in objects]
         skipped = without_mesh_text(context)
         if skipped:
             self.report({"INFO"}, skipped)
