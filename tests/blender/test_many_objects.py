@@ -21,13 +21,16 @@ OTHER_EVALUATIONS = 8
 
 def many(*, shared: bool, modifier: str = "") -> list[bpy.types.Object]:
     first = scene.add_object(meshes.cube())
+    first.vertex_groups.new(name="Kept").add(first.data.polygons[0].vertices[:], 1.0, "REPLACE")
     objects = [first]
     for index in range(1, COUNT):
         objects.append(scene.add_mesh(first.data if shared else first.data.copy()))
         objects[-1].scale.x = 1.0 + index / COUNT
         objects[-1].scale.y = 1.0 / objects[-1].scale.x
     for holder in objects if modifier else ():
-        holder.modifiers.new(modifier.title(), modifier)
+        added = holder.modifiers.new(modifier.title(), modifier)
+        if modifier == "MASK":
+            added.vertex_group = "Kept"
     return objects
 
 
