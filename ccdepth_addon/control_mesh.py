@@ -417,7 +417,7 @@ def copies_to_measure(
         counted = counted_modifiers(blender_object) if use_modifiers else []
         if _is_evaluated(blender_object, counted):
             wanted[blender_object] = counted
-    with _frozen_copies(context, wanted, with_origins=True) as copies:
+    with _frozen_copies(context, wanted, with_origins=set(wanted)) as copies:
         yield copies
 
 
@@ -431,12 +431,14 @@ def copies_to_subdivide(
         applied = base_modifiers(blender_object, use_modifiers=use_modifiers)
         if _is_evaluated(blender_object, applied):
             wanted[blender_object] = applied
-    with _frozen_copies(context, wanted, with_origins=False) as copies:
+    # Without modifiers, those with shape keys are read like any other control mesh.
+    with_origins = {holder for holder, applied in wanted.items() if not applied}
+    with _frozen_copies(context, wanted, with_origins=with_origins) as copies:
         yield copies
 
 
 class FrozenCopies:
-    """Temporary copies of objects in the scene, with some of their modifiers and origins on their faces.
+    """Temporary copies of objects in the scene, with some of their modifiers.
 
     Their values are those the objects have now, keyed or not, so they must not be animated again. The scene is
     evaluated once for all of them: each time takes as long as there are objects.
@@ -446,44 +448,49 @@ class FrozenCopies:
         self._context = context
         self._copies: dict[int, bpy.types.Object] = {}
         self._face_counts: dict[int, int] = {}
-        self._own_copies: dict[int, bpy.types.Mesh] = {}
-        # The name that the origins have on each copy, by the identifiers of objects and of meshes.
+        self._own_copies: dict[tuple[int, bool], bpy.types.Mesh] = {}
+        # The attribute with the origins, by copied meshes and by objects.
         self._origins: dict[int, str] = {}
-        self._origin_names: dict[int, str] = {}
+        self._names: dict[int, str] = {}
         self._made: dict[int, bpy.types.Mesh] = {}
         self._losing: dict[int, bpy.types.Modifier | None] | None = None
 
     def add(
         self, blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier], *, with_origins: bool
     ) -> None:
-        mesh = self._own_copy(blender_object, with_origins=with_origins)
+        """Copy an object, with these of its modifiers, and with origins on its faces where they are asked for."""
+        uid = blender_object.session_uid
+        mesh = self._own_copy(blender_object, with_origins)
         names = {modifier.name for modifier in modifiers}
-        copy = own_copy(blender_object)
-        self._copies[blender_object.session_uid] = copy
-        self._face_counts[blender_object.session_uid] = len(mesh.polygons)
-        self._origins[blender_object.session_uid] = self._origin_names.get(blender_object.data.session_uid, "")
+        copy = self._copies[uid] = own_copy(blender_object)
+        self._face_counts[uid] = len(mesh.polygons)
         copy.data = mesh
         copy.animation_data_clear()
         for modifier in [m for m in copy.modifiers if m.name not in names]:
             copy.modifiers.remove(modifier)
         self._context.scene.collection.objects.link(copy)
+        if with_origins:
+            if mesh.session_uid not in self._origins:
+                self._origins[mesh.session_uid] = _write_origins(copy, mesh)
+            self._names[uid] = self._origins[mesh.session_uid]
 
-    def _own_copy(self, blender_object: bpy.types.Object, *, with_origins: bool) -> bpy.types.Mesh:
+    def _own_copy(self, blender_object: bpy.types.Object, with_origins: bool) -> bpy.types.Mesh:
         """A copy of the object's mesh, made once for all objects that use it."""
-        uid = blender_object.data.session_uid
-        if uid not in self._own_copies:
+        key = blender_object.data.session_uid, with_origins
+        if key not in self._own_copies:
             with own_mesh(blender_object) as own:
-                mesh = self._own_copies[uid] = own_copy(own)
-            if with_origins:
-                self._origin_names[uid] = _write_origins(blender_object, mesh)
+                mesh = self._own_copies[key] = own_copy(own)
             if mesh.shape_keys is not None:
                 mesh.shape_keys.animation_data_clear()
-        return self._own_copies[uid]
+        return self._own_copies[key]
 
     def evaluated(self, blender_object: bpy.types.Object) -> tuple[bpy.types.Mesh, IndexArray]:
         """What the modifiers have made, and the face of the object's own mesh that each face comes from."""
-        mesh = self._evaluated(self._copies[blender_object.session_uid])
-        return mesh, self._read_origins(blender_object.session_uid, mesh)
+        uid = blender_object.session_uid
+        return self._evaluated(self._copies[uid]), self._read_origins(uid)
+
+    def _read_origins(self, uid: int) -> IndexArray:
+        return _read_origins(self._evaluated(self._copies[uid]), self._names[uid], self._face_counts[uid])
 
     def face_count(self, blender_object: bpy.types.Object) -> int:
         """Of the object's own mesh."""
@@ -519,14 +526,10 @@ class FrozenCopies:
             for modifier in shown.values():
                 modifier.show_viewport = True
             for uid, modifier in shown.items():
-                origins = self._read_origins(uid, self._evaluated(self._copies[uid]))
-                before, present[uid] = present[uid], len(_present(origins))
+                before, present[uid] = present[uid], len(_present(self._read_origins(uid)))
                 if present[uid] < before and (present[uid] == 0 or modifier.type not in TAKING_FACES_AWAY):
                     losing.setdefault(uid, modifier)
         return losing
-
-    def _read_origins(self, uid: int, evaluated: bpy.types.Mesh) -> IndexArray:
-        return read_origins(evaluated, self._origins[uid], self._face_counts[uid])
 
     def _evaluated(self, copy: bpy.types.Object) -> bpy.types.Mesh:
         return copy.evaluated_get(self._context.evaluated_depsgraph_get()).data
@@ -540,14 +543,14 @@ def _frozen_copies(
     context: bpy.types.Context,
     wanted: dict[bpy.types.Object, list[bpy.types.Modifier]],
     *,
-    with_origins: bool,
+    with_origins: set[bpy.types.Object],
 ) -> Iterator[FrozenCopies]:
     copies = FrozenCopies(context)
     try:
         for blender_object, modifiers in wanted.items():
             # Simulations will be refused, and must not begin to run.
             if not any(modifier.type in SIMULATIONS for modifier in modifiers):
-                copies.add(blender_object, modifiers, with_origins=with_origins)
+                copies.add(blender_object, modifiers, with_origins=blender_object in with_origins)
         yield copies
     finally:
         copies.remove()
@@ -588,7 +591,7 @@ def _write_origins(holder: bpy.types.Object, mesh: bpy.types.Mesh) -> str:
     return name
 
 
-def read_origins(mesh: bpy.types.Mesh, name: str, base_face_count: int) -> IndexArray:
+def _read_origins(mesh: bpy.types.Mesh, name: str, base_face_count: int) -> IndexArray:
     """(F,) intp: the face each face of an evaluated mesh comes from, or NO_ORIGIN."""
     attribute = mesh.attributes.get(name)
     if attribute is None or (attribute.data_type, attribute.domain) != ("INT32_2D", "FACE"):

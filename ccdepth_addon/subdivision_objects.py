@@ -77,11 +77,14 @@ def place_meshes(
     meshes = _meshes(made)
     objects = {obj.name: obj for obj in bpy.data.objects if obj.library is None}
     originals = [[objects.get(name) for name in each.subdivision.task.object_names] for each in made]
-    for each, found in zip(made, originals, strict=True):
-        if not all(_is_as_it_was(original, each.subdivision) for original in found):
-            bpy.data.batch_remove(meshes)
-            raise ComputeError(CHANGED)
-    users = [_place(context, *each, settings, in_place=in_place) for each in zip(originals, meshes, strict=True)]
+    try:
+        for each, found in zip(made, originals, strict=True):
+            if not all(_is_as_it_was(original, each.subdivision) for original in found):
+                raise ComputeError(CHANGED)
+        users = [_place(context, *each, settings, in_place=in_place) for each in zip(originals, meshes, strict=True)]
+    except BaseException:
+        bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
+        raise
     # New objects have no matrix of their own before.
     context.view_layer.update()
     for each, mesh, placed in zip(made, meshes, users, strict=True):
@@ -150,12 +153,12 @@ def _make_mesh(
     try:
         mesh.name = made_for.name + NAME_SUFFIX
         results.write_subdivision(mesh, answer, settings)
-        drawn = answer.adaptive.mesh
-        topology = Topology(drawn.face_starts[:-1].astype(np.int32), drawn.corner_vertices, drawn.edge_vertices)
-        return Made(answer, mesh.session_uid, geometry_checksum(mesh, topology))
     except BaseException:
         bpy.data.meshes.remove(mesh)
         raise
+    drawn = answer.adaptive.mesh
+    topology = Topology(drawn.face_starts[:-1].astype(np.int32), drawn.corner_vertices, drawn.edge_vertices)
+    return Made(answer, mesh.session_uid, geometry_checksum(mesh, topology))
 
 
 def _place(

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .mesh import FloatArray
 
@@ -130,7 +131,7 @@ def first_order_norm_extraordinary(net: FloatArray) -> FloatArray:
 
 
 @cache
-def _edge_ends(valence: int) -> tuple[tuple[int, ...], ...]:
-    """The one end and the other of every edge that a second difference spans."""
+def _edge_ends(valence: int) -> NDArray[np.intp]:
+    """(2, edges): the one end and the other of every edge that a second difference spans."""
     edges = {(min(a, end), max(a, end)) for a, b, c in second_differences(valence) for end in (b, c)}
-    return tuple(zip(*sorted(edges), strict=True))
+    return np.array(sorted(edges), dtype=np.intp).T.copy()

@@ -172,13 +172,13 @@ def test_an_error_on_the_way_leaves_everything(tmp_path: Path) -> None:
     path = tmp_path / "out.blend"
     path.write_bytes(b"before")
 
-    def write_half() -> None:
+    def half_written() -> None:
         with whole_files.written_whole(path) as beside:
             beside.write_bytes(b"half")
             raise LookupError
 
     with pytest.raises(LookupError):
-        write_half()
+        half_written()
     assert [each.name for each in tmp_path.iterdir()] == ["out.blend"]
     assert path.read_bytes() == b"before"
 
