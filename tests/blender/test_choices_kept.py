@@ -45,3 +45,15 @@ def test_rendered_colour_chosen_since_is_not_left_without_an_attribute(mode: str
     assert bpy.ops.ccdepth.clear() == {"FINISHED"}
     assert attributes.default_color_name == ""
     bpy.ops.object.mode_set(mode="OBJECT")
+
+
+@pytest.mark.parametrize("domain", ["POINT", "EDGE", "FACE", "CORNER"])
+def test_displayed_colours_of_any_domain(domain: str) -> None:
+    """Blender displays the first colours that are made, also where it does not list them among the colours."""
+    holder = scene.add_object(meshes.cube())
+    attributes = holder.data.attributes
+    attributes.new("Paint", "FLOAT_COLOR", domain)
+    attributes.active_color_name = attributes.default_color_name = "Paint"
+    addon.compute(holder)
+    assert bpy.ops.ccdepth.clear() == {"FINISHED"}
+    assert (attributes.active_color_name, attributes.default_color_name) == ("Paint", "Paint")
