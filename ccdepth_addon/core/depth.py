@@ -57,7 +57,7 @@ def modifier_rounding(mesh: PolygonMesh, level: int) -> float:
     """How far Blender's own single precision may put vertices of a level off, in the unit of the positions.
 
     (2n + 4k)uR, with n the largest valence or face size, k the level, u = 2⁻²⁴ and R the largest coordinate: by
-    measurement, in all of it at least half as much again as was found (docs/methods.md, Single precision).
+    measurement up to valence 128, at least half as much again as was found (docs/methods.md, Single precision).
     """
     return (2 * largest_valence(mesh) + 4 * level) * 2.0**-24 * largest_coordinate(mesh)
 
