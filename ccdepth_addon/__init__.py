@@ -14,9 +14,11 @@ MODULES = (
     "properties",
     "operators",
     "subdivision_operators",
+    "measure_operators",
     "staleness",
     "face_counts",
     "panels",
+    "deviation_panel",
     "legend",
     "command_line",
 )

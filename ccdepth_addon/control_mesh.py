@@ -220,7 +220,7 @@ def base_mesh(
         yield blender_object.data, control
         return
     _refuse_simulations(blender_object, applied)
-    with _frozen_copy(context, blender_object, blender_object.data, applied) as copy:
+    with frozen_copy(context, blender_object, blender_object.data, applied) as copy:
         depsgraph = context.evaluated_depsgraph_get()
         evaluated = copy.evaluated_get(depsgraph)
         world = np.array(evaluated.matrix_world, dtype=np.float64)[:3, :3]
@@ -300,9 +300,9 @@ def _read_evaluated(
 ) -> tuple[PolygonMesh, IndexArray]:
     """The mesh as the counted modifiers make it, and the face of ``own`` that each of its faces comes from."""
     _refuse_simulations(blender_object, counted)
-    with _frozen_copy(context, blender_object, own, counted) as copy:
+    with frozen_copy(context, blender_object, own, counted) as copy:
         evaluated = _evaluated_mesh(context, copy)
-        base_faces = _read_origins(evaluated, len(own.polygons))
+        base_faces = read_origins(evaluated, len(own.polygons))
         mesh = mesh_arrays(evaluated, rule)
         if mesh.face_count and len(_present(base_faces)) < len(own.polygons):
             _refuse_lost_faces(context, copy, len(own.polygons))
@@ -318,7 +318,7 @@ def _refuse_simulations(blender_object: bpy.types.Object, counted: list[str]) ->
 
 
 @contextmanager
-def _frozen_copy(
+def frozen_copy(
     context: bpy.types.Context, blender_object: bpy.types.Object, own: bpy.types.Mesh, counted: list[str]
 ) -> Iterator[bpy.types.Object]:
     """A temporary copy of the object in the scene, with the counted modifiers alone and origins on its faces.
@@ -355,7 +355,7 @@ def _write_origins(mesh: bpy.types.Mesh) -> None:
     attribute.data.foreach_set("value", pairs.ravel())
 
 
-def _read_origins(mesh: bpy.types.Mesh, base_face_count: int) -> IndexArray:
+def read_origins(mesh: bpy.types.Mesh, base_face_count: int) -> IndexArray:
     """(F,) intp: the face each face of an evaluated mesh comes from, or NO_ORIGIN."""
     attribute = mesh.attributes.get(ORIGIN_ATTRIBUTE)
     if attribute is None or attribute.domain != "FACE":
@@ -378,7 +378,7 @@ def _refuse_lost_faces(context: bpy.types.Context, copy: bpy.types.Object, base_
     present = base_face_count
     for modifier in modifiers:
         modifier.show_viewport = True
-        before, present = present, len(_present(_read_origins(_evaluated_mesh(context, copy), base_face_count)))
+        before, present = present, len(_present(read_origins(_evaluated_mesh(context, copy), base_face_count)))
         if present < before and (present == 0 or modifier.type not in TAKING_FACES_AWAY):
             raise ControlMeshError(
                 f"the modifier “{modifier.name}” does not keep the mesh's faces apart, so their depths cannot be "

@@ -41,16 +41,18 @@ def remember(blender_object: bpy.types.Object, states: Iterable[ObjectState], to
         contributor.gram, contributor.checksum = state.scale, state.checksum
 
 
-def mesh_checksum(blender_object: bpy.types.Object, topology: Topology | None = None) -> str:
-    """A checksum of the object's own mesh, as far as its surface depends on it, and of the depths on it."""
+def mesh_checksum(
+    blender_object: bpy.types.Object, topology: Topology | None = None, result: str | None = results.DEPTH
+) -> str:
+    """A checksum of the object's own mesh, as far as its surface depends on it, and of one attribute of ours on it."""
     checksum = 0
     with own_mesh(blender_object) as mesh:
-        for values in _stored(mesh, topology):
+        for values in _stored(mesh, topology, result):
             checksum = crc32(values.data, checksum)
     return f"{checksum:08x}"
 
 
-def _stored(mesh: bpy.types.Mesh, topology: Topology | None) -> Iterator[NDArray[Any]]:
+def _stored(mesh: bpy.types.Mesh, topology: Topology | None, result: str | None) -> Iterator[NDArray[Any]]:
     """As Blender keeps it. No creases are the same as creases of zero."""
     attributes = mesh.attributes
     yield read_built_in(attributes, "position", "vector", np.float32, 3)
@@ -59,11 +61,12 @@ def _stored(mesh: bpy.types.Mesh, topology: Topology | None) -> Iterator[NDArray
         ("crease_edge", "FLOAT", np.float32),
         ("crease_vert", "FLOAT", np.float32),
         (results.DEPTH, "INT", np.int32),
+        (results.DEVIATION, "FLOAT", np.float32),
     ):
-        attribute = attributes.get(name)
+        attribute = attributes.get(name) if name.startswith("crease") or name == result else None
         if attribute is not None and attribute.data_type == data_type:
             values = read_values(attribute.data, "value", dtype)
-            if name == results.DEPTH or values.any():
+            if name == result or values.any():
                 yield np.frombuffer(name.encode(), dtype=np.uint8)
                 yield values
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 from zlib import crc32
@@ -41,6 +42,12 @@ def object_state(blender_object: bpy.types.Object, *, use_modifiers: bool) -> Ob
     texts += [_modifier_text(blender_object, modifier) for modifier in counted]
     checksum = crc32("\n".join(texts).encode())
     return ObjectState(gram_matrix(world)[np.triu_indices(3)], f"{checksum:08x}")
+
+
+def shown_checksum(blender_object: bpy.types.Object, shown: Iterable[bpy.types.Modifier]) -> str:
+    """A checksum of what these modifiers, and shape keys, make of the object's mesh."""
+    texts = [_shape_keys_text(blender_object)] + [_modifier_text(blender_object, modifier) for modifier in shown]
+    return f"{crc32(chr(10).join(texts).encode()):08x}"
 
 
 def _shape_keys_text(blender_object: bpy.types.Object) -> str:

@@ -22,6 +22,7 @@ from .surfaces import SurfaceSettings
 DEPTH = "ccdepth"
 BOUND = "ccdepth_bound"
 COLOR = "ccdepth_color"
+DEVIATION = "ccdepth_deviation"
 
 
 @dataclass(frozen=True)
@@ -36,11 +37,14 @@ class AttributeKind:
     layers: str
 
 
-ATTRIBUTES = (
+COLOR_KIND = AttributeKind(COLOR, "FLOAT_COLOR", "CORNER", "color", "loops", "float_color")
+DEVIATION_KIND = AttributeKind(DEVIATION, "FLOAT", "FACE", "value", "faces", "float")
+DEPTH_ATTRIBUTES = (
     AttributeKind(DEPTH, "INT", "FACE", "value", "faces", "int"),
     AttributeKind(BOUND, "FLOAT", "FACE", "value", "faces", "float"),
-    AttributeKind(COLOR, "FLOAT_COLOR", "CORNER", "color", "loops", "float_color"),
+    COLOR_KIND,
 )
+ATTRIBUTES = (*DEPTH_ATTRIBUTES, DEVIATION_KIND)
 
 
 def has_result(mesh: bpy.types.Mesh) -> bool:
@@ -48,14 +52,29 @@ def has_result(mesh: bpy.types.Mesh) -> bool:
     return mesh.ccdepth.has_result and DEPTH in mesh.attributes
 
 
+def has_deviation(mesh: bpy.types.Mesh) -> bool:
+    """Whether the mesh holds measured deviations."""
+    return mesh.ccdepth.has_deviation and DEVIATION in mesh.attributes
+
+
+def has_any(mesh: bpy.types.Mesh) -> bool:
+    """Whether the mesh holds depths or deviations."""
+    return has_result(mesh) or has_deviation(mesh)
+
+
 def has_heat_map(mesh: bpy.types.Mesh) -> bool:
     """Whether the mesh holds our colours; a subdivision has depths, and none of them."""
-    return has_result(mesh) and COLOR in mesh.attributes
+    return has_any(mesh) and COLOR in mesh.attributes
+
+
+def shows_deviation(mesh: bpy.types.Mesh) -> bool:
+    """Whether our colours are those of deviations, and not of depths: of what was done last, and is still there."""
+    return has_deviation(mesh) and (mesh.ccdepth.shows_deviation or not has_result(mesh))
 
 
 def has_traces(mesh: bpy.types.Mesh) -> bool:
     """Whether there is anything of ours on the mesh to clear."""
-    return mesh.ccdepth.has_result or any(_is_ours(mesh, kind) for kind in ATTRIBUTES)
+    return mesh.ccdepth.has_result or mesh.ccdepth.has_deviation or any(_is_ours(mesh, kind) for kind in ATTRIBUTES)
 
 
 def _is_ours(mesh: bpy.types.Mesh, kind: AttributeKind) -> bool:
@@ -99,7 +118,7 @@ def write_subdivision(mesh: bpy.types.Mesh, answer: Subdivision, settings: Subdi
     """Put what is known of a subdivision on its mesh, in Object Mode: attributes and record, and no colours: the mesh
     is there to be used."""
     depths, bounds = answer.adaptive.depths, rounded_up(answer.bounds)
-    _write_columns(mesh, zip(ATTRIBUTES[:2], (depths, bounds), strict=True))
+    _write_columns(mesh, zip(DEPTH_ATTRIBUTES[:2], (depths, bounds), strict=True))
     record = _new_record(mesh, depths, settings)
     record.subdivision = settings.mode
     record.world_tolerance = answer.world_tolerance
@@ -113,6 +132,7 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
     record = mesh.ccdepth
     record.has_result = True
     record.subdivision = ""
+    record.shows_deviation = False
     record.tolerance = settings.tolerance
     record.tolerance_mode = settings.tolerance_mode
     record.version = VERSION
@@ -141,7 +161,7 @@ def _write_attributes(
         return
     sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
     columns = (depths, bounds, np.repeat(colors, sizes, axis=0).ravel())
-    _write_columns(mesh, zip(ATTRIBUTES, columns, strict=True))
+    _write_columns(mesh, zip(DEPTH_ATTRIBUTES, columns, strict=True))
 
 
 def _write_columns(mesh: bpy.types.Mesh, columns: Iterable[tuple[AttributeKind, NDArray[Any]]]) -> None:
@@ -167,11 +187,11 @@ def _write_while_editing(
 
     edited = bmesh.from_edit_mesh(mesh)
     # New layers first: making one moves the others.
-    for kind in ATTRIBUTES:
+    for kind in DEPTH_ATTRIBUTES:
         layers = _layers(edited, kind)
         if layers.get(kind.name) is None:
             layers.new(kind.name)
-    depth_layer, bound_layer, color_layer = (_layers(edited, kind)[kind.name] for kind in ATTRIBUTES)
+    depth_layer, bound_layer, color_layer = (_layers(edited, kind)[kind.name] for kind in DEPTH_ATTRIBUTES)
     # BMesh has no bulk access: a tenth of a second for every hundred thousand faces.
     for face, depth, bound, color in zip(edited.faces, depths, bounds, colors, strict=True):
         face[depth_layer] = depth
@@ -183,6 +203,40 @@ def _write_while_editing(
 
 def _layers(edited: Any, kind: AttributeKind) -> Any:
     return getattr(getattr(edited, kind.elements).layers, kind.layers)
+
+
+def write_face_values(mesh: bpy.types.Mesh, kind: AttributeKind, values: NDArray[np.float32]) -> None:
+    """Write one attribute in Object Mode or in Edit Mode.
+
+    values: (F,) or (F, 4), one for each face; on CORNER, for all corners of the face alike.
+    """
+    on_corners = kind.domain == "CORNER"
+    if not mesh.is_editmode:
+        if on_corners:
+            sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
+            values = np.repeat(values, sizes, axis=0).ravel()
+        _write_columns(mesh, [(kind, values)])
+        return
+    import bmesh
+
+    edited = bmesh.from_edit_mesh(mesh)
+    layers = _layers(edited, kind)
+    layer = layers.get(kind.name) or layers.new(kind.name)
+    for face, value in zip(edited.faces, values.tolist(), strict=True):
+        for element in face.loops if on_corners else (face,):
+            element[layer] = value
+    bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
+
+
+def read_face_values(mesh: bpy.types.Mesh, kind: AttributeKind) -> NDArray[np.float32]:
+    """(F,) float32: one attribute of faces, in Object Mode or in Edit Mode."""
+    if not mesh.is_editmode:
+        return read_values(mesh.attributes[kind.name].data, kind.value, np.float32)
+    import bmesh
+
+    edited = bmesh.from_edit_mesh(mesh)
+    layer = _layers(edited, kind)[kind.name]
+    return np.array([face[layer] for face in edited.faces], dtype=np.float32)
 
 
 def show_color(mesh: bpy.types.Mesh, show: bool) -> None:

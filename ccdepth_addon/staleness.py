@@ -12,7 +12,7 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from . import fingerprint, heat_map, results
+from . import fingerprint, heat_map, measured_state, results
 from .computation import count_faces
 
 # Seconds without a change before checksums are compared.
@@ -23,12 +23,33 @@ LARGEST_EDITED_FACE_COUNT = 200_000
 
 _touched: set[int] = set()
 _stale: set[int] = set()
+_stale_deviations: set[int] = set()
 _own_writes: set[int] = set()
+
+# By the name of an object, the meshes that were measured against its limit surface.
+_measured_against: dict[str, set[int]] = {}
 
 
 def is_stale(mesh: bpy.types.Mesh) -> bool:
     """Whether the mesh has changed since its result was computed, as far as has been noticed yet."""
     return mesh.session_uid in _stale
+
+
+def is_deviation_stale(mesh: bpy.types.Mesh) -> bool:
+    """The same of what was measured on it."""
+    return mesh.session_uid in _stale_deviations
+
+
+def note_deviation(mesh: bpy.types.Mesh) -> None:
+    """What was measured on the mesh is new, and the next change of its geometry is the writing of it."""
+    _stale_deviations.discard(mesh.session_uid)
+    _own_writes.add(mesh.session_uid)
+    _note_target(mesh)
+
+
+def _note_target(mesh: bpy.types.Mesh) -> None:
+    if results.has_deviation(mesh):
+        _measured_against.setdefault(mesh.ccdepth.measurement.against, set()).add(mesh.session_uid)
 
 
 def note_write(mesh: bpy.types.Mesh) -> None:
@@ -42,10 +63,10 @@ def check_touched() -> None:
     users = _users_of_results(_touched)
     _touched.clear()
     for mesh, objects in users.items():
-        if fingerprint.has_changed(mesh, objects):
-            _stale.add(mesh.session_uid)
-        else:
-            _stale.discard(mesh.session_uid)
+        changed = results.has_result(mesh) and fingerprint.has_changed(mesh, objects)
+        (_stale.add if changed else _stale.discard)(mesh.session_uid)
+        changed = results.has_deviation(mesh) and measured_state.has_changed(mesh)
+        (_stale_deviations.add if changed else _stale_deviations.discard)(mesh.session_uid)
     if users:
         heat_map.redraw_viewports(bpy.context)
 
@@ -53,7 +74,7 @@ def check_touched() -> None:
 def _users_of_results(uids: set[int]) -> dict[bpy.types.Mesh, list[bpy.types.Object]]:
     """The meshes among these that hold a result, and the objects that use each."""
     users: dict[bpy.types.Mesh, list[bpy.types.Object]] = {
-        mesh: [] for mesh in bpy.data.meshes if mesh.session_uid in uids and results.has_result(mesh)
+        mesh: [] for mesh in bpy.data.meshes if mesh.session_uid in uids and results.has_any(mesh)
     }
     for blender_object in bpy.data.objects if users else ():
         if blender_object.data in users:
@@ -63,7 +84,11 @@ def _users_of_results(uids: set[int]) -> dict[bpy.types.Mesh, list[bpy.types.Obj
 
 def touch(mesh: bpy.types.Mesh) -> None:
     """Have the mesh's result checked soon."""
-    _touched.add(mesh.session_uid)
+    _touch({mesh.session_uid})
+
+
+def _touch(uids: set[int]) -> None:
+    _touched.update(uids)
     if bpy.app.timers.is_registered(check_touched):
         bpy.app.timers.unregister(check_touched)
     bpy.app.timers.register(check_touched, first_interval=PATIENCE)
@@ -75,8 +100,13 @@ def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
         if not (update.is_updated_geometry or update.is_updated_transform):
             continue
         original = update.id.original
-        if isinstance(original, bpy.types.Object) and original.type == "MESH" and results.has_result(original.data):
+        if not isinstance(original, bpy.types.Object) or original.type != "MESH":
+            continue
+        if results.has_any(original.data):
             _notice_update(original.data, update.is_updated_geometry)
+        measured = _measured_against.get(original.name)
+        if measured:
+            _touch(measured)
 
 
 def _notice_update(mesh: bpy.types.Mesh, geometry: bool) -> None:
@@ -87,6 +117,7 @@ def _notice_update(mesh: bpy.types.Mesh, geometry: bool) -> None:
         touch(mesh)
     elif geometry and not own_write:
         _stale.add(mesh.session_uid)
+        _stale_deviations.add(mesh.session_uid)
 
 
 @persistent
@@ -94,13 +125,14 @@ def _check_everything(*_: Any) -> None:
     """After undo, redo and loading: data may have been replaced as a whole."""
     heat_map.synchronise(bpy.context)
     for mesh in bpy.data.meshes:
-        if results.has_result(mesh):
+        if results.has_any(mesh):
+            _note_target(mesh)
             touch(mesh)
 
 
 @persistent
 def _forget_everything(*_: Any) -> None:
-    for runtime in (_touched, _stale, _own_writes):
+    for runtime in (_touched, _stale, _stale_deviations, _own_writes, _measured_against):
         runtime.clear()
 
 
