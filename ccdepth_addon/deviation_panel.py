@@ -76,7 +76,7 @@ def _numbers(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tu
     own = found.measured == found.against
     return [
         *([] if own else [("Object", found.measured)]),
-        ("Measured Against", "Its own limit surface" if own else found.against),
+        ("Against", "Its own limit surface" if own else found.against),
         ("At Most", length_text(scene, record.deviation, Rounding.UP)),
         ("At Least", length_text(scene, record.deviation_reached, Rounding.DOWN)),
         ("Tolerance", length_text(scene, found.world_tolerance)),
