@@ -93,6 +93,10 @@ def prepare_measurement(
     _refuse_bad_accuracy(settings.accuracy)
     own = objects == [target]
     faults = Faults(objects if own else [target, *objects])
+    with faults.of(target.name):
+        control = read_control_mesh(context, target, use_modifiers=settings.use_modifiers)
+        validate(control.in_world)
+        surface = surface_of(target, control, settings)
     measured = []
     for blender_object in objects:
         with faults.of(blender_object.name):
@@ -101,10 +105,6 @@ def prepare_measurement(
             mesh = blender_object.data
             shown = read_shown_mesh(context, blender_object)
             measured.append(Measured(blender_object.name, mesh.session_uid, count_faces(mesh), shown))
-    with faults.of(target.name):
-        control = read_control_mesh(context, target, use_modifiers=settings.use_modifiers)
-        validate(control.in_world)
-        surface = surface_of(target, control, settings)
     faults.refuse()
     place = np.array(target.evaluated_get(context.evaluated_depsgraph_get()).matrix_world, dtype=np.float64)
     return MeasureTask(surface, place[:3, 3], own, measured)

@@ -174,9 +174,7 @@ def test_added_faces_count_in_the_largest_alone() -> None:
     group.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
     group.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
     ends = [group.nodes.new(kind) for kind in ("NodeGroupInput", "NodeGroupOutput")]
-    cube, move, join = (
-        group.nodes.new(f"GeometryNode{kind}") for kind in ("MeshCube", "Transform", "JoinGeometry")
-    )
+    cube, move, join = (group.nodes.new(f"GeometryNode{kind}") for kind in ("MeshCube", "Transform", "JoinGeometry"))
     move.inputs["Translation"].default_value = (9.0, 0.0, 0.0)
     group.links.new(cube.outputs["Mesh"], move.inputs["Geometry"])
     group.links.new(move.outputs["Geometry"], join.inputs[0])
