@@ -10,6 +10,7 @@ coefficients and an *excess*: at equal parameters the surface is no farther than
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from ..bounds import Vertices, support_bounds
 from ..catmull_clark import subdivide
 from ..mesh import FloatArray, IndexArray, PolygonMesh
+from ..norms import squared_norms
 from ..patches import PatchKind, classify_patches, regular_nets
 from ..refinement import Refinement
 from ..splines import HALVES, SPLINE_TO_BERNSTEIN
@@ -29,8 +31,10 @@ SIDES = np.array([[0, 4, 8, 12], [12, 13, 14, 15], [15, 11, 7, 3], [3, 2, 1, 0]]
 QUARTER_SIDES = np.array([[1, 0, 0, 1], [1, 1, 0, 0], [0, 0, 1, 1], [0, 1, 1, 0]], dtype=bool)
 QUARTERS = np.stack([np.kron(along, across) for across in HALVES for along in HALVES])
 
-# What is refined to begin with, before it is known where it matters.
-FIRST_REFINEMENTS = 2
+# What is not regular is refined to begin with while the excess is more than this part of its size, so many times at
+# most; later, where it matters.
+LARGE_EXCESS = 0.1
+FIRST_REFINEMENTS = 8
 
 NONE = -1
 
@@ -53,7 +57,7 @@ class BezierPieces:
     coefficients: (N, 3, 16) float64, Bernstein; excess: (N,) float64, how far the surface may be off, at equal
     parameters. faces, units: (N,) intp, the control face and the unit each is a part of. sides: (N, 4) intp, the edge
     of ``unit_mesh`` each side lies on, or NONE. first_child: (N,) intp, NONE for those that are not split.
-    low, high: (N, 3), the corners of boxes around the pieces.
+    low, high: (N, 3), the corners of boxes around the pieces, or where that is less around all that is left of them.
     """
 
     def __init__(self, unit_mesh: PolygonMesh, unit_faces: IndexArray) -> None:
@@ -61,11 +65,27 @@ class BezierPieces:
         self.count = 0
         self.coefficients = np.empty((0, 3, 16))
         self.excess, self.low, self.high = np.empty(0), np.empty((0, 3)), np.empty((0, 3))
-        self.faces = self.units = self.first_child = np.empty(0, dtype=np.intp)
+        self.faces = self.units = self.first_child = self._parents = np.empty(0, dtype=np.intp)
         self._store = self._row = np.empty(0, dtype=np.intp)
         self.sides = np.empty((0, 4), dtype=np.intp)
         self._refinements: list[Refinement] = []
         self._add_units(unit_faces)
+
+    @property
+    def unit_count(self) -> int:
+        """The units are the first pieces."""
+        return self.unit_mesh.face_count
+
+    @cached_property
+    def edge_units(self) -> IndexArray:
+        """(E, 2) intp, the two units at each edge; NONE where there are not two."""
+        mesh = self.unit_mesh
+        order = np.argsort(mesh.corner_edges, kind="stable")
+        first = np.cumsum(mesh.edge_face_counts) - mesh.edge_face_counts
+        found = np.full((mesh.edge_count, 2), NONE)
+        paired = np.flatnonzero(mesh.edge_face_counts == 2)
+        found[paired] = mesh.corner_faces[order[first[paired][:, None] + np.arange(2)]]
+        return found
 
     def leaves(self) -> IndexArray:
         """The pieces that are not split: they cover the surface."""
@@ -87,7 +107,8 @@ class BezierPieces:
         self._add_descendants(refinement, unit_faces, np.arange(mesh.face_count), sides, None)
         for _ in range(FIRST_REFINEMENTS):
             waiting = self.leaves()
-            self.split(waiting[self._row[waiting] != NONE])
+            sizes = np.sqrt(squared_norms(np.ptp(self.coefficients[waiting][:, :, CORNERS], axis=2)))
+            self.split(waiting[self.excess[waiting] > LARGE_EXCESS * sizes])
 
     def _refine(self, store: int, pieces: IndexArray) -> IndexArray:
         """The children of what is not bicubic, one Catmull-Clark step on."""
@@ -102,7 +123,18 @@ class BezierPieces:
             sides[:, corner, 0] = self.sides[pieces, corner]
             sides[:, corner, 3] = self.sides[pieces, corner - 1]
         faces, units = (np.repeat(array[pieces], 4) for array in (self.faces, self.units))
-        return self._add_descendants(children, faces, units, sides.reshape(-1, 4), pieces)
+        made = self._add_descendants(children, faces, units, sides.reshape(-1, 4), pieces)
+        self._tighten(pieces)
+        return made
+
+    def _tighten(self, parents: IndexArray) -> None:
+        """The boxes of parents from those of their children, up to the units."""
+        while len(parents):
+            children = self.first_child[parents][:, None] + np.arange(4)
+            self.low[parents] = np.maximum(self.low[parents], self.low[children].min(axis=1))
+            self.high[parents] = np.minimum(self.high[parents], self.high[children].max(axis=1))
+            parents = np.unique(self._parents[parents])
+            parents = parents[parents != NONE]
 
     def _add_descendants(
         self,
@@ -141,6 +173,7 @@ class BezierPieces:
             "faces": new.faces,
             "units": new.units,
             "first_child": np.full(count, NONE),
+            "_parents": np.full(count, NONE) if parents is None else np.repeat(parents, 4),
             "sides": new.sides,
             "_store": np.full(count, store),
             "_row": new.rows,

@@ -11,15 +11,19 @@ import numpy as np
 
 from ..mesh import FloatArray, IndexArray
 
+# Per-face distances are found to this part of the largest one.
+SHARE_OF_LARGEST = 0.1
+
 
 @dataclass
 class Findings:
     """reached: the longest distance that is known to be there, less the allowance; the pair it lies between, where, and
-    which way. floor: what is proved need not be less."""
+    which way. margin: what rounding can hide of a coordinate. floor: what is proved need not be less."""
 
     accuracy: float
     floor: float
     allowance: float
+    margin: float
     max_pieces: int
     deadline: float
     report: Callable[[float], None]
@@ -30,6 +34,8 @@ class Findings:
     triangle: int = 0
     surface_to_mesh: bool = True
     is_placed: bool = False
+    # (F,) what is reached in each control face, or nearly.
+    in_faces: FloatArray = field(default_factory=lambda: np.zeros(0))
 
     @property
     def target(self) -> float:
@@ -55,6 +61,11 @@ class Findings:
             self.reached, self.is_placed = max(reached, 0.0), True
             self.point, self.nearest = points[best].copy(), nearest[best].copy()
             self.face, self.triangle, self.surface_to_mesh = int(faces[best]), int(triangles[best]), surface_to_mesh
+
+    def goals(self, faces: IndexArray) -> FloatArray:
+        """(N,): bounds up to these are near enough to what is reached, in all and in each of these faces (N,)."""
+        in_faces = self.in_faces[faces] + SHARE_OF_LARGEST * self.reached
+        return np.maximum(np.minimum(self.target, in_faces), self.floor)
 
     def is_exhausted(self, pieces: int) -> bool:
         """Whether the pieces or the time allowed are used up."""

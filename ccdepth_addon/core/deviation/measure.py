@@ -29,6 +29,10 @@ TRIANGLES_OF_A_UNIT = 8
 PART_OF_TOLERANCE = 1e-3
 
 
+# What rounding can hide of how far a point lies inside a side, as a part of the largest coordinate.
+MARGIN = 2.0**-40
+
+
 @dataclass(frozen=True)
 class Deviation:
     """proved ≥ true two-sided Hausdorff distance ≥ reached, in the positions' unit, rounding covered.
@@ -86,9 +90,11 @@ def measure_deviation(
         accuracy=accuracy,
         floor=max(4 * allowance, PART_OF_TOLERANCE * (tolerance or 0.0)),
         allowance=allowance,
+        margin=MARGIN * size,
         max_pieces=max_pieces,
         deadline=perf_counter() + (np.inf if time_limit is None else time_limit),
         report=progress,
+        in_faces=np.zeros(control.face_count),
     )
     mesh = Triangles.of(positions - origin, triangles)
     pieces = bezier_pieces(control.changed(positions=control.positions - origin), len(triangles) // TRIANGLES_OF_A_UNIT)

@@ -7,17 +7,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..blocks import split
+from ..blocks import blocks, split
 from ..mesh import FloatArray, IndexArray
 from ..norms import squared_norms
-from .bezier_pieces import CORNERS, BezierPieces, bilinear_pieces
+from .bezier_pieces import CORNERS, NONE, BezierPieces, bilinear_pieces
 from .box_tree import BoxTree, overlapping
-from .findings import Findings
-from .surface_to_mesh import SHARE_OF_LARGEST, SurfaceToMesh, first_of_each
-from .triangles import Triangles, to_triangles
+from .covering import over_pieces
+from .surface_to_mesh import NEAR_SHARE, SIZE_SHARE, TRIED, SurfaceToMesh, first_of_each
+from .triangles import to_triangles
 
 PARTS_AT_ONCE = 1 << 13
-TRIED = 6
+FACETS_AT_ONCE = 1 << 13
+
+# Parts whose corners are looked at for distances that are reached; corners whose distances are found to that share.
+LOOKED_AT, MEASURED, MEASURED_SHARE = 512, 16, 0.005
+
+# Pieces larger than this part of the triangle they are compared with are split for it; where they are below the other
+# part, so is the triangle.
+FINE_SHARE, COARSE_SHARE = 0.25, 0.5
 
 # The corners of a triangle's quarters, as sums of its own.
 QUARTERS = (
@@ -35,33 +42,62 @@ QUARTERS = (
 
 @dataclass(frozen=True)
 class Facets:
-    """The leaves of the surface, each as two triangles over its corners. leaves: (L,) intp; corners: (L, 4, 3); off:
-    (L,) float64, how far surface and triangles are apart at equal parameters; tree: of boxes around both."""
+    """Pieces, each as two triangles over its corners. pieces: (L,) intp; corners: (L, 4, 3); off: (L,) float64, how far
+    surface and triangles are apart at equal parameters. docs/deviation.md, Facets."""
 
-    leaves: IndexArray
+    pieces: IndexArray
     corners: FloatArray
     off: FloatArray
-    tree: BoxTree
 
     @staticmethod
-    def of(pieces: BezierPieces) -> Facets:
-        """Of all the leaves there are. docs/deviation.md, Facets."""
-        leaves = pieces.leaves()
-        corners = pieces.coefficients[leaves][:, :, CORNERS].swapaxes(1, 2)
-        off = np.empty(len(leaves))
-        for block in split(np.arange(len(leaves)), 1 << 14):
-            apart = pieces.coefficients[leaves[block]] - bilinear_pieces(corners[block])
-            off[block] = np.sqrt(squared_norms(apart.swapaxes(1, 2)).max(axis=1))
+    def of(pieces: BezierPieces, chosen: IndexArray) -> Facets:
+        """Of the chosen pieces."""
+        corners, off = np.empty((len(chosen), 4, 3)), np.empty(len(chosen))
+        for block in blocks(len(chosen), FACETS_AT_ONCE):
+            coefficients = pieces.coefficients[chosen[block]]
+            corners[block] = coefficients[:, :, CORNERS].swapaxes(1, 2)
+            apart = coefficients - bilinear_pieces(corners[block])
+            off[block] = np.sqrt((apart * apart).sum(axis=1).max(axis=1))
         twist = corners[:, 0] - corners[:, 1] + corners[:, 2] - corners[:, 3]
-        off += np.sqrt(squared_norms(twist)) / 4 + pieces.excess[leaves]
-        return Facets(leaves, corners, off, BoxTree.around(pieces.low[leaves], pieces.high[leaves]))
+        off += np.sqrt(squared_norms(twist)) / 4 + pieces.excess[chosen]
+        return Facets(chosen, corners, off)
 
     def distances(self, places: FloatArray, which: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """(N,) from places (N, 3) to the nearer one of a leaf's triangles, and (N, 3) the nearest point."""
+        """(N,) from places (N, 3) to the nearer one of a piece's triangles, and (N, 3) the nearest point."""
         a, b, c, d = self.corners[which].swapaxes(0, 1)
         first, at_first = to_triangles(places, a, b, c)
         second, at_second = to_triangles(places, a, c, d)
         return np.minimum(first, second), np.where((first <= second)[:, None], at_first, at_second)
+
+
+@dataclass(frozen=True)
+class Leaves:
+    """The facets of all the leaves there are, and a tree of boxes around these."""
+
+    facets: Facets
+    tree: BoxTree
+
+    @staticmethod
+    def of(pieces: BezierPieces) -> Leaves:
+        leaves = pieces.leaves()
+        return Leaves(Facets.of(pieces, leaves), BoxTree.around(pieces.low[leaves], pieces.high[leaves]))
+
+    def near(self, places: FloatArray) -> tuple[IndexArray, IndexArray, FloatArray]:
+        """For places (P, 3) every leaf that can be nearest: (K,) intp which place, (K,) which leaf; (P,) the nearest
+        point is no farther than that."""
+        tried = self.tree.beside(places, TRIED)
+        owners = np.repeat(np.arange(len(places)), TRIED)
+        reach = self.facets.distances(places[owners], tried.ravel())[0] + self.facets.off[tried.ravel()]
+        reach = reach.reshape(tried.shape).min(axis=1) * (1 + 1e-12) + np.finfo(float).tiny
+        queries = BoxTree.around(places - reach[:, None], places + reach[:, None])
+        return *overlapping(queries, self.tree), reach
+
+    def nearest(self, places: FloatArray) -> tuple[IndexArray, FloatArray]:
+        """(P,) intp the leaves whose triangles are nearest to places (P, 3), and (P,) the distances."""
+        owners, which, _ = self.near(places)
+        distances = self.facets.distances(places[owners], which)[0]
+        first = first_of_each(owners, distances, len(places))
+        return which[first], distances[first]
 
 
 @dataclass(frozen=True)
@@ -84,6 +120,11 @@ class Parts:
         """Some of them."""
         return Parts(*(column[chosen] for column in vars(self).values()))
 
+    @staticmethod
+    def joined(some: Parts, others: Parts) -> Parts:
+        """All of them."""
+        return Parts(*(np.concatenate([column, vars(others)[name]]) for name, column in vars(some).items()))
+
     def quarters(self) -> Parts:
         """Four of each, whose bounds are that of the whole."""
         corners = np.einsum("qij,njd->nqid", QUARTERS, self.corners).reshape(-1, 3, 3)
@@ -97,6 +138,8 @@ class MeshToSurface:
     def __init__(self, surface: SurfaceToMesh, face_count: int, whole: float) -> None:
         self.surface, self.findings, self.mesh = surface, surface.findings, surface.mesh
         self.whole = whole
+        pieces = surface.pieces
+        self.units = BoxTree.around(pieces.low[: pieces.unit_count], pieces.high[: pieces.unit_count])
         self.upper = np.zeros(self.mesh.count)
         self.face_upper = np.zeros(face_count)
 
@@ -105,34 +148,101 @@ class MeshToSurface:
         count = self.mesh.count
         parts = Parts.unknown(self.mesh.points.swapaxes(0, 1), np.arange(count), np.full(count, self.whole))
         while len(parts.owners):
-            facets = Facets.of(self.surface.pieces)
+            leaves, self.blamed = Leaves.of(self.surface.pieces), np.zeros(0, dtype=np.intp)
             for block in split(np.arange(len(parts.owners)), PARTS_AT_ONCE):
                 if self.findings.is_exhausted(self.surface.pieces.count + len(parts.owners)):
                     self._record(parts)
                     return
-                self._bound(facets, parts, block)
+                self._bound(leaves, parts, block)
                 self.findings.report(0.5)
-            wanted = self._is_too_far(parts)
+            self._reach(leaves, parts)
+            wanted = parts.bounds > self._goals(parts)
             self._record(parts.at(~wanted))
             parts = parts.at(wanted)
-            used = np.unique(parts.leaves)
-            self.surface.split(used[self.surface.pieces.first_child[used] < 0])
-            parts = parts.quarters()
+            parts = self._split(parts)
+
+    def _split(self, parts: Parts) -> Parts:
+        """Pieces that are large against the parts they were found with are split, other parts are."""
+        pieces = self.surface.pieces
+        sizes = np.sqrt(squared_norms(np.ptp(parts.corners, axis=1)))
+        of_leaves = np.sqrt(squared_norms(pieces.high[parts.leaves] - pieces.low[parts.leaves]))
+        used = np.unique(np.concatenate([parts.leaves[of_leaves > FINE_SHARE * sizes], self.blamed]))
+        self.surface.split(used[pieces.first_child[used] == NONE])
+        fine = of_leaves <= COARSE_SHARE * sizes
+        return Parts.joined(parts.at(~fine), parts.at(fine).quarters())
 
     def _record(self, parts: Parts) -> None:
         np.maximum.at(self.upper, parts.owners, parts.bounds)
         np.maximum.at(self.face_upper, self.surface.pieces.faces[parts.leaves], parts.bounds)
 
-    def _is_too_far(self, parts: Parts) -> FloatArray:
-        rough = parts.bounds > np.maximum(parts.near + SHARE_OF_LARGEST * self.findings.reached, self.findings.floor)
-        return (parts.bounds > self.findings.target) | rough
+    def _goals(self, parts: Parts) -> FloatArray:
+        return self.findings.goals(self.surface.pieces.faces[parts.leaves])
 
-    def _bound(self, facets: Facets, parts: Parts, block: IndexArray) -> None:
+    def _bound(self, leaves: Leaves, parts: Parts, block: IndexArray) -> None:
         corners = parts.corners[block]
-        nearest, near = _nearest_facets(facets, corners.mean(axis=1))
-        parts.near[block], parts.leaves[block] = near, facets.leaves[nearest]
-        bounds = self._by_one_piece(facets, corners, nearest) + self.findings.allowance
-        parts.bounds[block] = np.minimum(parts.bounds[block], bounds)
+        nearest, near = leaves.nearest(corners.mean(axis=1))
+        parts.near[block], parts.leaves[block] = near, leaves.facets.pieces[nearest]
+        faces = self.surface.pieces.faces[parts.leaves[block]]
+        np.maximum.at(self.findings.in_faces, faces, near - leaves.facets.off[nearest])
+        self._bound_by_heights(parts, block)
+        left = block[parts.bounds[block] > self._goals(parts.at(block))]
+        place = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
+        bounds = self._by_one_piece(leaves.facets, parts.corners[left], nearest[place]) + self.findings.allowance
+        parts.bounds[left] = np.minimum(parts.bounds[left], bounds)
+
+    def _reach(self, leaves: Leaves, parts: Parts) -> None:
+        """Distances that are really there, at corners of the parts with the largest bounds."""
+        far = np.argsort(-parts.bounds)[:LOOKED_AT]
+        far = far[parts.bounds[far] > self.findings.target]
+        if not len(far):
+            return
+        places, owners = parts.corners[far].reshape(-1, 3), np.repeat(parts.owners[far], 3)
+        distances = leaves.nearest(places)[1]
+        farthest = np.argsort(-distances)[:MEASURED]
+        places, owners = places[farthest], owners[farthest]
+        rows, which, _ = leaves.near(places)
+        rows, which = rows, leaves.facets.pieces[which]
+        pieces = self.surface.pieces
+        while True:
+            facets = Facets.of(pieces, which)
+            distances, points = facets.distances(places[rows], np.arange(len(rows)))
+            least = np.full(len(places), np.inf)
+            np.minimum.at(least, rows, distances + facets.off)
+            nearby = distances - facets.off <= least[rows]
+            rows, which, distances, points = (array[nearby] for array in (rows, which, distances, points))
+            off = facets.off[nearby]
+            coarse = off > np.maximum(MEASURED_SHARE * least[rows], self.findings.floor)
+            coarse &= least[rows] > self.findings.reached
+            if not coarse.any() or self.findings.is_exhausted(pieces.count):
+                break
+            split_now = np.unique(which[coarse])
+            self.surface.split(split_now[pieces.first_child[split_now] == NONE])
+            children = pieces.first_child[which[coarse]][:, None] + np.arange(4)
+            which = np.concatenate([which[~coarse], children.ravel()])
+            rows = np.concatenate([rows[~coarse], np.repeat(rows[coarse], 4)])
+        first = first_of_each(rows, distances - off, len(places))
+        found = np.maximum((distances - off)[first], 0.0)
+        faces = pieces.faces[which[first]]
+        np.maximum.at(self.findings.in_faces, faces, found)
+        self.findings.note(found, places, points[first], faces, owners, surface_to_mesh=False)
+
+    def _bound_by_heights(self, parts: Parts, block: IndexArray) -> None:
+        corners = parts.corners[block]
+        low, high = corners.min(axis=1), corners.max(axis=1)
+        reach = (NEAR_SHARE * parts.near[block] + SIZE_SHARE * np.sqrt(squared_norms(high - low)))[:, None]
+        owners, units = overlapping(BoxTree.around(low - reach, high + reach), self.units)
+        order = np.argsort(owners * self.surface.pieces.unit_count + units)
+        normals = self.mesh.normals[parts.owners[block]]
+        goals = self._goals(parts.at(block)) - self.findings.allowance
+        found, leaves, blamed = over_pieces(
+            self.surface.pieces, corners, normals, (owners[order], units[order]), goals, self.findings.margin
+        )
+        self.blamed = np.union1d(self.blamed, blamed)
+        found += self.findings.allowance
+        better = np.flatnonzero(found < parts.bounds[block])
+        parts.bounds[block[better]] = found[better]
+        has_leaf = better[leaves[better] >= 0]
+        parts.leaves[block[has_leaf]] = leaves[has_leaf]
 
     def _by_one_piece(self, facets: Facets, corners: FloatArray, which: IndexArray) -> FloatArray:
         """(n,): the distance to a flat triangle is convex, and so longest at a corner."""
@@ -141,16 +251,3 @@ class MeshToSurface:
         first = np.max([to_triangles(place, a, b, c)[0] for place in places], axis=0)
         second = np.max([to_triangles(place, a, c, d)[0] for place in places], axis=0)
         return np.minimum(first, second) + facets.off[which]
-
-
-def _nearest_facets(facets: Facets, places: FloatArray) -> tuple[IndexArray, FloatArray]:
-    """(P,) intp the leaves whose triangles are nearest to places (P, 3), and (P,) the distances."""
-    tried = facets.tree.beside(places, TRIED)
-    owners = np.repeat(np.arange(len(places)), TRIED)
-    reach = (facets.distances(places[owners], tried.ravel())[0] + facets.off[tried.ravel()]).reshape(tried.shape)
-    reach = reach.min(axis=1) * (1 + 1e-12) + np.finfo(float).tiny
-    queries = BoxTree.around(places - reach[:, None], places + reach[:, None])
-    owners, which = overlapping(queries, facets.tree)
-    distances = facets.distances(places[owners], which)[0]
-    first = first_of_each(owners, distances, len(places))
-    return which[first], distances[first]

@@ -9,10 +9,12 @@ import numpy as np
 
 from ..blocks import split
 from ..mesh import FloatArray, IndexArray
+from ..norms import squared_norms
 from .bezier_pieces import CORNERS, BezierPieces
 from .box_tree import BoxTree, overlapping
+from .covering import over_triangles
 from .findings import Findings
-from .triangles import Triangles
+from .triangles import Triangles, unit
 
 PIECES_AT_ONCE = 1 << 12
 
@@ -25,8 +27,8 @@ MIDDLE = np.kron([1, 3, 3, 1], [1, 3, 3, 1]) / 64
 # Pieces of each block whose corners are looked at for distances that are reached.
 LOOKED_AT = 256
 
-# Per-face distances are found to this part of the largest one.
-SHARE_OF_LARGEST = 0.1
+# Triangles looked at for a piece are at most so much of the distance of its middle, and of its size, away.
+NEAR_SHARE, SIZE_SHARE = 1.25, 0.15
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,6 @@ class SurfaceToMesh:
         self.pieces, self.mesh, self.findings = pieces, mesh, findings
         self.upper = np.full(pieces.count, whole)
         self.triangles = np.zeros(pieces.count, dtype=np.intp)
-        self.near = np.zeros(pieces.count)
 
     def settle(self) -> None:
         """Split pieces until what is proved is near what is reached."""
@@ -83,34 +84,60 @@ class SurfaceToMesh:
             return pieces
         children = self.pieces.split(pieces)
         first = self.pieces.first_child[pieces][:, None] + np.arange(4)
-        for name in ("upper", "triangles", "near"):
+        for name in ("upper", "triangles"):
             grown = np.resize(getattr(self, name), self.pieces.count)
             grown[first] = grown[pieces][:, None]
             setattr(self, name, grown)
         return children
 
     def _is_too_far(self, pieces: IndexArray) -> IndexArray:
-        upper, findings = self.upper[pieces], self.findings
-        rough = upper > np.maximum(self.near[pieces] + SHARE_OF_LARGEST * findings.reached, findings.floor)
-        return (upper > findings.target) | rough
+        return self.upper[pieces] > self._goals(pieces)
 
     def _bound(self, block: IndexArray) -> None:
         pieces, findings = self.pieces, self.findings
         middles = pieces.coefficients[block] @ MIDDLE
         nearest = nearest_triangles(self.mesh, middles)
-        self.near[block] = nearest.distances
+        np.maximum.at(findings.in_faces, pieces.faces[block], nearest.distances - pieces.excess[block])
         on_surface = np.flatnonzero(pieces.excess[block] == 0)
         self._note(block[on_surface], middles[on_surface], nearest, on_surface)
-        self._improve(block, self._by_one_triangle(block, nearest.which), nearest.which)
+        self._bound_by_heights(block, nearest)
+        left = np.flatnonzero(self.upper[block] > self._goals(block))
+        self._improve(block[left], self._by_one_triangle(block[left], nearest.which[left]), nearest.which[left])
         upper = self.upper[block]
         farthest = np.argsort(-upper)[:LOOKED_AT]
-        farthest = block[farthest[upper[farthest] > findings.target]]
+        farthest = block[farthest[upper[farthest] > self._goals(block[farthest])]]
         if len(farthest):
             corners = pieces.coefficients[farthest][:, :, CORNERS].swapaxes(1, 2).reshape(-1, 3)
             found = nearest_triangles(self.mesh, corners)
             self._note(np.repeat(farthest, 4), corners, found, np.arange(len(corners)))
-            self.near[farthest] = np.maximum(self.near[farthest], found.distances.reshape(-1, 4).max(axis=1))
+            np.maximum.at(findings.in_faces, np.repeat(pieces.faces[farthest], 4), found.distances)
         findings.report(0.0)
+
+    def _goals(self, block: IndexArray) -> FloatArray:
+        return self.findings.goals(self.pieces.faces[block])
+
+    def _bound_by_heights(self, block: IndexArray, nearest: NearestTriangles) -> None:
+        """Along the normal of the nearest triangle, and where that is not near enough along the piece's own."""
+        pieces = self.pieces
+        low, high = pieces.low[block], pieces.high[block]
+        reach = NEAR_SHARE * nearest.distances + SIZE_SHARE * np.sqrt(squared_norms(high - low)) + pieces.excess[block]
+        queries = BoxTree.around(low - reach[:, None], high + reach[:, None])
+        owners, which = overlapping(queries, self.mesh.tree)
+        for directions in (self.mesh.normals[nearest.which], self._normals(block)):
+            left = np.flatnonzero((self.upper[block] > self._goals(block)) & directions.any(axis=1))
+            number = np.full(len(block), -1)
+            number[left] = np.arange(len(left))
+            chosen = number[owners] >= 0
+            pairs = number[owners[chosen]], which[chosen]
+            goals = self._goals(block[left]) - self.findings.allowance
+            found = over_triangles(
+                pieces, block[left], directions[left], self.mesh, pairs, goals, self.findings.margin
+            )
+            self._improve(block[left], *found)
+
+    def _normals(self, block: IndexArray) -> FloatArray:
+        a, b, c, d = np.moveaxis(self.pieces.coefficients[block][:, :, CORNERS], 2, 0)
+        return unit(np.cross(c - a, d - b))
 
     def _improve(self, block: IndexArray, upper: FloatArray, which: IndexArray) -> None:
         upper = upper + self.findings.allowance
