@@ -21,8 +21,9 @@ def subdivided_cube(levels: int = 1) -> bpy.types.Object:
     return holder
 
 
-# A corner of the cube from −1 to 1 is 4/9 along each axis from its limit position, and nothing is farther off.
-CORNER_OF_CUBE = np.sqrt(3.0) * 4.0 / 9.0
+# The limit position of a vertex of valence n is (n² times itself, 4 times its neighbours, and once those across its
+# quads, by sum) / (n (n + 5)): for a corner of the cube from −1 to 1 that is (9 + 4 − 1) / 24 = 1/2 along each axis.
+CORNER_OF_CUBE = np.sqrt(3.0) / 2.0
 
 
 def assert_holds(record: bpy.types.PropertyGroup, distance: float) -> None:

@@ -132,7 +132,7 @@ def test_attribute_of_the_same_name(data_type: str, domain: str) -> None:
     holder.data.attributes.new("ccdepth_deviation", data_type, domain)
     addon.select(holder)
     for operator in (bpy.ops.ccdepth.measure, bpy.ops.ccdepth.compute):
-        with pytest.raises(RuntimeError, match="Suzanne: .*called “ccdepth_deviation”"):
+        with pytest.raises(RuntimeError, match=r"Suzanne: .*called “ccdepth_deviation”"):
             operator()
     kept = holder.data.attributes["ccdepth_deviation"]
     assert (kept.data_type, kept.domain) == (data_type, domain)

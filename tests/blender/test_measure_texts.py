@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import threading
 from decimal import Decimal
+from itertools import pairwise
 from types import SimpleNamespace
 
 import bpy
@@ -72,7 +73,7 @@ def test_marks_have_room(color_range: str, largest: float) -> None:
     scale = addon.module("deviation_scale").deviation_scale(scene, record, gap)
     assert scale.title == "Deviation (m)"
     heights = [mark.label_height for mark in scale.marks]
-    assert all(later - earlier > gap - 1e-9 for earlier, later in zip(heights, heights[1:], strict=False))
+    assert all(later - earlier > gap - 1e-9 for earlier, later in pairwise(heights))
     assert {mark.note for mark in scale.marks} >= {"tolerance", "largest"}
     assert scale.has_beyond == (color_range == "TOLERANCE" and largest > 1.0)
     (tolerance,) = (mark for mark in scale.marks if mark.note == "tolerance")
@@ -94,8 +95,7 @@ def test_work_in_a_thread_tells_its_progress_and_returns() -> None:
         told = next(steps)
     looked.set()
     with pytest.raises(StopIteration) as ended:
-        while True:
-            next(steps)
+        next(step for step in iter(lambda: next(steps), None) if step is None)
     assert ended.value.value != threading.current_thread().name
 
 
