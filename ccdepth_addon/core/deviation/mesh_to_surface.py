@@ -12,7 +12,7 @@ from ..mesh import FloatArray, IndexArray
 from ..norms import squared_norms
 from .bezier_pieces import CORNERS, NONE, BezierPieces, bilinear_pieces
 from .box_tree import BoxTree, overlapping
-from .covering import over_pieces
+from .covering_pieces import over_pieces
 from .surface_to_mesh import NEAR_SHARE, SIZE_SHARE, TRIED, SurfaceToMesh, first_of_each
 from .triangles import to_triangles
 

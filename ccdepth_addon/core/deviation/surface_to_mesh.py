@@ -12,7 +12,7 @@ from ..mesh import FloatArray, IndexArray
 from ..norms import squared_norms
 from .bezier_pieces import CORNERS, BezierPieces
 from .box_tree import BoxTree, overlapping
-from .covering import over_triangles
+from .covering_triangles import over_triangles
 from .findings import Findings
 from .triangles import Triangles, unit
 
