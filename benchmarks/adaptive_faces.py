@@ -26,10 +26,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import bpy
 import numpy as np
 
-from ccdepth_addon.core.adaptive import Mode, Request, TooManyFacesError, subdivide_adaptively
+from ccdepth_addon.core.adaptive import subdivide_adaptively
 from ccdepth_addon.core.catmull_clark import apply_boundary_rule
 from ccdepth_addon.core.limit_surface import limit_values
 from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh
+from ccdepth_addon.core.plan import Mode, Request, TooManyFacesError
 from ccdepth_addon.core.surface_points import SurfacePoints
 from ccdepth_addon.core.templates import Transitions
 from tests import meshes

@@ -4,10 +4,13 @@
 ``core`` works without Blender, so nothing here imports Blender before it is asked to register.
 """
 
+import tomllib
+from functools import cache
 from importlib import import_module
+from pathlib import Path
 from types import ModuleType
 
-VERSION = "0.1.0"
+MANIFEST = Path(__file__).resolve().parent.parent / "blender_manifest.toml"
 
 # In the order in which they depend on each other.
 MODULES = (
@@ -15,6 +18,7 @@ MODULES = (
     "operators",
     "subdivision_operators",
     "measure_operators",
+    "heat_map",
     "staleness",
     "face_counts",
     "panels",
@@ -22,6 +26,12 @@ MODULES = (
     "legend",
     "command_line",
 )
+
+
+@cache
+def version() -> str:
+    """The version of the extension, which stands in its manifest alone."""
+    return str(tomllib.loads(MANIFEST.read_text(encoding="utf-8"))["version"])
 
 
 def _modules() -> list[ModuleType]:

@@ -21,10 +21,11 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from .control_mesh import ORIGIN_ATTRIBUTE, read_values
+from .control_mesh import EDGE_CREASE, VERTEX_CREASE, read_creases, read_values
 from .core.carried_values import (
     Evaluate,
     at_corners,
+    at_vertices,
     interpolated,
     join_transformations,
     nearest_vertices,
@@ -38,19 +39,22 @@ from .core.mesh import IndexArray, PolygonMesh, ShortIndexArray
 from .core.subdivided_mesh import SubdividedMesh
 from .core.surface_points import SurfacePoints
 from .core.uv_surface import uv_surface
-from .results import BOUND, COLOR, DEPTH
+from .results import BOUND, COLOR, DEPTH, color_of_user
+from .writing import write_values
 
 Values = NDArray[Any]
 
 
 @dataclass(frozen=True)
 class ValueType:
-    """How Blender's collections hand out the values of a type of attributes, and what stands where there is none."""
+    """How Blender's collections hand out the values of a type of attributes, what stands where there is none, and the
+    steps they are kept in."""
 
     value: str
     dtype: type
     width: int = 1
     default: tuple[float, ...] = (0,)
+    step: float = 0.0
 
 
 IDENTITY = tuple(np.eye(4).ravel().tolist())
@@ -61,7 +65,7 @@ TYPES = {
     "FLOAT_VECTOR": ValueType("vector", np.float32, 3),
     "FLOAT4": ValueType("vector", np.float32, 4),
     "FLOAT_COLOR": ValueType("color", np.float32, 4),
-    "BYTE_COLOR": ValueType("color_srgb", np.float32, 4),
+    "BYTE_COLOR": ValueType("color_srgb", np.float32, 4, step=1 / 255),
     "QUATERNION": ValueType("value", np.float32, 4, (1, 0, 0, 0)),
     "FLOAT4X4": ValueType("value", np.float32, 16, IDENTITY),
     "BOOLEAN": ValueType("value", np.bool_),
@@ -72,11 +76,13 @@ TYPES = {
 }
 
 TOPOLOGY = {"position", ".edge_verts", ".corner_vert", ".corner_edge"}
+LEFT_OUT = TOPOLOGY | {DEPTH, BOUND, COLOR}
 CUSTOM_NORMAL = "custom_normal"
-LEFT_OUT = TOPOLOGY | {CUSTOM_NORMAL, DEPTH, BOUND, COLOR, ORIGIN_ATTRIBUTE}
+# From this version on normals can be stored as they are; before, only as angles from Blender's own, in 16 bits each.
+FREE_NORMALS = (4, 5)
 # Flags that vertices, edges and faces have in common, by the beginning of their names.
 FLAGS = (".select", ".hide")
-FLAG_NAMES = {f"{flag}_{kind}" for flag in FLAGS for kind in ("vert", "edge")}
+FLAG_DOMAINS = {f"{flag}_{kind}": domain for flag in FLAGS for kind, domain in (("vert", "POINT"), ("edge", "EDGE"))}
 # Marks that Blender before 5.0 keeps outside the attributes.
 MARKS = "use_freestyle_mark"
 
@@ -96,7 +102,7 @@ class Carrier:
         """Put them all on the new mesh, which has its faces, and no attributes but those."""
         uv_maps = {layer.name for layer in self.base.uv_layers}
         for attribute in self.base.attributes:
-            if attribute.name in LEFT_OUT | FLAG_NAMES or len(attribute.data) != _count(self.base, attribute.domain):
+            if is_left_out(attribute) or len(attribute.data) != _count(self.base, attribute.domain):
                 continue
             carried = self._uv_map(attribute) if attribute.name in uv_maps else self._generic(attribute)
             if carried is not None:
@@ -118,7 +124,7 @@ class Carrier:
             return values[self.subdivided.base_faces]
         if attribute.domain == "EDGE":
             return _copied(values, self.subdivided.base_edges, kind)
-        if attribute.name == "crease_vert":
+        if attribute.name == VERTEX_CREASE and attribute.domain == "POINT":
             return _copied(values, self.subdivided.base_vertices, kind)
         if np.issubdtype(values.dtype, np.integer):
             return values[self._sources(attribute.domain)]
@@ -129,12 +135,12 @@ class Carrier:
         if attribute.domain == "CORNER":
             return self._interpolated(attribute.data_type, values, self._at_corners)
         corner_values = values[self.control.corner_vertices]
-        points = self.subdivided.vertex_points
-        spread = self._interpolated(attribute.data_type, corner_values, lambda evaluate: evaluate(points))
+
+        def at(points: SurfacePoints) -> Values:
+            return self._interpolated(attribute.data_type, corner_values, lambda evaluate: evaluate(points))
+
         # What is split and joined again may not come back as it was, so vertices that stay keep theirs.
-        staying = np.flatnonzero(self.subdivided.base_vertices >= 0)
-        spread[staying] = values[self.subdivided.base_vertices[staying]]
-        return spread
+        return at_vertices(self.subdivided, values, at, self.subdivided.base_vertices >= 0)
 
     def _interpolated(self, data_type: str, values: Values, ask: Callable[[Evaluate], Values]) -> Values:
         """``values`` (C, D) at the base's corners, where ``ask`` wants them."""
@@ -199,8 +205,10 @@ class Carrier:
         ):
             outside = np.flatnonzero(sources >= 0)
             flags[outside] = values[sources[outside]]
-        write_attribute(mesh, f"{flag}_vert", "BOOLEAN", "POINT", at_vertices)
-        write_attribute(mesh, f"{flag}_edge", "BOOLEAN", "EDGE", at_edges)
+        for name, values in ((f"{flag}_vert", at_vertices), (f"{flag}_edge", at_edges)):
+            # One of another kind is no flag.
+            if name not in mesh.attributes:
+                write_attribute(mesh, name, "BOOLEAN", FLAG_DOMAINS[name], values)
 
     def _flags(self, name: str) -> NDArray[np.bool_]:
         domain = {"vert": "POINT", "edge": "EDGE", "poly": "FACE"}[name.rpartition("_")[2]]
@@ -216,14 +224,14 @@ class Carrier:
                 continue
             marks = read_values(items, MARKS, np.bool_)
             if marks.any():
-                new_items.foreach_set(MARKS, (sources >= 0) & marks[sources])
+                write_values(new_items, MARKS, (sources >= 0) & marks[sources])
 
     def _sharpen_creases(self, mesh: bpy.types.Mesh) -> None:
         """Crease edges that stay sharp forever are shaded sharp."""
-        attribute = self.base.attributes.get("crease_edge")
-        if attribute is None or attribute.data_type != "FLOAT" or attribute.domain != "EDGE":
+        creases = read_creases(self.base, EDGE_CREASE)
+        if creases is None:
             return
-        creased = np.isinf(crease_to_sharpness(read_values(attribute.data, "value", np.float32)))
+        creased = np.isinf(crease_to_sharpness(creases))
         creased &= np.isinf(self.control.edge_sharpness)
         base_edges = self.subdivided.base_edges
         sharp = (base_edges >= 0) & creased[base_edges]
@@ -232,6 +240,15 @@ class Carrier:
             if present is not None:
                 sharp |= read_values(present.data, "value", np.bool_)
             write_attribute(mesh, "sharp_edge", "BOOLEAN", "EDGE", sharp)
+
+
+def is_left_out(attribute: bpy.types.Attribute) -> bool:
+    """Whether an attribute is not carried over as it is: the mesh itself, results of ours, flags, custom normals."""
+    if attribute.name == CUSTOM_NORMAL:
+        free = attribute.data_type == "FLOAT_VECTOR" and bpy.app.version >= FREE_NORMALS
+        return free or (attribute.data_type, attribute.domain) == ("INT16_2D", "CORNER")
+    is_flag = (attribute.data_type, attribute.domain) == ("BOOLEAN", FLAG_DOMAINS.get(attribute.name))
+    return is_flag or attribute.name in LEFT_OUT
 
 
 def write_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str, values: Values) -> None:
@@ -243,7 +260,7 @@ def write_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str
         attribute = None
     if attribute is None:
         attribute = mesh.attributes.new(name, data_type, domain)
-    attribute.data.foreach_set(kind.value, np.ascontiguousarray(values, dtype=kind.dtype).ravel())
+    write_values(attribute.data, kind.value, np.asarray(values, dtype=kind.dtype), kind.step)
 
 
 def _rows(data: Any, kind: ValueType) -> Values:
@@ -271,11 +288,8 @@ def choose_same(base: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
         copy = mesh.uv_layers.get(layer.name)
         if copy is not None:
             copy.active, copy.active_render, copy.active_clone = layer.active, layer.active_render, layer.active_clone
-    displayed = base.attributes.active_color_name
-    if displayed == COLOR and base.ccdepth.active_color_taken:
-        displayed = base.ccdepth.previous_active_color
-    mesh.attributes.active_color_name = displayed
-    mesh.attributes.default_color_name = base.attributes.default_color_name
+    mesh.attributes.active_color_name = color_of_user(base, base.attributes.active_color_name)
+    mesh.attributes.default_color_name = color_of_user(base, base.attributes.default_color_name)
     active = base.attributes.active
     if active is not None and active.name in mesh.attributes:
         mesh.attributes.active = mesh.attributes[active.name]

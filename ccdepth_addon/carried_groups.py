@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .carried_attributes import write_attribute
-from .core.carried_values import at_vertices
+from .core.carried_values import interpolated_at_vertices
 from .core.mesh import PolygonMesh
 from .core.subdivided_mesh import SubdividedMesh
 
@@ -60,7 +60,7 @@ def write_groups(
         values = np.zeros((len(base.vertices), 2))
         values[members[chosen], 0] = weights[chosen]
         values[members[chosen], 1] = 1.0
-        found = at_vertices(control, values, subdivided)
+        found = interpolated_at_vertices(control, values, subdivided)
         _write_group(holder, temporary, found[:, 0], found[:, 1] > 0)
         holder.vertex_groups[-1].name = name
         holder.vertex_groups[-1].lock_weight = lock

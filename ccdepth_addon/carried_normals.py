@@ -5,14 +5,12 @@ from __future__ import annotations
 
 import bpy
 
-from .carried_attributes import CUSTOM_NORMAL, write_attribute
+from .carried_attributes import CUSTOM_NORMAL, FREE_NORMALS, write_attribute
 from .core.carried_values import at_corners
 from .core.limit_normals import limit_normals
 from .core.mesh import PolygonMesh
 from .core.subdivided_mesh import SubdividedMesh
-
-# From this version on normals can be stored as they are; before, only as angles from Blender's own, in 16 bits each.
-FREE_NORMALS = (4, 5)
+from .writing import WriteError
 
 
 def write_limit_normals(
@@ -21,8 +19,12 @@ def write_limit_normals(
     """Shade a new mesh, which has its positions, with the normals of the limit surface, on both sides of every crease.
 
     All faces become smooth ones: flat ones would not show them. deformable: whether the normals have to follow when
-    the vertices move, which only those stored as angles do.
+    the vertices move, which only those stored as angles do. Raises WriteError where another attribute has their name.
     """
+    if CUSTOM_NORMAL in mesh.attributes:
+        raise WriteError(
+            f"the mesh has an attribute of its own called “{CUSTOM_NORMAL}”, where exact normals go; rename it"
+        )
     normals = at_corners(subdivided, lambda points: limit_normals(control, points))
     flat = mesh.attributes.get("sharp_face")
     if flat is not None:

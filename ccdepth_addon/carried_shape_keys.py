@@ -11,11 +11,15 @@ from typing import Any
 
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 
 from .control_mesh import read_values
+from .core.carried_values import at_vertices
 from .core.limit_surface import limit_values
-from .core.mesh import PolygonMesh
+from .core.mesh import FloatArray, PolygonMesh
 from .core.subdivided_mesh import SubdividedMesh
+from .core.surface_points import SurfacePoints
+from .writing import write_values
 
 KEY_SETTINGS = ("slider_min", "slider_max", "value", "mute", "vertex_group", "interpolation", "lock_shape")
 ANIMATION_SETTINGS = (
@@ -57,22 +61,28 @@ def write_shape_keys(
     if keys is None:
         return
     blocks = list(keys.key_blocks)
-    without_faces = control.vertex_face_counts == 0
-    loose = np.flatnonzero((subdivided.base_vertices >= 0) & without_faces[subdivided.base_vertices])
     for key in blocks:
         copy = _add_key(holder, key, keys.use_relative)
-        coordinates = read_values(key.points, "co", np.float32, 3).astype(np.float64)
-        positions = limit_values(control, coordinates, subdivided.vertex_points).astype(np.float32)
-        positions[loose] = coordinates[subdivided.base_vertices[loose]]
-        copy.points.foreach_set("co", positions.ravel())
+        positions = _positions(key, control, subdivided)
+        write_values(copy.points, "co", positions)
         if key == keys.reference_key:
-            holder.data.attributes["position"].data.foreach_set("vector", positions.ravel())
+            write_values(holder.data.attributes["position"].data, "vector", positions)
     copies = holder.data.shape_keys
     for key, copy in zip(blocks, copies.key_blocks, strict=True):
         copy.relative_key = copies.key_blocks[blocks.index(key.relative_key)]
         _copy_settings(key, copy, KEY_SETTINGS)
     copies.eval_time = keys.eval_time
     _copy_animation(keys, copies)
+
+
+def _positions(key: bpy.types.ShapeKey, control: PolygonMesh, subdivided: SubdividedMesh) -> NDArray[np.float32]:
+    """(V, 3): where a key of the base has the vertices of its subdivision; loose ones stay where they are."""
+    coordinates = read_values(key.points, "co", np.float32, 3).astype(np.float64)
+
+    def on_surface(points: SurfacePoints) -> FloatArray:
+        return limit_values(control, coordinates, points)
+
+    return at_vertices(subdivided, coordinates, on_surface, subdivided.is_loose).astype(np.float32)
 
 
 def basis_mesh(base: bpy.types.Mesh, control: PolygonMesh) -> PolygonMesh:

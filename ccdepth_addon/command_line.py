@@ -12,8 +12,8 @@ from typing import Any
 import bpy
 
 from . import picture
-from .core.adaptive import Mode
 from .core.depth import METHODS, VERTICES
+from .core.plan import Mode
 from .core.templates import Transitions
 from .panels import exact_text
 from .properties import METHOD_TEXTS, VERTEX_ITEMS, tolerance_name
@@ -239,7 +239,7 @@ def depth_table(record: bpy.types.PropertyGroup) -> str:
     lines = [f"{'depth':>8}{'faces':>14}{'share':>9}"]
     lines += [f"{row.depth:>8}{row.faces:>14,}{row.faces / record.faces:>9.1%}" for row in record.rows]
     lines.append(f"{'all':>8}{record.faces:>14,}")
-    lines.append(f"  all of it at depth {record.deepest}: {int(record.uniform_faces):,} faces")
+    lines.append(f"  all of it at level {record.uniform_level}: {int(record.uniform_faces):,} faces")
     if record.method == "CERTIFIED":
         lines.append(f"  no lesser depth would do {exact_text(record.exact_faces, record.faces).lower()}")
     return "\n".join(lines)

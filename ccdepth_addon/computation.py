@@ -9,14 +9,16 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterable
 from dataclasses import dataclass
+from typing import TypeVar
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
 from .control_mesh import NO_ORIGIN, ControlMesh, SharedMeshes, read_control_mesh
-from .core.depth import DepthResult, face_depths_stepwise
+from .core.depth import DepthResult, face_depths_stepwise, uniform_level_stepwise
 from .core.mesh import FloatArray
+from .core.shown_patches import needed_quality
 from .surfaces import (
     Faults,
     Surface,
@@ -26,6 +28,8 @@ from .surfaces import (
     same_control_mesh,
     surface_of,
 )
+
+Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True)
@@ -41,7 +45,19 @@ class Measurement:
     """The measuring of a surface, begun."""
 
     surface: Surface
+    settings: Settings
     steps: Generator[float, None, DepthResult]
+
+    def level_stepwise(self, result: DepthResult, least: int) -> Generator[float, None, int]:
+        """The first level, from one on, at which all its faces are within the tolerance, in small steps."""
+        mesh, tolerance, settings = self.surface.control.in_world, self.surface.tolerance, self.settings
+        return uniform_level_stepwise(mesh, tolerance, settings.method, settings.vertices, result.depths, least)
+
+    def quality(self, level: int) -> int:
+        """The Quality that Use Limit Surface needs at a level, 0 for control vertices."""
+        if self.settings.vertices != "LIMIT":
+            return 0
+        return needed_quality(self.surface.control.in_world, level, self.surface.tolerance)
 
 
 @dataclass(frozen=True)
@@ -59,10 +75,11 @@ class MeshDepths:
     """The answer for one mesh.
 
     depths: (F,) int32; bounds: (F,) float64, lengths in the scene. exact: (F,) bool, whether the depth is proved to be
-    the least. world_tolerance: the least of the tolerances in
-    force, a length. control_faces, control_corners: of the control mesh, the largest one. added_faces: how many faces
-    the modifiers add that come from no face of the mesh, and added_deepest, the deepest depth among them. taken_faces:
-    how many of the mesh's faces the modifiers take away; their depth and bound are 0.
+    the least. world_tolerance: the least of the tolerances in force, a length. uniform_level: the first level at which
+    all faces are within the tolerance; quality: what Use Limit Surface needs there, 0 for control vertices.
+    control_faces, control_corners: of the control mesh, the largest one. added_faces: how many faces the modifiers add
+    that come from no face of the mesh, and added_deepest, the deepest depth among them. taken_faces: how many of the
+    mesh's faces the modifiers take away; their depth and bound are 0.
     """
 
     task: MeshTask
@@ -70,6 +87,8 @@ class MeshDepths:
     bounds: FloatArray
     exact: NDArray[np.bool_]
     world_tolerance: float
+    uniform_level: int
+    quality: int
     control_faces: int
     control_corners: int
     added_faces: int
@@ -86,8 +105,8 @@ class MeshDepths:
 
     @property
     def uniform_faces(self) -> int:
-        """How many faces the control mesh has when all of it is subdivided to the deepest depth."""
-        return self.control_faces if self.deepest == 0 else self.control_corners * 4 ** (self.deepest - 1)
+        """How many faces the control mesh has when all of it is subdivided to the uniform level."""
+        return self.control_faces if self.uniform_level == 0 else self.control_corners * 4 ** (self.uniform_level - 1)
 
 
 def prepare(context: bpy.types.Context, objects: Iterable[bpy.types.Object], settings: Settings) -> list[MeshTask]:
@@ -120,7 +139,7 @@ def _begin(surface: Surface, settings: Settings) -> Measurement:
     steps = face_depths_stepwise(surface.control.in_world, surface.tolerance, settings.method, settings.vertices)
     # The first step checks the mesh and the tolerance.
     next(steps)
-    return Measurement(surface, steps)
+    return Measurement(surface, settings, steps)
 
 
 def count_faces(mesh: bpy.types.Mesh) -> int:
@@ -154,18 +173,32 @@ def compute_stepwise(tasks: list[MeshTask]) -> Generator[float, None, list[MeshD
     answers = []
     for task in tasks:
         answer = _Answer(task)
+        results = []
         for measurement in task.measurements:
             face_count = measurement.surface.control.mesh.face_count
             result = yield from _scaled(measurement.steps, done / total, face_count / total)
             answer.include(measurement.surface.control, result)
+            results.append(result)
             done += face_count
-        answers.append(answer.finished())
+        level = yield from _scaled(_common_level(task.measurements, results), done / total, 0.0)
+        answers.append(answer.finished(level))
     return answers
 
 
-def _scaled(
-    steps: Generator[float, None, DepthResult], start: float, share: float
-) -> Generator[float, None, DepthResult]:
+def _common_level(measurements: list[Measurement], results: list[DepthResult]) -> Generator[float, None, int]:
+    """The first level at which all faces of all surfaces of a mesh are within the tolerance, in small steps."""
+    level = agreed = 0
+    while agreed < len(measurements):
+        for measurement, result in zip(measurements, results, strict=True):
+            found = yield from measurement.level_stepwise(result, level)
+            agreed = agreed + 1 if found == level else 1
+            level = found
+            if agreed == len(measurements):
+                break
+    return level
+
+
+def _scaled(steps: Generator[float, None, Answer], start: float, share: float) -> Generator[float, None, Answer]:
     """The same steps, with their fraction as a share of a larger whole."""
     while True:
         try:
@@ -204,13 +237,15 @@ class _Answer:
         self.added_faces += int(np.count_nonzero(~known))
         self.added_deepest = max(self.added_deepest, int(result.depths[~known].max(initial=0)))
 
-    def finished(self) -> MeshDepths:
+    def finished(self, uniform_level: int) -> MeshDepths:
         return MeshDepths(
             task=self.task,
             depths=self.depths,
             bounds=self.bounds,
             exact=self.exact,
             world_tolerance=min(measurement.surface.tolerance for measurement in self.task.measurements),
+            uniform_level=uniform_level,
+            quality=max(measurement.quality(uniform_level) for measurement in self.task.measurements),
             control_faces=self.control_faces,
             control_corners=self.control_corners,
             added_faces=self.added_faces,

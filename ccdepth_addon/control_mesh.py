@@ -10,9 +10,10 @@ settings are the modifier's defaults.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import count
 from typing import Any
 
 import bpy
@@ -21,8 +22,11 @@ from numpy.typing import NDArray
 
 from .core.catmull_clark import apply_boundary_rule, crease_to_sharpness
 from .core.mesh import FloatArray, IndexArray, InvalidMeshError, PolygonMesh
+from .writing import own_copy, write_values
 
 ORIGIN_ATTRIBUTE = "ccdepth_origin"
+EDGE_CREASE, VERTEX_CREASE = "crease_edge", "crease_vert"
+CREASE_DOMAINS = {EDGE_CREASE: "EDGE", VERTEX_CREASE: "POINT"}
 NO_ORIGIN = -1
 
 # The second number of an origin is the square of the first modulo this prime. A modifier that averages the origins of
@@ -176,6 +180,7 @@ def read_control_mesh(
     """
     depsgraph = context.evaluated_depsgraph_get()
     rule = surface_rule(blender_object)
+    _refuse_crease_groups(blender_object, rule)
     counted = counted_modifiers(blender_object) if use_modifiers else []
     world = np.array(blender_object.evaluated_get(depsgraph).matrix_world, dtype=np.float64)[:3, :3]
     data = blender_object.data
@@ -219,17 +224,33 @@ def base_mesh(
         control = read_control_mesh(context, blender_object, use_modifiers=False, shared=shared)
         yield blender_object.data, control
         return
+    _refuse_crease_groups(blender_object, surface_rule(blender_object))
     _refuse_simulations(blender_object, applied)
-    with frozen_copy(context, blender_object, blender_object.data, applied) as copy:
+    with frozen_copy(context, blender_object, blender_object.data, applied) as (copy, _):
         depsgraph = context.evaluated_depsgraph_get()
         evaluated = copy.evaluated_get(depsgraph)
         world = np.array(evaluated.matrix_world, dtype=np.float64)[:3, :3]
         mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
     try:
+        _copy_custom_properties(blender_object.data, mesh)
         rule = surface_rule(blender_object)
         yield mesh, ControlMesh(_with_faces(mesh_arrays(mesh, rule), rule), None, world)
     finally:
         bpy.data.meshes.remove(mesh)
+
+
+def _copy_custom_properties(source: bpy.types.Mesh, target: bpy.types.Mesh) -> None:
+    """Copy the properties that the user has made, with how they are shown; evaluated meshes have none.
+
+    Before Blender 5.0 those of add-ons, which have their own names on the type, stand among them.
+    """
+    for name in source.keys():  # noqa: SIM118
+        if name in source.bl_rna.properties:
+            continue
+        value = source[name]
+        target[name] = value.to_dict() if hasattr(value, "to_dict") else value
+        with suppress(TypeError):  # Not every type can be shown in another way.
+            target.id_properties_ui(name).update_from(source.id_properties_ui(name))
 
 
 def _with_faces(mesh: PolygonMesh, rule: SurfaceRule) -> MeshAsRead:
@@ -266,8 +287,8 @@ def mesh_arrays(mesh: bpy.types.Mesh, rule: SurfaceRule) -> PolygonMesh:
         corner_vertices=read_built_in(attributes, ".corner_vert", "value", np.int32).astype(np.intp),
         corner_edges=read_built_in(attributes, ".corner_edge", "value", np.int32).astype(np.intp),
         edge_vertices=read_built_in(attributes, ".edge_verts", "value", np.int32, 2).astype(np.intp),
-        edge_sharpness=_sharpness(attributes, "crease_edge", len(mesh.edges), rule),
-        vertex_sharpness=_sharpness(attributes, "crease_vert", len(mesh.vertices), rule),
+        edge_sharpness=_sharpness(mesh, EDGE_CREASE, len(mesh.edges), rule),
+        vertex_sharpness=_sharpness(mesh, VERTEX_CREASE, len(mesh.vertices), rule),
     )
 
 
@@ -284,11 +305,42 @@ def read_built_in(attributes: Any, name: str, value: str, dtype: type, width: in
     return read_values(attributes[name].data if name in attributes else (), value, dtype, width)
 
 
-def _sharpness(attributes: Any, name: str, count: int, rule: SurfaceRule) -> FloatArray:
-    attribute = attributes.get(name)
-    if attribute is None or attribute.data_type != "FLOAT" or len(attribute.data) != count or not rule.use_creases:
-        return np.zeros(count)
-    return crease_to_sharpness(read_values(attribute.data, "value", np.float32))
+def _sharpness(mesh: bpy.types.Mesh, name: str, number: int, rule: SurfaceRule) -> FloatArray:
+    creases = read_creases(mesh, name) if rule.use_creases else None
+    return np.zeros(number) if creases is None else crease_to_sharpness(creases)
+
+
+def read_creases(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
+    """(E,) or (V,): the creases that the Subdivision Surface modifier takes from an attribute, None without one.
+
+    The modifier converts an attribute of another type or domain, and so does Blender's own operator, on a copy.
+    """
+    attribute = mesh.attributes.get(name)
+    if attribute is None:
+        return None
+    if (attribute.data_type, attribute.domain) == ("FLOAT", CREASE_DOMAINS[name]):
+        return read_values(attribute.data, "value", np.float32)
+    copy = own_copy(mesh)
+    holder = bpy.data.objects.new(copy.name, copy)
+    try:
+        copy.attributes.active = copy.attributes[name]
+        # Another object that is being edited must not stand in the way.
+        with bpy.context.temp_override(object=holder, active_object=holder, edit_object=None):
+            bpy.ops.geometry.attribute_convert(mode="GENERIC", domain=CREASE_DOMAINS[name], data_type="FLOAT")
+        return read_values(copy.attributes[name].data, "value", np.float32)
+    finally:
+        bpy.data.objects.remove(holder)
+        bpy.data.meshes.remove(copy)
+
+
+def _refuse_crease_groups(blender_object: bpy.types.Object, rule: SurfaceRule) -> None:
+    """The modifier takes creases from vertex groups of these names, too."""
+    for name in CREASE_DOMAINS if rule.use_creases else ():
+        if name in blender_object.vertex_groups:
+            raise ControlMeshError(
+                f"it has a vertex group called “{name}”, which the Subdivision Surface modifier takes for creases; "
+                "rename it"
+            )
 
 
 def _read_evaluated(
@@ -300,12 +352,13 @@ def _read_evaluated(
 ) -> tuple[PolygonMesh, IndexArray]:
     """The mesh as the counted modifiers make it, and the face of ``own`` that each of its faces comes from."""
     _refuse_simulations(blender_object, counted)
-    with frozen_copy(context, blender_object, own, counted) as copy:
+    with frozen_copy(context, blender_object, own, counted) as (copy, mesh):
+        origins = write_origins(copy, mesh)
         evaluated = _evaluated_mesh(context, copy)
-        base_faces = read_origins(evaluated, len(own.polygons))
+        base_faces = read_origins(evaluated, origins, len(own.polygons))
         mesh = mesh_arrays(evaluated, rule)
         if mesh.face_count and len(_present(base_faces)) < len(own.polygons):
-            _refuse_lost_faces(context, copy, len(own.polygons))
+            _refuse_lost_faces(context, copy, origins, len(own.polygons))
         return mesh, base_faces
 
 
@@ -320,15 +373,14 @@ def _refuse_simulations(blender_object: bpy.types.Object, counted: list[str]) ->
 @contextmanager
 def frozen_copy(
     context: bpy.types.Context, blender_object: bpy.types.Object, own: bpy.types.Mesh, counted: list[str]
-) -> Iterator[bpy.types.Object]:
-    """A temporary copy of the object in the scene, with the counted modifiers alone and origins on its faces.
+) -> Iterator[tuple[bpy.types.Object, bpy.types.Mesh]]:
+    """A temporary copy of the object in the scene, with the counted modifiers alone, and the copy of ``own`` it has.
 
     Its values are those the object has now, keyed or not, so it must not be animated again.
     """
-    mesh = own.copy()
-    copy = blender_object.copy()
+    mesh = own_copy(own)
+    copy = own_copy(blender_object)
     try:
-        _write_origins(mesh)
         copy.data = mesh
         copy.animation_data_clear()
         if mesh.shape_keys is not None:
@@ -336,7 +388,7 @@ def frozen_copy(
         for modifier in [m for m in copy.modifiers if m.name not in counted]:
             copy.modifiers.remove(modifier)
         context.scene.collection.objects.link(copy)
-        yield copy
+        yield copy, mesh
     finally:
         bpy.data.objects.remove(copy)
         bpy.data.meshes.remove(mesh)
@@ -346,19 +398,20 @@ def _evaluated_mesh(context: bpy.types.Context, copy: bpy.types.Object) -> bpy.t
     return copy.evaluated_get(context.evaluated_depsgraph_get()).data
 
 
-def _write_origins(mesh: bpy.types.Mesh) -> None:
-    if ORIGIN_ATTRIBUTE in mesh.attributes:
-        mesh.attributes.remove(mesh.attributes[ORIGIN_ATTRIBUTE])
+def write_origins(holder: bpy.types.Object, mesh: bpy.types.Mesh) -> str:
+    """Write its number on every face of a mesh, and return the name it has there, which nothing else has."""
+    taken = {*holder.vertex_groups.keys(), *mesh.attributes.keys()}
+    name = next(name for number in count() if (name := f"{ORIGIN_ATTRIBUTE}_{number}") not in taken)
     origins = np.arange(1, len(mesh.polygons) + 1)
     pairs = np.stack([origins, origins * origins % ORIGIN_PRIME], axis=1).astype(np.int32)
-    attribute = mesh.attributes.new(ORIGIN_ATTRIBUTE, "INT32_2D", "FACE")
-    attribute.data.foreach_set("value", pairs.ravel())
+    write_values(mesh.attributes.new(name, "INT32_2D", "FACE").data, "value", pairs)
+    return name
 
 
-def read_origins(mesh: bpy.types.Mesh, base_face_count: int) -> IndexArray:
+def read_origins(mesh: bpy.types.Mesh, name: str, base_face_count: int) -> IndexArray:
     """(F,) intp: the face each face of an evaluated mesh comes from, or NO_ORIGIN."""
-    attribute = mesh.attributes.get(ORIGIN_ATTRIBUTE)
-    if attribute is None or attribute.domain != "FACE":
+    attribute = mesh.attributes.get(name)
+    if attribute is None or (attribute.data_type, attribute.domain) != ("INT32_2D", "FACE"):
         return np.full(len(mesh.polygons), NO_ORIGIN, dtype=np.intp)
     pairs = read_values(attribute.data, "value", np.int32, 2).astype(np.intp)
     origins = pairs[:, 0]
@@ -370,7 +423,7 @@ def _present(base_faces: IndexArray) -> IndexArray:
     return np.unique(base_faces[base_faces != NO_ORIGIN])
 
 
-def _refuse_lost_faces(context: bpy.types.Context, copy: bpy.types.Object, base_face_count: int) -> None:
+def _refuse_lost_faces(context: bpy.types.Context, copy: bpy.types.Object, origins: str, base_face_count: int) -> None:
     """Raise ControlMeshError when a modifier loses faces without taking them away."""
     modifiers = list(copy.modifiers)
     for modifier in modifiers:
@@ -378,7 +431,10 @@ def _refuse_lost_faces(context: bpy.types.Context, copy: bpy.types.Object, base_
     present = base_face_count
     for modifier in modifiers:
         modifier.show_viewport = True
-        before, present = present, len(_present(read_origins(_evaluated_mesh(context, copy), base_face_count)))
+        before, present = (
+            present,
+            len(_present(read_origins(_evaluated_mesh(context, copy), origins, base_face_count))),
+        )
         if present < before and (present == 0 or modifier.type not in TAKING_FACES_AWAY):
             raise ControlMeshError(
                 f"the modifier “{modifier.name}” does not keep the mesh's faces apart, so their depths cannot be "

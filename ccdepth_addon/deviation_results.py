@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from . import VERSION, results
+from . import results, version
 from .colors import scale_colors, to_linear
 from .measurement import MeasureSettings, MeshDeviation
 
@@ -32,11 +32,14 @@ def verdict(proved: float, reached: float, tolerance: float) -> Verdict:
 def write_deviation(
     mesh: bpy.types.Mesh, answer: MeshDeviation, settings: MeasureSettings, color_range: str, largest_shown: float
 ) -> None:
-    """Put the answer on its mesh: attribute, record, and colours.
+    """Put the answer on its mesh: attribute, colours, and record.
 
-    color_range: what they stand for, by name. largest_shown: the largest deviation of all meshes measured together.
+    color_range: what the colours stand for, by name. largest_shown: the largest deviation of all meshes measured
+    together. Raises WriteError, with nothing changed, when Blender does not keep them.
     """
     values = results.rounded_up(answer.deviations)
+    colors = _colors(values, _top(color_range, answer.tolerance, largest_shown))
+    results.write_face_values(mesh, {results.DEVIATION_KIND: values, results.COLOR_KIND: colors})
     record = mesh.ccdepth
     record.has_deviation = record.shows_deviation = True
     record.deviation = _rounded_up(answer.proved)
@@ -49,24 +52,27 @@ def write_deviation(
     found.verdict = verdict(answer.proved, answer.reached, answer.tolerance).name
     found.accuracy, found.accuracy_met = settings.accuracy, answer.accuracy_met
     found.use_modifiers = settings.use_modifiers
-    found.version = VERSION
+    found.version = version()
     found.faces = len(values)
     found.worst_face = answer.worst_face
     found.worst_point = answer.worst_point
     found.largest_shown = _rounded_up(largest_shown)
-    results.write_face_values(mesh, results.DEVIATION_KIND, values)
-    _write_colors(mesh, values, color_range)
 
 
 def write_colors(mesh: bpy.types.Mesh, color_range: str) -> None:
     """Write the colours of the deviations that are on the mesh anew."""
-    _write_colors(mesh, results.read_face_values(mesh, results.DEVIATION_KIND), color_range)
+    values = results.read_face_values(mesh, results.DEVIATION_KIND)
+    results.write_face_values(mesh, {results.COLOR_KIND: _colors(values, color_top(mesh.ccdepth, color_range))})
 
 
 def color_top(record: bpy.types.PropertyGroup, color_range: str) -> float:
     """The deviation that has the last colour; never 0."""
     found = record.measurement
-    return float(found.world_tolerance if color_range == "TOLERANCE" else found.largest_shown) or 1.0
+    return _top(color_range, found.world_tolerance, found.largest_shown)
+
+
+def _top(color_range: str, tolerance: float, largest: float) -> float:
+    return (tolerance if color_range == "TOLERANCE" else largest) or 1.0
 
 
 def shown_object(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -87,10 +93,11 @@ def shown_object(context: bpy.types.Context) -> bpy.types.Object | None:
     return max(measured, key=lambda each: each.data.ccdepth.deviation, default=None)
 
 
-def _write_colors(mesh: bpy.types.Mesh, values: NDArray[np.float32], color_range: str) -> None:
-    linear = to_linear(scale_colors(values.astype(np.float64) / color_top(mesh.ccdepth, color_range)))
-    colors = np.concatenate([linear, np.ones((len(linear), 1))], axis=1).astype(np.float32)
-    results.write_face_values(mesh, results.COLOR_KIND, colors)
+def _colors(values: NDArray[np.float32], top: float) -> NDArray[np.float32]:
+    """(F, 4): linear, on a scale up to ``top``."""
+    # The largest one, rounded up to single precision, is not beyond it.
+    linear = to_linear(scale_colors(values / np.float32(_rounded_up(top))))
+    return np.concatenate([linear, np.ones((len(linear), 1))], axis=1).astype(np.float32)
 
 
 def _rounded_up(distance: float) -> float:

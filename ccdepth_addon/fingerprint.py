@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 
 from . import results
 from .computation import count_faces
-from .control_mesh import own_mesh, read_built_in, read_values
+from .control_mesh import EDGE_CREASE, VERTEX_CREASE, own_mesh, read_built_in, read_creases, read_values
 from .object_state import ObjectState, object_state
+from .results import AttributeKind
 
 # How far, relatively, an object's scale may drift by rounding while it is turned.
 SCALE_DRIFT = 1e-5
@@ -42,7 +43,9 @@ def remember(blender_object: bpy.types.Object, states: Iterable[ObjectState], to
 
 
 def mesh_checksum(
-    blender_object: bpy.types.Object, topology: Topology | None = None, result: str | None = results.DEPTH
+    blender_object: bpy.types.Object,
+    topology: Topology | None = None,
+    result: AttributeKind | None = results.DEPTH_KIND,
 ) -> str:
     """A checksum of the object's own mesh, as far as its surface depends on it, and of one attribute of ours on it."""
     checksum = 0
@@ -52,23 +55,20 @@ def mesh_checksum(
     return f"{checksum:08x}"
 
 
-def _stored(mesh: bpy.types.Mesh, topology: Topology | None, result: str | None) -> Iterator[NDArray[Any]]:
+def _stored(mesh: bpy.types.Mesh, topology: Topology | None, result: AttributeKind | None) -> Iterator[NDArray[Any]]:
     """As Blender keeps it. No creases are the same as creases of zero."""
     attributes = mesh.attributes
     yield read_built_in(attributes, "position", "vector", np.float32, 3)
     yield from topology or _read_topology(mesh)
-    for name, data_type, dtype in (
-        ("crease_edge", "FLOAT", np.float32),
-        ("crease_vert", "FLOAT", np.float32),
-        (results.DEPTH, "INT", np.int32),
-        (results.DEVIATION, "FLOAT", np.float32),
-    ):
-        attribute = attributes.get(name) if name.startswith("crease") or name == result else None
-        if attribute is not None and attribute.data_type == data_type:
-            values = read_values(attribute.data, "value", dtype)
-            if name == result or values.any():
-                yield np.frombuffer(name.encode(), dtype=np.uint8)
-                yield values
+    for name in (EDGE_CREASE, VERTEX_CREASE):
+        creases = read_creases(mesh, name)
+        if creases is not None and creases.any():
+            yield np.frombuffer(name.encode(), dtype=np.uint8)
+            yield creases
+    if result is not None and results.has_values(mesh, result):
+        yield np.frombuffer(result.name.encode(), dtype=np.uint8)
+        dtype = np.int32 if result.data_type == "INT" else np.float32
+        yield read_values(attributes[result.name].data, result.value, dtype)
 
 
 def _read_topology(mesh: bpy.types.Mesh) -> Topology:

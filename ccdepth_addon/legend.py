@@ -81,7 +81,7 @@ def draw() -> None:
 
 
 def _is_colored(blender_object: bpy.types.Object) -> bool:
-    return blender_object.visible_get() and results.has_heat_map(blender_object.data)
+    return blender_object.visible_get() and results.shows_heat_map(blender_object.data)
 
 
 def _draw_rows(context: bpy.types.Context, record: bpy.types.PropertyGroup) -> None:

@@ -5,7 +5,7 @@ they run without blocking the window."""
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Callable, Generator
 from typing import Any, ClassVar
 
 import bpy
@@ -60,17 +60,30 @@ def without_mesh_text(context: bpy.types.Context) -> str:
 
 def refuse_what_cannot_be_written(objects: list[bpy.types.Object]) -> None:
     """Raise ComputeError naming every object that is hidden, or whose mesh cannot hold a result."""
-    faults = [f"{obj.name}: {fault}" for obj in objects if (fault := _writing_fault(obj))]
+    refuse(objects, lambda obj: hidden_fault(obj) or _mesh_fault(obj.data) or name_fault(obj))
+
+
+def refuse(objects: list[bpy.types.Object], fault_of: Callable[[bpy.types.Object], str | None]) -> None:
+    """Raise ComputeError naming every object with a fault."""
+    faults = [f"{obj.name}: {fault}" for obj in objects if (fault := fault_of(obj))]
     if faults:
         raise ComputeError("\n".join(faults))
 
 
-def _writing_fault(blender_object: bpy.types.Object) -> str | None:
-    mesh = blender_object.data
-    if not blender_object.visible_get():
-        return "the object is hidden; show it first"
+def hidden_fault(blender_object: bpy.types.Object) -> str | None:
+    return None if blender_object.visible_get() else "the object is hidden; show it first"
+
+
+def _mesh_fault(mesh: bpy.types.Mesh) -> str | None:
     if not mesh.is_editable:
         return "the mesh is linked from another file and cannot be written to; make it local first"
+    if mesh.override_library is not None:
+        return "the mesh is a library override, on which Blender keeps no attributes; make it local first"
+    return None
+
+
+def name_fault(blender_object: bpy.types.Object) -> str | None:
+    """What stands where a result has to be written."""
     name = results.conflict(blender_object)
     if name is not None:
         return f"the mesh has an attribute or a vertex group of its own called “{name}”; rename it first"

@@ -26,6 +26,7 @@ from .long_operator import (
 )
 from .measurement import MeasureSettings, MeasureTask, MeshDeviation, measure, prepare_measurement
 from .surfaces import ComputeError, as_typed
+from .writing import WriteError
 
 CHANGED = "The objects were changed in the meantime: nothing was written"
 
@@ -65,7 +66,10 @@ class CCDEPTH_OT_measure(LongOperator):
         objects = [_still_there(each) for each in answer]
         largest = max(each.proved for each in answer)
         for each, measured in zip(answer, objects, strict=True):
-            deviation_results.write_deviation(measured.data, each, settings, color_range, largest)
+            try:
+                deviation_results.write_deviation(measured.data, each, settings, color_range, largest)
+            except WriteError as fault:
+                raise ComputeError(f"{measured.name}: {fault}") from fault
             measured_state.remember(measured)
             staleness.note_deviation(measured.data)
         heat_map.synchronise(context)

@@ -40,7 +40,7 @@ def has_changed(mesh: bpy.types.Mesh) -> bool:
 
 def _checksum(measured: bpy.types.Object, against: bpy.types.Object, *, use_modifiers: bool) -> str:
     parts = [
-        fingerprint.mesh_checksum(measured, result=results.DEVIATION),
+        fingerprint.mesh_checksum(measured, result=results.DEVIATION_KIND),
         shown_checksum(measured, shown_modifiers(measured)),
         object_state(against, use_modifiers=use_modifiers).checksum,
     ]

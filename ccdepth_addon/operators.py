@@ -11,6 +11,7 @@ from bpy.props import BoolProperty, EnumProperty, IntProperty
 from . import fingerprint, heat_map, properties, results, selection, staleness
 from .computation import MeshDepths, Settings, compute_stepwise, count_faces, prepare
 from .control_mesh import subdivision_modifier
+from .core.shown_patches import needed_quality
 from .long_operator import (
     LongOperator,
     count_text,
@@ -21,6 +22,7 @@ from .long_operator import (
 )
 from .object_state import object_state
 from .surfaces import ComputeError, as_typed
+from .writing import WriteError, is_writable
 
 
 class CCDEPTH_OT_compute(LongOperator):
@@ -51,7 +53,10 @@ class CCDEPTH_OT_compute(LongOperator):
         states = [[object_state(user, use_modifiers=self.use_modifiers) for user in users] for users in objects]
         for each, users, described in zip(answer, objects, states, strict=True):
             mesh = users[0].data
-            results.write_result(mesh, each, self._settings(), min(color_depths), max(color_depths))
+            try:
+                results.write_result(mesh, each, self._settings(), min(color_depths), max(color_depths))
+            except WriteError as fault:
+                raise ComputeError(f"{users[0].name}: {fault}") from fault
             fingerprint.remember(users[0], described)
             staleness.note_write(mesh)
         heat_map.synchronise(context)
@@ -68,6 +73,8 @@ class CCDEPTH_OT_compute(LongOperator):
         for answer in answers:
             for note in _modifier_notes(answer):
                 self.report({"WARNING"}, f"{answer.task.object_names[0]}: {note}")
+            for note in _quality_notes(answer):
+                self.report({"WARNING"}, note)
         faces = count_text(sum(len(answer.depths) for answer in answers), "face", "faces")
         meshes = f"{len(answers)} meshes, " if len(answers) > 1 else ""
         self.report({"INFO"}, f"{meshes}{faces}, deepest depth {max(answer.deepest for answer in answers)}")
@@ -97,6 +104,31 @@ def _modifier_notes(answer: MeshDepths) -> list[str]:
     return notes
 
 
+def _quality_notes(answer: MeshDepths) -> list[str]:
+    """Which objects' own modifiers show the limit surface at a Quality that is too low for their levels."""
+    notes = []
+    surfaces = {measurement.surface.object_name: measurement.surface for measurement in answer.task.measurements}
+    any_surface = answer.task.measurements[0].surface
+    most = bpy.types.SubsurfModifier.bl_rna.properties["quality"].hard_max
+    needed_at: dict[tuple[str, int], int] = {}
+    for name in answer.task.object_names:
+        modifier = subdivision_modifier(bpy.data.objects[name])
+        if modifier is None or not modifier.use_limit_surface or modifier.quality == most:
+            continue
+        # Objects without a surface of their own have the same control mesh as another one.
+        surface = surfaces.get(name, any_surface)
+        level = max(modifier.levels, modifier.render_levels)
+        key = (surface.object_name, level)
+        if key not in needed_at:
+            needed_at[key] = min(needed_quality(surface.control.in_world, level, surface.tolerance), most)
+        if modifier.quality < needed_at[key]:
+            notes.append(
+                f"{name}: at its {count_text(level, 'level', 'levels')}, Use Limit Surface needs a Quality of "
+                f"{needed_at[key]} to show the limit surface; it is {modifier.quality}"
+            )
+    return notes
+
+
 class CCDEPTH_OT_clear(bpy.types.Operator):
     """Remove the depths from the mesh, and show it as it was shown before"""
 
@@ -109,7 +141,7 @@ class CCDEPTH_OT_clear(bpy.types.Operator):
         return poll_meshes(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        meshes = {obj.data for obj in meshes_meant(context) if obj.data.is_editable}
+        meshes = {obj.data for obj in meshes_meant(context) if is_writable(obj.data)}
         cleared = [mesh for mesh in meshes if results.has_traces(mesh)]
         if not cleared:
             self.report({"INFO"}, "There is nothing to clear")
@@ -163,7 +195,7 @@ class CCDEPTH_OT_select(bpy.types.Operator):
 
 
 class CCDEPTH_OT_set_levels(bpy.types.Operator):
-    """Set the levels of the Subdivision Surface modifiers to the deepest depth, which is enough for every face"""
+    """Set the Subdivision Surface modifiers to the first level at which every face is near enough, and their Quality"""
 
     bl_idname = "ccdepth.set_levels"
     bl_label = "Set Subdivision Levels"
@@ -187,19 +219,14 @@ class CCDEPTH_OT_set_levels(bpy.types.Operator):
             return {"CANCELLED"}
         for blender_object in objects:
             _set_levels(blender_object)
-        levels = {str(_levels_needed(obj)) for obj in objects}
-        self.report({"INFO"}, f"{count_text(len(objects), 'object', 'objects')}, level {', '.join(sorted(levels))}")
+        levels = ", ".join(sorted({str(obj.data.ccdepth.uniform_level) for obj in objects}))
+        self.report({"INFO"}, f"{count_text(len(objects), 'object', 'objects')}, level {levels}")
         return {"FINISHED"}
 
 
 def _has_depths(blender_object: bpy.types.Object) -> bool:
     mesh = blender_object.data
     return results.has_result(mesh) and not mesh.ccdepth.subdivision
-
-
-def _levels_needed(blender_object: bpy.types.Object) -> int:
-    record = blender_object.data.ccdepth
-    return max(record.deepest, record.added_deepest)
 
 
 def _levels_fault(blender_object: bpy.types.Object, most_faces: int) -> str | None:
@@ -211,11 +238,18 @@ def _levels_fault(blender_object: bpy.types.Object, most_faces: int) -> str | No
     users = [obj for obj in bpy.data.objects if obj.data == blender_object.data]
     if fingerprint.has_changed(blender_object.data, users) or not fingerprint.covers(blender_object):
         return "its depths are out of date; compute them again"
-    needed, most = _levels_needed(blender_object), bpy.types.SubsurfModifier.bl_rna.properties["levels"].hard_max
+    record, limits = blender_object.data.ccdepth, bpy.types.SubsurfModifier.bl_rna.properties
+    needed, most = record.uniform_level, limits["levels"].hard_max
+    if needed < 0:
+        return "its depths are from an earlier version of CC Depth; compute them again"
     if needed > most:
         return f"it needs {needed} levels, and a Subdivision Surface modifier has {most} at most"
-    record = blender_object.data.ccdepth
-    faces = int(record.uniform_faces) * 4 ** (needed - record.deepest)
+    if record.quality > limits["quality"].hard_max:
+        return (
+            f"with Use Limit Surface it needs a higher Quality than the {limits['quality'].hard_max} that a "
+            "Subdivision Surface modifier has at most; compute its depths for the Control Mesh"
+        )
+    faces = int(record.uniform_faces)
     if faces > most_faces:
         return f"{needed} levels would make {faces:,} faces, and the Face Limit is {most_faces:,}"
     return None
@@ -228,8 +262,10 @@ def _set_levels(blender_object: bpy.types.Object) -> None:
         modifier = blender_object.modifiers.new("Subdivision", "SUBSURF")
         if not record.use_modifiers:
             blender_object.modifiers.move(len(blender_object.modifiers) - 1, 0)
-    modifier.levels = modifier.render_levels = _levels_needed(blender_object)
+    modifier.levels = modifier.render_levels = record.uniform_level
     modifier.use_limit_surface = record.vertices == "LIMIT"
+    # Without Use Limit Surface it counts for nothing. A higher one is the user's own.
+    modifier.quality = max(modifier.quality, record.quality)
 
 
 CLASSES = (CCDEPTH_OT_compute, CCDEPTH_OT_clear, CCDEPTH_OT_select, CCDEPTH_OT_set_levels)

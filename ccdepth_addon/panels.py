@@ -130,8 +130,11 @@ def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) 
         ("Faces", f"{record.faces:,}"),
         ("Deepest Depth", str(record.deepest)),
         ("Tolerance", length_text(scene, record.world_tolerance)),
-        ("Uniform Faces", count_text(int(record.uniform_faces))),
     ]
+    # Results from before there was such a level have none.
+    if record.uniform_level >= 0:
+        numbers.append(("Uniform Level", str(record.uniform_level)))
+        numbers.append(("Uniform Faces", count_text(int(record.uniform_faces))))
     if record.method == "CERTIFIED":
         numbers.append(("Depth Is Exact", exact_text(record.exact_faces, record.faces)))
     return numbers

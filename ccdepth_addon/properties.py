@@ -18,6 +18,7 @@ from bpy.props import (
 
 from . import deviation_results, heat_map, results
 from .core.depth import METHODS
+from .writing import is_writable
 
 # A thousandth of the bounding box is about one pixel when the object fills the screen, whatever its size.
 DEFAULT_RELATIVE_TOLERANCE = 0.001
@@ -81,10 +82,6 @@ COLOR_RANGE_ITEMS = (
     ("LARGEST", "Up to the Largest", "The last colour is the largest deviation of the objects measured together"),
     ("TOLERANCE", "Up to the Tolerance", "The last colour is the tolerance, and faces beyond it are red"),
 )
-
-
-# Lets a library override hold a result, though not save it: Blender overrides no attributes.
-OVERRIDABLE_LIST = {"LIBRARY_OVERRIDABLE", "USE_INSERTION"}
 
 
 def tolerance_name(tolerance_mode: str) -> str:
@@ -211,7 +208,7 @@ def _heat_map_switched(_settings: bpy.types.PropertyGroup, context: bpy.types.Co
 
 
 def _color_range_changed(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    meshes = {obj.data for obj in context.scene.objects if obj.type == "MESH" and obj.data.is_editable}
+    meshes = {obj.data for obj in context.scene.objects if obj.type == "MESH" and is_writable(obj.data)}
     for mesh in meshes:
         if results.shows_deviation(mesh):
             deviation_results.write_colors(mesh, settings.deviation_range)
@@ -327,11 +324,17 @@ class MeshRecord(bpy.types.PropertyGroup):
     added_deepest: IntProperty(description="The deepest depth of faces that modifiers add, which no face stands for")
     least_color_depth: IntProperty(description="The depth shown in the first colour of the heat map")
     deepest_color_depth: IntProperty(description="The depth shown in the last colour of the heat map")
-    rows: CollectionProperty(type=DepthRow, override=OVERRIDABLE_LIST)
+    rows: CollectionProperty(type=DepthRow)
     # A decimal number: it soon outgrows Blender's 32-bit integers.
-    uniform_faces: StringProperty(description="Faces of the mesh subdivided uniformly to the deepest depth")
+    uniform_faces: StringProperty(
+        description="Faces of the mesh subdivided to the uniform level; on a subdivision, to the deepest depth"
+    )
+    uniform_level: IntProperty(
+        description="The first level at which all faces are within the tolerance; -1 where it is not known", default=-1
+    )
+    quality: IntProperty(description="The Quality that Use Limit Surface needs at the uniform level; 0 without it")
     fingerprint: StringProperty(description="Checksum of the mesh and of its depths")
-    contributors: CollectionProperty(type=Contributor, override=OVERRIDABLE_LIST)
+    contributors: CollectionProperty(type=Contributor)
     has_deviation: BoolProperty()
     shows_deviation: BoolProperty(description="Whether the colours are those of deviations, not of depths")
     deviation: FloatProperty(
@@ -358,7 +361,7 @@ def register() -> None:
     for cls in CLASSES:
         bpy.utils.register_class(cls)
     bpy.types.Scene.ccdepth = PointerProperty(type=SceneSettings)
-    bpy.types.Mesh.ccdepth = PointerProperty(type=MeshRecord, override={"LIBRARY_OVERRIDABLE"})
+    bpy.types.Mesh.ccdepth = PointerProperty(type=MeshRecord)
     bpy.types.View3DShading.ccdepth = PointerProperty(type=ViewportMemory)
 
 

@@ -11,13 +11,14 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from . import VERSION
+from . import version
 from .colors import depth_colors, to_linear
 from .computation import MeshDepths, Settings
 from .control_mesh import read_values
 from .core.mesh import FloatArray
 from .subdivision import Subdivision, SubdivisionSettings
 from .surfaces import SurfaceSettings
+from .writing import write_values
 
 DEPTH = "ccdepth"
 BOUND = "ccdepth_bound"
@@ -37,24 +38,30 @@ class AttributeKind:
     layers: str
 
 
+DEPTH_KIND = AttributeKind(DEPTH, "INT", "FACE", "value", "faces", "int")
 COLOR_KIND = AttributeKind(COLOR, "FLOAT_COLOR", "CORNER", "color", "loops", "float_color")
 DEVIATION_KIND = AttributeKind(DEVIATION, "FLOAT", "FACE", "value", "faces", "float")
 DEPTH_ATTRIBUTES = (
-    AttributeKind(DEPTH, "INT", "FACE", "value", "faces", "int"),
+    DEPTH_KIND,
     AttributeKind(BOUND, "FLOAT", "FACE", "value", "faces", "float"),
     COLOR_KIND,
 )
 ATTRIBUTES = (*DEPTH_ATTRIBUTES, DEVIATION_KIND)
 
 
+def has_depths(mesh: bpy.types.Mesh) -> bool:
+    """Whether the mesh has depths, with a record of ours or without."""
+    return has_values(mesh, DEPTH_KIND)
+
+
 def has_result(mesh: bpy.types.Mesh) -> bool:
     """Whether the mesh holds depths of ours; undo in Edit Mode can take them away from under their record."""
-    return mesh.ccdepth.has_result and DEPTH in mesh.attributes
+    return mesh.ccdepth.has_result and has_depths(mesh)
 
 
 def has_deviation(mesh: bpy.types.Mesh) -> bool:
     """Whether the mesh holds measured deviations."""
-    return mesh.ccdepth.has_deviation and DEVIATION in mesh.attributes
+    return mesh.ccdepth.has_deviation and has_values(mesh, DEVIATION_KIND)
 
 
 def has_any(mesh: bpy.types.Mesh) -> bool:
@@ -64,7 +71,12 @@ def has_any(mesh: bpy.types.Mesh) -> bool:
 
 def has_heat_map(mesh: bpy.types.Mesh) -> bool:
     """Whether the mesh holds our colours; a subdivision has depths, and none of them."""
-    return has_any(mesh) and COLOR in mesh.attributes
+    return has_any(mesh) and has_values(mesh, COLOR_KIND)
+
+
+def shows_heat_map(mesh: bpy.types.Mesh) -> bool:
+    """Whether the mesh holds our colours, and they are the ones displayed."""
+    return has_heat_map(mesh) and mesh.ccdepth.active_color_taken
 
 
 def shows_deviation(mesh: bpy.types.Mesh) -> bool:
@@ -74,10 +86,11 @@ def shows_deviation(mesh: bpy.types.Mesh) -> bool:
 
 def has_traces(mesh: bpy.types.Mesh) -> bool:
     """Whether there is anything of ours on the mesh to clear."""
-    return mesh.ccdepth.has_result or mesh.ccdepth.has_deviation or any(_is_ours(mesh, kind) for kind in ATTRIBUTES)
+    return mesh.ccdepth.has_result or mesh.ccdepth.has_deviation or any(has_values(mesh, kind) for kind in ATTRIBUTES)
 
 
-def _is_ours(mesh: bpy.types.Mesh, kind: AttributeKind) -> bool:
+def has_values(mesh: bpy.types.Mesh, kind: AttributeKind) -> bool:
+    """Whether the mesh has an attribute like this one, with a record of ours or without."""
     attribute = mesh.attributes.get(kind.name)
     return attribute is not None and (attribute.data_type, attribute.domain) == (kind.data_type, kind.domain)
 
@@ -88,7 +101,7 @@ def conflict(blender_object: bpy.types.Object) -> str | None:
     for kind in ATTRIBUTES:
         if kind.name in blender_object.vertex_groups:
             return kind.name
-        if kind.name in mesh.attributes and not _is_ours(mesh, kind):
+        if kind.name in mesh.attributes and not has_values(mesh, kind):
             return kind.name
     return None
 
@@ -96,7 +109,10 @@ def conflict(blender_object: bpy.types.Object) -> str | None:
 def write_result(
     mesh: bpy.types.Mesh, answer: MeshDepths, settings: Settings, least_color_depth: int, deepest_color_depth: int
 ) -> None:
-    """Put the answer on its mesh: attributes, with the heat map's colours between these two depths, and record."""
+    """Put the answer on its mesh: attributes, with the heat map's colours between these two depths, and record.
+
+    Raises WriteError, with nothing changed, when Blender does not keep them.
+    """
     color_depths = range(least_color_depth, deepest_color_depth + 1)
     palette = to_linear(depth_colors(color_depths, least_color_depth, deepest_color_depth))
     opaque = np.concatenate([palette, np.ones((len(palette), 1))], axis=1).astype(np.float32)
@@ -111,6 +127,8 @@ def write_result(
     record.added_deepest = answer.added_deepest
     record.least_color_depth = least_color_depth
     record.deepest_color_depth = deepest_color_depth
+    record.uniform_level = answer.uniform_level
+    record.quality = answer.quality
     record.uniform_faces = str(answer.uniform_faces)
 
 
@@ -135,7 +153,7 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
     record.shows_deviation = False
     record.tolerance = settings.tolerance
     record.tolerance_mode = settings.tolerance_mode
-    record.version = VERSION
+    record.version = version()
     record.faces = len(depths)
     record.deepest = int(depths.max(initial=0))
     record.rows.clear()
@@ -165,19 +183,49 @@ def _write_attributes(
 
 
 def _write_columns(mesh: bpy.types.Mesh, columns: Iterable[tuple[AttributeKind, NDArray[Any]]]) -> None:
-    """Write attributes in Object Mode."""
+    """Write attributes in Object Mode, all or none."""
     attributes = mesh.attributes
     displayed, rendered = attributes.active_color_name, attributes.default_color_name
     active = None if attributes.active is None else attributes.active.name
-    for kind, values in columns:
-        attribute = attributes.get(kind.name) or attributes.new(kind.name, kind.data_type, kind.domain)
-        attribute.data.foreach_set(kind.value, values)
+    before: dict[AttributeKind, NDArray[Any] | None] = {}
+    try:
+        for kind, values in columns:
+            before[kind] = _column(mesh, kind, values)
+            attribute = attributes.get(kind.name) or attributes.new(kind.name, kind.data_type, kind.domain)
+            write_values(attribute.data, kind.value, values)
+    except BaseException:
+        _put_back(mesh, before)
+        raise
+    finally:
+        _choose(mesh, displayed, rendered, active)
+        mesh.update()
+
+
+def _column(mesh: bpy.types.Mesh, kind: AttributeKind, like: NDArray[Any]) -> NDArray[Any] | None:
+    """The values of an attribute as they are now, flat like others of it; None when there is none."""
+    attribute = mesh.attributes.get(kind.name)
+    if attribute is None:
+        return None
+    values = np.empty_like(like)
+    attribute.data.foreach_get(kind.value, values)
+    return values
+
+
+def _put_back(mesh: bpy.types.Mesh, columns: dict[AttributeKind, NDArray[Any] | None]) -> None:
+    for kind, values in columns.items():
+        if values is not None:
+            mesh.attributes[kind.name].data.foreach_set(kind.value, values)
+        elif kind.name in mesh.attributes:
+            mesh.attributes.remove(mesh.attributes[kind.name])
+
+
+def _choose(mesh: bpy.types.Mesh, displayed: str, rendered: str, active: str | None) -> None:
+    attributes = mesh.attributes
     # The first colour attribute of a mesh becomes the one displayed and the one rendered: not without being asked.
     attributes.active_color_name, attributes.default_color_name = displayed, rendered
     # It is remembered by its place, which others may take.
-    if active is not None:
+    if active is not None and active in attributes:
         attributes.active = attributes[active]
-    mesh.update()
 
 
 def _write_while_editing(
@@ -205,25 +253,34 @@ def _layers(edited: Any, kind: AttributeKind) -> Any:
     return getattr(getattr(edited, kind.elements).layers, kind.layers)
 
 
-def write_face_values(mesh: bpy.types.Mesh, kind: AttributeKind, values: NDArray[np.float32]) -> None:
-    """Write one attribute in Object Mode or in Edit Mode.
+def write_face_values(mesh: bpy.types.Mesh, columns: dict[AttributeKind, NDArray[np.float32]]) -> None:
+    """Write attributes in Object Mode or in Edit Mode.
 
-    values: (F,) or (F, 4), one for each face; on CORNER, for all corners of the face alike.
+    columns: (F,) or (F, 4), one value for each face; on CORNER, for all corners of the face alike. Raises WriteError,
+    with nothing changed, when Blender does not keep them.
     """
-    on_corners = kind.domain == "CORNER"
-    if not mesh.is_editmode:
-        if on_corners:
-            sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
-            values = np.repeat(values, sizes, axis=0).ravel()
-        _write_columns(mesh, [(kind, values)])
+    if mesh.is_editmode:
+        for kind, values in columns.items():
+            _write_face_values_while_editing(mesh, kind, values.tolist())
         return
+    sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
+    _write_columns(
+        mesh,
+        [
+            (kind, np.repeat(values, sizes, axis=0).ravel() if kind.domain == "CORNER" else values)
+            for kind, values in columns.items()
+        ],
+    )
+
+
+def _write_face_values_while_editing(mesh: bpy.types.Mesh, kind: AttributeKind, values: list[Any]) -> None:
     import bmesh
 
     edited = bmesh.from_edit_mesh(mesh)
     layers = _layers(edited, kind)
     layer = layers.get(kind.name) or layers.new(kind.name)
-    for face, value in zip(edited.faces, values.tolist(), strict=True):
-        for element in face.loops if on_corners else (face,):
+    for face, value in zip(edited.faces, values, strict=True):
+        for element in face.loops if kind.domain == "CORNER" else (face,):
             element[layer] = value
     bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
 
@@ -250,9 +307,31 @@ def show_color(mesh: bpy.types.Mesh, show: bool) -> None:
         record.previous_active_color = "" if displayed == COLOR else displayed
         attributes.active_color_name = COLOR
     elif displayed == COLOR:
-        previous = record.previous_active_color
-        attributes.active_color_name = previous if previous in attributes else ""
+        attributes.active_color_name = color_of_user(mesh, displayed)
     record.active_color_taken = show
+
+
+def keep_from_painting(mesh: bpy.types.Mesh) -> None:
+    """See to it that our colours are not the active ones, which are painted on, whoever has made them that."""
+    attributes = mesh.attributes
+    if attributes.active_color_name == COLOR:
+        attributes.active_color_name = color_of_user(mesh, COLOR)
+    mesh.ccdepth.active_color_taken = False
+
+
+def remember_same_colors(source: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
+    """Let a mesh that modifiers have made of another know which colours were displayed before ours."""
+    mesh.ccdepth.active_color_taken = source.ccdepth.active_color_taken
+    mesh.ccdepth.previous_active_color = source.ccdepth.previous_active_color
+
+
+def color_of_user(mesh: bpy.types.Mesh, name: str) -> str:
+    """The colours of a mesh without ours that this name stands for: those itself, or if they are ours, those displayed
+    before; the first ones when there are none of that name, as with Blender when colours are removed."""
+    if name == COLOR and mesh.ccdepth.active_color_taken:
+        name = mesh.ccdepth.previous_active_color
+    colors = [attribute.name for attribute in mesh.color_attributes if attribute.name != COLOR]
+    return name if name in colors or not name else next(iter(colors), "")
 
 
 def clear(mesh: bpy.types.Mesh) -> None:
@@ -262,7 +341,7 @@ def clear(mesh: bpy.types.Mesh) -> None:
         _remove_layers_while_editing(mesh)
     else:
         for kind in ATTRIBUTES:
-            if _is_ours(mesh, kind):
+            if has_values(mesh, kind):
                 mesh.attributes.remove(mesh.attributes[kind.name])
         mesh.update()
     mesh.property_unset("ccdepth")

@@ -18,6 +18,7 @@ from .control_mesh import (
     read_built_in,
     read_origins,
     read_values,
+    write_origins,
 )
 from .core.mesh import FloatArray, IndexArray, InvalidMeshError
 
@@ -91,12 +92,13 @@ def read_shown_mesh(context: bpy.types.Context, blender_object: bpy.types.Object
 def _evaluated_triangles(
     context: bpy.types.Context, blender_object: bpy.types.Object, own: bpy.types.Mesh, shown: list[str]
 ) -> Triangles:
-    with frozen_copy(context, blender_object, own, shown) as copy:
+    with frozen_copy(context, blender_object, own, shown) as (copy, copied):
+        origins = write_origins(copy, copied)
         evaluated = copy.evaluated_get(context.evaluated_depsgraph_get())
         # The evaluated object's own data may be without the last levels: the graphics card makes those.
         mesh = evaluated.to_mesh()
         try:
-            return _triangles(mesh, read_origins(mesh, len(own.polygons)))
+            return _triangles(mesh, read_origins(mesh, origins, len(own.polygons)))
         finally:
             evaluated.to_mesh_clear()
 

@@ -14,6 +14,7 @@ from .carried_normals import write_limit_normals
 from .carried_shape_keys import basis_mesh, write_shape_keys
 from .core.mesh import PolygonMesh
 from .core.subdivided_mesh import SubdividedMesh
+from .writing import own_copy, remove_shape_keys, write_values
 
 
 @dataclass(frozen=True)
@@ -34,12 +35,11 @@ def new_mesh(
     left out.
     """
     options = options or CarryOptions()
-    mesh = base.copy()
+    mesh = own_copy(base)
     holder = bpy.data.objects.new(mesh.name, mesh)
     try:
         groups = group_names(holder)
-        if mesh.shape_keys is not None:
-            holder.shape_key_clear()
+        remove_shape_keys(holder)
         mesh.clear_geometry()
         mesh.property_unset("ccdepth")
         _write_faces(mesh, subdivided)
@@ -68,11 +68,11 @@ def _write_faces(mesh: bpy.types.Mesh, subdivided: SubdividedMesh) -> None:
     mesh.loops.add(len(subdivided.corner_vertices))
     mesh.polygons.add(len(subdivided.base_faces))
     data = mesh.attributes
-    data["position"].data.foreach_set("vector", subdivided.positions.astype(np.float32).ravel())
-    data[".edge_verts"].data.foreach_set("value", subdivided.edge_vertices.ravel())
-    mesh.polygons.foreach_set("loop_start", subdivided.face_starts[:-1].astype(np.int32))
-    data[".corner_vert"].data.foreach_set("value", subdivided.corner_vertices)
-    data[".corner_edge"].data.foreach_set("value", subdivided.corner_edges)
+    write_values(data["position"].data, "vector", subdivided.positions.astype(np.float32))
+    write_values(data[".edge_verts"].data, "value", subdivided.edge_vertices)
+    write_values(mesh.polygons, "loop_start", subdivided.face_starts[:-1].astype(np.int32))
+    write_values(data[".corner_vert"].data, "value", subdivided.corner_vertices)
+    write_values(data[".corner_edge"].data, "value", subdivided.corner_edges)
     # Blender selects what it adds.
     for name in (".select_vert", ".select_edge", ".select_poly"):
         if name in data:

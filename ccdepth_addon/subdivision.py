@@ -25,9 +25,10 @@ from .control_mesh import (
     read_values,
     subdivision_modifier,
 )
-from .core.adaptive import AdaptiveMesh, Mode, Request, TooManyFacesError, count_faces, subdivide_adaptively
-from .core.depth import check_tolerance, rounding_allowance, smallest_tolerance
+from .core.adaptive import AdaptiveMesh, count_faces, subdivide_adaptively
+from .core.depth import check_tolerance, rounding_allowance, smallest_step
 from .core.mesh import FloatArray, validate
+from .core.plan import Mode, Request, TooManyFacesError
 from .core.templates import Transitions
 from .surfaces import (
     ComputeError,
@@ -103,7 +104,8 @@ class SubdivisionTask:
     def request(self, settings: SubdivisionSettings, tolerance: float, most_faces: int) -> Request:
         limit = tolerance - self.allowance
         transitions = Transitions(settings.transitions)
-        return Request(limit, Mode(settings.mode), transitions, most_faces, axes=self.control.world)
+        rounding = rounding_allowance(self.control.in_world)
+        return Request(limit, Mode(settings.mode), transitions, most_faces, self.control.world, rounding)
 
 
 @dataclass(frozen=True)
@@ -191,7 +193,7 @@ def _read_task(
     validate(in_world)
     stored = float(np.linalg.norm(np.abs(control.world) @ largest)) * SINGLE_ROUNDING * steps
     allowance = rounding_allowance(in_world) + stored
-    check_tolerance(surface.tolerance, max(smallest_tolerance(in_world), 2 * allowance))
+    check_tolerance(surface.tolerance, max(smallest_step(in_world), 2 * allowance))
     modifiers = applied_modifiers(blender_object, use_modifiers=settings.use_modifiers)
     subdivision = subdivision_modifier(blender_object)
     carried = (

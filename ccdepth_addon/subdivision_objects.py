@@ -15,6 +15,7 @@ from .object_state import object_state
 from .subdivided_object import CarryOptions, new_mesh
 from .subdivision import Subdivision, SubdivisionSettings
 from .surfaces import ComputeError, same_control_mesh
+from .writing import WriteError, own_copy
 
 NAME_SUFFIX = " Adaptive"
 
@@ -37,27 +38,56 @@ def write_objects(
     In Object Mode. Raises ComputeError when an object is no longer what it was.
     """
     meshes: list[bpy.types.Mesh] = []
+    placed: list[bpy.types.Object] = []
     try:
         for answer in answers:
             meshes.append(_new_result_mesh(context, answer, settings, placing))
+        for answer, mesh in zip(answers, meshes, strict=True):
+            placed += _place_and_describe(context, answer, mesh, settings, placing)
     except BaseException:
-        bpy.data.batch_remove(meshes)
+        bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
         raise
-    placed = []
-    for answer, mesh in zip(answers, meshes, strict=True):
-        users = _place(context, answer, mesh, settings, placing)
-        # New objects have no matrix of their own before.
-        context.view_layer.update()
-        made, states = answer.adaptive.mesh, [object_state(user, use_modifiers=False) for user in users]
-        starts = made.face_starts[:-1].astype(np.int32)
-        fingerprint.remember(users[0], states, Topology(starts, made.corner_vertices, made.edge_vertices))
-        staleness.note_write(mesh)
-        placed += users
     heat_map.synchronise(context)
     return placed
 
 
+def _place_and_describe(
+    context: bpy.types.Context,
+    answer: Subdivision,
+    mesh: bpy.types.Mesh,
+    settings: SubdivisionSettings,
+    placing: Placing,
+) -> list[bpy.types.Object]:
+    """Put a result where it belongs, and remember in its record what it depends on."""
+    users = _place(context, answer, mesh, settings, placing)
+    # New objects have no matrix of their own before.
+    context.view_layer.update()
+    made, states = answer.adaptive.mesh, [object_state(user, use_modifiers=False) for user in users]
+    starts = made.face_starts[:-1].astype(np.int32)
+    fingerprint.remember(users[0], states, Topology(starts, made.corner_vertices, made.edge_vertices))
+    staleness.note_write(mesh)
+    return users
+
+
 def _new_result_mesh(
+    context: bpy.types.Context, answer: Subdivision, settings: SubdivisionSettings, placing: Placing
+) -> bpy.types.Mesh:
+    """The mesh of an answer, used by no object yet. Raises ComputeError when it cannot be made."""
+    name = answer.task.object_names[0]
+    try:
+        mesh = _carried_mesh(context, answer, settings, placing)
+        try:
+            mesh.name = name + NAME_SUFFIX
+            results.write_subdivision(mesh, answer, settings)
+        except BaseException:
+            bpy.data.meshes.remove(mesh)
+            raise
+    except WriteError as fault:
+        raise ComputeError(f"{name}: {fault}") from fault
+    return mesh
+
+
+def _carried_mesh(
     context: bpy.types.Context, answer: Subdivision, settings: SubdivisionSettings, placing: Placing
 ) -> bpy.types.Mesh:
     objects = [bpy.data.objects.get(name) for name in answer.task.object_names]
@@ -72,10 +102,9 @@ def _new_result_mesh(
     with base_mesh(context, made_for, use_modifiers=settings.use_modifiers) as (base, own_control):
         if not same_control_mesh(own_control, control):
             raise ComputeError(CHANGED)
-        mesh = new_mesh(base, control.mesh, answer.adaptive.mesh, options)
-    mesh.name = made_for.name + NAME_SUFFIX
-    results.write_subdivision(mesh, answer, settings)
-    return mesh
+        if base != made_for.data:
+            results.remember_same_colors(made_for.data, base)
+        return new_mesh(base, control.mesh, answer.adaptive.mesh, options)
 
 
 def _place(
@@ -103,7 +132,7 @@ def _place_beside(
     context: bpy.types.Context, original: bpy.types.Object, mesh: bpy.types.Mesh, settings: SubdivisionSettings
 ) -> bpy.types.Object:
     """A copy of the object with the mesh, selected in its stead, and the object hidden, from the render as well."""
-    copy = original.copy()
+    copy = own_copy(original)
     copy.name = original.name + NAME_SUFFIX
     _take_modifiers_off(copy, settings)
     copy.data = mesh
@@ -121,8 +150,10 @@ def _place_beside(
 
 
 def _link_beside(context: bpy.types.Context, original: bpy.types.Object, copy: bpy.types.Object) -> None:
-    """Put the copy into the original's collections, and where all of them are of another file, into the scene's."""
-    own = [collection for collection in original.users_collection if collection.is_editable]
+    """Put the copy into the original's collections, and where all of them are of another file or overrides of its own,
+    which take no objects, into the scene's."""
+    collections = original.users_collection
+    own = [collection for collection in collections if collection.is_editable and not collection.override_library]
     for collection in own or [context.scene.collection]:
         collection.objects.link(copy)
 

@@ -12,8 +12,10 @@ from .control_mesh import applied_modifiers, subdivision_modifier
 from .long_operator import (
     LongOperator,
     count_text,
+    hidden_fault,
     meshes_meant,
-    refuse_what_cannot_be_written,
+    name_fault,
+    refuse,
     without_mesh_text,
 )
 from .subdivision import (
@@ -28,7 +30,6 @@ from .subdivision import (
     too_many_text,
 )
 from .subdivision_objects import Placing, write_objects
-from .surfaces import ComputeError
 
 
 class SubdivisionOperator(LongOperator):
@@ -43,12 +44,17 @@ class SubdivisionOperator(LongOperator):
     def prepared(self, context: bpy.types.Context) -> list[SubdivisionTask]:
         """What there is to make, with Edit Mode left. Raises ComputeError."""
         objects = meshes_meant(context)
-        refuse_what_cannot_be_written(objects)
-        _refuse_linked(objects)
+        refuse(objects, lambda obj: hidden_fault(obj) or self.object_fault(obj) or name_fault(obj))
         self._was_editing = context.mode == "EDIT_MESH"
         if self._was_editing:
             bpy.ops.object.mode_set(mode="OBJECT")
         return prepare_subdivision(context, objects, self.settings())
+
+    def object_fault(self, blender_object: bpy.types.Object) -> str | None:
+        """Why the object cannot have a result. Its mesh may be anybody's: nothing is written to it."""
+        if not blender_object.is_editable:
+            return "the object is linked from another file; make it local first"
+        return None
 
     def leave(self, context: bpy.types.Context) -> None:
         if getattr(self, "_was_editing", False):
@@ -57,15 +63,6 @@ class SubdivisionOperator(LongOperator):
 
     def settings(self) -> SubdivisionSettings:
         return subdivision_settings(self, self.tolerance)
-
-
-def _refuse_linked(objects: list[bpy.types.Object]) -> None:
-    """Raise ComputeError naming every object of another file."""
-    linked = [obj.name for obj in objects if not obj.is_editable]
-    if linked:
-        raise ComputeError(
-            "\n".join(f"{name}: the object is linked from another file; make it local first" for name in linked)
-        )
 
 
 class CCDEPTH_OT_subdivide(SubdivisionOperator):
@@ -84,6 +81,11 @@ class CCDEPTH_OT_subdivide(SubdivisionOperator):
         tasks = self.prepared(context)
         self._notes = [note for task in tasks for note in _notes(task, self.use_modifiers)]
         return subdivide_stepwise(tasks, self.settings())
+
+    def object_fault(self, blender_object: bpy.types.Object) -> str | None:
+        if self.output == "IN_PLACE" and blender_object.override_library is not None:
+            return "the object is a library override; choose New Object, or make it local first"
+        return super().object_fault(blender_object)
 
     def progress_text(self, progress: int) -> str:
         return f"Subdividing: {progress:,} faces so far"

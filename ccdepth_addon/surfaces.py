@@ -13,6 +13,7 @@ import numpy as np
 from .control_mesh import ControlMesh, ControlMeshError
 from .core.depth import ToleranceError
 from .core.mesh import FloatArray, InvalidMeshError, PolygonMesh
+from .writing import WriteError
 
 # How much smaller, relatively, an object's scale may be than another's by rounding alone and still be outdone by it.
 SCALE_ROUNDING = 1e-9
@@ -57,7 +58,7 @@ class Faults:
         """Whatever turns out to be wrong meanwhile is this object's fault."""
         try:
             yield
-        except (ControlMeshError, InvalidMeshError, ToleranceError) as fault:
+        except (ControlMeshError, InvalidMeshError, ToleranceError, WriteError) as fault:
             self._found[name] = fault
 
     def refuse(self) -> None:

@@ -210,6 +210,9 @@ def support_bounds(mesh: PolygonMesh, vertices: Vertices) -> FloatArray:
     support point is from a corner. With c a corner, p a point of a face around the corner c' and s(c') the distance
     from c' to the farthest such point, ‖c - p‖ ≤ ‖c - c'‖ + s(c'). The limit position of c lies within s(c) of c.
 
+    Over limit vertices it holds at all further levels as well, for either kind of vertices: their facets lie in the
+    same hull as S, and no two points of the support are farther apart.
+
     Faces on grids have a nearer bound (``_grid_bounds``).
     """
     corners = mesh.positions[mesh.corner_vertices].reshape(-1, 4, 3)
@@ -232,7 +235,9 @@ def _grid_bounds(mesh: PolygonMesh, faces: IndexArray, vertices: Vertices) -> Fl
     The surface is S = Σ wᵢⱼ(u, v) Vᵢⱼ, with weights that are not negative and sum to 1, and reproduces bilinear
     functions; so with L the facet of the control points, extended to the whole net, S - L = Σ wᵢⱼ (Vᵢⱼ - L(i, j)) is
     no longer than the longest Vᵢⱼ - L(i, j). So is what the limits of the corners are away from these, and the facet
-    over the limits from L. Points beyond infinitely sharp sides have no weight, and count for nothing but safety.
+    over the limits from L, and, at all further levels, what the corners of facets of either kind are away from L, being
+    averages of the same kind; so twice it holds there too. Points beyond infinitely sharp sides have no weight, and
+    count for nothing but safety.
     """
     net = regular_nets(mesh, faces)
     corners = net[[1, 2, 2, 1], [1, 1, 2, 2]]

@@ -8,6 +8,7 @@ their axis times their angle; a transformation by its location, its rotation and
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +22,7 @@ from .surface_points import SurfacePoints, interpolate_linearly
 BLOCK = 1 << 17
 
 # (N points) → (N, D)
-Evaluate = Callable[[SurfacePoints], NDArray[np.floating]]
+Evaluate = Callable[[SurfacePoints], NDArray[Any]]
 
 
 def interpolated(mesh: PolygonMesh, corner_values: FloatArray, points: SurfacePoints) -> NDArray[np.float32]:
@@ -48,12 +49,27 @@ def at_corners(subdivided: SubdividedMesh, evaluate: Evaluate) -> NDArray[np.flo
     return values
 
 
-def at_vertices(mesh: PolygonMesh, values: FloatArray, subdivided: SubdividedMesh) -> NDArray[np.float32]:
+def at_vertices(
+    subdivided: SubdividedMesh, values: NDArray[Any], evaluate: Evaluate, kept: NDArray[np.bool_]
+) -> NDArray[Any]:
+    """(V, D): the values of the control mesh's vertices where they are ``kept`` (V,), and elsewhere what ``evaluate``
+    gives.
+
+    values: (vertices of the control mesh, D). kept: vertices of the control mesh, all loose ones among them.
+    """
+    found = evaluate(subdivided.vertex_points.at(np.flatnonzero(~kept)))
+    result = np.empty((len(kept), values.shape[1]), dtype=found.dtype)
+    result[~kept] = found
+    result[kept] = values[subdivided.base_vertices[kept]]
+    return result
+
+
+def interpolated_at_vertices(mesh: PolygonMesh, values: FloatArray, subdivided: SubdividedMesh) -> NDArray[np.float32]:
     """(V, D) float32: values at the control mesh's vertices, interpolated; vertices that stay keep theirs exactly."""
-    found = interpolated(mesh, values[mesh.corner_vertices], subdivided.vertex_points)
-    staying = np.flatnonzero(subdivided.base_vertices >= 0)
-    found[staying] = values[subdivided.base_vertices[staying]]
-    return found
+    corner_values = values[mesh.corner_vertices]
+    return at_vertices(
+        subdivided, values, lambda points: interpolated(mesh, corner_values, points), subdivided.base_vertices >= 0
+    )
 
 
 def nearest_vertices(mesh: PolygonMesh, subdivided: SubdividedMesh) -> IndexArray:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from .fits import Cells
 from .mesh import IndexArray
 from .net_cells import CELLS_AT_ONCE, NetCells
-from .quadtree import NONE, Column, Quadtree
+from .quadtree import NONE, Quadtree
 
 # Cells of one kind have nets of as many points.
 Kind = tuple[type[NetCells], int]
@@ -29,15 +29,8 @@ class CellStore:
     def __init__(self, tree: Quadtree) -> None:
         self._tree = tree
         self._blocks: list[Cells] = []
-        self._numbers = Column(np.zeros(0, dtype=np.int32))
-        self._places = Column(np.zeros(0, dtype=np.int32))
-
-    def extend(self) -> None:
-        """There are as many nodes as the tree has by now."""
-        more = len(self._tree.first_child) - len(self._numbers.values)
-        for column in (self._numbers, self._places):
-            column.reserve(self._tree.node_room)
-            column.extend(more, NONE)
+        self._numbers = tree.add_column(np.int32(NONE))
+        self._places = tree.add_column(np.int32(NONE))
 
     def put(self, cells: Cells) -> None:
         """Keep cells: for themselves, and where they are known by nets for their children."""

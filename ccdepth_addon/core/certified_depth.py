@@ -18,14 +18,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .blocks import split
-from .bounds import PatchBounds, Vertices, second_order_extraordinary, second_order_regular, support_bounds
+from .bounds import (
+    PatchBounds,
+    Vertices,
+    second_order_extraordinary,
+    second_order_regular,
+    sharp_extraordinary,
+    support_bounds,
+)
 from .facets import CORNER_ROWS, LaterBounds, control_facet_bounds, facet_error, later_bounds, sampled_error
 from .mesh import FloatArray, IndexArray, PolygonMesh, submesh
 from .norms import ring_index
 from .parallel import in_parallel
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from .refinement import Refinement
-from .search import FaceBlock, Question
+from .search import FaceBlock, LevelBlock, Question
 from .splines import HALVES, SPLINE_HALVES, bilinear_coefficients, both_ways, largest_norm, patch_coefficients
 from .stencils import PatchStencils, apply_stencils, patch_stencils
 
@@ -57,28 +64,42 @@ Blocks = tuple[IndexArray, FloatArray]
 
 def certified_blocks(mesh: PolygonMesh, question: Question, vertices: Vertices) -> Iterator[FaceBlock]:
     """Every face of the mesh with its certified depth, in blocks; some are empty, to let the caller breathe."""
-    patches = classify_patches(mesh)
     yield FaceBlock.empty()
-    regular = patches.kinds == PatchKind.REGULAR
-
-    def settle_regular(faces: IndexArray) -> FaceBlock:
-        nets = [(np.arange(len(faces)), regular_nets(mesh, faces))]
-        return _Search(question, vertices, faces, nets, None).run()
-
-    def settle_other(part: PolygonMesh, own: IndexArray, faces: IndexArray) -> FaceBlock:
-        return _Search(question, vertices, faces, [], Refinement.start(part, own)).run()
-
-    def jobs() -> Iterator[Callable[[], FaceBlock]]:
-        # Those that take longest first, so that no processor is left with one of them in the end.
-        for faces in split(np.flatnonzero(~regular), OTHER_FACES_TOGETHER):
-            part = submesh(mesh, faces)[0]
-            for own in split(np.arange(len(faces)), OTHER_FACES_AT_ONCE):
-                yield partial(settle_other, part, own, faces[own])
-        for faces in split(np.flatnonzero(regular), REGULAR_FACES_AT_ONCE):
-            yield partial(settle_regular, faces)
-
-    for block in in_parallel(lambda job: job(), jobs()):
+    searches = _searches(mesh, question, vertices, np.arange(mesh.face_count))
+    for block in in_parallel(lambda begin: begin().run(), searches):
         yield FaceBlock.empty() if block is None else block
+
+
+def certified_bounds(
+    mesh: PolygonMesh, question: Question, vertices: Vertices, faces: IndexArray, level: int
+) -> Iterator[LevelBlock]:
+    """Some faces with what is proved of them at one level, in blocks; some are empty, to let the caller breathe."""
+    yield LevelBlock.empty()
+    searches = _searches(mesh, question, vertices, faces)
+    for block in in_parallel(lambda begin: begin().at(level), searches):
+        yield LevelBlock.empty() if block is None else block
+
+
+def _searches(
+    mesh: PolygonMesh, question: Question, vertices: Vertices, faces: IndexArray
+) -> Iterator[Callable[[], _Search]]:
+    """What begins with the faces, some at a time."""
+    is_regular = classify_patches(mesh).kinds[faces] == PatchKind.REGULAR
+
+    def begin_regular(some: IndexArray) -> _Search:
+        nets = [(np.arange(len(some)), regular_nets(mesh, some))]
+        return _Search(question, vertices, some, nets, None)
+
+    def begin_other(part: PolygonMesh, own: IndexArray, some: IndexArray) -> _Search:
+        return _Search(question, vertices, some, [], Refinement.start(part, own))
+
+    # Those that take longest first, so that no processor is left with one of them in the end.
+    for together in split(faces[~is_regular], OTHER_FACES_TOGETHER):
+        part = submesh(mesh, together)[0]
+        for own in split(np.arange(len(together)), OTHER_FACES_AT_ONCE):
+            yield partial(begin_other, part, own, together[own])
+    for some in split(faces[is_regular], REGULAR_FACES_AT_ONCE):
+        yield partial(begin_regular, some)
 
 
 @dataclass
@@ -225,18 +246,7 @@ class _Search:
         level = 0
         while np.any(wanted):
             verdict = _Verdict.of(self.question, wanted)
-            self._take_patches(level)
-            self._ask_corners(verdict)
-            asked = self._ask_patches(verdict, level)
-            for patches in self.extraordinary:
-                patches = patches.at(np.flatnonzero(verdict.wanted[patches.bases]))
-                self._ask_extraordinary(verdict, patches, patches.corners(self.vertices))
-            self._ask_refinement(verdict)
-            if verdict.open_blocks:
-                self._ask_blocks(verdict, *_joined(verdict.open_blocks))
-            settled = verdict.wanted & np.isfinite(verdict.upper)
-            for regular in asked:
-                self._look_closer(verdict, regular.of(settled), level)
+            settled = self._ask(verdict, level)
             block.settle(settled, level, verdict.bounds(), verdict.lower)
             # A level that was neither proved nor disproved leaves the depth above it without proof of being the least.
             block.exact[verdict.wanted & ~settled] = False
@@ -244,6 +254,55 @@ class _Search:
             self._descend(wanted)
             level += 1
         return block
+
+    def at(self, level: int) -> LevelBlock:
+        """What is proved of all the base faces at one level."""
+        everything = np.ones(len(self.faces), dtype=bool)
+        verdict = _Verdict.of(self.question, everything)
+        for own in range(level):
+            self._take_patches(own)
+            self._ask_ahead(verdict, own, level)
+            self._descend(everything)
+        settled = self._ask(verdict, level)
+        return LevelBlock(self.faces, np.where(settled, verdict.bounds(), np.inf))
+
+    def _ask(self, verdict: _Verdict, level: int) -> BoolArray:
+        """Ask about the level that the search has come to; (B,) bool, the base faces that are proved to be near."""
+        self._take_patches(level)
+        self._ask_corners(verdict)
+        asked = self._ask_patches(verdict, level)
+        for patches in self.extraordinary:
+            patches = patches.at(np.flatnonzero(verdict.wanted[patches.bases]))
+            self._ask_extraordinary(verdict, patches, patches.corners(self.vertices))
+        self._ask_refinement(verdict)
+        if verdict.open_blocks:
+            self._ask_blocks(verdict, *_joined(verdict.open_blocks))
+        settled = verdict.wanted & np.isfinite(verdict.upper)
+        for regular in asked:
+            self._look_closer(verdict, regular.of(settled), level)
+        return settled
+
+    def _ask_ahead(self, verdict: _Verdict, own: int, level: int) -> None:
+        """At a level of the search, settle what bounds by norms alone, and by the support, know of a later level.
+
+        What is settled so is refined no further: mostly only what is near the difficulties of the mesh goes on.
+        """
+        for place, patches in enumerate(self.patches):
+            if patches.level == own:
+                rough = patches.rough_bounds(self.vertices).at(level - own)
+                self.patches[place] = patches.at(_in_doubt(verdict, patches.bases, rough))
+                self.patches[place].compact()
+        of_valences = []
+        for extraordinary in self.extraordinary:
+            bounds = sharp_extraordinary(extraordinary.nets, self.vertices).at(level - own)
+            of_valences.append(extraordinary.at(_in_doubt(verdict, extraordinary.bases, bounds)))
+        self.extraordinary = of_valences
+        refinement = self.refinement
+        if refinement is not None and len(refinement.bases) and np.all(refinement.mesh.face_sizes == 4):
+            bounds = support_bounds(refinement.mesh, Vertices.LIMIT)[: len(refinement.bases)]
+            wanted = np.zeros(len(bounds), dtype=bool)
+            wanted[_in_doubt(verdict, refinement.bases, bounds)] = True
+            self.refinement = refinement.keep(wanted)
 
     def _descend(self, wanted: BoolArray) -> None:
         """Go from a level to the next with the wanted base faces."""
@@ -418,6 +477,11 @@ class _Search:
         for some in _groups(counts, MOST_BLOCKS):
             chosen, parts = _blocks_of(bases, values, some[bases])
             self._ask_blocks(verdict, np.tile(chosen, 4), both_ways(HALVES, parts), splits - 1)
+
+
+def _in_doubt(verdict: _Verdict, bases: IndexArray, upper: FloatArray) -> IndexArray:
+    """Which parts, of (P,) base faces and with distances of at most (P,), are still in doubt; the others count."""
+    return np.flatnonzero(verdict.hear(bases, upper, np.zeros(len(bases))))
 
 
 def _joined(blocks: list[Blocks]) -> Blocks:

@@ -22,22 +22,14 @@ class FitStore:
 
     def __init__(self, tree: Quadtree) -> None:
         self._tree = tree
-        self._columns = {name: Column(getattr(Fit.none(0), name)) for name in OF_ALL_NODES}
+        nothing = Fit.none(1)
+        self._columns = {name: tree.add_column(getattr(nothing, name)[0]) for name in OF_ALL_NODES}
         # The entry that tells of a node along the surface, or NONE; and of each entry its node.
-        self._entries = Column(np.zeros(0, dtype=np.int32))
+        self._entries = tree.add_column(np.int32(NONE))
         self._nodes = Column(np.zeros(0, dtype=np.intp))
         self._normal, self._tangential, self._graph_bounds = (Column(np.zeros(0)) for _ in range(3))
 
     least = property(lambda self: self._columns["least"].values)
-
-    def extend(self) -> None:
-        """There are as many nodes as the tree has by now."""
-        more, nothing = len(self._tree.first_child) - len(self._entries.values), Fit.none(1)
-        for name, column in self._columns.items():
-            column.reserve(self._tree.node_room)
-            column.extend(more, getattr(nothing, name))
-        self._entries.reserve(self._tree.node_room)
-        self._entries.extend(more, NONE)
 
     def put(self, nodes: IndexArray, fit: Fit) -> None:
         """Nodes, each once, fit like that; what was known of them before no longer holds."""

@@ -26,9 +26,16 @@ from .mesh import FloatArray, IndexArray, ShortIndexArray
 # Steeper than this the bound is of no use any more.
 LEAST_COSINE = 0.25
 
-# What rounding may take from an angle or a ratio.
+# What rounding may take from an angle or a ratio; and from what is off across, which is the root of a difference of
+# squares, in parts of what is off in all (docs/adaptive.md, Rounding).
 ROUNDING = 1e-9
+ROUNDING_ACROSS = 2.0**-24
 
+# By how much more of rounding counts along the normals and across, as these may be turned by it as well.
+TURNED = 2.0
+
+# The least sine of the angle at a triangle's second corner: the directions of thinner ones are not known well enough.
+THINNEST = 1e-6
 
 # Triangles that are looked at together: what is made on the way stays in the processor's cache.
 TRIANGLES_AT_ONCE = 1 << 12
@@ -43,11 +50,13 @@ def graph_bounds(
     tangential: FloatArray,
     closed: NDArray[np.bool_],
     wanted: NDArray[np.bool_],
+    rounding: float = 0.0,
 ) -> FloatArray:
     """The distance of each wanted triangle in both directions, float64, at most; inf where the conditions do not hold.
 
     positions: (V, 3); triangles: (T, 3); normal, tangential: (T,), how far each is off the surface at equal parameters,
     at most. closed: (V,) whether all the triangles around a vertex are there and close up to a disc. wanted: (T,).
+    rounding: how much farther off they may be than told, and vertices than they are taken to be (docs/adaptive.md).
     """
     count = len(positions)
     corners, columns = np.ascontiguousarray(triangles.T), np.ascontiguousarray(positions.T)
@@ -64,15 +73,15 @@ def graph_bounds(
     # (3, T): for each triangle, its normal, and then its tilts at each of its corners.
     for block in blocks(len(triangles), TRIANGLES_AT_ONCE):
         own = corners[:, block]
-        directions[:, block] = _angles(np.einsum("it,ikt->kt", directions[:, block], axes[:, own]))
+        directions[:, block] = _angles(directions[:, None, block], axes[:, own])
         for vertices, of_corner in zip(own, directions[:, block], strict=True):
             np.maximum.at(tilts, vertices, of_corner)
     around = _Stars(
         tilts=tilts,
         turns=turns,
         widths=widths,
-        normal=_largest_at(corners, normal, count),
-        tangential=_largest_at(corners, tangential, count),
+        normal=_largest_at(corners, normal, count) + TURNED * rounding,
+        tangential=_largest_at(corners, tangential, count) + TURNED * rounding,
         closed=closed,
     )
     chosen = np.flatnonzero(wanted)
@@ -102,23 +111,28 @@ class _Stars:
         Comparisons are made so that what is not a number meets no condition.
         """
         off_normal, off_across = self.normal[corners], self.tangential[corners]
-        cosines = np.cos(np.minimum(self.tilts[corners] + tilts + ROUNDING, np.pi / 2))
+        off_across = off_across + ROUNDING_ACROSS * (off_normal + off_across)
+        angles = np.minimum(self.tilts[corners] + tilts + ROUNDING, np.pi / 2)
+        cosines, sines = np.cos(angles), np.sin(angles)
         holds = (cosines > LEAST_COSINE) & self.closed[corners]
         holds &= self.turns[corners] < 4 * np.pi * cosines * (1 - ROUNDING)
         holds &= off_across + off_normal < cosines * self.widths[corners] / 3 * (1 - ROUNDING)
         cosines = np.where(holds, cosines, 1.0)
-        sines = np.sqrt(1 - cosines**2)
         bounds = off_normal / cosines + 2 * sines / cosines * (off_across + off_normal * sines)
         return np.where(holds, bounds * (1 + ROUNDING), np.inf).max(axis=0)
 
 
-def _angles(cosines: FloatArray) -> FloatArray:
-    return np.arccos(np.clip(cosines, -1.0, 1.0))
+def _angles(directions: FloatArray, axes: FloatArray) -> FloatArray:
+    """(3, T): between unit vectors (3, 1, T) and (3, 3, T). By the chords, as cosines do not tell small angles."""
+    chords = axes - directions
+    chords *= chords
+    halves = np.sqrt(chords.sum(axis=0)) / 2
+    return 2 * np.arcsin(np.minimum(halves, 1.0))
 
 
 def _shapes(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of triangles with corners (3, 3, T), coordinate by coordinate: their normals (3, T); and corner by corner (3, T)
-    their heights and angles there."""
+    their heights and angles there. Those that are too thin have no heights."""
     sides = [points[:, 1] - points[:, 0], points[:, 2] - points[:, 1], points[:, 0] - points[:, 2]]
     crosses = np.stack([sides[0][i] * sides[1][j] - sides[0][j] * sides[1][i] for i, j in ((1, 2), (2, 0), (0, 1))])
     doubled = np.sqrt(_products(crosses, crosses))
@@ -129,6 +143,7 @@ def _shapes(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     for corner in (0, 1):
         np.arctan2(doubled, -_products(sides[corner], sides[corner - 1]), out=angles[corner])
     angles[2] = np.pi - angles[0] - angles[1]
+    heights[:, np.sin(angles[1]) < THINNEST] = 0.0
     return crosses / doubled, heights, angles
 
 

@@ -20,7 +20,7 @@ from .bounds import PatchBounds, PatchMethod, Vertices, support_bounds
 from .mesh import FloatArray, IndexArray, PolygonMesh
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from .refinement import Refinement
-from .search import FaceBlock, Question
+from .search import FaceBlock, LevelBlock, Question
 
 # Faces handled at a time: few enough for the caches and a responsive interface, enough to hide the interpreter.
 REGULAR_FACES_AT_ONCE = 1 << 14
@@ -40,6 +40,20 @@ def norm_blocks(mesh: PolygonMesh, question: Question, method: PatchMethod, vert
     irregular = np.flatnonzero(patches.kinds == PatchKind.IRREGULAR)
     for faces in split(irregular, IRREGULAR_FACES_AT_ONCE):
         yield from search.irregular_block(mesh, faces)
+
+
+def norm_bounds(
+    mesh: PolygonMesh, question: Question, method: PatchMethod, vertices: Vertices, faces: IndexArray, level: int
+) -> Iterator[LevelBlock]:
+    """Some faces with what is proved of them at one level, in blocks; some are empty, to let the caller breathe."""
+    search = _Search(question, method, vertices)
+    patches = classify_patches(mesh)
+    yield LevelBlock.empty()
+    for some, bounds in search.patch_bounds(mesh, patches, faces):
+        yield search.proved(some, bounds.at(level))
+    irregular = faces[patches.kinds[faces] == PatchKind.IRREGULAR]
+    for some in split(irregular, IRREGULAR_FACES_AT_ONCE):
+        yield from search.irregular_at(mesh, some, level)
 
 
 @dataclass(frozen=True)
@@ -106,6 +120,28 @@ class _Search:
             yield FaceBlock.empty()
         yield block
 
+    def irregular_at(self, mesh: PolygonMesh, faces: IndexArray, level: int) -> Iterator[LevelBlock]:
+        """Irregular faces at one level; what their support alone proves to be near enough is refined no further."""
+        reached = np.zeros(len(faces))
+        refinement = Refinement.start(mesh, faces)
+        for own in range(level):
+            found, refinement = self._take_patches(refinement, own)
+            np.maximum(reached, self._bounds_of(found, level, len(faces)), out=reached)
+            if own >= FIRST_SUPPORT_LEVEL and len(refinement.bases):
+                bounds = support_bounds(refinement.mesh, Vertices.LIMIT)[: len(refinement.bases)]
+                within = self.question.within(bounds)
+                np.maximum.at(reached, refinement.bases[within], bounds[within])
+                refinement = refinement.keep(~within)
+            refinement = refinement.refined()
+            yield LevelBlock.empty()
+        found, refinement = self._take_patches(refinement, level)
+        np.maximum(reached, self._bounds_at(level, found, refinement, len(faces)), out=reached)
+        yield self.proved(faces, reached)
+
+    def proved(self, faces: IndexArray, bounds: FloatArray) -> LevelBlock:
+        """(P,) faces with their bounds at one level, before rounding is allowed for."""
+        return LevelBlock(faces, np.where(self.question.within(bounds), bounds + self.question.allowance, np.inf))
+
     def _take_patches(self, refinement: Refinement, level: int) -> tuple[list[_Piece], Refinement]:
         """The refinement's patches as pieces, and the refinement with its irregular descendants alone."""
         if not len(refinement.bases):
@@ -118,12 +154,18 @@ class _Search:
 
     def _bounds_at(self, level: int, pieces: list[_Piece], refinement: Refinement, face_count: int) -> FloatArray:
         """(base faces,) float64: the largest bound at a level of each one's pieces and irregular descendants."""
-        reached = np.zeros(face_count)
-        for piece in pieces:
-            np.maximum.at(reached, piece.bases, piece.bounds.at(level - piece.level))
+        reached = self._bounds_of(pieces, level, face_count)
         if level < FIRST_SUPPORT_LEVEL:
             reached[refinement.bases] = np.inf
         elif len(refinement.bases):
             found = support_bounds(refinement.mesh, self.vertices)[: len(refinement.bases)]
             np.maximum.at(reached, refinement.bases, found)
+        return reached
+
+    @staticmethod
+    def _bounds_of(pieces: list[_Piece], level: int, face_count: int) -> FloatArray:
+        """(base faces,) float64: the largest bound at a level of each one's pieces."""
+        reached = np.zeros(face_count)
+        for piece in pieces:
+            np.maximum.at(reached, piece.bases, piece.bounds.at(level - piece.level))
         return reached

@@ -24,7 +24,7 @@ from .quadtree import Quadtree
 from .refined_bounds import fan_misses
 from .refined_cells import refined_children
 from .refinement import Refinement
-from .templates import WHOLE, Template, Transitions, triangle_template
+from .templates import QUAD_POINTS, WHOLE, Template, Transitions, Triangle, triangle_template
 from .triangle_bounds import Misses
 
 BoolArray = NDArray[np.bool_]
@@ -41,12 +41,16 @@ TRIANGLE_POINTS: FloatArray = np.array(
     [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]], dtype=np.float64
 )
 
+# The weights of the corners for the centroid, times six.
+SIXTHS: FloatArray = np.full(3, 2.0)
+
 # How far off triangles may be, along and across together, in parts of their least height, for there to be hope:
 # ``graph_bounds`` leaves a third of the least height around.
 HOPEFUL_ROOM = 0.33
 
-# Steps along a quarter where a template is compared with its fan.
-STEPS = 400
+# How often a quarter is halved both ways where a template is compared with its fan: each time the bound is twice as
+# near.
+HALVINGS = 10
 
 
 @dataclass(frozen=True)
@@ -203,38 +207,48 @@ def fan_of_template(pattern: int) -> tuple[FloatArray, FloatArray]:
     The template's triangles are those of the plain triangle and, for each split side s, its middle's way off times a
     function φ of the place: 1 at the middle, 0 at the other points and linear between. The fan's facets are those of
     the plain triangle and the same ways times functions ψ: bilinear, 1 at the middle, 0 at the corners and the other
-    middles, and at the centroid what φ is there. Returns these values at the centroid, and what |φ - ψ| is at most.
-
-    φ changes by twice the step in a quarter's parameters at most, and ψ by the step. No place is more than half a step
-    in each of the two from a sample, so no difference is more than three steps above those sampled.
+    middles, and at the centroid what φ is there. Returns these values at the centroid, and what |φ - ψ| is at most
+    (docs/adaptive.md, Triangles on the surface).
     """
     lifts, gaps = np.zeros(3), np.zeros(3)
-    if pattern == WHOLE:
-        return lifts, gaps
-    steps = np.linspace(0.0, 1.0, STEPS + 1)
-    u, v = (each[..., None] for each in np.meshgrid(steps, steps, indexing="ij"))
-    centroid = np.full(3, 1 / 3)
     for side in (side for side in range(3) if pattern >> side & 1):
-        lifts[side] = _hat(pattern, side, centroid[None])[0]
-        for quarter in range(3):
-            before = (quarter - 1) % 3
-            ring = [TRIANGLE_POINTS[quarter], TRIANGLE_POINTS[3 + quarter], centroid, TRIANGLE_POINTS[3 + before]]
-            weights = [(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v]
-            places = sum(weight * place for weight, place in zip(weights, ring, strict=True))
-            values = [0.0, float(quarter == side), lifts[side], float(before == side)]
-            bilinear = sum(weight * value for weight, value in zip(weights, values, strict=True))
-            gap = np.abs(_hat(pattern, side, places.reshape(-1, 3)) - np.ravel(bilinear)).max()
-            gaps[side] = max(gaps[side], gap + 3 / STEPS)
+        pieces = [_hat_piece(triangle, side) for triangle in triangle_template(pattern)]
+        lift = next(float(SIXTHS @ hat) for hat, inside in pieces if np.all(SIXTHS @ inside >= 0))
+        lifts[side] = lift / 6
+        gaps[side] = max(_gap_over_quarter(quarter, side, lift, pieces) for quarter in range(3)) / 6
     return lifts, gaps
 
 
-def _hat(pattern: int, side: int, places: FloatArray) -> FloatArray:
-    """(N,): the function that is 1 at the middle of a side and 0 at the template's other points, at places (N, 3)."""
-    found = np.zeros(len(places))
-    for triangle in triangle_template(pattern):
-        weights = places @ np.linalg.inv(TRIANGLE_POINTS[list(triangle)])
-        inside = np.all(weights >= -1e-12, axis=1)
-        for point, weight in zip(triangle, weights.T, strict=True):
-            if point == 3 + side:
-                found[inside] = weight[inside]
-    return found
+def _hat_piece(triangle: Triangle, side: int) -> tuple[FloatArray, FloatArray]:
+    """(3,) and (3, 3): from a place, by weights of the corners, to φ over one triangle of a template, and to the
+    weights of this triangle's vertices. All are whole numbers."""
+    inside = np.rint(np.linalg.inv(TRIANGLE_POINTS[list(triangle)]))
+    return inside @ (np.array(triangle) == 3 + side), inside
+
+
+def _gap_over_quarter(quarter: int, side: int, lift: float, pieces: list[tuple[FloatArray, FloatArray]]) -> float:
+    """What 6|φ - ψ| is at most over a quarter of the triangle; lift: 6φ at the centroid.
+
+    Over each triangle of the template φ is linear in the place and so bilinear in the quarter's parameters, as ψ is.
+    A bilinear function is largest at a corner of a square. So a square is beside a triangle where one of this one's
+    weights is negative at all four corners, and elsewhere |φ - ψ| is at most what it is at a corner, with the φ of some
+    triangle that the square may meet. Squares for which that is not above a value that is reached are left alone, the
+    others halved both ways. All numbers are multiples of 4⁻¹⁰ below 2⁶, so nothing is rounded.
+    """
+    before = (quarter - 1) % 3
+    ring = 6 * np.stack([*TRIANGLE_POINTS[[quarter, 3 + quarter]], SIXTHS / 6, TRIANGLE_POINTS[3 + before]])
+    bilinear = np.array([0.0, 6.0 * (quarter == side), lift, 6.0 * (before == side)])
+    off = np.stack([np.rint(ring) @ hat - bilinear for hat, _ in pieces])
+    weights = np.stack([np.rint(ring) @ inside for _, inside in pieces])
+    origins, reached = np.zeros((1, 2)), 0.0
+    for halving in range(HALVINGS + 1):
+        u, v = np.moveaxis(origins[:, None] + QUAD_POINTS[:4] / 2**halving, 2, 0)
+        basis = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], axis=-1)
+        at_corners = np.abs(np.einsum("sck,tk->tsc", basis, off))
+        within = np.einsum("sck,tkw->tscw", basis, weights) >= 0
+        reached = max(reached, float(at_corners[within.all(axis=3)].max(initial=0.0)))
+        bounds = np.where(within.any(axis=2).all(axis=2), at_corners.max(axis=2), 0.0).max(axis=0)
+        doubtful = bounds > reached
+        halves = QUAD_POINTS[:4] / 2 ** (halving + 1)
+        origins, bounds = (origins[doubtful, None] + halves).reshape(-1, 2), bounds[doubtful]
+    return float(bounds.max(initial=reached))

@@ -50,7 +50,7 @@ SPLIT, SPLIT_TWICE = np.uint8(1), np.uint8(2)
 
 
 class Column:
-    """An array that grows at its end."""
+    """An array that grows at its end: read and write ``values``, which are others after each growth."""
 
     def __init__(self, values: NDArray[Any]) -> None:
         self._room = values.copy()
@@ -124,6 +124,8 @@ class Quadtree:
         self._vertex_parameters = Column(np.zeros(mesh.vertex_count, dtype=np.complex128))
         self._vertex_edges = Column(_numbers(NONE, mesh.vertex_count))
         self._append_slots(mesh.corner_vertices, mesh.corner_edges)
+        self._added_columns: list[tuple[Column, Any]] = []
+        self._added_vertex_columns: list[tuple[Column, Any]] = []
         self.leaf_count = faces
 
     first_child = property(lambda self: self._first_child.values)
@@ -137,6 +139,14 @@ class Quadtree:
     midpoints = property(lambda self: self._midpoints.values)
     base_edges = property(lambda self: self._base_edges.values)
     vertex_edges = property(lambda self: self._vertex_edges.values)
+
+    def add_column(self, default: np.generic) -> Column:
+        """(N,) of the default's type: it grows with the tree, a new node having the default."""
+        return _added(self._added_columns, default, self._first_child)
+
+    def add_vertex_column(self, default: np.generic) -> Column:
+        """The same with an entry for each vertex, (V,)."""
+        return _added(self._added_vertex_columns, default, self._vertex_corners)
 
     def vertex_points(self, vertices: IndexArray) -> SurfacePoints:
         """Where vertices lie, their corner NONE for those of the mesh that have no face."""
@@ -259,16 +269,6 @@ class Quadtree:
         counts = self.slot_counts(nodes)
         return np.arange(counts.sum()) + np.repeat(self.first_child[nodes] - np.cumsum(counts) + counts, counts)
 
-    @property
-    def node_room(self) -> int:
-        """How many nodes fit in before larger arrays are needed."""
-        return self._first_child.room
-
-    @property
-    def vertex_room(self) -> int:
-        """The same of vertices."""
-        return self._vertex_corners.room
-
     def reserve(self, leaves: int) -> None:
         """Make room for about so many leaves in all."""
         mesh = self.mesh
@@ -281,6 +281,7 @@ class Quadtree:
             self._frame_corners,
             self._frame_origins,
             self._frame_turns,
+            *(column for column, _ in self._added_columns),
         ):
             column.reserve(mesh.face_count + 4 * splits)
         for column in (self._slot_vertices, self._slot_edges, self._slots_before):
@@ -297,7 +298,12 @@ class Quadtree:
             self._base_edges,
         ):
             column.reserve(mesh.edge_count + 8 * splits)
-        for column in (self._vertex_corners, self._vertex_parameters, self._vertex_edges):
+        for column in (
+            self._vertex_corners,
+            self._vertex_parameters,
+            self._vertex_edges,
+            *(column for column, _ in self._added_vertex_columns),
+        ):
             column.reserve(mesh.vertex_count + 3 * splits)
 
     def split(self, nodes: IndexArray) -> None:
@@ -334,6 +340,8 @@ class Quadtree:
         self._frame_turns.append(
             np.where(owners < self.mesh.face_count, 0, self._frame_turns.values[owners] + places) % 4
         )
+        for column, default in self._added_columns:
+            column.extend(len(slots), default)
         self._append_slots(child_vertices.ravel(), child_edges.ravel())
         self.leaf_count += len(slots) - len(nodes)
 
@@ -404,6 +412,8 @@ class Quadtree:
         self._vertex_corners.append(corners)
         self._vertex_parameters.append(parameters)
         self._vertex_edges.extend(len(corners), edges)
+        for column, default in self._added_vertex_columns:
+            column.extend(len(corners), default)
         return np.arange(first, first + len(corners))
 
     def _append_edges(
@@ -418,6 +428,14 @@ class Quadtree:
         self._midpoints.extend(len(ends), NONE)
         self._base_edges.extend(len(ends), base_edges)
         return np.arange(first, first + len(ends))
+
+
+def _added(columns: list[tuple[Column, Any]], default: np.generic, like: Column) -> Column:
+    """A new one of these columns, as long and with as much room as another."""
+    column = Column(np.full(len(like.values), default))
+    column.reserve(like.room)
+    columns.append((column, default))
+    return column
 
 
 def _numbers(values: IndexArray | int, shape: int | tuple[int, int]) -> NDArray[np.int32]:

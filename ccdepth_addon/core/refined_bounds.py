@@ -14,18 +14,18 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
 
 import numpy as np
 
 from .bounds import Vertices, second_order_extraordinary, support_bounds
+from .coordinates import applied
 from .mesh import FloatArray, IndexArray
 from .norms import squared_norms
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from .refinement import Refinement
 from .splines import bilinear_coefficients, patch_coefficients
-from .templates import QUAD_POINTS, Triangle, templates
-from .triangle_bounds import QUARTER_TURN, Misses, template_rows
+from .templates import QUAD_POINTS, templates
+from .triangle_bounds import QUARTER_TURN, Misses, barycentric, template_rows
 
 # By then what is left of a quad around an irregular vertex is small against the quad.
 REFINEMENTS = 8
@@ -192,8 +192,7 @@ def _off_template(
     corners = squares.corners()
     for number, triangle in enumerate(templates(pattern)[alternative]):
         places = QUAD_POINTS[list(triangle)]
-        inverse = _barycentric(triangle)
-        weights = corners @ inverse[:2] + inverse[2]
+        weights = barycentric(places, corners)
         covered = np.all(weights >= -NOTHING, axis=(0, 2))
         apart = np.any(np.all(weights <= NOTHING, axis=0), axis=1) | _boxes_apart(places, corners)
         inside = np.flatnonzero(covered)
@@ -210,8 +209,7 @@ def _off_template(
                 continue
             bases = squares.bases[chosen]
             given = np.concatenate([coefficients[:, chosen], points[:8, bases]])
-            vectors = (rows @ given.reshape(24, -1)).reshape(len(rows), -1, 3)
-            _raise_at(found, chosen, vectors, normals[number, bases])
+            _raise_at(found, chosen, applied(rows, given), normals[number, bases])
     return found
 
 
@@ -222,12 +220,6 @@ def _raise_at(found: Misses, chosen: IndexArray, vectors: FloatArray, normals: F
     across = np.maximum(squares - along, 0.0)
     for values, own in ((found.whole, squares), (found.normal, along), (found.tangential, across)):
         values[chosen] = np.maximum(values[chosen], np.sqrt(own.max(axis=0, initial=0.0)))
-
-
-@cache
-def _barycentric(triangle: Triangle) -> FloatArray:
-    """(3, 3): from a point's parameters and 1 to its weights as an average of the triangle's vertices."""
-    return np.linalg.inv(np.column_stack([QUAD_POINTS[list(triangle)], np.ones(3)]))
 
 
 def _boxes_apart(places: FloatArray, corners: FloatArray) -> FloatArray:

@@ -73,3 +73,22 @@ class FaceBlock:
         self.bounds[block.faces] = block.bounds
         self.distances[block.faces] = block.distances
         self.exact[block.faces] = block.exact
+
+
+@dataclass(frozen=True)
+class LevelBlock:
+    """Some faces of the mesh at one level: (P,) each. bounds: the proved distances, inf where none is proved to be
+    within the tolerance."""
+
+    faces: IndexArray
+    bounds: FloatArray
+
+    @staticmethod
+    def empty() -> LevelBlock:
+        """A block of no faces."""
+        return LevelBlock(np.zeros(0, dtype=np.intp), np.zeros(0))
+
+    @property
+    def all_within(self) -> bool:
+        """Whether all of its faces are proved to be within the tolerance."""
+        return bool(np.all(np.isfinite(self.bounds)))

@@ -7,6 +7,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+from numpy.typing import NDArray
+
 from .mesh import FloatArray, IndexArray, ShortIndexArray
 from .surface_points import SurfacePoints
 
@@ -41,6 +44,11 @@ class SubdividedMesh:
     @cached_property
     def vertex_points(self) -> SurfacePoints:
         return self.find_vertex_points()
+
+    @cached_property
+    def is_loose(self) -> NDArray[np.bool_]:
+        """(V,) the vertices without faces, which lie nowhere on the surface; all of them are the control mesh's."""
+        return self.vertex_points.corners < 0
 
     @cached_property
     def corner_points(self) -> SurfacePoints:

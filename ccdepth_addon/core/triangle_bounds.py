@@ -13,14 +13,24 @@ control net, so a template is a matrix for each kind of net:
   at the vertex is compared with its bilinear facet, which is within a known part of the second-order norm.
 
 Any other quad is refined first (``refined_bounds``).
+
+The coefficients over a part come from blossoms, not from solving equations. A bicubic S has a blossom s(u₁, u₂, u₃;
+v₁, v₂, v₃), symmetric and affine in each u and in each v, which at (u, u, u; v, v, v) is S(u, v); its values are
+averages of the 16 tensor coefficients, by de Casteljau with another argument at each step. As a polynomial of total
+degree 6, S has the blossom that is the mean, over the 20 ways to choose three of six places, of s at their u and at the
+other three's v: that is symmetric, affine in each place, and S where all six are one. Its values at the vertices of the
+part, i, j and k times, are the coefficients. So within the square every coefficient is a convex combination of the 16.
+
+How exact: all parameters are multiples of 1/16 of the square, so the sums below are exact in double precision, and each
+weight is off by the rounding of one division. docs/adaptive.md (Rounding) has what follows from it.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
-from itertools import pairwise
-from math import factorial
+from itertools import combinations_with_replacement, pairwise
+from math import comb
 
 import numpy as np
 
@@ -31,20 +41,26 @@ from .mesh import FloatArray, IndexArray
 from .norms import second_differences, squared_dots, squared_norms
 from .splines import SPLINE_TO_BERNSTEIN, bilinear_coefficients, tensor
 from .stencils import patch_stencils
-from .templates import QUAD_POINTS, templates
+from .templates import QUAD_POINTS, Triangle, templates
 
 DEGREE = 6
 
-# A row, or a part of a triangle, that is less is nothing but rounding.
-ROW_ROUNDING = 1e-12
+# From the Bernstein coefficients of a cubic over [0, 1] to its coefficients of (x - 1/2)^i; and back.
+TO_POWERS = np.array([[1, 3, 3, 1], [-6, -6, 6, 6], [12, -12, -12, 12], [-8, 24, -24, 8]]) / 8
+FROM_POWERS = np.array([[24, -12, 6, -3], [24, -4, -2, 3], [24, 4, -2, -3], [24, 12, 6, 3]]) / 24
 
 # The monomials (u - 1/2)^i (v - 1/2)^j → 4i + j that are more than quadratic; and how often a triangle is quartered to
-# find how far these are off their quadratic parts: once more would tell 1 % less.
+# find how far these are off their quadratic parts: once more would tell 1 % less. Rounding may take less than 2⁻⁴⁸ from
+# that: 16 sums of numbers below 1/8, and two times nine of such below 3/8.
 BEYOND_QUADRATIC = [4 * i + j for i in range(4) for j in range(4) if i + j > 2]
 QUARTERINGS = 3
+OFF_ROUNDING = 2.0**-48
 
 # The Bernstein coefficients, of 16 in [i, j] → 4i + j, that are the values at corners 0 to 3.
 CORNER_COEFFICIENTS = [0, 12, 15, 3]
+
+# To bring places in order.
+AS_COMPLEX = np.array([1.0, 1.0j])
 
 # A quarter turn, counter-clockwise, of row vectors.
 QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
@@ -84,82 +100,117 @@ WHOLE_QUAD = Square(np.zeros(2), np.eye(2))
 
 
 @cache
-def _domain(degree: int) -> FloatArray:
-    """(28 for degree 6, 3): barycentric coordinates of the domain points of a polynomial's Bernstein coefficients."""
-    return np.array([(i, j, degree - i - j) for i in range(degree + 1) for j in range(degree + 1 - i)]) / degree
-
-
-def _bernstein_basis(degree: int, points: FloatArray) -> FloatArray:
-    """(N, 28 for degree 6): the Bernstein polynomials over a triangle at barycentric coordinates (N, 3)."""
-    exponents = np.rint(_domain(degree) * degree).astype(int)
-    multinomials = [factorial(degree) / (factorial(i) * factorial(j) * factorial(k)) for i, j, k in exponents.tolist()]
-    return np.prod(points[:, None, :] ** exponents[None, :, :], axis=2) * np.array(multinomials)
+def _arguments(degree: int) -> IndexArray:
+    """(28, 6) for degree 6: at which vertices of a triangle the blossom of a polynomial is each of its Bernstein
+    coefficients there, in order."""
+    return np.array([*combinations_with_replacement(range(3), degree)])
 
 
 @cache
-def _values_to_coefficients(degree: int) -> FloatArray:
-    """(28, 28) for degree 6: from the values of a polynomial at the domain points to its Bernstein coefficients."""
-    return np.linalg.inv(_bernstein_basis(degree, _domain(degree)))
+def _counts(degree: int) -> IndexArray:
+    """(28, 3) for degree 6: how often each vertex is among these."""
+    return (_arguments(degree)[:, :, None] == np.arange(3)).sum(axis=1)
 
 
 @cache
-def _quadratic_part() -> FloatArray:
-    """(24, 28): from the Bernstein coefficients of f over a triangle to those of its quadratic part over the four
-    quarters of it, six each.
-
-    The quadratic part has the values of f at the vertices and the middles of the sides. It is no longer than the
-    longest of these coefficients.
-    """
-    to_quadratic = _values_to_coefficients(2) @ _bernstein_basis(DEGREE, _domain(2))
-    over_quarters = [
-        _values_to_coefficients(2) @ _bernstein_basis(2, _domain(2) @ quarter) for quarter in _quartered(np.eye(3))
-    ]
-    return np.concatenate(over_quarters) @ to_quadratic
+def _ways_to_share() -> FloatArray:
+    """(28, 100): in how many of the 20 ways to choose three of a coefficient's six arguments these are the ones of one
+    cubic coefficient, and the others those of another, [a, b] → 10a + b."""
+    whole = _counts(6)[:, None, None]
+    chosen, others = _counts(3)[None, :, None], _counts(3)[None, None]
+    choose = np.array([[comb(n, k) for k in range(4)] for n in range(7)])
+    ways = choose[whole, chosen].prod(axis=-1) * np.all(chosen + others == whole, axis=-1)
+    return ways.reshape(len(ways), -1).astype(np.float64)
 
 
-def _monomials(points: FloatArray) -> FloatArray:
-    """(N, 16): (u - 1/2)^i (v - 1/2)^j → 4i + j at parameters (N, 2)."""
-    along, across = np.moveaxis((points - 0.5)[..., None] ** np.arange(4), 1, 0)
+def _cubic_blossoms(arguments: FloatArray) -> FloatArray:
+    """(N, 4): the blossom of a cubic at arguments (N, 3), by its Bernstein coefficients over [0, 1]."""
+    weights = np.zeros((len(arguments), 4))
+    weights[:, 0] = 1.0
+    for argument in arguments.T[:, :, None]:
+        # Each step takes in one argument; the last weight is still none before the last of them.
+        weights = (1 - argument) * weights + argument * np.roll(weights, 1, axis=1)
+    return weights
+
+
+def bicubic_basis(points: FloatArray) -> FloatArray:
+    """(N, 16): the bicubic Bernstein basis at parameters (N, 2)."""
+    along, across = (_cubic_blossoms(np.repeat(each[:, None], 3, axis=1)) for each in points.T)
     return np.einsum("ni,nj->nij", along, across).reshape(len(points), 16)
 
 
-@cache
+def coefficients_over(part: FloatArray) -> FloatArray:
+    """(28, 16): from the Bernstein coefficients of a bicubic, [i, j] → 4i + j, to those of total degree 6 over a
+    triangle (3, 2) of its parameters.
+
+    None is negative within [0, 1]², and a row sums to 1.
+    """
+    along, across = (_cubic_blossoms(each[_arguments(3)]) for each in part.T)
+    return _ways_to_share() @ tensor(along, across) / comb(6, 3)
+
+
 def to_monomials() -> FloatArray:
-    """(10, 16): from Bernstein coefficients to those of the ``_monomials`` that are more than quadratic."""
-    grid = np.stack(np.divmod(np.arange(16), 4), axis=1) / 3
-    return (np.linalg.inv(_monomials(grid)) @ bicubic_basis(grid))[BEYOND_QUADRATIC]
+    """(10, 16): from Bernstein coefficients to those of (u - 1/2)^i (v - 1/2)^j that are more than quadratic."""
+    return np.kron(TO_POWERS, TO_POWERS)[BEYOND_QUADRATIC]
 
 
 def off_quadratic(triangles: list[FloatArray]) -> FloatArray:
     """(10,): how far each of these monomials is off its own quadratic part, over all of some triangles (3, 2), at most:
     by Bernstein coefficients over parts of these."""
-    largest = np.zeros(len(BEYOND_QUADRATIC))
-    for triangle in triangles:
-        quadratic = _values_to_coefficients(2) @ _monomials(_domain(2) @ triangle)[:, BEYOND_QUADRATIC]
-        parts = [triangle]
-        for _ in range(QUARTERINGS):
-            parts = [quarter for part in parts for quarter in _quartered(part)]
-        for part in parts:
-            points = _domain(DEGREE) @ part
-            values = _monomials(points)[:, BEYOND_QUADRATIC]
-            values -= _bernstein_basis(2, _barycentric(triangle, points)) @ quadratic
-            largest = np.maximum(largest, np.abs(_values_to_coefficients(DEGREE) @ values).max(axis=0))
-    return largest
+    return np.max([_off_quadratic(tuple(triangle.ravel().tolist())) for triangle in triangles], axis=0)
 
 
-def bicubic_basis(points: FloatArray) -> FloatArray:
-    """(N, 16): the bicubic Bernstein basis at parameters (N, 2)."""
+@cache
+def _off_quadratic(places: tuple[float, ...]) -> FloatArray:
+    """(10,): over one triangle, by the parameters of its vertices; templates share these."""
+    triangle = np.array(places).reshape(3, 2)
+    monomials = np.kron(FROM_POWERS, FROM_POWERS)[:, BEYOND_QUADRATIC]
+    blossoms = _quadratic_blossoms(triangle, monomials)
+    parts, largest = [triangle], np.zeros(len(BEYOND_QUADRATIC))
+    for _ in range(QUARTERINGS):
+        parts = [quarter for part in parts for quarter in _quartered(part)]
+    for part in parts:
+        own = barycentric(triangle, part)
+        quadratic = np.einsum("pa,qb,abm->pqm", own, own, blossoms)
+        off = coefficients_over(part) @ monomials - np.einsum("rpq,pqm->rm", _shares_of_pairs(), quadratic)
+        largest = np.maximum(largest, np.abs(off).max(axis=0))
+    return largest + OFF_ROUNDING
 
-    def cubic(x: FloatArray) -> FloatArray:
-        return np.stack([(1 - x) ** 3, 3 * x * (1 - x) ** 2, 3 * x * x * (1 - x), x**3], axis=1)
 
-    return np.einsum("ni,nj->nij", cubic(points[:, 0]), cubic(points[:, 1])).reshape(len(points), 16)
+def _quadratic_blossoms(triangle: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """(3, 3, N): of the quadratic polynomials with the values of bicubics (16, N) at a triangle's vertices and at the
+    middles of its sides, the blossoms at every two vertices."""
+    values = np.einsum("abi,in->abn", _at_middles(triangle), coefficients)
+    at_vertices = np.einsum("aan->an", values)
+    # A vertex is the middle between it and itself, where this is its value.
+    return 2 * values - (at_vertices[:, None] + at_vertices[None]) / 2
+
+
+def _at_middles(triangle: FloatArray) -> FloatArray:
+    """(3, 3, 16): the basis half-way between every two vertices of a triangle (3, 2)."""
+    middles = (triangle[:, None] + triangle[None]) / 2
+    return bicubic_basis(middles.reshape(-1, 2)).reshape(3, 3, 16)
+
+
+@cache
+def _shares_of_pairs() -> FloatArray:
+    """(28, 3, 3): which part of the pairs of a coefficient's six arguments, in order, are two given vertices: raises a
+    polynomial of degree 2, by its blossoms, to degree 6."""
+    counts = _counts(6)
+    pairs = counts[:, :, None] * counts[:, None, :] - counts[:, :, None] * np.eye(3, dtype=np.intp)
+    return pairs / 30
+
+
+def barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
+    """(…, 3): points (…, 2) as averages of a triangle's vertices (3, 2)."""
+    return _barycentric(triangle, np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1))
 
 
 def _barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
-    """(N, 3): points (N, 2) as averages of a triangle's vertices (3, 2)."""
-    square = np.column_stack([triangle, np.ones(3)])
-    return np.column_stack([points, np.ones(len(points))]) @ np.linalg.inv(square)
+    """(…, 3): the same of homogeneous points (…, 3). What is divided is exact for parameters."""
+    a, b, c = np.column_stack([triangle, np.ones(3)])
+    opposite = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
+    return (points @ opposite.T) / (points[..., 2:] * (a @ opposite[0]))
 
 
 def _functionals(part: FloatArray, square: Square, triangle: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -167,37 +218,38 @@ def _functionals(part: FloatArray, square: Square, triangle: FloatArray) -> tupl
 
     S by its Bernstein coefficients over the square that holds the part, T by its values at the triangle's vertices.
     """
-    points = _domain(DEGREE) @ part
-    of_surface = _values_to_coefficients(DEGREE) @ bicubic_basis(square.from_parent(points))
-    return of_surface, _barycentric(triangle, points)
+    domain_points = _counts(DEGREE).astype(np.float64) @ np.column_stack([part, np.ones(3)])
+    return coefficients_over(square.from_parent(part)), _barycentric(triangle, domain_points)
 
 
 @dataclass(frozen=True)
 class Rows:
-    """R functionals of N control points. matrix: (R, N); triangles: (R,) which triangle of the template each is for."""
+    """R functionals of N control points, each a coefficient of S - T over a part of a triangle of the template.
+
+    matrix: (R, N); triangles: (R,) which triangle; places: (R, 12) the six arguments of the blossom that the
+    coefficient is, in parameters of the quad, in order.
+    """
 
     matrix: FloatArray
     triangles: IndexArray
+    places: FloatArray
 
     def of(self, surface: FloatArray, points: FloatArray) -> Rows:
         """Functionals of the coefficients of S and the quad's points, where S is (16, N) and the points (8 or more, N):
         as functionals of N numbers."""
-        return Rows(self.matrix[:, :16] @ surface + self.matrix[:, 16:] @ points[:8], self.triangles)
+        return replace(self, matrix=self.matrix[:, :16] @ surface + self.matrix[:, 16:] @ points[:8])
 
     @staticmethod
     def joined(parts: list[Rows]) -> Rows:
-        """All of them, triangle by triangle, without zeros and what is there already, with whatever sign."""
-        matrix = np.concatenate([part.matrix for part in parts])
+        """All of them, triangle by triangle, each once.
+
+        Parts that share a side have the same coefficients on it: S - T is continuous, and a polynomial there.
+        """
         triangles = np.concatenate([part.triangles for part in parts])
-        kept = np.flatnonzero(np.abs(matrix).max(axis=1) > ROW_ROUNDING)
-        kept = kept[np.argsort(triangles[kept], kind="stable")]
-        matrix, triangles = matrix[kept], triangles[kept]
-        first = np.argmax(np.abs(matrix) > ROW_ROUNDING, axis=1)
-        upwards = matrix * np.sign(np.take_along_axis(matrix, first[:, None], axis=1))
-        rounded = np.round(np.column_stack([triangles, upwards]) / ROW_ROUNDING)
-        _, kept = np.unique(rounded, axis=0, return_index=True)
-        kept.sort()
-        return Rows(np.ascontiguousarray(matrix[kept]), triangles[kept])
+        places = np.concatenate([part.places for part in parts])
+        _, kept = np.unique(np.column_stack([triangles, places]), axis=0, return_index=True)
+        matrix = np.concatenate([part.matrix for part in parts])
+        return Rows(np.ascontiguousarray(matrix[kept]), triangles[kept], places[kept])
 
 
 @dataclass(frozen=True)
@@ -270,12 +322,14 @@ def _clipped(triangle: FloatArray, square: Square) -> list[FloatArray]:
         for i, (point, height) in enumerate(zip(polygon, heights, strict=True)):
             previous, previous_height = polygon[i - 1], heights[i - 1]
             if height * previous_height < 0:
-                clipped.append(previous + (point - previous) * (previous_height / (previous_height - height)))
+                # All of these are dyadic fractions, and the quotient is one: nothing is rounded.
+                crossing = previous_height * point - height * previous
+                clipped.append(crossing / (previous_height - height))
             if height >= 0:
                 clipped.append(point)
         polygon = clipped
     fans = [np.array([polygon[0], b, c]) for b, c in pairwise(polygon[1:])]
-    return [fan for fan in fans if abs(np.linalg.det(fan[1:] - fan[0])) > ROW_ROUNDING]
+    return [fan for fan in fans if np.cross(*(fan[1:] - fan[0]))]
 
 
 def _quartered(triangle: FloatArray) -> list[FloatArray]:
@@ -300,17 +354,24 @@ def template_rows(pattern: int, alternative: int, path: int, *, fine: bool = Fal
 
     path: to the square, digits of base 4 after a leading 1. fine: over the quarters of each part.
     """
-    square, matrices, triangles = _square_at(path), [np.zeros((0, 24))], [np.zeros(0, dtype=np.intp)]
+    square = _square_at(path)
+    rows = [Rows(np.zeros((0, 24)), np.zeros(0, dtype=np.intp), np.zeros((0, 12)))]
     for number, triangle in enumerate(templates(pattern)[alternative]):
-        places = QUAD_POINTS[list(triangle)]
-        for part in _clipped(places, square):
-            for piece in _quartered(part) if fine else [part]:
-                of_surface, of_vertices = _functionals(piece, square, places)
-                of_points = np.zeros((len(of_vertices), 8))
-                of_points[:, list(triangle)] = of_vertices
-                matrices.append(np.hstack([of_surface, -of_points]))
-                triangles.append(np.full(len(of_surface), number))
-    return Rows(np.concatenate(matrices), np.concatenate(triangles))
+        for part in _clipped(QUAD_POINTS[list(triangle)], square):
+            rows += [_rows_over(piece, square, number, triangle) for piece in (_quartered(part) if fine else [part])]
+    return Rows.joined(rows)
+
+
+def _rows_over(part: FloatArray, square: Square, number: int, triangle: Triangle) -> Rows:
+    """Those over a part (3, 2) of one triangle, but at the vertices of this, where there is no distance."""
+    vertices = QUAD_POINTS[list(triangle)]
+    of_surface, of_vertices = _functionals(part, square, vertices)
+    of_points = np.zeros((len(of_vertices), 8))
+    of_points[:, list(triangle)] = of_vertices
+    places = np.sort((part @ AS_COMPLEX)[_arguments(DEGREE)], axis=1)
+    kept = ~((places[:, 0] == places[:, -1]) & np.isin(places[:, 0], vertices @ AS_COMPLEX))
+    matrix = np.hstack([of_surface, -of_points])[kept]
+    return Rows(matrix, np.full(len(matrix), number), places[kept].view(np.float64))
 
 
 @lru_cache(maxsize=256)
@@ -336,14 +397,18 @@ class QuadraticRows:
 @lru_cache(maxsize=256)
 def quadratic_rows(pattern: int, alternative: int) -> QuadraticRows:
     """With Bernstein coefficients as for ``regular_rows``."""
-    rows = template_rows(pattern, alternative, 1).of(np.eye(16), regular_points())
-    coefficients = rows.matrix.reshape(-1, len(_domain(DEGREE)), 16)
-    triangles = rows.triangles.reshape(len(coefficients), -1)[:, 0]
-    matrix = (_quadratic_part() @ coefficients).reshape(-1, 16)
-    quadratic = Rows.joined([Rows(matrix, np.repeat(triangles, len(_quadratic_part())))])
-    both = np.concatenate([quadratic.matrix, to_monomials()])
-    weights = off_quadratic([QUAD_POINTS[list(triangle)] for triangle in templates(pattern)[alternative]])
-    return QuadraticRows(both, quadratic.triangles, weights[:, None])
+    triangles = [QUAD_POINTS[list(triangle)] for triangle in templates(pattern)[alternative]]
+    quadratic = [_off_at_middles(triangle) for triangle in triangles]
+    both = np.concatenate([*quadratic, to_monomials()])
+    return QuadraticRows(both, np.repeat(np.arange(len(triangles)), 4), off_quadratic(triangles)[:, None])
+
+
+def _off_at_middles(triangle: FloatArray) -> FloatArray:
+    """(4, 16): S - T at the middles of a triangle's sides, and half the sum of these: the coefficients of the quadratic
+    part over the triangle's quarters, but for zeros at the vertices."""
+    values = _at_middles(triangle)
+    sides = np.stack([values[i, j] - (values[i, i] + values[j, j]) / 2 for i, j in ((0, 1), (1, 2), (2, 0))])
+    return np.concatenate([sides, sides.sum(axis=0, keepdims=True) / 2])
 
 
 @dataclass(frozen=True)

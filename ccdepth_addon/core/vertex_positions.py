@@ -16,7 +16,7 @@ from .blocks import taken
 from .limit_surface import limit_values
 from .mesh import FloatArray, IndexArray
 from .patches import PatchKinds, classify_patches
-from .quadtree import NONE, Column, Quadtree
+from .quadtree import NONE, Quadtree
 
 
 class VertexPositions:
@@ -25,19 +25,17 @@ class VertexPositions:
     def __init__(self, tree: Quadtree) -> None:
         self._tree = tree
         # Numbers one by one are put and taken several times as fast as rows of three.
-        self._coordinates = [Column(np.zeros(0)) for _ in range(3)]
+        self._coordinates = [tree.add_vertex_column(np.float64(np.nan)) for _ in range(3)]
         loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
         self.put(loose, tree.mesh.positions[loose])
 
     def put(self, vertices: IndexArray, positions: FloatArray) -> None:
         """Vertices (…) lie at positions (…, 3)."""
-        self._extend()
         for axis, column in enumerate(self._coordinates):
             column.values[vertices] = positions[..., axis]
 
     def of(self, vertices: IndexArray) -> FloatArray:
         """(N, 3): where vertices (N,) lie."""
-        self._extend()
         found = np.empty((len(vertices), 3))
         for axis, column in enumerate(self._coordinates):
             found[:, axis] = taken(column.values, vertices)
@@ -63,10 +61,3 @@ class VertexPositions:
         positions[is_loose] = control_positions[vertices[is_loose]]
         positions[~is_loose] = limit_values(mesh, control_positions, points.at(np.flatnonzero(~is_loose)), self._kinds)
         return positions
-
-    def _extend(self) -> None:
-        """There are as many vertices as the tree has by now."""
-        more = len(self._tree.vertex_edges) - len(self._coordinates[0].values)
-        for column in self._coordinates:
-            column.reserve(self._tree.vertex_room)
-            column.extend(more, np.nan)

@@ -136,9 +136,9 @@ def drawn(data: meshes.MeshData, tolerance: float, transitions: str, world: Floa
     """
     world = np.eye(3) if world is None else world
     adaptive, rules = addon.module("core.adaptive"), addon.module("core.catmull_clark")
-    templates = addon.module("core.templates")
+    templates, plan = addon.module("core.templates"), addon.module("core.plan")
     base = rules.apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
-    asked = adaptive.Request(tolerance, adaptive.Mode.ADAPTIVE, templates.Transitions(transitions), MOST_FACES, world)
+    asked = plan.Request(tolerance, plan.Mode.ADAPTIVE, templates.Transitions(transitions), MOST_FACES, world)
     positions = base.positions @ np.linalg.inv(world).T
     found = result_of(adaptive.subdivide_adaptively(base, asked, positions))
     assert np.all(found.bounds <= tolerance)

@@ -166,16 +166,6 @@ def test_library_override_of_the_object_alone(tmp_path: object) -> None:
     refused(override, match="Suzanne: the mesh is linked from another file")
 
 
-def test_library_override_of_the_mesh_is_fine(tmp_path: object) -> None:
-    override = linked_suzanne(tmp_path).override_create(remap_local_usages=True)
-    override.data = override.data.override_create()
-    addon.compute(override)
-    assert override.data.ccdepth.has_result
-    assert sum(addon.histogram(override).values()) == len(override.data.polygons)
-    bpy.ops.ccdepth.clear()
-    assert addon.is_untouched([override])
-
-
 @pytest.mark.parametrize(
     ("name", "data_type", "domain"),
     [("ccdepth", "FLOAT", "FACE"), ("ccdepth_bound", "FLOAT", "POINT"), ("ccdepth_color", "BYTE_COLOR", "CORNER")],

@@ -676,3 +676,21 @@ def test_results_of_ours_are_not_carried() -> None:
     assert not mesh.ccdepth.has_result
     assert mesh.attributes.active_color_name == "Paint"
     assert holder.data.ccdepth.has_result
+
+
+def test_custom_properties_stay_where_modifiers_are_counted_in() -> None:
+    holder = scene.add_object(meshes.cube())
+    holder.data["number"], holder.data["text"], holder.data["list"] = 0.5, "words", [1.0, 2.0]
+    holder.data["group"] = {"one": 1, "two": {"three": 3}}
+    holder.data["object"] = holder
+    holder.data.id_properties_ui("number").update(min=0.0, max=2.0, description="A number")
+    holder.modifiers.new("Bevel", "BEVEL")
+    addon.select(holder)
+    assert bpy.ops.ccdepth.subdivide(tolerance=0.1, tolerance_mode="ABSOLUTE") == {"FINISHED"}
+    mesh = bpy.context.object.data
+    assert mesh != holder.data
+    assert (mesh["number"], mesh["text"], list(mesh["list"])) == (0.5, "words", [1.0, 2.0])
+    assert mesh["group"].to_dict() == {"one": 1, "two": {"three": 3}}
+    assert mesh["object"] == holder
+    shown = mesh.id_properties_ui("number").as_dict()
+    assert (shown["max"], shown["description"]) == (2.0, "A number")

@@ -13,14 +13,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core import adaptive
-from ccdepth_addon.core.adaptive import (
-    AdaptiveMesh,
-    Mode,
-    Request,
-    TooManyFacesError,
-    count_faces,
-    subdivide_adaptively,
-)
+from ccdepth_addon.core.adaptive import AdaptiveMesh, count_faces, subdivide_adaptively
 from ccdepth_addon.core.catmull_clark import apply_boundary_rule
 from ccdepth_addon.core.cell_store import some
 from ccdepth_addon.core.cells import cells_of_faces
@@ -31,6 +24,7 @@ from ccdepth_addon.core.limit_normals import limit_normals
 from ccdepth_addon.core.limit_surface import limit_values
 from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh
 from ccdepth_addon.core.net_cells import BicubicCells
+from ccdepth_addon.core.plan import Mode, Request, TooManyFacesError
 from ccdepth_addon.core.quadtree import NONE, Quadtree
 from ccdepth_addon.core.surface_points import SurfacePoints
 from ccdepth_addon.core.templates import Transitions

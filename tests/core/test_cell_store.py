@@ -44,12 +44,10 @@ def test_cells_are_found_by_their_nodes() -> None:
     while waiting and len(nets) < 3000:
         cells = waiting.pop(0)
         remember(nets, cells)
-        store.extend(len(tree.first_child))
         store.put(cells)
         split = np.sort(generator.permutation(len(cells.nodes))[: 1 + len(cells.nodes) // 2])
         parents = cells.at(split)
         tree.split(parents.nodes)
-        store.extend(len(tree.first_child))
         children = [*parents.children(tree)]
         for block in children:
             remember(nets, block)

@@ -52,7 +52,6 @@ def test_what_was_said_last(seed: int) -> None:
         if generator.random() < 0.3:
             leaves = tree.leaves()
             tree.split(generator.choice(leaves, 1 + len(leaves) // 10, replace=False))
-        store.extend()
         dense.extend(len(tree.first_child))
         nodes = generator.permutation(len(tree.first_child))
 

@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from fractions import Fraction
 from functools import cache
+from itertools import combinations, pairwise, product
+from math import comb, factorial, prod
 
 import numpy as np
 import pytest
@@ -179,6 +182,137 @@ def test_bounds_of_quadratic_distances_need_no_closer_look() -> None:
         assert np.all((distances <= bounds + ROUNDING) & (bounds <= 9 / 8 * 1.01 * distances))
         exact.append(bounds <= distances + ROUNDING)
     assert np.mean(exact) > 0.8
+
+
+def exact_blossom(places: list[tuple[Fraction, Fraction]]) -> list[Fraction]:
+    """The weights of 16 tensor coefficients in the blossom of total degree 6 at six places, by its definition, the mean
+    over the choices of three places for u and the others for v, of de Casteljau with another argument at each step."""
+    weights = [Fraction(0)] * 16
+    for chosen in combinations(range(6), 3):
+        along = de_casteljau([places[i][0] for i in chosen])
+        across = de_casteljau([places[i][1] for i in range(6) if i not in chosen])
+        weights = [w + a * b / 20 for w, (a, b) in zip(weights, product(along, across), strict=True)]
+    return weights
+
+
+def de_casteljau(arguments: list[Fraction]) -> list[Fraction]:
+    """The weights of a cubic's four coefficients."""
+    rows = [[Fraction(int(i == j)) for j in range(4)] for i in range(4)]
+    for x in arguments:
+        rows = [[(1 - x) * a + x * b for a, b in zip(*pair, strict=True)] for pair in pairwise(rows)]
+    return rows[0]
+
+
+def cubic_basis(x: Fraction) -> list[Fraction]:
+    return [comb(3, i) * x**i * (1 - x) ** (3 - i) for i in range(4)]
+
+
+UNIT = Fraction(1, 2**53)
+
+PARTS = [[(0, 0), (4, 0), (4, 4)], [(1, 0), (2, 4), (0, 3)], [(0, 4), (1, 3), (0, 2)], [(2, 1), (3, 3), (1, 4)]]
+
+
+@pytest.mark.parametrize("part", PARTS)
+def test_coefficients_over_a_triangle_make_the_same_polynomial(part: list[tuple[int, int]]) -> None:
+    """At as many places as determine it, in rational numbers; and they are means, but for half a unit in the last place
+    of each weight."""
+    matrix = triangle_bounds.coefficients_over(np.array(part) / 4)
+    assert matrix.min() >= 0
+    exact = [[Fraction(weight) for weight in row] for row in matrix.tolist()]
+    assert all(abs(sum(row) - 1) <= UNIT for row in exact)
+    counts = [(6 - a - b, a, b) for a, b in product(range(7), repeat=2) if a + b <= 6]
+    # The order of the coefficients: by arguments.
+    counts.sort(key=lambda each: [0] * each[0] + [1] * each[1] + [2] * each[2])
+    for place in counts:
+        weights = [Fraction(count, 6) for count in place]
+        basis = [
+            Fraction(factorial(6), prod(map(factorial, each))) * prod(w**e for w, e in zip(weights, each, strict=True))
+            for each in counts
+        ]
+        u, v = (sum(w * Fraction(each[i], 4) for w, each in zip(weights, part, strict=True)) for i in range(2))
+        for number, (along, across) in enumerate(product(cubic_basis(u), cubic_basis(v))):
+            value = sum(b * row[number] for b, row in zip(basis, exact, strict=True))
+            assert abs(value - along * across) <= UNIT * along * across
+
+
+@pytest.mark.parametrize("path", ["1", "12", "1021", "10000003"])
+def test_rows_are_exact_but_for_the_rounding_of_their_weights(path: str) -> None:
+    """A weight of S is rounded once, one of T where it is divided by an area and by six."""
+    square = square_of(path)
+    for (pattern, alternative), fine in product(FEW_CHOICES, (False, True)):
+        rows = triangle_bounds.template_rows(pattern, alternative, int(path, 4), fine=fine)
+        chosen = np.random.default_rng(1).permutation(len(rows.matrix))[:12]
+        for row in chosen.tolist():
+            places = rows.places[row].reshape(6, 2)
+            within = square.from_parent(places)
+            assert np.all(within % (1 / 4 if fine else 1 / 2) == 0)
+            assert np.all((within >= 0) & (within <= 1))
+            of_surface = exact_blossom([(Fraction(u), Fraction(v)) for u, v in within.tolist()])
+            triangle = templates(pattern)[alternative][rows.triangles[row]]
+            of_points = [Fraction(0)] * 8
+            for point, weight in zip(triangle, exact_weights(triangle, places), strict=True):
+                of_points[point] = -weight
+            for found, exact in zip(rows.matrix[row].tolist(), of_surface + of_points, strict=True):
+                assert abs(Fraction(found) - exact) <= 2 * UNIT * abs(exact)
+
+
+def square_of(path: str) -> triangle_bounds.Square:
+    square = triangle_bounds.WHOLE_QUAD
+    for digit in path[1:]:
+        square = square.child(int(digit))
+    return square
+
+
+def exact_weights(triangle: tuple[int, int, int], places: FloatArray) -> list[Fraction]:
+    """Of a triangle's vertices, for the mean of some places."""
+    (ax, ay), (bx, by), (cx, cy) = ([Fraction(x) for x in point] for point in QUAD_POINTS[list(triangle)].tolist())
+    x, y = (sum(map(Fraction, each)) / len(places) for each in places.T.tolist())
+    area = (bx - ax) * (cy - ay) - (cx - ax) * (by - ay)
+    second = ((x - ax) * (cy - ay) - (cx - ax) * (y - ay)) / area
+    third = ((bx - ax) * (y - ay) - (x - ax) * (by - ay)) / area
+    return [1 - second - third, second, third]
+
+
+def test_rows_belong_to_places_of_their_triangles() -> None:
+    """But not to their vertices, where there is no distance."""
+    for (pattern, alternative), path in product(CHOICES, (1, 0o15, 0o23)):
+        rows = triangle_bounds.template_rows(pattern, alternative, path)
+        for number, triangle in enumerate(templates(pattern)[alternative]):
+            vertices = QUAD_POINTS[list(triangle)]
+            places = rows.places[rows.triangles == number].reshape(-1, 6, 2)
+            weights = triangle_bounds.barycentric(vertices, places)
+            assert np.all(weights >= 0)
+            assert not np.any(np.all(weights == 1, axis=1))
+
+
+def test_monomials_are_no_farther_off_their_quadratic_parts_than_told() -> None:
+    """Sampled; the quadratic polynomials are fitted to the six values."""
+    exponents = [(i, j) for i in range(4) for j in range(4) if i + j > 2]
+    inside = np.array([(i, j) for i in range(41) for j in range(41 - i)]) / 40
+    six = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
+    triangles = {triangle for pattern in range(ALL_SPLIT) for template in templates(pattern) for triangle in template}
+    for triangle in sorted(triangles):
+        a, b, c = vertices = QUAD_POINTS[list(triangle)]
+
+        def monomials(weights: FloatArray, a: FloatArray = a, b: FloatArray = b, c: FloatArray = c) -> FloatArray:
+            u, v = (a + weights[:, :1] * (b - a) + weights[:, 1:] * (c - a) - 0.5).T
+            return np.stack([u**i * v**j for i, j in exponents], axis=1)
+
+        def quadratics(weights: FloatArray) -> FloatArray:
+            x, y = weights.T
+            return np.stack([np.ones(len(x)), x, y, x * x, x * y, y * y], axis=1)
+
+        off = monomials(inside) - quadratics(inside) @ np.linalg.solve(quadratics(six), monomials(six))
+        told, sampled = triangle_bounds.off_quadratic([vertices]), np.abs(off).max(axis=0)
+        assert np.all(sampled <= told)
+        assert np.all(told <= 1.1 * sampled)
+
+
+def test_monomials_take_no_more_rounding_than_told() -> None:
+    """docs/adaptive.md, Rounding: the sums of their rows' weights, times how far they are off their quadratic parts."""
+    in_all = np.abs(triangle_bounds.to_monomials()).sum(axis=1)
+    for pattern, alternative in CHOICES:
+        assert in_all @ triangle_bounds.quadratic_rows(pattern, alternative).weights[:, 0] < 6.6
 
 
 # A limit of so many times the largest distance should be seen to hold.

@@ -1,0 +1,69 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Writing to Blender's data in bulk, and copies that can be written to.
+
+What is written in bulk to a library override is dropped without an error, and a copy of an override is an override.
+"""
+
+from __future__ import annotations
+
+from typing import Any, TypeVar
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+Data = TypeVar("Data", bpy.types.Mesh, bpy.types.Object)
+
+
+class WriteError(ValueError):
+    """Blender did not keep what was written; the message says what in a modeller's words."""
+
+
+def write_values(items: Any, name: str, values: NDArray[Any], step: float = 0.0) -> None:
+    """Write a property of every item of a collection in one go, and read it back once.
+
+    values: (items,) or (items, width), of the type that the property has. step: how far what is kept may be off, for
+    numbers from 0 to 1 that are kept in steps. Raises WriteError when something else is there afterwards.
+    """
+    written = np.ascontiguousarray(values).ravel()
+    if not len(written):
+        return
+    items.foreach_set(name, written)
+    found = np.empty_like(written)
+    items.foreach_get(name, found)
+    if not _is_kept(written, found, step):
+        raise WriteError("Blender did not keep what was written to the mesh, and nothing was changed")
+
+
+def _is_kept(written: NDArray[Any], found: NDArray[Any], step: float) -> bool:
+    if written.tobytes() == found.tobytes():
+        return True
+    if step == 0.0:
+        return bool(np.array_equal(written, found, equal_nan=written.dtype.kind == "f"))
+    # What is no number has to be kept as some number.
+    return bool(np.all((np.abs(np.clip(written, 0.0, 1.0) - found) <= step) | np.isnan(written)))
+
+
+def is_writable(mesh: bpy.types.Mesh) -> bool:
+    """Whether a mesh keeps what is written to it: it is this file's own, and overrides no other file's."""
+    return mesh.is_editable and mesh.override_library is None
+
+
+def own_copy(data: Data) -> Data:
+    """A copy that is this file's alone, without the overrides and the library of what is copied."""
+    copy = data.copy()
+    return copy if copy.override_library is None else copy.make_local(clear_liboverride=True)
+
+
+def remove_shape_keys(holder: bpy.types.Object) -> None:
+    """Take the shape keys off the object's mesh, and their data-block out of the file.
+
+    Before Blender 5.2 the keys of a copied mesh count a user too many and would stay, belonging to no mesh. A file with
+    such keys cannot be saved again.
+    """
+    keys = holder.data.shape_keys
+    if keys is None:
+        return
+    uid = keys.session_uid
+    holder.shape_key_clear()
+    bpy.data.batch_remove([left for left in bpy.data.shape_keys if left.session_uid == uid])

@@ -1,0 +1,296 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Attributes may have any name that Blender lets them have, on any domain and of any type.
+
+Those named like Blender's own mean to us what they mean to its Subdivision Surface modifier: it reads creases from
+attributes of any kind, and even from vertex groups. Those named like ours are the user's unless they are of our kind.
+"""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+
+from tests import meshes
+from tests.blender import addon, scene
+from tests.blender.test_nothing_lost import VALUES, counts, known_types, random_values, read
+from tests.blender.test_subdivide import refused, subdivide
+
+DOMAINS = ["POINT", "EDGE", "FACE", "CORNER"]
+TOLERANCE = 0.2
+
+# Names that stand for something in Blender, or here.
+NAMES = [
+    "crease_vert", "crease_edge", "custom_normal", "uv_seam", ".select_vert", ".select_poly", ".hide_edge",
+    ".hide_poly", "sharp_edge", "sharp_face", "material_index", "freestyle_edge", ".sculpt_face_set",
+    "ccdepth_origin", "ccdepth_weights_0",
+]  # fmt: skip
+CREASES = {"crease_vert": "POINT", "crease_edge": "EDGE"}
+
+# One type that is interpolated, copied, joined, spread, kept in steps each, and those of Blender's own attributes.
+TELLING_TYPES = {"FLOAT", "INT", "BOOLEAN", "FLOAT_VECTOR", "BYTE_COLOR", "INT16_2D", "QUATERNION"}
+
+
+def uneven() -> bpy.types.Object:
+    """A grid of 3 × 3 quads, one of them divided into triangles, not in a plane."""
+    data = meshes.grid(3, 3)
+    positions = data.positions.copy()
+    positions[:, 2] = np.arange(len(positions)) * 7 % 5 * 0.3
+    *quads, [a, b, c, d] = data.corner_vertices.reshape(-1, 4).tolist()
+    return scene.add_object(meshes.from_faces(positions.tolist(), [*quads, [a, b, c], [a, c, d]]), "Mesh")
+
+
+def add(holder: bpy.types.Object, name: str, data_type: str, domain: str) -> np.ndarray | None:
+    """An attribute with values, (N, D); None where Blender allows none of the kind."""
+    if name in holder.data.attributes:
+        holder.data.attributes.remove(holder.data.attributes[name])
+    attribute = holder.data.attributes.new(name, data_type, domain)
+    if attribute is None or attribute.name != name:
+        return None
+    value, dtype, _ = VALUES[data_type]
+    values = random_values(data_type, counts(holder.data)[domain], np.random.default_rng(5))
+    if name in CREASES and np.issubdtype(dtype, np.integer):
+        values = values % 2
+    attribute.data.foreach_set(value, np.ascontiguousarray(values, dtype=dtype).ravel())
+    return read(holder.data, name)
+
+
+def kind(holder: bpy.types.Object, name: str) -> tuple[str, str]:
+    attribute = holder.data.attributes[name]
+    return attribute.data_type, attribute.domain
+
+
+# Nothing fails, and nothing is lost.
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+@pytest.mark.parametrize("name", NAMES)
+def test_every_kind_of_attribute_is_carried_over(name: str, domain: str) -> None:
+    for data_type in known_types() if name in CREASES else TELLING_TYPES & {*known_types()}:
+        scene.clear()
+        holder = uneven()
+        values = add(holder, name, data_type, domain)
+        if values is None:
+            continue
+        [result] = subdivide(holder, tolerance=TOLERANCE)
+        np.testing.assert_array_equal(read(holder.data, name), values)
+        if is_kept_to_itself(name, data_type, domain):
+            continue
+        assert kind(result, name) == (data_type, domain), data_type
+        if domain == "POINT":
+            # The control mesh's vertices come first, and keep their values.
+            np.testing.assert_array_equal(read(result.data, name)[: len(values)], values, err_msg=data_type)
+
+
+def is_kept_to_itself(name: str, data_type: str, domain: str) -> bool:
+    """What belongs to the coarse faces: custom normals, and parts that are hidden or selected, by their own rules."""
+    if name == "custom_normal":
+        free = data_type == "FLOAT_VECTOR" and bpy.app.version >= (4, 5)
+        return free or (data_type, domain) == ("INT16_2D", "CORNER")
+    kinds = {"vert": "POINT", "edge": "EDGE", "poly": "FACE"}
+    flag, _, element = name.rpartition("_")
+    return flag in {".select", ".hide"} and (data_type, kinds[element]) == ("BOOLEAN", domain)
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+@pytest.mark.parametrize("name", NAMES)
+def test_texts_of_every_name_are_carried_over(name: str, domain: str) -> None:
+    holder = uneven()
+    if name in holder.data.attributes:
+        holder.data.attributes.remove(holder.data.attributes[name])
+    attribute = holder.data.attributes.new(name, "STRING", domain)
+    if attribute is None:
+        return
+    attribute.data[0].value = b"text"
+    [result] = subdivide(holder, tolerance=TOLERANCE)
+    assert kind(result, name) == ("STRING", domain)
+    assert b"text" in {item.value for item in result.data.attributes[name].data}
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+@pytest.mark.parametrize("name", ["crease_vert", "crease_edge", "ccdepth_origin", "custom_normal"])
+def test_modifiers_carry_every_kind_along(name: str, domain: str) -> None:
+    for data_type in known_types():
+        scene.clear()
+        holder = uneven()
+        if add(holder, name, data_type, domain) is None or is_kept_to_itself(name, data_type, domain):
+            continue
+        holder.modifiers.new("Triangulate", "TRIANGULATE")
+        addon.compute(holder, tolerance=TOLERANCE)
+        [result] = subdivide(holder, tolerance=TOLERANCE)
+        assert kind(result, name) == (data_type, domain), data_type
+        assert [other for other in result.data.attributes.keys() if "ccdepth_origin" in other and other != name] == []  # noqa: SIM118
+
+
+def test_flags_that_are_none_stay_beside_those_that_are() -> None:
+    holder = uneven()
+    numbers = add(holder, ".hide_vert", "FLOAT", "CORNER")
+    holder.data.attributes.new(".hide_poly", "BOOLEAN", "FACE").data[0].value = True
+    [result] = subdivide(holder, tolerance=TOLERANCE)
+    assert kind(result, ".hide_vert") == ("FLOAT", "CORNER")
+    assert np.ptp(read(result.data, ".hide_vert")) > 0.5 * np.ptp(numbers)
+    assert any(polygon.hide for polygon in result.data.polygons)
+
+
+# Creases.
+
+
+def modified(holder: bpy.types.Object) -> np.ndarray:
+    """(3V,): the vertices of Blender's own subdivision."""
+    modifier = scene.add_subdivision(holder, 2)
+    positions = scene.evaluated_mesh_data(holder).positions
+    holder.modifiers.remove(modifier)
+    return positions
+
+
+def as_read(holder: bpy.types.Object, *, use_modifiers: bool = False) -> bpy.types.Object:
+    """A copy of the grid with the creases that are read from the object, as Blender itself stores them."""
+    control = addon.module("control_mesh").read_control_mesh(bpy.context, holder, use_modifiers=use_modifiers)
+    copy = uneven()
+    arrays = control.read.arrays
+    for name, sharpness in (("crease_edge", arrays.edge_sharpness), ("crease_vert", arrays.vertex_sharpness)):
+        creases = np.where(np.isinf(sharpness), 1.0, np.sqrt(np.minimum(sharpness, 10.0) / 10.0))
+        copy.data.attributes.new(name, "FLOAT", CREASES[name]).data.foreach_set("value", creases.astype(np.float32))
+    return copy
+
+
+# A crease goes through a square root here and a square there: single precision, on a mesh of size 3.
+SAME_SURFACE = 2e-6
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+@pytest.mark.parametrize("name", CREASES)
+@pytest.mark.parametrize("editing", [False, True])
+def test_creases_of_every_kind_are_those_of_the_modifier(name: str, domain: str, editing: bool) -> None:
+    plain = modified(uneven())
+    effects = 0
+    for data_type in known_types():
+        scene.clear()
+        holder = uneven()
+        add(holder, name, data_type, domain)
+        expected = modified(holder)
+        names = {item.name_full for item in bpy.data.user_map()}
+        if editing:
+            with addon.edit_mode(holder):
+                copy = as_read(holder)
+        else:
+            copy = as_read(holder)
+        assert {item.name_full for item in bpy.data.user_map()} - names == {copy.name, copy.data.name}
+        np.testing.assert_allclose(modified(copy), expected, atol=SAME_SURFACE, rtol=0, err_msg=data_type)
+        effects += not np.allclose(expected, plain, atol=1e-3)
+    assert effects >= 5
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+@pytest.mark.parametrize("name", CREASES)
+def test_creases_of_every_kind_are_read_behind_modifiers(name: str, domain: str) -> None:
+    for data_type in known_types():
+        scene.clear()
+        holder = uneven()
+        add(holder, name, data_type, domain)
+        holder.modifiers.new("Weld", "WELD").merge_threshold = 0.0
+        holder.shape_key_add(name="Basis")
+        expected = modified(holder)
+        copy = as_read(holder, use_modifiers=True)
+        np.testing.assert_allclose(modified(copy), expected, atol=SAME_SURFACE, rtol=0, err_msg=data_type)
+
+
+@pytest.mark.parametrize("domain", ["FACE", "CORNER"])
+@pytest.mark.parametrize("name", CREASES)
+def test_changes_of_creases_of_every_kind_are_noticed(name: str, domain: str) -> None:
+    holder = uneven()
+    add(holder, name, "INT", domain)
+    addon.compute(holder, tolerance=TOLERANCE)
+    changed = addon.module("fingerprint").has_changed
+    assert not changed(holder.data, [holder])
+    for item in holder.data.attributes[name].data:
+        item.value = 1 - item.value
+    assert changed(holder.data, [holder])
+
+
+def test_creases_are_left_out_when_the_modifier_leaves_them_out() -> None:
+    holder = uneven()
+    add(holder, "crease_vert", "INT", "CORNER")
+    scene.add_subdivision(holder, 1).use_creases = False
+    control = addon.module("control_mesh").read_control_mesh(bpy.context, holder, use_modifiers=False)
+    assert not control.read.arrays.vertex_sharpness.any()
+
+
+@pytest.mark.parametrize("name", CREASES)
+def test_vertex_groups_that_the_modifier_takes_for_creases_are_refused(name: str) -> None:
+    holder = uneven()
+    plain = modified(holder)
+    holder.vertex_groups.new(name=name).add([0, 1, 5, 6], 1.0, "REPLACE")
+    assert not np.allclose(modified(holder), plain, atol=1e-3)
+    message = f"Mesh: .*vertex group called “{name}”.*rename it"
+    refused(holder, match=message)
+    for operator in (bpy.ops.ccdepth.compute, bpy.ops.ccdepth.count_faces):
+        with pytest.raises(RuntimeError, match=message):
+            operator(tolerance=TOLERANCE)
+    scene.add_subdivision(holder, 1).use_creases = False
+    [result] = subdivide(holder, tolerance=TOLERANCE)
+    assert [group.name for group in result.vertex_groups] == [name]
+
+
+# Names of ours.
+
+
+@pytest.mark.parametrize("name", ["ccdepth_origin", "ccdepth_origin.001", "ccdepth_weights_0"])
+@pytest.mark.parametrize("modifier", [False, True])
+def test_groups_may_have_names_that_are_used_for_a_while(name: str, modifier: bool) -> None:
+    holder = uneven()
+    for group in (name, "Other"):
+        holder.vertex_groups.new(name=group).add([0, 1, 5], 0.5, "REPLACE")
+    if modifier:
+        holder.modifiers.new("Triangulate", "TRIANGULATE")
+    addon.compute(holder, tolerance=TOLERANCE)
+    [result] = subdivide(holder, tolerance=TOLERANCE)
+    assert [group.name for group in result.vertex_groups] == [name, "Other"]
+    assert [round(entry.weight, 5) for entry in result.data.vertices[0].groups] == [0.5, 0.5]
+    assert not any("ccdepth_origin" in other or "weights" in other for other in result.data.attributes.keys())  # noqa: SIM118
+
+
+OTHERS = [("ccdepth", "FLOAT", "POINT"), ("ccdepth_bound", "FLOAT", "CORNER"), ("ccdepth_color", "BYTE_COLOR", "POINT")]
+
+
+@pytest.mark.parametrize("other", OTHERS)
+def test_attributes_that_have_taken_our_names_are_named_and_kept(other: tuple[str, str, str]) -> None:
+    holder = uneven()
+    values = add(holder, *other)
+    refused(holder, match=f"Mesh: .*called “{other[0]}”; rename it first", tolerance=TOLERANCE)
+    with pytest.raises(RuntimeError, match=f"Mesh: .*called “{other[0]}”; rename it first"):
+        bpy.ops.ccdepth.compute(tolerance=TOLERANCE)
+    np.testing.assert_array_equal(read(holder.data, other[0]), values)
+
+
+@pytest.mark.parametrize("other", OTHERS)
+@pytest.mark.parametrize("editing", [False, True])
+def test_attributes_that_take_our_names_later_are_not_taken_for_ours(
+    other: tuple[str, str, str], editing: bool
+) -> None:
+    holder = uneven()
+    addon.compute(holder, tolerance=TOLERANCE)
+    holder.data.attributes.remove(holder.data.attributes[other[0]])
+    values = add(holder, *other)
+    addon.select(holder)
+    if editing:
+        bpy.ops.object.mode_set(mode="EDIT")
+    addon.module("heat_map").synchronise(bpy.context)
+    addon.module("staleness").touch(holder.data)
+    addon.module("staleness").check_touched()
+    for operator in (bpy.ops.ccdepth.select, bpy.ops.ccdepth.set_levels):
+        if operator.poll():
+            operator()
+    assert bpy.ops.ccdepth.clear() == {"FINISHED"}
+    if editing:
+        bpy.ops.object.mode_set(mode="OBJECT")
+    np.testing.assert_array_equal(read(holder.data, other[0]), values)
+    assert [name for name in addon.ATTRIBUTES if name in holder.data.attributes] == [other[0]]
+
+
+@pytest.mark.parametrize("domain", DOMAINS)
+def test_exact_normals_take_the_place_of_no_other_attribute(domain: str) -> None:
+    holder = uneven()
+    values = add(holder, "custom_normal", "FLOAT", domain)
+    refused(holder, match="Mesh: .*called “custom_normal”.*rename it", exact_normals=True)
+    np.testing.assert_array_equal(read(holder.data, "custom_normal"), values)

@@ -1,0 +1,270 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Meshes and objects of other files: what cannot be written to is refused, and a result is always this file's own.
+
+Blender drops what is written in bulk to a library override, and says nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from tests import meshes
+from tests.blender import addon, scene
+from tests.blender.test_subdivide import refused, shape, subdivide
+
+TOLERANCE = 0.01
+
+
+def fill(holder: bpy.types.Object, *, keys: bool = False) -> None:
+    """Something of everything that a mesh carries."""
+    mesh = holder.data
+    mesh.materials.append(bpy.data.materials.new("Material"))
+    mesh.attributes.new("Number", "FLOAT", "POINT").data.foreach_set("value", np.arange(8, dtype=np.float32))
+    mesh.attributes.new("Paint", "BYTE_COLOR", "CORNER")
+    mesh.uv_layers.new(name="UVMap")
+    mesh["own"] = 7
+    holder.vertex_groups.new(name="Group").add([0, 1, 2], 0.5, "REPLACE")
+    for name in ("Basis", "Key") if keys else ():
+        holder.shape_key_add(name=name, from_mix=False)
+    if keys:
+        holder.data.shape_keys.key_blocks["Key"].points[0].co.x -= 1.0
+        holder.data.shape_keys.key_blocks["Key"].value = 0.5
+
+
+def linked(
+    tmp_path: Path, *, keys: bool = False, modifiers: tuple[str, ...] = (), computed: bool = False
+) -> bpy.types.Object:
+    """A cube linked from another file."""
+    holder = scene.add_object(meshes.cube(), "Cube")
+    fill(holder, keys=keys)
+    for name in modifiers:
+        holder.modifiers.new(name.title(), name)
+    if computed:
+        addon.compute(holder)
+    bpy.data.libraries.write(str(tmp_path / "library.blend"), {holder})
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes])
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, wanted):
+        wanted.objects = ["Cube"]
+    [found] = wanted.objects
+    bpy.context.scene.collection.objects.link(found)
+    return found
+
+
+def override(holder: bpy.types.Object) -> bpy.types.Object:
+    return holder.override_create(remap_local_usages=True)
+
+
+def override_with_mesh(holder: bpy.types.Object) -> bpy.types.Object:
+    made = override(holder)
+    made.data = made.data.override_create()
+    return made
+
+
+def local_with_linked_mesh(holder: bpy.types.Object) -> bpy.types.Object:
+    made = bpy.data.objects.new("Local", holder.data)
+    bpy.context.scene.collection.objects.link(made)
+    for modifier in holder.modifiers:
+        made.modifiers.new(modifier.name, modifier.type)
+    bpy.context.scene.collection.objects.unlink(holder)
+    return made
+
+
+def local_with_overridden_mesh(holder: bpy.types.Object) -> bpy.types.Object:
+    made = local_with_linked_mesh(holder)
+    made.data = made.data.override_create()
+    return made
+
+
+KINDS = [override, override_with_mesh, local_with_linked_mesh, local_with_overridden_mesh]
+Kind = Callable[[bpy.types.Object], bpy.types.Object]
+
+
+def expected(*, keys: bool = False, modifiers: tuple[str, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
+    """(V, 3) positions and (F,) first corners of the result of a cube of this file's own."""
+    holder = scene.add_object(meshes.cube(), "Own")
+    fill(holder, keys=keys)
+    for name in modifiers:
+        holder.modifiers.new(name.title(), name)
+    [result] = subdivide(holder)
+    starts = np.array([polygon.loop_start for polygon in result.data.polygons])
+    return shape(result), starts
+
+
+def check_result(result: bpy.types.Object, positions: np.ndarray, starts: np.ndarray, *, keys: bool) -> None:
+    """The result is this file's own, sound, and what it is for a mesh of this file's own."""
+    mesh = result.data
+    for data in (result, mesh):
+        assert data.library is None
+        assert data.override_library is None
+    np.testing.assert_array_equal(shape(result), positions)
+    np.testing.assert_array_equal([polygon.loop_start for polygon in mesh.polygons], starts)
+    assert not mesh.validate()
+    assert [material.name.partition(".")[0] for material in mesh.materials] == ["Material"]
+    assert mesh["own"] == 7
+    assert [group.name for group in result.vertex_groups] in (["Group"], [])
+    numbers = np.array([item.value for item in mesh.attributes["Number"].data])
+    np.testing.assert_allclose(numbers[:8], np.arange(8))
+    assert {"Paint", "UVMap"} <= {*mesh.attributes.keys()}
+    assert (mesh.shape_keys is not None) == keys
+
+
+def reload(tmp_path: Path, name: str) -> bpy.types.Object:
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
+    return bpy.data.objects[name]
+
+
+@pytest.mark.parametrize("keys", [False, True])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_new_object_is_of_this_file_and_stays_in_it(tmp_path: Path, kind: Kind, keys: bool) -> None:
+    positions, starts = expected(keys=keys)
+    holder = kind(linked(tmp_path, keys=keys))
+    before = shape(holder)
+    [result] = subdivide(holder)
+    check_result(result, positions, starts, keys=keys)
+    np.testing.assert_array_equal(shape(holder), before)
+    assert addon.is_untouched([holder])
+    name = result.name
+    check_result(reload(tmp_path, name), positions, starts, keys=keys)
+    assert sorted(key.user.name for key in bpy.data.shape_keys if not key.library) == sorted(
+        mesh.name for mesh in bpy.data.meshes if not mesh.library and mesh.shape_keys
+    )
+
+
+@pytest.mark.parametrize("modifiers", [("SUBSURF",), ("BEVEL",), ("BEVEL", "SUBSURF")])
+@pytest.mark.parametrize("kind", KINDS)
+def test_modifiers_of_the_library_are_counted_in_and_taken_off(
+    tmp_path: Path, kind: Kind, modifiers: tuple[str, ...]
+) -> None:
+    positions, starts = expected(modifiers=modifiers)
+    holder = kind(linked(tmp_path, modifiers=modifiers))
+    [result] = subdivide(holder)
+    assert not result.modifiers
+    assert len(holder.modifiers) == len(modifiers)
+    np.testing.assert_array_equal(shape(result), positions)
+    np.testing.assert_array_equal([polygon.loop_start for polygon in result.data.polygons], starts)
+    assert result.data.override_library is None
+
+
+@pytest.mark.parametrize("keys", [False, True])
+@pytest.mark.parametrize("kind", [local_with_linked_mesh, local_with_overridden_mesh])
+def test_an_object_of_this_file_can_get_its_result_in_place(tmp_path: Path, kind: Kind, keys: bool) -> None:
+    positions, starts = expected(keys=keys)
+    holder = kind(linked(tmp_path, keys=keys))
+    subdivide(holder, output="IN_PLACE")
+    check_result(holder, positions, starts, keys=keys)
+    check_result(reload(tmp_path, "Local"), positions, starts, keys=keys)
+
+
+@pytest.mark.parametrize("kind", [override, override_with_mesh])
+def test_an_overridden_object_gets_none_in_place(tmp_path: Path, kind: Kind) -> None:
+    holder = kind(linked(tmp_path, modifiers=("SUBSURF",)))
+    refused(holder, match="Cube: the object is a library override; choose New Object", output="IN_PLACE")
+
+
+@pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
+def test_a_linked_object_gets_none(tmp_path: Path, output: str) -> None:
+    refused(linked(tmp_path), match="Cube: the object is linked from another file", output=output)
+
+
+def test_an_override_in_an_overridden_collection_gets_its_result_beside_it(tmp_path: Path) -> None:
+    holder = scene.add_object(meshes.cube(), "Cube")
+    collection = bpy.data.collections.new("Cubes")
+    collection.objects.link(holder)
+    bpy.data.libraries.write(str(tmp_path / "library.blend"), {collection})
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes])
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, wanted):
+        wanted.collections = ["Cubes"]
+    bpy.context.scene.collection.children.link(wanted.collections[0])
+    wanted.collections[0].override_hierarchy_create(bpy.context.scene, bpy.context.view_layer)
+    [found] = [obj for obj in bpy.context.scene.objects if obj.override_library]
+    [result] = subdivide(found)
+    assert result.override_library is None
+    assert len(result.data.polygons) > 6
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("modifiers", [(), ("BEVEL",)])
+def test_faces_are_counted(tmp_path: Path, kind: Kind, modifiers: tuple[str, ...]) -> None:
+    holder = kind(linked(tmp_path, modifiers=modifiers))
+    addon.select(holder)
+    assert bpy.ops.ccdepth.count_faces(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE") == {"FINISHED"}
+    assert addon.is_untouched([holder])
+
+
+@pytest.mark.parametrize("kind", [override_with_mesh, local_with_overridden_mesh])
+def test_depths_of_an_overridden_mesh_are_refused(tmp_path: Path, kind: Kind) -> None:
+    """Blender would neither take their values nor keep them in the file."""
+    holder = kind(linked(tmp_path))
+    addon.select(holder)
+    with pytest.raises(RuntimeError, match="the mesh is a library override, on which Blender keeps no attributes"):
+        bpy.ops.ccdepth.compute(tolerance=TOLERANCE)
+    assert addon.is_untouched([holder])
+
+
+@pytest.mark.parametrize("kind", [lambda holder: holder, *KINDS])
+def test_a_result_in_a_library_is_left_alone(tmp_path: Path, kind: Kind) -> None:
+    holder = kind(linked(tmp_path, computed=True))
+    addon.compute(scene.add_suzanne())
+    bpy.context.scene.ccdepth.show_heat_map = False
+    addon.select(holder)
+    assert bpy.ops.ccdepth.clear() == {"CANCELLED"}
+    assert holder.data.attributes.active_color_name == "ccdepth_color"
+    assert holder.data.ccdepth.active_color_taken
+    assert {*addon.ATTRIBUTES} <= {*holder.data.attributes.keys()}
+
+
+# What Blender does not keep.
+
+
+@pytest.fixture
+def unprotected(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Overrides are neither refused nor made local, so that Blender drops what is written to them."""
+    monkeypatch.setattr(addon.module("long_operator"), "_mesh_fault", lambda mesh: None)
+    monkeypatch.setattr(addon.module("subdivided_object"), "own_copy", lambda data: data.copy())
+
+
+@pytest.mark.usefixtures("unprotected")
+def test_depths_that_are_not_kept_are_an_error(tmp_path: Path) -> None:
+    holder = override_with_mesh(linked(tmp_path))
+    addon.select(holder)
+    with pytest.raises(RuntimeError, match="Cube: Blender did not keep what was written"):
+        bpy.ops.ccdepth.compute(tolerance=0.01, tolerance_mode="ABSOLUTE")
+    assert addon.is_untouched([holder])
+
+
+def test_depths_that_are_not_kept_leave_an_earlier_result(monkeypatch: pytest.MonkeyPatch) -> None:
+    holder = scene.add_suzanne()
+    addon.compute(holder, tolerance=0.5)
+    before = addon.depths(holder), addon.bounds(holder), addon.colors(holder), holder.data.ccdepth.world_tolerance
+    module = addon.module("results")
+
+    def forget(items: object, name: str, values: np.ndarray) -> None:
+        if name == "color":
+            raise addon.module("writing").WriteError("Blender did not keep what was written to the mesh")
+        items.foreach_set(name, values)
+
+    monkeypatch.setattr(module, "write_values", forget)
+    addon.select(holder)
+    with pytest.raises(RuntimeError, match="Suzanne: Blender did not keep what was written"):
+        bpy.ops.ccdepth.compute(tolerance=0.01, tolerance_mode="ABSOLUTE")
+    after = addon.depths(holder), addon.bounds(holder), addon.colors(holder), holder.data.ccdepth.world_tolerance
+    for one, other in zip(before, after, strict=True):
+        np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.usefixtures("unprotected")
+def test_subdivisions_that_are_not_kept_are_an_error(tmp_path: Path) -> None:
+    holder = override_with_mesh(linked(tmp_path, keys=True))
+    names = {item.name_full for item in bpy.data.user_map()}
+    addon.select(holder)
+    with pytest.raises(RuntimeError, match="Cube: Blender did not keep what was written"):
+        bpy.ops.ccdepth.subdivide(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE")
+    assert {item.name_full for item in bpy.data.user_map()} == names

@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The heat map is shown by making its colours the mesh's active ones, which is what Sculpt Mode, Vertex Paint and
+Texture Paint paint on. There the user's own colours have to be the active ones again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from tests import meshes
+from tests.blender import addon, scene
+from tests.blender.test_heat_map import color_types, shadings
+from tests.blender.test_subdivide import subdivide
+
+COLOR = "ccdepth_color"
+MODES = ["SCULPT", "VERTEX_PAINT", "TEXTURE_PAINT"]
+
+
+def computed(*colors: str) -> bpy.types.Object:
+    """A cube with these colour attributes, the last of them active, and with a heat map that is shown."""
+    holder = scene.add_object(meshes.cube(), "Cube")
+    for name in colors:
+        holder.data.attributes.new(name, "BYTE_COLOR", "CORNER")
+    holder.data.attributes.active_color_name = colors[-1] if colors else ""
+    holder.data.attributes.default_color_name = colors[0] if colors else ""
+    addon.compute(holder)
+    assert active(holder) == COLOR
+    return holder
+
+
+def active(holder: bpy.types.Object) -> str:
+    return holder.data.attributes.active_color_name
+
+
+def rendered(holder: bpy.types.Object) -> str:
+    return holder.data.attributes.default_color_name
+
+
+def enter(mode: str) -> None:
+    assert bpy.ops.object.mode_set(mode=mode) == {"FINISHED"}
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("colors", [(), ("Paint",), ("First", "Second")])
+def test_colours_are_put_back_for_painting_and_shown_again_afterwards(mode: str, colors: tuple[str, ...]) -> None:
+    holder = computed(*colors)
+    enter(mode)
+    assert active(holder) == (colors[-1] if colors else "")
+    results = addon.module("results")
+    assert results.has_heat_map(holder.data)
+    assert not results.shows_heat_map(holder.data)
+    assert {*addon.ATTRIBUTES} <= {*holder.data.attributes.keys()}
+    enter("OBJECT")
+    assert active(holder) == COLOR
+    assert results.shows_heat_map(holder.data)
+    assert rendered(holder) == (colors[0] if colors else "")
+    bpy.ops.ccdepth.clear()
+    assert active(holder) == (colors[-1] if colors else "")
+    assert rendered(holder) == (colors[0] if colors else "")
+
+
+@pytest.mark.skipif(bpy.app.version < (4, 3), reason="Blender 4.2 crashes when it paints without a brush")
+@pytest.mark.parametrize("colors", [(), ("Paint",)])
+def test_what_is_painted_is_not_the_heat_map(colors: tuple[str, ...]) -> None:
+    holder = computed(*colors)
+    before = addon.colors(holder)
+    enter("VERTEX_PAINT")
+    if not active(holder):
+        # As the first stroke does.
+        bpy.ops.geometry.color_attribute_add(name="Paint", domain="CORNER", data_type="BYTE_COLOR")
+    bpy.ops.paint.vertex_color_set()
+    enter("OBJECT")
+    np.testing.assert_array_equal(addon.colors(holder), before)
+    bpy.ops.ccdepth.clear()
+    assert active(holder) == "Paint"
+    assert [attribute.name for attribute in holder.data.color_attributes] == ["Paint"]
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_from_one_painting_mode_to_another(mode: str) -> None:
+    holder = computed("Paint")
+    for other in (mode, *MODES, mode):
+        enter(other)
+        assert active(holder) == "Paint"
+    enter("EDIT")
+    assert active(holder) == COLOR
+    enter(mode)
+    assert active(holder) == "Paint"
+    enter("OBJECT")
+    assert active(holder) == COLOR
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_heat_map_can_be_switched_off_and_on_meanwhile(mode: str) -> None:
+    holder = computed("Paint")
+    settings = bpy.context.scene.ccdepth
+    enter(mode)
+    for shown in (False, True):
+        settings.show_heat_map = shown
+        assert active(holder) == "Paint"
+    enter("OBJECT")
+    assert active(holder) == COLOR
+    enter(mode)
+    settings.show_heat_map = False
+    enter("OBJECT")
+    assert active(holder) == "Paint"
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_colours_that_go_while_painting_do_not_make_way_for_the_heat_map(mode: str) -> None:
+    """Blender makes another one active when the active one is removed."""
+    holder = computed("First", "Second")
+    enter(mode)
+    holder.data.attributes.remove(holder.data.attributes["Second"])
+    bpy.context.view_layer.update()
+    assert active(holder) == "First"
+    holder.data.attributes.remove(holder.data.attributes["First"])
+    bpy.context.view_layer.update()
+    assert active(holder) == ""
+    enter("OBJECT")
+    assert active(holder) == COLOR
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_the_heat_map_cannot_be_chosen_for_painting(mode: str) -> None:
+    holder = computed("Paint")
+    enter(mode)
+    holder.data.attributes.active_color_name = COLOR
+    holder.data.update_tag()
+    bpy.context.view_layer.update()
+    assert active(holder) == "Paint"
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_other_users_of_the_mesh_show_it_with_the_user_s_colours_meanwhile(mode: str) -> None:
+    holder = computed("Paint")
+    other = scene.add_mesh(holder.data)
+    addon.select(holder)
+    enter(mode)
+    assert active(holder) == "Paint"
+    other.location.x = 3.0
+    bpy.context.view_layer.update()
+    assert active(holder) == "Paint"
+    enter("OBJECT")
+    assert active(holder) == COLOR
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_other_heat_maps_stay(mode: str) -> None:
+    first, second = computed("Paint"), scene.add_suzanne()
+    addon.compute(second)
+    addon.select(first)
+    enter(mode)
+    assert active(first) == "Paint"
+    assert active(second) == COLOR
+    assert set(color_types()) == {"VERTEX"}
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_viewports_are_put_back_meanwhile(mode: str) -> None:
+    before = color_types()
+    computed("Paint")
+    enter(mode)
+    assert color_types() == before
+    enter("OBJECT")
+    assert set(color_types()) == {"VERTEX"}
+    shadings()[0].color_type = "OBJECT"
+    enter(mode)
+    enter("OBJECT")
+    assert color_types()[0] == "OBJECT"
+    bpy.ops.ccdepth.clear()
+    assert color_types()[0] == "OBJECT"
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_undo_and_redo_leave_the_user_s_colours_for_painting(mode: str) -> None:
+    holder = scene.add_object(meshes.cube(), "Cube")
+    holder.data.attributes.new("Paint", "BYTE_COLOR", "CORNER")
+    holder.data.attributes.active_color_name = "Paint"
+    addon.select(holder)
+    bpy.ops.ed.undo_push(message="before")
+    bpy.ops.ccdepth.compute()
+    bpy.ops.ed.undo_push(message="Compute Depth")
+    enter(mode)
+    bpy.ops.ed.undo_push(message="mode")
+    for _ in range(2):
+        bpy.ops.ed.undo()
+        shown = bpy.context.object
+        assert (active(shown), shown.mode) in ((COLOR, "OBJECT"), ("Paint", mode), ("Paint", "OBJECT"))
+    for _ in range(2):
+        bpy.ops.ed.redo()
+        shown = bpy.context.object
+        assert active(shown) == (COLOR if shown.mode == "OBJECT" else "Paint")
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_a_file_saved_while_painting_shows_the_heat_map_afterwards(tmp_path: Path, mode: str) -> None:
+    computed("Paint")
+    enter(mode)
+    path = str(tmp_path / "saved.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    holder = bpy.data.objects["Cube"]
+    assert active(holder) == ("Paint" if holder.mode == mode else COLOR)
+    enter("OBJECT")
+    bpy.context.view_layer.update()
+    assert active(holder) == COLOR
+
+
+# Results.
+
+
+def colors(holder: bpy.types.Object) -> list[str]:
+    return [attribute.name for attribute in holder.data.color_attributes]
+
+
+@pytest.mark.parametrize("taken", [False, True])
+@pytest.mark.parametrize("names", [(), ("Paint",), ("First", "Second")])
+@pytest.mark.parametrize("modifier", [False, True])
+@pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
+def test_a_result_names_no_colours_it_does_not_have(
+    names: tuple[str, ...], taken: bool, modifier: bool, output: str
+) -> None:
+    """Whether the heat map is displayed by its switch, or because the user chose it."""
+    holder = computed(*names)
+    if modifier:
+        holder.modifiers.new("Bevel", "BEVEL")
+    if not taken:
+        bpy.context.scene.ccdepth.show_heat_map = False
+        holder.data.attributes.active_color_name = COLOR
+    holder.data.attributes.default_color_name = COLOR
+    [result] = subdivide(holder, output=output)
+    assert colors(result) == list(names)
+    assert active(result) in names or (not names and active(result) == "")
+    assert rendered(result) in names or (not names and rendered(result) == "")
+    if taken and names:
+        assert active(result) == names[-1]
+
+
+def test_a_result_of_a_mesh_without_active_colours_has_none() -> None:
+    holder = scene.add_object(meshes.cube(), "Cube")
+    holder.data.attributes.new("Paint", "BYTE_COLOR", "CORNER")
+    holder.data.attributes.active_color_name = holder.data.attributes.default_color_name = ""
+    [result] = subdivide(holder)
+    assert (active(result), rendered(result)) == ("", "")
+
+
+def test_colours_renamed_meanwhile_are_put_back_under_their_new_name() -> None:
+    holder = computed("Paint")
+    holder.data.attributes["Paint"].name = "Painted"
+    bpy.ops.ccdepth.clear()
+    assert active(holder) == "Painted"

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Meshes of which a face is within a tolerance at level 0 and beyond it at a later level, found by linear programming.
+
+Heights of the vertices over a plain mesh are what is looked for: the distances of facets from the surface at given
+parameters are linear in them. The face's distances at level 0, and those of all others at the later level, are kept
+within the tolerance at many places, and its distance at one place at the later level is made as large as that allows.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.optimize import linprog
+
+from ccdepth_addon.core.catmull_clark import apply_boundary_rule, limit_positions
+from ccdepth_addon.core.mesh import FloatArray, PolygonMesh
+from tests import meshes
+from tests.brute_force import Levels, linear_children
+
+# Places are so many levels below the facets; between them the distance at level 0 may be a little larger than at them.
+DEEPER = 2
+ROOM = 0.92
+
+# How many places of the face are tried.
+GOALS = 6
+
+# Heights are kept within this, in parts of the tolerance.
+HIGHEST = 1e4
+
+
+def worse_later(data: meshes.MeshData, face: int, vertices: str, tolerance: float, level: int) -> meshes.MeshData:
+    """The mesh with heights along z such that the face is as far off at that level as it can be."""
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=False)
+    before, after = (_distances(mesh, at, vertices) for at in (0, level))
+    others = np.delete(after, face, axis=0).reshape(-1, after.shape[-1])
+    # Places that several facets share are the same but for rounding.
+    rows = np.unique(np.round(np.concatenate([before[face], others]), 12), axis=0)
+    goals = np.unique(np.round(after[face], 12), axis=0)
+    best, heights = 0.0, np.zeros(mesh.vertex_count)
+    # Those that depend on the heights most are the most promising.
+    for goal in goals[np.argsort(-np.abs(goals).sum(axis=1))][:GOALS]:
+        found = linprog(
+            -goal,
+            A_ub=np.concatenate([rows, -rows]),
+            b_ub=np.full(2 * len(rows), ROOM * tolerance),
+            bounds=(-HIGHEST * tolerance, HIGHEST * tolerance),
+        )
+        assert found.status == 0
+        if -found.fun > best:
+            best, heights = -found.fun, found.x
+    flat = data.positions * [1.0, 1.0, 0.0]
+    return replace(data, positions=flat + heights[:, None] * [0.0, 0.0, 1.0])
+
+
+def _distances(mesh: PolygonMesh, level: int, vertices: str) -> FloatArray:
+    """(F, places, V): Lᵏ - S at places in each face, as functionals of one coordinate of the vertices."""
+    columns = []
+    identity = np.eye(mesh.vertex_count)
+    for vertex in range(0, mesh.vertex_count, 3):
+        positions = np.zeros((mesh.vertex_count, 3))
+        some = identity[:, vertex : vertex + 3]
+        positions[:, : some.shape[1]] = some
+        levels = Levels(mesh.changed(positions=positions))
+        fine = levels.mesh(level + DEEPER)
+        corners = levels.mesh(level)
+        points = corners.positions if vertices == "CONTROL" else limit_positions(corners)
+        values = points[corners.corner_vertices]
+        for finer in range(level, level + DEEPER):
+            values = linear_children(levels.mesh(finer), values)
+        gaps = values - limit_positions(fine)[fine.corner_vertices]
+        columns.append(gaps.reshape(mesh.face_count, -1, 3)[..., : some.shape[1]])
+    return np.concatenate(columns, axis=-1)
