@@ -167,7 +167,8 @@ def count_text(count: int) -> str:
 
 
 def _draw_histogram(layout: bpy.types.UILayout, mesh: bpy.types.Mesh) -> None:
-    record, colors = mesh.ccdepth, ()
+    record = mesh.ccdepth
+    colors: tuple[tuple[float, float, float], ...] = ()
     if not (record.subdivision or results.shows_deviation(mesh)):
         colors = palette(record.least_color_depth, record.deepest_color_depth)
     most = max(row.faces for row in record.rows)
