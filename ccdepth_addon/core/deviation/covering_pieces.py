@@ -25,6 +25,9 @@ EXCESS_SHARE = 0.02
 # The border has to run about one way: the sum of its parts is no shorter than this part of the sum of their lengths.
 LEAST_STRAIGHTNESS = 0.8
 
+# Regions are found not to be covered where units would have to be looked at farther than so many from the first.
+MOST_UNITS_ACROSS = 8
+
 # Parts are moved this much more than the border that was seen first demands.
 MOVED_MORE = 1.02
 
@@ -98,18 +101,17 @@ def over_pieces(
     pieces: BezierPieces,
     corners: FloatArray,
     normals: FloatArray,
-    pairs: tuple[IndexArray, IndexArray],
+    first: IndexArray,
     goals: FloatArray,
     margin: float,
 ) -> tuple[FloatArray, IndexArray, IndexArray]:
     """(n,) how far parts of triangles are from the surface at most, infinite where it may not cover them; (n,) the leaf
     that was found with; and (m,) leaves whose excess stands in the way.
 
-    corners: (n, 3, 3); normals: (n, 3), of their triangles; pairs: which of the n, and which unit, (K,) each, in
-    ascending order. goals: (n,), bounds below these are as good. margin: what rounding can hide.
+    corners: (n, 3, 3); normals: (n, 3), of their triangles; first: (n,) intp, a unit near each. goals: (n,), bounds below these are as good. margin: what rounding can hide.
     """
     regions = Regions.of(corners, normals, margin)
-    covering = _covering(pieces, regions, pairs, margin)
+    covering = _covering(pieces, regions, first, margin)
     at_border = np.zeros(len(corners), dtype=bool)
     at_border[covering.owners[covering.border[0]]] = True
     covered = covering.has_partners & ~at_border & _winds_once(covering, len(corners), margin)
@@ -118,10 +120,7 @@ def over_pieces(
     if len(chosen):
         chosen, moved = _moved_inwards(regions, covering, chosen, goals, margin)
     if len(chosen):
-        number = np.full(len(corners), NONE)
-        number[chosen] = np.arange(len(chosen))
-        kept = number[pairs[0]] != NONE
-        covering = _covering(pieces, moved, (number[pairs[0][kept]], pairs[1][kept]), margin)
+        covering = _covering(pieces, moved, first[chosen], margin)
         covered = covering.has_partners & _winds_once(covering, len(chosen), margin)
         covered &= _is_beyond_border(moved, covering, margin)
         found, leaves, more = _heights(moved, covering, covered, goals[chosen], margin)
@@ -130,50 +129,66 @@ def over_pieces(
     return upper, worst, np.unique(blamed)
 
 
-def _covering(
-    pieces: BezierPieces, regions: Regions, pairs: tuple[IndexArray, IndexArray], margin: float
-) -> Covering:
-    sides = regions.sides
-    owners, leaves = _leaves_over(pieces, sides, pairs, margin)
+def _covering(pieces: BezierPieces, regions: Regions, first: IndexArray, margin: float) -> Covering:
+    """What lies over the regions of the units (n,) where looking begins, and of those that meet them there, and so on."""
+    sides, count = regions.sides, len(regions.corners)
     plane, offsets, _, _ = plane_functionals(regions.normals, regions.corners, regions.normals)
     functionals = np.concatenate([sides.inward, plane[:, None], regions.axes], axis=1)
     constants = np.concatenate(
         [sides.offsets, offsets[:, None], -np.einsum("nij,nj->ni", regions.axes, regions.places)], axis=1
     )
-    coefficients, excess = pieces.coefficients[leaves], pieces.excess[leaves]
-    values = functionals[owners] @ coefficients + constants[owners][:, :, None]
-    are_over = ~(values[:, :3].max(axis=2) + excess[:, None] + margin < 0).any(axis=1)
-    owners, leaves, excess, values = (array[are_over] for array in (owners, leaves, excess, values))
     outline = regions.outline()
-    corners = values[:, 4:][:, :, CORNERS]
-    middles = (corners + np.roll(corners, -1, axis=2)) / 2
-    for side in range(2):
-        chords = middles[:, :, side] - middles[:, :, side + 2]
-        are_over = ~_are_aside(values[:, 4:], chords, outline[owners], excess + margin)
+    known = np.arange(count) * pieces.unit_count + first
+    new, found, borders, alone, at = known, [], [], [], 0
+    for _ in range(MOST_UNITS_ACROSS):
+        owners, leaves = _leaves_over(pieces, sides, (new // pieces.unit_count, new % pieces.unit_count), margin)
+        coefficients, excess = pieces.coefficients[leaves], pieces.excess[leaves]
+        values = functionals[owners] @ coefficients + constants[owners][:, :, None]
+        are_over = ~(values[:, :3].max(axis=2) + excess[:, None] + margin < 0).any(axis=1)
         owners, leaves, excess, values = (array[are_over] for array in (owners, leaves, excess, values))
-        middles = middles[are_over]
+        corners = values[:, 4:][:, :, CORNERS]
+        middles = (corners + np.roll(corners, -1, axis=2)) / 2
+        for side in range(2):
+            chords = middles[:, :, side] - middles[:, :, side + 2]
+            are_over = ~_are_aside(values[:, 4:], chords, outline[owners], excess + margin)
+            owners, leaves, excess, values = (array[are_over] for array in (owners, leaves, excess, values))
+            middles = middles[are_over]
+        rows, which = _unit_sides_over(pieces, (owners, leaves, excess, values), outline, margin)
+        edges = pieces.sides[leaves[rows], which]
+        is_border = pieces.unit_mesh.edge_face_counts[edges] == 1
+        found.append((owners, leaves, values, excess))
+        borders.append((rows[is_border] + at, which[is_border]))
+        at += len(owners)
+        units = np.where(is_border[:, None], pieces.units[leaves[rows]][:, None], pieces.edge_units[edges])
+        wanted = owners[rows][:, None] * pieces.unit_count + units
+        new = np.setdiff1d(wanted[units != NONE], known)
+        known = np.union1d(known, new)
+        alone.append(owners[rows[(units == NONE).any(axis=1)]])
+        if not len(new):
+            break
+    has_partners = np.ones(count, dtype=bool)
+    has_partners[np.concatenate([*alone, new // pieces.unit_count])] = False
+    owners, leaves, values, excess = (np.concatenate(column) for column in zip(*found, strict=True))
+    border = tuple(np.concatenate(column) for column in zip(*borders, strict=True))
+    return Covering(owners, leaves, values[:, :3], values[:, 3], values[:, 4:], excess, has_partners, border)
 
-    edges = pieces.sides[leaves]
-    rows, which = np.nonzero(edges != NONE)
+
+def _unit_sides_over(
+    pieces: BezierPieces,
+    leaves_over: tuple[IndexArray, IndexArray, FloatArray, FloatArray],
+    outline: FloatArray,
+    margin: float,
+) -> tuple[IndexArray, IndexArray]:
+    """Which of these leaves, and which of their sides, may be part of a unit's edge over the region."""
+    owners, leaves, excess, values = leaves_over
+    rows, which = np.nonzero(pieces.sides[leaves] != NONE)
     along = values[rows[:, None, None], np.arange(3)[:, None], SIDES[which][:, None]]
     apart = (along.max(axis=2) + (excess[rows] + margin)[:, None] < 0).any(axis=1)
     rows, which = rows[~apart], which[~apart]
     points = values[rows[:, None, None], np.arange(4, 6)[:, None], SIDES[which][:, None]]
     chords = points[:, :, 3] - points[:, :, 0]
     aside = _are_aside(points, chords, outline[owners[rows]], excess[rows] + margin)
-    rows, which = rows[~aside], which[~aside]
-    edges = edges[rows, which]
-    units = pieces.edge_units[edges]
-    known = pairs[0] * pieces.unit_count + pairs[1]
-    has_partners = np.ones(len(regions.corners), dtype=bool)
-    is_border = pieces.unit_mesh.edge_face_counts[edges] == 1
-    for other in units.T:
-        keys = owners[rows] * pieces.unit_count + other
-        places = np.minimum(np.searchsorted(known, keys), len(known) - 1)
-        missing = ((other == NONE) | (known[places] != keys)) & ~is_border
-        has_partners[owners[rows[missing]]] = False
-    border = rows[is_border], which[is_border]
-    return Covering(owners, leaves, values[:, :3], values[:, 3], values[:, 4:], excess, has_partners, border)
+    return rows[~aside], which[~aside]
 
 
 def _are_aside(points: FloatArray, chords: FloatArray, outline: FloatArray, excess: FloatArray) -> BoolArray:

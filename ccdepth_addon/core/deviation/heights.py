@@ -90,7 +90,7 @@ class Views:
         return np.where(np.isfinite(self.steepness), bounds, np.inf)
 
     def _allowed(self) -> FloatArray:
-        return (self.excess + self.unevenness) * self.steepness
+        return (self.excess + self.unevenness) * np.where(np.isfinite(self.steepness), self.steepness, 0.0)
 
     def _clipped(self, margin: float) -> FloatArray:
         slopes = self._slopes()

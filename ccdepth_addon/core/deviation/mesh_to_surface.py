@@ -13,7 +13,7 @@ from ..norms import squared_norms
 from .bezier_pieces import CORNERS, NONE, BezierPieces, bilinear_pieces
 from .box_tree import BoxTree, overlapping
 from .covering_pieces import over_pieces
-from .surface_to_mesh import NEAR_SHARE, SIZE_SHARE, TRIED, SurfaceToMesh, first_of_each
+from .surface_to_mesh import TRIED, SurfaceToMesh, first_of_each
 from .triangles import to_triangles
 
 PARTS_AT_ONCE = 1 << 13
@@ -38,6 +38,9 @@ QUARTERS = (
     )
     / 2
 )
+
+# After so many rounds only what decides on the largest distance is split.
+ROUNDS_FOR_FACES = 3
 
 
 @dataclass(frozen=True)
@@ -138,8 +141,7 @@ class MeshToSurface:
     def __init__(self, surface: SurfaceToMesh, face_count: int, whole: float) -> None:
         self.surface, self.findings, self.mesh = surface, surface.findings, surface.mesh
         self.whole = whole
-        pieces = surface.pieces
-        self.units = BoxTree.around(pieces.low[: pieces.unit_count], pieces.high[: pieces.unit_count])
+        self.rounds = 0
         self.upper = np.zeros(self.mesh.count)
         self.face_upper = np.zeros(face_count)
 
@@ -158,8 +160,8 @@ class MeshToSurface:
             self._reach(leaves, parts)
             wanted = parts.bounds > self._goals(parts)
             self._record(parts.at(~wanted))
-            parts = parts.at(wanted)
-            parts = self._split(parts)
+            parts = self._split(parts.at(wanted))
+            self.rounds += 1
 
     def _split(self, parts: Parts) -> Parts:
         """Pieces that are large against the parts they were found with are split, other parts are."""
@@ -176,6 +178,8 @@ class MeshToSurface:
         np.maximum.at(self.face_upper, self.surface.pieces.faces[parts.leaves], parts.bounds)
 
     def _goals(self, parts: Parts) -> FloatArray:
+        if self.rounds >= ROUNDS_FOR_FACES:
+            return np.full(len(parts.owners), self.findings.target)
         return self.findings.goals(self.surface.pieces.faces[parts.leaves])
 
     def _bound(self, leaves: Leaves, parts: Parts, block: IndexArray) -> None:
@@ -228,14 +232,11 @@ class MeshToSurface:
 
     def _bound_by_heights(self, parts: Parts, block: IndexArray) -> None:
         corners = parts.corners[block]
-        low, high = corners.min(axis=1), corners.max(axis=1)
-        reach = (NEAR_SHARE * parts.near[block] + SIZE_SHARE * np.sqrt(squared_norms(high - low)))[:, None]
-        owners, units = overlapping(BoxTree.around(low - reach, high + reach), self.units)
-        order = np.argsort(owners * self.surface.pieces.unit_count + units)
         normals = self.mesh.normals[parts.owners[block]]
         goals = self._goals(parts.at(block)) - self.findings.allowance
+        units = self.surface.pieces.units[parts.leaves[block]]
         found, leaves, blamed = over_pieces(
-            self.surface.pieces, corners, normals, (owners[order], units[order]), goals, self.findings.margin
+            self.surface.pieces, corners, normals, units, goals, self.findings.margin
         )
         self.blamed = np.union1d(self.blamed, blamed)
         found += self.findings.allowance

@@ -30,6 +30,9 @@ LOOKED_AT = 256
 # Triangles looked at for a piece are at most so much of the distance of its middle, and of its size, away.
 NEAR_SHARE, SIZE_SHARE = 1.25, 0.15
 
+# After so many rounds only what decides on the largest distance is split.
+ROUNDS_FOR_FACES = 4
+
 
 @dataclass(frozen=True)
 class NearestTriangles:
@@ -67,6 +70,7 @@ class SurfaceToMesh:
         self.pieces, self.mesh, self.findings = pieces, mesh, findings
         self.upper = np.full(pieces.count, whole)
         self.triangles = np.zeros(pieces.count, dtype=np.intp)
+        self.rounds = 0
 
     def settle(self) -> None:
         """Split pieces until what is proved is near what is reached."""
@@ -77,6 +81,7 @@ class SurfaceToMesh:
                     return
                 self._bound(block)
             active = self.split(active[self._is_too_far(active)])
+            self.rounds += 1
 
     def split(self, pieces: IndexArray) -> IndexArray:
         """(4n,) intp: the children, which are no farther than their parents."""
@@ -114,6 +119,8 @@ class SurfaceToMesh:
         findings.report(0.0)
 
     def _goals(self, block: IndexArray) -> FloatArray:
+        if self.rounds >= ROUNDS_FOR_FACES:
+            return np.full(len(block), self.findings.target)
         return self.findings.goals(self.pieces.faces[block])
 
     def _bound_by_heights(self, block: IndexArray, nearest: NearestTriangles) -> None:
