@@ -67,7 +67,8 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
     column.prop(settings, "show_heat_map")
     column.prop(settings, "show_legend")
     column.prop(settings, "deviation_range")
-    if not results.has_result(mesh):
+    # Where there are depths, the button is beside those.
+    if not results.has_result(context.active_object.data):
         layout.operator("ccdepth.clear", icon="X")
 
 

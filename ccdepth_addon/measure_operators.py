@@ -156,8 +156,7 @@ class CCDEPTH_OT_select_worst(bpy.types.Operator):
 
     @classmethod
     def description(cls, _context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        text = "Select the face where the measured deviation is largest"
-        return f"{text}, and move the 3D View there" if properties.frame else ""
+        return f"{cls.__doc__}, and move the 3D View there" if properties.frame else ""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

@@ -155,6 +155,19 @@ def test_of_several_the_others_are_measured_against_the_active_one() -> None:
     assert near.measurement.largest_shown == moved.measurement.largest_shown == pytest.approx(largest)
 
 
+def test_several_objects_in_edit_mode() -> None:
+    source = subdivided_cube(2)
+    other = scene.add_object(scene.evaluated_mesh_data(source), "Other")
+    other.location.x = 1.0
+    with addon.edit_mode(other, source):
+        assert bpy.ops.ccdepth.measure(time_limit=0.5) == {"FINISHED"}
+        assert bpy.ops.ccdepth.select_worst() == {"FINISHED"}
+    assert addon.is_untouched([source])
+    assert other.data.ccdepth.measurement.against == "Cube"
+    assert other.data.ccdepth.deviation > 0.5
+    np.testing.assert_array_equal(selected(other), [other.data.ccdepth.measurement.worst_face])
+
+
 def test_faces_that_modifiers_make_go_back_to_the_mesh() -> None:
     source = subdivided_cube(2)
     other = scene.add_object(meshes.grid(2, 1), "Other")
