@@ -170,7 +170,7 @@ def test_lifted_plane(height: float) -> None:
     """Every point of either is so far from the other, and none farther."""
     control = control_of(flat(5, 4, 2.5))
     positions, triangles = result(control, 5, limit=True)
-    found = measure_deviation(control, positions + [0, 0, height], triangles, accuracy=0.2)
+    found = measure_deviation(control, positions + np.array([0, 0, height]), triangles, accuracy=0.2)
     at_border = measure_deviation(control, positions, triangles, accuracy=0.2).proved
     assert_sound(found)
     assert height * (1 - 1e-9) - 1e-12 <= found.proved <= 1.2 * np.hypot(height, at_border) + 1e-12
@@ -223,7 +223,7 @@ def test_sphere_moved() -> None:
     control = control_of(meshes.cube())
     positions, triangles = result(control, 5, limit=True)
     off = measure_deviation(control, positions, triangles).proved
-    found = measure_deviation(control, positions + [0.2, 0, 0], triangles)
+    found = measure_deviation(control, positions + np.array([0.2, 0, 0]), triangles)
     assert found.accuracy_met
     assert 0.2 - off <= found.proved <= 1.05 * (0.2 + off)
 

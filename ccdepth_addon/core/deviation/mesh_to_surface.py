@@ -105,8 +105,8 @@ class Leaves:
 
 @dataclass(frozen=True)
 class Parts:
-    """N parts of triangles. corners: (N, 3, 3); owners: (N,) intp, the triangle; bounds: (N,) float64, what is proved of
-    each; leaves: (N,) intp, the piece that is nearest; near: (N,) float64, about how far that is."""
+    """N parts of triangles. corners: (N, 3, 3); owners: (N,) intp, the triangle; bounds: (N,) float64, what is proved
+    of each; leaves: (N,) intp, the piece that is nearest; near: (N,) float64, about how far that is."""
 
     corners: FloatArray
     owners: IndexArray
