@@ -131,9 +131,7 @@ def main() -> int:
     print(f"{'':52}{'triangles':>10}{'proved':>12}{'reached':>12}{'ratio':>8}{'seconds':>9}")
     for case in cases(wanted):
         start = process_time()
-        found = measure_deviation(
-            case.control, case.positions, case.triangles, accuracy=ACCURACY, time_limit=SECONDS
-        )
+        found = measure_deviation(case.control, case.positions, case.triangles, accuracy=ACCURACY, time_limit=SECONDS)
         seconds = process_time() - start
         ratio = found.proved / max(found.reached, np.finfo(float).tiny)
         missed += not found.accuracy_met

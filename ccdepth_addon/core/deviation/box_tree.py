@@ -18,8 +18,9 @@ CURVE_BITS = 20
 
 @dataclass(frozen=True)
 class BoxTree:
-    """order: (N,) intp, the things along the curve; codes: (N,) where on it, ascending. levels: boxes (low, high), (n, 3)
-    each, from those of the things in this order up, every one around ``BRANCHES`` of the level before."""
+    """order: (N,) intp, the things along the curve; codes: (N,) where on it, ascending. levels: boxes (low, high),
+    (n, 3) each, from those of the things in this order up, every one around ``BRANCHES`` of the level before. origin,
+    step: of the curve's cells."""
 
     order: IndexArray
     codes: NDArray[np.uint64]

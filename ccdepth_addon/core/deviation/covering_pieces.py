@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parts of triangles that the surface covers, seen along the triangle's normal. docs/deviation.md, Covering and Borders.
+"""Parts of triangles that the surface covers, seen along the normal. docs/deviation.md, Covering and Borders.
 
 The surface is looked at in units, which meet in edges. Where the border of the surface lies over a part, a point of the
 part that is not covered has the border nearby, in the direction in which it has to be moved to be covered.
@@ -34,9 +34,9 @@ MOVED_MORE = 1.02
 
 @dataclass(frozen=True)
 class Regions:
-    """n parts of triangles as seen along their normals. corners: (n, 3, 3); normals: (n, 3). sides: of the regions, which
-    hold the parts and these moved. axes: (n, 2, 3), across. places: (n, 3), where covering is counted. towards: (n, 2),
-    the direction across in which parts are moved, and moved: (n,) how far."""
+    """n parts of triangles as seen along their normals. corners: (n, 3, 3); normals: (n, 3). sides: of the regions,
+    which hold the parts and these moved. axes: (n, 2, 3), across. places: (n, 3), where covering is counted. towards:
+    (n, 2), the direction across in which parts are moved, and moved: (n,) how far."""
 
     corners: FloatArray
     normals: FloatArray
@@ -108,7 +108,8 @@ def over_pieces(
     """(n,) how far parts of triangles are from the surface at most, infinite where it may not cover them; (n,) the leaf
     that was found with; and (m,) leaves whose excess stands in the way.
 
-    corners: (n, 3, 3); normals: (n, 3), of their triangles; first: (n,) intp, a unit near each. goals: (n,), bounds below these are as good. margin: what rounding can hide.
+    corners: (n, 3, 3); normals: (n, 3), of their triangles; first: (n,) intp, a unit near each. goals: (n,), bounds
+    below these are as good. margin: what rounding can hide.
     """
     regions = Regions.of(corners, normals, margin)
     covering = _covering(pieces, regions, first, margin)
@@ -130,7 +131,7 @@ def over_pieces(
 
 
 def _covering(pieces: BezierPieces, regions: Regions, first: IndexArray, margin: float) -> Covering:
-    """What lies over the regions of the units (n,) where looking begins, and of those that meet them there, and so on."""
+    """What lies over the regions of the units (n,) where looking begins, of those that meet them there, and so on."""
     sides, count = regions.sides, len(regions.corners)
     plane, offsets, _, _ = plane_functionals(regions.normals, regions.corners, regions.normals)
     functionals = np.concatenate([sides.inward, plane[:, None], regions.axes], axis=1)

@@ -67,6 +67,10 @@ class Findings:
         in_faces = self.in_faces[faces] + SHARE_OF_LARGEST * self.reached
         return np.maximum(np.minimum(self.target, in_faces), self.floor)
 
+    def report_round(self, half: int, number: int, share: float) -> None:
+        """Progress, of which nobody knows how much is left: every round takes half of what was left of its half."""
+        self.report((half + 1 - 0.5 ** (number + share)) / 2)
+
     def is_exhausted(self, pieces: int) -> bool:
         """Whether the pieces or the time allowed are used up."""
         return pieces >= self.max_pieces or perf_counter() > self.deadline

@@ -16,7 +16,7 @@ from .covering_pieces import over_pieces
 from .surface_to_mesh import TRIED, SurfaceToMesh, first_of_each
 from .triangles import to_triangles
 
-PARTS_AT_ONCE = 1 << 13
+PARTS_AT_ONCE = 1 << 11
 FACETS_AT_ONCE = 1 << 13
 
 # Parts whose corners are looked at for distances that are reached; corners whose distances are found to that share.
@@ -105,8 +105,8 @@ class Leaves:
 
 @dataclass(frozen=True)
 class Parts:
-    """N parts of triangles. corners: (N, 3, 3); owners: (N,) intp, the triangle; bounds: (N,) float64, what is proved of
-    each; leaves: (N,) intp, the piece that is nearest; near: (N,) float64, about how far that is."""
+    """N parts of triangles. corners: (N, 3, 3); owners: (N,) intp, the triangle; bounds: (N,) float64, what is proved
+    of each; leaves: (N,) intp, the piece that is nearest; near: (N,) float64, about how far that is."""
 
     corners: FloatArray
     owners: IndexArray
@@ -151,12 +151,12 @@ class MeshToSurface:
         parts = Parts.unknown(self.mesh.points.swapaxes(0, 1), np.arange(count), np.full(count, self.whole))
         while len(parts.owners):
             leaves, self.blamed = Leaves.of(self.surface.pieces), np.zeros(0, dtype=np.intp)
-            for block in split(np.arange(len(parts.owners)), PARTS_AT_ONCE):
+            for done, block in enumerate(split(np.arange(len(parts.owners)), PARTS_AT_ONCE)):
                 if self.findings.is_exhausted(self.surface.pieces.count + len(parts.owners)):
                     self._record(parts)
                     return
                 self._bound(leaves, parts, block)
-                self.findings.report(0.5)
+                self.findings.report_round(1, self.rounds, done * PARTS_AT_ONCE / len(parts.owners))
             self._reach(leaves, parts)
             wanted = parts.bounds > self._goals(parts)
             self._record(parts.at(~wanted))
@@ -235,9 +235,7 @@ class MeshToSurface:
         normals = self.mesh.normals[parts.owners[block]]
         goals = self._goals(parts.at(block)) - self.findings.allowance
         units = self.surface.pieces.units[parts.leaves[block]]
-        found, leaves, blamed = over_pieces(
-            self.surface.pieces, corners, normals, units, goals, self.findings.margin
-        )
+        found, leaves, blamed = over_pieces(self.surface.pieces, corners, normals, units, goals, self.findings.margin)
         self.blamed = np.union1d(self.blamed, blamed)
         found += self.findings.allowance
         better = np.flatnonzero(found < parts.bounds[block])

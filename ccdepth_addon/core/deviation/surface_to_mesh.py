@@ -16,7 +16,7 @@ from .covering_triangles import over_triangles
 from .findings import Findings
 from .triangles import Triangles, unit
 
-PIECES_AT_ONCE = 1 << 12
+PIECES_AT_ONCE = 1 << 10
 
 # Things beside a point along the curve that are tried for its nearest.
 TRIED = 6
@@ -25,10 +25,13 @@ TRIED = 6
 MIDDLE = np.kron([1, 3, 3, 1], [1, 3, 3, 1]) / 64
 
 # Pieces of each block whose corners are looked at for distances that are reached.
-LOOKED_AT = 256
+LOOKED_AT = 64
 
-# Triangles looked at for a piece are at most so much of the distance of its middle, and of its size, away.
-NEAR_SHARE, SIZE_SHARE = 1.25, 0.15
+# A piece as large as so many times what is wanted is not within that of one triangle.
+SMALL_FOR_ONE = 4.0
+
+# A bound so many times what is wanted may be brought there by another direction.
+NEARLY = 1.5
 
 # After so many rounds only what decides on the largest distance is split.
 ROUNDS_FOR_FACES = 4
@@ -76,10 +79,11 @@ class SurfaceToMesh:
         """Split pieces until what is proved is near what is reached."""
         active = self.pieces.leaves()
         while len(active):
-            for block in split(active, PIECES_AT_ONCE):
+            for done, block in enumerate(split(active, PIECES_AT_ONCE)):
                 if self.findings.is_exhausted(self.pieces.count):
                     return
                 self._bound(block)
+                self.findings.report_round(0, self.rounds, min(done * PIECES_AT_ONCE / len(active), 1.0))
             active = self.split(active[self._is_too_far(active)])
             self.rounds += 1
 
@@ -106,7 +110,11 @@ class SurfaceToMesh:
         on_surface = np.flatnonzero(pieces.excess[block] == 0)
         self._note(block[on_surface], middles[on_surface], nearest, on_surface)
         self._bound_by_heights(block, nearest)
-        left = np.flatnonzero(self.upper[block] > self._goals(block))
+        left = self.upper[block] > self._goals(block)
+        if self.rounds:
+            sizes = np.sqrt(squared_norms(pieces.high[block] - pieces.low[block]))
+            left &= sizes < SMALL_FOR_ONE * self._goals(block)
+        left = np.flatnonzero(left)
         self._improve(block[left], self._by_one_triangle(block[left], nearest.which[left]), nearest.which[left])
         upper = self.upper[block]
         farthest = np.argsort(-upper)[:LOOKED_AT]
@@ -116,7 +124,6 @@ class SurfaceToMesh:
             found = nearest_triangles(self.mesh, corners)
             self._note(np.repeat(farthest, 4), corners, found, np.arange(len(corners)))
             np.maximum.at(findings.in_faces, np.repeat(pieces.faces[farthest], 4), found.distances)
-        findings.report(0.0)
 
     def _goals(self, block: IndexArray) -> FloatArray:
         if self.rounds >= ROUNDS_FOR_FACES:
@@ -126,20 +133,22 @@ class SurfaceToMesh:
     def _bound_by_heights(self, block: IndexArray, nearest: NearestTriangles) -> None:
         """Along the normal of the nearest triangle, and where that is not near enough along the piece's own."""
         pieces = self.pieces
-        low, high = pieces.low[block], pieces.high[block]
-        reach = NEAR_SHARE * nearest.distances + SIZE_SHARE * np.sqrt(squared_norms(high - low)) + pieces.excess[block]
-        queries = BoxTree.around(low - reach[:, None], high + reach[:, None])
-        owners, which = overlapping(queries, self.mesh.tree)
+        last = np.full(len(block), np.inf)
         for directions in (self.mesh.normals[nearest.which], self._normals(block)):
-            left = np.flatnonzero((self.upper[block] > self._goals(block)) & directions.any(axis=1))
-            number = np.full(len(block), -1)
-            number[left] = np.arange(len(left))
-            chosen = number[owners] >= 0
-            pairs = number[owners[chosen]], which[chosen]
-            goals = self._goals(block[left]) - self.findings.allowance
+            goals = self._goals(block)
+            # Another direction makes up for a lack of covering, or for a little.
+            left = (self.upper[block] > goals) & (np.isinf(last) | (last < NEARLY * goals))
+            left = np.flatnonzero(left & directions.any(axis=1))
             found = over_triangles(
-                pieces, block[left], directions[left], self.mesh, pairs, goals, self.findings.margin
+                pieces,
+                block[left],
+                directions[left],
+                self.mesh,
+                nearest.which[left],
+                goals[left] - self.findings.allowance,
+                self.findings.margin,
             )
+            last[left] = found[0]
             self._improve(block[left], *found)
 
     def _normals(self, block: IndexArray) -> FloatArray:

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -42,6 +43,18 @@ class Triangles:
         heights = np.divide(np.sqrt(squared_norms(normals)), longest, out=np.zeros_like(longest), where=longest > 0)
         thickness = np.where(heights > NEEDLE * longest, 0.0, 2 * heights + NEEDLE**2 * longest)
         return Triangles(points, edges, unit(normals), thickness, tree)
+
+    @cached_property
+    def edge_triangles(self) -> IndexArray:
+        """(E, 2) intp, the two triangles at each edge; NONE where there are not two."""
+        edges = self.edges.ravel()
+        order = np.argsort(edges, kind="stable")
+        counts = np.bincount(edges)
+        first = np.cumsum(counts) - counts
+        found = np.full((len(counts), 2), -1)
+        paired = np.flatnonzero(counts == 2)
+        found[paired] = order[first[paired][:, None] + np.arange(2)] % self.count
+        return found
 
     @property
     def count(self) -> int:
