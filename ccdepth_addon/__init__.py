@@ -17,10 +17,12 @@ MODULES = (
     "properties",
     "operators",
     "subdivision_operators",
+    "measure_operators",
     "heat_map",
     "staleness",
     "face_counts",
     "panels",
+    "deviation_panel",
     "legend",
     "command_line",
 )

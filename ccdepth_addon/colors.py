@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Depth → colour.
+"""Depth → colour, and deviation → colour.
 
 The colours are viridis by Stéfan van der Walt and Nathaniel Smith (CC0): even steps of perceived difference, ever
 lighter, and told apart by people with any common colour blindness. Legend and histogram use the very same ones.
@@ -20,11 +20,25 @@ VIRIDIS = "472d7b 424086 3b528b 33638d 2c728e 26818e 21908c 1f9f88 28ae80 3ebc74
 VIRIDIS_COLORS = np.array([list(bytes.fromhex(color)) for color in VIRIDIS.split()]) / 255.0
 
 
-def depth_colors(depths: Sequence[int], least: int, deepest: int) -> FloatArray:
-    """(depths, 3) sRGB: the first colour for ``least``, the last for ``deepest``, even steps between."""
-    fractions = (np.asarray(depths) - least) / max(1, deepest - least)
+# Beyond the scale: no colour of it, and much darker than its last.
+BEYOND = (0.85, 0.16, 0.16)
+
+
+def scale_colors(fractions: FloatArray) -> FloatArray:
+    """(N, 3) sRGB: the first colour for 0, the last for 1, and a colour of its own for more than that."""
+    colors = _interpolated(fractions)
+    colors[np.asarray(fractions) > 1.0] = BEYOND
+    return colors
+
+
+def _interpolated(fractions: FloatArray) -> FloatArray:
     stops = np.linspace(0.0, 1.0, len(VIRIDIS_COLORS))
     return np.stack([np.interp(fractions, stops, channel) for channel in VIRIDIS_COLORS.T], axis=1)
+
+
+def depth_colors(depths: Sequence[int], least: int, deepest: int) -> FloatArray:
+    """(depths, 3) sRGB: the first colour for ``least``, the last for ``deepest``, even steps between."""
+    return _interpolated((np.asarray(depths) - least) / max(1, deepest - least))
 
 
 def to_linear(srgb: FloatArray) -> FloatArray:

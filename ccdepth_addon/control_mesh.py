@@ -437,6 +437,15 @@ def copies_to_subdivide(
         yield copies
 
 
+@contextmanager
+def copies_to_show(
+    context: bpy.types.Context, blender_object: bpy.types.Object, shown: list[bpy.types.Modifier]
+) -> Iterator[FrozenCopies]:
+    """For ``FrozenCopies.shown``: a copy of the object with these of its modifiers."""
+    with _frozen_copies(context, {blender_object: shown}, with_origins={blender_object}) as copies:
+        yield copies
+
+
 class FrozenCopies:
     """Temporary copies of objects in the scene, with some of their modifiers.
 
@@ -506,6 +515,18 @@ class FrozenCopies:
                     copy.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
                 )
         return self._made[blender_object.session_uid]
+
+    @contextmanager
+    def shown(self, blender_object: bpy.types.Object) -> Iterator[tuple[bpy.types.Mesh, IndexArray]]:
+        """What the object shows, with the levels that the graphics card alone would make, and the face of the object's
+        own mesh that each face comes from."""
+        uid = blender_object.session_uid
+        evaluated = self._copies[uid].evaluated_get(self._context.evaluated_depsgraph_get())
+        mesh = evaluated.to_mesh()
+        try:
+            yield mesh, _read_origins(mesh, self._names[uid], self._face_counts[uid])
+        finally:
+            evaluated.to_mesh_clear()
 
     def losing_modifier(self, blender_object: bpy.types.Object) -> str | None:
         """The modifier of the object that loses faces without taking them away, if there is one."""

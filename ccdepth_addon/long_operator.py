@@ -100,6 +100,9 @@ class LongOperator(bpy.types.Operator):
     # Beside the tolerance itself.
     SETTINGS: ClassVar[tuple[str, ...]] = ("tolerance_mode", "use_modifiers")
 
+    # Seconds of work at each tick of the timer.
+    PATIENCE: ClassVar[float] = PATIENCE_AT_EACH_TICK
+
     # The work, while there is any. Blender keeps operators that have run, and the work must not be kept with them.
     _run: Stepwise[Any, Any] | None = None
 
@@ -156,7 +159,7 @@ class LongOperator(bpy.types.Operator):
             return {"CANCELLED"}
         if event.type == "TIMER":
             try:
-                ended = self._go_on(context, PATIENCE_AT_EACH_TICK)
+                ended = self._go_on(context, self.PATIENCE)
             except BaseException:
                 self._stop_waiting(context)
                 raise

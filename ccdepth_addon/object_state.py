@@ -83,6 +83,14 @@ def object_state(
     return ObjectState(gram_matrix(world)[np.triu_indices(3)], f"{checksum:08x}")
 
 
+def shown_checksum(blender_object: bpy.types.Object, shown: list[bpy.types.Modifier]) -> str:
+    """A checksum of what these modifiers, and shape keys, make of the object's mesh."""
+    describer = _Describer(blender_object, {})
+    texts = [*describer.shape_keys(), *describer.modifiers(shown)]
+    texts += describer.places()
+    return f"{crc32(chr(10).join(texts).encode(errors='backslashreplace')):08x}"
+
+
 @cache
 def _names(base: str) -> frozenset[str]:
     """The properties that all structures of a kind have."""

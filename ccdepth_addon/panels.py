@@ -8,6 +8,7 @@ import numpy as np
 from . import results, staleness
 from .colors import palette
 from .face_counts import known_count
+from .lengths import length_text
 from .properties import tolerance_name
 from .subdivision import subdivision_settings
 from .surfaces import as_typed
@@ -64,13 +65,13 @@ class CCDEPTH_PT_results(bpy.types.Panel):
         record = mesh.ccdepth
         _draw_stale_line(layout, context.scene.ccdepth, context.active_object)
         _draw_numbers(layout, context.scene, record)
-        _draw_histogram(layout, record)
+        _draw_histogram(layout, mesh)
         row = layout.row(align=True)
         row.operator("ccdepth.select", text="Select by Depth", icon="RESTRICT_SELECT_OFF")
         row.operator("ccdepth.clear", icon="X")
         if not mesh.ccdepth.subdivision:
             layout.operator("ccdepth.set_levels", icon="MOD_SUBSURF")
-        if not results.has_heat_map(mesh):
+        if not results.has_heat_map(mesh) or results.shows_deviation(mesh):
             return
         layout.use_property_split = True
         layout.use_property_decorate = False
@@ -112,10 +113,10 @@ def _draw_stale_line(layout: bpy.types.UILayout, settings: bpy.types.PropertyGro
 
 def _draw_numbers(layout: bpy.types.UILayout, scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> None:
     numbers = _numbers_of_subdivision(scene, record) if record.subdivision else _numbers_of_depths(scene, record)
-    _draw_rows(layout, numbers)
+    draw_rows(layout, numbers)
 
 
-def _draw_rows(layout: bpy.types.UILayout, rows: list[tuple[str, str]]) -> None:
+def draw_rows(layout: bpy.types.UILayout, rows: list[tuple[str, str]]) -> None:
     """Names and values beside each other, like properties."""
     column = layout.column(align=True)
     for name, value in rows:
@@ -130,7 +131,7 @@ def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) 
     numbers = [
         ("Faces", f"{record.faces:,}"),
         ("Deepest Depth", str(record.deepest)),
-        ("Tolerance", _length_text(scene, record.world_tolerance)),
+        ("Tolerance", length_text(scene, record.world_tolerance)),
     ]
     # Results from before there was such a level have none.
     if record.uniform_level >= 0:
@@ -147,16 +148,9 @@ def _numbers_of_subdivision(scene: bpy.types.Scene, record: bpy.types.PropertyGr
         ("Base Faces", f"{record.base_faces:,}"),
         ("Uniform Faces", count_text(int(record.uniform_faces))),
         ("Deepest Depth", str(record.deepest)),
-        ("Tolerance", _length_text(scene, record.world_tolerance)),
-        ("Proved", _length_text(scene, record.largest_bound)),
+        ("Tolerance", length_text(scene, record.world_tolerance)),
+        ("Proved", length_text(scene, record.largest_bound)),
     ]
-
-
-def _length_text(scene: bpy.types.Scene, length: float) -> str:
-    unit = scene.unit_settings
-    if unit.system == "NONE":
-        return f"{length:.4g}"
-    return str(bpy.utils.units.to_string(unit.system, "LENGTH", length * unit.scale_length, precision=5))
 
 
 def exact_text(exact: int, faces: int) -> str:
@@ -174,8 +168,11 @@ def count_text(count: int) -> str:
     return f"{mantissa} × 10{exponent.lstrip('0').translate(str.maketrans('0123456789', '⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
 
 
-def _draw_histogram(layout: bpy.types.UILayout, record: bpy.types.PropertyGroup) -> None:
-    colors = [] if record.subdivision else palette(record.least_color_depth, record.deepest_color_depth)
+def _draw_histogram(layout: bpy.types.UILayout, mesh: bpy.types.Mesh) -> None:
+    record = mesh.ccdepth
+    colors: tuple[tuple[float, float, float], ...] = ()
+    if not (record.subdivision or results.shows_deviation(mesh)):
+        colors = palette(record.least_color_depth, record.deepest_color_depth)
     most = max(row.faces for row in record.rows)
     box = layout.box().column(align=True)
     for row in reversed(record.rows):
@@ -233,15 +230,15 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
         layout.operator("ccdepth.count_faces", icon="FACESEL")
         return
     if count.fitting is None:
-        _draw_rows(layout, [("Faces to Make", f"{count.faces:,}")])
+        draw_rows(layout, [("Faces to Make", f"{count.faces:,}")])
         return
     column = layout.column()
     column.alert = True
     fitting = "None"
     if np.isfinite(count.fitting):
         relative = settings.tolerance_mode == "RELATIVE"
-        fitting = f"{count.fitting:.2g}" if relative else _length_text(context.scene, count.fitting)
-    _draw_rows(column, [("Faces to Make", f"About {count.faces:,}, too many"), ("Fitting Tolerance", fitting)])
+        fitting = f"{count.fitting:.2g}" if relative else length_text(context.scene, count.fitting)
+    draw_rows(column, [("Faces to Make", f"About {count.faces:,}, too many"), ("Fitting Tolerance", fitting)])
 
 
 CLASSES = (CCDEPTH_PT_settings, CCDEPTH_PT_results, CCDEPTH_PT_subdivision)

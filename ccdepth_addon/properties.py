@@ -16,12 +16,16 @@ from bpy.props import (
     StringProperty,
 )
 
-from . import heat_map
+from . import deviation_results, heat_map, results
 from .core.depth import METHODS
+from .writing import is_writable
 
 # A thousandth of the bounding box is about one pixel when the object fills the screen, whatever its size.
 DEFAULT_RELATIVE_TOLERANCE = 0.001
 DEFAULT_ABSOLUTE_TOLERANCE = 0.001
+
+DEFAULT_ACCURACY = 0.05
+DEFAULT_TIME_LIMIT = 60.0
 
 TOLERANCE_DESCRIPTION = "Largest distance allowed between the subdivided faces and the limit surface"
 RELATIVE_DESCRIPTION = TOLERANCE_DESCRIPTION + ", as a part of the diagonal of the object's dimensions"
@@ -71,6 +75,12 @@ OUTPUT_ITEMS = (
         "In Place",
         "The result takes the place of the object's mesh; objects that are not selected keep a mesh they share with it",
     ),
+)
+
+
+COLOR_RANGE_ITEMS = (
+    ("LARGEST", "Up to the Largest", "The last colour is the largest deviation of the objects measured together"),
+    ("TOLERANCE", "Up to the Tolerance", "The last colour is the tolerance, and faces beyond it are red"),
 )
 
 
@@ -165,8 +175,44 @@ def max_faces_property() -> Any:
     )
 
 
+def accuracy_property() -> Any:
+    """A part without a hard minimum, so that a bad one can be refused with a report."""
+    return FloatProperty(
+        name="Accuracy",
+        description="How far apart the distance that is proved and the one that is reached may be, as a part of the "
+        "reached one",
+        default=DEFAULT_ACCURACY,
+        soft_min=0.01,
+        soft_max=1.0,
+        step=1,
+        precision=3,
+        subtype="FACTOR",
+    )
+
+
+def time_limit_property() -> Any:
+    return FloatProperty(
+        name="Time Limit",
+        description="Seconds after which the measuring ends with what it has proved by then; 0 for no limit",
+        default=DEFAULT_TIME_LIMIT,
+        min=0.0,
+        soft_max=3600.0,
+        step=1000,
+        precision=0,
+        unit="TIME_ABSOLUTE",
+    )
+
+
 def _heat_map_switched(_settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
     heat_map.synchronise(context)
+
+
+def _color_range_changed(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    meshes = {obj.data for obj in context.scene.objects if obj.type == "MESH" and is_writable(obj.data)}
+    for mesh in meshes:
+        if results.shows_deviation(mesh):
+            deviation_results.write_colors(mesh, settings.deviation_range)
+    heat_map.redraw_viewports(context)
 
 
 def _redraw(_settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -195,15 +241,24 @@ class SceneSettings(bpy.types.PropertyGroup):
     output: output_property()
     exact_normals: exact_normals_property()
     max_faces: max_faces_property()
+    accuracy: accuracy_property()
+    time_limit: time_limit_property()
+    deviation_range: EnumProperty(
+        name="Colors",
+        description="Which deviations the colours stand for",
+        items=COLOR_RANGE_ITEMS,
+        default="LARGEST",
+        update=_color_range_changed,
+    )
     show_heat_map: BoolProperty(
         name="Heat Map",
-        description="Show the depths as colours in Solid shading",
+        description="Show the depths or the deviations as colours in Solid shading",
         default=True,
         update=_heat_map_switched,
     )
     show_legend: BoolProperty(
         name="Legend",
-        description="Show which colour stands for which depth in the 3D View",
+        description="Show which colour stands for which depth or deviation in the 3D View",
         default=True,
         update=_redraw,
     )
@@ -221,6 +276,29 @@ class Contributor(bpy.types.PropertyGroup):
 
     gram: FloatVectorProperty(size=6)
     checksum: StringProperty()
+
+
+class Measurement(bpy.types.PropertyGroup):
+    """What was measured on this mesh, with what, and where it is worst."""
+
+    measured: StringProperty(description="The object that was measured")
+    against: StringProperty(description="The object to whose limit surface it was measured")
+    tolerance: FloatProperty(description="The tolerance as it was given")
+    tolerance_mode: StringProperty()
+    world_tolerance: FloatProperty(description="The tolerance as a distance in the scene", subtype="DISTANCE")
+    verdict: StringProperty(description="Whether the tolerance is met: MET, NOT_MET or UNDECIDED")
+    accuracy: FloatProperty(description="The accuracy as it was given")
+    accuracy_met: BoolProperty(description="Whether the two distances are as near to each other as was asked")
+    use_modifiers: BoolProperty()
+    version: StringProperty(description="The version of CC Depth that measured it")
+    faces: IntProperty()
+    worst_face: IntProperty(description="The face of the mesh where it is worst; -1 when modifiers added that face")
+    worst_point: FloatVectorProperty(description="The place in the scene where it is worst", subtype="TRANSLATION")
+    largest_shown: FloatProperty(description="The largest deviation of all meshes measured together")
+    fingerprint: StringProperty(description="Checksum of the objects and of the deviations")
+    placement: FloatVectorProperty(
+        description="Where the two objects are to each other, and how the second is scaled", size=18
+    )
 
 
 class MeshRecord(bpy.types.PropertyGroup):
@@ -257,6 +335,14 @@ class MeshRecord(bpy.types.PropertyGroup):
     quality: IntProperty(description="The Quality that Use Limit Surface needs at the uniform level; 0 without it")
     fingerprint: StringProperty(description="Checksum of the mesh and of its depths")
     contributors: CollectionProperty(type=Contributor)
+    has_deviation: BoolProperty()
+    shows_deviation: BoolProperty(description="Whether the colours are those of deviations, not of depths")
+    deviation: FloatProperty(
+        description="The largest distance proved, both ways, between what the object shows and the limit surface",
+        subtype="DISTANCE",
+    )
+    deviation_reached: FloatProperty(description="A distance that is really there", subtype="DISTANCE")
+    measurement: PointerProperty(type=Measurement)
     active_color_taken: BoolProperty()
     previous_active_color: StringProperty()
 
@@ -268,7 +354,7 @@ class ViewportMemory(bpy.types.PropertyGroup):
     previous_color_type: StringProperty()
 
 
-CLASSES = (SceneSettings, DepthRow, Contributor, MeshRecord, ViewportMemory)
+CLASSES = (SceneSettings, DepthRow, Contributor, Measurement, MeshRecord, ViewportMemory)
 
 
 def register() -> None:

@@ -24,6 +24,7 @@ from .writing import write_values
 DEPTH = "ccdepth"
 BOUND = "ccdepth_bound"
 COLOR = "ccdepth_color"
+DEVIATION = "ccdepth_deviation"
 
 
 @dataclass(frozen=True)
@@ -38,16 +39,20 @@ class AttributeKind:
     layers: str
 
 
-ATTRIBUTES = (
-    AttributeKind(DEPTH, "INT", "FACE", "value", "faces", "int"),
+DEPTH_KIND = AttributeKind(DEPTH, "INT", "FACE", "value", "faces", "int")
+COLOR_KIND = AttributeKind(COLOR, "FLOAT_COLOR", "CORNER", "color", "loops", "float_color")
+DEVIATION_KIND = AttributeKind(DEVIATION, "FLOAT", "FACE", "value", "faces", "float")
+DEPTH_ATTRIBUTES = (
+    DEPTH_KIND,
     AttributeKind(BOUND, "FLOAT", "FACE", "value", "faces", "float"),
-    AttributeKind(COLOR, "FLOAT_COLOR", "CORNER", "color", "loops", "float_color"),
+    COLOR_KIND,
 )
+ATTRIBUTES = (*DEPTH_ATTRIBUTES, DEVIATION_KIND)
 
 
 def has_depths(mesh: bpy.types.Mesh) -> bool:
     """Whether the mesh has depths, with a record of ours or without."""
-    return _is_ours(mesh, ATTRIBUTES[0])
+    return has_values(mesh, DEPTH_KIND)
 
 
 def has_result(mesh: bpy.types.Mesh) -> bool:
@@ -55,9 +60,19 @@ def has_result(mesh: bpy.types.Mesh) -> bool:
     return mesh.ccdepth.has_result and has_depths(mesh)
 
 
+def has_deviation(mesh: bpy.types.Mesh) -> bool:
+    """Whether the mesh holds measured deviations."""
+    return mesh.ccdepth.has_deviation and has_values(mesh, DEVIATION_KIND)
+
+
+def has_any(mesh: bpy.types.Mesh) -> bool:
+    """Whether the mesh holds depths or deviations."""
+    return has_result(mesh) or has_deviation(mesh)
+
+
 def has_heat_map(mesh: bpy.types.Mesh) -> bool:
     """Whether the mesh holds our colours; a subdivision has depths, and none of them."""
-    return has_result(mesh) and _is_ours(mesh, ATTRIBUTES[2])
+    return has_any(mesh) and has_values(mesh, COLOR_KIND)
 
 
 def shows_heat_map(mesh: bpy.types.Mesh) -> bool:
@@ -65,12 +80,18 @@ def shows_heat_map(mesh: bpy.types.Mesh) -> bool:
     return has_heat_map(mesh) and mesh.ccdepth.active_color_taken
 
 
+def shows_deviation(mesh: bpy.types.Mesh) -> bool:
+    """Whether our colours are those of deviations, and not of depths: of what was done last, and is still there."""
+    return has_deviation(mesh) and (mesh.ccdepth.shows_deviation or not has_result(mesh))
+
+
 def has_traces(mesh: bpy.types.Mesh) -> bool:
     """Whether there is anything of ours on the mesh to clear."""
-    return mesh.ccdepth.has_result or any(_is_ours(mesh, kind) for kind in ATTRIBUTES)
+    return mesh.ccdepth.has_result or mesh.ccdepth.has_deviation or any(has_values(mesh, kind) for kind in ATTRIBUTES)
 
 
-def _is_ours(mesh: bpy.types.Mesh, kind: AttributeKind) -> bool:
+def has_values(mesh: bpy.types.Mesh, kind: AttributeKind) -> bool:
+    """Whether the mesh has an attribute like this one, with a record of ours or without."""
     attribute = mesh.attributes.get(kind.name)
     return attribute is not None and (attribute.data_type, attribute.domain) == (kind.data_type, kind.domain)
 
@@ -81,7 +102,7 @@ def conflict(blender_object: bpy.types.Object) -> str | None:
     for kind in ATTRIBUTES:
         if kind.name in blender_object.vertex_groups:
             return kind.name
-        if kind.name in mesh.attributes and not _is_ours(mesh, kind):
+        if kind.name in mesh.attributes and not has_values(mesh, kind):
             return kind.name
     return None
 
@@ -116,7 +137,7 @@ def write_subdivision(mesh: bpy.types.Mesh, answer: Subdivision, settings: Subdi
     """Put what is known of a subdivision on its mesh, in Object Mode: attributes and record, and no colours: the mesh
     is there to be used."""
     depths, bounds = answer.adaptive.depths, rounded_up(answer.bounds)
-    _write_columns(mesh, zip(ATTRIBUTES[:2], (depths, bounds), strict=True))
+    _write_columns(mesh, zip(DEPTH_ATTRIBUTES[:2], (depths, bounds), strict=True))
     record = _new_record(mesh, depths, settings)
     record.subdivision = settings.mode
     record.world_tolerance = answer.world_tolerance
@@ -130,6 +151,7 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
     record = mesh.ccdepth
     record.has_result = True
     record.subdivision = ""
+    record.shows_deviation = False
     record.tolerance = settings.tolerance
     record.tolerance_mode = settings.tolerance_mode
     record.version = version()
@@ -158,7 +180,7 @@ def _write_attributes(
         return
     sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
     columns = (depths, bounds, np.repeat(colors, sizes, axis=0).ravel())
-    _write_columns(mesh, zip(ATTRIBUTES, columns, strict=True))
+    _write_columns(mesh, zip(DEPTH_ATTRIBUTES, columns, strict=True))
 
 
 def _write_columns(mesh: bpy.types.Mesh, columns: Iterable[tuple[AttributeKind, NDArray[Any]]]) -> None:
@@ -224,11 +246,11 @@ def _write_while_editing(
     edited = bmesh.from_edit_mesh(mesh)
     # New layers first: making one moves the others.
     with _choices_kept(mesh):
-        for kind in ATTRIBUTES:
+        for kind in DEPTH_ATTRIBUTES:
             layers = _layers(edited, kind)
             if layers.get(kind.name) is None:
                 layers.new(kind.name)
-    depth_layer, bound_layer, color_layer = (_layers(edited, kind)[kind.name] for kind in ATTRIBUTES)
+    depth_layer, bound_layer, color_layer = (_layers(edited, kind)[kind.name] for kind in DEPTH_ATTRIBUTES)
     # BMesh has no bulk access: a tenth of a second for every hundred thousand faces.
     for face, depth, bound, color in zip(edited.faces, depths, bounds, colors, strict=True):
         face[depth_layer] = depth
@@ -240,6 +262,49 @@ def _write_while_editing(
 
 def _layers(edited: Any, kind: AttributeKind) -> Any:
     return getattr(getattr(edited, kind.elements).layers, kind.layers)
+
+
+def write_face_values(mesh: bpy.types.Mesh, columns: dict[AttributeKind, NDArray[np.float32]]) -> None:
+    """Write attributes in Object Mode or in Edit Mode.
+
+    columns: (F,) or (F, 4), one value for each face; on CORNER, for all corners of the face alike. Raises WriteError,
+    with nothing changed, when Blender does not keep them.
+    """
+    if mesh.is_editmode:
+        for kind, values in columns.items():
+            _write_face_values_while_editing(mesh, kind, values.tolist())
+        return
+    sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
+    _write_columns(
+        mesh,
+        [
+            (kind, np.repeat(values, sizes, axis=0).ravel() if kind.domain == "CORNER" else values)
+            for kind, values in columns.items()
+        ],
+    )
+
+
+def _write_face_values_while_editing(mesh: bpy.types.Mesh, kind: AttributeKind, values: list[Any]) -> None:
+    import bmesh
+
+    edited = bmesh.from_edit_mesh(mesh)
+    layers = _layers(edited, kind)
+    layer = layers.get(kind.name) or layers.new(kind.name)
+    for face, value in zip(edited.faces, values, strict=True):
+        for element in face.loops if kind.domain == "CORNER" else (face,):
+            element[layer] = value
+    bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
+
+
+def read_face_values(mesh: bpy.types.Mesh, kind: AttributeKind) -> NDArray[np.float32]:
+    """(F,) float32: one attribute of faces, in Object Mode or in Edit Mode."""
+    if not mesh.is_editmode:
+        return read_values(mesh.attributes[kind.name].data, kind.value, np.float32)
+    import bmesh
+
+    edited = bmesh.from_edit_mesh(mesh)
+    layer = _layers(edited, kind)[kind.name]
+    return np.array([face[layer] for face in edited.faces], dtype=np.float32)
 
 
 def show_color(mesh: bpy.types.Mesh, show: bool) -> None:
@@ -288,7 +353,7 @@ def clear(mesh: bpy.types.Mesh) -> None:
             _remove_layers_while_editing(mesh)
         else:
             for kind in ATTRIBUTES:
-                if _is_ours(mesh, kind):
+                if has_values(mesh, kind):
                     mesh.attributes.remove(mesh.attributes[kind.name])
             mesh.update()
     mesh.property_unset("ccdepth")

@@ -73,3 +73,45 @@ def _select_while_editing(mesh: bpy.types.Mesh, depth: int, comparison: str, ext
     edited.select_flush_mode()
     bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
     return len(wanted)
+
+
+def select_face(mesh: bpy.types.Mesh, face: int) -> bool:
+    """Select this face and nothing else; False, with everything as it was, when it is hidden."""
+    if mesh.is_editmode:
+        return _select_face_while_editing(mesh, face)
+    if mesh.polygons[face].hide:
+        return False
+    faces = np.zeros(len(mesh.polygons), dtype=np.bool_)
+    faces[face] = True
+    _select_only(mesh, faces)
+    mesh.polygons.active = face
+    return True
+
+
+def _select_face_while_editing(mesh: bpy.types.Mesh, face: int) -> bool:
+    import bmesh
+
+    edited = bmesh.from_edit_mesh(mesh)
+    edited.faces.ensure_lookup_table()
+    wanted = edited.faces[face]
+    if wanted.hide:
+        return False
+    edited.select_mode = {"FACE"}
+    for other in edited.faces:
+        other.select_set(False)
+    wanted.select_set(True)
+    edited.faces.active = wanted
+    edited.select_flush_mode()
+    bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
+    return True
+
+
+def face_points(mesh: bpy.types.Mesh, face: int) -> NDArray[np.float64]:
+    """(n, 3): the corners of a face in object space."""
+    if mesh.is_editmode:
+        import bmesh
+
+        edited = bmesh.from_edit_mesh(mesh)
+        edited.faces.ensure_lookup_table()
+        return np.array([corner.co for corner in edited.faces[face].verts])
+    return np.array([mesh.vertices[vertex].co for vertex in mesh.polygons[face].vertices])

@@ -14,7 +14,7 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from . import fingerprint, heat_map, results
+from . import fingerprint, heat_map, measured_state, results
 from .computation import count_faces
 from .object_state import KnownDescriptions
 
@@ -27,7 +27,11 @@ LARGEST_EDITED_FACE_COUNT = 200_000
 _touched: set[int] = set()
 _stale: set[int] = set()
 _uncovered: set[int] = set()
+_stale_deviations: set[int] = set()
 _own_writes: set[int] = set()
+
+# By the name of an object, the meshes that were measured against its limit surface.
+_measured_against: dict[str, set[int]] = {}
 
 
 def is_stale(mesh: bpy.types.Mesh) -> bool:
@@ -45,6 +49,23 @@ def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object])
     context.view_layer.update()
     _examine({blender_object.data.session_uid for blender_object in objects})
     return [holder for holder in objects if is_stale(holder.data) or is_uncovered(holder)]
+
+
+def is_deviation_stale(mesh: bpy.types.Mesh) -> bool:
+    """Whether what was measured on the mesh no longer holds, as far as has been noticed yet."""
+    return mesh.session_uid in _stale_deviations
+
+
+def note_deviation(mesh: bpy.types.Mesh) -> None:
+    """What was measured on the mesh is new, and the next change of its geometry is the writing of it."""
+    _stale_deviations.discard(mesh.session_uid)
+    _own_writes.add(mesh.session_uid)
+    _note_target(mesh)
+
+
+def _note_target(mesh: bpy.types.Mesh) -> None:
+    if results.has_deviation(mesh):
+        _measured_against.setdefault(mesh.ccdepth.measurement.against, set()).add(mesh.session_uid)
 
 
 def note_write(mesh: bpy.types.Mesh) -> None:
@@ -66,17 +87,32 @@ def _examine(uids: set[int]) -> bool:
     users = _users_of_results(uids)
     known: KnownDescriptions = {}
     for mesh, objects in users.items():
-        try:
-            found = fingerprint.examine(mesh, objects, known)
-        except Exception:
-            # What cannot be examined must not pass for current.
-            traceback.print_exc()
-            found = fingerprint.Examination(True, [])
+        found = _examined(mesh, objects, known) if results.has_result(mesh) else fingerprint.Examination(False, [])
         uncovered = set(found.uncovered)
         _set(_stale, mesh, found.has_changed)
         for holder in objects:
             _set(_uncovered, holder, holder in uncovered)
+        _set(_stale_deviations, mesh, results.has_deviation(mesh) and _has_deviation_changed(mesh))
     return bool(users)
+
+
+def _examined(
+    mesh: bpy.types.Mesh, objects: list[bpy.types.Object], known: KnownDescriptions
+) -> fingerprint.Examination:
+    try:
+        return fingerprint.examine(mesh, objects, known)
+    except Exception:
+        # What cannot be examined must not pass for current.
+        traceback.print_exc()
+        return fingerprint.Examination(True, [])
+
+
+def _has_deviation_changed(mesh: bpy.types.Mesh) -> bool:
+    try:
+        return measured_state.has_changed(mesh)
+    except Exception:
+        traceback.print_exc()
+        return True
 
 
 def _set(holders: set[int], holder: bpy.types.ID, wanted: bool) -> None:
@@ -89,7 +125,7 @@ def _set(holders: set[int], holder: bpy.types.ID, wanted: bool) -> None:
 def _users_of_results(uids: set[int]) -> dict[bpy.types.Mesh, list[bpy.types.Object]]:
     """The meshes among these that hold a result, and the objects that use each."""
     users: dict[bpy.types.Mesh, list[bpy.types.Object]] = {
-        mesh: [] for mesh in bpy.data.meshes if mesh.session_uid in uids and results.has_result(mesh)
+        mesh: [] for mesh in bpy.data.meshes if mesh.session_uid in uids and results.has_any(mesh)
     }
     for blender_object in bpy.data.objects if users else ():
         if blender_object.data in users:
@@ -99,7 +135,11 @@ def _users_of_results(uids: set[int]) -> dict[bpy.types.Mesh, list[bpy.types.Obj
 
 def touch(mesh: bpy.types.Mesh) -> None:
     """Have the mesh's result checked soon."""
-    _touched.add(mesh.session_uid)
+    _touch({mesh.session_uid})
+
+
+def _touch(uids: set[int]) -> None:
+    _touched.update(uids)
     if bpy.app.timers.is_registered(check_touched):
         bpy.app.timers.unregister(check_touched)
     bpy.app.timers.register(check_touched, first_interval=PATIENCE)
@@ -111,8 +151,13 @@ def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
         if not (update.is_updated_geometry or update.is_updated_transform):
             continue
         original = update.id.original
-        if isinstance(original, bpy.types.Object) and original.type == "MESH" and results.has_result(original.data):
+        if not isinstance(original, bpy.types.Object) or original.type != "MESH":
+            continue
+        if results.has_any(original.data):
             _notice_update(original.data, update.is_updated_geometry)
+        measured = _measured_against.get(original.name)
+        if measured:
+            _touch(measured)
 
 
 def _notice_update(mesh: bpy.types.Mesh, geometry: bool) -> None:
@@ -123,6 +168,7 @@ def _notice_update(mesh: bpy.types.Mesh, geometry: bool) -> None:
         touch(mesh)
     elif geometry and not own_write:
         _stale.add(mesh.session_uid)
+        _stale_deviations.add(mesh.session_uid)
 
 
 @persistent
@@ -136,13 +182,14 @@ def _check_everything(*_: Any) -> None:
 def _touch_everything(*_: Any) -> None:
     """After a change of the frame, too: what is animated is not told of like what is edited."""
     for mesh in bpy.data.meshes:
-        if results.has_result(mesh):
+        if results.has_any(mesh):
+            _note_target(mesh)
             touch(mesh)
 
 
 @persistent
 def _forget_everything(*_: Any) -> None:
-    for runtime in (_touched, _stale, _uncovered, _own_writes):
+    for runtime in (_touched, _stale, _uncovered, _stale_deviations, _own_writes, _measured_against):
         runtime.clear()
 
 
