@@ -20,11 +20,11 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import bpy
 import numpy as np
 
-from ccdepth_addon.core.adaptive import Mode, Request, subdivide_adaptively
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.adaptive.planner import Mode, Request, subdivide_adaptively
+from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.deviation import measure_deviation
-from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh
-from ccdepth_addon.core.templates import Transitions
+from ccdepth_addon.core.mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from tests import meshes
 from tests.blender import scene
 from tests.blender.named_meshes import NAMED

@@ -3,8 +3,8 @@
 
 xvfb-run blender --factory-startup --python benchmarks/responsiveness.py -- [CASE…]
 
-CASE: DEPTH (a million quads, Compute Depth), ADAPTIVE (126,000 quads to a million faces), CREASES (31,488 quads, a tenth
-of their edges creased, adaptive); all by default. The operators run as from their buttons, with progress and Esc.
+CASE: DEPTH (a million quads, Compute Depth), ADAPTIVE (126,000 quads to a million faces), CREASES (31,488 quads, a
+tenth of their edges creased, adaptive); all by default. The operators run as from their buttons, with progress and Esc.
 """
 
 from __future__ import annotations

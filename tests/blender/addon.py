@@ -17,7 +17,7 @@ ATTRIBUTES = ("ccdepth", "ccdepth_bound", "ccdepth_color", "ccdepth_deviation")
 
 def module(name: str) -> ModuleType:
     """A module of the registered add-on."""
-    package = bpy.types.CCDEPTH_OT_compute.__module__.rpartition(".")[0]
+    package = bpy.types.CCDEPTH_OT_compute.__module__.rpartition(".operators.")[0]
     return import_module(f"{package}.{name}")
 
 

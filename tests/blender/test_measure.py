@@ -79,7 +79,7 @@ def test_the_tolerance_is_met_or_not(
 
 
 def test_between_the_two_distances_nothing_is_decided() -> None:
-    decide = addon.module("deviation_results").verdict
+    decide = addon.module("state.deviation_results").verdict
     assert decide(1.2, 1.0, 1.1).name == "UNDECIDED"
     assert decide(1.2, 1.0, 1.2).name == "MET"
     assert decide(1.2, 1.0, 1.0).name == "UNDECIDED"
@@ -275,7 +275,7 @@ def test_colours_stand_for_deviations(editing: bool) -> None:
     source = subdivided_cube(2)
     other = scene.add_object(meshes.landscape(3, 2), "Other")
     addon.measure(other, source, tolerance=0.75)
-    module, values = addon.module("colors"), addon.deviations(other).astype(np.float64)
+    module, values = addon.module("ui.colors"), addon.deviations(other).astype(np.float64)
     sizes = [polygon.loop_total for polygon in other.data.polygons]
     for color_range, top in (("TOLERANCE", 0.75), ("LARGEST", values.max())):
         addon.select(other)

@@ -162,8 +162,8 @@ OBJECTS_LINE = "Out of date: objects changed"
 
 def stale_line(holder: bpy.types.Object) -> str:
     bpy.context.view_layer.update()
-    addon.module("staleness").check_touched()
-    return addon.module("deviation_panel").stale_line(bpy.context.scene.ccdepth, holder.data)
+    addon.module("state.staleness").check_touched()
+    return addon.module("ui.deviation_panel").stale_line(bpy.context.scene.ccdepth, holder.data)
 
 
 def measured() -> tuple[bpy.types.Object, bpy.types.Object]:
@@ -207,7 +207,7 @@ def change_the_deviations(other: bpy.types.Object, _source: bpy.types.Object) ->
 
 def remove_the_source(_other: bpy.types.Object, source: bpy.types.Object) -> None:
     bpy.data.objects.remove(source)
-    addon.module("staleness").touch(_other.data)
+    addon.module("state.staleness").touch(_other.data)
 
 
 @pytest.mark.parametrize(
@@ -264,8 +264,8 @@ def test_a_measurement_leaves_depths_current() -> None:
     addon.compute(holder)
     addon.measure(holder, time_limit=0.1)
     bpy.context.view_layer.update()
-    addon.module("staleness").check_touched()
-    assert addon.module("panels").stale_line(bpy.context.scene.ccdepth, holder.data) == ""
+    addon.module("state.staleness").check_touched()
+    assert addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, holder.data) == ""
 
 
 @pytest.mark.parametrize(

@@ -41,11 +41,11 @@ def test_lengths(
     units.system, units.scale_length = system, scale
     if length_unit:
         units.length_unit = length_unit
-    assert addon.module("lengths").length_text(bpy.context.scene, length) == text
+    assert addon.module("ui.lengths").length_text(bpy.context.scene, length) == text
 
 
 def test_rounding_keeps_a_bound_a_bound() -> None:
-    lengths = addon.module("lengths")
+    lengths = addon.module("ui.lengths")
     texts = [
         lengths.length_text(bpy.context.scene, length, rounding)
         for length in (0.12340001, 0.12349999, 0.99999)
@@ -56,7 +56,7 @@ def test_rounding_keeps_a_bound_a_bound() -> None:
 
 @pytest.mark.parametrize("top", ["1", "0.0378", "2.5", "999", "4.9999", "1e-7"])
 def test_round_numbers_are_few_and_reach_far(top: str) -> None:
-    numbers = addon.module("deviation_scale").round_numbers(Decimal(top))
+    numbers = addon.module("ui.deviation_scale").round_numbers(Decimal(top))
     assert 2 <= len(numbers) <= 6
     assert numbers[0] == 0
     step = numbers[1]
@@ -70,7 +70,7 @@ def test_marks_have_room(color_range: str, largest: float) -> None:
     scene, gap = bpy.context.scene, 0.1
     scene.ccdepth.deviation_range = color_range
     record = SimpleNamespace(measurement=SimpleNamespace(world_tolerance=1.0, largest_shown=largest))
-    scale = addon.module("deviation_scale").deviation_scale(scene, record, gap)
+    scale = addon.module("ui.deviation_scale").deviation_scale(scene, record, gap)
     assert scale.title == "Deviation (m)"
     heights = [mark.label_height for mark in scale.marks]
     assert all(later - earlier > gap - 1e-9 for earlier, later in pairwise(heights))
@@ -82,7 +82,7 @@ def test_marks_have_room(color_range: str, largest: float) -> None:
 
 
 def test_work_in_a_thread_tells_its_progress_and_returns() -> None:
-    worker, looked = addon.module("worker"), threading.Event()
+    worker, looked = addon.module("operators.worker"), threading.Event()
 
     def work(progress: object) -> str:
         progress(0.25)
@@ -104,12 +104,12 @@ def test_what_work_in_a_thread_raises_arrives() -> None:
         raise MemoryError
 
     with pytest.raises(MemoryError):
-        list(addon.module("worker").in_thread(work))
+        list(addon.module("operators.worker").in_thread(work))
 
 
 @pytest.mark.parametrize("stop", ["close", "stop_all"])
 def test_work_in_a_thread_can_be_stopped(stop: str) -> None:
-    worker, ended = addon.module("worker"), []
+    worker, ended = addon.module("operators.worker"), []
 
     def work(progress: object) -> None:
         try:

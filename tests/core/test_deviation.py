@@ -12,9 +12,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial import cKDTree
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule, limit_positions, subdivide
 from ccdepth_addon.core.deviation import Deviation, measure_deviation
-from ccdepth_addon.core.mesh import FloatArray, IndexArray, InvalidMeshError, PolygonMesh
+from ccdepth_addon.core.mesh.polygon_mesh import FloatArray, IndexArray, InvalidMeshError, PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions, subdivide
 from tests import meshes
 
 ACCURACY = 0.05

@@ -4,7 +4,7 @@
 The control mesh is subdivided to *units*, quads of one level. A regular unit is a bicubic patch, exactly. Any other is
 refined, and what has not become regular stays a piece with the bilinear facet over its corners' limit positions for
 coefficients and an *excess*: at equal parameters the surface is no farther than that from the facet
-(``bounds.support_bounds``). Corners of all pieces lie on the surface. docs/deviation.md, Pieces.
+(``norm_bounds.support_bounds``). Corners of all pieces lie on the surface. docs/deviation.md, Pieces.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..bounds import Vertices, support_bounds
-from ..catmull_clark import subdivide
-from ..mesh import FloatArray, IndexArray, PolygonMesh
-from ..norms import squared_norms
-from ..patches import PatchKind, classify_patches, regular_nets
-from ..refinement import Refinement
-from ..splines import HALVES, SPLINE_TO_BERNSTEIN
+from ..bounds.norm_bounds import Vertices, support_bounds
+from ..bounds.norms import squared_norms
+from ..mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh
+from ..surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN
+from ..surface.catmull_clark import subdivide
+from ..surface.patches import PatchKind, classify_patches, regular_nets
+from ..surface.refinement import Refinement
 
 # Coefficients are counted [i, j] → 4i + j: those at corners 0 to 3, and along the sides from each to the next.
 CORNERS = np.array([0, 12, 15, 3])

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..mesh import FloatArray, IndexArray
+from ..mesh.polygon_mesh import FloatArray, IndexArray
 from .bezier_pieces import CORNERS, NONE, SIDES, BezierPieces
 from .heights import BoolArray, SideViews, Views, axes_across, plane_functionals
 from .triangles import dot

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..mesh import FloatArray, IndexArray
+from ..mesh.polygon_mesh import FloatArray, IndexArray
 from .bezier_pieces import CORNERS, NONE, BezierPieces
 from .heights import BoolArray, SideViews, Views, axes_across, plane_functionals
 from .triangles import Triangles

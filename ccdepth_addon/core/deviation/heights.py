@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh import FloatArray
-from ..norms import squared_norms
+from ..bounds.norms import squared_norms
+from ..mesh.polygon_mesh import FloatArray
 from .bezier_pieces import CORNERS
 from .triangles import dot
 

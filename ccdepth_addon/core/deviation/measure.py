@@ -13,7 +13,7 @@ from time import perf_counter
 
 import numpy as np
 
-from ..mesh import FloatArray, IndexArray, PolygonMesh, validate
+from ..mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh, validate
 from .bezier_pieces import bezier_pieces
 from .findings import Findings
 from .mesh_to_surface import MeshToSurface

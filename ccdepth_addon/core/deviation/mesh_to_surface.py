@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..blocks import blocks, split
-from ..mesh import FloatArray, IndexArray
-from ..norms import squared_norms
+from ..arrays.chunks import blocks, split
+from ..bounds.norms import squared_norms
+from ..mesh.polygon_mesh import FloatArray, IndexArray
 from .bezier_pieces import CORNERS, NONE, BezierPieces, bilinear_pieces
 from .box_tree import BoxTree, overlapping
 from .covering_pieces import over_pieces

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..blocks import split
-from ..mesh import FloatArray, IndexArray
-from ..norms import squared_norms
+from ..arrays.chunks import split
+from ..bounds.norms import squared_norms
+from ..mesh.polygon_mesh import FloatArray, IndexArray
 from .bezier_pieces import CORNERS, BezierPieces
 from .box_tree import BoxTree, overlapping
 from .covering_triangles import over_triangles
