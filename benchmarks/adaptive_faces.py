@@ -29,7 +29,8 @@ import numpy as np
 from ccdepth_addon.core.adaptive.plan import Mode, Request, TooManyFacesError
 from ccdepth_addon.core.adaptive.planner import subdivide_adaptively
 from ccdepth_addon.core.adaptive.templates import Transitions
-from ccdepth_addon.core.mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh
+from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from ccdepth_addon.core.surface.evaluation import limit_values
 from ccdepth_addon.core.surface.surface_points import SurfacePoints

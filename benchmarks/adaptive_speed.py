@@ -31,7 +31,8 @@ from benchmarks.adaptive_faces import children as children_of
 from ccdepth_addon.core.adaptive.plan import Mode, Request
 from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, subdivide_adaptively
 from ccdepth_addon.core.adaptive.templates import Transitions
-from ccdepth_addon.core.mesh.polygon_mesh import FloatArray, PolygonMesh
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from tests.blender import scene
 from tests.steps import result_of

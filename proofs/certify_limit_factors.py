@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import sys
 
+from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import (
     LAST_CERTIFIED_VALENCE,
     certified_limit_factor,
@@ -22,7 +23,6 @@ from ccdepth_addon.core.bounds.norm_bounds import (
     published_divisor,
     published_rate,
 )
-from ccdepth_addon.core.mesh.polygon_mesh import FloatArray
 from ccdepth_addon.core.surface.catmull_clark import limit_positions
 from ccdepth_addon.core.surface.stencils import stencil_patch
 from proofs.certificates import Certifier, bernstein, facet_corner, facet_over_tile, split, tiles

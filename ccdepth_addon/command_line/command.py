@@ -13,9 +13,7 @@ from typing import Any
 
 import bpy
 
-from ..core.adaptive.plan import Mode
-from ..core.adaptive.templates import Transitions
-from ..core.depth.face_depths import METHODS, VERTICES
+from ..core import METHODS, VERTICES, Mode, Transitions
 from ..state.properties import METHOD_TEXTS, VERTEX_ITEMS, tolerance_name
 from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE
 from ..ui.panels import exact_text

@@ -19,7 +19,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..core.mesh.polygon_mesh import FloatArray
+from ..core import FloatArray
 from ..exchange.control_mesh import counted_modifiers, read_values
 from ..state import results
 from ..ui.colors import palette, to_linear

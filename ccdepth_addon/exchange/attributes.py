@@ -21,23 +21,26 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.adaptive.subdivided_mesh import SubdividedMesh
-from ..core.attributes.face_varying import uv_surface
-from ..core.attributes.interpolation import (
+from ..core import (
+    BoolArray,
     Evaluate,
+    IndexArray,
+    PolygonMesh,
+    ShortIndexArray,
+    SubdividedMesh,
+    SurfacePoints,
     at_corners,
     at_vertices,
+    crease_to_sharpness,
     interpolated,
     join_transformations,
+    limit_values,
     nearest_vertices,
     split_transformations,
     to_quaternions,
     to_rotation_vectors,
+    uv_surface,
 )
-from ..core.mesh.polygon_mesh import IndexArray, PolygonMesh, ShortIndexArray
-from ..core.surface.catmull_clark import crease_to_sharpness
-from ..core.surface.evaluation import limit_values
-from ..core.surface.surface_points import SurfacePoints
 from ..state.results import BOUND, COLOR, DEPTH, color_of_user
 from .bulk_writing import write_values
 from .control_mesh import EDGE_CREASE, VERTEX_CREASE, read_creases, read_values
@@ -210,7 +213,7 @@ class Carrier:
             if name not in mesh.attributes:
                 write_attribute(mesh, name, "BOOLEAN", FLAG_DOMAINS[name], values)
 
-    def _flags(self, name: str) -> NDArray[np.bool_]:
+    def _flags(self, name: str) -> BoolArray:
         domain = {"vert": "POINT", "edge": "EDGE", "poly": "FACE"}[name.rpartition("_")[2]]
         attribute = self.base.attributes.get(name)
         if attribute is None or (attribute.data_type, attribute.domain) != ("BOOLEAN", domain):

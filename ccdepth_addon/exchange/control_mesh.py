@@ -21,8 +21,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.mesh.polygon_mesh import FloatArray, IndexArray, InvalidMeshError, PolygonMesh
-from ..core.surface.catmull_clark import apply_boundary_rule, crease_to_sharpness
+from ..core import FloatArray, IndexArray, InvalidMeshError, PolygonMesh, apply_boundary_rule, crease_to_sharpness
 from .bulk_writing import own_copy, write_values
 
 ORIGIN_ATTRIBUTE = "ccdepth_origin"

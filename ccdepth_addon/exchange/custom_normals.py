@@ -5,10 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..core.adaptive.subdivided_mesh import SubdividedMesh
-from ..core.attributes.interpolation import at_corners
-from ..core.mesh.polygon_mesh import PolygonMesh
-from ..core.surface.limit_normals import limit_normals
+from ..core import PolygonMesh, SubdividedMesh, at_corners, limit_normals
 from .attributes import CUSTOM_NORMAL, FREE_NORMALS, write_attribute
 from .bulk_writing import WriteError
 

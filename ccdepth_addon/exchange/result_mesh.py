@@ -8,8 +8,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..core.adaptive.subdivided_mesh import SubdividedMesh
-from ..core.mesh.polygon_mesh import PolygonMesh
+from ..core import PolygonMesh, SubdividedMesh
 from .attributes import Carrier, choose_same
 from .bulk_writing import own_copy, remove_shape_keys, write_values
 from .custom_normals import write_limit_normals

@@ -13,11 +13,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.adaptive.subdivided_mesh import SubdividedMesh
-from ..core.attributes.interpolation import at_vertices
-from ..core.mesh.polygon_mesh import FloatArray, PolygonMesh
-from ..core.surface.evaluation import limit_values
-from ..core.surface.surface_points import SurfacePoints
+from ..core import FloatArray, PolygonMesh, SubdividedMesh, SurfacePoints, at_vertices, limit_values
 from .bulk_writing import write_values
 from .control_mesh import read_values
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..core.mesh.polygon_mesh import FloatArray, IndexArray, InvalidMeshError
+from ..core import FloatArray, IndexArray, InvalidMeshError
 from .control_mesh import (
     NOT_SHAPING,
     SIMULATIONS,

@@ -14,9 +14,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.adaptive.subdivided_mesh import SubdividedMesh
-from ..core.attributes.interpolation import interpolated_at_vertices
-from ..core.mesh.polygon_mesh import PolygonMesh
+from ..core import BoolArray, PolygonMesh, SubdividedMesh, interpolated_at_vertices
 from .attributes import write_attribute
 
 WEIGHTS = "ccdepth_weights"
@@ -74,7 +72,7 @@ def _read_weights(base: bpy.types.Mesh) -> tuple[NDArray[np.intp], NDArray[np.in
     return table[:, 0].astype(np.intp), table[:, 1].astype(np.intp), table[:, 2]
 
 
-def _write_group(holder: bpy.types.Object, name: str, weights: NDArray[np.float32], belongs: NDArray[np.bool_]) -> None:
+def _write_group(holder: bpy.types.Object, name: str, weights: NDArray[np.float32], belongs: BoolArray) -> None:
     mesh = holder.data
     write_attribute(mesh, name, "FLOAT", "POINT", np.clip(weights, 0.0, 1.0))
     mesh.attributes.active = mesh.attributes[name]

@@ -8,7 +8,7 @@ from typing import ClassVar
 import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty
 
-from ..core.depth.modifier_quality import needed_quality
+from ..core import needed_quality
 from ..exchange.bulk_writing import WriteError, is_writable
 from ..exchange.control_mesh import subdivision_modifier
 from ..state import fingerprint, properties, results, staleness

@@ -12,7 +12,7 @@ import numpy as np
 from bpy.props import BoolProperty
 from mathutils import Vector
 
-from ..core.mesh.polygon_mesh import InvalidMeshError
+from ..core import InvalidMeshError
 from ..exchange.bulk_writing import WriteError
 from ..state import deviation_results, measured_state, properties, results, staleness
 from ..state.deviation_results import Verdict

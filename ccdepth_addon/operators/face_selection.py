@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import BoolArray
 from ..exchange.control_mesh import read_values
 from ..state import results
 
@@ -42,7 +43,7 @@ def select_faces(mesh: bpy.types.Mesh, depth: int, comparison: str, *, extend: b
     return int(np.count_nonzero(wanted))
 
 
-def _select_only(mesh: bpy.types.Mesh, faces: NDArray[np.bool_]) -> None:
+def _select_only(mesh: bpy.types.Mesh, faces: BoolArray) -> None:
     """Select these faces with their vertices and edges, and nothing else."""
     sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
     corners = np.repeat(faces, sizes)

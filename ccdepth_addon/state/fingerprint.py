@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.mesh.polygon_mesh import FloatArray
+from ..core import BoolArray, FloatArray
 from ..exchange.control_mesh import own_mesh, read_values
 from ..tasks.depth_task import count_faces
 from . import results
@@ -95,7 +95,7 @@ def _by_checksum(states: Iterable[tuple[str, Sequence[float] | FloatArray]]) -> 
     return {checksum: np.array(found, dtype=np.float64).reshape(-1, 6) for checksum, found in scales.items()}
 
 
-def _are_among(scales: FloatArray, others: FloatArray | None) -> NDArray[np.bool_]:
+def _are_among(scales: FloatArray, others: FloatArray | None) -> BoolArray:
     """(N,): whether each of the scales (N, 6) is one of the others (M, 6), or has drifted from it by rounding."""
     if others is None:
         return np.zeros(len(scales), dtype=bool)

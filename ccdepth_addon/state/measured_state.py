@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..core.mesh.polygon_mesh import FloatArray
+from ..core import FloatArray
 from ..exchange.shown_mesh import shown_modifiers
 from ..tasks.depth_task import count_faces
 from . import fingerprint, results

@@ -17,7 +17,7 @@ from zlib import crc32
 import bpy
 import numpy as np
 
-from ..core.mesh.polygon_mesh import FloatArray
+from ..core import FloatArray
 from ..exchange.control_mesh import NOT_SHAPING, SIMULATIONS, counted_modifiers, surface_rule
 from ..tasks.surfaces import gram_matrix
 from .mesh_checksums import checksum_of_points, geometry_checksum

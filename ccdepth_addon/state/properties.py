@@ -16,7 +16,7 @@ from bpy.props import (
     StringProperty,
 )
 
-from ..core.depth.face_depths import METHODS
+from ..core import METHODS
 from ..exchange.bulk_writing import is_writable
 from ..ui import heat_map
 from . import deviation_results, results

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import version
-from ..core.mesh.polygon_mesh import FloatArray
+from ..core import FloatArray
 from ..exchange.bulk_writing import write_values
 from ..exchange.control_mesh import read_values
 from ..tasks.adaptive_task import Subdivision, SubdivisionSettings

@@ -16,11 +16,20 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..core.adaptive.plan import Mode, Request, TooManyFacesError
-from ..core.adaptive.planner import AdaptiveMesh, count_faces, subdivide_adaptively
-from ..core.adaptive.templates import Transitions
-from ..core.depth.face_depths import check_tolerance, rounding_allowance, smallest_step
-from ..core.mesh.polygon_mesh import FloatArray, validate
+from ..core import (
+    AdaptiveMesh,
+    FloatArray,
+    Mode,
+    Request,
+    TooManyFacesError,
+    Transitions,
+    check_tolerance,
+    count_faces,
+    rounding_allowance,
+    smallest_step,
+    subdivide_adaptively,
+    validate,
+)
 from ..exchange.control_mesh import (
     ControlMesh,
     ControlMeshError,

@@ -15,9 +15,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core.depth.face_depths import DepthResult, face_depths_stepwise, uniform_level_stepwise
-from ..core.depth.modifier_quality import needed_quality
-from ..core.mesh.polygon_mesh import FloatArray
+from ..core import BoolArray, DepthResult, FloatArray, face_depths_stepwise, needed_quality, uniform_level_stepwise
 from ..exchange.control_mesh import (
     NO_ORIGIN,
     ControlMesh,
@@ -93,7 +91,7 @@ class MeshDepths:
     task: MeshTask
     depths: NDArray[np.int32]
     bounds: FloatArray
-    exact: NDArray[np.bool_]
+    exact: BoolArray
     world_tolerance: float
     uniform_level: int
     quality: int

@@ -14,8 +14,7 @@ from time import perf_counter
 import bpy
 import numpy as np
 
-from ..core.deviation import Deviation, measure_deviation
-from ..core.mesh.polygon_mesh import FloatArray, IndexArray, InvalidMeshError, validate
+from ..core import Deviation, FloatArray, IndexArray, InvalidMeshError, measure_deviation, validate
 from ..exchange.control_mesh import NO_ORIGIN, read_control_mesh, subdivision_modifier
 from ..exchange.shown_mesh import ShownMesh, read_shown_mesh
 from .depth_task import count_faces

@@ -11,8 +11,7 @@ from hashlib import blake2b
 import bpy
 import numpy as np
 
-from ..core.depth.face_depths import ToleranceError
-from ..core.mesh.polygon_mesh import FloatArray, InvalidMeshError
+from ..core import FloatArray, InvalidMeshError, ToleranceError
 from ..exchange.bulk_writing import WriteError
 from ..exchange.control_mesh import ControlMesh, ControlMeshError
 

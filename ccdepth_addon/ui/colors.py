@@ -12,7 +12,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..core.mesh.polygon_mesh import FloatArray
+from ..core import FloatArray
 
 # Evenly spaced colours of the map, in sRGB; those between are found by linear interpolation. The darkest eighth is left
 # out: in the shadows of Solid shading it is black, and the form of the mesh is lost.

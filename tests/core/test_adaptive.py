@@ -23,7 +23,8 @@ from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, count_faces, subdi
 from ccdepth_addon.core.adaptive.quadtree import NONE, Quadtree
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.adaptive.tessellation import Outline, outline, triangles_around
-from ccdepth_addon.core.mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh
+from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from ccdepth_addon.core.surface.evaluation import limit_values
 from ccdepth_addon.core.surface.limit_normals import limit_normals

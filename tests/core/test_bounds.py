@@ -16,6 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
+from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import (
     PATCH_METHODS,
     Method,
@@ -31,7 +32,6 @@ from ccdepth_addon.core.bounds.norm_bounds import (
     support_bounds,
 )
 from ccdepth_addon.core.depth.face_depths import face_depths
-from ccdepth_addon.core.mesh.polygon_mesh import FloatArray
 from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions
 from ccdepth_addon.core.surface.patches import (
     PatchKind,

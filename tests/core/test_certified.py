@@ -15,10 +15,12 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
+from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.facet_bounds import facet_error, later_bounds, sampled_error
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
-from ccdepth_addon.core.depth.face_depths import VERTICES, DepthResult, certified_depth, face_depths, smallest_tolerance
-from ccdepth_addon.core.mesh.polygon_mesh import FloatArray, InvalidMeshError, PolygonMesh
+from ccdepth_addon.core.depth import certified_depth
+from ccdepth_addon.core.depth.face_depths import VERTICES, DepthResult, face_depths, smallest_tolerance
+from ccdepth_addon.core.mesh.polygon_mesh import InvalidMeshError, PolygonMesh
 from ccdepth_addon.core.surface.bicubic import (
     HALVES,
     SPLINE_HALVES,

@@ -11,15 +11,14 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.bounds.norm_bounds import Method, Vertices, first_order_rate
+from ccdepth_addon.core.depth import certified_depth, norm_depth
 from ccdepth_addon.core.depth.face_depths import (
     METHODS,
     VERTICES,
     DepthResult,
     ToleranceError,
-    certified_depth,
     face_depths,
     face_depths_stepwise,
-    norm_depth,
     smallest_tolerance,
 )
 from ccdepth_addon.core.mesh.polygon_mesh import InvalidMeshError, PolygonMesh, polygon_mesh

@@ -16,7 +16,8 @@ from ccdepth_addon.core.adaptive.leaf_bounds.child_bounds import quarter_distanc
 from ccdepth_addon.core.adaptive.quadtree import Quadtree
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.coordinates import coordinates_apart
-from ccdepth_addon.core.mesh.polygon_mesh import FloatArray, PolygonMesh
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from tests import meshes
 

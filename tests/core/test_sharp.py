@@ -12,6 +12,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import (
     PATCH_METHODS,
     Method,
@@ -23,7 +24,6 @@ from ccdepth_addon.core.bounds.norm_bounds import (
 )
 from ccdepth_addon.core.bounds.sharp_constants import CONTROL_FACTORS, LIMIT_FACTORS, PERIOD, RATES
 from ccdepth_addon.core.depth.face_depths import face_depths
-from ccdepth_addon.core.mesh.polygon_mesh import FloatArray
 from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from ccdepth_addon.core.surface.patches import extraordinary_nets
 from proofs.certify_sharp_constants import sharp_constants

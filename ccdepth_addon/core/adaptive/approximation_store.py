@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..mesh.polygon_mesh import FloatArray, IndexArray
+from ..arrays.types import FloatArray, IndexArray
 from .leaf_approximation import Fit
 from .leaf_bounds.triangle_bounds import Misses
 from .quadtree import NONE, Column, Quadtree

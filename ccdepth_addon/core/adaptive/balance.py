@@ -7,7 +7,7 @@ from collections.abc import Generator
 
 import numpy as np
 
-from ..mesh.polygon_mesh import IndexArray
+from ..arrays.types import IndexArray
 from .cells.cell_store import in_blocks
 from .plan import Plan
 

@@ -9,17 +9,14 @@ from __future__ import annotations
 from collections.abc import Generator, Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays.chunks import blocks
-from ..mesh.polygon_mesh import FloatArray
+from ..arrays.types import BoolArray, FloatArray
 from .cells.cell_store import in_blocks, some
 from .cells.patch_cells import BicubicCells, NetCells
 from .leaf_approximation import Cells
 from .plan import Plan
 from .quadtree import NONE
-
-BoolArray = NDArray[np.bool_]
 
 # So many bicubic cells are kept in one block, of which so many are looked at together: what is made on the way stays in
 # the processor's cache, and in memory that need not come from the system anew.

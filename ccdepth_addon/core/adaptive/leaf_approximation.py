@@ -16,14 +16,12 @@ from numpy.typing import NDArray
 
 from ..arrays.chunks import blocks
 from ..arrays.coordinates import chosen_vectors
+from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norms import cross_products, dot_products, squared_norms
-from ..mesh.polygon_mesh import FloatArray, IndexArray
 from .leaf_bounds.polygon_bounds import is_folded
 from .leaf_bounds.triangle_bounds import Misses
 from .quadtree import Quadtree
 from .templates import WHOLE, Template, Transitions, templates
-
-BoolArray = NDArray[np.bool_]
 
 # How much of the limit what is expected of the neighbours may take up; and what the tilt of triangles against their
 # neighbours is to the height of a side's middle over its chord, in parts of its length: 8 for a circle, and some more.

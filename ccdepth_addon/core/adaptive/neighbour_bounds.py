@@ -6,16 +6,13 @@ from __future__ import annotations
 from collections.abc import Generator
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..mesh.polygon_mesh import IndexArray
+from ..arrays.types import BoolArray, IndexArray
 from .cells.cell_store import in_blocks
 from .leaf_bounds.star_bounds import graph_bounds
 from .plan import Plan
 from .quadtree import NONE, Quadtree
 from .tessellation import triangles_around
-
-BoolArray = NDArray[np.bool_]
 
 
 def fit_along_surface(plan: Plan) -> Generator[int, None, IndexArray]:

@@ -13,15 +13,14 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..mesh.polygon_mesh import PolygonMesh
 from .approximation_store import FitStore
 from .cells.cell_store import CellStore
 from .leaf_approximation import Cells, Fit
 from .quadtree import NONE, Quadtree
 from .templates import Transitions
 from .vertex_positions import VertexPositions
-
-BoolArray = NDArray[np.bool_]
 
 # Faces for each leaf, transitions included, when they are only estimated; and how far the estimate has to be above the
 # number allowed to be believed.

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh
+from ..arrays.types import FloatArray, IndexArray
+from ..mesh.polygon_mesh import PolygonMesh
 from .balance import fit_split_sides, unbalanced
 from .cells.control_faces import cells_of_faces
 from .growth import fit_children, fit_new, grow

@@ -20,11 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.chunks import blocks
-from ..mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.surface_points import SurfacePoints
 from .templates import QUAD_POINTS
-
-BoolArray = NDArray[np.bool_]
 
 NONE = -1
 

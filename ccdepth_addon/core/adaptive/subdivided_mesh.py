@@ -7,10 +7,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-from numpy.typing import NDArray
-
-from ..mesh.polygon_mesh import FloatArray, IndexArray, ShortIndexArray
+from ..arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
 from ..surface.surface_points import SurfacePoints
 
 
@@ -46,7 +43,7 @@ class SubdividedMesh:
         return self.find_vertex_points()
 
     @cached_property
-    def is_loose(self) -> NDArray[np.bool_]:
+    def is_loose(self) -> BoolArray:
         """(V,) the vertices without faces, which lie nowhere on the surface; all of them are the control mesh's."""
         return self.vertex_points.corners < 0
 

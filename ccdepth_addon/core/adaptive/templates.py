@@ -12,7 +12,7 @@ from functools import cache
 
 import numpy as np
 
-from ..mesh.polygon_mesh import FloatArray
+from ..arrays.types import FloatArray
 
 Triangle = tuple[int, int, int]
 Template = tuple[Triangle, ...]

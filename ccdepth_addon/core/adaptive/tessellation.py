@@ -13,14 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.chunks import blocks, split
-from ..mesh.polygon_mesh import FloatArray, IndexArray, ShortIndexArray, compact, renumber
+from ..arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
+from ..mesh.polygon_mesh import compact, renumber
 from ..surface.surface_points import SurfacePoints
 from .leaf_approximation import Fit
 from .quadtree import NONE, Point, Quadtree
 from .subdivided_mesh import SubdividedMesh
 from .templates import WHOLE, Template, Transitions, templates, triangle_template
-
-BoolArray = NDArray[np.bool_]
 
 # Polygons looked at together, so that what belongs to them stays in the processor's cache.
 POLYGONS_AT_ONCE = 1 << 13

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays.chunks import taken
-from ..mesh.polygon_mesh import FloatArray, IndexArray
+from ..arrays.types import FloatArray, IndexArray
 from ..surface.evaluation import limit_values
 from ..surface.patches import PatchKinds, classify_patches
 from .quadtree import NONE, Quadtree

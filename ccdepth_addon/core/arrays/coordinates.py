@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..mesh.polygon_mesh import FloatArray, IndexArray
 from .matrix_products import product
+from .types import FloatArray, IndexArray
 
 
 def coordinates_apart(vectors: FloatArray) -> FloatArray:

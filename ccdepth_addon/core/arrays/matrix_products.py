@@ -10,8 +10,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..mesh.polygon_mesh import FloatArray
 from .chunks import blocks
+from .types import FloatArray
 
 # So much of a row stays in the processor's cache while it is summed up.
 COLUMNS_AT_ONCE = 1 << 12

@@ -22,9 +22,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.polygon_mesh import INFINITELY_SHARP, FloatArray, IndexArray, PolygonMesh
-
-BoolArray = NDArray[np.bool_]
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..mesh.polygon_mesh import INFINITELY_SHARP, PolygonMesh
 
 WELD_DISTANCE = np.float32(1e-4)
 

@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from ..adaptive.subdivided_mesh import SubdividedMesh
 from ..arrays.chunks import blocks
-from ..mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.surface_points import SurfacePoints, interpolate_linearly
 
 # Points interpolated at a time: enough to keep numpy busy, few enough that what it needs meanwhile stays small.
@@ -49,9 +50,7 @@ def at_corners(subdivided: SubdividedMesh, evaluate: Evaluate) -> NDArray[np.flo
     return values
 
 
-def at_vertices(
-    subdivided: SubdividedMesh, values: NDArray[Any], evaluate: Evaluate, kept: NDArray[np.bool_]
-) -> NDArray[Any]:
+def at_vertices(subdivided: SubdividedMesh, values: NDArray[Any], evaluate: Evaluate, kept: BoolArray) -> NDArray[Any]:
     """(V, D): the values of the control mesh's vertices where they are ``kept`` (V,), and elsewhere what ``evaluate``
     gives.
 

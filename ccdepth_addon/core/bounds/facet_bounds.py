@@ -18,7 +18,7 @@ from itertools import product
 
 import numpy as np
 
-from ..mesh.polygon_mesh import FloatArray, IndexArray
+from ..arrays.types import FloatArray, IndexArray
 from ..surface.bicubic import (
     SECOND_DIFFERENCE,
     SPLINE_TO_BERNSTEIN,

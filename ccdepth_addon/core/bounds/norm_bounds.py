@@ -14,9 +14,9 @@ from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.bicubic import largest_norm
 from ..surface.patches import faces_on_grids, regular_nets
 from . import sharp_constants
@@ -66,7 +66,7 @@ class PatchBounds:
         rounds = -(-beyond // self.period)
         return self.value * (self.factors[levels - rounds * self.period] * self.rate**rounds)
 
-    def of(self, wanted: NDArray[np.bool_]) -> PatchBounds:
+    def of(self, wanted: BoolArray) -> PatchBounds:
         """The bounds of some of the patches: (P,) bool."""
         return replace(self, value=self.value[wanted])
 

@@ -13,7 +13,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.polygon_mesh import FloatArray
+from ..arrays.types import FloatArray
 
 
 def squared_norms(vectors: FloatArray) -> FloatArray:

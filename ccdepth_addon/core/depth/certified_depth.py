@@ -15,10 +15,10 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays.chunks import split
 from ..arrays.threads import in_parallel
+from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.facet_bounds import (
     CORNER_ROWS,
     LaterBounds,
@@ -36,7 +36,7 @@ from ..bounds.norm_bounds import (
     support_bounds,
 )
 from ..bounds.norms import ring_index
-from ..mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh, submesh
+from ..mesh.polygon_mesh import PolygonMesh, submesh
 from ..surface.bicubic import HALVES, SPLINE_HALVES, bilinear_coefficients, both_ways, largest_norm, patch_coefficients
 from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
@@ -63,7 +63,6 @@ MOST_BLOCKS = 1 << 13
 # The search uses the stencils of a valence over and over, so larger ones pay here than elsewhere.
 LARGEST_SEARCHED_VALENCE = 512
 
-BoolArray = NDArray[np.bool_]
 
 # (P,) base faces, and for each of them (4, 4, P, 3): a net, or the difference S - L.
 Blocks = tuple[IndexArray, FloatArray]

@@ -12,8 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import PATCH_METHODS, Method, Vertices
-from ..mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh, validate
+from ..mesh.polygon_mesh import PolygonMesh, validate
 from .certified_depth import certified_blocks, certified_bounds
 from .modifier_quality import unmet_corners
 from .norm_depth import norm_blocks, norm_bounds
@@ -38,7 +39,7 @@ class DepthResult:
     depths: NDArray[np.int32]
     bounds: FloatArray
     distances: FloatArray
-    exact: NDArray[np.bool_]
+    exact: BoolArray
 
 
 def largest_coordinate(mesh: PolygonMesh) -> float:

@@ -17,10 +17,10 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norms import squared_norms
-from ..mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh
+from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.catmull_clark import limit_positions
 from ..surface.refinement import Refinement
 
@@ -78,7 +78,7 @@ def unmet_corners(mesh: PolygonMesh) -> UnmetCorners:
     return UnmetCorners(corners, gaps)
 
 
-def _lone_and_dart(mesh: PolygonMesh) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _lone_and_dart(mesh: PolygonMesh) -> tuple[BoolArray, BoolArray]:
     """(C,) bool twice: which corners are lone ones, and which stand at darts."""
     is_sharp = np.isinf(mesh.edge_sharpness) & (mesh.edge_face_counts > 0)
     sharp_edges = np.bincount(mesh.edge_vertices[is_sharp].ravel(), minlength=mesh.vertex_count)
@@ -88,7 +88,7 @@ def _lone_and_dart(mesh: PolygonMesh) -> tuple[NDArray[np.bool_], NDArray[np.boo
     return lone, (moves & (sharp_edges == 1))[mesh.corner_vertices]
 
 
-def _gaps(mesh: PolygonMesh, vertices: IndexArray, is_lone: NDArray[np.bool_]) -> FloatArray:
+def _gaps(mesh: PolygonMesh, vertices: IndexArray, is_lone: BoolArray) -> FloatArray:
     """(N,): how far from the surface vertices are that OpenSubdiv has no further levels of."""
     wanted = np.zeros(mesh.vertex_count, dtype=bool)
     wanted[vertices] = True

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arrays.chunks import split
+from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import PatchBounds, PatchMethod, Vertices, support_bounds
-from ..mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh
+from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
 from .tolerance_test import FaceBlock, LevelBlock, Question
@@ -67,7 +67,7 @@ class _Piece:
     bases: IndexArray
     bounds: PatchBounds
 
-    def of(self, wanted: NDArray[np.bool_]) -> _Piece:
+    def of(self, wanted: BoolArray) -> _Piece:
         """The part of it whose base faces are wanted: (base faces,) bool."""
         kept = wanted[self.bases]
         return _Piece(self.level, self.bases[kept], self.bounds.of(kept))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.polygon_mesh import FloatArray, IndexArray
+from ..arrays.types import BoolArray, FloatArray, IndexArray
 
 
 @dataclass(frozen=True)
@@ -18,11 +18,11 @@ class Question:
     tolerance: float
     allowance: float
 
-    def within(self, upper: FloatArray) -> NDArray[np.bool_]:
+    def within(self, upper: FloatArray) -> BoolArray:
         """Whether distances of at most ``upper`` are proved to be within the tolerance."""
         return upper + self.allowance <= self.tolerance
 
-    def exceeds(self, lower: FloatArray) -> NDArray[np.bool_]:
+    def exceeds(self, lower: FloatArray) -> BoolArray:
         """Whether distances of at least ``lower`` are proved to exceed the tolerance."""
         return lower - self.allowance > self.tolerance
 
@@ -39,7 +39,7 @@ class FaceBlock:
     depths: NDArray[np.int32]
     bounds: FloatArray
     distances: FloatArray
-    exact: NDArray[np.bool_]
+    exact: BoolArray
 
     @staticmethod
     def undecided(faces: IndexArray) -> FaceBlock:
@@ -53,9 +53,7 @@ class FaceBlock:
         """A block of no faces."""
         return FaceBlock.undecided(np.zeros(0, dtype=np.intp))
 
-    def settle(
-        self, chosen: NDArray[np.bool_], depth: int, bounds: FloatArray, distances: FloatArray | None = None
-    ) -> None:
+    def settle(self, chosen: BoolArray, depth: int, bounds: FloatArray, distances: FloatArray | None = None) -> None:
         """Give the chosen faces their depth: (P,) arrays of which only their entries count.
 
         Without distances nothing is known from below, and no depth is known to be the least.

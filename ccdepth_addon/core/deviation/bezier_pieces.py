@@ -15,9 +15,10 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays.types import FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices, support_bounds
 from ..bounds.norms import squared_norms
-from ..mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh
+from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN
 from ..surface.catmull_clark import subdivide
 from ..surface.patches import PatchKind, classify_patches, regular_nets

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.polygon_mesh import FloatArray, IndexArray
+from ..arrays.types import FloatArray, IndexArray
 
 BRANCHES = 8
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..mesh.polygon_mesh import FloatArray, IndexArray
+from ..arrays.types import BoolArray, FloatArray, IndexArray
 from .bezier_pieces import CORNERS, NONE, SIDES, BezierPieces
-from .heights import BoolArray, SideViews, Views, axes_across, plane_functionals
+from .heights import SideViews, Views, axes_across, plane_functionals
 from .triangles import dot
 
 # Where in a triangle covering is counted: weights of corners without anything symmetric about them.

@@ -9,7 +9,7 @@ from time import perf_counter
 
 import numpy as np
 
-from ..mesh.polygon_mesh import FloatArray, IndexArray
+from ..arrays.types import FloatArray, IndexArray
 
 # Per-face distances are found to this part of the largest one.
 SHARE_OF_LARGEST = 0.1

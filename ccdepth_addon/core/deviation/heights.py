@@ -14,12 +14,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays.types import FloatArray
 from ..bounds.norms import squared_norms
-from ..mesh.polygon_mesh import FloatArray
 from .bezier_pieces import CORNERS
 from .triangles import dot
-
-BoolArray = NDArray[np.bool_]
 
 # A side of a triangle has no side to speak of when it is seen at less than this sine.
 STEEP = 1e-3

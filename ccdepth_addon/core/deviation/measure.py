@@ -13,7 +13,8 @@ from time import perf_counter
 
 import numpy as np
 
-from ..mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh, validate
+from ..arrays.types import FloatArray, IndexArray
+from ..mesh.polygon_mesh import PolygonMesh, validate
 from .bezier_pieces import bezier_pieces
 from .findings import Findings
 from .mesh_to_surface import MeshToSurface

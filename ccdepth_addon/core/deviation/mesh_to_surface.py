@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.chunks import blocks, split
+from ..arrays.types import FloatArray, IndexArray
 from ..bounds.norms import squared_norms
-from ..mesh.polygon_mesh import FloatArray, IndexArray
 from .bezier_pieces import CORNERS, NONE, BezierPieces, bilinear_pieces
 from .box_tree import BoxTree, overlapping
 from .covering_pieces import over_pieces

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.chunks import split
+from ..arrays.types import FloatArray, IndexArray
 from ..bounds.norms import squared_norms
-from ..mesh.polygon_mesh import FloatArray, IndexArray
 from .bezier_pieces import CORNERS, BezierPieces
 from .box_tree import BoxTree, overlapping
 from .covering_triangles import over_triangles

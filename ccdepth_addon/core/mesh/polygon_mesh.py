@@ -17,11 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.chunks import blocks
-
-IndexArray = NDArray[np.intp]
-# Of meshes that are made: as Blender keeps them, and half the size.
-ShortIndexArray = NDArray[np.int32]
-FloatArray = NDArray[np.float64]
+from ..arrays.types import BoolArray, FloatArray, IndexArray
 
 INFINITELY_SHARP = np.inf
 
@@ -132,12 +128,12 @@ class PolygonMesh:
         return self._twins[0]
 
     @property
-    def edge_has_twins(self) -> NDArray[np.bool_]:
+    def edge_has_twins(self) -> BoolArray:
         """(E,) bool, whether each edge has twins."""
         return self._twins[1]
 
     @cached_property
-    def _twins(self) -> tuple[IndexArray, NDArray[np.bool_]]:
+    def _twins(self) -> tuple[IndexArray, BoolArray]:
         half_edges = np.arange(self.corner_count)
         last = np.zeros(self.edge_count, dtype=np.intp)
         last[self.corner_edges] = half_edges
@@ -245,7 +241,7 @@ def compact(indices: NDArray[Any], count: int, kept: IndexArray | None = None) -
     return np.flatnonzero(is_used)
 
 
-def renumber(indices: NDArray[Any], used: NDArray[np.bool_]) -> None:
+def renumber(indices: NDArray[Any], used: BoolArray) -> None:
     """Count indices of what is used among what is used, in place."""
     numbers, counted = np.empty(len(used), dtype=indices.dtype), 0
     for block in blocks(len(used), INDICES_AT_ONCE):
@@ -284,13 +280,13 @@ def validate(mesh: PolygonMesh) -> None:
     _refuse(_faces_without_area(mesh), "face", "faces", "with zero area")
 
 
-def _refuse(bad: NDArray[np.bool_], one: str, many: str, fault: str) -> None:
+def _refuse(bad: BoolArray, one: str, many: str, fault: str) -> None:
     found = np.flatnonzero(bad)
     if len(found):
         raise InvalidMeshError(f"{len(found):,} {one if len(found) == 1 else many} {fault} (first: {one} {found[0]})")
 
 
-def _faces_with_repeated_vertices(mesh: PolygonMesh) -> NDArray[np.bool_]:
+def _faces_with_repeated_vertices(mesh: PolygonMesh) -> BoolArray:
     """(F,) bool: the vertices of small faces are compared two by two, those of others once they are sorted."""
     bad = np.zeros(mesh.face_count, dtype=bool)
     for size in np.flatnonzero(np.bincount(mesh.face_sizes)).tolist():
@@ -303,7 +299,7 @@ def _faces_with_repeated_vertices(mesh: PolygonMesh) -> NDArray[np.bool_]:
     return bad
 
 
-def _faces_without_area(mesh: PolygonMesh) -> NDArray[np.bool_]:
+def _faces_without_area(mesh: PolygonMesh) -> BoolArray:
     """(F,) bool: a face with an angle at its first corner has area; the others are measured whole."""
     bad = np.zeros(mesh.face_count, dtype=bool)
     first, last = mesh.face_starts[:-1], mesh.face_starts[1:] - 1
@@ -322,7 +318,7 @@ def _faces_without_area(mesh: PolygonMesh) -> NDArray[np.bool_]:
     return bad
 
 
-def _faces_collapsed(mesh: PolygonMesh, faces: IndexArray) -> NDArray[np.bool_]:
+def _faces_collapsed(mesh: PolygonMesh, faces: IndexArray) -> BoolArray:
     """(faces,) bool: the fan of triangles around the centroid covers nothing."""
     sizes = mesh.face_sizes[faces]
     starts = np.cumsum(sizes) - sizes

@@ -22,9 +22,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.polygon_mesh import INFINITELY_SHARP, FloatArray, IndexArray, PolygonMesh, corners_of_faces, submesh
-
-BoolArray = NDArray[np.bool_]
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..mesh.polygon_mesh import INFINITELY_SHARP, PolygonMesh, corners_of_faces, submesh
 
 # From this sharpness on a feature never softens (OpenSubdiv's convention).
 LARGEST_SEMI_SHARPNESS = 10.0

@@ -19,11 +19,10 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norms import ring_index
-from ..mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh, corners_of_faces
+from ..mesh.polygon_mesh import PolygonMesh, corners_of_faces
 from .catmull_clark import VertexRule, has_semi_sharp, vertex_rules
-
-BoolArray = NDArray[np.bool_]
 
 
 class PatchKind(IntEnum):

@@ -6,9 +6,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh, submesh
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..mesh.polygon_mesh import PolygonMesh, submesh
 from .catmull_clark import limit_positions, subdivide
 
 
@@ -28,14 +28,14 @@ class Refinement:
         """The faces themselves, each its own base: base b is ``faces[b]``."""
         return Refinement(submesh(mesh, faces)[0], np.arange(len(faces)))
 
-    def keep(self, wanted: NDArray[np.bool_]) -> Refinement:
+    def keep(self, wanted: BoolArray) -> Refinement:
         """The wanted descendants alone: (descendants,) bool."""
         if np.all(wanted):
             return self
         kept = np.flatnonzero(wanted)
         return Refinement(submesh(self.mesh, kept)[0], self.bases[kept])
 
-    def of(self, wanted: NDArray[np.bool_]) -> Refinement:
+    def of(self, wanted: BoolArray) -> Refinement:
         """The descendants of the wanted base faces: (base faces,) bool."""
         return self.keep(wanted[self.bases])
 

@@ -12,8 +12,9 @@ from functools import lru_cache
 import numpy as np
 
 from ..arrays.matrix_products import product
+from ..arrays.types import FloatArray
 from ..bounds.norms import ring_index
-from ..mesh.polygon_mesh import FloatArray, PolygonMesh, polygon_mesh
+from ..mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from .catmull_clark import limit_positions, subdivide
 from .patches import extraordinary_nets, regular_nets
 

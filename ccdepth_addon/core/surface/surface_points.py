@@ -12,7 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh
+from ..arrays.types import FloatArray, IndexArray
+from ..mesh.polygon_mesh import PolygonMesh
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,8 @@ from collections.abc import Iterable, Iterator
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ...mesh.polygon_mesh import IndexArray
+from ...arrays.types import BoolArray, IndexArray
 from ..leaf_approximation import Cells
 from ..quadtree import NONE, Quadtree
 from .patch_cells import CELLS_AT_ONCE, NetCells
@@ -62,7 +61,7 @@ class CellStore:
                 yield block if end - start == len(block.nodes) else block.at(places[start:end])
 
 
-def some(cells: Cells, wanted: NDArray[np.bool_]) -> list[Cells]:
+def some(cells: Cells, wanted: BoolArray) -> list[Cells]:
     """The wanted cells, if there are any."""
     if np.all(wanted):
         return [cells]

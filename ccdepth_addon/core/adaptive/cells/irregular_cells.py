@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays.coordinates import chosen_vectors, coordinates_apart
-from ...mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh
+from ...arrays.types import FloatArray, IndexArray
+from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.patches import PatchKind, PatchKinds, classify_patches
 from ...surface.refinement import Refinement
 from ...surface.stencils import LARGEST_STENCIL_VALENCE

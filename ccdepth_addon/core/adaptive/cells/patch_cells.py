@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays.coordinates import applied, chosen_vectors, coordinates_apart
-from ...mesh.polygon_mesh import FloatArray, IndexArray, PolygonMesh
+from ...arrays.types import BoolArray, FloatArray, IndexArray
+from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, patch_coefficients, tensor
 from ...surface.patches import PatchKinds, extraordinary_nets, regular_nets
 from ...surface.stencils import patch_stencils
@@ -26,7 +27,7 @@ from ..leaf_bounds.child_bounds import Quarters, corners_of_quarters, quarter_di
 from ..leaf_bounds.triangle_bounds import Misses
 from ..quadtree import Quadtree
 from ..templates import TURNS, WHOLE, Transitions, templates
-from .quad_cells import BoolArray, QuadCells, patterns_of
+from .quad_cells import QuadCells, patterns_of
 
 # A closer look takes away nearly all that is not quadratic, and sometimes a little more; at an extraordinary corner it
 # takes away a third at most. So much more than the limit may be found without one for there to be hope.

@@ -14,10 +14,9 @@ from functools import cache
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...bounds.norms import squared_norms
-from ...mesh.polygon_mesh import FloatArray, IndexArray
 from ...surface.refinement import Refinement
 from ..leaf_approximation import HOPEFUL, Cells, Fit, Samples, along_and_across, least_heights, triangle_normals
 from ..leaf_bounds.irregular_bounds import fan_misses
@@ -26,8 +25,6 @@ from ..leaf_bounds.triangle_bounds import Misses
 from ..quadtree import Quadtree
 from ..templates import QUAD_POINTS, WHOLE, Template, Transitions, Triangle, triangle_template
 from .irregular_cells import refined_children
-
-BoolArray = NDArray[np.bool_]
 
 PATTERN_BITS = np.array([1, 2, 4])
 ALL_SPLIT = 7

@@ -14,14 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays.coordinates import chosen_vectors
-from ...mesh.polygon_mesh import FloatArray, IndexArray
+from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ..leaf_approximation import HOPEFUL, Cells, Fit, Samples, in_turn, off_sides_and_diagonals, sampled_distances
 from ..leaf_bounds.polygon_bounds import thickness_of_quads
 from ..leaf_bounds.triangle_bounds import Misses
 from ..quadtree import Quadtree
 from ..templates import ALL_SPLIT, WHOLE, Transitions
-
-BoolArray = NDArray[np.bool_]
 
 PATTERN_BITS = np.array([1, 2, 4, 8])
 

@@ -12,18 +12,15 @@ from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...arrays.chunks import blocks
 from ...arrays.coordinates import applied, chosen_vectors
 from ...arrays.matrix_products import product
+from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...bounds.norms import squared_norms
-from ...mesh.polygon_mesh import FloatArray, IndexArray
 from ..leaf_approximation import triangle_normals
 from ..templates import PLAIN, Triangle
 from .triangle_bounds import WHOLE_QUAD, Misses, bicubic_basis, off_quadratic, regular_points, rest_misses, to_monomials
-
-BoolArray = NDArray[np.bool_]
 
 # What is made on the way of so many quads stays in the processor's cache.
 QUADS_AT_ONCE = 1 << 9

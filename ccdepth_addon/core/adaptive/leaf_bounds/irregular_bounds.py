@@ -18,9 +18,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays.coordinates import applied
+from ...arrays.types import FloatArray, IndexArray
 from ...bounds.norm_bounds import Vertices, second_order_extraordinary, support_bounds
 from ...bounds.norms import squared_norms
-from ...mesh.polygon_mesh import FloatArray, IndexArray
 from ...surface.bicubic import bilinear_coefficients, patch_coefficients
 from ...surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from ...surface.refinement import Refinement

@@ -20,11 +20,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...arrays.matrix_products import product
+from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...bounds.norms import cross_products, dot_products, squared_norms
-from ...mesh.polygon_mesh import FloatArray, IndexArray
 from ..templates import templates
 
 # What rounding may take from a thickness, in parts of how far vertices are from the centroid: 16 roundings or less. It
@@ -45,7 +44,7 @@ MOST_UNEVEN = 1e4
 
 def polygon_thickness(
     facets: FloatArray,
-    bent: NDArray[np.bool_],
+    bent: BoolArray,
     starts: IndexArray,
     axes: FloatArray,
     triangles: Sequence[FloatArray] = (),
@@ -104,7 +103,7 @@ def thickness_of_quads(points: FloatArray, pattern: int, alternative: int, axes:
     return polygon_thickness(facets, bent, 4 * np.arange(len(corners)), axes, triangles)
 
 
-def is_folded(corners: FloatArray, *spaces: FloatArray) -> NDArray[np.bool_]:
+def is_folded(corners: FloatArray, *spaces: FloatArray) -> BoolArray:
     """(P,) whether the triangles of quads (4, P, 3), split from corner 0, face apart or nearly, in any of the spaces.
 
     spaces: (3, 3) each, whose columns are the axes of a space where that is asked, in coordinates of this one.
@@ -131,11 +130,11 @@ def _unit(vectors: FloatArray) -> FloatArray:
 
 def _is_region(
     facets: FloatArray,
-    bent: NDArray[np.bool_],
+    bent: BoolArray,
     starts: IndexArray,
     directions: FloatArray,
     triangles: Sequence[FloatArray],
-) -> NDArray[np.bool_]:
+) -> BoolArray:
     """(P,) whether fans and templates are seen to cover a region once, along directions (P, 3)."""
     sizes = np.diff(starts, append=facets.shape[1])
     of_corner = np.repeat(directions, sizes, axis=0)
@@ -146,15 +145,15 @@ def _is_region(
     return found
 
 
-def _turns_left(points: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+def _turns_left(points: FloatArray, directions: FloatArray) -> BoolArray:
     """(P,) whether triangles (3, P, 3) go round counter-clockwise, seen along directions (P, 3)."""
     a, b, c = points
     return np.einsum("ij,ij->i", cross_products(b - a, c - a), directions) > 0
 
 
 def _inner_triangles_turn_left(
-    facets: FloatArray, bent: NDArray[np.bool_], directions: FloatArray, starts: IndexArray
-) -> NDArray[np.bool_]:
+    facets: FloatArray, bent: BoolArray, directions: FloatArray, starts: IndexArray
+) -> BoolArray:
     """For triangles with two bent sides, whether their middles and the corner that touches one of them turn left.
 
     The convex quads of the fan see to all other triangles of ``templates.triangle_template``.
@@ -168,9 +167,7 @@ def _inner_triangles_turn_left(
     return fine
 
 
-def _is_folded_from_middle(
-    facets: FloatArray, bent: NDArray[np.bool_], starts: IndexArray, axes: FloatArray
-) -> NDArray[np.bool_]:
+def _is_folded_from_middle(facets: FloatArray, bent: BoolArray, starts: IndexArray, axes: FloatArray) -> BoolArray:
     """Which triangles with one bent side Blender might draw along the diagonal that is not from there."""
     found = np.zeros(len(starts), dtype=bool)
     for side in range(3):
@@ -182,7 +179,7 @@ def _is_folded_from_middle(
 
 
 def _dents(
-    facets: FloatArray, following: FloatArray, bent: NDArray[np.bool_], normals: FloatArray, starts: IndexArray
+    facets: FloatArray, following: FloatArray, bent: BoolArray, normals: FloatArray, starts: IndexArray
 ) -> FloatArray:
     """(P,) how far the convex hulls of polygons, seen along their normals, are from them; inf where that is not known.
 
@@ -213,14 +210,14 @@ def _next(starts: IndexArray, sizes: IndexArray) -> IndexArray:
     return following
 
 
-def _convex(facets: FloatArray, directions: FloatArray) -> NDArray[np.bool_]:
+def _convex(facets: FloatArray, directions: FloatArray) -> BoolArray:
     """(C,) whether each quad of the fan turns left at every corner, seen along its direction."""
     sides = np.roll(facets, -1, axis=0) - facets
     turns = np.einsum("kij,ij->ki", cross_products(np.roll(sides, 1, axis=0), sides), directions)
     return np.all(turns > 0, axis=0)
 
 
-def _once_around(facets: FloatArray, directions: FloatArray, starts: IndexArray) -> NDArray[np.bool_]:
+def _once_around(facets: FloatArray, directions: FloatArray, starts: IndexArray) -> BoolArray:
     """(P,) whether the quads' angles at the centroid are a full turn together."""
     first, second = facets[3] - facets[2], facets[1] - facets[2]
     sines = np.einsum("ij,ij->i", cross_products(first, second), directions)

@@ -18,10 +18,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...arrays.chunks import blocks
-from ...mesh.polygon_mesh import FloatArray, IndexArray, ShortIndexArray
+from ...arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
 
 # Steeper than this the bound is of no use any more.
 LEAST_COSINE = 0.25
@@ -48,8 +47,8 @@ def graph_bounds(
     triangles: IndexArray | ShortIndexArray,
     normal: FloatArray,
     tangential: FloatArray,
-    closed: NDArray[np.bool_],
-    wanted: NDArray[np.bool_],
+    closed: BoolArray,
+    wanted: BoolArray,
     rounding: float = 0.0,
 ) -> FloatArray:
     """The distance of each wanted triangle in both directions, float64, at most; inf where the conditions do not hold.
@@ -103,7 +102,7 @@ class _Stars:
     widths: FloatArray
     normal: FloatArray
     tangential: FloatArray
-    closed: NDArray[np.bool_]
+    closed: BoolArray
 
     def bounds(self, corners: IndexArray, tilts: FloatArray) -> FloatArray:
         """(n,) the bounds of triangles with corners (3, n), tilted by (3, n) at each.
