@@ -4,8 +4,10 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..blocks import blocks, split
 from ..mesh import FloatArray, IndexArray
@@ -119,7 +121,7 @@ class Parts:
         """Of which nothing is known but these bounds."""
         return Parts(corners, owners, bounds, np.zeros(len(owners), dtype=np.intp), np.zeros(len(owners)))
 
-    def at(self, chosen: FloatArray) -> Parts:
+    def at(self, chosen: NDArray[Any]) -> Parts:
         """Some of them."""
         return Parts(*(column[chosen] for column in vars(self).values()))
 
