@@ -87,7 +87,7 @@ def subdivided(
 
 def adaptive(control: PolygonMesh, relative: float) -> tuple[FloatArray, IndexArray]:
     diagonal = float(np.linalg.norm(np.ptp(control.positions, axis=0)))
-    request = Request(relative * diagonal, Mode.ADAPTIVE, Transitions.QUADS, MOST_FACES)
+    request = Request(relative * diagonal, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
     made = result_of(subdivide_adaptively(control, request, control.positions)).mesh
     scene.clear()
     sizes = np.diff(made.face_starts).astype(np.intp)

@@ -33,7 +33,8 @@ class BoxTree:
         """low, high: (N, 3) float64, at least one box."""
         centres = (low + high) / 2
         origin = centres.min(axis=0)
-        step = max(float((centres.max(axis=0) - origin).max()), np.finfo(float).tiny) / ((1 << CURVE_BITS) - 1)
+        extent = float(np.ptp(centres, axis=0).max())
+        step = (extent if extent > 0 else 1.0) / ((1 << CURVE_BITS) - 1)
         codes = curve_codes(centres, origin, step)
         order = np.argsort(codes, kind="stable")
         levels = [(low[order], high[order])]
@@ -90,7 +91,8 @@ def _children(parents: IndexArray, others: IndexArray, count: int) -> tuple[Inde
 
 def curve_codes(points: FloatArray, origin: FloatArray, step: float) -> NDArray[np.uint64]:
     """(P,): where points (P, 3) lie along the curve through a cube, their bits in turn (Morton, 1966)."""
-    cells = np.clip((points - origin) / step, 0, (1 << CURVE_BITS) - 1).astype(np.uint64)
+    last = (1 << CURVE_BITS) - 1
+    cells = (np.clip(points - origin, 0.0, last * step) / step).astype(np.uint64)
     return _spread(cells[:, 0]) | _spread(cells[:, 1]) << np.uint64(1) | _spread(cells[:, 2]) << np.uint64(2)
 
 

@@ -14,6 +14,7 @@ from .bezier_pieces import CORNERS, BezierPieces
 from .box_tree import BoxTree, overlapping
 from .covering_triangles import over_triangles
 from .findings import Findings
+from .heights import BoolArray
 from .triangles import Triangles, unit
 
 PIECES_AT_ONCE = 1 << 10
@@ -27,7 +28,10 @@ MIDDLE = np.kron([1, 3, 3, 1], [1, 3, 3, 1]) / 64
 # Pieces of each block whose corners are looked at for distances that are reached.
 LOOKED_AT = 64
 
-# A piece as large as so many times what is wanted is not within that of one triangle.
+# Of pieces and time, how much this way may take.
+SHARE_OF_LIMITS = 0.6
+
+# A covered piece as large as so many times what is wanted is hardly within that of one triangle.
 SMALL_FOR_ONE = 4.0
 
 # A bound so many times what is wanted may be brought there by another direction.
@@ -80,12 +84,18 @@ class SurfaceToMesh:
         active = self.pieces.leaves()
         while len(active):
             for done, block in enumerate(split(active, PIECES_AT_ONCE)):
-                if self.findings.is_exhausted(self.pieces.count):
+                if self._must_end():
                     return
                 self._bound(block)
                 self.findings.report_round(0, self.rounds, min(done * PIECES_AT_ONCE / len(active), 1.0))
             active = self.split(active[self._is_too_far(active)])
             self.rounds += 1
+
+    def _must_end(self) -> bool:
+        """Something is left for the other way, and everything is looked at once if there is the time."""
+        if self.rounds == 0:
+            return self.findings.is_late(SHARE_OF_LIMITS)
+        return self.findings.is_exhausted(self.pieces.count, SHARE_OF_LIMITS)
 
     def split(self, pieces: IndexArray) -> IndexArray:
         """(4n,) intp: the children, which are no farther than their parents."""
@@ -99,7 +109,7 @@ class SurfaceToMesh:
             setattr(self, name, grown)
         return children
 
-    def _is_too_far(self, pieces: IndexArray) -> IndexArray:
+    def _is_too_far(self, pieces: IndexArray) -> BoolArray:
         return self.upper[pieces] > self._goals(pieces)
 
     def _bound(self, block: IndexArray) -> None:
@@ -109,12 +119,10 @@ class SurfaceToMesh:
         np.maximum.at(findings.in_faces, pieces.faces[block], nearest.distances - pieces.excess[block])
         on_surface = np.flatnonzero(pieces.excess[block] == 0)
         self._note(block[on_surface], middles[on_surface], nearest, on_surface)
-        self._bound_by_heights(block, nearest)
-        left = self.upper[block] > self._goals(block)
-        if self.rounds:
-            sizes = np.sqrt(squared_norms(pieces.high[block] - pieces.low[block]))
-            left &= sizes < SMALL_FOR_ONE * self._goals(block)
-        left = np.flatnonzero(left)
+        covered = self._bound_by_heights(block, nearest)
+        sizes = np.sqrt(squared_norms(pieces.high[block] - pieces.low[block]))
+        is_small = sizes < SMALL_FOR_ONE * self._goals(block)
+        left = np.flatnonzero((self.upper[block] > self._goals(block)) & (is_small | ~covered))
         self._improve(block[left], self._by_one_triangle(block[left], nearest.which[left]), nearest.which[left])
         upper = self.upper[block]
         farthest = np.argsort(-upper)[:LOOKED_AT]
@@ -130,15 +138,16 @@ class SurfaceToMesh:
             return np.full(len(block), self.findings.target)
         return self.findings.goals(self.pieces.faces[block])
 
-    def _bound_by_heights(self, block: IndexArray, nearest: NearestTriangles) -> None:
-        """Along the normal of the nearest triangle, and where that is not near enough along the piece's own."""
+    def _bound_by_heights(self, block: IndexArray, nearest: NearestTriangles) -> BoolArray:
+        """Along the normal of the nearest triangle, and where that is not near enough along the piece's own; (n,) bool,
+        whether triangles cover the pieces as far as that was looked at."""
         pieces = self.pieces
         last = np.full(len(block), np.inf)
         for directions in (self.mesh.normals[nearest.which], self._normals(block)):
             goals = self._goals(block)
             # Another direction makes up for a lack of covering, or for a little.
-            left = (self.upper[block] > goals) & (np.isinf(last) | (last < NEARLY * goals))
-            left = np.flatnonzero(left & directions.any(axis=1))
+            helps = (np.isinf(last) | (last < NEARLY * goals)) & directions.any(axis=1)
+            left = np.flatnonzero((self.upper[block] > goals) & helps)
             found = over_triangles(
                 pieces,
                 block[left],
@@ -150,6 +159,7 @@ class SurfaceToMesh:
             )
             last[left] = found[0]
             self._improve(block[left], *found)
+        return np.isfinite(last)
 
     def _normals(self, block: IndexArray) -> FloatArray:
         a, b, c, d = np.moveaxis(self.pieces.coefficients[block][:, :, CORNERS], 2, 0)
