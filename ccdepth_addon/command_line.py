@@ -5,7 +5,9 @@ from __future__ import annotations
 
 import argparse
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +18,10 @@ from .core.depth import METHODS, VERTICES
 from .core.plan import Mode
 from .core.templates import Transitions
 from .panels import exact_text
+from .printable import printable, printable_lines
 from .properties import METHOD_TEXTS, VERTEX_ITEMS, tolerance_name
+from .surfaces import LARGEST_TOLERANCE, TOO_LARGE
+from .whole_files import UnwrittenError, written_whole
 
 COMMAND = "ccdepth"
 PROGRAM = f"blender -b --command {COMMAND}"
@@ -39,6 +44,9 @@ GIVEN = (
 
 EXIT_FAILURE = 1
 
+# Blender's integers have 32 bits.
+LARGEST_FACE_LIMIT = 2**31 - 1
+
 _handle: Any = None
 
 
@@ -54,11 +62,13 @@ def run(arguments: Sequence[str], program: str = PROGRAM) -> int:
         return int(finished.code or 0)
     try:
         _carry_out(options)
-    except (CommandError, picture.PictureError) as fault:
         sys.stdout.flush()
-        print(f"{program}: {fault}", file=sys.stderr, flush=True)
+    except (CommandError, picture.PictureError, OSError) as fault:
+        # What was to be printed may be what cannot be written.
+        with suppress(OSError):
+            sys.stdout.flush()
+        print(f"{program}: {printable_lines(str(fault))}", file=sys.stderr, flush=True)
         return EXIT_FAILURE
-    sys.stdout.flush()
     return 0
 
 
@@ -116,7 +126,15 @@ def _add_subdivision(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--exact-normals", action="store_true", default=None, help="shade with the normals of the limit surface"
     )
-    group.add_argument("--max-faces", type=int, help="refuse to make more faces than this")
+    group.add_argument("--max-faces", type=_face_limit, help="refuse to make more faces than this")
+
+
+def _face_limit(text: str) -> int:
+    """A number of faces that Blender can hold."""
+    limit = int(text)
+    if not 1 <= limit <= LARGEST_FACE_LIMIT:
+        raise argparse.ArgumentTypeError(f"{limit} is not between 1 and {LARGEST_FACE_LIMIT:,}")
+    return limit
 
 
 def _name(text: str) -> str:
@@ -126,6 +144,7 @@ def _name(text: str) -> str:
 
 def _carry_out(options: argparse.Namespace) -> None:
     _refuse_impossible_paths(options)
+    _refuse_impossible_tolerance(options.tolerance)
     objects = _load(options.mesh)
     _change_settings(bpy.context.scene.ccdepth, options)
     if options.subdivide:
@@ -136,13 +155,23 @@ def _carry_out(options: argparse.Namespace) -> None:
             _call(bpy.ops.ccdepth.compute)
         _print_report(objects)
     if options.output is not None:
-        path = options.output.absolute()
-        _call(bpy.ops.wm.save_as_mainfile, filepath=str(path), copy=True, check_existing=False)
-        print(f"Written: {options.output}")
+        with _written(options.output, backups=bpy.context.preferences.filepaths.save_version) as path:
+            _call(bpy.ops.wm.save_as_mainfile, filepath=str(path), copy=True, check_existing=False)
     if options.picture is not None:
         title = objects[0].name if options.mesh is None else options.mesh.stem
-        picture.render(bpy.context, objects, options.picture.absolute(), title, _subtitle(objects))
-        print(f"Written: {options.picture}")
+        with _written(options.picture) as path:
+            picture.render(bpy.context, objects, path, title, _subtitle(objects))
+
+
+@contextmanager
+def _written(path: Path, backups: int = 0) -> Iterator[Path]:
+    """Where to write the file; it is there as a whole afterwards, or CommandError is raised."""
+    try:
+        with written_whole(path, backups=backups) as beside:
+            yield beside
+    except UnwrittenError as fault:
+        raise CommandError(f"{path}: {fault}") from fault
+    print(f"Written: {printable(str(path))}")
 
 
 def _subdivide(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
@@ -171,6 +200,12 @@ def _refuse_impossible_paths(options: argparse.Namespace) -> None:
             raise CommandError(f"{path}: there is no folder {path.parent}")
 
 
+def _refuse_impossible_tolerance(tolerance: float | None) -> None:
+    """Blender would take what it cannot hold for the largest number it can."""
+    if tolerance is not None and not abs(tolerance) < LARGEST_TOLERANCE:
+        raise CommandError("The tolerance is not a finite number" if not isfinite(tolerance) else TOO_LARGE)
+
+
 def _load(mesh: Path | None) -> list[bpy.types.Object]:
     """Open or import the file, in place of what is open; returns its mesh objects."""
     if mesh is not None and mesh.suffix.lower() == ".blend":
@@ -190,7 +225,7 @@ def _visible_meshes(path: Path | None) -> list[bpy.types.Object]:
     found = [obj for obj in bpy.context.view_layer.objects if obj.type == "MESH"]
     visible = [obj for obj in found if obj.visible_get()]
     for hidden in set(found) - set(visible):
-        print(f"Left out because it is hidden: {hidden.name}")
+        print(f"Left out because it is hidden: {printable(hidden.name)}")
     if not visible:
         raise CommandError(f"{path}: there is no mesh object in it" + (" that is not hidden" if found else ""))
     return visible
@@ -220,16 +255,22 @@ def _call(operator: Any, **properties: Any) -> None:
 
 def _print_report(objects: list[bpy.types.Object]) -> None:
     print(_subtitle(objects))
-    for mesh in dict.fromkeys(obj.data for obj in objects):
-        names = [obj.name for obj in objects if obj.data == mesh]
-        print(f"\n{', '.join(names)}\n{depth_table(mesh.ccdepth)}\n")
+    for mesh, names in _names_by_mesh(objects).items():
+        print(f"\n{names}\n{depth_table(mesh.ccdepth)}\n")
+
+
+def _names_by_mesh(objects: list[bpy.types.Object]) -> dict[bpy.types.Mesh, str]:
+    """The names of the objects that use each mesh, as they can be printed."""
+    names: dict[bpy.types.Mesh, list[str]] = {}
+    for blender_object in objects:
+        names.setdefault(blender_object.data, []).append(printable(blender_object.name))
+    return {mesh: ", ".join(users) for mesh, users in names.items()}
 
 
 def _print_subdivisions(objects: list[bpy.types.Object]) -> None:
-    for mesh in dict.fromkeys(obj.data for obj in objects):
-        names = [obj.name for obj in objects if obj.data == mesh]
+    for mesh, names in _names_by_mesh(objects).items():
         record = mesh.ccdepth
-        print(f"{', '.join(names)}: {record.faces:,} faces made from {record.base_faces:,}")
+        print(f"{names}: {record.faces:,} faces made from {record.base_faces:,}")
         print(f"  largest distance proved: {record.largest_bound:.4g}; tolerance: {record.world_tolerance:.4g}")
         print(f"  all of it at depth {record.deepest}: {int(record.uniform_faces):,} faces")
 

@@ -7,25 +7,36 @@ of every face. Nothing here writes to a mesh.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable
-from dataclasses import dataclass
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field
 from typing import TypeVar
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from .control_mesh import NO_ORIGIN, ControlMesh, SharedMeshes, read_control_mesh
+from .control_mesh import (
+    NO_ORIGIN,
+    ControlMesh,
+    SharedMeshes,
+    copies_to_measure,
+    in_batches,
+    own_mesh,
+    read_control_mesh,
+)
 from .core.depth import DepthResult, face_depths_stepwise, uniform_level_stepwise
 from .core.mesh import FloatArray
 from .core.shown_patches import needed_quality
+from .mesh_checksums import geometry_checksum
+from .object_state import KnownDescriptions, ObjectState, object_state
+from .stepwise import Stage
 from .surfaces import (
     Faults,
     Surface,
     SurfaceSettings,
-    is_outdone,
+    control_mesh_key,
+    not_outdone,
     refuse_bad_tolerance,
-    same_control_mesh,
     surface_of,
 )
 
@@ -62,12 +73,17 @@ class Measurement:
 
 @dataclass(frozen=True)
 class MeshTask:
-    """All there is to compute for one mesh. It keeps no reference to Blender's data, which may move meanwhile."""
+    """All there is to compute for one mesh. It keeps no reference to Blender's data, which may move meanwhile.
+
+    geometry: the checksum of the mesh, and states: what its objects were like, as they were read.
+    """
 
     mesh_uid: int
     face_count: int
-    object_names: list[str]
-    measurements: list[Measurement]
+    geometry: int
+    object_names: list[str] = field(default_factory=list)
+    states: list[ObjectState] = field(default_factory=list)
+    measurements: list[Measurement] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -109,30 +125,47 @@ class MeshDepths:
         return self.control_faces if self.uniform_level == 0 else self.control_corners * 4 ** (self.uniform_level - 1)
 
 
-def prepare(context: bpy.types.Context, objects: Iterable[bpy.types.Object], settings: Settings) -> list[MeshTask]:
+def prepare_stepwise(
+    context: bpy.types.Context, objects: Sequence[bpy.types.Object], settings: Settings
+) -> Generator[Stage, None, list[MeshTask]]:
     """Read the objects' meshes, decide what to compute, and begin with it, which finds what cannot be measured.
 
-    Raises ComputeError, naming every object at fault.
+    Yields how far it is, and returns the tasks. Raises ComputeError, naming every object at fault.
     """
     refuse_bad_tolerance(settings.tolerance)
     tasks: dict[int, MeshTask] = {}
     surfaces: dict[int, list[Surface]] = {}
     shared: SharedMeshes = {}
-    objects = list(objects)
     faults = Faults(objects)
-    for blender_object in objects:
-        mesh = blender_object.data
-        with faults.of(blender_object.name):
-            control = read_control_mesh(context, blender_object, use_modifiers=settings.use_modifiers, shared=shared)
-            task = tasks.setdefault(mesh.session_uid, MeshTask(mesh.session_uid, count_faces(mesh), [], []))
-            task.object_names.append(blender_object.name)
-            surfaces.setdefault(mesh.session_uid, []).append(surface_of(blender_object, control, settings))
+    modifiers = {"use_modifiers": settings.use_modifiers}
+    read = 0
+    for batch in in_batches(objects):
+        yield Stage(f"Reading objects: {read:,} of {len(objects):,}")
+        read += len(batch)
+        known: KnownDescriptions = {}
+        context.view_layer.update()
+        with copies_to_measure(context, batch, **modifiers) as copies:
+            for blender_object in batch:
+                uid = blender_object.data.session_uid
+                with faults.of(blender_object.name):
+                    control = read_control_mesh(context, blender_object, **modifiers, shared=shared, copies=copies)
+                    if uid not in tasks:
+                        tasks[uid] = _new_task(blender_object)
+                    tasks[uid].object_names.append(blender_object.name)
+                    tasks[uid].states.append(object_state(blender_object, **modifiers, known=known))
+                    surfaces.setdefault(uid, []).append(surface_of(blender_object, control, settings))
     for uid, task in tasks.items():
         for surface in _not_outdone(surfaces[uid]):
             with faults.of(surface.object_name):
                 task.measurements.append(_begin(surface, settings))
     faults.refuse()
     return list(tasks.values())
+
+
+def _new_task(blender_object: bpy.types.Object) -> MeshTask:
+    mesh = blender_object.data
+    with own_mesh(blender_object) as own:
+        return MeshTask(mesh.session_uid, count_faces(mesh), geometry_checksum(own))
 
 
 def _begin(surface: Surface, settings: Settings) -> Measurement:
@@ -157,13 +190,10 @@ def _not_outdone(surfaces: list[Surface]) -> list[Surface]:
     One is outdone by another with the same control mesh that makes every vector of it at least as long, in parts of
     the tolerance: then its distances are no larger, and neither are its depths.
     """
-    kept: list[tuple[Surface, FloatArray]] = []
-    weighed = [(surface, surface.weighed_gram()) for surface in surfaces]
-    for surface, gram in sorted(weighed, key=lambda pair: -np.trace(pair[1])):
-        rivals = [other for rival, other in kept if same_control_mesh(rival.control, surface.control)]
-        if not any(is_outdone(gram, other) for other in rivals):
-            kept.append((surface, gram))
-    return [surface for surface, _ in kept]
+    alike: dict[bytes, list[Surface]] = {}
+    for surface in surfaces:
+        alike.setdefault(control_mesh_key(surface.control), []).append(surface)
+    return [group[kept] for group in alike.values() for kept in not_outdone(group)]
 
 
 def compute_stepwise(tasks: list[MeshTask]) -> Generator[float, None, list[MeshDepths]]:

@@ -9,10 +9,11 @@ settings are the modifier's defaults.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
+from hashlib import blake2b
 from itertools import count
 from typing import Any
 
@@ -35,6 +36,10 @@ ORIGIN_PRIME = 2**31 - 1
 
 # Objects are taken to be at least so thick, in parts of what they are stretched to at most.
 LEAST_STRETCH = 1e-6
+
+# Objects evaluated at once, and vertices of their own meshes: as many as keep a window responsive.
+OBJECTS_AT_ONCE = 128
+VERTICES_AT_ONCE = 1 << 18
 
 # These take faces away. What others lose, they have merged into faces that count for one of their origins only.
 TAKING_FACES_AWAY = {"BOOLEAN", "BUILD", "MASK", "NODES", "WELD"}
@@ -64,6 +69,16 @@ class MeshAsRead:
 
     arrays: PolygonMesh
     rule: SurfaceRule
+
+    @cached_property
+    def key(self) -> bytes:
+        """Equal for equal meshes; loose vertices may be anywhere, even nowhere."""
+        digest = blake2b(repr(self.rule).encode())
+        for field in fields(PolygonMesh):
+            values = np.ascontiguousarray(getattr(self.arrays, field.name))
+            digest.update(f"{field.name} {values.shape} {values.dtype}".encode())
+            digest.update(values.data)
+        return digest.digest()
 
     @cached_property
     def mesh(self) -> PolygonMesh:
@@ -171,29 +186,40 @@ def read_control_mesh(
     *,
     use_modifiers: bool,
     shared: SharedMeshes | None = None,
+    copies: FrozenCopies | None = None,
 ) -> ControlMesh:
     """The object's control mesh; in Edit Mode, of the mesh as it is being edited.
 
-    shared: the meshes read so far that other objects may use as well, to be read once only.
+    shared: the meshes read so far that other objects may use as well, to be read once only. copies: what was made by
+    ``copies_to_measure`` for this object and others; without, Blender evaluates this object alone.
     Nothing of the file is changed. Raises ControlMeshError when its modifiers leave no trace of its faces, and
     InvalidMeshError when it has no faces.
     """
-    depsgraph = context.evaluated_depsgraph_get()
+    if copies is None:
+        context.view_layer.update()
+        with copies_to_measure(context, [blender_object], use_modifiers=use_modifiers) as alone:
+            return read_control_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=alone)
     rule = surface_rule(blender_object)
     _refuse_crease_groups(blender_object, rule)
-    counted = counted_modifiers(blender_object) if use_modifiers else []
-    world = np.array(blender_object.evaluated_get(depsgraph).matrix_world, dtype=np.float64)[:3, :3]
+    world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
     data = blender_object.data
-    # What Edit Mode shows is the shape key being edited, and that is what it holds; elsewhere keys are mixed.
-    if counted or (data.shape_keys is not None and not data.is_editmode):
-        with own_mesh(blender_object) as own:
-            mesh, base_faces = _read_evaluated(context, blender_object, own, [m.name for m in counted], rule)
+    counted = counted_modifiers(blender_object) if use_modifiers else []
+    _refuse_simulations(counted)
+    if _is_evaluated(blender_object, counted):
+        mesh, base_faces = _read_evaluated(copies, blender_object, rule)
         return ControlMesh(_with_faces(mesh, rule), base_faces, world)
     shared = {} if shared is None else shared
     if (data.session_uid, rule) not in shared:
         with own_mesh(blender_object) as own:
             shared[data.session_uid, rule] = _with_faces(mesh_arrays(own, rule), rule)
     return ControlMesh(shared[data.session_uid, rule], None, world)
+
+
+def _is_evaluated(blender_object: bpy.types.Object, counted: Sequence[bpy.types.Modifier]) -> bool:
+    """Whether the control mesh is not the object's own mesh, but one that Blender makes of it."""
+    data = blender_object.data
+    # What Edit Mode shows is the shape key being edited, and that is what it holds; elsewhere keys are mixed.
+    return bool(counted) or (data.shape_keys is not None and not data.is_editmode)
 
 
 def applied_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
@@ -205,6 +231,12 @@ def applied_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) 
     return applied if subdivision is None else [*applied, subdivision]
 
 
+def base_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
+    """Those of the applied modifiers that make the base mesh: all but the Subdivision Surface modifier."""
+    subdivision = subdivision_modifier(blender_object)
+    return [m for m in applied_modifiers(blender_object, use_modifiers=use_modifiers) if m != subdivision]
+
+
 @contextmanager
 def base_mesh(
     context: bpy.types.Context,
@@ -212,31 +244,34 @@ def base_mesh(
     *,
     use_modifiers: bool,
     shared: SharedMeshes | None = None,
+    copies: FrozenCopies | None = None,
 ) -> Iterator[tuple[bpy.types.Mesh, ControlMesh]]:
     """The Blender mesh whose Catmull-Clark surface is meant, with everything it carries, and its control mesh.
 
     In Object Mode. It is the object's own mesh, or where modifiers are counted in, a temporary one they have made.
     Unlike depths, a subdivision need not know which face of the object's own mesh each face comes from.
+    copies: what was made by ``copies_to_subdivide`` for this object and others; without, Blender evaluates it alone.
     """
-    subdivision = subdivision_modifier(blender_object)
-    applied = [m.name for m in applied_modifiers(blender_object, use_modifiers=use_modifiers) if m != subdivision]
+    if copies is None:
+        context.view_layer.update()
+        with (
+            copies_to_subdivide(context, [blender_object], use_modifiers=use_modifiers) as alone,
+            base_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=alone) as base,
+        ):
+            yield base
+        return
+    applied = base_modifiers(blender_object, use_modifiers=use_modifiers)
     if not applied:
-        control = read_control_mesh(context, blender_object, use_modifiers=False, shared=shared)
+        control = read_control_mesh(context, blender_object, use_modifiers=False, shared=shared, copies=copies)
         yield blender_object.data, control
         return
-    _refuse_crease_groups(blender_object, surface_rule(blender_object))
-    _refuse_simulations(blender_object, applied)
-    with frozen_copy(context, blender_object, blender_object.data, applied) as (copy, _):
-        depsgraph = context.evaluated_depsgraph_get()
-        evaluated = copy.evaluated_get(depsgraph)
-        world = np.array(evaluated.matrix_world, dtype=np.float64)[:3, :3]
-        mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
-    try:
-        _copy_custom_properties(blender_object.data, mesh)
-        rule = surface_rule(blender_object)
-        yield mesh, ControlMesh(_with_faces(mesh_arrays(mesh, rule), rule), None, world)
-    finally:
-        bpy.data.meshes.remove(mesh)
+    rule = surface_rule(blender_object)
+    _refuse_crease_groups(blender_object, rule)
+    _refuse_simulations(applied)
+    mesh = copies.new_mesh(blender_object)
+    _copy_custom_properties(blender_object.data, mesh)
+    world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
+    yield mesh, ControlMesh(_with_faces(mesh_arrays(mesh, rule), rule), None, world)
 
 
 def _copy_custom_properties(source: bpy.types.Mesh, target: bpy.types.Mesh) -> None:
@@ -270,9 +305,24 @@ def own_mesh(blender_object: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
     scratch = bpy.data.meshes.new(ORIGIN_ATTRIBUTE)
     try:
         bmesh.from_edit_mesh(blender_object.data).to_mesh(scratch)
+        _take_over_lists(blender_object, scratch)
         yield scratch
     finally:
         bpy.data.meshes.remove(scratch)
+
+
+def _take_over_lists(blender_object: bpy.types.Object, scratch: bpy.types.Mesh) -> None:
+    """Give a mesh the object's vertex groups and materials, which its vertices and faces know by number alone:
+    modifiers ask for them by name."""
+    for material in blender_object.data.materials:
+        scratch.materials.append(material)
+    if not blender_object.vertex_groups:
+        return
+    # Blender lets nobody but an object make vertex groups.
+    holder = bpy.data.objects.new(scratch.name, scratch)
+    for group in blender_object.vertex_groups:
+        holder.vertex_groups.new(name=group.name)
+    bpy.data.objects.remove(holder)
 
 
 def mesh_arrays(mesh: bpy.types.Mesh, rule: SurfaceRule) -> PolygonMesh:
@@ -343,62 +393,212 @@ def _refuse_crease_groups(blender_object: bpy.types.Object, rule: SurfaceRule) -
             )
 
 
-def _read_evaluated(
-    context: bpy.types.Context,
-    blender_object: bpy.types.Object,
-    own: bpy.types.Mesh,
-    counted: list[str],
-    rule: SurfaceRule,
-) -> tuple[PolygonMesh, IndexArray]:
-    """The mesh as the counted modifiers make it, and the face of ``own`` that each of its faces comes from."""
-    _refuse_simulations(blender_object, counted)
-    with frozen_copy(context, blender_object, own, counted) as (copy, mesh):
-        origins = write_origins(copy, mesh)
-        evaluated = _evaluated_mesh(context, copy)
-        base_faces = read_origins(evaluated, origins, len(own.polygons))
-        mesh = mesh_arrays(evaluated, rule)
-        if mesh.face_count and len(_present(base_faces)) < len(own.polygons):
-            _refuse_lost_faces(context, copy, origins, len(own.polygons))
-        return mesh, base_faces
-
-
-def _refuse_simulations(blender_object: bpy.types.Object, counted: list[str]) -> None:
-    for name in counted:
-        if blender_object.modifiers[name].type in SIMULATIONS:
-            raise ControlMeshError(
-                f"the modifier “{name}” is a simulation, which cannot be counted in: apply it, or turn Modifiers off"
-            )
+def in_batches(objects: Sequence[bpy.types.Object]) -> Iterator[list[bpy.types.Object]]:
+    """The objects in groups that are few and small enough to be evaluated at once."""
+    batch: list[bpy.types.Object] = []
+    vertices = 0
+    for blender_object in objects:
+        batch.append(blender_object)
+        vertices += len(blender_object.data.vertices)
+        if len(batch) == OBJECTS_AT_ONCE or vertices >= VERTICES_AT_ONCE:
+            yield batch
+            batch, vertices = [], 0
+    if batch:
+        yield batch
 
 
 @contextmanager
-def frozen_copy(
-    context: bpy.types.Context, blender_object: bpy.types.Object, own: bpy.types.Mesh, counted: list[str]
-) -> Iterator[tuple[bpy.types.Object, bpy.types.Mesh]]:
-    """A temporary copy of the object in the scene, with the counted modifiers alone, and the copy of ``own`` it has.
+def copies_to_measure(
+    context: bpy.types.Context, objects: Sequence[bpy.types.Object], *, use_modifiers: bool
+) -> Iterator[FrozenCopies]:
+    """For ``read_control_mesh``: copies of those of the objects that must be evaluated."""
+    wanted = {}
+    for blender_object in objects:
+        counted = counted_modifiers(blender_object) if use_modifiers else []
+        if _is_evaluated(blender_object, counted):
+            wanted[blender_object] = counted
+    with _frozen_copies(context, wanted, with_origins=set(wanted)) as copies:
+        yield copies
 
-    Its values are those the object has now, keyed or not, so it must not be animated again.
+
+@contextmanager
+def copies_to_subdivide(
+    context: bpy.types.Context, objects: Sequence[bpy.types.Object], *, use_modifiers: bool
+) -> Iterator[FrozenCopies]:
+    """For ``base_mesh``: copies of those of the objects that must be evaluated."""
+    wanted = {}
+    for blender_object in objects:
+        applied = base_modifiers(blender_object, use_modifiers=use_modifiers)
+        if _is_evaluated(blender_object, applied):
+            wanted[blender_object] = applied
+    # Without modifiers, those with shape keys are read like any other control mesh.
+    with_origins = {holder for holder, applied in wanted.items() if not applied}
+    with _frozen_copies(context, wanted, with_origins=with_origins) as copies:
+        yield copies
+
+
+@contextmanager
+def copies_with(
+    context: bpy.types.Context, wanted: dict[bpy.types.Object, list[bpy.types.Modifier]]
+) -> Iterator[FrozenCopies]:
+    """Copies of these objects, each with the modifiers given and with origins on its faces."""
+    with _frozen_copies(context, wanted, with_origins=set(wanted)) as copies:
+        yield copies
+
+
+class FrozenCopies:
+    """Temporary copies of objects in the scene, with some of their modifiers.
+
+    Their values are those the objects have now, keyed or not, so they must not be animated again. The scene is
+    evaluated once for all of them: each time takes as long as there are objects.
     """
-    mesh = own_copy(own)
-    copy = own_copy(blender_object)
-    try:
+
+    def __init__(self, context: bpy.types.Context) -> None:
+        self._context = context
+        self._copies: dict[int, bpy.types.Object] = {}
+        self._face_counts: dict[int, int] = {}
+        self._own_copies: dict[tuple[int, bool], bpy.types.Mesh] = {}
+        # The attribute with the origins, by copied meshes and by objects.
+        self._origins: dict[int, str] = {}
+        self._names: dict[int, str] = {}
+        self._made: dict[int, bpy.types.Mesh] = {}
+        self._losing: dict[int, bpy.types.Modifier | None] | None = None
+
+    def add(
+        self, blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier], *, with_origins: bool
+    ) -> None:
+        """Copy an object, with these of its modifiers, and with origins on its faces where they are asked for."""
+        uid = blender_object.session_uid
+        mesh = self._own_copy(blender_object, with_origins)
+        names = {modifier.name for modifier in modifiers}
+        copy = self._copies[uid] = own_copy(blender_object)
+        self._face_counts[uid] = len(mesh.polygons)
         copy.data = mesh
         copy.animation_data_clear()
-        if mesh.shape_keys is not None:
-            mesh.shape_keys.animation_data_clear()
-        for modifier in [m for m in copy.modifiers if m.name not in counted]:
+        for modifier in [m for m in copy.modifiers if m.name not in names]:
             copy.modifiers.remove(modifier)
-        context.scene.collection.objects.link(copy)
-        yield copy, mesh
+        self._context.scene.collection.objects.link(copy)
+        if with_origins:
+            if mesh.session_uid not in self._origins:
+                self._origins[mesh.session_uid] = _write_origins(copy, mesh)
+            self._names[uid] = self._origins[mesh.session_uid]
+
+    def _own_copy(self, blender_object: bpy.types.Object, with_origins: bool) -> bpy.types.Mesh:
+        """A copy of the object's mesh, made once for all objects that use it."""
+        key = blender_object.data.session_uid, with_origins
+        if key not in self._own_copies:
+            with own_mesh(blender_object) as own:
+                mesh = self._own_copies[key] = own_copy(own)
+            if mesh.shape_keys is not None:
+                mesh.shape_keys.animation_data_clear()
+        return self._own_copies[key]
+
+    def evaluated(self, blender_object: bpy.types.Object) -> tuple[bpy.types.Mesh, IndexArray]:
+        """What the modifiers have made, and the face of the object's own mesh that each face comes from."""
+        uid = blender_object.session_uid
+        return self._evaluated(self._copies[uid]), self._read_origins(uid)
+
+    def _read_origins(self, uid: int) -> IndexArray:
+        return _read_origins(self._evaluated(self._copies[uid]), self._names[uid], self._face_counts[uid])
+
+    def face_count(self, blender_object: bpy.types.Object) -> int:
+        """Of the object's own mesh."""
+        return self._face_counts[blender_object.session_uid]
+
+    def new_mesh(self, blender_object: bpy.types.Object) -> bpy.types.Mesh:
+        """What the modifiers have made, as a mesh that lasts as long as the copies do."""
+        if not self._made:
+            # All at once: each new mesh would have the scene evaluated again for the next.
+            depsgraph = self._context.evaluated_depsgraph_get()
+            for uid, copy in self._copies.items():
+                self._made[uid] = bpy.data.meshes.new_from_object(
+                    copy.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
+                )
+        return self._made[blender_object.session_uid]
+
+    def made(self, blender_object: bpy.types.Object) -> tuple[bpy.types.Mesh, IndexArray]:
+        """``new_mesh``, and the face of the object's own mesh that each face comes from.
+
+        Unlike what Blender evaluates for itself, it has the last levels that the graphics card makes in the viewport.
+        """
+        uid, mesh = blender_object.session_uid, self.new_mesh(blender_object)
+        return mesh, _read_origins(mesh, self._names[uid], self._face_counts[uid])
+
+    def losing_modifier(self, blender_object: bpy.types.Object) -> str | None:
+        """The modifier of the object that loses faces without taking them away, if there is one."""
+        if self._losing is None:
+            self._losing = self._find_losing()
+        modifier = self._losing.get(blender_object.session_uid)
+        return None if modifier is None else modifier.name
+
+    def _find_losing(self) -> dict[int, bpy.types.Modifier | None]:
+        """Show one more modifier of all copies at a time."""
+        stacks = {uid: list(copy.modifiers) for uid, copy in self._copies.items()}
+        for modifier in [modifier for stack in stacks.values() for modifier in stack]:
+            modifier.show_viewport = False
+        present = dict(self._face_counts)
+        losing: dict[int, bpy.types.Modifier | None] = {}
+        for place in range(max(map(len, stacks.values()))):
+            shown = {uid: stack[place] for uid, stack in stacks.items() if place < len(stack)}
+            for modifier in shown.values():
+                modifier.show_viewport = True
+            for uid, modifier in shown.items():
+                before, present[uid] = present[uid], len(_present(self._read_origins(uid)))
+                if present[uid] < before and (present[uid] == 0 or modifier.type not in TAKING_FACES_AWAY):
+                    losing.setdefault(uid, modifier)
+        return losing
+
+    def _evaluated(self, copy: bpy.types.Object) -> bpy.types.Mesh:
+        return copy.evaluated_get(self._context.evaluated_depsgraph_get()).data
+
+    def remove(self) -> None:
+        bpy.data.batch_remove([*self._copies.values(), *self._own_copies.values(), *self._made.values()])
+
+
+@contextmanager
+def _frozen_copies(
+    context: bpy.types.Context,
+    wanted: dict[bpy.types.Object, list[bpy.types.Modifier]],
+    *,
+    with_origins: set[bpy.types.Object],
+) -> Iterator[FrozenCopies]:
+    copies = FrozenCopies(context)
+    try:
+        for blender_object, modifiers in wanted.items():
+            # Simulations will be refused, and must not begin to run.
+            if not any(modifier.type in SIMULATIONS for modifier in modifiers):
+                copies.add(blender_object, modifiers, with_origins=blender_object in with_origins)
+        yield copies
     finally:
-        bpy.data.objects.remove(copy)
-        bpy.data.meshes.remove(mesh)
+        copies.remove()
 
 
-def _evaluated_mesh(context: bpy.types.Context, copy: bpy.types.Object) -> bpy.types.Mesh:
-    return copy.evaluated_get(context.evaluated_depsgraph_get()).data
+def _read_evaluated(
+    copies: FrozenCopies, blender_object: bpy.types.Object, rule: SurfaceRule
+) -> tuple[PolygonMesh, IndexArray]:
+    """The mesh as the counted modifiers make it, and the face of the object's own that each of its faces comes from."""
+    evaluated, base_faces = copies.evaluated(blender_object)
+    mesh = mesh_arrays(evaluated, rule)
+    if mesh.face_count and len(_present(base_faces)) < copies.face_count(blender_object):
+        losing = copies.losing_modifier(blender_object)
+        if losing is not None:
+            raise ControlMeshError(
+                f"the modifier “{losing}” does not keep the mesh's faces apart, so their depths cannot be told: apply "
+                "it, or turn Modifiers off"
+            )
+    return mesh, base_faces
 
 
-def write_origins(holder: bpy.types.Object, mesh: bpy.types.Mesh) -> str:
+def _refuse_simulations(modifiers: Sequence[bpy.types.Modifier]) -> None:
+    for modifier in modifiers:
+        if modifier.type in SIMULATIONS:
+            raise ControlMeshError(
+                f"the modifier “{modifier.name}” is a simulation, which cannot be counted in: apply it, or turn "
+                "Modifiers off"
+            )
+
+
+def _write_origins(holder: bpy.types.Object, mesh: bpy.types.Mesh) -> str:
     """Write its number on every face of a mesh, and return the name it has there, which nothing else has."""
     taken = {*holder.vertex_groups.keys(), *mesh.attributes.keys()}
     name = next(name for number in count() if (name := f"{ORIGIN_ATTRIBUTE}_{number}") not in taken)
@@ -408,7 +608,7 @@ def write_origins(holder: bpy.types.Object, mesh: bpy.types.Mesh) -> str:
     return name
 
 
-def read_origins(mesh: bpy.types.Mesh, name: str, base_face_count: int) -> IndexArray:
+def _read_origins(mesh: bpy.types.Mesh, name: str, base_face_count: int) -> IndexArray:
     """(F,) intp: the face each face of an evaluated mesh comes from, or NO_ORIGIN."""
     attribute = mesh.attributes.get(name)
     if attribute is None or (attribute.data_type, attribute.domain) != ("INT32_2D", "FACE"):
@@ -421,22 +621,3 @@ def read_origins(mesh: bpy.types.Mesh, name: str, base_face_count: int) -> Index
 
 def _present(base_faces: IndexArray) -> IndexArray:
     return np.unique(base_faces[base_faces != NO_ORIGIN])
-
-
-def _refuse_lost_faces(context: bpy.types.Context, copy: bpy.types.Object, origins: str, base_face_count: int) -> None:
-    """Raise ControlMeshError when a modifier loses faces without taking them away."""
-    modifiers = list(copy.modifiers)
-    for modifier in modifiers:
-        modifier.show_viewport = False
-    present = base_face_count
-    for modifier in modifiers:
-        modifier.show_viewport = True
-        before, present = (
-            present,
-            len(_present(read_origins(_evaluated_mesh(context, copy), origins, base_face_count))),
-        )
-        if present < before and (present == 0 or modifier.type not in TAKING_FACES_AWAY):
-            raise ControlMeshError(
-                f"the modifier “{modifier.name}” does not keep the mesh's faces apart, so their depths cannot be "
-                "told: apply it, or turn Modifiers off"
-            )

@@ -52,6 +52,7 @@ def _forget_everything(*_: Any) -> None:
 
 HANDLERS = (
     ("depsgraph_update_post", _forget_changed),
+    ("frame_change_post", _forget_changed),
     ("undo_post", _forget_everything),
     ("redo_post", _forget_everything),
     ("load_pre", _forget_everything),

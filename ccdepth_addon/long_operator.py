@@ -13,7 +13,8 @@ import numpy as np
 from bpy.props import FloatProperty
 
 from . import properties, results
-from .stepwise import Stepwise
+from .printable import printable_lines
+from .stepwise import Stage, Stepwise
 from .surfaces import ComputeError
 
 # Seconds of work before the interface gets control back: once at the start, and then again and again.
@@ -103,7 +104,7 @@ class LongOperator(bpy.types.Operator):
     PATIENCE: ClassVar[float] = PATIENCE_AT_EACH_TICK
 
     # The work, while there is any. Blender keeps operators that have run, and the work must not be kept with them.
-    _run: ClassVar[Stepwise[Any, Any] | None] = None
+    _run: Stepwise[Any, Any] | None = None
 
     tolerance: properties.absolute_tolerance_property()
     tolerance_mode: properties.tolerance_mode_property()
@@ -165,13 +166,20 @@ class LongOperator(bpy.types.Operator):
             if ended:
                 self._stop_waiting(context)
                 return ended
-            context.workspace.status_text_set(f"{self.progress_text(self._run.progress)}    Esc: Cancel")
+            context.workspace.status_text_set(f"{self._status()}    Esc: Cancel")
         return {"PASS_THROUGH"} if event.type in NAVIGATION_EVENTS else {"RUNNING_MODAL"}
 
     def cancel(self, context: bpy.types.Context) -> None:
         self._stop_waiting(context)
-        self._run.give_up()
+        if self._run is not None:
+            self._run.give_up()
         self._end(context)
+
+    def _status(self) -> str:
+        progress = None if self._run is None else self._run.progress
+        if isinstance(progress, Stage):
+            return progress.text
+        return self.bl_label if progress is None else self.progress_text(progress)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -208,7 +216,7 @@ class LongOperator(bpy.types.Operator):
 
     def _refuse(self, context: bpy.types.Context, fault: ComputeError) -> set[str]:
         self._end(context)
-        self.report({"ERROR"}, str(fault))
+        self.report({"ERROR"}, printable_lines(str(fault)))
         return {"CANCELLED"}
 
     def _end(self, context: bpy.types.Context) -> None:

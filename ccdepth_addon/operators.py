@@ -9,7 +9,7 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty
 
 from . import fingerprint, heat_map, properties, results, selection, staleness
-from .computation import MeshDepths, Settings, compute_stepwise, count_faces, prepare
+from .computation import MeshDepths, Settings, compute_stepwise, count_faces, prepare_stepwise
 from .control_mesh import subdivision_modifier
 from .core.shown_patches import needed_quality
 from .long_operator import (
@@ -20,7 +20,8 @@ from .long_operator import (
     refuse_what_cannot_be_written,
     without_mesh_text,
 )
-from .object_state import object_state
+from .printable import printable, printable_lines
+from .stepwise import Stage
 from .surfaces import ComputeError, as_typed
 from .writing import WriteError, is_writable
 
@@ -36,28 +37,24 @@ class CCDEPTH_OT_compute(LongOperator):
     method: properties.method_property()
     vertices: properties.vertices_property()
 
-    def start(self, context: bpy.types.Context) -> Generator[float, None, list[MeshDepths]]:
+    def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, list[MeshDepths]]:
         objects = meshes_meant(context)
         refuse_what_cannot_be_written(objects)
-        return compute_stepwise(prepare(context, objects, self._settings()))
+        tasks = yield from prepare_stepwise(context, objects, self._settings())
+        return (yield from compute_stepwise(tasks))
 
     def progress_text(self, progress: float) -> str:
         return f"Computing depth: {progress:.0%}"
 
     def finish(self, context: bpy.types.Context, answer: list[MeshDepths]) -> set[str]:
-        meshes = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
-        if not all(_is_still_there(meshes, each) for each in answer):
-            raise ComputeError("The meshes were changed in the meantime: nothing was written")
+        meshes = _meshes_still_there(answer)
         color_depths = [depth for each in answer for depth in (each.least, each.deepest)]
-        objects = [[bpy.data.objects[name] for name in each.task.object_names] for each in answer]
-        states = [[object_state(user, use_modifiers=self.use_modifiers) for user in users] for users in objects]
-        for each, users, described in zip(answer, objects, states, strict=True):
-            mesh = users[0].data
+        for each, mesh in zip(answer, meshes, strict=True):
             try:
                 results.write_result(mesh, each, self._settings(), min(color_depths), max(color_depths))
             except WriteError as fault:
-                raise ComputeError(f"{users[0].name}: {fault}") from fault
-            fingerprint.remember(users[0], described)
+                raise ComputeError(f"{each.task.object_names[0]}: {fault}") from fault
+            fingerprint.remember(mesh, each.task.geometry, each.depths, each.task.states)
             staleness.note_write(mesh)
         heat_map.synchronise(context)
         self._report(context, answer)
@@ -72,22 +69,30 @@ class CCDEPTH_OT_compute(LongOperator):
             self.report({"INFO"}, skipped)
         for answer in answers:
             for note in _modifier_notes(answer):
-                self.report({"WARNING"}, f"{answer.task.object_names[0]}: {note}")
+                self.report({"WARNING"}, f"{printable(answer.task.object_names[0])}: {note}")
             for note in _quality_notes(answer):
-                self.report({"WARNING"}, note)
+                self.report({"WARNING"}, printable(note))
         faces = count_text(sum(len(answer.depths) for answer in answers), "face", "faces")
         meshes = f"{len(answers)} meshes, " if len(answers) > 1 else ""
         self.report({"INFO"}, f"{meshes}{faces}, deepest depth {max(answer.deepest for answer in answers)}")
 
 
-def _is_still_there(meshes: dict[int, bpy.types.Mesh], answer: MeshDepths) -> bool:
-    mesh = meshes.get(answer.task.mesh_uid)
-    objects = [bpy.data.objects.get(name) for name in answer.task.object_names]
-    return (
-        mesh is not None
-        and count_faces(mesh) == answer.task.face_count
-        and all(obj is not None and obj.data == mesh for obj in objects)
-    )
+def _meshes_still_there(answers: list[MeshDepths]) -> list[bpy.types.Mesh]:
+    """The answers' meshes. Raises ComputeError unless all of them, and their objects, are there as they were."""
+    meshes = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
+    objects = {obj.name: obj for obj in bpy.data.objects if obj.library is None}
+    found = []
+    for answer in answers:
+        mesh = meshes.get(answer.task.mesh_uid)
+        users = [objects.get(name) for name in answer.task.object_names]
+        if (
+            mesh is None
+            or count_faces(mesh) != answer.task.face_count
+            or not all(user is not None and user.data == mesh for user in users)
+        ):
+            raise ComputeError("The meshes were changed in the meantime: nothing was written")
+        found.append(mesh)
+    return found
 
 
 def _modifier_notes(answer: MeshDepths) -> list[str]:
@@ -183,6 +188,14 @@ class CCDEPTH_OT_select(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         meshes = {obj.data for obj in meshes_meant(context) if results.has_result(obj.data)}
+        faults = [
+            f"{mesh.name}: the mesh has an attribute called “{name}” that is no selection; remove it first"
+            for mesh in meshes
+            if (name := selection.conflict(mesh))
+        ]
+        if faults:
+            self.report({"ERROR"}, "\n".join(sorted(faults)))
+            return {"CANCELLED"}
         if not self.properties.is_property_set("depth"):
             self.depth = max(mesh.ccdepth.deepest for mesh in meshes)
         selected = 0
@@ -213,9 +226,10 @@ class CCDEPTH_OT_set_levels(bpy.types.Operator):
     def execute(self, context: bpy.types.Context) -> set[str]:
         objects = meshes_meant(context)
         most_faces = context.scene.ccdepth.max_faces
-        faults = [f"{obj.name}: {fault}" for obj in objects if (fault := _levels_fault(obj, most_faces))]
+        stale = set(staleness.out_of_date(context, objects))
+        faults = [f"{obj.name}: {fault}" for obj in objects if (fault := _levels_fault(obj, obj in stale, most_faces))]
         if faults:
-            self.report({"ERROR"}, "\n".join(faults))
+            self.report({"ERROR"}, printable_lines("\n".join(faults)))
             return {"CANCELLED"}
         for blender_object in objects:
             _set_levels(blender_object)
@@ -229,14 +243,13 @@ def _has_depths(blender_object: bpy.types.Object) -> bool:
     return results.has_result(mesh) and not mesh.ccdepth.subdivision
 
 
-def _levels_fault(blender_object: bpy.types.Object, most_faces: int) -> str | None:
+def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, most_faces: int) -> str | None:
     """Why the object's levels cannot be set, if they cannot."""
     if not _has_depths(blender_object):
         return "it has no depths; compute them first"
     if not blender_object.is_editable:
         return "the object is linked from another file; make it local first"
-    users = [obj for obj in bpy.data.objects if obj.data == blender_object.data]
-    if fingerprint.has_changed(blender_object.data, users) or not fingerprint.covers(blender_object):
+    if is_stale:
         return "its depths are out of date; compute them again"
     record, limits = blender_object.data.ccdepth, bpy.types.SubsurfModifier.bl_rna.properties
     needed, most = record.uniform_level, limits["levels"].hard_max

@@ -63,7 +63,7 @@ class CCDEPTH_PT_results(bpy.types.Panel):
         layout = self.layout
         mesh = context.active_object.data
         record = mesh.ccdepth
-        _draw_stale_line(layout, context.scene.ccdepth, mesh)
+        _draw_stale_line(layout, context.scene.ccdepth, context.active_object)
         _draw_numbers(layout, context.scene, record)
         _draw_histogram(layout, mesh)
         row = layout.row(align=True)
@@ -80,10 +80,12 @@ class CCDEPTH_PT_results(bpy.types.Panel):
         column.prop(context.scene.ccdepth, "show_legend")
 
 
-def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
-    """What to tell of a result that no longer fits; empty when it does."""
+def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: bpy.types.Object | None = None) -> str:
+    """What to tell of a result that no longer fits the mesh, or an object that uses it; empty when it does."""
     if staleness.is_stale(mesh):
         return "Out of date: mesh changed"
+    if holder is not None and staleness.is_uncovered(holder):
+        return "Not computed for this object"
     record = mesh.ccdepth
     if record.subdivision:
         # It was made with its settings, whatever is to be made next.
@@ -101,8 +103,8 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
     return "" if asked == answered else "Out of date: settings changed"
 
 
-def _draw_stale_line(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> None:
-    line = stale_line(settings, mesh)
+def _draw_stale_line(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, holder: bpy.types.Object) -> None:
+    line = stale_line(settings, holder.data, holder)
     if line:
         row = layout.row()
         row.alert = True

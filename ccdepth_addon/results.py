@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -185,20 +186,18 @@ def _write_attributes(
 def _write_columns(mesh: bpy.types.Mesh, columns: Iterable[tuple[AttributeKind, NDArray[Any]]]) -> None:
     """Write attributes in Object Mode, all or none."""
     attributes = mesh.attributes
-    displayed, rendered = attributes.active_color_name, attributes.default_color_name
-    active = None if attributes.active is None else attributes.active.name
     before: dict[AttributeKind, NDArray[Any] | None] = {}
-    try:
-        for kind, values in columns:
-            before[kind] = _column(mesh, kind, values)
-            attribute = attributes.get(kind.name) or attributes.new(kind.name, kind.data_type, kind.domain)
-            write_values(attribute.data, kind.value, values)
-    except BaseException:
-        _put_back(mesh, before)
-        raise
-    finally:
-        _choose(mesh, displayed, rendered, active)
-        mesh.update()
+    with _choices_kept(mesh):
+        try:
+            for kind, values in columns:
+                before[kind] = _column(mesh, kind, values)
+                attribute = attributes.get(kind.name) or attributes.new(kind.name, kind.data_type, kind.domain)
+                write_values(attribute.data, kind.value, values)
+        except BaseException:
+            _put_back(mesh, before)
+            raise
+        finally:
+            mesh.update()
 
 
 def _column(mesh: bpy.types.Mesh, kind: AttributeKind, like: NDArray[Any]) -> NDArray[Any] | None:
@@ -219,13 +218,24 @@ def _put_back(mesh: bpy.types.Mesh, columns: dict[AttributeKind, NDArray[Any] | 
             mesh.attributes.remove(mesh.attributes[kind.name])
 
 
-def _choose(mesh: bpy.types.Mesh, displayed: str, rendered: str, active: str | None) -> None:
+@contextmanager
+def _choices_kept(mesh: bpy.types.Mesh) -> Iterator[None]:
+    """The active attribute, and the colours displayed and rendered, are the same afterwards, unless they are gone.
+
+    Blender remembers the active one by its place, which others take. The first colour attribute of a mesh becomes the
+    one displayed and the one rendered: not without being asked.
+    """
     attributes = mesh.attributes
-    # The first colour attribute of a mesh becomes the one displayed and the one rendered: not without being asked.
-    attributes.active_color_name, attributes.default_color_name = displayed, rendered
-    # It is remembered by its place, which others may take.
-    if active is not None and active in attributes:
-        attributes.active = attributes[active]
+    colors = {name: getattr(attributes, name) for name in ("active_color_name", "default_color_name")}
+    present = set(attributes.keys())
+    active = None if attributes.active is None else attributes.active.name
+    try:
+        yield
+    finally:
+        for name, chosen in colors.items():
+            setattr(attributes, name, "" if chosen in present and chosen not in attributes else chosen)
+        if active is None or active in attributes:
+            attributes.active = None if active is None else attributes[active]
 
 
 def _write_while_editing(
@@ -235,10 +245,11 @@ def _write_while_editing(
 
     edited = bmesh.from_edit_mesh(mesh)
     # New layers first: making one moves the others.
-    for kind in DEPTH_ATTRIBUTES:
-        layers = _layers(edited, kind)
-        if layers.get(kind.name) is None:
-            layers.new(kind.name)
+    with _choices_kept(mesh):
+        for kind in DEPTH_ATTRIBUTES:
+            layers = _layers(edited, kind)
+            if layers.get(kind.name) is None:
+                layers.new(kind.name)
     depth_layer, bound_layer, color_layer = (_layers(edited, kind)[kind.name] for kind in DEPTH_ATTRIBUTES)
     # BMesh has no bulk access: a tenth of a second for every hundred thousand faces.
     for face, depth, bound, color in zip(edited.faces, depths, bounds, colors, strict=True):
@@ -277,8 +288,9 @@ def _write_face_values_while_editing(mesh: bpy.types.Mesh, kind: AttributeKind, 
     import bmesh
 
     edited = bmesh.from_edit_mesh(mesh)
-    layers = _layers(edited, kind)
-    layer = layers.get(kind.name) or layers.new(kind.name)
+    with _choices_kept(mesh):
+        layers = _layers(edited, kind)
+        layer = layers.get(kind.name) or layers.new(kind.name)
     for face, value in zip(edited.faces, values, strict=True):
         for element in face.loops if kind.domain == "CORNER" else (face,):
             element[layer] = value
@@ -337,13 +349,14 @@ def color_of_user(mesh: bpy.types.Mesh, name: str) -> str:
 def clear(mesh: bpy.types.Mesh) -> None:
     """Remove the attributes and the record, and put the displayed colours back."""
     show_color(mesh, False)
-    if mesh.is_editmode:
-        _remove_layers_while_editing(mesh)
-    else:
-        for kind in ATTRIBUTES:
-            if has_values(mesh, kind):
-                mesh.attributes.remove(mesh.attributes[kind.name])
-        mesh.update()
+    with _choices_kept(mesh):
+        if mesh.is_editmode:
+            _remove_layers_while_editing(mesh)
+        else:
+            for kind in ATTRIBUTES:
+                if has_values(mesh, kind):
+                    mesh.attributes.remove(mesh.attributes[kind.name])
+            mesh.update()
     mesh.property_unset("ccdepth")
 
 

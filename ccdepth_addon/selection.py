@@ -14,6 +14,21 @@ from .control_mesh import read_values
 
 COMPARISONS = {"EQUAL": eq, "AT_LEAST": ge, "AT_MOST": le}
 
+# Where Blender keeps what is selected in Object Mode, by domain.
+SELECTIONS = {"POINT": ".select_vert", "EDGE": ".select_edge", "FACE": ".select_poly"}
+
+
+def conflict(mesh: bpy.types.Mesh) -> str | None:
+    """The name of an attribute that stands where Blender keeps the selection and is none, if there is one.
+
+    Writing a selection over it crashes Blender. Edit Mode keeps its selection elsewhere.
+    """
+    for domain, name in SELECTIONS.items():
+        attribute = None if mesh.is_editmode else mesh.attributes.get(name)
+        if attribute is not None and (attribute.data_type, attribute.domain) != ("BOOLEAN", domain):
+            return name
+    return None
+
 
 def select_faces(mesh: bpy.types.Mesh, depth: int, comparison: str, *, extend: bool) -> int:
     """Select the faces whose depth compares so, as far as they are not hidden; returns how many of them there are."""

@@ -13,12 +13,10 @@ from .control_mesh import (
     NOT_SHAPING,
     SIMULATIONS,
     ControlMeshError,
-    frozen_copy,
+    copies_with,
     own_mesh,
     read_built_in,
-    read_origins,
     read_values,
-    write_origins,
 )
 from .core.mesh import FloatArray, IndexArray, InvalidMeshError
 
@@ -81,26 +79,13 @@ def read_shown_mesh(context: bpy.types.Context, blender_object: bpy.types.Object
                 f"the modifier “{modifier.name}” is a simulation, which cannot be measured: apply it, or hide it"
             )
     data = blender_object.data
-    with own_mesh(blender_object) as own:
-        if shown or (data.shape_keys is not None and not data.is_editmode):
-            triangles = _evaluated_triangles(context, blender_object, own, [modifier.name for modifier in shown])
-        else:
+    if shown or (data.shape_keys is not None and not data.is_editmode):
+        with copies_with(context, {blender_object: shown}) as copies:
+            triangles = _triangles(*copies.made(blender_object))
+    else:
+        with own_mesh(blender_object) as own:
             triangles = _triangles(own, np.arange(len(own.polygons)))
     return ShownMesh(triangles, matrix[:3, :3], matrix[:3, 3])
-
-
-def _evaluated_triangles(
-    context: bpy.types.Context, blender_object: bpy.types.Object, own: bpy.types.Mesh, shown: list[str]
-) -> Triangles:
-    with frozen_copy(context, blender_object, own, shown) as (copy, copied):
-        origins = write_origins(copy, copied)
-        evaluated = copy.evaluated_get(context.evaluated_depsgraph_get())
-        # The evaluated object's own data may be without the last levels: the graphics card makes those.
-        mesh = evaluated.to_mesh()
-        try:
-            return _triangles(mesh, read_origins(mesh, origins, len(own.polygons)))
-        finally:
-            evaluated.to_mesh_clear()
 
 
 def _triangles(mesh: bpy.types.Mesh, face_origins: IndexArray) -> Triangles:

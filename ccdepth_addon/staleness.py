@@ -1,12 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Noticing that a result is stale, without computing anything while the interface is drawn.
 
-A handler only notes which meshes with a result were touched. Some time later a timer compares their checksums with
-those in the record, and keeps the answer until they are touched again.
+A handler only notes which meshes with a result were touched. Some time later a timer examines them, and keeps the
+answer until they are touched again. Operators that rely on a result examine it themselves, by the same function.
 """
 
 from __future__ import annotations
 
+import traceback
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
@@ -14,6 +16,7 @@ from bpy.app.handlers import persistent
 
 from . import fingerprint, heat_map, measured_state, results
 from .computation import count_faces
+from .object_state import KnownDescriptions
 
 # Seconds without a change before checksums are compared.
 PATIENCE = 0.3
@@ -23,6 +26,7 @@ LARGEST_EDITED_FACE_COUNT = 200_000
 
 _touched: set[int] = set()
 _stale: set[int] = set()
+_uncovered: set[int] = set()
 _stale_deviations: set[int] = set()
 _own_writes: set[int] = set()
 
@@ -35,8 +39,13 @@ def is_stale(mesh: bpy.types.Mesh) -> bool:
     return mesh.session_uid in _stale
 
 
+def is_uncovered(blender_object: bpy.types.Object) -> bool:
+    """Whether the result on the object's mesh was not computed for an object like it, as far as has been noticed."""
+    return blender_object.session_uid in _uncovered
+
+
 def is_deviation_stale(mesh: bpy.types.Mesh) -> bool:
-    """The same of what was measured on it."""
+    """Whether what was measured on the mesh no longer holds, as far as has been noticed yet."""
     return mesh.session_uid in _stale_deviations
 
 
@@ -52,6 +61,13 @@ def _note_target(mesh: bpy.types.Mesh) -> None:
         _measured_against.setdefault(mesh.ccdepth.measurement.against, set()).add(mesh.session_uid)
 
 
+def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:
+    """Those among the objects whose results no longer hold, examined now; the panel is told the same."""
+    context.view_layer.update()
+    _examine({blender_object.data.session_uid for blender_object in objects})
+    return [holder for holder in objects if is_stale(holder.data) or is_uncovered(holder)]
+
+
 def note_write(mesh: bpy.types.Mesh) -> None:
     """The mesh's result is new, and the next change of its geometry is the writing of it."""
     _stale.discard(mesh.session_uid)
@@ -59,16 +75,47 @@ def note_write(mesh: bpy.types.Mesh) -> None:
 
 
 def check_touched() -> None:
-    """Compare the checksums of the meshes that were touched, and remember which have changed."""
-    users = _users_of_results(_touched)
+    """Examine the results of the meshes that were touched, and remember which no longer hold."""
+    touched = set(_touched)
     _touched.clear()
-    for mesh, objects in users.items():
-        changed = results.has_result(mesh) and fingerprint.has_changed(mesh, objects)
-        (_stale.add if changed else _stale.discard)(mesh.session_uid)
-        changed = results.has_deviation(mesh) and measured_state.has_changed(mesh)
-        (_stale_deviations.add if changed else _stale_deviations.discard)(mesh.session_uid)
-    if users:
+    if _examine(touched):
         heat_map.redraw_viewports(bpy.context)
+
+
+def _examine(uids: set[int]) -> bool:
+    """Examine the results on these meshes; whether there are any."""
+    users = _users_of_results(uids)
+    known: KnownDescriptions = {}
+    for mesh, objects in users.items():
+        _set(_stale_deviations, mesh, results.has_deviation(mesh) and _is_measured_otherwise(mesh))
+        if not results.has_result(mesh):
+            continue
+        try:
+            found = fingerprint.examine(mesh, objects, known)
+        except Exception:
+            # What cannot be examined must not pass for current.
+            traceback.print_exc()
+            found = fingerprint.Examination(True, [])
+        uncovered = set(found.uncovered)
+        _set(_stale, mesh, found.has_changed)
+        for holder in objects:
+            _set(_uncovered, holder, holder in uncovered)
+    return bool(users)
+
+
+def _is_measured_otherwise(mesh: bpy.types.Mesh) -> bool:
+    try:
+        return measured_state.has_changed(mesh)
+    except Exception:
+        traceback.print_exc()
+        return True
+
+
+def _set(holders: set[int], holder: bpy.types.ID, wanted: bool) -> None:
+    if wanted:
+        holders.add(holder.session_uid)
+    else:
+        holders.discard(holder.session_uid)
 
 
 def _users_of_results(uids: set[int]) -> dict[bpy.types.Mesh, list[bpy.types.Object]]:
@@ -104,9 +151,8 @@ def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
             continue
         if results.has_any(original.data):
             _notice_update(original.data, update.is_updated_geometry)
-        measured = _measured_against.get(original.name)
-        if measured:
-            _touch(measured)
+        if original.name in _measured_against:
+            _touch(_measured_against[original.name])
 
 
 def _notice_update(mesh: bpy.types.Mesh, geometry: bool) -> None:
@@ -124,6 +170,12 @@ def _notice_update(mesh: bpy.types.Mesh, geometry: bool) -> None:
 def _check_everything(*_: Any) -> None:
     """After undo, redo and loading: data may have been replaced as a whole."""
     heat_map.synchronise(bpy.context)
+    _touch_everything()
+
+
+@persistent
+def _touch_everything(*_: Any) -> None:
+    """After a change of the frame, too: what is animated is not told of like what is edited."""
     for mesh in bpy.data.meshes:
         if results.has_any(mesh):
             _note_target(mesh)
@@ -132,12 +184,13 @@ def _check_everything(*_: Any) -> None:
 
 @persistent
 def _forget_everything(*_: Any) -> None:
-    for runtime in (_touched, _stale, _stale_deviations, _own_writes, _measured_against):
+    for runtime in (_touched, _stale, _uncovered, _stale_deviations, _own_writes, _measured_against):
         runtime.clear()
 
 
 HANDLERS = (
     ("depsgraph_update_post", _notice_updates),
+    ("frame_change_post", _touch_everything),
     ("undo_post", _check_everything),
     ("redo_post", _check_everything),
     ("load_pre", _forget_everything),

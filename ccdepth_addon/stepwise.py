@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from dataclasses import dataclass
 from time import perf_counter
 from typing import Generic, TypeVar
 
@@ -11,6 +12,13 @@ import numpy as np
 
 Progress = TypeVar("Progress")
 Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True)
+class Stage:
+    """How far work is before what it is about begins, or after: such progress is told in words of its own."""
+
+    text: str
 
 
 class Stepwise(Generic[Progress, Answer]):

@@ -19,9 +19,12 @@ import numpy as np
 from .control_mesh import (
     ControlMesh,
     ControlMeshError,
+    FrozenCopies,
     SharedMeshes,
     applied_modifiers,
     base_mesh,
+    copies_to_subdivide,
+    in_batches,
     read_values,
     subdivision_modifier,
 )
@@ -30,15 +33,16 @@ from .core.depth import check_tolerance, rounding_allowance, smallest_step
 from .core.mesh import FloatArray, validate
 from .core.plan import Mode, Request, TooManyFacesError
 from .core.templates import Transitions
+from .stepwise import Stage
 from .surfaces import (
     ComputeError,
     Faults,
     Surface,
     SurfaceSettings,
     as_typed,
-    is_outdone,
+    control_mesh_key,
+    not_outdone,
     refuse_bad_tolerance,
-    same_control_mesh,
     surface_of,
 )
 
@@ -144,39 +148,41 @@ class FaceCount:
 
 def prepare_subdivision(
     context: bpy.types.Context, objects: Sequence[bpy.types.Object], settings: SubdivisionSettings
-) -> list[SubdivisionTask]:
-    """Read the objects, in Object Mode, and decide what to make. Raises ComputeError, naming every object at fault."""
+) -> Generator[Stage, None, list[SubdivisionTask]]:
+    """Read the objects, in Object Mode, and decide what to make.
+
+    Yields how far it is, and returns the tasks. Raises ComputeError, naming every object at fault.
+    """
     refuse_bad_tolerance(settings.tolerance)
     tasks: list[SubdivisionTask] = []
     shared: SharedMeshes = {}
     faults = Faults(objects)
-    for blender_object in objects:
-        with faults.of(blender_object.name):
-            tasks.append(_read_task(context, blender_object, settings, shared))
+    read = 0
+    for batch in in_batches(objects):
+        yield Stage(f"Reading objects: {read:,} of {len(objects):,}")
+        read += len(batch)
+        context.view_layer.update()
+        with copies_to_subdivide(context, batch, use_modifiers=settings.use_modifiers) as copies:
+            for blender_object in batch:
+                with faults.of(blender_object.name):
+                    tasks.append(_read_task(context, blender_object, settings, shared, copies))
     faults.refuse()
     return _united(tasks)
 
 
 def _united(tasks: list[SubdivisionTask]) -> list[SubdivisionTask]:
     """The tasks that have to be carried out, each for the objects of those it outdoes as well."""
-    kept: list[SubdivisionTask] = []
-    for task in sorted(tasks, key=lambda task: -np.trace(task.surface.weighed_gram())):
-        better = next((other for other in kept if _outdoes(other, task)), None)
-        if better is None:
-            kept.append(task)
-        else:
-            better.object_names.extend(task.object_names)
-            better.tolerances.extend(task.tolerances)
-    return [task for task in tasks if any(task is other for other in kept)]
-
-
-def _outdoes(one: SubdivisionTask, other: SubdivisionTask) -> bool:
-    """Whether the result of the one serves the objects of the other."""
-    return (
-        (one.mesh_uid, one.carried) == (other.mesh_uid, other.carried)
-        and same_control_mesh(one.surface.control, other.surface.control)
-        and is_outdone(other.surface.weighed_gram(), one.surface.weighed_gram())
-    )
+    alike: dict[Any, list[SubdivisionTask]] = {}
+    for task in tasks:
+        alike.setdefault((task.mesh_uid, task.carried, control_mesh_key(task.surface.control)), []).append(task)
+    kept: set[int] = set()
+    for group in alike.values():
+        for better, outdone in not_outdone([task.surface for task in group]).items():
+            kept.add(id(group[better]))
+            for other in outdone:
+                group[better].object_names.extend(group[other].object_names)
+                group[better].tolerances.extend(group[other].tolerances)
+    return [task for task in tasks if id(task) in kept]
 
 
 def _read_task(
@@ -184,8 +190,13 @@ def _read_task(
     blender_object: bpy.types.Object,
     settings: SubdivisionSettings,
     shared: SharedMeshes,
+    copies: FrozenCopies,
 ) -> SubdivisionTask:
-    with base_mesh(context, blender_object, use_modifiers=settings.use_modifiers, shared=shared) as (base, control):
+    use_modifiers = settings.use_modifiers
+    with base_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=copies) as (
+        base,
+        control,
+    ):
         surface = surface_of(blender_object, control, settings)
         steps = _mixing_steps(base.shape_keys)
         largest = _largest_coordinates(control, base.shape_keys)

@@ -3,19 +3,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
 from . import fingerprint, heat_map, results, staleness
-from .control_mesh import applied_modifiers, base_mesh, subdivision_modifier
-from .fingerprint import Topology
+from .control_mesh import (
+    OBJECTS_AT_ONCE,
+    FrozenCopies,
+    applied_modifiers,
+    base_mesh,
+    copies_to_subdivide,
+    subdivision_modifier,
+)
+from .mesh_checksums import Topology, geometry_checksum
 from .object_state import object_state
+from .stepwise import Stage
 from .subdivided_object import CarryOptions, new_mesh
 from .subdivision import Subdivision, SubdivisionSettings
 from .surfaces import ComputeError, same_control_mesh
 from .writing import WriteError, own_copy
+
+# Faces written in one go.
+FACES_AT_ONCE = 1 << 17
 
 NAME_SUFFIX = " Adaptive"
 
@@ -23,99 +35,141 @@ CHANGED = "The objects were changed in the meantime: nothing was written"
 
 
 @dataclass(frozen=True)
-class Placing:
-    """How results become objects."""
+class Made:
+    """A subdivision, the session identifier of the mesh it has become, and the checksum of that mesh."""
 
-    in_place: bool
-    exact_normals: bool
+    subdivision: Subdivision
+    mesh_uid: int
+    geometry: int
 
 
-def write_objects(
-    context: bpy.types.Context, answers: list[Subdivision], settings: SubdivisionSettings, placing: Placing
-) -> list[bpy.types.Object]:
-    """Make the results' meshes, all or none, and put them where they belong; returns the objects that have them.
+def make_meshes(
+    context: bpy.types.Context, answers: list[Subdivision], settings: SubdivisionSettings, *, exact_normals: bool
+) -> Generator[Stage, None, list[Made]]:
+    """Make the results' meshes, all or none; yields how far it is.
 
-    In Object Mode. Raises ComputeError when an object is no longer what it was.
+    In Object Mode. Nothing else changes, and until they are placed nobody uses them. Raises ComputeError when an object
+    is no longer what it was.
     """
-    meshes: list[bpy.types.Mesh] = []
-    placed: list[bpy.types.Object] = []
+    made: list[Made] = []
     try:
-        for answer in answers:
-            meshes.append(_new_result_mesh(context, answer, settings, placing))
-        for answer, mesh in zip(answers, meshes, strict=True):
-            placed += _place_and_describe(context, answer, mesh, settings, placing)
+        for batch in _batches(answers):
+            yield Stage(f"Writing meshes: {len(made):,} of {len(answers):,}")
+            context.view_layer.update()
+            holders = [_made_for(answer) for answer in batch]
+            with copies_to_subdivide(context, holders, use_modifiers=settings.use_modifiers) as copies:
+                for answer, holder in zip(batch, holders, strict=True):
+                    try:
+                        made.append(_make_mesh(context, answer, holder, settings, exact_normals, copies))
+                    except WriteError as fault:
+                        raise ComputeError(f"{holder.name}: {fault}") from fault
+    except BaseException:
+        bpy.data.batch_remove(_meshes(made))
+        raise
+    return made
+
+
+def place_meshes(
+    context: bpy.types.Context, made: list[Made], settings: SubdivisionSettings, *, in_place: bool
+) -> list[bpy.types.Object]:
+    """Put meshes where they belong; returns the objects that have them. Raises ComputeError, with the meshes removed
+    and nothing changed, when an object is no longer what it was."""
+    meshes = _meshes(made)
+    objects = {obj.name: obj for obj in bpy.data.objects if obj.library is None}
+    originals = [[objects.get(name) for name in each.subdivision.task.object_names] for each in made]
+    try:
+        for each, found in zip(made, originals, strict=True):
+            if not all(_is_as_it_was(original, each.subdivision) for original in found):
+                raise ComputeError(CHANGED)
+        users = [_place(context, *each, settings, in_place=in_place) for each in zip(originals, meshes, strict=True)]
     except BaseException:
         bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
         raise
-    heat_map.synchronise(context)
-    return placed
-
-
-def _place_and_describe(
-    context: bpy.types.Context,
-    answer: Subdivision,
-    mesh: bpy.types.Mesh,
-    settings: SubdivisionSettings,
-    placing: Placing,
-) -> list[bpy.types.Object]:
-    """Put a result where it belongs, and remember in its record what it depends on."""
-    users = _place(context, answer, mesh, settings, placing)
     # New objects have no matrix of their own before.
     context.view_layer.update()
-    made, states = answer.adaptive.mesh, [object_state(user, use_modifiers=False) for user in users]
-    starts = made.face_starts[:-1].astype(np.int32)
-    fingerprint.remember(users[0], states, Topology(starts, made.corner_vertices, made.edge_vertices))
-    staleness.note_write(mesh)
-    return users
+    for each, mesh, placed in zip(made, meshes, users, strict=True):
+        states = [object_state(user, use_modifiers=False) for user in placed]
+        fingerprint.remember(mesh, each.geometry, each.subdivision.adaptive.depths, states)
+        staleness.note_write(mesh)
+    heat_map.synchronise(context)
+    return [user for placed in users for user in placed]
 
 
-def _new_result_mesh(
-    context: bpy.types.Context, answer: Subdivision, settings: SubdivisionSettings, placing: Placing
-) -> bpy.types.Mesh:
-    """The mesh of an answer, used by no object yet. Raises ComputeError when it cannot be made."""
-    name = answer.task.object_names[0]
-    try:
-        mesh = _carried_mesh(context, answer, settings, placing)
-        try:
-            mesh.name = name + NAME_SUFFIX
-            results.write_subdivision(mesh, answer, settings)
-        except BaseException:
-            bpy.data.meshes.remove(mesh)
-            raise
-    except WriteError as fault:
-        raise ComputeError(f"{name}: {fault}") from fault
-    return mesh
+def _batches(answers: list[Subdivision]) -> Iterator[list[Subdivision]]:
+    """As many at once as their objects can be evaluated, and few enough faces to keep a window responsive."""
+    batch: list[Subdivision] = []
+    faces = 0
+    for answer in answers:
+        batch.append(answer)
+        faces += len(answer.adaptive.mesh.base_faces)
+        if len(batch) == OBJECTS_AT_ONCE or faces >= FACES_AT_ONCE:
+            yield batch
+            batch, faces = [], 0
+    if batch:
+        yield batch
 
 
-def _carried_mesh(
-    context: bpy.types.Context, answer: Subdivision, settings: SubdivisionSettings, placing: Placing
-) -> bpy.types.Mesh:
+def _meshes(made: list[Made]) -> list[bpy.types.Mesh]:
+    """In their order, as far as they are still there."""
+    meshes = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
+    return [meshes[each.mesh_uid] for each in made if each.mesh_uid in meshes]
+
+
+def _made_for(answer: Subdivision) -> bpy.types.Object:
+    """The object the result is made for. Raises ComputeError when it or another is no longer what it was."""
     objects = [bpy.data.objects.get(name) for name in answer.task.object_names]
-    if any(obj is None or obj.type != "MESH" or obj.data.session_uid != answer.task.mesh_uid for obj in objects):
+    if not all(_is_as_it_was(blender_object, answer) for blender_object in objects):
         raise ComputeError(CHANGED)
-    made_for = objects[0]
+    return objects[0]
+
+
+def _is_as_it_was(blender_object: bpy.types.Object | None, answer: Subdivision) -> bool:
+    return (
+        blender_object is not None
+        and blender_object.type == "MESH"
+        and blender_object.data.session_uid == answer.task.mesh_uid
+    )
+
+
+def _make_mesh(
+    context: bpy.types.Context,
+    answer: Subdivision,
+    made_for: bpy.types.Object,
+    settings: SubdivisionSettings,
+    exact_normals: bool,
+    copies: FrozenCopies,
+) -> Made:
     modifier = subdivision_modifier(made_for)
-    options = CarryOptions(limit_normals=placing.exact_normals)
+    options = CarryOptions(limit_normals=exact_normals)
     if modifier is not None:
-        options = CarryOptions(uv_smooth=modifier.uv_smooth, limit_normals=placing.exact_normals)
+        options = CarryOptions(uv_smooth=modifier.uv_smooth, limit_normals=exact_normals)
     control = answer.task.surface.control
-    with base_mesh(context, made_for, use_modifiers=settings.use_modifiers) as (base, own_control):
+    with base_mesh(context, made_for, use_modifiers=settings.use_modifiers, copies=copies) as (base, own_control):
         if not same_control_mesh(own_control, control):
             raise ComputeError(CHANGED)
         if base != made_for.data:
             results.remember_same_colors(made_for.data, base)
-        return new_mesh(base, control.mesh, answer.adaptive.mesh, options)
+        mesh = new_mesh(base, control.mesh, answer.adaptive.mesh, options)
+    try:
+        mesh.name = made_for.name + NAME_SUFFIX
+        results.write_subdivision(mesh, answer, settings)
+    except BaseException:
+        bpy.data.meshes.remove(mesh)
+        raise
+    drawn = answer.adaptive.mesh
+    topology = Topology(drawn.face_starts[:-1].astype(np.int32), drawn.corner_vertices, drawn.edge_vertices)
+    return Made(answer, mesh.session_uid, geometry_checksum(mesh, topology))
 
 
 def _place(
     context: bpy.types.Context,
-    answer: Subdivision,
+    originals: list[bpy.types.Object],
     mesh: bpy.types.Mesh,
     settings: SubdivisionSettings,
-    placing: Placing,
+    *,
+    in_place: bool,
 ) -> list[bpy.types.Object]:
-    originals = [bpy.data.objects[name] for name in answer.task.object_names]
-    if not placing.in_place:
+    if not in_place:
         return [_place_beside(context, original, mesh, settings) for original in originals]
     old = originals[0].data
     for original in originals:

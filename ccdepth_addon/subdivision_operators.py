@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import bpy
 
-from . import face_counts, heat_map, properties
+from . import edit_mode, face_counts, heat_map, properties
 from .control_mesh import applied_modifiers, subdivision_modifier
 from .long_operator import (
     LongOperator,
@@ -18,9 +18,10 @@ from .long_operator import (
     refuse,
     without_mesh_text,
 )
+from .printable import printable
+from .stepwise import Stage
 from .subdivision import (
     FaceCount,
-    Subdivision,
     SubdivisionSettings,
     SubdivisionTask,
     count_stepwise,
@@ -29,7 +30,7 @@ from .subdivision import (
     subdivision_settings,
     too_many_text,
 )
-from .subdivision_objects import Placing, write_objects
+from .subdivision_objects import Made, make_meshes, place_meshes
 
 
 class SubdivisionOperator(LongOperator):
@@ -41,14 +42,12 @@ class SubdivisionOperator(LongOperator):
     transitions: properties.transitions_property()
     max_faces: properties.max_faces_property()
 
-    def prepared(self, context: bpy.types.Context) -> list[SubdivisionTask]:
-        """What there is to make, with Edit Mode left. Raises ComputeError."""
+    def prepared(self, context: bpy.types.Context) -> Generator[Stage, None, list[SubdivisionTask]]:
+        """What there is to make, with Edit Mode left; yields how far it is. Raises ComputeError."""
         objects = meshes_meant(context)
         refuse(objects, lambda obj: hidden_fault(obj) or self.object_fault(obj) or name_fault(obj))
-        self._was_editing = context.mode == "EDIT_MESH"
-        if self._was_editing:
-            bpy.ops.object.mode_set(mode="OBJECT")
-        return prepare_subdivision(context, objects, self.settings())
+        self._edited = edit_mode.leave(context)
+        return (yield from prepare_subdivision(context, objects, self.settings()))
 
     def object_fault(self, blender_object: bpy.types.Object) -> str | None:
         """Why the object cannot have a result. Its mesh may be anybody's: nothing is written to it."""
@@ -57,9 +56,8 @@ class SubdivisionOperator(LongOperator):
         return None
 
     def leave(self, context: bpy.types.Context) -> None:
-        if getattr(self, "_was_editing", False):
-            bpy.ops.object.mode_set(mode="EDIT")
-            self._was_editing = False
+        edit_mode.enter(context, getattr(self, "_edited", ()))
+        self._edited = []
 
     def settings(self) -> SubdivisionSettings:
         return subdivision_settings(self, self.tolerance)
@@ -77,10 +75,11 @@ class CCDEPTH_OT_subdivide(SubdivisionOperator):
     output: properties.output_property()
     exact_normals: properties.exact_normals_property()
 
-    def start(self, context: bpy.types.Context) -> Generator[int, None, list[Subdivision]]:
-        tasks = self.prepared(context)
+    def start(self, context: bpy.types.Context) -> Generator[Stage | int, None, list[Made]]:
+        tasks = yield from self.prepared(context)
         self._notes = [note for task in tasks for note in _notes(task, self.use_modifiers)]
-        return subdivide_stepwise(tasks, self.settings())
+        answers = yield from subdivide_stepwise(tasks, self.settings())
+        return (yield from make_meshes(context, answers, self.settings(), exact_normals=self.exact_normals))
 
     def object_fault(self, blender_object: bpy.types.Object) -> str | None:
         if self.output == "IN_PLACE" and blender_object.override_library is not None:
@@ -90,17 +89,19 @@ class CCDEPTH_OT_subdivide(SubdivisionOperator):
     def progress_text(self, progress: int) -> str:
         return f"Subdividing: {progress:,} faces so far"
 
-    def finish(self, context: bpy.types.Context, answer: list[Subdivision]) -> set[str]:
-        placing = Placing(in_place=self.output == "IN_PLACE", exact_normals=self.exact_normals)
-        objects = write_objects(context, answer, self.settings(), placing)
+    def finish(self, context: bpy.types.Context, answer: list[Made]) -> set[str]:
+        objects = place_meshes(context, answer, self.settings(), in_place=self.output == "IN_PLACE")
+        if self._edited:
+            self._edited = [placed.session_uid for placed in objects]
         skipped = without_mesh_text(context)
         if skipped:
             self.report({"INFO"}, skipped)
         for note in self._notes:
-            self.report({"WARNING"}, note)
-        faces = count_text(sum(len(each.adaptive.depths) for each in answer), "face", "faces")
+            self.report({"WARNING"}, printable(note))
+        results = [made.subdivision.adaptive for made in answer]
+        faces = count_text(sum(len(each.depths) for each in results), "face", "faces")
         objects_text = f"{len(objects)} objects, " if len(objects) > 1 else ""
-        deepest = max(int(each.adaptive.depths.max(initial=0)) for each in answer)
+        deepest = max(int(each.depths.max(initial=0)) for each in results)
         self.report({"INFO"}, f"{objects_text}{faces}, deepest depth {deepest}")
         return {"FINISHED"}
 
@@ -126,8 +127,11 @@ class CCDEPTH_OT_count_faces(SubdivisionOperator):
     bl_label = "Count Faces"
     bl_options: ClassVar[set[str]] = {"REGISTER"}
 
-    def start(self, context: bpy.types.Context) -> Generator[int, None, tuple[list[SubdivisionTask], list[FaceCount]]]:
-        return _counted(self.prepared(context), self.settings())
+    def start(
+        self, context: bpy.types.Context
+    ) -> Generator[Stage | int, None, tuple[list[SubdivisionTask], list[FaceCount]]]:
+        tasks = yield from self.prepared(context)
+        return tasks, (yield from count_stepwise(tasks, self.settings()))
 
     def progress_text(self, progress: int) -> str:
         return f"Counting faces: {progress:,} so far"
@@ -143,16 +147,9 @@ class CCDEPTH_OT_count_faces(SubdivisionOperator):
         if counts[0].fitting is None:
             self.report({"INFO"}, count_text(sum(count.faces for count in counts), "face", "faces"))
         else:
-            self.report({"WARNING"}, too_many_text(tasks, counts[0], self.settings()))
+            self.report({"WARNING"}, printable(too_many_text(tasks, counts[0], self.settings())))
         heat_map.redraw_viewports(context)
         return {"FINISHED"}
-
-
-def _counted(
-    tasks: list[SubdivisionTask], settings: SubdivisionSettings
-) -> Generator[int, None, tuple[list[SubdivisionTask], list[FaceCount]]]:
-    """The tasks, with how many faces each would have."""
-    return tasks, (yield from count_stepwise(tasks, settings))
 
 
 CLASSES = (CCDEPTH_OT_subdivide, CCDEPTH_OT_count_faces)

@@ -5,18 +5,23 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
+from hashlib import blake2b
 
 import bpy
 import numpy as np
 
 from .control_mesh import ControlMesh, ControlMeshError
 from .core.depth import ToleranceError
-from .core.mesh import FloatArray, InvalidMeshError, PolygonMesh
+from .core.mesh import FloatArray, InvalidMeshError
 from .writing import WriteError
 
 # How much smaller, relatively, an object's scale may be than another's by rounding alone and still be outdone by it.
 SCALE_ROUNDING = 1e-9
+
+# The largest number that Blender holds; it stands for infinity as well, and for all that is larger.
+LARGEST_TOLERANCE = float(str(np.finfo(np.float32).max))
+TOO_LARGE = "The tolerance is too large a number"
 
 
 class ComputeError(ValueError):
@@ -76,6 +81,8 @@ def refuse_bad_tolerance(tolerance: float) -> None:
     """Raise ComputeError unless the tolerance is a finite number greater than zero."""
     if not np.isfinite(tolerance):
         raise ComputeError("The tolerance is not a finite number")
+    if tolerance >= LARGEST_TOLERANCE:
+        raise ComputeError(TOO_LARGE)
     if tolerance <= 0:
         raise ComputeError("The tolerance must be greater than zero")
 
@@ -91,23 +98,43 @@ def gram_matrix(world: FloatArray) -> FloatArray:
     return world.T @ world
 
 
-def is_outdone(gram: FloatArray, other: FloatArray) -> bool:
-    """Whether the other makes every vector at least as long."""
-    difference = other - gram
+def not_outdone(surfaces: Sequence[Surface]) -> dict[int, list[int]]:
+    """Which surfaces of one control mesh no other outdoes, and the others, each with one that outdoes it, as indices.
+
+    One is outdone by another that makes every vector at least as long, in parts of the tolerance.
+    """
+    grams = np.array([surface.weighed_gram() for surface in surfaces])
+    traces = np.trace(grams, axis1=1, axis2=2)
+    kept: dict[int, list[int]] = {}
+    rivals = np.empty_like(grams)
+    for index in np.argsort(-traces, kind="stable").tolist():
+        outdoing = _outdoing(grams[index], rivals[: len(kept)])
+        if outdoing is None:
+            rivals[len(kept)] = grams[index]
+            kept[index] = []
+        else:
+            kept[list(kept)[outdoing]].append(index)
+    return kept
+
+
+def _outdoing(gram: FloatArray, rivals: FloatArray) -> int | None:
+    """The first of the rivals (K, 3, 3) that makes every vector at least as long, if there is one."""
+    differences = rivals - gram
     # A bad mesh can make it anything; the mesh will be refused.
-    if not np.isfinite(difference).all():
-        return False
-    return bool(np.linalg.eigvalsh(difference).min() >= -SCALE_ROUNDING * np.trace(other))
+    finite = np.isfinite(differences).all(axis=(1, 2))
+    least = np.linalg.eigvalsh(np.where(finite[:, None, None], differences, 0.0)).min(axis=1, initial=np.inf)
+    outdoing = finite & (least >= -SCALE_ROUNDING * np.trace(rivals, axis1=1, axis2=2))
+    return int(np.argmax(outdoing)) if outdoing.any() else None
+
+
+def control_mesh_key(control: ControlMesh) -> bytes:
+    """Equal for equal control meshes, and of meshes by modifiers, where their faces come from the same ones as well."""
+    digest = blake2b(control.read.key)
+    if control.base_faces is not None:
+        digest.update(np.ascontiguousarray(control.base_faces).data)
+    return digest.digest()
 
 
 def same_control_mesh(one: ControlMesh, other: ControlMesh) -> bool:
-    """Whether the two are equal; of meshes by modifiers, whether their faces come from the same ones as well."""
-    if one.read is other.read:
-        return True
-    if one.read.rule != other.read.rule or not np.array_equal(np.array(one.base_faces), np.array(other.base_faces)):
-        return False
-    # Loose vertices may be anywhere.
-    return all(
-        np.array_equal(getattr(one.read.arrays, field.name), getattr(other.read.arrays, field.name), equal_nan=True)
-        for field in fields(PolygonMesh)
-    )
+    """Whether the two are equal."""
+    return one.read is other.read or control_mesh_key(one) == control_mesh_key(other)

@@ -36,10 +36,10 @@ def write_values(items: Any, name: str, values: NDArray[Any], step: float = 0.0)
 
 
 def _is_kept(written: NDArray[Any], found: NDArray[Any], step: float) -> bool:
-    if written.tobytes() == found.tobytes():
+    if np.array_equal(written, found):
         return True
     if step == 0.0:
-        return bool(np.array_equal(written, found, equal_nan=written.dtype.kind == "f"))
+        return written.dtype.kind == "f" and np.array_equal(written, found, equal_nan=True)
     # What is no number has to be kept as some number.
     return bool(np.all((np.abs(np.clip(written, 0.0, 1.0) - found) <= step) | np.isnan(written)))
 

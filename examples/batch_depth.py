@@ -19,6 +19,11 @@ def depths_of(mesh: bpy.types.Mesh) -> np.ndarray:
     return depths
 
 
+def cell(text: str) -> str:
+    """A name may hold tabs, line breaks and whatever a terminal would obey."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
 def main(tolerance: float) -> None:
     objects = [obj for obj in bpy.context.view_layer.objects if obj.type == "MESH" and obj.visible_get()]
     print("file\tobject\tfaces\tlevel\tfaces at that level")
@@ -29,7 +34,7 @@ def main(tolerance: float) -> None:
         # A modifier has one level for all faces: the deepest.
         level = depths.max()
         count = np.count_nonzero(depths == level)
-        print(f"{bpy.data.filepath}\t{obj.name}\t{len(depths)}\t{level}\t{count}", flush=True)
+        print(f"{cell(bpy.data.filepath)}\t{cell(obj.name)}\t{len(depths)}\t{level}\t{count}", flush=True)
 
 
 main(float(sys.argv[sys.argv.index("--") + 1]))

@@ -18,9 +18,12 @@ vertex, so what holds of L - S holds of Lᵏ - S on the level-k facet at that ve
   R = S_uuvv of the child, j = k - m levels on ‖L - S‖ ≤ s(‖A‖ + ‖B‖) + s²‖R‖, s = 4⁻ʲ/6, or 4⁻ʲ/8 with limit vertices
   (docs/methods.md); a patch for which that is too much is split by knot insertion, and at its own level L - S is taken
   in Bernstein form.
-- Further on: level k + s at the child of level s is level k of a net whose norm is at most r·M, r the largest second
-  difference of Tˢ for M ≤ 1; the regular children up to level s have the bound above, which is at most
-  rate · factors[k] for the last s levels k and falls faster than rate from then on.
+- Further on, with s = ``PERIOD``: level k + s at the child of level s is level k of a net whose norm is at most rM, r
+  being the largest second difference of Tˢ for M ≤ 1. The regular children of levels 1 to s have the bound above;
+  that it is at most rate · factors[k] at level k + s, for each of the last s levels k of the table, is part of how
+  the rate is found (``certified_rate``: the larger of r and these). At level k + (i + 1)s it then holds by induction:
+  the child of level s is at level k + is of its own net, and for the regular children the bound falls by 4⁻ˢ from
+  period to period, the rate being larger.
 
 How sharp: each factor is rounded up from what some net reaches, times 1 + ``MARGIN``, and raised by as much again while
 it would take more than ``MOST_SPLITS`` splits to prove it.

@@ -19,6 +19,5 @@ try:
     status = run(sys.argv[1:], program="heat_map.py")
 except Exception:
     traceback.print_exc()
-sys.stdout.flush()
 # Not sys.exit: after an error the bpy module can crash or hang while the interpreter winds up.
 os._exit(status)

@@ -2,8 +2,9 @@
 """Meshes of which a face is within a tolerance at level 0 and beyond it at a later level, found by linear programming.
 
 Heights of the vertices over a plain mesh are what is looked for: the distances of facets from the surface at given
-parameters are linear in them. The face's distances at level 0, and those of all others at the later level, are kept
-within the tolerance at many places, and its distance at one place at the later level is made as large as that allows.
+parameters are linear in them. The face's distances at level 0, and if wanted those of all others at the later level,
+are kept within the tolerance at many places, and its distance at one place at the later level is made as large as that
+allows.
 """
 
 from __future__ import annotations
@@ -29,11 +30,16 @@ GOALS = 6
 HIGHEST = 1e4
 
 
-def worse_later(data: meshes.MeshData, face: int, vertices: str, tolerance: float, level: int) -> meshes.MeshData:
-    """The mesh with heights along z such that the face is as far off at that level as it can be."""
+def worse_later(
+    data: meshes.MeshData, face: int, vertices: str, tolerance: float, level: int, *, others_near: bool
+) -> meshes.MeshData:
+    """The mesh with heights along z such that the face is as far off at that level as it can be.
+
+    others_near: whether all other faces are to be within the tolerance there.
+    """
     mesh = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=False)
     before, after = (_distances(mesh, at, vertices) for at in (0, level))
-    others = np.delete(after, face, axis=0).reshape(-1, after.shape[-1])
+    others = np.delete(after, face, axis=0).reshape(-1, after.shape[-1])[: None if others_near else 0]
     # Places that several facets share are the same but for rounding.
     rows = np.unique(np.round(np.concatenate([before[face], others]), 12), axis=0)
     goals = np.unique(np.round(after[face], 12), axis=0)

@@ -77,8 +77,8 @@ def rounding_allowance(mesh: PolygonMesh) -> float:
 
     A sum of s terms with weights that are not negative and add up to 1 is off by at most (s + 2)uR, u = 2⁻⁵³ and R the
     largest coordinate; s is at most twice the largest valence or face size, plus one, and 9 on a regular patch. Hundred
-    levels of such sums and a last difference of three points with its norm stay below 128(2s + 8)uR, some 10⁻⁷ of
-    ``smallest_step``.
+    levels of such sums and a last difference of three points with its norm stay below 128(2s + 8)uR, some 10⁻⁶ of
+    ``smallest_step``. What it has to cover where triangles are drawn: docs/adaptive.md, Rounding.
     """
     terms = 2 * max(largest_valence(mesh), 4) + 1
     return 128 * (2 * terms + 8) * 2.0**-53 * largest_coordinate(mesh)
@@ -151,13 +151,15 @@ def uniform_level_stepwise(
     """``uniform_level`` in small steps: yields the fraction done of the level it is at, and returns the level.
 
     mesh, tolerance: such as ``face_depths`` takes. depths: (F,) what it found with the same arguments; these are proved
-    at their own level, and all others are evaluated. least: no level before this one is wanted.
+    at their own level, and all others are evaluated. least: no level before this one is wanted. With limit vertices
+    level 1 is the first: a modifier at level 0 leaves every vertex where it is.
     """
     with_margin, margin = np.zeros(mesh.face_count, dtype=bool), 0.0
     if Vertices(vertices) is Vertices.LIMIT:
         unmet = unmet_corners(mesh)
         with_margin[mesh.corner_faces[unmet.corners]] = True
         margin = unmet.margin(tolerance)
+        least = max(least, 1)
     level = max(least, int(depths.max(initial=0)))
     while True:
         parts = [(np.flatnonzero((depths != level) & ~with_margin), tolerance)]

@@ -9,8 +9,9 @@ second level on, when n-gons, triangles and faces with several extraordinary cor
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +29,8 @@ EXTRAORDINARY_POINTS_AT_ONCE = 1 << 18
 IRREGULAR_FACES_AT_ONCE = 1 << 11
 
 FIRST_SUPPORT_LEVEL = 2
+
+Block = TypeVar("Block", FaceBlock, LevelBlock)
 
 
 def norm_blocks(mesh: PolygonMesh, question: Question, method: PatchMethod, vertices: Vertices) -> Iterator[FaceBlock]:
@@ -110,7 +113,7 @@ class _Search:
         refinement = Refinement.start(mesh, faces)
         level = 0
         while np.any(block.depths < 0):
-            found, refinement = self._take_patches(refinement, level)
+            found, refinement = yield from self._take_patches(refinement, level, FaceBlock.empty())
             pieces += found
             reached = self._bounds_at(level, pieces, refinement, len(faces))
             block.settle((block.depths < 0) & self.question.within(reached), level, reached + self.question.allowance)
@@ -125,7 +128,7 @@ class _Search:
         reached = np.zeros(len(faces))
         refinement = Refinement.start(mesh, faces)
         for own in range(level):
-            found, refinement = self._take_patches(refinement, own)
+            found, refinement = yield from self._take_patches(refinement, own, LevelBlock.empty())
             np.maximum(reached, self._bounds_of(found, level, len(faces)), out=reached)
             if own >= FIRST_SUPPORT_LEVEL and len(refinement.bases):
                 bounds = support_bounds(refinement.mesh, Vertices.LIMIT)[: len(refinement.bases)]
@@ -134,7 +137,7 @@ class _Search:
                 refinement = refinement.keep(~within)
             refinement = refinement.refined()
             yield LevelBlock.empty()
-        found, refinement = self._take_patches(refinement, level)
+        found, refinement = yield from self._take_patches(refinement, level, LevelBlock.empty())
         np.maximum(reached, self._bounds_at(level, found, refinement, len(faces)), out=reached)
         yield self.proved(faces, reached)
 
@@ -142,14 +145,21 @@ class _Search:
         """(P,) faces with their bounds at one level, before rounding is allowed for."""
         return LevelBlock(faces, np.where(self.question.within(bounds), bounds + self.question.allowance, np.inf))
 
-    def _take_patches(self, refinement: Refinement, level: int) -> tuple[list[_Piece], Refinement]:
-        """The refinement's patches as pieces, and the refinement with its irregular descendants alone."""
+    def _take_patches(
+        self, refinement: Refinement, level: int, empty: Block
+    ) -> Generator[Block, None, tuple[list[_Piece], Refinement]]:
+        """The refinement's patches as pieces, and the refinement with its irregular descendants alone.
+
+        Yields an empty block now and then: the nets around a pole are as many as they are large.
+        """
         if not len(refinement.bases):
             return [], refinement
         patches = classify_patches(refinement.mesh)
         core = np.arange(len(refinement.bases))
-        found = self.patch_bounds(refinement.mesh, patches, core)
-        pieces = [_Piece(level, refinement.bases[block], bounds) for block, bounds in found]
+        pieces = []
+        for block, bounds in self.patch_bounds(refinement.mesh, patches, core):
+            pieces.append(_Piece(level, refinement.bases[block], bounds))
+            yield empty
         return pieces, refinement.keep(patches.kinds[core] == PatchKind.IRREGULAR)
 
     def _bounds_at(self, level: int, pieces: list[_Piece], refinement: Refinement, face_count: int) -> FloatArray:

@@ -11,6 +11,7 @@ from collections.abc import Iterable
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from .mesh import FloatArray
 
@@ -123,6 +124,14 @@ def first_order_norm_regular(net: FloatArray) -> FloatArray:
 
 def first_order_norm_extraordinary(net: FloatArray) -> FloatArray:
     """The largest edge of an extraordinary net: each second difference is one of two edges that meet."""
-    valence = (len(net) - 8) // 2
+    ones, others = _edge_ends((len(net) - 8) // 2)
+    edges = net.take(ones, axis=0)
+    edges -= net.take(others, axis=0)
+    return np.sqrt(squared_norms(edges).max(axis=0))
+
+
+@cache
+def _edge_ends(valence: int) -> NDArray[np.intp]:
+    """(2, edges): the one end and the other of every edge that a second difference spans."""
     edges = {(min(a, end), max(a, end)) for a, b, c in second_differences(valence) for end in (b, c)}
-    return _largest(net[a] - net[b] for a, b in sorted(edges))
+    return np.array(sorted(edges), dtype=np.intp).T.copy()

@@ -27,6 +27,10 @@ from .norms import cross_products, dot_products, squared_norms
 from .products import product
 from .templates import templates
 
+# What rounding may take from a thickness, in parts of how far vertices are from the centroid: 16 roundings or less. It
+# matters where that is divided by a small cosine.
+HEIGHT_ROUNDING = 2.0**-48
+
 # How far, in radians, the angles around the centroid may be from a full turn by rounding.
 ANGLE_ROUNDING = 1e-6
 
@@ -67,7 +71,8 @@ def polygon_thickness(
     highest = np.maximum.reduceat(np.maximum(heights, middle_heights), starts)
     lowest = np.minimum.reduceat(np.minimum(heights, middle_heights), starts)
     # A plain triangle is its own plane.
-    thickness = np.where((sizes == 3) & ~np.logical_or.reduceat(bent, starts), 0.0, highest - lowest)
+    is_plain = (sizes == 3) & ~np.logical_or.reduceat(bent, starts)
+    thickness = np.where(is_plain, 0.0, highest - lowest)
 
     is_region = _is_region(facets, bent, starts, normals, triangles)
     found = np.where(is_region, np.hypot(thickness, _dents(facets, following, bent, of_corner, starts)), np.inf)
@@ -76,7 +81,9 @@ def polygon_thickness(
         cosines = np.einsum("ij,ij->i", normals, lines)
         fine = (cosines > 0) & _is_region(facets, bent, starts, lines, triangles)
         fine[sizes == 3] &= ~_is_folded_from_middle(facets, bent, starts[sizes == 3], axes)
-        found = np.where(fine, np.minimum(found, thickness / np.where(fine, cosines, 1.0)), found)
+        reaches = np.sqrt(np.maximum.reduceat(np.maximum(squared_norms(spokes), squared_norms(between)), starts))
+        thickest = np.where(is_plain, 0.0, thickness + HEIGHT_ROUNDING * reaches)
+        found = np.where(fine, np.minimum(found, thickest / np.where(fine, cosines, 1.0)), found)
     return found
 
 

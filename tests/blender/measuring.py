@@ -172,6 +172,15 @@ class BlenderLevels(Levels):
             self._points[level] = self._positions(level)
         return replace(self.subdivided(level), positions=self._points[level])
 
+    @property
+    def object(self) -> bpy.types.Object:
+        """The object whose one modifier makes the levels."""
+        return self._object
+
+    def shown(self, level: int) -> FloatArray:
+        """(V, 3): what the modifier makes of a level as it is set now, in the core's order."""
+        return self._positions(level)
+
     def _positions(self, level: int) -> FloatArray:
         order = self.subdivided(level)
         while len(self._parameters) <= level:

@@ -201,11 +201,11 @@ def test_changes_of_creases_of_every_kind_are_noticed(name: str, domain: str) ->
     holder = uneven()
     add(holder, name, "INT", domain)
     addon.compute(holder, tolerance=TOLERANCE)
-    changed = addon.module("fingerprint").has_changed
-    assert not changed(holder.data, [holder])
+    out_of_date = addon.module("staleness").out_of_date
+    assert not out_of_date(bpy.context, [holder])
     for item in holder.data.attributes[name].data:
         item.value = 1 - item.value
-    assert changed(holder.data, [holder])
+    assert out_of_date(bpy.context, [holder]) == [holder]
 
 
 def test_creases_are_left_out_when_the_modifier_leaves_them_out() -> None:

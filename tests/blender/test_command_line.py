@@ -111,6 +111,8 @@ def test_the_settings_of_a_file_are_used_unless_others_are_given(tmp_path: Path)
         (["--tolerance", "0"], "The tolerance must be greater than zero"),
         (["--tolerance", "-1"], "The tolerance must be greater than zero"),
         (["--tolerance", "nan"], "The tolerance is not a finite number"),
+        (["--tolerance", "inf"], "The tolerance is not a finite number"),
+        (["--tolerance", "1e39"], "The tolerance is too large a number"),
         (["--tolerance", "1e-12"], "single-precision"),
         (["nowhere.obj"], "there is no such file"),
         (["mesh.fbx"], "not a .blend, .obj, .ply or .stl file"),
@@ -133,7 +135,18 @@ def test_a_file_that_holds_no_mesh_is_refused(tmp_path: Path, capfd: pytest.Capt
     assert "ccdepth: " in capfd.readouterr().err
 
 
-@pytest.mark.parametrize("arguments", [["--tolerance", "fine"], ["--method", "guess"], ["--unknown"]])
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--tolerance", "fine"],
+        ["--method", "guess"],
+        ["--unknown"],
+        ["--max-faces", "99999999999999"],
+        ["--max-faces", "0"],
+        ["--max-faces", "-5"],
+        ["--max-faces", "many"],
+    ],
+)
 def test_a_line_that_makes_no_sense_is_refused(capfd: pytest.CaptureFixture[str], arguments: list[str]) -> None:
     assert run(*arguments) == 2
     assert "usage: ccdepth" in capfd.readouterr().err
@@ -182,3 +195,37 @@ def test_what_cannot_be_subdivided_is_said_and_nothing_is_written(
 def test_blender_passes_the_exit_status_on(arguments: list[str], status: int) -> None:
     command = [bpy.app.binary_path, "-b", "--command", "ccdepth", *arguments]
     assert subprocess.run(command, timeout=120, capture_output=True).returncode == status
+
+
+def test_names_cannot_command_the_terminal(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Names of objects, shown and hidden, of modifiers and of files."""
+    for name, hidden in (("Red\x1b[31m\u202e", False), ("Bell\x07\x9b2J", True)):
+        holder = scene.add_suzanne()
+        holder.name = name
+        holder.hide_set(hidden)
+        holder.modifiers.new("Cloth\x1b]0;title\x07", "CLOTH")
+    mesh = tmp_path / "mesh\x1b[2J.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(mesh), copy=True)
+    capfd.readouterr()
+    assert run(mesh, "--no-modifiers", "--output", tmp_path / "out\x1b[1m.blend") == 0
+    assert run(mesh) == 1
+    assert run(mesh, "--output", tmp_path / "nowhere\x1b" / "out.blend") == 1
+    printed = capfd.readouterr()
+    # Blender itself tells which files it reads and writes.
+    own = [
+        line
+        for line in (printed.out + printed.err).splitlines()
+        if "Read blend: " not in line and "Info: Saved" not in line
+    ]
+    text = "\n".join(own)
+    assert not [line for line in own if any(mark in line for mark in "\x1b\x07\x9b\u202e")]
+    assert "Red\\x1b[31m\\u202e" in text
+    assert "Bell\\x07\\x9b2J" in text
+    assert "Cloth\\x1b]0;title\\x07" in text
+
+
+@pytest.mark.parametrize("tolerance", [float("inf"), 1e39])
+def test_the_operator_refuses_what_blender_takes_for_infinity(tolerance: float) -> None:
+    addon.select(scene.add_suzanne())
+    with pytest.raises(RuntimeError, match=r"not a finite number|too large"):
+        bpy.ops.ccdepth.compute(tolerance=tolerance, tolerance_mode="ABSOLUTE")

@@ -12,6 +12,7 @@ from ccdepth_addon.core.catmull_clark import apply_boundary_rule
 from ccdepth_addon.core.depth import METHODS, VERTICES, face_depths
 from tests import meshes
 from tests.blender import addon, scene
+from tests.steps import result_of
 
 TOLERANCE = 0.01
 
@@ -111,7 +112,7 @@ def test_equal_duplicates_are_computed_once() -> None:
     computation = addon.module("computation")
     bpy.context.view_layer.update()
     settings = computation.Settings(TOLERANCE, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
-    (task,) = computation.prepare(bpy.context, objects, settings)
+    (task,) = result_of(computation.prepare_stepwise(bpy.context, objects, settings))
     assert [measurement.surface.object_name for measurement in task.measurements] == [objects[2].name]
 
 

@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Set Subdivision Levels: the modifier gets the deepest depth, and the vertices that were measured."""
+"""Set Subdivision Levels: the modifier gets the uniform level, the vertices that were measured, and the Quality."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from pathlib import Path
 
 import bpy
 import pytest
 
-from tests import meshes
+from tests import level_nets, meshes
 from tests.blender import addon, scene
 
 TOLERANCE = 0.05
@@ -30,14 +31,15 @@ def levels(holder: bpy.types.Object) -> list[tuple[int, int, bool]]:
 
 @pytest.mark.parametrize("vertices", ["CONTROL", "LIMIT"])
 @pytest.mark.parametrize("present", [False, True])
-def test_the_modifier_gets_the_deepest_depth(vertices: str, present: bool) -> None:
+def test_the_modifier_gets_the_uniform_level(vertices: str, present: bool) -> None:
     holder = scene.add_suzanne()
     if present:
         scene.add_subdivision(holder, 1, boundary="PRESERVE_CORNERS").use_limit_surface = vertices == "CONTROL"
     addon.compute(holder, tolerance=TOLERANCE, vertices=vertices)
-    deepest = int(addon.depths(holder).max())
+    level = holder.data.ccdepth.uniform_level
+    assert level >= int(addon.depths(holder).max())
     assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
-    assert levels(holder) == [(deepest, deepest, vertices == "LIMIT")]
+    assert levels(holder) == [(level, level, vertices == "LIMIT")]
     if present:
         assert holder.modifiers[0].boundary_smooth == "PRESERVE_CORNERS"
     bpy.context.view_layer.update()
@@ -64,9 +66,74 @@ def test_faces_that_modifiers_add_count() -> None:
     addon.compute(holder, tolerance=TOLERANCE)
     record = holder.data.ccdepth
     assert record.added_deepest > 0
-    record.added_deepest = record.deepest + 1
     bpy.ops.ccdepth.set_levels()
-    assert levels(holder)[0][0] == record.deepest + 1
+    assert levels(holder)[0][0] >= max(record.added_deepest, record.deepest)
+
+
+def test_the_level_is_enough_for_every_face() -> None:
+    """A face of depth 0 of this torus is off at level 1, the deepest depth (``tests/core/test_levels.py``)."""
+    data = level_nets.worse_later(meshes.torus(5, 5), 12, "LIMIT", 1.1, 1, others_near=True)
+    holder = scene.add_object(data)
+    addon.compute(holder, tolerance=1.1, vertices="LIMIT")
+    record = holder.data.ccdepth
+    assert (record.deepest, record.uniform_level) == (1, 2)
+    assert int(record.uniform_faces) == 25 * 4**2
+    bpy.ops.ccdepth.set_levels()
+    assert levels(holder) == [(2, 2, True)]
+
+
+def test_objects_of_one_mesh_get_a_level_that_is_enough_for_each() -> None:
+    first = scene.add_suzanne()
+    second = scene.add_mesh(first.data)
+    second.scale = (1.0, 5.0, 0.5)
+    addon.compute(second, tolerance=TOLERANCE)
+    alone = second.data.ccdepth.uniform_level
+    addon.compute(first, second, tolerance=TOLERANCE)
+    bpy.ops.ccdepth.set_levels()
+    assert levels(first)[0][0] == levels(second)[0][0] == first.data.ccdepth.uniform_level >= alone
+
+
+def creased_cube(crease: float) -> meshes.MeshData:
+    return meshes.creased(meshes.cube(), {(1, 3): crease, (3, 7): crease, (5, 7): crease, (1, 5): crease})
+
+
+@pytest.mark.parametrize(("own", "expected"), [(3, 9), (10, 10)])
+def test_the_quality_is_what_the_creases_need(own: int, expected: int) -> None:
+    """A crease of 0.9 is a sharpness of 8.1, which has run out after nine levels. What is higher is left."""
+    holder = scene.add_object(creased_cube(0.9))
+    modifier = scene.add_subdivision(holder, 1)
+    modifier.quality = own
+    addon.compute(holder, tolerance=TOLERANCE, vertices="LIMIT")
+    bpy.ops.ccdepth.set_levels()
+    assert modifier.quality == expected
+    modifier.quality = own
+    addon.compute(holder, tolerance=TOLERANCE, vertices="CONTROL")
+    bpy.ops.ccdepth.set_levels()
+    assert (modifier.use_limit_surface, modifier.quality) == (False, own)
+
+
+@pytest.mark.parametrize(("quality", "shows_limits", "told"), [(3, True, True), (9, True, False), (3, False, False)])
+def test_compute_tells_of_a_quality_that_is_too_low(
+    quality: int, shows_limits: bool, told: bool, capfd: pytest.CaptureFixture[str]
+) -> None:
+    holder = scene.add_object(creased_cube(0.9), "Cube")
+    modifier = scene.add_subdivision(holder, 4)
+    modifier.quality, modifier.use_limit_surface = quality, shows_limits
+    addon.compute(holder, tolerance=TOLERANCE)
+    note = "Cube: at its 4 levels, Use Limit Surface needs a Quality of 9 to show the limit surface; it is 3"
+    assert (note in capfd.readouterr().out) == told
+
+
+def test_the_level_stays_with_the_file(tmp_path: Path) -> None:
+    holder = scene.add_object(creased_cube(0.7), "Cube")
+    addon.compute(holder, tolerance=TOLERANCE, vertices="LIMIT")
+    expected = [holder.data.ccdepth.uniform_level, holder.data.ccdepth.quality]
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
+    holder = bpy.data.objects["Cube"]
+    addon.select(holder)
+    bpy.ops.ccdepth.set_levels()
+    assert [holder.modifiers[0].levels, holder.modifiers[0].quality] == expected
 
 
 def test_several_objects_and_edit_mode() -> None:
@@ -93,12 +160,22 @@ def made_larger(holder: bpy.types.Object) -> None:
 
 
 def too_deep(holder: bpy.types.Object) -> None:
-    holder.data.ccdepth.deepest = 12
+    holder.data.ccdepth.uniform_level = 12
+
+
+def too_coarse(holder: bpy.types.Object) -> None:
+    holder.data.ccdepth.quality = 11
+
+
+def from_an_earlier_version(holder: bpy.types.Object) -> None:
+    holder.data.ccdepth.property_unset("uniform_level")
 
 
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
+        (too_coarse, "with Use Limit Surface it needs a higher Quality than the 10"),
+        (from_an_earlier_version, "its depths are from an earlier version"),
         (not_computed, "it has no depths"),
         (changed, "its depths are out of date"),
         (made_larger, "its depths are out of date"),

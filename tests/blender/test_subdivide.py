@@ -18,6 +18,7 @@ from mathutils import Matrix
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.steps import result_of
 
 TOLERANCE = 0.01
 
@@ -491,7 +492,8 @@ def test_edit_mode_stays_when_something_is_refused() -> None:
     [
         ("subdivide", "prepare_subdivision"),
         ("subdivide", "subdivide_stepwise"),
-        ("subdivide", "write_objects"),
+        ("subdivide", "make_meshes"),
+        ("subdivide", "place_meshes"),
         ("count_faces", "count_text"),
     ],
 )
@@ -500,7 +502,7 @@ def test_edit_mode_stays_whatever_goes_wrong(operator: str, name: str, monkeypat
     addon.select(holder)
     bpy.ops.object.mode_set(mode="EDIT")
 
-    def failing(*_: object) -> None:
+    def failing(*_: object, **__: object) -> None:
         raise LookupError("odd")
 
     monkeypatch.setattr(addon.module("subdivision_operators"), name, failing)
@@ -756,7 +758,7 @@ def test_giving_up_leaves_everything_as_it_was() -> None:
     subdivision = addon.module("subdivision")
     before = everything_in_the_file()
     settings = subdivision.SubdivisionSettings(1e-5, "RELATIVE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
-    tasks = subdivision.prepare_subdivision(bpy.context, [holder], settings)
+    tasks = result_of(subdivision.prepare_subdivision(bpy.context, [holder], settings))
     run = addon.module("stepwise").Stepwise(subdivision.subdivide_stepwise(tasks, settings))
     assert not run.work(0.05)
     assert run.progress > 0

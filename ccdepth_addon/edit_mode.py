@@ -1,0 +1,41 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Leaving Edit Mode for a while, and going on editing the very same objects."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import bpy
+
+
+def leave(context: bpy.types.Context) -> list[int]:
+    """Leave the Edit Mode of meshes, if it is on; returns the session identifiers of the objects that were edited."""
+    if context.mode != "EDIT_MESH":
+        return []
+    edited = [blender_object.session_uid for blender_object in context.objects_in_mode]
+    bpy.ops.object.mode_set(mode="OBJECT")
+    return edited
+
+
+def enter(context: bpy.types.Context, uids: Iterable[int]) -> None:
+    """Edit these objects and no others, as far as they can be seen; what is selected stays so.
+
+    Blender edits what is selected, though it lets objects be selected and deselected meanwhile.
+    """
+    wanted = set(uids)
+    if not wanted:
+        return
+    layer = context.view_layer
+    # Objects that were removed meanwhile leave holes in the list until then.
+    layer.update()
+    edited = [each for each in layer.objects if each.session_uid in wanted and each.visible_get()]
+    if not edited:
+        return
+    selected = {each: each.select_get() for each in layer.objects}
+    for each in selected:
+        each.select_set(each in edited)
+    if layer.objects.active not in edited:
+        layer.objects.active = edited[0]
+    bpy.ops.object.mode_set(mode="EDIT")
+    for each, was_selected in selected.items():
+        each.select_set(was_selected)

@@ -1,0 +1,133 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files that are there as a whole or not at all.
+
+Blender says that it has saved a file or written a picture when the disk is full, too, and has by then cut what was
+there before. So files are written beside their place, checked to their end, and only then put there.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import struct
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import BinaryIO
+from zlib import crc32
+
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+
+# A .blend file that is compressed consists of Zstandard frames, and a table of them at its end.
+ZSTANDARD_FRAME = b"\x28\xb5\x2f\xfd"
+SEEK_TABLE = struct.Struct("<IBI")
+SEEK_TABLE_MARK = 0x8F92EAB1
+SEEK_TABLE_HEADER_SIZE = 8
+HAS_CHECKSUMS = 0x80
+
+# The headers of a .blend file's blocks: of files up to version 4 and since version 5.
+BLOCK_HEADER = struct.Struct("<4siQii")
+LARGE_BLOCK_HEADER = struct.Struct("<4siQqq")
+
+
+class UnwrittenError(OSError):
+    """The file could not be written as a whole; what was there before is still there. The message says why."""
+
+
+@contextmanager
+def written_whole(path: Path, *, backups: int = 0) -> Iterator[Path]:
+    """A path to write to, which takes the place of ``path`` afterwards if it is a whole .blend or .png file.
+
+    backups: how many earlier versions of the file to keep, called like those that Blender keeps: .blend1, .blend2, …
+    Raises UnwrittenError, and leaves nothing behind, when it is not whole or cannot be put there.
+    """
+    target = path.resolve()
+    beside = target.with_name(f".{target.stem}-{os.getpid()}{target.suffix}")
+    try:
+        yield beside
+        try:
+            _check(beside)
+            if target.exists():
+                shutil.copymode(target, beside)
+                _keep(target, backups)
+            os.replace(beside, target)
+        except OSError as fault:
+            raise UnwrittenError(f"it could not be written: {fault.strerror or fault}") from fault
+    finally:
+        # Blender itself writes .blend files beside their place, under their name and an @.
+        for left in (beside, beside.with_name(beside.name + "@")):
+            with suppress(OSError):
+                left.unlink()
+
+
+def _keep(target: Path, backups: int) -> None:
+    """Move every version of the file on by one, but for the last; the file itself stays."""
+    versions = [target, *(target.with_name(f"{target.name}{number}") for number in range(1, backups + 1))]
+    for older, newer in zip(versions[:0:-1], versions[-2::-1], strict=True):
+        if newer == target:
+            older.unlink(missing_ok=True)
+            os.link(target, older)
+        elif newer.exists():
+            os.replace(newer, older)
+
+
+def _check(path: Path) -> None:
+    """Raise OSError unless the disk holds the file to its end."""
+    with path.open("r+b") as file:
+        # Some file systems tell only now that there is no room.
+        os.fsync(file.fileno())
+        is_whole = {".png": _is_whole_png, ".blend": _is_whole_blend}[path.suffix.lower()]
+        try:
+            whole = is_whole(file, os.fstat(file.fileno()).st_size)
+        except struct.error:
+            whole = False
+    if not whole:
+        raise OSError("it was cut off; is the disk full?")
+
+
+def _is_whole_png(file: BinaryIO, size: int) -> bool:
+    """Whether every chunk to the last is there, with the right checksum."""
+    if file.read(len(PNG_SIGNATURE)) != PNG_SIGNATURE:
+        return False
+    kind = b""
+    while kind != b"IEND":
+        length, kind = struct.unpack(">I4s", file.read(8))
+        content = file.read(length)
+        if struct.unpack(">I", file.read(4))[0] != crc32(content, crc32(kind)):
+            return False
+    return file.tell() == size
+
+
+def _is_whole_blend(file: BinaryIO, size: int) -> bool:
+    start = file.read(12)
+    if start[:4] == ZSTANDARD_FRAME:
+        return _has_all_frames(file, size)
+    if start[:7] != b"BLENDER":
+        return False
+    if start[7:9].isdigit():
+        return _has_all_blocks(file, size, int(start[7:9]), LARGE_BLOCK_HEADER, 3)
+    return _has_all_blocks(file, size, len(start), BLOCK_HEADER, 1)
+
+
+def _has_all_blocks(file: BinaryIO, size: int, position: int, header: struct.Struct, length_at: int) -> bool:
+    """Whether one block follows the other up to the one that says it is the last, where the file ends."""
+    kind = b""
+    while kind != b"ENDB":
+        file.seek(position)
+        fields = header.unpack(file.read(header.size))
+        kind = fields[0]
+        position += header.size + fields[length_at]
+    return position == size
+
+
+def _has_all_frames(file: BinaryIO, size: int) -> bool:
+    """Whether the table of frames is there, and the frames are as long as it says."""
+    file.seek(max(0, size - SEEK_TABLE.size))
+    frames, descriptor, mark = SEEK_TABLE.unpack(file.read(SEEK_TABLE.size))
+    if mark != SEEK_TABLE_MARK:
+        return False
+    entry = struct.Struct("<III" if descriptor & HAS_CHECKSUMS else "<II")
+    table_size = frames * entry.size + SEEK_TABLE.size
+    file.seek(max(0, size - table_size))
+    compressed = sum(fields[0] for fields in entry.iter_unpack(file.read(frames * entry.size)))
+    return bool(compressed + SEEK_TABLE_HEADER_SIZE + table_size == size)

@@ -1,0 +1,43 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Operators that leave Edit Mode for their work go on in it with the same objects, whatever else is selected."""
+
+from __future__ import annotations
+
+import bpy
+import pytest
+
+from tests import meshes
+from tests.blender import addon, scene
+
+
+@pytest.mark.parametrize("refused", [False, True])
+def test_objects_that_are_edited_without_being_selected(refused: bool) -> None:
+    """They are chosen when Edit Mode begins; in it the Outliner and scripts may select others."""
+    first, second, other = (scene.add_object(meshes.cube(), text) for text in ("First", "Second", "Other"))
+    addon.select(first, second)
+    bpy.ops.object.mode_set(mode="EDIT")
+    first.select_set(False)
+    other.select_set(True)
+    if refused:
+        with pytest.raises(RuntimeError, match="would have about"):
+            bpy.ops.ccdepth.subdivide(tolerance=0.001, max_faces=1)
+    else:
+        assert bpy.ops.ccdepth.count_faces(tolerance=0.1) == {"FINISHED"}
+    assert {each.name for each in bpy.context.objects_in_mode} == {"First", "Second"}
+    assert {each.name for each in bpy.context.selected_objects} == {"Second", "Other"}
+    assert bpy.context.view_layer.objects.active == second
+    bpy.ops.object.mode_set(mode="OBJECT")
+
+
+@pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
+def test_results_are_edited_in_their_stead(output: str) -> None:
+    first, second, other = (scene.add_object(meshes.cube(), text) for text in ("First", "Second", "Other"))
+    addon.select(first, second)
+    bpy.ops.object.mode_set(mode="EDIT")
+    first.select_set(False)
+    other.select_set(True)
+    assert bpy.ops.ccdepth.subdivide(tolerance=0.5, tolerance_mode="ABSOLUTE", output=output) == {"FINISHED"}
+    suffix = "" if output == "IN_PLACE" else " Adaptive"
+    assert {each.name for each in bpy.context.objects_in_mode} == {f"First{suffix}", f"Second{suffix}"}
+    assert other.mode == "OBJECT"
+    bpy.ops.object.mode_set(mode="OBJECT")

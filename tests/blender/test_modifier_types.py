@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Modifiers of every type this Blender has: fresh ones are described without a fault, and every change is noticed."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import pytest
+
+from tests import meshes
+from tests.blender import addon, scene
+from tests.blender.test_staleness import MESH_LINE, stale_line
+
+TYPES = [item.identifier for item in bpy.types.Modifier.bl_rna.properties["type"].enum_items]
+
+# Of all modifiers, and only about where they are shown.
+COMMON = set(bpy.types.Modifier.bl_rna.properties.keys())
+
+# Of the Subdivision Surface modifier whose surface is meant, these alone shape the surface.
+SHAPING_SUBSURF = {"boundary_smooth", "use_creases"}
+
+
+def with_modifier(kind: str) -> bpy.types.Object | None:
+    """A cube with a fresh modifier, unless Blender has none of this type for meshes."""
+    holder = scene.add_object(meshes.creased_cube())
+    holder.vertex_groups.new(name="Group")
+    try:
+        modifier = holder.modifiers.new(kind.title(), kind)
+    except (RuntimeError, TypeError):
+        modifier = None
+    if modifier is None:
+        bpy.data.objects.remove(holder)
+        return None
+    return holder
+
+
+MESH_TYPES: list[str] = []
+
+
+def mesh_types() -> list[str]:
+    """Found out once: collecting the tests must not make objects before there is a startup file."""
+    if not MESH_TYPES:
+        MESH_TYPES.extend(kind for kind in TYPES if with_modifier(kind) is not None)
+    return MESH_TYPES
+
+
+def test_fresh_modifiers_are_described() -> None:
+    assert len(mesh_types()) > 50
+    for kind in mesh_types():
+        holder = with_modifier(kind)
+        assert holder is not None
+        bpy.context.view_layer.update()
+        state = addon.module("object_state").object_state(holder, use_modifiers=True)
+        again = addon.module("object_state").object_state(holder, use_modifiers=True)
+        assert state.checksum == again.checksum, kind
+        bpy.data.objects.remove(holder)
+
+
+def test_every_operator_copes_with_fresh_modifiers(capfd: pytest.CaptureFixture[str]) -> None:
+    """Either it is done, or it is refused with a reason; and what was done holds until something changes."""
+    bpy.context.scene.ccdepth.relative_tolerance = 0.2
+    done, tracebacks = set(), 0
+    for kind in mesh_types():
+        holder = with_modifier(kind)
+        assert holder is not None
+        addon.select(holder)
+        try:
+            bpy.ops.ccdepth.compute()
+        except RuntimeError as refusal:
+            tracebacks += "Traceback" in str(refusal)
+            bpy.data.objects.remove(holder)
+            continue
+        done.add(kind)
+        assert stale_line(holder) == "", kind
+        assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}, kind
+        bpy.data.objects.remove(holder)
+    assert not tracebacks
+    assert {"NODES", "BEVEL", "WAVE", "HOOK", "WARP", "SUBSURF"} <= done
+    assert "Traceback" not in capfd.readouterr().err
+
+
+def other_value(field: bpy.types.Property, value: Any) -> Any:
+    """A value of a simple property that is another one; None when there is none."""
+    if field.type == "BOOLEAN":
+        return [not each for each in value] if field.is_array else not value
+    if field.type in {"INT", "FLOAT"}:
+        if field.is_array:
+            return None
+        return field.hard_min if value != field.hard_min else field.hard_max
+    if field.type == "ENUM" and not field.is_enum_flag:
+        return next((item.identifier for item in field.enum_items if item.identifier != value), None)
+    return None
+
+
+def test_every_simple_setting_of_every_modifier_is_noticed() -> None:
+    state = addon.module("object_state").object_state
+    refused = addon.module("control_mesh").SIMULATIONS | addon.module("control_mesh").NOT_SHAPING
+    interface = addon.module("object_state").DISPLAY_FIELDS
+    settings = 0
+    for kind in mesh_types():
+        if kind in refused:
+            continue
+        holder = with_modifier(kind)
+        assert holder is not None
+        [modifier] = holder.modifiers
+        for field in modifier.bl_rna.properties:
+            name = field.identifier
+            if field.is_readonly or name in COMMON | interface or name.startswith("open_"):
+                continue
+            if kind == "SUBSURF" and name not in SHAPING_SUBSURF:
+                continue
+            value = getattr(modifier, name)
+            changed = other_value(field, value)
+            if changed is None:
+                continue
+            before = state(holder, use_modifiers=True).checksum
+            try:
+                setattr(modifier, name, changed)
+            except (TypeError, RuntimeError):
+                continue
+            if getattr(modifier, name) == value:
+                continue
+            settings += 1
+            assert state(holder, use_modifiers=True).checksum != before, f"{kind}.{name}"
+            if kind == "SUBSURF" and name == "subdivision_type":
+                break
+        bpy.data.objects.remove(holder)
+    # So many that a walk which finds nothing would not do.
+    assert settings > 300
+
+
+def computed_with(kind: str, **settings: Any) -> tuple[bpy.types.Object, bpy.types.Modifier]:
+    holder = scene.add_suzanne()
+    modifier = holder.modifiers.new("Modifier", kind)
+    for name, value in settings.items():
+        setattr(modifier, name, value)
+    addon.compute(holder)
+    assert stale_line(holder) == ""
+    return holder, modifier
+
+
+def test_a_geometry_nodes_modifier_without_a_group() -> None:
+    holder, modifier = computed_with("NODES")
+    tree = bpy.data.node_groups.new("Group", "GeometryNodeTree")
+    tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
+    start, end = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
+    tree.links.new(start.outputs[0], end.inputs[0])
+    modifier.node_group = tree
+    assert stale_line(holder) == MESH_LINE
+
+
+@pytest.mark.parametrize("name", ["height", "width"])
+def test_settings_that_are_called_like_something_of_a_node(name: str) -> None:
+    holder, wave = computed_with("WAVE")
+    setattr(wave, name, 0.125)
+    assert stale_line(holder) == MESH_LINE
+    with pytest.raises(RuntimeError, match="out of date"):
+        bpy.ops.ccdepth.set_levels()
+
+
+def test_a_falloff_curve() -> None:
+    holder, hook = computed_with("HOOK", falloff_type="CURVE")
+    hook.falloff_curve.curves[0].points[0].location.y = 0.5
+    hook.falloff_curve.update()
+    holder.update_tag()
+    assert stale_line(holder) == MESH_LINE
+
+
+def test_a_bevel_profile() -> None:
+    holder, bevel = computed_with("BEVEL", profile_type="CUSTOM")
+    bevel.custom_profile.preset = "STEPS"
+    bevel.custom_profile.update()
+    holder.update_tag()
+    assert stale_line(holder) == MESH_LINE
+
+
+def test_a_texture() -> None:
+    texture = bpy.data.textures.new("Clouds", "CLOUDS")
+    holder, _ = computed_with("DISPLACE", texture=texture)
+    texture.noise_scale = 2.0
+    assert stale_line(holder) == MESH_LINE
+
+
+def test_members_of_a_collection() -> None:
+    operand = scene.add_object(meshes.cube(), "Operand")
+    operand.hide_render = True
+    cutters = bpy.data.collections.new("Cutters")
+    bpy.context.scene.collection.children.link(cutters)
+    cutters.objects.link(operand)
+    holder, _ = computed_with("BOOLEAN", operand_type="COLLECTION", collection=cutters)
+    operand.location.x = 0.5
+    assert stale_line(holder) == MESH_LINE
+
+
+def test_what_another_object_is_like() -> None:
+    """A curve's points, a lattice's, and the modifiers of a target mesh."""
+    target = scene.add_object(meshes.cube(), "Target")
+    holder, _ = computed_with("BOOLEAN", object=target)
+    target.modifiers.new("Cast", "CAST")
+    assert stale_line(holder) == MESH_LINE
+    lattice = bpy.data.objects.new("Lattice", bpy.data.lattices.new("Lattice"))
+    bpy.context.scene.collection.objects.link(lattice)
+    holder, _ = computed_with("LATTICE", object=lattice)
+    lattice.data.points[0].co_deform.x -= 1.0
+    lattice.data.update_tag()
+    assert stale_line(holder) == MESH_LINE
+    path = bpy.data.objects.new("Path", bpy.data.curves.new("Path", "CURVE"))
+    path.data.splines.new("POLY").points.add(2)
+    for index, point in enumerate(path.data.splines[0].points):
+        point.co = (float(index), 0.0, 0.0, 1.0)
+    bpy.context.scene.collection.objects.link(path)
+    holder, _ = computed_with("CURVE", object=path)
+    path.data.splines[0].points[1].co = (1.0, 1.0, 0.0, 1.0)
+    path.data.update_tag()
+    assert stale_line(holder) == MESH_LINE
+
+
+def test_objects_that_look_at_each_other() -> None:
+    first, second = scene.add_object(meshes.cube(), "First"), scene.add_object(meshes.cube(), "Second")
+    first.modifiers.new("Mirror", "MIRROR").mirror_object = second
+    second.modifiers.new("Mirror", "MIRROR").mirror_object = first
+    addon.compute(first, second)
+    assert stale_line(first) == stale_line(second) == ""

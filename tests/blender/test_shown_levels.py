@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What Blender shows after Set Subdivision Levels, with the modifier as it was set: within the tolerance everywhere.
+
+The reference is the same modifier with Use Limit Surface off, some levels deeper, and its vertices' limit positions.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import bpy
+import numpy as np
+import pytest
+
+from ccdepth_addon.core.catmull_clark import limit_positions
+from tests import meshes
+from tests.blender import addon
+from tests.blender.measuring import BlenderLevels, rounding
+from tests.blender.named_meshes import NAMED
+from tests.brute_force import Levels, linear_children
+
+# Levels between those of the facets and of the reference, as far as quads of the reference allow, and one at least.
+MOST_DEEPER = 3
+MOST_QUADS = 250_000
+
+# In parts of the diagonal. The finer one is left where its levels make too many quads.
+TOLERANCES = (0.05, 0.004)
+
+
+def upper_edges(crease: float) -> Callable[[], meshes.MeshData]:
+    edges = {(1, 3): crease, (3, 7): crease, (5, 7): crease, (1, 5): crease}
+    return lambda: meshes.creased(meshes.cube(), edges)
+
+
+def darts(data: Callable[[], meshes.MeshData], crease: float) -> Callable[[], meshes.MeshData]:
+    """One creased edge, from vertex 0 inside the mesh."""
+    return lambda: meshes.creased(data(), {tuple(data().edges[0].tolist()): crease})
+
+
+CREASED: dict[str, Callable[[], meshes.MeshData]] = {
+    **{f"upper edges {crease}": upper_edges(crease) for crease in (0.3, 0.7, 0.9, 1.0)},
+    **{
+        f"dart {crease} at valence {n}": darts(lambda n=n: meshes.fan(n, 2), crease)
+        for crease in (0.8, 1.0)
+        for n in (3, 4, 7)
+    },
+    "vertex creases": meshes.corner_creased_cube,
+    "vertex creases on corners": lambda: meshes.creased(meshes.landscape(4, 4), {}, {0: 0.9, 4: 0.3, 12: 0.7}),
+    "open and closed creases": meshes.creased_cube,
+}
+MESHES = NAMED | CREASED
+
+
+def diagonal(data: meshes.MeshData) -> float:
+    return float(np.linalg.norm(np.ptp(data.positions, axis=0)))
+
+
+# These are measured in every Blender, the rest in one.
+EVERYWHERE = [*CREASED, "Suzanne", "valence 12", "n-gons", "landscape with boundary"]
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=() if name in EVERYWHERE else pytest.mark.mathematics) for name in MESHES]
+)
+@pytest.mark.parametrize("boundary", ["ALL", "PRESERVE_CORNERS"])
+@pytest.mark.parametrize("vertices", ["CONTROL", "LIMIT"])
+def test_what_is_shown_is_within_the_tolerance(name: str, boundary: str, vertices: str) -> None:
+    data = meshes.single_precision(MESHES[name]())
+    shown, reference = BlenderLevels(data, boundary), BlenderLevels(data, boundary)
+    modifier, measured = shown.object.modifiers[0], 0
+    depth = addon.module("core.depth")
+    for share in TOLERANCES:
+        tolerance = share * diagonal(data)
+        addon.compute(shown.object, tolerance=tolerance, method="CERTIFIED", vertices=vertices, use_modifiers=False)
+        modifier.use_limit_surface, modifier.quality = vertices == "CONTROL", 1
+        # Whoever asks for it sets what is finer than is measured here.
+        bpy.context.scene.ccdepth.max_faces = 2**31 - 1
+        level = shown.object.data.ccdepth.uniform_level
+        deeper = [more for more in range(1, MOST_DEEPER + 1) if quad_count(data, level + more) <= MOST_QUADS]
+        if not deeper:
+            continue
+        assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
+        assert (modifier.levels, modifier.use_limit_surface) == (level, vertices == "LIMIT")
+        far = farthest(shown.shown(level), reference, level, deeper[-1])
+        slack = depth.modifier_rounding(reference.subdivided(0), level) + rounding(data, level + deeper[-1])
+        slack += depth.modifier_rounding(reference.subdivided(0), level + deeper[-1])
+        assert far <= tolerance + slack, (level, modifier.quality, far / tolerance)
+        measured += 1
+    assert measured
+    shown.remove()
+    reference.remove()
+
+
+def quad_count(data: meshes.MeshData, level: int) -> int:
+    return int(data.face_sizes.sum()) * 4 ** (level - 1)
+
+
+def farthest(points: np.ndarray, reference: BlenderLevels, level: int, deeper: int) -> float:
+    """How far bilinear facets with these vertices are from the limit surface at the same parameters."""
+    values = points[reference.subdivided(level).corner_vertices]
+    for finer in range(level, level + deeper):
+        values = linear_children(reference.subdivided(finer), values)
+    limits = reference.limits(level + deeper)[reference.subdivided(level + deeper).corner_vertices]
+    return float(np.linalg.norm(values - limits, axis=1).max())
+
+
+# Single precision
+
+FANS = (3, 4, 5, 16, 64, 128)
+
+
+@pytest.mark.parametrize("valence", FANS)
+@pytest.mark.parametrize("offset", [0.0, 1000.0])
+@pytest.mark.parametrize("shows_limits", [False, True])
+def test_single_precision_puts_nothing_further_off_than_allowed_for(
+    valence: int, offset: float, shows_limits: bool
+) -> None:
+    """Against the same levels in double precision. Far from the origin all roundings add up."""
+    data = meshes.moved(meshes.fan(valence, 1), offset, -0.7 * offset, 0.5 * offset)
+    data = meshes.single_precision(data)
+    shown, exact = (
+        BlenderLevels(data, "PRESERVE_CORNERS"),
+        Levels(BlenderLevels(data, "PRESERVE_CORNERS").subdivided(0)),
+    )
+    modifier = shown.object.modifiers[0]
+    modifier.use_limit_surface, modifier.quality = shows_limits, 10
+    for level in range(1, 5):
+        mesh = exact.mesh(level)
+        off = shown.shown(level) - (limit_positions(mesh) if shows_limits else mesh.positions)
+        assert np.abs(off).max() <= addon.module("core.depth").modifier_rounding(exact.mesh(0), level)

@@ -1,0 +1,152 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""All faces at one level, and the first level at which all of them are within the tolerance."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+import pytest
+
+from ccdepth_addon.core.depth import (
+    METHODS,
+    VERTICES,
+    ToleranceError,
+    face_depths,
+    level_bounds,
+    uniform_level,
+    uniform_level_stepwise,
+)
+from ccdepth_addon.core.mesh import FloatArray, PolygonMesh
+from ccdepth_addon.core.shown_patches import MOST_QUALITY, needed_quality, unmet_corners
+from tests import meshes
+from tests.brute_force import Levels
+from tests.core.test_depth import AWKWARD, build, every_method
+from tests.level_nets import worse_later
+from tests.steps import result_of
+
+both_vertices = pytest.mark.parametrize("vertices", VERTICES)
+
+LEVELS = 4
+
+# Sampled distances are true ones up to rounding in double precision, at coordinates of some ten.
+ROUNDING = 1e-12
+
+NAMES = ["triangles and quads", "valences 2 and 12", "landscape with random creases", "soup"]
+
+
+@cache
+def sampled(name: str, vertices: str) -> tuple[PolygonMesh, FloatArray]:
+    """The mesh, and (levels, F) distances by brute force."""
+    mesh = build(AWKWARD[name](), smooth_corners=False)
+    levels = Levels(mesh)
+    return mesh, np.array([levels.distances(level, vertices, 2) for level in range(LEVELS)])
+
+
+@pytest.mark.parametrize("name", NAMES)
+@every_method
+@both_vertices
+def test_no_face_is_farther_at_any_level_than_proved(name: str, method: str, vertices: str) -> None:
+    mesh, distances = sampled(name, vertices)
+    proved = 0
+    for tolerance in (0.5, 0.1):
+        depths = face_depths(mesh, tolerance, method, vertices).depths
+        for level in range(LEVELS):
+            bounds = level_bounds(mesh, tolerance, method, vertices, level)
+            assert np.all(distances[level] <= bounds + ROUNDING)
+            assert np.all((bounds <= tolerance) | np.isinf(bounds))
+            assert np.all(np.isfinite(bounds[depths == level]))
+            proved += np.count_nonzero(np.isfinite(bounds) & (depths != level))
+    # The methods by norms are too coarse for some of these meshes to prove more at these levels.
+    assert proved or method != "CERTIFIED"
+
+
+@pytest.mark.parametrize("name", NAMES)
+@every_method
+@both_vertices
+def test_all_faces_are_near_enough_at_the_uniform_level(name: str, method: str, vertices: str) -> None:
+    mesh, distances = sampled(name, vertices)
+    for tolerance in (2.0, 0.5):
+        level = uniform_level(mesh, tolerance, method, vertices)
+        assert level >= face_depths(mesh, tolerance, method, vertices).depths.max()
+        if level < LEVELS:
+            assert np.all(distances[level] <= tolerance)
+
+
+EPSILON = 1.1
+
+
+@cache
+def torus_counter_example() -> meshes.MeshData:
+    return worse_later(meshes.torus(5, 5), 12, "LIMIT", EPSILON, 1, others_near=True)
+
+
+def test_the_deepest_depth_is_not_enough_for_all_faces() -> None:
+    """On a torus a face of depth 0 is off at level 1, which is the deepest depth: level 2 it has to be."""
+    mesh = build(torus_counter_example())
+    levels = Levels(mesh)
+    distances = [levels.distances(level, "LIMIT", 4) for level in range(3)]
+    assert distances[0][12] <= EPSILON < 1.1 * EPSILON < distances[1][12]
+    assert np.delete(distances[1], 12).max() <= EPSILON
+    depths = face_depths(mesh, EPSILON, "CERTIFIED", "LIMIT").depths
+    assert (depths[12], depths.max()) == (0, 1)
+    assert np.isinf(level_bounds(mesh, EPSILON, "CERTIFIED", "LIMIT", 1)[12])
+    assert uniform_level(mesh, EPSILON, "CERTIFIED", "LIMIT") == 2
+    assert distances[2].max() <= EPSILON
+
+
+def test_a_face_may_be_farther_at_the_next_two_levels() -> None:
+    """The middle face of 3 × 3, whose depth is 0, is off at level 1 by several times the tolerance, and at level 2."""
+    found = worse_later(meshes.grid(3, 3), 4, "CONTROL", EPSILON, 1, others_near=False)
+    flat, mesh = meshes.grid(3, 3), build(found, smooth_corners=False)
+    # The program knew level 0 at some places only; distances go with the heights, the grid itself being even and flat.
+    share = 1.07 / Levels(mesh).distances(0, "CONTROL", 5)[4]
+    mesh = mesh.changed(positions=flat.positions + share * (found.positions - flat.positions))
+    levels = Levels(mesh)
+    distances = [levels.distances(level, "CONTROL", 4)[4] for level in range(4)]
+    assert distances[0] <= EPSILON
+    assert distances[1] > 4 * EPSILON
+    assert distances[2] > EPSILON >= distances[3]
+    assert face_depths(mesh, EPSILON, "CERTIFIED", "CONTROL").depths[4] == 0
+    bounds = [level_bounds(mesh, EPSILON, "CERTIFIED", "CONTROL", level)[4] for level in range(4)]
+    assert np.isfinite(bounds).tolist() == [True, False, False, True]
+
+
+@every_method
+def test_no_level_before_the_least_one_is_taken(method: str) -> None:
+    mesh = build(AWKWARD["cylinder"]())
+    depths = face_depths(mesh, 0.1, method, "LIMIT").depths
+    least = int(depths.max()) + 2
+    assert result_of(uniform_level_stepwise(mesh, 0.1, method, "LIMIT", depths, least)) == least
+
+
+def test_limit_vertices_take_a_level_at_least() -> None:
+    """A modifier at level 0 moves nothing to the limit surface."""
+    mesh = build(meshes.grid(3, 3), smooth_corners=False)
+    assert [uniform_level(mesh, 0.1, "CERTIFIED", vertices) for vertices in ("CONTROL", "LIMIT")] == [0, 1]
+
+
+def test_bad_tolerances_are_refused() -> None:
+    with pytest.raises(ToleranceError):
+        level_bounds(build(meshes.cube()), 1e-12, METHODS[0], "CONTROL", 1)
+
+
+# What Use Limit Surface needs
+
+
+@pytest.mark.parametrize(("crease", "sharpness"), [(0.3, 1), (0.7, 5), (0.9, 9), (0.99, 10)])
+def test_quality_reaches_the_level_and_the_end_of_the_sharpness(crease: float, sharpness: int) -> None:
+    mesh = build(meshes.creased(meshes.cube(), {(1, 3): crease, (3, 7): crease, (5, 7): crease, (1, 5): crease}))
+    assert [needed_quality(mesh, level, 0.01) for level in (1, 5, 11)] == [sharpness, max(5, sharpness), 11]
+
+
+def test_corners_of_an_open_mesh_need_more() -> None:
+    """A smooth corner of one face is off by a sixth of its second difference, and a quarter of that with each level."""
+    flat = meshes.grid(3, 3)
+    unmet = unmet_corners(build(flat, smooth_corners=True))
+    assert set(build(flat).corner_vertices[unmet.corners].tolist()) == {0, 3, 12, 15}
+    # 2V - V₋₁ - V₁ is (1, 1) at the corner.
+    np.testing.assert_allclose(unmet.gaps, np.sqrt(2) / 6 * 0.25 ** np.arange(MOST_QUALITY + 1), rtol=1e-9)
+    assert needed_quality(build(flat, smooth_corners=True), 1, 0.01) == 6
+    assert needed_quality(build(flat, smooth_corners=False), 1, 0.01) == 1
+    assert needed_quality(build(flat, smooth_corners=True), 1, 1e-7) > MOST_QUALITY
