@@ -25,6 +25,7 @@ from .long_operator import (
     without_mesh_text,
 )
 from .measurement import MeasureSettings, MeasureTask, MeshDeviation, measure, prepare_measurement
+from .printable import printable
 from .surfaces import ComputeError, as_typed
 from .writing import WriteError
 
@@ -90,7 +91,7 @@ class CCDEPTH_OT_measure(LongOperator):
         if skipped:
             self.report({"INFO"}, skipped)
         for each in answer:
-            name = "" if self._is_own or len(answer) == 1 else f"{each.measured}: "
+            name = "" if self._is_own or len(answer) == 1 else f"{printable(each.measured)}: "
             if not each.accuracy_met:
                 self.report(
                     {"WARNING"}, f"{name}stopped before the accuracy was reached; this is what is proved so far"
@@ -174,17 +175,18 @@ class CCDEPTH_OT_select_worst(bpy.types.Operator):
             _frame(context, worst)
         if found.worst_face < 0:
             self.report(
-                {"WARNING"}, f"{worst.name}: it is worst on a face that modifiers add, which no face stands for"
+                {"WARNING"},
+                f"{printable(worst.name)}: it is worst on a face that modifiers add, which no face stands for",
             )
             return {"FINISHED"} if self.frame else {"CANCELLED"}
         if count_faces(mesh) != found.faces:
-            self.report({"ERROR"}, f"{worst.name}: the mesh has changed; measure it again")
+            self.report({"ERROR"}, f"{printable(worst.name)}: the mesh has changed; measure it again")
             return {"CANCELLED"}
         if not selection.select_face(mesh, found.worst_face):
-            self.report({"WARNING"}, f"{worst.name}: the face where it is worst is hidden")
+            self.report({"WARNING"}, f"{printable(worst.name)}: the face where it is worst is hidden")
             return {"FINISHED"} if self.frame else {"CANCELLED"}
         context.tool_settings.mesh_select_mode = (False, False, True)
-        self.report({"INFO"}, f"{worst.name}: face {found.worst_face} selected")
+        self.report({"INFO"}, f"{printable(worst.name)}: face {found.worst_face} selected")
         return {"FINISHED"}
 
 
