@@ -95,7 +95,7 @@ def samples(positions: FloatArray, triangles: IndexArray) -> FloatArray:
 def fine(name: str) -> tuple[FloatArray, IndexArray]:
     """The surface as triangles with their corners on it, so many that they are hardly off."""
     control = control_of(MESHES[name]())
-    return result(control, 5 if control.face_count < 30 else 4, limit=True)
+    return result(control, 4 if control.face_count < 30 else 3, limit=True)
 
 
 def sampled(name: str, positions: FloatArray, triangles: IndexArray) -> tuple[float, float]:
@@ -106,11 +106,12 @@ def sampled(name: str, positions: FloatArray, triangles: IndexArray) -> tuple[fl
     return float(to_mesh), float(max(to_mesh, to_surface))
 
 
+@cache
 def surface_is_off(name: str) -> float:
     """How far the fine triangles are off the surface, about: what another level changes."""
     control = control_of(MESHES[name]())
     surface, triangles = fine(name)
-    finer, _ = result(control, 6 if control.face_count < 30 else 5, limit=True)
+    finer, _ = result(control, 5 if control.face_count < 30 else 4, limit=True)
     return 2 * float(distances(finer, surface, triangles).max())
 
 
@@ -169,7 +170,7 @@ def flat(columns: int, rows: int, uneven: float) -> meshes.MeshData:
 def test_lifted_plane(height: float) -> None:
     """Every point of either is so far from the other, and none farther."""
     control = control_of(flat(5, 4, 2.5))
-    positions, triangles = result(control, 5, limit=True)
+    positions, triangles = result(control, 3, limit=True)
     found = measure_deviation(control, positions + np.array([0, 0, height]), triangles, accuracy=0.2)
     at_border = measure_deviation(control, positions, triangles, accuracy=0.2).proved
     assert_sound(found)
@@ -221,7 +222,7 @@ def test_missing_part_is_reached() -> None:
 def test_sphere_moved() -> None:
     """A closed round surface moved by less than its size: as far as it was moved, where it faces that way."""
     control = control_of(meshes.cube())
-    positions, triangles = result(control, 5, limit=True)
+    positions, triangles = result(control, 3, limit=True)
     off = measure_deviation(control, positions, triangles).proved
     found = measure_deviation(control, positions + np.array([0.2, 0, 0]), triangles)
     assert found.accuracy_met
@@ -240,15 +241,15 @@ def test_any_triangles_next_to_any_surface(seed: int, level: int, noise: float) 
     triangles = triangles[generator.random(len(triangles)) < 0.95]
     found = measure_deviation(control, positions, triangles, accuracy=0.2, max_pieces=60_000)
     assert found.proved >= found.reached
-    fine_positions, fine_triangles = result(control, 5, limit=True)
-    to_mesh = distances_to_all(fine_positions[:: max(1, len(fine_positions) // 3000)], positions, triangles)
+    fine_positions, fine_triangles = result(control, 4, limit=True)
+    to_mesh = distances_to_all(fine_positions[:: max(1, len(fine_positions) // 1000)], positions, triangles)
     assert found.proved >= to_mesh.max() - 1e-12
     assert (
         not found.surface_to_mesh
         or found.reached <= distances_to_all(found.worst_point[None], positions, triangles) + 1e-12
     )
     back = distances(samples(positions, triangles), fine_positions, fine_triangles)
-    finer, _ = result(control, 6, limit=True)
+    finer, _ = result(control, 5, limit=True)
     assert found.proved >= back.max() - 2 * distances(finer, fine_positions, fine_triangles).max()
 
 

@@ -27,7 +27,7 @@ from ..splines import HALVES, SPLINE_TO_BERNSTEIN
 CORNERS = np.array([0, 12, 15, 3])
 SIDES = np.array([[0, 4, 8, 12], [12, 13, 14, 15], [15, 11, 7, 3], [3, 2, 1, 0]])
 
-# Corner 0 of a piece's quarters lies at the piece's (0, 0), (½, 0), (0, ½), (½, ½); which of their sides lie on its own.
+# Corner 0 of the quarters lies at (0, 0), (½, 0), (0, ½), (½, ½) of a piece; which of their sides lie on its own.
 QUARTER_SIDES = np.array([[1, 0, 0, 1], [1, 1, 0, 0], [0, 0, 1, 1], [0, 1, 1, 0]], dtype=bool)
 QUARTERS = np.stack([np.kron(along, across) for across in HALVES for along in HALVES])
 

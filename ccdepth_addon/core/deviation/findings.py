@@ -25,7 +25,8 @@ class Findings:
     allowance: float
     margin: float
     max_pieces: int
-    deadline: float
+    began: float
+    time_limit: float
     report: Callable[[float], None]
     reached: float = 0.0
     point: FloatArray = field(default_factory=lambda: np.zeros(3))
@@ -71,6 +72,10 @@ class Findings:
         """Progress, of which nobody knows how much is left: every round takes half of what was left of its half."""
         self.report((half + 1 - 0.5 ** (number + share)) / 2)
 
-    def is_exhausted(self, pieces: int) -> bool:
-        """Whether the pieces or the time allowed are used up."""
-        return pieces >= self.max_pieces or perf_counter() > self.deadline
+    def is_exhausted(self, pieces: int, share: float = 1.0) -> bool:
+        """Whether so many pieces, or the time since the beginning, use up this share of what is allowed."""
+        return pieces >= share * self.max_pieces or self.is_late(share)
+
+    def is_late(self, share: float = 1.0) -> bool:
+        """Whether this share of the time is used up."""
+        return perf_counter() - self.began > share * self.time_limit

@@ -82,6 +82,7 @@ def measure_deviation(
     not be told apart. progress: is told the fraction done, and may raise to stop.
     Raises InvalidMeshError for the control mesh, ValueError for the other.
     """
+    began = perf_counter()
     validate(control)
     _check(positions, triangles)
     origin, size = _frame(control, positions, triangles)
@@ -92,7 +93,8 @@ def measure_deviation(
         allowance=allowance,
         margin=MARGIN * size,
         max_pieces=max_pieces,
-        deadline=perf_counter() + (np.inf if time_limit is None else time_limit),
+        began=began,
+        time_limit=np.inf if time_limit is None else time_limit,
         report=progress,
         in_faces=np.zeros(control.face_count),
     )

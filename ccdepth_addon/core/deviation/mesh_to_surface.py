@@ -152,7 +152,7 @@ class MeshToSurface:
         while len(parts.owners):
             leaves, self.blamed = Leaves.of(self.surface.pieces), np.zeros(0, dtype=np.intp)
             for done, block in enumerate(split(np.arange(len(parts.owners)), PARTS_AT_ONCE)):
-                if self.findings.is_exhausted(self.surface.pieces.count + len(parts.owners)):
+                if self._must_end(parts):
                     self._record(parts)
                     return
                 self._bound(leaves, parts, block)
@@ -162,6 +162,12 @@ class MeshToSurface:
             self._record(parts.at(~wanted))
             parts = self._split(parts.at(wanted))
             self.rounds += 1
+
+    def _must_end(self, parts: Parts) -> bool:
+        """Everything is looked at once if there is the time."""
+        if self.rounds == 0:
+            return self.findings.is_late()
+        return self.findings.is_exhausted(self.surface.pieces.count + len(parts.owners))
 
     def _split(self, parts: Parts) -> Parts:
         """Pieces that are large against the parts they were found with are split, other parts are."""

@@ -27,6 +27,9 @@ MIDDLE = np.kron([1, 3, 3, 1], [1, 3, 3, 1]) / 64
 # Pieces of each block whose corners are looked at for distances that are reached.
 LOOKED_AT = 64
 
+# Of pieces and time, how much this way may take.
+SHARE_OF_LIMITS = 0.6
+
 # A piece as large as so many times what is wanted is not within that of one triangle.
 SMALL_FOR_ONE = 4.0
 
@@ -80,12 +83,18 @@ class SurfaceToMesh:
         active = self.pieces.leaves()
         while len(active):
             for done, block in enumerate(split(active, PIECES_AT_ONCE)):
-                if self.findings.is_exhausted(self.pieces.count):
+                if self._must_end():
                     return
                 self._bound(block)
                 self.findings.report_round(0, self.rounds, min(done * PIECES_AT_ONCE / len(active), 1.0))
             active = self.split(active[self._is_too_far(active)])
             self.rounds += 1
+
+    def _must_end(self) -> bool:
+        """Something is left for the other way, and everything is looked at once if there is the time."""
+        if self.rounds == 0:
+            return self.findings.is_late(SHARE_OF_LIMITS)
+        return self.findings.is_exhausted(self.pieces.count, SHARE_OF_LIMITS)
 
     def split(self, pieces: IndexArray) -> IndexArray:
         """(4n,) intp: the children, which are no farther than their parents."""
