@@ -437,11 +437,11 @@ def copies_to_subdivide(
 
 
 @contextmanager
-def copies_to_show(
-    context: bpy.types.Context, blender_object: bpy.types.Object, shown: list[bpy.types.Modifier]
+def copies_with(
+    context: bpy.types.Context, wanted: dict[bpy.types.Object, list[bpy.types.Modifier]]
 ) -> Iterator[FrozenCopies]:
-    """For ``FrozenCopies.shown``: a copy of the object with these of its modifiers."""
-    with _frozen_copies(context, {blender_object: shown}, with_origins={blender_object}) as copies:
+    """Copies of these objects, each with the modifiers given and with origins on its faces."""
+    with _frozen_copies(context, wanted, with_origins=set(wanted)) as copies:
         yield copies
 
 
@@ -515,17 +515,13 @@ class FrozenCopies:
                 )
         return self._made[blender_object.session_uid]
 
-    @contextmanager
-    def shown(self, blender_object: bpy.types.Object) -> Iterator[tuple[bpy.types.Mesh, IndexArray]]:
-        """What the object shows, with the levels that the graphics card alone would make, and the face of the object's
-        own mesh that each face comes from."""
-        uid = blender_object.session_uid
-        evaluated = self._copies[uid].evaluated_get(self._context.evaluated_depsgraph_get())
-        mesh = evaluated.to_mesh()
-        try:
-            yield mesh, _read_origins(mesh, self._names[uid], self._face_counts[uid])
-        finally:
-            evaluated.to_mesh_clear()
+    def made(self, blender_object: bpy.types.Object) -> tuple[bpy.types.Mesh, IndexArray]:
+        """``new_mesh``, and the face of the object's own mesh that each face comes from.
+
+        Unlike what Blender evaluates for itself, it has the last levels that the graphics card makes in the viewport.
+        """
+        uid, mesh = blender_object.session_uid, self.new_mesh(blender_object)
+        return mesh, _read_origins(mesh, self._names[uid], self._face_counts[uid])
 
     def losing_modifier(self, blender_object: bpy.types.Object) -> str | None:
         """The modifier of the object that loses faces without taking them away, if there is one."""

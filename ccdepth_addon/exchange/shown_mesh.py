@@ -14,7 +14,7 @@ from .control_mesh import (
     NOT_SHAPING,
     SIMULATIONS,
     ControlMeshError,
-    copies_to_show,
+    copies_with,
     own_mesh,
     read_built_in,
     read_values,
@@ -80,18 +80,12 @@ def read_shown_mesh(context: bpy.types.Context, blender_object: bpy.types.Object
             )
     data = blender_object.data
     if shown or (data.shape_keys is not None and not data.is_editmode):
-        triangles = _evaluated_triangles(context, blender_object, shown)
+        with copies_with(context, {blender_object: shown}) as copies:
+            triangles = _triangles(*copies.made(blender_object))
     else:
         with own_mesh(blender_object) as own:
             triangles = _triangles(own, np.arange(len(own.polygons)))
     return ShownMesh(triangles, matrix[:3, :3], matrix[:3, 3])
-
-
-def _evaluated_triangles(
-    context: bpy.types.Context, blender_object: bpy.types.Object, shown: list[bpy.types.Modifier]
-) -> Triangles:
-    with copies_to_show(context, blender_object, shown) as copies, copies.shown(blender_object) as (mesh, faces):
-        return _triangles(mesh, faces)
 
 
 def _triangles(mesh: bpy.types.Mesh, face_origins: IndexArray) -> Triangles:

@@ -21,6 +21,7 @@ from ..tasks.deviation_task import MeasureSettings, MeasureTask, MeshDeviation, 
 from ..tasks.surfaces import ComputeError, as_typed
 from ..ui import heat_map
 from ..ui.lengths import Rounding, length_text
+from ..ui.printable import printable
 from . import face_selection, worker
 from .long_operator import LongOperator, meshes_meant, poll_meshes, refuse_what_cannot_be_written, without_mesh_text
 
@@ -86,7 +87,7 @@ class CCDEPTH_OT_measure(LongOperator):
         if skipped:
             self.report({"INFO"}, skipped)
         for each in answer:
-            name = "" if self._is_own or len(answer) == 1 else f"{each.measured}: "
+            name = "" if self._is_own or len(answer) == 1 else f"{printable(each.measured)}: "
             if not each.accuracy_met:
                 self.report(
                     {"WARNING"}, f"{name}stopped before the accuracy was reached; this is what is proved so far"
@@ -170,17 +171,18 @@ class CCDEPTH_OT_select_worst(bpy.types.Operator):
             _frame(context, worst)
         if found.worst_face < 0:
             self.report(
-                {"WARNING"}, f"{worst.name}: it is worst on a face that modifiers add, which no face stands for"
+                {"WARNING"},
+                f"{printable(worst.name)}: it is worst on a face that modifiers add, which no face stands for",
             )
             return {"FINISHED"} if self.frame else {"CANCELLED"}
         if count_faces(mesh) != found.faces:
-            self.report({"ERROR"}, f"{worst.name}: the mesh has changed; measure it again")
+            self.report({"ERROR"}, f"{printable(worst.name)}: the mesh has changed; measure it again")
             return {"CANCELLED"}
         if not face_selection.select_face(mesh, found.worst_face):
-            self.report({"WARNING"}, f"{worst.name}: the face where it is worst is hidden")
+            self.report({"WARNING"}, f"{printable(worst.name)}: the face where it is worst is hidden")
             return {"FINISHED"} if self.frame else {"CANCELLED"}
         context.tool_settings.mesh_select_mode = (False, False, True)
-        self.report({"INFO"}, f"{worst.name}: face {found.worst_face} selected")
+        self.report({"INFO"}, f"{printable(worst.name)}: face {found.worst_face} selected")
         return {"FINISHED"}
 
 

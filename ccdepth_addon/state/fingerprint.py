@@ -16,7 +16,6 @@ from ..tasks.depth_task import count_faces
 from . import results
 from .mesh_checksums import continued, geometry_checksum
 from .object_state import KnownDescriptions, ObjectState, object_state
-from .results import AttributeKind
 
 # How far, relatively, an object's scale may drift by rounding while it is turned.
 SCALE_DRIFT = 1e-5
@@ -52,14 +51,13 @@ def remember(mesh: bpy.types.Mesh, geometry: int, depths: NDArray[np.int32], sta
             contributor.gram, contributor.checksum = scale, checksum
 
 
-def mesh_checksum(blender_object: bpy.types.Object, result: AttributeKind | None = results.DEPTH_KIND) -> str:
-    """A checksum of the object's own mesh, as far as its surface depends on it, and of one attribute of ours on it."""
+def mesh_checksum(blender_object: bpy.types.Object) -> str:
+    """A checksum of the object's own mesh, as far as its surface depends on it, and of the depths on it."""
     with own_mesh(blender_object) as mesh:
         checksum = geometry_checksum(mesh)
-        if result is not None and results.has_values(mesh, result):
-            dtype = np.int32 if result.data_type == "INT" else np.float32
-            values = read_values(mesh.attributes[result.name].data, result.value, dtype)
-            checksum = continued(checksum, result.name, values)
+        if results.has_depths(mesh):
+            depths = read_values(mesh.attributes[results.DEPTH].data, "value", np.int32)
+            checksum = continued(checksum, results.DEPTH, depths)
     return _text(checksum)
 
 

@@ -7,9 +7,11 @@ import bpy
 import numpy as np
 
 from ..core import FloatArray
+from ..exchange.control_mesh import own_mesh, read_values
 from ..exchange.shown_mesh import shown_modifiers
 from ..tasks.depth_task import count_faces
-from . import fingerprint, results
+from . import results
+from .mesh_checksums import continued, geometry_checksum
 from .object_state import object_state, shown_checksum
 
 # How far, in parts of the largest number, a placement may drift by rounding while both objects are moved together.
@@ -40,13 +42,21 @@ def has_changed(mesh: bpy.types.Mesh) -> bool:
 
 def _checksum(measured: bpy.types.Object, against: bpy.types.Object, *, use_modifiers: bool) -> str:
     parts = [
-        fingerprint.mesh_checksum(measured, result=results.DEVIATION_KIND),
+        _mesh_checksum(measured),
         shown_checksum(measured, shown_modifiers(measured)),
         object_state(against, use_modifiers=use_modifiers).checksum,
     ]
     if against != measured:
-        parts.append(fingerprint.mesh_checksum(against, result=None))
+        with own_mesh(against) as mesh:
+            parts.append(f"{geometry_checksum(mesh):08x}")
     return " ".join(parts)
+
+
+def _mesh_checksum(measured: bpy.types.Object) -> str:
+    """Of the object's own mesh, and of the deviations on it."""
+    with own_mesh(measured) as mesh:
+        values = read_values(mesh.attributes[results.DEVIATION].data, "value", np.float32)
+        return f"{continued(geometry_checksum(mesh), results.DEVIATION, values):08x}"
 
 
 def _placement(measured: bpy.types.Object, against: bpy.types.Object) -> FloatArray:

@@ -8,7 +8,7 @@ about its own display. Nothing is evaluated: values that are animated or driven 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, field
 from functools import cache
 from typing import Any, NamedTuple
@@ -83,10 +83,10 @@ def object_state(
     return ObjectState(gram_matrix(world)[np.triu_indices(3)], f"{checksum:08x}")
 
 
-def shown_checksum(blender_object: bpy.types.Object, shown: list[bpy.types.Modifier]) -> str:
+def shown_checksum(blender_object: bpy.types.Object, shown: Iterable[bpy.types.Modifier]) -> str:
     """A checksum of what these modifiers, and shape keys, make of the object's mesh."""
     describer = _Describer(blender_object, {})
-    texts = [*describer.shape_keys(), *describer.modifiers(shown)]
+    texts = [*describer.shape_keys(), *describer.modifiers(list(shown))]
     texts += describer.places()
     return f"{crc32(chr(10).join(texts).encode(errors='backslashreplace')):08x}"
 

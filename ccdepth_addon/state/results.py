@@ -288,8 +288,9 @@ def _write_face_values_while_editing(mesh: bpy.types.Mesh, kind: AttributeKind, 
     import bmesh
 
     edited = bmesh.from_edit_mesh(mesh)
-    layers = _layers(edited, kind)
-    layer = layers.get(kind.name) or layers.new(kind.name)
+    with _choices_kept(mesh):
+        layers = _layers(edited, kind)
+        layer = layers.get(kind.name) or layers.new(kind.name)
     for face, value in zip(edited.faces, values, strict=True):
         for element in face.loops if kind.domain == "CORNER" else (face,):
             element[layer] = value

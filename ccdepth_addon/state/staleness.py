@@ -45,13 +45,6 @@ def is_uncovered(blender_object: bpy.types.Object) -> bool:
     return blender_object.session_uid in _uncovered
 
 
-def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:
-    """Those among the objects whose results no longer hold, examined now; the panel is told the same."""
-    context.view_layer.update()
-    _examine({blender_object.data.session_uid for blender_object in objects})
-    return [holder for holder in objects if is_stale(holder.data) or is_uncovered(holder)]
-
-
 def is_deviation_stale(mesh: bpy.types.Mesh) -> bool:
     """Whether what was measured on the mesh no longer holds, as far as has been noticed yet."""
     return mesh.session_uid in _stale_deviations
@@ -67,6 +60,13 @@ def note_deviation(mesh: bpy.types.Mesh) -> None:
 def _note_target(mesh: bpy.types.Mesh) -> None:
     if results.has_deviation(mesh):
         _measured_against.setdefault(mesh.ccdepth.measurement.against, set()).add(mesh.session_uid)
+
+
+def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:
+    """Those among the objects whose results no longer hold, examined now; the panel is told the same."""
+    context.view_layer.update()
+    _examine({blender_object.data.session_uid for blender_object in objects})
+    return [holder for holder in objects if is_stale(holder.data) or is_uncovered(holder)]
 
 
 def note_write(mesh: bpy.types.Mesh) -> None:
@@ -88,27 +88,23 @@ def _examine(uids: set[int]) -> bool:
     users = _users_of_results(uids)
     known: KnownDescriptions = {}
     for mesh, objects in users.items():
-        found = _examined(mesh, objects, known) if results.has_result(mesh) else fingerprint.Examination(False, [])
+        _set(_stale_deviations, mesh, results.has_deviation(mesh) and _is_measured_otherwise(mesh))
+        if not results.has_result(mesh):
+            continue
+        try:
+            found = fingerprint.examine(mesh, objects, known)
+        except Exception:
+            # What cannot be examined must not pass for current.
+            traceback.print_exc()
+            found = fingerprint.Examination(True, [])
         uncovered = set(found.uncovered)
         _set(_stale, mesh, found.has_changed)
         for holder in objects:
             _set(_uncovered, holder, holder in uncovered)
-        _set(_stale_deviations, mesh, results.has_deviation(mesh) and _has_deviation_changed(mesh))
     return bool(users)
 
 
-def _examined(
-    mesh: bpy.types.Mesh, objects: list[bpy.types.Object], known: KnownDescriptions
-) -> fingerprint.Examination:
-    try:
-        return fingerprint.examine(mesh, objects, known)
-    except Exception:
-        # What cannot be examined must not pass for current.
-        traceback.print_exc()
-        return fingerprint.Examination(True, [])
-
-
-def _has_deviation_changed(mesh: bpy.types.Mesh) -> bool:
+def _is_measured_otherwise(mesh: bpy.types.Mesh) -> bool:
     try:
         return measured_state.has_changed(mesh)
     except Exception:
@@ -156,9 +152,8 @@ def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
             continue
         if results.has_any(original.data):
             _notice_update(original.data, update.is_updated_geometry)
-        measured = _measured_against.get(original.name)
-        if measured:
-            _touch(measured)
+        if original.name in _measured_against:
+            _touch(_measured_against[original.name])
 
 
 def _notice_update(mesh: bpy.types.Mesh, geometry: bool) -> None:

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-ATTRIBUTES = ("ccdepth", "ccdepth_bound", "ccdepth_color", "ccdepth_deviation")
+ATTRIBUTES = ("ccdepth", "ccdepth_bound", "ccdepth_color")
 
 
 def module(name: str) -> ModuleType:
@@ -92,7 +92,7 @@ def is_untouched(objects: Iterable[bpy.types.Object]) -> bool:
     return not any(
         holder.data.ccdepth.has_result
         or holder.data.ccdepth.has_deviation
-        or any(name in holder.data.attributes for name in ATTRIBUTES)
+        or any(name in holder.data.attributes for name in (*ATTRIBUTES, "ccdepth_deviation"))
         for holder in objects
         if holder.type == "MESH"
     )
