@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import FloatArray, IndexArray, InvalidMeshError, PolygonMesh, apply_boundary_rule, crease_to_sharpness
-from .bulk_writing import own_copy, write_values
+from .bulk_writing import copy_without_keys, own_copy, write_values
 
 ORIGIN_ATTRIBUTE = "ccdepth_origin"
 EDGE_CREASE, VERTEX_CREASE = "crease_edge", "crease_vert"
@@ -369,7 +369,7 @@ def read_creases(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
         return None
     if (attribute.data_type, attribute.domain) == ("FLOAT", CREASE_DOMAINS[name]):
         return read_values(attribute.data, "value", np.float32)
-    copy = own_copy(mesh)
+    copy = copy_without_keys(mesh)
     holder = bpy.data.objects.new(copy.name, copy)
     try:
         copy.attributes.active = copy.attributes[name]

@@ -12,15 +12,16 @@ def leave(context: bpy.types.Context) -> list[int]:
     """Leave the Edit Mode of meshes, if it is on; returns the session identifiers of the objects that were edited."""
     if context.mode != "EDIT_MESH":
         return []
-    edited = [blender_object.session_uid for blender_object in context.objects_in_mode]
+    # Blender leaves hidden ones out of its own list.
+    edited = [each.session_uid for each in context.view_layer.objects if each.mode == "EDIT"]
     bpy.ops.object.mode_set(mode="OBJECT")
     return edited
 
 
 def enter(context: bpy.types.Context, uids: Iterable[int]) -> None:
-    """Edit these objects and no others, as far as they can be seen; what is selected stays so.
+    """Edit these objects and no others; what is selected and hidden stays so.
 
-    Blender edits what is selected, though it lets objects be selected and deselected meanwhile.
+    Blender edits what is selected and shown, though it lets objects be selected, deselected and hidden meanwhile.
     """
     wanted = set(uids)
     if not wanted:
@@ -28,9 +29,12 @@ def enter(context: bpy.types.Context, uids: Iterable[int]) -> None:
     layer = context.view_layer
     # Objects that were removed meanwhile leave holes in the list until then.
     layer.update()
-    edited = [each for each in layer.objects if each.session_uid in wanted and each.visible_get()]
+    edited = [each for each in layer.objects if each.session_uid in wanted]
     if not edited:
         return
+    hidden = [each for each in edited if each.hide_get()]
+    for each in hidden:
+        each.hide_set(False)
     selected = {each: each.select_get() for each in layer.objects}
     for each in selected:
         each.select_set(each in edited)
@@ -39,3 +43,5 @@ def enter(context: bpy.types.Context, uids: Iterable[int]) -> None:
     bpy.ops.object.mode_set(mode="EDIT")
     for each, was_selected in selected.items():
         each.select_set(was_selected)
+    for each in hidden:
+        each.hide_set(True)

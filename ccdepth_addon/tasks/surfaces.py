@@ -97,6 +97,8 @@ def gram_matrix(world: FloatArray) -> FloatArray:
     return world.T @ world
 
 
+# A mesh without extent has no tolerance, and one of no finite positions has any: they will be refused.
+@np.errstate(all="ignore")
 def not_outdone(surfaces: Sequence[Surface]) -> dict[int, list[int]]:
     """Which surfaces of one control mesh no other outdoes, and the others, each with one that outdoes it, as indices.
 
@@ -119,7 +121,6 @@ def not_outdone(surfaces: Sequence[Surface]) -> dict[int, list[int]]:
 def _outdoing(gram: FloatArray, rivals: FloatArray) -> int | None:
     """The first of the rivals (K, 3, 3) that makes every vector at least as long, if there is one."""
     differences = rivals - gram
-    # A bad mesh can make it anything; the mesh will be refused.
     finite = np.isfinite(differences).all(axis=(1, 2))
     least = np.linalg.eigvalsh(np.where(finite[:, None, None], differences, 0.0)).min(axis=1, initial=np.inf)
     outdoing = finite & (least >= -SCALE_ROUNDING * np.trace(rivals, axis1=1, axis2=2))

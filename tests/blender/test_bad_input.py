@@ -219,3 +219,14 @@ def test_a_bad_run_leaves_an_earlier_result_alone() -> None:
         bpy.ops.ccdepth.compute(tolerance=0.0)
     np.testing.assert_array_equal(addon.depths(holder), before)
     assert holder.data.ccdepth.has_result
+
+
+@pytest.mark.parametrize("operator", ["compute", "subdivide", "count_faces"])
+def test_meshes_without_extent_that_several_objects_use(operator: str) -> None:
+    """With a relative tolerance theirs is none at all, and no warning of a division by it is printed."""
+    mesh = scene.add_object(meshes.cube(), "Point").data
+    for vertex in mesh.vertices:
+        vertex.co = (1.0, 1.0, 1.0)
+    addon.select(scene.add_mesh(mesh), scene.add_mesh(mesh))
+    with pytest.raises(RuntimeError, match=r"Point.*zero area"):
+        getattr(bpy.ops.ccdepth, operator)(tolerance=0.1, tolerance_mode="RELATIVE")

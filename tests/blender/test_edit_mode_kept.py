@@ -41,3 +41,19 @@ def test_results_are_edited_in_their_stead(output: str) -> None:
     assert {each.name for each in bpy.context.objects_in_mode} == {f"First{suffix}", f"Second{suffix}"}
     assert other.mode == "OBJECT"
     bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def test_objects_that_are_hidden_while_they_are_edited() -> None:
+    """Another object that uses the mesh can be seen, so there is something to work on."""
+    hidden = scene.add_object(meshes.cube(), "Hidden")
+    user = scene.add_mesh(hidden.data)
+    addon.select(hidden)
+    bpy.ops.object.mode_set(mode="EDIT")
+    user.select_set(True)
+    hidden.hide_set(True)
+    assert bpy.ops.ccdepth.count_faces(tolerance=0.1) == {"FINISHED"}
+    assert (hidden.mode, user.mode) == ("EDIT", "OBJECT")
+    assert hidden.hide_get()
+    assert user.select_get()
+    hidden.hide_set(False)
+    bpy.ops.object.mode_set(mode="OBJECT")

@@ -329,7 +329,13 @@ def _clipped(triangle: FloatArray, square: Square) -> list[FloatArray]:
                 clipped.append(point)
         polygon = clipped
     fans = [np.array([polygon[0], b, c]) for b, c in pairwise(polygon[1:])]
-    return [fan for fan in fans if np.cross(*(fan[1:] - fan[0]))]
+    return [fan for fan in fans if _has_area(fan)]
+
+
+def _has_area(triangle: FloatArray) -> bool:
+    """Whether the corners (3, 2) are not on one line. numpy 2.5 takes no cross product of vectors in a plane."""
+    one, other = triangle[1:] - triangle[0]
+    return bool(one[0] * other[1] != one[1] * other[0])
 
 
 def _quartered(triangle: FloatArray) -> list[FloatArray]:
