@@ -8,13 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.chunks import split
-from ..arrays.types import FloatArray, IndexArray
+from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norms import squared_norms
 from .bezier_pieces import CORNERS, BezierPieces
 from .box_tree import BoxTree, overlapping
 from .covering_triangles import over_triangles
 from .findings import Findings
-from .heights import BoolArray
 from .triangles import Triangles, unit
 
 PIECES_AT_ONCE = 1 << 10
