@@ -26,13 +26,14 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import bpy
 import numpy as np
 
-from ccdepth_addon.core.adaptive import subdivide_adaptively
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule
-from ccdepth_addon.core.limit_surface import limit_values
-from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh
-from ccdepth_addon.core.plan import Mode, Request, TooManyFacesError
-from ccdepth_addon.core.surface_points import SurfacePoints
-from ccdepth_addon.core.templates import Transitions
+from ccdepth_addon.core.adaptive.plan import Mode, Request, TooManyFacesError
+from ccdepth_addon.core.adaptive.planner import subdivide_adaptively
+from ccdepth_addon.core.adaptive.templates import Transitions
+from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.surface.evaluation import limit_values
+from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes
 from tests.blender import scene
 from tests.blender.named_meshes import NAMED

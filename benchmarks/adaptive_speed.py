@@ -28,11 +28,12 @@ import numpy as np
 
 from benchmarks.adaptive_faces import QUADS_AT_ONCE, Quads, quads_of, surface_grid
 from benchmarks.adaptive_faces import children as children_of
-from ccdepth_addon.core.adaptive import AdaptiveMesh, subdivide_adaptively
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule
-from ccdepth_addon.core.mesh import FloatArray, PolygonMesh
-from ccdepth_addon.core.plan import Mode, Request
-from ccdepth_addon.core.templates import Transitions
+from ccdepth_addon.core.adaptive.plan import Mode, Request
+from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, subdivide_adaptively
+from ccdepth_addon.core.adaptive.templates import Transitions
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from tests.blender import scene
 from tests.steps import result_of
 

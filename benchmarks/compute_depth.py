@@ -23,7 +23,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ccdepth_addon.core.depth import METHODS
+from ccdepth_addon.core.depth.face_depths import METHODS
 
 FloatArray = NDArray[np.float64]
 IntArray = NDArray[np.intp]

@@ -17,9 +17,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import numpy as np
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule, subdivide
-from ccdepth_addon.core.depth import METHODS, VERTICES, face_depths
-from ccdepth_addon.core.mesh import PolygonMesh
+from ccdepth_addon.core.depth.face_depths import METHODS, VERTICES, face_depths
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, subdivide
 from tests.blender import scene
 
 PICTURE = Path(__file__).resolve().parent.parent / "docs" / "images" / "faces_by_method.svg"

@@ -25,9 +25,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import bpy
 import numpy as np
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule, subdivide
-from ccdepth_addon.core.depth import VERTICES, face_depths
-from ccdepth_addon.core.mesh import FloatArray, IndexArray, submesh
+from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
+from ccdepth_addon.core.depth.face_depths import VERTICES, face_depths
+from ccdepth_addon.core.mesh.polygon_mesh import submesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, subdivide
 from tests import meshes
 from tests.blender import scene
 from tests.blender.measuring import BlenderLevels, part_of, rounding

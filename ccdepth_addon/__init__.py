@@ -14,15 +14,17 @@ MANIFEST = Path(__file__).resolve().parent.parent / "blender_manifest.toml"
 
 # In the order in which they depend on each other.
 MODULES = (
-    "properties",
-    "operators",
-    "subdivision_operators",
-    "heat_map",
-    "staleness",
-    "face_counts",
-    "panels",
-    "legend",
-    "command_line",
+    "state.properties",
+    "operators.depth_operators",
+    "operators.adaptive_operators",
+    "operators.deviation_operators",
+    "ui.heat_map",
+    "state.staleness",
+    "state.face_counts",
+    "ui.panels",
+    "ui.deviation_panel",
+    "ui.legend",
+    "command_line.command",
 )
 
 

@@ -22,11 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import linprog
 
-from ccdepth_addon.core.catmull_clark import limit_positions, subdivide
-from ccdepth_addon.core.mesh import FloatArray, PolygonMesh, submesh
-from ccdepth_addon.core.norms import second_differences
-from ccdepth_addon.core.patches import regular_nets
-from ccdepth_addon.core.splines import HALVES, SPLINE_TO_BERNSTEIN, bilinear_coefficients
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.bounds.norms import second_differences
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, submesh
+from ccdepth_addon.core.surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, bilinear_coefficients
+from ccdepth_addon.core.surface.catmull_clark import limit_positions, subdivide
+from ccdepth_addon.core.surface.patches import regular_nets
 
 # More than double precision can lose in a certificate, which is checked for each; far below the margins that are met.
 ROUNDING = 1e-10

@@ -7,24 +7,24 @@ Claim: on an extraordinary facet with limit vertices, ‖L̂ - S‖ ≤ factor �
 
 Proof. ``certificates`` has the tiles and how their Bernstein coefficients are bounded. What is left after the last
 tile, [0, 2⁻ᵐ]², is a facet of its own at level m: there ‖L̂ - S‖ ≤ max over its corners of ‖L̂ - L̂ᵐ‖ (a difference of
-bilinear functions) + the published bound of level m with the corners' way to the limit (``bounds``), which has shrunk
-by then.
+bilinear functions) + the published bound of level m with the corners' way to the limit (``norm_bounds``), which has
+shrunk by then.
 """
 
 from __future__ import annotations
 
 import sys
 
-from ccdepth_addon.core.bounds import (
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.bounds.norm_bounds import (
     LAST_CERTIFIED_VALENCE,
     certified_limit_factor,
     limit_displacement,
     published_divisor,
     published_rate,
 )
-from ccdepth_addon.core.catmull_clark import limit_positions
-from ccdepth_addon.core.mesh import FloatArray
-from ccdepth_addon.core.stencils import stencil_patch
+from ccdepth_addon.core.surface.catmull_clark import limit_positions
+from ccdepth_addon.core.surface.stencils import stencil_patch
 from proofs.certificates import Certifier, bernstein, facet_corner, facet_over_tile, split, tiles
 
 TILED_LEVELS = 14

@@ -39,12 +39,13 @@ from pathlib import Path
 
 import numpy as np
 
-from ccdepth_addon.core.bounds import Vertices, limit_displacement, published_divisor
-from ccdepth_addon.core.catmull_clark import limit_positions, subdivide
-from ccdepth_addon.core.mesh import FloatArray, submesh
-from ccdepth_addon.core.patches import extraordinary_nets
-from ccdepth_addon.core.splines import SPLINE_HALVES, bilinear_coefficients, second_derivatives
-from ccdepth_addon.core.stencils import stencil_patch
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.bounds.norm_bounds import Vertices, limit_displacement, published_divisor
+from ccdepth_addon.core.mesh.polygon_mesh import submesh
+from ccdepth_addon.core.surface.bicubic import SPLINE_HALVES, bilinear_coefficients, second_derivatives
+from ccdepth_addon.core.surface.catmull_clark import limit_positions, subdivide
+from ccdepth_addon.core.surface.patches import extraordinary_nets
+from ccdepth_addon.core.surface.stencils import stencil_patch
 from proofs.certificates import Certifier, bernstein, facet_corner, facet_over_tile, split, tiles
 
 LAST_VALENCE = 128

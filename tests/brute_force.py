@@ -13,9 +13,10 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from ccdepth_addon.core.catmull_clark import limit_positions, subdivide
-from ccdepth_addon.core.depth import DepthResult
-from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh, submesh
+from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
+from ccdepth_addon.core.depth.face_depths import DepthResult
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, submesh
+from ccdepth_addon.core.surface.catmull_clark import limit_positions, subdivide
 
 
 def linear_children(mesh: PolygonMesh, values: FloatArray) -> FloatArray:

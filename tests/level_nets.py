@@ -14,8 +14,9 @@ from dataclasses import replace
 import numpy as np
 from scipy.optimize import linprog
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule, limit_positions
-from ccdepth_addon.core.mesh import FloatArray, PolygonMesh
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions
 from tests import meshes
 from tests.brute_force import Levels, linear_children
 

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 import numpy as np
 from scipy.optimize import linprog
 
-from ccdepth_addon.core.mesh import FloatArray
+from ccdepth_addon.core.arrays.types import FloatArray
 
 # What HiGHS leaves unsatisfied of a constraint, relative to coefficients of about 1.
 PROGRAM_TOLERANCE = 1e-7

@@ -9,8 +9,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ccdepth_addon.core.catmull_clark import crease_to_sharpness
-from ccdepth_addon.core.mesh import PolygonMesh, polygon_mesh
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
+from ccdepth_addon.core.surface.catmull_clark import crease_to_sharpness
 
 EdgeCreases = dict[tuple[int, int], float]
 

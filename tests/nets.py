@@ -11,8 +11,9 @@ from math import ceil, log
 import numpy as np
 from numpy.typing import NDArray
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule, limit_positions, subdivide
-from ccdepth_addon.core.mesh import FloatArray, PolygonMesh, polygon_mesh
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions, subdivide
 
 Difference = tuple[int, int, int]
 

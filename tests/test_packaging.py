@@ -73,7 +73,7 @@ def test_the_door_imports_nothing() -> None:
 
 
 def test_the_core_needs_no_blender() -> None:
-    program = "import sys, ccdepth_addon.core.depth; assert 'bpy' not in sys.modules"
+    program = "import sys, ccdepth_addon.core.depth.face_depths; assert 'bpy' not in sys.modules"
     subprocess.run([sys.executable, "-c", program], cwd=CHECKOUT, check=True, timeout=60)
 
 

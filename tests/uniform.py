@@ -7,10 +7,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from ccdepth_addon.core.catmull_clark import limit_positions, subdivide
-from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh
-from ccdepth_addon.core.subdivided_mesh import SubdividedMesh
-from ccdepth_addon.core.surface_points import SurfacePoints
+from ccdepth_addon.core.adaptive.subdivided_mesh import SubdividedMesh
+from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import limit_positions, subdivide
+from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests.brute_force import linear_children
 
 QUARTER = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])

@@ -1,2 +1,91 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Subdivision depth of Catmull-Clark surfaces: numpy arrays in, numpy arrays out, nothing of Blender."""
+"""Catmull-Clark surfaces within a tolerance: numpy arrays in, numpy arrays out, nothing of Blender.
+
+The public interface: what is not named here may change. docs/api.md is made from these docstrings.
+"""
+
+from .adaptive.plan import Mode, Request, TooManyFacesError
+from .adaptive.planner import AdaptiveMesh, count_faces, subdivide_adaptively
+from .adaptive.subdivided_mesh import SubdividedMesh
+from .adaptive.templates import Transitions
+from .arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
+from .attributes.face_varying import uv_surface
+from .attributes.interpolation import (
+    Evaluate,
+    at_corners,
+    at_vertices,
+    interpolated,
+    interpolated_at_vertices,
+    join_transformations,
+    nearest_vertices,
+    split_transformations,
+    to_quaternions,
+    to_rotation_vectors,
+)
+from .depth.face_depths import (
+    METHODS,
+    VERTICES,
+    DepthResult,
+    ToleranceError,
+    check_tolerance,
+    face_depths,
+    face_depths_stepwise,
+    rounding_allowance,
+    smallest_step,
+    uniform_level_stepwise,
+)
+from .depth.modifier_quality import needed_quality
+from .deviation import Deviation, measure_deviation
+from .mesh.polygon_mesh import InvalidMeshError, PolygonMesh, polygon_mesh, validate
+from .surface.catmull_clark import apply_boundary_rule, crease_to_sharpness
+from .surface.evaluation import limit_values
+from .surface.limit_normals import limit_normals
+from .surface.surface_points import SurfacePoints
+
+__all__ = [
+    "METHODS",
+    "VERTICES",
+    "AdaptiveMesh",
+    "BoolArray",
+    "DepthResult",
+    "Deviation",
+    "Evaluate",
+    "FloatArray",
+    "IndexArray",
+    "InvalidMeshError",
+    "Mode",
+    "PolygonMesh",
+    "Request",
+    "ShortIndexArray",
+    "SubdividedMesh",
+    "SurfacePoints",
+    "ToleranceError",
+    "TooManyFacesError",
+    "Transitions",
+    "apply_boundary_rule",
+    "at_corners",
+    "at_vertices",
+    "check_tolerance",
+    "count_faces",
+    "crease_to_sharpness",
+    "face_depths",
+    "face_depths_stepwise",
+    "interpolated",
+    "interpolated_at_vertices",
+    "join_transformations",
+    "limit_normals",
+    "limit_values",
+    "measure_deviation",
+    "nearest_vertices",
+    "needed_quality",
+    "polygon_mesh",
+    "rounding_allowance",
+    "smallest_step",
+    "split_transformations",
+    "subdivide_adaptively",
+    "to_quaternions",
+    "to_rotation_vectors",
+    "uniform_level_stepwise",
+    "uv_surface",
+    "validate",
+]

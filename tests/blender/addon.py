@@ -17,7 +17,7 @@ ATTRIBUTES = ("ccdepth", "ccdepth_bound", "ccdepth_color")
 
 def module(name: str) -> ModuleType:
     """A module of the registered add-on."""
-    package = bpy.types.CCDEPTH_OT_compute.__module__.rpartition(".")[0]
+    package = bpy.types.CCDEPTH_OT_compute.__module__.rpartition(".operators.")[0]
     return import_module(f"{package}.{name}")
 
 
@@ -39,6 +39,16 @@ def compute(*objects: bpy.types.Object, **settings: object) -> None:
     assert bpy.ops.ccdepth.compute(**settings) == {"FINISHED"}
 
 
+def measure(*objects: bpy.types.Object, **settings: object) -> None:
+    """Select the objects and measure their deviation, for half a second unless it is told how long; the last one is the
+    active one. A tolerance is absolute unless it says otherwise."""
+    select(*objects)
+    settings.setdefault("time_limit", 0.5)
+    if "tolerance" in settings:
+        settings.setdefault("tolerance_mode", "ABSOLUTE")
+    assert bpy.ops.ccdepth.measure(**settings) == {"FINISHED"}
+
+
 @contextmanager
 def edit_mode(*objects: bpy.types.Object) -> Iterator[None]:
     select(*objects)
@@ -56,6 +66,10 @@ def depths(holder: bpy.types.Object) -> NDArray[np.int32]:
 
 def bounds(holder: bpy.types.Object) -> NDArray[np.float32]:
     return _values(holder.data.attributes["ccdepth_bound"], "value", np.float32)
+
+
+def deviations(holder: bpy.types.Object) -> NDArray[np.float32]:
+    return _values(holder.data.attributes["ccdepth_deviation"], "value", np.float32)
 
 
 def colors(holder: bpy.types.Object) -> NDArray[np.float32]:
@@ -76,7 +90,9 @@ def histogram(holder: bpy.types.Object) -> dict[int, int]:
 def is_untouched(objects: Iterable[bpy.types.Object]) -> bool:
     """Whether no mesh of these objects holds anything of the add-on's."""
     return not any(
-        holder.data.ccdepth.has_result or any(name in holder.data.attributes for name in ATTRIBUTES)
+        holder.data.ccdepth.has_result
+        or holder.data.ccdepth.has_deviation
+        or any(name in holder.data.attributes for name in (*ATTRIBUTES, "ccdepth_deviation"))
         for holder in objects
         if holder.type == "MESH"
     )

@@ -120,7 +120,7 @@ def run(seed: int, kept: Sequence[int] | None = None, tell: Callable[[str], None
                 tell(f"{number} {name}")
                 with _errors_heard() as heard:
                     _carry_out(name, this)
-                    addon.module("staleness").check_touched()
+                    addon.module("state.staleness").check_touched()
                 if "Traceback" in heard():
                     raise Fault(f"a traceback was printed: {heard()}")
         finally:
@@ -225,7 +225,7 @@ def compute(this: Run) -> None:
     settings = _tolerance(rng)
     settings["method"] = one(rng, ("CERTIFIED", "CERTIFIED", "SHARP", "SECOND_ORDER", "FIRST_ORDER"))
     settings["vertices"] = one(rng, ("CONTROL", "LIMIT"))
-    clean = not any(addon.module("results").has_traces(mesh) for mesh in bpy.data.meshes)
+    clean = not any(addon.module("state.results").has_traces(mesh) for mesh in bpy.data.meshes)
     if _call(this, "compute", **settings):
         assert this.before_last is not None
         _same(f"compute {settings} finished", this.before_last, snapshot.take(), but=snapshot.is_ours)
@@ -259,7 +259,7 @@ def compute_again(this: Run) -> None:
     assert this.last_computed is not None
     with suppress(*REFUSALS):
         addon.select(*objects)
-    staleness = addon.module("staleness")
+    staleness = addon.module("state.staleness")
     staleness.check_touched()
     current = {
         each.data.name: _depths(each.data)
@@ -284,7 +284,7 @@ def _depths(mesh: bpy.types.Mesh) -> list[int]:
 def clear(this: Run) -> None:
     if _call(this, "clear"):
         after = snapshot.take()
-        left = [mesh.name for mesh in bpy.data.meshes if addon.module("results").has_traces(mesh)]
+        left = [mesh.name for mesh in bpy.data.meshes if addon.module("state.results").has_traces(mesh)]
         if this.before_result is not None and not left:
             _same("compute and clear", this.before_result, after)
         assert this.before_last is not None
@@ -350,7 +350,7 @@ def _subdivision(rng: Random) -> dict[str, Any]:
 def set_levels(this: Run) -> None:
     bpy.context.scene.ccdepth.max_faces = int(one(this.random, (10, 2000, 2000)))
     this.before_result = None
-    staleness = addon.module("staleness")
+    staleness = addon.module("state.staleness")
     meshes = [bpy.data.objects[name].data for name in _meant()]
     # A result may be current and yet not be about another user of its mesh.
     current = all(mesh.users == 1 and not staleness.is_stale(mesh) for mesh in meshes)
@@ -428,7 +428,8 @@ def update(this: Run) -> None:
 
 def measure(this: Run) -> None:
     """Measure Deviation, where there is one."""
-    if is_there("measure") and _call(this, "measure"):
+    # Whether it is near enough by then does not matter here.
+    if is_there("measure") and _call(this, "measure", time_limit=0.2):
         assert this.before_last is not None
         _same("measure finished", this.before_last, snapshot.take(), but=snapshot.is_ours)
         this.before_result = None
@@ -484,7 +485,7 @@ def _results_sound(what: str) -> None:
 
 def _results_current() -> None:
     """What was just made is not out of date."""
-    staleness = addon.module("staleness")
+    staleness = addon.module("state.staleness")
     staleness.check_touched()
     for holder in bpy.context.selected_objects:
         # Edit Mode shows one key by itself, which is another shape than that of the result.

@@ -135,8 +135,8 @@ def drawn(data: meshes.MeshData, tolerance: float, transitions: str, world: Floa
     Counting the faces beforehand finds as many.
     """
     world = np.eye(3) if world is None else world
-    adaptive, rules = addon.module("core.adaptive"), addon.module("core.catmull_clark")
-    templates, plan = addon.module("core.templates"), addon.module("core.plan")
+    adaptive, rules = addon.module("core.adaptive.planner"), addon.module("core.surface.catmull_clark")
+    templates, plan = addon.module("core.adaptive.templates"), addon.module("core.adaptive.plan")
     base = rules.apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
     asked = plan.Request(tolerance, plan.Mode.ADAPTIVE, templates.Transitions(transitions), MOST_FACES, world)
     positions = base.positions @ np.linalg.inv(world).T

@@ -22,10 +22,10 @@ def few_levels() -> None:
 
 def told_by_the_panel(holder: bpy.types.Object) -> str:
     """Once the timer has run, without anything that would have Blender pass on its updates."""
-    staleness = addon.module("staleness")
+    staleness = addon.module("state.staleness")
     if bpy.app.timers.is_registered(staleness.check_touched):
         staleness.check_touched()
-    return addon.module("panels").stale_line(bpy.context.scene.ccdepth, holder.data, holder)
+    return addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, holder.data, holder)
 
 
 def expect(holder: bpy.types.Object, line: str) -> None:
@@ -133,7 +133,7 @@ def test_a_count_of_faces_is_forgotten() -> None:
     bpy.context.scene.frame_set(FIRST)
     addon.select(holder)
     bpy.ops.ccdepth.count_faces()
-    counts = addon.module("face_counts")
+    counts = addon.module("state.face_counts")
     assert counts._known
     bpy.context.scene.frame_set(LATER)
     assert not counts._known
@@ -148,7 +148,7 @@ def test_what_cannot_be_examined_does_not_pass_for_current(
     def failing(*_: object, **__: object) -> None:
         raise LookupError("odd")
 
-    monkeypatch.setattr(addon.module("fingerprint"), "object_state", failing)
+    monkeypatch.setattr(addon.module("state.fingerprint"), "object_state", failing)
     holder.scale.x = 2.0
     bpy.context.view_layer.update()
     expect(holder, MESH_LINE)
@@ -176,20 +176,20 @@ def test_a_change_while_depths_are_being_computed_is_noticed() -> None:
     """The record tells what was read at the beginning, and not what is there at the end."""
     holder = scene.add_object(meshes.landscape(8, 8))
     bpy.context.view_layer.update()
-    operators = addon.module("operators")
-    computation = addon.module("computation")
+    operators = addon.module("operators.depth_operators")
+    computation = addon.module("tasks.depth_task")
     settings = computation.Settings(0.01, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
-    run = addon.module("stepwise").Stepwise(computation.prepare_stepwise(bpy.context, [holder], settings))
+    run = addon.module("operators.stepwise").Stepwise(computation.prepare_stepwise(bpy.context, [holder], settings))
     run.work()
     tasks = run.answer
     holder.scale.x = 2.0
     holder.data.vertices[0].co.z += 0.5
     bpy.context.view_layer.update()
-    run = addon.module("stepwise").Stepwise(computation.compute_stepwise(tasks))
+    run = addon.module("operators.stepwise").Stepwise(computation.compute_stepwise(tasks))
     run.work()
     [mesh] = operators._meshes_still_there(run.answer)
     [answer] = run.answer
-    addon.module("results").write_result(mesh, answer, settings, 0, answer.deepest)
-    addon.module("fingerprint").remember(mesh, answer.task.geometry, answer.depths, answer.task.states)
-    addon.module("staleness").touch(mesh)
+    addon.module("state.results").write_result(mesh, answer, settings, 0, answer.deepest)
+    addon.module("state.fingerprint").remember(mesh, answer.task.geometry, answer.depths, answer.task.states)
+    addon.module("state.staleness").touch(mesh)
     assert told_by_the_panel(holder).startswith("Out of date: mesh")

@@ -145,7 +145,7 @@ def modified(holder: bpy.types.Object) -> np.ndarray:
 
 def as_read(holder: bpy.types.Object, *, use_modifiers: bool = False) -> bpy.types.Object:
     """A copy of the grid with the creases that are read from the object, as Blender itself stores them."""
-    control = addon.module("control_mesh").read_control_mesh(bpy.context, holder, use_modifiers=use_modifiers)
+    control = addon.module("exchange.control_mesh").read_control_mesh(bpy.context, holder, use_modifiers=use_modifiers)
     copy = uneven()
     arrays = control.read.arrays
     for name, sharpness in (("crease_edge", arrays.edge_sharpness), ("crease_vert", arrays.vertex_sharpness)):
@@ -201,7 +201,7 @@ def test_changes_of_creases_of_every_kind_are_noticed(name: str, domain: str) ->
     holder = uneven()
     add(holder, name, "INT", domain)
     addon.compute(holder, tolerance=TOLERANCE)
-    out_of_date = addon.module("staleness").out_of_date
+    out_of_date = addon.module("state.staleness").out_of_date
     assert not out_of_date(bpy.context, [holder])
     for item in holder.data.attributes[name].data:
         item.value = 1 - item.value
@@ -212,7 +212,7 @@ def test_creases_are_left_out_when_the_modifier_leaves_them_out() -> None:
     holder = uneven()
     add(holder, "crease_vert", "INT", "CORNER")
     scene.add_subdivision(holder, 1).use_creases = False
-    control = addon.module("control_mesh").read_control_mesh(bpy.context, holder, use_modifiers=False)
+    control = addon.module("exchange.control_mesh").read_control_mesh(bpy.context, holder, use_modifiers=False)
     assert not control.read.arrays.vertex_sharpness.any()
 
 
@@ -275,9 +275,9 @@ def test_attributes_that_take_our_names_later_are_not_taken_for_ours(
     addon.select(holder)
     if editing:
         bpy.ops.object.mode_set(mode="EDIT")
-    addon.module("heat_map").synchronise(bpy.context)
-    addon.module("staleness").touch(holder.data)
-    addon.module("staleness").check_touched()
+    addon.module("ui.heat_map").synchronise(bpy.context)
+    addon.module("state.staleness").touch(holder.data)
+    addon.module("state.staleness").check_touched()
     for operator in (bpy.ops.ccdepth.select, bpy.ops.ccdepth.set_levels):
         if operator.poll():
             operator()

@@ -12,7 +12,7 @@ import pytest
 
 from tests.blender import addon, scene
 
-command_line = addon.module("command_line")
+command_line = addon.module("command_line.command")
 
 SUZANNE_FACES = 500
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from mathutils import Matrix
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule
-from ccdepth_addon.core.depth import METHODS, VERTICES, face_depths
+from ccdepth_addon.core.depth.face_depths import METHODS, VERTICES, face_depths
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from tests import meshes
 from tests.blender import addon, scene
 from tests.steps import result_of
@@ -109,7 +109,7 @@ def test_equal_duplicates_are_computed_once() -> None:
     objects = [first] + [scene.add_mesh(first.data) for _ in range(3)]
     objects[2].scale = (2.0, 2.0, 2.0)
     objects[3].rotation_euler = (0.1, 0.2, 0.3)
-    computation = addon.module("computation")
+    computation = addon.module("tasks.depth_task")
     bpy.context.view_layer.update()
     settings = computation.Settings(TOLERANCE, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
     (task,) = result_of(computation.prepare_stepwise(bpy.context, objects, settings))
@@ -201,7 +201,7 @@ def test_computing_again_replaces_the_result() -> None:
 
 
 def test_a_number_typed_is_the_number_meant() -> None:
-    as_typed = addon.module("surfaces").as_typed
+    as_typed = addon.module("tasks.surfaces").as_typed
     for typed in (0.1, 0.01, 0.0003, 123.4):
         assert as_typed(float(np.float32(typed))) == typed
 
@@ -209,7 +209,7 @@ def test_a_number_typed_is_the_number_meant() -> None:
 def test_every_method_has_a_name_and_a_description() -> None:
     items = bpy.types.CCDEPTH_OT_compute.bl_rna.properties
     assert items
-    assert {identifier for identifier, *_ in addon.module("properties").METHOD_ITEMS} == set(METHODS)
+    assert {identifier for identifier, *_ in addon.module("state.properties").METHOD_ITEMS} == set(METHODS)
 
 
 def test_undo_takes_the_result_away() -> None:
@@ -256,7 +256,7 @@ def test_the_record_says_on_how_many_faces_the_depth_is_the_least() -> None:
 
 def test_bounds_are_never_rounded_down() -> None:
     bounds = np.array([0.0, 0.1, 1 / 3, 1e-30, 1.0])
-    single = addon.module("results").rounded_up(bounds)
+    single = addon.module("state.results").rounded_up(bounds)
     assert single.dtype == np.float32
     assert np.all(single >= bounds)
     assert np.all(single <= bounds * (1 + np.finfo(np.float32).eps))

@@ -18,7 +18,7 @@ import pytest
 from tests.blender import addon
 
 CHECKOUT = Path(__file__).resolve().parents[2]
-whole_files = addon.module("whole_files")
+whole_files = addon.module("command_line.whole_files")
 
 # Less than any .blend file and any picture have.
 ROOM = 16 * 1024
@@ -30,7 +30,7 @@ def program() -> list[str]:
     """The command line, in a process of its own."""
     if bpy.app.binary_path:
         return [bpy.app.binary_path, "-b", "--command", "ccdepth"]
-    return [sys.executable, str(CHECKOUT / "scripts" / "heat_map.py")]
+    return [sys.executable, str(CHECKOUT / "scripts" / "ui/heat_map.py")]
 
 
 def run(*arguments: object, room: int | None = None, **options: object) -> subprocess.CompletedProcess[str]:

@@ -98,7 +98,7 @@ class Answer:
 
 
 def answers(asked: bpy.types.Object, tolerances: tuple[float, ...]) -> Iterator[Answer]:
-    core = addon.module("core.depth")
+    core = addon.module("core.depth.face_depths")
     for tolerance, method, vertices in product(tolerances, core.METHODS, core.VERTICES):
         addon.compute(asked, tolerance=tolerance, method=method, vertices=vertices)
         bounds = addon.bounds(asked).astype(np.float64)

@@ -227,8 +227,8 @@ def test_a_result_in_a_library_is_left_alone(tmp_path: Path, kind: Kind) -> None
 @pytest.fixture
 def unprotected(monkeypatch: pytest.MonkeyPatch) -> None:
     """Overrides are neither refused nor made local, so that Blender drops what is written to them."""
-    monkeypatch.setattr(addon.module("long_operator"), "_mesh_fault", lambda mesh: None)
-    monkeypatch.setattr(addon.module("subdivided_object"), "own_copy", lambda data: data.copy())
+    monkeypatch.setattr(addon.module("operators.long_operator"), "_mesh_fault", lambda mesh: None)
+    monkeypatch.setattr(addon.module("exchange.result_mesh"), "own_copy", lambda data: data.copy())
 
 
 @pytest.mark.usefixtures("unprotected")
@@ -244,11 +244,11 @@ def test_depths_that_are_not_kept_leave_an_earlier_result(monkeypatch: pytest.Mo
     holder = scene.add_suzanne()
     addon.compute(holder, tolerance=0.5)
     before = addon.depths(holder), addon.bounds(holder), addon.colors(holder), holder.data.ccdepth.world_tolerance
-    module = addon.module("results")
+    module = addon.module("state.results")
 
     def forget(items: object, name: str, values: np.ndarray) -> None:
         if name == "color":
-            raise addon.module("writing").WriteError("Blender did not keep what was written to the mesh")
+            raise addon.module("exchange.bulk_writing").WriteError("Blender did not keep what was written to the mesh")
         items.foreach_set(name, values)
 
     monkeypatch.setattr(module, "write_values", forget)

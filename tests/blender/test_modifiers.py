@@ -9,8 +9,8 @@ import bpy
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule
-from ccdepth_addon.core.depth import face_depths
+from ccdepth_addon.core.depth.face_depths import face_depths
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from tests import meshes
 from tests.blender import addon, scene
 
@@ -233,14 +233,14 @@ def test_faces_that_come_from_no_face_are_not_mistaken_for_copies() -> None:
     boolean.object = cutter
     cutter.location = (1.0, 0.0, 0.0)
     bpy.context.view_layer.update()
-    control = addon.module("control_mesh").read_control_mesh(bpy.context, holder, use_modifiers=True)
+    control = addon.module("exchange.control_mesh").read_control_mesh(bpy.context, holder, use_modifiers=True)
     assert np.count_nonzero(control.base_faces < 0) > 0
     addon.compute(holder, tolerance=TOLERANCE)
     assert len(addon.depths(holder)) == len(holder.data.polygons)
 
 
 def test_origins_that_were_averaged_are_not_taken_for_origins() -> None:
-    control_mesh = addon.module("control_mesh")
+    control_mesh = addon.module("exchange.control_mesh")
     holder = scene.add_object(meshes.landscape(8, 8))
     mesh = holder.data
     name = control_mesh._write_origins(holder, mesh)

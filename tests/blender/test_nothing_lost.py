@@ -15,12 +15,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule
-from ccdepth_addon.core.limit_normals import limit_normals
-from ccdepth_addon.core.mesh import PolygonMesh
-from ccdepth_addon.core.subdivided_mesh import SubdividedMesh
-from ccdepth_addon.core.surface_points import interpolate_linearly
-from ccdepth_addon.core.uv_surface import UV_SMOOTH, uv_surface
+from ccdepth_addon.core.adaptive.subdivided_mesh import SubdividedMesh
+from ccdepth_addon.core.attributes.face_varying import UV_SMOOTH, uv_surface
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.surface.limit_normals import limit_normals
+from ccdepth_addon.core.surface.surface_points import interpolate_linearly
 from tests import meshes, uniform
 from tests.blender import addon, scene
 from tests.blender.measuring import corner_parameters
@@ -260,7 +260,7 @@ def carry(holder: bpy.types.Object, uv_smooth: str = "PRESERVE_BOUNDARIES", *, e
     scene.add_subdivision(holder, LEVEL).uv_smooth = uv_smooth
     control = apply_boundary_rule(scene.polygon_mesh_of(base), smooth_corners=True)
     subdivided = uniform.uniform(control, LEVEL)
-    module = addon.module("subdivided_object")
+    module = addon.module("exchange.result_mesh")
     mesh = module.new_mesh(base, control, subdivided, module.CarryOptions(uv_smooth, exact_normals))
     blenders = holder.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     return Carried(base, control, subdivided, mesh, blenders)
@@ -327,7 +327,7 @@ def test_locations_and_scales_are_interpolated_as_the_modifier_does(carried: Car
 
 
 def test_rotations_in_transformations_are_interpolated_like_rotations() -> None:
-    values = addon.module("core.carried_values")
+    values = addon.module("core.attributes.interpolation")
     rng = np.random.default_rng(3)
     matrices = random_transformations(200, rng)
     parts = values.split_transformations(matrices)
@@ -629,7 +629,7 @@ def test_loose_parts_stay_with_their_values() -> None:
     for name in ("Basis", "Key"):
         holder.shape_key_add(name=name, from_mix=False).value = 1.0
     holder.data.shape_keys.key_blocks["Key"].points[10].co = (5, 6, 7)
-    module = addon.module("subdivided_object")
+    module = addon.module("exchange.result_mesh")
     control = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
     subdivided = uniform.uniform(control, LEVEL)
     used = np.unique(subdivided.corner_vertices)

@@ -49,7 +49,7 @@ def test_colours_are_put_back_for_painting_and_shown_again_afterwards(mode: str,
     holder = computed(*colors)
     enter(mode)
     assert active(holder) == (colors[-1] if colors else "")
-    results = addon.module("results")
+    results = addon.module("state.results")
     assert results.has_heat_map(holder.data)
     assert not results.shows_heat_map(holder.data)
     assert {*addon.ATTRIBUTES} <= {*holder.data.attributes.keys()}

@@ -43,8 +43,8 @@ def test_the_modifier_gets_the_uniform_level(vertices: str, present: bool) -> No
     if present:
         assert holder.modifiers[0].boundary_smooth == "PRESERVE_CORNERS"
     bpy.context.view_layer.update()
-    addon.module("staleness").check_touched()
-    assert not addon.module("staleness").is_stale(holder.data)
+    addon.module("state.staleness").check_touched()
+    assert not addon.module("state.staleness").is_stale(holder.data)
 
 
 @pytest.mark.parametrize("use_modifiers", [False, True])

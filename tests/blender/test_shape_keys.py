@@ -175,11 +175,11 @@ def test_refused_runs_leave_no_keys(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("module", "name"),
     [
-        ("subdivided_object", "write_groups"),
-        ("subdivided_object", "write_shape_keys"),
-        ("carried_shape_keys", "_copy_animation"),
-        ("subdivision_objects", "_place"),
-        ("results", "write_subdivision"),
+        ("exchange.result_mesh", "write_groups"),
+        ("exchange.result_mesh", "write_shape_keys"),
+        ("exchange.shape_keys", "_copy_animation"),
+        ("exchange.result_objects", "_place"),
+        ("state.results", "write_subdivision"),
     ],
 )
 def test_runs_that_fail_half_way_leave_no_keys(
@@ -203,7 +203,7 @@ def test_a_mesh_made_by_modifiers_leaves_no_keys_when_it_fails(tmp_path: Path, m
     def fail(*_: object, **__: object) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(addon.module("control_mesh"), "mesh_arrays", fail)
+    monkeypatch.setattr(addon.module("exchange.control_mesh"), "mesh_arrays", fail)
     refused(holder, match="not enough memory")
     assert key_owners() == [holder.data.name]
     save_twice(tmp_path)

@@ -19,8 +19,8 @@ SETTINGS_LINE = "Out of date: settings changed"
 def stale_line(holder: bpy.types.Object) -> str:
     """What the panel tells, once Blender has passed on its updates and the timer has run."""
     bpy.context.view_layer.update()
-    addon.module("staleness").check_touched()
-    return addon.module("panels").stale_line(bpy.context.scene.ccdepth, holder.data)
+    addon.module("state.staleness").check_touched()
+    return addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, holder.data)
 
 
 def computed() -> bpy.types.Object:
@@ -102,9 +102,9 @@ def test_depths_of_zero_that_are_taken_away_are_noticed() -> None:
     holder = scene.add_object(meshes.torus(6, 6))
     addon.compute(holder, tolerance=100.0, tolerance_mode="ABSOLUTE")
     assert addon.depths(holder).max() == 0
-    checksum = addon.module("fingerprint").mesh_checksum(holder)
+    checksum = addon.module("state.fingerprint").mesh_checksum(holder)
     holder.data.attributes.remove(holder.data.attributes["ccdepth"])
-    assert addon.module("fingerprint").mesh_checksum(holder) != checksum
+    assert addon.module("state.fingerprint").mesh_checksum(holder) != checksum
 
 
 def move_and_turn(holder: bpy.types.Object) -> None:
@@ -263,7 +263,7 @@ def test_edit_mode_is_followed() -> None:
 
 
 def test_large_meshes_in_edit_mode_are_not_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(addon.module("staleness"), "LARGEST_EDITED_FACE_COUNT", 100)
+    monkeypatch.setattr(addon.module("state.staleness"), "LARGEST_EDITED_FACE_COUNT", 100)
     holder = scene.add_suzanne()
     with addon.edit_mode(holder):
         bpy.context.view_layer.update()
@@ -325,12 +325,12 @@ def test_undo_in_edit_mode_is_followed() -> None:
     stale_line(bpy.context.object)
     assert addon.histogram(bpy.context.object) == first
     bpy.ops.ed.undo()
-    assert not addon.module("results").has_result(bpy.context.object.data)
+    assert not addon.module("state.results").has_result(bpy.context.object.data)
     bpy.ops.object.mode_set(mode="OBJECT")
 
 
 def test_nothing_is_left_running() -> None:
-    staleness = addon.module("staleness")
+    staleness = addon.module("state.staleness")
     holder = computed()
     move_a_vertex(holder)
     bpy.context.view_layer.update()

@@ -137,13 +137,13 @@ def test_the_record_tells_what_was_made_and_is_not_out_of_date() -> None:
     assert record.world_tolerance == pytest.approx(TOLERANCE)
     assert record.largest_bound == addon.bounds(result).max()
     assert addon.histogram(result) == dict(zip(*np.unique(depths, return_counts=True), strict=True))
-    addon.module("staleness").check_touched()
-    assert addon.module("panels").stale_line(bpy.context.scene.ccdepth, result.data) == ""
+    addon.module("state.staleness").check_touched()
+    assert addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, result.data) == ""
     result.data.vertices[0].co.x += 1.0
     result.data.update()
     bpy.context.view_layer.update()
-    addon.module("staleness").check_touched()
-    assert "mesh changed" in addon.module("panels").stale_line(bpy.context.scene.ccdepth, result.data)
+    addon.module("state.staleness").check_touched()
+    assert "mesh changed" in addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, result.data)
 
 
 def test_an_earlier_result_stays_with_the_original_alone() -> None:
@@ -252,8 +252,8 @@ def test_the_count_is_what_is_made() -> None:
 
 def known_count(holder: bpy.types.Object) -> object:
     settings = bpy.context.scene.ccdepth
-    asked = addon.module("subdivision").subdivision_settings(settings, settings.tolerance)
-    return addon.module("face_counts").known_count(holder, asked)
+    asked = addon.module("tasks.adaptive_task").subdivision_settings(settings, settings.tolerance)
+    return addon.module("state.face_counts").known_count(holder, asked)
 
 
 def test_counting_changes_nothing() -> None:
@@ -412,7 +412,7 @@ def test_attributes_may_have_any_values(data_type: str, value: float) -> None:
     """None of the warnings of numpy are printed, which pytest would take for errors."""
     holder = scene.add_suzanne()
     for domain in ("POINT", "CORNER"):
-        kind = addon.module("carried_attributes").TYPES[data_type]
+        kind = addon.module("exchange.attributes").TYPES[data_type]
         items = holder.data.attributes.new(f"{data_type} {domain}", data_type, domain).data
         values = np.zeros(len(items) * kind.width, dtype=np.float32)
         values[[3, 50]] = value
@@ -505,7 +505,7 @@ def test_edit_mode_stays_whatever_goes_wrong(operator: str, name: str, monkeypat
     def failing(*_: object, **__: object) -> None:
         raise LookupError("odd")
 
-    monkeypatch.setattr(addon.module("subdivision_operators"), name, failing)
+    monkeypatch.setattr(addon.module("operators.adaptive_operators"), name, failing)
     with pytest.raises(RuntimeError, match="odd"):
         getattr(bpy.ops.ccdepth, operator)(tolerance=TOLERANCE)
     assert bpy.context.mode == "EDIT_MESH"
@@ -515,7 +515,7 @@ def test_edit_mode_stays_whatever_goes_wrong(operator: str, name: str, monkeypat
 def test_an_operator_that_has_run_keeps_nothing_of_its_work(operator: str) -> None:
     """Blender keeps the last operators, with all they hold."""
     addon.select(scene.add_suzanne())
-    work = addon.module("stepwise").Stepwise
+    work = addon.module("operators.stepwise").Stepwise
     assert getattr(bpy.ops.ccdepth, operator)("EXEC_DEFAULT", True, tolerance=TOLERANCE) == {"FINISHED"}
     gc.collect()
     assert not [kept for kept in gc.get_objects() if isinstance(kept, work)]
@@ -755,11 +755,11 @@ def test_without_a_mesh_object_it_is_not_offered() -> None:
 def test_giving_up_leaves_everything_as_it_was() -> None:
     holder = scene.add_suzanne()
     addon.select(holder)
-    subdivision = addon.module("subdivision")
+    subdivision = addon.module("tasks.adaptive_task")
     before = everything_in_the_file()
     settings = subdivision.SubdivisionSettings(1e-5, "RELATIVE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
     tasks = result_of(subdivision.prepare_subdivision(bpy.context, [holder], settings))
-    run = addon.module("stepwise").Stepwise(subdivision.subdivide_stepwise(tasks, settings))
+    run = addon.module("operators.stepwise").Stepwise(subdivision.subdivide_stepwise(tasks, settings))
     assert not run.work(0.05)
     assert run.progress > 0
     run.give_up()

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from mathutils.kdtree import KDTree
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule, subdivide
-from ccdepth_addon.core.mesh import PolygonMesh
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, subdivide
 from tests import meshes
 from tests.blender import scene
 

@@ -12,22 +12,23 @@ from typing import Any
 import numpy as np
 import pytest
 
-from ccdepth_addon.core import adaptive
-from ccdepth_addon.core.adaptive import AdaptiveMesh, count_faces, subdivide_adaptively
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule
-from ccdepth_addon.core.cell_store import some
-from ccdepth_addon.core.cells import cells_of_faces
-from ccdepth_addon.core.drawing import Outline, outline, triangles_around
-from ccdepth_addon.core.fits import Fit
-from ccdepth_addon.core.graph_bounds import graph_bounds
-from ccdepth_addon.core.limit_normals import limit_normals
-from ccdepth_addon.core.limit_surface import limit_values
-from ccdepth_addon.core.mesh import FloatArray, IndexArray, PolygonMesh
-from ccdepth_addon.core.net_cells import BicubicCells
-from ccdepth_addon.core.plan import Mode, Request, TooManyFacesError
-from ccdepth_addon.core.quadtree import NONE, Quadtree
-from ccdepth_addon.core.surface_points import SurfacePoints
-from ccdepth_addon.core.templates import Transitions
+from ccdepth_addon.core.adaptive import planner
+from ccdepth_addon.core.adaptive.cells.cell_store import some
+from ccdepth_addon.core.adaptive.cells.control_faces import cells_of_faces
+from ccdepth_addon.core.adaptive.cells.patch_cells import BicubicCells
+from ccdepth_addon.core.adaptive.leaf_approximation import Fit
+from ccdepth_addon.core.adaptive.leaf_bounds.star_bounds import graph_bounds
+from ccdepth_addon.core.adaptive.plan import Mode, Request, TooManyFacesError
+from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, count_faces, subdivide_adaptively
+from ccdepth_addon.core.adaptive.quadtree import NONE, Quadtree
+from ccdepth_addon.core.adaptive.templates import Transitions
+from ccdepth_addon.core.adaptive.tessellation import Outline, outline, triangles_around
+from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.surface.evaluation import limit_values
+from ccdepth_addon.core.surface.limit_normals import limit_normals
+from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes, soundness
 from tests.steps import result_of
 
@@ -277,7 +278,7 @@ def test_finished_tree(name: str, mode: Mode, monkeypatch: pytest.MonkeyPatch) -
             drawn.append((tree, leaves, fit))
             return outline(tree, leaves, fit, transitions)
 
-        monkeypatch.setattr(adaptive, "outline", drawing)
+        monkeypatch.setattr(planner, "outline", drawing)
         asked = request(mesh, tolerance, mode)
         subdivided(mesh, asked)
         for tree, leaves, fit in drawn:

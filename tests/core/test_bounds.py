@@ -16,7 +16,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
 
-from ccdepth_addon.core.bounds import (
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.bounds.norm_bounds import (
     PATCH_METHODS,
     Method,
     Vertices,
@@ -30,10 +31,15 @@ from ccdepth_addon.core.bounds import (
     second_order_regular,
     support_bounds,
 )
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule, limit_positions
-from ccdepth_addon.core.depth import face_depths
-from ccdepth_addon.core.mesh import FloatArray
-from ccdepth_addon.core.patches import PatchKind, classify_patches, extraordinary_nets, faces_on_grids, regular_nets
+from ccdepth_addon.core.depth.face_depths import face_depths
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions
+from ccdepth_addon.core.surface.patches import (
+    PatchKind,
+    classify_patches,
+    extraordinary_nets,
+    faces_on_grids,
+    regular_nets,
+)
 from tests import meshes, nets
 from tests.linear_programs import PROGRAM_TOLERANCE, largest_of
 

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.catmull_clark import (
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, corners_of_faces, submesh
+from ccdepth_addon.core.surface.catmull_clark import (
     Subdivision,
     VertexRule,
     apply_boundary_rule,
@@ -19,7 +20,6 @@ from ccdepth_addon.core.catmull_clark import (
     subdivide,
     vertex_rules,
 )
-from ccdepth_addon.core.mesh import PolygonMesh, corners_of_faces, submesh
 from tests import meshes
 
 MESHES: dict[str, Callable[[], meshes.MeshData]] = {

@@ -5,12 +5,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule
-from ccdepth_addon.core.cell_store import CellStore, in_blocks
-from ccdepth_addon.core.cells import cells_of_faces
-from ccdepth_addon.core.mesh import FloatArray
-from ccdepth_addon.core.net_cells import BicubicCells, ExtraordinaryCells, NetCells
-from ccdepth_addon.core.quadtree import Quadtree
+from ccdepth_addon.core.adaptive.cells.cell_store import CellStore, in_blocks
+from ccdepth_addon.core.adaptive.cells.control_faces import cells_of_faces
+from ccdepth_addon.core.adaptive.cells.patch_cells import BicubicCells, ExtraordinaryCells, NetCells
+from ccdepth_addon.core.adaptive.quadtree import Quadtree
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from tests import meshes
 
 

@@ -15,15 +15,22 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from numpy.typing import NDArray
 
-from ccdepth_addon.core import certified_depth
-from ccdepth_addon.core.bounds import Vertices
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule, limit_positions, subdivide
-from ccdepth_addon.core.depth import VERTICES, DepthResult, face_depths, smallest_tolerance
-from ccdepth_addon.core.facets import facet_error, later_bounds, sampled_error
-from ccdepth_addon.core.mesh import FloatArray, InvalidMeshError, PolygonMesh
-from ccdepth_addon.core.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
-from ccdepth_addon.core.splines import HALVES, SPLINE_HALVES, bilinear_coefficients, both_ways, patch_coefficients
-from ccdepth_addon.core.stencils import apply_stencils, patch_stencils
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.bounds.facet_bounds import facet_error, later_bounds, sampled_error
+from ccdepth_addon.core.bounds.norm_bounds import Vertices
+from ccdepth_addon.core.depth import certified_depth
+from ccdepth_addon.core.depth.face_depths import VERTICES, DepthResult, face_depths, smallest_tolerance
+from ccdepth_addon.core.mesh.polygon_mesh import InvalidMeshError, PolygonMesh
+from ccdepth_addon.core.surface.bicubic import (
+    HALVES,
+    SPLINE_HALVES,
+    bilinear_coefficients,
+    both_ways,
+    patch_coefficients,
+)
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions, subdivide
+from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
+from ccdepth_addon.core.surface.stencils import apply_stencils, patch_stencils
 from tests import brute_force, meshes, nets
 
 both_vertices = pytest.mark.parametrize("vertices", VERTICES)

@@ -10,10 +10,9 @@ from math import ceil, log
 import numpy as np
 import pytest
 
-from ccdepth_addon.core import certified_depth, norm_depth
-from ccdepth_addon.core.bounds import Method, Vertices, first_order_rate
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule, subdivide
-from ccdepth_addon.core.depth import (
+from ccdepth_addon.core.bounds.norm_bounds import Method, Vertices, first_order_rate
+from ccdepth_addon.core.depth import certified_depth, norm_depth
+from ccdepth_addon.core.depth.face_depths import (
     METHODS,
     VERTICES,
     DepthResult,
@@ -22,8 +21,9 @@ from ccdepth_addon.core.depth import (
     face_depths_stepwise,
     smallest_tolerance,
 )
-from ccdepth_addon.core.mesh import InvalidMeshError, PolygonMesh, polygon_mesh
-from ccdepth_addon.core.patches import PatchKind, classify_patches
+from ccdepth_addon.core.mesh.polygon_mesh import InvalidMeshError, PolygonMesh, polygon_mesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, subdivide
+from ccdepth_addon.core.surface.patches import PatchKind, classify_patches
 from tests import meshes, nets
 
 every_method = pytest.mark.parametrize("method", METHODS)

@@ -6,12 +6,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule
-from ccdepth_addon.core.drawing import Outline, outline
-from ccdepth_addon.core.fits import Fit
-from ccdepth_addon.core.mesh import PolygonMesh, polygon_mesh
-from ccdepth_addon.core.quadtree import Quadtree
-from ccdepth_addon.core.templates import Transitions
+from ccdepth_addon.core.adaptive.leaf_approximation import Fit
+from ccdepth_addon.core.adaptive.quadtree import Quadtree
+from ccdepth_addon.core.adaptive.templates import Transitions
+from ccdepth_addon.core.adaptive.tessellation import Outline, outline
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 
 SQUARE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
 

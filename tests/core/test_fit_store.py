@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.fit_store import FitStore
-from ccdepth_addon.core.fits import Fit
-from ccdepth_addon.core.mesh import IndexArray
-from ccdepth_addon.core.quadtree import NONE, Quadtree
-from ccdepth_addon.core.triangle_bounds import Misses
+from ccdepth_addon.core.adaptive.approximation_store import FitStore
+from ccdepth_addon.core.adaptive.leaf_approximation import Fit
+from ccdepth_addon.core.adaptive.leaf_bounds.triangle_bounds import Misses
+from ccdepth_addon.core.adaptive.quadtree import NONE, Quadtree
+from ccdepth_addon.core.arrays.types import IndexArray
 from tests.meshes import cube, to_polygon_mesh
 
 ROUNDS = 40

@@ -6,9 +6,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.graph_bounds import THINNEST, graph_bounds
-from ccdepth_addon.core.mesh import FloatArray
-from ccdepth_addon.core.triangle_bounds import Misses
+from ccdepth_addon.core.adaptive.leaf_bounds.star_bounds import THINNEST, graph_bounds
+from ccdepth_addon.core.adaptive.leaf_bounds.triangle_bounds import Misses
+from ccdepth_addon.core.arrays.types import FloatArray
 
 SIDES = 6
 TRIANGLES = np.array([(0, 1 + i, 1 + (i + 1) % SIDES) for i in range(SIDES)])

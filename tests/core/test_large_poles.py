@@ -6,7 +6,7 @@ from __future__ import annotations
 from itertools import islice
 from time import process_time
 
-from ccdepth_addon.core.depth import face_depths_stepwise
+from ccdepth_addon.core.depth.face_depths import face_depths_stepwise
 from tests import meshes
 
 VALENCE = 5000

@@ -8,7 +8,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.depth import (
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.depth.face_depths import (
     METHODS,
     VERTICES,
     ToleranceError,
@@ -17,8 +18,8 @@ from ccdepth_addon.core.depth import (
     uniform_level,
     uniform_level_stepwise,
 )
-from ccdepth_addon.core.mesh import FloatArray, PolygonMesh
-from ccdepth_addon.core.shown_patches import MOST_QUALITY, needed_quality, unmet_corners
+from ccdepth_addon.core.depth.modifier_quality import MOST_QUALITY, needed_quality, unmet_corners
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from tests import meshes
 from tests.brute_force import Levels
 from tests.core.test_depth import AWKWARD, build, every_method

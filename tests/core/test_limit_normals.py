@@ -6,11 +6,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule, subdivide
-from ccdepth_addon.core.limit_normals import limit_normals
-from ccdepth_addon.core.limit_surface import limit_values
-from ccdepth_addon.core.mesh import PolygonMesh
-from ccdepth_addon.core.surface_points import SurfacePoints
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, subdivide
+from ccdepth_addon.core.surface.evaluation import limit_values
+from ccdepth_addon.core.surface.limit_normals import limit_normals
+from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes
 from tests.core.test_limit_surface import build, every_mesh
 from tests.uniform import uniform_points

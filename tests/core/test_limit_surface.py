@@ -11,10 +11,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule, limit_positions, subdivide
-from ccdepth_addon.core.limit_surface import LARGEST_STENCIL_VALENCE, limit_values
-from ccdepth_addon.core.mesh import PolygonMesh
-from ccdepth_addon.core.surface_points import SurfacePoints
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions, subdivide
+from ccdepth_addon.core.surface.evaluation import LARGEST_STENCIL_VALENCE, limit_values
+from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes
 from tests.uniform import uniform_points
 

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.norms import (
+from ccdepth_addon.core.bounds.norms import (
     first_order_norm_extraordinary,
     first_order_norm_regular,
     second_differences,

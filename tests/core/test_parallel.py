@@ -8,7 +8,7 @@ from itertools import count
 
 import pytest
 
-from ccdepth_addon.core.parallel import SECONDS_BETWEEN_SIGNS_OF_LIFE, in_parallel
+from ccdepth_addon.core.arrays.threads import SECONDS_BETWEEN_SIGNS_OF_LIFE, in_parallel
 
 
 def test_results_come_in_order() -> None:

@@ -9,10 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule
-from ccdepth_addon.core.mesh import PolygonMesh
-from ccdepth_addon.core.norms import second_order_norm_regular
-from ccdepth_addon.core.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
+from ccdepth_addon.core.bounds.norms import second_order_norm_regular
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
 from tests import meshes, nets
 
 ROUNDING = 1e-13

@@ -6,13 +6,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule
-from ccdepth_addon.core.limit_surface import limit_values
-from ccdepth_addon.core.mesh import FloatArray, PolygonMesh
-from ccdepth_addon.core.polygon_cells import HALVINGS, TriangleCells, fan_of_template
-from ccdepth_addon.core.refinement import Refinement
-from ccdepth_addon.core.surface_points import SurfacePoints
-from ccdepth_addon.core.templates import Template, Transitions, triangle_template
+from ccdepth_addon.core.adaptive.cells.polygon_cells import HALVINGS, TriangleCells, fan_of_template
+from ccdepth_addon.core.adaptive.templates import Template, Transitions, triangle_template
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.surface.evaluation import limit_values
+from ccdepth_addon.core.surface.refinement import Refinement
+from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes
 
 MESHES = {

@@ -10,9 +10,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccdepth_addon.core.mesh import FloatArray
-from ccdepth_addon.core.polygons import polygon_thickness, thickness_of_quads
-from ccdepth_addon.core.templates import ALL_SPLIT, WHOLE, templates, triangle_template
+from ccdepth_addon.core.adaptive.leaf_bounds.polygon_bounds import polygon_thickness, thickness_of_quads
+from ccdepth_addon.core.adaptive.templates import ALL_SPLIT, WHOLE, templates, triangle_template
+from ccdepth_addon.core.arrays.types import FloatArray
 from tests import polygon_loops as loops
 from tests.polygon_loops import Loop
 

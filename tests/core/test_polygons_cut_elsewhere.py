@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from ccdepth_addon.core.mesh import FloatArray
-from ccdepth_addon.core.polygons import is_folded, polygon_thickness
+from ccdepth_addon.core.adaptive.leaf_bounds.polygon_bounds import is_folded, polygon_thickness
+from ccdepth_addon.core.arrays.types import FloatArray
 
 UNEVEN = np.array([[1.0, 0.0, 30.0], [0.0, 1.0, -20.0], [0.0, 0.0, 1.0]])
 

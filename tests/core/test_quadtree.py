@@ -18,9 +18,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from ccdepth_addon.core.mesh import IndexArray, PolygonMesh
-from ccdepth_addon.core.quadtree import NONE, Quadtree
-from ccdepth_addon.core.surface_points import SurfacePoints
+from ccdepth_addon.core.adaptive.quadtree import NONE, Quadtree
+from ccdepth_addon.core.arrays.types import IndexArray
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes
 
 Weights = frozenset[tuple[int, Fraction]]

@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 from scipy.stats import binom
 
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule
-from ccdepth_addon.core.cells import cells_of_faces
-from ccdepth_addon.core.coordinates import coordinates_apart
-from ccdepth_addon.core.fits import Fit
-from ccdepth_addon.core.mesh import FloatArray, PolygonMesh
-from ccdepth_addon.core.net_cells import SMALL_REST, BicubicCells, Children
-from ccdepth_addon.core.quadtree import Quadtree
-from ccdepth_addon.core.quarter_bounds import quarter_distances
-from ccdepth_addon.core.templates import Transitions
+from ccdepth_addon.core.adaptive.cells.control_faces import cells_of_faces
+from ccdepth_addon.core.adaptive.cells.patch_cells import SMALL_REST, BicubicCells, Children
+from ccdepth_addon.core.adaptive.leaf_approximation import Fit
+from ccdepth_addon.core.adaptive.leaf_bounds.child_bounds import quarter_distances
+from ccdepth_addon.core.adaptive.quadtree import Quadtree
+from ccdepth_addon.core.adaptive.templates import Transitions
+from ccdepth_addon.core.arrays.coordinates import coordinates_apart
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from tests import meshes
 
 # Corners of a quad, counter-clockwise, and the triangles along its first and its second diagonal.

@@ -16,10 +16,10 @@ import os, sys
 os.cpu_count = lambda: int(sys.argv[1])
 from hashlib import sha256
 import numpy as np
-from ccdepth_addon.core.adaptive import Mode, Request, subdivide_adaptively
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule
-from ccdepth_addon.core.depth import face_depths
-from ccdepth_addon.core.templates import Transitions
+from ccdepth_addon.core.adaptive.planner import Mode, Request, subdivide_adaptively
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.depth.face_depths import face_depths
+from ccdepth_addon.core.adaptive.templates import Transitions
 from tests import meshes
 from tests.steps import result_of
 

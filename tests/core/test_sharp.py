@@ -12,7 +12,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.bounds import (
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.bounds.norm_bounds import (
     PATCH_METHODS,
     Method,
     PatchBounds,
@@ -21,11 +22,10 @@ from ccdepth_addon.core.bounds import (
     second_order_regular,
     sharp_extraordinary,
 )
-from ccdepth_addon.core.catmull_clark import apply_boundary_rule
-from ccdepth_addon.core.depth import face_depths
-from ccdepth_addon.core.mesh import FloatArray
-from ccdepth_addon.core.patches import extraordinary_nets
-from ccdepth_addon.core.sharp_constants import CONTROL_FACTORS, LIMIT_FACTORS, PERIOD, RATES
+from ccdepth_addon.core.bounds.sharp_constants import CONTROL_FACTORS, LIMIT_FACTORS, PERIOD, RATES
+from ccdepth_addon.core.depth.face_depths import face_depths
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.surface.patches import extraordinary_nets
 from proofs.certify_sharp_constants import sharp_constants
 from tests import meshes, nets
 from tests.linear_programs import PROGRAM_TOLERANCE, worst_of

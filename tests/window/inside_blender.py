@@ -104,6 +104,7 @@ def observe() -> dict[str, Any]:
         "viewport": rectangle(regions["WINDOW"], window.height),
         "hovered": hovered_command(window, area, regions["UI"]),
         "has_result": record.has_result,
+        "deviation": [record.deviation_reached, record.deviation],
         "rows": {row.depth: row.faces for row in record.rows},
         "color_depths": [record.least_color_depth, record.deepest_color_depth],
         "attributes": {item.name: [item.data_type, item.domain] for item in attributes if "ccdepth" in item.name},

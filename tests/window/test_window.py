@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ccdepth_addon.colors import palette
+from ccdepth_addon.ui.colors import VIRIDIS_COLORS, palette
 
 BLENDER = os.environ.get("CCDEPTH_BLENDER", "")
 EXTENSION = os.environ.get("CCDEPTH_EXTENSION", "")
@@ -31,6 +31,8 @@ SCREENSHOT = os.environ.get("CCDEPTH_SCREENSHOT", "")
 WIDTH, HEIGHT = 1440, 900
 SECONDS_TO_START = 90.0
 SECONDS_TO_ANSWER = 30.0
+# It takes a minute at most, and then tells what it has.
+SECONDS_TO_MEASURE = 90.0
 
 INSIDE_BLENDER = Path(__file__).with_name("inside_blender.py")
 
@@ -196,6 +198,30 @@ def test_a_click_on_compute_depth_shows_the_heat_map(window: Window, tmp_path: P
         color = colors[depth - least]
         assert count_color(seen[:, -LEGEND_WIDTH:], color) > 200, f"no swatch of depth {depth} in the legend"
         assert count_color(seen_before[:, -LEGEND_WIDTH:], color) < 50
+
+
+def test_a_click_on_measure_deviation_shows_a_heat_map_and_its_scale(window: Window, tmp_path: Path) -> None:
+    started = window.wait_for(lambda report: report["category"] == "CC Depth", SECONDS_TO_START, "the CC Depth tab")
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.measure")
+    before = window.look(tmp_path / "before.png")
+
+    window.click()
+    report = window.wait_for(lambda report: report["deviation"][1] > 0, SECONDS_TO_MEASURE, "a measurement")
+    window.move_mouse(started["viewport"][0] + 300, started["viewport"][3] - 100)
+    time.sleep(2.0)
+    after = window.look(tmp_path / "after.png")
+
+    assert report["deviation"][0] <= report["deviation"][1]
+    assert report["attributes"] == {
+        "ccdepth_color": ["FLOAT_COLOR", "CORNER"],
+        "ccdepth_deviation": ["FLOAT", "FACE"],
+    }
+    left, top, right, bottom = started["viewport"]
+    right = started["sidebar"][0]
+    seen_before, seen = before[top:bottom, left:right], after[top:bottom, left:right]
+    assert colorful_part(seen) > colorful_part(seen_before) + 0.05, "no heat map in the viewport"
+    for color in VIRIDIS_COLORS[1:-1]:
+        assert count_color(seen[:, -LEGEND_WIDTH:], tuple(color)) > 20, "not all colours of the scale are there"
 
 
 def find_apply(window: Window) -> dict[str, Any]:

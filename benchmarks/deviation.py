@@ -1,0 +1,150 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What Measure Deviation proves and reaches, and what it takes, on results of all kinds.
+
+python benchmarks/deviation.py -- [PART OF A NAME…]        with the bpy wheel
+
+Meshes are triangulated by Blender. The ratio is that of what is proved to what is reached; seconds are those of the
+processor. Exits with 1 where the accuracy of 5 % is not met.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from time import process_time
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
+
+import bpy
+import numpy as np
+
+from ccdepth_addon.core.adaptive.planner import Mode, Request, subdivide_adaptively
+from ccdepth_addon.core.adaptive.templates import Transitions
+from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
+from ccdepth_addon.core.deviation import measure_deviation
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from tests import meshes
+from tests.blender import scene
+from tests.blender.named_meshes import NAMED
+from tests.steps import result_of
+
+ACCURACY = 0.05
+RELATIVE_TOLERANCES = (1e-2, 1e-3)
+MOST_FACES = 3_000_000
+SECONDS = 900.0
+
+
+@dataclass(frozen=True)
+class Case:
+    """A mesh of triangles next to a control mesh."""
+
+    name: str
+    control: PolygonMesh
+    positions: FloatArray
+    triangles: IndexArray
+
+    def moved(self, by: FloatArray) -> Case:
+        length = float(np.linalg.norm(by))
+        return replace(self, name=f"{self.name}, moved {length:.3g}", positions=self.positions + by)
+
+
+def control_of(data: meshes.MeshData) -> PolygonMesh:
+    single = meshes.single_precision(data)
+    return apply_boundary_rule(meshes.to_polygon_mesh(single), smooth_corners=True)
+
+
+def triangles_of(mesh: bpy.types.Mesh) -> tuple[FloatArray, IndexArray]:
+    """Positions and triangles as Blender draws them."""
+    positions = np.zeros(3 * len(mesh.vertices), dtype=np.float32)
+    mesh.vertices.foreach_get("co", positions)
+    mesh.calc_loop_triangles()
+    triangles = np.zeros(3 * len(mesh.loop_triangles), dtype=np.intc)
+    mesh.loop_triangles.foreach_get("vertices", triangles)
+    return positions.reshape(-1, 3).astype(np.float64), triangles.reshape(-1, 3).astype(np.intp)
+
+
+def evaluated(added: bpy.types.Object) -> tuple[FloatArray, IndexArray]:
+    found = added.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    result = triangles_of(found.to_mesh())
+    found.to_mesh_clear()
+    return result
+
+
+def subdivided(
+    data: meshes.MeshData, level: int, *, limit: bool, decimate: float = 1.0
+) -> tuple[FloatArray, IndexArray]:
+    scene.clear()
+    added = scene.add_object(data)
+    modifier = scene.add_subdivision(added, level)
+    modifier.use_limit_surface, modifier.quality = limit, 10
+    if decimate < 1:
+        added.modifiers.new("Decimate", "DECIMATE").ratio = decimate
+    return evaluated(added)
+
+
+def adaptive(control: PolygonMesh, relative: float) -> tuple[FloatArray, IndexArray]:
+    diagonal = float(np.linalg.norm(np.ptp(control.positions, axis=0)))
+    request = Request(relative * diagonal, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
+    made = result_of(subdivide_adaptively(control, request, control.positions)).mesh
+    scene.clear()
+    sizes = np.diff(made.face_starts).astype(np.intp)
+    return triangles_of(
+        scene.add_object(meshes.MeshData(made.positions, sizes, made.corner_vertices.astype(np.intp))).data
+    )
+
+
+def cases(wanted: list[str]) -> Iterator[Case]:
+    def is_wanted(name: str) -> bool:
+        return not wanted or any(part in name for part in wanted)
+
+    suzanne = scene.suzanne()
+    control = control_of(suzanne)
+    for level in (1, 2, 3, 4):
+        for limit in (False, True):
+            name = f"Suzanne, level {level}, {'limit' if limit else 'control'} vertices"
+            if is_wanted(name):
+                yield Case(name, control, *subdivided(suzanne, level, limit=limit))
+    for ratio in (0.5, 0.1, 0.02):
+        name = f"Suzanne, level 3, Decimate {ratio}"
+        if is_wanted(name):
+            yield Case(name, control, *subdivided(suzanne, 3, limit=True, decimate=ratio))
+    if is_wanted("Suzanne moved"):
+        case = Case("Suzanne moved: level 3", control, *subdivided(suzanne, 3, limit=True))
+        for length in (1e-3, 1e-2, 0.1, 1.0):
+            yield case.moved(length * np.array([0.6, 0.64, 0.48]))
+    for name, make in NAMED.items():
+        for relative in RELATIVE_TOLERANCES:
+            full = f"adaptive {relative:g}: {name}"
+            if is_wanted(full):
+                of_name = control_of(make())
+                yield Case(full, of_name, *adaptive(of_name, relative))
+    for name, level in (("large: Suzanne, level 5", 5), ("large: Suzanne, level 6", 6)):
+        if wanted and is_wanted(name):
+            yield Case(name, control, *subdivided(suzanne, level, limit=True))
+
+
+def main() -> int:
+    wanted = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []
+    missed = 0
+    print(f"{'':52}{'triangles':>10}{'proved':>12}{'reached':>12}{'ratio':>8}{'seconds':>9}")
+    for case in cases(wanted):
+        start = process_time()
+        found = measure_deviation(case.control, case.positions, case.triangles, accuracy=ACCURACY, time_limit=SECONDS)
+        seconds = process_time() - start
+        ratio = found.proved / max(found.reached, np.finfo(float).tiny)
+        missed += not found.accuracy_met
+        print(
+            f"{case.name:52}{len(case.triangles):10,}{found.proved:12.5g}{found.reached:12.5g}{ratio:8.3f}{seconds:9.1f}"
+            + ("" if found.accuracy_met else "  not met"),
+            flush=True,
+        )
+    return int(missed > 0)
+
+
+if __name__ == "__main__":
+    status = main()
+    sys.stdout.flush()
+    sys.exit(status)

@@ -1,0 +1,338 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A picture of the heat map with its legend, rendered where there is neither a display nor a graphics card.
+
+Everything is laid out in a temporary scene whose XY plane is the picture, one unit to the pixel, seen from straight
+above by an orthographic camera. Surfaces glow in their own colours, so those of the legend are exact to the last bit.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from math import cos, radians, sin
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ..core import FloatArray
+from ..exchange.control_mesh import counted_modifiers, read_values
+from ..state import results
+from ..ui.colors import palette, to_linear
+
+Color = tuple[float, ...]
+
+WIDTH, HEIGHT = 1600, 1000
+MARGIN = 70
+LEGEND_WIDTH = 250
+TITLE_HEIGHT = 130
+SAMPLES = 16
+
+# The viewer stands to the right of the front, a little above.
+AZIMUTH = radians(32)
+ELEVATION = radians(18)
+
+TITLE_SIZE = 44
+TEXT_SIZE = 24
+LARGEST_ROW_HEIGHT = 40
+SWATCH_WIDTH = 46
+
+BACKGROUND_COLOR = (0.035, 0.036, 0.040)
+TITLE_COLOR = (0.90, 0.90, 0.90)
+TEXT_COLOR = (0.62, 0.62, 0.62)
+HEADING_COLOR = (0.25, 0.25, 0.26)
+EDGE_COLOR = (0.008, 0.008, 0.010)
+
+# A face turned away from the light keeps this part of its colour: enough to see the form, too little to mistake one
+# depth for another.
+SHADOW = 0.55
+LIGHT = (-0.40, 0.55, 0.73)
+
+# Edges are drawn while faces are large enough to be seen between them.
+SHORTEST_DRAWN_EDGE = 5.0
+LARGEST_DRAWN_FACE_COUNT = 200_000
+EDGE_WIDTH = 1.6
+
+
+class PictureError(RuntimeError):
+    """There is nothing to make a picture of, or no way to; the message says why."""
+
+
+@dataclass(frozen=True)
+class PictureLegend:
+    """The legend's rows, the deepest first: depths, their numbers of faces, and their sRGB colours."""
+
+    depths: list[int]
+    faces: list[int]
+    colors: list[Color]
+
+
+def render(
+    context: bpy.types.Context,
+    objects: Sequence[bpy.types.Object],
+    path: Path,
+    title: str,
+    subtitle: str,
+) -> None:
+    """Render the heat map of objects that depths have been computed for, to a PNG file.
+
+    What is shown of each is its control mesh. The file's own scenes and objects stay as they are. Raises PictureError.
+    """
+    shown = [obj for obj in objects if results.has_result(obj.data)]
+    if not shown:
+        raise PictureError("there are no depths to make a picture of")
+    with _temporary_data():
+        scene = _new_scene()
+        meshes = [_shown_mesh(context, scene, obj) for obj in shown]
+        matrices = [_view_rotation() @ obj.matrix_world for obj in shown]
+        fit = _fitting(meshes, matrices)
+        for mesh, matrix in zip(meshes, matrices, strict=True):
+            _add_heat_map(scene, mesh, fit @ matrix)
+        _add_legend(scene, _legend([obj.data for obj in shown]))
+        _add_text(scene, title, TITLE_SIZE, TITLE_COLOR, MARGIN, HEIGHT - MARGIN - 0.75 * TITLE_SIZE)
+        _add_text(scene, subtitle, TEXT_SIZE, TEXT_COLOR, MARGIN, HEIGHT - MARGIN - 0.75 * TITLE_SIZE - 46)
+        _write_picture(scene, path)
+
+
+@contextmanager
+def _temporary_data() -> Iterator[None]:
+    """Remove whatever is made inside."""
+    kinds = ("scenes", "objects", "meshes", "curves", "cameras", "materials")
+    before = {kind: set(getattr(bpy.data, kind)) for kind in kinds}
+    try:
+        yield
+    finally:
+        bpy.data.batch_remove([item for kind in kinds for item in set(getattr(bpy.data, kind)) - before[kind]])
+
+
+def _new_scene() -> bpy.types.Scene:
+    """An empty scene and its camera, which looks straight down at the picture's plane."""
+    scene = bpy.data.scenes.new("CC Depth Picture")
+    render_settings = scene.render
+    try:
+        render_settings.engine = "CYCLES"
+    except TypeError as fault:
+        raise PictureError("the picture needs the Cycles renderer, which is not enabled in this Blender") from fault
+    render_settings.resolution_x, render_settings.resolution_y = WIDTH, HEIGHT
+    render_settings.resolution_percentage = 100
+    render_settings.dither_intensity = 0.0
+    render_settings.image_settings.file_format = "PNG"
+    render_settings.image_settings.color_mode = "RGB"
+    scene.cycles.device = "CPU"
+    scene.cycles.samples = SAMPLES
+    scene.cycles.use_denoising = False
+    scene.cycles.use_adaptive_sampling = False
+    scene.cycles.max_bounces = 0
+    scene.display_settings.display_device = "sRGB"
+    scene.view_settings.view_transform = "Standard"
+    scene.view_settings.look = "None"
+    scene.camera = _add_object(scene, "Camera", _new_camera(), _placed(WIDTH / 2, HEIGHT / 2, 2 * WIDTH))
+    _add_rectangle(scene, 0, 0, WIDTH, HEIGHT, BACKGROUND_COLOR, z=-2 * WIDTH)
+    return scene
+
+
+def _new_camera() -> bpy.types.Camera:
+    camera = bpy.data.cameras.new("Camera")
+    camera.type = "ORTHO"
+    camera.ortho_scale = WIDTH
+    camera.clip_start, camera.clip_end = 1.0, 5.0 * WIDTH
+    return camera
+
+
+def _placed(x: float, y: float, z: float) -> Matrix:
+    return Matrix.Translation((x, y, z))
+
+
+def _view_rotation() -> Matrix:
+    """From the scene's directions to the picture's: X to the right, Y up, Z to the viewer."""
+    right = (cos(AZIMUTH), sin(AZIMUTH), 0.0)
+    up = (-sin(ELEVATION) * sin(AZIMUTH), sin(ELEVATION) * cos(AZIMUTH), cos(ELEVATION))
+    viewer = (cos(ELEVATION) * sin(AZIMUTH), -cos(ELEVATION) * cos(AZIMUTH), sin(ELEVATION))
+    return Matrix((right, up, viewer)).to_4x4()
+
+
+def _shown_mesh(context: bpy.types.Context, scene: bpy.types.Scene, blender_object: bpy.types.Object) -> bpy.types.Mesh:
+    """A copy of the object's control mesh, with the heat map's colours."""
+    record = blender_object.data.ccdepth
+    counted = {modifier.name for modifier in counted_modifiers(blender_object)} if record.use_modifiers else set()
+    copy = blender_object.copy()
+    copy.animation_data_clear()
+    for modifier in [modifier for modifier in copy.modifiers if modifier.name not in counted]:
+        copy.modifiers.remove(modifier)
+    scene.collection.objects.link(copy)
+    scene.view_layers[0].update()
+    depsgraph = scene.view_layers[0].depsgraph
+    evaluated = copy.evaluated_get(depsgraph)
+    mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
+    bpy.data.objects.remove(copy)
+    return mesh if results.COLOR in mesh.attributes else blender_object.data.copy()
+
+
+def _fitting(meshes: list[bpy.types.Mesh], matrices: list[Matrix]) -> Matrix:
+    """What scales and moves the objects, turned to the viewer, into the space left and below of the texts."""
+    seen = np.concatenate([_seen_positions(*pair) for pair in zip(meshes, matrices, strict=True)])
+    least, largest = seen.min(axis=0), seen.max(axis=0)
+    middle, extent = (least + largest) / 2, largest - least
+    space = np.array([WIDTH - 3 * MARGIN - LEGEND_WIDTH, HEIGHT - 2 * MARGIN - TITLE_HEIGHT])
+    # What is only a line or a point to the viewer is still let into the picture, and nothing comes before the camera.
+    scale = min((space / np.maximum(extent[:2], extent.max() / 100 + 1e-30)).min(), WIDTH / max(extent[2], 1e-30))
+    centre = _placed(MARGIN + space[0] / 2, MARGIN + space[1] / 2, 0.0)
+    return centre @ Matrix.Scale(scale, 4) @ Matrix.Translation(-middle)
+
+
+def _seen_positions(mesh: bpy.types.Mesh, matrix: Matrix) -> FloatArray:
+    """(V, 3) float64: where a matrix puts the vertices."""
+    transform = np.array(matrix, dtype=np.float64)
+    return read_values(mesh.vertices, "co", np.float32, 3) @ transform[:3, :3].T + transform[:3, 3]
+
+
+def _add_heat_map(scene: bpy.types.Scene, mesh: bpy.types.Mesh, matrix: Matrix) -> None:
+    width = _edge_width(mesh, matrix)
+    if width > 0.0:
+        _add_edges(scene, mesh.copy(), matrix, width)
+    _give_material(mesh, _heat_map_material())
+    _add_object(scene, "Heat Map", mesh, matrix)
+
+
+def _edge_width(mesh: bpy.types.Mesh, matrix: Matrix) -> float:
+    """How wide to draw the edges, in pixels; 0 when they would hide the faces."""
+    if not len(mesh.edges) or len(mesh.polygons) > LARGEST_DRAWN_FACE_COUNT:
+        return 0.0
+    ends = _seen_positions(mesh, matrix)[read_values(mesh.edges, "vertices", np.int32, 2)]
+    typical = float(np.median(np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1)))
+    return EDGE_WIDTH * min(1.0, typical / 20) if typical > SHORTEST_DRAWN_EDGE else 0.0
+
+
+def _add_edges(scene: bpy.types.Scene, mesh: bpy.types.Mesh, matrix: Matrix, width: float) -> None:
+    _give_material(mesh, _emission_material())
+    edges = _add_object(scene, "Edges", mesh, matrix, EDGE_COLOR)
+    wireframe = edges.modifiers.new("Wireframe", "WIREFRAME")
+    wireframe.thickness = width / max(np.linalg.svd(np.array(matrix)[:3, :3], compute_uv=False).max(), 1e-30)
+    wireframe.offset = 0.0
+    wireframe.use_even_offset = False
+    wireframe.use_boundary = True
+
+
+def _legend(meshes: list[bpy.types.Mesh]) -> PictureLegend:
+    """The rows of all meshes together, and the colours of the first: those computed together have the same."""
+    faces = Counter[int]()
+    for mesh in set(meshes):
+        for row in mesh.ccdepth.rows:
+            faces[row.depth] += row.faces
+    record = meshes[0].ccdepth
+    colors = palette(record.least_color_depth, record.deepest_color_depth)
+    depths = sorted(faces, reverse=True)
+    return PictureLegend(
+        depths, [faces[depth] for depth in depths], [colors[depth - record.least_color_depth] for depth in depths]
+    )
+
+
+def _add_legend(scene: bpy.types.Scene, legend: PictureLegend) -> None:
+    left, right = WIDTH - MARGIN - LEGEND_WIDTH, WIDTH - MARGIN
+    space = HEIGHT - 2 * MARGIN
+    row_height = min(LARGEST_ROW_HEIGHT, space / (len(legend.depths) + 1))
+    size = min(TEXT_SIZE, 0.75 * row_height)
+    depth_right = left + SWATCH_WIDTH + 3.2 * size
+    top = HEIGHT / 2 + row_height * (len(legend.depths) + 1) / 2
+    baseline = 0.5 * row_height - 0.35 * size
+    _add_text(scene, "Depth", 0.8 * size, HEADING_COLOR, depth_right, top - row_height + baseline, "RIGHT")
+    _add_text(scene, "Faces", 0.8 * size, HEADING_COLOR, right, top - row_height + baseline, "RIGHT")
+    for index, depth in enumerate(legend.depths):
+        bottom = top - (index + 2) * row_height
+        color = tuple(to_linear(np.array(legend.colors[index])).tolist())
+        _add_rectangle(scene, left, bottom, left + SWATCH_WIDTH, bottom + row_height, color)
+        _add_text(scene, str(depth), size, TITLE_COLOR, depth_right, bottom + baseline, "RIGHT")
+        _add_text(scene, f"{legend.faces[index]:,}", size, TEXT_COLOR, right, bottom + baseline, "RIGHT")
+
+
+def _add_rectangle(
+    scene: bpy.types.Scene, left: float, bottom: float, right: float, top: float, color: Color, z: float = WIDTH
+) -> None:
+    mesh = bpy.data.meshes.new("Rectangle")
+    mesh.from_pydata([(left, bottom, 0), (right, bottom, 0), (right, top, 0), (left, top, 0)], [], [(0, 1, 2, 3)])
+    _give_material(mesh, _emission_material())
+    _add_object(scene, "Rectangle", mesh, _placed(0, 0, z), color)
+
+
+def _add_text(
+    scene: bpy.types.Scene, text: str, size: float, color: Color, x: float, y: float, align: str = "LEFT"
+) -> None:
+    curve = bpy.data.curves.new("Text", "FONT")
+    curve.body = text
+    curve.size = size
+    curve.align_x = align
+    if align == "LEFT":
+        # Whatever is too long for the picture is made smaller.
+        curve.overflow = "SCALE"
+        curve.text_boxes[0].width, curve.text_boxes[0].height = WIDTH - x - MARGIN, 1.5 * size
+    _give_material(curve, _emission_material())
+    _add_object(scene, "Text", curve, _placed(x, y, WIDTH), color)
+
+
+def _add_object(
+    scene: bpy.types.Scene, name: str, data: Any, matrix: Matrix, color: Color = (1.0, 1.0, 1.0)
+) -> bpy.types.Object:
+    added = bpy.data.objects.new(name, data)
+    added.matrix_world = matrix
+    added.color = (*color, 1.0)
+    scene.collection.objects.link(added)
+    return added
+
+
+def _give_material(data: Any, material: bpy.types.Material) -> None:
+    data.materials.clear()
+    data.materials.append(material)
+
+
+def _emission_material() -> bpy.types.Material:
+    """A material that glows in its object's colour."""
+    material, _nodes, emission = _new_emission("CC Depth Legend")
+    source = material.node_tree.nodes.new("ShaderNodeObjectInfo")
+    material.node_tree.links.new(source.outputs["Color"], emission.inputs["Color"])
+    return material
+
+
+def _heat_map_material() -> bpy.types.Material:
+    """A material that glows in the colours of the depths, a little less where it is turned away from the light."""
+    material, nodes, emission = _new_emission("CC Depth Heat Map")
+    links = material.node_tree.links
+    color = nodes.new("ShaderNodeAttribute")
+    color.attribute_name = results.COLOR
+    links.new(color.outputs["Color"], emission.inputs["Color"])
+    cosine = nodes.new("ShaderNodeVectorMath")
+    cosine.operation = "DOT_PRODUCT"
+    cosine.inputs[1].default_value = LIGHT
+    links.new(nodes.new("ShaderNodeNewGeometry").outputs["Normal"], cosine.inputs[0])
+    strength = nodes.new("ShaderNodeMapRange")
+    strength.inputs["From Min"].default_value = -0.1
+    strength.inputs["To Min"].default_value = SHADOW
+    links.new(cosine.outputs["Value"], strength.inputs["Value"])
+    links.new(strength.outputs["Result"], emission.inputs["Strength"])
+    return material
+
+
+def _new_emission(name: str) -> tuple[bpy.types.Material, bpy.types.Nodes, bpy.types.Node]:
+    material = bpy.data.materials.new(name)
+    if material.node_tree is None:
+        material.use_nodes = True
+    nodes = material.node_tree.nodes
+    nodes.clear()
+    emission = nodes.new("ShaderNodeEmission")
+    output = nodes.new("ShaderNodeOutputMaterial")
+    material.node_tree.links.new(emission.outputs["Emission"], output.inputs["Surface"])
+    return material, nodes, emission
+
+
+def _write_picture(scene: bpy.types.Scene, path: Path) -> None:
+    scene.render.filepath = str(path)
+    scene.render.use_file_extension = False
+    try:
+        bpy.ops.render.render(write_still=True, scene=scene.name)
+    except RuntimeError as fault:
+        raise PictureError(f"the picture could not be rendered: {fault}") from fault
+    if not path.is_file():
+        raise PictureError(f"the picture could not be written to {path}")

@@ -1,0 +1,100 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where the cells of leaves are kept, to be found by their nodes: their own, or those they are made from.
+
+Nets are large, and most leaves are never looked at again. So where a cell is known by its net, its children are not
+kept: those that are asked for are made again.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Iterable, Iterator
+from itertools import pairwise
+
+import numpy as np
+
+from ...arrays.types import BoolArray, IndexArray
+from ..leaf_approximation import Cells
+from ..quadtree import NONE, Quadtree
+from .patch_cells import CELLS_AT_ONCE, NetCells
+
+# Cells of one kind have nets of as many points.
+Kind = tuple[type[NetCells], int]
+
+
+class CellStore:
+    """Cells in blocks as they came; and for each node of a tree the block and the place of its cell, if it has one."""
+
+    def __init__(self, tree: Quadtree) -> None:
+        self._tree = tree
+        self._blocks: list[Cells] = []
+        self._numbers = tree.add_column(np.int32(NONE))
+        self._places = tree.add_column(np.int32(NONE))
+
+    def put(self, cells: Cells) -> None:
+        """Keep cells: for themselves, and where they are known by nets for their children."""
+        self._numbers.values[cells.nodes] = len(self._blocks)
+        self._places.values[cells.nodes] = np.arange(len(cells.nodes))
+        self._blocks.append(cells)
+
+    def of(self, nodes: IndexArray) -> Iterator[Cells]:
+        """The cells of nodes, each of which is kept, or its parent."""
+        is_kept = self._numbers.values[nodes] != NONE
+        yield from self._found(nodes[is_kept])
+        children = nodes[~is_kept]
+        if not len(children):
+            return
+        is_wanted = np.zeros(len(self._numbers.values), dtype=bool)
+        is_wanted[children] = True
+        for cells in self._found(np.unique(self._tree.parents[children])):
+            assert isinstance(cells, NetCells)
+            yield from cells.children(self._tree, is_wanted[self._tree.quarters(cells.nodes)])
+
+    def _found(self, nodes: IndexArray) -> Iterator[Cells]:
+        """The cells of these nodes, which are kept, block by block."""
+        assert np.all(self._numbers.values[nodes] != NONE)
+        nodes = nodes[np.argsort(self._numbers.values[nodes], kind="stable")]
+        numbers, places = self._numbers.values[nodes], self._places.values[nodes]
+        for start, end in pairwise([0, *(np.flatnonzero(np.diff(numbers)) + 1), len(nodes)]):
+            if start < end:
+                block = self._blocks[numbers[start]]
+                yield block if end - start == len(block.nodes) else block.at(places[start:end])
+
+
+def some(cells: Cells, wanted: BoolArray) -> list[Cells]:
+    """The wanted cells, if there are any."""
+    if np.all(wanted):
+        return [cells]
+    chosen = np.flatnonzero(wanted)
+    return [cells.at(chosen)] if len(chosen) else []
+
+
+def in_blocks(cells: Iterable[Cells], at_once: int = CELLS_AT_ONCE) -> Iterator[Cells]:
+    """The same cells; those with nets in blocks of about so many of one kind."""
+    waiting: defaultdict[Kind, list[NetCells]] = defaultdict(list)
+    counts = Counter[Kind]()
+    for block in cells:
+        if not isinstance(block, NetCells):
+            yield block
+            continue
+        kind = type(block), len(block.nets)
+        waiting[kind].append(block)
+        counts[kind] += len(block.nodes)
+        if counts[kind] >= at_once / 2:
+            yield from _cut(_joined(waiting.pop(kind)), at_once)
+            counts[kind] = 0
+    for same in waiting.values():
+        yield _joined(same)
+
+
+def _joined(blocks: list[NetCells]) -> NetCells:
+    return blocks[0] if len(blocks) == 1 else type(blocks[0]).joined(blocks)
+
+
+def _cut(cells: NetCells, at_once: int) -> Iterator[NetCells]:
+    """Cells in blocks of at most half as many again, or else about as many."""
+    if len(cells.nodes) <= 1.5 * at_once:
+        yield cells
+        return
+    for chosen in np.array_split(np.arange(len(cells.nodes)), round(len(cells.nodes) / at_once)):
+        yield cells.at(chosen)

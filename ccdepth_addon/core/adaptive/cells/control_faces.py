@@ -1,0 +1,34 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The faces of a control mesh as cells, each by what tells most of the surface there.
+
+Cells are nodes of a quadtree whose surface is known in one way. They know their children's share of that, and how to be
+drawn (``leaf_approximation.Cells``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from ...arrays.chunks import split
+from ...mesh.polygon_mesh import PolygonMesh
+from ...surface.patches import classify_patches
+from ...surface.refinement import Refinement
+from ..leaf_approximation import Cells
+from .irregular_cells import REFINED_AT_ONCE, RefinedCells, by_valence
+from .patch_cells import CELLS_AT_ONCE, BicubicCells, ExtraordinaryCells
+from .polygon_cells import PolygonCells, TriangleCells
+
+
+def cells_of_faces(mesh: PolygonMesh) -> Iterator[Cells]:
+    """The faces of a control mesh, whose sharpness is explicit, as cells: node f is face f."""
+    kinds = classify_patches(mesh)
+    regular, extraordinary, rest = by_valence(mesh, kinds, mesh.face_count)
+    for faces in split(regular, CELLS_AT_ONCE):
+        yield BicubicCells.of_faces(mesh, faces, faces)
+    for valence, of_valence in extraordinary:
+        for faces in split(of_valence, CELLS_AT_ONCE):
+            yield ExtraordinaryCells.of_faces(mesh, kinds, valence, faces, faces)
+    sizes = mesh.face_sizes[rest]
+    for kind, of_kind in ((RefinedCells, sizes == 4), (TriangleCells, sizes == 3), (PolygonCells, sizes > 4)):
+        for faces in split(rest[of_kind], REFINED_AT_ONCE):
+            yield kind(faces, Refinement.start(mesh, faces))

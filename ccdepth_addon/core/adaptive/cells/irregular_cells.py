@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Quads of a quadtree known by the mesh refined so far, with the neighbours it needs; and what descends from such."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays.coordinates import chosen_vectors, coordinates_apart
+from ...arrays.types import FloatArray, IndexArray
+from ...mesh.polygon_mesh import PolygonMesh
+from ...surface.patches import PatchKind, PatchKinds, classify_patches
+from ...surface.refinement import Refinement
+from ...surface.stencils import LARGEST_STENCIL_VALENCE
+from ..leaf_approximation import Cells, triangle_normals
+from ..leaf_bounds.irregular_bounds import template_misses
+from ..leaf_bounds.triangle_bounds import Misses
+from ..quadtree import Quadtree
+from ..templates import templates
+from .patch_cells import BicubicCells, ExtraordinaryCells
+from .quad_cells import QuadCells
+
+# Cells that are looked at together; they take so long that these are enough.
+REFINED_AT_ONCE = 1 << 12
+
+
+@dataclass(frozen=True)
+class RefinedCells(QuadCells):
+    """Quads of another kind, by the mesh refined so far: descendant i is ``nodes[i]``."""
+
+    nodes: IndexArray
+    refinement: Refinement
+
+    def at(self, chosen: IndexArray) -> RefinedCells:
+        wanted = np.zeros(len(self.nodes), dtype=bool)
+        wanted[chosen] = True
+        places = np.sort(chosen)
+        return RefinedCells(self.nodes[places], self.refinement.keep(wanted).numbered())
+
+    def children(self, tree: Quadtree) -> Iterator[Cells]:
+        return refined_children(tree, self.nodes, self.refinement)
+
+    def turns(self) -> IndexArray:
+        return np.zeros_like(self.nodes)
+
+    def points(self) -> FloatArray:
+        return _points_of_quads(self.refinement, self.refinement.limits_at_corners())
+
+    def distances_of(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
+    ) -> FloatArray:
+        return self._misses(chosen, pattern, alternative, points, limit, None).whole
+
+    def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
+        # What leaves its neighbours no room now may do so when some of its sides are split.
+        return self._misses(chosen, pattern, alternative, points, limit, np.full(len(chosen), np.inf))
+
+    def _misses(
+        self,
+        chosen: IndexArray,
+        pattern: int,
+        alternative: int,
+        points: FloatArray,
+        limit: float,
+        room: FloatArray | None,
+    ) -> Misses:
+        points = chosen_vectors(points, chosen)
+        normals = triangle_normals(points, templates(pattern)[alternative])
+        children = self.at(chosen).refinement.refined()
+        return template_misses(children, points, (pattern, alternative), normals, limit, room)
+
+
+def refined_children(tree: Quadtree, nodes: IndexArray, refinement: Refinement) -> Iterator[Cells]:
+    sizes = refinement.mesh.face_sizes[: len(nodes)]
+    places = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
+    children = np.repeat(tree.first_child[nodes], sizes) + places
+    return cells_of_refinement(children, refinement.refined().numbered())
+
+
+def cells_of_refinement(nodes: IndexArray, refinement: Refinement) -> Iterator[Cells]:
+    """Descendants, all quads, as cells: descendant i is ``nodes[i]``."""
+    mesh = refinement.mesh
+    kinds = classify_patches(mesh)
+    regular, extraordinary, rest = by_valence(mesh, kinds, len(nodes))
+    if len(regular):
+        yield BicubicCells.of_faces(mesh, regular, nodes[regular])
+    for valence, faces in extraordinary:
+        yield ExtraordinaryCells.of_faces(mesh, kinds, valence, faces, nodes[faces])
+    if len(rest):
+        wanted = np.zeros(len(nodes), dtype=bool)
+        wanted[rest] = True
+        yield RefinedCells(nodes[rest], refinement.keep(wanted).numbered())
+
+
+def by_valence(
+    mesh: PolygonMesh, kinds: PatchKinds, count: int
+) -> tuple[IndexArray, list[tuple[int, IndexArray]], IndexArray]:
+    """The regular ones of the first faces, the extraordinary ones valence by valence, and the rest."""
+    own = kinds.kinds[:count]
+    extraordinary = np.flatnonzero(own == PatchKind.EXTRAORDINARY)
+    valences = mesh.vertex_face_counts[mesh.corner_vertices[kinds.extraordinary_corners[extraordinary]]]
+    small = valences <= LARGEST_STENCIL_VALENCE
+    by_valence = [(n, extraordinary[valences == n]) for n in np.unique(valences[small]).tolist()]
+    rest = np.sort(np.concatenate([np.flatnonzero(own == PatchKind.IRREGULAR), extraordinary[~small]]))
+    return np.flatnonzero(own == PatchKind.REGULAR), by_valence, rest
+
+
+def _points_of_quads(refinement: Refinement, corners: FloatArray) -> FloatArray:
+    """(9, P, 3): the points of quads and their centres, from the limits at their corners (4P, 3)."""
+    middles, centres = refinement.limits_inside()
+    by_quad = [corners.reshape(-1, 4, 3), middles.reshape(-1, 4, 3), centres.reshape(-1, 4, 3)[:, :1]]
+    return coordinates_apart(np.concatenate(by_quad, axis=1).swapaxes(0, 1))

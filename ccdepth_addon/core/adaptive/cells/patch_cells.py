@@ -1,0 +1,258 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Quads of a quadtree known by a net from which every bound is linear (``triangle_bounds``).
+
+They are bicubic, or have an extraordinary corner.
+"""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays.coordinates import applied, chosen_vectors, coordinates_apart
+from ...arrays.types import BoolArray, FloatArray, IndexArray
+from ...mesh.polygon_mesh import PolygonMesh
+from ...surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, patch_coefficients, tensor
+from ...surface.patches import PatchKinds, extraordinary_nets, regular_nets
+from ...surface.stencils import patch_stencils
+from ..leaf_approximation import HOPEFUL, Fit, Samples, triangle_normals
+from ..leaf_bounds import triangle_bounds
+from ..leaf_bounds.child_bounds import Quarters, corners_of_quarters, quarter_distances
+from ..leaf_bounds.triangle_bounds import Misses
+from ..quadtree import Quadtree
+from ..templates import TURNS, WHOLE, Transitions, templates
+from .quad_cells import QuadCells, patterns_of
+
+# A closer look takes away nearly all that is not quadratic, and sometimes a little more; at an extraordinary corner it
+# takes away a third at most. So much more than the limit may be found without one for there to be hope.
+HOPEFUL_QUADRATIC = 1.1
+HOPEFUL_EXTRAORDINARY = 1.5
+
+# Where the rest is less than this part of what is quadratic, a closer look is not worth it.
+SMALL_REST = 0.05
+
+# Cells that are looked at together: what is made on the way need not come from the system anew each time.
+CELLS_AT_ONCE = 1 << 12
+
+
+def _child_matrices() -> list[FloatArray]:
+    """Four of (16, 16): a bicubic quad's Bernstein coefficients → those of its child at each slot, in its own frame."""
+    low, high = HALVES
+    quarters = [np.kron(a, b).reshape(4, 4, 16) for a, b in ((low, low), (high, low), (high, high), (low, high))]
+    return [np.ascontiguousarray(np.rot90(q, -turns).reshape(16, 16)) for turns, q in enumerate(quarters)]
+
+
+CHILD_MATRICES = _child_matrices()
+
+# The Bernstein coefficients of a bicubic quad in the order of the same quad counted from slot 0, 1, 2 or 3.
+TURNED_COEFFICIENTS = [np.rot90(np.arange(16).reshape(4, 4), -turns).ravel() for turns in range(4)]
+TO_BERNSTEIN = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
+
+
+@dataclass(frozen=True)
+class NetCells(QuadCells):
+    """Quads with a net.
+
+    nodes: (P,); slots: (P,) the slot the net is counted from; nets: (N, P, 3).
+    """
+
+    nodes: IndexArray
+    slots: IndexArray
+    nets: FloatArray
+
+    @classmethod
+    def joined(cls, blocks: Sequence[NetCells]) -> Self:
+        """Cells of one kind as one block."""
+        return cls(
+            np.concatenate([block.nodes for block in blocks]),
+            np.concatenate([block.slots for block in blocks]),
+            np.concatenate([block.nets for block in blocks], axis=1),
+        )
+
+    def at(self, chosen: IndexArray) -> Self:
+        return type(self)(self.nodes[chosen], self.slots[chosen], chosen_vectors(self.nets, chosen))
+
+    def part(self, block: slice) -> Self:
+        """Some of them, side by side, without a copy."""
+        return type(self)(self.nodes[block], self.slots[block], self.nets[:, block])
+
+    def turns(self) -> IndexArray:
+        return self.slots
+
+    def points(self) -> FloatArray:
+        return applied(self._to_points(), self.nets)
+
+    @abstractmethod
+    def children(self, tree: Quadtree, wanted: BoolArray | None = None) -> Iterator[NetCells]:
+        """As in ``Cells``; all of the children, or those wanted, (4, P) by slot, and made alike."""
+
+    @abstractmethod
+    def _to_points(self) -> FloatArray:
+        """(9, N): from a net to the quad's points and its centre."""
+
+
+@dataclass(frozen=True)
+class Children:
+    """What a look at P bicubic quads tells of their 4P children, those at slot 0 first. fit: how they are drawn with
+    their sides whole, as far as they are seen to be within the limit, or likely to be along the surface. hopeless:
+    (4P,) bool, which are seen to be neither. points: (9, P, 3), those of the quads themselves and their centres."""
+
+    fit: Fit
+    hopeless: BoolArray
+    points: FloatArray
+
+
+class BicubicCells(NetCells):
+    """Bicubic quads, by their 16 Bernstein coefficients [i, j] → 4i + j, u along i."""
+
+    @staticmethod
+    def of_faces(mesh: PolygonMesh, faces: IndexArray, nodes: IndexArray) -> BicubicCells:
+        """From regular faces of a mesh."""
+        coefficients = patch_coefficients(regular_nets(mesh, faces)).reshape(16, -1, 3)
+        return BicubicCells(nodes, np.zeros_like(nodes), coordinates_apart(coefficients))
+
+    def children(self, tree: Quadtree, wanted: BoolArray | None = None) -> Iterator[NetCells]:
+        first, everything = tree.first_child[self.nodes], np.arange(len(self.nodes))
+        families = [everything if wanted is None else np.flatnonzero(wanted[slot]) for slot in range(4)]
+        nodes = np.concatenate([first[chosen] + slot for slot, chosen in enumerate(families)])
+        if not len(nodes):
+            return
+        nets, start = np.empty((16, 3, len(nodes))), 0
+        for matrix, chosen in zip(CHILD_MATRICES, families, strict=True):
+            own = self.nets if wanted is None else chosen_vectors(self.nets, chosen)
+            nets[:, :, start : start + len(chosen)] = applied(matrix, own).swapaxes(1, 2)
+            start += len(chosen)
+        yield BicubicCells(nodes, np.zeros_like(nodes), nets.swapaxes(1, 2))
+
+    def fit_children(self, limit: float, axes: FloatArray) -> Children:
+        """What a look at these quads tells of their children."""
+        distances = quarter_distances(self.nets, limit)
+        best = np.where(distances.bounds <= limit, distances.sampled, np.inf).argmin(axis=1)
+        bounds = np.take_along_axis(distances.bounds, best[:, None], axis=1)[:, 0]
+        found, hopeless = Fit.none(best.size), np.zeros(best.size, dtype=bool)
+        found.least[:] = distances.sampled.min(axis=1).ravel()
+        fitted = bounds <= limit
+        chosen = np.flatnonzero(fitted)
+        found.take(chosen, best.ravel()[chosen])
+        found.bounds[chosen] = bounds.ravel()[chosen]
+        found.fold(chosen, corners_of_quarters(distances.points, fitted), axes)
+        far = distances.far
+        chosen, samples = far.at_corners * len(self.nodes) + far.of_quads, Samples.of(far.corners, far.off, WHOLE)
+        hopeless[chosen] = samples.hopes().min(axis=0) > HOPEFUL * limit
+        found.hope(chosen, samples, limit, partial(_well_known_misses, far))
+        hopeful = np.flatnonzero(found.fits[chosen])
+        found.fold(chosen[hopeful], chosen_vectors(far.corners, hopeful), axes)
+        return Children(found, hopeless, distances.points)
+
+    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
+        # Fewer patterns mean less work.
+        turned = self._turned(TURNS[patterns_of(hanging, self.slots)])
+        return super(BicubicCells, turned).fit(hanging, transitions, limit, axes)
+
+    def misses(self, fit: Fit, limit: float) -> Misses:
+        turned = self._turned((fit.turns - self.slots) % 4)
+        return super(BicubicCells, turned).misses(fit, limit)
+
+    def _turned(self, turns: NDArray[np.int8] | IndexArray) -> BicubicCells:
+        """Counted from other slots, (P,) turns further on."""
+        if not np.any(turns):
+            return self
+        nets = self.nets.copy("K")
+        for turn in (1, 2, 3):
+            chosen = np.flatnonzero(turns == turn)
+            nets[:, chosen] = chosen_vectors(self.nets, chosen).take(TURNED_COEFFICIENTS[turn], axis=0)
+        return BicubicCells(self.nodes, (self.slots + turns) % 4, nets)
+
+    def distances_of(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
+    ) -> FloatArray:
+        """Looked at twice where that decides."""
+        rows = triangle_bounds.quadratic_rows(pattern, alternative)
+        quadratic, rest = triangle_bounds.quadratic_distances(rows, self.nets, chosen)
+        distances = quadratic + rest
+        doubtful = np.flatnonzero((distances > limit) & (quadratic <= HOPEFUL_QUADRATIC * limit))
+        if len(doubtful):
+            closer = triangle_bounds.regular_rows(pattern, alternative)
+            distances[doubtful] = triangle_bounds.regular_distances(closer, self.nets, chosen[doubtful])
+        return distances
+
+    def _to_points(self) -> FloatArray:
+        return triangle_bounds.regular_points()
+
+    def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
+        """Looked at twice where what is not quadratic counts."""
+        nets = chosen_vectors(self.nets, chosen)
+        normals = triangle_normals(chosen_vectors(points, chosen), templates(pattern)[alternative])
+        quadratic, rest = triangle_bounds.quadratic_misses(
+            triangle_bounds.quadratic_rows(pattern, alternative), nets, normals
+        )
+        misses, doubtful = quadratic + rest, np.flatnonzero(rest.normal > SMALL_REST * quadratic.normal)
+        if len(doubtful):
+            rows = triangle_bounds.regular_rows(pattern, alternative)
+            nets, normals = chosen_vectors(nets, doubtful), chosen_vectors(normals, doubtful)
+            misses.put(doubtful, triangle_bounds.regular_misses(rows, nets, normals))
+        return misses
+
+
+def _well_known_misses(quarters: Quarters, chosen: IndexArray, diagonal: int) -> Misses:
+    """Those of some quarters, inf where a closer look may make a difference."""
+    quadratic, rest = quarters.misses(chosen, diagonal)
+    misses = quadratic + rest
+    misses.normal[rest.normal > SMALL_REST * quadratic.normal] = np.inf
+    return misses
+
+
+class ExtraordinaryCells(NetCells):
+    """Quads whose corner at the slot is extraordinary, of one valence n, by the net of 2n + 8 points around it."""
+
+    @staticmethod
+    def of_faces(
+        mesh: PolygonMesh, kinds: PatchKinds, valence: int, faces: IndexArray, nodes: IndexArray
+    ) -> ExtraordinaryCells:
+        """From faces of a mesh with an extraordinary vertex of this valence."""
+        corners = kinds.extraordinary_corners[faces]
+        nets = coordinates_apart(extraordinary_nets(mesh, corners, valence))
+        return ExtraordinaryCells(nodes, corners - mesh.face_starts[faces], nets)
+
+    @property
+    def valence(self) -> int:
+        return (len(self.nets) - 8) // 2
+
+    def children(self, tree: Quadtree, wanted: BoolArray | None = None) -> Iterator[NetCells]:
+        stencils = patch_stencils(self.valence)
+        regular = [TO_BERNSTEIN @ stencils.regular[16 * child : 16 * (child + 1)] for child in range(3)]
+        for turn, matrix in enumerate([stencils.refined, *regular]):
+            slots, chosen = (self.slots + turn) % 4, np.arange(len(self.nodes))
+            if wanted is not None:
+                chosen = np.flatnonzero(wanted[slots, chosen])
+            if len(chosen):
+                nodes = tree.first_child[self.nodes[chosen]] + slots[chosen]
+                kind = BicubicCells if turn else ExtraordinaryCells
+                yield kind(nodes, np.zeros_like(nodes), applied(matrix, chosen_vectors(self.nets, chosen)))
+
+    def distances_of(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
+    ) -> FloatArray:
+        """Looked at twice where that decides."""
+        distances = self._misses(chosen, pattern, alternative, points, fine=False).whole
+        doubtful = np.flatnonzero((distances > limit) & (distances <= HOPEFUL_EXTRAORDINARY * limit))
+        if len(doubtful):
+            distances[doubtful] = self._misses(chosen[doubtful], pattern, alternative, points, fine=True).whole
+        return distances
+
+    def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
+        return self._misses(chosen, pattern, alternative, points, fine=True)
+
+    def _to_points(self) -> FloatArray:
+        return triangle_bounds.extraordinary_points(self.valence)
+
+    def _misses(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, *, fine: bool) -> Misses:
+        rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=fine)
+        normals = triangle_normals(chosen_vectors(points, chosen), templates(pattern)[alternative])
+        return triangle_bounds.extraordinary_misses(rows, chosen_vectors(self.nets, chosen), normals)

@@ -1,0 +1,251 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Faces of the control mesh that are no quads, as cells: triangles, and polygons of more corners.
+
+They are compared with the fan of bilinear facets over corner, middle of the side, centroid and middle of the side
+before. A polygon, however it is drawn, is near to its fan by the way it lies (``polygon_bounds``). A triangle is its
+own fan; one with split sides is near to a fan that bends with them (``fan_of_template``).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+from typing import Self
+
+import numpy as np
+
+from ...arrays.types import BoolArray, FloatArray, IndexArray
+from ...bounds.norms import squared_norms
+from ...surface.refinement import Refinement
+from ..leaf_approximation import HOPEFUL, Cells, Fit, Samples, along_and_across, least_heights, triangle_normals
+from ..leaf_bounds.irregular_bounds import fan_misses
+from ..leaf_bounds.polygon_bounds import polygon_thickness
+from ..leaf_bounds.triangle_bounds import Misses
+from ..quadtree import Quadtree
+from ..templates import QUAD_POINTS, WHOLE, Template, Transitions, Triangle, triangle_template
+from .irregular_cells import refined_children
+
+PATTERN_BITS = np.array([1, 2, 4])
+ALL_SPLIT = 7
+
+# The points of a triangle are its corners 0 to 2, the middles 3 to 5 of the sides from them, and its centre.
+CORNERS, MIDDLES, FOLLOWING = [0, 1, 2], [3, 4, 5], [1, 2, 0]
+CENTRE = 6
+
+# Weights of the corners for the corners and the middles.
+TRIANGLE_POINTS: FloatArray = np.array(
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]], dtype=np.float64
+)
+
+# The weights of the corners for the centroid, times six.
+SIXTHS: FloatArray = np.full(3, 2.0)
+
+# How far off triangles may be, along and across together, in parts of their least height, for there to be hope:
+# ``star_bounds`` leaves a third of the least height around.
+HOPEFUL_ROOM = 0.33
+
+# How often a quarter is halved both ways where a template is compared with its fan: each time the bound is twice as
+# near.
+HALVINGS = 10
+
+
+@dataclass(frozen=True)
+class PolygonCells:
+    """P faces by the mesh refined so far, with the neighbours it needs: descendant i is ``nodes[i]``."""
+
+    nodes: IndexArray
+    refinement: Refinement
+
+    def at(self, chosen: IndexArray) -> Self:
+        """Some of them, by index."""
+        wanted = np.zeros(len(self.nodes), dtype=bool)
+        wanted[chosen] = True
+        return type(self)(self.nodes[np.sort(chosen)], self.refinement.keep(wanted).numbered())
+
+    def children(self, tree: Quadtree) -> Iterator[Cells]:
+        """As in ``Cells``."""
+        return refined_children(tree, self.nodes, self.refinement)
+
+    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
+        """As in ``Cells``: by way of fans that bend at the middles of split sides."""
+        found = Fit.none(len(self.nodes))
+        corners = self.refinement.limits_at_corners()
+        middles, _ = self.refinement.limits_inside()
+        facets = self.refinement.facets_of_children(corners)
+        facets[1] = np.where(hanging[:, None], middles, facets[1])
+        facets[3] = facets[1][self.refinement.mesh.previous_corner[: len(corners)]]
+        starts = self.refinement.mesh.face_starts[: len(self.nodes)]
+        found.least[:] = np.maximum.reduceat(np.sqrt(squared_norms(middles - facets[1])), starts)
+        chosen = np.flatnonzero((found.least <= limit) & ~np.logical_and.reduceat(hanging, starts))
+        if len(chosen):
+            part = self.at(chosen).refinement
+            kept = np.isin(np.repeat(np.arange(len(self.nodes)), self._sizes()), chosen)
+            own = fan_misses(part.refined(), facets[:, kept], np.zeros((1, *corners[kept].shape)), limit)
+            starts = part.mesh.face_starts[: len(chosen)]
+            bounds = np.maximum.reduceat(own.whole, starts)
+            bounds += polygon_thickness(facets[:, kept], hanging[kept], starts, axes)
+            found.take(chosen[bounds <= limit], 0)
+            found.bounds[chosen] = np.where(bounds <= limit, bounds, np.inf)
+        return found
+
+    def misses(self, fit: Fit, limit: float) -> Misses:
+        """As in ``Cells``: neither is farther than they are in all."""
+        return Misses(fit.bounds, fit.bounds, fit.bounds)
+
+    def _sizes(self) -> IndexArray:
+        return self.refinement.mesh.face_sizes[: len(self.nodes)]
+
+
+@dataclass(frozen=True)
+class TriangleCells(PolygonCells):
+    """P triangles of the control mesh."""
+
+    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
+        """As in ``Cells``; as polygons only where sides are split and triangles are not wanted there."""
+        found = Fit.none(len(self.nodes))
+        patterns = hanging.reshape(-1, 3) @ PATTERN_BITS
+        for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
+            chosen = np.flatnonzero(patterns == pattern)
+            part = self.at(chosen)
+            if pattern == WHOLE or transitions is Transitions.TRIANGLES:
+                found.put(chosen, part._fit_template(pattern, limit))
+            else:
+                sides = np.tile((pattern & PATTERN_BITS) > 0, len(chosen))
+                found.put(chosen, super(TriangleCells, part).fit(sides, transitions, limit, axes))
+        return found
+
+    def _fit_template(self, pattern: int, limit: float) -> Fit:
+        found = Fit.none(len(self.nodes))
+        template = ((0, 1, 2),) if pattern == WHOLE else triangle_template(pattern)
+        points = self._points()
+        sampled = off_sides_and_centre(points, pattern)
+        found.least[:] = np.sqrt(squared_norms(sampled)).max(axis=0)
+        tried = np.flatnonzero(found.least <= limit)
+        if len(tried):
+            # Where sides are split the fan's distance is not all of it, and has to be known well.
+            room = None if pattern == WHOLE else np.full(len(tried), np.inf)
+            misses = self.at(tried)._misses(pattern, template, points[:, tried], limit, room)
+            within = np.flatnonzero(misses.whole <= limit)
+            found.take(tried[within], 0)
+            found.know(tried[within], misses.at(within))
+            found.bounds[tried[within]] = misses.whole[within]
+        samples = samples_of_triangles(points, sampled)
+        hopes = samples.hope(samples.normal, samples.tangential)[0]
+        tried = np.flatnonzero(~found.fits & (hopes <= HOPEFUL * limit))
+        if len(tried):
+            room = HOPEFUL_ROOM * least_heights(points[:, tried], template)
+            misses = self.at(tried)._misses(pattern, template, points[:, tried], HOPEFUL * limit, room)
+            fine = samples.at(tried).hope(misses.normal, misses.tangential) <= HOPEFUL * limit
+            hopeful = np.flatnonzero(fine & (misses.normal + misses.tangential <= room))
+            found.take(tried[hopeful], 0)
+            found.know(tried[hopeful], misses.at(hopeful))
+        return found
+
+    def _points(self) -> FloatArray:
+        """(7, P, 3): the triangles' points on the surface, and their centres."""
+        middles, centres = self.refinement.limits_inside()
+        corners = self.refinement.limits_at_corners().reshape(-1, 3, 3)
+        by_triangle = [corners, middles.reshape(-1, 3, 3), centres.reshape(-1, 3, 3)[:, :1]]
+        return np.ascontiguousarray(np.concatenate(by_triangle, axis=1).swapaxes(0, 1))
+
+    def _misses(
+        self, pattern: int, template: Template, points: FloatArray, limit: float, room: FloatArray | None
+    ) -> Misses:
+        """How far the triangles of a template are off at most: their fan, and what they are off that."""
+        split_sides = (pattern & PATTERN_BITS) > 0
+        chords = (points[CORNERS] + points[FOLLOWING]) / 2
+        sagittas = np.where(split_sides[:, None, None], points[MIDDLES] - chords, 0.0)
+        lifts, gaps = fan_of_template(pattern)
+        middles = chords + sagittas
+        centroids = points[CORNERS].mean(axis=0) + np.einsum("s,spi->pi", lifts, sagittas)
+        facets = np.stack([points[CORNERS], middles, np.stack([centroids] * 3), np.roll(middles, 1, axis=0)])
+        normals = triangle_normals(points, template)
+        # The quarters go triangle by triangle.
+        own = fan_misses(
+            self.refinement.refined(),
+            facets.transpose(0, 2, 1, 3).reshape(4, -1, 3),
+            np.repeat(normals, 3, axis=1),
+            limit,
+            None if room is None else np.repeat(room, 3),
+        )
+        found = Misses(*(np.maximum.reduceat(each, 3 * np.arange(points.shape[1])) for each in own.columns()))
+        for gap, sagitta in zip(gaps.tolist(), sagittas, strict=True):
+            off = [along_and_across(sagitta[None], normal) for normal in normals]
+            normal, tangential = (np.max(each, axis=0)[0] for each in zip(*off, strict=True))
+            found = found + Misses(np.sqrt(squared_norms(sagitta)), normal, tangential).times(gap)
+        return found
+
+
+def off_sides_and_centre(points: FloatArray, pattern: int) -> FloatArray:
+    """(…, P, 3): S - T where nothing is split, from the triangles' points and centres (7, P, 3): at the middles of the
+    sides, and at the centre if all are whole."""
+    sides = points[MIDDLES] - (points[CORNERS] + points[FOLLOWING]) / 2
+    sampled = sides[[side for side in range(3) if not pattern >> side & 1]]
+    if pattern == WHOLE:
+        return np.concatenate([sampled, [points[CENTRE] - points[CORNERS].mean(axis=0)]])
+    return sampled
+
+
+def samples_of_triangles(points: FloatArray, sampled: FloatArray) -> Samples:
+    """Of triangles by their points and centres (7, P, 3), and S - T at some places (…, P, 3)."""
+    sides = points[MIDDLES] - (points[CORNERS] + points[FOLLOWING]) / 2
+    normals = triangle_normals(points, ((0, 1, 2),))[0]
+    lengths = np.sqrt(squared_norms(points[FOLLOWING] - points[CORNERS])).min(axis=0)
+    slopes = Samples.slopes_of(along_and_across(sides, normals)[0].max(axis=0), lengths)
+    normal, tangential = (each.max(axis=0, keepdims=True) for each in along_and_across(sampled, normals))
+    return Samples(normal, tangential, slopes)
+
+
+@cache
+def fan_of_template(pattern: int) -> tuple[FloatArray, FloatArray]:
+    """A triangle's template against a fan, by how far the middles of split sides are off the sides: (3,) each.
+
+    The template's triangles are those of the plain triangle and, for each split side s, its middle's way off times a
+    function φ of the place: 1 at the middle, 0 at the other points and linear between. The fan's facets are those of
+    the plain triangle and the same ways times functions ψ: bilinear, 1 at the middle, 0 at the corners and the other
+    middles, and at the centroid what φ is there. Returns these values at the centroid, and what |φ - ψ| is at most
+    (docs/adaptive.md, Triangles on the surface).
+    """
+    lifts, gaps = np.zeros(3), np.zeros(3)
+    for side in (side for side in range(3) if pattern >> side & 1):
+        pieces = [_hat_piece(triangle, side) for triangle in triangle_template(pattern)]
+        lift = next(float(SIXTHS @ hat) for hat, inside in pieces if np.all(SIXTHS @ inside >= 0))
+        lifts[side] = lift / 6
+        gaps[side] = max(_gap_over_quarter(quarter, side, lift, pieces) for quarter in range(3)) / 6
+    return lifts, gaps
+
+
+def _hat_piece(triangle: Triangle, side: int) -> tuple[FloatArray, FloatArray]:
+    """(3,) and (3, 3): from a place, by weights of the corners, to φ over one triangle of a template, and to the
+    weights of this triangle's vertices. All are whole numbers."""
+    inside = np.rint(np.linalg.inv(TRIANGLE_POINTS[list(triangle)]))
+    return inside @ (np.array(triangle) == 3 + side), inside
+
+
+def _gap_over_quarter(quarter: int, side: int, lift: float, pieces: list[tuple[FloatArray, FloatArray]]) -> float:
+    """What 6|φ - ψ| is at most over a quarter of the triangle; lift: 6φ at the centroid.
+
+    Over each triangle of the template φ is linear in the place and so bilinear in the quarter's parameters, as ψ is.
+    A bilinear function is largest at a corner of a square. So a square is beside a triangle where one of this one's
+    weights is negative at all four corners, and elsewhere |φ - ψ| is at most what it is at a corner, with the φ of some
+    triangle that the square may meet. Squares for which that is not above a value that is reached are left alone, the
+    others halved both ways. All numbers are multiples of 4⁻¹⁰ below 2⁶, so nothing is rounded.
+    """
+    before = (quarter - 1) % 3
+    ring = 6 * np.stack([*TRIANGLE_POINTS[[quarter, 3 + quarter]], SIXTHS / 6, TRIANGLE_POINTS[3 + before]])
+    bilinear = np.array([0.0, 6.0 * (quarter == side), lift, 6.0 * (before == side)])
+    off = np.stack([np.rint(ring) @ hat - bilinear for hat, _ in pieces])
+    weights = np.stack([np.rint(ring) @ inside for _, inside in pieces])
+    origins, reached = np.zeros((1, 2)), 0.0
+    for halving in range(HALVINGS + 1):
+        u, v = np.moveaxis(origins[:, None] + QUAD_POINTS[:4] / 2**halving, 2, 0)
+        basis = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v], axis=-1)
+        at_corners = np.abs(np.einsum("sck,tk->tsc", basis, off))
+        within = np.einsum("sck,tkw->tscw", basis, weights) >= 0
+        reached = max(reached, float(at_corners[within.all(axis=3)].max(initial=0.0)))
+        bounds = np.where(within.any(axis=2).all(axis=2), at_corners.max(axis=2), 0.0).max(axis=0)
+        doubtful = bounds > reached
+        halves = QUAD_POINTS[:4] / 2 ** (halving + 1)
+        origins, bounds = (origins[doubtful, None] + halves).reshape(-1, 2), bounds[doubtful]
+    return float(bounds.max(initial=reached))

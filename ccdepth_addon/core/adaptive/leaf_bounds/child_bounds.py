@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How far the quarters of bicubic quads are off, each drawn by two triangles: from the coefficients of the whole quads.
+
+Most leaves of a tree fit at a first look. Taken at their parents it needs no coefficients of their own. The bounds are
+those of ``triangle_bounds.quadratic_rows``, but that the monomials are the whole quad's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from ...arrays.chunks import blocks
+from ...arrays.coordinates import applied, chosen_vectors
+from ...arrays.matrix_products import product
+from ...arrays.types import BoolArray, FloatArray, IndexArray
+from ...bounds.norms import squared_norms
+from ..leaf_approximation import triangle_normals
+from ..templates import PLAIN, Triangle
+from .triangle_bounds import WHOLE_QUAD, Misses, bicubic_basis, off_quadratic, regular_points, rest_misses, to_monomials
+
+# What is made on the way of so many quads stays in the processor's cache.
+QUADS_AT_ONCE = 1 << 9
+
+# The points of a quad, its centre the last, at the corners of the quarter at each of its own, from that one on.
+CORNERS_OF_QUARTERS = [[corner, 4 + corner, 8, 4 + (corner + 3) % 4] for corner in range(4)]
+
+
+@dataclass(frozen=True)
+class QuarterDistances:
+    """‖S - T‖ over the quarters of P quads, those at each corner, for each of the two diagonals, (4, 2, P) each.
+
+    sampled: at the middles of the triangles' sides, so really there. bounds: at most. points: (9, P, 3), those of the
+    quads (``regular_points``). far: the quarters that are sampled farther than the limit along both diagonals.
+    """
+
+    sampled: FloatArray
+    bounds: FloatArray
+    points: FloatArray
+    far: Quarters
+
+
+@dataclass(frozen=True)
+class Quarters:
+    """n quarters of quads, and S - T over them.
+
+    at_corners, of_quads: (n,) each, at which corner of which quad. corners: (4, n, 3), their own. off: (6, n, 3), S - T
+    at the middles of their sides and diagonals. sums: (2, 2, n, 3), for each diagonal and triangle half the sum of the
+    three at its sides. monomials: (10, n, 3), the coefficients of those that are more than quadratic, of whole quads.
+    """
+
+    at_corners: IndexArray
+    of_quads: IndexArray
+    corners: FloatArray
+    off: FloatArray
+    sums: FloatArray
+    monomials: FloatArray
+
+    @staticmethod
+    def joined(parts: Sequence[Quarters]) -> Quarters:
+        """All of them, block after block."""
+        return Quarters(
+            np.concatenate([part.at_corners for part in parts]),
+            np.concatenate([part.of_quads for part in parts]),
+            np.concatenate([part.corners for part in parts], axis=-2),
+            np.concatenate([part.off for part in parts], axis=-2),
+            np.concatenate([part.sums for part in parts], axis=-2),
+            np.concatenate([part.monomials for part in parts], axis=-2),
+        )
+
+    def misses(self, chosen: IndexArray, diagonal: int) -> tuple[Misses, Misses]:
+        """How far some are off along the triangles' normals and across, as the sum of two, split along a diagonal: what
+        the quadratic parts miss, and the rest."""
+        normals = triangle_normals(chosen_vectors(self.corners, chosen), PLAIN[diagonal])
+        sides = [own for triangle in PLAIN[diagonal] for own in (*_sides(triangle), 4 + diagonal)]
+        vectors = [chosen_vectors(self.off[sides], chosen), chosen_vectors(self.sums[diagonal], chosen)]
+        # Three and one for each triangle.
+        order = [0, 1, 2, 6, 3, 4, 5, 7]
+        quadratic = Misses.of(np.concatenate(vectors)[order], np.repeat([0, 1], 4), normals)
+        weights = _weights()[2 * self.at_corners[chosen] + diagonal].T
+        return quadratic, rest_misses(chosen_vectors(self.monomials, chosen), weights, normals)
+
+
+def quarter_distances(coefficients: FloatArray, limit: float) -> QuarterDistances:
+    """Of quads with Bernstein coefficients (16, P, 3), [i, j] → 4i + j, u along i."""
+    count = coefficients.shape[1]
+    sampled, bounds, points = np.empty((4, 2, count)), np.empty((4, 2, count)), np.empty((9, 3, count)).swapaxes(1, 2)
+    far = []
+    for block in blocks(count, QUADS_AT_ONCE):
+        vectors = applied(_rows(), coefficients[:, block])
+        squares = squared_norms(vectors[:50])
+        largest = np.maximum(squares[:16].reshape(4, 4, -1).max(axis=1)[:, None], squares[16:24].reshape(4, 2, -1))
+        quadratic = np.maximum(largest, squares[24:40].reshape(4, 2, 2, -1).max(axis=2))
+        rests = product(_weights(), np.sqrt(squares[40:])).reshape(largest.shape)
+        np.sqrt(largest, out=sampled[..., block])
+        np.add(np.sqrt(quadratic), rests, out=bounds[..., block])
+        points[:, block] = vectors[50:]
+        far.append(_quarters(vectors, sampled[..., block].min(axis=1) > limit, block.start))
+    return QuarterDistances(sampled, bounds, points, Quarters.joined(far))
+
+
+def _quarters(vectors: FloatArray, wanted: BoolArray, first: int) -> Quarters:
+    """Some quarters, (4, P) bool, of quads with so many others before them; vectors: (59, P, 3), of ``_rows``."""
+    parts = (vectors[:16].reshape(4, 4, -1, 3), vectors[16:24].reshape(4, 2, -1, 3))
+    off = np.concatenate([_of_each(part, wanted) for part in parts])
+    sums = _of_each(vectors[24:40].reshape(4, 2, 2, -1, 3), wanted)
+    at_corners, of_quads = np.nonzero(wanted)
+    monomials = chosen_vectors(vectors[40:50], of_quads)
+    return Quarters(at_corners, of_quads + first, corners_of_quarters(vectors[50:], wanted), off, sums, monomials)
+
+
+def corners_of_quarters(points: FloatArray, wanted: BoolArray) -> FloatArray:
+    """(4, n, 3): the corners of some quarters, (4, P) bool, of quads with points (9, P, 3), those at corner 0 first."""
+    return _of_each((points[four] for four in CORNERS_OF_QUARTERS), wanted)
+
+
+def _of_each(vectors: Iterable[FloatArray], wanted: BoolArray) -> FloatArray:
+    """(…, n, 3): those of some quarters, (4, P) bool, of vectors (…, P, 3) for each corner."""
+    places = map(np.flatnonzero, wanted)
+    return np.concatenate([chosen_vectors(own, some) for own, some in zip(vectors, places, strict=True)], axis=-2)
+
+
+@cache
+def _rows() -> FloatArray:
+    """(59, 16): for each quarter S - T at the middles of its 4 sides; then for each at the middles of the 2 diagonals;
+    then for each, diagonal by diagonal, half the sums of the three at the sides of the 2 triangles; then the 10
+    monomials that are more than quadratic, T having none; then the 9 points."""
+    corners = [_places(corner) for corner in range(4)]
+    sides = np.stack([[_off_chord(four[side], four[(side + 1) % 4]) for side in range(4)] for four in corners])
+    diagonals = np.stack([[_off_chord(four[0], four[2]), _off_chord(four[1], four[3])] for four in corners])
+    sums = np.empty((4, 2, 2, 16))
+    for number, template in enumerate(PLAIN):
+        for place, triangle in enumerate(template):
+            sums[:, number, place] = (sides[:, _sides(triangle)].sum(axis=1) + diagonals[:, number]) / 2
+    rows = (sides, diagonals, sums, to_monomials(), regular_points())
+    return np.concatenate([part.reshape(-1, 16) for part in rows])
+
+
+@cache
+def _weights() -> FloatArray:
+    """(8, 10): for each quarter and each diagonal, how far the monomials are off their quadratic parts there."""
+    templates = [[_places(corner)[list(triangle)] for triangle in plain] for corner in range(4) for plain in PLAIN]
+    return np.stack([off_quadratic(triangles) for triangles in templates])
+
+
+def _places(corner: int) -> FloatArray:
+    """(4, 2): the corners of the quarter at a corner, from that one on."""
+    return WHOLE_QUAD.child(corner).corners()
+
+
+def _sides(triangle: Triangle) -> list[int]:
+    """The sides of a quad that are sides of a triangle."""
+    return [side for side in range(4) if {side, (side + 1) % 4} <= {*triangle}]
+
+
+def _off_chord(start: FloatArray, end: FloatArray) -> FloatArray:
+    """(16,): S half-way between two places, off the middle of the chord."""
+    ends, middle = np.stack([start, end]), (start + end) / 2
+    return bicubic_basis(middle[None])[0] - bicubic_basis(ends).mean(axis=0)

@@ -1,0 +1,229 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is missed over faces of any kind, by refining these (docs/adaptive.md, Any other quad).
+
+A quad's descendants are squares in its parameters. A regular one is bicubic, and is compared in Bernstein form. Any
+other is compared by way of the bilinear facet over its control points, which is within a known distance of the surface,
+and refined again while that decides. They are compared
+
+- with the triangles of a template: where a square lies in one of them, that is linear over it; where the template's
+  lines cut it, by the matrices of its parts (``triangle_bounds``);
+- or with bilinear facets.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays.coordinates import applied
+from ...arrays.types import FloatArray, IndexArray
+from ...bounds.norm_bounds import Vertices, second_order_extraordinary, support_bounds
+from ...bounds.norms import squared_norms
+from ...surface.bicubic import bilinear_coefficients, patch_coefficients
+from ...surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
+from ...surface.refinement import Refinement
+from ..templates import QUAD_POINTS, templates
+from .triangle_bounds import QUARTER_TURN, Misses, barycentric, template_rows
+
+# By then what is left of a quad around an irregular vertex is small against the quad.
+REFINEMENTS = 8
+
+# Weights and lengths are dyadic fractions, or a few times such; less is rounding.
+NOTHING = 1e-9
+
+# Where only a bound along the normals will do, facets have to be within this part of the limit.
+NEAR_FACET = 1 / 16
+
+
+@dataclass(frozen=True)
+class Squares:
+    """N square parts of the parameters of quads.
+
+    bases: (N,) intp, which quad; paths: (N,) intp, the children on the way there as digits of base 4 after a leading 1;
+    origins: (N, 2), where corner 0 lies; axes: (N, 2, 2), the sides from there to corners 1 and 3.
+    """
+
+    bases: IndexArray
+    paths: IndexArray
+    origins: FloatArray
+    axes: FloatArray
+
+    @staticmethod
+    def whole(count: int) -> Squares:
+        """All of each quad."""
+        axes = np.broadcast_to(np.eye(2), (count, 2, 2))
+        return Squares(np.arange(count), np.ones(count, dtype=np.intp), np.zeros((count, 2)), axes)
+
+    def at(self, chosen: IndexArray) -> Squares:
+        return Squares(self.bases[chosen], self.paths[chosen], self.origins[chosen], self.axes[chosen])
+
+    def children(self) -> Squares:
+        """Their four quarters each, from corner 0 on, every one with its own corner 0 where the square has a corner."""
+        origins = self.origins[:, None] + np.einsum("ci,nij->ncj", QUAD_POINTS[:4], self.axes)
+        turns = np.stack([np.linalg.matrix_power(QUARTER_TURN, turn) for turn in range(4)]) / 2
+        axes = np.einsum("cij,njk->ncik", turns, self.axes)
+        paths = 4 * self.paths[:, None] + np.arange(4)
+        return Squares(np.repeat(self.bases, 4), paths.ravel(), origins.reshape(-1, 2), axes.reshape(-1, 2, 2))
+
+    def corners(self) -> FloatArray:
+        """(4, N, 2)."""
+        return self.origins + np.einsum("ci,nij->cnj", QUAD_POINTS[:4], self.axes)
+
+
+# What is missed over squares with Bernstein coefficients (16, N, 3), (N,) each.
+Comparison = Callable[[FloatArray, Squares], Misses]
+
+
+def template_misses(
+    children: Refinement,
+    points: FloatArray,
+    key: tuple[int, int],
+    normals: FloatArray,
+    limit: float,
+    room: FloatArray | None = None,
+) -> Misses:
+    """(P,): ‖S - T‖ at most, for P quads and the triangles of a template.
+
+    children: of all the quads, whose bases these are. points: (8 or more, P, 3), as in ``templates.QUAD_POINTS``; key:
+    pattern and alternative; normals: (T, P, 3), of the triangles. For limit and room see ``_refined_misses``.
+    """
+
+    def compare(coefficients: FloatArray, squares: Squares) -> Misses:
+        return _off_template(coefficients, squares, points, key, normals)
+
+    return _refined_misses(children, Squares.whole(points.shape[1]).children(), compare, limit, room)
+
+
+def fan_misses(
+    quarters: Refinement, facets: FloatArray, normals: FloatArray, limit: float, room: FloatArray | None = None
+) -> Misses:
+    """(C,): ‖S - F‖ at most, for the quarters of some faces and bilinear facets over their corners (4, C, 3).
+
+    quarters: the children of the faces. normals: (T, C, 3), those of all triangles that are drawn there. For limit and
+    room see ``_refined_misses``.
+    """
+
+    def compare(coefficients: FloatArray, squares: Squares) -> Misses:
+        return _off_facets(coefficients, squares, facets, normals)
+
+    return _refined_misses(quarters, Squares.whole(facets.shape[1]), compare, limit, room)
+
+
+def _refined_misses(
+    refinement: Refinement, squares: Squares, compare: Comparison, limit: float, room: FloatArray | None
+) -> Misses:
+    """What is missed of the surface over quads of which the refinement's descendants are squares.
+
+    They are looked at as closely as it takes to see whether they are within the limit; or, with room (quads,), as it
+    takes to know well how far they are off along the normals. Nothing else is known of what is beyond the limit, along
+    the normals then, or takes more than its room along and across together, but that it may be.
+    """
+    count = int(squares.bases.max(initial=-1)) + 1
+    found = Misses(*(np.zeros(count) for _ in range(3)))
+    for step in range(REFINEMENTS):
+        kinds = classify_patches(refinement.mesh).kinds[: len(refinement.bases)]
+        regular, rest = np.flatnonzero(kinds == PatchKind.REGULAR), np.flatnonzero(kinds != PatchKind.REGULAR)
+        coefficients = patch_coefficients(regular_nets(refinement.mesh, regular)).reshape(16, -1, 3)
+        _raise(found, squares.at(regular), compare(coefficients, squares.at(regular)))
+        if not len(rest):
+            break
+        refinement, squares = refinement.keep(kinds != PatchKind.REGULAR), squares.at(rest)
+        near = _facet_distances(refinement, classify_patches(refinement.mesh))
+        left = compare(bilinear_coefficients(refinement.control_facets()).reshape(16, -1, 3), squares)
+        reached = left + Misses(near, near, near)
+        if room is None:
+            beyond, seen_beyond, enough = found.whole > limit, left.whole - near > limit, reached.whole <= limit
+        else:
+            beyond = (found.normal > limit) | (found.normal + found.tangential > room)
+            seen_beyond, enough = left.normal - near > limit, near <= NEAR_FACET * limit
+        beyond[squares.bases[seen_beyond]] = True
+        settled = enough | beyond[squares.bases] | (step == REFINEMENTS - 1)
+        _raise(found, squares.at(np.flatnonzero(settled)), reached.at(np.flatnonzero(settled)))
+        refinement, squares = refinement.keep(~settled).refined(), squares.at(np.flatnonzero(~settled)).children()
+        if not len(refinement.bases):
+            break
+    return found
+
+
+def _facet_distances(refinement: Refinement, patches: PatchKinds) -> FloatArray:
+    """(descendants,): the distance of quads' surface from the facets over their own control points, at most."""
+    mesh, kinds = refinement.mesh, patches.kinds[: len(refinement.bases)]
+    bounds = np.empty(len(kinds))
+    others = kinds == PatchKind.IRREGULAR
+    if np.any(others):
+        bounds[others] = support_bounds(mesh, Vertices.CONTROL)[: len(kinds)][others]
+    extraordinary = np.flatnonzero(kinds == PatchKind.EXTRAORDINARY)
+    corners = patches.extraordinary_corners[extraordinary]
+    valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
+    for valence in np.unique(valences).tolist():
+        of_valence = valences == valence
+        nets = extraordinary_nets(mesh, corners[of_valence], valence)
+        bounds[extraordinary[of_valence]] = second_order_extraordinary(nets, Vertices.CONTROL).value
+    return bounds
+
+
+def _raise(found: Misses, squares: Squares, misses: Misses) -> None:
+    """Of each quad, the most of its squares."""
+    np.maximum.at(found.whole, squares.bases, misses.whole)
+    np.maximum.at(found.normal, squares.bases, misses.normal)
+    np.maximum.at(found.tangential, squares.bases, misses.tangential)
+
+
+def _off_facets(coefficients: FloatArray, squares: Squares, facets: FloatArray, normals: FloatArray) -> Misses:
+    """(N,): how far squares with Bernstein coefficients (16, N, 3) are off the facets (4, C, 3)."""
+    found = Misses(*(np.zeros(len(squares.bases)) for _ in range(3)))
+    u, v = squares.corners().transpose(2, 0, 1)
+    weights = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v])
+    over = np.einsum("kcn,kni->cni", weights, facets[:, squares.bases])
+    vectors = coefficients - bilinear_coefficients(over).reshape(16, -1, 3)
+    for of_triangle in normals:
+        _raise_at(found, np.arange(len(squares.bases)), vectors, of_triangle[squares.bases])
+    return found
+
+
+def _off_template(
+    coefficients: FloatArray, squares: Squares, points: FloatArray, key: tuple[int, int], normals: FloatArray
+) -> Misses:
+    """(N,): what the triangles miss over squares with Bernstein coefficients (16, N, 3)."""
+    pattern, alternative = key
+    found = Misses(*(np.zeros(len(squares.bases)) for _ in range(3)))
+    corners = squares.corners()
+    for number, triangle in enumerate(templates(pattern)[alternative]):
+        places = QUAD_POINTS[list(triangle)]
+        weights = barycentric(places, corners)
+        covered = np.all(weights >= -NOTHING, axis=(0, 2))
+        apart = np.any(np.all(weights <= NOTHING, axis=0), axis=1) | _boxes_apart(places, corners)
+        inside = np.flatnonzero(covered)
+        vertices = points[list(triangle)][:, squares.bases[inside]]
+        flat = np.einsum("cnk,kni->cni", weights[:, inside], vertices)
+        vectors = coefficients[:, inside] - bilinear_coefficients(flat).reshape(16, -1, 3)
+        _raise_at(found, inside, vectors, normals[number, squares.bases[inside]])
+        cut = np.flatnonzero(~covered & ~apart)
+        for path in np.unique(squares.paths[cut]).tolist():
+            chosen = cut[squares.paths[cut] == path]
+            of_template = template_rows(pattern, alternative, path)
+            rows = of_template.matrix[of_template.triangles == number]
+            if not len(rows):
+                continue
+            bases = squares.bases[chosen]
+            given = np.concatenate([coefficients[:, chosen], points[:8, bases]])
+            _raise_at(found, chosen, applied(rows, given), normals[number, bases])
+    return found
+
+
+def _raise_at(found: Misses, chosen: IndexArray, vectors: FloatArray, normals: FloatArray) -> None:
+    """Put in vectors (R, n, 3) of some squares, over triangles with unit normals (n, 3)."""
+    squares = squared_norms(vectors)
+    along = np.einsum("rni,ni->rn", vectors, normals) ** 2
+    across = np.maximum(squares - along, 0.0)
+    for values, own in ((found.whole, squares), (found.normal, along), (found.tangential, across)):
+        values[chosen] = np.maximum(values[chosen], np.sqrt(own.max(axis=0, initial=0.0)))
+
+
+def _boxes_apart(places: FloatArray, corners: FloatArray) -> FloatArray:
+    """(N,) bool: whether squares (4, N, 2) lie beside the triangle along one of the axes."""
+    above = corners.min(axis=0) >= places.max(axis=0) - NOTHING
+    below = corners.max(axis=0) <= places.min(axis=0) + NOTHING
+    return np.any(above | below, axis=1)

@@ -1,0 +1,228 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Polygons that are drawn as a whole, as Blender triangulates them (docs/adaptive.md, Polygons).
+
+A polygon with one loop of vertices is compared with the fan of bilinear quads between its vertices and its centroid, or
+with the triangles of a template. Seen along some direction, these cover a region once if the quads of the fan are
+convex there and go round the centroid once, and all triangles of the template turn left.
+
+- Seen along the polygon's normal, whatever triangles are drawn between the vertices cover the region as well, and lie
+  over its convex hull, all between the lowest and the highest vertex. So no point of the one is farther from the other
+  than the polygon is thick and its dents are deep, both together.
+- Seen along the line that Blender looks along, the triangles it draws cover the region once. So no point of the one is
+  farther from the other than such a line takes through the polygon.
+
+Blender looks along the polygon's normal in another space than proofs are made in. ``axes``, (3, 3) float64, has the
+axes of that space as its columns, in coordinates of this one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ...arrays.matrix_products import product
+from ...arrays.types import BoolArray, FloatArray, IndexArray
+from ...bounds.norms import cross_products, dot_products, squared_norms
+from ..templates import templates
+
+# What rounding may take from a thickness, in parts of how far vertices are from the centroid: 16 roundings or less. It
+# matters where that is divided by a small cosine.
+HEIGHT_ROUNDING = 2.0**-48
+
+# How far, in radians, the angles around the centroid may be from a full turn by rounding.
+ANGLE_ROUNDING = 1e-6
+
+# Blender draws a quad along its first diagonal unless the triangles there face away from each other. Single precision
+# must not decide that, so they have to agree a little.
+LEAST_COSINE = 1e-3
+
+# Nor must it decide along which line a polygon is seen: the one space may make lengths more uneven than the other by
+# this factor, where that matters.
+MOST_UNEVEN = 1e4
+
+
+def polygon_thickness(
+    facets: FloatArray,
+    bent: BoolArray,
+    starts: IndexArray,
+    axes: FloatArray,
+    triangles: Sequence[FloatArray] = (),
+) -> FloatArray:
+    """(P,) float64: how far a polygon, as Blender draws it, may be from its fan or template; inf where none of the two
+    proofs holds.
+
+    facets: (4, C, 3), the fan's quads: corner, middle of the side after it, centroid, middle of the side before. bent:
+    (C,) whether the polygon has a vertex of its own at the middle after each corner; starts: (P,) its first corner.
+    triangles: (3, P, 3) each, those of a template.
+    """
+    sizes = np.diff(starts, append=facets.shape[1])
+    corners, middles, centroids, _ = facets
+    # The normal of Newell: half the cross products of consecutive vertices, seen from the centroid.
+    spokes, between = corners - centroids, middles - centroids
+    following = corners[_next(starts, sizes)]
+    doubled = cross_products(spokes, between) + cross_products(between, following - centroids)
+    normals = _unit(np.add.reduceat(doubled, starts))
+    of_corner = np.repeat(normals, sizes, axis=0)
+
+    heights = np.einsum("ij,ij->i", spokes, of_corner)
+    middle_heights = np.where(bent, np.einsum("ij,ij->i", between, of_corner), heights)
+    highest = np.maximum.reduceat(np.maximum(heights, middle_heights), starts)
+    lowest = np.minimum.reduceat(np.minimum(heights, middle_heights), starts)
+    # A plain triangle is its own plane.
+    is_plain = (sizes == 3) & ~np.logical_or.reduceat(bent, starts)
+    thickness = np.where(is_plain, 0.0, highest - lowest)
+
+    is_region = _is_region(facets, bent, starts, normals, triangles)
+    found = np.where(is_region, np.hypot(thickness, _dents(facets, following, bent, of_corner, starts)), np.inf)
+    if np.linalg.cond(axes) <= MOST_UNEVEN:
+        lines = _unit(normals @ axes @ axes.T)
+        cosines = np.einsum("ij,ij->i", normals, lines)
+        fine = (cosines > 0) & _is_region(facets, bent, starts, lines, triangles)
+        fine[sizes == 3] &= ~_is_folded_from_middle(facets, bent, starts[sizes == 3], axes)
+        reaches = np.sqrt(np.maximum.reduceat(np.maximum(squared_norms(spokes), squared_norms(between)), starts))
+        thickest = np.where(is_plain, 0.0, thickness + HEIGHT_ROUNDING * reaches)
+        found = np.where(fine, np.minimum(found, thickest / np.where(fine, cosines, 1.0)), found)
+    return found
+
+
+def thickness_of_quads(points: FloatArray, pattern: int, alternative: int, axes: FloatArray) -> FloatArray:
+    """(P,) float64: how far quads with split sides may be, as polygons, from the triangles of a template; inf where
+    that is not known.
+
+    points: (8 or more, P, 3), in the order of ``templates.QUAD_POINTS``.
+    """
+    split_sides = np.array([pattern >> side & 1 for side in range(4)], dtype=bool)
+    corners = points[:4].swapaxes(0, 1)
+    chords = (corners + np.roll(corners, -1, axis=1)) / 2
+    middles = np.where(split_sides[:, None], points[4:8].swapaxes(0, 1), chords)
+    centres = np.broadcast_to(corners.mean(axis=1, keepdims=True), corners.shape)
+    facets = np.stack([corners, middles, centres, np.roll(middles, 1, axis=1)]).reshape(4, -1, 3)
+    bent = np.tile(split_sides, len(corners))
+    triangles = [points[list(triangle)] for triangle in templates(pattern)[alternative]]
+    return polygon_thickness(facets, bent, 4 * np.arange(len(corners)), axes, triangles)
+
+
+def is_folded(corners: FloatArray, *spaces: FloatArray) -> BoolArray:
+    """(P,) whether the triangles of quads (4, P, 3), split from corner 0, face apart or nearly, in any of the spaces.
+
+    spaces: (3, 3) each, whose columns are the axes of a space where that is asked, in coordinates of this one.
+    """
+    a, b, c, d = corners
+    first, second = cross_products(b - a, c - a), cross_products(c - a, d - a)
+    folded = np.zeros(len(a), dtype=bool)
+    for axes in spaces:
+        one, other = _of_planes(first, axes), _of_planes(second, axes)
+        cosines = dot_products(one, other)
+        folded |= cosines <= LEAST_COSINE * np.sqrt(squared_norms(one) * squared_norms(other))
+    return folded
+
+
+def _of_planes(normals: FloatArray, axes: FloatArray) -> FloatArray:
+    """(P, 3): what is at right angles to planes, in a space with such axes: by the transposed matrix, and a length."""
+    return normals if np.array_equal(axes, np.eye(3)) else product(axes.T, normals.T).T
+
+
+def _unit(vectors: FloatArray) -> FloatArray:
+    lengths = np.sqrt(squared_norms(vectors))
+    return vectors / np.where(lengths > 0, lengths, 1.0)[:, None]
+
+
+def _is_region(
+    facets: FloatArray,
+    bent: BoolArray,
+    starts: IndexArray,
+    directions: FloatArray,
+    triangles: Sequence[FloatArray],
+) -> BoolArray:
+    """(P,) whether fans and templates are seen to cover a region once, along directions (P, 3)."""
+    sizes = np.diff(starts, append=facets.shape[1])
+    of_corner = np.repeat(directions, sizes, axis=0)
+    found = np.logical_and.reduceat(_convex(facets, of_corner), starts) & _once_around(facets, of_corner, starts)
+    found[sizes == 3] &= _inner_triangles_turn_left(facets, bent, directions[sizes == 3], starts[sizes == 3])
+    for triangle in triangles:
+        found &= _turns_left(triangle, directions)
+    return found
+
+
+def _turns_left(points: FloatArray, directions: FloatArray) -> BoolArray:
+    """(P,) whether triangles (3, P, 3) go round counter-clockwise, seen along directions (P, 3)."""
+    a, b, c = points
+    return np.einsum("ij,ij->i", cross_products(b - a, c - a), directions) > 0
+
+
+def _inner_triangles_turn_left(
+    facets: FloatArray, bent: BoolArray, directions: FloatArray, starts: IndexArray
+) -> BoolArray:
+    """For triangles with two bent sides, whether their middles and the corner that touches one of them turn left.
+
+    The convex quads of the fan see to all other triangles of ``templates.triangle_template``.
+    """
+    fine = np.ones(len(starts), dtype=bool)
+    for side in range(3):
+        after, before = starts + (side + 1) % 3, starts + (side + 2) % 3
+        both = np.flatnonzero(bent[starts + side] & bent[after] & ~bent[before])
+        middles = facets[1, starts[both] + side], facets[1, after[both]]
+        fine[both] &= _turns_left(np.stack([*middles, facets[0, before[both]]]), directions[both])
+    return fine
+
+
+def _is_folded_from_middle(facets: FloatArray, bent: BoolArray, starts: IndexArray, axes: FloatArray) -> BoolArray:
+    """Which triangles with one bent side Blender might draw along the diagonal that is not from there."""
+    found = np.zeros(len(starts), dtype=bool)
+    for side in range(3):
+        own, after, before = starts + side, starts + (side + 1) % 3, starts + (side + 2) % 3
+        one = np.flatnonzero(bent[own] & ~bent[after] & ~bent[before])
+        quads = np.stack([facets[1, own[one]], facets[0, after[one]], facets[0, before[one]], facets[0, own[one]]])
+        found[one] = is_folded(quads, axes)
+    return found
+
+
+def _dents(
+    facets: FloatArray, following: FloatArray, bent: BoolArray, normals: FloatArray, starts: IndexArray
+) -> FloatArray:
+    """(P,) how far the convex hulls of polygons, seen along their normals, are from them; inf where that is not known.
+
+    It is known where a polygon is convex but for vertices at the middles of sides, which may dent these.
+    """
+    corners, middles, _, _ = facets
+    sides, bends = following - corners, middles - corners
+    sides -= np.einsum("ij,ij->i", sides, normals)[:, None] * normals
+    squares = squared_norms(sides)
+    depths = np.einsum("ij,ij->i", cross_products(sides, bends), normals)
+    depths /= np.sqrt(np.where(squares > 0, squares, 1.0))
+    places = np.einsum("ij,ij->i", sides, bends)
+    within = (places >= 0) & (places <= squares) & (squares > 0)
+    depths = np.where(bent, np.where(within, depths, np.inf), 0.0)
+
+    # The hull has no dents, and turns left wherever it turns.
+    around = np.where((depths > 0)[:, None], (corners + following) / 2, middles)
+    ends = np.append(starts[1:], len(corners)) - 1
+    before = np.arange(-1, len(corners) - 1)
+    before[starts] = ends
+    turns = np.einsum("ij,ij->i", cross_products(corners - around[before], around - corners), normals)
+    return np.where(np.logical_and.reduceat(turns >= 0, starts), np.maximum.reduceat(depths, starts).clip(0), np.inf)
+
+
+def _next(starts: IndexArray, sizes: IndexArray) -> IndexArray:
+    following = np.arange(1, sizes.sum() + 1)
+    following[starts + sizes - 1] = starts
+    return following
+
+
+def _convex(facets: FloatArray, directions: FloatArray) -> BoolArray:
+    """(C,) whether each quad of the fan turns left at every corner, seen along its direction."""
+    sides = np.roll(facets, -1, axis=0) - facets
+    turns = np.einsum("kij,ij->ki", cross_products(np.roll(sides, 1, axis=0), sides), directions)
+    return np.all(turns > 0, axis=0)
+
+
+def _once_around(facets: FloatArray, directions: FloatArray, starts: IndexArray) -> BoolArray:
+    """(P,) whether the quads' angles at the centroid are a full turn together."""
+    first, second = facets[3] - facets[2], facets[1] - facets[2]
+    sines = np.einsum("ij,ij->i", cross_products(first, second), directions)
+    # Cosines of what is seen along the direction: without the parts along it.
+    heights = np.einsum("ij,ij->i", first, directions) * np.einsum("ij,ij->i", second, directions)
+    cosines = np.einsum("ij,ij->i", first, second) - heights
+    turns = np.add.reduceat(np.arctan2(sines, cosines), starts)
+    return np.abs(turns - 2 * np.pi) < ANGLE_ROUNDING

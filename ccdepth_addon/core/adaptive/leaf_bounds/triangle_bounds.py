@@ -1,0 +1,567 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the triangles of a template miss of the surface: bounds for a quad as it is really drawn (docs/adaptive.md).
+
+The triangles' vertices lie on the surface, at their own parameters; the distance is measured at equal parameters, so it
+holds in both directions. Over a piece of the surface that is bicubic, S - T on a part of a triangle is a polynomial of
+total degree 6, and no longer than the longest of its 28 Bernstein coefficients over that part. These are linear in the
+control net, so a template is a matrix for each kind of net:
+
+- a bicubic quad: 16 Bernstein coefficients, by the quarters of triangles. Where S - T is nearly quadratic it is enough
+  to take it apart: the quadratic polynomial with its values at the vertices and the middles of the sides, and the rest,
+  monomial by monomial;
+- a quad at an extraordinary vertex: its net, by way of the bicubic pieces of some levels (``stencils``); what is left
+  at the vertex is compared with its bilinear facet, which is within a known part of the second-order norm.
+
+Any other quad is refined first (``irregular_bounds``).
+
+The coefficients over a part come from blossoms, not from solving equations. A bicubic S has a blossom s(u₁, u₂, u₃;
+v₁, v₂, v₃), symmetric and affine in each u and in each v, which at (u, u, u; v, v, v) is S(u, v); its values are
+averages of the 16 tensor coefficients, by de Casteljau with another argument at each step. As a polynomial of total
+degree 6, S has the blossom that is the mean, over the 20 ways to choose three of six places, of s at their u and at the
+other three's v: that is symmetric, affine in each place, and S where all six are one. Its values at the vertices of the
+part, i, j and k times, are the coefficients. So within the square every coefficient is a convex combination of the 16.
+
+How exact: all parameters are multiples of 1/16 of the square, so the sums below are exact in double precision, and each
+weight is off by the rounding of one division. docs/adaptive.md (Rounding) has what follows from it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
+from itertools import combinations_with_replacement, pairwise
+from math import comb
+
+import numpy as np
+
+from ...arrays.chunks import blocks
+from ...arrays.coordinates import applied, chosen_vectors
+from ...arrays.types import FloatArray, IndexArray
+from ...bounds.norm_bounds import certified_limit_factor
+from ...bounds.norms import second_differences, squared_dots, squared_norms
+from ...surface.bicubic import SPLINE_TO_BERNSTEIN, bilinear_coefficients, tensor
+from ...surface.stencils import patch_stencils
+from ..templates import QUAD_POINTS, Triangle, templates
+
+DEGREE = 6
+
+# From the Bernstein coefficients of a cubic over [0, 1] to its coefficients of (x - 1/2)^i; and back.
+TO_POWERS = np.array([[1, 3, 3, 1], [-6, -6, 6, 6], [12, -12, -12, 12], [-8, 24, -24, 8]]) / 8
+FROM_POWERS = np.array([[24, -12, 6, -3], [24, -4, -2, 3], [24, 4, -2, -3], [24, 12, 6, 3]]) / 24
+
+# The monomials (u - 1/2)^i (v - 1/2)^j → 4i + j that are more than quadratic; and how often a triangle is quartered to
+# find how far these are off their quadratic parts: once more would tell 1 % less. Rounding may take less than 2⁻⁴⁸ from
+# that: 16 sums of numbers below 1/8, and two times nine of such below 3/8.
+BEYOND_QUADRATIC = [4 * i + j for i in range(4) for j in range(4) if i + j > 2]
+QUARTERINGS = 3
+OFF_ROUNDING = 2.0**-48
+
+# The Bernstein coefficients, of 16 in [i, j] → 4i + j, that are the values at corners 0 to 3.
+CORNER_COEFFICIENTS = [0, 12, 15, 3]
+
+# To bring places in order.
+AS_COMPLEX = np.array([1.0, 1.0j])
+
+# A quarter turn, counter-clockwise, of row vectors.
+QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
+
+# How many levels of bicubic pieces are looked at around an extraordinary vertex; and in a closer look, on how many of
+# them by the quarters of triangles: farther in that would make no difference any more.
+COARSE_LEVELS = 2
+FINE_LEVELS = 5
+QUARTERED_LEVELS = 2
+
+# Coefficients, as numbers, that are looked at together, and quads at least.
+VALUES_AT_ONCE = 1 << 18
+FEWEST_AT_ONCE = 64
+
+
+@dataclass(frozen=True)
+class Square:
+    """A square part of a quad's parameters: where its corner 0 lies, and its sides from there as rows (2, 2)."""
+
+    origin: FloatArray
+    axes: FloatArray
+
+    def from_parent(self, points: FloatArray) -> FloatArray:
+        """(N, 2) parameters of the quad as parameters of the square."""
+        return (points - self.origin) @ self.axes.T / (self.axes[0] @ self.axes[0])
+
+    def corners(self) -> FloatArray:
+        return self.origin + QUAD_POINTS[:4] @ self.axes
+
+    def child(self, number: int) -> Square:
+        """The quarter at a corner, which is its own corner 0."""
+        axes = np.linalg.matrix_power(QUARTER_TURN, number) @ self.axes / 2
+        return Square(self.origin + QUAD_POINTS[number] @ self.axes, axes)
+
+
+WHOLE_QUAD = Square(np.zeros(2), np.eye(2))
+
+
+@cache
+def _arguments(degree: int) -> IndexArray:
+    """(28, 6) for degree 6: at which vertices of a triangle the blossom of a polynomial is each of its Bernstein
+    coefficients there, in order."""
+    return np.array([*combinations_with_replacement(range(3), degree)])
+
+
+@cache
+def _counts(degree: int) -> IndexArray:
+    """(28, 3) for degree 6: how often each vertex is among these."""
+    return (_arguments(degree)[:, :, None] == np.arange(3)).sum(axis=1)
+
+
+@cache
+def _ways_to_share() -> FloatArray:
+    """(28, 100): in how many of the 20 ways to choose three of a coefficient's six arguments these are the ones of one
+    cubic coefficient, and the others those of another, [a, b] → 10a + b."""
+    whole = _counts(6)[:, None, None]
+    chosen, others = _counts(3)[None, :, None], _counts(3)[None, None]
+    choose = np.array([[comb(n, k) for k in range(4)] for n in range(7)])
+    ways = choose[whole, chosen].prod(axis=-1) * np.all(chosen + others == whole, axis=-1)
+    return ways.reshape(len(ways), -1).astype(np.float64)
+
+
+def _cubic_blossoms(arguments: FloatArray) -> FloatArray:
+    """(N, 4): the blossom of a cubic at arguments (N, 3), by its Bernstein coefficients over [0, 1]."""
+    weights = np.zeros((len(arguments), 4))
+    weights[:, 0] = 1.0
+    for argument in arguments.T[:, :, None]:
+        # Each step takes in one argument; the last weight is still none before the last of them.
+        weights = (1 - argument) * weights + argument * np.roll(weights, 1, axis=1)
+    return weights
+
+
+def bicubic_basis(points: FloatArray) -> FloatArray:
+    """(N, 16): the bicubic Bernstein basis at parameters (N, 2)."""
+    along, across = (_cubic_blossoms(np.repeat(each[:, None], 3, axis=1)) for each in points.T)
+    return np.einsum("ni,nj->nij", along, across).reshape(len(points), 16)
+
+
+def coefficients_over(part: FloatArray) -> FloatArray:
+    """(28, 16): from the Bernstein coefficients of a bicubic, [i, j] → 4i + j, to those of total degree 6 over a
+    triangle (3, 2) of its parameters.
+
+    None is negative within [0, 1]², and a row sums to 1.
+    """
+    along, across = (_cubic_blossoms(each[_arguments(3)]) for each in part.T)
+    return _ways_to_share() @ tensor(along, across) / comb(6, 3)
+
+
+def to_monomials() -> FloatArray:
+    """(10, 16): from Bernstein coefficients to those of (u - 1/2)^i (v - 1/2)^j that are more than quadratic."""
+    return np.kron(TO_POWERS, TO_POWERS)[BEYOND_QUADRATIC]
+
+
+def off_quadratic(triangles: list[FloatArray]) -> FloatArray:
+    """(10,): how far each of these monomials is off its own quadratic part, over all of some triangles (3, 2), at most:
+    by Bernstein coefficients over parts of these."""
+    return np.max([_off_quadratic(tuple(triangle.ravel().tolist())) for triangle in triangles], axis=0)
+
+
+@cache
+def _off_quadratic(places: tuple[float, ...]) -> FloatArray:
+    """(10,): over one triangle, by the parameters of its vertices; templates share these."""
+    triangle = np.array(places).reshape(3, 2)
+    monomials = np.kron(FROM_POWERS, FROM_POWERS)[:, BEYOND_QUADRATIC]
+    blossoms = _quadratic_blossoms(triangle, monomials)
+    parts, largest = [triangle], np.zeros(len(BEYOND_QUADRATIC))
+    for _ in range(QUARTERINGS):
+        parts = [quarter for part in parts for quarter in _quartered(part)]
+    for part in parts:
+        own = barycentric(triangle, part)
+        quadratic = np.einsum("pa,qb,abm->pqm", own, own, blossoms)
+        off = coefficients_over(part) @ monomials - np.einsum("rpq,pqm->rm", _shares_of_pairs(), quadratic)
+        largest = np.maximum(largest, np.abs(off).max(axis=0))
+    return largest + OFF_ROUNDING
+
+
+def _quadratic_blossoms(triangle: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """(3, 3, N): of the quadratic polynomials with the values of bicubics (16, N) at a triangle's vertices and at the
+    middles of its sides, the blossoms at every two vertices."""
+    values = np.einsum("abi,in->abn", _at_middles(triangle), coefficients)
+    at_vertices = np.einsum("aan->an", values)
+    # A vertex is the middle between it and itself, where this is its value.
+    return 2 * values - (at_vertices[:, None] + at_vertices[None]) / 2
+
+
+def _at_middles(triangle: FloatArray) -> FloatArray:
+    """(3, 3, 16): the basis half-way between every two vertices of a triangle (3, 2)."""
+    middles = (triangle[:, None] + triangle[None]) / 2
+    return bicubic_basis(middles.reshape(-1, 2)).reshape(3, 3, 16)
+
+
+@cache
+def _shares_of_pairs() -> FloatArray:
+    """(28, 3, 3): which part of the pairs of a coefficient's six arguments, in order, are two given vertices: raises a
+    polynomial of degree 2, by its blossoms, to degree 6."""
+    counts = _counts(6)
+    pairs = counts[:, :, None] * counts[:, None, :] - counts[:, :, None] * np.eye(3, dtype=np.intp)
+    return pairs / 30
+
+
+def barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
+    """(…, 3): points (…, 2) as averages of a triangle's vertices (3, 2)."""
+    return _barycentric(triangle, np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1))
+
+
+def _barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
+    """(…, 3): the same of homogeneous points (…, 3). What is divided is exact for parameters."""
+    a, b, c = np.column_stack([triangle, np.ones(3)])
+    opposite = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
+    return (points @ opposite.T) / (points[..., 2:] * (a @ opposite[0]))
+
+
+def _functionals(part: FloatArray, square: Square, triangle: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(28, 16) and (28, 3): the coefficients of S and of T over a part (3, 2) of a triangle (3, 2).
+
+    S by its Bernstein coefficients over the square that holds the part, T by its values at the triangle's vertices.
+    """
+    domain_points = _counts(DEGREE).astype(np.float64) @ np.column_stack([part, np.ones(3)])
+    return coefficients_over(square.from_parent(part)), _barycentric(triangle, domain_points)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """R functionals of N control points, each a coefficient of S - T over a part of a triangle of the template.
+
+    matrix: (R, N); triangles: (R,) which triangle; places: (R, 12) the six arguments of the blossom that the
+    coefficient is, in parameters of the quad, in order.
+    """
+
+    matrix: FloatArray
+    triangles: IndexArray
+    places: FloatArray
+
+    def of(self, surface: FloatArray, points: FloatArray) -> Rows:
+        """Functionals of the coefficients of S and the quad's points, where S is (16, N) and the points (8 or more, N):
+        as functionals of N numbers."""
+        return replace(self, matrix=self.matrix[:, :16] @ surface + self.matrix[:, 16:] @ points[:8])
+
+    @staticmethod
+    def joined(parts: list[Rows]) -> Rows:
+        """All of them, triangle by triangle, each once.
+
+        Parts that share a side have the same coefficients on it: S - T is continuous, and a polynomial there.
+        """
+        triangles = np.concatenate([part.triangles for part in parts])
+        places = np.concatenate([part.places for part in parts])
+        _, kept = np.unique(np.column_stack([triangles, places]), axis=0, return_index=True)
+        matrix = np.concatenate([part.matrix for part in parts])
+        return Rows(np.ascontiguousarray(matrix[kept]), triangles[kept], places[kept])
+
+
+@dataclass(frozen=True)
+class Misses:
+    """How far P quads are from the surface, (P,) float64 each: in all, along the normals of their triangles, and across
+    these."""
+
+    whole: FloatArray
+    normal: FloatArray
+    tangential: FloatArray
+
+    @staticmethod
+    def of(vectors: FloatArray, triangles: IndexArray, normals: FloatArray) -> Misses:
+        """Of vectors (R, P, 3) that belong to triangles, in ascending order, with unit normals (T, P, 3)."""
+        largest = np.zeros((3, vectors.shape[1]))
+        starts = np.searchsorted(triangles, np.arange(len(normals) + 1)).tolist()
+        for triangle, (start, end) in enumerate(pairwise(starts)):
+            if start == end:
+                continue
+            own = vectors[start:end]
+            along, squares = squared_dots(own, normals[triangle]), squared_norms(own)
+            for most, values in zip(largest, (squares, along, squares - along), strict=True):
+                np.maximum(most, values.max(axis=0), out=most)
+        return Misses(*np.sqrt(largest))
+
+    @staticmethod
+    def joined(parts: list[Misses]) -> Misses:
+        """Those of all quads, block after block."""
+        return Misses(
+            np.concatenate([part.whole for part in parts]),
+            np.concatenate([part.normal for part in parts]),
+            np.concatenate([part.tangential for part in parts]),
+        )
+
+    def __add__(self, other: Misses) -> Misses:
+        return Misses(self.whole + other.whole, self.normal + other.normal, self.tangential + other.tangential)
+
+    def at(self, chosen: IndexArray) -> Misses:
+        """Some of them, by index."""
+        return Misses(self.whole[chosen], self.normal[chosen], self.tangential[chosen])
+
+    def put(self, chosen: IndexArray, other: Misses) -> None:
+        """Replace some of them."""
+        self.whole[chosen], self.normal[chosen], self.tangential[chosen] = other.whole, other.normal, other.tangential
+
+    def or_more(self, other: Misses) -> Misses:
+        """The larger of both."""
+        return Misses(
+            np.maximum(self.whole, other.whole),
+            np.maximum(self.normal, other.normal),
+            np.maximum(self.tangential, other.tangential),
+        )
+
+    def columns(self) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """In all, along the normals, and across."""
+        return self.whole, self.normal, self.tangential
+
+    def times(self, factor: float) -> Misses:
+        return Misses(factor * self.whole, factor * self.normal, factor * self.tangential)
+
+
+def _clipped(triangle: FloatArray, square: Square) -> list[FloatArray]:
+    """The part of a triangle inside a square, as triangles (3, 2)."""
+    corners = square.corners()
+    polygon = list(triangle)
+    for corner, following in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        side = following - corner
+        heights = [float(side[0] * (p - corner)[1] - side[1] * (p - corner)[0]) for p in polygon]
+        clipped = []
+        for i, (point, height) in enumerate(zip(polygon, heights, strict=True)):
+            previous, previous_height = polygon[i - 1], heights[i - 1]
+            if height * previous_height < 0:
+                # All of these are dyadic fractions, and the quotient is one: nothing is rounded.
+                crossing = previous_height * point - height * previous
+                clipped.append(crossing / (previous_height - height))
+            if height >= 0:
+                clipped.append(point)
+        polygon = clipped
+    fans = [np.array([polygon[0], b, c]) for b, c in pairwise(polygon[1:])]
+    return [fan for fan in fans if _has_area(fan)]
+
+
+def _has_area(triangle: FloatArray) -> bool:
+    """Whether the corners (3, 2) are not on one line. numpy 2.5 takes no cross product of vectors in a plane."""
+    one, other = triangle[1:] - triangle[0]
+    return bool(one[0] * other[1] != one[1] * other[0])
+
+
+def _quartered(triangle: FloatArray) -> list[FloatArray]:
+    """A triangle's four quarters."""
+    a, b, c = triangle
+    ab, bc, ca = (a + b) / 2, (b + c) / 2, (c + a) / 2
+    return [np.array(part) for part in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
+
+
+def _square_at(path: int) -> Square:
+    """The square that a path of children leads to, digits of base 4 after a leading 1."""
+    square = WHOLE_QUAD
+    for digit in np.base_repr(path, 4)[1:]:
+        square = square.child(int(digit))
+    return square
+
+
+@lru_cache(maxsize=2048)
+def template_rows(pattern: int, alternative: int, path: int, *, fine: bool = False) -> Rows:
+    """S - T over a square for a whole template, as functionals of 24 numbers: 16 coefficients of S over the square, and
+    the quad's 8 points.
+
+    path: to the square, digits of base 4 after a leading 1. fine: over the quarters of each part.
+    """
+    square = _square_at(path)
+    rows = [Rows(np.zeros((0, 24)), np.zeros(0, dtype=np.intp), np.zeros((0, 12)))]
+    for number, triangle in enumerate(templates(pattern)[alternative]):
+        for part in _clipped(QUAD_POINTS[list(triangle)], square):
+            rows += [_rows_over(piece, square, number, triangle) for piece in (_quartered(part) if fine else [part])]
+    return Rows.joined(rows)
+
+
+def _rows_over(part: FloatArray, square: Square, number: int, triangle: Triangle) -> Rows:
+    """Those over a part (3, 2) of one triangle, but at the vertices of this, where there is no distance."""
+    vertices = QUAD_POINTS[list(triangle)]
+    of_surface, of_vertices = _functionals(part, square, vertices)
+    of_points = np.zeros((len(of_vertices), 8))
+    of_points[:, list(triangle)] = of_vertices
+    places = np.sort((part @ AS_COMPLEX)[_arguments(DEGREE)], axis=1)
+    kept = ~((places[:, 0] == places[:, -1]) & np.isin(places[:, 0], vertices @ AS_COMPLEX))
+    matrix = np.hstack([of_surface, -of_points])[kept]
+    return Rows(matrix, np.full(len(matrix), number), places[kept].view(np.float64))
+
+
+@lru_cache(maxsize=256)
+def regular_rows(pattern: int, alternative: int) -> Rows:
+    """S - T over a bicubic quad with Bernstein coefficients [i, j] → 4i + j, u along i, by the triangles' quarters."""
+    return Rows.joined([template_rows(pattern, alternative, 1, fine=True).of(np.eye(16), regular_points())])
+
+
+@dataclass(frozen=True)
+class QuadraticRows:
+    """S - T over a bicubic quad, taken apart into the quadratic parts over whole triangles, and the rest.
+
+    matrix: (Q + 10, 16), functionals for the quadratic parts, then the coefficients of S of monomials that are more
+    than quadratic, T having none. triangles: (Q,) as in ``Rows``. weights: (10, 1) how far the monomials are off their
+    own quadratic parts. The rest is no longer than the sum of the coefficients' lengths, so weighted.
+    """
+
+    matrix: FloatArray
+    triangles: IndexArray
+    weights: FloatArray
+
+
+@lru_cache(maxsize=256)
+def quadratic_rows(pattern: int, alternative: int) -> QuadraticRows:
+    """With Bernstein coefficients as for ``regular_rows``."""
+    triangles = [QUAD_POINTS[list(triangle)] for triangle in templates(pattern)[alternative]]
+    quadratic = [_off_at_middles(triangle) for triangle in triangles]
+    both = np.concatenate([*quadratic, to_monomials()])
+    return QuadraticRows(both, np.repeat(np.arange(len(triangles)), 4), off_quadratic(triangles)[:, None])
+
+
+def _off_at_middles(triangle: FloatArray) -> FloatArray:
+    """(4, 16): S - T at the middles of a triangle's sides, and half the sum of these: the coefficients of the quadratic
+    part over the triangle's quarters, but for zeros at the vertices."""
+    values = _at_middles(triangle)
+    sides = np.stack([values[i, j] - (values[i, i] + values[j, j]) / 2 for i, j in ((0, 1), (1, 2), (2, 0))])
+    return np.concatenate([sides, sides.sum(axis=0, keepdims=True) / 2])
+
+
+@dataclass(frozen=True)
+class ExtraordinaryRows:
+    """S - T over a quad whose corner 0 is extraordinary, as functionals of its net of 2n + 8 points.
+
+    pieces: over bicubic pieces. last: B - T over what is left at the vertex; differences: (2n + 10, 2n + 8), the second
+    differences of its net, which bound S - B.
+    """
+
+    pieces: Rows
+    last: Rows
+    differences: FloatArray
+
+
+@lru_cache(maxsize=512)
+def extraordinary_rows(valence: int, pattern: int, alternative: int, *, fine: bool) -> ExtraordinaryRows:
+    """The rows for a valence of 3, 5 or more; the pattern is counted from the extraordinary corner on."""
+    stencils = patch_stencils(valence)
+    points = extraordinary_points(valence)
+    to_bernstein = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
+    net, rows = np.eye(2 * valence + 8), []
+    levels = FINE_LEVELS if fine else COARSE_LEVELS
+    for level in range(1, levels + 1):
+        for child in (1, 2, 3):
+            surface = to_bernstein @ stencils.regular[16 * (child - 1) : 16 * child] @ net
+            quartered = fine and level <= QUARTERED_LEVELS
+            rows.append(template_rows(pattern, alternative, 4**level + child, fine=quartered).of(surface, points))
+        net = stencils.refined @ net
+    facet = bilinear_coefficients(stencils.limits @ net).reshape(16, -1)
+    last = Rows.joined([template_rows(pattern, alternative, 4**levels).of(facet, points)])
+    differences = np.array([2 * net[a] - net[b] - net[c] for a, b, c in second_differences(valence)])
+    return ExtraordinaryRows(Rows.joined(rows), last, differences)
+
+
+@lru_cache(maxsize=64)
+def extraordinary_points(valence: int) -> FloatArray:
+    """(9, 2n + 8): the points of a quad and its centre, on the limit surface, from its net."""
+    stencils = patch_stencils(valence)
+    corner_rows = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)[CORNER_COEFFICIENTS]
+    first, second, third = (corner_rows @ net for net in stencils.regular.reshape(3, 16, -1))
+    return np.concatenate([stencils.limits, [first[3], first[1], second[1], third[1]], first[2:3]])
+
+
+@cache
+def regular_points() -> FloatArray:
+    """(9, 16): the points of a quad and its centre from its Bernstein coefficients."""
+    return bicubic_basis(np.concatenate([QUAD_POINTS, [[0.5, 0.5]]]))
+
+
+def regular_misses(rows: Rows, coefficients: FloatArray, normals: FloatArray) -> Misses:
+    """‖S - T‖ at most, for Bernstein coefficients (16, P, 3) and the triangles' normals (T, P, 3)."""
+    return Misses.joined(
+        [
+            Misses.of(applied(rows.matrix, coefficients[:, block]), rows.triangles, normals[:, block])
+            for block in blocks(coefficients.shape[1], at_once(len(rows.matrix)))
+        ]
+    )
+
+
+def regular_distances(rows: Rows, coefficients: FloatArray, chosen: IndexArray) -> FloatArray:
+    """(n,): the same in all, for chosen ones of Bernstein coefficients (16, P, 3)."""
+    found = np.empty(len(chosen))
+    for block in blocks(len(chosen), at_once(len(rows.matrix))):
+        found[block] = _longest(applied(rows.matrix, chosen_vectors(coefficients, chosen[block])))
+    return found
+
+
+def quadratic_misses(rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray) -> tuple[Misses, Misses]:
+    """‖S - T‖ at most, as the sum of two: what the quadratic parts miss, and the rest. As for ``regular_misses``."""
+    found = [
+        _quadratic_misses(rows, coefficients[:, block], normals[:, block])
+        for block in blocks(coefficients.shape[1], at_once(len(rows.matrix)))
+    ]
+    return Misses.joined([quadratic for quadratic, _ in found]), Misses.joined([rest for _, rest in found])
+
+
+def _quadratic_misses(rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray) -> tuple[Misses, Misses]:
+    vectors = applied(rows.matrix, coefficients)
+    quadratic = Misses.of(vectors[: len(rows.triangles)], rows.triangles, normals)
+    return quadratic, rest_misses(vectors[len(rows.triangles) :], rows.weights, normals)
+
+
+def rest_misses(monomials: FloatArray, weights: FloatArray, normals: FloatArray) -> Misses:
+    """What coefficients (10, P, 3) of monomials, with weights (10, P) or (10, 1) for how far these are off their
+    quadratic parts, add for triangles with unit normals (T, P, 3)."""
+    squares = squared_norms(monomials)
+    rest = Misses(_weighted(weights, squares), *np.zeros((2, len(normals[0]))))
+    for normal in normals:
+        along = squared_dots(monomials, normal)
+        np.maximum(rest.normal, _weighted(weights, along), out=rest.normal)
+        np.maximum(rest.tangential, _weighted(weights, np.maximum(squares - along, 0.0)), out=rest.tangential)
+    return rest
+
+
+def _weighted(weights: FloatArray, squares: FloatArray) -> FloatArray:
+    """(P,): the sum of lengths, from their squares (10, P)."""
+    lengths = np.sqrt(squares)
+    lengths *= weights
+    return lengths.sum(axis=0)
+
+
+def quadratic_distances(
+    rows: QuadraticRows, coefficients: FloatArray, chosen: IndexArray
+) -> tuple[FloatArray, FloatArray]:
+    """(n,) twice: the same in all, for chosen ones of Bernstein coefficients (16, P, 3)."""
+    quadratic, rest = np.empty((2, len(chosen)))
+    for block in blocks(len(chosen), at_once(len(rows.matrix))):
+        vectors = applied(rows.matrix, chosen_vectors(coefficients, chosen[block]))
+        rest[block] = _weighted(rows.weights, squared_norms(vectors[len(rows.triangles) :]))
+        quadratic[block] = _longest(vectors[: len(rows.triangles)])
+    return quadratic, rest
+
+
+def _longest(vectors: FloatArray) -> FloatArray:
+    """(P,): the largest length of vectors (R, P, 3), which are overwritten."""
+    vectors *= vectors
+    squares = vectors[..., 0]
+    squares += vectors[..., 1]
+    squares += vectors[..., 2]
+    return np.sqrt(squares.max(axis=0))
+
+
+def extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> Misses:
+    """‖S - T‖ at most, for nets (2n + 8, P, 3) and the triangles' normals (T, P, 3)."""
+    return Misses.joined(
+        [
+            _extraordinary_misses(rows, nets[:, block], normals[:, block])
+            for block in blocks(nets.shape[1], at_once(len(rows.pieces.matrix)))
+        ]
+    )
+
+
+def _extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> Misses:
+    """At the vertex S - B is within a factor of the second differences; so is each component of it within theirs."""
+    valence = (len(nets) - 8) // 2
+    pieces = Misses.of(applied(rows.pieces.matrix, nets), rows.pieces.triangles, normals)
+    differences = applied(rows.differences, nets)
+    left = Misses.of(applied(rows.last.matrix, nets), rows.last.triangles, normals)
+    at_vertex = Misses(*(np.zeros(nets.shape[1]) for _ in range(3)))
+    for triangle in np.unique(rows.last.triangles).tolist():
+        own = np.full(len(differences), triangle)
+        found = Misses.of(differences, own, normals)
+        at_vertex = at_vertex.or_more(found.times(certified_limit_factor(valence)))
+    return pieces.or_more(left + at_vertex)
+
+
+def at_once(rows: int) -> int:
+    """How many quads have so many coefficients that these stay in the processor's cache."""
+    return max(FEWEST_AT_ONCE, VALUES_AT_ONCE // (3 * rows))

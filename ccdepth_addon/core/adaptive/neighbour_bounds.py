@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The third phase of a plan: leaves that are not within the limit at equal parameters are bounded by their stars."""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+
+import numpy as np
+
+from ..arrays.types import BoolArray, IndexArray
+from .cells.cell_store import in_blocks
+from .leaf_bounds.star_bounds import graph_bounds
+from .plan import Plan
+from .quadtree import NONE, Quadtree
+from .tessellation import triangles_around
+
+
+def fit_along_surface(plan: Plan) -> Generator[int, None, IndexArray]:
+    """Bound the leaves that are not within the limit at equal parameters by their neighbours; those that do not fit for
+    all that. Yields how many leaves there are so far.
+
+    A leaf's bound comes from how it and the leaves with a vertex of it are drawn. Where that has changed one of them
+    was fitted since: its sides were split, or it is new and has the vertices of the leaf that was there.
+    """
+    unbounded, fitted = plan.fits.unbounded(), plan.fitted.take_leaves()
+    wanted = unbounded[_are_at_vertices(plan.tree, unbounded, fitted)]
+    if len(wanted):
+        yield from _find_star_bounds(plan, wanted)
+    return wanted[plan.fits.graph_bounds(wanted) > plan.request.limit]
+
+
+def _are_at_vertices(tree: Quadtree, leaves: IndexArray, others: IndexArray) -> BoolArray:
+    """(leaves,) those that share a vertex with one of the others, or are one."""
+    if not len(leaves):
+        return np.zeros(0, dtype=bool)
+    found = _faces_around(tree, others)[tree.base_faces[leaves]]
+    found[found] = tree.share_a_vertex(leaves[found], others)
+    return found
+
+
+def _faces_around(tree: Quadtree, nodes: IndexArray) -> BoolArray:
+    """(faces of the control mesh,) those with a vertex of any on which there are nodes: on these are all nodes that
+    share a vertex with them."""
+    mesh = tree.mesh
+    marked = np.zeros(mesh.face_count, dtype=bool)
+    marked[tree.base_faces[nodes]] = True
+    at_vertices = np.zeros(mesh.vertex_count, dtype=bool)
+    at_vertices[mesh.corner_vertices[marked[mesh.corner_faces]]] = True
+    return np.logical_or.reduceat(at_vertices[mesh.corner_vertices], mesh.face_starts[:-1])
+
+
+def _find_star_bounds(plan: Plan, wanted: IndexArray) -> Generator[int, None, None]:
+    """Find those of the wanted leaves."""
+    tree, fits = plan.tree, plan.fits
+    leaves = np.flatnonzero(_faces_around(tree, wanted)[tree.base_faces] & (tree.first_child == NONE))
+    leaves = leaves[tree.share_a_vertex(leaves, wanted)]
+    for cells in in_blocks(plan.cells.of(leaves[np.isinf(fits.misses(leaves)[0])])):
+        fits.put_misses(cells.nodes, cells.misses(fits.as_fitted(cells.nodes), plan.request.limit))
+        yield tree.leaf_count
+    drawn = triangles_around(tree, leaves, fits.as_fitted(leaves), plan.request.transitions)
+    nodes = leaves[drawn.leaves]
+    is_wanted = np.zeros(len(tree.first_child), dtype=bool)
+    is_wanted[wanted] = True
+    found = graph_bounds(
+        plan.positions.of(drawn.used),
+        drawn.corners,
+        *fits.misses(nodes),
+        drawn.closed,
+        is_wanted[nodes],
+        plan.request.rounding,
+    )
+    fits.put_graph_bounds(wanted, nodes[is_wanted[nodes]], found)

@@ -1,0 +1,447 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The quadtrees over the faces of a control mesh: which subfaces there are, and how they hang together.
+
+Nodes are faces of the control mesh and, four to a split node (or one for each corner of a face that is no quad), the
+subfaces below them. Every node has one slot for each of its corners, which is also its side from that corner to the
+next. Splitting a node splits its sides; edges form trees of their own, shared by all nodes along them, so that a leaf
+knows from its sides alone what lies across, on a boundary, on a crease where three faces meet, or inside. Every edge
+knows the slots along it, by a chain from slot to slot, so that a split finds the leaves it concerns.
+
+The child of slot s has slots at the vertex of s, the middle of side s, the centre, and the middle of the side before,
+in this order: that of ``catmull_clark.subdivide``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays.chunks import blocks
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..mesh.polygon_mesh import PolygonMesh
+from ..surface.surface_points import SurfacePoints
+from .templates import QUAD_POINTS
+
+NONE = -1
+
+# How much more room is made than there was, at least.
+SLACK = 1.5
+
+# A point of a node: the place of a corner, and whether it is the middle of the side from there that is meant.
+Point = tuple[int, bool]
+
+# Parameters as complex numbers, which turn and scale by multiplication: the points of a quad, and its sides from corner
+# to corner.
+COMPLEX_POINTS = QUAD_POINTS @ np.array([1, 1j])
+COMPLEX_SIDES = np.array([1, 1j, -1, -1j])
+
+# There are more slots than nodes, edges or vertices.
+MOST_SLOTS = np.iinfo(np.int32).max
+
+# What is made on the way for so many nodes stays in the processor's cache.
+NODES_AT_ONCE = 1 << 13
+
+# The state of an edge.
+SPLIT, SPLIT_TWICE = np.uint8(1), np.uint8(2)
+
+
+class Column:
+    """An array that grows at its end: read and write ``values``, which are others after each growth."""
+
+    def __init__(self, values: NDArray[Any]) -> None:
+        self._room = values.copy()
+        self._count = len(values)
+
+    @property
+    def values(self) -> NDArray[Any]:
+        return self._room[: self._count]
+
+    def append(self, more: NDArray[Any]) -> None:
+        self.extend(len(more), more)
+
+    def extend(self, count: int, more: Any) -> None:
+        """Append so many entries, all equal or one by one."""
+        self.reserve(self._count + count)
+        self._room[self._count : self._count + count] = more
+        self._count += count
+
+    @property
+    def room(self) -> int:
+        """How many entries fit in before another array is needed."""
+        return len(self._room)
+
+    def reserve(self, count: int) -> None:
+        """Make room for so many entries in all."""
+        if count > self.room:
+            grown = np.empty((max(count, int(SLACK * self.room)), *self._room.shape[1:]), self._room.dtype)
+            grown[: self._count] = self.values
+            self._room = grown
+
+
+class Quadtree:
+    """N nodes, S slots, E edges and V vertices; the first of each are the mesh's faces, corners, edges and vertices.
+
+    nodes: (N,) first_child (node, or NONE for a leaf), parents (node, or NONE for a face), levels (int8), base_faces.
+    slots: (S,) slot_vertices, slot_edges.
+    edges: (E, 2) edge_vertices; (E,) edge_children (the half at the first vertex, the other is the next; NONE while
+    whole), midpoints (vertex, or NONE), base_edges (NONE inside a face).
+    vertices: (V,) vertex_edges, the edge of the mesh that a vertex made by splitting lies on, or NONE.
+
+    All of these are int32: a mesh in Blender has no more corners than that can count, and the tree of one would take
+    hundreds of gigabytes.
+    """
+
+    def __init__(self, mesh: PolygonMesh) -> None:
+        self.mesh = mesh
+        faces, corners, edges = mesh.face_count, mesh.corner_count, mesh.edge_count
+        self._first_child = Column(_numbers(NONE, faces))
+        self._parents = Column(_numbers(NONE, faces))
+        self._levels = Column(np.zeros(faces, dtype=np.int8))
+        self._base_faces = Column(_numbers(np.arange(faces), faces))
+        # A frame is the quarter a node lies in, its first slot there, and which of the quarter's sides the side from
+        # there is parallel to. A whole face has a frame for each slot.
+        self._frame_corners = Column(_numbers(mesh.face_starts[:-1], faces))
+        self._frame_origins = Column(np.zeros(faces, dtype=np.complex128))
+        self._frame_turns = Column(np.zeros(faces, dtype=np.int8))
+        self._slot_vertices = Column(_numbers(NONE, 0))
+        self._slot_edges = Column(_numbers(NONE, 0))
+        # The last slot made along an edge, and the one made along the same edge before a slot; or NONE.
+        self._last_slots = Column(_numbers(NONE, edges))
+        self._slots_before = Column(_numbers(NONE, 0))
+        self._edge_vertices = Column(_numbers(mesh.edge_vertices, (edges, 2)))
+        self._edge_children = Column(_numbers(NONE, edges))
+        self._edge_parents = Column(_numbers(NONE, edges))
+        self._edge_states = Column(np.zeros(edges, dtype=np.uint8))
+        self._midpoints = Column(_numbers(NONE, edges))
+        self._base_edges = Column(_numbers(np.arange(edges), edges))
+        first_corner = _numbers(NONE, mesh.vertex_count)
+        first_corner[mesh.corner_vertices] = np.arange(corners)
+        self._vertex_corners = Column(first_corner)
+        self._vertex_parameters = Column(np.zeros(mesh.vertex_count, dtype=np.complex128))
+        self._vertex_edges = Column(_numbers(NONE, mesh.vertex_count))
+        self._append_slots(mesh.corner_vertices, mesh.corner_edges)
+        self._added_columns: list[tuple[Column, Any]] = []
+        self._added_vertex_columns: list[tuple[Column, Any]] = []
+        self.leaf_count = faces
+
+    first_child = property(lambda self: self._first_child.values)
+    parents = property(lambda self: self._parents.values)
+    levels = property(lambda self: self._levels.values)
+    base_faces = property(lambda self: self._base_faces.values)
+    slot_vertices = property(lambda self: self._slot_vertices.values)
+    slot_edges = property(lambda self: self._slot_edges.values)
+    edge_vertices = property(lambda self: self._edge_vertices.values)
+    edge_children = property(lambda self: self._edge_children.values)
+    midpoints = property(lambda self: self._midpoints.values)
+    base_edges = property(lambda self: self._base_edges.values)
+    vertex_edges = property(lambda self: self._vertex_edges.values)
+
+    def add_column(self, default: np.generic) -> Column:
+        """(N,) of the default's type: it grows with the tree, a new node having the default."""
+        return _added(self._added_columns, default, self._first_child)
+
+    def add_vertex_column(self, default: np.generic) -> Column:
+        """The same with an entry for each vertex, (V,)."""
+        return _added(self._added_vertex_columns, default, self._vertex_corners)
+
+    def vertex_points(self, vertices: IndexArray) -> SurfacePoints:
+        """Where vertices lie, their corner NONE for those of the mesh that have no face."""
+        corners = self._vertex_corners.values[vertices].astype(np.intp)
+        return SurfacePoints(corners, _as_pairs(self._vertex_parameters.values[vertices]))
+
+    def leaves(self) -> IndexArray:
+        """The nodes that are not split, in ascending order."""
+        return np.flatnonzero(self.first_child == NONE)
+
+    def slot_counts(self, nodes: IndexArray) -> IndexArray:
+        """(nodes,) how many corners each has."""
+        counts = np.full(len(nodes), 4, dtype=np.intp)
+        faces = np.flatnonzero(nodes < self.mesh.face_count)
+        counts[faces] = self.mesh.face_sizes[nodes[faces]]
+        return counts
+
+    def first_slots(self, nodes: IndexArray) -> IndexArray:
+        """(nodes,) the first slot of each."""
+        first = self.mesh.corner_count + 4 * (nodes - self.mesh.face_count)
+        faces = np.flatnonzero(nodes < self.mesh.face_count)
+        first[faces] = self.mesh.face_starts[nodes[faces]]
+        return first
+
+    def slots(self, nodes: IndexArray) -> IndexArray:
+        """(slots of the nodes,) node by node."""
+        counts, first = self.slot_counts(nodes), self.first_slots(nodes)
+        if np.all(counts == 4):
+            return (first[:, None] + np.arange(4)).ravel()
+        starts = np.cumsum(counts) - counts
+        return np.arange(counts.sum()) + np.repeat(first - starts, counts)
+
+    def points_at(self, nodes: IndexArray, points: Sequence[Point]) -> Iterator[SurfacePoints]:
+        """For each point: (nodes,) where it lies, in each node's own face."""
+        corners = self._frame_corners.values[nodes].astype(np.intp)
+        origins, sides = self._frame_origins.values[nodes], self._frame_sides(nodes)
+        faces = np.flatnonzero(nodes < self.mesh.face_count)
+        for place, middle in points:
+            parameters = origins + COMPLEX_POINTS[place % 4 + 4 * middle] * sides
+            # The quarters of a whole face meet in its centre, so its corners and sides are all alike in theirs.
+            parameters[faces] = middle
+            own = corners.copy()
+            own[faces] += place
+            yield SurfacePoints(own, _as_pairs(parameters))
+
+    def is_quad(self, nodes: IndexArray) -> BoolArray:
+        """(nodes,) bool."""
+        return self.slot_counts(nodes) == 4
+
+    def hanging(self, slots: IndexArray) -> BoolArray:
+        """Whether the sides at these slots are split, whatever the shape of the array."""
+        return self.edge_children[self.slot_edges[slots]] != NONE
+
+    def sides(self, nodes: IndexArray) -> tuple[NDArray[np.int32], BoolArray]:
+        """(nodes,) each: how many sides are split, and whether half of one is split again."""
+        split_sides, deeper = np.zeros(len(nodes), dtype=np.int32), np.zeros(len(nodes), dtype=bool)
+        for part in blocks(len(nodes), NODES_AT_ONCE):
+            counts = self.slot_counts(nodes[part])
+            states = self._edge_states.values[self.slot_edges[self.slots(nodes[part])]]
+            starts = np.cumsum(counts) - counts
+            split_sides[part] = np.add.reduceat(states & SPLIT, starts, dtype=np.int32)
+            deeper[part] = np.bitwise_or.reduceat(states, starts) >= SPLIT_TWICE
+        return split_sides, deeper
+
+    def share_a_vertex(self, leaves: IndexArray, others: IndexArray) -> BoolArray:
+        """(leaves,) those that have a vertex of the others, the middles of split sides included."""
+        marked = np.zeros(len(self.vertex_edges), dtype=bool)
+        for part in blocks(len(others), NODES_AT_ONCE):
+            slots = self.slots(others[part])
+            middles = self.midpoints[self.slot_edges[slots]]
+            marked[self.slot_vertices[slots]] = True
+            marked[middles[middles != NONE]] = True
+        found = np.zeros(len(leaves), dtype=bool)
+        for part in blocks(len(leaves), NODES_AT_ONCE):
+            slots, counts = self.slots(leaves[part]), self.slot_counts(leaves[part])
+            middles = self.midpoints[self.slot_edges[slots]]
+            touched = marked[self.slot_vertices[slots]] | (marked[middles] & (middles != NONE))
+            found[part] = np.logical_or.reduceat(touched, np.cumsum(counts) - counts)
+        return found
+
+    def leaves_beside(self, nodes: IndexArray) -> IndexArray:
+        """The leaves any of whose sides may have been split along with nodes, each once, in ascending order.
+
+        Splitting a node splits its sides and nothing else. Which sides of a leaf are split, and which of these again,
+        changes by that only where a side of the leaf is one of these or has one of these for a half; or where the leaf
+        is new.
+        """
+        beside = np.zeros(len(self.first_child), dtype=bool)
+        for part in blocks(len(nodes), NODES_AT_ONCE):
+            edges = self.slot_edges[self.slots(nodes[part])]
+            parents = self._edge_parents.values[edges]
+            beside[self._owners(self._slots_along(edges))] = True
+            beside[self._owners(self._slots_along(parents[parents != NONE]))] = True
+            beside[self._children(nodes[part])] = True
+        found = np.flatnonzero(beside)
+        return found[self.first_child[found] == NONE]
+
+    def _slots_along(self, edges: IndexArray) -> IndexArray:
+        """All the slots whose sides are these edges."""
+        found = [np.zeros(0, dtype=np.int32)]
+        slots = self._last_slots.values[edges]
+        while len(slots := slots[slots != NONE]):
+            found.append(slots)
+            slots = self._slots_before.values[slots]
+        return np.concatenate(found)
+
+    def _owners(self, slots: IndexArray) -> IndexArray:
+        """The nodes of slots."""
+        nodes = (slots - self.mesh.corner_count) // 4 + self.mesh.face_count
+        corners = np.flatnonzero(slots < self.mesh.corner_count)
+        nodes[corners] = self.mesh.corner_faces[slots[corners]]
+        return nodes
+
+    def quarters(self, quads: IndexArray) -> IndexArray:
+        """(4, P): the children at each slot of quads (P,) that have been split."""
+        return self.first_child[quads] + np.arange(4)[:, None]
+
+    def _children(self, nodes: IndexArray) -> IndexArray:
+        """The children of nodes that have been split."""
+        counts = self.slot_counts(nodes)
+        return np.arange(counts.sum()) + np.repeat(self.first_child[nodes] - np.cumsum(counts) + counts, counts)
+
+    def reserve(self, leaves: int) -> None:
+        """Make room for about so many leaves in all."""
+        mesh = self.mesh
+        splits = max(0, leaves - mesh.face_count) // 3
+        for column in (
+            self._first_child,
+            self._parents,
+            self._levels,
+            self._base_faces,
+            self._frame_corners,
+            self._frame_origins,
+            self._frame_turns,
+            *(column for column, _ in self._added_columns),
+        ):
+            column.reserve(mesh.face_count + 4 * splits)
+        for column in (self._slot_vertices, self._slot_edges, self._slots_before):
+            column.reserve(mesh.corner_count + 16 * splits)
+        # A split makes four edges inside and a vertex at the centre. The halves of four sides and the vertices at their
+        # middles it shares with its neighbours.
+        for column in (
+            self._last_slots,
+            self._edge_vertices,
+            self._edge_children,
+            self._edge_parents,
+            self._edge_states,
+            self._midpoints,
+            self._base_edges,
+        ):
+            column.reserve(mesh.edge_count + 8 * splits)
+        for column in (
+            self._vertex_corners,
+            self._vertex_parameters,
+            self._vertex_edges,
+            *(column for column, _ in self._added_vertex_columns),
+        ):
+            column.reserve(mesh.vertex_count + 3 * splits)
+
+    def split(self, nodes: IndexArray) -> None:
+        """Split leaves, each once."""
+        for part in blocks(len(nodes), NODES_AT_ONCE):
+            self._split(nodes[part])
+
+    def _split(self, nodes: IndexArray) -> None:
+        counts = self.slot_counts(nodes)
+        starts = np.cumsum(counts) - counts
+        places = np.arange(counts.sum()) - np.repeat(starts, counts)
+        slots, owners = self.slots(nodes), np.repeat(nodes, counts)
+        last = np.repeat(starts + counts - 1, counts)
+        before = np.where(places == 0, last, np.arange(len(slots)) - 1)
+        edges, vertices = self.slot_edges[slots], self.slot_vertices[slots]
+
+        corners, origins, sides = self._slot_frames(owners, slots, places)
+        self._split_edges(edges, corners, origins + sides / 2)
+        centres = len(self._vertex_corners.values) + np.repeat(np.arange(len(nodes)), counts)
+        self._append_vertices(corners[starts], (origins + (0.5 + 0.5j) * sides)[starts], NONE)
+        middles = self.midpoints[edges]
+        inner = self._append_edges(np.stack([middles, centres], axis=1), NONE)
+
+        outgoing, incoming = self._halves(edges, vertices), self._halves(edges[before], vertices)
+        child_vertices = np.stack([vertices, middles, centres, middles[before]], axis=1)
+        child_edges = np.stack([outgoing, inner, inner[before], incoming], axis=1)
+        self.first_child[nodes] = len(self.first_child) + starts
+        self._first_child.extend(len(slots), NONE)
+        self._parents.append(owners)
+        self._levels.append(self.levels[owners] + np.int8(1))
+        self._base_faces.append(self.base_faces[owners])
+        self._frame_corners.append(corners)
+        self._frame_origins.append(origins)
+        self._frame_turns.append(
+            np.where(owners < self.mesh.face_count, 0, self._frame_turns.values[owners] + places) % 4
+        )
+        for column, default in self._added_columns:
+            column.extend(len(slots), default)
+        self._append_slots(child_vertices.ravel(), child_edges.ravel())
+        self.leaf_count += len(slots) - len(nodes)
+
+    def _frame_sides(self, nodes: IndexArray) -> NDArray[np.complex128]:
+        """The side of each node from its first slot, in its quarter, which is the child of a whole face."""
+        return COMPLEX_SIDES[self._frame_turns.values[nodes]] * np.ldexp(2.0, -self.levels[nodes].astype(np.int32))
+
+    def _slot_frames(
+        self, owners: IndexArray, slots: IndexArray, places: IndexArray
+    ) -> tuple[IndexArray, NDArray[np.complex128], NDArray[np.complex128]]:
+        """For slots: the quarter each lies in, its parameters there, and its side there.
+
+        The side of a whole face reaches twice as far as its quarter.
+        """
+        corners = self._frame_corners.values[owners]
+        origins, axes = self._frame_origins.values[owners], self._frame_sides(owners)
+        points, sides = origins + COMPLEX_POINTS[places % 4] * axes, COMPLEX_SIDES[places % 4] * axes
+        faces = np.flatnonzero(owners < self.mesh.face_count)
+        corners[faces], points[faces], sides[faces] = slots[faces], 0.0, 2.0
+        return corners, points, sides
+
+    def _split_edges(self, sides: IndexArray, corners: IndexArray, middles: NDArray[np.complex128]) -> None:
+        """Split those edges of some sides that are whole; corners and middles say where their midpoints lie."""
+        whole = np.flatnonzero(self.edge_children[sides] == NONE)
+        # Of several sides along an edge one is written.
+        self.edge_children[sides[whole]] = whole
+        chosen = whole[self.edge_children[sides[whole]] == whole]
+        edges = sides[chosen]
+        base_edges = self.base_edges[edges]
+        midpoints = self._append_vertices(corners[chosen], middles[chosen], base_edges)
+        ends = self.edge_vertices.take(edges, axis=0)
+        halves = np.stack([ends[:, 0], midpoints, midpoints, ends[:, 1]], axis=1).reshape(-1, 2)
+        children = self._append_edges(halves, np.repeat(base_edges, 2), np.repeat(edges, 2))
+        self.edge_children[edges] = children[::2]
+        self.midpoints[edges] = midpoints
+        self._edge_states.values[edges] |= SPLIT
+        parents = self._edge_parents.values[edges]
+        self._edge_states.values[parents[parents != NONE]] |= SPLIT_TWICE
+
+    def half_at(self, sides: IndexArray, slots: IndexArray) -> IndexArray:
+        """The half of the split side at each of the slots ``sides`` that ends at the vertex of each of ``slots``."""
+        return self._halves(self.slot_edges[sides], self.slot_vertices[slots])
+
+    def _halves(self, edges: IndexArray, vertices: IndexArray) -> IndexArray:
+        """The half of each split edge that ends at a vertex."""
+        return self.edge_children[edges] + (self.edge_vertices.take(edges, axis=0)[:, 1] == vertices)
+
+    def _append_slots(self, vertices: IndexArray, edges: IndexArray) -> None:
+        if len(self.slot_edges) + len(edges) > MOST_SLOTS:
+            raise MemoryError("the quadtree is too large")
+        waiting = np.arange(len(edges)) + len(self.slot_edges)
+        self._slot_vertices.append(vertices)
+        self._slot_edges.append(edges)
+        self._slots_before.extend(len(edges), NONE)
+        # Of several slots along an edge one is written, and the others go before it in turn.
+        while len(waiting):
+            edges = self.slot_edges[waiting]
+            before = self._last_slots.values[edges]
+            self._last_slots.values[edges] = waiting
+            written = self._last_slots.values[edges] == waiting
+            self._slots_before.values[waiting[written]] = before[written]
+            waiting = waiting[~written]
+
+    def _append_vertices(
+        self, corners: IndexArray, parameters: NDArray[np.complex128], edges: IndexArray | int
+    ) -> IndexArray:
+        first = len(self._vertex_corners.values)
+        self._vertex_corners.append(corners)
+        self._vertex_parameters.append(parameters)
+        self._vertex_edges.extend(len(corners), edges)
+        for column, default in self._added_vertex_columns:
+            column.extend(len(corners), default)
+        return np.arange(first, first + len(corners))
+
+    def _append_edges(
+        self, ends: IndexArray, base_edges: IndexArray | int, parents: IndexArray | int = NONE
+    ) -> IndexArray:
+        first = len(self.edge_vertices)
+        self._edge_parents.extend(len(ends), parents)
+        self._edge_states.extend(len(ends), 0)
+        self._last_slots.extend(len(ends), NONE)
+        self._edge_vertices.append(ends)
+        self._edge_children.extend(len(ends), NONE)
+        self._midpoints.extend(len(ends), NONE)
+        self._base_edges.extend(len(ends), base_edges)
+        return np.arange(first, first + len(ends))
+
+
+def _added(columns: list[tuple[Column, Any]], default: np.generic, like: Column) -> Column:
+    """A new one of these columns, as long and with as much room as another."""
+    column = Column(np.full(len(like.values), default))
+    column.reserve(like.room)
+    columns.append((column, default))
+    return column
+
+
+def _numbers(values: IndexArray | int, shape: int | tuple[int, int]) -> NDArray[np.int32]:
+    """As the tree keeps them."""
+    return np.full(shape, values, dtype=np.int32)
+
+
+def _as_pairs(parameters: NDArray[np.complex128]) -> FloatArray:
+    """(…, 2): complex numbers as parameters u and v."""
+    return parameters.view(np.float64).reshape(-1, 2)

@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A subdivision result: polygons, and where on the control mesh each of their parts lies."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+
+from ..arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
+from ..surface.surface_points import SurfacePoints
+
+
+@dataclass(frozen=True)
+class SubdividedMesh:
+    """Polygons on the limit surface of a control mesh. V vertices, E edges, F faces, C corners.
+
+    vertex_points: SurfacePoints (V)          where each vertex lies; corner -1 for vertices without faces; found when
+                                              it is asked for
+    positions: (V, 3) float64                 limit positions, object space
+    face_starts: (F + 1,) intp; corner_vertices: (C,) int32; corner_edges: (C,) int32; edge_vertices: (E, 2) int32
+    corner_points: SurfacePoints (C)          where each corner lies, in its face's own base face; likewise
+    base_faces: (F,) int32                    face of the control mesh
+    base_edges: (E,) int32                    edge of the control mesh it lies on, or -1 inside a face
+    base_vertices: (V,) int32                 vertex of the control mesh it is, or -1
+    vertex_edges: (V,) int32                  edge of the control mesh it lies inside of, or -1
+    """
+
+    find_vertex_points: Callable[[], SurfacePoints]
+    positions: FloatArray
+    face_starts: IndexArray
+    corner_vertices: ShortIndexArray
+    corner_edges: ShortIndexArray
+    edge_vertices: ShortIndexArray
+    find_corner_points: Callable[[], SurfacePoints]
+    base_faces: ShortIndexArray
+    base_edges: ShortIndexArray
+    base_vertices: ShortIndexArray
+    vertex_edges: ShortIndexArray
+
+    @cached_property
+    def vertex_points(self) -> SurfacePoints:
+        return self.find_vertex_points()
+
+    @cached_property
+    def is_loose(self) -> BoolArray:
+        """(V,) the vertices without faces, which lie nowhere on the surface; all of them are the control mesh's."""
+        return self.vertex_points.corners < 0
+
+    @cached_property
+    def corner_points(self) -> SurfacePoints:
+        return self.find_corner_points()

@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Templates: how a quad is drawn as triangles, by which of its sides are split.
+
+The points of a quad are its corners 0 to 3 and the middles 4 to 7 of the sides from them; a pattern has bit s set when
+side s is split. The four triangles or fewer of a template have no angle below 26° on a square.
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from functools import cache
+
+import numpy as np
+
+from ..arrays.types import FloatArray
+
+Triangle = tuple[int, int, int]
+Template = tuple[Triangle, ...]
+
+
+class Transitions(StrEnum):
+    """How a face beside finer ones is drawn: as the triangles of its template, or as one polygon."""
+
+    TRIANGLES = "TRIANGLES"
+    NGONS = "NGONS"
+
+
+# The points of a quad in its parameters.
+QUAD_POINTS: FloatArray = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0], [1, 0.5], [0.5, 1], [0, 0.5]])
+
+WHOLE = 0
+ALL_SPLIT = 15
+
+PLAIN: tuple[Template, ...] = (((0, 1, 2), (0, 2, 3)), ((1, 2, 3), (1, 3, 0)))
+ONE_SIDE: tuple[Template, ...] = (((0, 4, 3), (4, 1, 2), (4, 2, 3)),)
+SIDES_IN_A_ROW: tuple[Template, ...] = (((4, 1, 5), (0, 4, 3), (4, 5, 3), (5, 2, 3)),)
+LEFT_HALF: tuple[Template, ...] = (((0, 4, 6), (0, 6, 3)), ((4, 6, 3), (4, 3, 0)))
+RIGHT_HALF: tuple[Template, ...] = (((4, 1, 2), (4, 2, 6)), ((1, 2, 6), (1, 6, 4)))
+OPPOSITE_SIDES: tuple[Template, ...] = tuple(left + right for left in LEFT_HALF for right in RIGHT_HALF)
+THREE_SIDES: tuple[Template, ...] = tuple((*left, (4, 1, 5), (5, 2, 6), (4, 5, 6)) for left in LEFT_HALF)
+
+# Each pattern once, those that are rotations of it being made from it.
+CANONICAL = {0b0000: PLAIN, 0b0001: ONE_SIDE, 0b0011: SIDES_IN_A_ROW, 0b0101: OPPOSITE_SIDES, 0b0111: THREE_SIDES}
+
+
+@cache
+def templates(pattern: int) -> tuple[Template, ...]:
+    """The templates to choose from for a pattern other than ``ALL_SPLIT``: such a quad is better split itself."""
+    if pattern == ALL_SPLIT:
+        raise ValueError("a quad whose four sides are split has no template")
+    turns = _turns(pattern)
+    return tuple(
+        tuple(_rotated(t, turns) for t in template) for template in CANONICAL[rotated_pattern(pattern, -turns)]
+    )
+
+
+def _turns(pattern: int) -> int:
+    """By how many sides a pattern is turned from one in ``CANONICAL``."""
+    return next((turns for turns in range(4) if rotated_pattern(pattern, -turns) in CANONICAL), 0)
+
+
+def rotated_pattern(pattern: int, turns: int) -> int:
+    """The pattern with side s become side s + turns."""
+    turns %= 4
+    return (pattern << turns | pattern >> (4 - turns)) & ALL_SPLIT
+
+
+def _rotated(triangle: Triangle, turns: int) -> Triangle:
+    a, b, c = ((point + turns) % 4 + point // 4 * 4 for point in triangle)
+    return a, b, c
+
+
+# By how many sides each pattern is turned.
+TURNS = np.array([_turns(pattern) for pattern in range(16)])
+
+# The same for a triangle of the control mesh: corners 0 to 2, middles 3 to 5.
+ONE_SIDE_OF_TRIANGLE: Template = ((2, 0, 3), (2, 3, 1))
+TWO_SIDES_OF_TRIANGLE: Template = ((3, 1, 4), (0, 3, 2), (3, 4, 2))
+
+
+@cache
+def triangle_template(pattern: int) -> Template:
+    """How a triangle with one or two split sides is drawn; with three it is better split itself."""
+    for turns in range(3):
+        for source, template in ((0b001, ONE_SIDE_OF_TRIANGLE), (0b011, TWO_SIDES_OF_TRIANGLE)):
+            if (source << turns | source >> (3 - turns)) & 0b111 == pattern:
+                return tuple(
+                    tuple((point + turns) % 3 + point // 3 * 3 for point in triangle)  # type: ignore[misc]
+                    for triangle in template
+                )
+    raise ValueError("a triangle whose sides are all whole or all split has no template")

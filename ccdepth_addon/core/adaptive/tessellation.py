@@ -1,0 +1,371 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""From the leaves of a quadtree to polygons: templates where sides are split, whole faces elsewhere."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import chain
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays.chunks import blocks, split
+from ..arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
+from ..mesh.polygon_mesh import compact, renumber
+from ..surface.surface_points import SurfacePoints
+from .leaf_approximation import Fit
+from .quadtree import NONE, Point, Quadtree
+from .subdivided_mesh import SubdividedMesh
+from .templates import WHOLE, Template, Transitions, templates, triangle_template
+
+# Polygons looked at together, so that what belongs to them stays in the processor's cache.
+POLYGONS_AT_ONCE = 1 << 13
+EDGES_AT_ONCE = 1 << 13
+
+
+@dataclass(frozen=True)
+class Polygons:
+    """P polygons over the same points of leaves with so many corners. leaves: (P,) the leaf each draws, as a place
+    among the leaves."""
+
+    leaves: IndexArray
+    points: list[Point]
+    size: int
+
+    def slots(self, tree: Quadtree, leaves: IndexArray) -> list[IndexArray]:
+        """For each point: (P,) the slots of the corners."""
+        first = tree.first_slots(leaves[self.leaves])
+        return [first + place for place, _ in self.points]
+
+    def vertices(self, tree: Quadtree, leaves: IndexArray) -> Iterator[ShortIndexArray]:
+        """For each point: (P,)."""
+        for slots, (_, middle) in zip(self.slots(tree, leaves), self.points, strict=True):
+            yield tree.midpoints[tree.slot_edges[slots]] if middle else tree.slot_vertices[slots]
+
+    def sides(self, tree: Quadtree, leaves: IndexArray) -> Iterator[ShortIndexArray | int]:
+        """For each point: (P,) the tree's edges from there to the next point, or NONE if these lie inside the leaf."""
+        slots = self.slots(tree, leaves)
+        for number, (place, middle) in enumerate(self.points):
+            following = (number + 1) % len(self.points)
+            next_place, next_middle = self.points[following]
+            goes_on = next_place == (place + 1) % self.size
+            if not middle and not next_middle and goes_on:
+                yield tree.slot_edges[slots[number]]
+            elif not middle and next_middle and next_place == place:
+                yield tree.half_at(slots[number], slots[number])
+            elif middle and not next_middle and goes_on:
+                yield tree.half_at(slots[number], slots[following])
+            else:
+                yield NONE
+
+
+@dataclass(frozen=True)
+class Edges:
+    """E edges of C corners. of_corners: (C,) the edge from each corner to the next; vertices: (E, 2); base_edges: (E,)
+    the edge of the control mesh each lies on, or NONE.
+
+    clashing: (E,) bool, whether it lies inside a leaf and has not two faces, or another edge has the same vertices.
+    Two quads over the same two opposite corners, both split along the diagonal between these, would do that.
+    """
+
+    of_corners: ShortIndexArray
+    vertices: ShortIndexArray
+    base_edges: ShortIndexArray
+    clashing: BoolArray
+
+
+@dataclass(frozen=True)
+class Outline:
+    """The polygons that draw leaves (L,) of a tree, in the order of these, and how they hang together.
+
+    blocks: the polygons as they were made, and firsts: (P,) for each block, the first corners of its polygons. starts:
+    (F + 1,) first corners; drawn: (F,) the leaf of each face, as a place; used: (V,) vertices of the tree;
+    corner_vertices: (C,) which of these.
+    """
+
+    tree: Quadtree
+    leaves: IndexArray
+    blocks: list[Polygons]
+    firsts: list[IndexArray]
+    starts: IndexArray
+    drawn: IndexArray
+    used: IndexArray
+    corner_vertices: ShortIndexArray
+    edges: Edges
+
+    @property
+    def clashes(self) -> IndexArray:
+        """The nodes that have edges that clash: they have to be split first."""
+        if not np.any(self.edges.clashing):
+            return np.zeros(0, dtype=np.intp)
+        clashing = np.logical_or.reduceat(self.edges.clashing[self.edges.of_corners], self.starts[:-1])
+        return self.leaves[np.unique(self.drawn[clashing])]
+
+
+def outline(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Outline:
+    """How leaves (L,) of a tree are drawn as they were fitted.
+
+    Vertices and edges of the control mesh that have no faces are kept.
+    """
+    polygons = [*_polygons_of_quads(tree, leaves, fit, transitions), *_polygons_of_faces(tree, leaves, transitions)]
+    starts, drawn, firsts = _order(polygons, len(leaves))
+    corner_vertices = _at_corners(starts[-1], firsts, (block.vertices(tree, leaves) for block in polygons))
+    loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
+    used = compact(corner_vertices, len(tree.vertex_edges), loose)
+    sides = _at_corners(starts[-1], firsts, (block.sides(tree, leaves) for block in polygons))
+    edges = _edges(tree, sides, used, starts, corner_vertices)
+    return Outline(tree, leaves, polygons, firsts, starts, drawn, used, corner_vertices, edges)
+
+
+def draw(outlined: Outline, positions: FloatArray) -> SubdividedMesh:
+    """The mesh of an outline, whose vertices lie at positions (V, 3) float64."""
+    tree, used, edges = outlined.tree, outlined.used, outlined.edges
+    return SubdividedMesh(
+        find_vertex_points=partial(tree.vertex_points, used),
+        positions=positions,
+        face_starts=outlined.starts,
+        corner_vertices=outlined.corner_vertices,
+        corner_edges=edges.of_corners,
+        edge_vertices=edges.vertices,
+        find_corner_points=partial(_corner_points, outlined),
+        base_faces=tree.base_faces[outlined.leaves[outlined.drawn]],
+        base_edges=edges.base_edges,
+        base_vertices=_base_vertices(tree, used),
+        vertex_edges=tree.vertex_edges[used],
+    )
+
+
+def _base_vertices(tree: Quadtree, used: IndexArray) -> ShortIndexArray:
+    """(V,) the vertices of the control mesh that vertices of the tree are, in ascending order, or NONE."""
+    found = np.full(len(used), NONE, dtype=np.int32)
+    count = np.searchsorted(used, tree.mesh.vertex_count)
+    found[:count] = used[:count]
+    return found
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """T triangles that draw leaves. used: (U,) vertices of the tree, ascending; corners: (T, 3) which of these; leaves:
+    (T,) the leaf each draws, as a place among the leaves. closed: (U,) whether a vertex has no other faces than
+    triangles and quads around it, which close up to a disc: not so on boundaries and infinitely sharp creases."""
+
+    used: IndexArray
+    corners: ShortIndexArray
+    leaves: IndexArray
+    closed: BoolArray
+
+
+def triangles_around(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Triangles:
+    """The triangles that are drawn for some leaves (L,)."""
+    at_polygons = np.zeros(len(tree.vertex_edges), dtype=bool)
+    triangles, drawn = [np.zeros((0, 3), dtype=np.int32)], [np.zeros(0, dtype=np.intp)]
+    others = _polygons_of_faces(tree, leaves, transitions)
+    of_faces = ((np.stack([*block.vertices(tree, leaves)], axis=1), block.leaves) for block in others)
+    of_quads = (_as_triangles(tree, leaves, block) for block in _polygons_of_quads(tree, leaves, fit, transitions))
+    for vertices, of_leaves in chain(of_faces, of_quads):
+        if vertices.shape[1] == 3:
+            triangles.append(vertices)
+            drawn.append(of_leaves)
+        else:
+            at_polygons[vertices] = True
+    corners = np.concatenate(triangles)
+    used = compact(corners, len(tree.vertex_edges))
+    return Triangles(used, corners, np.concatenate(drawn), _are_inside(tree, used) & ~at_polygons[used])
+
+
+def _are_inside(tree: Quadtree, vertices: IndexArray) -> BoolArray:
+    """(U,) whether vertices, in ascending order, lie inside a smooth or semi-sharp part of the surface."""
+    mesh = tree.mesh
+    sharp_edges, sharp_vertices = np.isinf(mesh.edge_sharpness), np.isinf(mesh.vertex_sharpness)
+    sharp_vertices[mesh.edge_vertices[sharp_edges]] = True
+    count, edges = np.searchsorted(vertices, mesh.vertex_count), tree.vertex_edges[vertices]
+    inside = (edges == NONE) | ~sharp_edges[edges]
+    inside[:count] = ~sharp_vertices[vertices[:count]]
+    return inside
+
+
+def _as_triangles(tree: Quadtree, leaves: IndexArray, block: Polygons) -> tuple[IndexArray, IndexArray]:
+    """The vertices of polygons, quads as two triangles along their first diagonal, and their leaves."""
+    vertices = np.stack([*block.vertices(tree, leaves)], axis=1)
+    if vertices.shape[1] != 4:
+        return vertices, block.leaves
+    return vertices[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3), np.repeat(block.leaves, 2)
+
+
+def _polygons_of_quads(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Iterator[Polygons]:
+    quads = np.flatnonzero(tree.is_quad(leaves))
+    # Patterns and turns are below 16 and 4, so every template in use has a number of its own.
+    numbers = (fit.alternatives[quads].astype(np.int16) * 16 + fit.patterns[quads]) * 4 + fit.turns[quads]
+    for number, alike in _groups(numbers):
+        pattern, turns = number // 4 % 16, number % 4
+        template = templates(pattern)[number // 64]
+        for chosen in split(quads[alike], POLYGONS_AT_ONCE):
+            yield from _polygons_of_template(chosen, template, pattern, turns, fit.folded[chosen], transitions)
+
+
+def _groups(numbers: NDArray[np.int16]) -> Iterator[tuple[int, IndexArray]]:
+    """Each number that occurs, and where, in ascending order."""
+    order = np.argsort(numbers, kind="stable")
+    of_number = np.bincount(numbers, minlength=1)
+    ends = np.cumsum(of_number)
+    for number in np.flatnonzero(of_number).tolist():
+        yield number, order[ends[number] - of_number[number] : ends[number]]
+
+
+def _polygons_of_template(
+    leaves: IndexArray, template: Template, pattern: int, turns: int, folded: BoolArray, transitions: Transitions
+) -> Iterator[Polygons]:
+    if pattern == WHOLE:
+        # A quad is drawn along its first diagonal.
+        yield _polygons(leaves[~folded], [*template[0], template[1][2]], turns)
+        leaves = leaves[folded]
+    elif transitions is Transitions.NGONS:
+        yield _polygons(leaves, _around([bool(pattern >> side & 1) for side in range(4)]), turns)
+        return
+    for triangle in template:
+        yield _polygons(leaves, triangle, turns)
+
+
+def _polygons(leaves: IndexArray, points: Sequence[int], turns: int = 0, size: int = 4) -> Polygons:
+    """Polygons over points of leaves: corners 0 to size - 1, and from size on the middles of the sides."""
+    return Polygons(leaves, [((point + turns) % size, point >= size) for point in points], size)
+
+
+def _around(split_sides: list[bool]) -> list[int]:
+    """The corners 0 to k - 1 of a polygon, each followed by the middle k + corner of its side if that is split."""
+    size = len(split_sides)
+    return [point for side in range(size) for point in (side, size + side) if point < size or split_sides[side]]
+
+
+def _polygons_of_faces(tree: Quadtree, leaves: IndexArray, transitions: Transitions) -> Iterator[Polygons]:
+    """Faces of the control mesh that are no quads: with a vertex at the middle of every split side."""
+    others = np.flatnonzero(~tree.is_quad(leaves))
+    sizes = tree.slot_counts(leaves[others])
+    for size in np.unique(sizes).tolist():
+        of_size = others[sizes == size]
+        found, group = np.unique(
+            tree.hanging(tree.slots(leaves[of_size])).reshape(-1, size), axis=0, return_inverse=True
+        )
+        for number, sides in enumerate(found.tolist()):
+            chosen = of_size[group.reshape(-1) == number]
+            for points in _points_of_face(sides, transitions):
+                yield _polygons(chosen, points, size=size)
+
+
+def _points_of_face(split_sides: list[bool], transitions: Transitions) -> list[Sequence[int]]:
+    """The polygons that draw a face, by which of its sides are split."""
+    if len(split_sides) == 3 and any(split_sides) and transitions is Transitions.TRIANGLES:
+        return [*triangle_template(sum(1 << side for side in range(3) if split_sides[side]))]
+    order = _around(split_sides)
+    # A triangle with a fourth point on a side is drawn as a quad, which has to be split from there.
+    first = next((place for place, point in enumerate(order) if point >= 3), 0) if len(split_sides) == 3 else 0
+    return [order[first:] + order[:first]]
+
+
+def _order(polygons: list[Polygons], count: int) -> tuple[IndexArray, IndexArray, list[IndexArray]]:
+    """How all polygons come in the order of so many leaves, and those of a leaf in that of the blocks: (F + 1,) first
+    corners, (F,) leaves; and for each block (P,) first corners."""
+    faces, corners = np.zeros((2, count), dtype=np.int32)
+    for block in polygons:
+        faces[block.leaves] += 1
+        corners[block.leaves] += len(block.points)
+    next_faces, next_corners = (np.cumsum(counts, dtype=np.int32) - counts for counts in (faces, corners))
+    starts, firsts = np.empty(faces.sum() + 1, dtype=np.intp), []
+    starts[-1] = corners.sum()
+    for block in polygons:
+        firsts.append(next_corners[block.leaves])
+        starts[next_faces[block.leaves]] = firsts[-1]
+        next_faces[block.leaves] += 1
+        next_corners[block.leaves] += len(block.points)
+    return starts, np.repeat(np.arange(count), faces), firsts
+
+
+def _at_corners(
+    count: int, firsts: list[IndexArray], values: Iterable[Iterable[ShortIndexArray | int]]
+) -> ShortIndexArray:
+    """(C,) what is given for each block and point of it, put where the corners go."""
+    found = np.empty(count, dtype=np.int32)
+    for first, of_block in zip(firsts, values, strict=True):
+        for number, of_point in enumerate(of_block):
+            found[first + number] = of_point
+    return found
+
+
+def _corner_points(outlined: Outline) -> SurfacePoints:
+    """(C,) where the corners lie."""
+    count = outlined.starts[-1]
+    corners, parameters = np.empty(count, dtype=np.intp), np.empty((count, 2))
+    for block, first in zip(outlined.blocks, outlined.firsts, strict=True):
+        nodes = outlined.leaves[block.leaves]
+        for number, points in enumerate(outlined.tree.points_at(nodes, block.points)):
+            corners[first + number] = points.corners
+            parameters[first + number] = points.parameters
+    return SurfacePoints(corners, parameters)
+
+
+def _edges(
+    tree: Quadtree, sides: ShortIndexArray, used: IndexArray, starts: IndexArray, corner_vertices: ShortIndexArray
+) -> Edges:
+    """The edges: those of the tree in its order, then those inside leaves, then those of the mesh without faces.
+
+    sides: (C,) the tree's edge from each corner to the next, or NONE; they become the edges' own numbers, in place.
+    Those of the tree have all the faces they should, as it is balanced.
+    """
+    is_used = np.zeros(len(tree.edge_vertices) + 1, dtype=bool)
+    is_used[sides] = True
+    outer_count = int(np.count_nonzero(is_used[:NONE]))
+    inner = np.flatnonzero(sides == NONE)
+    inner_vertices, of_inner = _inner_edges(inner, starts, corner_vertices, len(used))
+    renumber(sides, is_used)
+    sides[inner] = outer_count + of_inner
+    loose = np.flatnonzero(tree.mesh.edge_face_counts == 0)
+    new = np.full(len(tree.vertex_edges), NONE, dtype=np.int32)
+    new[used] = np.arange(len(used), dtype=np.int32)
+
+    insides = slice(outer_count, outer_count + len(inner_vertices))
+    vertices = np.empty((insides.stop + len(loose), 2), dtype=np.int32)
+    base_edges = np.full(len(vertices), NONE, dtype=np.int32)
+    filled = 0
+    for block in blocks(len(tree.edge_vertices), EDGES_AT_ONCE):
+        outer = block.start + np.flatnonzero(is_used[:NONE][block])
+        own = slice(filled, filled := filled + len(outer))
+        vertices[own] = new.take(tree.edge_vertices.take(outer, axis=0))
+        base_edges[own] = tree.base_edges[outer]
+    vertices[insides] = inner_vertices
+    vertices[insides.stop :] = new[tree.edge_vertices[loose]]
+    base_edges[insides.stop :] = loose
+    clashing = _doubled(vertices, outer_count, len(used))
+    clashing[insides] |= np.bincount(of_inner, minlength=len(inner_vertices)) != 2
+    return Edges(sides, vertices, base_edges, clashing)
+
+
+def _inner_edges(
+    corners: IndexArray, starts: IndexArray, corner_vertices: ShortIndexArray, count: int
+) -> tuple[IndexArray, IndexArray]:
+    """The edges from some corners to the next ones in their faces: (I, 2) of so many vertices, each pair once, and
+    (corners,) which it is."""
+    faces = np.searchsorted(starts, corners, side="right") - 1
+    following = np.where(corners + 1 == starts[faces + 1], starts[faces], corners + 1)
+    ends = np.stack([corner_vertices[corners], corner_vertices[following]])
+    keys, of_corners = np.unique(_keys(ends, count), return_inverse=True)
+    return np.stack(np.divmod(keys, count), axis=1), of_corners.reshape(-1)
+
+
+def _keys(ends: NDArray[Any], count: int) -> IndexArray:
+    """(N,): for two vertices (2, N) each, of so many, a number that is theirs alone, in whatever order."""
+    return np.minimum(*ends).astype(np.intp) * count + np.maximum(*ends)
+
+
+def _doubled(vertices: ShortIndexArray, outer: int, count: int) -> BoolArray:
+    """(E,) which edges (E, 2) between so many vertices have the same ends as another; the first ``outer`` are known to
+    differ among themselves."""
+    at_inner = np.zeros(count, dtype=bool)
+    at_inner[vertices[outer:]] = True
+    possible = np.flatnonzero(at_inner[vertices[:, 0]] & at_inner[vertices[:, 1]])
+    _, pair, pairs = np.unique(_keys(vertices[possible].T, count), return_inverse=True, return_counts=True)
+    doubled = np.zeros(len(vertices), dtype=bool)
+    doubled[possible] = pairs[pair.reshape(-1)] > 1
+    return doubled

@@ -1,0 +1,63 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where the vertices of a quadtree lie on the limit surface, found on the way or evaluated when they are asked for.
+
+Whoever looks at a bicubic quad knows its points. These are convex combinations of control points like those of
+``evaluation``, so rounding is covered alike (``face_depths.rounding_allowance``). Quads that share a vertex may differ
+by that; the last one counts.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+
+from ..arrays.chunks import taken
+from ..arrays.types import FloatArray, IndexArray
+from ..surface.evaluation import limit_values
+from ..surface.patches import PatchKinds, classify_patches
+from .quadtree import NONE, Quadtree
+
+
+class VertexPositions:
+    """Positions of a tree's vertices, as far as they are known by now, in the space of its mesh."""
+
+    def __init__(self, tree: Quadtree) -> None:
+        self._tree = tree
+        # Numbers one by one are put and taken several times as fast as rows of three.
+        self._coordinates = [tree.add_vertex_column(np.float64(np.nan)) for _ in range(3)]
+        loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
+        self.put(loose, tree.mesh.positions[loose])
+
+    def put(self, vertices: IndexArray, positions: FloatArray) -> None:
+        """Vertices (…) lie at positions (…, 3)."""
+        for axis, column in enumerate(self._coordinates):
+            column.values[vertices] = positions[..., axis]
+
+    def of(self, vertices: IndexArray) -> FloatArray:
+        """(N, 3): where vertices (N,) lie."""
+        found = np.empty((len(vertices), 3))
+        for axis, column in enumerate(self._coordinates):
+            found[:, axis] = taken(column.values, vertices)
+        unknown = np.flatnonzero(np.isnan(found[:, 0]))
+        if len(unknown):
+            mesh, points = self._tree.mesh, self._tree.vertex_points(vertices[unknown])
+            found[unknown] = limit_values(mesh, mesh.positions, points, self._kinds)
+            self.put(vertices[unknown], found[unknown])
+        return found
+
+    @cached_property
+    def _kinds(self) -> PatchKinds:
+        return classify_patches(self._tree.mesh)
+
+    def in_space_of(self, control_positions: FloatArray, vertices: IndexArray) -> FloatArray:
+        """(N, 3): where vertices (N,) lie in the space where the control mesh has these positions (V, 3). Those without
+        faces stay where they are."""
+        mesh = self._tree.mesh
+        if np.array_equal(control_positions, mesh.positions):
+            return self.of(vertices)
+        positions, points = np.empty((len(vertices), 3)), self._tree.vertex_points(vertices)
+        is_loose = points.corners == NONE
+        positions[is_loose] = control_positions[vertices[is_loose]]
+        positions[~is_loose] = limit_values(mesh, control_positions, points.at(np.flatnonzero(~is_loose)), self._kinds)
+        return positions

@@ -1,0 +1,115 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What Blender's Subdivision Surface modifier shows with Use Limit Surface, and the Quality at which it is exact.
+
+The modifier evaluates patches that OpenSubdiv isolates to *Quality* levels (docs/methods.md, What Blender shows): cells
+that are regular at an earlier level are exact bicubic patches; what is left at the last level is a patch that meets the
+surface at its corners only. The vertices of level k are corners of cells of level k, so Quality has to be the level at
+least, and the largest finite sharpness, because a patch's corners are taken as if nothing were semi-sharp any more.
+Two kinds of corners are not met exactly, but nearer with every level of Quality:
+
+- lone corners, of a single face between two infinitely sharp edges, the corner of an open mesh with smooth corners
+  above all: OpenSubdiv leaves them at their control points of the last level;
+- darts, vertices at which one infinitely sharp edge ends: it takes them to where a smooth vertex would go.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..bounds.norms import squared_norms
+from ..mesh.polygon_mesh import PolygonMesh
+from ..surface.catmull_clark import limit_positions
+from ..surface.refinement import Refinement
+
+# What a Subdivision Surface modifier has at most.
+MOST_QUALITY = 10
+
+# Corners that are not met count as near enough when they are off by so much of the tolerance; where Quality is not
+# enough for that, by half of it at most.
+CORNER_SHARE = 1 / 64
+MOST_CORNER_SHARE = 1 / 2
+
+
+@dataclass(frozen=True)
+class UnmetCorners:
+    """Corners of faces that Use Limit Surface does not show quite on the surface.
+
+    corners: (N,) intp. gaps: (MOST_QUALITY + 1,) float64, how far they are off at most at each Quality, in the unit of
+    the positions.
+    """
+
+    corners: IndexArray
+    gaps: FloatArray
+
+    def margin(self, tolerance: float) -> float:
+        """How much of the tolerance is to be left for them."""
+        if self.gaps[MOST_QUALITY] > MOST_CORNER_SHARE * tolerance:
+            return CORNER_SHARE * tolerance
+        return max(CORNER_SHARE * tolerance, float(self.gaps[MOST_QUALITY]))
+
+    def quality(self, tolerance: float) -> int:
+        """The least Quality from which on they are within the margin; more than ``MOST_QUALITY`` where none is."""
+        return max((level + 1 for level, gap in enumerate(self.gaps) if gap > self.margin(tolerance)), default=0)
+
+
+def unmet_corners(mesh: PolygonMesh) -> UnmetCorners:
+    """Those of a mesh whose sharpness is explicit. Semi-sharp edges and vertices run out, and count for nothing."""
+    lone, dart = _lone_and_dart(mesh)
+    corners = np.flatnonzero(lone | dart)
+    gaps = np.zeros(MOST_QUALITY + 1)
+    if not len(corners):
+        return UnmetCorners(corners, gaps)
+    is_lone = lone[corners]
+    faces, faces_of_corners = np.unique(mesh.corner_faces[corners], return_inverse=True)
+    refinement = Refinement.start(mesh, faces)
+    # Where each corner's own child stands: at first the corner of the face, and from then on the first of the child.
+    places = refinement.mesh.face_starts[faces_of_corners] + corners - mesh.face_starts[mesh.corner_faces[corners]]
+    for level in range(MOST_QUALITY + 1):
+        gaps[level] = _gaps(refinement.mesh, refinement.mesh.corner_vertices[places], is_lone).max()
+        # Children come in the order of the corners, which rise.
+        own = np.zeros(len(refinement.corner_vertices()), dtype=bool)
+        own[places] = True
+        children = refinement.refined()
+        refinement = replace(children, bases=np.arange(len(own))).keep(own)
+        places = 4 * np.arange(len(corners))
+    return UnmetCorners(corners, gaps)
+
+
+def _lone_and_dart(mesh: PolygonMesh) -> tuple[BoolArray, BoolArray]:
+    """(C,) bool twice: which corners are lone ones, and which stand at darts."""
+    is_sharp = np.isinf(mesh.edge_sharpness) & (mesh.edge_face_counts > 0)
+    sharp_edges = np.bincount(mesh.edge_vertices[is_sharp].ravel(), minlength=mesh.vertex_count)
+    moves = ~np.isinf(mesh.vertex_sharpness)
+    between = is_sharp[mesh.corner_edges] & is_sharp[mesh.corner_edges[mesh.previous_corner]]
+    lone = between & (moves & (sharp_edges == 2))[mesh.corner_vertices]
+    return lone, (moves & (sharp_edges == 1))[mesh.corner_vertices]
+
+
+def _gaps(mesh: PolygonMesh, vertices: IndexArray, is_lone: BoolArray) -> FloatArray:
+    """(N,): how far from the surface vertices are that OpenSubdiv has no further levels of."""
+    wanted = np.zeros(mesh.vertex_count, dtype=bool)
+    wanted[vertices] = True
+    smooth = mesh.changed(
+        edge_sharpness=np.zeros(len(mesh.edge_sharpness)), vertex_sharpness=np.zeros(mesh.vertex_count)
+    )
+    shown = np.where(is_lone[:, None], mesh.positions[vertices], limit_positions(smooth, wanted)[vertices])
+    gaps: FloatArray = np.sqrt(squared_norms(shown - limit_positions(mesh, wanted)[vertices]))
+    return gaps
+
+
+def largest_finite_sharpness(mesh: PolygonMesh) -> float:
+    """The sharpness that takes the most levels to run out: of edges that have faces, and of vertices."""
+    edges = mesh.edge_sharpness[mesh.edge_face_counts > 0]
+    vertices = mesh.vertex_sharpness[mesh.vertex_face_counts > 0]
+    finite = (values[np.isfinite(values)] for values in (edges, vertices))
+    return max(float(values.max(initial=0.0)) for values in finite)
+
+
+def needed_quality(mesh: PolygonMesh, level: int, tolerance: float) -> int:
+    """The least Quality at which the modifier shows level ``level`` as it is meant, 1 or more, with corners that it
+    does not meet within their margin of the tolerance; more than ``MOST_QUALITY`` where none is enough."""
+    sharpness = int(np.ceil(largest_finite_sharpness(mesh)))
+    return max(1, level, sharpness, unmet_corners(mesh).quality(tolerance))

@@ -1,0 +1,6 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How far any mesh is from the limit surface of a control mesh, both ways."""
+
+from .measure import Deviation, measure_deviation
+
+__all__ = ["Deviation", "measure_deviation"]

@@ -1,0 +1,231 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The limit surface as Bézier pieces that can be split, down to any size.
+
+The control mesh is subdivided to *units*, quads of one level. A regular unit is a bicubic patch, exactly. Any other is
+refined, and what has not become regular stays a piece with the bilinear facet over its corners' limit positions for
+coefficients and an *excess*: at equal parameters the surface is no farther than that from the facet
+(``norm_bounds.support_bounds``). Corners of all pieces lie on the surface. docs/deviation.md, Pieces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays.types import FloatArray, IndexArray
+from ..bounds.norm_bounds import Vertices, support_bounds
+from ..bounds.norms import squared_norms
+from ..mesh.polygon_mesh import PolygonMesh
+from ..surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN
+from ..surface.catmull_clark import subdivide
+from ..surface.patches import PatchKind, classify_patches, regular_nets
+from ..surface.refinement import Refinement
+
+# Coefficients are counted [i, j] → 4i + j: those at corners 0 to 3, and along the sides from each to the next.
+CORNERS = np.array([0, 12, 15, 3])
+SIDES = np.array([[0, 4, 8, 12], [12, 13, 14, 15], [15, 11, 7, 3], [3, 2, 1, 0]])
+
+# Corner 0 of the quarters lies at (0, 0), (½, 0), (0, ½), (½, ½) of a piece; which of their sides lie on its own.
+QUARTER_SIDES = np.array([[1, 0, 0, 1], [1, 1, 0, 0], [0, 0, 1, 1], [0, 1, 1, 0]], dtype=bool)
+QUARTERS = np.stack([np.kron(along, across) for across in HALVES for along in HALVES])
+
+# What is not regular is refined to begin with while the excess is more than this part of its size, so many times at
+# most; later, where it matters.
+LARGE_EXCESS = 0.1
+FIRST_REFINEMENTS = 8
+
+NONE = -1
+
+
+@dataclass(frozen=True)
+class NewPieces:
+    """N pieces, see ``BezierPieces``; rows: (N,) intp, which descendant of a refinement, NONE where bicubic."""
+
+    coefficients: FloatArray
+    excess: FloatArray
+    faces: IndexArray
+    units: IndexArray
+    sides: IndexArray
+    rows: IndexArray
+
+
+class BezierPieces:
+    """All pieces that there are or were: parents keep their place, and their four children follow each other.
+
+    coefficients: (N, 3, 16) float64, Bernstein; excess: (N,) float64, how far the surface may be off, at equal
+    parameters. faces, units: (N,) intp, the control face and the unit each is a part of. sides: (N, 4) intp, the edge
+    of ``unit_mesh`` each side lies on, or NONE. first_child: (N,) intp, NONE for those that are not split.
+    low, high: (N, 3), the corners of boxes around the pieces, or where that is less around all that is left of them.
+    """
+
+    def __init__(self, unit_mesh: PolygonMesh, unit_faces: IndexArray) -> None:
+        self.unit_mesh = unit_mesh
+        self.count = 0
+        self.coefficients = np.empty((0, 3, 16))
+        self.excess, self.low, self.high = np.empty(0), np.empty((0, 3)), np.empty((0, 3))
+        self.faces = self.units = self.first_child = self._parents = np.empty(0, dtype=np.intp)
+        self._store = self._row = np.empty(0, dtype=np.intp)
+        self.sides = np.empty((0, 4), dtype=np.intp)
+        self._refinements: list[Refinement] = []
+        self._add_units(unit_faces)
+
+    @property
+    def unit_count(self) -> int:
+        """The units are the first pieces."""
+        return self.unit_mesh.face_count
+
+    @cached_property
+    def edge_units(self) -> IndexArray:
+        """(E, 2) intp, the two units at each edge; NONE where there are not two."""
+        mesh = self.unit_mesh
+        order = np.argsort(mesh.corner_edges, kind="stable")
+        first = np.cumsum(mesh.edge_face_counts) - mesh.edge_face_counts
+        found = np.full((mesh.edge_count, 2), NONE)
+        paired = np.flatnonzero(mesh.edge_face_counts == 2)
+        found[paired] = mesh.corner_faces[order[first[paired][:, None] + np.arange(2)]]
+        return found
+
+    def leaves(self) -> IndexArray:
+        """The pieces that are not split: they cover the surface."""
+        return np.flatnonzero(self.first_child[: self.count] == NONE)
+
+    def split(self, pieces: IndexArray) -> IndexArray:
+        """Four children for each of these leaves: (4n,) intp, not in the order of the pieces."""
+        bicubic = pieces[self._row[pieces] == NONE]
+        made = [self._add(_quarters(self, bicubic), NONE, bicubic)]
+        others = pieces[self._row[pieces] != NONE]
+        for store in np.unique(self._store[others]).tolist():
+            made.append(self._refine(store, others[self._store[others] == store]))
+        return np.concatenate(made)
+
+    def _add_units(self, unit_faces: IndexArray) -> None:
+        mesh = self.unit_mesh
+        refinement = Refinement(mesh, np.arange(mesh.face_count))
+        sides = mesh.corner_edges.reshape(-1, 4)
+        self._add_descendants(refinement, unit_faces, np.arange(mesh.face_count), sides, None)
+        for _ in range(FIRST_REFINEMENTS):
+            waiting = self.leaves()
+            sizes = np.sqrt(squared_norms(np.ptp(self.coefficients[waiting][:, :, CORNERS], axis=2)))
+            self.split(waiting[self.excess[waiting] > LARGE_EXCESS * sizes])
+
+    def _refine(self, store: int, pieces: IndexArray) -> IndexArray:
+        """The children of what is not bicubic, one Catmull-Clark step on."""
+        refinement = self._refinements[store]
+        pieces = pieces[np.argsort(self._row[pieces])]
+        wanted = np.zeros(len(refinement.bases), dtype=bool)
+        wanted[self._row[pieces]] = True
+        children = refinement.keep(wanted).refined()
+        # Corner 0 of the child at corner c is that corner: its side 0 lies on side c, its side 3 on the one before.
+        sides = np.full((len(pieces), 4, 4), NONE)
+        for corner in range(4):
+            sides[:, corner, 0] = self.sides[pieces, corner]
+            sides[:, corner, 3] = self.sides[pieces, corner - 1]
+        faces, units = (np.repeat(array[pieces], 4) for array in (self.faces, self.units))
+        made = self._add_descendants(children, faces, units, sides.reshape(-1, 4), pieces)
+        self._tighten(pieces)
+        return made
+
+    def _tighten(self, parents: IndexArray) -> None:
+        """The boxes of parents from those of their children, up to the units."""
+        while len(parents):
+            children = self.first_child[parents][:, None] + np.arange(4)
+            self.low[parents] = np.maximum(self.low[parents], self.low[children].min(axis=1))
+            self.high[parents] = np.minimum(self.high[parents], self.high[children].max(axis=1))
+            parents = np.unique(self._parents[parents])
+            parents = parents[parents != NONE]
+
+    def _add_descendants(
+        self,
+        refinement: Refinement,
+        faces: IndexArray,
+        units: IndexArray,
+        sides: IndexArray,
+        parents: IndexArray | None,
+    ) -> IndexArray:
+        count = len(faces)
+        is_regular = classify_patches(refinement.mesh).kinds[:count] == PatchKind.REGULAR
+        regular, others = np.flatnonzero(is_regular), np.flatnonzero(~is_regular)
+        coefficients, excess = np.empty((count, 3, 16)), np.zeros(count)
+        coefficients[regular] = _bernstein(regular_nets(refinement.mesh, regular))
+        rows = np.full(count, NONE)
+        rows[others] = np.arange(len(others))
+        if len(others):
+            rest = refinement.keep(~is_regular)
+            coefficients[others] = bilinear_pieces(rest.limits_at_corners().reshape(-1, 4, 3))
+            excess[others] = support_bounds(rest.mesh, Vertices.LIMIT)[: len(others)]
+            self._refinements.append(rest)
+        new = NewPieces(coefficients, excess, faces, units, sides, rows)
+        return self._add(new, len(self._refinements) - 1, parents)
+
+    def _add(self, new: NewPieces, store: int, parents: IndexArray | None) -> IndexArray:
+        """Pieces put behind the others, four for each parent."""
+        first, count = self.count, len(new.excess)
+        if parents is not None:
+            self.first_child[parents] = first + 4 * np.arange(len(parents))
+        self.count += count
+        columns = {
+            "coefficients": new.coefficients,
+            "excess": new.excess,
+            "low": new.coefficients.min(axis=2) - new.excess[:, None],
+            "high": new.coefficients.max(axis=2) + new.excess[:, None],
+            "faces": new.faces,
+            "units": new.units,
+            "first_child": np.full(count, NONE),
+            "_parents": np.full(count, NONE) if parents is None else np.repeat(parents, 4),
+            "sides": new.sides,
+            "_store": np.full(count, store),
+            "_row": new.rows,
+        }
+        for name, values in columns.items():
+            setattr(self, name, _appended(getattr(self, name), first, values))
+        return first + np.arange(count)
+
+
+def bezier_pieces(control: PolygonMesh, units_wanted: int) -> BezierPieces:
+    """The limit surface of a mesh with explicit sharpness, of so many units if one more level makes no more of them."""
+    mesh, faces = subdivide(control).mesh, control.corner_faces
+    while 4 * mesh.face_count <= units_wanted:
+        mesh, faces = subdivide(mesh).mesh, np.repeat(faces, 4)
+    return BezierPieces(mesh, faces)
+
+
+def bilinear_pieces(corners: FloatArray) -> FloatArray:
+    """(N, 3, 16): the coefficients of bilinear facets over corners (N, 4, 3) in a face's order."""
+    return np.matmul(corners.swapaxes(1, 2), BILINEAR)
+
+
+def _bilinear_weights() -> FloatArray:
+    along = np.arange(4) / 3
+    rises, falls = along, 1 - along
+    return np.stack([np.kron(*pair) for pair in ((falls, falls), (rises, falls), (rises, rises), (falls, rises))])
+
+
+# (4, 16): how much each corner counts in the coefficients of a bilinear facet.
+BILINEAR = _bilinear_weights()
+
+
+def _bernstein(nets: FloatArray) -> FloatArray:
+    """(N, 3, 16) from the nets of regular faces (4, 4, N, 3)."""
+    points = np.moveaxis(nets.reshape(16, -1, 3), 0, 2)
+    return np.matmul(points, np.kron(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN).T)
+
+
+def _quarters(pieces: BezierPieces, parents: IndexArray) -> NewPieces:
+    coefficients = np.matmul(pieces.coefficients[parents][:, None], QUARTERS.swapaxes(1, 2)).reshape(-1, 3, 16)
+    sides = np.where(QUARTER_SIDES, pieces.sides[parents][:, None], NONE).reshape(-1, 4)
+    excess, faces, units = (np.repeat(array[parents], 4) for array in (pieces.excess, pieces.faces, pieces.units))
+    return NewPieces(coefficients, excess, faces, units, sides, np.full(len(faces), NONE))
+
+
+def _appended(column: NDArray, count: int, values: NDArray) -> NDArray:
+    """The column with values put after its first ``count`` rows; it grows by half, so that little is copied."""
+    needed = count + len(values)
+    if needed > len(column):
+        grown = np.empty((max(needed, len(column) * 3 // 2), *column.shape[1:]), dtype=column.dtype)
+        grown[:count] = column[:count]
+        column = grown
+    column[count:needed] = values
+    return column

@@ -1,0 +1,109 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Boxes around things, in a tree along a space-filling curve, and which of two trees overlap."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays.types import FloatArray, IndexArray
+
+BRANCHES = 8
+
+# Steps along each axis of the curve.
+CURVE_BITS = 20
+
+
+@dataclass(frozen=True)
+class BoxTree:
+    """order: (N,) intp, the things along the curve; codes: (N,) where on it, ascending. levels: boxes (low, high),
+    (n, 3) each, from those of the things in this order up, every one around ``BRANCHES`` of the level before. origin,
+    step: of the curve's cells."""
+
+    order: IndexArray
+    codes: NDArray[np.uint64]
+    levels: list[tuple[FloatArray, FloatArray]]
+    origin: FloatArray
+    step: float
+
+    @staticmethod
+    def around(low: FloatArray, high: FloatArray) -> BoxTree:
+        """low, high: (N, 3) float64, at least one box."""
+        centres = (low + high) / 2
+        origin = centres.min(axis=0)
+        extent = float(np.ptp(centres, axis=0).max())
+        step = (extent if extent > 0 else 1.0) / ((1 << CURVE_BITS) - 1)
+        codes = curve_codes(centres, origin, step)
+        order = np.argsort(codes, kind="stable")
+        levels = [(low[order], high[order])]
+        while len(levels[-1][0]) > BRANCHES:
+            starts = np.arange(0, len(levels[-1][0]), BRANCHES)
+            below = levels[-1]
+            levels.append((np.minimum.reduceat(below[0], starts), np.maximum.reduceat(below[1], starts)))
+        return BoxTree(order, codes[order], levels, origin, step)
+
+    def beside(self, points: FloatArray, count: int) -> IndexArray:
+        """(P, count) intp: things next to points (P, 3) along the curve, which are often near."""
+        places = np.searchsorted(self.codes, curve_codes(points, self.origin, self.step))
+        slots = places[:, None] + np.arange(count) - count // 2
+        return self.order[np.clip(slots, 0, len(self.order) - 1)]
+
+
+def overlapping(first: BoxTree, second: BoxTree) -> tuple[IndexArray, IndexArray]:
+    """(K,) intp twice: the pairs of things whose boxes have a point in common."""
+    heights = [len(first.levels) - 1, len(second.levels) - 1]
+    counts = [len(tree.levels[height][0]) for tree, height in zip((first, second), heights, strict=True)]
+    a, b = (axis.ravel() for axis in np.indices(counts))
+    while True:
+        (low_a, high_a), (low_b, high_b) = first.levels[heights[0]], second.levels[heights[1]]
+        meet = _meet(low_a, high_a, low_b, high_b, a, b)
+        a, b = a[meet], b[meet]
+        if heights == [0, 0]:
+            return first.order[a], second.order[b]
+        if heights[0] and (heights[0] >= heights[1]):
+            heights[0] -= 1
+            a, b = _children(a, b, len(first.levels[heights[0]][0]))
+        else:
+            heights[1] -= 1
+            b, a = _children(b, a, len(second.levels[heights[1]][0]))
+
+
+def _meet(
+    low_a: FloatArray, high_a: FloatArray, low_b: FloatArray, high_b: FloatArray, a: IndexArray, b: IndexArray
+) -> IndexArray:
+    """Which of the pairs of boxes overlap, one axis after the other."""
+    left = np.arange(len(a))
+    for axis in range(3):
+        at_a, at_b = a[left], b[left]
+        fits = low_a[:, axis][at_a] <= high_b[:, axis][at_b]
+        fits &= low_b[:, axis][at_b] <= high_a[:, axis][at_a]
+        left = left[fits]
+    return left
+
+
+def _children(parents: IndexArray, others: IndexArray, count: int) -> tuple[IndexArray, IndexArray]:
+    children = (BRANCHES * parents[:, None] + np.arange(BRANCHES)).ravel()
+    there = children < count
+    return children[there], np.repeat(others, BRANCHES)[there]
+
+
+def curve_codes(points: FloatArray, origin: FloatArray, step: float) -> NDArray[np.uint64]:
+    """(P,): where points (P, 3) lie along the curve through a cube, their bits in turn (Morton, 1966)."""
+    last = (1 << CURVE_BITS) - 1
+    cells = (np.clip(points - origin, 0.0, last * step) / step).astype(np.uint64)
+    return _spread(cells[:, 0]) | _spread(cells[:, 1]) << np.uint64(1) | _spread(cells[:, 2]) << np.uint64(2)
+
+
+def _spread(values: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Two zero bits put between each two of the lowest 21."""
+    for shift, mask in (
+        (32, 0x1F00000000FFFF),
+        (16, 0x1F0000FF0000FF),
+        (8, 0x100F00F00F00F00F),
+        (4, 0x10C30C30C30C30C3),
+        (2, 0x1249249249249249),
+    ):
+        values = (values | values << np.uint64(shift)) & np.uint64(mask)
+    return values

@@ -1,0 +1,260 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How far points of the mesh are from the surface at most: bounds of triangles and their parts."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays.chunks import blocks, split
+from ..arrays.types import FloatArray, IndexArray
+from ..bounds.norms import squared_norms
+from .bezier_pieces import CORNERS, NONE, BezierPieces, bilinear_pieces
+from .box_tree import BoxTree, overlapping
+from .covering_pieces import over_pieces
+from .surface_to_mesh import TRIED, SurfaceToMesh, first_of_each
+from .triangles import to_triangles
+
+PARTS_AT_ONCE = 1 << 11
+FACETS_AT_ONCE = 1 << 13
+
+# Parts whose corners are looked at for distances that are reached; corners whose distances are found to that share.
+LOOKED_AT, MEASURED, MEASURED_SHARE = 512, 16, 0.005
+
+# Pieces larger than this part of the triangle they are compared with are split for it; where they are below the other
+# part, so is the triangle.
+FINE_SHARE, COARSE_SHARE = 0.25, 0.5
+
+# The corners of a triangle's quarters, as sums of its own.
+QUARTERS = (
+    np.array(
+        [
+            [[2, 0, 0], [1, 1, 0], [1, 0, 1]],
+            [[1, 1, 0], [0, 2, 0], [0, 1, 1]],
+            [[1, 0, 1], [0, 1, 1], [0, 0, 2]],
+            [[1, 1, 0], [0, 1, 1], [1, 0, 1]],
+        ]
+    )
+    / 2
+)
+
+# After so many rounds only what decides on the largest distance is split.
+ROUNDS_FOR_FACES = 3
+
+
+@dataclass(frozen=True)
+class Facets:
+    """Pieces, each as two triangles over its corners. pieces: (L,) intp; corners: (L, 4, 3); off: (L,) float64, how far
+    surface and triangles are apart at equal parameters. docs/deviation.md, Facets."""
+
+    pieces: IndexArray
+    corners: FloatArray
+    off: FloatArray
+
+    @staticmethod
+    def of(pieces: BezierPieces, chosen: IndexArray) -> Facets:
+        """Of the chosen pieces."""
+        corners, off = np.empty((len(chosen), 4, 3)), np.empty(len(chosen))
+        for block in blocks(len(chosen), FACETS_AT_ONCE):
+            coefficients = pieces.coefficients[chosen[block]]
+            corners[block] = coefficients[:, :, CORNERS].swapaxes(1, 2)
+            apart = coefficients - bilinear_pieces(corners[block])
+            off[block] = np.sqrt((apart * apart).sum(axis=1).max(axis=1))
+        twist = corners[:, 0] - corners[:, 1] + corners[:, 2] - corners[:, 3]
+        off += np.sqrt(squared_norms(twist)) / 4 + pieces.excess[chosen]
+        return Facets(chosen, corners, off)
+
+    def distances(self, places: FloatArray, which: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """(N,) from places (N, 3) to the nearer one of a piece's triangles, and (N, 3) the nearest point."""
+        a, b, c, d = self.corners[which].swapaxes(0, 1)
+        first, at_first = to_triangles(places, a, b, c)
+        second, at_second = to_triangles(places, a, c, d)
+        return np.minimum(first, second), np.where((first <= second)[:, None], at_first, at_second)
+
+
+@dataclass(frozen=True)
+class Leaves:
+    """The facets of all the leaves there are, and a tree of boxes around these."""
+
+    facets: Facets
+    tree: BoxTree
+
+    @staticmethod
+    def of(pieces: BezierPieces) -> Leaves:
+        leaves = pieces.leaves()
+        return Leaves(Facets.of(pieces, leaves), BoxTree.around(pieces.low[leaves], pieces.high[leaves]))
+
+    def near(self, places: FloatArray) -> tuple[IndexArray, IndexArray, FloatArray]:
+        """For places (P, 3) every leaf that can be nearest: (K,) intp which place, (K,) which leaf; (P,) the nearest
+        point is no farther than that."""
+        tried = self.tree.beside(places, TRIED)
+        owners = np.repeat(np.arange(len(places)), TRIED)
+        reach = self.facets.distances(places[owners], tried.ravel())[0] + self.facets.off[tried.ravel()]
+        reach = reach.reshape(tried.shape).min(axis=1) * (1 + 1e-12) + np.finfo(float).tiny
+        queries = BoxTree.around(places - reach[:, None], places + reach[:, None])
+        return *overlapping(queries, self.tree), reach
+
+    def nearest(self, places: FloatArray) -> tuple[IndexArray, FloatArray]:
+        """(P,) intp the leaves whose triangles are nearest to places (P, 3), and (P,) the distances."""
+        owners, which, _ = self.near(places)
+        distances = self.facets.distances(places[owners], which)[0]
+        first = first_of_each(owners, distances, len(places))
+        return which[first], distances[first]
+
+
+@dataclass(frozen=True)
+class Parts:
+    """N parts of triangles. corners: (N, 3, 3); owners: (N,) intp, the triangle; bounds: (N,) float64, what is proved
+    of each; leaves: (N,) intp, the piece that is nearest; near: (N,) float64, about how far that is."""
+
+    corners: FloatArray
+    owners: IndexArray
+    bounds: FloatArray
+    leaves: IndexArray
+    near: FloatArray
+
+    @staticmethod
+    def unknown(corners: FloatArray, owners: IndexArray, bounds: FloatArray) -> Parts:
+        """Of which nothing is known but these bounds."""
+        return Parts(corners, owners, bounds, np.zeros(len(owners), dtype=np.intp), np.zeros(len(owners)))
+
+    def at(self, chosen: NDArray[Any]) -> Parts:
+        """Some of them."""
+        return Parts(*(column[chosen] for column in vars(self).values()))
+
+    @staticmethod
+    def joined(some: Parts, others: Parts) -> Parts:
+        """All of them."""
+        return Parts(*(np.concatenate([column, vars(others)[name]]) for name, column in vars(some).items()))
+
+    def quarters(self) -> Parts:
+        """Four of each, whose bounds are that of the whole."""
+        corners = np.einsum("qij,njd->nqid", QUARTERS, self.corners).reshape(-1, 3, 3)
+        return Parts.unknown(corners, np.repeat(self.owners, 4), np.repeat(self.bounds, 4))
+
+
+class MeshToSurface:
+    """upper: (T,) float64, what is proved of each triangle; face_upper: (F,) float64, likewise of the parts that were
+    compared with each control face."""
+
+    def __init__(self, surface: SurfaceToMesh, face_count: int, whole: float) -> None:
+        self.surface, self.findings, self.mesh = surface, surface.findings, surface.mesh
+        self.whole = whole
+        self.rounds = 0
+        self.upper = np.zeros(self.mesh.count)
+        self.face_upper = np.zeros(face_count)
+
+    def settle(self) -> None:
+        """Split triangles and pieces until what is proved is near what is reached."""
+        count = self.mesh.count
+        parts = Parts.unknown(self.mesh.points.swapaxes(0, 1), np.arange(count), np.full(count, self.whole))
+        while len(parts.owners):
+            leaves, self.blamed = Leaves.of(self.surface.pieces), np.zeros(0, dtype=np.intp)
+            for done, block in enumerate(split(np.arange(len(parts.owners)), PARTS_AT_ONCE)):
+                if self._must_end(parts):
+                    self._record(parts)
+                    return
+                self._bound(leaves, parts, block)
+                self.findings.report_round(1, self.rounds, done * PARTS_AT_ONCE / len(parts.owners))
+            self._reach(leaves, parts)
+            wanted = parts.bounds > self._goals(parts)
+            self._record(parts.at(~wanted))
+            parts = self._split(parts.at(wanted))
+            self.rounds += 1
+
+    def _must_end(self, parts: Parts) -> bool:
+        """Everything is looked at once if there is the time."""
+        if self.rounds == 0:
+            return self.findings.is_late()
+        return self.findings.is_exhausted(self.surface.pieces.count + len(parts.owners))
+
+    def _split(self, parts: Parts) -> Parts:
+        """Pieces that are large against the parts they were found with are split, other parts are."""
+        pieces = self.surface.pieces
+        sizes = np.sqrt(squared_norms(np.ptp(parts.corners, axis=1)))
+        of_leaves = np.sqrt(squared_norms(pieces.high[parts.leaves] - pieces.low[parts.leaves]))
+        used = np.unique(np.concatenate([parts.leaves[of_leaves > FINE_SHARE * sizes], self.blamed]))
+        self.surface.split(used[pieces.first_child[used] == NONE])
+        fine = of_leaves <= COARSE_SHARE * sizes
+        return Parts.joined(parts.at(~fine), parts.at(fine).quarters())
+
+    def _record(self, parts: Parts) -> None:
+        np.maximum.at(self.upper, parts.owners, parts.bounds)
+        np.maximum.at(self.face_upper, self.surface.pieces.faces[parts.leaves], parts.bounds)
+
+    def _goals(self, parts: Parts) -> FloatArray:
+        if self.rounds >= ROUNDS_FOR_FACES:
+            return np.full(len(parts.owners), self.findings.target)
+        return self.findings.goals(self.surface.pieces.faces[parts.leaves])
+
+    def _bound(self, leaves: Leaves, parts: Parts, block: IndexArray) -> None:
+        corners = parts.corners[block]
+        nearest, near = leaves.nearest(corners.mean(axis=1))
+        parts.near[block], parts.leaves[block] = near, leaves.facets.pieces[nearest]
+        faces = self.surface.pieces.faces[parts.leaves[block]]
+        np.maximum.at(self.findings.in_faces, faces, near - leaves.facets.off[nearest])
+        self._bound_by_heights(parts, block)
+        left = block[parts.bounds[block] > self._goals(parts.at(block))]
+        place = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
+        bounds = self._by_one_piece(leaves.facets, parts.corners[left], nearest[place]) + self.findings.allowance
+        parts.bounds[left] = np.minimum(parts.bounds[left], bounds)
+
+    def _reach(self, leaves: Leaves, parts: Parts) -> None:
+        """Distances that are really there, at corners of the parts with the largest bounds."""
+        far = np.argsort(-parts.bounds)[:LOOKED_AT]
+        far = far[parts.bounds[far] > self.findings.target]
+        if not len(far):
+            return
+        places, owners = parts.corners[far].reshape(-1, 3), np.repeat(parts.owners[far], 3)
+        distances = leaves.nearest(places)[1]
+        farthest = np.argsort(-distances)[:MEASURED]
+        places, owners = places[farthest], owners[farthest]
+        rows, which, _ = leaves.near(places)
+        rows, which = rows, leaves.facets.pieces[which]
+        pieces = self.surface.pieces
+        while True:
+            facets = Facets.of(pieces, which)
+            distances, points = facets.distances(places[rows], np.arange(len(rows)))
+            least = np.full(len(places), np.inf)
+            np.minimum.at(least, rows, distances + facets.off)
+            nearby = distances - facets.off <= least[rows]
+            rows, which, distances, points = (array[nearby] for array in (rows, which, distances, points))
+            off = facets.off[nearby]
+            coarse = off > np.maximum(MEASURED_SHARE * least[rows], self.findings.floor)
+            coarse &= least[rows] > self.findings.reached
+            if not coarse.any() or self.findings.is_exhausted(pieces.count):
+                break
+            split_now = np.unique(which[coarse])
+            self.surface.split(split_now[pieces.first_child[split_now] == NONE])
+            children = pieces.first_child[which[coarse]][:, None] + np.arange(4)
+            which = np.concatenate([which[~coarse], children.ravel()])
+            rows = np.concatenate([rows[~coarse], np.repeat(rows[coarse], 4)])
+        first = first_of_each(rows, distances - off, len(places))
+        found = np.maximum((distances - off)[first], 0.0)
+        faces = pieces.faces[which[first]]
+        np.maximum.at(self.findings.in_faces, faces, found)
+        self.findings.note(found, places, points[first], faces, owners, surface_to_mesh=False)
+
+    def _bound_by_heights(self, parts: Parts, block: IndexArray) -> None:
+        corners = parts.corners[block]
+        normals = self.mesh.normals[parts.owners[block]]
+        goals = self._goals(parts.at(block)) - self.findings.allowance
+        units = self.surface.pieces.units[parts.leaves[block]]
+        found, leaves, blamed = over_pieces(self.surface.pieces, corners, normals, units, goals, self.findings.margin)
+        self.blamed = np.union1d(self.blamed, blamed)
+        found += self.findings.allowance
+        better = np.flatnonzero(found < parts.bounds[block])
+        parts.bounds[block[better]] = found[better]
+        has_leaf = better[leaves[better] >= 0]
+        parts.leaves[block[has_leaf]] = leaves[has_leaf]
+
+    def _by_one_piece(self, facets: Facets, corners: FloatArray, which: IndexArray) -> FloatArray:
+        """(n,): the distance to a flat triangle is convex, and so longest at a corner."""
+        a, b, c, d = facets.corners[which].swapaxes(0, 1)
+        places = corners.swapaxes(0, 1)
+        first = np.max([to_triangles(place, a, b, c)[0] for place in places], axis=0)
+        second = np.max([to_triangles(place, a, c, d)[0] for place in places], axis=0)
+        return np.minimum(first, second) + facets.off[which]

@@ -1,0 +1,187 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How far points of the surface are from the mesh at most: bounds of Bézier pieces."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays.chunks import split
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..bounds.norms import squared_norms
+from .bezier_pieces import CORNERS, BezierPieces
+from .box_tree import BoxTree, overlapping
+from .covering_triangles import over_triangles
+from .findings import Findings
+from .triangles import Triangles, unit
+
+PIECES_AT_ONCE = 1 << 10
+
+# Things beside a point along the curve that are tried for its nearest.
+TRIED = 6
+
+# Weights of the coefficients at the middle of a piece.
+MIDDLE = np.kron([1, 3, 3, 1], [1, 3, 3, 1]) / 64
+
+# Pieces of each block whose corners are looked at for distances that are reached.
+LOOKED_AT = 64
+
+# Of pieces and time, how much this way may take.
+SHARE_OF_LIMITS = 0.6
+
+# A covered piece as large as so many times what is wanted is hardly within that of one triangle.
+SMALL_FOR_ONE = 4.0
+
+# A bound so many times what is wanted may be brought there by another direction.
+NEARLY = 1.5
+
+# After so many rounds only what decides on the largest distance is split.
+ROUNDS_FOR_FACES = 4
+
+
+@dataclass(frozen=True)
+class NearestTriangles:
+    """(P,) float64 the distances, (P,) intp to which triangle, (P, 3) its nearest point."""
+
+    distances: FloatArray
+    which: IndexArray
+    points: FloatArray
+
+
+def nearest_triangles(triangles: Triangles, places: FloatArray) -> NearestTriangles:
+    """Of points (P, 3); no distance is longer than the true one, but for rounding (needles are taken off)."""
+    tried = triangles.tree.beside(places, TRIED)
+    owners = np.repeat(np.arange(len(places)), TRIED)
+    reach = triangles.distances(places[owners], tried.ravel())[0].reshape(tried.shape).min(axis=1)
+    reach = reach * (1 + 1e-12) + np.finfo(float).tiny
+    queries = BoxTree.around(places - reach[:, None], places + reach[:, None])
+    owners, which = overlapping(queries, triangles.tree)
+    distances, points = triangles.distances(places[owners], which)
+    distances = np.maximum(distances - triangles.thickness[which], 0.0)
+    first = first_of_each(owners, distances, len(places))
+    return NearestTriangles(distances[first], which[first], points[first])
+
+
+def first_of_each(owners: IndexArray, values: FloatArray, count: int) -> IndexArray:
+    """(count,) intp: where the least value of each owner stands; every owner has one."""
+    order = np.lexsort((values, owners))
+    return order[np.searchsorted(owners[order], np.arange(count))]
+
+
+class SurfaceToMesh:
+    """upper: (N,) float64, what is proved of each piece; triangles: (N,) intp, the triangle it was found with."""
+
+    def __init__(self, pieces: BezierPieces, mesh: Triangles, findings: Findings, whole: float) -> None:
+        self.pieces, self.mesh, self.findings = pieces, mesh, findings
+        self.upper = np.full(pieces.count, whole)
+        self.triangles = np.zeros(pieces.count, dtype=np.intp)
+        self.rounds = 0
+
+    def settle(self) -> None:
+        """Split pieces until what is proved is near what is reached."""
+        active = self.pieces.leaves()
+        while len(active):
+            for done, block in enumerate(split(active, PIECES_AT_ONCE)):
+                if self._must_end():
+                    return
+                self._bound(block)
+                self.findings.report_round(0, self.rounds, min(done * PIECES_AT_ONCE / len(active), 1.0))
+            active = self.split(active[self._is_too_far(active)])
+            self.rounds += 1
+
+    def _must_end(self) -> bool:
+        """Something is left for the other way, and everything is looked at once if there is the time."""
+        if self.rounds == 0:
+            return self.findings.is_late(SHARE_OF_LIMITS)
+        return self.findings.is_exhausted(self.pieces.count, SHARE_OF_LIMITS)
+
+    def split(self, pieces: IndexArray) -> IndexArray:
+        """(4n,) intp: the children, which are no farther than their parents."""
+        if not len(pieces):
+            return pieces
+        children = self.pieces.split(pieces)
+        first = self.pieces.first_child[pieces][:, None] + np.arange(4)
+        for name in ("upper", "triangles"):
+            grown = np.resize(getattr(self, name), self.pieces.count)
+            grown[first] = grown[pieces][:, None]
+            setattr(self, name, grown)
+        return children
+
+    def _is_too_far(self, pieces: IndexArray) -> BoolArray:
+        return self.upper[pieces] > self._goals(pieces)
+
+    def _bound(self, block: IndexArray) -> None:
+        pieces, findings = self.pieces, self.findings
+        middles = pieces.coefficients[block] @ MIDDLE
+        nearest = nearest_triangles(self.mesh, middles)
+        np.maximum.at(findings.in_faces, pieces.faces[block], nearest.distances - pieces.excess[block])
+        on_surface = np.flatnonzero(pieces.excess[block] == 0)
+        self._note(block[on_surface], middles[on_surface], nearest, on_surface)
+        covered = self._bound_by_heights(block, nearest)
+        sizes = np.sqrt(squared_norms(pieces.high[block] - pieces.low[block]))
+        is_small = sizes < SMALL_FOR_ONE * self._goals(block)
+        left = np.flatnonzero((self.upper[block] > self._goals(block)) & (is_small | ~covered))
+        self._improve(block[left], self._by_one_triangle(block[left], nearest.which[left]), nearest.which[left])
+        upper = self.upper[block]
+        farthest = np.argsort(-upper)[:LOOKED_AT]
+        farthest = block[farthest[upper[farthest] > self._goals(block[farthest])]]
+        if len(farthest):
+            corners = pieces.coefficients[farthest][:, :, CORNERS].swapaxes(1, 2).reshape(-1, 3)
+            found = nearest_triangles(self.mesh, corners)
+            self._note(np.repeat(farthest, 4), corners, found, np.arange(len(corners)))
+            np.maximum.at(findings.in_faces, np.repeat(pieces.faces[farthest], 4), found.distances)
+
+    def _goals(self, block: IndexArray) -> FloatArray:
+        if self.rounds >= ROUNDS_FOR_FACES:
+            return np.full(len(block), self.findings.target)
+        return self.findings.goals(self.pieces.faces[block])
+
+    def _bound_by_heights(self, block: IndexArray, nearest: NearestTriangles) -> BoolArray:
+        """Along the normal of the nearest triangle, and where that is not near enough along the piece's own; (n,) bool,
+        whether triangles cover the pieces as far as that was looked at."""
+        pieces = self.pieces
+        last = np.full(len(block), np.inf)
+        for directions in (self.mesh.normals[nearest.which], self._normals(block)):
+            goals = self._goals(block)
+            # Another direction makes up for a lack of covering, or for a little.
+            helps = (np.isinf(last) | (last < NEARLY * goals)) & directions.any(axis=1)
+            left = np.flatnonzero((self.upper[block] > goals) & helps)
+            found = over_triangles(
+                pieces,
+                block[left],
+                directions[left],
+                self.mesh,
+                nearest.which[left],
+                goals[left] - self.findings.allowance,
+                self.findings.margin,
+            )
+            last[left] = found[0]
+            self._improve(block[left], *found)
+        return np.isfinite(last)
+
+    def _normals(self, block: IndexArray) -> FloatArray:
+        a, b, c, d = np.moveaxis(self.pieces.coefficients[block][:, :, CORNERS], 2, 0)
+        return unit(np.cross(c - a, d - b))
+
+    def _improve(self, block: IndexArray, upper: FloatArray, which: IndexArray) -> None:
+        upper = upper + self.findings.allowance
+        better = upper < self.upper[block]
+        self.upper[block[better]] = upper[better]
+        self.triangles[block[better]] = which[better]
+
+    def _note(self, block: IndexArray, points: FloatArray, nearest: NearestTriangles, chosen: IndexArray) -> None:
+        found = (
+            nearest.distances[chosen],
+            points,
+            nearest.points[chosen],
+            self.pieces.faces[block],
+            nearest.which[chosen],
+        )
+        self.findings.note(*found, surface_to_mesh=True)
+
+    def _by_one_triangle(self, block: IndexArray, which: IndexArray) -> FloatArray:
+        """(n,): the distance to a triangle is convex, and so no longer than at the farthest coefficient."""
+        coefficients = self.pieces.coefficients[block].swapaxes(1, 2).reshape(-1, 3)
+        distances = self.mesh.distances(coefficients, np.repeat(which, 16))[0]
+        return distances.reshape(-1, 16).max(axis=1) + self.pieces.excess[block]

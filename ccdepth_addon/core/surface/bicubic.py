@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bicubic B-spline patches in Bernstein form, and what a level-k facet misses of them, exactly.
+
+Nets are (4, 4, P, 3); coefficients are (rows, P, 3), or (4, 4, P, 3) for a whole patch. Functionals of a net are
+(rows, 16) matrices, its points counted [i, j] → 4i + j.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+
+import numpy as np
+
+from ..arrays.matrix_products import product
+from ..arrays.types import FloatArray
+from ..bounds.norms import squared_norms
+
+SPLINE_TO_BERNSTEIN = np.array([[1, 4, 1, 0], [0, 4, 2, 0], [0, 2, 4, 0], [0, 1, 4, 1]]) / 6
+SECOND_DIFFERENCE = np.array([[1, -2, 1, 0], [0, 1, -2, 1]], dtype=np.float64)
+FIRST_HALF = np.array([[8, 0, 0, 0], [4, 4, 0, 0], [2, 4, 2, 0], [1, 3, 3, 1]]) / 8
+HALVES = (FIRST_HALF, FIRST_HALF[::-1, ::-1])
+SPLINE_HALVES = (
+    np.array([[4, 4, 0, 0], [1, 6, 1, 0], [0, 4, 4, 0], [0, 1, 6, 1]]) / 8,
+    np.array([[1, 6, 1, 0], [0, 4, 4, 0], [0, 1, 6, 1], [0, 0, 4, 4]]) / 8,
+)
+
+
+def apply(functionals: FloatArray, net: FloatArray) -> FloatArray:
+    """(rows, P, 3): the values of functionals (rows, 16) on nets (4, 4, P, 3)."""
+    return product(functionals, net.reshape(16, -1)).reshape(len(functionals), -1, 3)
+
+
+def tensor(along_u: FloatArray, along_v: FloatArray) -> FloatArray:
+    """(a · b, 16): the functionals with every pair of rows of (a, 4) and (b, 4)."""
+    return np.einsum("ai,bj->abij", along_u, along_v).reshape(-1, 16)
+
+
+def both_ways(halves: tuple[FloatArray, FloatArray], blocks: FloatArray) -> FloatArray:
+    """Four blocks for each of (4, 4, P, 3), one quarter after the other: (4, 4, 4P, 3)."""
+    rows = blocks.reshape(16, -1)
+    quarters = [product(np.kron(a, b), rows).reshape(blocks.shape) for a in halves for b in halves]
+    return np.concatenate(quarters, axis=2)
+
+
+def largest_norm(vectors: FloatArray) -> FloatArray:
+    """(P,): the longest of the vectors (rows, P, 3) of each patch."""
+    return np.sqrt(squared_norms(vectors).max(axis=0))
+
+
+@cache
+def second_derivatives() -> FloatArray:
+    """(20, 16): functionals for S_uu (2 × 4) and S_vv (4 × 2) in Bernstein form, and S_uuvv (2 × 2), knots 1 apart."""
+    return np.concatenate(
+        [
+            tensor(SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN),
+            tensor(SPLINE_TO_BERNSTEIN, SECOND_DIFFERENCE),
+            tensor(SECOND_DIFFERENCE, SECOND_DIFFERENCE),
+        ]
+    )
+
+
+def elevated(ends: FloatArray) -> FloatArray:
+    """(4, …): linear coefficients (2, …) raised to cubic ones."""
+    first, last = ends
+    return np.stack([first, (2 * first + last) / 3, (first + 2 * last) / 3, last])
+
+
+def bilinear_coefficients(corners: FloatArray) -> FloatArray:
+    """(4, 4, …): the bicubic Bernstein coefficients of bilinear facets over corners (4, …) in a face's order."""
+    first, second, third, fourth = corners
+    ends = np.stack([elevated(np.stack([first, fourth])), elevated(np.stack([second, third]))])
+    return elevated(ends)
+
+
+def patch_coefficients(net: FloatArray) -> FloatArray:
+    """(4, 4, P, 3): the Bernstein coefficients of the patches."""
+    return apply(tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN), net).reshape(net.shape)

@@ -1,0 +1,262 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The limit surface itself, exactly, at given points: of positions, or of any values the control vertices carry.
+
+A point goes down its own line of descendants, and no other, until it lies on a spline patch or is an irregular vertex:
+
+- on a regular face the values are those of the bicubic B-spline patch of its 4 × 4 net (``patches``);
+- on an extraordinary face the net is refined by the matrices of ``stencils`` until the point lies in one of the three
+  regular children (Stam, *Exact evaluation of Catmull-Clark subdivision surfaces at arbitrary parameter values*, 1998);
+- any other face is refined with its one-ring, and the point passed on to the child it lies in.
+
+A quarter of a face (``surface_points``) is its child after one step, with the same parameters. So a point goes from
+child to child by doubling its parameters, which rounds nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..arrays.chunks import blocks
+from ..arrays.types import FloatArray, IndexArray
+from ..mesh.polygon_mesh import PolygonMesh, submesh
+from .catmull_clark import limit_positions, subdivide
+from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
+from .stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils
+from .surface_points import SurfacePoints
+
+# Faces whose nets, or whose refined neighbourhoods, are held at once.
+PATCHES_AT_ONCE = 1 << 13
+REFINED_AT_ONCE = 1 << 12
+
+# Points on these held at once.
+POINTS_ON_PATCHES = 1 << 16
+
+# Points worked out at once, so that what belongs to them stays in the processor's cache.
+POINTS_AT_ONCE = 1 << 13
+
+
+class Quantity(Protocol):
+    """Something the limit surface has at every point, which rows of K numbers describe."""
+
+    def on_splines(self, nets: FloatArray, which: IndexArray, parameters: FloatArray) -> FloatArray:
+        """(P, K): on spline patches. nets (4, 4, F, D); which (P,) of them; parameters (P, 2), [0, 1] along i and j."""
+
+    def at_extraordinary_vertices(self, nets: FloatArray) -> FloatArray:
+        """(P, K): at the first point of extraordinary nets (2n + 8, P, D) in Stam's order."""
+
+    def at_vertices(self, mesh: PolygonMesh, corners: IndexArray) -> FloatArray:
+        """(P, K): at the vertices of corners (P,), seen from the corner's face; the faces around them are all there."""
+
+
+def limit_values(
+    mesh: PolygonMesh, values: FloatArray, points: SurfacePoints, kinds: PatchKinds | None = None
+) -> FloatArray:
+    """(N, D) float64: what the values (V, D) of the control vertices come to at points of the limit surface.
+
+    mesh: with explicit sharpness (``catmull_clark.apply_boundary_rule``); its rules act on the values in place of its
+    positions. Exact but for rounding, everywhere: some units in the last place of the largest value for each level a
+    point is descended. Parameters should be dyadic fractions; others are rounded to one where a face is not regular.
+    kinds: those of the mesh's patches, where they are known.
+    """
+    surface = mesh.changed(positions=np.ascontiguousarray(values, dtype=np.float64))
+    return evaluate(surface, points, _Values(), surface.positions.shape[1], kinds)
+
+
+class _Values:
+    """The values that the control vertices have for positions."""
+
+    def on_splines(self, nets: FloatArray, which: IndexArray, parameters: FloatArray) -> FloatArray:
+        return spline_sums(nets, which, spline_weights(parameters[:, 0]), spline_weights(parameters[:, 1]))
+
+    def at_extraordinary_vertices(self, nets: FloatArray) -> FloatArray:
+        valence = (len(nets) - 8) // 2
+        return apply_stencils(patch_stencils(valence).limits[:1], nets)[0]
+
+    def at_vertices(self, mesh: PolygonMesh, corners: IndexArray) -> FloatArray:
+        vertices = mesh.corner_vertices[corners]
+        wanted = np.zeros(mesh.vertex_count, dtype=bool)
+        wanted[vertices] = True
+        return limit_positions(mesh, wanted)[vertices]
+
+
+def spline_weights(parameters: FloatArray) -> FloatArray:
+    """(4, P): the weights of four points in a row of the cubic B-spline over the middle two, at parameters (P,)."""
+    t, s = parameters, 1 - parameters
+    return np.stack([s * s * s, 4 - 3 * t * t * (1 + s), 4 - 3 * s * s * (1 + t), t * t * t]) / 6
+
+
+def spline_sums(nets: FloatArray, which: IndexArray, along: FloatArray, across: FloatArray) -> FloatArray:
+    """(P, D): tensor products of weights (4, P), for i and for j, with nets (4, 4, F, D), ``which`` (P,) of them."""
+    # Columns apart: rows of two or three numbers are too short to be fast.
+    columns = np.ascontiguousarray(np.moveaxis(nets, 3, 2))
+    sums = np.empty((nets.shape[3], len(which)))
+    for block in blocks(len(which), POINTS_AT_ONCE):
+        total = 0.0
+        for j in range(4):
+            row = sum(along[i, block] * columns[i, j].take(which[block], axis=1) for i in range(4))
+            total += across[j, block] * row
+        sums[:, block] = total
+    return sums.T
+
+
+def evaluate(
+    mesh: PolygonMesh, points: SurfacePoints, quantity: Quantity, columns: int, kinds: PatchKinds | None = None
+) -> FloatArray:
+    """(N, columns) float64: a quantity of the limit surface at the points. kinds: as for ``limit_values``."""
+    result = np.empty((len(points.corners), columns))
+    # A line of descent at a time, so that few refined meshes are alive at once.
+    lines: list[Iterator[_Pending]] = [iter([_Pending(mesh, points, np.arange(len(points.corners)), kinds)])]
+    while lines:
+        pending = next(lines[-1], None)
+        if pending is None:
+            lines.pop()
+        else:
+            lines.append(_settled(pending, quantity, result))
+    return result
+
+
+@dataclass(frozen=True)
+class _Pending:
+    """Points on a mesh that wait for their values. rows: (N,) intp, where in the result these belong. kinds: those of
+    the mesh's patches, where they are known."""
+
+    mesh: PolygonMesh
+    points: SurfacePoints
+    rows: IndexArray
+    kinds: PatchKinds | None = None
+
+    def at(self, chosen: IndexArray) -> _Pending:
+        return _Pending(self.mesh, self.points.at(chosen), self.rows[chosen])
+
+    def faces(self) -> IndexArray:
+        return self.mesh.corner_faces[self.points.corners]
+
+    def corners_from(self, faces: IndexArray) -> IndexArray:
+        """(N,) the place of each point's corner in its face, counted from 0, given the faces."""
+        return self.points.corners - self.mesh.face_starts[faces]
+
+
+def _settled(pending: _Pending, quantity: Quantity, result: FloatArray) -> Iterator[_Pending]:
+    """Put into the result what can be told at this level, and pass on the rest, refined."""
+    mesh, faces = pending.mesh, pending.faces()
+    kinds = pending.kinds or classify_patches(mesh)
+    corners = kinds.extraordinary_corners[faces]
+    extraordinary = kinds.kinds[faces] == PatchKind.EXTRAORDINARY
+    extraordinary &= mesh.vertex_face_counts[mesh.corner_vertices[corners]] <= LARGEST_STENCIL_VALENCE
+    regular = kinds.kinds[faces] == PatchKind.REGULAR
+    at_vertex = ~(regular | extraordinary) & ~pending.points.parameters.any(axis=1)
+    _put_on_regular(pending, np.flatnonzero(regular), quantity, result)
+    on_extraordinary = np.flatnonzero(extraordinary)
+    _put_on_extraordinary(pending.at(on_extraordinary), corners[on_extraordinary], quantity, result)
+    _put_at_vertices(pending.at(np.flatnonzero(at_vertex)), quantity, result)
+    return _refined(pending.at(np.flatnonzero(~(regular | extraordinary | at_vertex))))
+
+
+def _put_on_regular(pending: _Pending, regular: IndexArray, quantity: Quantity, result: FloatArray) -> None:
+    """regular: (n,) intp, which of the points lie on regular faces."""
+    mesh = pending.mesh
+    for faces, chosen, which in _by_faces(pending.faces()[regular], PATCHES_AT_ONCE):
+        nets = regular_nets(mesh, faces)
+        for block in blocks(len(chosen), POINTS_ON_PATCHES):
+            part = pending.at(regular[chosen[block]])
+            parameters = _in_face(part.corners_from(faces[which[block]]), part.points.parameters)
+            result[part.rows] = quantity.on_splines(nets, which[block], parameters)
+
+
+def _put_on_extraordinary(pending: _Pending, corners: IndexArray, quantity: Quantity, result: FloatArray) -> None:
+    """corners: (N,) intp, the extraordinary corner of each point's face."""
+    mesh = pending.mesh
+    valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
+    for valence in np.unique(valences).tolist():
+        of_valence = np.flatnonzero(valences == valence)
+        # One extraordinary corner a face: it tells which face it is.
+        for at_corners, chosen, which in _by_faces(corners[of_valence], PATCHES_AT_ONCE):
+            part = pending.at(of_valence[chosen])
+            turned = (part.points.corners - at_corners[which]) % 4
+            nets = extraordinary_nets(mesh, at_corners, valence)
+            _descend(nets, which, SurfacePoints(turned, part.points.parameters), part.rows, quantity, result)
+
+
+def _descend(
+    nets: FloatArray, which: IndexArray, points: SurfacePoints, rows: IndexArray, quantity: Quantity, result: FloatArray
+) -> None:
+    """Go down the children at the extraordinary vertex. The points' corners are counted from there."""
+    stencils = patch_stencils((len(nets) - 8) // 2)
+    while True:
+        outer = np.flatnonzero(points.corners > 0)
+        if len(outer):
+            children = _regular_children(stencils.regular, nets)
+            child = (points.corners[outer] - 1) * nets.shape[1] + which[outer]
+            result[rows[outer]] = quantity.on_splines(children, child, points.parameters[outer])
+        away = points.parameters.any(axis=1)
+        centre = np.flatnonzero((points.corners == 0) & ~away)
+        if len(centre):
+            result[rows[centre]] = quantity.at_extraordinary_vertices(nets)[which[centre]]
+        inner = np.flatnonzero((points.corners == 0) & away)
+        if not len(inner):
+            return
+        kept, which = np.unique(which[inner], return_inverse=True)
+        nets = apply_stencils(stencils.refined, nets[:, kept])
+        rows, points = rows[inner], _in_quarters(points.parameters[inner])
+
+
+def _regular_children(stencils: FloatArray, nets: FloatArray) -> FloatArray:
+    """(4, 4, 3F, D): the regular children of extraordinary nets (2n + 8, F, D), child after child."""
+    children = apply_stencils(stencils, nets).reshape(3, 4, 4, *nets.shape[1:])
+    return children.transpose(1, 2, 0, 3, 4).reshape(4, 4, -1, nets.shape[2])
+
+
+def _put_at_vertices(pending: _Pending, quantity: Quantity, result: FloatArray) -> None:
+    for faces, chosen, which in _by_faces(pending.faces(), REFINED_AT_ONCE):
+        part = pending.at(chosen)
+        neighbourhood, _ = submesh(part.mesh, faces)
+        corners = neighbourhood.face_starts[which] + part.corners_from(faces[which])
+        result[part.rows] = quantity.at_vertices(neighbourhood, corners)
+
+
+def _refined(pending: _Pending) -> Iterator[_Pending]:
+    """The points on the children of their faces."""
+    for faces, chosen, which in _by_faces(pending.faces(), REFINED_AT_ONCE):
+        part = pending.at(chosen)
+        neighbourhood, _ = submesh(part.mesh, faces)
+        children = neighbourhood.face_starts[which] + part.corners_from(faces[which])
+        points = _in_quarters(part.points.parameters)
+        on_children = SurfacePoints(4 * children + points.corners, points.parameters)
+        yield _Pending(subdivide(neighbourhood).mesh, on_children, part.rows)
+
+
+def _by_faces(faces: IndexArray, at_once: int) -> Iterator[tuple[IndexArray, IndexArray, IndexArray]]:
+    """Points by blocks of faces, given the face of each: the faces of a block, the points on them, and which of these
+    faces each is on."""
+    order = np.argsort(faces, kind="stable")
+    ordered = faces[order]
+    first = np.flatnonzero(np.diff(ordered, prepend=-1))
+    ends = np.append(first, len(order))
+    for start in range(0, len(first), at_once):
+        block = ends[start : start + at_once + 1]
+        which = np.repeat(np.arange(len(block) - 1), np.diff(block))
+        yield ordered[block[:-1]], order[block[0] : block[-1]], which
+
+
+def _in_face(corners: IndexArray, parameters: FloatArray) -> FloatArray:
+    """(N, 2): parameters in the quarters of quads → in the quads, with corner 0 at (0, 0) and corner 1 at (1, 0)."""
+    u, v = parameters.T / 2
+    along = np.choose(corners, [u, 1 - v, 1 - u, v])
+    across = np.choose(corners, [v, u, 1 - v, 1 - u])
+    return np.stack([along, across], axis=1)
+
+
+def _in_quarters(parameters: FloatArray) -> SurfacePoints:
+    """Parameters (N, 2) in quads → the corner, 0 to 3, in whose quarter they lie, and the parameters there."""
+    u, v = parameters.T
+    right, upper = u > 0.5, v > 0.5
+    corners = np.where(upper, np.where(right, 2, 3), np.where(right, 1, 0))
+    from_side, from_bottom = np.where(right, 1 - u, u), np.where(upper, 1 - v, v)
+    swapped = right != upper
+    along = np.where(swapped, from_bottom, from_side)
+    across = np.where(swapped, from_side, from_bottom)
+    return SurfacePoints(corners, 2 * np.stack([along, across], axis=1))

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Extraordinary patches as matrices: every refined point is a fixed combination of the net's 2n + 8 points.
+
+The matrices are read off one refinement of a patch whose vertices stand at the unit vectors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+
+from ..arrays.matrix_products import product
+from ..arrays.types import FloatArray
+from ..bounds.norms import ring_index
+from ..mesh.polygon_mesh import PolygonMesh, polygon_mesh
+from .catmull_clark import limit_positions, subdivide
+from .patches import extraordinary_nets, regular_nets
+
+# The stencils of a valence take time that grows with its cube; beyond this the mesh itself had better be refined.
+LARGEST_STENCIL_VALENCE = 64
+
+
+def stencil_patch(valence: int) -> PolygonMesh:
+    """The faces of an extraordinary net of 2n + 8 points, vertex i at the i-th unit vector.
+
+    Every position of a refinement is then the stencil it has on the net. Face 0 is the facet, from its extraordinary
+    vertex on.
+    """
+    n = valence
+
+    def ring(number: int) -> int:
+        return ring_index(n, number)
+
+    o2, o3, o4, o5, o6, o7, o8 = range(2 * n + 1, 2 * n + 8)
+    around = [[0, ring(2 * i + 2), ring(2 * i + 1), ring(2 * i)] for i in range(2, n + 2)]
+    outer = [
+        [ring(6), o4, o3, ring(5)],
+        [ring(5), o3, o2, o6],
+        [ring(4), ring(5), o6, o7],
+        [ring(3), ring(4), o7, o8],
+        [ring(7), o5, o4, ring(6)],
+    ]
+    corners = np.array(around + outer).reshape(-1)
+    patch = polygon_mesh(np.eye(2 * n + 8), np.full(n + 5, 4), corners)
+    # The net's outline is no boundary of the surface.
+    return replace(patch, sharpness_is_explicit=True)
+
+
+@dataclass(frozen=True)
+class PatchStencils:
+    """Matrices for the nets of one valence.
+
+    refined: (2n + 8, 2n + 8), the net of the child at the extraordinary vertex. regular: (3 · 16, 2n + 8), the nets of
+    the children at V₆, V₅ and V₄. limits: (4, 2n + 8), the limit positions of the facet's corners.
+    """
+
+    refined: FloatArray
+    regular: FloatArray
+    limits: FloatArray
+
+
+@lru_cache(maxsize=64)
+def patch_stencils(valence: int) -> PatchStencils:
+    """The matrices for a valence of 3, 5 or more."""
+    patch = stencil_patch(valence)
+    children = subdivide(patch).mesh
+    size = 2 * valence + 8
+    return PatchStencils(
+        refined=extraordinary_nets(children, np.array([0]), valence).reshape(size, size),
+        regular=regular_nets(children, np.array([1, 2, 3])).reshape(16, 3, size).swapaxes(0, 1).reshape(48, size),
+        limits=limit_positions(patch)[patch.corner_vertices[:4]],
+    )
+
+
+def apply_stencils(stencils: FloatArray, nets: FloatArray) -> FloatArray:
+    """(rows, P, 3): stencils (rows, N) applied to nets (N, P, 3)."""
+    return product(stencils, nets.reshape(len(nets), -1)).reshape(len(stencils), *nets.shape[1:])

@@ -1,0 +1,298 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The attributes of a mesh on its subdivision: UV maps, colours, creases, selections, and whatever else there is.
+
+As the Subdivision Surface modifier carries them when it is applied, but for these:
+
+- Integers and texts are those of the nearest vertex or corner; the modifier averages integers, and so makes up numbers
+  that stand for nothing, or leaves zeros, by version and type, and drops texts.
+- Vertex creases stay at the vertices; the modifier spreads them over the faces around.
+- Selected and hidden parts stay whole; the modifier takes away the edges inside faces.
+- Edges with a crease of 1 are marked sharp, as they are sharp on the surface.
+- Custom normals are left out: they belong to the coarse faces.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import (
+    BoolArray,
+    Evaluate,
+    IndexArray,
+    PolygonMesh,
+    ShortIndexArray,
+    SubdividedMesh,
+    SurfacePoints,
+    at_corners,
+    at_vertices,
+    crease_to_sharpness,
+    interpolated,
+    join_transformations,
+    limit_values,
+    nearest_vertices,
+    split_transformations,
+    to_quaternions,
+    to_rotation_vectors,
+    uv_surface,
+)
+from ..state.results import BOUND, COLOR, DEPTH, color_of_user
+from .bulk_writing import write_values
+from .control_mesh import EDGE_CREASE, VERTEX_CREASE, read_creases, read_values
+
+Values = NDArray[Any]
+
+
+@dataclass(frozen=True)
+class ValueType:
+    """How Blender's collections hand out the values of a type of attributes, what stands where there is none, and the
+    steps they are kept in."""
+
+    value: str
+    dtype: type
+    width: int = 1
+    default: tuple[float, ...] = (0,)
+    step: float = 0.0
+
+
+IDENTITY = tuple(np.eye(4).ravel().tolist())
+# Byte colours are interpolated as they are stored, in sRGB.
+TYPES = {
+    "FLOAT": ValueType("value", np.float32),
+    "FLOAT2": ValueType("vector", np.float32, 2),
+    "FLOAT_VECTOR": ValueType("vector", np.float32, 3),
+    "FLOAT4": ValueType("vector", np.float32, 4),
+    "FLOAT_COLOR": ValueType("color", np.float32, 4),
+    "BYTE_COLOR": ValueType("color_srgb", np.float32, 4, step=1 / 255),
+    "QUATERNION": ValueType("value", np.float32, 4, (1, 0, 0, 0)),
+    "FLOAT4X4": ValueType("value", np.float32, 16, IDENTITY),
+    "BOOLEAN": ValueType("value", np.bool_),
+    "INT": ValueType("value", np.int32),
+    "INT8": ValueType("value", np.int8),
+    "INT16_2D": ValueType("value", np.int16, 2),
+    "INT32_2D": ValueType("value", np.int32, 2),
+}
+
+TOPOLOGY = {"position", ".edge_verts", ".corner_vert", ".corner_edge"}
+LEFT_OUT = TOPOLOGY | {DEPTH, BOUND, COLOR}
+CUSTOM_NORMAL = "custom_normal"
+# From this version on normals can be stored as they are; before, only as angles from Blender's own, in 16 bits each.
+FREE_NORMALS = (4, 5)
+# Flags that vertices, edges and faces have in common, by the beginning of their names.
+FLAGS = (".select", ".hide")
+FLAG_DOMAINS = {f"{flag}_{kind}": domain for flag in FLAGS for kind, domain in (("vert", "POINT"), ("edge", "EDGE"))}
+# Marks that Blender before 5.0 keeps outside the attributes.
+MARKS = "use_freestyle_mark"
+
+
+class Carrier:
+    """Carries the attributes of one mesh to its subdivision; ``control`` has the faces and corners of ``base``."""
+
+    def __init__(self, base: bpy.types.Mesh, control: PolygonMesh, subdivided: SubdividedMesh, uv_smooth: str) -> None:
+        self.base = base
+        self.control = control
+        self.subdivided = subdivided
+        self.uv_smooth = uv_smooth
+
+    # Whatever is infinite or no number stays so, where it can.
+    @np.errstate(all="ignore")
+    def write(self, mesh: bpy.types.Mesh) -> None:
+        """Put them all on the new mesh, which has its faces, and no attributes but those."""
+        uv_maps = {layer.name for layer in self.base.uv_layers}
+        for attribute in self.base.attributes:
+            if is_left_out(attribute) or len(attribute.data) != _count(self.base, attribute.domain):
+                continue
+            carried = self._uv_map(attribute) if attribute.name in uv_maps else self._generic(attribute)
+            if carried is not None:
+                write_attribute(mesh, attribute.name, attribute.data_type, attribute.domain, carried)
+            elif attribute.data_type == "STRING":
+                self._write_texts(mesh, attribute)
+        for flag in FLAGS:
+            self._write_flags(mesh, flag)
+        self._write_marks(mesh)
+        self._sharpen_creases(mesh)
+
+    def _generic(self, attribute: bpy.types.Attribute) -> Values | None:
+        """The values of an attribute on the new mesh, or None for a type that is not known."""
+        kind = TYPES.get(attribute.data_type)
+        if kind is None:
+            return None
+        values = _rows(attribute.data, kind)
+        if attribute.domain == "FACE":
+            return values[self.subdivided.base_faces]
+        if attribute.domain == "EDGE":
+            return _copied(values, self.subdivided.base_edges, kind)
+        if attribute.name == VERTEX_CREASE and attribute.domain == "POINT":
+            return _copied(values, self.subdivided.base_vertices, kind)
+        if np.issubdtype(values.dtype, np.integer):
+            return values[self._sources(attribute.domain)]
+        return self._spread(attribute, values)
+
+    def _spread(self, attribute: bpy.types.Attribute, values: Values) -> Values:
+        """Values at the vertices or corners of the base, at those of the new mesh."""
+        if attribute.domain == "CORNER":
+            return self._interpolated(attribute.data_type, values, self._at_corners)
+        corner_values = values[self.control.corner_vertices]
+
+        def at(points: SurfacePoints) -> Values:
+            return self._interpolated(attribute.data_type, corner_values, lambda evaluate: evaluate(points))
+
+        # What is split and joined again may not come back as it was, so vertices that stay keep theirs.
+        return at_vertices(self.subdivided, values, at, self.subdivided.base_vertices >= 0)
+
+    def _interpolated(self, data_type: str, values: Values, ask: Callable[[Evaluate], Values]) -> Values:
+        """``values`` (C, D) at the base's corners, where ``ask`` wants them."""
+        if data_type == "QUATERNION":
+            return to_quaternions(self._linearly(to_rotation_vectors(values.astype(np.float64)), ask))
+        if data_type == "FLOAT4X4":
+            return join_transformations(self._linearly(split_transformations(values.astype(np.float64)), ask))
+        if data_type == "BOOLEAN":
+            # True as soon as one corner with a say in it is, like the modifier.
+            return self._linearly(values.astype(np.float64), ask) > 0
+        return self._linearly(values.astype(np.float64), ask)
+
+    def _linearly(self, values: Values, ask: Callable[[Evaluate], Values]) -> Values:
+        return ask(lambda points: interpolated(self.control, values, points))
+
+    def _uv_map(self, attribute: bpy.types.Attribute) -> Values:
+        uvs = _rows(attribute.data, TYPES["FLOAT2"])
+        if self.uv_smooth == "NONE" or not np.isfinite(uvs).all():
+            return self._interpolated("FLOAT2", uvs, self._at_corners)
+        surface = uv_surface(self.control, uvs, self.uv_smooth)
+
+        def on_surface(points: SurfacePoints) -> Values:
+            return limit_values(surface, surface.positions[:, :2], points)
+
+        return self._at_corners(on_surface)
+
+    def _at_corners(self, evaluate: Evaluate) -> Values:
+        return at_corners(self.subdivided, evaluate)
+
+    def _write_texts(self, mesh: bpy.types.Mesh, attribute: bpy.types.Attribute) -> None:
+        texts = [item.value for item in attribute.data]
+        sources = self._sources(attribute.domain)
+        written = mesh.attributes.new(attribute.name, "STRING", attribute.domain).data
+        # Blender takes texts one at a time only; the new ones are empty.
+        filled = np.array([bool(text) for text in texts], dtype=bool)
+        for place in np.flatnonzero((sources >= 0) & filled[sources]).tolist():
+            written[place].value = texts[sources[place]]
+
+    def _sources(self, domain: str) -> IndexArray | ShortIndexArray:
+        """The element of the base that each element of the new mesh takes after, or -1."""
+        if domain == "POINT":
+            return nearest_vertices(self.control, self.subdivided)
+        if domain == "CORNER":
+            return self.subdivided.corner_points.corners
+        return self.subdivided.base_edges if domain == "EDGE" else self.subdivided.base_faces
+
+    def _write_flags(self, mesh: bpy.types.Mesh, flag: str) -> None:
+        """Vertices and edges are what the vertex, edge or face of the base is that they lie in."""
+        vertices, edges, faces = (self._flags(f"{flag}_{kind}") for kind in ("vert", "edge", "poly"))
+        if not (vertices.any() or edges.any() or faces.any()):
+            return
+        made = self.subdivided
+        at_vertices = np.full(len(made.positions), faces.any())
+        at_edges = np.full(len(made.edge_vertices), faces.any())
+        if faces.any() and not faces.all():
+            at_vertices = faces[self.control.corner_faces[made.vertex_points.corners]]
+            at_edges[made.corner_edges] = np.repeat(faces[made.base_faces], np.diff(made.face_starts))
+        for flags, sources, values in (
+            (at_vertices, made.vertex_edges, edges),
+            (at_vertices, made.base_vertices, vertices),
+            (at_edges, made.base_edges, edges),
+        ):
+            outside = np.flatnonzero(sources >= 0)
+            flags[outside] = values[sources[outside]]
+        for name, values in ((f"{flag}_vert", at_vertices), (f"{flag}_edge", at_edges)):
+            # One of another kind is no flag.
+            if name not in mesh.attributes:
+                write_attribute(mesh, name, "BOOLEAN", FLAG_DOMAINS[name], values)
+
+    def _flags(self, name: str) -> BoolArray:
+        domain = {"vert": "POINT", "edge": "EDGE", "poly": "FACE"}[name.rpartition("_")[2]]
+        attribute = self.base.attributes.get(name)
+        if attribute is None or (attribute.data_type, attribute.domain) != ("BOOLEAN", domain):
+            return np.zeros(_count(self.base, domain), dtype=bool)
+        return read_values(attribute.data, "value", np.bool_)
+
+    def _write_marks(self, mesh: bpy.types.Mesh) -> None:
+        for domain, sources in (("EDGE", self.subdivided.base_edges), ("FACE", self.subdivided.base_faces)):
+            items, new_items = _elements(self.base, domain), _elements(mesh, domain)
+            if not len(items) or not hasattr(items[0], MARKS):
+                continue
+            marks = read_values(items, MARKS, np.bool_)
+            if marks.any():
+                write_values(new_items, MARKS, (sources >= 0) & marks[sources])
+
+    def _sharpen_creases(self, mesh: bpy.types.Mesh) -> None:
+        """Crease edges that stay sharp forever are shaded sharp."""
+        creases = read_creases(self.base, EDGE_CREASE)
+        if creases is None:
+            return
+        creased = np.isinf(crease_to_sharpness(creases))
+        creased &= np.isinf(self.control.edge_sharpness)
+        base_edges = self.subdivided.base_edges
+        sharp = (base_edges >= 0) & creased[base_edges]
+        if sharp.any():
+            present = mesh.attributes.get("sharp_edge")
+            if present is not None:
+                sharp |= read_values(present.data, "value", np.bool_)
+            write_attribute(mesh, "sharp_edge", "BOOLEAN", "EDGE", sharp)
+
+
+def is_left_out(attribute: bpy.types.Attribute) -> bool:
+    """Whether an attribute is not carried over as it is: the mesh itself, results of ours, flags, custom normals."""
+    if attribute.name == CUSTOM_NORMAL:
+        free = attribute.data_type == "FLOAT_VECTOR" and bpy.app.version >= FREE_NORMALS
+        return free or (attribute.data_type, attribute.domain) == ("INT16_2D", "CORNER")
+    is_flag = (attribute.data_type, attribute.domain) == ("BOOLEAN", FLAG_DOMAINS.get(attribute.name))
+    return is_flag or attribute.name in LEFT_OUT
+
+
+def write_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str, values: Values) -> None:
+    """Write the values (N, D) or (N,) of an attribute, which is made if the mesh does not have it."""
+    kind = TYPES[data_type]
+    attribute = mesh.attributes.get(name)
+    if attribute is not None and (attribute.data_type, attribute.domain) != (data_type, domain):
+        mesh.attributes.remove(attribute)
+        attribute = None
+    if attribute is None:
+        attribute = mesh.attributes.new(name, data_type, domain)
+    write_values(attribute.data, kind.value, np.asarray(values, dtype=kind.dtype), kind.step)
+
+
+def _rows(data: Any, kind: ValueType) -> Values:
+    """(N, D) of a collection's values, D being 1 for single ones."""
+    return read_values(data, kind.value, kind.dtype, kind.width).reshape(-1, kind.width)
+
+
+def _copied(values: Values, sources: ShortIndexArray, kind: ValueType) -> Values:
+    """The rows of ``values`` at ``sources``, and the type's default at -1."""
+    default: Values = np.resize(np.array(kind.default, dtype=kind.dtype), (1, kind.width))
+    return np.concatenate([values, default])[sources]
+
+
+def _elements(mesh: bpy.types.Mesh, domain: str) -> Any:
+    return {"POINT": mesh.vertices, "EDGE": mesh.edges, "FACE": mesh.polygons, "CORNER": mesh.loops}[domain]
+
+
+def _count(mesh: bpy.types.Mesh, domain: str) -> int:
+    return len(_elements(mesh, domain))
+
+
+def choose_same(base: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
+    """Make the same UV maps, colours and attribute the active ones, and those for rendering."""
+    for layer in base.uv_layers:
+        copy = mesh.uv_layers.get(layer.name)
+        if copy is not None:
+            copy.active, copy.active_render, copy.active_clone = layer.active, layer.active_render, layer.active_clone
+    mesh.attributes.active_color_name = color_of_user(base, base.attributes.active_color_name)
+    mesh.attributes.default_color_name = color_of_user(base, base.attributes.default_color_name)
+    active = base.attributes.active
+    if active is not None and active.name in mesh.attributes:
+        mesh.attributes.active = mesh.attributes[active.name]

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A subdivision result → a new Blender mesh, with everything that the base mesh carries."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ..core import PolygonMesh, SubdividedMesh
+from .attributes import Carrier, choose_same
+from .bulk_writing import own_copy, remove_shape_keys, write_values
+from .custom_normals import write_limit_normals
+from .shape_keys import basis_mesh, write_shape_keys
+from .vertex_groups import group_names, write_groups
+
+
+@dataclass(frozen=True)
+class CarryOptions:
+    """uv_smooth: the modifier's UV Smooth. limit_normals: shade with the exact normals of the limit surface."""
+
+    uv_smooth: str = "PRESERVE_BOUNDARIES"
+    limit_normals: bool = False
+
+
+def new_mesh(
+    base: bpy.types.Mesh, control: PolygonMesh, subdivided: SubdividedMesh, options: CarryOptions | None = None
+) -> bpy.types.Mesh:
+    """The subdivision as a mesh of its own, with the materials, attributes, groups, keys and settings of ``base``.
+
+    base: in Object Mode. control: its control mesh, with the same vertices, edges, faces and corners, and explicit
+    sharpness. Nothing of ``base`` is changed. Vertices and edges without faces stay as they are. Results of ours are
+    left out.
+    """
+    options = options or CarryOptions()
+    mesh = own_copy(base)
+    holder = bpy.data.objects.new(mesh.name, mesh)
+    try:
+        groups = group_names(holder)
+        remove_shape_keys(holder)
+        mesh.clear_geometry()
+        mesh.property_unset("ccdepth")
+        _write_faces(mesh, subdivided)
+        # A group and an attribute may have one name, but only if the attribute is there first.
+        holder.vertex_groups.clear()
+        Carrier(base, control, subdivided, options.uv_smooth).write(mesh)
+        write_groups(holder, groups, base, control, subdivided)
+        choose_same(base, mesh)
+        write_shape_keys(holder, base, control, subdivided)
+        if options.limit_normals:
+            deformable = base.shape_keys is not None or bool(groups.names)
+            write_limit_normals(mesh, basis_mesh(base, control), subdivided, deformable=deformable)
+    except BaseException:
+        bpy.data.objects.remove(holder)
+        bpy.data.meshes.remove(mesh)
+        raise
+    bpy.data.objects.remove(holder)
+    mesh.update()
+    return mesh
+
+
+def _write_faces(mesh: bpy.types.Mesh, subdivided: SubdividedMesh) -> None:
+    """Give an empty mesh its vertices, edges and faces."""
+    mesh.vertices.add(len(subdivided.positions))
+    mesh.edges.add(len(subdivided.edge_vertices))
+    mesh.loops.add(len(subdivided.corner_vertices))
+    mesh.polygons.add(len(subdivided.base_faces))
+    data = mesh.attributes
+    write_values(data["position"].data, "vector", subdivided.positions.astype(np.float32))
+    write_values(data[".edge_verts"].data, "value", subdivided.edge_vertices)
+    write_values(mesh.polygons, "loop_start", subdivided.face_starts[:-1].astype(np.int32))
+    write_values(data[".corner_vert"].data, "value", subdivided.corner_vertices)
+    write_values(data[".corner_edge"].data, "value", subdivided.corner_edges)
+    # Blender selects what it adds.
+    for name in (".select_vert", ".select_edge", ".select_poly"):
+        if name in data:
+            data.remove(data[name])

@@ -1,0 +1,218 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Subdivisions → objects: their meshes with everything carried over, in the place of the objects or beside them."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Iterator
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from ..operators.stepwise import Stage
+from ..state import fingerprint, results, staleness
+from ..state.mesh_checksums import Topology, geometry_checksum
+from ..state.object_state import object_state
+from ..tasks.adaptive_task import Subdivision, SubdivisionSettings
+from ..tasks.surfaces import ComputeError, same_control_mesh
+from ..ui import heat_map
+from .bulk_writing import WriteError, own_copy
+from .control_mesh import (
+    OBJECTS_AT_ONCE,
+    FrozenCopies,
+    applied_modifiers,
+    base_mesh,
+    copies_to_subdivide,
+    subdivision_modifier,
+)
+from .result_mesh import CarryOptions, new_mesh
+
+# Faces written in one go.
+FACES_AT_ONCE = 1 << 17
+
+NAME_SUFFIX = " Adaptive"
+
+CHANGED = "The objects were changed in the meantime: nothing was written"
+
+
+@dataclass(frozen=True)
+class Made:
+    """A subdivision, the session identifier of the mesh it has become, and the checksum of that mesh."""
+
+    subdivision: Subdivision
+    mesh_uid: int
+    geometry: int
+
+
+def make_meshes(
+    context: bpy.types.Context, answers: list[Subdivision], settings: SubdivisionSettings, *, exact_normals: bool
+) -> Generator[Stage, None, list[Made]]:
+    """Make the results' meshes, all or none; yields how far it is.
+
+    In Object Mode. Nothing else changes, and until they are placed nobody uses them. Raises ComputeError when an object
+    is no longer what it was.
+    """
+    made: list[Made] = []
+    try:
+        for batch in _batches(answers):
+            yield Stage(f"Writing meshes: {len(made):,} of {len(answers):,}")
+            context.view_layer.update()
+            holders = [_made_for(answer) for answer in batch]
+            with copies_to_subdivide(context, holders, use_modifiers=settings.use_modifiers) as copies:
+                for answer, holder in zip(batch, holders, strict=True):
+                    try:
+                        made.append(_make_mesh(context, answer, holder, settings, exact_normals, copies))
+                    except WriteError as fault:
+                        raise ComputeError(f"{holder.name}: {fault}") from fault
+    except BaseException:
+        bpy.data.batch_remove(_meshes(made))
+        raise
+    return made
+
+
+def place_meshes(
+    context: bpy.types.Context, made: list[Made], settings: SubdivisionSettings, *, in_place: bool
+) -> list[bpy.types.Object]:
+    """Put meshes where they belong; returns the objects that have them. Raises ComputeError, with the meshes removed
+    and nothing changed, when an object is no longer what it was."""
+    meshes = _meshes(made)
+    objects = {obj.name: obj for obj in bpy.data.objects if obj.library is None}
+    originals = [[objects.get(name) for name in each.subdivision.task.object_names] for each in made]
+    try:
+        for each, found in zip(made, originals, strict=True):
+            if not all(_is_as_it_was(original, each.subdivision) for original in found):
+                raise ComputeError(CHANGED)
+        users = [_place(context, *each, settings, in_place=in_place) for each in zip(originals, meshes, strict=True)]
+    except BaseException:
+        bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
+        raise
+    # New objects have no matrix of their own before.
+    context.view_layer.update()
+    for each, mesh, placed in zip(made, meshes, users, strict=True):
+        states = [object_state(user, use_modifiers=False) for user in placed]
+        fingerprint.remember(mesh, each.geometry, each.subdivision.adaptive.depths, states)
+        staleness.note_write(mesh)
+    heat_map.synchronise(context)
+    return [user for placed in users for user in placed]
+
+
+def _batches(answers: list[Subdivision]) -> Iterator[list[Subdivision]]:
+    """As many at once as their objects can be evaluated, and few enough faces to keep a window responsive."""
+    batch: list[Subdivision] = []
+    faces = 0
+    for answer in answers:
+        batch.append(answer)
+        faces += len(answer.adaptive.mesh.base_faces)
+        if len(batch) == OBJECTS_AT_ONCE or faces >= FACES_AT_ONCE:
+            yield batch
+            batch, faces = [], 0
+    if batch:
+        yield batch
+
+
+def _meshes(made: list[Made]) -> list[bpy.types.Mesh]:
+    """In their order, as far as they are still there."""
+    meshes = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
+    return [meshes[each.mesh_uid] for each in made if each.mesh_uid in meshes]
+
+
+def _made_for(answer: Subdivision) -> bpy.types.Object:
+    """The object the result is made for. Raises ComputeError when it or another is no longer what it was."""
+    objects = [bpy.data.objects.get(name) for name in answer.task.object_names]
+    if not all(_is_as_it_was(blender_object, answer) for blender_object in objects):
+        raise ComputeError(CHANGED)
+    return objects[0]
+
+
+def _is_as_it_was(blender_object: bpy.types.Object | None, answer: Subdivision) -> bool:
+    return (
+        blender_object is not None
+        and blender_object.type == "MESH"
+        and blender_object.data.session_uid == answer.task.mesh_uid
+    )
+
+
+def _make_mesh(
+    context: bpy.types.Context,
+    answer: Subdivision,
+    made_for: bpy.types.Object,
+    settings: SubdivisionSettings,
+    exact_normals: bool,
+    copies: FrozenCopies,
+) -> Made:
+    modifier = subdivision_modifier(made_for)
+    options = CarryOptions(limit_normals=exact_normals)
+    if modifier is not None:
+        options = CarryOptions(uv_smooth=modifier.uv_smooth, limit_normals=exact_normals)
+    control = answer.task.surface.control
+    with base_mesh(context, made_for, use_modifiers=settings.use_modifiers, copies=copies) as (base, own_control):
+        if not same_control_mesh(own_control, control):
+            raise ComputeError(CHANGED)
+        if base != made_for.data:
+            results.remember_same_colors(made_for.data, base)
+        mesh = new_mesh(base, control.mesh, answer.adaptive.mesh, options)
+    try:
+        mesh.name = made_for.name + NAME_SUFFIX
+        results.write_subdivision(mesh, answer, settings)
+    except BaseException:
+        bpy.data.meshes.remove(mesh)
+        raise
+    drawn = answer.adaptive.mesh
+    topology = Topology(drawn.face_starts[:-1].astype(np.int32), drawn.corner_vertices, drawn.edge_vertices)
+    return Made(answer, mesh.session_uid, geometry_checksum(mesh, topology))
+
+
+def _place(
+    context: bpy.types.Context,
+    originals: list[bpy.types.Object],
+    mesh: bpy.types.Mesh,
+    settings: SubdivisionSettings,
+    *,
+    in_place: bool,
+) -> list[bpy.types.Object]:
+    if not in_place:
+        return [_place_beside(context, original, mesh, settings) for original in originals]
+    old = originals[0].data
+    for original in originals:
+        _take_modifiers_off(original, settings)
+        original.data = mesh
+    name = old.name
+    if not old.users:
+        bpy.data.meshes.remove(old)
+    mesh.name = name
+    return originals
+
+
+def _place_beside(
+    context: bpy.types.Context, original: bpy.types.Object, mesh: bpy.types.Mesh, settings: SubdivisionSettings
+) -> bpy.types.Object:
+    """A copy of the object with the mesh, selected in its stead, and the object hidden, from the render as well."""
+    copy = own_copy(original)
+    copy.name = original.name + NAME_SUFFIX
+    _take_modifiers_off(copy, settings)
+    copy.data = mesh
+    _link_beside(context, original, copy)
+    space = context.space_data
+    if space is not None and space.type == "VIEW_3D" and space.local_view:
+        copy.local_view_set(space, True)
+    copy.select_set(original.select_get())
+    if context.view_layer.objects.active == original:
+        context.view_layer.objects.active = copy
+    original.select_set(False)
+    original.hide_set(True)
+    original.hide_render = True
+    return copy
+
+
+def _link_beside(context: bpy.types.Context, original: bpy.types.Object, copy: bpy.types.Object) -> None:
+    """Put the copy into the original's collections, and where all of them are of another file or overrides of its own,
+    which take no objects, into the scene's."""
+    collections = original.users_collection
+    own = [collection for collection in collections if collection.is_editable and not collection.override_library]
+    for collection in own or [context.scene.collection]:
+        collection.objects.link(copy)
+
+
+def _take_modifiers_off(blender_object: bpy.types.Object, settings: SubdivisionSettings) -> None:
+    for modifier in applied_modifiers(blender_object, use_modifiers=settings.use_modifiers):
+        blender_object.modifiers.remove(modifier)

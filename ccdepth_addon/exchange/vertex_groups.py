@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The vertex groups of a mesh on its subdivision, with their weights.
+
+Blender has no bulk access to weights. Reading the base mesh's, which are few, takes a loop; the new ones are written as
+an attribute, which Blender's own operator turns into a vertex group.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import count
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import BoolArray, PolygonMesh, SubdividedMesh, interpolated_at_vertices
+from .attributes import write_attribute
+
+WEIGHTS = "ccdepth_weights"
+
+
+@dataclass(frozen=True)
+class GroupNames:
+    """The vertex groups of a mesh, in order; ``active`` is the index of the active one."""
+
+    names: list[str]
+    locks: list[bool]
+    active: int
+
+
+def group_names(holder: bpy.types.Object) -> GroupNames:
+    """The vertex groups of an object's mesh."""
+    groups = holder.vertex_groups
+    return GroupNames([group.name for group in groups], [group.lock_weight for group in groups], groups.active_index)
+
+
+def write_groups(
+    holder: bpy.types.Object,
+    groups: GroupNames,
+    base: bpy.types.Mesh,
+    control: PolygonMesh,
+    subdivided: SubdividedMesh,
+) -> None:
+    """Make the groups on the mesh of ``holder``, which has its attributes and no groups, with the weights of ``base``
+    interpolated.
+
+    A vertex belongs to a group when one of the base's vertices with a say in it does.
+    """
+    if not groups.names:
+        return
+    mesh = holder.data
+    taken = {*groups.names, *(attribute.name for attribute in mesh.attributes)}
+    temporary = next(name for number in count() if (name := f"{WEIGHTS}_{number}") not in taken)
+    members, numbers, weights = _read_weights(base)
+    for number, (name, lock) in enumerate(zip(groups.names, groups.locks, strict=True)):
+        chosen = numbers == number
+        values = np.zeros((len(base.vertices), 2))
+        values[members[chosen], 0] = weights[chosen]
+        values[members[chosen], 1] = 1.0
+        found = interpolated_at_vertices(control, values, subdivided)
+        _write_group(holder, temporary, found[:, 0], found[:, 1] > 0)
+        holder.vertex_groups[-1].name = name
+        holder.vertex_groups[-1].lock_weight = lock
+    holder.vertex_groups.active_index = groups.active
+
+
+def _read_weights(base: bpy.types.Mesh) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
+    """For every weight of a mesh its vertex, its group and its value."""
+    rows = [(vertex.index, entry.group, entry.weight) for vertex in base.vertices for entry in vertex.groups]
+    table = np.array(rows, dtype=np.float64).reshape(-1, 3)
+    return table[:, 0].astype(np.intp), table[:, 1].astype(np.intp), table[:, 2]
+
+
+def _write_group(holder: bpy.types.Object, name: str, weights: NDArray[np.float32], belongs: BoolArray) -> None:
+    mesh = holder.data
+    write_attribute(mesh, name, "FLOAT", "POINT", np.clip(weights, 0.0, 1.0))
+    mesh.attributes.active = mesh.attributes[name]
+    # Another object that is being edited must not stand in the way.
+    with bpy.context.temp_override(object=holder, active_object=holder, edit_object=None):
+        bpy.ops.geometry.attribute_convert(mode="VERTEX_GROUP")
+    group = holder.vertex_groups[-1]
+    # The operator leaves out weights of zero.
+    group.add(np.flatnonzero(belongs & (weights <= 0)).tolist(), 0.0, "REPLACE")

@@ -1,0 +1,118 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Selecting the faces of a depth, in Object Mode and in Edit Mode."""
+
+from __future__ import annotations
+
+from operator import eq, ge, le
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import BoolArray
+from ..exchange.control_mesh import read_values
+from ..state import results
+
+COMPARISONS = {"EQUAL": eq, "AT_LEAST": ge, "AT_MOST": le}
+
+# Where Blender keeps what is selected in Object Mode, by domain.
+SELECTIONS = {"POINT": ".select_vert", "EDGE": ".select_edge", "FACE": ".select_poly"}
+
+
+def conflict(mesh: bpy.types.Mesh) -> str | None:
+    """The name of an attribute that stands where Blender keeps the selection and is none, if there is one.
+
+    Writing a selection over it crashes Blender. Edit Mode keeps its selection elsewhere.
+    """
+    for domain, name in SELECTIONS.items():
+        attribute = None if mesh.is_editmode else mesh.attributes.get(name)
+        if attribute is not None and (attribute.data_type, attribute.domain) != ("BOOLEAN", domain):
+            return name
+    return None
+
+
+def select_faces(mesh: bpy.types.Mesh, depth: int, comparison: str, *, extend: bool) -> int:
+    """Select the faces whose depth compares so, as far as they are not hidden; returns how many of them there are."""
+    if mesh.is_editmode:
+        return _select_while_editing(mesh, depth, comparison, extend)
+    depths = read_values(mesh.attributes[results.DEPTH].data, "value", np.int32)
+    visible = ~read_values(mesh.polygons, "hide", np.bool_)
+    wanted = COMPARISONS[comparison](depths, depth) & visible
+    faces = wanted | (read_values(mesh.polygons, "select", np.bool_) & extend)
+    _select_only(mesh, faces)
+    return int(np.count_nonzero(wanted))
+
+
+def _select_only(mesh: bpy.types.Mesh, faces: BoolArray) -> None:
+    """Select these faces with their vertices and edges, and nothing else."""
+    sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
+    corners = np.repeat(faces, sizes)
+    for name, elements, attribute in (
+        ("vertices", mesh.vertices, ".corner_vert"),
+        ("edges", mesh.edges, ".corner_edge"),
+    ):
+        touched = np.zeros(len(elements), dtype=np.bool_)
+        touched[read_values(mesh.attributes[attribute].data, "value", np.int32)[corners]] = True
+        getattr(mesh, name).foreach_set("select", touched)
+    mesh.polygons.foreach_set("select", faces)
+    mesh.update()
+
+
+def _select_while_editing(mesh: bpy.types.Mesh, depth: int, comparison: str, extend: bool) -> int:
+    import bmesh
+
+    edited = bmesh.from_edit_mesh(mesh)
+    compare = COMPARISONS[comparison]
+    layer = edited.faces.layers.int[results.DEPTH]
+    edited.select_mode = {"FACE"}
+    if not extend:
+        for face in edited.faces:
+            face.select_set(False)
+    wanted = [face for face in edited.faces if not face.hide and compare(face[layer], depth)]
+    for face in wanted:
+        face.select_set(True)
+    edited.select_flush_mode()
+    bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
+    return len(wanted)
+
+
+def select_face(mesh: bpy.types.Mesh, face: int) -> bool:
+    """Select this face and nothing else; False, with everything as it was, when it is hidden."""
+    if mesh.is_editmode:
+        return _select_face_while_editing(mesh, face)
+    if mesh.polygons[face].hide:
+        return False
+    faces = np.zeros(len(mesh.polygons), dtype=np.bool_)
+    faces[face] = True
+    _select_only(mesh, faces)
+    mesh.polygons.active = face
+    return True
+
+
+def _select_face_while_editing(mesh: bpy.types.Mesh, face: int) -> bool:
+    import bmesh
+
+    edited = bmesh.from_edit_mesh(mesh)
+    edited.faces.ensure_lookup_table()
+    wanted = edited.faces[face]
+    if wanted.hide:
+        return False
+    edited.select_mode = {"FACE"}
+    for other in edited.faces:
+        other.select_set(False)
+    wanted.select_set(True)
+    edited.faces.active = wanted
+    edited.select_flush_mode()
+    bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
+    return True
+
+
+def face_points(mesh: bpy.types.Mesh, face: int) -> NDArray[np.float64]:
+    """(n, 3): the corners of a face in object space."""
+    if mesh.is_editmode:
+        import bmesh
+
+        edited = bmesh.from_edit_mesh(mesh)
+        edited.faces.ensure_lookup_table()
+        return np.array([corner.co for corner in edited.faces[face].verts])
+    return np.array([mesh.vertices[vertex].co for vertex in mesh.polygons[face].vertices])

@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Work in a thread of its own, as steps for ``Stepwise``: the window stays free while the core is at work.
+
+Only work that knows no Blender may be done so. It is given a function to call with the fraction done, which raises
+``Cancelled`` as soon as nobody waits for the answer any more.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Generator
+from typing import Generic, TypeVar
+
+Answer = TypeVar("Answer")
+Progress = Callable[[float], None]
+
+# Seconds between looks at the thread.
+SECONDS_TO_WAIT = 0.02
+
+
+class Cancelled(Exception):
+    """Nobody waits for the answer any more."""
+
+
+class _Thread(threading.Thread, Generic[Answer]):
+    """The work, how far it is, and how it ended."""
+
+    def __init__(self, work: Callable[[Progress], Answer]) -> None:
+        super().__init__(name="CC Depth")
+        self.fraction = 0.0
+        self.answer: Answer
+        self.fault: BaseException | None = None
+        self.is_wanted = True
+        self._work = work
+
+    def run(self) -> None:
+        try:
+            self.answer = self._work(self._tell)
+        except BaseException as fault:
+            self.fault = fault
+        finally:
+            _threads.discard(self)
+
+    def _tell(self, fraction: float) -> None:
+        if not self.is_wanted:
+            raise Cancelled
+        self.fraction = fraction
+
+
+_threads: set[_Thread] = set()
+
+
+def in_thread(work: Callable[[Progress], Answer]) -> Generator[float, None, Answer]:
+    """Do the work in a thread: yields the fraction done again and again, and returns the answer, or raises what the
+    work raises. When the generator is closed, the work is told to stop."""
+    thread = _Thread(work)
+    _threads.add(thread)
+    thread.start()
+    try:
+        while thread.is_alive():
+            yield thread.fraction
+            thread.join(SECONDS_TO_WAIT)
+    finally:
+        thread.is_wanted = False
+    if thread.fault is not None:
+        raise thread.fault
+    return thread.answer
+
+
+def at_once(work: Callable[[Progress], Answer]) -> Generator[float, None, Answer]:
+    """The same without a thread, in a single step."""
+    yield 0.0
+    return work(lambda fraction: None)
+
+
+def stop_all() -> None:
+    """Tell all work to stop, and wait until it has."""
+    for thread in list(_threads):
+        thread.is_wanted = False
+        thread.join()

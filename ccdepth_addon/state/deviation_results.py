@@ -1,0 +1,105 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Deviations on the mesh: the attribute, its colours and the record, in Object Mode and in Edit Mode."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import version
+from ..tasks.deviation_task import MeasureSettings, MeshDeviation
+from ..ui.colors import scale_colors, to_linear
+from . import results
+
+
+class Verdict(Enum):
+    """Whether a tolerance is met."""
+
+    MET = "within the tolerance"
+    NOT_MET = "not within the tolerance"
+    UNDECIDED = "whether that is within the tolerance is not decided"
+
+
+def verdict(proved: float, reached: float, tolerance: float) -> Verdict:
+    """What a proved and a reached distance say about a tolerance."""
+    if proved <= tolerance:
+        return Verdict.MET
+    return Verdict.NOT_MET if reached > tolerance else Verdict.UNDECIDED
+
+
+def write_deviation(
+    mesh: bpy.types.Mesh, answer: MeshDeviation, settings: MeasureSettings, color_range: str, largest_shown: float
+) -> None:
+    """Put the answer on its mesh: attribute, colours, and record.
+
+    color_range: what the colours stand for, by name. largest_shown: the largest deviation of all meshes measured
+    together. Raises WriteError, with nothing changed, when Blender does not keep them.
+    """
+    values = results.rounded_up(answer.deviations)
+    colors = _colors(values, _top(color_range, answer.tolerance, largest_shown))
+    results.write_face_values(mesh, {results.DEVIATION_KIND: values, results.COLOR_KIND: colors})
+    record = mesh.ccdepth
+    record.has_deviation = record.shows_deviation = True
+    record.deviation = _rounded_up(answer.proved)
+    # Downwards: it is really there.
+    record.deviation_reached = -_rounded_up(-answer.reached)
+    found = record.measurement
+    found.measured, found.against = answer.measured, answer.against
+    found.tolerance, found.tolerance_mode = settings.tolerance, settings.tolerance_mode
+    found.world_tolerance = answer.tolerance
+    found.verdict = verdict(answer.proved, answer.reached, answer.tolerance).name
+    found.accuracy, found.accuracy_met = settings.accuracy, answer.accuracy_met
+    found.use_modifiers = settings.use_modifiers
+    found.version = version()
+    found.faces = len(values)
+    found.worst_face = answer.worst_face
+    found.worst_point = answer.worst_point
+    found.largest_shown = _rounded_up(largest_shown)
+
+
+def write_colors(mesh: bpy.types.Mesh, color_range: str) -> None:
+    """Write the colours of the deviations that are on the mesh anew."""
+    values = results.read_face_values(mesh, results.DEVIATION_KIND)
+    results.write_face_values(mesh, {results.COLOR_KIND: _colors(values, color_top(mesh.ccdepth, color_range))})
+
+
+def color_top(record: bpy.types.PropertyGroup, color_range: str) -> float:
+    """The deviation that has the last colour; never 0."""
+    found = record.measurement
+    return _top(color_range, found.world_tolerance, found.largest_shown)
+
+
+def _top(color_range: str, tolerance: float, largest: float) -> float:
+    return (tolerance if color_range == "TOLERANCE" else largest) or 1.0
+
+
+def shown_object(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The object whose deviation is to be told: the active one if it was measured last, or else, of the selected ones
+    that were measured against it, the worst."""
+    active = context.active_object
+    if active is None or active.type != "MESH":
+        return None
+    if results.shows_deviation(active.data):
+        return active
+    measured = [
+        each
+        for each in context.selected_objects
+        if each.type == "MESH"
+        and results.shows_deviation(each.data)
+        and each.data.ccdepth.measurement.against == active.name
+    ]
+    return max(measured, key=lambda each: each.data.ccdepth.deviation, default=None)
+
+
+def _colors(values: NDArray[np.float32], top: float) -> NDArray[np.float32]:
+    """(F, 4): linear, on a scale up to ``top``."""
+    # The largest one, rounded up to single precision, is not beyond it.
+    linear = to_linear(scale_colors(values / np.float32(_rounded_up(top))))
+    return np.concatenate([linear, np.ones((len(linear), 1))], axis=1).astype(np.float32)
+
+
+def _rounded_up(distance: float) -> float:
+    return float(results.rounded_up(np.array([distance]))[0])

@@ -1,0 +1,70 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How many faces subdivisions of objects would have, as they were counted last, until the objects change.
+
+Counts are kept for this session only, apart from the file: whoever asks for one changes nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ..tasks.adaptive_task import FaceCount, SubdivisionSettings
+
+
+@dataclass(frozen=True)
+class _KnownCount:
+    settings: SubdivisionSettings
+    count: FaceCount
+
+
+# By the session identifier of the object.
+_known: dict[int, _KnownCount] = {}
+
+
+def remember(blender_object: bpy.types.Object, settings: SubdivisionSettings, count: FaceCount) -> None:
+    """Keep the count until the object changes."""
+    _known[blender_object.session_uid] = _KnownCount(settings, count)
+
+
+def known_count(blender_object: bpy.types.Object, settings: SubdivisionSettings) -> FaceCount | None:
+    """The count of the object with these settings, if it is known."""
+    known = _known.get(blender_object.session_uid)
+    return known.count if known is not None and known.settings == settings else None
+
+
+@persistent
+def _forget_changed(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    if not _known:
+        return
+    for update in depsgraph.updates:
+        if update.is_updated_geometry or update.is_updated_transform:
+            _known.pop(update.id.original.session_uid, None)
+
+
+@persistent
+def _forget_everything(*_: Any) -> None:
+    _known.clear()
+
+
+HANDLERS = (
+    ("depsgraph_update_post", _forget_changed),
+    ("frame_change_post", _forget_changed),
+    ("undo_post", _forget_everything),
+    ("redo_post", _forget_everything),
+    ("load_pre", _forget_everything),
+)
+
+
+def register() -> None:
+    for name, handler in HANDLERS:
+        getattr(bpy.app.handlers, name).append(handler)
+
+
+def unregister() -> None:
+    for name, handler in HANDLERS:
+        getattr(bpy.app.handlers, name).remove(handler)
+    _forget_everything()

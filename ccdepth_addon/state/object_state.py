@@ -1,0 +1,275 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What a result depends on beside the mesh: the object's scale, its modifiers, and what those look at.
+
+Modifiers are described by walking through all their properties as Blender tells them, whatever their type and
+Blender's version: nothing is left out by its name alone, but for what Blender says of every modifier and every node
+about its own display. Nothing is evaluated: values that are animated or driven are those Blender evaluated last.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, NamedTuple
+from zlib import crc32
+
+import bpy
+import numpy as np
+
+from ..core import FloatArray
+from ..exchange.control_mesh import NOT_SHAPING, SIMULATIONS, counted_modifiers, surface_rule
+from ..tasks.surfaces import gram_matrix
+from .mesh_checksums import checksum_of_points, geometry_checksum
+
+# Other objects, which may be turned together with this one, stand where they did as long as rounding alone moves them.
+DECIMALS = 5
+
+# Whatever is nested deeper belongs to something else; nothing that modifiers have is.
+DEEPEST = 5
+
+# Modifiers whose result is another one at another frame, without any animation of their settings.
+AT_FRAMES = {"BUILD", "DYNAMIC_PAINT", "MESH_CACHE", "MESH_SEQUENCE_CACHE", "PARTICLE_INSTANCE", "WAVE"}
+NODES_AT_FRAMES = {"GeometryNodeBake", "GeometryNodeInputSceneTime", "GeometryNodeSimulationOutput"}
+
+# What Blender says of its interface, and what it counted when it evaluated a modifier last.
+DISPLAY_PREFIXES = ("active_", "open_")
+DISPLAY_FIELDS = {
+    "active", "face_count", "id_data", "is_active_output", "node_warnings", "panels", "rna_type", "select",
+    "show_group_selector", "show_manage_panel", "show_only_control_edges", "ui_type",
+}  # fmt: skip
+
+# Of every node, these say more than how it is shown.
+NODE_FIELDS = {"bl_idname", "mute"}
+
+# Kept by Blender for itself and filled in while it evaluates.
+UNREAD_TYPES = {"AnimData", "ParticleSystem", "PointCache"}
+
+FIELD_TYPES = {"BOOLEAN", "INT", "FLOAT", "STRING", "ENUM", "POINTER", "COLLECTION"}
+
+
+class Description(NamedTuple):
+    """A text, and the objects it mentions, which do not stand anywhere in it."""
+
+    text: str
+    mentioned: tuple[bpy.types.Object, ...] = ()
+
+
+# By the session identifier of what was described.
+KnownDescriptions = dict[int, Description]
+
+
+@dataclass(frozen=True)
+class ObjectState:
+    """An object's scale, as AᵀA (6,), and a checksum of everything else that shapes its surface."""
+
+    scale: FloatArray
+    checksum: str
+
+
+def object_state(
+    blender_object: bpy.types.Object, *, use_modifiers: bool, known: KnownDescriptions | None = None
+) -> ObjectState:
+    """The state of an object as it is now.
+
+    known: what was described for other objects at the same time, to be read once only.
+    """
+    describer = _Describer(blender_object, {} if known is None else known)
+    world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
+    counted = counted_modifiers(blender_object) if use_modifiers else []
+    texts = [repr(surface_rule(blender_object)), *describer.shape_keys(), *describer.modifiers(counted)]
+    texts += describer.places()
+    checksum = crc32("\n".join(texts).encode(errors="backslashreplace"))
+    return ObjectState(gram_matrix(world)[np.triu_indices(3)], f"{checksum:08x}")
+
+
+def shown_checksum(blender_object: bpy.types.Object, shown: Iterable[bpy.types.Modifier]) -> str:
+    """A checksum of what these modifiers, and shape keys, make of the object's mesh."""
+    describer = _Describer(blender_object, {})
+    texts = [*describer.shape_keys(), *describer.modifiers(list(shown))]
+    texts += describer.places()
+    return f"{crc32(chr(10).join(texts).encode(errors='backslashreplace')):08x}"
+
+
+@cache
+def _names(base: str) -> frozenset[str]:
+    """The properties that all structures of a kind have."""
+    return frozenset(getattr(bpy.types, base).bl_rna.properties.keys())
+
+
+def _fields(kind: type[bpy.types.bpy_struct]) -> tuple[str, ...]:
+    """The properties of a type that do more than show it."""
+    unread: frozenset[str] = frozenset()
+    if issubclass(kind, bpy.types.Modifier):
+        unread = _names("Modifier") - {"type"}
+    elif issubclass(kind, bpy.types.Node):
+        unread = _names("Node") - NODE_FIELDS
+    elif issubclass(kind, bpy.types.ID):
+        # Its name is told by whoever looks at it; whether Blender shows it does not matter.
+        unread = _names("ID") | {name for name in kind.bl_rna.properties.keys() if name.startswith("show_")}  # noqa: SIM118
+    return tuple(
+        each.identifier
+        for each in kind.bl_rna.properties
+        if each.type in FIELD_TYPES
+        and each.identifier not in unread
+        and each.identifier not in DISPLAY_FIELDS
+        and not each.identifier.startswith(DISPLAY_PREFIXES)
+        and getattr(each.fixed_type if each.type == "POINTER" else None, "identifier", "") not in UNREAD_TYPES
+    )
+
+
+_kept_fields = cache(_fields)
+
+
+def _fields_of(holder: bpy.types.bpy_struct) -> tuple[str, ...]:
+    # Blender makes types of node groups' inputs anew, under the same names.
+    kind: Any = type(holder)
+    return _fields(kind) if issubclass(kind, bpy.types.PropertyGroup) else _kept_fields(kind)
+
+
+def _read(holder: bpy.types.bpy_struct, name: str) -> Any:
+    """A property; None where Blender has it and cannot read it, as of an object it has not evaluated yet."""
+    try:
+        return getattr(holder, name)
+    except (AttributeError, RuntimeError, TypeError, ValueError):
+        return None
+
+
+@dataclass(frozen=True)
+class _Describer:
+    """Everything an object depends on, as text."""
+
+    viewer: bpy.types.Object
+    known: KnownDescriptions
+    mentioned: list[bpy.types.Object] = field(default_factory=list)
+
+    def shape_keys(self) -> Iterator[str]:
+        keys = getattr(self.viewer.data, "shape_keys", None)
+        if keys is not None:
+            shown = self.viewer.active_shape_key_index if self.viewer.show_only_shape_key else None
+            yield f"{shown} {self._once(keys, _shape_keys_text)}"
+
+    def modifiers(self, modifiers: list[bpy.types.Modifier]) -> Iterator[str]:
+        for modifier in modifiers:
+            if modifier.type not in NOT_SHAPING:
+                yield self._modifier(modifier)
+
+    def places(self) -> Iterator[str]:
+        """Where the objects mentioned so far stand, relative to the one that looks at them."""
+        for other in self.mentioned:
+            relative = self.viewer.matrix_world.inverted_safe() @ other.matrix_world
+            yield repr(np.array(relative).round(DECIMALS).tolist())
+
+    def _modifier(self, modifier: bpy.types.Modifier) -> str:
+        if modifier.type in SIMULATIONS:
+            # It is refused, and its settings hold whole grids of its state.
+            return str(modifier.type)
+        text = self._settings(modifier)
+        if modifier.type == "NODES" and not hasattr(modifier, "properties"):
+            # Since Blender 5.2 the inputs are properties like any other; before, they are custom ones.
+            text += " ".join(f"{key}={self._value(modifier[key])}" for key in modifier.keys())  # noqa: SIM118
+        runs = modifier.type in AT_FRAMES and getattr(modifier, "play_mode", "SCENE") == "SCENE"
+        return f"{text} {_frame_text()}" if runs else text
+
+    def _settings(self, holder: bpy.types.bpy_struct, depth: int = 0) -> str:
+        """All settings of a modifier, a node, an input or a curve that do more than show it."""
+        values = ((name, self._value(_read(holder, name), depth)) for name in _fields_of(holder))
+        return " ".join(f"{name}={value}" for name, value in values)
+
+    def _value(self, value: Any, depth: int = 0) -> str:
+        """A setting as text; another object as what it is like."""
+        if isinstance(value, bpy.types.ID):
+            return self._data_block(value)
+        if isinstance(value, bpy.types.bpy_struct):
+            return f"({self._settings(value, depth + 1)})" if depth < DEEPEST else type(value).__name__
+        if isinstance(value, bpy.types.bpy_prop_collection):
+            return f"[{', '.join(self._value(item, depth) for item in value)}]"
+        if isinstance(value, set):
+            return repr(sorted(value))
+        if hasattr(value, "to_dict"):
+            return repr(value.to_dict())
+        # Blender's arrays are sequences that do not print their values.
+        return repr(list(value)) if hasattr(value, "__len__") and not isinstance(value, str) else repr(value)
+
+    def _data_block(self, block: bpy.types.ID) -> str:
+        if isinstance(block, bpy.types.Object):
+            self.mentioned.append(block)
+            return self._once(block, self._content)
+        if isinstance(block, bpy.types.Collection):
+            return f"[{', '.join(self._data_block(member) for member in block.all_objects)}]"
+        if isinstance(block, bpy.types.NodeTree):
+            return self._once(block, self._tree)
+        if isinstance(block, bpy.types.Texture):
+            return f"{block.name_full} {self._once(block, self._settings)}"
+        if isinstance(block, bpy.types.Image):
+            frame = _frame_text() if block.source in {"MOVIE", "SEQUENCE"} else ""
+            return f"{block.name_full} {block.filepath} {block.source} {frame}"
+        return str(block.name_full)
+
+    def _once(self, block: bpy.types.ID, describe: Callable[[Any], str]) -> str:
+        if block.session_uid not in self.known:
+            # What looks at itself in the end need not be described again.
+            self.known[block.session_uid] = Description("")
+            before = len(self.mentioned)
+            text = describe(block)
+            self.known[block.session_uid] = Description(text, tuple(self.mentioned[before:]))
+        else:
+            self.mentioned.extend(self.known[block.session_uid].mentioned)
+        return self.known[block.session_uid].text
+
+    def _content(self, other: bpy.types.Object) -> str:
+        """What another object is like, wherever it stands: its data, and what its own modifiers do."""
+        there = _Describer(other, self.known)
+        shown = [modifier for modifier in other.modifiers if modifier.show_viewport]
+        texts = [other.type, there._own_data(other), *there.shape_keys(), *there.modifiers(shown)]
+        return " ".join([*texts, *there.places()])
+
+    def _own_data(self, other: bpy.types.Object) -> str:
+        data = other.data
+        if other.type == "MESH":
+            return "" if data.is_editmode else str(geometry_checksum(data))
+        if other.type == "ARMATURE":
+            bones = [(bone.name, np.array(bone.matrix).round(DECIMALS).tolist()) for bone in other.pose.bones]
+            return f"{data.pose_position} {bones}"
+        if other.type == "LATTICE":
+            return f"{data.points_u} {data.points_v} {data.points_w} {checksum_of_points(data.points, 'co_deform')}"
+        if other.type in {"CURVE", "FONT", "SURFACE"}:
+            return self._curve(data)
+        return "" if data is None else str(data.name_full)
+
+    def _curve(self, curve: bpy.types.Curve) -> str:
+        texts = [f"{name}={self._value(_read(curve, name))}" for name in _fields_of(curve) if name != "splines"]
+        for spline in curve.splines:
+            texts += [f"{name}={_read(spline, name)!r}" for name in _fields_of(spline) if "points" not in name]
+            texts.append(str(checksum_of_points(spline.points, width=4)))
+            texts += [str(checksum_of_points(spline.bezier_points, name)) for name in BEZIER_POINT_VECTORS]
+            for points in (spline.points, spline.bezier_points):
+                texts += [str(checksum_of_points(points, name, 1)) for name in ("radius", "tilt")]
+        return " ".join(texts)
+
+    def _tree(self, tree: bpy.types.NodeTree) -> str:
+        nodes = []
+        for node in tree.nodes:
+            values = [self._value(_read(socket, "default_value")) for socket in node.inputs]
+            frame = _frame_text() if node.bl_idname in NODES_AT_FRAMES else ""
+            nodes.append(f"{node.name} {self._settings(node)} {values} {frame}")
+        links = [
+            (link.from_node.name, link.from_socket.identifier, link.to_node.name, link.to_socket.identifier)
+            for link in tree.links
+        ]
+        return f"{nodes} {links}"
+
+
+BEZIER_POINT_VECTORS = ("co", "handle_left", "handle_right")
+
+
+def _shape_keys_text(keys: bpy.types.Key) -> str:
+    blocks = [
+        (key.value, key.mute, key.vertex_group, key.relative_key.name, key.name, checksum_of_points(key.data))
+        for key in keys.key_blocks
+    ]
+    return repr((keys.use_relative, keys.use_relative or keys.eval_time, blocks))
+
+
+def _frame_text() -> str:
+    return f"at {bpy.context.scene.frame_current_final}"

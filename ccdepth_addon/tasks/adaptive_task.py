@@ -1,0 +1,378 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Objects → subdivisions of their surfaces: what has to be made once for several objects, how far from the surface its
+drawing may be, and how many faces it has. Nothing here writes to a mesh.
+
+Objects that use one mesh get one result together, made for the one that no other outdoes by its scale and tolerance.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from math import ceil, floor, log10
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..core import (
+    AdaptiveMesh,
+    FloatArray,
+    Mode,
+    Request,
+    TooManyFacesError,
+    Transitions,
+    check_tolerance,
+    count_faces,
+    rounding_allowance,
+    smallest_step,
+    subdivide_adaptively,
+    validate,
+)
+from ..exchange.control_mesh import (
+    ControlMesh,
+    ControlMeshError,
+    FrozenCopies,
+    SharedMeshes,
+    applied_modifiers,
+    base_mesh,
+    copies_to_subdivide,
+    in_batches,
+    read_values,
+    subdivision_modifier,
+)
+from ..operators.stepwise import Stage
+from .surfaces import (
+    ComputeError,
+    Faults,
+    Surface,
+    SurfaceSettings,
+    as_typed,
+    control_mesh_key,
+    not_outdone,
+    refuse_bad_tolerance,
+    surface_of,
+)
+
+# Rounding to single precision changes a number by this part of it at most.
+SINGLE_ROUNDING = 2.0**-24
+
+# In search of a tolerance that fits this many times what the core estimates is tried first, and then so much more each
+# time.
+FIRST_TRY, NEXT_TRY = 2.0, 1.4
+
+# The next is finer by this at most: where a pole makes whole faces deep, their number may grow by 4 at any time.
+LARGEST_STEP = 4.0
+
+# With a tolerance of so many diagonals nothing is split that need not be.
+WITHOUT_SPLITS = 100.0
+
+# The first that is counted may have this many faces, and this many times those of the control mesh.
+FACES_TRIED, CONTROL_FACES_TRIED = 50_000, 8
+
+
+@dataclass(frozen=True)
+class SubdivisionSettings(SurfaceSettings):
+    """What is asked of a subdivision; ``max_faces`` of all results together."""
+
+    mode: str
+    transitions: str
+    max_faces: int
+
+
+def subdivision_settings(holder: Any, tolerance: float) -> SubdivisionSettings:
+    """The settings that an operator or the scene holds, but for the tolerance."""
+    return SubdivisionSettings(
+        as_typed(tolerance),
+        holder.tolerance_mode,
+        holder.use_modifiers,
+        holder.mode,
+        holder.transitions,
+        holder.max_faces,
+    )
+
+
+@dataclass(frozen=True)
+class SubdivisionTask:
+    """A mesh to make. It keeps no reference to Blender's data, which may move meanwhile.
+
+    object_names: the objects that get it, beginning with the one it is made for. tolerances: of each, lengths in the
+    scene. mesh_uid: of their own mesh. carried: what else of the objects the result depends on. surface: the one it is
+    made for. allowance: what rounding may add to distances there, a length in the scene.
+    """
+
+    object_names: list[str]
+    tolerances: list[float]
+    mesh_uid: int
+    carried: tuple[Any, ...]
+    surface: Surface
+    allowance: float
+
+    @cached_property
+    def control(self) -> ControlMesh:
+        """The control mesh where it is proved."""
+        return self.surface.control.thickened()
+
+    def request(self, settings: SubdivisionSettings, tolerance: float, most_faces: int) -> Request:
+        limit = tolerance - self.allowance
+        transitions = Transitions(settings.transitions)
+        rounding = rounding_allowance(self.control.in_world)
+        return Request(limit, Mode(settings.mode), transitions, most_faces, self.control.world, rounding)
+
+
+@dataclass(frozen=True)
+class Subdivision:
+    """The answer to a task."""
+
+    task: SubdivisionTask
+    adaptive: AdaptiveMesh
+
+    @property
+    def world_tolerance(self) -> float:
+        """The largest of the tolerances in force, a length in the scene."""
+        return max(self.task.tolerances)
+
+    @property
+    def bounds(self) -> FloatArray:
+        """(F,) the proved distances, lengths in the scene, with all rounding, wherever the result is used."""
+        # An object that is outdone has no larger distances, in parts of its tolerance.
+        return (self.adaptive.bounds + self.task.allowance) * (self.world_tolerance / self.task.surface.tolerance)
+
+    @property
+    def uniform_faces(self) -> int:
+        """How many faces the control mesh has when all of it is subdivided to the deepest depth."""
+        mesh, deepest = self.task.surface.control.mesh, int(self.adaptive.depths.max(initial=0))
+        return mesh.face_count if deepest == 0 else mesh.corner_count * 4 ** (deepest - 1)
+
+
+@dataclass(frozen=True)
+class FaceCount:
+    """How many faces a result would have; or about how many all results together, if they are too many: then
+    ``fitting`` is a tolerance, as it is typed, that does not make too many, inf when there is none."""
+
+    faces: int
+    fitting: float | None
+
+
+def prepare_subdivision(
+    context: bpy.types.Context, objects: Sequence[bpy.types.Object], settings: SubdivisionSettings
+) -> Generator[Stage, None, list[SubdivisionTask]]:
+    """Read the objects, in Object Mode, and decide what to make.
+
+    Yields how far it is, and returns the tasks. Raises ComputeError, naming every object at fault.
+    """
+    refuse_bad_tolerance(settings.tolerance)
+    tasks: list[SubdivisionTask] = []
+    shared: SharedMeshes = {}
+    faults = Faults(objects)
+    read = 0
+    for batch in in_batches(objects):
+        yield Stage(f"Reading objects: {read:,} of {len(objects):,}")
+        read += len(batch)
+        context.view_layer.update()
+        with copies_to_subdivide(context, batch, use_modifiers=settings.use_modifiers) as copies:
+            for blender_object in batch:
+                with faults.of(blender_object.name):
+                    tasks.append(_read_task(context, blender_object, settings, shared, copies))
+    faults.refuse()
+    return _united(tasks)
+
+
+def _united(tasks: list[SubdivisionTask]) -> list[SubdivisionTask]:
+    """The tasks that have to be carried out, each for the objects of those it outdoes as well."""
+    alike: dict[Any, list[SubdivisionTask]] = {}
+    for task in tasks:
+        alike.setdefault((task.mesh_uid, task.carried, control_mesh_key(task.surface.control)), []).append(task)
+    kept: set[int] = set()
+    for group in alike.values():
+        for better, outdone in not_outdone([task.surface for task in group]).items():
+            kept.add(id(group[better]))
+            for other in outdone:
+                group[better].object_names.extend(group[other].object_names)
+                group[better].tolerances.extend(group[other].tolerances)
+    return [task for task in tasks if id(task) in kept]
+
+
+def _read_task(
+    context: bpy.types.Context,
+    blender_object: bpy.types.Object,
+    settings: SubdivisionSettings,
+    shared: SharedMeshes,
+    copies: FrozenCopies,
+) -> SubdivisionTask:
+    use_modifiers = settings.use_modifiers
+    with base_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=copies) as (
+        base,
+        control,
+    ):
+        surface = surface_of(blender_object, control, settings)
+        steps = _mixing_steps(base.shape_keys)
+        largest = _largest_coordinates(control, base.shape_keys)
+    in_world = control.in_world
+    validate(in_world)
+    stored = float(np.linalg.norm(np.abs(control.world) @ largest)) * SINGLE_ROUNDING * steps
+    allowance = rounding_allowance(in_world) + stored
+    check_tolerance(surface.tolerance, max(smallest_step(in_world), 2 * allowance))
+    modifiers = applied_modifiers(blender_object, use_modifiers=settings.use_modifiers)
+    subdivision = subdivision_modifier(blender_object)
+    carried = (
+        getattr(subdivision, "uv_smooth", None),
+        # Modifiers may give each object's mesh other values to carry.
+        blender_object.name if any(modifier != subdivision for modifier in modifiers) else "",
+    )
+    return SubdivisionTask(
+        [blender_object.name], [surface.tolerance], blender_object.data.session_uid, carried, surface, allowance
+    )
+
+
+def _largest_coordinates(control: ControlMesh, keys: bpy.types.Key | None) -> FloatArray:
+    """(3,): the largest absolute coordinate along each axis of what the result stores; no point of the surface leaves
+    the box of its control points. Raises ControlMeshError where a shape key has none."""
+    stored = [control.mesh.positions[control.mesh.vertex_face_counts > 0]]
+    for key in () if keys is None else keys.key_blocks:
+        stored.append(read_values(key.points, "co", np.float32, 3))
+        if not np.isfinite(stored[-1]).all():
+            raise ControlMeshError(f"the shape key “{key.name}” has a vertex at no finite position")
+    return np.max([np.abs(positions).max(axis=0, initial=0.0) for positions in stored], axis=0)
+
+
+def _mixing_steps(keys: bpy.types.Key | None) -> float:
+    """How many times the largest coordinate is rounded, at most, on the way from exact positions to those shown.
+
+    Once, where they are stored. With shape keys, Blender adds v(k − r) to the mix for each key k, its value v and what
+    it is relative to, r: it rounds k, r, their difference twice as large, and the product, all times |v|, and then the
+    sum, which is at most 1 + 2Σ|v| as large; on the control mesh, and on the result.
+    """
+    if keys is None:
+        return 1.0
+    values = sum(abs(key.value) for key in keys.key_blocks if not key.mute)
+    return 2 * (1 + 6 * values + len(keys.key_blocks) * (1 + 2 * values))
+
+
+def subdivide_stepwise(
+    tasks: list[SubdivisionTask], settings: SubdivisionSettings
+) -> Generator[int, None, list[Subdivision]]:
+    """Make every mesh in small steps: yields about how many faces there are so far. Raises ComputeError when they
+    become too many."""
+    answers: list[Subdivision] = []
+    made = 0
+    for task in tasks:
+        control = task.control
+        request = task.request(settings, task.surface.tolerance, settings.max_faces - made)
+        try:
+            adaptive = yield from _raised(subdivide_adaptively(control.in_world, request, control.mesh.positions), made)
+            _refuse_too_many(len(adaptive.mesh.base_faces), request)
+        except TooManyFacesError as fault:
+            fitting = yield from _fitting_tolerance(tasks, settings, fault.tolerance / _unit(task, settings))
+            raise ComputeError(too_many_text(tasks, FaceCount(made + fault.faces, fitting), settings)) from fault
+        answers.append(Subdivision(task, adaptive))
+        made += len(adaptive.mesh.base_faces)
+    return answers
+
+
+def count_stepwise(
+    tasks: list[SubdivisionTask], settings: SubdivisionSettings
+) -> Generator[int, None, list[FaceCount]]:
+    """How many faces every mesh would have, in small steps like ``subdivide_stepwise``."""
+    counts: list[int] = []
+    start = settings.tolerance
+    for task in tasks:
+        request = task.request(settings, task.surface.tolerance, settings.max_faces)
+        try:
+            counts.append((yield from _raised(count_faces(task.control.in_world, request), sum(counts))))
+        except TooManyFacesError as fault:
+            counts.append(fault.faces)
+            start = max(start, fault.tolerance / _unit(task, settings))
+    if sum(counts) <= settings.max_faces:
+        return [FaceCount(faces, None) for faces in counts]
+    fitting = yield from _fitting_tolerance(tasks, settings, start)
+    return [FaceCount(sum(counts), fitting)] * len(tasks)
+
+
+def _raised(steps: Generator[int, None, Any], by: int) -> Generator[int, None, Any]:
+    """The same steps, with a number added to what they yield."""
+    while True:
+        try:
+            number = next(steps)
+        except StopIteration as finished:
+            return finished.value
+        yield by + number
+
+
+def _refuse_too_many(faces: int, request: Request) -> None:
+    """The core counts leaves on its way; their faces may turn out to be more than are allowed."""
+    if faces > request.most_faces:
+        raise TooManyFacesError(faces, request.limit * faces / max(request.most_faces, 1))
+
+
+def _unit(task: SubdivisionTask, settings: SubdivisionSettings) -> float:
+    """What a tolerance of 1, as it is typed, means for a task: a length in the scene."""
+    return task.surface.tolerance / settings.tolerance
+
+
+def _fitting_tolerance(
+    tasks: list[SubdivisionTask], settings: SubdivisionSettings, start: float
+) -> Generator[int, None, float]:
+    """A tolerance, as it is typed, with which the results together do not have too many faces; inf if there is none.
+
+    start: where to begin to look. It is tried out, so it fits. Results that are coarse are counted first and then finer
+    ones, until one has too many faces or nearly as many as there may be: counting takes as long as there are faces.
+    """
+    coarsest = max(task.control.diagonal() / _unit(task, settings) for task in tasks) * WITHOUT_SPLITS
+    if (yield from _count(tasks, settings, coarsest, settings.max_faces)) is None:
+        return float("inf")
+    control_faces = sum(task.control.mesh.face_count for task in tasks)
+    start = max(start, settings.tolerance) if np.isfinite(start) else settings.tolerance
+    tried = min(settings.max_faces, max(FACES_TRIED, CONTROL_FACES_TRIED * control_faces))
+    fitting = start * FIRST_TRY * settings.max_faces / tried
+    while (faces := (yield from _count(tasks, settings, fitting, tried))) is None:
+        fitting *= NEXT_TRY
+    while True:
+        # As many more faces as the tolerance is finer, where most is flat.
+        finer = max(settings.tolerance, fitting / LARGEST_STEP, NEXT_TRY * fitting * faces / settings.max_faces)
+        if finer * NEXT_TRY >= fitting:
+            break
+        counted = yield from _count(tasks, settings, finer, settings.max_faces)
+        if counted is None:
+            halfway = float(np.sqrt(finer * fitting))
+            counted = yield from _count(tasks, settings, halfway, settings.max_faces)
+            fitting = fitting if counted is None else halfway
+            break
+        fitting, faces = finer, counted
+    return _with_two_digits(fitting)
+
+
+def _count(
+    tasks: list[SubdivisionTask], settings: SubdivisionSettings, tolerance: float, most_faces: int
+) -> Generator[int, None, int | None]:
+    """How many faces the results would have together with another tolerance, as it is typed to two digits; None when
+    they are too many."""
+    counted = 0
+    for task in tasks:
+        length = _with_two_digits(tolerance) * _unit(task, settings)
+        request = task.request(settings, length, most_faces - counted)
+        try:
+            counted += yield from count_faces(task.control.in_world, request)
+        except TooManyFacesError:
+            return None
+        if counted > most_faces:
+            return None
+    return counted
+
+
+def _with_two_digits(number: float) -> float:
+    """The next larger decimal with two digits."""
+    step = floor(log10(number)) - 1
+    return float(f"{ceil(number * 10.0**-step)}e{step}")
+
+
+def too_many_text(tasks: list[SubdivisionTask], count: FaceCount, settings: SubdivisionSettings) -> str:
+    """What to tell of results that have too many faces together."""
+    assert count.fitting is not None
+    whose = f"{tasks[0].object_names[0]}: the result" if len(tasks) == 1 else f"The {len(tasks)} results together"
+    text = f"{whose} would have about {count.faces:,} faces, and {settings.max_faces:,} are allowed"
+    if not np.isfinite(count.fitting):
+        return f"{text}; no tolerance would fit"
+    unit = " of the diagonal" if settings.tolerance_mode == "RELATIVE" else ""
+    return f"{text}; a tolerance of {count.fitting:.2g}{unit} would fit"

@@ -1,0 +1,274 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Objects → depths of their meshes: what has to be computed once per mesh, and how several answers become one.
+
+A mesh used by several objects is measured at the scale of each that no other one outdoes, and takes the largest depth
+of every face. Nothing here writes to a mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field
+from typing import TypeVar
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import BoolArray, DepthResult, FloatArray, face_depths_stepwise, needed_quality, uniform_level_stepwise
+from ..exchange.control_mesh import (
+    NO_ORIGIN,
+    ControlMesh,
+    SharedMeshes,
+    copies_to_measure,
+    in_batches,
+    own_mesh,
+    read_control_mesh,
+)
+from ..operators.stepwise import Stage
+from ..state.mesh_checksums import geometry_checksum
+from ..state.object_state import KnownDescriptions, ObjectState, object_state
+from .surfaces import Faults, Surface, SurfaceSettings, control_mesh_key, not_outdone, refuse_bad_tolerance, surface_of
+
+Answer = TypeVar("Answer")
+
+
+@dataclass(frozen=True)
+class Settings(SurfaceSettings):
+    """What is asked of Compute Depth."""
+
+    method: str
+    vertices: str
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """The measuring of a surface, begun."""
+
+    surface: Surface
+    settings: Settings
+    steps: Generator[float, None, DepthResult]
+
+    def level_stepwise(self, result: DepthResult, least: int) -> Generator[float, None, int]:
+        """The first level, from one on, at which all its faces are within the tolerance, in small steps."""
+        mesh, tolerance, settings = self.surface.control.in_world, self.surface.tolerance, self.settings
+        return uniform_level_stepwise(mesh, tolerance, settings.method, settings.vertices, result.depths, least)
+
+    def quality(self, level: int) -> int:
+        """The Quality that Use Limit Surface needs at a level, 0 for control vertices."""
+        if self.settings.vertices != "LIMIT":
+            return 0
+        return needed_quality(self.surface.control.in_world, level, self.surface.tolerance)
+
+
+@dataclass(frozen=True)
+class MeshTask:
+    """All there is to compute for one mesh. It keeps no reference to Blender's data, which may move meanwhile.
+
+    geometry: the checksum of the mesh, and states: what its objects were like, as they were read.
+    """
+
+    mesh_uid: int
+    face_count: int
+    geometry: int
+    object_names: list[str] = field(default_factory=list)
+    states: list[ObjectState] = field(default_factory=list)
+    measurements: list[Measurement] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class MeshDepths:
+    """The answer for one mesh.
+
+    depths: (F,) int32; bounds: (F,) float64, lengths in the scene. exact: (F,) bool, whether the depth is proved to be
+    the least. world_tolerance: the least of the tolerances in force, a length. uniform_level: the first level at which
+    all faces are within the tolerance; quality: what Use Limit Surface needs there, 0 for control vertices.
+    control_faces, control_corners: of the control mesh, the largest one. added_faces: how many faces the modifiers add
+    that come from no face of the mesh, and added_deepest, the deepest depth among them. taken_faces: how many of the
+    mesh's faces the modifiers take away; their depth and bound are 0.
+    """
+
+    task: MeshTask
+    depths: NDArray[np.int32]
+    bounds: FloatArray
+    exact: BoolArray
+    world_tolerance: float
+    uniform_level: int
+    quality: int
+    control_faces: int
+    control_corners: int
+    added_faces: int
+    added_deepest: int
+    taken_faces: int
+
+    @property
+    def least(self) -> int:
+        return int(self.depths.min(initial=self.deepest))
+
+    @property
+    def deepest(self) -> int:
+        return int(self.depths.max(initial=0))
+
+    @property
+    def uniform_faces(self) -> int:
+        """How many faces the control mesh has when all of it is subdivided to the uniform level."""
+        return self.control_faces if self.uniform_level == 0 else self.control_corners * 4 ** (self.uniform_level - 1)
+
+
+def prepare_stepwise(
+    context: bpy.types.Context, objects: Sequence[bpy.types.Object], settings: Settings
+) -> Generator[Stage, None, list[MeshTask]]:
+    """Read the objects' meshes, decide what to compute, and begin with it, which finds what cannot be measured.
+
+    Yields how far it is, and returns the tasks. Raises ComputeError, naming every object at fault.
+    """
+    refuse_bad_tolerance(settings.tolerance)
+    tasks: dict[int, MeshTask] = {}
+    surfaces: dict[int, list[Surface]] = {}
+    shared: SharedMeshes = {}
+    faults = Faults(objects)
+    modifiers = {"use_modifiers": settings.use_modifiers}
+    read = 0
+    for batch in in_batches(objects):
+        yield Stage(f"Reading objects: {read:,} of {len(objects):,}")
+        read += len(batch)
+        known: KnownDescriptions = {}
+        context.view_layer.update()
+        with copies_to_measure(context, batch, **modifiers) as copies:
+            for blender_object in batch:
+                uid = blender_object.data.session_uid
+                with faults.of(blender_object.name):
+                    control = read_control_mesh(context, blender_object, **modifiers, shared=shared, copies=copies)
+                    if uid not in tasks:
+                        tasks[uid] = _new_task(blender_object)
+                    tasks[uid].object_names.append(blender_object.name)
+                    tasks[uid].states.append(object_state(blender_object, **modifiers, known=known))
+                    surfaces.setdefault(uid, []).append(surface_of(blender_object, control, settings))
+    for uid, task in tasks.items():
+        for surface in _not_outdone(surfaces[uid]):
+            with faults.of(surface.object_name):
+                task.measurements.append(_begin(surface, settings))
+    faults.refuse()
+    return list(tasks.values())
+
+
+def _new_task(blender_object: bpy.types.Object) -> MeshTask:
+    mesh = blender_object.data
+    with own_mesh(blender_object) as own:
+        return MeshTask(mesh.session_uid, count_faces(mesh), geometry_checksum(own))
+
+
+def _begin(surface: Surface, settings: Settings) -> Measurement:
+    steps = face_depths_stepwise(surface.control.in_world, surface.tolerance, settings.method, settings.vertices)
+    # The first step checks the mesh and the tolerance.
+    next(steps)
+    return Measurement(surface, settings, steps)
+
+
+def count_faces(mesh: bpy.types.Mesh) -> int:
+    """The faces of a mesh, in Edit Mode those being edited."""
+    if not mesh.is_editmode:
+        return len(mesh.polygons)
+    import bmesh
+
+    return len(bmesh.from_edit_mesh(mesh).faces)
+
+
+def _not_outdone(surfaces: list[Surface]) -> list[Surface]:
+    """The surfaces of one mesh that have to be measured.
+
+    One is outdone by another with the same control mesh that makes every vector of it at least as long, in parts of
+    the tolerance: then its distances are no larger, and neither are its depths.
+    """
+    alike: dict[bytes, list[Surface]] = {}
+    for surface in surfaces:
+        alike.setdefault(control_mesh_key(surface.control), []).append(surface)
+    return [group[kept] for group in alike.values() for kept in not_outdone(group)]
+
+
+def compute_stepwise(tasks: list[MeshTask]) -> Generator[float, None, list[MeshDepths]]:
+    """Measure every surface in small steps: yields the fraction done, and returns the answers at the end."""
+    total = sum(measurement.surface.control.mesh.face_count for task in tasks for measurement in task.measurements)
+    done = 0
+    answers = []
+    for task in tasks:
+        answer = _Answer(task)
+        results = []
+        for measurement in task.measurements:
+            face_count = measurement.surface.control.mesh.face_count
+            result = yield from _scaled(measurement.steps, done / total, face_count / total)
+            answer.include(measurement.surface.control, result)
+            results.append(result)
+            done += face_count
+        level = yield from _scaled(_common_level(task.measurements, results), done / total, 0.0)
+        answers.append(answer.finished(level))
+    return answers
+
+
+def _common_level(measurements: list[Measurement], results: list[DepthResult]) -> Generator[float, None, int]:
+    """The first level at which all faces of all surfaces of a mesh are within the tolerance, in small steps."""
+    level = agreed = 0
+    while agreed < len(measurements):
+        for measurement, result in zip(measurements, results, strict=True):
+            found = yield from measurement.level_stepwise(result, level)
+            agreed = agreed + 1 if found == level else 1
+            level = found
+            if agreed == len(measurements):
+                break
+    return level
+
+
+def _scaled(steps: Generator[float, None, Answer], start: float, share: float) -> Generator[float, None, Answer]:
+    """The same steps, with their fraction as a share of a larger whole."""
+    while True:
+        try:
+            fraction = next(steps)
+        except StopIteration as finished:
+            return finished.value
+        yield start + share * fraction
+
+
+class _Answer:
+    """The largest depth and bound of every face of a mesh over its surfaces, as they come in."""
+
+    def __init__(self, task: MeshTask) -> None:
+        self.task = task
+        self.depths = np.zeros(task.face_count, dtype=np.int32)
+        self.bounds = np.zeros(task.face_count)
+        self.exact = np.ones(task.face_count, dtype=bool)
+        self.present = np.zeros(task.face_count, dtype=bool)
+        self.control_faces = self.control_corners = self.added_faces = self.added_deepest = 0
+
+    def include(self, control: ControlMesh, result: DepthResult) -> None:
+        self.control_faces = max(self.control_faces, control.mesh.face_count)
+        self.control_corners = max(self.control_corners, control.mesh.corner_count)
+        if control.base_faces is None:
+            np.maximum(self.depths, result.depths, out=self.depths)
+            np.maximum(self.bounds, result.bounds, out=self.bounds)
+            self.exact &= result.exact
+            self.present[:] = True
+            return
+        known = control.base_faces != NO_ORIGIN
+        faces = control.base_faces[known]
+        np.maximum.at(self.depths, faces, result.depths[known])
+        np.maximum.at(self.bounds, faces, result.bounds[known])
+        self.exact[faces[~result.exact[known]]] = False
+        self.present[faces] = True
+        self.added_faces += int(np.count_nonzero(~known))
+        self.added_deepest = max(self.added_deepest, int(result.depths[~known].max(initial=0)))
+
+    def finished(self, uniform_level: int) -> MeshDepths:
+        return MeshDepths(
+            task=self.task,
+            depths=self.depths,
+            bounds=self.bounds,
+            exact=self.exact,
+            world_tolerance=min(measurement.surface.tolerance for measurement in self.task.measurements),
+            uniform_level=uniform_level,
+            quality=max(measurement.quality(uniform_level) for measurement in self.task.measurements),
+            control_faces=self.control_faces,
+            control_corners=self.control_corners,
+            added_faces=self.added_faces,
+            added_deepest=self.added_deepest,
+            taken_faces=int(np.count_nonzero(~self.present)),
+        )

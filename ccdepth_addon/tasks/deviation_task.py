@@ -1,0 +1,210 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Objects → how far what they show is from a limit surface, and that from them.
+
+One object is measured against the limit surface of its own control mesh; of several, each against that of the active
+one. Nothing here writes to a mesh.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from time import perf_counter
+
+import bpy
+import numpy as np
+
+from ..core import Deviation, FloatArray, IndexArray, InvalidMeshError, measure_deviation, validate
+from ..exchange.control_mesh import NO_ORIGIN, read_control_mesh, subdivision_modifier
+from ..exchange.shown_mesh import ShownMesh, read_shown_mesh
+from .depth_task import count_faces
+from .surfaces import ComputeError, Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class MeasureSettings(SurfaceSettings):
+    """What is asked of a measurement. time_limit: in seconds, 0 for none."""
+
+    accuracy: float
+    time_limit: float
+
+
+@dataclass(frozen=True)
+class Measured:
+    """An object to measure. It keeps no reference to Blender's data, which may move meanwhile."""
+
+    object_name: str
+    mesh_uid: int
+    face_count: int
+    shown: ShownMesh
+
+
+@dataclass(frozen=True)
+class MeasureTask:
+    """surface: the limit surface to measure against. location: (3,), where its object is. own: whether the one object
+    measured is the one whose surface it is."""
+
+    surface: Surface
+    location: FloatArray
+    own: bool
+    measured: list[Measured]
+
+
+@dataclass(frozen=True)
+class MeshDeviation:
+    """The answer for one mesh; distances are lengths in the scene.
+
+    measured: the objects that use it and were measured, by name, the worst first. against: the object whose limit
+    surface it is. tolerance: in force there. deviations: (F,) float64, proved for each face of the mesh; 0 where the
+    object shows nothing of it. proved: of everything, the surface itself and faces that modifiers add too. reached: a
+    distance that is really there. worst_face: where that is, or ``NO_ORIGIN``. worst_point: (3,), in the scene.
+    """
+
+    mesh_uid: int
+    object_names: list[str]
+    against: str
+    tolerance: float
+    deviations: FloatArray
+    proved: float
+    reached: float
+    accuracy_met: bool
+    worst_face: int
+    worst_point: FloatArray
+
+    @property
+    def measured(self) -> str:
+        return self.object_names[0]
+
+
+def prepare_measurement(
+    context: bpy.types.Context,
+    objects: list[bpy.types.Object],
+    target: bpy.types.Object,
+    settings: MeasureSettings,
+) -> MeasureTask:
+    """Read what the objects show, and the control mesh of the target.
+
+    Raises ComputeError, naming every object at fault.
+    """
+    refuse_bad_tolerance(settings.tolerance)
+    _refuse_bad_accuracy(settings.accuracy)
+    own = objects == [target]
+    faults = Faults(objects if own else [target, *objects])
+    with faults.of(target.name):
+        control = read_control_mesh(context, target, use_modifiers=settings.use_modifiers)
+        validate(control.in_world)
+        surface = surface_of(target, control, settings)
+    measured = []
+    for blender_object in objects:
+        with faults.of(blender_object.name):
+            if own:
+                _refuse_subdivision(blender_object)
+            mesh = blender_object.data
+            shown = read_shown_mesh(context, blender_object)
+            measured.append(Measured(blender_object.name, mesh.session_uid, count_faces(mesh), shown))
+    faults.refuse()
+    place = np.array(target.evaluated_get(context.evaluated_depsgraph_get()).matrix_world, dtype=np.float64)
+    return MeasureTask(surface, place[:3, 3], own, measured)
+
+
+def _refuse_bad_accuracy(accuracy: float) -> None:
+    if not np.isfinite(accuracy) or accuracy <= 0:
+        raise ComputeError("The accuracy must be a number greater than zero")
+
+
+def _refuse_subdivision(blender_object: bpy.types.Object) -> None:
+    """Raise InvalidMeshError for an adaptive result: its own mesh is no control mesh of anything."""
+    if blender_object.data.ccdepth.subdivision and subdivision_modifier(blender_object) is None:
+        raise InvalidMeshError(
+            "it was made by adaptive subdivision; select the object it was made from as well, as the active one"
+        )
+
+
+def measure(task: MeasureTask, settings: MeasureSettings, progress: Progress) -> list[MeshDeviation]:
+    """Measure every object of the task. It knows no Blender, and may run in a thread.
+
+    progress: called with the fraction done; what it raises ends the work. Raises InvalidMeshError and MemoryError.
+    """
+    until = perf_counter() + settings.time_limit
+    answers: dict[int, MeshDeviation] = {}
+    for index, measured in enumerate(task.measured):
+        left = None
+        if settings.time_limit:
+            # What one leaves of its share is the others'.
+            left = max(0.0, until - perf_counter()) / (len(task.measured) - index)
+        answer = _measure_one(task, measured, settings, left, _part_of(progress, index, len(task.measured)))
+        known = answers.get(measured.mesh_uid)
+        answers[measured.mesh_uid] = answer if known is None else _joined(known, answer)
+    return list(answers.values())
+
+
+def _part_of(progress: Progress, index: int, count: int) -> Progress:
+    return lambda fraction: progress((index + fraction) / count)
+
+
+def _measure_one(
+    task: MeasureTask, measured: Measured, settings: MeasureSettings, seconds: float | None, progress: Progress
+) -> MeshDeviation:
+    shown, control = measured.shown, task.surface.control
+    found = measure_deviation(
+        control.in_world,
+        shown.positions_from(task.location),
+        shown.triangles.corners,
+        accuracy=settings.accuracy,
+        time_limit=seconds,
+        tolerance=task.surface.tolerance,
+        progress=progress,
+    )
+    rounding = shown.rounding_from(task.location)
+    sources = [(shown.triangles.faces, found.triangle_bounds)]
+    if task.own:
+        faces = np.arange(measured.face_count) if control.base_faces is None else control.base_faces
+        sources.append((faces, found.face_bounds))
+    return MeshDeviation(
+        mesh_uid=measured.mesh_uid,
+        object_names=[measured.object_name],
+        against=task.surface.object_name,
+        tolerance=task.surface.tolerance,
+        deviations=_largest_of_faces(measured.face_count, sources, rounding),
+        proved=found.proved + rounding,
+        reached=max(0.0, found.reached - rounding),
+        accuracy_met=found.accuracy_met,
+        worst_face=_worst_face(task, measured, found),
+        worst_point=found.worst_point + task.location,
+    )
+
+
+def _largest_of_faces(count: int, sources: list[tuple[IndexArray, FloatArray]], rounding: float) -> FloatArray:
+    """(count,): the largest bound of what comes from each face, with the rounding; 0 where nothing does."""
+    largest = np.zeros(count)
+    for faces, bounds in sources:
+        known = faces != NO_ORIGIN
+        np.maximum.at(largest, faces[known], bounds[known] + rounding)
+    return largest
+
+
+def _worst_face(task: MeasureTask, measured: Measured, found: Deviation) -> int:
+    """The face of the measured object's mesh at the worst place, or ``NO_ORIGIN``."""
+    if not (task.own and found.surface_to_mesh):
+        return int(measured.shown.triangles.faces[found.worst_triangle])
+    base_faces = task.surface.control.base_faces
+    return found.worst_face if base_faces is None else int(base_faces[found.worst_face])
+
+
+def _joined(one: MeshDeviation, other: MeshDeviation) -> MeshDeviation:
+    """What two objects with one mesh say of it."""
+    worst, better = (one, other) if one.reached >= other.reached else (other, one)
+    return MeshDeviation(
+        mesh_uid=one.mesh_uid,
+        object_names=worst.object_names + better.object_names,
+        against=one.against,
+        tolerance=one.tolerance,
+        deviations=np.maximum(one.deviations, other.deviations),
+        proved=max(one.proved, other.proved),
+        reached=worst.reached,
+        accuracy_met=one.accuracy_met and other.accuracy_met,
+        worst_face=worst.worst_face,
+        worst_point=worst.worst_point,
+    )

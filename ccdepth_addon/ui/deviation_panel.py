@@ -1,0 +1,103 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The sidebar's panel about deviations: settings, and what was measured on the active object or against it."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..state import deviation_results, results, staleness
+from ..state.properties import tolerance_name
+from ..tasks.surfaces import as_typed
+from .lengths import Rounding, length_text
+from .panels import draw_rows
+
+# How a verdict is shown: icon and text.
+VERDICTS = {
+    "MET": ("CHECKMARK", "Within the Tolerance"),
+    "NOT_MET": ("CANCEL", "Not Within the Tolerance"),
+    "UNDECIDED": ("QUESTION", "Not Decided"),
+}
+
+
+class CCDEPTH_PT_deviation(bpy.types.Panel):
+    bl_label = "Deviation"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "CC Depth"
+    bl_parent_id = "CCDEPTH_PT_settings"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, settings = self.layout, context.scene.ccdepth
+        button = layout.column()
+        button.scale_y = 1.4
+        button.operator("ccdepth.measure", icon="DRIVER_DISTANCE")
+        column = layout.column()
+        column.use_property_split = True
+        column.use_property_decorate = False
+        column.prop(settings, "accuracy")
+        column.prop(settings, "time_limit")
+        measured = deviation_results.shown_object(context) or context.active_object
+        if measured is not None and measured.type == "MESH" and results.has_deviation(measured.data):
+            _draw_measurement(layout, context, measured.data)
+
+
+def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, mesh: bpy.types.Mesh) -> None:
+    settings, found = context.scene.ccdepth, mesh.ccdepth.measurement
+    box = layout.box().column()
+    line = stale_line(settings, mesh)
+    if line:
+        row = box.row()
+        row.alert = True
+        row.label(text=line, icon="ERROR")
+    icon, text = VERDICTS[found.verdict]
+    row = box.row()
+    row.alert = found.verdict == "NOT_MET"
+    row.label(text=text, icon=icon)
+    draw_rows(box, _numbers(context.scene, mesh.ccdepth))
+    if not found.accuracy_met:
+        box.label(text="Accuracy not reached", icon="TIME")
+    row = layout.row(align=True)
+    row.operator("ccdepth.select_worst", icon="RESTRICT_SELECT_OFF")
+    row.operator("ccdepth.select_worst", text="", icon="ZOOM_SELECTED").frame = True
+    if not results.shows_deviation(mesh):
+        return
+    column = layout.column(heading="Show")
+    column.use_property_split = True
+    column.use_property_decorate = False
+    column.prop(settings, "show_heat_map")
+    column.prop(settings, "show_legend")
+    column.prop(settings, "deviation_range")
+    # Where there are depths, the button is beside those.
+    if not results.has_result(context.active_object.data):
+        layout.operator("ccdepth.clear", icon="X")
+
+
+def _numbers(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:
+    found = record.measurement
+    own = found.measured == found.against
+    return [
+        *([] if own else [("Object", found.measured)]),
+        ("Against", "Its own limit surface" if own else found.against),
+        ("At Most", length_text(scene, record.deviation, Rounding.UP)),
+        ("At Least", length_text(scene, record.deviation_reached, Rounding.DOWN)),
+        ("Tolerance", length_text(scene, found.world_tolerance)),
+    ]
+
+
+def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
+    """What to tell of a measurement that no longer fits; empty when it does."""
+    if staleness.is_deviation_stale(mesh):
+        return "Out of date: objects changed"
+    found = mesh.ccdepth.measurement
+    tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
+    asked = (as_typed(tolerance), settings.tolerance_mode, as_typed(settings.accuracy), settings.use_modifiers)
+    answered = (as_typed(found.tolerance), found.tolerance_mode, as_typed(found.accuracy), found.use_modifiers)
+    return "" if asked == answered else "Out of date: settings changed"
+
+
+def register() -> None:
+    bpy.utils.register_class(CCDEPTH_PT_deviation)
+
+
+def unregister() -> None:
+    bpy.utils.unregister_class(CCDEPTH_PT_deviation)

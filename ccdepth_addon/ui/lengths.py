@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Lengths as people read them: in the scene's units, with few digits, and rounded to the side that keeps them true."""
+
+from __future__ import annotations
+
+from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
+from enum import Enum
+from typing import NamedTuple
+
+import bpy
+
+DIGITS = 4
+
+# A number below this part of the scene's unit is easier to read in a smaller one.
+LEAST_IN_UNIT = Decimal("0.001")
+
+
+class Rounding(Enum):
+    """To which side: a proved distance must not become smaller by being written, nor a reached one larger."""
+
+    NEAREST = ROUND_HALF_EVEN
+    UP = ROUND_CEILING
+    DOWN = ROUND_FLOOR
+
+
+class Unit(NamedTuple):
+    """How it is written, and its length in metres; without a name it is the scene's own number."""
+
+    name: str
+    length: Decimal
+
+
+PLAIN = Unit("", Decimal(1))
+
+# Each from the largest to the smallest.
+METRIC = {
+    "KILOMETERS": Unit("km", Decimal(1000)),
+    "METERS": Unit("m", Decimal(1)),
+    "CENTIMETERS": Unit("cm", Decimal("0.01")),
+    "MILLIMETERS": Unit("mm", Decimal("0.001")),
+    "MICROMETERS": Unit("µm", Decimal("0.000001")),
+}
+IMPERIAL = {
+    "MILES": Unit("mi", Decimal("1609.344")),
+    "FEET": Unit("ft", Decimal("0.3048")),
+    "INCHES": Unit("in", Decimal("0.0254")),
+    "THOU": Unit("thou", Decimal("0.0000254")),
+}
+SYSTEMS = {"METRIC": METRIC, "IMPERIAL": IMPERIAL}
+
+
+def unit_for(scene: bpy.types.Scene, length: float) -> Unit:
+    """The unit to write a length of the scene in: the one that the scene asks for, or one in which it is no long row of
+    zeros."""
+    units = SYSTEMS.get(scene.unit_settings.system)
+    if units is None:
+        return PLAIN
+    metres = _metres(scene, length)
+    wanted = units.get(scene.unit_settings.length_unit)
+    if wanted is not None and (not metres or metres >= LEAST_IN_UNIT * wanted.length):
+        return wanted
+    *others, smallest = units.values()
+    return next((unit for unit in others if metres >= unit.length), smallest)
+
+
+def length_text(
+    scene: bpy.types.Scene, length: float, rounding: Rounding = Rounding.NEAREST, digits: int = DIGITS
+) -> str:
+    """A length of the scene with its unit, to so many significant digits."""
+    unit = unit_for(scene, length)
+    number = number_text(in_unit(scene, length, unit), rounding, digits)
+    return f"{number} {unit.name}" if unit.name else number
+
+
+def in_unit(scene: bpy.types.Scene, length: float, unit: Unit) -> Decimal:
+    """How many of that unit a length of the scene is."""
+    return Decimal(length) if unit == PLAIN else _metres(scene, length) / unit.length
+
+
+def number_text(number: Decimal, rounding: Rounding = Rounding.NEAREST, digits: int = DIGITS) -> str:
+    """A number to so many significant digits."""
+    if not number:
+        return "0"
+    rounded = number.quantize(Decimal(1).scaleb(number.adjusted() - digits + 1), rounding=rounding.value)
+    if not -5 <= rounded.adjusted() <= 9:
+        return f"{rounded.normalize():e}"
+    text = f"{rounded:f}"
+    return text.rstrip("0").rstrip(".") if "." in text else text
+
+
+def _metres(scene: bpy.types.Scene, length: float) -> Decimal:
+    # Blender keeps the scale in single precision.
+    return Decimal(length) * Decimal(str(round(scene.unit_settings.scale_length, 7)))

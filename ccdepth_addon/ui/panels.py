@@ -1,0 +1,259 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The sidebar's CC Depth tab: settings, and the results of the active object's mesh."""
+
+import bpy
+import bpy.utils.previews
+import numpy as np
+
+from ..state import results, staleness
+from ..state.face_counts import known_count
+from ..state.properties import tolerance_name
+from ..tasks.adaptive_task import subdivision_settings
+from ..tasks.surfaces import as_typed
+from .colors import palette
+from .lengths import length_text
+
+# From here on a count of faces is written as a power of ten.
+LARGEST_COUNT_IN_FULL = 10**10
+
+SWATCH_SIZE = 16
+
+_swatches: bpy.utils.previews.ImagePreviewCollection | None = None
+
+
+class CCDEPTH_PT_settings(bpy.types.Panel):
+    bl_label = "CC Depth"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "CC Depth"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        settings = context.scene.ccdepth
+        button = layout.column()
+        button.scale_y = 1.4
+        button.operator("ccdepth.compute", icon="MOD_SUBSURF")
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        column = layout.column()
+        column.row().prop(settings, "tolerance_mode", text="Tolerance", expand=True)
+        if settings.tolerance_mode == "RELATIVE":
+            column.prop(settings, "relative_tolerance", text="Fraction")
+        else:
+            column.prop(settings, "tolerance", text="Distance")
+        column = layout.column()
+        column.prop(settings, "method")
+        column.prop(settings, "vertices")
+        column.prop(settings, "use_modifiers")
+
+
+class CCDEPTH_PT_results(bpy.types.Panel):
+    bl_label = "Results"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "CC Depth"
+    bl_parent_id = "CCDEPTH_PT_settings"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        active = context.active_object
+        return active is not None and active.type == "MESH" and results.has_result(active.data)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        mesh = context.active_object.data
+        record = mesh.ccdepth
+        _draw_stale_line(layout, context.scene.ccdepth, context.active_object)
+        _draw_numbers(layout, context.scene, record)
+        _draw_histogram(layout, mesh)
+        row = layout.row(align=True)
+        row.operator("ccdepth.select", text="Select by Depth", icon="RESTRICT_SELECT_OFF")
+        row.operator("ccdepth.clear", icon="X")
+        if not mesh.ccdepth.subdivision:
+            layout.operator("ccdepth.set_levels", icon="MOD_SUBSURF")
+        if not results.has_heat_map(mesh) or results.shows_deviation(mesh):
+            return
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        column = layout.column(heading="Show")
+        column.prop(context.scene.ccdepth, "show_heat_map")
+        column.prop(context.scene.ccdepth, "show_legend")
+
+
+def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: bpy.types.Object | None = None) -> str:
+    """What to tell of a result that no longer fits the mesh, or an object that uses it; empty when it does."""
+    if staleness.is_stale(mesh):
+        return "Out of date: mesh changed"
+    if holder is not None and staleness.is_uncovered(holder):
+        return "Not computed for this object"
+    record = mesh.ccdepth
+    if record.subdivision:
+        # It was made with its settings, whatever is to be made next.
+        return ""
+    tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
+    # Both as the decimals they were typed as: one has been through single precision once more than the other.
+    asked = (as_typed(tolerance), settings.tolerance_mode, settings.method, settings.vertices, settings.use_modifiers)
+    answered = (
+        as_typed(record.tolerance),
+        record.tolerance_mode,
+        record.method,
+        record.vertices,
+        record.use_modifiers,
+    )
+    return "" if asked == answered else "Out of date: settings changed"
+
+
+def _draw_stale_line(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, holder: bpy.types.Object) -> None:
+    line = stale_line(settings, holder.data, holder)
+    if line:
+        row = layout.row()
+        row.alert = True
+        row.label(text=line, icon="ERROR")
+
+
+def _draw_numbers(layout: bpy.types.UILayout, scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> None:
+    numbers = _numbers_of_subdivision(scene, record) if record.subdivision else _numbers_of_depths(scene, record)
+    draw_rows(layout, numbers)
+
+
+def draw_rows(layout: bpy.types.UILayout, rows: list[tuple[str, str]]) -> None:
+    """Names and values beside each other, like properties."""
+    column = layout.column(align=True)
+    for name, value in rows:
+        split = column.split(factor=0.45)
+        label = split.row()
+        label.alignment = "RIGHT"
+        label.label(text=name)
+        split.label(text=value)
+
+
+def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:
+    numbers = [
+        ("Faces", f"{record.faces:,}"),
+        ("Deepest Depth", str(record.deepest)),
+        ("Tolerance", length_text(scene, record.world_tolerance)),
+    ]
+    # Results from before there was such a level have none.
+    if record.uniform_level >= 0:
+        numbers.append(("Uniform Level", str(record.uniform_level)))
+        numbers.append(("Uniform Faces", count_text(int(record.uniform_faces))))
+    if record.method == "CERTIFIED":
+        numbers.append(("Depth Is Exact", exact_text(record.exact_faces, record.faces)))
+    return numbers
+
+
+def _numbers_of_subdivision(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:
+    return [
+        ("Faces", f"{record.faces:,}"),
+        ("Base Faces", f"{record.base_faces:,}"),
+        ("Uniform Faces", count_text(int(record.uniform_faces))),
+        ("Deepest Depth", str(record.deepest)),
+        ("Tolerance", length_text(scene, record.world_tolerance)),
+        ("Proved", length_text(scene, record.largest_bound)),
+    ]
+
+
+def exact_text(exact: int, faces: int) -> str:
+    """On how many faces no lesser depth would do; never rounded up to all of them."""
+    if exact == faces:
+        return "On all faces"
+    return f"On {min(100 * exact / faces, 99.9):.1f} % of faces"
+
+
+def count_text(count: int) -> str:
+    """A count with separators, or as a power of ten when it is too long for the sidebar."""
+    if count < LARGEST_COUNT_IN_FULL:
+        return f"{count:,}"
+    mantissa, exponent = f"{count:.2e}".split("e+")
+    return f"{mantissa} × 10{exponent.lstrip('0').translate(str.maketrans('0123456789', '⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
+
+
+def _draw_histogram(layout: bpy.types.UILayout, mesh: bpy.types.Mesh) -> None:
+    record = mesh.ccdepth
+    colors: tuple[tuple[float, float, float], ...] = ()
+    if not (record.subdivision or results.shows_deviation(mesh)):
+        colors = palette(record.least_color_depth, record.deepest_color_depth)
+    most = max(row.faces for row in record.rows)
+    box = layout.box().column(align=True)
+    for row in reversed(record.rows):
+        split = box.split(factor=0.22)
+        key = split.row(align=True)
+        swatch = _swatch(colors[row.depth - record.least_color_depth]) if colors else 0
+        key.label(text=str(row.depth), icon_value=swatch)
+        value = split.row(align=True)
+        value.progress(text=f"{row.faces:,}", factor=row.faces / most)
+        button = value.operator("ccdepth.select", text="", icon="RESTRICT_SELECT_OFF", emboss=False)
+        button.depth, button.comparison = row.depth, "EQUAL"
+
+
+def _swatch(color: tuple[float, float, float]) -> int:
+    """The icon of a colour. Each is made once: a few hundred bytes."""
+    assert _swatches is not None
+    name = repr(color)
+    if name not in _swatches:
+        icon = _swatches.new(name)
+        icon.icon_size = (SWATCH_SIZE, SWATCH_SIZE)
+        icon.icon_pixels_float = np.tile(np.array((*color, 1.0), dtype=np.float32), SWATCH_SIZE**2)
+    return _swatches[name].icon_id
+
+
+class CCDEPTH_PT_subdivision(bpy.types.Panel):
+    bl_label = "Adaptive Subdivision"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "CC Depth"
+    bl_parent_id = "CCDEPTH_PT_settings"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        settings = context.scene.ccdepth
+        button = layout.column()
+        button.scale_y = 1.4
+        button.operator("ccdepth.subdivide", icon="MOD_MULTIRES")
+        _draw_face_count(layout, context)
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        column = layout.column()
+        column.prop(settings, "mode")
+        column.prop(settings, "transitions")
+        column.prop(settings, "output")
+        column.prop(settings, "exact_normals")
+        column.prop(settings, "max_faces")
+
+
+def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    settings, active = context.scene.ccdepth, context.active_object
+    tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
+    asked = subdivision_settings(settings, tolerance)
+    count = None if active is None else known_count(active, asked)
+    if count is None:
+        layout.operator("ccdepth.count_faces", icon="FACESEL")
+        return
+    if count.fitting is None:
+        draw_rows(layout, [("Faces to Make", f"{count.faces:,}")])
+        return
+    column = layout.column()
+    column.alert = True
+    fitting = "None"
+    if np.isfinite(count.fitting):
+        relative = settings.tolerance_mode == "RELATIVE"
+        fitting = f"{count.fitting:.2g}" if relative else length_text(context.scene, count.fitting)
+    draw_rows(column, [("Faces to Make", f"About {count.faces:,}, too many"), ("Fitting Tolerance", fitting)])
+
+
+CLASSES = (CCDEPTH_PT_settings, CCDEPTH_PT_results, CCDEPTH_PT_subdivision)
+
+
+def register() -> None:
+    global _swatches
+    _swatches = bpy.utils.previews.new()
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister() -> None:
+    global _swatches
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)
+    bpy.utils.previews.remove(_swatches)
+    _swatches = None

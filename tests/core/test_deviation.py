@@ -1,0 +1,324 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Deviations against dense samples of both sides, and against distances that are known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.spatial import cKDTree
+
+from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
+from ccdepth_addon.core.deviation import Deviation, measure_deviation
+from ccdepth_addon.core.mesh.polygon_mesh import InvalidMeshError, PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions, subdivide
+from tests import meshes
+
+ACCURACY = 0.05
+
+# Points of a fine triangulation that are compared with, and steps along the sides of triangles.
+NEIGHBOURS = 24
+STEPS = 6
+
+MESHES: dict[str, Callable[[], meshes.MeshData]] = {
+    "cube": meshes.cube,
+    "torus": lambda: meshes.torus(8, 6),
+    "landscape": lambda: meshes.landscape(4, 3),
+    "valence 5": lambda: meshes.fan(5, 2),
+    "valence 12": lambda: meshes.fan(12, 1),
+    "valence 2": meshes.valence_two,
+    "n-gons": lambda: meshes.bumpy(meshes.cylinder(7), 0.1),
+    "triangles": lambda: meshes.bumpy(meshes.bipyramid(8), 0.05),
+    "poles": lambda: meshes.bumpy(meshes.trapezohedron(9), 0.05),
+    "creases": lambda: meshes.with_random_creases(meshes.landscape(3, 3)),
+    "creased cube": meshes.creased_cube,
+    "house with creases": lambda: meshes.with_random_creases(meshes.triangles_and_quads()),
+    "not manifold": meshes.three_faces_on_an_edge,
+    "Möbius": meshes.mobius_strip,
+}
+
+
+def control_of(data: meshes.MeshData) -> PolygonMesh:
+    return apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
+
+
+def result(control: PolygonMesh, level: int, *, limit: bool) -> tuple[FloatArray, IndexArray]:
+    """A level of the control mesh as triangles."""
+    mesh = control
+    for _ in range(level):
+        mesh = subdivide(mesh).mesh
+    quads = mesh.corner_vertices.reshape(-1, 4)
+    triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [2, 3, 0]]])
+    return limit_positions(mesh) if limit else mesh.positions, triangles
+
+
+def point_to_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
+    """(N,) distances from points (N, 3) to triangles (N, 3, 3), by quadratic programming over all faces of each."""
+    a, b, c = corners[:, 0], corners[:, 1], corners[:, 2]
+    ab, ac, ap = b - a, c - a, points - a
+    gram = np.stack([np.stack([(ab * ab).sum(1), (ab * ac).sum(1)]), np.stack([(ab * ac).sum(1), (ac * ac).sum(1)])])
+    right = np.stack([(ab * ap).sum(1), (ac * ap).sum(1)])
+    determinant = gram[0, 0] * gram[1, 1] - gram[0, 1] ** 2
+    v = (gram[1, 1] * right[0] - gram[0, 1] * right[1]) / determinant
+    w = (gram[0, 0] * right[1] - gram[0, 1] * right[0]) / determinant
+    inside = (v >= 0) & (w >= 0) & (v + w <= 1)
+    best = np.where(inside, np.linalg.norm(ap - v[:, None] * ab - w[:, None] * ac, axis=1), np.inf)
+    for start, end in ((a, b), (b, c), (c, a)):
+        along = end - start
+        share = np.clip(((points - start) * along).sum(1) / (along * along).sum(1), 0, 1)
+        best = np.minimum(best, np.linalg.norm(points - start - share[:, None] * along, axis=1))
+    return best
+
+
+def distances(points: FloatArray, positions: FloatArray, triangles: IndexArray) -> FloatArray:
+    """(N,) to the triangles whose middles are nearest: no shorter than the true ones."""
+    corners = positions[triangles]
+    count = min(NEIGHBOURS, len(triangles))
+    _, near = cKDTree(corners.mean(axis=1)).query(points, count)
+    near = near.reshape(len(points), count)
+    owners = np.repeat(np.arange(len(points)), count)
+    return point_to_triangles(points[owners], corners[near.ravel()]).reshape(near.shape).min(axis=1)
+
+
+def samples(positions: FloatArray, triangles: IndexArray) -> FloatArray:
+    """Points all over the triangles."""
+    i, j = np.meshgrid(np.arange(STEPS + 1), np.arange(STEPS + 1))
+    inside = i + j <= STEPS
+    weights = np.stack([i[inside], j[inside], STEPS - i[inside] - j[inside]], axis=1) / STEPS
+    return np.einsum("sc,tci->tsi", weights, positions[triangles]).reshape(-1, 3)
+
+
+@cache
+def fine(name: str) -> tuple[FloatArray, IndexArray]:
+    """The surface as triangles with their corners on it, so many that they are hardly off."""
+    control = control_of(MESHES[name]())
+    return result(control, 4 if control.face_count < 30 else 3, limit=True)
+
+
+def sampled(name: str, positions: FloatArray, triangles: IndexArray) -> tuple[float, float]:
+    """From the surface to the mesh, whose points are really on it: reached; and both ways, about."""
+    surface, surface_triangles = fine(name)
+    to_mesh = distances(surface, positions, triangles).max()
+    to_surface = distances(samples(positions, triangles), surface, surface_triangles).max()
+    return float(to_mesh), float(max(to_mesh, to_surface))
+
+
+@cache
+def surface_is_off(name: str) -> float:
+    """How far the fine triangles are off the surface, about: what another level changes."""
+    control = control_of(MESHES[name]())
+    surface, triangles = fine(name)
+    finer, _ = result(control, 5 if control.face_count < 30 else 4, limit=True)
+    return 2 * float(distances(finer, surface, triangles).max())
+
+
+def assert_sound(found: Deviation) -> None:
+    assert found.proved >= found.reached >= 0
+    assert found.face_bounds.max() == found.proved
+    assert found.triangle_bounds.max() == found.proved
+    between = np.linalg.norm(found.worst_point - found.worst_nearest)
+    # The nearest point of the surface is known to a hundredth.
+    assert between == pytest.approx(found.reached, rel=0.011, abs=1e-9)
+
+
+@pytest.mark.parametrize("limit", [False, True])
+@pytest.mark.parametrize("name", MESHES)
+def test_deviation_lies_where_samples_say(name: str, limit: bool) -> None:
+    control = control_of(MESHES[name]())
+    positions, triangles = result(control, 1, limit=limit)
+    found = measure_deviation(control, positions, triangles, accuracy=ACCURACY)
+    assert_sound(found)
+    assert found.accuracy_met
+    assert found.proved <= (1 + ACCURACY) * found.reached
+    reached, both_ways = sampled(name, positions, triangles)
+    # Points of the surface are exact but for rounding; those of the mesh are compared with a fine mesh in its place.
+    assert found.proved >= reached - 1e-12
+    assert found.proved >= both_ways - surface_is_off(name)
+    # Samples this dense reach nearly everything.
+    assert found.reached <= 1.02 * both_ways + surface_is_off(name)
+
+
+@pytest.mark.parametrize("name", ["torus", "landscape", "poles", "creased cube"])
+@pytest.mark.parametrize("length", [1e-4, 1e-2, 0.3])
+def test_moved_meshes(name: str, length: float) -> None:
+    control = control_of(MESHES[name]())
+    positions, triangles = result(control, 2, limit=True)
+    moved = positions + length * np.array([0.6, 0.64, 0.48])
+    found = measure_deviation(control, moved, triangles, accuracy=ACCURACY)
+    assert_sound(found)
+    assert found.accuracy_met
+    reached, both_ways = sampled(name, moved, triangles)
+    off = surface_is_off(name)
+    assert found.proved >= max(reached - 1e-12, both_ways - off)
+    assert found.reached <= 1.02 * both_ways + off
+    # Every point has one of the mesh before it was moved, so far away.
+    before = measure_deviation(control, positions, triangles, accuracy=ACCURACY)
+    assert found.reached <= before.proved + length
+
+
+def flat(columns: int, rows: int, uneven: float) -> meshes.MeshData:
+    """A grid in a plane with uneven spacing."""
+    data = meshes.grid(columns, rows)
+    x, y, z = data.positions.T
+    return meshes.replace(data, positions=np.stack([x**uneven, y, z], axis=1))
+
+
+@pytest.mark.parametrize("height", [1e-6, 0.01, 3.0])
+def test_lifted_plane(height: float) -> None:
+    """Every point of either is so far from the other, and none farther."""
+    control = control_of(flat(5, 4, 2.5))
+    positions, triangles = result(control, 3, limit=True)
+    found = measure_deviation(control, positions + np.array([0, 0, height]), triangles, accuracy=0.2)
+    at_border = measure_deviation(control, positions, triangles, accuracy=0.2).proved
+    assert_sound(found)
+    assert height * (1 - 1e-9) - 1e-12 <= found.proved <= 1.2 * np.hypot(height, at_border) + 1e-12
+    assert found.reached <= np.hypot(height, at_border) + 1e-12
+
+
+def test_plane_with_uneven_spacing_inside_is_off_by_nothing() -> None:
+    """With sharp corners a rectangle's surface is the rectangle, however its inside is spaced."""
+    data = flat(5, 4, 2.5)
+    control = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=False)
+    corners = np.array([[0.0, 0, 0], [5**2.5, 0, 0], [5**2.5, 4, 0], [0, 4, 0]])
+    found = measure_deviation(control, corners, np.array([[0, 1, 2], [0, 2, 3]]))
+    assert found.accuracy_met
+    assert found.proved < 1e-9
+
+
+def test_spike_of_the_mesh_is_reached() -> None:
+    """What only the mesh has counts as much."""
+    data = meshes.grid(4, 4)
+    control = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=False)
+    positions, triangles = result(control, 1, limit=True)
+    top = np.argmin(np.linalg.norm(positions - [2, 2, 0], axis=1))
+    positions = positions.copy()
+    positions[top, 2] = 0.7
+    found = measure_deviation(control, positions, triangles)
+    assert_sound(found)
+    assert not found.surface_to_mesh
+    assert found.reached == pytest.approx(0.7, rel=0.01)
+    assert found.proved >= 0.7
+    assert found.accuracy_met
+
+
+def test_missing_part_is_reached() -> None:
+    """Where the mesh has a hole, the surface is as far off as the hole's border."""
+    data = meshes.grid(4, 4)
+    control = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=False)
+    positions, triangles = result(control, 1, limit=True)
+    middles = positions[triangles].mean(axis=1)
+    kept = (np.abs(middles - [2, 2, 0]) > 1).any(axis=1)
+    found = measure_deviation(control, positions, triangles[kept])
+    assert_sound(found)
+    assert found.surface_to_mesh
+    assert found.proved >= 1.0 - 1e-9
+    assert found.reached <= 1.0 + 1e-9
+    assert found.accuracy_met
+
+
+def test_sphere_moved() -> None:
+    """A closed round surface moved by less than its size: as far as it was moved, where it faces that way."""
+    control = control_of(meshes.cube())
+    positions, triangles = result(control, 3, limit=True)
+    off = measure_deviation(control, positions, triangles).proved
+    found = measure_deviation(control, positions + np.array([0.2, 0, 0]), triangles)
+    assert found.accuracy_met
+    assert 0.2 - off <= found.proved <= 1.05 * (0.2 + off)
+
+
+@given(seed=st.integers(0, 10_000), level=st.integers(0, 1), noise=st.sampled_from([0.0, 0.01, 0.2]))
+@settings(max_examples=12, deadline=None)
+def test_any_triangles_next_to_any_surface(seed: int, level: int, noise: float) -> None:
+    """The bounds hold for what has nothing to do with the surface's parameters."""
+    generator = np.random.default_rng(seed)
+    data = meshes.with_random_creases(meshes.bumpy(meshes.landscape(3, 2), 0.2, seed), seed)
+    control = control_of(data)
+    positions, triangles = result(control, level + 1, limit=bool(seed % 2))
+    positions = positions + generator.normal(size=positions.shape) * noise
+    triangles = triangles[generator.random(len(triangles)) < 0.95]
+    found = measure_deviation(control, positions, triangles, accuracy=0.2, max_pieces=60_000)
+    assert found.proved >= found.reached
+    fine_positions, fine_triangles = result(control, 4, limit=True)
+    to_mesh = distances_to_all(fine_positions[:: max(1, len(fine_positions) // 1000)], positions, triangles)
+    assert found.proved >= to_mesh.max() - 1e-12
+    assert (
+        not found.surface_to_mesh
+        or found.reached <= distances_to_all(found.worst_point[None], positions, triangles) + 1e-12
+    )
+    back = distances(samples(positions, triangles), fine_positions, fine_triangles)
+    finer, _ = result(control, 5, limit=True)
+    assert found.proved >= back.max() - 2 * distances(finer, fine_positions, fine_triangles).max()
+
+
+def distances_to_all(points: FloatArray, positions: FloatArray, triangles: IndexArray) -> FloatArray:
+    corners = positions[triangles]
+    found = np.full(len(points), np.inf)
+    for triangle in corners:
+        found = np.minimum(found, point_to_triangles(points, np.broadcast_to(triangle, (len(points), 3, 3))))
+    return found
+
+
+def test_limits_leave_a_valid_bound() -> None:
+    control = control_of(meshes.landscape(4, 3))
+    positions, triangles = result(control, 3, limit=True)
+    exact = measure_deviation(control, positions, triangles)
+    for limits in ({"max_pieces": 1}, {"max_pieces": 2000}, {"time_limit": 0.0}):
+        found = measure_deviation(control, positions, triangles, **limits)
+        assert found.proved >= exact.reached
+        assert not found.accuracy_met
+        assert found.face_bounds.max() == found.triangle_bounds.max() == found.proved
+
+
+def test_tolerance_far_above_stops_early() -> None:
+    control = control_of(meshes.landscape(4, 3))
+    positions, triangles = result(control, 3, limit=True)
+    found = measure_deviation(control, positions, triangles, tolerance=1000.0)
+    assert found.accuracy_met
+    assert found.proved <= 1.0
+
+
+def test_progress_is_told_and_may_stop() -> None:
+    control = control_of(meshes.landscape(4, 3))
+    positions, triangles = result(control, 2, limit=True)
+    told: list[float] = []
+    measure_deviation(control, positions, triangles, progress=told.append)
+    assert told
+    assert all(0 <= fraction <= 1 for fraction in told)
+    assert told == sorted(told)
+
+    class StoppedError(Exception):
+        pass
+
+    def stop(_: float) -> None:
+        raise StoppedError
+
+    with pytest.raises(StoppedError):
+        measure_deviation(control, positions, triangles, progress=stop)
+
+
+def test_degenerate_triangles_change_nothing() -> None:
+    control = control_of(meshes.torus(8, 6))
+    positions, triangles = result(control, 1, limit=True)
+    folded = np.concatenate([triangles, triangles[:5][:, [0, 1, 1]], triangles[:3][:, [0, 0, 0]]])
+    plain = measure_deviation(control, positions, triangles)
+    found = measure_deviation(control, positions, folded)
+    assert found.accuracy_met
+    assert found.proved == pytest.approx(plain.proved, rel=ACCURACY)
+
+
+def test_bad_input() -> None:
+    control = control_of(meshes.cube())
+    positions, triangles = result(control, 1, limit=True)
+    with pytest.raises(ValueError, match="no triangles"):
+        measure_deviation(control, positions, triangles[:0])
+    broken = positions.copy()
+    broken[3, 1] = np.nan
+    with pytest.raises(ValueError, match="finite"):
+        measure_deviation(control, broken, triangles)
+    flat_face = control.changed(positions=np.zeros_like(control.positions))
+    with pytest.raises(InvalidMeshError):
+        measure_deviation(flat_face, positions, triangles)
