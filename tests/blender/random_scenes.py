@@ -740,9 +740,6 @@ def add_scene(rng: Random) -> None:
 def set_mode(rng: Random) -> None:
     """Edit Mode mostly, and those in which one paints."""
     mode = one(rng, ("EDIT",) * 6 + ("OBJECT",) * 3 + PAINTING)
-    if mode in PAINTING and bpy.data.libraries:
-        # Blender 5.0 may crash by itself when it enters one of these after objects were linked.
-        return
     with suppress(*REFUSALS):
         bpy.ops.object.mode_set(mode=mode)
     if bpy.context.mode == "EDIT_MESH":
