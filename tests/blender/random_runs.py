@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import faulthandler
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -595,7 +596,8 @@ class Range:
             status, errors = self._run_process(first, end)
             if status != 0:
                 # Without the add-on on the stack Blender has crashed by itself, as some of its modes and modifiers do.
-                is_ours = f"{os.sep}ccdepth_addon{os.sep}" in errors or status > 0
+                crashed = status in (-signal.SIGSEGV, -signal.SIGABRT)
+                is_ours = not crashed or f"{os.sep}ccdepth_addon{os.sep}" in errors
                 self.faults += is_ours
                 end = self.reached + 1
                 where = "\n".join(line for line in errors.splitlines() if str(CHECKOUT) in line)
