@@ -27,7 +27,7 @@ import numpy as np
 
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.depth.face_depths import VERTICES, face_depths
-from ccdepth_addon.core.mesh.polygon_mesh import submesh
+from ccdepth_addon.core.mesh.submesh import submesh
 from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, subdivide
 from tests import meshes
 from tests.blender import scene

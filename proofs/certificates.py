@@ -24,7 +24,8 @@ from scipy.optimize import linprog
 
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norms import second_differences
-from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, submesh
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.mesh.submesh import submesh
 from ccdepth_addon.core.surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, bilinear_coefficients
 from ccdepth_addon.core.surface.catmull_clark import limit_positions, subdivide
 from ccdepth_addon.core.surface.patches import regular_nets

@@ -41,7 +41,7 @@ import numpy as np
 
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices, limit_displacement, published_divisor
-from ccdepth_addon.core.mesh.polygon_mesh import submesh
+from ccdepth_addon.core.mesh.submesh import submesh
 from ccdepth_addon.core.surface.bicubic import SPLINE_HALVES, bilinear_coefficients, second_derivatives
 from ccdepth_addon.core.surface.catmull_clark import limit_positions, subdivide
 from ccdepth_addon.core.surface.patches import extraordinary_nets

@@ -36,7 +36,8 @@ from .depth.face_depths import (
 )
 from .depth.modifier_quality import needed_quality
 from .deviation import Deviation, measure_deviation
-from .mesh.polygon_mesh import InvalidMeshError, PolygonMesh, polygon_mesh, validate
+from .mesh.polygon_mesh import PolygonMesh, polygon_mesh
+from .mesh.validation import InvalidMeshError, validate
 from .surface.catmull_clark import apply_boundary_rule, crease_to_sharpness
 from .surface.evaluation import limit_values
 from .surface.limit_normals import limit_normals

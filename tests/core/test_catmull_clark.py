@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, corners_of_faces, submesh
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.mesh.submesh import corners_of_faces, submesh
 from ccdepth_addon.core.surface.catmull_clark import (
     Subdivision,
     VertexRule,

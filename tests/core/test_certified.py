@@ -20,7 +20,8 @@ from ccdepth_addon.core.bounds.facet_bounds import facet_error, later_bounds, sa
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.depth import certified_depth
 from ccdepth_addon.core.depth.face_depths import VERTICES, DepthResult, face_depths, smallest_tolerance
-from ccdepth_addon.core.mesh.polygon_mesh import InvalidMeshError, PolygonMesh
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.bicubic import (
     HALVES,
     SPLINE_HALVES,

@@ -21,7 +21,8 @@ from ccdepth_addon.core.depth.face_depths import (
     face_depths_stepwise,
     smallest_tolerance,
 )
-from ccdepth_addon.core.mesh.polygon_mesh import InvalidMeshError, PolygonMesh, polygon_mesh
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
+from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, subdivide
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches
 from tests import meshes, nets

@@ -14,7 +14,8 @@ from scipy.spatial import cKDTree
 
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import Deviation, measure_deviation
-from ccdepth_addon.core.mesh.polygon_mesh import InvalidMeshError, PolygonMesh
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions, subdivide
 from tests import meshes
 

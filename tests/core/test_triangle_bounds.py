@@ -16,7 +16,8 @@ from ccdepth_addon.core.adaptive.leaf_bounds import triangle_bounds
 from ccdepth_addon.core.adaptive.leaf_bounds.irregular_bounds import template_misses
 from ccdepth_addon.core.adaptive.templates import ALL_SPLIT, QUAD_POINTS, Template, templates
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
-from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, submesh
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.mesh.submesh import submesh
 from ccdepth_addon.core.surface.bicubic import patch_coefficients
 from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions, subdivide
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets

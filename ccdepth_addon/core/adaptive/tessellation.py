@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..arrays.chunks import blocks, split
 from ..arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
-from ..mesh.polygon_mesh import compact, renumber
+from ..mesh.submesh import compact, renumber
 from ..surface.surface_points import SurfacePoints
 from .leaf_approximation import Fit
 from .quadtree import NONE, Point, Quadtree

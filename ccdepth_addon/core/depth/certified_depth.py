@@ -36,7 +36,8 @@ from ..bounds.norm_bounds import (
     support_bounds,
 )
 from ..bounds.norms import ring_index
-from ..mesh.polygon_mesh import PolygonMesh, submesh
+from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.submesh import submesh
 from ..surface.bicubic import HALVES, SPLINE_HALVES, bilinear_coefficients, both_ways, largest_norm, patch_coefficients
 from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import PATCH_METHODS, Method, Vertices
-from ..mesh.polygon_mesh import PolygonMesh, validate
+from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.validation import validate
 from .certified_depth import certified_blocks, certified_bounds
 from .modifier_quality import unmet_corners
 from .norm_depth import norm_blocks, norm_bounds

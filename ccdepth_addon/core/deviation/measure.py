@@ -14,7 +14,8 @@ from time import perf_counter
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
-from ..mesh.polygon_mesh import PolygonMesh, validate
+from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.validation import validate
 from .bezier_pieces import bezier_pieces
 from .findings import Findings
 from .mesh_to_surface import MeshToSurface

@@ -23,7 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..mesh.polygon_mesh import INFINITELY_SHARP, PolygonMesh, corners_of_faces, submesh
+from ..mesh.polygon_mesh import INFINITELY_SHARP, PolygonMesh
+from ..mesh.submesh import corners_of_faces, submesh
 
 # From this sharpness on a feature never softens (OpenSubdiv's convention).
 LARGEST_SEMI_SHARPNESS = 10.0

@@ -22,7 +22,8 @@ import numpy as np
 
 from ..arrays.chunks import blocks
 from ..arrays.types import FloatArray, IndexArray
-from ..mesh.polygon_mesh import PolygonMesh, submesh
+from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.submesh import submesh
 from .catmull_clark import limit_positions, subdivide
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from .stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils

@@ -7,7 +7,8 @@ import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
 from ..bounds.norms import ring_index
-from ..mesh.polygon_mesh import PolygonMesh, submesh
+from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.submesh import submesh
 from .catmull_clark import VertexRule, has_semi_sharp, subdivide, vertex_rules
 from .evaluation import evaluate, spline_sums, spline_weights
 from .surface_points import SurfacePoints

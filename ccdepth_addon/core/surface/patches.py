@@ -21,7 +21,8 @@ from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norms import ring_index
-from ..mesh.polygon_mesh import PolygonMesh, corners_of_faces
+from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.submesh import corners_of_faces
 from .catmull_clark import VertexRule, has_semi_sharp, vertex_rules
 
 

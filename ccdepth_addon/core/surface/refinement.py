@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..mesh.polygon_mesh import PolygonMesh, submesh
+from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.submesh import submesh
 from .catmull_clark import limit_positions, subdivide
 
 
