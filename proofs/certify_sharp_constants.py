@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Makes the tables of the method Sharp, ``ccdepth_addon/core/sharp_constants.py``, and proves them (needs scipy).
+"""Makes the tables of the method Sharp, ``ccdepth_addon/core/bounds/sharp_constants.py``, and proves them.
 
     python -m proofs.certify_sharp_constants [VALENCE …]
 
-Without arguments it makes the file; with valences it prints what it finds of them.
+Without arguments it makes the file; with valences it prints what it finds of them. Needs scipy.
 
 Claim: for every net of valence n with second-order norm M, ‖Lᵏ - S‖ ≤ factors[k] · M on the whole face at level k, with
 control or with limit vertices; further on the last ``PERIOD`` factors recur, times ``rate`` each time.
@@ -43,7 +43,8 @@ from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices, limit_displacement, published_divisor
 from ccdepth_addon.core.mesh.submesh import submesh
 from ccdepth_addon.core.surface.bicubic import SPLINE_HALVES, bilinear_coefficients, second_derivatives
-from ccdepth_addon.core.surface.catmull_clark import limit_positions, subdivide
+from ccdepth_addon.core.surface.catmull_clark import subdivide
+from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import extraordinary_nets
 from ccdepth_addon.core.surface.stencils import stencil_patch
 from proofs.certificates import Certifier, bernstein, facet_corner, facet_over_tile, split, tiles

@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.facet_bounds import facet_error, later_bounds, sampled_error
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
+from ccdepth_addon.core.bounds.rounding import smallest_tolerance
 from ccdepth_addon.core.depth import certified_depth
-from ccdepth_addon.core.depth.face_depths import VERTICES, DepthResult, face_depths, smallest_tolerance
+from ccdepth_addon.core.depth.face_depths import VERTICES, DepthResult, face_depths
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.bicubic import (
@@ -29,8 +30,10 @@ from ccdepth_addon.core.surface.bicubic import (
     both_ways,
     patch_coefficients,
 )
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions, subdivide
+from ccdepth_addon.core.surface.catmull_clark import subdivide
+from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.surface.stencils import apply_stencils, patch_stencils
 from tests import brute_force, meshes, nets
 

@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, subdivide
+from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.evaluation import limit_values
 from ccdepth_addon.core.surface.limit_normals import limit_normals
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes
 from tests.core.test_limit_surface import build, every_mesh

@@ -8,7 +8,7 @@ import pytest
 
 from ccdepth_addon.core.arrays.coordinates import applied, chosen_vectors, coordinates_apart
 from ccdepth_addon.core.arrays.matrix_products import COLUMNS_AT_ONCE, product
-from ccdepth_addon.core.bounds.norms import cross_products, squared_norms
+from ccdepth_addon.core.arrays.vectors import cross_products, squared_norms
 
 # Sums of at most 2¹⁸ positive numbers, each rounded by 2⁻⁵³ of the sum at most, in another order.
 ROUNDING = 2.0**-34

@@ -18,7 +18,7 @@ from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.coordinates import coordinates_apart
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 
 # Corners of a quad, counter-clockwise, and the triangles along its first and its second diagonal.

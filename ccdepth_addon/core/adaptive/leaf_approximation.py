@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ..arrays.chunks import blocks
 from ..arrays.coordinates import chosen_vectors
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..bounds.norms import cross_products, dot_products, squared_norms
+from ..arrays.vectors import cross_products, dot_products, squared_norms
 from .leaf_bounds.polygon_bounds import is_folded
 from .leaf_bounds.triangle_bounds import Misses
 from .quadtree import Quadtree

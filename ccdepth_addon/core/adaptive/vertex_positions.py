@@ -2,7 +2,7 @@
 """Where the vertices of a quadtree lie on the limit surface, found on the way or evaluated when they are asked for.
 
 Whoever looks at a bicubic quad knows its points. These are convex combinations of control points like those of
-``evaluation``, so rounding is covered alike (``face_depths.rounding_allowance``). Quads that share a vertex may differ
+``evaluation``, so rounding is covered alike (``rounding.rounding_allowance``). Quads that share a vertex may differ
 by that; the last one counts.
 """
 

@@ -19,6 +19,7 @@ from itertools import product
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
+from ..arrays.vectors import squared_norms
 from ..surface.bicubic import (
     SECOND_DIFFERENCE,
     SPLINE_TO_BERNSTEIN,
@@ -30,7 +31,6 @@ from ..surface.bicubic import (
     tensor,
 )
 from .norm_bounds import Vertices
-from .norms import squared_norms
 
 # h²/6 and h²/8 with h = 1; the weights' least value; the largest of |α(u* - u)|/h: s(1-s)|1-2s| is at most √3/18, and
 # with limit vertices 4/3 of it. Both are rounded up.

@@ -35,11 +35,10 @@ from ..bounds.norm_bounds import (
     sharp_extraordinary,
     support_bounds,
 )
-from ..bounds.norms import ring_index
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
 from ..surface.bicubic import HALVES, SPLINE_HALVES, bilinear_coefficients, both_ways, largest_norm, patch_coefficients
-from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
+from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets, ring_index
 from ..surface.refinement import Refinement
 from ..surface.stencils import PatchStencils, apply_stencils, patch_stencils
 from .tolerance_test import FaceBlock, LevelBlock, Question

@@ -19,9 +19,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..bounds.norms import squared_norms
+from ..arrays.vectors import squared_norms
 from ..mesh.polygon_mesh import PolygonMesh
-from ..surface.catmull_clark import limit_positions
+from ..surface.limit_positions import limit_positions
 from ..surface.refinement import Refinement
 
 # What a Subdivision Surface modifier has at most.

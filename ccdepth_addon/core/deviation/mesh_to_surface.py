@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..arrays.chunks import blocks, split
 from ..arrays.types import FloatArray, IndexArray
-from ..bounds.norms import squared_norms
+from ..arrays.vectors import squared_norms
 from .bezier_pieces import CORNERS, NONE, BezierPieces, bilinear_pieces
 from .box_tree import BoxTree, overlapping
 from .covering_pieces import over_pieces

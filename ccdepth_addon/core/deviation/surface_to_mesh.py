@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays.chunks import split
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..bounds.norms import squared_norms
+from ..arrays.vectors import squared_norms
 from .bezier_pieces import CORNERS, BezierPieces
 from .box_tree import BoxTree, overlapping
 from .covering_triangles import over_triangles

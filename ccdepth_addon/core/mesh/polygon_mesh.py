@@ -38,10 +38,10 @@ class PolygonMesh:
     face_starts: (F + 1,) intp, the first corner of each face; the last entry is C.
     corner_vertices, corner_edges: (C,) intp, the vertex each corner stands at and the edge it leaves along.
     edge_vertices: (E, 2) intp, the two ends of each edge. Edges without faces are allowed and have no effect.
-    edge_sharpness: (E,) float64, 0 smooth, positive semi-sharp, ``INFINITELY_SHARP``; see ``catmull_clark``.
+    edge_sharpness: (E,) float64, 0 smooth, positive semi-sharp, ``INFINITELY_SHARP``; see ``sharpness``.
     vertex_sharpness: (V,) float64, likewise.
     sharpness_is_explicit: whether the sharpness that follows from the topology (boundaries and the like) is already in
-    the two arrays, see ``catmull_clark.apply_boundary_rule``.
+    the two arrays, see ``sharpness.apply_boundary_rule``.
     """
 
     positions: FloatArray

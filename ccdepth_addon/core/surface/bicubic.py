@@ -13,7 +13,7 @@ import numpy as np
 
 from ..arrays.matrix_products import product
 from ..arrays.types import FloatArray
-from ..bounds.norms import squared_norms
+from ..arrays.vectors import squared_norms
 
 SPLINE_TO_BERNSTEIN = np.array([[1, 4, 1, 0], [0, 4, 2, 0], [0, 2, 4, 0], [0, 1, 4, 1]]) / 6
 SECOND_DIFFERENCE = np.array([[1, -2, 1, 0], [0, 1, -2, 1]], dtype=np.float64)

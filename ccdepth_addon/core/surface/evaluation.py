@@ -24,7 +24,8 @@ from ..arrays.chunks import blocks
 from ..arrays.types import FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
-from .catmull_clark import limit_positions, subdivide
+from .catmull_clark import subdivide
+from .limit_positions import limit_positions
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from .stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils
 from .surface_points import SurfacePoints
@@ -58,7 +59,7 @@ def limit_values(
 ) -> FloatArray:
     """(N, D) float64: what the values (V, D) of the control vertices come to at points of the limit surface.
 
-    mesh: with explicit sharpness (``catmull_clark.apply_boundary_rule``); its rules act on the values in place of its
+    mesh: with explicit sharpness (``sharpness.apply_boundary_rule``); its rules act on the values in place of its
     positions. Exact but for rounding, everywhere: some units in the last place of the largest value for each level a
     point is descended. Parameters should be dyadic fractions; others are rounded to one where a face is not regular.
     kinds: those of the mesh's patches, where they are known.

@@ -6,11 +6,13 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
-from ..bounds.norms import ring_index
+from ..arrays.vectors import sums_by_index
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
-from .catmull_clark import VertexRule, has_semi_sharp, subdivide, vertex_rules
+from .catmull_clark import subdivide
 from .evaluation import evaluate, spline_sums, spline_weights
+from .patches import ring_index
+from .sharpness import VertexRule, has_semi_sharp, vertex_rules
 from .surface_points import SurfacePoints
 
 # Tangents that span less than this part of their lengths' product span nothing but rounding.
@@ -150,18 +152,14 @@ def _sector_normals(mesh: PolygonMesh, corners: IndexArray) -> FloatArray:
     by_spokes = np.where(dart[spoke_ring], 1 / valence[spoke_ring] ** 2, 0.125 * (crease[spoke_ring] & sharp))[:, None]
     for _ in range(RING_STEPS):
         across = 0.25 * (ends[leaving] + ends[entering] + across)
-        move = _sums(spoke_ring, by_spokes * ends, len(vertices)) + _sums(ring, by_faces * across, len(vertices))
-        beside = _sums(leaving, across, len(spokes)) + _sums(entering, across, len(spokes))
+        move = sums_by_index(spoke_ring, by_spokes * ends, len(vertices))
+        move += sums_by_index(ring, by_faces * across, len(vertices))
+        beside = sums_by_index(leaving, across, len(spokes)) + sums_by_index(entering, across, len(spokes))
         ends = np.where(sharp[:, None], 0.5 * ends, 0.25 * (ends + beside)) - move[spoke_ring]
         across = across - move[ring]
     several = ~(sharp[leaving] & sharp[entering])
     normals[several] = _unit_normals(ends[leaving], ends[entering])[several]
     return normals[np.searchsorted(around, corners)]
-
-
-def _sums(index: IndexArray, vectors: FloatArray, count: int) -> FloatArray:
-    """(count, 3): for each of 0 … count - 1 the sum of the vectors whose ``index`` it is."""
-    return np.stack([np.bincount(index, weights=column, minlength=count) for column in vectors.T], axis=1)
 
 
 def _area_normals(mesh: PolygonMesh) -> FloatArray:

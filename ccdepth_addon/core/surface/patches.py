@@ -20,10 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..bounds.norms import ring_index
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import corners_of_faces
-from .catmull_clark import VertexRule, has_semi_sharp, vertex_rules
+from .sharpness import VertexRule, has_semi_sharp, vertex_rules
 
 
 class PatchKind(IntEnum):
@@ -52,7 +51,7 @@ class PatchKinds:
 
 
 def classify_patches(mesh: PolygonMesh) -> PatchKinds:
-    """The kind of every face's patch. The mesh's sharpness is explicit (``catmull_clark.apply_boundary_rule``).
+    """The kind of every face's patch. The mesh's sharpness is explicit (``sharpness.apply_boundary_rule``).
 
     A face of a submesh is told rightly when all the faces around its corners are there.
     """
@@ -196,6 +195,11 @@ def _extrapolate(net: FloatArray, sharp: BoolArray) -> None:
         patches = np.flatnonzero(sharp[side])
         if len(patches):
             net[:, j, patches] = 2 * net[:, inner, patches] - net[:, second, patches]
+
+
+def ring_index(valence: int, number: int) -> int:
+    """Index into an extraordinary net of ring point V_number, whose numbers 2 … 2n + 1 wrap around."""
+    return (number - 2) % (2 * valence) + 1
 
 
 def extraordinary_nets(mesh: PolygonMesh, corners: IndexArray, valence: int) -> FloatArray:

@@ -10,7 +10,8 @@ import numpy as np
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
-from .catmull_clark import limit_positions, subdivide
+from .catmull_clark import subdivide
+from .limit_positions import limit_positions
 
 
 @dataclass(frozen=True)

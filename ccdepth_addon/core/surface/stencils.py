@@ -13,10 +13,10 @@ import numpy as np
 
 from ..arrays.matrix_products import product
 from ..arrays.types import FloatArray
-from ..bounds.norms import ring_index
 from ..mesh.polygon_mesh import PolygonMesh, polygon_mesh
-from .catmull_clark import limit_positions, subdivide
-from .patches import extraordinary_nets, regular_nets
+from .catmull_clark import subdivide
+from .limit_positions import limit_positions
+from .patches import extraordinary_nets, regular_nets, ring_index
 
 # The stencils of a valence take time that grows with its cube; beyond this the mesh itself had better be refined.
 LARGEST_STENCIL_VALENCE = 64

@@ -17,7 +17,7 @@ from ...arrays.chunks import blocks
 from ...arrays.coordinates import applied, chosen_vectors
 from ...arrays.matrix_products import product
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ...bounds.norms import squared_norms
+from ...arrays.vectors import squared_norms
 from ..leaf_approximation import triangle_normals
 from ..templates import PLAIN, Triangle
 from .triangle_bounds import WHOLE_QUAD, Misses, bicubic_basis, off_quadratic, regular_points, rest_misses, to_monomials

@@ -19,8 +19,8 @@ import numpy as np
 
 from ...arrays.coordinates import applied
 from ...arrays.types import FloatArray, IndexArray
+from ...arrays.vectors import squared_norms
 from ...bounds.norm_bounds import Vertices, second_order_extraordinary, support_bounds
-from ...bounds.norms import squared_norms
 from ...surface.bicubic import bilinear_coefficients, patch_coefficients
 from ...surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from ...surface.refinement import Refinement

@@ -23,7 +23,7 @@ import numpy as np
 
 from ...arrays.matrix_products import product
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ...bounds.norms import cross_products, dot_products, squared_norms
+from ...arrays.vectors import cross_products, dot_products, squared_norms
 from ..templates import templates
 
 # What rounding may take from a thickness, in parts of how far vertices are from the centroid: 16 roundings or less. It
