@@ -13,7 +13,7 @@ from ccdepth_addon.core.surface.limit_normals import limit_normals
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes
-from tests.core.test_limit_surface import build, every_mesh
+from tests.core.test_evaluation import build, every_mesh
 from tests.uniform import uniform_points
 
 # A step short enough for second derivatives to be worth 1e-5, and long enough for rounding to be worth less.

@@ -16,8 +16,8 @@ from functools import partial
 
 import numpy as np
 
-from ..arrays.chunks import split
-from ..arrays.threads import in_parallel
+from ..arrays.chunks import index_chunks
+from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.facet_bounds import (
     CORNER_ROWS,
@@ -72,7 +72,7 @@ def certified_blocks(mesh: PolygonMesh, question: Question, vertices: Vertices) 
     """Every face of the mesh with its certified depth, in blocks; some are empty, to let the caller breathe."""
     yield FaceBlock.empty()
     searches = _searches(mesh, question, vertices, np.arange(mesh.face_count))
-    for block in in_parallel(lambda begin: begin().run(), searches):
+    for block in map_in_threads(lambda begin: begin().run(), searches):
         yield FaceBlock.empty() if block is None else block
 
 
@@ -82,7 +82,7 @@ def certified_bounds(
     """Some faces with what is proved of them at one level, in blocks; some are empty, to let the caller breathe."""
     yield LevelBlock.empty()
     searches = _searches(mesh, question, vertices, faces)
-    for block in in_parallel(lambda begin: begin().at(level), searches):
+    for block in map_in_threads(lambda begin: begin().at(level), searches):
         yield LevelBlock.empty() if block is None else block
 
 
@@ -100,11 +100,11 @@ def _searches(
         return _Search(question, vertices, some, [], Refinement.start(part, own))
 
     # Those that take longest first, so that no processor is left with one of them in the end.
-    for together in split(faces[~is_regular], OTHER_FACES_TOGETHER):
+    for together in index_chunks(faces[~is_regular], OTHER_FACES_TOGETHER):
         part = submesh(mesh, together)[0]
-        for own in split(np.arange(len(together)), OTHER_FACES_AT_ONCE):
+        for own in index_chunks(np.arange(len(together)), OTHER_FACES_AT_ONCE):
             yield partial(begin_other, part, own, together[own])
-    for some in split(faces[is_regular], REGULAR_FACES_AT_ONCE):
+    for some in index_chunks(faces[is_regular], REGULAR_FACES_AT_ONCE):
         yield partial(begin_regular, some)
 
 

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..arrays.chunks import split
+from ..arrays.chunks import index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import PatchBounds, PatchMethod, Vertices, support_bounds
 from ..mesh.polygon_mesh import PolygonMesh
@@ -41,7 +41,7 @@ def norm_blocks(mesh: PolygonMesh, question: Question, method: PatchMethod, vert
     for faces, bounds in search.patch_bounds(mesh, patches, np.arange(mesh.face_count)):
         yield search.first_levels(faces, bounds)
     irregular = np.flatnonzero(patches.kinds == PatchKind.IRREGULAR)
-    for faces in split(irregular, IRREGULAR_FACES_AT_ONCE):
+    for faces in index_chunks(irregular, IRREGULAR_FACES_AT_ONCE):
         yield from search.irregular_block(mesh, faces)
 
 
@@ -55,7 +55,7 @@ def norm_bounds(
     for some, bounds in search.patch_bounds(mesh, patches, faces):
         yield search.proved(some, bounds.at(level))
     irregular = faces[patches.kinds[faces] == PatchKind.IRREGULAR]
-    for some in split(irregular, IRREGULAR_FACES_AT_ONCE):
+    for some in index_chunks(irregular, IRREGULAR_FACES_AT_ONCE):
         yield from search.irregular_at(mesh, some, level)
 
 
@@ -86,13 +86,13 @@ class _Search:
     ) -> Iterator[tuple[IndexArray, PatchBounds]]:
         """The bounds of the regular and the extraordinary among the faces, a block of one kind at a time."""
         kinds = patches.kinds[faces]
-        for regular in split(faces[kinds == PatchKind.REGULAR], REGULAR_FACES_AT_ONCE):
+        for regular in index_chunks(faces[kinds == PatchKind.REGULAR], REGULAR_FACES_AT_ONCE):
             yield regular, self.method.regular(regular_nets(mesh, regular), self.vertices)
         extraordinary = faces[kinds == PatchKind.EXTRAORDINARY]
         valences = mesh.vertex_face_counts[mesh.corner_vertices[patches.extraordinary_corners[extraordinary]]]
         for valence in np.unique(valences).tolist():
             at_once = max(1, EXTRAORDINARY_POINTS_AT_ONCE // (2 * valence + 8))
-            for block in split(extraordinary[valences == valence], at_once):
+            for block in index_chunks(extraordinary[valences == valence], at_once):
                 nets = extraordinary_nets(mesh, patches.extraordinary_corners[block], valence)
                 yield block, self.method.extraordinary(nets, self.vertices)
 

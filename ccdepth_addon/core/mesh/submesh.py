@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.chunks import blocks
+from ..arrays.chunks import chunks
 from ..arrays.types import BoolArray, IndexArray
 from .polygon_mesh import PolygonMesh
 
@@ -77,9 +77,9 @@ def compact(indices: NDArray[Any], count: int, kept: IndexArray | None = None) -
 def renumber(indices: NDArray[Any], used: BoolArray) -> None:
     """Count indices of what is used among what is used, in place."""
     numbers, counted = np.empty(len(used), dtype=indices.dtype), 0
-    for block in blocks(len(used), INDICES_AT_ONCE):
+    for block in chunks(len(used), INDICES_AT_ONCE):
         found = np.flatnonzero(used[block])
         numbers[block][found] = np.arange(counted, counted + len(found), dtype=indices.dtype)
         counted += len(found)
-    for block in blocks(len(indices), INDICES_AT_ONCE):
+    for block in chunks(len(indices), INDICES_AT_ONCE):
         indices[block] = numbers.take(indices[block])

@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from ..arrays.matrix_products import product
+from ..arrays.matrix_products import matrix_product
 from ..arrays.types import FloatArray
 from ..arrays.vectors import squared_norms
 
@@ -27,7 +27,7 @@ SPLINE_HALVES = (
 
 def apply(functionals: FloatArray, net: FloatArray) -> FloatArray:
     """(rows, P, 3): the values of functionals (rows, 16) on nets (4, 4, P, 3)."""
-    return product(functionals, net.reshape(16, -1)).reshape(len(functionals), -1, 3)
+    return matrix_product(functionals, net.reshape(16, -1)).reshape(len(functionals), -1, 3)
 
 
 def tensor(along_u: FloatArray, along_v: FloatArray) -> FloatArray:
@@ -38,7 +38,7 @@ def tensor(along_u: FloatArray, along_v: FloatArray) -> FloatArray:
 def both_ways(halves: tuple[FloatArray, FloatArray], blocks: FloatArray) -> FloatArray:
     """Four blocks for each of (4, 4, P, 3), one quarter after the other: (4, 4, 4P, 3)."""
     rows = blocks.reshape(16, -1)
-    quarters = [product(np.kron(a, b), rows).reshape(blocks.shape) for a in halves for b in halves]
+    quarters = [matrix_product(np.kron(a, b), rows).reshape(blocks.shape) for a in halves for b in halves]
     return np.concatenate(quarters, axis=2)
 
 

@@ -20,7 +20,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..arrays.chunks import blocks
+from ..arrays.chunks import chunks
 from ..arrays.types import FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
@@ -96,7 +96,7 @@ def spline_sums(nets: FloatArray, which: IndexArray, along: FloatArray, across: 
     # Columns apart: rows of two or three numbers are too short to be fast.
     columns = np.ascontiguousarray(np.moveaxis(nets, 3, 2))
     sums = np.empty((nets.shape[3], len(which)))
-    for block in blocks(len(which), POINTS_AT_ONCE):
+    for block in chunks(len(which), POINTS_AT_ONCE):
         total = 0.0
         for j in range(4):
             row = sum(along[i, block] * columns[i, j].take(which[block], axis=1) for i in range(4))
@@ -163,7 +163,7 @@ def _put_on_regular(pending: _Pending, regular: IndexArray, quantity: Quantity, 
     mesh = pending.mesh
     for faces, chosen, which in _by_faces(pending.faces()[regular], PATCHES_AT_ONCE):
         nets = regular_nets(mesh, faces)
-        for block in blocks(len(chosen), POINTS_ON_PATCHES):
+        for block in chunks(len(chosen), POINTS_ON_PATCHES):
             part = pending.at(regular[chosen[block]])
             parameters = _in_face(part.corners_from(faces[which[block]]), part.points.parameters)
             result[part.rows] = quantity.on_splines(nets, which[block], parameters)

@@ -11,7 +11,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..arrays.matrix_products import product
+from ..arrays.matrix_products import matrix_product
 from ..arrays.types import FloatArray
 from ..mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from .catmull_clark import subdivide
@@ -76,4 +76,4 @@ def patch_stencils(valence: int) -> PatchStencils:
 
 def apply_stencils(stencils: FloatArray, nets: FloatArray) -> FloatArray:
     """(rows, P, 3): stencils (rows, N) applied to nets (N, P, 3)."""
-    return product(stencils, nets.reshape(len(nets), -1)).reshape(len(stencils), *nets.shape[1:])
+    return matrix_product(stencils, nets.reshape(len(nets), -1)).reshape(len(stencils), *nets.shape[1:])

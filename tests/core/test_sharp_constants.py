@@ -210,7 +210,7 @@ def test_published_constants_beyond_the_tables() -> None:
 
 
 def test_regular_patches_have_the_published_bounds() -> None:
-    """They are reached (``test_bounds``)."""
+    """They are reached (``test_norm_bounds``)."""
     assert PATCH_METHODS[Method.SHARP].regular is second_order_regular
 
 

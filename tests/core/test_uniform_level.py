@@ -22,7 +22,7 @@ from ccdepth_addon.core.depth.modifier_quality import MOST_QUALITY, needed_quali
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from tests import meshes
 from tests.brute_force import Levels
-from tests.core.test_depth import AWKWARD, build, every_method
+from tests.core.test_face_depths import AWKWARD, build, every_method
 from tests.level_nets import worse_later
 from tests.steps import result_of
 
