@@ -333,10 +333,10 @@ def test_tolerances_that_are_the_distance(vertices: str, distance: float) -> Non
 
 
 @both_vertices
-def test_groups_of_doubtful_parts_do_not_matter(vertices: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_groups_of_undecided_pieces_do_not_matter(vertices: str, monkeypatch: pytest.MonkeyPatch) -> None:
     cases = [build(data) for data in (meshes.landscape(6, 6), meshes.fan(5), meshes.creased_cube())]
     expected = [certified(mesh, 0.01, vertices) for mesh in cases]
-    monkeypatch.setattr(certified_depth, "MOST_BLOCKS", 3)
+    monkeypatch.setattr(certified_depth, "MOST_PIECES", 3)
     for mesh, before in zip(cases, expected, strict=True):
         found = certified(mesh, 0.01, vertices)
         np.testing.assert_array_equal(found.depths, before.depths)

@@ -331,7 +331,7 @@ def test_the_side_of_the_faces_does_not_matter(method: str, vertices: str) -> No
 
 @every_method
 @both_vertices
-def test_blocks_do_not_matter(method: str, vertices: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chunk_sizes_do_not_matter(method: str, vertices: str, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = build(everything())
     expected = face_depths(mesh, 0.0123, method, vertices)
     sizes = [

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The depth of every face: the least level proved to lie within a tolerance of the limit surface.
 
-This is the door to the core: meshes and a tolerance in, depths out. ``norm_depth`` and ``certified_depth`` do the work.
+Meshes and a tolerance in, depths out; ``norm_depth`` and ``certified_depth`` compute them.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from ..bounds.norm_bounds import PATCH_METHODS, Method, Vertices
 from ..bounds.rounding import rounding_allowance, smallest_tolerance
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.validation import validate
-from .certified_depth import certified_blocks, certified_bounds
+from .certified_depth import certified_depths, certified_level_bounds
 from .modifier_quality import unmet_corners
-from .norm_depth import norm_blocks, norm_bounds
-from .tolerance_test import FaceBlock, LevelBlock, Question
+from .norm_depth import norm_depths, norm_level_bounds
+from .tolerance_test import FaceDepths, LevelBounds, ToleranceTest
 
 METHODS = tuple(method.value for method in Method)
 VERTICES = tuple(vertices.value for vertices in Vertices)
@@ -32,10 +32,10 @@ class ToleranceError(ValueError):
 
 @dataclass(frozen=True)
 class DepthResult:
-    """What was found, (F,) each; distances are in the unit of the positions.
+    """The depths of all faces, (F,) each; distances are in the unit of the positions.
 
-    depths: int32. bounds: float64, the proved distance at that depth. distances: float64, a distance that is really
-    reached there (0 where the method looks for none). exact: bool, whether every lesser depth is disproved.
+    depths: int32. bounds: float64, the proved distance at that depth. distances: float64, a distance reached there (0
+    for methods that compute none). exact: bool, whether every lesser depth is disproved.
     """
 
     depths: NDArray[np.int32]
@@ -64,19 +64,19 @@ def face_depths_stepwise(
     """``face_depths`` in small steps: yields the fraction done, and returns the result at the end."""
     validate(mesh)
     check_tolerance(tolerance, smallest_tolerance(mesh))
-    question = Question(tolerance, rounding_allowance(mesh))
-    whole = FaceBlock.undecided(np.arange(mesh.face_count))
+    test = ToleranceTest(tolerance, rounding_allowance(mesh))
+    whole = FaceDepths.undecided(np.arange(mesh.face_count))
     done = 0
-    for block in _blocks(mesh, question, Method(method), Vertices(vertices)):
-        whole.take(block)
-        done += len(block.faces)
+    for part in _depths_in_chunks(mesh, test, Method(method), Vertices(vertices)):
+        whole.update(part)
+        done += len(part.faces)
         yield done / mesh.face_count
     return DepthResult(whole.depths, whole.bounds, whole.distances, whole.exact)
 
 
 def level_bounds(mesh: PolygonMesh, tolerance: float, method: str, vertices: str, level: int) -> FloatArray:
-    """(F,) float64: what is proved of every face at one level, in the unit of the positions; inf where that is not
-    within the tolerance.
+    """(F,) float64: the proved distance of every face at one level, in the unit of the positions; inf where none within
+    the tolerance is proved.
 
     Arguments and errors are those of ``face_depths``.
     """
@@ -84,7 +84,7 @@ def level_bounds(mesh: PolygonMesh, tolerance: float, method: str, vertices: str
     check_tolerance(tolerance, smallest_tolerance(mesh))
     bounds = np.full(mesh.face_count, np.inf)
     faces = np.arange(mesh.face_count)
-    for block in _level_blocks(mesh, tolerance, Method(method), Vertices(vertices), faces, level):
+    for block in _level_bounds_in_chunks(mesh, tolerance, Method(method), Vertices(vertices), faces, level):
         bounds[block.faces] = block.bounds
     return bounds
 
@@ -139,7 +139,7 @@ def _all_within(
     """
     total, done = max(sum(len(faces) for faces, _ in parts), 1), 0
     for faces, tolerance in parts:
-        for block in _level_blocks(mesh, tolerance, method, vertices, faces, level):
+        for block in _level_bounds_in_chunks(mesh, tolerance, method, vertices, faces, level):
             done += len(block.faces)
             yield done / total
             if not block.all_within:
@@ -147,19 +147,21 @@ def _all_within(
     return True
 
 
-def _level_blocks(
+def _level_bounds_in_chunks(
     mesh: PolygonMesh, tolerance: float, method: Method, vertices: Vertices, faces: IndexArray, level: int
-) -> Iterator[LevelBlock]:
-    question = Question(tolerance, rounding_allowance(mesh))
+) -> Iterator[LevelBounds]:
+    test = ToleranceTest(tolerance, rounding_allowance(mesh))
     if method is Method.CERTIFIED:
-        return certified_bounds(mesh, question, vertices, faces, level)
-    return norm_bounds(mesh, question, PATCH_METHODS[method], vertices, faces, level)
+        return certified_level_bounds(mesh, test, vertices, faces, level)
+    return norm_level_bounds(mesh, test, PATCH_METHODS[method], vertices, faces, level)
 
 
-def _blocks(mesh: PolygonMesh, question: Question, method: Method, vertices: Vertices) -> Iterator[FaceBlock]:
+def _depths_in_chunks(
+    mesh: PolygonMesh, test: ToleranceTest, method: Method, vertices: Vertices
+) -> Iterator[FaceDepths]:
     if method is Method.CERTIFIED:
-        return certified_blocks(mesh, question, vertices)
-    return norm_blocks(mesh, question, PATCH_METHODS[method], vertices)
+        return certified_depths(mesh, test, vertices)
+    return norm_depths(mesh, test, PATCH_METHODS[method], vertices)
 
 
 def check_tolerance(tolerance: float, least: float) -> None:
