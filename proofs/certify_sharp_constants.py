@@ -6,7 +6,7 @@
 Without arguments it makes the file; with valences it prints what it finds of them. Needs scipy.
 
 Claim: for every net of valence n with second-order norm M, ‖Lᵏ - S‖ ≤ factors[k] · M on the whole face at level k, with
-control or with limit vertices; further on the last ``PERIOD`` factors recur, times ``rate`` each time.
+control or with limit vertices; after these the last ``PERIOD`` recur, times ``rate`` each time.
 
 Proof (``certificates`` has the means). T is the matrix of a step from the net to that of the child at the extraordinary
 vertex, so what holds of L - S holds of Lᵏ - S on the level-k facet at that vertex with each functional times Tᵏ.
@@ -231,11 +231,11 @@ def written(constants: list[SharpConstants]) -> str:
 
     rates = "".join(f"    {found.valence}: {compact(found.rate)},\n" for found in constants)
     return f'''# SPDX-License-Identifier: GPL-3.0-or-later
-"""The tables of the method Sharp by valence, in units of the second-order norm M, made and proved by
+"""The factors of the method Sharp by valence, in units of the second-order norm M, computed and proved by
 
     python -m proofs.certify_sharp_constants
 
-Each row has the factors of levels 0, 1, 2, …; further on the last PERIOD of them recur, times the rate each time.
+Each row has the factors of levels 0, 1, 2, …; after these the last PERIOD factors recur, times the rate each time.
 """
 
 PERIOD = {PERIOD}

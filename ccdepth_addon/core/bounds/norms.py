@@ -19,7 +19,7 @@ from ..surface.patches import ring_index
 
 
 def _largest(vectors: Iterable[FloatArray]) -> FloatArray:
-    """The root is taken once, of the largest square."""
+    """(P,): the longest of several (P, 3) vectors."""
     squares = iter(map(squared_norms, vectors))
     largest = next(squares)
     for square in squares:
@@ -75,7 +75,7 @@ def second_order_norm_extraordinary(net: FloatArray) -> FloatArray:
 
 @cache
 def _second_difference_ends(valence: int) -> tuple[tuple[int, ...], ...]:
-    """The a, the b and the c of ``second_differences``."""
+    """All a, all b and all c of ``second_differences``."""
     return tuple(zip(*second_differences(valence), strict=True))
 
 
@@ -96,6 +96,6 @@ def first_order_norm_extraordinary(net: FloatArray) -> FloatArray:
 
 @cache
 def _edge_ends(valence: int) -> NDArray[np.intp]:
-    """(2, edges): the one end and the other of every edge that a second difference spans."""
+    """(2, edges): the two ends of every edge that a second difference spans."""
     edges = {(min(a, end), max(a, end)) for a, b, c in second_differences(valence) for end in (b, c)}
     return np.array(sorted(edges), dtype=np.intp).T.copy()

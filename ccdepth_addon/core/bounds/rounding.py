@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What rounding can hide: in Blender's single precision, and in the double precision of the bounds."""
+"""Rounding: of Blender's single precision, and of the double precision in which bounds are computed."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ def largest_valence(mesh: PolygonMesh) -> int:
 
 
 def modifier_rounding(mesh: PolygonMesh, level: int) -> float:
-    """How far Blender's own single precision may put vertices of a level off, in the unit of the positions.
+    """The error of a level's vertices in Blender's own single precision, in the unit of the positions.
 
-    (2n + 4k)uR, with n the largest valence or face size, k the level, u = 2⁻²⁴ and R the largest coordinate: by
-    measurement up to valence 128, at least half as much again as was found (docs/methods.md, Single precision).
+    (2n + 4k)uR, with n the largest valence or face size, k the level, u = 2⁻²⁴ and R the largest coordinate: at least
+    one and a half times the errors measured up to valence 128 (docs/methods.md, Single precision).
     """
     return (2 * largest_valence(mesh) + 4 * level) * 2.0**-24 * largest_coordinate(mesh)
 
 
 def smallest_step(mesh: PolygonMesh) -> float:
-    """Four steps of single precision at the largest coordinate: nothing finer can be told from the coordinates."""
+    """Four steps of single precision at the largest coordinate: coordinates show nothing finer."""
     return 2.0**-22 * largest_coordinate(mesh)
 
 
 def smallest_tolerance(mesh: PolygonMesh) -> float:
-    """The least tolerance that a depth can be promised for: what single precision puts off at level 1 already."""
+    """The least tolerance for which a depth can be promised: the single-precision error at level 1."""
     return modifier_rounding(mesh, 1)
 
 
 def rounding_allowance(mesh: PolygonMesh) -> float:
-    """What double-precision rounding can hide from a bound, in the unit of the positions.
+    """The most that double-precision rounding can take off a bound, in the unit of the positions.
 
-    A sum of s terms with weights that are not negative and add up to 1 is off by at most (s + 2)uR, u = 2⁻⁵³ and R the
-    largest coordinate; s is at most twice the largest valence or face size, plus one, and 9 on a regular patch. Hundred
+    A sum of s terms with non-negative weights that sum to 1 is off by at most (s + 2)uR, u = 2⁻⁵³ and R the largest
+    coordinate; s is at most twice the largest valence or face size, plus one, and 9 on a regular patch. A hundred
     levels of such sums and a last difference of three points with its norm stay below 128(2s + 8)uR, some 10⁻⁶ of
-    ``smallest_step``. What it has to cover where triangles are drawn: docs/adaptive.md, Rounding.
+    ``smallest_step``. What it covers in tessellations: docs/adaptive.md, Rounding.
     """
     terms = 2 * max(largest_valence(mesh), 4) + 1
     return 128 * (2 * terms + 8) * 2.0**-53 * largest_coordinate(mesh)

@@ -18,7 +18,7 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 
 INFINITELY_SHARP = np.inf
 
-# What is worked out from the faces' corners alone, and kept.
+# Cached properties that depend on the faces' corners alone.
 TOPOLOGY = (
     "face_sizes",
     "corner_faces",
@@ -40,8 +40,8 @@ class PolygonMesh:
     edge_vertices: (E, 2) intp, the two ends of each edge. Edges without faces are allowed and have no effect.
     edge_sharpness: (E,) float64, 0 smooth, positive semi-sharp, ``INFINITELY_SHARP``; see ``sharpness``.
     vertex_sharpness: (V,) float64, likewise.
-    sharpness_is_explicit: whether the sharpness that follows from the topology (boundaries and the like) is already in
-    the two arrays, see ``sharpness.apply_boundary_rule``.
+    sharpness_is_explicit: whether the two arrays include the sharpness that follows from the topology (boundaries and
+    the like), see ``sharpness.apply_boundary_rule``.
     """
 
     positions: FloatArray
@@ -54,7 +54,7 @@ class PolygonMesh:
     sharpness_is_explicit: bool = False
 
     def changed(self, **fields: Any) -> PolygonMesh:
-        """The mesh with other positions or another sharpness; what is known of its topology is not lost."""
+        """The mesh with other positions or another sharpness; cached topology is kept."""
         mesh = replace(self, **fields)
         vars(mesh).update({name: vars(self)[name] for name in TOPOLOGY if name in vars(self)})
         return mesh
@@ -145,7 +145,7 @@ def polygon_mesh(
     sharp_edges: dict[tuple[int, int], float] | None = None,
     vertex_sharpness: FloatArray | None = None,
 ) -> PolygonMesh:
-    """A PolygonMesh from faces alone: the edges are found, one for each pair of vertices joined by a face.
+    """A PolygonMesh from faces alone, with one edge for each pair of vertices that a face joins.
 
     positions: (V, 3) floats; face_sizes: (F,) ints; corner_vertices: (sum of sizes,) ints.
     sharp_edges: sharpness by (vertex, vertex), in either order; other edges are smooth.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parts of a mesh: faces with their one-ring, and indices renumbered to what is kept."""
+"""Submeshes: faces with their one-ring, and indices renumbered to what is kept."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from ..arrays.chunks import chunks
 from ..arrays.types import BoolArray, IndexArray
 from .polygon_mesh import PolygonMesh
 
-# Indices of so small a part of what is counted are sorted faster than everything is looked through.
+# With fewer indices than one in so many entries, sorting them is faster than scanning all entries.
 SORTED_UP_TO = 1 << 6
 
-# Indices renumbered at once, so that no long array is made on the way.
+# Indices renumbered at a time, to keep temporary arrays short.
 INDICES_AT_ONCE = 1 << 13
 
 
 def submesh(mesh: PolygonMesh, faces: IndexArray) -> tuple[PolygonMesh, IndexArray]:
     """The given faces with every face that shares a vertex with them (their one-ring), as a mesh of its own.
 
-    faces: (n,) ints, each face once. Returns the submesh and (m,) intp, the face of ``mesh`` each of its faces is: the
+    faces: (n,) ints, each face once. Returns the submesh and (m,) intp, for each of its faces the face of ``mesh``: the
     given ones first, in the given order, then the ring in the order of ``mesh``. Vertices and edges keep their order;
-    those of no kept face are left out. Sharpness is carried over unchanged, so that the outer border of the ring,
-    which is none of the mesh's, gets no rules of a boundary: one refinement step then moves everything that touches
-    the given faces exactly as it would in the whole mesh, and only the ring's outer half differs.
+    those of no kept face are dropped. Sharpness is copied unchanged, so the outer border of the ring follows no
+    boundary rules: a Catmull-Clark step moves everything that touches the given faces exactly as in the whole mesh;
+    only the ring's outer half differs.
     """
     touched = np.zeros(mesh.vertex_count, dtype=bool)
     touched[mesh.corner_vertices[corners_of_faces(mesh, faces)]] = True
@@ -60,8 +60,8 @@ def corners_of_faces(mesh: PolygonMesh, faces: IndexArray) -> IndexArray:
 
 
 def compact(indices: NDArray[Any], count: int, kept: IndexArray | None = None) -> IndexArray:
-    """Which of 0 … count - 1 occur in ``indices`` or are kept, in ascending order; the indices are renumbered to match,
-    in place."""
+    """The numbers 0 … count - 1 that occur in ``indices`` or ``kept``, in ascending order; renumbers the indices in
+    place to match."""
     kept = np.zeros(0, dtype=np.intp) if kept is None else kept
     if SORTED_UP_TO * indices.size < count and not len(kept):
         used, found = np.unique(indices, return_inverse=True)
@@ -75,7 +75,7 @@ def compact(indices: NDArray[Any], count: int, kept: IndexArray | None = None) -
 
 
 def renumber(indices: NDArray[Any], used: BoolArray) -> None:
-    """Count indices of what is used among what is used, in place."""
+    """Renumber indices of used entries by their rank among the used ones, in place: (count,) bool."""
     numbers, counted = np.empty(len(used), dtype=indices.dtype), 0
     for block in chunks(len(used), INDICES_AT_ONCE):
         found = np.flatnonzero(used[block])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which meshes have no Catmull-Clark surface, and the message that says why."""
+"""Validation: which meshes have no Catmull-Clark surface, and why."""
 
 from __future__ import annotations
 
@@ -13,27 +13,27 @@ from .submesh import corners_of_faces
 
 
 class InvalidMeshError(ValueError):
-    """The mesh has no Catmull-Clark surface that could be measured; the message says why in a modeller's words."""
+    """The mesh has no Catmull-Clark surface; the message says why in a modeller's words."""
 
 
-# A face counts as having no area when its fan of triangles around the centroid covers less than this part of its
-# perimeter squared: what rounding leaves of a face whose vertices lie on one line.
+# A face has no area when its fan of triangles around the centroid covers less than this share of its perimeter
+# squared: what rounding leaves of a face whose vertices lie on one line.
 NO_AREA = 1e-12
 
-# Beyond this size it takes less to sort a face's vertices than to compare each with all the others.
+# Beyond this size sorting a face's vertices is faster than comparing each with all the others.
 LARGEST_COMPARED_SIZE = 6
 
-# An angle whose parallelogram covers more than this part of its sides squared is no rounding of a straight line.
+# An angle whose parallelogram covers more than this share of its sides squared is no rounded straight line.
 CLEAR_ANGLE = 1e-6
 
 
 def validate(mesh: PolygonMesh) -> None:
-    """Raise InvalidMeshError unless the mesh has faces, finite positions, creases, and no degenerate face."""
+    """Raise InvalidMeshError unless the mesh has faces, finite positions, valid creases, and no degenerate face."""
     if mesh.face_count == 0:
         raise InvalidMeshError("the mesh has no faces")
     if not np.all(np.isfinite(mesh.positions)):
-        astray = ~np.isfinite(mesh.positions).all(axis=1) & (mesh.vertex_face_counts > 0)
-        _refuse(astray, "vertex", "vertices", "at no finite position")
+        misplaced = ~np.isfinite(mesh.positions).all(axis=1) & (mesh.vertex_face_counts > 0)
+        _refuse(misplaced, "vertex", "vertices", "at no finite position")
     _refuse(np.isnan(mesh.edge_sharpness), "edge", "edges", "with a crease that is no number")
     _refuse(np.isnan(mesh.vertex_sharpness), "vertex", "vertices", "with a crease that is no number")
     _refuse(_faces_with_repeated_vertices(mesh), "face", "faces", "with a repeated vertex")
@@ -47,7 +47,7 @@ def _refuse(bad: BoolArray, one: str, many: str, fault: str) -> None:
 
 
 def _faces_with_repeated_vertices(mesh: PolygonMesh) -> BoolArray:
-    """(F,) bool: the vertices of small faces are compared two by two, those of others once they are sorted."""
+    """(F,) bool: the vertices of small faces are compared in pairs, those of larger ones after sorting."""
     bad = np.zeros(mesh.face_count, dtype=bool)
     for size in np.flatnonzero(np.bincount(mesh.face_sizes)).tolist():
         faces = np.flatnonzero(mesh.face_sizes == size)
@@ -60,7 +60,7 @@ def _faces_with_repeated_vertices(mesh: PolygonMesh) -> BoolArray:
 
 
 def _faces_without_area(mesh: PolygonMesh) -> BoolArray:
-    """(F,) bool: a face with an angle at its first corner has area; the others are measured whole."""
+    """(F,) bool: a face with a clear angle at its first corner has area; the others are measured as a whole."""
     bad = np.zeros(mesh.face_count, dtype=bool)
     first, last = mesh.face_starts[:-1], mesh.face_starts[1:] - 1
     at_first, a, b = (
@@ -70,16 +70,16 @@ def _faces_without_area(mesh: PolygonMesh) -> BoolArray:
     a -= at_first
     b -= at_first
     squared_a, product, squared_b = (np.einsum("ij,ij->i", one, other) for one, other in ((a, a), (a, b), (b, b)))
-    # The parallelogram's area squared; what cancels in it is far below the angle asked for.
+    # The parallelogram's area squared; its cancellation errors are far below a clear angle.
     areas = squared_a * squared_b - product * product
-    doubtful = np.flatnonzero(areas <= (CLEAR_ANGLE * (squared_a + squared_b)) ** 2)
-    if len(doubtful):
-        bad[doubtful] = _faces_collapsed(mesh, doubtful)
+    unclear = np.flatnonzero(areas <= (CLEAR_ANGLE * (squared_a + squared_b)) ** 2)
+    if len(unclear):
+        bad[unclear] = _faces_collapsed(mesh, unclear)
     return bad
 
 
 def _faces_collapsed(mesh: PolygonMesh, faces: IndexArray) -> BoolArray:
-    """(faces,) bool: the fan of triangles around the centroid covers nothing."""
+    """(faces,) bool: whether the fan of triangles around the centroid has no area."""
     sizes = mesh.face_sizes[faces]
     starts = np.cumsum(sizes) - sizes
     corners = corners_of_faces(mesh, faces)

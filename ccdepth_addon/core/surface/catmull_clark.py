@@ -19,7 +19,7 @@ from .sharpness import VertexRule, decremented, has_semi_sharp, rules_of
 
 @dataclass(frozen=True)
 class CatmullClarkStep:
-    """The mesh one step down, and the face of the mesh before that each of its faces came from, (F1,) intp."""
+    """The mesh after one step, and (faces,) intp the face of the mesh before it that each face comes from."""
 
     mesh: PolygonMesh
     parent_faces: IndexArray
@@ -60,7 +60,7 @@ def subdivide(mesh: PolygonMesh) -> CatmullClarkStep:
 
 
 def _half_edges_at_corners(mesh: PolygonMesh) -> tuple[IndexArray, IndexArray]:
-    """(C,) twice: the refined edges that leave and enter the vertex of each corner along its face's border."""
+    """(C,) intp twice: the refined edges that leave and enter the vertex of each corner along its face's border."""
     before = mesh.previous_corner
     starts_at_second = mesh.edge_vertices[mesh.corner_edges, 1] == mesh.corner_vertices
     outgoing = 2 * mesh.corner_edges + starts_at_second
@@ -85,7 +85,7 @@ def _edge_points(mesh: PolygonMesh, corner_face_points: FloatArray) -> FloatArra
 
 
 def _vertex_points(mesh: PolygonMesh, corner_face_points: FloatArray) -> FloatArray:
-    """The vertex points, blended from the rules before and after the step where a sharpness runs out in it."""
+    """(V, 3): the vertex points; where a sharpness ends in this step, the rules before and after it are blended."""
     faces = np.maximum(mesh.vertex_face_counts, 1)[:, None].astype(np.float64)
     neighbours = _edge_end_sums(mesh, mesh.edge_face_counts > 0)
     face_points = sums_by_index(mesh.corner_vertices, corner_face_points, mesh.vertex_count)
@@ -98,7 +98,7 @@ def _vertex_points(mesh: PolygonMesh, corner_face_points: FloatArray) -> FloatAr
 
 
 def _by_rule(mesh: PolygonMesh, smooth: FloatArray, sharp_edges: BoolArray, sharp_vertices: BoolArray) -> FloatArray:
-    """The vertex points that follow from these sharp edges and vertices; smooth and dart vertices as in ``smooth``."""
+    """(V, 3): the vertex points for these sharp edges and vertices; ``smooth`` at smooth and dart vertices."""
     rules = rules_of(mesh, sharp_edges, sharp_vertices)
     points = smooth.copy()
     corners = rules == VertexRule.CORNER
@@ -110,16 +110,16 @@ def _by_rule(mesh: PolygonMesh, smooth: FloatArray, sharp_edges: BoolArray, shar
 
 
 def _edge_end_sums(mesh: PolygonMesh, chosen: BoolArray) -> FloatArray:
-    """(V, 3) for each vertex the sum of the other ends of the chosen edges at it."""
+    """(V, 3): for each vertex the sum of the other ends of the chosen edges at it."""
     ends = mesh.edge_vertices[chosen]
     sums = sums_by_index(ends[:, 0], mesh.positions[ends[:, 1]], mesh.vertex_count)
     return sums + sums_by_index(ends[:, 1], mesh.positions[ends[:, 0]], mesh.vertex_count)
 
 
 def _parent_weights(mesh: PolygonMesh) -> FloatArray:
-    """(V,) how much of the rule before the step remains: the mean of the sharpnesses that run out in it.
+    """(V,): the weight of the rule before the step: the mean of the sharpnesses that end in the step.
 
-    Where none does, the rules before and after agree and the weight is of no consequence.
+    Where none ends, both rules agree and the weight does not matter.
     """
     ending = (mesh.edge_sharpness > 0) & (mesh.edge_sharpness <= 1)
     own = (mesh.vertex_sharpness > 0) & (mesh.vertex_sharpness <= 1)

@@ -16,16 +16,16 @@ from .sharpness import VertexRule, has_finite_sharpness_above, rules_of
 
 
 def limit_positions(mesh: PolygonMesh, wanted: BoolArray | None = None) -> FloatArray:
-    """(V, 3) float64, where each vertex of a mesh with explicit sharpness goes on the limit surface.
+    """(V, 3) float64: the limit position of each vertex of a mesh with explicit sharpness.
 
-    wanted: (V,) bool, the vertices for which it has to be right; all when left out.
+    wanted: (V,) bool, the vertices whose positions have to be right; all by default.
 
-    With n, V, E and F the valence, the vertex, edge and face points after one step (which makes the formulas hold
-    around faces of any size), a smooth vertex goes to (n²V + 4ΣE + ΣF) / (n(n + 5)) (Halstead, Kass and DeRose,
-    *Efficient, fair interpolation using Catmull-Clark surfaces*, 1993), a crease vertex to (4V + E₁ + E₂) / 6 with the
-    edge points on the crease, and a corner stays. Where a sharpness has more than one level left the mesh is refined
-    first, around such vertices only. Valence 2 is no exception here, and a dart vertex goes to its true limit too,
-    where OpenSubdiv takes the vertex itself for the one and the smooth formula for the other.
+    With n, V, E and F the valence and the vertex, edge and face points after one step (so the formulas hold around
+    faces of any size), the limit is (n²V + 4ΣE + ΣF) / (n(n + 5)) at a smooth vertex (Halstead, Kass and DeRose,
+    *Efficient, fair interpolation using Catmull-Clark surfaces*, 1993), (4V + E₁ + E₂) / 6 with the edge points on the
+    crease at a crease vertex, and V at a corner. Where a sharpness lasts more than one level, the mesh is first refined
+    around such vertices. Vertices of valence 2 and darts have their true limits too; OpenSubdiv uses the vertex itself
+    for the former and the smooth formula for the latter.
     """
     wanted = np.ones(mesh.vertex_count, dtype=bool) if wanted is None else wanted
     limits = _limits_after_one_step(mesh, wanted)
@@ -35,7 +35,7 @@ def limit_positions(mesh: PolygonMesh, wanted: BoolArray | None = None) -> Float
     at_undecided = np.zeros(mesh.face_count, dtype=bool)
     at_undecided[mesh.corner_faces[undecided[mesh.corner_vertices]]] = True
     part, faces = submesh(mesh, np.flatnonzero(at_undecided))
-    # Vertex points come first among the vertices of a step, and go where the vertices go.
+    # Vertex points come first among the vertices of a step, and have the limits of their vertices.
     vertices = np.zeros(part.vertex_count, dtype=np.intp)
     vertices[part.corner_vertices] = mesh.corner_vertices[corners_of_faces(mesh, faces)]
     refined = subdivide(part).mesh
@@ -47,9 +47,9 @@ def limit_positions(mesh: PolygonMesh, wanted: BoolArray | None = None) -> Float
 
 
 def _limits_after_one_step(mesh: PolygonMesh, wanted: BoolArray) -> FloatArray:
-    """(V, 3) the limit positions from the points of one step, right where no sharpness remains after it or all.
+    """(V, 3): limit positions from the points of one step, right where no finite sharpness remains after it.
 
-    Dart vertices, which take long, have theirs only where wanted.
+    Dart vertices, which take long, are computed only where wanted.
     """
     vertex_points, edge_points, face_points = refined_points(mesh)
     sharp_edges = mesh.edge_sharpness > 1
@@ -71,7 +71,7 @@ def _limits_after_one_step(mesh: PolygonMesh, wanted: BoolArray) -> FloatArray:
 
 
 def _point_sums_at_ends(mesh: PolygonMesh, edge_points: FloatArray, chosen: BoolArray) -> FloatArray:
-    """(V, 3) for each vertex the sum of the edge points of the chosen edges at it."""
+    """(V, 3): for each vertex the sum of the edge points of the chosen edges at it."""
     ends = mesh.edge_vertices[chosen].reshape(-1)
     return sums_by_index(ends, np.repeat(edge_points[chosen], 2, axis=0), mesh.vertex_count)
 
@@ -79,9 +79,9 @@ def _point_sums_at_ends(mesh: PolygonMesh, edge_points: FloatArray, chosen: Bool
 def _dart_limits(
     mesh: PolygonMesh, darts: IndexArray, vertex_points: FloatArray, edge_points: FloatArray, face_points: FloatArray
 ) -> FloatArray:
-    """(len(darts), 3) the limits of dart vertices, from the points of one step.
+    """(len(darts), 3): the limits of dart vertices, from the points of one step.
 
-    Positions are taken relative to the dart's, so that rounding stays small with the ring.
+    Positions are relative to the dart's, so that rounding shrinks with the ring.
     """
     limits = vertex_points[darts]
     first = np.zeros(mesh.vertex_count, dtype=np.intp)
@@ -102,11 +102,11 @@ def _dart_limits(
 
 @lru_cache(maxsize=64)
 def dart_weights(valence: int) -> FloatArray:
-    """(2n,) the weights with which the ring of a dart vertex enters into its limit; what they lack to 1 is its own.
+    """(2n,): the weights of a dart vertex's ring in its limit; the vertex's own weight is 1 minus their sum.
 
-    The ring: the ends of its spokes, beginning with the sharp one, each before the point across the quad that follows.
-    The sharp edge breaks the symmetry that has a closed formula; but a step maps the vertex and its ring to themselves,
-    so the weights are the step's left eigenvector to the eigenvalue 1.
+    The ring: the ends of the spokes, from the sharp one on, each followed by the point across the next quad. The sharp
+    edge breaks the symmetry that closed formulas need; but a step maps the vertex and its ring to themselves, so the
+    weights are the step's left eigenvector for the eigenvalue 1.
     """
     ends, across = 1 + 2 * np.arange(valence), 2 + 2 * np.arange(valence)
     following, before = np.roll(ends, -1), np.roll(across, 1)
@@ -121,7 +121,7 @@ def dart_weights(valence: int) -> FloatArray:
     smooth = ends[1:]
     step[smooth] *= 0.5
     step[smooth] += 0.25 * (step[across] + step[before])[1:]
-    # The eigenvector's sum is 1, in place of an equation that follows from the others.
+    # The eigenvector's entries sum to 1; this replaces an equation that follows from the others.
     equations = step.T - np.eye(len(step))
     equations[0] = 1.0
     return np.linalg.solve(equations, np.eye(len(step))[0])[1:]

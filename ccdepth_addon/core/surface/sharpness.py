@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import INFINITELY_SHARP, PolygonMesh
 
-# From this sharpness on a feature never softens (OpenSubdiv's convention).
+# A feature of this sharpness or more stays infinitely sharp (OpenSubdiv's convention).
 LARGEST_SEMI_SHARPNESS = 10.0
 
 
 class VertexRule(IntEnum):
-    """Which rule a vertex follows. The first three are numbered by their number of sharp edges."""
+    """The rule a vertex follows; the first three are numbered by the vertex's sharp edges."""
 
     SMOOTH = 0
     DART = 1
@@ -35,8 +35,8 @@ class VertexRule(IntEnum):
 def crease_to_sharpness(crease: NDArray[np.floating]) -> FloatArray:
     """Blender's crease, 0 to 1, of edges or vertices as a sharpness: 10 crease², infinite for a crease of 1.
 
-    Computed in single precision, as Blender does: whether a sharpness is above or at a whole number decides in which
-    level it runs out, and where several features meet the result depends on that. What is no number stays none.
+    Computed in single precision, as Blender does: a sharpness just above a whole number ends a level later than one at
+    it, which matters where several features meet. NaN stays NaN.
     """
     single = np.asarray(crease, dtype=np.float32)
     with np.errstate(invalid="ignore"):
@@ -44,7 +44,7 @@ def crease_to_sharpness(crease: NDArray[np.floating]) -> FloatArray:
 
 
 def apply_boundary_rule(mesh: PolygonMesh, *, smooth_corners: bool) -> PolygonMesh:
-    """The mesh with the sharpness that follows from its topology made explicit, as Blender's modifier does.
+    """The mesh with the sharpness made explicit that follows from its topology, as in Blender's modifier.
 
     - Edges with one face, with more than two, or with two that run the same way along it, are infinitely sharp.
     - A vertex is infinitely sharp when it touches an edge without faces; when its faces are not one fan or one ring
@@ -54,8 +54,7 @@ def apply_boundary_rule(mesh: PolygonMesh, *, smooth_corners: bool) -> PolygonMe
     - A sharpness of 10 or more is infinite. Vertices without faces stay where they are.
 
     smooth_corners: the modifier's Boundary Smooth, True for All, False for Keep Corners.
-    A mesh whose sharpness is explicit already (this function's result, refined meshes, and parts of them) is returned
-    as it is.
+    A mesh whose sharpness is already explicit (this function's result, refined meshes, submeshes) is returned as it is.
     """
     if mesh.sharpness_is_explicit:
         return mesh
@@ -84,7 +83,7 @@ def apply_boundary_rule(mesh: PolygonMesh, *, smooth_corners: bool) -> PolygonMe
 
 
 def vertex_rules(mesh: PolygonMesh) -> NDArray[np.int8]:
-    """(V,) int8 of ``VertexRule``: the rule each vertex follows, its sharpness and its sharp edges being explicit."""
+    """(V,) int8 of ``VertexRule``: the rule of each vertex of a mesh with explicit sharpness."""
     return rules_of(mesh, mesh.edge_sharpness > 0, mesh.vertex_sharpness > 0)
 
 
@@ -95,12 +94,12 @@ def rules_of(mesh: PolygonMesh, sharp_edges: BoolArray, sharp_vertices: BoolArra
 
 
 def has_semi_sharp(mesh: PolygonMesh) -> BoolArray:
-    """(V,) bool, whether a vertex or one of its edges is semi-sharp, so that its rule changes in some later level."""
+    """(V,) bool: whether a vertex or one of its edges is semi-sharp, so that its rule changes at a later level."""
     return has_finite_sharpness_above(mesh, 0.0)
 
 
 def has_finite_sharpness_above(mesh: PolygonMesh, level: float) -> BoolArray:
-    """(V,) whether a vertex or one of its edges has a sharpness above ``level`` that is not infinite."""
+    """(V,) bool: whether a vertex or one of its edges has a finite sharpness above ``level``."""
     edges = (mesh.edge_sharpness > level) & np.isfinite(mesh.edge_sharpness)
     vertices = (mesh.vertex_sharpness > level) & np.isfinite(mesh.vertex_sharpness)
     vertices[mesh.edge_vertices[edges].reshape(-1)] = True
@@ -116,15 +115,15 @@ def _capped(sharpness: FloatArray) -> FloatArray:
 
 
 def _edges_at_vertices(mesh: PolygonMesh, chosen: BoolArray) -> IndexArray:
-    """(V,) how many of the chosen edges end at each vertex."""
+    """(V,) intp: how many of the chosen edges end at each vertex."""
     ends = mesh.edge_vertices if np.all(chosen) else mesh.edge_vertices[chosen]
     return np.bincount(ends.reshape(-1), minlength=mesh.vertex_count)
 
 
 def _is_single_fan(mesh: PolygonMesh) -> BoolArray:
-    """(V,) whether one walk from face to face reaches all the faces at a vertex, False without faces.
+    """(V,) bool: whether one walk from face to face reaches all the faces at a vertex; False without faces.
 
-    All the vertices walk at once, one face per turn. The answer is meant for vertices of manifold edges only.
+    All vertices walk together, one face per turn. Valid at vertices of manifold edges only.
     """
     corners = np.arange(mesh.corner_count)
     leaves_boundary = mesh.twin == corners
@@ -149,10 +148,10 @@ def _is_single_fan(mesh: PolygonMesh) -> BoolArray:
 
 
 def _sharpened_between_two_edges(mesh: PolygonMesh, creases: FloatArray, edge_counts: IndexArray) -> FloatArray:
-    """(V,) the vertices' own sharpness, and at a vertex of two edges the duller edge's added to it.
+    """(V,) float64: the vertices' own sharpness, plus the duller edge's at vertices of two edges.
 
-    Blender does so that a lone quad with all edges creased keeps its corners. Only the creases set on the edges count,
-    not their being boundaries. Single precision, as there.
+    So a lone quad with all edges creased keeps its corners in Blender. Only creases set on the edges count, not that
+    they are boundaries. Single precision, as in Blender.
     """
     own = _capped(mesh.vertex_sharpness)
     added = np.zeros(mesh.vertex_count)
@@ -160,7 +159,7 @@ def _sharpened_between_two_edges(mesh: PolygonMesh, creases: FloatArray, edge_co
     if np.any(creased):
         duller = np.full(mesh.vertex_count, INFINITELY_SHARP)
         np.minimum.at(duller, mesh.edge_vertices[creased].reshape(-1), np.repeat(creases[creased], 2))
-        # Where one of the two edges is smooth it is the duller one, and adds nothing.
+        # A smooth edge is the duller one, and adds nothing.
         both = (edge_counts == 2) & (_edges_at_vertices(mesh, creased) == 2)
         added[both] = duller[both]
     total = own.astype(np.float32) + added.astype(np.float32)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Extraordinary patches as matrices: every refined point is a fixed combination of the net's 2n + 8 points.
+"""Stencils of extraordinary patches: every refined point is a fixed combination of the net's 2n + 8 points.
 
-The matrices are read off one refinement of a patch whose vertices stand at the unit vectors.
+The matrices come from one Catmull-Clark step of a patch whose vertices are the unit vectors.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from .catmull_clark import subdivide
 from .limit_positions import limit_positions
 from .patches import extraordinary_nets, regular_nets, ring_index
 
-# The stencils of a valence take time that grows with its cube; beyond this the mesh itself had better be refined.
+# Computing the stencils of a valence takes time proportional to its cube; beyond this, refining the mesh is faster.
 LARGEST_STENCIL_VALENCE = 64
 
 
 def stencil_patch(valence: int) -> PolygonMesh:
     """The faces of an extraordinary net of 2n + 8 points, vertex i at the i-th unit vector.
 
-    Every position of a refinement is then the stencil it has on the net. Face 0 is the facet, from its extraordinary
-    vertex on.
+    Every position of a refinement is then its stencil on the net. Face 0 is the facet, from its extraordinary vertex
+    on.
     """
     n = valence
 
@@ -44,7 +44,7 @@ def stencil_patch(valence: int) -> PolygonMesh:
     ]
     corners = np.array(around + outer).reshape(-1)
     patch = polygon_mesh(np.eye(2 * n + 8), np.full(n + 5, 4), corners)
-    # The net's outline is no boundary of the surface.
+    # The border of the net is no boundary of the surface.
     return replace(patch, sharpness_is_explicit=True)
 
 
