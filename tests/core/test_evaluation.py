@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The limit surface at given points against the limits of the vertices of refined meshes, which know of no patches."""
+"""The limit surface at given points against the limits of the vertices of refined meshes, which use no patches."""
 
 from __future__ import annotations
 
@@ -141,7 +141,7 @@ def test_faces_agree_where_they_meet(name: str) -> None:
     numerators=st.tuples(st.integers(0, 1 << 12), st.integers(0, 1 << 12)),
 )
 def test_a_point_is_where_its_child_has_it(name: str, corner: int, level: int, numerators: tuple[int, int]) -> None:
-    """The same surface, told by the mesh one step down, where the kinds of patches differ."""
+    """The same surface evaluated on the mesh after one step, where the kinds of patches differ."""
     mesh = build(name)
     corner %= mesh.corner_count
     u, v = (numerator % (1 << level) / (1 << level) for numerator in numerators)
