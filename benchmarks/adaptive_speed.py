@@ -33,7 +33,7 @@ from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, subdivide_adaptive
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests.blender import scene
 from tests.steps import result_of
 

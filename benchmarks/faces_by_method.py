@@ -19,7 +19,8 @@ import numpy as np
 
 from ccdepth_addon.core.depth.face_depths import METHODS, VERTICES, face_depths
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, subdivide
+from ccdepth_addon.core.surface.catmull_clark import subdivide
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests.blender import scene
 
 PICTURE = Path(__file__).resolve().parent.parent / "docs" / "images" / "faces_by_method.svg"

@@ -27,8 +27,9 @@ import numpy as np
 
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.depth.face_depths import VERTICES, face_depths
-from ccdepth_addon.core.mesh.polygon_mesh import submesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, subdivide
+from ccdepth_addon.core.mesh.submesh import submesh
+from ccdepth_addon.core.surface.catmull_clark import subdivide
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.blender import scene
 from tests.blender.measuring import BlenderLevels, part_of, rounding

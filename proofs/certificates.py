@@ -24,9 +24,11 @@ from scipy.optimize import linprog
 
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norms import second_differences
-from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, submesh
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.mesh.submesh import submesh
 from ccdepth_addon.core.surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, bilinear_coefficients
-from ccdepth_addon.core.surface.catmull_clark import limit_positions, subdivide
+from ccdepth_addon.core.surface.catmull_clark import subdivide
+from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import regular_nets
 
 # More than double precision can lose in a certificate, which is checked for each; far below the margins that are met.

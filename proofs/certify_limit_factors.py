@@ -23,7 +23,7 @@ from ccdepth_addon.core.bounds.norm_bounds import (
     published_divisor,
     published_rate,
 )
-from ccdepth_addon.core.surface.catmull_clark import limit_positions
+from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.stencils import stencil_patch
 from proofs.certificates import Certifier, bernstein, facet_corner, facet_over_tile, split, tiles
 

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Makes the tables of the method Sharp, ``ccdepth_addon/core/sharp_constants.py``, and proves them (needs scipy).
+"""Makes the tables of the method Sharp, ``ccdepth_addon/core/bounds/sharp_constants.py``, and proves them.
 
     python -m proofs.certify_sharp_constants [VALENCE …]
 
-Without arguments it makes the file; with valences it prints what it finds of them.
+Without arguments it makes the file; with valences it prints what it finds of them. Needs scipy.
 
 Claim: for every net of valence n with second-order norm M, ‖Lᵏ - S‖ ≤ factors[k] · M on the whole face at level k, with
-control or with limit vertices; further on the last ``PERIOD`` factors recur, times ``rate`` each time.
+control or with limit vertices; after these the last ``PERIOD`` recur, times ``rate`` each time.
 
 Proof (``certificates`` has the means). T is the matrix of a step from the net to that of the child at the extraordinary
 vertex, so what holds of L - S holds of Lᵏ - S on the level-k facet at that vertex with each functional times Tᵏ.
@@ -41,9 +41,10 @@ import numpy as np
 
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices, limit_displacement, published_divisor
-from ccdepth_addon.core.mesh.polygon_mesh import submesh
+from ccdepth_addon.core.mesh.submesh import submesh
 from ccdepth_addon.core.surface.bicubic import SPLINE_HALVES, bilinear_coefficients, second_derivatives
-from ccdepth_addon.core.surface.catmull_clark import limit_positions, subdivide
+from ccdepth_addon.core.surface.catmull_clark import subdivide
+from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import extraordinary_nets
 from ccdepth_addon.core.surface.stencils import stencil_patch
 from proofs.certificates import Certifier, bernstein, facet_corner, facet_over_tile, split, tiles
@@ -230,11 +231,11 @@ def written(constants: list[SharpConstants]) -> str:
 
     rates = "".join(f"    {found.valence}: {compact(found.rate)},\n" for found in constants)
     return f'''# SPDX-License-Identifier: GPL-3.0-or-later
-"""The tables of the method Sharp by valence, in units of the second-order norm M, made and proved by
+"""The factors of the method Sharp by valence, in units of the second-order norm M, computed and proved by
 
     python -m proofs.certify_sharp_constants
 
-Each row has the factors of levels 0, 1, 2, …; further on the last PERIOD of them recur, times the rate each time.
+Each row has the factors of levels 0, 1, 2, …; after these the last PERIOD factors recur, times the rate each time.
 """
 
 PERIOD = {PERIOD}

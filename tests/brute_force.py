@@ -15,8 +15,10 @@ from numpy.typing import NDArray
 
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.depth.face_depths import DepthResult
-from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, submesh
-from ccdepth_addon.core.surface.catmull_clark import limit_positions, subdivide
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.mesh.submesh import submesh
+from ccdepth_addon.core.surface.catmull_clark import subdivide
+from ccdepth_addon.core.surface.limit_positions import limit_positions
 
 
 def linear_children(mesh: PolygonMesh, values: FloatArray) -> FloatArray:

@@ -16,7 +16,8 @@ from scipy.optimize import linprog
 
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions
+from ccdepth_addon.core.surface.limit_positions import limit_positions
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.brute_force import Levels, linear_children
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
-from ccdepth_addon.core.surface.catmull_clark import crease_to_sharpness
+from ccdepth_addon.core.surface.sharpness import crease_to_sharpness
 
 EdgeCreases = dict[tuple[int, int], float]
 

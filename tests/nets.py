@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions, subdivide
+from ccdepth_addon.core.surface.catmull_clark import subdivide
+from ccdepth_addon.core.surface.limit_positions import limit_positions
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 
 Difference = tuple[int, int, int]
 

@@ -10,7 +10,8 @@ import numpy as np
 from ccdepth_addon.core.adaptive.subdivided_mesh import SubdividedMesh
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import limit_positions, subdivide
+from ccdepth_addon.core.surface.catmull_clark import subdivide
+from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests.brute_force import linear_children
 

@@ -22,6 +22,7 @@ from .attributes.interpolation import (
     to_quaternions,
     to_rotation_vectors,
 )
+from .bounds.rounding import rounding_allowance, smallest_step
 from .depth.face_depths import (
     METHODS,
     VERTICES,
@@ -30,16 +31,15 @@ from .depth.face_depths import (
     check_tolerance,
     face_depths,
     face_depths_stepwise,
-    rounding_allowance,
-    smallest_step,
     uniform_level_stepwise,
 )
 from .depth.modifier_quality import needed_quality
 from .deviation import Deviation, measure_deviation
-from .mesh.polygon_mesh import InvalidMeshError, PolygonMesh, polygon_mesh, validate
-from .surface.catmull_clark import apply_boundary_rule, crease_to_sharpness
+from .mesh.polygon_mesh import PolygonMesh, polygon_mesh
+from .mesh.validation import InvalidMeshError, validate
 from .surface.evaluation import limit_values
 from .surface.limit_normals import limit_normals
+from .surface.sharpness import apply_boundary_rule, crease_to_sharpness
 from .surface.surface_points import SurfacePoints
 
 __all__ = [

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.blender import scene
 from tests.brute_force import Levels, linear_children

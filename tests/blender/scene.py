@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import crease_to_sharpness
+from ccdepth_addon.core.surface.sharpness import crease_to_sharpness
 from tests.meshes import MeshData
 
 

@@ -135,7 +135,7 @@ def drawn(data: meshes.MeshData, tolerance: float, transitions: str, world: Floa
     Counting the faces beforehand finds as many.
     """
     world = np.eye(3) if world is None else world
-    adaptive, rules = addon.module("core.adaptive.planner"), addon.module("core.surface.catmull_clark")
+    adaptive, rules = addon.module("core.adaptive.planner"), addon.module("core.surface.sharpness")
     templates, plan = addon.module("core.adaptive.templates"), addon.module("core.adaptive.plan")
     base = rules.apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
     asked = plan.Request(tolerance, plan.Mode.ADAPTIVE, templates.Transitions(transitions), MOST_FACES, world)

@@ -9,7 +9,7 @@ import pytest
 from mathutils import Matrix
 
 from ccdepth_addon.core.depth.face_depths import METHODS, VERTICES, face_depths
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.blender import addon, scene
 from tests.steps import result_of

@@ -7,8 +7,8 @@ import bpy
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from ccdepth_addon.core.surface.evaluation import limit_values
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests.blender import scene
 from tests.blender.test_subdivision_oracle import OBJECTS, nearest_points
 from tests.uniform import uniform_points

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.depth.face_depths import face_depths
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.blender import addon, scene
 

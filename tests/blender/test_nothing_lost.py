@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from ccdepth_addon.core.adaptive.subdivided_mesh import SubdividedMesh
 from ccdepth_addon.core.attributes.face_varying import UV_SMOOTH, uv_surface
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from ccdepth_addon.core.surface.limit_normals import limit_normals
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.surface.surface_points import interpolate_linearly
 from tests import meshes, uniform
 from tests.blender import addon, scene

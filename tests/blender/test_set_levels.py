@@ -71,7 +71,7 @@ def test_faces_that_modifiers_add_count() -> None:
 
 
 def test_the_level_is_enough_for_every_face() -> None:
-    """A face of depth 0 of this torus is off at level 1, the deepest depth (``tests/core/test_levels.py``)."""
+    """A face of depth 0 of this torus is off at level 1, the deepest depth (``tests/core/test_uniform_level.py``)."""
     data = level_nets.worse_later(meshes.torus(5, 5), 12, "LIMIT", 1.1, 1, others_near=True)
     holder = scene.add_object(data)
     addon.compute(holder, tolerance=1.1, vertices="LIMIT")

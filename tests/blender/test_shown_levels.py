@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.surface.catmull_clark import limit_positions
+from ccdepth_addon.core.surface.limit_positions import limit_positions
 from tests import meshes
 from tests.blender import addon
 from tests.blender.measuring import BlenderLevels, rounding
@@ -68,7 +68,7 @@ def test_what_is_shown_is_within_the_tolerance(name: str, boundary: str, vertice
     data = meshes.single_precision(MESHES[name]())
     shown, reference = BlenderLevels(data, boundary), BlenderLevels(data, boundary)
     modifier, measured = shown.object.modifiers[0], 0
-    depth = addon.module("core.depth.face_depths")
+    rounding_bounds = addon.module("core.bounds.rounding")
     for share in TOLERANCES:
         tolerance = share * diagonal(data)
         addon.compute(shown.object, tolerance=tolerance, method="CERTIFIED", vertices=vertices, use_modifiers=False)
@@ -82,8 +82,8 @@ def test_what_is_shown_is_within_the_tolerance(name: str, boundary: str, vertice
         assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
         assert (modifier.levels, modifier.use_limit_surface) == (level, vertices == "LIMIT")
         far = farthest(shown.shown(level), reference, level, deeper[-1])
-        slack = depth.modifier_rounding(reference.subdivided(0), level) + rounding(data, level + deeper[-1])
-        slack += depth.modifier_rounding(reference.subdivided(0), level + deeper[-1])
+        slack = rounding_bounds.modifier_rounding(reference.subdivided(0), level) + rounding(data, level + deeper[-1])
+        slack += rounding_bounds.modifier_rounding(reference.subdivided(0), level + deeper[-1])
         assert far <= tolerance + slack, (level, modifier.quality, far / tolerance)
         measured += 1
     assert measured
@@ -127,4 +127,4 @@ def test_single_precision_puts_nothing_further_off_than_allowed_for(
     for level in range(1, 5):
         mesh = exact.mesh(level)
         off = shown.shown(level) - (limit_positions(mesh) if shows_limits else mesh.positions)
-        assert np.abs(off).max() <= addon.module("core.depth.face_depths").modifier_rounding(exact.mesh(0), level)
+        assert np.abs(off).max() <= addon.module("core.bounds.rounding").modifier_rounding(exact.mesh(0), level)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ccdepth_addon.core.attributes.face_varying import UV_SMOOTH, uv_surface
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, uniform
 from tests.blender import scene
 

@@ -25,9 +25,9 @@ from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.adaptive.tessellation import Outline, outline, triangles_around
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from ccdepth_addon.core.surface.evaluation import limit_values
 from ccdepth_addon.core.surface.limit_normals import limit_normals
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes, soundness
 from tests.steps import result_of

@@ -9,15 +9,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, corners_of_faces, submesh
-from ccdepth_addon.core.surface.catmull_clark import (
-    Subdivision,
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.mesh.submesh import corners_of_faces, submesh
+from ccdepth_addon.core.surface.catmull_clark import CatmullClarkStep, subdivide
+from ccdepth_addon.core.surface.limit_positions import limit_positions
+from ccdepth_addon.core.surface.sharpness import (
     VertexRule,
     apply_boundary_rule,
     crease_to_sharpness,
     has_semi_sharp,
-    limit_positions,
-    subdivide,
     vertex_rules,
 )
 from tests import meshes
@@ -267,7 +267,7 @@ def test_a_part_refines_like_the_whole(name: str) -> None:
     _, ring_in_whole = submesh(whole_step.mesh, same_child[children])
     np.testing.assert_array_equal(np.sort(same_child[ring]), np.sort(ring_in_whole))
 
-    def at_corners(step: Subdivision, values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+    def at_corners(step: CatmullClarkStep, values: np.ndarray, chosen: np.ndarray) -> np.ndarray:
         return values[step.mesh.corner_vertices.reshape(-1, 4)[chosen]]
 
     np.testing.assert_allclose(

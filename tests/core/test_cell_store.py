@@ -10,7 +10,7 @@ from ccdepth_addon.core.adaptive.cells.control_faces import cells_of_faces
 from ccdepth_addon.core.adaptive.cells.patch_cells import BicubicCells, ExtraordinaryCells, NetCells
 from ccdepth_addon.core.adaptive.quadtree import Quadtree
 from ccdepth_addon.core.arrays.types import FloatArray
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 
 

@@ -14,8 +14,11 @@ from scipy.spatial import cKDTree
 
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import Deviation, measure_deviation
-from ccdepth_addon.core.mesh.polygon_mesh import InvalidMeshError, PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions, subdivide
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.mesh.validation import InvalidMeshError
+from ccdepth_addon.core.surface.catmull_clark import subdivide
+from ccdepth_addon.core.surface.limit_positions import limit_positions
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 
 ACCURACY = 0.05

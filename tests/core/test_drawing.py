@@ -11,7 +11,7 @@ from ccdepth_addon.core.adaptive.quadtree import Quadtree
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.adaptive.tessellation import Outline, outline
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 
 SQUARE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
 

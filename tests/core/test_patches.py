@@ -11,8 +11,8 @@ import pytest
 
 from ccdepth_addon.core.bounds.norms import second_order_norm_regular
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, nets
 
 ROUNDING = 1e-13

@@ -10,9 +10,9 @@ from ccdepth_addon.core.adaptive.cells.polygon_cells import HALVINGS, TriangleCe
 from ccdepth_addon.core.adaptive.templates import Template, Transitions, triangle_template
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from ccdepth_addon.core.surface.evaluation import limit_values
 from ccdepth_addon.core.surface.refinement import Refinement
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes
 

@@ -16,11 +16,14 @@ from ccdepth_addon.core.adaptive.leaf_bounds import triangle_bounds
 from ccdepth_addon.core.adaptive.leaf_bounds.irregular_bounds import template_misses
 from ccdepth_addon.core.adaptive.templates import ALL_SPLIT, QUAD_POINTS, Template, templates
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
-from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, submesh
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.mesh.submesh import submesh
 from ccdepth_addon.core.surface.bicubic import patch_coefficients
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions, subdivide
+from ccdepth_addon.core.surface.catmull_clark import subdivide
+from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
 from ccdepth_addon.core.surface.refinement import Refinement
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.brute_force import linear_children
 

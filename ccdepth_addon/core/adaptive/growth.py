@@ -10,7 +10,7 @@ from collections.abc import Generator, Iterable
 
 import numpy as np
 
-from ..arrays.chunks import blocks
+from ..arrays.chunks import chunks
 from ..arrays.types import BoolArray, FloatArray
 from .cells.cell_store import in_blocks, some
 from .cells.patch_cells import BicubicCells, NetCells
@@ -35,7 +35,7 @@ def grow(plan: Plan, unfit: list[Cells]) -> Generator[int, None, None]:
         expected = plan.expected_leaves(nodes)
         plan.refuse_too_many(len(nodes), expected)
         tree.reserve(min(expected, plan.request.most_faces))
-        for part in blocks(len(nodes), NODES_SPLIT_AT_ONCE):
+        for part in chunks(len(nodes), NODES_SPLIT_AT_ONCE):
             plan.split(nodes[part])
             yield tree.leaf_count
         unfit = yield from fit_children(plan, unfit)
@@ -90,7 +90,7 @@ def _look_at_children(plan: Plan, parents: BicubicCells) -> Generator[int, None,
     and which do not fit or have been split, (4, P) bool each."""
     doubtful, unfit = np.zeros((2, 4, len(parents.nodes)), dtype=bool)
     tree = plan.tree
-    for part in blocks(len(parents.nodes), PARENTS_AT_ONCE):
+    for part in chunks(len(parents.nodes), PARENTS_AT_ONCE):
         cells = parents.part(part)
         found = cells.fit_children(plan.request.limit, plan.request.axes)
         nodes = tree.quarters(cells.nodes).ravel()

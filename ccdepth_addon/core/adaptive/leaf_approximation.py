@@ -14,10 +14,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.chunks import blocks
-from ..arrays.coordinates import chosen_vectors
+from ..arrays.chunks import chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..bounds.norms import cross_products, dot_products, squared_norms
+from ..arrays.vectors import cross_products, dot_products, selected_vectors, squared_norms
 from .leaf_bounds.polygon_bounds import is_folded
 from .leaf_bounds.triangle_bounds import Misses
 from .quadtree import Quadtree
@@ -108,9 +107,9 @@ class Fit:
     def fold(self, chosen: IndexArray, points: FloatArray, axes: FloatArray) -> None:
         """Find out which of the chosen cells, whole and with points (4 or more, n, 3), are folded as they are drawn."""
         spaces = [np.eye(3)] if np.array_equal(axes, np.eye(3)) else [np.eye(3), axes]
-        for block in blocks(len(chosen), CELLS_IN_CACHE):
+        for block in chunks(len(chosen), CELLS_IN_CACHE):
             corners, second = points[:4, block].copy("K"), np.flatnonzero(self.alternatives[chosen[block]])
-            corners[:, second] = chosen_vectors(corners, second)[ENDS]
+            corners[:, second] = selected_vectors(corners, second)[ENDS]
             self.folded[chosen[block]] = is_folded(corners, *spaces)
 
 

@@ -54,7 +54,7 @@ class Request:
 
     most_faces: beyond that many the result is refused. axes: (3, 3) float64, its columns the axes of the space where
     Blender triangulates the result, in coordinates of the positions. rounding: what it can hide from a distance
-    (``face_depths.rounding_allowance``), in the unit of the positions, for bounds in which that counts for more.
+    (``rounding.rounding_allowance``), in the unit of the positions, for bounds in which that counts for more.
     """
 
     limit: float

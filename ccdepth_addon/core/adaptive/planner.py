@@ -43,7 +43,7 @@ class AdaptiveMesh:
 def count_faces(mesh: PolygonMesh, request: Request) -> Generator[int, None, int]:
     """How many faces the result would have, in steps: yields how many leaves there are so far.
 
-    mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``). Raises TooManyFacesError.
+    mesh: its sharpness explicit (``sharpness.apply_boundary_rule``). Raises TooManyFacesError.
     """
     settled = yield from _settled(mesh, request)
     return len(settled.bounds)
@@ -54,7 +54,7 @@ def subdivide_adaptively(
 ) -> Generator[int, None, AdaptiveMesh]:
     """The mesh that is drawn within the limit, in steps: yields how many leaves there are so far.
 
-    mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``), in the space the limit is meant in.
+    mesh: its sharpness explicit (``sharpness.apply_boundary_rule``), in the space the limit is meant in.
     positions: (V, 3) float64, of the same control mesh in the space that is wanted, with the axes of the request.
     Raises TooManyFacesError.
     """

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.chunks import blocks
+from ..arrays.chunks import chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.surface_points import SurfacePoints
@@ -202,7 +202,7 @@ class Quadtree:
     def sides(self, nodes: IndexArray) -> tuple[NDArray[np.int32], BoolArray]:
         """(nodes,) each: how many sides are split, and whether half of one is split again."""
         split_sides, deeper = np.zeros(len(nodes), dtype=np.int32), np.zeros(len(nodes), dtype=bool)
-        for part in blocks(len(nodes), NODES_AT_ONCE):
+        for part in chunks(len(nodes), NODES_AT_ONCE):
             counts = self.slot_counts(nodes[part])
             states = self._edge_states.values[self.slot_edges[self.slots(nodes[part])]]
             starts = np.cumsum(counts) - counts
@@ -213,13 +213,13 @@ class Quadtree:
     def share_a_vertex(self, leaves: IndexArray, others: IndexArray) -> BoolArray:
         """(leaves,) those that have a vertex of the others, the middles of split sides included."""
         marked = np.zeros(len(self.vertex_edges), dtype=bool)
-        for part in blocks(len(others), NODES_AT_ONCE):
+        for part in chunks(len(others), NODES_AT_ONCE):
             slots = self.slots(others[part])
             middles = self.midpoints[self.slot_edges[slots]]
             marked[self.slot_vertices[slots]] = True
             marked[middles[middles != NONE]] = True
         found = np.zeros(len(leaves), dtype=bool)
-        for part in blocks(len(leaves), NODES_AT_ONCE):
+        for part in chunks(len(leaves), NODES_AT_ONCE):
             slots, counts = self.slots(leaves[part]), self.slot_counts(leaves[part])
             middles = self.midpoints[self.slot_edges[slots]]
             touched = marked[self.slot_vertices[slots]] | (marked[middles] & (middles != NONE))
@@ -234,7 +234,7 @@ class Quadtree:
         is new.
         """
         beside = np.zeros(len(self.first_child), dtype=bool)
-        for part in blocks(len(nodes), NODES_AT_ONCE):
+        for part in chunks(len(nodes), NODES_AT_ONCE):
             edges = self.slot_edges[self.slots(nodes[part])]
             parents = self._edge_parents.values[edges]
             beside[self._owners(self._slots_along(edges))] = True
@@ -307,7 +307,7 @@ class Quadtree:
 
     def split(self, nodes: IndexArray) -> None:
         """Split leaves, each once."""
-        for part in blocks(len(nodes), NODES_AT_ONCE):
+        for part in chunks(len(nodes), NODES_AT_ONCE):
             self._split(nodes[part])
 
     def _split(self, nodes: IndexArray) -> None:

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.chunks import blocks, split
+from ..arrays.chunks import chunks, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
-from ..mesh.polygon_mesh import compact, renumber
+from ..mesh.submesh import compact, renumber
 from ..surface.surface_points import SurfacePoints
 from .leaf_approximation import Fit
 from .quadtree import NONE, Point, Quadtree
@@ -202,7 +202,7 @@ def _polygons_of_quads(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions
     for number, alike in _groups(numbers):
         pattern, turns = number // 4 % 16, number % 4
         template = templates(pattern)[number // 64]
-        for chosen in split(quads[alike], POLYGONS_AT_ONCE):
+        for chosen in index_chunks(quads[alike], POLYGONS_AT_ONCE):
             yield from _polygons_of_template(chosen, template, pattern, turns, fit.folded[chosen], transitions)
 
 
@@ -329,7 +329,7 @@ def _edges(
     vertices = np.empty((insides.stop + len(loose), 2), dtype=np.int32)
     base_edges = np.full(len(vertices), NONE, dtype=np.int32)
     filled = 0
-    for block in blocks(len(tree.edge_vertices), EDGES_AT_ONCE):
+    for block in chunks(len(tree.edge_vertices), EDGES_AT_ONCE):
         outer = block.start + np.flatnonzero(is_used[:NONE][block])
         own = slice(filled, filled := filled + len(outer))
         vertices[own] = new.take(tree.edge_vertices.take(outer, axis=0))

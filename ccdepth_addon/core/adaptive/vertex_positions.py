@@ -2,7 +2,7 @@
 """Where the vertices of a quadtree lie on the limit surface, found on the way or evaluated when they are asked for.
 
 Whoever looks at a bicubic quad knows its points. These are convex combinations of control points like those of
-``evaluation``, so rounding is covered alike (``face_depths.rounding_allowance``). Quads that share a vertex may differ
+``evaluation``, so rounding is covered alike (``rounding.rounding_allowance``). Quads that share a vertex may differ
 by that; the last one counts.
 """
 
@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arrays.chunks import taken
+from ..arrays.chunks import gathered
 from ..arrays.types import FloatArray, IndexArray
 from ..surface.evaluation import limit_values
 from ..surface.patches import PatchKinds, classify_patches
@@ -38,7 +38,7 @@ class VertexPositions:
         """(N, 3): where vertices (N,) lie."""
         found = np.empty((len(vertices), 3))
         for axis, column in enumerate(self._coordinates):
-            found[:, axis] = taken(column.values, vertices)
+            found[:, axis] = gathered(column.values, vertices)
         unknown = np.flatnonzero(np.isnan(found[:, 0]))
         if len(unknown):
             mesh, points = self._tree.mesh, self._tree.vertex_points(vertices[unknown])

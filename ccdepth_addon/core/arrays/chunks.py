@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Long arrays some entries at a time, so that what is made of them on the way stays small."""
+"""Long arrays in chunks, so that temporary arrays stay small."""
 
 from __future__ import annotations
 
@@ -9,23 +9,23 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# So many values are taken at once.
-VALUES_AT_ONCE = 1 << 13
+# Values gathered at a time.
+GATHERED_CHUNK = 1 << 13
 
 
-def blocks(count: int, at_once: int) -> Iterator[slice]:
-    """All of ``count`` entries, at most so many at once."""
-    return (slice(start, start + at_once) for start in range(0, count, at_once))
+def chunks(count: int, size: int) -> Iterator[slice]:
+    """Slices that cover 0 … count - 1 in order, each of at most ``size`` entries."""
+    return (slice(start, start + size) for start in range(0, count, size))
 
 
-def split(indices: NDArray[np.intp], at_once: int) -> Iterator[NDArray[np.intp]]:
-    """Indices in blocks of at most so many."""
-    return (indices[block] for block in blocks(len(indices), at_once))
+def index_chunks(indices: NDArray[np.intp], size: int) -> Iterator[NDArray[np.intp]]:
+    """The indices in order, at most ``size`` at a time."""
+    return (indices[chunk] for chunk in chunks(len(indices), size))
 
 
-def taken(values: NDArray[Any], indices: NDArray[Any]) -> NDArray[Any]:
-    """(N,): ``values[indices]``, without an array of as many long integers on the way."""
-    found = np.empty(len(indices), dtype=values.dtype)
-    for block in blocks(len(indices), VALUES_AT_ONCE):
-        found[block] = values.take(indices[block])
-    return found
+def gathered(values: NDArray[Any], indices: NDArray[Any]) -> NDArray[Any]:
+    """(N,): ``values[indices]``, without the copy of all the indices as long integers that numpy makes."""
+    result = np.empty(len(indices), dtype=values.dtype)
+    for chunk in chunks(len(indices), GATHERED_CHUNK):
+        result[chunk] = values.take(indices[chunk])
+    return result

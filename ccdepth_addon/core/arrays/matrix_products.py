@@ -1,25 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Matrix products that stay on the thread that asks for them, and whose bits depend on nothing but the numbers.
+"""Matrix products on the calling thread, whose bits depend on the numbers alone.
 
-The libraries behind numpy's own products differ from one Blender to the next. Some spread a large product over threads
-of their own, which get in the way of ``threads``, and share it out by how many processors there are; some are slow.
-numpy's sums of products do neither, and take as long as the fast ones for matrices as small as those here.
+The libraries behind numpy's own products differ between Blender versions. Some spread a large product over threads of
+their own, which compete with those of ``threads``, and split it by the number of processors; some are slow. ``einsum``
+does neither, and is as fast as the fast ones for matrices of the sizes used here.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from .chunks import blocks
+from .chunks import chunks
 from .types import FloatArray
 
-# So much of a row stays in the processor's cache while it is summed up.
+# So many columns of a row stay in the processor's cache while they are summed.
 COLUMNS_AT_ONCE = 1 << 12
 
 
-def product(matrix: FloatArray, columns: FloatArray) -> FloatArray:
-    """(rows, N) = (rows, k) @ (k, N), in blocks of columns."""
+def matrix_product(matrix: FloatArray, columns: FloatArray) -> FloatArray:
+    """(rows, N) = (rows, k) @ (k, N), in chunks of columns."""
     result = np.empty((len(matrix), columns.shape[1]))
-    for block in blocks(columns.shape[1], COLUMNS_AT_ONCE):
-        np.einsum("ij,jk->ik", matrix, columns[:, block], out=result[:, block])
+    for chunk in chunks(columns.shape[1], COLUMNS_AT_ONCE):
+        np.einsum("ij,jk->ik", matrix, columns[:, chunk], out=result[:, chunk])
     return result

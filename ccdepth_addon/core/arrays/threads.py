@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Independent blocks of work on all processors: numpy lets go of the interpreter while it computes."""
+"""Independent tasks on several threads: numpy releases the interpreter's lock while it computes."""
 
 from __future__ import annotations
 
@@ -10,25 +10,25 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cache
 from typing import TypeVar
 
-Work = TypeVar("Work")
+Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-SECONDS_BETWEEN_SIGNS_OF_LIFE = 0.05
+SECONDS_BETWEEN_PROGRESS = 0.05
 
-# More threads than this wait for the interpreter, and each holds a block's arrays.
+# More threads than this wait for the interpreter's lock, and each holds the arrays of a task.
 MOST_THREADS = 8
 
 
-def in_parallel(function: Callable[[Work], Result], work: Iterable[Work]) -> Generator[Result | None, None, None]:
-    """``function`` of each piece of work, in order, worked out a few pieces ahead of the caller.
+def map_in_threads(function: Callable[[Task], Result], tasks: Iterable[Task]) -> Generator[Result | None, None, None]:
+    """``function`` of each task, in the order of the tasks, computed a few tasks ahead of the caller.
 
-    While a result takes its time there is None instead, every now and then. When the caller stops asking, what has not
-    begun is dropped.
+    While a result is being computed None is yielded every ``SECONDS_BETWEEN_PROGRESS``, so that the caller can report
+    progress or cancel. Closing the generator cancels the tasks that have not begun.
     """
     waiting: deque[Future[Result]] = deque()
     try:
-        for piece in work:
-            waiting.append(_threads().submit(function, piece))
+        for task in tasks:
+            waiting.append(_threads().submit(function, task))
             if len(waiting) > 2 * _thread_count():
                 yield from _result_of(waiting[0])
                 waiting.popleft()
@@ -46,11 +46,11 @@ def _thread_count() -> int:
 
 @cache
 def _threads() -> ThreadPoolExecutor:
-    """The threads, kept: new ones would have to get their memory from the system anew."""
+    """Kept between calls: new threads would have to allocate their memory anew."""
     return ThreadPoolExecutor(_thread_count())
 
 
 def _result_of(future: Future[Result]) -> Iterator[Result | None]:
-    while not wait([future], timeout=SECONDS_BETWEEN_SIGNS_OF_LIFE).done:
+    while not wait([future], timeout=SECONDS_BETWEEN_PROGRESS).done:
         yield None
     yield future.result()

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..adaptive.subdivided_mesh import SubdividedMesh
-from ..arrays.chunks import blocks
+from ..arrays.chunks import chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.surface_points import SurfacePoints, interpolate_linearly
@@ -29,7 +29,7 @@ Evaluate = Callable[[SurfacePoints], NDArray[Any]]
 def interpolated(mesh: PolygonMesh, corner_values: FloatArray, points: SurfacePoints) -> NDArray[np.float32]:
     """(N, D): ``interpolate_linearly`` in single precision, block by block."""
     values = np.empty((len(points.corners), corner_values.shape[1]), dtype=np.float32)
-    for block in blocks(len(values), BLOCK):
+    for block in chunks(len(values), BLOCK):
         values[block] = interpolate_linearly(mesh, corner_values, points.at(block))
     return values
 

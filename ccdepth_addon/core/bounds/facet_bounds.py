@@ -1,13 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the facets of a regular patch miss of it, at its own level and at all later ones.
+"""Error bounds of the facets of a regular patch, at its own level and at all later ones.
 
 Derivations: docs/methods.md, Certified. With A = S_uu, B = S_vv, R = S_uuvv for knots 1 apart, h = 2⁻ʲ and (s, t) the
-place in a facet j levels after the patch's own,
+parameters in a facet j levels after the patch's own,
 
     control vertices:  L - S = -(h²/6)(αA* + βB*) + (h⁴/36)αβR*,   α = (1-s)³ + s³,  β likewise in t, both in [1/4, 1]
     limit vertices:    L - S =  (h²/8)(αA* + βB*) + (h⁴/64)αβR*,   α = 4s(1-s),      β likewise in t, both in [0, 1]
 
-the stars marking places inside the same facet, off by at most ``MISMATCH`` of h in units of the weight.
+where * marks values at other parameters in the same facet, off by at most ``MISMATCH`` of h in units of the weight.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from itertools import product
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
+from ..arrays.vectors import squared_norms
 from ..surface.bicubic import (
     SECOND_DIFFERENCE,
     SPLINE_TO_BERNSTEIN,
@@ -30,10 +31,9 @@ from ..surface.bicubic import (
     tensor,
 )
 from .norm_bounds import Vertices
-from .norms import squared_norms
 
-# h²/6 and h²/8 with h = 1; the weights' least value; the largest of |α(u* - u)|/h: s(1-s)|1-2s| is at most √3/18, and
-# with limit vertices 4/3 of it. Both are rounded up.
+# h²/6 and h²/8 with h = 1; the weights' least value; the largest |α(u* - u)|/h: s(1-s)|1-2s| is at most √3/18, and 4/3
+# of it with limit vertices. Both are rounded up.
 SCALE = {Vertices.CONTROL: 1 / 6, Vertices.LIMIT: 1 / 8}
 LEAST_WEIGHT = {Vertices.CONTROL: 1 / 4, Vertices.LIMIT: 0.0}
 MISMATCH = {Vertices.CONTROL: 0.09623, Vertices.LIMIT: 0.12831}
@@ -46,7 +46,7 @@ def facet_error(net: FloatArray, vertices: Vertices) -> FloatArray:
 
 @cache
 def _facet_error(vertices: Vertices) -> FloatArray:
-    """(16, 16): the same as functionals of the net, coefficient [i, j] in row 4i + j."""
+    """(16, 16): these coefficients as functionals of the net, coefficient [i, j] in row 4i + j."""
     points = np.eye(16).reshape(4, 4, 16)
     values = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN).reshape(4, 4, 16)
     corners = points[[1, 2, 2, 1], [1, 1, 2, 2]] if vertices is Vertices.CONTROL else values[[0, 3, 3, 0], [0, 0, 3, 3]]
@@ -71,10 +71,10 @@ def control_facet_bounds(net: FloatArray) -> tuple[FloatArray, FloatArray]:
 class LaterBounds:
     """Bounds of P patches for the facets of every later level: (P,) float64 each.
 
-    From above, together: the largest of ‖A + B‖; apart: of the combinations with one weight at its least; curves: of
-    ‖A‖ and ‖B‖; twist: of ‖R‖; change: of ‖A_u‖ plus that of ‖B_v‖. With control vertices apart and change are only
-    worked out where curves is the larger of curves and together: elsewhere they cannot help.
-    From below, at_corners: the largest of ‖A + B‖ at the patch's corners.
+    Upper bounds. together: of ‖A + B‖; apart: of the combinations with one weight at its least; curves: of ‖A‖ and ‖B‖;
+    twist: of ‖R‖; change: of ‖A_u‖ plus that of ‖B_v‖. With control vertices apart and change are computed only where
+    curves exceeds together: elsewhere they cannot help.
+    A lower bound. at_corners: the largest ‖A + B‖ at the patch's corners.
     """
 
     vertices: Vertices
@@ -86,7 +86,7 @@ class LaterBounds:
     at_corners: FloatArray
 
     def of(self, chosen: IndexArray) -> LaterBounds:
-        """Those of some of the patches, by index."""
+        """The bounds of some of the patches, by index."""
         own = (self.together, self.apart, self.curves, self.twist, self.change, self.at_corners)
         return LaterBounds(self.vertices, *(bounds.take(chosen) for bounds in own))
 
@@ -103,7 +103,7 @@ class LaterBounds:
     def least(self, levels: int) -> FloatArray:
         """(P,) float64: ‖L - S‖ at least. At a corner of the patch it is ‖A + B - sR‖ times s with control vertices.
 
-        With limit vertices nothing is known without a closer look.
+        With limit vertices 0: corners tell nothing, ``sampled_error`` does.
         """
         if self.vertices is Vertices.LIMIT:
             return np.zeros(len(self.twist))
@@ -136,7 +136,7 @@ def later_bounds(net: FloatArray, vertices: Vertices) -> LaterBounds:
 
 
 def _apart_and_change(net: FloatArray, curves: FloatArray, together: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(P,) each, with control vertices: only where A and B work against each other does it matter how much."""
+    """(P,) each, with control vertices; computed only where A and B oppose each other."""
     apart, change = curves.copy(), np.zeros(len(curves))
     opposed = np.flatnonzero(curves > together)
     if len(opposed):
@@ -175,23 +175,23 @@ def _bicubic(a: FloatArray, b: FloatArray, weight_a: float, weight_b: float) -> 
 
 
 def sampled_error(net: FloatArray, vertices: Vertices, levels: int) -> FloatArray:
-    """(P,) float64: ‖L - S‖ at least, some levels on: its value at places in the facets at the patch's corners."""
+    """(P,) float64: ‖L - S‖ at least, so many levels later, sampled in the facets at the patch's corners."""
     return largest_norm(apply(_samples(vertices, levels), net))
 
 
 @cache
 def _samples(vertices: Vertices, levels: int) -> FloatArray:
-    """(places, 16): L - S as functionals of the net, in the facets at the corners of the patch."""
+    """(samples, 16): L - S as functionals of the net, in the facets at the corners of the patch."""
     h = 0.5**levels
     ends, middles = (0.0, 1.0), (h / 2, 1 - h / 2)
     sides = [*product(ends, middles), *product(middles, ends)]
-    # Control facets are worst at corners or along sides, limit facets in the middle or along sides.
+    # Errors of control facets are largest at corners or along sides, of limit facets in the middle or along sides.
     others = product(ends, ends) if vertices is Vertices.CONTROL else product(middles, middles)
     return np.concatenate([_error_at(vertices, h, u, v) for u, v in [*sides, *others]])
 
 
 def _error_at(vertices: Vertices, h: float, u: float, v: float) -> FloatArray:
-    """(1, 16): L - S at one place (u, v) of a patch whose facets have side h."""
+    """(1, 16): L - S at parameters (u, v) of a patch whose facets have side h."""
     value = tensor(_spline_at(u), _spline_at(v))
     low_u, low_v = (min(np.floor(x / h), 1 / h - 1) * h for x in (u, v))
     s, t = (u - low_u) / h, (v - low_v) / h
@@ -212,7 +212,7 @@ def _spline_at(x: float) -> FloatArray:
 def _vertex_at(vertices: Vertices, x: float, h: float) -> FloatArray:
     """(1, 4): the vertex at a knot x after refinement to spacing h.
 
-    A limit vertex is the spline itself; a control point lies h²/6 of its second derivative before it.
+    A limit vertex is the spline's value; a control point is that minus h²/6 of the second derivative.
     """
     if vertices is Vertices.LIMIT:
         return _spline_at(x)

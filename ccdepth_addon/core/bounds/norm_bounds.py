@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Methods: control nets → a bound on the distance to the limit surface at every further level.
+"""Methods by norms: a control net's bound on the distance to the limit surface at every later level.
 
 The distance of a face at level k is measured at equal parameters: the largest ‖Lᵏ(u, v) - S(u, v)‖, with S the face's
 patch and Lᵏ bilinear over each of its level-k subfaces. With CONTROL vertices the corners of Lᵏ are the level-k control
@@ -27,7 +27,7 @@ from .norms import (
     second_order_norm_regular,
 )
 
-# Where the rows of a 4 × 4 net lie along a face from 0 to 1.
+# The parameters of the rows of a 4 × 4 net along a face from 0 to 1.
 GRID_PLACES = np.arange(-1.0, 3.0)
 
 
@@ -61,7 +61,7 @@ class PatchBounds:
     period: int = 1
 
     def at(self, levels: int) -> FloatArray:
-        """(P,) float64: the bound after so many more levels."""
+        """(P,) float64: the bound so many levels later."""
         beyond = max(levels - (len(self.factors) - 1), 0)
         rounds = -(-beyond // self.period)
         return self.value * (self.factors[levels - rounds * self.period] * self.rate**rounds)
@@ -121,9 +121,10 @@ def second_order_regular(net: FloatArray, vertices: Vertices) -> PatchBounds:
 
 
 def _extraordinary_factor(valence: int, vertices: Vertices) -> float:
-    """The distance of an extraordinary patch in units of M.
+    """The bound of an extraordinary patch in units of M.
 
-    Lemma 7 for control vertices. For limit vertices what is certified, beyond that Lemma 7 and the corners' way.
+    Lemma 7 for control vertices. For limit vertices the certified factor; beyond, Lemma 7 plus the corners'
+    displacement.
     """
     published = 1 / published_divisor(valence)
     if vertices is Vertices.CONTROL:
@@ -147,9 +148,9 @@ SHARP_FACTORS = {
 
 
 def sharp_extraordinary(net: FloatArray, vertices: Vertices) -> PatchBounds:
-    """The best factors of M, level by level, where they are tabled (docs/methods.md, Sharp); the published ones beyond.
+    """The best factors of M, level by level, where tabled (docs/methods.md, Sharp); beyond, the published ones.
 
-    Regular patches have theirs already: M/3 and M/4 are reached, and so is their rate of 1/4.
+    For regular patches the published factors are the best: M/3, M/4 and their rate of 1/4 are reached.
     """
     valence = (len(net) - 8) // 2
     if valence not in sharp_constants.RATES:
@@ -189,7 +190,7 @@ def first_order_extraordinary(net: FloatArray, vertices: Vertices) -> PatchBound
 
 @dataclass(frozen=True)
 class PatchMethod:
-    """A method: what it makes of regular nets (4, 4, P, 3) and of extraordinary ones (2n + 8, P, 3)."""
+    """A method: its bounds of regular nets (4, 4, P, 3) and of extraordinary ones (2n + 8, P, 3)."""
 
     regular: Callable[[FloatArray, Vertices], PatchBounds]
     extraordinary: Callable[[FloatArray, Vertices], PatchBounds]
@@ -203,17 +204,17 @@ PATCH_METHODS = {
 
 
 def support_bounds(mesh: PolygonMesh, vertices: Vertices) -> FloatArray:
-    """(F,) float64: ‖L - S‖ of every face of a mesh of quads, whatever the rules at its vertices.
+    """(F,) float64: a bound of ‖L - S‖ for every face of a mesh of quads, whatever the rules at its vertices.
 
-    Every rule is an average with weights that are not negative, so a face's patch lies in the convex hull of its
-    support, the points of all faces around its corners: no point of it is farther from the facet than the farthest
-    support point is from a corner. With c a corner, p a point of a face around the corner c' and s(c') the distance
+    Every rule is an average with non-negative weights, so a face's patch lies in the convex hull of its support, the
+    points of all faces around its corners: no point of it is farther from the facet than the farthest support point is
+    from a corner. With c a corner, p a point of a face around the corner c' and s(c') the distance
     from c' to the farthest such point, ‖c - p‖ ≤ ‖c - c'‖ + s(c'). The limit position of c lies within s(c) of c.
 
-    Over limit vertices it holds at all further levels as well, for either kind of vertices: their facets lie in the
+    The bound for limit vertices also holds at all later levels, for either kind of vertices: their facets lie in the
     same hull as S, and no two points of the support are farther apart.
 
-    Faces on grids have a nearer bound (``_grid_bounds``).
+    Faces on grids have a smaller bound (``_grid_bounds``).
     """
     corners = mesh.positions[mesh.corner_vertices].reshape(-1, 4, 3)
     apart = np.linalg.norm(corners[:, :, None] - corners[:, None, :], axis=3)
@@ -232,12 +233,12 @@ def support_bounds(mesh: PolygonMesh, vertices: Vertices) -> FloatArray:
 def _grid_bounds(mesh: PolygonMesh, faces: IndexArray, vertices: Vertices) -> FloatArray:
     """(faces,) float64: ‖L - S‖ of faces on grids (``patches.faces_on_grids``), which falls by four a level.
 
-    The surface is S = Σ wᵢⱼ(u, v) Vᵢⱼ, with weights that are not negative and sum to 1, and reproduces bilinear
-    functions; so with L the facet of the control points, extended to the whole net, S - L = Σ wᵢⱼ (Vᵢⱼ - L(i, j)) is
-    no longer than the longest Vᵢⱼ - L(i, j). So is what the limits of the corners are away from these, and the facet
-    over the limits from L, and, at all further levels, what the corners of facets of either kind are away from L, being
-    averages of the same kind; so twice it holds there too. Points beyond infinitely sharp sides have no weight, and
-    count for nothing but safety.
+    The surface is S = Σ wᵢⱼ(u, v) Vᵢⱼ, with non-negative weights that sum to 1, and reproduces bilinear functions; so
+    with L the facet of the control points, extended to the whole net, S - L = Σ wᵢⱼ (Vᵢⱼ - L(i, j)) is no longer than
+    the longest Vᵢⱼ - L(i, j). The same bounds the distance from the corners to their limits, from the facet over the
+    limits to L, and at all later levels from the corners of facets of either kind to L, as averages of the same kind;
+    so twice the bound holds there too. Points beyond infinitely sharp sides have no weight; they can only raise the
+    bound.
     """
     net = regular_nets(mesh, faces)
     corners = net[[1, 2, 2, 1], [1, 1, 2, 2]]

@@ -14,43 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.types import FloatArray
-
-
-def squared_norms(vectors: FloatArray) -> FloatArray:
-    """(…, 3) vectors → (…) squared lengths."""
-    squares = vectors * vectors
-    # Three strided sums are faster than a reduction over an axis of three.
-    total = squares[..., 0] + squares[..., 1]
-    total += squares[..., 2]
-    return total
-
-
-def dot_products(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(…, 3) vectors each → (…); where coordinates lie apart, faster than numpy's own."""
-    dots = a[..., 0] * b[..., 0]
-    dots += a[..., 1] * b[..., 1]
-    dots += a[..., 2] * b[..., 2]
-    return dots
-
-
-def squared_dots(vectors: FloatArray, directions: FloatArray) -> FloatArray:
-    """(R, P, 3) vectors and (P, 3) directions → (R, P) squares of their products."""
-    dots = dot_products(vectors, directions)
-    dots *= dots
-    return dots
-
-
-def cross_products(a: FloatArray, b: FloatArray) -> FloatArray:
-    """(…, 3) vectors each → (…, 3); what numpy's own does takes several times as long."""
-    product = np.empty_like(a, shape=np.broadcast_shapes(a.shape, b.shape))
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        np.multiply(a[..., j], b[..., k], out=product[..., i])
-        product[..., i] -= a[..., k] * b[..., j]
-    return product
+from ..arrays.vectors import squared_norms
+from ..surface.patches import ring_index
 
 
 def _largest(vectors: Iterable[FloatArray]) -> FloatArray:
-    """The root is taken once, of the largest square."""
+    """(P,): the longest of several (P, 3) vectors."""
     squares = iter(map(squared_norms, vectors))
     largest = next(squares)
     for square in squares:
@@ -63,11 +32,6 @@ def second_order_norm_regular(net: FloatArray) -> FloatArray:
     along_u = (2 * net[i, j] - net[i - 1, j] - net[i + 1, j] for i in (1, 2) for j in range(4))
     along_v = (2 * net[i, j] - net[i, j - 1] - net[i, j + 1] for j in (1, 2) for i in range(4))
     return np.maximum(_largest(along_u), _largest(along_v))
-
-
-def ring_index(valence: int, number: int) -> int:
-    """Index into an extraordinary net of ring point V_number, whose numbers 2 … 2n + 1 wrap around."""
-    return (number - 2) % (2 * valence) + 1
 
 
 def second_differences(valence: int) -> list[tuple[int, int, int]]:
@@ -111,7 +75,7 @@ def second_order_norm_extraordinary(net: FloatArray) -> FloatArray:
 
 @cache
 def _second_difference_ends(valence: int) -> tuple[tuple[int, ...], ...]:
-    """The a, the b and the c of ``second_differences``."""
+    """All a, all b and all c of ``second_differences``."""
     return tuple(zip(*second_differences(valence), strict=True))
 
 
@@ -132,6 +96,6 @@ def first_order_norm_extraordinary(net: FloatArray) -> FloatArray:
 
 @cache
 def _edge_ends(valence: int) -> NDArray[np.intp]:
-    """(2, edges): the one end and the other of every edge that a second difference spans."""
+    """(2, edges): the two ends of every edge that a second difference spans."""
     edges = {(min(a, end), max(a, end)) for a, b, c in second_differences(valence) for end in (b, c)}
     return np.array(sorted(edges), dtype=np.intp).T.copy()

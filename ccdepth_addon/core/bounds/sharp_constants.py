@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The tables of the method Sharp by valence, in units of the second-order norm M, made and proved by
+"""The factors of the method Sharp by valence, in units of the second-order norm M, computed and proved by
 
     python -m proofs.certify_sharp_constants
 
-Each row has the factors of levels 0, 1, 2, …; further on the last PERIOD of them recur, times the rate each time.
+Each row has the factors of levels 0, 1, 2, …; after these the last PERIOD factors recur, times the rate each time.
 """
 
 PERIOD = 8

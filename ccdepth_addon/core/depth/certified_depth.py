@@ -1,11 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The certified depth: proved from the mesh itself, both ways, level by level.
 
-For level k = 0, 1, 2, … every face that has no depth yet is asked whether its level-k facets lie within the tolerance.
-An upper bound on their distance says yes, a true distance somewhere on them says no; while neither does, the doubtful
-parts are split and asked again. Regular patches are asked in closed form (``facet_bounds``) and split by knot
-insertion, then in Bernstein form; everything else is refined with its neighbours, the level-k facets being carried
-along, until regular patches and a last bound that has shrunk to nothing are left (docs/methods.md, Certified).
+For level k = 0, 1, 2, … the level-k facets of every face without a depth are tested against the tolerance. An upper
+bound on their distance can prove them within it, a distance reached somewhere on them can disprove it; while neither
+does, the undecided parts are split and evaluated again. Regular patches are bounded in closed form (``facet_bounds``)
+and split by knot insertion, then in Bernstein form. All other faces are refined with their neighbours, together with
+the level-k facets over them, until they are regular patches or their last bound is small enough (docs/methods.md,
+Certified).
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from functools import partial
 
 import numpy as np
 
-from ..arrays.chunks import split
-from ..arrays.threads import in_parallel
+from ..arrays.chunks import index_chunks
+from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.facet_bounds import (
     CORNER_ROWS,
@@ -35,76 +36,76 @@ from ..bounds.norm_bounds import (
     sharp_extraordinary,
     support_bounds,
 )
-from ..bounds.norms import ring_index
-from ..mesh.polygon_mesh import PolygonMesh, submesh
+from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.submesh import submesh
 from ..surface.bicubic import HALVES, SPLINE_HALVES, bilinear_coefficients, both_ways, largest_norm, patch_coefficients
-from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
+from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets, ring_index
 from ..surface.refinement import Refinement
 from ..surface.stencils import PatchStencils, apply_stencils, patch_stencils
-from .tolerance_test import FaceBlock, LevelBlock, Question
+from .tolerance_test import FaceDepths, LevelBounds, ToleranceTest
 
 REGULAR_FACES_AT_ONCE = 1 << 13
 OTHER_FACES_AT_ONCE = 1 << 10
 
-# They are cut out of the mesh with their neighbours, which takes a look at all of it, many blocks at a time.
+# Cutting faces out of the mesh with their neighbours scans all of it, so many chunks are cut out together.
 OTHER_FACES_TOGETHER = 1 << 15
 
-# How often doubtful parts are split: each time the gap between the bounds falls to about a quarter for a patch in
-# Bernstein form, and by the subdominant eigenvalue (0.41 to 0.68) around an extraordinary vertex,
-# or to a half where only the support is known.
+# How often undecided parts are split. Each split multiplies the gap between the bounds by about a quarter for a patch
+# in Bernstein form, by the subdominant eigenvalue (0.41 to 0.68) around an extraordinary vertex, and by a half where
+# only the support is known.
 NET_SPLITS = 3
-BLOCK_SPLITS = 9
+DIFFERENCE_SPLITS = 9
 REFINEMENTS = 18
 
-# Doubtful parts in Bernstein form: of a face at most, before its level is given up, and of all the faces at once.
-MOST_BLOCKS_OF_A_FACE = 128
-MOST_BLOCKS = 1 << 13
+# Most undecided pieces in Bernstein form: of a face, before its level is given up, and of all faces at a time.
+MOST_PIECES_OF_A_FACE = 128
+MOST_PIECES = 1 << 13
 
-# The search uses the stencils of a valence over and over, so larger ones pay here than elsewhere.
+# The search reuses the stencils of a valence many times, so larger ones pay here than elsewhere.
 LARGEST_SEARCHED_VALENCE = 512
 
 
-# (P,) base faces, and for each of them (4, 4, P, 3): a net, or the difference S - L.
-Blocks = tuple[IndexArray, FloatArray]
+# (P,) base faces, and (4, 4, P, 3) a net or the Bernstein coefficients of S - L for each.
+BasePatches = tuple[IndexArray, FloatArray]
 
 
-def certified_blocks(mesh: PolygonMesh, question: Question, vertices: Vertices) -> Iterator[FaceBlock]:
-    """Every face of the mesh with its certified depth, in blocks; some are empty, to let the caller breathe."""
-    yield FaceBlock.empty()
-    searches = _searches(mesh, question, vertices, np.arange(mesh.face_count))
-    for block in in_parallel(lambda begin: begin().run(), searches):
-        yield FaceBlock.empty() if block is None else block
+def certified_depths(mesh: PolygonMesh, test: ToleranceTest, vertices: Vertices) -> Iterator[FaceDepths]:
+    """The certified depth of every face of the mesh, in chunks; empty ones report progress while others compute."""
+    yield FaceDepths.empty()
+    searches = _searches(mesh, test, vertices, np.arange(mesh.face_count))
+    for depths in map_in_threads(lambda begin: begin().run(), searches):
+        yield FaceDepths.empty() if depths is None else depths
 
 
-def certified_bounds(
-    mesh: PolygonMesh, question: Question, vertices: Vertices, faces: IndexArray, level: int
-) -> Iterator[LevelBlock]:
-    """Some faces with what is proved of them at one level, in blocks; some are empty, to let the caller breathe."""
-    yield LevelBlock.empty()
-    searches = _searches(mesh, question, vertices, faces)
-    for block in in_parallel(lambda begin: begin().at(level), searches):
-        yield LevelBlock.empty() if block is None else block
+def certified_level_bounds(
+    mesh: PolygonMesh, test: ToleranceTest, vertices: Vertices, faces: IndexArray, level: int
+) -> Iterator[LevelBounds]:
+    """The proved bounds of some faces at one level, in chunks; empty ones report progress while others compute."""
+    yield LevelBounds.empty()
+    searches = _searches(mesh, test, vertices, faces)
+    for bounds in map_in_threads(lambda begin: begin().at(level), searches):
+        yield LevelBounds.empty() if bounds is None else bounds
 
 
 def _searches(
-    mesh: PolygonMesh, question: Question, vertices: Vertices, faces: IndexArray
-) -> Iterator[Callable[[], _Search]]:
-    """What begins with the faces, some at a time."""
+    mesh: PolygonMesh, test: ToleranceTest, vertices: Vertices, faces: IndexArray
+) -> Iterator[Callable[[], _CertifiedSearch]]:
+    """Functions that start the search of a chunk of the faces each."""
     is_regular = classify_patches(mesh).kinds[faces] == PatchKind.REGULAR
 
-    def begin_regular(some: IndexArray) -> _Search:
+    def begin_regular(some: IndexArray) -> _CertifiedSearch:
         nets = [(np.arange(len(some)), regular_nets(mesh, some))]
-        return _Search(question, vertices, some, nets, None)
+        return _CertifiedSearch(test, vertices, some, nets, None)
 
-    def begin_other(part: PolygonMesh, own: IndexArray, some: IndexArray) -> _Search:
-        return _Search(question, vertices, some, [], Refinement.start(part, own))
+    def begin_other(part: PolygonMesh, own: IndexArray, some: IndexArray) -> _CertifiedSearch:
+        return _CertifiedSearch(test, vertices, some, [], Refinement.start(part, own))
 
-    # Those that take longest first, so that no processor is left with one of them in the end.
-    for together in split(faces[~is_regular], OTHER_FACES_TOGETHER):
+    # The slowest first, so that none of them runs alone at the end.
+    for together in index_chunks(faces[~is_regular], OTHER_FACES_TOGETHER):
         part = submesh(mesh, together)[0]
-        for own in split(np.arange(len(together)), OTHER_FACES_AT_ONCE):
+        for own in index_chunks(np.arange(len(together)), OTHER_FACES_AT_ONCE):
             yield partial(begin_other, part, own, together[own])
-    for some in split(faces[is_regular], REGULAR_FACES_AT_ONCE):
+    for some in index_chunks(faces[is_regular], REGULAR_FACES_AT_ONCE):
         yield partial(begin_regular, some)
 
 
@@ -112,8 +113,8 @@ def _searches(
 class _Patches:
     """Regular patches that appear at one level: (P,) base faces.
 
-    rows: (P,) which of the nets (4, 4, N, 3) is each one's; nets that are no longer wanted are left where they are.
-    rough, later: bounds by the norm alone and from the net itself, worked out when they are asked for first.
+    rows: (P,) indices of their nets in (4, 4, N, 3), which may still hold nets of faces that are settled.
+    rough, later: bounds by the norm alone and from the net itself, computed on first use.
     """
 
     level: int
@@ -124,8 +125,8 @@ class _Patches:
     later: LaterBounds | None = None
 
     @staticmethod
-    def joined(level: int, pieces: list[Blocks]) -> _Patches:
-        """One of several (P,) base faces with their (4, 4, P, 3) nets."""
+    def joined(level: int, pieces: list[BasePatches]) -> _Patches:
+        """The patches of several pieces together."""
         bases, nets = pieces[0] if len(pieces) == 1 else _joined(pieces)
         return _Patches(level, bases, np.arange(len(bases)), nets)
 
@@ -146,7 +147,7 @@ class _Patches:
         return self.nets.take(self.rows[chosen], axis=2)
 
     def compact(self) -> FloatArray:
-        """(4, 4, P, 3): the nets, when those that are no longer wanted are gone."""
+        """(4, 4, P, 3): the nets of these patches, all others dropped."""
         if len(self.rows) < self.nets.shape[2]:
             self.nets, self.rows = self.nets.take(self.rows, axis=2), np.arange(len(self.rows))
         return self.nets
@@ -164,7 +165,7 @@ class _Patches:
 
 @dataclass
 class _ExtraordinaryPatches:
-    """Extraordinary patches of one valence at the level that is asked about: (P,) base faces, (2n + 8, P, 3) nets."""
+    """Extraordinary patches of one valence at the level being evaluated: (P,) base faces, (2n + 8, P, 3) nets."""
 
     bases: IndexArray
     nets: FloatArray
@@ -193,189 +194,197 @@ class _ExtraordinaryPatches:
 
 
 @dataclass
-class _Verdict:
-    """What is known of the level-k facets of B base faces: distances at most and at least, and what is still open."""
+class _LevelDecision:
+    """Bounds of the level-k facets of B base faces so far.
 
-    question: Question
+    wanted: (B,) bool, faces that are not disproved. upper, lower: (B,) float64, distances at most and at least over the
+    decided parts. open_differences: S - L where it is still undecided.
+    """
+
+    test: ToleranceTest
     wanted: BoolArray
     upper: FloatArray
     lower: FloatArray
-    open_blocks: list[Blocks] = field(default_factory=list)
+    open_differences: list[BasePatches] = field(default_factory=list)
 
     @staticmethod
-    def of(question: Question, wanted: BoolArray) -> _Verdict:
-        return _Verdict(question, wanted.copy(), np.zeros(len(wanted)), np.zeros(len(wanted)))
+    def of(test: ToleranceTest, wanted: BoolArray) -> _LevelDecision:
+        return _LevelDecision(test, wanted.copy(), np.zeros(len(wanted)), np.zeros(len(wanted)))
 
-    def hear(self, bases: IndexArray, upper: FloatArray, lower: FloatArray) -> BoolArray:
-        """Take the bounds of some parts; (parts,) bool, those still in doubt. Settled parts count for good."""
+    def update(self, bases: IndexArray, upper: FloatArray, lower: FloatArray) -> BoolArray:
+        """Record the bounds of some parts of base faces; (parts,) bool, which of them are still undecided."""
         self.disprove(bases, lower)
-        within = self.question.within(upper)
+        within = self.test.within(upper)
         np.maximum.at(self.upper, bases[within], upper[within])
         return ~within & self.wanted[bases]
 
     def disprove(self, bases: IndexArray, lower: FloatArray) -> None:
-        """Take the least distances of some parts."""
+        """Record distances that some parts reach."""
         np.maximum.at(self.lower, bases, lower)
-        self.wanted &= ~self.question.exceeds(self.lower)
+        self.wanted &= ~self.test.exceeds(self.lower)
 
     def bounds(self) -> FloatArray:
-        """(B,): the proved distances of faces that are settled.
+        """(B,): the proved distances of settled faces.
 
-        Parts that were not looked at closely are within the tolerance, and within what some other part reaches.
+        Parts with rough bounds alone are within the tolerance, and within what some other part reaches.
         """
-        reached = np.maximum(self.upper, self.lower) + self.question.allowance
-        return np.minimum(reached, self.question.tolerance)
+        reached = np.maximum(self.upper, self.lower) + self.test.allowance
+        return np.minimum(reached, self.test.tolerance)
 
     def give_up(self, bases: IndexArray) -> None:
-        """No proof either way: such a face is not taken to be within the tolerance."""
+        """Leave faces without a proof either way; they do not count as within the tolerance."""
         self.upper[bases] = np.inf
 
 
 @dataclass
-class _Search:
-    """Some base faces on their way to a depth: their patches so far, and the refinement of the rest.
+class _CertifiedSearch:
+    """The search for the depths of some base faces: their patches so far, and the refinement of the rest.
 
-    found: the regular patches that appear at the level to be asked about next.
+    new_patches: the regular patches that appear at the next level to be evaluated.
     """
 
-    question: Question
+    test: ToleranceTest
     vertices: Vertices
     faces: IndexArray
-    found: list[Blocks]
+    new_patches: list[BasePatches]
     refinement: Refinement | None
     patches: list[_Patches] = field(default_factory=list)
     extraordinary: list[_ExtraordinaryPatches] = field(default_factory=list)
 
-    def run(self) -> FaceBlock:
-        block = FaceBlock.undecided(self.faces)
+    def run(self) -> FaceDepths:
+        """The depths of the base faces."""
+        depths = FaceDepths.undecided(self.faces)
         wanted = np.ones(len(self.faces), dtype=bool)
         level = 0
         while np.any(wanted):
-            verdict = _Verdict.of(self.question, wanted)
-            settled = self._ask(verdict, level)
-            block.settle(settled, level, verdict.bounds(), verdict.lower)
-            # A level that was neither proved nor disproved leaves the depth above it without proof of being the least.
-            block.exact[verdict.wanted & ~settled] = False
+            decision = _LevelDecision.of(self.test, wanted)
+            settled = self._evaluate_level(decision, level)
+            depths.settle(settled, level, decision.bounds(), decision.lower)
+            # After a level that was neither proved nor disproved, no later depth is proved to be the least.
+            depths.exact[decision.wanted & ~settled] = False
             wanted &= ~settled
             self._descend(wanted)
             level += 1
-        return block
+        return depths
 
-    def at(self, level: int) -> LevelBlock:
-        """What is proved of all the base faces at one level."""
+    def at(self, level: int) -> LevelBounds:
+        """The proved bounds of all the base faces at one level."""
         everything = np.ones(len(self.faces), dtype=bool)
-        verdict = _Verdict.of(self.question, everything)
+        decision = _LevelDecision.of(self.test, everything)
         for own in range(level):
-            self._take_patches(own)
-            self._ask_ahead(verdict, own, level)
+            self._collect_patches(own)
+            self._settle_early(decision, own, level)
             self._descend(everything)
-        settled = self._ask(verdict, level)
-        return LevelBlock(self.faces, np.where(settled, verdict.bounds(), np.inf))
+        settled = self._evaluate_level(decision, level)
+        return LevelBounds(self.faces, np.where(settled, decision.bounds(), np.inf))
 
-    def _ask(self, verdict: _Verdict, level: int) -> BoolArray:
-        """Ask about the level that the search has come to; (B,) bool, the base faces that are proved to be near."""
-        self._take_patches(level)
-        self._ask_corners(verdict)
-        asked = self._ask_patches(verdict, level)
+    def _evaluate_level(self, decision: _LevelDecision, level: int) -> BoolArray:
+        """Evaluate the search's current level; (B,) bool, the base faces proved to be within the tolerance."""
+        self._collect_patches(level)
+        self._evaluate_corners(decision)
+        evaluated = self._evaluate_patches(decision, level)
         for patches in self.extraordinary:
-            patches = patches.at(np.flatnonzero(verdict.wanted[patches.bases]))
-            self._ask_extraordinary(verdict, patches, patches.corners(self.vertices))
-        self._ask_refinement(verdict)
-        if verdict.open_blocks:
-            self._ask_blocks(verdict, *_joined(verdict.open_blocks))
-        settled = verdict.wanted & np.isfinite(verdict.upper)
-        for regular in asked:
-            self._look_closer(verdict, regular.of(settled), level)
+            patches = patches.at(np.flatnonzero(decision.wanted[patches.bases]))
+            self._evaluate_extraordinary(decision, patches, patches.corners(self.vertices))
+        self._evaluate_refinement(decision)
+        if decision.open_differences:
+            self._evaluate_differences(decision, *_joined(decision.open_differences))
+        settled = decision.wanted & np.isfinite(decision.upper)
+        for regular in evaluated:
+            self._tighten_bounds(decision, regular.of(settled), level)
         return settled
 
-    def _ask_ahead(self, verdict: _Verdict, own: int, level: int) -> None:
-        """At a level of the search, settle what bounds by norms alone, and by the support, know of a later level.
+    def _settle_early(self, decision: _LevelDecision, own: int, level: int) -> None:
+        """At level ``own`` of the search, settle what norms and supports alone prove about the later ``level``.
 
-        What is settled so is refined no further: mostly only what is near the difficulties of the mesh goes on.
+        Settled parts are refined no further; mostly only parts near creases and irregular vertices remain.
         """
         for place, patches in enumerate(self.patches):
             if patches.level == own:
                 rough = patches.rough_bounds(self.vertices).at(level - own)
-                self.patches[place] = patches.at(_in_doubt(verdict, patches.bases, rough))
+                self.patches[place] = patches.at(_undecided(decision, patches.bases, rough))
                 self.patches[place].compact()
         of_valences = []
         for extraordinary in self.extraordinary:
             bounds = sharp_extraordinary(extraordinary.nets, self.vertices).at(level - own)
-            of_valences.append(extraordinary.at(_in_doubt(verdict, extraordinary.bases, bounds)))
+            of_valences.append(extraordinary.at(_undecided(decision, extraordinary.bases, bounds)))
         self.extraordinary = of_valences
         refinement = self.refinement
         if refinement is not None and len(refinement.bases) and np.all(refinement.mesh.face_sizes == 4):
             bounds = support_bounds(refinement.mesh, Vertices.LIMIT)[: len(refinement.bases)]
             wanted = np.zeros(len(bounds), dtype=bool)
-            wanted[_in_doubt(verdict, refinement.bases, bounds)] = True
+            wanted[_undecided(decision, refinement.bases, bounds)] = True
             self.refinement = refinement.keep(wanted)
 
     def _descend(self, wanted: BoolArray) -> None:
-        """Go from a level to the next with the wanted base faces."""
+        """Refine the wanted base faces to the next level."""
         self.patches = [patches.of(wanted) for patches in self.patches]
         kept = (patches.at(np.flatnonzero(wanted[patches.bases])) for patches in self.extraordinary)
         self.extraordinary = []
         for patches in kept:
             refined, bases, nets = patches.refined()
             self.extraordinary.append(refined)
-            self.found.append((bases, nets))
+            self.new_patches.append((bases, nets))
         if self.refinement is not None:
             self.refinement = self.refinement.of(wanted).refined()
 
-    def _take_patches(self, level: int) -> None:
+    def _collect_patches(self, level: int) -> None:
         """Move the refinement's regular and extraordinary faces to the patches."""
         if self.refinement is not None and len(self.refinement.bases):
-            sorted_out = _sort_out(self.refinement)
-            self.found.append((sorted_out.regular_bases, sorted_out.regular_nets()))
-            self.extraordinary += [patches for patches, _ in sorted_out.extraordinary()]
-            self.refinement = self.refinement.keep(sorted_out.rest)
-        if self.found:
-            self.patches.append(_Patches.joined(level, self.found))
-            self.found = []
+            classified = _classify(self.refinement)
+            self.new_patches.append((classified.regular_bases, classified.regular_nets()))
+            self.extraordinary += [patches for patches, _ in classified.extraordinary()]
+            self.refinement = self.refinement.keep(classified.rest)
+        if self.new_patches:
+            self.patches.append(_Patches.joined(level, self.new_patches))
+            self.new_patches = []
 
-    def _ask_corners(self, verdict: _Verdict) -> None:
-        """Most levels that are not enough show it where control points at extraordinary vertices are far from them."""
+    def _evaluate_corners(self, decision: _LevelDecision) -> None:
+        """Disprove faces by how far control points at extraordinary vertices are from their limits.
+
+        It is the cheapest test, and most levels that are too low fail it.
+        """
         if self.vertices is Vertices.CONTROL:
             for patches in self.extraordinary:
                 gaps = largest_norm(patches.corners(Vertices.CONTROL) - patches.corners(Vertices.LIMIT))
-                verdict.disprove(patches.bases, gaps)
+                decision.disprove(patches.bases, gaps)
 
-    def _ask_patches(self, verdict: _Verdict, level: int) -> list[_Patches]:
-        """Ask regular patches of the faces that are still wanted, and return them.
+    def _evaluate_patches(self, decision: _LevelDecision, level: int) -> list[_Patches]:
+        """Evaluate the regular patches of the faces that are still wanted, and return them.
 
-        Most of those that a face is refined into are so near the surface that their norm alone says enough.
+        For most patches that a face is refined into, the bound by their norm alone is enough.
         """
-        asked = []
+        evaluated = []
         for patches in self.patches:
-            patches = patches.of(verdict.wanted)
+            patches = patches.of(decision.wanted)
             if not len(patches.bases):
                 continue
             levels = level - patches.level
             if self.refinement is not None:
-                near = self.question.within(patches.rough_bounds(self.vertices).at(levels))
-                asked.append(patches.at(np.flatnonzero(near)))
+                near = self.test.within(patches.rough_bounds(self.vertices).at(levels))
+                evaluated.append(patches.at(np.flatnonzero(near)))
                 patches = patches.at(np.flatnonzero(~near))
-            self._ask_nets(verdict, patches, levels)
-            asked.append(patches)
-        return asked
+            self._evaluate_nets(decision, patches, levels)
+            evaluated.append(patches)
+        return evaluated
 
-    def _ask_nets(self, verdict: _Verdict, patches: _Patches, levels: int) -> None:
-        """Ask regular patches about the facets so many levels after their own: first by what costs least."""
-        doubtful = np.flatnonzero(verdict.hear(patches.bases, *self._first_bounds(patches, levels)))
-        bases, nets = patches.bases[doubtful], patches.nets_of(doubtful)
+    def _evaluate_nets(self, decision: _LevelDecision, patches: _Patches, levels: int) -> None:
+        """Evaluate regular patches for the facets so many levels after their own, with the cheapest bounds first."""
+        undecided = np.flatnonzero(decision.update(patches.bases, *self._first_bounds(patches, levels)))
+        bases, nets = patches.bases[undecided], patches.nets_of(undecided)
         for remaining in range(levels, max(levels - NET_SPLITS, 0) - 1, -1):
             if not len(bases):
                 return
-            doubtful = np.flatnonzero(verdict.hear(bases, *self._closer_bounds(nets, remaining)))
-            bases, nets = bases[doubtful], nets.take(doubtful, axis=2)
+            undecided = np.flatnonzero(decision.update(bases, *self._closer_bounds(nets, remaining)))
+            bases, nets = bases[undecided], nets.take(undecided, axis=2)
             if remaining == 0:
-                verdict.open_blocks.append((bases, facet_error(nets, self.vertices)))
+                decision.open_differences.append((bases, facet_error(nets, self.vertices)))
                 return
             bases, nets = np.tile(bases, 4), both_ways(SPLINE_HALVES, nets)
-        verdict.give_up(bases)
+        decision.give_up(bases)
 
     def _has_later_bounds(self, levels: int) -> bool:
-        """A control facet of the patch's own level is known better from its 12 coefficients."""
+        """Whether ``later_bounds`` are the ones to use: a control facet of the patch's own level has better bounds."""
         return levels > 0 or self.vertices is Vertices.LIMIT
 
     def _first_bounds(self, patches: _Patches, levels: int) -> tuple[FloatArray, FloatArray]:
@@ -386,51 +395,53 @@ class _Search:
         return later.at(levels), later.least(levels)
 
     def _closer_bounds(self, nets: FloatArray, levels: int) -> tuple[FloatArray, FloatArray]:
-        """The same for nets alone, and with samples."""
+        """(P,) each: the same from the nets (4, 4, P, 3), with sampled distances."""
         if not self._has_later_bounds(levels):
             return control_facet_bounds(nets)
         return later_bounds(nets, self.vertices).at(levels), sampled_error(nets, self.vertices, levels)
 
-    def _look_closer(self, verdict: _Verdict, patches: _Patches, level: int) -> None:
-        """Hear the distances of settled faces' patches where they may be the largest, as near as they are known."""
+    def _tighten_bounds(self, decision: _LevelDecision, patches: _Patches, level: int) -> None:
+        """Record better bounds of settled faces' patches where they may hold the face's largest distance."""
         levels = level - patches.level
         if patches.rough is not None:
-            within_reach = patches.rough.at(levels) > verdict.lower[patches.bases]
+            within_reach = patches.rough.at(levels) > decision.lower[patches.bases]
             patches = patches.at(np.flatnonzero(within_reach))
         if len(patches.bases):
             upper, lower = self._first_bounds(patches, levels)
             if self._has_later_bounds(levels):
-                promising = np.flatnonzero(upper > verdict.lower[patches.bases])
+                promising = np.flatnonzero(upper > decision.lower[patches.bases])
                 lower[promising] = sampled_error(patches.nets_of(promising), self.vertices, levels)
-            verdict.hear(patches.bases, upper, lower)
+            decision.update(patches.bases, upper, lower)
 
-    def _ask_extraordinary(self, verdict: _Verdict, patches: _ExtraordinaryPatches, facets: FloatArray) -> None:
-        """Ask extraordinary patches about facets over them, (4, P, 3), refining them further while in doubt."""
+    def _evaluate_extraordinary(
+        self, decision: _LevelDecision, patches: _ExtraordinaryPatches, facets: FloatArray
+    ) -> None:
+        """Evaluate extraordinary patches for facets over them, (4, P, 3), refining them while undecided."""
         for _ in range(REFINEMENTS):
             if not len(patches.bases):
                 return
             gaps = largest_norm(facets - patches.corners(Vertices.LIMIT))
-            verdict.disprove(patches.bases, gaps)
-            doubtful = np.flatnonzero(verdict.wanted[patches.bases])
-            if not len(doubtful):
+            decision.disprove(patches.bases, gaps)
+            undecided = np.flatnonzero(decision.wanted[patches.bases])
+            if not len(undecided):
                 return
-            patches, facets, gaps = patches.at(doubtful), facets.take(doubtful, axis=1), gaps[doubtful]
+            patches, facets, gaps = patches.at(undecided), facets.take(undecided, axis=1), gaps[undecided]
             last = second_order_extraordinary(patches.nets, Vertices.LIMIT).value
-            doubtful = np.flatnonzero(verdict.hear(patches.bases, gaps + last, gaps))
-            if not len(doubtful):
+            undecided = np.flatnonzero(decision.update(patches.bases, gaps + last, gaps))
+            if not len(undecided):
                 return
-            patches, bases, nets = patches.at(doubtful).refined()
-            of_children = _facets_of_quads(facets.take(doubtful, axis=1))
+            patches, bases, nets = patches.at(undecided).refined()
+            of_children = _facets_of_quads(facets.take(undecided, axis=1))
             facets = of_children[:, 0]
             regular_facets = of_children[:, 1:].reshape(4, -1, 3)
-            verdict.open_blocks.append((bases, patch_coefficients(nets) - bilinear_coefficients(regular_facets)))
-        verdict.give_up(patches.bases)
+            decision.open_differences.append((bases, patch_coefficients(nets) - bilinear_coefficients(regular_facets)))
+        decision.give_up(patches.bases)
 
-    def _ask_refinement(self, verdict: _Verdict) -> None:
-        """Ask the faces that are neither regular nor extraordinary, refining them further while in doubt."""
+    def _evaluate_refinement(self, decision: _LevelDecision) -> None:
+        """Evaluate the faces that are neither regular nor extraordinary, refining them while undecided."""
         if self.refinement is None:
             return
-        refinement = self.refinement.of(verdict.wanted)
+        refinement = self.refinement.of(decision.wanted)
         facets = self._vertices_of(refinement)
         for _ in range(REFINEMENTS):
             if not len(refinement.bases):
@@ -438,10 +449,10 @@ class _Search:
             if np.all(refinement.mesh.face_sizes == 4):
                 gaps = largest_norm(_quads(facets) - _quads(refinement.limits_at_corners()))
                 last = support_bounds(refinement.mesh, Vertices.LIMIT)[: len(refinement.bases)]
-                doubtful = verdict.hear(refinement.bases, gaps + last, gaps)
-                refinement, facets = refinement.keep(doubtful), facets[np.repeat(doubtful, 4)]
-            refinement, facets = self._refine(verdict, refinement, facets)
-        verdict.give_up(refinement.bases)
+                undecided = decision.update(refinement.bases, gaps + last, gaps)
+                refinement, facets = refinement.keep(undecided), facets[np.repeat(undecided, 4)]
+            refinement, facets = self._refine(decision, refinement, facets)
+        decision.give_up(refinement.bases)
 
     def _vertices_of(self, refinement: Refinement) -> FloatArray:
         """(C, 3): where the vertices at the descendants' corners lie."""
@@ -449,54 +460,58 @@ class _Search:
             return refinement.limits_at_corners()
         return refinement.mesh.positions[refinement.corner_vertices()]
 
-    def _refine(self, verdict: _Verdict, refinement: Refinement, facets: FloatArray) -> tuple[Refinement, FloatArray]:
-        """The children that are no patches, with the facets over them; the patches among them are asked at once."""
+    def _refine(
+        self, decision: _LevelDecision, refinement: Refinement, facets: FloatArray
+    ) -> tuple[Refinement, FloatArray]:
+        """The children that are no patches, with the facets over them; children that are patches are evaluated."""
         if not len(refinement.bases):
             return refinement, facets
         facets = refinement.facets_of_children(facets)
         refinement = refinement.refined()
-        sorted_out = _sort_out(refinement)
-        blocks = patch_coefficients(sorted_out.regular_nets())
-        blocks -= bilinear_coefficients(facets.take(sorted_out.regular, axis=1))
-        verdict.open_blocks.append((sorted_out.regular_bases, blocks))
-        for patches, faces in sorted_out.extraordinary():
-            self._ask_extraordinary(verdict, patches, facets[sorted_out.corners_from_extraordinary(faces), faces])
-        rest = facets.compress(sorted_out.rest, axis=1)
-        return refinement.keep(sorted_out.rest), rest.swapaxes(0, 1).reshape(-1, 3)
+        classified = _classify(refinement)
+        differences = patch_coefficients(classified.regular_nets())
+        differences -= bilinear_coefficients(facets.take(classified.regular, axis=1))
+        decision.open_differences.append((classified.regular_bases, differences))
+        for patches, faces in classified.extraordinary():
+            self._evaluate_extraordinary(decision, patches, facets[classified.corners_from_extraordinary(faces), faces])
+        rest = facets.compress(classified.rest, axis=1)
+        return refinement.keep(classified.rest), rest.swapaxes(0, 1).reshape(-1, 3)
 
-    def _ask_blocks(self, verdict: _Verdict, bases: IndexArray, values: FloatArray, splits: int = BLOCK_SPLITS) -> None:
-        """Ask differences S - L in Bernstein form, splitting them so often while in doubt."""
-        bases, values = _blocks_of(bases, values, verdict.wanted[bases])
+    def _evaluate_differences(
+        self, decision: _LevelDecision, bases: IndexArray, values: FloatArray, splits: int = DIFFERENCE_SPLITS
+    ) -> None:
+        """Evaluate differences S - L in Bernstein form, splitting them at most so often while undecided."""
+        bases, values = _selected(bases, values, decision.wanted[bases])
         if not len(bases):
             return
         rows = values.reshape(16, -1, 3)
-        bases, values = _blocks_of(
-            bases, values, verdict.hear(bases, largest_norm(rows), largest_norm(rows[CORNER_ROWS]))
+        bases, values = _selected(
+            bases, values, decision.update(bases, largest_norm(rows), largest_norm(rows[CORNER_ROWS]))
         )
-        counts = np.bincount(bases, minlength=len(verdict.wanted))
-        # Where a distance is the tolerance itself along a line, doubt grows with every split and never ends.
-        hopeless = counts > (MOST_BLOCKS_OF_A_FACE if splits else 0)
-        if np.any(hopeless):
-            verdict.give_up(np.flatnonzero(hopeless))
-            bases, values = _blocks_of(bases, values, ~hopeless[bases])
-            counts[hopeless] = 0
-        for some in _groups(counts, MOST_BLOCKS):
-            chosen, parts = _blocks_of(bases, values, some[bases])
-            self._ask_blocks(verdict, np.tile(chosen, 4), both_ways(HALVES, parts), splits - 1)
+        counts = np.bincount(bases, minlength=len(decision.wanted))
+        # Where the distance equals the tolerance along a line, each split leaves more undecided pieces, without end.
+        undecidable = counts > (MOST_PIECES_OF_A_FACE if splits else 0)
+        if np.any(undecidable):
+            decision.give_up(np.flatnonzero(undecidable))
+            bases, values = _selected(bases, values, ~undecidable[bases])
+            counts[undecidable] = 0
+        for some in _groups(counts, MOST_PIECES):
+            chosen, parts = _selected(bases, values, some[bases])
+            self._evaluate_differences(decision, np.tile(chosen, 4), both_ways(HALVES, parts), splits - 1)
 
 
-def _in_doubt(verdict: _Verdict, bases: IndexArray, upper: FloatArray) -> IndexArray:
-    """Which parts, of (P,) base faces and with distances of at most (P,), are still in doubt; the others count."""
-    return np.flatnonzero(verdict.hear(bases, upper, np.zeros(len(bases))))
+def _undecided(decision: _LevelDecision, bases: IndexArray, upper: FloatArray) -> IndexArray:
+    """Record upper bounds (P,) of parts of base faces (P,); the indices of the parts that are still undecided."""
+    return np.flatnonzero(decision.update(bases, upper, np.zeros(len(bases))))
 
 
-def _joined(blocks: list[Blocks]) -> Blocks:
-    bases, values = zip(*blocks, strict=True)
+def _joined(pieces: list[BasePatches]) -> BasePatches:
+    bases, values = zip(*pieces, strict=True)
     return np.concatenate(bases), np.concatenate(values, axis=2)
 
 
-def _blocks_of(bases: IndexArray, values: FloatArray, chosen: BoolArray) -> Blocks:
-    """The chosen ones of some blocks."""
+def _selected(bases: IndexArray, values: FloatArray, chosen: BoolArray) -> BasePatches:
+    """The chosen pieces: (P,) bool."""
     if np.all(chosen):
         return bases, values
     kept = np.flatnonzero(chosen)
@@ -504,15 +519,16 @@ def _blocks_of(bases: IndexArray, values: FloatArray, chosen: BoolArray) -> Bloc
 
 
 def _groups(counts: IndexArray, most: int) -> Iterator[BoolArray]:
-    """Base faces in groups that have so many blocks together, a little more where need be: (B,) bool each."""
+    """Base faces in groups of about ``most`` pieces together, given the pieces of each: (B,) bool for each group."""
     group = (np.cumsum(counts) - counts) // most
     for number in np.unique(group[counts > 0]):
         yield (group == number) & (counts > 0)
 
 
 @dataclass(frozen=True)
-class _SortedOut:
-    """The descendants in a refinement by the kind of their patch."""
+class _ClassifiedDescendants:
+    """The descendants in a refinement by the kind of their patch: indices of the regular ones; (descendants,) bool,
+    those that are no patches (``rest``)."""
 
     refinement: Refinement
     kinds: PatchKinds
@@ -527,7 +543,7 @@ class _SortedOut:
         return regular_nets(self.refinement.mesh, self.regular)
 
     def extraordinary(self) -> Iterator[tuple[_ExtraordinaryPatches, IndexArray]]:
-        """The extraordinary ones, valence by valence, and which of the descendants they are."""
+        """The extraordinary patches, valence by valence, with their indices among the descendants."""
         mesh = self.refinement.mesh
         faces = np.flatnonzero(~self.rest)
         faces = faces[self.kinds.kinds[faces] == PatchKind.EXTRAORDINARY]
@@ -544,7 +560,7 @@ class _SortedOut:
         return (first + np.arange(4)[:, None]) % 4
 
 
-def _sort_out(refinement: Refinement) -> _SortedOut:
+def _classify(refinement: Refinement) -> _ClassifiedDescendants:
     mesh = refinement.mesh
     kinds = classify_patches(mesh)
     own = kinds.kinds[: len(refinement.bases)]
@@ -552,7 +568,7 @@ def _sort_out(refinement: Refinement) -> _SortedOut:
     valences = mesh.vertex_face_counts[mesh.corner_vertices[kinds.extraordinary_corners[extraordinary]]]
     rest = own == PatchKind.IRREGULAR
     rest[extraordinary[valences > LARGEST_SEARCHED_VALENCE]] = True
-    return _SortedOut(refinement, kinds, np.flatnonzero(own == PatchKind.REGULAR), rest)
+    return _ClassifiedDescendants(refinement, kinds, np.flatnonzero(own == PatchKind.REGULAR), rest)
 
 
 def _quads(corners: FloatArray) -> FloatArray:

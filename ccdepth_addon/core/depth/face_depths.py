@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The depth of every face: the least level proved to lie within a tolerance of the limit surface.
 
-This is the door to the core: meshes and a tolerance in, depths out. ``norm_depth`` and ``certified_depth`` do the work.
+Meshes and a tolerance in, depths out; ``norm_depth`` and ``certified_depth`` compute them.
 """
 
 from __future__ import annotations
@@ -14,11 +14,13 @@ from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import PATCH_METHODS, Method, Vertices
-from ..mesh.polygon_mesh import PolygonMesh, validate
-from .certified_depth import certified_blocks, certified_bounds
+from ..bounds.rounding import rounding_allowance, smallest_tolerance
+from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.validation import validate
+from .certified_depth import certified_depths, certified_level_bounds
 from .modifier_quality import unmet_corners
-from .norm_depth import norm_blocks, norm_bounds
-from .tolerance_test import FaceBlock, LevelBlock, Question
+from .norm_depth import norm_depths, norm_level_bounds
+from .tolerance_test import FaceDepths, LevelBounds, ToleranceTest
 
 METHODS = tuple(method.value for method in Method)
 VERTICES = tuple(vertices.value for vertices in Vertices)
@@ -30,10 +32,10 @@ class ToleranceError(ValueError):
 
 @dataclass(frozen=True)
 class DepthResult:
-    """What was found, (F,) each; distances are in the unit of the positions.
+    """The depths of all faces, (F,) each; distances are in the unit of the positions.
 
-    depths: int32. bounds: float64, the proved distance at that depth. distances: float64, a distance that is really
-    reached there (0 where the method looks for none). exact: bool, whether every lesser depth is disproved.
+    depths: int32. bounds: float64, the proved distance at that depth. distances: float64, a distance reached there (0
+    for methods that compute none). exact: bool, whether every lesser depth is disproved.
     """
 
     depths: NDArray[np.int32]
@@ -42,51 +44,8 @@ class DepthResult:
     exact: BoolArray
 
 
-def largest_coordinate(mesh: PolygonMesh) -> float:
-    """The largest absolute coordinate of a vertex that has a face."""
-    has_faces = mesh.vertex_face_counts > 0
-    used = mesh.positions if np.all(has_faces) else mesh.positions[has_faces]
-    return max(float(used.max(initial=0.0)), -float(used.min(initial=0.0)))
-
-
-def largest_valence(mesh: PolygonMesh) -> int:
-    """The largest number of faces at a vertex, or of corners of a face."""
-    return max(int(mesh.vertex_face_counts.max(initial=0)), int(mesh.face_sizes.max(initial=0)))
-
-
-def modifier_rounding(mesh: PolygonMesh, level: int) -> float:
-    """How far Blender's own single precision may put vertices of a level off, in the unit of the positions.
-
-    (2n + 4k)uR, with n the largest valence or face size, k the level, u = 2⁻²⁴ and R the largest coordinate: by
-    measurement up to valence 128, at least half as much again as was found (docs/methods.md, Single precision).
-    """
-    return (2 * largest_valence(mesh) + 4 * level) * 2.0**-24 * largest_coordinate(mesh)
-
-
-def smallest_step(mesh: PolygonMesh) -> float:
-    """Four steps of single precision at the largest coordinate: nothing finer can be told from the coordinates."""
-    return 2.0**-22 * largest_coordinate(mesh)
-
-
-def smallest_tolerance(mesh: PolygonMesh) -> float:
-    """The least tolerance that a depth can be promised for: what single precision puts off at level 1 already."""
-    return modifier_rounding(mesh, 1)
-
-
-def rounding_allowance(mesh: PolygonMesh) -> float:
-    """What double-precision rounding can hide from a bound, in the unit of the positions.
-
-    A sum of s terms with weights that are not negative and add up to 1 is off by at most (s + 2)uR, u = 2⁻⁵³ and R the
-    largest coordinate; s is at most twice the largest valence or face size, plus one, and 9 on a regular patch. Hundred
-    levels of such sums and a last difference of three points with its norm stay below 128(2s + 8)uR, some 10⁻⁶ of
-    ``smallest_step``. What it has to cover where triangles are drawn: docs/adaptive.md, Rounding.
-    """
-    terms = 2 * max(largest_valence(mesh), 4) + 1
-    return 128 * (2 * terms + 8) * 2.0**-53 * largest_coordinate(mesh)
-
-
 def face_depths(mesh: PolygonMesh, tolerance: float, method: str, vertices: str) -> DepthResult:
-    """The depth of every face of a mesh whose sharpness is explicit (``catmull_clark.apply_boundary_rule``).
+    """The depth of every face of a mesh whose sharpness is explicit (``sharpness.apply_boundary_rule``).
 
     tolerance: the largest distance allowed, in the unit of the positions. method, vertices: names of ``Method`` and
     ``Vertices``. Raises InvalidMeshError, ToleranceError, and ValueError for an unknown name.
@@ -105,19 +64,19 @@ def face_depths_stepwise(
     """``face_depths`` in small steps: yields the fraction done, and returns the result at the end."""
     validate(mesh)
     check_tolerance(tolerance, smallest_tolerance(mesh))
-    question = Question(tolerance, rounding_allowance(mesh))
-    whole = FaceBlock.undecided(np.arange(mesh.face_count))
+    test = ToleranceTest(tolerance, rounding_allowance(mesh))
+    whole = FaceDepths.undecided(np.arange(mesh.face_count))
     done = 0
-    for block in _blocks(mesh, question, Method(method), Vertices(vertices)):
-        whole.take(block)
-        done += len(block.faces)
+    for part in _depths_in_chunks(mesh, test, Method(method), Vertices(vertices)):
+        whole.update(part)
+        done += len(part.faces)
         yield done / mesh.face_count
     return DepthResult(whole.depths, whole.bounds, whole.distances, whole.exact)
 
 
 def level_bounds(mesh: PolygonMesh, tolerance: float, method: str, vertices: str, level: int) -> FloatArray:
-    """(F,) float64: what is proved of every face at one level, in the unit of the positions; inf where that is not
-    within the tolerance.
+    """(F,) float64: the proved distance of every face at one level, in the unit of the positions; inf where none within
+    the tolerance is proved.
 
     Arguments and errors are those of ``face_depths``.
     """
@@ -125,7 +84,7 @@ def level_bounds(mesh: PolygonMesh, tolerance: float, method: str, vertices: str
     check_tolerance(tolerance, smallest_tolerance(mesh))
     bounds = np.full(mesh.face_count, np.inf)
     faces = np.arange(mesh.face_count)
-    for block in _level_blocks(mesh, tolerance, Method(method), Vertices(vertices), faces, level):
+    for block in _level_bounds_in_chunks(mesh, tolerance, Method(method), Vertices(vertices), faces, level):
         bounds[block.faces] = block.bounds
     return bounds
 
@@ -180,7 +139,7 @@ def _all_within(
     """
     total, done = max(sum(len(faces) for faces, _ in parts), 1), 0
     for faces, tolerance in parts:
-        for block in _level_blocks(mesh, tolerance, method, vertices, faces, level):
+        for block in _level_bounds_in_chunks(mesh, tolerance, method, vertices, faces, level):
             done += len(block.faces)
             yield done / total
             if not block.all_within:
@@ -188,19 +147,21 @@ def _all_within(
     return True
 
 
-def _level_blocks(
+def _level_bounds_in_chunks(
     mesh: PolygonMesh, tolerance: float, method: Method, vertices: Vertices, faces: IndexArray, level: int
-) -> Iterator[LevelBlock]:
-    question = Question(tolerance, rounding_allowance(mesh))
+) -> Iterator[LevelBounds]:
+    test = ToleranceTest(tolerance, rounding_allowance(mesh))
     if method is Method.CERTIFIED:
-        return certified_bounds(mesh, question, vertices, faces, level)
-    return norm_bounds(mesh, question, PATCH_METHODS[method], vertices, faces, level)
+        return certified_level_bounds(mesh, test, vertices, faces, level)
+    return norm_level_bounds(mesh, test, PATCH_METHODS[method], vertices, faces, level)
 
 
-def _blocks(mesh: PolygonMesh, question: Question, method: Method, vertices: Vertices) -> Iterator[FaceBlock]:
+def _depths_in_chunks(
+    mesh: PolygonMesh, test: ToleranceTest, method: Method, vertices: Vertices
+) -> Iterator[FaceDepths]:
     if method is Method.CERTIFIED:
-        return certified_blocks(mesh, question, vertices)
-    return norm_blocks(mesh, question, PATCH_METHODS[method], vertices)
+        return certified_depths(mesh, test, vertices)
+    return norm_depths(mesh, test, PATCH_METHODS[method], vertices)
 
 
 def check_tolerance(tolerance: float, least: float) -> None:

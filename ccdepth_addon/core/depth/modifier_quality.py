@@ -2,14 +2,14 @@
 """What Blender's Subdivision Surface modifier shows with Use Limit Surface, and the Quality at which it is exact.
 
 The modifier evaluates patches that OpenSubdiv isolates to *Quality* levels (docs/methods.md, What Blender shows): cells
-that are regular at an earlier level are exact bicubic patches; what is left at the last level is a patch that meets the
-surface at its corners only. The vertices of level k are corners of cells of level k, so Quality has to be the level at
-least, and the largest finite sharpness, because a patch's corners are taken as if nothing were semi-sharp any more.
-Two kinds of corners are not met exactly, but nearer with every level of Quality:
+that are regular at an earlier level are exact bicubic patches; the patches of the last level meet the surface at their
+corners only. The vertices of level k are corners of cells of level k, so Quality has to be at least the level. It has
+to be at least the largest finite sharpness too, because a patch's corners ignore semi-sharpness that is left.
+Two kinds of corners are met only approximately, better with every level of Quality:
 
-- lone corners, of a single face between two infinitely sharp edges, the corner of an open mesh with smooth corners
-  above all: OpenSubdiv leaves them at their control points of the last level;
-- darts, vertices at which one infinitely sharp edge ends: it takes them to where a smooth vertex would go.
+- lone corners, of a single face between two infinitely sharp edges, mostly corners of an open mesh with smooth corners:
+  OpenSubdiv leaves them at their control points of the last level;
+- darts, vertices at which one infinitely sharp edge ends: OpenSubdiv puts them where a smooth vertex would go.
 """
 
 from __future__ import annotations
@@ -19,16 +19,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..bounds.norms import squared_norms
+from ..arrays.vectors import squared_norms
 from ..mesh.polygon_mesh import PolygonMesh
-from ..surface.catmull_clark import limit_positions
+from ..surface.limit_positions import limit_positions
 from ..surface.refinement import Refinement
 
-# What a Subdivision Surface modifier has at most.
+# The largest Quality of a Subdivision Surface modifier.
 MOST_QUALITY = 10
 
-# Corners that are not met count as near enough when they are off by so much of the tolerance; where Quality is not
-# enough for that, by half of it at most.
+# The share of the tolerance that unmet corners may be off by; where no Quality is enough for that, half of it at most.
 CORNER_SHARE = 1 / 64
 MOST_CORNER_SHARE = 1 / 2
 
@@ -37,15 +36,15 @@ MOST_CORNER_SHARE = 1 / 2
 class UnmetCorners:
     """Corners of faces that Use Limit Surface does not show quite on the surface.
 
-    corners: (N,) intp. gaps: (MOST_QUALITY + 1,) float64, how far they are off at most at each Quality, in the unit of
-    the positions.
+    corners: (N,) intp. gaps: (MOST_QUALITY + 1,) float64, the largest distance they are off by at each Quality, in the
+    unit of the positions.
     """
 
     corners: IndexArray
     gaps: FloatArray
 
     def margin(self, tolerance: float) -> float:
-        """How much of the tolerance is to be left for them."""
+        """How much of the tolerance to reserve for them."""
         if self.gaps[MOST_QUALITY] > MOST_CORNER_SHARE * tolerance:
             return CORNER_SHARE * tolerance
         return max(CORNER_SHARE * tolerance, float(self.gaps[MOST_QUALITY]))
@@ -56,7 +55,7 @@ class UnmetCorners:
 
 
 def unmet_corners(mesh: PolygonMesh) -> UnmetCorners:
-    """Those of a mesh whose sharpness is explicit. Semi-sharp edges and vertices run out, and count for nothing."""
+    """Those of a mesh whose sharpness is explicit. Semi-sharpness ends with the levels, and causes none."""
     lone, dart = _lone_and_dart(mesh)
     corners = np.flatnonzero(lone | dart)
     gaps = np.zeros(MOST_QUALITY + 1)
@@ -89,7 +88,7 @@ def _lone_and_dart(mesh: PolygonMesh) -> tuple[BoolArray, BoolArray]:
 
 
 def _gaps(mesh: PolygonMesh, vertices: IndexArray, is_lone: BoolArray) -> FloatArray:
-    """(N,): how far from the surface vertices are that OpenSubdiv has no further levels of."""
+    """(N,): how far from the surface OpenSubdiv puts vertices at its last level."""
     wanted = np.zeros(mesh.vertex_count, dtype=bool)
     wanted[vertices] = True
     smooth = mesh.changed(

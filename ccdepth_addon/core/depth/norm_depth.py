@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Depth from the norms of control nets: bounds for every level from one norm (``norm_bounds``).
 
-A face whose patch is regular or extraordinary takes its depth from its bounds. An irregular one is refined, with its
-neighbours, until what is left of it has a bound: its bound at level k is the largest of its level-k descendants'.
-Patches take over as soon as a descendant has one; the first-order bound of the support holds for the rest from the
-second level on, when n-gons, triangles and faces with several extraordinary corners have become patches.
+The depth of a face with a regular or an extraordinary patch follows from the bounds of that patch. An irregular face is
+refined with its neighbours; its bound at level k is the largest of its level-k descendants'. A descendant that has a
+patch is bounded by it; the others by their support, from the second level on, when n-gons, triangles and faces with
+several extraordinary corners have become patches.
 """
 
 from __future__ import annotations
@@ -15,48 +15,50 @@ from typing import TypeVar
 
 import numpy as np
 
-from ..arrays.chunks import split
+from ..arrays.chunks import index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import PatchBounds, PatchMethod, Vertices, support_bounds
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
-from .tolerance_test import FaceBlock, LevelBlock, Question
+from .tolerance_test import FaceDepths, LevelBounds, ToleranceTest
 
-# Faces handled at a time: few enough for the caches and a responsive interface, enough to hide the interpreter.
+# Faces handled at a time: few enough for the caches and frequent progress, enough to hide the interpreter's overhead.
 REGULAR_FACES_AT_ONCE = 1 << 14
 EXTRAORDINARY_POINTS_AT_ONCE = 1 << 18
 IRREGULAR_FACES_AT_ONCE = 1 << 11
 
 FIRST_SUPPORT_LEVEL = 2
 
-Block = TypeVar("Block", FaceBlock, LevelBlock)
+Chunk = TypeVar("Chunk", FaceDepths, LevelBounds)
 
 
-def norm_blocks(mesh: PolygonMesh, question: Question, method: PatchMethod, vertices: Vertices) -> Iterator[FaceBlock]:
-    """Every face of the mesh with its depth, in blocks; some are empty, to let the caller breathe."""
-    search = _Search(question, method, vertices)
+def norm_depths(
+    mesh: PolygonMesh, test: ToleranceTest, method: PatchMethod, vertices: Vertices
+) -> Iterator[FaceDepths]:
+    """The depth of every face of the mesh, in chunks; empty ones report progress."""
+    evaluation = _NormEvaluation(test, method, vertices)
     patches = classify_patches(mesh)
-    yield FaceBlock.empty()
-    for faces, bounds in search.patch_bounds(mesh, patches, np.arange(mesh.face_count)):
-        yield search.first_levels(faces, bounds)
+    yield FaceDepths.empty()
+    for faces, bounds in evaluation.patch_bounds(mesh, patches, np.arange(mesh.face_count)):
+        yield evaluation.first_levels(faces, bounds)
     irregular = np.flatnonzero(patches.kinds == PatchKind.IRREGULAR)
-    for faces in split(irregular, IRREGULAR_FACES_AT_ONCE):
-        yield from search.irregular_block(mesh, faces)
+    for faces in index_chunks(irregular, IRREGULAR_FACES_AT_ONCE):
+        yield from evaluation.irregular_depths(mesh, faces)
 
 
-def norm_bounds(
-    mesh: PolygonMesh, question: Question, method: PatchMethod, vertices: Vertices, faces: IndexArray, level: int
-) -> Iterator[LevelBlock]:
-    """Some faces with what is proved of them at one level, in blocks; some are empty, to let the caller breathe."""
-    search = _Search(question, method, vertices)
+def norm_level_bounds(
+    mesh: PolygonMesh, test: ToleranceTest, method: PatchMethod, vertices: Vertices, faces: IndexArray, level: int
+) -> Iterator[LevelBounds]:
+    """The proved bounds of some faces at one level, in chunks; empty ones report progress."""
+    evaluation = _NormEvaluation(test, method, vertices)
     patches = classify_patches(mesh)
-    yield LevelBlock.empty()
-    for some, bounds in search.patch_bounds(mesh, patches, faces):
-        yield search.proved(some, bounds.at(level))
+    yield LevelBounds.empty()
+    for some, bounds in evaluation.patch_bounds(mesh, patches, faces):
+        yield evaluation.proved(some, bounds.at(level))
     irregular = faces[patches.kinds[faces] == PatchKind.IRREGULAR]
-    for some in split(irregular, IRREGULAR_FACES_AT_ONCE):
-        yield from search.irregular_at(mesh, some, level)
+    for some in index_chunks(irregular, IRREGULAR_FACES_AT_ONCE):
+        yield from evaluation.irregular_at(mesh, some, level)
 
 
 @dataclass(frozen=True)
@@ -68,97 +70,97 @@ class _Piece:
     bounds: PatchBounds
 
     def of(self, wanted: BoolArray) -> _Piece:
-        """The part of it whose base faces are wanted: (base faces,) bool."""
+        """The descendants of the wanted base faces: (base faces,) bool."""
         kept = wanted[self.bases]
         return _Piece(self.level, self.bases[kept], self.bounds.of(kept))
 
 
 @dataclass(frozen=True)
-class _Search:
-    """How far each face has to be subdivided: one question, put to meshes and their refinements."""
+class _NormEvaluation:
+    """One method and tolerance test, applied to meshes and their refinements."""
 
-    question: Question
+    test: ToleranceTest
     method: PatchMethod
     vertices: Vertices
 
     def patch_bounds(
         self, mesh: PolygonMesh, patches: PatchKinds, faces: IndexArray
     ) -> Iterator[tuple[IndexArray, PatchBounds]]:
-        """The bounds of the regular and the extraordinary among the faces, a block of one kind at a time."""
+        """The bounds of the regular and the extraordinary among the faces, a chunk of one kind at a time."""
         kinds = patches.kinds[faces]
-        for regular in split(faces[kinds == PatchKind.REGULAR], REGULAR_FACES_AT_ONCE):
+        for regular in index_chunks(faces[kinds == PatchKind.REGULAR], REGULAR_FACES_AT_ONCE):
             yield regular, self.method.regular(regular_nets(mesh, regular), self.vertices)
         extraordinary = faces[kinds == PatchKind.EXTRAORDINARY]
         valences = mesh.vertex_face_counts[mesh.corner_vertices[patches.extraordinary_corners[extraordinary]]]
         for valence in np.unique(valences).tolist():
             at_once = max(1, EXTRAORDINARY_POINTS_AT_ONCE // (2 * valence + 8))
-            for block in split(extraordinary[valences == valence], at_once):
-                nets = extraordinary_nets(mesh, patches.extraordinary_corners[block], valence)
-                yield block, self.method.extraordinary(nets, self.vertices)
+            for chunk in index_chunks(extraordinary[valences == valence], at_once):
+                nets = extraordinary_nets(mesh, patches.extraordinary_corners[chunk], valence)
+                yield chunk, self.method.extraordinary(nets, self.vertices)
 
-    def first_levels(self, faces: IndexArray, bounds: PatchBounds) -> FaceBlock:
+    def first_levels(self, faces: IndexArray, bounds: PatchBounds) -> FaceDepths:
         """The first level of each patch whose bound is within the tolerance."""
-        block = FaceBlock.undecided(faces)
+        result = FaceDepths.undecided(faces)
         level = 0
-        while np.any(block.depths < 0):
+        while np.any(result.depths < 0):
             reached = bounds.at(level)
-            block.settle((block.depths < 0) & self.question.within(reached), level, reached + self.question.allowance)
+            result.settle((result.depths < 0) & self.test.within(reached), level, reached + self.test.allowance)
             level += 1
-        return block
+        return result
 
-    def irregular_block(self, mesh: PolygonMesh, faces: IndexArray) -> Iterator[FaceBlock]:
-        """The depth of irregular faces: all are refined in step with the level asked about."""
-        block = FaceBlock.undecided(faces)
+    def irregular_depths(self, mesh: PolygonMesh, faces: IndexArray) -> Iterator[FaceDepths]:
+        """The depth of irregular faces, refined together level by level."""
+        result = FaceDepths.undecided(faces)
         pieces: list[_Piece] = []
         refinement = Refinement.start(mesh, faces)
         level = 0
-        while np.any(block.depths < 0):
-            found, refinement = yield from self._take_patches(refinement, level, FaceBlock.empty())
+        while np.any(result.depths < 0):
+            found, refinement = yield from self._collect_patches(refinement, level, FaceDepths.empty())
             pieces += found
             reached = self._bounds_at(level, pieces, refinement, len(faces))
-            block.settle((block.depths < 0) & self.question.within(reached), level, reached + self.question.allowance)
-            pieces = [piece.of(block.depths < 0) for piece in pieces]
-            refinement = refinement.of(block.depths < 0).refined()
+            result.settle((result.depths < 0) & self.test.within(reached), level, reached + self.test.allowance)
+            pieces = [piece.of(result.depths < 0) for piece in pieces]
+            refinement = refinement.of(result.depths < 0).refined()
             level += 1
-            yield FaceBlock.empty()
-        yield block
+            yield FaceDepths.empty()
+        yield result
 
-    def irregular_at(self, mesh: PolygonMesh, faces: IndexArray, level: int) -> Iterator[LevelBlock]:
-        """Irregular faces at one level; what their support alone proves to be near enough is refined no further."""
+    def irregular_at(self, mesh: PolygonMesh, faces: IndexArray, level: int) -> Iterator[LevelBounds]:
+        """Irregular faces at one level; descendants that their support proves near enough are refined no further."""
         reached = np.zeros(len(faces))
         refinement = Refinement.start(mesh, faces)
         for own in range(level):
-            found, refinement = yield from self._take_patches(refinement, own, LevelBlock.empty())
+            found, refinement = yield from self._collect_patches(refinement, own, LevelBounds.empty())
             np.maximum(reached, self._bounds_of(found, level, len(faces)), out=reached)
             if own >= FIRST_SUPPORT_LEVEL and len(refinement.bases):
                 bounds = support_bounds(refinement.mesh, Vertices.LIMIT)[: len(refinement.bases)]
-                within = self.question.within(bounds)
+                within = self.test.within(bounds)
                 np.maximum.at(reached, refinement.bases[within], bounds[within])
                 refinement = refinement.keep(~within)
             refinement = refinement.refined()
-            yield LevelBlock.empty()
-        found, refinement = yield from self._take_patches(refinement, level, LevelBlock.empty())
+            yield LevelBounds.empty()
+        found, refinement = yield from self._collect_patches(refinement, level, LevelBounds.empty())
         np.maximum(reached, self._bounds_at(level, found, refinement, len(faces)), out=reached)
         yield self.proved(faces, reached)
 
-    def proved(self, faces: IndexArray, bounds: FloatArray) -> LevelBlock:
-        """(P,) faces with their bounds at one level, before rounding is allowed for."""
-        return LevelBlock(faces, np.where(self.question.within(bounds), bounds + self.question.allowance, np.inf))
+    def proved(self, faces: IndexArray, bounds: FloatArray) -> LevelBounds:
+        """The proved bounds of faces (P,) from bounds (P,) without the rounding allowance."""
+        return LevelBounds(faces, np.where(self.test.within(bounds), bounds + self.test.allowance, np.inf))
 
-    def _take_patches(
-        self, refinement: Refinement, level: int, empty: Block
-    ) -> Generator[Block, None, tuple[list[_Piece], Refinement]]:
-        """The refinement's patches as pieces, and the refinement with its irregular descendants alone.
+    def _collect_patches(
+        self, refinement: Refinement, level: int, empty: Chunk
+    ) -> Generator[Chunk, None, tuple[list[_Piece], Refinement]]:
+        """The refinement's patches as pieces, and the refinement of the irregular descendants alone.
 
-        Yields an empty block now and then: the nets around a pole are as many as they are large.
+        Yields ``empty`` after every chunk: the nets around a pole are many and large.
         """
         if not len(refinement.bases):
             return [], refinement
         patches = classify_patches(refinement.mesh)
         core = np.arange(len(refinement.bases))
         pieces = []
-        for block, bounds in self.patch_bounds(refinement.mesh, patches, core):
-            pieces.append(_Piece(level, refinement.bases[block], bounds))
+        for chunk, bounds in self.patch_bounds(refinement.mesh, patches, core):
+            pieces.append(_Piece(level, refinement.bases[chunk], bounds))
             yield empty
         return pieces, refinement.keep(patches.kinds[core] == PatchKind.IRREGULAR)
 

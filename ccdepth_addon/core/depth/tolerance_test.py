@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The question put to every face, and its answers: the one place where the tolerance is compared."""
+"""The tolerance test, the one place where bounds are compared with the tolerance, and its results by face."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 
 
 @dataclass(frozen=True)
-class Question:
-    """Which faces lie within a tolerance? The allowance is what rounding can hide; both in the positions' unit."""
+class ToleranceTest:
+    """A tolerance, and the allowance for what rounding can hide; both in the unit of the positions."""
 
     tolerance: float
     allowance: float
@@ -28,11 +28,11 @@ class Question:
 
 
 @dataclass(frozen=True)
-class FaceBlock:
-    """Some faces of the mesh and what was found: (P,) each.
+class FaceDepths:
+    """Some faces of the mesh and their depths: (P,) each.
 
-    depths: int32, -1 while undecided. bounds: the proved distance at that depth. distances: a distance that is really
-    reached there. exact: whether every lesser depth is disproved.
+    depths: int32, -1 while undecided. bounds: the proved distance at that depth. distances: a distance reached there.
+    exact: whether every lesser depth is disproved.
     """
 
     faces: IndexArray
@@ -42,21 +42,21 @@ class FaceBlock:
     exact: BoolArray
 
     @staticmethod
-    def undecided(faces: IndexArray) -> FaceBlock:
-        """A block with everything to find out."""
+    def undecided(faces: IndexArray) -> FaceDepths:
+        """The faces before anything is known."""
         count = len(faces)
         zeros = np.zeros(count)
-        return FaceBlock(faces, np.full(count, -1, dtype=np.int32), zeros, zeros.copy(), np.ones(count, dtype=bool))
+        return FaceDepths(faces, np.full(count, -1, dtype=np.int32), zeros, zeros.copy(), np.ones(count, dtype=bool))
 
     @staticmethod
-    def empty() -> FaceBlock:
-        """A block of no faces."""
-        return FaceBlock.undecided(np.zeros(0, dtype=np.intp))
+    def empty() -> FaceDepths:
+        """No faces."""
+        return FaceDepths.undecided(np.zeros(0, dtype=np.intp))
 
     def settle(self, chosen: BoolArray, depth: int, bounds: FloatArray, distances: FloatArray | None = None) -> None:
-        """Give the chosen faces their depth: (P,) arrays of which only their entries count.
+        """Set the depth of the chosen faces; of the arrays (P,) only their entries are used.
 
-        Without distances nothing is known from below, and no depth is known to be the least.
+        Without distances no lesser depth is disproved.
         """
         self.depths[chosen] = depth
         self.bounds[chosen] = bounds[chosen]
@@ -65,16 +65,16 @@ class FaceBlock:
         else:
             self.distances[chosen] = distances[chosen]
 
-    def take(self, block: FaceBlock) -> None:
-        """Copy in what was found of some of these faces; this block's faces are 0, 1, 2, …"""
-        self.depths[block.faces] = block.depths
-        self.bounds[block.faces] = block.bounds
-        self.distances[block.faces] = block.distances
-        self.exact[block.faces] = block.exact
+    def update(self, part: FaceDepths) -> None:
+        """Copy the results of some faces into these, which must be those of faces 0, 1, 2, …"""
+        self.depths[part.faces] = part.depths
+        self.bounds[part.faces] = part.bounds
+        self.distances[part.faces] = part.distances
+        self.exact[part.faces] = part.exact
 
 
 @dataclass(frozen=True)
-class LevelBlock:
+class LevelBounds:
     """Some faces of the mesh at one level: (P,) each. bounds: the proved distances, inf where none is proved to be
     within the tolerance."""
 
@@ -82,9 +82,9 @@ class LevelBlock:
     bounds: FloatArray
 
     @staticmethod
-    def empty() -> LevelBlock:
-        """A block of no faces."""
-        return LevelBlock(np.zeros(0, dtype=np.intp), np.zeros(0))
+    def empty() -> LevelBounds:
+        """No faces."""
+        return LevelBounds(np.zeros(0, dtype=np.intp), np.zeros(0))
 
     @property
     def all_within(self) -> bool:

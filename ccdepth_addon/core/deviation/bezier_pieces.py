@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.types import FloatArray, IndexArray
+from ..arrays.vectors import squared_norms
 from ..bounds.norm_bounds import Vertices, support_bounds
-from ..bounds.norms import squared_norms
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN
 from ..surface.catmull_clark import subdivide

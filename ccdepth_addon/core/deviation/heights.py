@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.types import FloatArray
-from ..bounds.norms import squared_norms
+from ..arrays.vectors import squared_norms
 from .bezier_pieces import CORNERS
 from .triangles import dot
 

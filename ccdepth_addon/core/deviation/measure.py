@@ -14,7 +14,8 @@ from time import perf_counter
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
-from ..mesh.polygon_mesh import PolygonMesh, validate
+from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.validation import validate
 from .bezier_pieces import bezier_pieces
 from .findings import Findings
 from .mesh_to_surface import MeshToSurface
@@ -76,7 +77,7 @@ def measure_deviation(
 ) -> Deviation:
     """The deviation of a mesh of triangles from the limit surface of ``control``, both ways.
 
-    control: with explicit sharpness (``catmull_clark.apply_boundary_rule``). positions: (V, 3) float64; triangles:
+    control: with explicit sharpness (``sharpness.apply_boundary_rule``). positions: (V, 3) float64; triangles:
     (T, 3) intp. triangle_faces: (T,) intp, the control face each triangle belongs to, where that is known: its
     distance then counts for that face. accuracy: how near ``proved`` shall be to ``reached``. max_pieces, time_limit
     (seconds): where these are used up the result is what is proved until then. tolerance: distances far below it need

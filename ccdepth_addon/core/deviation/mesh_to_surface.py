@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.chunks import blocks, split
+from ..arrays.chunks import chunks, index_chunks
 from ..arrays.types import FloatArray, IndexArray
-from ..bounds.norms import squared_norms
+from ..arrays.vectors import squared_norms
 from .bezier_pieces import CORNERS, NONE, BezierPieces, bilinear_pieces
 from .box_tree import BoxTree, overlapping
 from .covering_pieces import over_pieces
@@ -58,7 +58,7 @@ class Facets:
     def of(pieces: BezierPieces, chosen: IndexArray) -> Facets:
         """Of the chosen pieces."""
         corners, off = np.empty((len(chosen), 4, 3)), np.empty(len(chosen))
-        for block in blocks(len(chosen), FACETS_AT_ONCE):
+        for block in chunks(len(chosen), FACETS_AT_ONCE):
             coefficients = pieces.coefficients[chosen[block]]
             corners[block] = coefficients[:, :, CORNERS].swapaxes(1, 2)
             apart = coefficients - bilinear_pieces(corners[block])
@@ -153,7 +153,7 @@ class MeshToSurface:
         parts = Parts.unknown(self.mesh.points.swapaxes(0, 1), np.arange(count), np.full(count, self.whole))
         while len(parts.owners):
             leaves, self.blamed = Leaves.of(self.surface.pieces), np.zeros(0, dtype=np.intp)
-            for done, block in enumerate(split(np.arange(len(parts.owners)), PARTS_AT_ONCE)):
+            for done, block in enumerate(index_chunks(np.arange(len(parts.owners)), PARTS_AT_ONCE)):
                 if self._must_end(parts):
                     self._record(parts)
                     return

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays.chunks import split
+from ..arrays.chunks import index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..bounds.norms import squared_norms
+from ..arrays.vectors import squared_norms
 from .bezier_pieces import CORNERS, BezierPieces
 from .box_tree import BoxTree, overlapping
 from .covering_triangles import over_triangles
@@ -82,7 +82,7 @@ class SurfaceToMesh:
         """Split pieces until what is proved is near what is reached."""
         active = self.pieces.leaves()
         while len(active):
-            for done, block in enumerate(split(active, PIECES_AT_ONCE)):
+            for done, block in enumerate(index_chunks(active, PIECES_AT_ONCE)):
                 if self._must_end():
                     return
                 self._bound(block)

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
-from ..bounds.norms import squared_norms
+from ..arrays.vectors import squared_norms
 from .box_tree import BoxTree
 
 # A triangle is a needle when its height is below this part of its longest side.

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The polygon mesh and its half-edges, parts of it, and what is refused."""
+"""The polygon mesh with its half-edges, submeshes, and validation."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bicubic B-spline patches in Bernstein form, and what a level-k facet misses of them, exactly.
+"""Bicubic B-spline patches in Bernstein form.
 
 Nets are (4, 4, P, 3); coefficients are (rows, P, 3), or (4, 4, P, 3) for a whole patch. Functionals of a net are
 (rows, 16) matrices, its points counted [i, j] → 4i + j.
@@ -11,9 +11,9 @@ from functools import cache
 
 import numpy as np
 
-from ..arrays.matrix_products import product
+from ..arrays.matrix_products import matrix_product
 from ..arrays.types import FloatArray
-from ..bounds.norms import squared_norms
+from ..arrays.vectors import squared_norms
 
 SPLINE_TO_BERNSTEIN = np.array([[1, 4, 1, 0], [0, 4, 2, 0], [0, 2, 4, 0], [0, 1, 4, 1]]) / 6
 SECOND_DIFFERENCE = np.array([[1, -2, 1, 0], [0, 1, -2, 1]], dtype=np.float64)
@@ -27,18 +27,18 @@ SPLINE_HALVES = (
 
 def apply(functionals: FloatArray, net: FloatArray) -> FloatArray:
     """(rows, P, 3): the values of functionals (rows, 16) on nets (4, 4, P, 3)."""
-    return product(functionals, net.reshape(16, -1)).reshape(len(functionals), -1, 3)
+    return matrix_product(functionals, net.reshape(16, -1)).reshape(len(functionals), -1, 3)
 
 
 def tensor(along_u: FloatArray, along_v: FloatArray) -> FloatArray:
-    """(a · b, 16): the functionals with every pair of rows of (a, 4) and (b, 4)."""
+    """(a · b, 16): the tensor products of all pairs of rows of (a, 4) and (b, 4)."""
     return np.einsum("ai,bj->abij", along_u, along_v).reshape(-1, 16)
 
 
-def both_ways(halves: tuple[FloatArray, FloatArray], blocks: FloatArray) -> FloatArray:
-    """Four blocks for each of (4, 4, P, 3), one quarter after the other: (4, 4, 4P, 3)."""
-    rows = blocks.reshape(16, -1)
-    quarters = [product(np.kron(a, b), rows).reshape(blocks.shape) for a in halves for b in halves]
+def both_ways(halves: tuple[FloatArray, FloatArray], patches: FloatArray) -> FloatArray:
+    """(4, 4, 4P, 3): patches (4, 4, P, 3) halved in both directions, one quarter of all of them after the other."""
+    rows = patches.reshape(16, -1)
+    quarters = [matrix_product(np.kron(a, b), rows).reshape(patches.shape) for a in halves for b in halves]
     return np.concatenate(quarters, axis=2)
 
 

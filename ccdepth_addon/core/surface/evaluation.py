@@ -1,15 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The limit surface itself, exactly, at given points: of positions, or of any values the control vertices carry.
+"""Exact evaluation of the limit surface at given points, for positions or any other values of the control vertices.
 
-A point goes down its own line of descendants, and no other, until it lies on a spline patch or is an irregular vertex:
+Only the descendants that contain a point are refined, until it lies on a spline patch or is an irregular vertex:
 
 - on a regular face the values are those of the bicubic B-spline patch of its 4 × 4 net (``patches``);
 - on an extraordinary face the net is refined by the matrices of ``stencils`` until the point lies in one of the three
   regular children (Stam, *Exact evaluation of Catmull-Clark subdivision surfaces at arbitrary parameter values*, 1998);
-- any other face is refined with its one-ring, and the point passed on to the child it lies in.
+- any other face is refined with its one-ring, and evaluation goes on with the child that contains the point.
 
-A quarter of a face (``surface_points``) is its child after one step, with the same parameters. So a point goes from
-child to child by doubling its parameters, which rounds nothing.
+A quarter of a face (``surface_points``) is its child after one step, with the same parameters. So a point's parameters
+in a child are doubled ones, without rounding.
 """
 
 from __future__ import annotations
@@ -20,27 +20,29 @@ from typing import Protocol
 
 import numpy as np
 
-from ..arrays.chunks import blocks
+from ..arrays.chunks import chunks
 from ..arrays.types import FloatArray, IndexArray
-from ..mesh.polygon_mesh import PolygonMesh, submesh
-from .catmull_clark import limit_positions, subdivide
+from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.submesh import submesh
+from .catmull_clark import subdivide
+from .limit_positions import limit_positions
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from .stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils
 from .surface_points import SurfacePoints
 
-# Faces whose nets, or whose refined neighbourhoods, are held at once.
+# Faces whose nets, or whose refined neighbourhoods, are in memory together.
 PATCHES_AT_ONCE = 1 << 13
 REFINED_AT_ONCE = 1 << 12
 
-# Points on these held at once.
+# Points on these nets in memory together.
 POINTS_ON_PATCHES = 1 << 16
 
-# Points worked out at once, so that what belongs to them stays in the processor's cache.
+# Points evaluated together, few enough for the processor's cache.
 POINTS_AT_ONCE = 1 << 13
 
 
 class Quantity(Protocol):
-    """Something the limit surface has at every point, which rows of K numbers describe."""
+    """A quantity of the limit surface: K numbers at every point."""
 
     def on_splines(self, nets: FloatArray, which: IndexArray, parameters: FloatArray) -> FloatArray:
         """(P, K): on spline patches. nets (4, 4, F, D); which (P,) of them; parameters (P, 2), [0, 1] along i and j."""
@@ -49,25 +51,25 @@ class Quantity(Protocol):
         """(P, K): at the first point of extraordinary nets (2n + 8, P, D) in Stam's order."""
 
     def at_vertices(self, mesh: PolygonMesh, corners: IndexArray) -> FloatArray:
-        """(P, K): at the vertices of corners (P,), seen from the corner's face; the faces around them are all there."""
+        """(P, K): at the vertices of corners (P,), seen from their faces; all faces around the vertices are there."""
 
 
 def limit_values(
     mesh: PolygonMesh, values: FloatArray, points: SurfacePoints, kinds: PatchKinds | None = None
 ) -> FloatArray:
-    """(N, D) float64: what the values (V, D) of the control vertices come to at points of the limit surface.
+    """(N, D) float64: the limit of values (V, D) of the control vertices at points of the limit surface.
 
-    mesh: with explicit sharpness (``catmull_clark.apply_boundary_rule``); its rules act on the values in place of its
-    positions. Exact but for rounding, everywhere: some units in the last place of the largest value for each level a
-    point is descended. Parameters should be dyadic fractions; others are rounded to one where a face is not regular.
-    kinds: those of the mesh's patches, where they are known.
+    mesh: with explicit sharpness (``sharpness.apply_boundary_rule``); its rules act on the values in place of its
+    positions. Exact up to rounding: some units in the last place of the largest value for each level of descent.
+    Parameters should be dyadic fractions; where a face is not regular others are rounded to one.
+    kinds: those of the mesh's patches, where the caller has them.
     """
     surface = mesh.changed(positions=np.ascontiguousarray(values, dtype=np.float64))
     return evaluate(surface, points, _Values(), surface.positions.shape[1], kinds)
 
 
 class _Values:
-    """The values that the control vertices have for positions."""
+    """The values that stand in place of the control vertices' positions."""
 
     def on_splines(self, nets: FloatArray, which: IndexArray, parameters: FloatArray) -> FloatArray:
         return spline_sums(nets, which, spline_weights(parameters[:, 0]), spline_weights(parameters[:, 1]))
@@ -91,15 +93,15 @@ def spline_weights(parameters: FloatArray) -> FloatArray:
 
 def spline_sums(nets: FloatArray, which: IndexArray, along: FloatArray, across: FloatArray) -> FloatArray:
     """(P, D): tensor products of weights (4, P), for i and for j, with nets (4, 4, F, D), ``which`` (P,) of them."""
-    # Columns apart: rows of two or three numbers are too short to be fast.
+    # Each column contiguous: rows of two or three numbers are too short to be fast.
     columns = np.ascontiguousarray(np.moveaxis(nets, 3, 2))
     sums = np.empty((nets.shape[3], len(which)))
-    for block in blocks(len(which), POINTS_AT_ONCE):
+    for chunk in chunks(len(which), POINTS_AT_ONCE):
         total = 0.0
         for j in range(4):
-            row = sum(along[i, block] * columns[i, j].take(which[block], axis=1) for i in range(4))
-            total += across[j, block] * row
-        sums[:, block] = total
+            row = sum(along[i, chunk] * columns[i, j].take(which[chunk], axis=1) for i in range(4))
+            total += across[j, chunk] * row
+        sums[:, chunk] = total
     return sums.T
 
 
@@ -108,7 +110,7 @@ def evaluate(
 ) -> FloatArray:
     """(N, columns) float64: a quantity of the limit surface at the points. kinds: as for ``limit_values``."""
     result = np.empty((len(points.corners), columns))
-    # A line of descent at a time, so that few refined meshes are alive at once.
+    # Depth first, so that few refined meshes are in memory together.
     lines: list[Iterator[_Pending]] = [iter([_Pending(mesh, points, np.arange(len(points.corners)), kinds)])]
     while lines:
         pending = next(lines[-1], None)
@@ -121,8 +123,8 @@ def evaluate(
 
 @dataclass(frozen=True)
 class _Pending:
-    """Points on a mesh that wait for their values. rows: (N,) intp, where in the result these belong. kinds: those of
-    the mesh's patches, where they are known."""
+    """Points on a mesh that are still to be evaluated. rows: (N,) intp, their rows in the result. kinds: those of the
+    mesh's patches, where known."""
 
     mesh: PolygonMesh
     points: SurfacePoints
@@ -136,12 +138,12 @@ class _Pending:
         return self.mesh.corner_faces[self.points.corners]
 
     def corners_from(self, faces: IndexArray) -> IndexArray:
-        """(N,) the place of each point's corner in its face, counted from 0, given the faces."""
+        """(N,) intp: the number of each point's corner in its face, from 0, given the faces (N,)."""
         return self.points.corners - self.mesh.face_starts[faces]
 
 
 def _settled(pending: _Pending, quantity: Quantity, result: FloatArray) -> Iterator[_Pending]:
-    """Put into the result what can be told at this level, and pass on the rest, refined."""
+    """Put the values that this level gives into the result, and yield the other points on refined meshes."""
     mesh, faces = pending.mesh, pending.faces()
     kinds = pending.kinds or classify_patches(mesh)
     corners = kinds.extraordinary_corners[faces]
@@ -161,10 +163,10 @@ def _put_on_regular(pending: _Pending, regular: IndexArray, quantity: Quantity, 
     mesh = pending.mesh
     for faces, chosen, which in _by_faces(pending.faces()[regular], PATCHES_AT_ONCE):
         nets = regular_nets(mesh, faces)
-        for block in blocks(len(chosen), POINTS_ON_PATCHES):
-            part = pending.at(regular[chosen[block]])
-            parameters = _in_face(part.corners_from(faces[which[block]]), part.points.parameters)
-            result[part.rows] = quantity.on_splines(nets, which[block], parameters)
+        for chunk in chunks(len(chosen), POINTS_ON_PATCHES):
+            part = pending.at(regular[chosen[chunk]])
+            parameters = _in_face(part.corners_from(faces[which[chunk]]), part.points.parameters)
+            result[part.rows] = quantity.on_splines(nets, which[chunk], parameters)
 
 
 def _put_on_extraordinary(pending: _Pending, corners: IndexArray, quantity: Quantity, result: FloatArray) -> None:
@@ -184,7 +186,7 @@ def _put_on_extraordinary(pending: _Pending, corners: IndexArray, quantity: Quan
 def _descend(
     nets: FloatArray, which: IndexArray, points: SurfacePoints, rows: IndexArray, quantity: Quantity, result: FloatArray
 ) -> None:
-    """Go down the children at the extraordinary vertex. The points' corners are counted from there."""
+    """Descend through the children at the extraordinary vertex. The points' corners are counted from there."""
     stencils = patch_stencils((len(nets) - 8) // 2)
     while True:
         outer = np.flatnonzero(points.corners > 0)
@@ -230,16 +232,16 @@ def _refined(pending: _Pending) -> Iterator[_Pending]:
 
 
 def _by_faces(faces: IndexArray, at_once: int) -> Iterator[tuple[IndexArray, IndexArray, IndexArray]]:
-    """Points by blocks of faces, given the face of each: the faces of a block, the points on them, and which of these
-    faces each is on."""
+    """Points in chunks of faces, given the face of each: the faces of a chunk, the indices of the points on them, and
+    which of these faces each is on."""
     order = np.argsort(faces, kind="stable")
     ordered = faces[order]
     first = np.flatnonzero(np.diff(ordered, prepend=-1))
     ends = np.append(first, len(order))
     for start in range(0, len(first), at_once):
-        block = ends[start : start + at_once + 1]
-        which = np.repeat(np.arange(len(block) - 1), np.diff(block))
-        yield ordered[block[:-1]], order[block[0] : block[-1]], which
+        chunk = ends[start : start + at_once + 1]
+        which = np.repeat(np.arange(len(chunk) - 1), np.diff(chunk))
+        yield ordered[chunk[:-1]], order[chunk[0] : chunk[-1]], which
 
 
 def _in_face(corners: IndexArray, parameters: FloatArray) -> FloatArray:

@@ -6,32 +6,35 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
-from ..bounds.norms import ring_index
-from ..mesh.polygon_mesh import PolygonMesh, submesh
-from .catmull_clark import VertexRule, has_semi_sharp, subdivide, vertex_rules
+from ..arrays.vectors import sums_by_index
+from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.submesh import submesh
+from .catmull_clark import subdivide
 from .evaluation import evaluate, spline_sums, spline_weights
+from .patches import ring_index
+from .sharpness import VertexRule, has_semi_sharp, vertex_rules
 from .surface_points import SurfacePoints
 
-# Tangents that span less than this part of their lengths' product span nothing but rounding.
+# Tangents whose cross product is less than this share of their lengths' product are parallel up to rounding.
 NO_AREA = 1e-12
 
-# Steps of the ring around a vertex at sharp edges, until its spokes point along the tangents.
+# Steps after which the spokes around a vertex at sharp edges point along the tangents.
 RING_STEPS = 60
 
 
 def limit_normals(mesh: PolygonMesh, points: SurfacePoints) -> FloatArray:
-    """(N, 3) float64: unit normals of the limit surface of a mesh with explicit sharpness, along its faces' order.
+    """(N, 3) float64: unit normals of the limit surface of a mesh with explicit sharpness, oriented as its faces are.
 
-    Exact but for rounding on spline patches, at smooth vertices of any valence above 2, and at the corner of a single
-    face between sharp edges. At a crease the normal is that of the side of the point's own face. In other sectors at
-    sharp edges that no spline patch has, it is that between the face's two spokes ``RING_STEPS`` steps down: what is
-    missing from the limit shrinks by a factor each step, but for two faces between sharp edges at a fixed vertex, where
-    it is about one part in ``RING_STEPS`` of how far the sector bends. At fixed vertices a sector of several faces has
-    no tangent plane, and each face its own normal.
-    Rounding: a point h from an irregular vertex, in parameters, is on a patch of that size, whose shape is known to
-    some units in the last place of the positions.
-    Where the surface has no normal, its tangents being parallel or none, the face's own stands in; where that has no
-    area either, the z axis.
+    Exact up to rounding on spline patches, at smooth vertices of any valence above 2, and at the corner of a single
+    face between sharp edges. At a crease the normal is that of the point's own face's side. In other sectors at sharp
+    edges without a spline patch, it is the normal of the face's two spokes after ``RING_STEPS`` steps: the error
+    shrinks by a factor each step, except for two faces between sharp edges at a fixed vertex, where it is about one
+    part in ``RING_STEPS`` of the sector's bend. At fixed vertices a sector of several faces has no tangent plane, and
+    each face has its own normal.
+    Rounding: a point at parameters of size h from an irregular vertex lies on a patch of that size, whose shape is
+    exact to some units in the last place of the positions.
+    Where the surface has no normal (tangents parallel or zero), the face's normal is used; for a face without area, the
+    z axis.
     """
     normals = evaluate(mesh, points, _Normals(), 3)
     missing = np.flatnonzero(~normals.any(axis=1))
@@ -80,8 +83,8 @@ def _smooth_normals(spokes: FloatArray, diagonals: FloatArray) -> FloatArray:
     visit their corners, and the points (n, P, 3) across the faces after each spoke.
 
     The limit tangents are the left eigenvectors of the largest eigenvalue below 1 (Halstead, Kass and DeRose 1993).
-    At valence 2 these are the differences of opposite points, with 1/4; but bending has -1/4, and never dies away
-    beside them. The normal is then the one that the normals around it alternate about.
+    At valence 2 they are the differences of opposite points, with eigenvalue 1/4; but bending has -1/4, and does not
+    vanish beside them. The normal is then the one about which the normals around it alternate.
     """
     valence = len(spokes)
     if valence == 2:
@@ -97,7 +100,7 @@ def _smooth_normals(spokes: FloatArray, diagonals: FloatArray) -> FloatArray:
 
 
 def _settled(mesh: PolygonMesh, corners: IndexArray) -> tuple[PolygonMesh, IndexArray]:
-    """The mesh around the corners' vertices one step on, and further until none of them is semi-sharp; the corners."""
+    """The mesh around the corners' vertices after one step or more, until none of them is semi-sharp; the corners."""
     while True:
         mesh = subdivide(mesh).mesh
         # A corner's quarter is the child of its number.
@@ -122,8 +125,8 @@ def _rings(mesh: PolygonMesh, corners: IndexArray, valence: int) -> tuple[IndexA
 def _sector_normals(mesh: PolygonMesh, corners: IndexArray) -> FloatArray:
     """(P, 3): at corners of darts, creases and fixed vertices, no two of which share an edge of the mesh of quads.
 
-    The rings of all the faces at a vertex are refined on their own. Positions are relative to the vertex after every
-    step, so that rounding shrinks with them. Between the edges of a lone face in its sector no step turns the normal.
+    Only the rings of faces at the vertices are refined. Positions are relative to the vertex after every step, so that
+    rounding shrinks with them. No step turns the normal of a face that is alone in its sector.
     """
     rules = vertex_rules(mesh)
     vertices = np.unique(mesh.corner_vertices[corners])
@@ -142,15 +145,16 @@ def _sector_normals(mesh: PolygonMesh, corners: IndexArray) -> FloatArray:
     across = mesh.positions[mesh.corner_vertices[mesh.next_corner[after]]] - centres[ring]
     normals = _unit_normals(ends[leaving], ends[entering])
 
-    # The vertex moves by these parts of its spokes and of its new face points.
+    # The vertex moves by these shares of its spokes and of its new face points.
     valence = np.bincount(ring, minlength=len(vertices))
     dart, crease = rules[vertices] == VertexRule.DART, rules[vertices] == VertexRule.CREASE
     by_faces = np.where(dart, 1 / valence**2, 0)[ring, None]
     by_spokes = np.where(dart[spoke_ring], 1 / valence[spoke_ring] ** 2, 0.125 * (crease[spoke_ring] & sharp))[:, None]
     for _ in range(RING_STEPS):
         across = 0.25 * (ends[leaving] + ends[entering] + across)
-        move = _sums(spoke_ring, by_spokes * ends, len(vertices)) + _sums(ring, by_faces * across, len(vertices))
-        beside = _sums(leaving, across, len(spokes)) + _sums(entering, across, len(spokes))
+        move = sums_by_index(spoke_ring, by_spokes * ends, len(vertices))
+        move += sums_by_index(ring, by_faces * across, len(vertices))
+        beside = sums_by_index(leaving, across, len(spokes)) + sums_by_index(entering, across, len(spokes))
         ends = np.where(sharp[:, None], 0.5 * ends, 0.25 * (ends + beside)) - move[spoke_ring]
         across = across - move[ring]
     several = ~(sharp[leaving] & sharp[entering])
@@ -158,13 +162,8 @@ def _sector_normals(mesh: PolygonMesh, corners: IndexArray) -> FloatArray:
     return normals[np.searchsorted(around, corners)]
 
 
-def _sums(index: IndexArray, vectors: FloatArray, count: int) -> FloatArray:
-    """(count, 3): for each of 0 … count - 1 the sum of the vectors whose ``index`` it is."""
-    return np.stack([np.bincount(index, weights=column, minlength=count) for column in vectors.T], axis=1)
-
-
 def _area_normals(mesh: PolygonMesh) -> FloatArray:
-    """(F, 3): unit normals of the faces, by the areas their outlines have along the axes; the z axis without any."""
+    """(F, 3): unit normals of the faces, from their projected areas; the z axis for faces without area."""
     points = mesh.positions[mesh.corner_vertices]
     sizes = mesh.face_sizes[:, None]
     points = points - (np.add.reduceat(points, mesh.face_starts[:-1]) / sizes)[mesh.corner_faces]
@@ -174,7 +173,7 @@ def _area_normals(mesh: PolygonMesh) -> FloatArray:
 
 
 def _unit_normals(first: FloatArray, second: FloatArray) -> FloatArray:
-    """(P, 3): unit vectors along the cross products of tangents (P, 3), zero where these are parallel or none."""
+    """(P, 3): unit vectors along the cross products of tangents (P, 3), zero where these are parallel or zero."""
     scale = np.linalg.norm(first, axis=1) * np.linalg.norm(second, axis=1)
     normals = np.cross(first, second)
     lengths = np.linalg.norm(normals, axis=1)

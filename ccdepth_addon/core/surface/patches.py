@@ -1,14 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Faces → control nets.
+"""Patches: the kind of each face's patch, and its control net.
 
 A face whose surface patch is known in closed form is *regular* (a uniform bicubic B-spline patch with a 4×4 net) or
 *extraordinary* (all regular but for one corner, an interior vertex of valence 3 or 5 and more; a net of 2n + 8 points
-in Stam's order, as in Cheng, Chen and Yong 2006). Every other face is *irregular* and has to be refined first.
+in Stam's order, as in Cheng, Chen and Yong 2006). Every other face is *irregular* and is refined first.
 
-At a boundary edge or an infinitely sharp crease the surface is that of phantom points V₋₁ = 2V₀ - V₁ beyond it: with
-them the B-spline step gives the edge points (V_a + V_b) / 2 and vertex points (1, 6, 1) / 8 of the crease rules, and
-the phantom points of the next level again, so such a face is regular when its corners are. A fixed corner with one
-face between its sharp edges extrapolates both ways, V₋₁₋₁ = 4V₀₀ - 2V₀₁ - 2V₁₀ + V₁₁, whose B-spline limit is V₀₀.
+At a boundary edge or an infinitely sharp crease the surface is that of a net with phantom points V₋₁ = 2V₀ - V₁ beyond
+it: the B-spline step then gives the edge points (V_a + V_b) / 2 and vertex points (1, 6, 1) / 8 of the crease rules,
+and the phantom points of the next level, so such a face is regular when its corners are. At a fixed corner with one
+face between its sharp edges both directions are extrapolated, V₋₁₋₁ = 4V₀₀ - 2V₀₁ - 2V₁₀ + V₁₁, whose B-spline limit is
+V₀₀.
 """
 
 from __future__ import annotations
@@ -20,13 +21,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..bounds.norms import ring_index
-from ..mesh.polygon_mesh import PolygonMesh, corners_of_faces
-from .catmull_clark import VertexRule, has_semi_sharp, vertex_rules
+from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.submesh import corners_of_faces
+from .sharpness import VertexRule, has_semi_sharp, vertex_rules
 
 
 class PatchKind(IntEnum):
-    """What a face's patch is, see the module's docstring."""
+    """The kind of a face's patch; see the module's docstring."""
 
     REGULAR = 0
     EXTRAORDINARY = 1
@@ -34,7 +35,7 @@ class PatchKind(IntEnum):
 
 
 class CornerKind(IntEnum):
-    """What a face's corner allows its patch to be: inside the surface or at a sharp edge a spline patch."""
+    """What a face's corner allows its patch to be; INSIDE and AT_SHARP_EDGE allow a spline patch."""
 
     OTHER = 0
     INSIDE = 1
@@ -51,13 +52,13 @@ class PatchKinds:
 
 
 def classify_patches(mesh: PolygonMesh) -> PatchKinds:
-    """The kind of every face's patch. The mesh's sharpness is explicit (``catmull_clark.apply_boundary_rule``).
+    """The kind of every face's patch. The mesh's sharpness is explicit (``sharpness.apply_boundary_rule``).
 
-    A face of a submesh is told rightly when all the faces around its corners are there.
+    In a submesh, right for faces whose corners have all their faces there.
     """
     corners = _classify_corners(mesh)
     quads = np.flatnonzero(mesh.face_sizes == 4)
-    # A digit for each kind of corner: how many of them a quad has.
+    # One octal digit for each kind of corner counts how many of them a quad has.
     digits = np.array([0, 1, 8, 64], dtype=np.uint16)[corners]
     first = mesh.face_starts[quads]
     counts = digits[first] + digits[first + 1] + digits[first + 2] + digits[first + 3]
@@ -73,8 +74,8 @@ def classify_patches(mesh: PolygonMesh) -> PatchKinds:
 def _classify_corners(mesh: PolygonMesh) -> NDArray[np.int8]:
     """(C,) int8 of ``CornerKind``.
 
-    A corner that a spline patch can have has quads only around it (in its sector, between sharp edges) and is an
-    interior vertex of valence 4, a crease vertex with two faces in the sector, or a fixed vertex with one.
+    A corner of a spline patch has only quads around it (in its sector between sharp edges), and is an interior vertex
+    of valence 4, a crease vertex with two faces in the sector, or a fixed vertex with one.
     """
     rules = vertex_rules(mesh)
     settled = ~has_semi_sharp(mesh)
@@ -175,7 +176,7 @@ def _outer_vertices(mesh: PolygonMesh, corners: IndexArray) -> tuple[IndexArray,
     """For half-edges of quads: the two vertices of the quad across, and the vertex diagonal from the start.
 
     corners: (…) intp. near lies beyond the half-edge's start, far beyond its end, and diagonal across the corner at
-    the start. Where a neighbour is missing the answer is some vertex without meaning.
+    the start. Where a neighbour is missing the vertex has no meaning.
     """
     across = mesh.twin[corners]
     leaving = mesh.next_corner[across]
@@ -186,7 +187,7 @@ def _outer_vertices(mesh: PolygonMesh, corners: IndexArray) -> tuple[IndexArray,
 
 
 def _extrapolate(net: FloatArray, sharp: BoolArray) -> None:
-    """Put phantom points beyond the sharp sides: (4, P) bool, the sides from each corner to the next."""
+    """Put phantom points beyond sharp sides, in place: sharp (4, P) bool, the sides from each corner to the next."""
     for i, inner, second, side in ((0, 1, 2, 3), (3, 2, 1, 1)):
         patches = np.flatnonzero(sharp[side])
         if len(patches):
@@ -195,6 +196,11 @@ def _extrapolate(net: FloatArray, sharp: BoolArray) -> None:
         patches = np.flatnonzero(sharp[side])
         if len(patches):
             net[:, j, patches] = 2 * net[:, inner, patches] - net[:, second, patches]
+
+
+def ring_index(valence: int, number: int) -> int:
+    """Index into an extraordinary net of ring point V_number, whose numbers 2 … 2n + 1 wrap around."""
+    return (number - 2) % (2 * valence) + 1
 
 
 def extraordinary_nets(mesh: PolygonMesh, corners: IndexArray, valence: int) -> FloatArray:

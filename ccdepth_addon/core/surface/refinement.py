@@ -8,8 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..mesh.polygon_mesh import PolygonMesh, submesh
-from .catmull_clark import limit_positions, subdivide
+from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.submesh import submesh
+from .catmull_clark import subdivide
+from .limit_positions import limit_positions
 
 
 @dataclass(frozen=True)
@@ -36,11 +38,11 @@ class Refinement:
         return Refinement(submesh(self.mesh, kept)[0], self.bases[kept])
 
     def of(self, wanted: BoolArray) -> Refinement:
-        """The descendants of the wanted base faces: (base faces,) bool."""
+        """The descendants of wanted base faces: (base faces,) bool."""
         return self.keep(wanted[self.bases])
 
     def refined(self) -> Refinement:
-        """Their children, one level on: a face's children come in the order of its corners."""
+        """Their children at the next level; a face's children are in the order of its corners."""
         if not len(self.bases):
             return self
         bases = np.repeat(self.bases, self.mesh.face_sizes[: len(self.bases)])
@@ -62,7 +64,7 @@ class Refinement:
         return limit_positions(self.mesh, wanted)[vertices]
 
     def limits_inside(self) -> tuple[FloatArray, FloatArray]:
-        """(C, 3) twice: where the middle of each side, and the centre of its face, lie on the limit surface."""
+        """(C, 3) twice: the limit positions of the middle of each side and of the centre of its face."""
         corners = self.refined().limits_at_corners().reshape(-1, 4, 3)
         return corners[:, 1], corners[:, 2]
 

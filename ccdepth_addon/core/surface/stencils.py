@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Extraordinary patches as matrices: every refined point is a fixed combination of the net's 2n + 8 points.
+"""Stencils of extraordinary patches: every refined point is a fixed combination of the net's 2n + 8 points.
 
-The matrices are read off one refinement of a patch whose vertices stand at the unit vectors.
+The matrices come from one Catmull-Clark step of a patch whose vertices are the unit vectors.
 """
 
 from __future__ import annotations
@@ -11,22 +11,22 @@ from functools import lru_cache
 
 import numpy as np
 
-from ..arrays.matrix_products import product
+from ..arrays.matrix_products import matrix_product
 from ..arrays.types import FloatArray
-from ..bounds.norms import ring_index
 from ..mesh.polygon_mesh import PolygonMesh, polygon_mesh
-from .catmull_clark import limit_positions, subdivide
-from .patches import extraordinary_nets, regular_nets
+from .catmull_clark import subdivide
+from .limit_positions import limit_positions
+from .patches import extraordinary_nets, regular_nets, ring_index
 
-# The stencils of a valence take time that grows with its cube; beyond this the mesh itself had better be refined.
+# Computing the stencils of a valence takes time proportional to its cube; beyond this, refining the mesh is faster.
 LARGEST_STENCIL_VALENCE = 64
 
 
 def stencil_patch(valence: int) -> PolygonMesh:
     """The faces of an extraordinary net of 2n + 8 points, vertex i at the i-th unit vector.
 
-    Every position of a refinement is then the stencil it has on the net. Face 0 is the facet, from its extraordinary
-    vertex on.
+    Every position of a refinement is then its stencil on the net. Face 0 is the facet, from its extraordinary vertex
+    on.
     """
     n = valence
 
@@ -44,7 +44,7 @@ def stencil_patch(valence: int) -> PolygonMesh:
     ]
     corners = np.array(around + outer).reshape(-1)
     patch = polygon_mesh(np.eye(2 * n + 8), np.full(n + 5, 4), corners)
-    # The net's outline is no boundary of the surface.
+    # The border of the net is no boundary of the surface.
     return replace(patch, sharpness_is_explicit=True)
 
 
@@ -76,4 +76,4 @@ def patch_stencils(valence: int) -> PatchStencils:
 
 def apply_stencils(stencils: FloatArray, nets: FloatArray) -> FloatArray:
     """(rows, P, 3): stencils (rows, N) applied to nets (N, P, 3)."""
-    return product(stencils, nets.reshape(len(nets), -1)).reshape(len(stencils), *nets.shape[1:])
+    return matrix_product(stencils, nets.reshape(len(nets), -1)).reshape(len(stencils), *nets.shape[1:])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Points of a surface named by where they lie on the control mesh, and values interpolated linearly at them.
+"""Points of a surface by their place on the control mesh, and values interpolated linearly at them.
 
 Every corner of the control mesh has a *quarter* of its face: the quad over the corner's vertex, the middle of the edge
 that leaves it, the face's centroid, and the middle of the edge before it, with parameters (0, 0), (1, 0), (1, 1) and

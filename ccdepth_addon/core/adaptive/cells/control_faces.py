@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ...arrays.chunks import split
+from ...arrays.chunks import index_chunks
 from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.patches import classify_patches
 from ...surface.refinement import Refinement
@@ -23,12 +23,12 @@ def cells_of_faces(mesh: PolygonMesh) -> Iterator[Cells]:
     """The faces of a control mesh, whose sharpness is explicit, as cells: node f is face f."""
     kinds = classify_patches(mesh)
     regular, extraordinary, rest = by_valence(mesh, kinds, mesh.face_count)
-    for faces in split(regular, CELLS_AT_ONCE):
+    for faces in index_chunks(regular, CELLS_AT_ONCE):
         yield BicubicCells.of_faces(mesh, faces, faces)
     for valence, of_valence in extraordinary:
-        for faces in split(of_valence, CELLS_AT_ONCE):
+        for faces in index_chunks(of_valence, CELLS_AT_ONCE):
             yield ExtraordinaryCells.of_faces(mesh, kinds, valence, faces, faces)
     sizes = mesh.face_sizes[rest]
     for kind, of_kind in ((RefinedCells, sizes == 4), (TriangleCells, sizes == 3), (PolygonCells, sizes > 4)):
-        for faces in split(rest[of_kind], REFINED_AT_ONCE):
+        for faces in index_chunks(rest[of_kind], REFINED_AT_ONCE):
             yield kind(faces, Refinement.start(mesh, faces))

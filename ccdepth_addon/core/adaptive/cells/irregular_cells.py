@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays.coordinates import chosen_vectors, coordinates_apart
 from ...arrays.types import FloatArray, IndexArray
+from ...arrays.vectors import component_major, selected_vectors
 from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.patches import PatchKind, PatchKinds, classify_patches
 from ...surface.refinement import Refinement
@@ -66,7 +66,7 @@ class RefinedCells(QuadCells):
         limit: float,
         room: FloatArray | None,
     ) -> Misses:
-        points = chosen_vectors(points, chosen)
+        points = selected_vectors(points, chosen)
         normals = triangle_normals(points, templates(pattern)[alternative])
         children = self.at(chosen).refinement.refined()
         return template_misses(children, points, (pattern, alternative), normals, limit, room)
@@ -111,4 +111,4 @@ def _points_of_quads(refinement: Refinement, corners: FloatArray) -> FloatArray:
     """(9, P, 3): the points of quads and their centres, from the limits at their corners (4P, 3)."""
     middles, centres = refinement.limits_inside()
     by_quad = [corners.reshape(-1, 4, 3), middles.reshape(-1, 4, 3), centres.reshape(-1, 4, 3)[:, :1]]
-    return coordinates_apart(np.concatenate(by_quad, axis=1).swapaxes(0, 1))
+    return component_major(np.concatenate(by_quad, axis=1).swapaxes(0, 1))

@@ -15,8 +15,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays.coordinates import applied, chosen_vectors, coordinates_apart
 from ...arrays.types import BoolArray, FloatArray, IndexArray
+from ...arrays.vectors import component_major, selected_vectors, transformed_nets
 from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, patch_coefficients, tensor
 from ...surface.patches import PatchKinds, extraordinary_nets, regular_nets
@@ -76,7 +76,7 @@ class NetCells(QuadCells):
         )
 
     def at(self, chosen: IndexArray) -> Self:
-        return type(self)(self.nodes[chosen], self.slots[chosen], chosen_vectors(self.nets, chosen))
+        return type(self)(self.nodes[chosen], self.slots[chosen], selected_vectors(self.nets, chosen))
 
     def part(self, block: slice) -> Self:
         """Some of them, side by side, without a copy."""
@@ -86,7 +86,7 @@ class NetCells(QuadCells):
         return self.slots
 
     def points(self) -> FloatArray:
-        return applied(self._to_points(), self.nets)
+        return transformed_nets(self._to_points(), self.nets)
 
     @abstractmethod
     def children(self, tree: Quadtree, wanted: BoolArray | None = None) -> Iterator[NetCells]:
@@ -115,7 +115,7 @@ class BicubicCells(NetCells):
     def of_faces(mesh: PolygonMesh, faces: IndexArray, nodes: IndexArray) -> BicubicCells:
         """From regular faces of a mesh."""
         coefficients = patch_coefficients(regular_nets(mesh, faces)).reshape(16, -1, 3)
-        return BicubicCells(nodes, np.zeros_like(nodes), coordinates_apart(coefficients))
+        return BicubicCells(nodes, np.zeros_like(nodes), component_major(coefficients))
 
     def children(self, tree: Quadtree, wanted: BoolArray | None = None) -> Iterator[NetCells]:
         first, everything = tree.first_child[self.nodes], np.arange(len(self.nodes))
@@ -125,8 +125,8 @@ class BicubicCells(NetCells):
             return
         nets, start = np.empty((16, 3, len(nodes))), 0
         for matrix, chosen in zip(CHILD_MATRICES, families, strict=True):
-            own = self.nets if wanted is None else chosen_vectors(self.nets, chosen)
-            nets[:, :, start : start + len(chosen)] = applied(matrix, own).swapaxes(1, 2)
+            own = self.nets if wanted is None else selected_vectors(self.nets, chosen)
+            nets[:, :, start : start + len(chosen)] = transformed_nets(matrix, own).swapaxes(1, 2)
             start += len(chosen)
         yield BicubicCells(nodes, np.zeros_like(nodes), nets.swapaxes(1, 2))
 
@@ -147,7 +147,7 @@ class BicubicCells(NetCells):
         hopeless[chosen] = samples.hopes().min(axis=0) > HOPEFUL * limit
         found.hope(chosen, samples, limit, partial(_well_known_misses, far))
         hopeful = np.flatnonzero(found.fits[chosen])
-        found.fold(chosen[hopeful], chosen_vectors(far.corners, hopeful), axes)
+        found.fold(chosen[hopeful], selected_vectors(far.corners, hopeful), axes)
         return Children(found, hopeless, distances.points)
 
     def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
@@ -166,7 +166,7 @@ class BicubicCells(NetCells):
         nets = self.nets.copy("K")
         for turn in (1, 2, 3):
             chosen = np.flatnonzero(turns == turn)
-            nets[:, chosen] = chosen_vectors(self.nets, chosen).take(TURNED_COEFFICIENTS[turn], axis=0)
+            nets[:, chosen] = selected_vectors(self.nets, chosen).take(TURNED_COEFFICIENTS[turn], axis=0)
         return BicubicCells(self.nodes, (self.slots + turns) % 4, nets)
 
     def distances_of(
@@ -187,15 +187,15 @@ class BicubicCells(NetCells):
 
     def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
         """Looked at twice where what is not quadratic counts."""
-        nets = chosen_vectors(self.nets, chosen)
-        normals = triangle_normals(chosen_vectors(points, chosen), templates(pattern)[alternative])
+        nets = selected_vectors(self.nets, chosen)
+        normals = triangle_normals(selected_vectors(points, chosen), templates(pattern)[alternative])
         quadratic, rest = triangle_bounds.quadratic_misses(
             triangle_bounds.quadratic_rows(pattern, alternative), nets, normals
         )
         misses, doubtful = quadratic + rest, np.flatnonzero(rest.normal > SMALL_REST * quadratic.normal)
         if len(doubtful):
             rows = triangle_bounds.regular_rows(pattern, alternative)
-            nets, normals = chosen_vectors(nets, doubtful), chosen_vectors(normals, doubtful)
+            nets, normals = selected_vectors(nets, doubtful), selected_vectors(normals, doubtful)
             misses.put(doubtful, triangle_bounds.regular_misses(rows, nets, normals))
         return misses
 
@@ -217,7 +217,7 @@ class ExtraordinaryCells(NetCells):
     ) -> ExtraordinaryCells:
         """From faces of a mesh with an extraordinary vertex of this valence."""
         corners = kinds.extraordinary_corners[faces]
-        nets = coordinates_apart(extraordinary_nets(mesh, corners, valence))
+        nets = component_major(extraordinary_nets(mesh, corners, valence))
         return ExtraordinaryCells(nodes, corners - mesh.face_starts[faces], nets)
 
     @property
@@ -234,7 +234,7 @@ class ExtraordinaryCells(NetCells):
             if len(chosen):
                 nodes = tree.first_child[self.nodes[chosen]] + slots[chosen]
                 kind = BicubicCells if turn else ExtraordinaryCells
-                yield kind(nodes, np.zeros_like(nodes), applied(matrix, chosen_vectors(self.nets, chosen)))
+                yield kind(nodes, np.zeros_like(nodes), transformed_nets(matrix, selected_vectors(self.nets, chosen)))
 
     def distances_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
@@ -254,5 +254,5 @@ class ExtraordinaryCells(NetCells):
 
     def _misses(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, *, fine: bool) -> Misses:
         rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=fine)
-        normals = triangle_normals(chosen_vectors(points, chosen), templates(pattern)[alternative])
-        return triangle_bounds.extraordinary_misses(rows, chosen_vectors(self.nets, chosen), normals)
+        normals = triangle_normals(selected_vectors(points, chosen), templates(pattern)[alternative])
+        return triangle_bounds.extraordinary_misses(rows, selected_vectors(self.nets, chosen), normals)

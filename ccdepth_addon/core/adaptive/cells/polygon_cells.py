@@ -16,7 +16,7 @@ from typing import Self
 import numpy as np
 
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ...bounds.norms import squared_norms
+from ...arrays.vectors import squared_norms
 from ...surface.refinement import Refinement
 from ..leaf_approximation import HOPEFUL, Cells, Fit, Samples, along_and_across, least_heights, triangle_normals
 from ..leaf_bounds.irregular_bounds import fan_misses

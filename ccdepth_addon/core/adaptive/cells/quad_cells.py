@@ -13,8 +13,8 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays.coordinates import chosen_vectors
 from ...arrays.types import BoolArray, FloatArray, IndexArray
+from ...arrays.vectors import selected_vectors
 from ..leaf_approximation import HOPEFUL, Cells, Fit, Samples, in_turn, off_sides_and_diagonals, sampled_distances
 from ..leaf_bounds.polygon_bounds import thickness_of_quads
 from ..leaf_bounds.triangle_bounds import Misses
@@ -91,16 +91,16 @@ class QuadCells(ABC):
             if len(tried):
                 reached = self.distances_of(tried, pattern, alternative, points, limit)
                 if as_polygons:
-                    reached += thickness_of_quads(chosen_vectors(points, tried), pattern, alternative, axes)
+                    reached += thickness_of_quads(selected_vectors(points, tried), pattern, alternative, axes)
                 within = reached <= limit
                 found.take(chosen[tried[within]], alternative)
                 found.bounds[chosen[tried[within]]] = reached[within]
         left = np.flatnonzero(~found.fits[chosen])
         if len(left) and not as_polygons:
-            self.at(left)._hope(found, chosen[left], pattern, chosen_vectors(points, left), limit)
+            self.at(left)._hope(found, chosen[left], pattern, selected_vectors(points, left), limit)
         if pattern == WHOLE:
             fitted = np.flatnonzero(found.fits[chosen])
-            found.fold(chosen[fitted], chosen_vectors(points[:4], fitted), axes)
+            found.fold(chosen[fitted], selected_vectors(points[:4], fitted), axes)
 
     def _hope(self, found: Fit, chosen: IndexArray, pattern: int, points: FloatArray, limit: float) -> None:
         """Where none is within the limit at equal parameters, take one that is likely to be along the surface."""

@@ -13,11 +13,10 @@ from functools import cache
 
 import numpy as np
 
-from ...arrays.chunks import blocks
-from ...arrays.coordinates import applied, chosen_vectors
-from ...arrays.matrix_products import product
+from ...arrays.chunks import chunks
+from ...arrays.matrix_products import matrix_product
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ...bounds.norms import squared_norms
+from ...arrays.vectors import selected_vectors, squared_norms, transformed_nets
 from ..leaf_approximation import triangle_normals
 from ..templates import PLAIN, Triangle
 from .triangle_bounds import WHOLE_QUAD, Misses, bicubic_basis, off_quadratic, regular_points, rest_misses, to_monomials
@@ -74,14 +73,14 @@ class Quarters:
     def misses(self, chosen: IndexArray, diagonal: int) -> tuple[Misses, Misses]:
         """How far some are off along the triangles' normals and across, as the sum of two, split along a diagonal: what
         the quadratic parts miss, and the rest."""
-        normals = triangle_normals(chosen_vectors(self.corners, chosen), PLAIN[diagonal])
+        normals = triangle_normals(selected_vectors(self.corners, chosen), PLAIN[diagonal])
         sides = [own for triangle in PLAIN[diagonal] for own in (*_sides(triangle), 4 + diagonal)]
-        vectors = [chosen_vectors(self.off[sides], chosen), chosen_vectors(self.sums[diagonal], chosen)]
+        vectors = [selected_vectors(self.off[sides], chosen), selected_vectors(self.sums[diagonal], chosen)]
         # Three and one for each triangle.
         order = [0, 1, 2, 6, 3, 4, 5, 7]
         quadratic = Misses.of(np.concatenate(vectors)[order], np.repeat([0, 1], 4), normals)
         weights = _weights()[2 * self.at_corners[chosen] + diagonal].T
-        return quadratic, rest_misses(chosen_vectors(self.monomials, chosen), weights, normals)
+        return quadratic, rest_misses(selected_vectors(self.monomials, chosen), weights, normals)
 
 
 def quarter_distances(coefficients: FloatArray, limit: float) -> QuarterDistances:
@@ -89,12 +88,12 @@ def quarter_distances(coefficients: FloatArray, limit: float) -> QuarterDistance
     count = coefficients.shape[1]
     sampled, bounds, points = np.empty((4, 2, count)), np.empty((4, 2, count)), np.empty((9, 3, count)).swapaxes(1, 2)
     far = []
-    for block in blocks(count, QUADS_AT_ONCE):
-        vectors = applied(_rows(), coefficients[:, block])
+    for block in chunks(count, QUADS_AT_ONCE):
+        vectors = transformed_nets(_rows(), coefficients[:, block])
         squares = squared_norms(vectors[:50])
         largest = np.maximum(squares[:16].reshape(4, 4, -1).max(axis=1)[:, None], squares[16:24].reshape(4, 2, -1))
         quadratic = np.maximum(largest, squares[24:40].reshape(4, 2, 2, -1).max(axis=2))
-        rests = product(_weights(), np.sqrt(squares[40:])).reshape(largest.shape)
+        rests = matrix_product(_weights(), np.sqrt(squares[40:])).reshape(largest.shape)
         np.sqrt(largest, out=sampled[..., block])
         np.add(np.sqrt(quadratic), rests, out=bounds[..., block])
         points[:, block] = vectors[50:]
@@ -108,7 +107,7 @@ def _quarters(vectors: FloatArray, wanted: BoolArray, first: int) -> Quarters:
     off = np.concatenate([_of_each(part, wanted) for part in parts])
     sums = _of_each(vectors[24:40].reshape(4, 2, 2, -1, 3), wanted)
     at_corners, of_quads = np.nonzero(wanted)
-    monomials = chosen_vectors(vectors[40:50], of_quads)
+    monomials = selected_vectors(vectors[40:50], of_quads)
     return Quarters(at_corners, of_quads + first, corners_of_quarters(vectors[50:], wanted), off, sums, monomials)
 
 
@@ -120,7 +119,7 @@ def corners_of_quarters(points: FloatArray, wanted: BoolArray) -> FloatArray:
 def _of_each(vectors: Iterable[FloatArray], wanted: BoolArray) -> FloatArray:
     """(…, n, 3): those of some quarters, (4, P) bool, of vectors (…, P, 3) for each corner."""
     places = map(np.flatnonzero, wanted)
-    return np.concatenate([chosen_vectors(own, some) for own, some in zip(vectors, places, strict=True)], axis=-2)
+    return np.concatenate([selected_vectors(own, some) for own, some in zip(vectors, places, strict=True)], axis=-2)
 
 
 @cache

@@ -17,10 +17,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays.coordinates import applied
 from ...arrays.types import FloatArray, IndexArray
+from ...arrays.vectors import squared_norms, transformed_nets
 from ...bounds.norm_bounds import Vertices, second_order_extraordinary, support_bounds
-from ...bounds.norms import squared_norms
 from ...surface.bicubic import bilinear_coefficients, patch_coefficients
 from ...surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from ...surface.refinement import Refinement
@@ -209,7 +208,7 @@ def _off_template(
                 continue
             bases = squares.bases[chosen]
             given = np.concatenate([coefficients[:, chosen], points[:8, bases]])
-            _raise_at(found, chosen, applied(rows, given), normals[number, bases])
+            _raise_at(found, chosen, transformed_nets(rows, given), normals[number, bases])
     return found
 
 

@@ -21,9 +21,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...arrays.matrix_products import product
+from ...arrays.matrix_products import matrix_product
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ...bounds.norms import cross_products, dot_products, squared_norms
+from ...arrays.vectors import cross_products, dot_products, squared_norms
 from ..templates import templates
 
 # What rounding may take from a thickness, in parts of how far vertices are from the centroid: 16 roundings or less. It
@@ -120,7 +120,7 @@ def is_folded(corners: FloatArray, *spaces: FloatArray) -> BoolArray:
 
 def _of_planes(normals: FloatArray, axes: FloatArray) -> FloatArray:
     """(P, 3): what is at right angles to planes, in a space with such axes: by the transposed matrix, and a length."""
-    return normals if np.array_equal(axes, np.eye(3)) else product(axes.T, normals.T).T
+    return normals if np.array_equal(axes, np.eye(3)) else matrix_product(axes.T, normals.T).T
 
 
 def _unit(vectors: FloatArray) -> FloatArray:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays.chunks import blocks
+from ...arrays.chunks import chunks
 from ...arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
 
 # Steeper than this the bound is of no use any more.
@@ -61,7 +61,7 @@ def graph_bounds(
     corners, columns = np.ascontiguousarray(triangles.T), np.ascontiguousarray(positions.T)
     directions = np.empty((3, len(triangles)))
     turns, widths, tilts = np.zeros(count), np.full(count, np.inf), np.full(count, -np.inf)
-    for block in blocks(len(triangles), TRIANGLES_AT_ONCE):
+    for block in chunks(len(triangles), TRIANGLES_AT_ONCE):
         directions[:, block], heights, angles = _shapes(columns[:, corners[:, block]])
         for vertices, of_height, of_angle in zip(corners[:, block], heights, angles, strict=True):
             np.minimum.at(widths, vertices, of_height)
@@ -70,7 +70,7 @@ def graph_bounds(
     axes /= np.sqrt(np.sum(axes * axes, axis=0))
 
     # (3, T): for each triangle, its normal, and then its tilts at each of its corners.
-    for block in blocks(len(triangles), TRIANGLES_AT_ONCE):
+    for block in chunks(len(triangles), TRIANGLES_AT_ONCE):
         own = corners[:, block]
         directions[:, block] = _angles(directions[:, None, block], axes[:, own])
         for vertices, of_corner in zip(own, directions[:, block], strict=True):
@@ -85,7 +85,7 @@ def graph_bounds(
     )
     chosen = np.flatnonzero(wanted)
     found = np.empty(len(chosen))
-    for block in blocks(len(chosen), TRIANGLES_AT_ONCE):
+    for block in chunks(len(chosen), TRIANGLES_AT_ONCE):
         own = chosen[block]
         found[block] = around.bounds(corners[:, own], directions[:, own])
     return found

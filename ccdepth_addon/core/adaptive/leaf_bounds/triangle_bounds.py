@@ -34,11 +34,11 @@ from math import comb
 
 import numpy as np
 
-from ...arrays.chunks import blocks
-from ...arrays.coordinates import applied, chosen_vectors
+from ...arrays.chunks import chunks
 from ...arrays.types import FloatArray, IndexArray
+from ...arrays.vectors import selected_vectors, squared_dots, squared_norms, transformed_nets
 from ...bounds.norm_bounds import certified_limit_factor
-from ...bounds.norms import second_differences, squared_dots, squared_norms
+from ...bounds.norms import second_differences
 from ...surface.bicubic import SPLINE_TO_BERNSTEIN, bilinear_coefficients, tensor
 from ...surface.stencils import patch_stencils
 from ..templates import QUAD_POINTS, Triangle, templates
@@ -469,8 +469,8 @@ def regular_misses(rows: Rows, coefficients: FloatArray, normals: FloatArray) ->
     """‖S - T‖ at most, for Bernstein coefficients (16, P, 3) and the triangles' normals (T, P, 3)."""
     return Misses.joined(
         [
-            Misses.of(applied(rows.matrix, coefficients[:, block]), rows.triangles, normals[:, block])
-            for block in blocks(coefficients.shape[1], at_once(len(rows.matrix)))
+            Misses.of(transformed_nets(rows.matrix, coefficients[:, block]), rows.triangles, normals[:, block])
+            for block in chunks(coefficients.shape[1], at_once(len(rows.matrix)))
         ]
     )
 
@@ -478,8 +478,8 @@ def regular_misses(rows: Rows, coefficients: FloatArray, normals: FloatArray) ->
 def regular_distances(rows: Rows, coefficients: FloatArray, chosen: IndexArray) -> FloatArray:
     """(n,): the same in all, for chosen ones of Bernstein coefficients (16, P, 3)."""
     found = np.empty(len(chosen))
-    for block in blocks(len(chosen), at_once(len(rows.matrix))):
-        found[block] = _longest(applied(rows.matrix, chosen_vectors(coefficients, chosen[block])))
+    for block in chunks(len(chosen), at_once(len(rows.matrix))):
+        found[block] = _longest(transformed_nets(rows.matrix, selected_vectors(coefficients, chosen[block])))
     return found
 
 
@@ -487,13 +487,13 @@ def quadratic_misses(rows: QuadraticRows, coefficients: FloatArray, normals: Flo
     """‖S - T‖ at most, as the sum of two: what the quadratic parts miss, and the rest. As for ``regular_misses``."""
     found = [
         _quadratic_misses(rows, coefficients[:, block], normals[:, block])
-        for block in blocks(coefficients.shape[1], at_once(len(rows.matrix)))
+        for block in chunks(coefficients.shape[1], at_once(len(rows.matrix)))
     ]
     return Misses.joined([quadratic for quadratic, _ in found]), Misses.joined([rest for _, rest in found])
 
 
 def _quadratic_misses(rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray) -> tuple[Misses, Misses]:
-    vectors = applied(rows.matrix, coefficients)
+    vectors = transformed_nets(rows.matrix, coefficients)
     quadratic = Misses.of(vectors[: len(rows.triangles)], rows.triangles, normals)
     return quadratic, rest_misses(vectors[len(rows.triangles) :], rows.weights, normals)
 
@@ -522,8 +522,8 @@ def quadratic_distances(
 ) -> tuple[FloatArray, FloatArray]:
     """(n,) twice: the same in all, for chosen ones of Bernstein coefficients (16, P, 3)."""
     quadratic, rest = np.empty((2, len(chosen)))
-    for block in blocks(len(chosen), at_once(len(rows.matrix))):
-        vectors = applied(rows.matrix, chosen_vectors(coefficients, chosen[block]))
+    for block in chunks(len(chosen), at_once(len(rows.matrix))):
+        vectors = transformed_nets(rows.matrix, selected_vectors(coefficients, chosen[block]))
         rest[block] = _weighted(rows.weights, squared_norms(vectors[len(rows.triangles) :]))
         quadratic[block] = _longest(vectors[: len(rows.triangles)])
     return quadratic, rest
@@ -543,7 +543,7 @@ def extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: Flo
     return Misses.joined(
         [
             _extraordinary_misses(rows, nets[:, block], normals[:, block])
-            for block in blocks(nets.shape[1], at_once(len(rows.pieces.matrix)))
+            for block in chunks(nets.shape[1], at_once(len(rows.pieces.matrix)))
         ]
     )
 
@@ -551,9 +551,9 @@ def extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: Flo
 def _extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> Misses:
     """At the vertex S - B is within a factor of the second differences; so is each component of it within theirs."""
     valence = (len(nets) - 8) // 2
-    pieces = Misses.of(applied(rows.pieces.matrix, nets), rows.pieces.triangles, normals)
-    differences = applied(rows.differences, nets)
-    left = Misses.of(applied(rows.last.matrix, nets), rows.last.triangles, normals)
+    pieces = Misses.of(transformed_nets(rows.pieces.matrix, nets), rows.pieces.triangles, normals)
+    differences = transformed_nets(rows.differences, nets)
+    left = Misses.of(transformed_nets(rows.last.matrix, nets), rows.last.triangles, normals)
     at_vertex = Misses(*(np.zeros(nets.shape[1]) for _ in range(3)))
     for triangle in np.unique(rows.last.triangles).tolist():
         own = np.full(len(differences), triangle)

@@ -32,7 +32,7 @@ from ccdepth_addon.core.bounds.norm_bounds import (
     support_bounds,
 )
 from ccdepth_addon.core.depth.face_depths import face_depths
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions
+from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import (
     PatchKind,
     classify_patches,
@@ -40,6 +40,7 @@ from ccdepth_addon.core.surface.patches import (
     faces_on_grids,
     regular_nets,
 )
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, nets
 from tests.linear_programs import PROGRAM_TOLERANCE, largest_of
 

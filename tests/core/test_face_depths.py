@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.bounds.norm_bounds import Method, Vertices, first_order_rate
+from ccdepth_addon.core.bounds.rounding import smallest_tolerance
 from ccdepth_addon.core.depth import certified_depth, norm_depth
 from ccdepth_addon.core.depth.face_depths import (
     METHODS,
@@ -19,11 +20,12 @@ from ccdepth_addon.core.depth.face_depths import (
     ToleranceError,
     face_depths,
     face_depths_stepwise,
-    smallest_tolerance,
 )
-from ccdepth_addon.core.mesh.polygon_mesh import InvalidMeshError, PolygonMesh, polygon_mesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, subdivide
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
+from ccdepth_addon.core.mesh.validation import InvalidMeshError
+from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, nets
 
 every_method = pytest.mark.parametrize("method", METHODS)
@@ -329,7 +331,7 @@ def test_the_side_of_the_faces_does_not_matter(method: str, vertices: str) -> No
 
 @every_method
 @both_vertices
-def test_blocks_do_not_matter(method: str, vertices: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_chunk_sizes_do_not_matter(method: str, vertices: str, monkeypatch: pytest.MonkeyPatch) -> None:
     mesh = build(everything())
     expected = face_depths(mesh, 0.0123, method, vertices)
     sizes = [

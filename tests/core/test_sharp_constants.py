@@ -24,8 +24,8 @@ from ccdepth_addon.core.bounds.norm_bounds import (
 )
 from ccdepth_addon.core.bounds.sharp_constants import CONTROL_FACTORS, LIMIT_FACTORS, PERIOD, RATES
 from ccdepth_addon.core.depth.face_depths import face_depths
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
 from ccdepth_addon.core.surface.patches import extraordinary_nets
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from proofs.certify_sharp_constants import sharp_constants
 from tests import meshes, nets
 from tests.linear_programs import PROGRAM_TOLERANCE, worst_of
@@ -210,7 +210,7 @@ def test_published_constants_beyond_the_tables() -> None:
 
 
 def test_regular_patches_have_the_published_bounds() -> None:
-    """They are reached (``test_bounds``)."""
+    """They are reached (``test_norm_bounds``)."""
     assert PATCH_METHODS[Method.SHARP].regular is second_order_regular
 
 

@@ -18,9 +18,11 @@ from numpy.typing import NDArray
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.facet_bounds import facet_error, later_bounds, sampled_error
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
+from ccdepth_addon.core.bounds.rounding import smallest_tolerance
 from ccdepth_addon.core.depth import certified_depth
-from ccdepth_addon.core.depth.face_depths import VERTICES, DepthResult, face_depths, smallest_tolerance
-from ccdepth_addon.core.mesh.polygon_mesh import InvalidMeshError, PolygonMesh
+from ccdepth_addon.core.depth.face_depths import VERTICES, DepthResult, face_depths
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.bicubic import (
     HALVES,
     SPLINE_HALVES,
@@ -28,8 +30,10 @@ from ccdepth_addon.core.surface.bicubic import (
     both_ways,
     patch_coefficients,
 )
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions, subdivide
+from ccdepth_addon.core.surface.catmull_clark import subdivide
+from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.surface.stencils import apply_stencils, patch_stencils
 from tests import brute_force, meshes, nets
 
@@ -329,10 +333,10 @@ def test_tolerances_that_are_the_distance(vertices: str, distance: float) -> Non
 
 
 @both_vertices
-def test_groups_of_doubtful_parts_do_not_matter(vertices: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_groups_of_undecided_pieces_do_not_matter(vertices: str, monkeypatch: pytest.MonkeyPatch) -> None:
     cases = [build(data) for data in (meshes.landscape(6, 6), meshes.fan(5), meshes.creased_cube())]
     expected = [certified(mesh, 0.01, vertices) for mesh in cases]
-    monkeypatch.setattr(certified_depth, "MOST_BLOCKS", 3)
+    monkeypatch.setattr(certified_depth, "MOST_PIECES", 3)
     for mesh, before in zip(cases, expected, strict=True):
         found = certified(mesh, 0.01, vertices)
         np.testing.assert_array_equal(found.depths, before.depths)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The limit surface at given points against the limits of the vertices of refined meshes, which know of no patches."""
+"""The limit surface at given points against the limits of the vertices of refined meshes, which use no patches."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule, limit_positions, subdivide
+from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.evaluation import LARGEST_STENCIL_VALENCE, limit_values
+from ccdepth_addon.core.surface.limit_positions import limit_positions
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes
 from tests.uniform import uniform_points
@@ -139,7 +141,7 @@ def test_faces_agree_where_they_meet(name: str) -> None:
     numerators=st.tuples(st.integers(0, 1 << 12), st.integers(0, 1 << 12)),
 )
 def test_a_point_is_where_its_child_has_it(name: str, corner: int, level: int, numerators: tuple[int, int]) -> None:
-    """The same surface, told by the mesh one step down, where the kinds of patches differ."""
+    """The same surface evaluated on the mesh after one step, where the kinds of patches differ."""
     mesh = build(name)
     corner %= mesh.corner_count
     u, v = (numerator % (1 << level) / (1 << level) for numerator in numerators)

@@ -22,7 +22,7 @@ from ccdepth_addon.core.depth.modifier_quality import MOST_QUALITY, needed_quali
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from tests import meshes
 from tests.brute_force import Levels
-from tests.core.test_depth import AWKWARD, build, every_method
+from tests.core.test_face_depths import AWKWARD, build, every_method
 from tests.level_nets import worse_later
 from tests.steps import result_of
 
@@ -114,7 +114,7 @@ def test_a_face_may_be_farther_at_the_next_two_levels() -> None:
 
 
 @every_method
-def test_no_level_before_the_least_one_is_taken(method: str) -> None:
+def test_no_level_below_the_least_one_is_returned(method: str) -> None:
     mesh = build(AWKWARD["cylinder"]())
     depths = face_depths(mesh, 0.1, method, "LIMIT").depths
     least = int(depths.max()) + 2

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Submeshes: faces with their one-ring, and indices renumbered to what is kept."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays.chunks import chunks
+from ..arrays.types import BoolArray, IndexArray
+from .polygon_mesh import PolygonMesh
+
+# With fewer indices than one in so many entries, sorting them is faster than scanning all entries.
+SORTED_UP_TO = 1 << 6
+
+# Indices renumbered at a time, to keep temporary arrays short.
+INDICES_AT_ONCE = 1 << 13
+
+
+def submesh(mesh: PolygonMesh, faces: IndexArray) -> tuple[PolygonMesh, IndexArray]:
+    """The given faces with every face that shares a vertex with them (their one-ring), as a mesh of its own.
+
+    faces: (n,) ints, each face once. Returns the submesh and (m,) intp, for each of its faces the face of ``mesh``: the
+    given ones first, in the given order, then the ring in the order of ``mesh``. Vertices and edges keep their order;
+    those of no kept face are dropped. Sharpness is copied unchanged, so the outer border of the ring follows no
+    boundary rules: a Catmull-Clark step moves everything that touches the given faces exactly as in the whole mesh;
+    only the ring's outer half differs.
+    """
+    touched = np.zeros(mesh.vertex_count, dtype=bool)
+    touched[mesh.corner_vertices[corners_of_faces(mesh, faces)]] = True
+    in_ring = np.zeros(mesh.face_count, dtype=bool)
+    in_ring[mesh.corner_faces[touched[mesh.corner_vertices]]] = True
+    in_ring[faces] = False
+    kept_faces = np.concatenate([np.asarray(faces, dtype=np.intp), np.flatnonzero(in_ring)])
+    kept_corners = corners_of_faces(mesh, kept_faces)
+    corner_vertices, corner_edges = mesh.corner_vertices[kept_corners], mesh.corner_edges[kept_corners]
+    kept_vertices, kept_edges = compact(corner_vertices, mesh.vertex_count), compact(corner_edges, mesh.edge_count)
+    new_vertex = np.zeros(mesh.vertex_count, dtype=np.intp)
+    new_vertex[kept_vertices] = np.arange(len(kept_vertices))
+    part = PolygonMesh(
+        positions=mesh.positions[kept_vertices],
+        face_starts=np.concatenate([[0], np.cumsum(mesh.face_sizes[kept_faces])]).astype(np.intp),
+        corner_vertices=corner_vertices,
+        corner_edges=corner_edges,
+        edge_vertices=new_vertex[mesh.edge_vertices[kept_edges]],
+        edge_sharpness=mesh.edge_sharpness[kept_edges],
+        vertex_sharpness=mesh.vertex_sharpness[kept_vertices],
+        sharpness_is_explicit=mesh.sharpness_is_explicit,
+    )
+    return part, kept_faces
+
+
+def corners_of_faces(mesh: PolygonMesh, faces: IndexArray) -> IndexArray:
+    """(sum of sizes,) intp, the corners of the given faces, face by face in the given order."""
+    sizes = mesh.face_sizes[faces]
+    skipped = mesh.face_starts[faces] - (np.cumsum(sizes) - sizes)
+    return np.arange(sizes.sum()) + np.repeat(skipped, sizes)
+
+
+def compact(indices: NDArray[Any], count: int, kept: IndexArray | None = None) -> IndexArray:
+    """The numbers 0 … count - 1 that occur in ``indices`` or ``kept``, in ascending order; renumbers the indices in
+    place to match."""
+    kept = np.zeros(0, dtype=np.intp) if kept is None else kept
+    if SORTED_UP_TO * indices.size < count and not len(kept):
+        used, found = np.unique(indices, return_inverse=True)
+        indices[:] = found.reshape(indices.shape)
+        return used.astype(np.intp)
+    is_used = np.zeros(count, dtype=bool)
+    is_used[indices] = True
+    is_used[kept] = True
+    renumber(indices, is_used)
+    return np.flatnonzero(is_used)
+
+
+def renumber(indices: NDArray[Any], used: BoolArray) -> None:
+    """Renumber indices of used entries by their rank among the used ones, in place: (count,) bool."""
+    numbers, counted = np.empty(len(used), dtype=indices.dtype), 0
+    for block in chunks(len(used), INDICES_AT_ONCE):
+        found = np.flatnonzero(used[block])
+        numbers[block][found] = np.arange(counted, counted + len(found), dtype=indices.dtype)
+        counted += len(found)
+    for block in chunks(len(indices), INDICES_AT_ONCE):
+        indices[block] = numbers.take(indices[block])

@@ -1,0 +1,68 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tasks on several threads: results in order, progress while a task runs, and tasks cancelled once the caller stops."""
+
+from __future__ import annotations
+
+import time
+from itertools import count
+
+import pytest
+
+from ccdepth_addon.core.arrays.threads import SECONDS_BETWEEN_PROGRESS, map_in_threads
+
+
+def test_results_come_in_order() -> None:
+    def slower_first(number: int) -> int:
+        time.sleep(0.01 * (3 - number % 4))
+        return number
+
+    found = map_in_threads(slower_first, range(50))
+    assert [result for result in found if result is not None] == [*range(50)]
+
+
+@pytest.mark.parametrize("tasks", [1, 2, 9])
+def test_progress_while_a_task_runs(tasks: int) -> None:
+    """However few tasks there are."""
+
+    def slow(number: int) -> int:
+        time.sleep(6 * SECONDS_BETWEEN_PROGRESS)
+        return number
+
+    results, pauses, last = [], [], time.perf_counter()
+    for result in map_in_threads(slow, range(tasks)):
+        now = time.perf_counter()
+        pauses.append(now - last)
+        results.append(result)
+        last = now
+    assert [result for result in results if result is not None] == [*range(tasks)]
+    assert results.count(None) >= 3
+    # Twice as long, for a machine that is busy.
+    assert sorted(pauses)[len(pauses) // 2] < 2 * SECONDS_BETWEEN_PROGRESS
+
+
+def test_no_tasks() -> None:
+    assert [*map_in_threads(str, ())] == []
+
+
+def test_tasks_that_have_not_begun_are_cancelled() -> None:
+    begun = []
+
+    def begin(number: int) -> int:
+        begun.append(number)
+        return number
+
+    results = map_in_threads(begin, count())
+    assert next(result for result in results if result is not None) == 0
+    results.close()
+    time.sleep(SECONDS_BETWEEN_PROGRESS)
+    after = len(begun)
+    time.sleep(4 * SECONDS_BETWEEN_PROGRESS)
+    assert len(begun) == after
+
+
+def test_errors_reach_the_caller() -> None:
+    def failing(number: int) -> int:
+        raise ValueError(number)
+
+    with pytest.raises(ValueError, match="7"):
+        list(map_in_threads(failing, [7]))
