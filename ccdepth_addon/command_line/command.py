@@ -278,7 +278,10 @@ def depth_table(record: bpy.types.PropertyGroup) -> str:
     lines = [f"{'depth':>8}{'faces':>14}{'share':>9}"]
     lines += [f"{row.depth:>8}{row.faces:>14,}{row.faces / record.faces:>9.1%}" for row in record.rows]
     lines.append(f"{'all':>8}{record.faces:>14,}")
-    lines.append(f"  all of it at level {record.uniform_level}: {int(record.uniform_faces):,} faces")
+    if record.uniform_level >= 0:
+        lines.append(f"  all of it at level {record.uniform_level}: {int(record.uniform_faces):,} faces")
+    else:
+        lines.append("  the level for all of it is not known: the depths are from an earlier version of CC Depth")
     if record.method == "CERTIFIED":
         lines.append(f"  no lesser depth would do {exact_text(record.exact_faces, record.faces).lower()}")
     return "\n".join(lines)

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import FloatArray, IndexArray, InvalidMeshError, PolygonMesh, apply_boundary_rule, crease_to_sharpness
+from .attribute_conversion import convert_attribute
 from .bulk_writing import copy_without_keys, own_copy, write_values
 
 ORIGIN_ATTRIBUTE = "ccdepth_origin"
@@ -372,10 +373,7 @@ def read_creases(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
     copy = copy_without_keys(mesh)
     holder = bpy.data.objects.new(copy.name, copy)
     try:
-        copy.attributes.active = copy.attributes[name]
-        # Another object that is being edited must not stand in the way.
-        with bpy.context.temp_override(object=holder, active_object=holder, edit_object=None):
-            bpy.ops.geometry.attribute_convert(mode="GENERIC", domain=CREASE_DOMAINS[name], data_type="FLOAT")
+        convert_attribute(holder, name, mode="GENERIC", domain=CREASE_DOMAINS[name], data_type="FLOAT")
         return read_values(copy.attributes[name].data, "value", np.float32)
     finally:
         bpy.data.objects.remove(holder)

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import BoolArray, PolygonMesh, SubdividedMesh, interpolated_at_vertices
+from .attribute_conversion import convert_attribute
 from .attributes import write_attribute
 
 WEIGHTS = "ccdepth_weights"
@@ -73,12 +74,8 @@ def _read_weights(base: bpy.types.Mesh) -> tuple[NDArray[np.intp], NDArray[np.in
 
 
 def _write_group(holder: bpy.types.Object, name: str, weights: NDArray[np.float32], belongs: BoolArray) -> None:
-    mesh = holder.data
-    write_attribute(mesh, name, "FLOAT", "POINT", np.clip(weights, 0.0, 1.0))
-    mesh.attributes.active = mesh.attributes[name]
-    # Another object that is being edited must not stand in the way.
-    with bpy.context.temp_override(object=holder, active_object=holder, edit_object=None):
-        bpy.ops.geometry.attribute_convert(mode="VERTEX_GROUP")
+    write_attribute(holder.data, name, "FLOAT", "POINT", np.clip(weights, 0.0, 1.0))
+    convert_attribute(holder, name, mode="VERTEX_GROUP")
     group = holder.vertex_groups[-1]
     # The operator leaves out weights of zero.
     group.add(np.flatnonzero(belongs & (weights <= 0)).tolist(), 0.0, "REPLACE")

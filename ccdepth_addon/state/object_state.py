@@ -18,7 +18,7 @@ import bpy
 import numpy as np
 
 from ..core import FloatArray
-from ..exchange.control_mesh import NOT_SHAPING, SIMULATIONS, counted_modifiers, surface_rule
+from ..exchange.control_mesh import CREASE_DOMAINS, NOT_SHAPING, SIMULATIONS, counted_modifiers, surface_rule
 from ..tasks.surfaces import gram_matrix
 from .mesh_checksums import checksum_of_points, geometry_checksum
 
@@ -77,8 +77,10 @@ def object_state(
     describer = _Describer(blender_object, {} if known is None else known)
     world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
     counted = counted_modifiers(blender_object) if use_modifiers else []
-    texts = [repr(surface_rule(blender_object)), *describer.shape_keys(), *describer.modifiers(counted)]
-    texts += describer.places()
+    rule = surface_rule(blender_object)
+    texts = [repr(rule), *describer.shape_keys(), *describer.modifiers(counted), *describer.places()]
+    if rule.use_creases:
+        texts += describer.crease_groups()
     checksum = crc32("\n".join(texts).encode(errors="backslashreplace"))
     return ObjectState(gram_matrix(world)[np.triu_indices(3)], f"{checksum:08x}")
 
@@ -86,8 +88,8 @@ def object_state(
 def shown_checksum(blender_object: bpy.types.Object, shown: Iterable[bpy.types.Modifier]) -> str:
     """A checksum of what these modifiers, and shape keys, make of the object's mesh."""
     describer = _Describer(blender_object, {})
-    texts = [*describer.shape_keys(), *describer.modifiers(list(shown))]
-    texts += describer.places()
+    texts = [*describer.shape_keys(), *describer.modifiers(list(shown)), *describer.places()]
+    texts += describer.crease_groups()
     return f"{crc32(chr(10).join(texts).encode(errors='backslashreplace')):08x}"
 
 
@@ -153,6 +155,11 @@ class _Describer:
         for modifier in modifiers:
             if modifier.type not in NOT_SHAPING:
                 yield self._modifier(modifier)
+
+    def crease_groups(self) -> Iterator[str]:
+        """The vertex groups that the Subdivision Surface modifier takes for creases; mostly there are none."""
+        groups = self.viewer.vertex_groups
+        yield from (f"group {name}" for name in CREASE_DOMAINS if name in groups)
 
     def places(self) -> Iterator[str]:
         """Where the objects mentioned so far stand, relative to the one that looks at them."""

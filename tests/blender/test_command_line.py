@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
+from tests import meshes
 from tests.blender import addon, scene
 
 command_line = addon.module("command_line.command")
@@ -54,6 +55,17 @@ def test_the_depths_are_those_of_the_operator(tmp_path: Path) -> None:
     suzanne = scene.add_suzanne()
     addon.compute(suzanne, tolerance=0.01, vertices="LIMIT")
     assert written == addon.depths(suzanne).tolist()
+
+
+def test_a_level_that_is_not_known_is_no_level() -> None:
+    """Records of earlier versions do not have it."""
+    holder = scene.add_object(meshes.cube())
+    addon.compute(holder)
+    table = addon.module("command_line.command").depth_table
+    assert f"at level {holder.data.ccdepth.uniform_level}: " in table(holder.data.ccdepth)
+    holder.data.ccdepth.property_unset("uniform_level")
+    assert "not known" in table(holder.data.ccdepth)
+    assert "-1" not in table(holder.data.ccdepth)
 
 
 @pytest.mark.parametrize("suffix", [".blend", ".obj", ".ply", ".stl"])

@@ -45,6 +45,73 @@ def change_a_crease(holder: bpy.types.Object) -> None:
     holder.data.update()
 
 
+def add_a_crease_group(holder: bpy.types.Object) -> None:
+    """Of no weights, as with the button: Blender tells nobody of groups that scripts make."""
+    with bpy.context.temp_override(object=holder, active_object=holder):
+        bpy.ops.object.vertex_group_add()
+    holder.vertex_groups[-1].name = "crease_edge"
+
+
+def name_a_group_like_creases(holder: bpy.types.Object) -> None:
+    holder.vertex_groups["Group"].name = "crease_vert"
+
+
+def add_vertex_creases(holder: bpy.types.Object) -> None:
+    creases = holder.data.attributes.new("crease_vert", "FLOAT", "POINT")
+    creases.data.foreach_set("value", np.full(len(holder.data.vertices), 0.5, dtype=np.float32))
+    holder.data.update()
+
+
+def add_creases_of_another_kind(holder: bpy.types.Object) -> None:
+    creases = holder.data.attributes.new("crease_vert", "INT", "FACE")
+    creases.data.foreach_set("value", np.ones(len(holder.data.polygons), dtype=np.int32))
+    holder.data.update()
+
+
+@pytest.mark.parametrize("change", [add_a_crease_group, name_a_group_like_creases])
+def test_groups_that_are_taken_for_creases_are_noticed(change: Callable[[bpy.types.Object], None]) -> None:
+    """Compute Depth refuses them, so that what it found before does not hold either."""
+    holder = computed()
+    change(holder)
+    assert stale_line(holder) == MESH_LINE
+    with pytest.raises(RuntimeError, match="takes for creases"):
+        bpy.ops.ccdepth.compute()
+    with pytest.raises(RuntimeError, match="out of date"):
+        bpy.ops.ccdepth.set_levels()
+    for name in {"crease_edge", "crease_vert"} & {*holder.vertex_groups.keys()}:
+        holder.vertex_groups[name].name = "Other"
+    assert stale_line(holder) == ""
+
+
+def test_set_levels_notices_a_group_that_a_script_has_made() -> None:
+    """Although Blender tells nobody of it: results that are relied on are examined."""
+    holder = computed()
+    holder.vertex_groups.new(name="crease_edge")
+    with pytest.raises(RuntimeError, match="out of date"):
+        bpy.ops.ccdepth.set_levels()
+
+
+def test_without_creases_groups_of_their_names_do_not_matter() -> None:
+    holder = scene.add_object(meshes.creased_cube())
+    scene.add_subdivision(holder, 2).use_creases = False
+    addon.compute(holder)
+    add_a_crease_group(holder)
+    assert stale_line(holder) == ""
+
+
+def test_what_is_measured_notices_groups_that_are_taken_for_creases() -> None:
+    holder = scene.add_object(meshes.creased_cube())
+    scene.add_subdivision(holder, 2)
+    addon.measure(holder)
+    staleness = addon.module("state.staleness")
+    for groups, is_stale in (([], False), (["crease_vert"], True)):
+        for name in groups:
+            holder.vertex_groups.new(name="Group").name = name
+        bpy.context.view_layer.update()
+        staleness.check_touched()
+        assert staleness.is_deviation_stale(holder.data) == is_stale
+
+
 def flip_the_faces(holder: bpy.types.Object) -> None:
     holder.data.flip_normals()
 
@@ -81,6 +148,8 @@ def change_the_depths(holder: bpy.types.Object) -> None:
     [
         move_a_vertex,
         change_a_crease,
+        add_vertex_creases,
+        add_creases_of_another_kind,
         flip_the_faces,
         scale_the_object,
         change_the_modifier,
