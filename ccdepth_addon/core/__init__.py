@@ -4,7 +4,7 @@
 The public interface: what is not named here may change. docs/api.md is made from these docstrings.
 """
 
-from .adaptive.plan import Mode, Request, TooManyFacesError
+from .adaptive.plan import AdaptiveRequest, Mode, TooManyFacesError
 from .adaptive.planner import AdaptiveMesh, count_faces, subdivide_adaptively
 from .adaptive.subdivided_mesh import SubdividedMesh
 from .adaptive.templates import Transitions
@@ -46,6 +46,7 @@ __all__ = [
     "METHODS",
     "VERTICES",
     "AdaptiveMesh",
+    "AdaptiveRequest",
     "BoolArray",
     "DepthResult",
     "Deviation",
@@ -55,7 +56,6 @@ __all__ = [
     "InvalidMeshError",
     "Mode",
     "PolygonMesh",
-    "Request",
     "ShortIndexArray",
     "SubdividedMesh",
     "SurfacePoints",

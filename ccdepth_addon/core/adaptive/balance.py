@@ -33,7 +33,7 @@ def unbalanced(plan: Plan) -> IndexArray:
     return leaves[wanted]
 
 
-def fit_split_sides(plan: Plan) -> Generator[int, None, IndexArray]:
+def approximate_split_sides(plan: Plan) -> Generator[int, None, IndexArray]:
     """Fit the leaves anew some more of whose sides are split by now; those that do not fit.
 
     Yields how many leaves there are so far.
@@ -44,6 +44,6 @@ def fit_split_sides(plan: Plan) -> Generator[int, None, IndexArray]:
     pending = leaves[more]
     plan.split_sides.values[pending] = counts[more]
     for cells in in_blocks(plan.cells.of(pending)):
-        plan.record(cells.nodes, plan.fit(cells, tree.hanging(tree.slots(cells.nodes))))
+        plan.record(cells.nodes, plan.approximate(cells, tree.hanging(tree.slots(cells.nodes))))
         yield tree.leaf_count
-    return pending[~plan.fits.as_fitted(pending).fits]
+    return pending[~plan.approximations.at_equal_parameters(pending).accepted]

@@ -19,13 +19,13 @@ from ..arrays.coordinates import chosen_vectors
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norms import cross_products, dot_products, squared_norms
 from .leaf_bounds.polygon_bounds import is_folded
-from .leaf_bounds.triangle_bounds import Misses
+from .leaf_bounds.triangle_bounds import ErrorBounds
 from .quadtree import Quadtree
 from .templates import WHOLE, Template, Transitions, templates
 
 # How much of the limit what is expected of the neighbours may take up; and what the tilt of triangles against their
 # neighbours is to the height of a side's middle over its chord, in parts of its length: 8 for a circle, and some more.
-HOPEFUL = 0.9
+PROMISING = 0.9
 SLOPE_OF_HEIGHT = 10.0
 
 # What is made on the way of the points of so many cells stays in the processor's cache.
@@ -38,7 +38,7 @@ CHORDS = [(4, 0, 1), (5, 1, 2), (6, 2, 3), (7, 3, 0), (8, 0, 2), (8, 1, 3)]
 
 
 @dataclass
-class Fit:
+class LeafApproximation:
     """How P cells are drawn, and how well: (P,) each.
 
     fits: bool, whether a template will do, or is likely to. bounds: float64, the proved distance as they are drawn, inf
@@ -50,7 +50,7 @@ class Fit:
     distance that is really there when the cell's sides are whole.
     """
 
-    fits: BoolArray
+    accepted: BoolArray
     bounds: FloatArray
     normal: FloatArray
     tangential: FloatArray
@@ -61,49 +61,55 @@ class Fit:
     least: FloatArray
 
     @staticmethod
-    def none(count: int) -> Fit:
+    def none(count: int) -> LeafApproximation:
         """Nothing found yet."""
         small = np.zeros(count, dtype=np.int8)
         far = np.full(count, np.inf)
         folded = np.zeros(count, dtype=bool)
         least = np.zeros(count)
-        return Fit(folded, far, far.copy(), far.copy(), small, small.copy(), small.copy(), folded.copy(), least)
+        return LeafApproximation(
+            folded, far, far.copy(), far.copy(), small, small.copy(), small.copy(), folded.copy(), least
+        )
 
-    def at(self, chosen: IndexArray) -> Fit:
+    def at(self, chosen: IndexArray) -> LeafApproximation:
         """Those of some cells."""
-        return Fit(*(getattr(self, field.name)[chosen] for field in fields(self)))
+        return LeafApproximation(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
-    def put(self, chosen: IndexArray, other: Fit) -> None:
+    def put(self, chosen: IndexArray, other: LeafApproximation) -> None:
         """Replace those of some cells."""
         for field in fields(self):
             getattr(self, field.name)[chosen] = getattr(other, field.name)
 
     def take(self, chosen: IndexArray, alternative: int | IndexArray) -> None:
         """Draw the chosen cells by a template that is within the limit, or likely to be."""
-        self.fits[chosen] = True
+        self.accepted[chosen] = True
         self.alternatives[chosen] = alternative
 
-    def know(self, chosen: IndexArray, misses: Misses) -> None:
+    def know(self, chosen: IndexArray, error_bounds: ErrorBounds) -> None:
         """So much are the chosen cells off as they are drawn."""
-        self.normal[chosen], self.tangential[chosen] = misses.normal, misses.tangential
+        self.normal[chosen], self.tangential[chosen] = error_bounds.normal, error_bounds.tangential
 
-    def hope(
-        self, chosen: IndexArray, samples: Samples, limit: float, misses_of: Callable[[IndexArray, int], Misses]
+    def accept_promising(
+        self,
+        chosen: IndexArray,
+        samples: Samples,
+        limit: float,
+        error_bounds_of: Callable[[IndexArray, int], ErrorBounds],
     ) -> None:
         """Draw the chosen cells, which are not within the limit at equal parameters, by a template that is likely to be
         along the surface.
 
         samples: theirs. misses_of: how far some of them, by index, are off as an alternative draws them.
         """
-        hopes = samples.hopes()
-        for alternative, tried in in_turn(hopes, lambda: ~self.fits[chosen]):
-            tried = tried[hopes[alternative, tried] <= HOPEFUL * limit]
+        predicted = samples.predicted_bounds()
+        for alternative, tried in in_turn(predicted, lambda: ~self.accepted[chosen]):
+            tried = tried[predicted[alternative, tried] <= PROMISING * limit]
             if len(tried):
-                misses = misses_of(tried, alternative)
-                reached = samples.at(tried).hope(misses.normal, misses.tangential)
-                hopeful = np.flatnonzero(reached <= HOPEFUL * limit)
-                self.take(chosen[tried[hopeful]], alternative)
-                self.know(chosen[tried[hopeful]], misses.at(hopeful))
+                error_bounds = error_bounds_of(tried, alternative)
+                reached = samples.at(tried).predict(error_bounds.normal, error_bounds.tangential)
+                promising = np.flatnonzero(reached <= PROMISING * limit)
+                self.take(chosen[tried[promising]], alternative)
+                self.know(chosen[tried[promising]], error_bounds.at(promising))
 
     def fold(self, chosen: IndexArray, points: FloatArray, axes: FloatArray) -> None:
         """Find out which of the chosen cells, whole and with points (4 or more, n, 3), are folded as they are drawn."""
@@ -124,11 +130,13 @@ class Cells(Protocol):
     def at(self, chosen: IndexArray) -> Cells:
         """Some of them, by index."""
 
-    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
+    def approximate(
+        self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray
+    ) -> LeafApproximation:
         """How to draw them within a limit; hanging: (slots of the nodes,) bool, which sides are split. axes: (3, 3), of
         the space where Blender triangulates (``polygon_bounds``)."""
 
-    def misses(self, fit: Fit, limit: float) -> Misses:
+    def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """How far they are off along and across the normals of the triangles they are drawn by, as they were fitted."""
 
     def children(self, tree: Quadtree) -> Iterator[Cells]:
@@ -191,16 +199,16 @@ class Samples:
     def at(self, chosen: IndexArray) -> Samples:
         return Samples(self.normal[:, chosen], self.tangential[:, chosen], self.slopes[chosen])
 
-    def hopes(self) -> FloatArray:
+    def predicted_bounds(self) -> FloatArray:
         """(alternatives, P): ``hope`` for what is sampled."""
-        return self.hope(self.normal, self.tangential)
+        return self.predict(self.normal, self.tangential)
 
-    def hope(self, normal: FloatArray, tangential: FloatArray) -> FloatArray:
+    def predict(self, normal: FloatArray, tangential: FloatArray) -> FloatArray:
         """About what ``star_bounds`` will find for quads that are off by so much."""
         secants = np.sqrt(1 + self.slopes**2)
         with np.errstate(invalid="ignore"):
-            hope = normal * secants + 2 * self.slopes * (tangential + normal * self.slopes / secants)
-        return np.where(np.isnan(hope), np.inf, hope)
+            predicted = normal * secants + 2 * self.slopes * (tangential + normal * self.slopes / secants)
+        return np.where(np.isnan(predicted), np.inf, predicted)
 
 
 def in_turn(samples: FloatArray, wanted: Callable[[], BoolArray]) -> Iterator[tuple[int, IndexArray]]:

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
-from .approximation_store import FitStore
+from .approximation_store import ApproximationStore
 from .cells.cell_store import CellStore
-from .leaf_approximation import Cells, Fit
+from .leaf_approximation import Cells, LeafApproximation
 from .quadtree import NONE, Quadtree
 from .templates import Transitions
 from .vertex_positions import VertexPositions
@@ -49,7 +49,7 @@ class TooManyFacesError(ValueError):
 
 
 @dataclass(frozen=True)
-class Request:
+class AdaptiveRequest:
     """What is wanted of a control mesh. limit: the largest distance, in the unit of its positions, rounding taken off.
 
     most_faces: beyond that many the result is refused. axes: (3, 3) float64, its columns the axes of the space where
@@ -100,15 +100,15 @@ class Plan:
     nodes fitted since the bounds along the surface were found.
     """
 
-    def __init__(self, mesh: PolygonMesh, request: Request, least_levels: NDArray[np.int8]) -> None:
+    def __init__(self, mesh: PolygonMesh, request: AdaptiveRequest, least_levels: NDArray[np.int8]) -> None:
         """least_levels: (faces of the mesh,) the least level of the leaves on each."""
         self.request = request
         self.tree = Quadtree(mesh)
         self.positions = VertexPositions(self.tree)
         self.cells = CellStore(self.tree)
-        self.fits = FitStore(self.tree)
+        self.approximations = ApproximationStore(self.tree)
         self.split_sides = self.tree.add_column(np.int32(0))
-        self.split_nodes, self.beside_split, self.fitted = (NodeQueue(self.tree) for _ in range(3))
+        self.split_nodes, self.beside_split, self.approximated = (NodeQueue(self.tree) for _ in range(3))
         self._least_levels = least_levels
 
     def split(self, nodes: IndexArray) -> None:
@@ -116,14 +116,14 @@ class Plan:
         self.tree.split(nodes)
         self.split_nodes.put(nodes)
 
-    def fit(self, cells: Cells, hanging: BoolArray) -> Fit:
+    def approximate(self, cells: Cells, hanging: BoolArray) -> LeafApproximation:
         """How to draw cells with these sides split, (slots of the cells,)."""
-        return cells.fit(hanging, self.request.transitions, self.request.limit, self.request.axes)
+        return cells.approximate(hanging, self.request.transitions, self.request.limit, self.request.axes)
 
-    def record(self, nodes: IndexArray, fit: Fit) -> None:
+    def record(self, nodes: IndexArray, approximation: LeafApproximation) -> None:
         """Nodes, each once, are drawn like that."""
-        self.fits.put(nodes, fit)
-        self.fitted.put(nodes)
+        self.approximations.put(nodes, approximation)
+        self.approximated.put(nodes)
 
     def has_least_level(self, nodes: IndexArray) -> BoolArray:
         """(nodes,) whether they are on the least level of their face, or below."""
@@ -144,21 +144,21 @@ class Plan:
         np.maximum.at(deepest, self.tree.base_faces, self.tree.levels)
         return deepest
 
-    def expected_leaves(self, unfit: IndexArray) -> int:
+    def expected_leaves(self, unfinished: IndexArray) -> int:
         """About how many leaves there will be, now that these nodes have to be split."""
-        worth = np.maximum(_leaves_of(self.fits.least[unfit] / self.request.limit), 4.0)
-        return int(self.tree.leaf_count - len(unfit) + worth.sum())
+        worth = np.maximum(_leaves_of(self.approximations.least[unfinished] / self.request.limit), 4.0)
+        return int(self.tree.leaf_count - len(unfinished) + worth.sum())
 
-    def refuse_too_many(self, unfit: int, expected: int) -> None:
+    def refuse_too_many(self, unfinished: int, expected: int) -> None:
         """Raise TooManyFacesError if there are too many leaves now that so many have to be split, or if so many as are
         expected are far too many."""
         estimate, most = int(FACES_OF_A_LEAF * expected), self.request.most_faces
-        if self.tree.leaf_count + 3 * unfit > most or estimate > BELIEVED * most:
+        if self.tree.leaf_count + 3 * unfinished > most or estimate > BELIEVED * most:
             raise TooManyFacesError(estimate, self._fitting_limit())
 
     def _fitting_limit(self) -> float:
         """A limit by which about as many faces as allowed would be made; inf where the mesh has too many itself."""
-        least = self.fits.least[: self.tree.mesh.face_count]
+        least = self.approximations.least[: self.tree.mesh.face_count]
         if len(least) > self.request.most_faces:
             return np.inf
         room = max(self.request.most_faces / FACES_OF_A_LEAF, len(least))

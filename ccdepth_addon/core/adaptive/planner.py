@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 
 from ..arrays.types import FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
-from .balance import fit_split_sides, unbalanced
+from .balance import approximate_split_sides, unbalanced
 from .cells.control_faces import cells_of_faces
-from .growth import fit_children, fit_new, grow
+from .growth import approximate_children, approximate_new, grow
 from .leaf_approximation import Cells
-from .neighbour_bounds import fit_along_surface
-from .plan import Mode, Plan, Request
+from .neighbour_bounds import bound_along_surface
+from .plan import AdaptiveRequest, Mode, Plan
 from .subdivided_mesh import SubdividedMesh
-from .tessellation import Outline, draw, outline
+from .tessellation import TessellationPlan, plan_tessellation, tessellate
 from .vertex_positions import VertexPositions
 
 
@@ -40,17 +40,17 @@ class AdaptiveMesh:
     leaf_count: int
 
 
-def count_faces(mesh: PolygonMesh, request: Request) -> Generator[int, None, int]:
+def count_faces(mesh: PolygonMesh, request: AdaptiveRequest) -> Generator[int, None, int]:
     """How many faces the result would have, in steps: yields how many leaves there are so far.
 
     mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``). Raises TooManyFacesError.
     """
-    settled = yield from _settled(mesh, request)
+    settled = yield from _plan_within(mesh, request)
     return len(settled.bounds)
 
 
 def subdivide_adaptively(
-    mesh: PolygonMesh, request: Request, positions: FloatArray
+    mesh: PolygonMesh, request: AdaptiveRequest, positions: FloatArray
 ) -> Generator[int, None, AdaptiveMesh]:
     """The mesh that is drawn within the limit, in steps: yields how many leaves there are so far.
 
@@ -58,10 +58,10 @@ def subdivide_adaptively(
     positions: (V, 3) float64, of the same control mesh in the space that is wanted, with the axes of the request.
     Raises TooManyFacesError.
     """
-    settled = yield from _settled(mesh, request)
-    made = draw(settled.outline, settled.positions.in_space_of(positions, settled.outline.used))
+    settled = yield from _plan_within(mesh, request)
+    made = tessellate(settled.plan, settled.positions.in_space_of(positions, settled.plan.used))
     depths = settled.depths[made.base_faces].astype(np.int32)
-    return AdaptiveMesh(made, settled.bounds, depths, len(settled.outline.leaves))
+    return AdaptiveMesh(made, settled.bounds, depths, len(settled.plan.leaves))
 
 
 @dataclass(frozen=True)
@@ -69,31 +69,31 @@ class _Settled:
     """What is drawn within the limit, and the proved distance of each of its F faces: (F,) float64. depths: (faces of
     the control mesh,) the level of the deepest leaf of each. positions: of the tree's vertices, in the mesh's space."""
 
-    outline: Outline
+    plan: TessellationPlan
     bounds: FloatArray
     depths: NDArray[np.int8]
     positions: VertexPositions
 
 
-def _settled(mesh: PolygonMesh, request: Request) -> Generator[int, None, _Settled]:
+def _plan_within(mesh: PolygonMesh, request: AdaptiveRequest) -> Generator[int, None, _Settled]:
     """Plan until nothing that is drawn clashes."""
     least_levels = np.zeros(mesh.face_count, dtype=np.int8)
     while True:
         plan = Plan(mesh, request, least_levels)
         yield from _settle(plan)
         tree, leaves, depths = plan.tree, plan.leaves(), plan.face_levels()
-        fit, positions = plan.fits.of(leaves), plan.positions
+        approximation, positions = plan.approximations.of(leaves), plan.positions
         # What else is known of the surface takes as much memory as the tree, and has served its turn.
         del plan
-        found = outline(tree, leaves, fit, request.transitions)
+        found = plan_tessellation(tree, leaves, approximation, request.transitions)
         if not len(clashes := found.clashes):
-            return _Settled(found, fit.bounds[found.drawn], depths, positions)
+            return _Settled(found, approximation.bounds[found.drawn], depths, positions)
         np.maximum.at(least_levels, tree.base_faces[clashes], tree.levels[clashes] + np.int8(1))
 
 
 def _settle(plan: Plan) -> Generator[int, None, None]:
     """Find the whole tree: grow it, then split until every leaf fits beside its neighbours."""
-    yield from grow(plan, (yield from fit_new(plan, cells_of_faces(plan.tree.mesh))))
+    yield from grow(plan, (yield from approximate_new(plan, cells_of_faces(plan.tree.mesh))))
     if plan.request.mode is Mode.PER_FACE:
         yield from _level_faces(plan)
     while len(wanted := (yield from _unfinished(plan))):
@@ -105,9 +105,9 @@ def _unfinished(plan: Plan) -> Generator[int, None, IndexArray]:
     the surface."""
     if len(wanted := unbalanced(plan)):
         return wanted
-    if len(wanted := (yield from fit_split_sides(plan))):
+    if len(wanted := (yield from approximate_split_sides(plan))):
         return wanted
-    return _evened(plan, (yield from fit_along_surface(plan)))
+    return _evened(plan, (yield from bound_along_surface(plan)))
 
 
 def _split(plan: Plan, wanted: IndexArray) -> Generator[int, None, None]:
@@ -120,7 +120,7 @@ def _split(plan: Plan, wanted: IndexArray) -> Generator[int, None, None]:
         parents += plan.cells.of(wanted[wanted < known])
         plan.split(wanted)
         wanted = unbalanced(plan)
-    yield from grow(plan, (yield from fit_children(plan, parents)))
+    yield from grow(plan, (yield from approximate_children(plan, parents)))
 
 
 def _level_faces(plan: Plan) -> Generator[int, None, None]:

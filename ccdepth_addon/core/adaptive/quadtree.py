@@ -259,7 +259,7 @@ class Quadtree:
         nodes[corners] = self.mesh.corner_faces[slots[corners]]
         return nodes
 
-    def quarters(self, quads: IndexArray) -> IndexArray:
+    def children_of_quads(self, quads: IndexArray) -> IndexArray:
         """(4, P): the children at each slot of quads (P,) that have been split."""
         return self.first_child[quads] + np.arange(4)[:, None]
 

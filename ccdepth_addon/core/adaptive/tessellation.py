@@ -16,7 +16,7 @@ from ..arrays.chunks import blocks, split
 from ..arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
 from ..mesh.polygon_mesh import compact, renumber
 from ..surface.surface_points import SurfacePoints
-from .leaf_approximation import Fit
+from .leaf_approximation import LeafApproximation
 from .quadtree import NONE, Point, Quadtree
 from .subdivided_mesh import SubdividedMesh
 from .templates import WHOLE, Template, Transitions, templates, triangle_template
@@ -78,7 +78,7 @@ class Edges:
 
 
 @dataclass(frozen=True)
-class Outline:
+class TessellationPlan:
     """The polygons that draw leaves (L,) of a tree, in the order of these, and how they hang together.
 
     blocks: the polygons as they were made, and firsts: (P,) for each block, the first corners of its polygons. starts:
@@ -105,33 +105,38 @@ class Outline:
         return self.leaves[np.unique(self.drawn[clashing])]
 
 
-def outline(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Outline:
+def plan_tessellation(
+    tree: Quadtree, leaves: IndexArray, approximation: LeafApproximation, transitions: Transitions
+) -> TessellationPlan:
     """How leaves (L,) of a tree are drawn as they were fitted.
 
     Vertices and edges of the control mesh that have no faces are kept.
     """
-    polygons = [*_polygons_of_quads(tree, leaves, fit, transitions), *_polygons_of_faces(tree, leaves, transitions)]
+    polygons = [
+        *_polygons_of_quads(tree, leaves, approximation, transitions),
+        *_polygons_of_faces(tree, leaves, transitions),
+    ]
     starts, drawn, firsts = _order(polygons, len(leaves))
     corner_vertices = _at_corners(starts[-1], firsts, (block.vertices(tree, leaves) for block in polygons))
     loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
     used = compact(corner_vertices, len(tree.vertex_edges), loose)
     sides = _at_corners(starts[-1], firsts, (block.sides(tree, leaves) for block in polygons))
     edges = _edges(tree, sides, used, starts, corner_vertices)
-    return Outline(tree, leaves, polygons, firsts, starts, drawn, used, corner_vertices, edges)
+    return TessellationPlan(tree, leaves, polygons, firsts, starts, drawn, used, corner_vertices, edges)
 
 
-def draw(outlined: Outline, positions: FloatArray) -> SubdividedMesh:
+def tessellate(plan: TessellationPlan, positions: FloatArray) -> SubdividedMesh:
     """The mesh of an outline, whose vertices lie at positions (V, 3) float64."""
-    tree, used, edges = outlined.tree, outlined.used, outlined.edges
+    tree, used, edges = plan.tree, plan.used, plan.edges
     return SubdividedMesh(
         find_vertex_points=partial(tree.vertex_points, used),
         positions=positions,
-        face_starts=outlined.starts,
-        corner_vertices=outlined.corner_vertices,
+        face_starts=plan.starts,
+        corner_vertices=plan.corner_vertices,
         corner_edges=edges.of_corners,
         edge_vertices=edges.vertices,
-        find_corner_points=partial(_corner_points, outlined),
-        base_faces=tree.base_faces[outlined.leaves[outlined.drawn]],
+        find_corner_points=partial(_corner_points, plan),
+        base_faces=tree.base_faces[plan.leaves[plan.drawn]],
         base_edges=edges.base_edges,
         base_vertices=_base_vertices(tree, used),
         vertex_edges=tree.vertex_edges[used],
@@ -158,13 +163,17 @@ class Triangles:
     closed: BoolArray
 
 
-def triangles_around(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Triangles:
+def triangles_around(
+    tree: Quadtree, leaves: IndexArray, approximation: LeafApproximation, transitions: Transitions
+) -> Triangles:
     """The triangles that are drawn for some leaves (L,)."""
     at_polygons = np.zeros(len(tree.vertex_edges), dtype=bool)
     triangles, drawn = [np.zeros((0, 3), dtype=np.int32)], [np.zeros(0, dtype=np.intp)]
     others = _polygons_of_faces(tree, leaves, transitions)
     of_faces = ((np.stack([*block.vertices(tree, leaves)], axis=1), block.leaves) for block in others)
-    of_quads = (_as_triangles(tree, leaves, block) for block in _polygons_of_quads(tree, leaves, fit, transitions))
+    of_quads = (
+        _as_triangles(tree, leaves, block) for block in _polygons_of_quads(tree, leaves, approximation, transitions)
+    )
     for vertices, of_leaves in chain(of_faces, of_quads):
         if vertices.shape[1] == 3:
             triangles.append(vertices)
@@ -195,15 +204,21 @@ def _as_triangles(tree: Quadtree, leaves: IndexArray, block: Polygons) -> tuple[
     return vertices[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3), np.repeat(block.leaves, 2)
 
 
-def _polygons_of_quads(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Iterator[Polygons]:
+def _polygons_of_quads(
+    tree: Quadtree, leaves: IndexArray, approximation: LeafApproximation, transitions: Transitions
+) -> Iterator[Polygons]:
     quads = np.flatnonzero(tree.is_quad(leaves))
     # Patterns and turns are below 16 and 4, so every template in use has a number of its own.
-    numbers = (fit.alternatives[quads].astype(np.int16) * 16 + fit.patterns[quads]) * 4 + fit.turns[quads]
+    numbers = (
+        approximation.alternatives[quads].astype(np.int16) * 16 + approximation.patterns[quads]
+    ) * 4 + approximation.turns[quads]
     for number, alike in _groups(numbers):
         pattern, turns = number // 4 % 16, number % 4
         template = templates(pattern)[number // 64]
         for chosen in split(quads[alike], POLYGONS_AT_ONCE):
-            yield from _polygons_of_template(chosen, template, pattern, turns, fit.folded[chosen], transitions)
+            yield from _polygons_of_template(
+                chosen, template, pattern, turns, approximation.folded[chosen], transitions
+            )
 
 
 def _groups(numbers: NDArray[np.int16]) -> Iterator[tuple[int, IndexArray]]:
@@ -294,13 +309,13 @@ def _at_corners(
     return found
 
 
-def _corner_points(outlined: Outline) -> SurfacePoints:
+def _corner_points(plan: TessellationPlan) -> SurfacePoints:
     """(C,) where the corners lie."""
-    count = outlined.starts[-1]
+    count = plan.starts[-1]
     corners, parameters = np.empty(count, dtype=np.intp), np.empty((count, 2))
-    for block, first in zip(outlined.blocks, outlined.firsts, strict=True):
-        nodes = outlined.leaves[block.leaves]
-        for number, points in enumerate(outlined.tree.points_at(nodes, block.points)):
+    for block, first in zip(plan.blocks, plan.firsts, strict=True):
+        nodes = plan.leaves[block.leaves]
+        for number, points in enumerate(plan.tree.points_at(nodes, block.points)):
             corners[first + number] = points.corners
             parameters[first + number] = points.parameters
     return SurfacePoints(corners, parameters)

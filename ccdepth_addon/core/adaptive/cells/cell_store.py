@@ -48,7 +48,7 @@ class CellStore:
         is_wanted[children] = True
         for cells in self._found(np.unique(self._tree.parents[children])):
             assert isinstance(cells, NetCells)
-            yield from cells.children(self._tree, is_wanted[self._tree.quarters(cells.nodes)])
+            yield from cells.children(self._tree, is_wanted[self._tree.children_of_quads(cells.nodes)])
 
     def _found(self, nodes: IndexArray) -> Iterator[Cells]:
         """The cells of these nodes, which are kept, block by block."""

@@ -15,8 +15,8 @@ from ...surface.patches import PatchKind, PatchKinds, classify_patches
 from ...surface.refinement import Refinement
 from ...surface.stencils import LARGEST_STENCIL_VALENCE
 from ..leaf_approximation import Cells, triangle_normals
-from ..leaf_bounds.irregular_bounds import template_misses
-from ..leaf_bounds.triangle_bounds import Misses
+from ..leaf_bounds.irregular_bounds import template_error_bounds
+from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..quadtree import Quadtree
 from ..templates import templates
 from .patch_cells import BicubicCells, ExtraordinaryCells
@@ -51,13 +51,15 @@ class RefinedCells(QuadCells):
     def distances_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> FloatArray:
-        return self._misses(chosen, pattern, alternative, points, limit, None).whole
+        return self._error_bounds(chosen, pattern, alternative, points, limit, None).whole
 
-    def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
+    def error_bounds_of(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
+    ) -> ErrorBounds:
         # What leaves its neighbours no room now may do so when some of its sides are split.
-        return self._misses(chosen, pattern, alternative, points, limit, np.full(len(chosen), np.inf))
+        return self._error_bounds(chosen, pattern, alternative, points, limit, np.full(len(chosen), np.inf))
 
-    def _misses(
+    def _error_bounds(
         self,
         chosen: IndexArray,
         pattern: int,
@@ -65,11 +67,11 @@ class RefinedCells(QuadCells):
         points: FloatArray,
         limit: float,
         room: FloatArray | None,
-    ) -> Misses:
+    ) -> ErrorBounds:
         points = chosen_vectors(points, chosen)
         normals = triangle_normals(points, templates(pattern)[alternative])
         children = self.at(chosen).refinement.refined()
-        return template_misses(children, points, (pattern, alternative), normals, limit, room)
+        return template_error_bounds(children, points, (pattern, alternative), normals, limit, room)
 
 
 def refined_children(tree: Quadtree, nodes: IndexArray, refinement: Refinement) -> Iterator[Cells]:

@@ -21,18 +21,18 @@ from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, patch_coefficients, tensor
 from ...surface.patches import PatchKinds, extraordinary_nets, regular_nets
 from ...surface.stencils import patch_stencils
-from ..leaf_approximation import HOPEFUL, Fit, Samples, triangle_normals
+from ..leaf_approximation import PROMISING, LeafApproximation, Samples, triangle_normals
 from ..leaf_bounds import triangle_bounds
-from ..leaf_bounds.child_bounds import Quarters, corners_of_quarters, quarter_distances
-from ..leaf_bounds.triangle_bounds import Misses
+from ..leaf_bounds.child_bounds import ChildSamples, child_distances, corners_of_children
+from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..quadtree import Quadtree
 from ..templates import TURNS, WHOLE, Transitions, templates
 from .quad_cells import QuadCells, patterns_of
 
 # A closer look takes away nearly all that is not quadratic, and sometimes a little more; at an extraordinary corner it
 # takes away a third at most. So much more than the limit may be found without one for there to be hope.
-HOPEFUL_QUADRATIC = 1.1
-HOPEFUL_EXTRAORDINARY = 1.5
+REFINABLE_QUADRATIC = 1.1
+REFINABLE_EXTRAORDINARY = 1.5
 
 # Where the rest is less than this part of what is quadratic, a closer look is not worth it.
 SMALL_REST = 0.05
@@ -44,8 +44,8 @@ CELLS_AT_ONCE = 1 << 12
 def _child_matrices() -> list[FloatArray]:
     """Four of (16, 16): a bicubic quad's Bernstein coefficients → those of its child at each slot, in its own frame."""
     low, high = HALVES
-    quarters = [np.kron(a, b).reshape(4, 4, 16) for a, b in ((low, low), (high, low), (high, high), (low, high))]
-    return [np.ascontiguousarray(np.rot90(q, -turns).reshape(16, 16)) for turns, q in enumerate(quarters)]
+    children = [np.kron(a, b).reshape(4, 4, 16) for a, b in ((low, low), (high, low), (high, high), (low, high))]
+    return [np.ascontiguousarray(np.rot90(q, -turns).reshape(16, 16)) for turns, q in enumerate(children)]
 
 
 CHILD_MATRICES = _child_matrices()
@@ -98,13 +98,13 @@ class NetCells(QuadCells):
 
 
 @dataclass(frozen=True)
-class Children:
+class ChildApproximations:
     """What a look at P bicubic quads tells of their 4P children, those at slot 0 first. fit: how they are drawn with
     their sides whole, as far as they are seen to be within the limit, or likely to be along the surface. hopeless:
     (4P,) bool, which are seen to be neither. points: (9, P, 3), those of the quads themselves and their centres."""
 
-    fit: Fit
-    hopeless: BoolArray
+    approximation: LeafApproximation
+    out_of_reach: BoolArray
     points: FloatArray
 
 
@@ -130,34 +130,36 @@ class BicubicCells(NetCells):
             start += len(chosen)
         yield BicubicCells(nodes, np.zeros_like(nodes), nets.swapaxes(1, 2))
 
-    def fit_children(self, limit: float, axes: FloatArray) -> Children:
+    def approximate_children(self, limit: float, axes: FloatArray) -> ChildApproximations:
         """What a look at these quads tells of their children."""
-        distances = quarter_distances(self.nets, limit)
+        distances = child_distances(self.nets, limit)
         best = np.where(distances.bounds <= limit, distances.sampled, np.inf).argmin(axis=1)
         bounds = np.take_along_axis(distances.bounds, best[:, None], axis=1)[:, 0]
-        found, hopeless = Fit.none(best.size), np.zeros(best.size, dtype=bool)
+        found, out_of_reach = LeafApproximation.none(best.size), np.zeros(best.size, dtype=bool)
         found.least[:] = distances.sampled.min(axis=1).ravel()
-        fitted = bounds <= limit
-        chosen = np.flatnonzero(fitted)
+        accepted = bounds <= limit
+        chosen = np.flatnonzero(accepted)
         found.take(chosen, best.ravel()[chosen])
         found.bounds[chosen] = bounds.ravel()[chosen]
-        found.fold(chosen, corners_of_quarters(distances.points, fitted), axes)
+        found.fold(chosen, corners_of_children(distances.points, accepted), axes)
         far = distances.far
         chosen, samples = far.at_corners * len(self.nodes) + far.of_quads, Samples.of(far.corners, far.off, WHOLE)
-        hopeless[chosen] = samples.hopes().min(axis=0) > HOPEFUL * limit
-        found.hope(chosen, samples, limit, partial(_well_known_misses, far))
-        hopeful = np.flatnonzero(found.fits[chosen])
-        found.fold(chosen[hopeful], chosen_vectors(far.corners, hopeful), axes)
-        return Children(found, hopeless, distances.points)
+        out_of_reach[chosen] = samples.predicted_bounds().min(axis=0) > PROMISING * limit
+        found.accept_promising(chosen, samples, limit, partial(_sufficient_error_bounds, far))
+        promising = np.flatnonzero(found.accepted[chosen])
+        found.fold(chosen[promising], chosen_vectors(far.corners, promising), axes)
+        return ChildApproximations(found, out_of_reach, distances.points)
 
-    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
+    def approximate(
+        self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray
+    ) -> LeafApproximation:
         # Fewer patterns mean less work.
         turned = self._turned(TURNS[patterns_of(hanging, self.slots)])
-        return super(BicubicCells, turned).fit(hanging, transitions, limit, axes)
+        return super(BicubicCells, turned).approximate(hanging, transitions, limit, axes)
 
-    def misses(self, fit: Fit, limit: float) -> Misses:
-        turned = self._turned((fit.turns - self.slots) % 4)
-        return super(BicubicCells, turned).misses(fit, limit)
+    def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
+        turned = self._turned((approximation.turns - self.slots) % 4)
+        return super(BicubicCells, turned).error_bounds(approximation, limit)
 
     def _turned(self, turns: NDArray[np.int8] | IndexArray) -> BicubicCells:
         """Counted from other slots, (P,) turns further on."""
@@ -176,36 +178,38 @@ class BicubicCells(NetCells):
         rows = triangle_bounds.quadratic_rows(pattern, alternative)
         quadratic, rest = triangle_bounds.quadratic_distances(rows, self.nets, chosen)
         distances = quadratic + rest
-        doubtful = np.flatnonzero((distances > limit) & (quadratic <= HOPEFUL_QUADRATIC * limit))
+        doubtful = np.flatnonzero((distances > limit) & (quadratic <= REFINABLE_QUADRATIC * limit))
         if len(doubtful):
-            closer = triangle_bounds.regular_rows(pattern, alternative)
-            distances[doubtful] = triangle_bounds.regular_distances(closer, self.nets, chosen[doubtful])
+            closer = triangle_bounds.bicubic_rows(pattern, alternative)
+            distances[doubtful] = triangle_bounds.bicubic_distances(closer, self.nets, chosen[doubtful])
         return distances
 
     def _to_points(self) -> FloatArray:
-        return triangle_bounds.regular_points()
+        return triangle_bounds.bicubic_points()
 
-    def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
+    def error_bounds_of(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
+    ) -> ErrorBounds:
         """Looked at twice where what is not quadratic counts."""
         nets = chosen_vectors(self.nets, chosen)
         normals = triangle_normals(chosen_vectors(points, chosen), templates(pattern)[alternative])
-        quadratic, rest = triangle_bounds.quadratic_misses(
+        quadratic, rest = triangle_bounds.quadratic_error_bounds(
             triangle_bounds.quadratic_rows(pattern, alternative), nets, normals
         )
-        misses, doubtful = quadratic + rest, np.flatnonzero(rest.normal > SMALL_REST * quadratic.normal)
+        error_bounds, doubtful = quadratic + rest, np.flatnonzero(rest.normal > SMALL_REST * quadratic.normal)
         if len(doubtful):
-            rows = triangle_bounds.regular_rows(pattern, alternative)
+            rows = triangle_bounds.bicubic_rows(pattern, alternative)
             nets, normals = chosen_vectors(nets, doubtful), chosen_vectors(normals, doubtful)
-            misses.put(doubtful, triangle_bounds.regular_misses(rows, nets, normals))
-        return misses
+            error_bounds.put(doubtful, triangle_bounds.bicubic_error_bounds(rows, nets, normals))
+        return error_bounds
 
 
-def _well_known_misses(quarters: Quarters, chosen: IndexArray, diagonal: int) -> Misses:
+def _sufficient_error_bounds(children: ChildSamples, chosen: IndexArray, diagonal: int) -> ErrorBounds:
     """Those of some quarters, inf where a closer look may make a difference."""
-    quadratic, rest = quarters.misses(chosen, diagonal)
-    misses = quadratic + rest
-    misses.normal[rest.normal > SMALL_REST * quadratic.normal] = np.inf
-    return misses
+    quadratic, rest = children.error_bounds(chosen, diagonal)
+    error_bounds = quadratic + rest
+    error_bounds.normal[rest.normal > SMALL_REST * quadratic.normal] = np.inf
+    return error_bounds
 
 
 class ExtraordinaryCells(NetCells):
@@ -240,19 +244,23 @@ class ExtraordinaryCells(NetCells):
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> FloatArray:
         """Looked at twice where that decides."""
-        distances = self._misses(chosen, pattern, alternative, points, fine=False).whole
-        doubtful = np.flatnonzero((distances > limit) & (distances <= HOPEFUL_EXTRAORDINARY * limit))
+        distances = self._error_bounds(chosen, pattern, alternative, points, fine=False).whole
+        doubtful = np.flatnonzero((distances > limit) & (distances <= REFINABLE_EXTRAORDINARY * limit))
         if len(doubtful):
-            distances[doubtful] = self._misses(chosen[doubtful], pattern, alternative, points, fine=True).whole
+            distances[doubtful] = self._error_bounds(chosen[doubtful], pattern, alternative, points, fine=True).whole
         return distances
 
-    def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
-        return self._misses(chosen, pattern, alternative, points, fine=True)
+    def error_bounds_of(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
+    ) -> ErrorBounds:
+        return self._error_bounds(chosen, pattern, alternative, points, fine=True)
 
     def _to_points(self) -> FloatArray:
         return triangle_bounds.extraordinary_points(self.valence)
 
-    def _misses(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, *, fine: bool) -> Misses:
+    def _error_bounds(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, *, fine: bool
+    ) -> ErrorBounds:
         rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=fine)
         normals = triangle_normals(chosen_vectors(points, chosen), templates(pattern)[alternative])
-        return triangle_bounds.extraordinary_misses(rows, chosen_vectors(self.nets, chosen), normals)
+        return triangle_bounds.extraordinary_error_bounds(rows, chosen_vectors(self.nets, chosen), normals)

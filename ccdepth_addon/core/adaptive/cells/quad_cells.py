@@ -15,9 +15,17 @@ from numpy.typing import NDArray
 
 from ...arrays.coordinates import chosen_vectors
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ..leaf_approximation import HOPEFUL, Cells, Fit, Samples, in_turn, off_sides_and_diagonals, sampled_distances
+from ..leaf_approximation import (
+    PROMISING,
+    Cells,
+    LeafApproximation,
+    Samples,
+    in_turn,
+    off_sides_and_diagonals,
+    sampled_distances,
+)
 from ..leaf_bounds.polygon_bounds import thickness_of_quads
-from ..leaf_bounds.triangle_bounds import Misses
+from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..quadtree import Quadtree
 from ..templates import ALL_SPLIT, WHOLE, Transitions
 
@@ -53,25 +61,29 @@ class QuadCells(ABC):
         the limit. points: those of all."""
 
     @abstractmethod
-    def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
+    def error_bounds_of(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
+    ) -> ErrorBounds:
         """How far they are off along the normals and across, as well as it takes to bound by the neighbours what is
         within the limit along the normals."""
 
-    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
+    def approximate(
+        self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray
+    ) -> LeafApproximation:
         """As in ``Cells``."""
         patterns = patterns_of(hanging, self.turns())
-        found = Fit.none(len(self.nodes))
+        found = LeafApproximation.none(len(self.nodes))
         found.turns[:] = self.turns()
         found.patterns[:] = patterns
         for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
             chosen = np.flatnonzero(patterns == pattern)
             part = self if len(chosen) == len(self.nodes) else self.at(chosen)
-            part._fit_pattern(found, chosen, pattern, transitions, limit, axes)
+            part._approximate_pattern(found, chosen, pattern, transitions, limit, axes)
         return found
 
-    def _fit_pattern(
+    def _approximate_pattern(
         self,
-        found: Fit,
+        found: LeafApproximation,
         chosen: IndexArray,
         pattern: int,
         transitions: Transitions,
@@ -95,31 +107,33 @@ class QuadCells(ABC):
                 within = reached <= limit
                 found.take(chosen[tried[within]], alternative)
                 found.bounds[chosen[tried[within]]] = reached[within]
-        left = np.flatnonzero(~found.fits[chosen])
+        left = np.flatnonzero(~found.accepted[chosen])
         if len(left) and not as_polygons:
-            self.at(left)._hope(found, chosen[left], pattern, chosen_vectors(points, left), limit)
+            self.at(left)._approximate_along_surface(found, chosen[left], pattern, chosen_vectors(points, left), limit)
         if pattern == WHOLE:
-            fitted = np.flatnonzero(found.fits[chosen])
-            found.fold(chosen[fitted], chosen_vectors(points[:4], fitted), axes)
+            accepted = np.flatnonzero(found.accepted[chosen])
+            found.fold(chosen[accepted], chosen_vectors(points[:4], accepted), axes)
 
-    def _hope(self, found: Fit, chosen: IndexArray, pattern: int, points: FloatArray, limit: float) -> None:
+    def _approximate_along_surface(
+        self, found: LeafApproximation, chosen: IndexArray, pattern: int, points: FloatArray, limit: float
+    ) -> None:
         """Where none is within the limit at equal parameters, take one that is likely to be along the surface."""
         samples = Samples.of(points, off_sides_and_diagonals(points), pattern)
-        found.hope(
+        found.accept_promising(
             chosen,
             samples,
             limit,
-            lambda tried, alternative: self.misses_of(tried, pattern, alternative, points, HOPEFUL * limit),
+            lambda tried, alternative: self.error_bounds_of(tried, pattern, alternative, points, PROMISING * limit),
         )
 
-    def misses(self, fit: Fit, limit: float) -> Misses:
+    def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """As in ``Cells``."""
-        found, points = Misses(*(np.empty(len(self.nodes)) for _ in range(3))), self.points()
+        found, points = ErrorBounds(*(np.empty(len(self.nodes)) for _ in range(3))), self.points()
         # Patterns are below 16, so every template has a number of its own.
-        numbers = fit.alternatives.astype(np.int16) * 16 + fit.patterns
+        numbers = approximation.alternatives.astype(np.int16) * 16 + approximation.patterns
         for number in np.unique(numbers).tolist():
             chosen, pattern, alternative = np.flatnonzero(numbers == number), number % 16, number // 16
-            found.put(chosen, self.misses_of(chosen, pattern, alternative, points, limit))
+            found.put(chosen, self.error_bounds_of(chosen, pattern, alternative, points, limit))
         return found
 
 

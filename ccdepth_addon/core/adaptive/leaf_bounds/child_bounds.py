@@ -20,17 +20,25 @@ from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...bounds.norms import squared_norms
 from ..leaf_approximation import triangle_normals
 from ..templates import PLAIN, Triangle
-from .triangle_bounds import WHOLE_QUAD, Misses, bicubic_basis, off_quadratic, regular_points, rest_misses, to_monomials
+from .triangle_bounds import (
+    WHOLE_QUAD,
+    ErrorBounds,
+    bicubic_basis,
+    bicubic_points,
+    off_quadratic,
+    rest_error_bounds,
+    to_monomials,
+)
 
 # What is made on the way of so many quads stays in the processor's cache.
 QUADS_AT_ONCE = 1 << 9
 
 # The points of a quad, its centre the last, at the corners of the quarter at each of its own, from that one on.
-CORNERS_OF_QUARTERS = [[corner, 4 + corner, 8, 4 + (corner + 3) % 4] for corner in range(4)]
+CORNERS_OF_CHILDREN = [[corner, 4 + corner, 8, 4 + (corner + 3) % 4] for corner in range(4)]
 
 
 @dataclass(frozen=True)
-class QuarterDistances:
+class ChildDistances:
     """‖S - T‖ over the quarters of P quads, those at each corner, for each of the two diagonals, (4, 2, P) each.
 
     sampled: at the middles of the triangles' sides, so really there. bounds: at most. points: (9, P, 3), those of the
@@ -40,11 +48,11 @@ class QuarterDistances:
     sampled: FloatArray
     bounds: FloatArray
     points: FloatArray
-    far: Quarters
+    far: ChildSamples
 
 
 @dataclass(frozen=True)
-class Quarters:
+class ChildSamples:
     """n quarters of quads, and S - T over them.
 
     at_corners, of_quads: (n,) each, at which corner of which quad. corners: (4, n, 3), their own. off: (6, n, 3), S - T
@@ -60,9 +68,9 @@ class Quarters:
     monomials: FloatArray
 
     @staticmethod
-    def joined(parts: Sequence[Quarters]) -> Quarters:
+    def joined(parts: Sequence[ChildSamples]) -> ChildSamples:
         """All of them, block after block."""
-        return Quarters(
+        return ChildSamples(
             np.concatenate([part.at_corners for part in parts]),
             np.concatenate([part.of_quads for part in parts]),
             np.concatenate([part.corners for part in parts], axis=-2),
@@ -71,7 +79,7 @@ class Quarters:
             np.concatenate([part.monomials for part in parts], axis=-2),
         )
 
-    def misses(self, chosen: IndexArray, diagonal: int) -> tuple[Misses, Misses]:
+    def error_bounds(self, chosen: IndexArray, diagonal: int) -> tuple[ErrorBounds, ErrorBounds]:
         """How far some are off along the triangles' normals and across, as the sum of two, split along a diagonal: what
         the quadratic parts miss, and the rest."""
         normals = triangle_normals(chosen_vectors(self.corners, chosen), PLAIN[diagonal])
@@ -79,12 +87,12 @@ class Quarters:
         vectors = [chosen_vectors(self.off[sides], chosen), chosen_vectors(self.sums[diagonal], chosen)]
         # Three and one for each triangle.
         order = [0, 1, 2, 6, 3, 4, 5, 7]
-        quadratic = Misses.of(np.concatenate(vectors)[order], np.repeat([0, 1], 4), normals)
+        quadratic = ErrorBounds.of(np.concatenate(vectors)[order], np.repeat([0, 1], 4), normals)
         weights = _weights()[2 * self.at_corners[chosen] + diagonal].T
-        return quadratic, rest_misses(chosen_vectors(self.monomials, chosen), weights, normals)
+        return quadratic, rest_error_bounds(chosen_vectors(self.monomials, chosen), weights, normals)
 
 
-def quarter_distances(coefficients: FloatArray, limit: float) -> QuarterDistances:
+def child_distances(coefficients: FloatArray, limit: float) -> ChildDistances:
     """Of quads with Bernstein coefficients (16, P, 3), [i, j] → 4i + j, u along i."""
     count = coefficients.shape[1]
     sampled, bounds, points = np.empty((4, 2, count)), np.empty((4, 2, count)), np.empty((9, 3, count)).swapaxes(1, 2)
@@ -98,23 +106,23 @@ def quarter_distances(coefficients: FloatArray, limit: float) -> QuarterDistance
         np.sqrt(largest, out=sampled[..., block])
         np.add(np.sqrt(quadratic), rests, out=bounds[..., block])
         points[:, block] = vectors[50:]
-        far.append(_quarters(vectors, sampled[..., block].min(axis=1) > limit, block.start))
-    return QuarterDistances(sampled, bounds, points, Quarters.joined(far))
+        far.append(_child_samples(vectors, sampled[..., block].min(axis=1) > limit, block.start))
+    return ChildDistances(sampled, bounds, points, ChildSamples.joined(far))
 
 
-def _quarters(vectors: FloatArray, wanted: BoolArray, first: int) -> Quarters:
+def _child_samples(vectors: FloatArray, wanted: BoolArray, first: int) -> ChildSamples:
     """Some quarters, (4, P) bool, of quads with so many others before them; vectors: (59, P, 3), of ``_rows``."""
     parts = (vectors[:16].reshape(4, 4, -1, 3), vectors[16:24].reshape(4, 2, -1, 3))
     off = np.concatenate([_of_each(part, wanted) for part in parts])
     sums = _of_each(vectors[24:40].reshape(4, 2, 2, -1, 3), wanted)
     at_corners, of_quads = np.nonzero(wanted)
     monomials = chosen_vectors(vectors[40:50], of_quads)
-    return Quarters(at_corners, of_quads + first, corners_of_quarters(vectors[50:], wanted), off, sums, monomials)
+    return ChildSamples(at_corners, of_quads + first, corners_of_children(vectors[50:], wanted), off, sums, monomials)
 
 
-def corners_of_quarters(points: FloatArray, wanted: BoolArray) -> FloatArray:
+def corners_of_children(points: FloatArray, wanted: BoolArray) -> FloatArray:
     """(4, n, 3): the corners of some quarters, (4, P) bool, of quads with points (9, P, 3), those at corner 0 first."""
-    return _of_each((points[four] for four in CORNERS_OF_QUARTERS), wanted)
+    return _of_each((points[four] for four in CORNERS_OF_CHILDREN), wanted)
 
 
 def _of_each(vectors: Iterable[FloatArray], wanted: BoolArray) -> FloatArray:
@@ -135,7 +143,7 @@ def _rows() -> FloatArray:
     for number, template in enumerate(PLAIN):
         for place, triangle in enumerate(template):
             sums[:, number, place] = (sides[:, _sides(triangle)].sum(axis=1) + diagonals[:, number]) / 2
-    rows = (sides, diagonals, sums, to_monomials(), regular_points())
+    rows = (sides, diagonals, sums, to_monomials(), bicubic_points())
     return np.concatenate([part.reshape(-1, 16) for part in rows])
 
 

@@ -25,7 +25,7 @@ from ...surface.bicubic import bilinear_coefficients, patch_coefficients
 from ...surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from ...surface.refinement import Refinement
 from ..templates import QUAD_POINTS, templates
-from .triangle_bounds import QUARTER_TURN, Misses, barycentric, template_rows
+from .triangle_bounds import QUARTER_TURN, ErrorBounds, barycentric, template_rows
 
 # By then what is left of a quad around an irregular vertex is small against the quad.
 REFINEMENTS = 8
@@ -73,47 +73,47 @@ class Squares:
 
 
 # What is missed over squares with Bernstein coefficients (16, N, 3), (N,) each.
-Comparison = Callable[[FloatArray, Squares], Misses]
+Comparison = Callable[[FloatArray, Squares], ErrorBounds]
 
 
-def template_misses(
+def template_error_bounds(
     children: Refinement,
     points: FloatArray,
     key: tuple[int, int],
     normals: FloatArray,
     limit: float,
     room: FloatArray | None = None,
-) -> Misses:
+) -> ErrorBounds:
     """(P,): ‖S - T‖ at most, for P quads and the triangles of a template.
 
     children: of all the quads, whose bases these are. points: (8 or more, P, 3), as in ``templates.QUAD_POINTS``; key:
     pattern and alternative; normals: (T, P, 3), of the triangles. For limit and room see ``_refined_misses``.
     """
 
-    def compare(coefficients: FloatArray, squares: Squares) -> Misses:
+    def compare(coefficients: FloatArray, squares: Squares) -> ErrorBounds:
         return _off_template(coefficients, squares, points, key, normals)
 
-    return _refined_misses(children, Squares.whole(points.shape[1]).children(), compare, limit, room)
+    return _refined_error_bounds(children, Squares.whole(points.shape[1]).children(), compare, limit, room)
 
 
-def fan_misses(
+def fan_error_bounds(
     quarters: Refinement, facets: FloatArray, normals: FloatArray, limit: float, room: FloatArray | None = None
-) -> Misses:
+) -> ErrorBounds:
     """(C,): ‖S - F‖ at most, for the quarters of some faces and bilinear facets over their corners (4, C, 3).
 
     quarters: the children of the faces. normals: (T, C, 3), those of all triangles that are drawn there. For limit and
     room see ``_refined_misses``.
     """
 
-    def compare(coefficients: FloatArray, squares: Squares) -> Misses:
+    def compare(coefficients: FloatArray, squares: Squares) -> ErrorBounds:
         return _off_facets(coefficients, squares, facets, normals)
 
-    return _refined_misses(quarters, Squares.whole(facets.shape[1]), compare, limit, room)
+    return _refined_error_bounds(quarters, Squares.whole(facets.shape[1]), compare, limit, room)
 
 
-def _refined_misses(
+def _refined_error_bounds(
     refinement: Refinement, squares: Squares, compare: Comparison, limit: float, room: FloatArray | None
-) -> Misses:
+) -> ErrorBounds:
     """What is missed of the surface over quads of which the refinement's descendants are squares.
 
     They are looked at as closely as it takes to see whether they are within the limit; or, with room (quads,), as it
@@ -121,7 +121,7 @@ def _refined_misses(
     the normals then, or takes more than its room along and across together, but that it may be.
     """
     count = int(squares.bases.max(initial=-1)) + 1
-    found = Misses(*(np.zeros(count) for _ in range(3)))
+    found = ErrorBounds(*(np.zeros(count) for _ in range(3)))
     for step in range(REFINEMENTS):
         kinds = classify_patches(refinement.mesh).kinds[: len(refinement.bases)]
         regular, rest = np.flatnonzero(kinds == PatchKind.REGULAR), np.flatnonzero(kinds != PatchKind.REGULAR)
@@ -132,7 +132,7 @@ def _refined_misses(
         refinement, squares = refinement.keep(kinds != PatchKind.REGULAR), squares.at(rest)
         near = _facet_distances(refinement, classify_patches(refinement.mesh))
         left = compare(bilinear_coefficients(refinement.control_facets()).reshape(16, -1, 3), squares)
-        reached = left + Misses(near, near, near)
+        reached = left + ErrorBounds(near, near, near)
         if room is None:
             beyond, seen_beyond, enough = found.whole > limit, left.whole - near > limit, reached.whole <= limit
         else:
@@ -164,16 +164,16 @@ def _facet_distances(refinement: Refinement, patches: PatchKinds) -> FloatArray:
     return bounds
 
 
-def _raise(found: Misses, squares: Squares, misses: Misses) -> None:
+def _raise(found: ErrorBounds, squares: Squares, error_bounds: ErrorBounds) -> None:
     """Of each quad, the most of its squares."""
-    np.maximum.at(found.whole, squares.bases, misses.whole)
-    np.maximum.at(found.normal, squares.bases, misses.normal)
-    np.maximum.at(found.tangential, squares.bases, misses.tangential)
+    np.maximum.at(found.whole, squares.bases, error_bounds.whole)
+    np.maximum.at(found.normal, squares.bases, error_bounds.normal)
+    np.maximum.at(found.tangential, squares.bases, error_bounds.tangential)
 
 
-def _off_facets(coefficients: FloatArray, squares: Squares, facets: FloatArray, normals: FloatArray) -> Misses:
+def _off_facets(coefficients: FloatArray, squares: Squares, facets: FloatArray, normals: FloatArray) -> ErrorBounds:
     """(N,): how far squares with Bernstein coefficients (16, N, 3) are off the facets (4, C, 3)."""
-    found = Misses(*(np.zeros(len(squares.bases)) for _ in range(3)))
+    found = ErrorBounds(*(np.zeros(len(squares.bases)) for _ in range(3)))
     u, v = squares.corners().transpose(2, 0, 1)
     weights = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v])
     over = np.einsum("kcn,kni->cni", weights, facets[:, squares.bases])
@@ -185,10 +185,10 @@ def _off_facets(coefficients: FloatArray, squares: Squares, facets: FloatArray, 
 
 def _off_template(
     coefficients: FloatArray, squares: Squares, points: FloatArray, key: tuple[int, int], normals: FloatArray
-) -> Misses:
+) -> ErrorBounds:
     """(N,): what the triangles miss over squares with Bernstein coefficients (16, N, 3)."""
     pattern, alternative = key
-    found = Misses(*(np.zeros(len(squares.bases)) for _ in range(3)))
+    found = ErrorBounds(*(np.zeros(len(squares.bases)) for _ in range(3)))
     corners = squares.corners()
     for number, triangle in enumerate(templates(pattern)[alternative]):
         places = QUAD_POINTS[list(triangle)]
@@ -213,7 +213,7 @@ def _off_template(
     return found
 
 
-def _raise_at(found: Misses, chosen: IndexArray, vectors: FloatArray, normals: FloatArray) -> None:
+def _raise_at(found: ErrorBounds, chosen: IndexArray, vectors: FloatArray, normals: FloatArray) -> None:
     """Put in vectors (R, n, 3) of some squares, over triangles with unit normals (n, 3)."""
     squares = squared_norms(vectors)
     along = np.einsum("rni,ni->rn", vectors, normals) ** 2

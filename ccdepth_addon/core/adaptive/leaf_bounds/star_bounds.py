@@ -42,7 +42,7 @@ TRIANGLES_AT_ONCE = 1 << 12
 
 # At degenerate triangles, and where normals cancel, there is nothing to divide by.
 @np.errstate(divide="ignore", invalid="ignore")
-def graph_bounds(
+def star_bounds(
     positions: FloatArray,
     triangles: IndexArray | ShortIndexArray,
     normal: FloatArray,

@@ -253,7 +253,7 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Misses:
+class ErrorBounds:
     """How far P quads are from the surface, (P,) float64 each: in all, along the normals of their triangles, and across
     these."""
 
@@ -262,7 +262,7 @@ class Misses:
     tangential: FloatArray
 
     @staticmethod
-    def of(vectors: FloatArray, triangles: IndexArray, normals: FloatArray) -> Misses:
+    def of(vectors: FloatArray, triangles: IndexArray, normals: FloatArray) -> ErrorBounds:
         """Of vectors (R, P, 3) that belong to triangles, in ascending order, with unit normals (T, P, 3)."""
         largest = np.zeros((3, vectors.shape[1]))
         starts = np.searchsorted(triangles, np.arange(len(normals) + 1)).tolist()
@@ -273,31 +273,31 @@ class Misses:
             along, squares = squared_dots(own, normals[triangle]), squared_norms(own)
             for most, values in zip(largest, (squares, along, squares - along), strict=True):
                 np.maximum(most, values.max(axis=0), out=most)
-        return Misses(*np.sqrt(largest))
+        return ErrorBounds(*np.sqrt(largest))
 
     @staticmethod
-    def joined(parts: list[Misses]) -> Misses:
+    def joined(parts: list[ErrorBounds]) -> ErrorBounds:
         """Those of all quads, block after block."""
-        return Misses(
+        return ErrorBounds(
             np.concatenate([part.whole for part in parts]),
             np.concatenate([part.normal for part in parts]),
             np.concatenate([part.tangential for part in parts]),
         )
 
-    def __add__(self, other: Misses) -> Misses:
-        return Misses(self.whole + other.whole, self.normal + other.normal, self.tangential + other.tangential)
+    def __add__(self, other: ErrorBounds) -> ErrorBounds:
+        return ErrorBounds(self.whole + other.whole, self.normal + other.normal, self.tangential + other.tangential)
 
-    def at(self, chosen: IndexArray) -> Misses:
+    def at(self, chosen: IndexArray) -> ErrorBounds:
         """Some of them, by index."""
-        return Misses(self.whole[chosen], self.normal[chosen], self.tangential[chosen])
+        return ErrorBounds(self.whole[chosen], self.normal[chosen], self.tangential[chosen])
 
-    def put(self, chosen: IndexArray, other: Misses) -> None:
+    def put(self, chosen: IndexArray, other: ErrorBounds) -> None:
         """Replace some of them."""
         self.whole[chosen], self.normal[chosen], self.tangential[chosen] = other.whole, other.normal, other.tangential
 
-    def or_more(self, other: Misses) -> Misses:
+    def or_more(self, other: ErrorBounds) -> ErrorBounds:
         """The larger of both."""
-        return Misses(
+        return ErrorBounds(
             np.maximum(self.whole, other.whole),
             np.maximum(self.normal, other.normal),
             np.maximum(self.tangential, other.tangential),
@@ -307,8 +307,8 @@ class Misses:
         """In all, along the normals, and across."""
         return self.whole, self.normal, self.tangential
 
-    def times(self, factor: float) -> Misses:
-        return Misses(factor * self.whole, factor * self.normal, factor * self.tangential)
+    def times(self, factor: float) -> ErrorBounds:
+        return ErrorBounds(factor * self.whole, factor * self.normal, factor * self.tangential)
 
 
 def _clipped(triangle: FloatArray, square: Square) -> list[FloatArray]:
@@ -381,9 +381,9 @@ def _rows_over(part: FloatArray, square: Square, number: int, triangle: Triangle
 
 
 @lru_cache(maxsize=256)
-def regular_rows(pattern: int, alternative: int) -> Rows:
+def bicubic_rows(pattern: int, alternative: int) -> Rows:
     """S - T over a bicubic quad with Bernstein coefficients [i, j] → 4i + j, u along i, by the triangles' quarters."""
-    return Rows.joined([template_rows(pattern, alternative, 1, fine=True).of(np.eye(16), regular_points())])
+    return Rows.joined([template_rows(pattern, alternative, 1, fine=True).of(np.eye(16), bicubic_points())])
 
 
 @dataclass(frozen=True)
@@ -460,49 +460,53 @@ def extraordinary_points(valence: int) -> FloatArray:
 
 
 @cache
-def regular_points() -> FloatArray:
+def bicubic_points() -> FloatArray:
     """(9, 16): the points of a quad and its centre from its Bernstein coefficients."""
     return bicubic_basis(np.concatenate([QUAD_POINTS, [[0.5, 0.5]]]))
 
 
-def regular_misses(rows: Rows, coefficients: FloatArray, normals: FloatArray) -> Misses:
+def bicubic_error_bounds(rows: Rows, coefficients: FloatArray, normals: FloatArray) -> ErrorBounds:
     """‖S - T‖ at most, for Bernstein coefficients (16, P, 3) and the triangles' normals (T, P, 3)."""
-    return Misses.joined(
+    return ErrorBounds.joined(
         [
-            Misses.of(applied(rows.matrix, coefficients[:, block]), rows.triangles, normals[:, block])
-            for block in blocks(coefficients.shape[1], at_once(len(rows.matrix)))
+            ErrorBounds.of(applied(rows.matrix, coefficients[:, block]), rows.triangles, normals[:, block])
+            for block in blocks(coefficients.shape[1], quads_at_once(len(rows.matrix)))
         ]
     )
 
 
-def regular_distances(rows: Rows, coefficients: FloatArray, chosen: IndexArray) -> FloatArray:
+def bicubic_distances(rows: Rows, coefficients: FloatArray, chosen: IndexArray) -> FloatArray:
     """(n,): the same in all, for chosen ones of Bernstein coefficients (16, P, 3)."""
     found = np.empty(len(chosen))
-    for block in blocks(len(chosen), at_once(len(rows.matrix))):
+    for block in blocks(len(chosen), quads_at_once(len(rows.matrix))):
         found[block] = _longest(applied(rows.matrix, chosen_vectors(coefficients, chosen[block])))
     return found
 
 
-def quadratic_misses(rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray) -> tuple[Misses, Misses]:
+def quadratic_error_bounds(
+    rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray
+) -> tuple[ErrorBounds, ErrorBounds]:
     """‖S - T‖ at most, as the sum of two: what the quadratic parts miss, and the rest. As for ``regular_misses``."""
     found = [
-        _quadratic_misses(rows, coefficients[:, block], normals[:, block])
-        for block in blocks(coefficients.shape[1], at_once(len(rows.matrix)))
+        _quadratic_error_bounds(rows, coefficients[:, block], normals[:, block])
+        for block in blocks(coefficients.shape[1], quads_at_once(len(rows.matrix)))
     ]
-    return Misses.joined([quadratic for quadratic, _ in found]), Misses.joined([rest for _, rest in found])
+    return ErrorBounds.joined([quadratic for quadratic, _ in found]), ErrorBounds.joined([rest for _, rest in found])
 
 
-def _quadratic_misses(rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray) -> tuple[Misses, Misses]:
+def _quadratic_error_bounds(
+    rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray
+) -> tuple[ErrorBounds, ErrorBounds]:
     vectors = applied(rows.matrix, coefficients)
-    quadratic = Misses.of(vectors[: len(rows.triangles)], rows.triangles, normals)
-    return quadratic, rest_misses(vectors[len(rows.triangles) :], rows.weights, normals)
+    quadratic = ErrorBounds.of(vectors[: len(rows.triangles)], rows.triangles, normals)
+    return quadratic, rest_error_bounds(vectors[len(rows.triangles) :], rows.weights, normals)
 
 
-def rest_misses(monomials: FloatArray, weights: FloatArray, normals: FloatArray) -> Misses:
+def rest_error_bounds(monomials: FloatArray, weights: FloatArray, normals: FloatArray) -> ErrorBounds:
     """What coefficients (10, P, 3) of monomials, with weights (10, P) or (10, 1) for how far these are off their
     quadratic parts, add for triangles with unit normals (T, P, 3)."""
     squares = squared_norms(monomials)
-    rest = Misses(_weighted(weights, squares), *np.zeros((2, len(normals[0]))))
+    rest = ErrorBounds(_weighted(weights, squares), *np.zeros((2, len(normals[0]))))
     for normal in normals:
         along = squared_dots(monomials, normal)
         np.maximum(rest.normal, _weighted(weights, along), out=rest.normal)
@@ -522,7 +526,7 @@ def quadratic_distances(
 ) -> tuple[FloatArray, FloatArray]:
     """(n,) twice: the same in all, for chosen ones of Bernstein coefficients (16, P, 3)."""
     quadratic, rest = np.empty((2, len(chosen)))
-    for block in blocks(len(chosen), at_once(len(rows.matrix))):
+    for block in blocks(len(chosen), quads_at_once(len(rows.matrix))):
         vectors = applied(rows.matrix, chosen_vectors(coefficients, chosen[block]))
         rest[block] = _weighted(rows.weights, squared_norms(vectors[len(rows.triangles) :]))
         quadratic[block] = _longest(vectors[: len(rows.triangles)])
@@ -538,30 +542,30 @@ def _longest(vectors: FloatArray) -> FloatArray:
     return np.sqrt(squares.max(axis=0))
 
 
-def extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> Misses:
+def extraordinary_error_bounds(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> ErrorBounds:
     """‖S - T‖ at most, for nets (2n + 8, P, 3) and the triangles' normals (T, P, 3)."""
-    return Misses.joined(
+    return ErrorBounds.joined(
         [
-            _extraordinary_misses(rows, nets[:, block], normals[:, block])
-            for block in blocks(nets.shape[1], at_once(len(rows.pieces.matrix)))
+            _extraordinary_error_bounds(rows, nets[:, block], normals[:, block])
+            for block in blocks(nets.shape[1], quads_at_once(len(rows.pieces.matrix)))
         ]
     )
 
 
-def _extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> Misses:
+def _extraordinary_error_bounds(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> ErrorBounds:
     """At the vertex S - B is within a factor of the second differences; so is each component of it within theirs."""
     valence = (len(nets) - 8) // 2
-    pieces = Misses.of(applied(rows.pieces.matrix, nets), rows.pieces.triangles, normals)
+    pieces = ErrorBounds.of(applied(rows.pieces.matrix, nets), rows.pieces.triangles, normals)
     differences = applied(rows.differences, nets)
-    left = Misses.of(applied(rows.last.matrix, nets), rows.last.triangles, normals)
-    at_vertex = Misses(*(np.zeros(nets.shape[1]) for _ in range(3)))
+    left = ErrorBounds.of(applied(rows.last.matrix, nets), rows.last.triangles, normals)
+    at_vertex = ErrorBounds(*(np.zeros(nets.shape[1]) for _ in range(3)))
     for triangle in np.unique(rows.last.triangles).tolist():
         own = np.full(len(differences), triangle)
-        found = Misses.of(differences, own, normals)
+        found = ErrorBounds.of(differences, own, normals)
         at_vertex = at_vertex.or_more(found.times(certified_limit_factor(valence)))
     return pieces.or_more(left + at_vertex)
 
 
-def at_once(rows: int) -> int:
+def quads_at_once(rows: int) -> int:
     """How many quads have so many coefficients that these stay in the processor's cache."""
     return max(FEWEST_AT_ONCE, VALUES_AT_ONCE // (3 * rows))
