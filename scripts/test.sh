@@ -7,4 +7,4 @@ source "$here/environment.sh"
 prepare_environment -r "$here/../tests/requirements.txt"
 cd "$here/.."
 # The bpy module can hang when the interpreter winds up.
-timeout --kill-after 30 1200 "$python" -m pytest -n auto --maxprocesses 4 --dist worksteal "$@"
+timeout --kill-after 30 2700 "$python" -m pytest -n auto --maxprocesses 4 --dist worksteal "$@"
