@@ -14,9 +14,10 @@ from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.patches import PatchKind, PatchKinds, classify_patches
 from ...surface.refinement import Refinement
 from ...surface.stencils import LARGEST_STENCIL_VALENCE
-from ..leaf_approximation import Cells, triangle_normals
+from ..leaf_approximation import Cells
 from ..leaf_bounds.irregular_bounds import template_error_bounds
 from ..leaf_bounds.triangle_bounds import ErrorBounds
+from ..leaf_bounds.triangle_shapes import triangle_normals
 from ..quadtree import Quadtree
 from ..templates import templates
 from .patch_cells import BicubicCells, ExtraordinaryCells

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -21,11 +20,13 @@ from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, patch_coefficients, tensor
 from ...surface.patches import PatchKinds, extraordinary_nets, regular_nets
 from ...surface.stencils import patch_stencils
-from ..leaf_approximation import PROMISING, LeafApproximation, Samples, triangle_normals
+from ..leaf_approximation import LeafApproximation
 from ..leaf_bounds import triangle_bounds
 from ..leaf_bounds.child_bounds import ChildSamples, child_distances, corners_of_children
 from ..leaf_bounds.triangle_bounds import ErrorBounds
+from ..leaf_bounds.triangle_shapes import triangle_normals
 from ..quadtree import Quadtree
+from ..template_choice import PROMISING, Samples, choose_along_surface, folded_quads
 from ..templates import TURNS, WHOLE, Transitions, templates
 from .quad_cells import QuadCells, patterns_of
 
@@ -131,24 +132,28 @@ class BicubicCells(NetCells):
         yield BicubicCells(nodes, np.zeros_like(nodes), nets.swapaxes(1, 2))
 
     def approximate_children(self, limit: float, axes: FloatArray) -> ChildApproximations:
-        """What a look at these quads tells of their children."""
+        """How to approximate their children, by bounds from these quads' own coefficients."""
         distances = child_distances(self.nets, limit)
         best = np.where(distances.bounds <= limit, distances.sampled, np.inf).argmin(axis=1)
         bounds = np.take_along_axis(distances.bounds, best[:, None], axis=1)[:, 0]
-        found, out_of_reach = LeafApproximation.none(best.size), np.zeros(best.size, dtype=bool)
-        found.least[:] = distances.sampled.min(axis=1).ravel()
-        accepted = bounds <= limit
-        chosen = np.flatnonzero(accepted)
-        found.take(chosen, best.ravel()[chosen])
-        found.bounds[chosen] = bounds.ravel()[chosen]
-        found.fold(chosen, corners_of_children(distances.points, accepted), axes)
+        is_within = bounds <= limit
+        within = np.flatnonzero(is_within)
+        found = LeafApproximation.none(best.size)
+        found.accepted[within] = True
+        found.alternatives[within] = best.ravel()[within]
+        found.bounds[within] = bounds.ravel()[within]
+        folded = folded_quads(found, within, corners_of_children(distances.points, is_within), axes)
+
         far = distances.far
         chosen, samples = far.at_corners * len(self.nodes) + far.of_quads, Samples.of(far.corners, far.off, WHOLE)
+        out_of_reach = np.zeros(best.size, dtype=bool)
         out_of_reach[chosen] = samples.predicted_bounds().min(axis=0) > PROMISING * limit
-        found.accept_promising(chosen, samples, limit, partial(_sufficient_error_bounds, far))
-        promising = np.flatnonzero(found.accepted[chosen])
-        found.fold(chosen[promising], chosen_vectors(far.corners, promising), axes)
-        return ChildApproximations(found, out_of_reach, distances.points)
+        along_surface = choose_along_surface(_FarChildren(far), samples, limit)
+        promising = np.flatnonzero(along_surface.accepted)
+        found.put(chosen, along_surface)
+        folded |= folded_quads(found, chosen[promising], chosen_vectors(far.corners, promising), axes)
+        least = distances.sampled.min(axis=1).ravel()
+        return ChildApproximations(replace(found, folded=folded, least=least), out_of_reach, distances.points)
 
     def approximate(
         self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray
@@ -204,12 +209,18 @@ class BicubicCells(NetCells):
         return error_bounds
 
 
-def _sufficient_error_bounds(children: ChildSamples, chosen: IndexArray, diagonal: int) -> ErrorBounds:
-    """Those of some quarters, inf where a closer look may make a difference."""
-    quadratic, rest = children.error_bounds(chosen, diagonal)
-    error_bounds = quadratic + rest
-    error_bounds.normal[rest.normal > SMALL_REST * quadratic.normal] = np.inf
-    return error_bounds
+@dataclass(frozen=True)
+class _FarChildren:
+    """Children of bicubic quads, sampled beyond the limit."""
+
+    samples: ChildSamples
+
+    def error_bounds(self, chosen: IndexArray, diagonal: int) -> ErrorBounds:
+        """As in ``template_choice.WithErrorBounds``; inf where coefficients of their own may give tighter ones."""
+        quadratic, rest = self.samples.error_bounds(chosen, diagonal)
+        error_bounds = quadratic + rest
+        error_bounds.normal[rest.normal > SMALL_REST * quadratic.normal] = np.inf
+        return error_bounds
 
 
 class ExtraordinaryCells(NetCells):

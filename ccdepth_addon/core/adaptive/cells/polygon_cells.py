@@ -9,7 +9,7 @@ own fan; one with split sides is near to a fan that bends with them (``fan_of_te
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Self
 
@@ -18,19 +18,13 @@ import numpy as np
 from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...bounds.norms import squared_norms
 from ...surface.refinement import Refinement
-from ..leaf_approximation import (
-    PROMISING,
-    Cells,
-    LeafApproximation,
-    Samples,
-    along_and_across,
-    least_heights,
-    triangle_normals,
-)
+from ..leaf_approximation import Cells, LeafApproximation
 from ..leaf_bounds.irregular_bounds import fan_error_bounds
 from ..leaf_bounds.polygon_bounds import polygon_thickness
 from ..leaf_bounds.triangle_bounds import ErrorBounds
+from ..leaf_bounds.triangle_shapes import along_and_across, least_heights, triangle_normals
 from ..quadtree import Quadtree
+from ..template_choice import PROMISING, Samples
 from ..templates import QUAD_POINTS, WHOLE, Template, Transitions, Triangle, triangle_template
 from .irregular_cells import refined_children
 
@@ -95,7 +89,7 @@ class PolygonCells:
             starts = part.mesh.face_starts[: len(chosen)]
             bounds = np.maximum.reduceat(own.whole, starts)
             bounds += polygon_thickness(facets[:, kept], hanging[kept], starts, axes)
-            found.take(chosen[bounds <= limit], 0)
+            found.accepted[chosen] = bounds <= limit
             found.bounds[chosen] = np.where(bounds <= limit, bounds, np.inf)
         return found
 
@@ -128,30 +122,27 @@ class TriangleCells(PolygonCells):
         return found
 
     def _approximate_template(self, pattern: int, limit: float) -> LeafApproximation:
-        found = LeafApproximation.none(len(self.nodes))
         template = ((0, 1, 2),) if pattern == WHOLE else triangle_template(pattern)
         points = self._points()
         sampled = off_sides_and_centre(points, pattern)
-        found.least[:] = np.sqrt(squared_norms(sampled)).max(axis=0)
-        tried = np.flatnonzero(found.least <= limit)
+        least = np.sqrt(squared_norms(sampled)).max(axis=0)
+        found = replace(LeafApproximation.none(len(self.nodes)), least=least)
+        tried = np.flatnonzero(least <= limit)
         if len(tried):
             # Where sides are split the fan's distance is not all of it, and has to be known well.
             room = None if pattern == WHOLE else np.full(len(tried), np.inf)
             error_bounds = self.at(tried)._error_bounds(pattern, template, points[:, tried], limit, room)
-            within = np.flatnonzero(error_bounds.whole <= limit)
-            found.take(tried[within], 0)
-            found.know(tried[within], error_bounds.at(within))
+            within = error_bounds.whole <= limit
             found.bounds[tried[within]] = error_bounds.whole[within]
+            _accept(found, tried, within, error_bounds)
         samples = samples_of_triangles(points, sampled)
-        predicted = samples.predict(samples.normal, samples.tangential)[0]
-        tried = np.flatnonzero(~found.accepted & (predicted <= PROMISING * limit))
+        tried = np.flatnonzero(~found.accepted & (samples.predicted_bounds()[0] <= PROMISING * limit))
         if len(tried):
             room = LARGEST_OFFSET * least_heights(points[:, tried], template)
             error_bounds = self.at(tried)._error_bounds(pattern, template, points[:, tried], PROMISING * limit, room)
-            fine = samples.at(tried).predict(error_bounds.normal, error_bounds.tangential) <= PROMISING * limit
-            promising = np.flatnonzero(fine & (error_bounds.normal + error_bounds.tangential <= room))
-            found.take(tried[promising], 0)
-            found.know(tried[promising], error_bounds.at(promising))
+            predicted = samples.at(tried).predict(error_bounds.normal, error_bounds.tangential)[0]
+            promising = (predicted <= PROMISING * limit) & (error_bounds.normal + error_bounds.tangential <= room)
+            _accept(found, tried, promising, error_bounds)
         return found
 
     def _points(self) -> FloatArray:
@@ -187,6 +178,13 @@ class TriangleCells(PolygonCells):
             normal, tangential = (np.max(each, axis=0)[0] for each in zip(*off, strict=True))
             found = found + ErrorBounds(np.sqrt(squared_norms(sagitta)), normal, tangential).times(gap)
         return found
+
+
+def _accept(found: LeafApproximation, tried: IndexArray, accepted: BoolArray, error_bounds: ErrorBounds) -> None:
+    """Record the accepted ones (n,) of the cells that were tried, and their error bounds."""
+    found.accepted[tried[accepted]] = True
+    found.normal[tried[accepted]] = error_bounds.normal[accepted]
+    found.tangential[tried[accepted]] = error_bounds.tangential[accepted]
 
 
 def off_sides_and_centre(points: FloatArray, pattern: int) -> FloatArray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -15,18 +16,19 @@ from numpy.typing import NDArray
 
 from ...arrays.coordinates import chosen_vectors
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ..leaf_approximation import (
-    PROMISING,
-    Cells,
-    LeafApproximation,
-    Samples,
-    in_turn,
-    off_sides_and_diagonals,
-    sampled_distances,
-)
+from ..leaf_approximation import Cells, LeafApproximation
 from ..leaf_bounds.polygon_bounds import thickness_of_quads
 from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..quadtree import Quadtree
+from ..template_choice import (
+    PROMISING,
+    Samples,
+    choose_along_surface,
+    choose_within_limit,
+    folded_quads,
+    off_sides_and_diagonals,
+    sampled_distances,
+)
 from ..templates import ALL_SPLIT, WHOLE, Transitions
 
 PATTERN_BITS = np.array([1, 2, 4, 8])
@@ -72,59 +74,37 @@ class QuadCells(ABC):
     ) -> LeafApproximation:
         """As in ``Cells``."""
         patterns = patterns_of(hanging, self.turns())
-        found = LeafApproximation.none(len(self.nodes))
-        found.turns[:] = self.turns()
-        found.patterns[:] = patterns
+        turns = self.turns().astype(np.int8)
+        found = replace(LeafApproximation.none(len(self.nodes)), patterns=patterns, turns=turns)
         for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
             chosen = np.flatnonzero(patterns == pattern)
             part = self if len(chosen) == len(self.nodes) else self.at(chosen)
-            part._approximate_pattern(found, chosen, pattern, transitions, limit, axes)
+            found.put(chosen, part._approximate_pattern(pattern, transitions, limit, axes))
         return found
 
     def _approximate_pattern(
-        self,
-        found: LeafApproximation,
-        chosen: IndexArray,
-        pattern: int,
-        transitions: Transitions,
-        limit: float,
-        axes: FloatArray,
-    ) -> None:
-        """Try the templates of a pattern, the likeliest first, until one is within the limit, or likely to be.
-
-        chosen: where in what is found the quads are.
-        """
+        self, pattern: int, transitions: Transitions, limit: float, axes: FloatArray
+    ) -> LeafApproximation:
+        """By the templates of one pattern, the likeliest first: one within the limit, or predicted to be."""
         points = self.points()
         sampled = sampled_distances(points, pattern)
-        found.least[chosen] = sampled.min(axis=0)
         as_polygons = transitions is Transitions.NGONS and pattern != WHOLE
-        for alternative, tried in in_turn(sampled, lambda: np.isinf(found.bounds[chosen])):
-            tried = tried[sampled[alternative, tried] <= limit]
-            if len(tried):
-                reached = self.distances_of(tried, pattern, alternative, points, limit)
-                if as_polygons:
-                    reached += thickness_of_quads(chosen_vectors(points, tried), pattern, alternative, axes)
-                within = reached <= limit
-                found.take(chosen[tried[within]], alternative)
-                found.bounds[chosen[tried[within]]] = reached[within]
-        left = np.flatnonzero(~found.accepted[chosen])
-        if len(left) and not as_polygons:
-            self.at(left)._approximate_along_surface(found, chosen[left], pattern, chosen_vectors(points, left), limit)
-        if pattern == WHOLE:
-            accepted = np.flatnonzero(found.accepted[chosen])
-            found.fold(chosen[accepted], chosen_vectors(points[:4], accepted), axes)
-
-    def _approximate_along_surface(
-        self, found: LeafApproximation, chosen: IndexArray, pattern: int, points: FloatArray, limit: float
-    ) -> None:
-        """Where none is within the limit at equal parameters, take one that is likely to be along the surface."""
-        samples = Samples.of(points, off_sides_and_diagonals(points), pattern)
-        found.accept_promising(
-            chosen,
-            samples,
-            limit,
-            lambda tried, alternative: self.error_bounds_of(tried, pattern, alternative, points, PROMISING * limit),
+        found = choose_within_limit(
+            QuadsOfPattern(self, pattern, points, limit, axes if as_polygons else None), sampled, limit
         )
+        left = np.flatnonzero(~found.accepted)
+        if len(left) and not as_polygons:
+            rest = chosen_vectors(points, left)
+            samples = Samples.of(rest, off_sides_and_diagonals(rest), pattern)
+            cells = QuadsOfPattern(self.at(left), pattern, rest, limit)
+            found.put(left, choose_along_surface(cells, samples, limit))
+        folded = found.folded
+        if pattern == WHOLE:
+            accepted = np.flatnonzero(found.accepted)
+            folded = folded_quads(found, accepted, chosen_vectors(points[:4], accepted), axes)
+        patterns = np.full(len(self.nodes), pattern, dtype=np.int8)
+        turns = self.turns().astype(np.int8)
+        return replace(found, patterns=patterns, turns=turns, folded=folded, least=sampled.min(axis=0))
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """As in ``Cells``."""
@@ -135,6 +115,30 @@ class QuadCells(ABC):
             chosen, pattern, alternative = np.flatnonzero(numbers == number), number % 16, number // 16
             found.put(chosen, self.error_bounds_of(chosen, pattern, alternative, points, limit))
         return found
+
+
+@dataclass(frozen=True)
+class QuadsOfPattern:
+    """P quads to be approximated by templates of one pattern. points: (9, P, 3), theirs. axes: (3, 3), of the space
+    where Blender triangulates them as polygons; None if triangles approximate them."""
+
+    cells: QuadCells
+    pattern: int
+    points: FloatArray
+    limit: float
+    axes: FloatArray | None = None
+
+    def distances(self, chosen: IndexArray, alternative: int) -> FloatArray:
+        """As in ``template_choice.WithDistances``."""
+        distances = self.cells.distances_of(chosen, self.pattern, alternative, self.points, self.limit)
+        if self.axes is not None:
+            points = chosen_vectors(self.points, chosen)
+            distances += thickness_of_quads(points, self.pattern, alternative, self.axes)
+        return distances
+
+    def error_bounds(self, chosen: IndexArray, alternative: int) -> ErrorBounds:
+        """As in ``template_choice.WithErrorBounds``."""
+        return self.cells.error_bounds_of(chosen, self.pattern, alternative, self.points, PROMISING * self.limit)
 
 
 def patterns_of(hanging: BoolArray, turns: IndexArray) -> NDArray[np.int8]:

@@ -18,7 +18,6 @@ from ...arrays.coordinates import applied, chosen_vectors
 from ...arrays.matrix_products import product
 from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...bounds.norms import squared_norms
-from ..leaf_approximation import triangle_normals
 from ..templates import PLAIN, Triangle
 from .triangle_bounds import (
     WHOLE_QUAD,
@@ -29,6 +28,7 @@ from .triangle_bounds import (
     rest_error_bounds,
     to_monomials,
 )
+from .triangle_shapes import triangle_normals
 
 # What is made on the way of so many quads stays in the processor's cache.
 QUADS_AT_ONCE = 1 << 9
