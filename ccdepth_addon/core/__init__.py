@@ -9,7 +9,7 @@ from .adaptive.planner import AdaptiveMesh, count_faces, subdivide_adaptively
 from .adaptive.subdivided_mesh import SubdividedMesh
 from .adaptive.templates import Transitions
 from .arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
-from .attributes.face_varying import uv_surface
+from .attributes.face_varying import face_varying_surface
 from .attributes.interpolation import (
     Evaluate,
     at_corners,
@@ -70,6 +70,7 @@ __all__ = [
     "crease_to_sharpness",
     "face_depths",
     "face_depths_stepwise",
+    "face_varying_surface",
     "interpolated",
     "interpolated_at_vertices",
     "join_transformations",
@@ -86,6 +87,5 @@ __all__ = [
     "to_quaternions",
     "to_rotation_vectors",
     "uniform_level_stepwise",
-    "uv_surface",
     "validate",
 ]

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The first phase of a plan: nodes are split while their own bounds, drawn with whole sides, exceed the limit.
+"""The first phase of a plan: nodes are split while their own bounds, with whole sides, exceed the limit.
 
-All functions work in steps and yield how many leaves there are so far.
+All functions work in steps and yield the number of leaves so far.
 """
 
 from __future__ import annotations
@@ -18,17 +18,17 @@ from .leaf_approximation import Cells
 from .plan import Plan
 from .quadtree import NONE
 
-# So many bicubic cells are kept in one block, of which so many are looked at together: what is made on the way stays in
-# the processor's cache, and in memory that need not come from the system anew.
+# Bicubic cells kept in one block, and evaluated together: temporary arrays stay in the processor's cache, and in memory
+# that the system need not provide anew.
 CELLS_KEPT_TOGETHER = 1 << 15
 PARENTS_AT_ONCE = 1 << 12
 
-# So many take about a tenth of a second, after which progress is told.
+# So many take about a tenth of a second between reports of progress.
 NODES_SPLIT_AT_ONCE = 1 << 16
 
 
 def grow(plan: Plan, unfinished: list[Cells]) -> Generator[int, None, None]:
-    """Split the nodes of cells that do not fit, if they are whole yet, and so their children, level by level."""
+    """Split the nodes of unfinished cells, if not split yet, and then their unfinished children, level by level."""
     tree = plan.tree
     while unfinished:
         nodes = plan.whole_of(np.concatenate([cells.nodes for cells in unfinished]))
@@ -42,7 +42,8 @@ def grow(plan: Plan, unfinished: list[Cells]) -> Generator[int, None, None]:
 
 
 def approximate_children(plan: Plan, parents: list[Cells]) -> Generator[int, None, list[Cells]]:
-    """Fit the children of cells whose nodes have been split; those that do not fit, or have been split as well."""
+    """Approximate the children of cells whose nodes have been split. Returns those that exceed the limit, or have been
+    split as well."""
     unfinished: list[Cells] = []
     doubtful: list[Cells] = []
     with_nets = (cells for cells in parents if isinstance(cells, NetCells))
@@ -65,10 +66,10 @@ def approximate_children(plan: Plan, parents: list[Cells]) -> Generator[int, Non
 def approximate_new(
     plan: Plan, cells: Iterable[Cells], *, are_made_again: bool = False
 ) -> Generator[int, None, list[Cells]]:
-    """Fit and record the cells of new leaves, with their sides whole; those that do not fit, or whose nodes are split
-    already.
+    """Approximate and record the cells of new leaves, with their sides whole. Returns those that exceed the limit, or
+    whose nodes are split already.
 
-    are_made_again: whether they are found later from their parents' nets, so that they are not kept (``CellStore``).
+    are_made_again: whether the store can make them from their parents' nets, so that it does not keep them.
     """
     unfinished: list[Cells] = []
     tree = plan.tree
@@ -90,8 +91,8 @@ def approximate_new(
 def _approximate_through_parents(
     plan: Plan, parents: BicubicCells
 ) -> Generator[int, None, tuple[BoolArray, BoolArray]]:
-    """Fit and record the children of which a look at their parents tells whether they fit; of which it does not tell,
-    and which do not fit or have been split, (4, P) bool each."""
+    """Approximate and record the children for which their parents' coefficients decide. Returns, (4, P) bool each,
+    those for which they do not, and those that exceed the limit or have been split."""
     doubtful, unfinished = np.zeros((2, 4, len(parents.nodes)), dtype=bool)
     tree = plan.tree
     for part in blocks(len(parents.nodes), PARENTS_AT_ONCE):
@@ -111,8 +112,8 @@ def _approximate_through_parents(
 
 
 def _place(plan: Plan, cells: NetCells, points: FloatArray) -> None:
-    """Keep where the points of split quads and their centres (9, P, 3) lie: the corners too of faces of the control
-    mesh; those of others came with a split before, or else they are evaluated."""
+    """Record the positions of split quads' points and centres (9, P, 3); of corners only those of the control mesh's
+    faces, as others have been recorded by a split before, or will be evaluated."""
     tree, nodes = plan.tree, cells.nodes
     slots = tree.slots(nodes).reshape(-1, 4)
     if np.any(turns := cells.turns()):

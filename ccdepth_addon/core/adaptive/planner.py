@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Adaptive subdivision: which quadtree over a control mesh is drawn within a tolerance of the limit surface.
+"""Adaptive subdivision: the quadtree over a control mesh whose tessellation is within a tolerance of the surface.
 
-A node is split while its own bound, as it is drawn, exceeds the tolerance; then wherever a neighbour is more than one
-level deeper; then wherever no template for its split sides is within the tolerance; until nothing is left to split.
-Splitting only ever makes bounds smaller in the end, and no split is undone, so this ends. What is drawn in the end is
-what was bounded, piece by piece (``triangle_bounds``, ``polygon_bounds``, ``star_bounds``): so every point of the mesh
-is that near to the surface, and every point of the surface that near to the mesh (docs/adaptive.md).
+Nodes are split while their own bounds exceed the tolerance; then wherever a neighbour is more than one level deeper;
+then wherever no template for the split sides is within the tolerance; until nothing is left to split. Bounds fall with
+the size of a leaf, and no split is undone, so this ends. Every piece of the tessellation has a proved bound
+(``triangle_bounds``, ``polygon_bounds``, ``star_bounds``), in both directions between mesh and surface
+(docs/adaptive.md).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from .vertex_positions import VertexPositions
 @dataclass(frozen=True)
 class AdaptiveMesh:
     """The mesh, and of each of its F faces: (F,) float64 the proved distance; (F,) int32 the depth of its base face,
-    which is the level of the deepest leaf there. leaf_count: how many leaves of the quadtree they draw."""
+    which is the level of the deepest leaf there. leaf_count: the number of leaves they tessellate."""
 
     mesh: SubdividedMesh
     bounds: FloatArray
@@ -41,7 +41,7 @@ class AdaptiveMesh:
 
 
 def count_faces(mesh: PolygonMesh, request: AdaptiveRequest) -> Generator[int, None, int]:
-    """How many faces the result would have, in steps: yields how many leaves there are so far.
+    """The number of faces of the result, in steps: yields the number of leaves so far.
 
     mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``). Raises TooManyFacesError.
     """
@@ -52,10 +52,10 @@ def count_faces(mesh: PolygonMesh, request: AdaptiveRequest) -> Generator[int, N
 def subdivide_adaptively(
     mesh: PolygonMesh, request: AdaptiveRequest, positions: FloatArray
 ) -> Generator[int, None, AdaptiveMesh]:
-    """The mesh that is drawn within the limit, in steps: yields how many leaves there are so far.
+    """The mesh within the limit, in steps: yields the number of leaves so far.
 
-    mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``), in the space the limit is meant in.
-    positions: (V, 3) float64, of the same control mesh in the space that is wanted, with the axes of the request.
+    mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``), in the space of the limit. positions: (V, 3)
+    float64, of the same control mesh in the space of the result, which has the axes of the request.
     Raises TooManyFacesError.
     """
     settled = yield from _plan_within(mesh, request)
@@ -66,8 +66,8 @@ def subdivide_adaptively(
 
 @dataclass(frozen=True)
 class _Settled:
-    """What is drawn within the limit, and the proved distance of each of its F faces: (F,) float64. depths: (faces of
-    the control mesh,) the level of the deepest leaf of each. positions: of the tree's vertices, in the mesh's space."""
+    """The tessellation plan, and the proved distance of each of its F faces: (F,) float64. depths: (faces of the
+    control mesh,) the level of the deepest leaf of each. positions: of the tree's vertices, in the mesh's space."""
 
     plan: TessellationPlan
     bounds: FloatArray
@@ -76,14 +76,14 @@ class _Settled:
 
 
 def _plan_within(mesh: PolygonMesh, request: AdaptiveRequest) -> Generator[int, None, _Settled]:
-    """Plan until nothing that is drawn clashes."""
+    """Plan until no edges of the tessellation clash."""
     least_levels = np.zeros(mesh.face_count, dtype=np.int8)
     while True:
         plan = Plan(mesh, request, least_levels)
         yield from _settle(plan)
         tree, leaves, depths = plan.tree, plan.leaves(), plan.face_levels()
         approximation, positions = plan.approximations.of(leaves), plan.positions
-        # What else is known of the surface takes as much memory as the tree, and has served its turn.
+        # The rest takes as much memory as the tree, and is no longer needed.
         del plan
         found = plan_tessellation(tree, leaves, approximation, request.transitions)
         if not len(clashes := found.clashes):
@@ -92,7 +92,7 @@ def _plan_within(mesh: PolygonMesh, request: AdaptiveRequest) -> Generator[int, 
 
 
 def _settle(plan: Plan) -> Generator[int, None, None]:
-    """Find the whole tree: grow it, then split until every leaf fits beside its neighbours."""
+    """Plan the whole tree: grow it, then split until every leaf is within the limit beside its neighbours."""
     yield from grow(plan, (yield from approximate_new(plan, cells_of_faces(plan.tree.mesh))))
     if plan.request.mode is Mode.PER_FACE:
         yield from _level_faces(plan)
@@ -101,8 +101,8 @@ def _settle(plan: Plan) -> Generator[int, None, None]:
 
 
 def _unfinished(plan: Plan) -> Generator[int, None, IndexArray]:
-    """The leaves to split next: those out of balance, or else those that do not fit as their sides are, or else along
-    the surface."""
+    """The leaves to split next: those out of balance; if none, those that exceed the limit with their sides split; if
+    none, those that exceed it along the surface."""
     if len(wanted := unbalanced(plan)):
         return wanted
     if len(wanted := (yield from approximate_split_sides(plan))):
@@ -111,13 +111,13 @@ def _unfinished(plan: Plan) -> Generator[int, None, IndexArray]:
 
 
 def _split(plan: Plan, wanted: IndexArray) -> Generator[int, None, None]:
-    """Split the wanted leaves, and all that gets out of balance by that; and then their children, as it takes."""
+    """Split leaves, all that this leaves unbalanced, and then their children while these exceed the limit."""
     plan.refuse_too_many(len(wanted), plan.expected_leaves(wanted))
     parents: list[Cells] = []
-    known = len(plan.tree.first_child)
+    count = len(plan.tree.first_child)
     while len(wanted):
-        # What is made meanwhile comes with its parents.
-        parents += plan.cells.of(wanted[wanted < known])
+        # Nodes made in this loop have no cells yet; they come with their parents.
+        parents += plan.cells.of(wanted[wanted < count])
         plan.split(wanted)
         wanted = unbalanced(plan)
     yield from grow(plan, (yield from approximate_children(plan, parents)))
@@ -135,8 +135,8 @@ def _level_faces(plan: Plan) -> Generator[int, None, None]:
 
 
 def _evened(plan: Plan, wanted: IndexArray) -> IndexArray:
-    """The leaves to split so that the wanted ones are; where faces are divided evenly, with a wanted leaf of the least
-    level of its face go all others of this level."""
+    """The leaves to split along with the wanted ones: where faces are divided evenly, all leaves of the least level of
+    a face if one of them is wanted."""
     if plan.request.mode is not Mode.PER_FACE or not len(wanted):
         return wanted
     tree, leaves = plan.tree, plan.tree.leaves()

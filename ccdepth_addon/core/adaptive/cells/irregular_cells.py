@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Quads of a quadtree known by the mesh refined so far, with the neighbours it needs; and what descends from such."""
+"""Quads of a quadtree represented by the refined mesh, with the neighbours it needs; and their children."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ from ..templates import templates
 from .patch_cells import BicubicCells, ExtraordinaryCells
 from .quad_cells import QuadCells
 
-# Cells that are looked at together; they take so long that these are enough.
+# Cells evaluated together: each takes so long that more would gain nothing.
 REFINED_AT_ONCE = 1 << 12
 
 
 @dataclass(frozen=True)
 class RefinedCells(QuadCells):
-    """Quads of another kind, by the mesh refined so far: descendant i is ``nodes[i]``."""
+    """Quads that are neither bicubic nor have a net, by the refined mesh: descendant i is ``nodes[i]``."""
 
     nodes: IndexArray
     refinement: Refinement
@@ -57,7 +57,7 @@ class RefinedCells(QuadCells):
     def error_bounds_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> ErrorBounds:
-        # What leaves its neighbours no room now may do so when some of its sides are split.
+        # No limit on the room for neighbours: it may grow when sides are split.
         return self._error_bounds(chosen, pattern, alternative, points, limit, np.full(len(chosen), np.inf))
 
     def _error_bounds(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Quads of a quadtree known by a net from which every bound is linear (``triangle_bounds``).
+"""Quads of a quadtree represented by a net of which every bound is a linear function (``triangle_bounds``).
 
 They are bicubic, or have an extraordinary corner.
 """
@@ -30,15 +30,15 @@ from ..template_choice import PROMISING, Samples, choose_along_surface, folded_q
 from ..templates import TURNS, WHOLE, Transitions, templates
 from .quad_cells import QuadCells, patterns_of
 
-# A closer look takes away nearly all that is not quadratic, and sometimes a little more; at an extraordinary corner it
-# takes away a third at most. So much more than the limit may be found without one for there to be hope.
+# Finer bounds save nearly all of the part that is not quadratic, and sometimes a little more; at an extraordinary
+# corner a third at most. They are computed where the coarse bound is at most so many limits.
 REFINABLE_QUADRATIC = 1.1
 REFINABLE_EXTRAORDINARY = 1.5
 
-# Where the rest is less than this part of what is quadratic, a closer look is not worth it.
+# Finer bounds gain too little where the rest is less than this part of the quadratic part.
 SMALL_REST = 0.05
 
-# Cells that are looked at together: what is made on the way need not come from the system anew each time.
+# Cells evaluated together: the system need not provide memory for temporary arrays anew each time.
 CELLS_AT_ONCE = 1 << 12
 
 
@@ -91,7 +91,7 @@ class NetCells(QuadCells):
 
     @abstractmethod
     def children(self, tree: Quadtree, wanted: BoolArray | None = None) -> Iterator[NetCells]:
-        """As in ``Cells``; all of the children, or those wanted, (4, P) by slot, and made alike."""
+        """As in ``Cells``; all children, or the wanted ones, (4, P) by slot, with the same bits."""
 
     @abstractmethod
     def _to_points(self) -> FloatArray:
@@ -100,9 +100,9 @@ class NetCells(QuadCells):
 
 @dataclass(frozen=True)
 class ChildApproximations:
-    """What a look at P bicubic quads tells of their 4P children, those at slot 0 first. fit: how they are drawn with
-    their sides whole, as far as they are seen to be within the limit, or likely to be along the surface. hopeless:
-    (4P,) bool, which are seen to be neither. points: (9, P, 3), those of the quads themselves and their centres."""
+    """The 4P children of P bicubic quads, those at slot 0 first. approximation: with whole sides, of the children that
+    their parents' coefficients show to be within the limit, or predict to be along the surface. out_of_reach: (4P,)
+    bool, which are shown to be neither. points: (9, P, 3), those of the quads themselves and their centres."""
 
     approximation: LeafApproximation
     out_of_reach: BoolArray
@@ -158,7 +158,7 @@ class BicubicCells(NetCells):
     def approximate(
         self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray
     ) -> LeafApproximation:
-        # Fewer patterns mean less work.
+        # Turned so that their patterns are canonical: fewer patterns take less time.
         turned = self._turned(TURNS[patterns_of(hanging, self.slots)])
         return super(BicubicCells, turned).approximate(hanging, transitions, limit, axes)
 
@@ -167,7 +167,7 @@ class BicubicCells(NetCells):
         return super(BicubicCells, turned).error_bounds(approximation, limit)
 
     def _turned(self, turns: NDArray[np.int8] | IndexArray) -> BicubicCells:
-        """Counted from other slots, (P,) turns further on."""
+        """The same quads with nets counted from slots (P,) turns further on."""
         if not np.any(turns):
             return self
         nets = self.nets.copy("K")
@@ -179,7 +179,7 @@ class BicubicCells(NetCells):
     def distances_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> FloatArray:
-        """Looked at twice where that decides."""
+        """As in ``QuadCells``, with finer bounds where they decide."""
         rows = triangle_bounds.quadratic_rows(pattern, alternative)
         quadratic, rest = triangle_bounds.quadratic_distances(rows, self.nets, chosen)
         distances = quadratic + rest
@@ -195,7 +195,7 @@ class BicubicCells(NetCells):
     def error_bounds_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> ErrorBounds:
-        """Looked at twice where what is not quadratic counts."""
+        """As in ``QuadCells``, with finer bounds where the part that is not quadratic counts."""
         nets = chosen_vectors(self.nets, chosen)
         normals = triangle_normals(chosen_vectors(points, chosen), templates(pattern)[alternative])
         quadratic, rest = triangle_bounds.quadratic_error_bounds(
@@ -254,7 +254,7 @@ class ExtraordinaryCells(NetCells):
     def distances_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> FloatArray:
-        """Looked at twice where that decides."""
+        """As in ``QuadCells``, with finer bounds where they decide."""
         distances = self._error_bounds(chosen, pattern, alternative, points, fine=False).whole
         doubtful = np.flatnonzero((distances > limit) & (distances <= REFINABLE_EXTRAORDINARY * limit))
         if len(doubtful):

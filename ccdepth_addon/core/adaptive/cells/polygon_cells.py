@@ -2,8 +2,9 @@
 """Faces of the control mesh that are no quads, as cells: triangles, and polygons of more corners.
 
 They are compared with the fan of bilinear facets over corner, middle of the side, centroid and middle of the side
-before. A polygon, however it is drawn, is near to its fan by the way it lies (``polygon_bounds``). A triangle is its
-own fan; one with split sides is near to a fan that bends with them (``fan_of_template``).
+before. The distance of a polygon from its fan, however it is triangulated, depends on its vertices alone
+(``polygon_bounds``). A triangle is its own fan; one with split sides is near to a fan that bends with them
+(``fan_of_template``).
 """
 
 from __future__ import annotations
@@ -43,8 +44,8 @@ TRIANGLE_POINTS: FloatArray = np.array(
 # The weights of the corners for the centroid, times six.
 SIXTHS: FloatArray = np.full(3, 2.0)
 
-# How far off triangles may be, along and across together, in parts of their least height, for there to be hope:
-# ``star_bounds`` leaves a third of the least height around.
+# The largest error of triangles, along and across together, in parts of their least height, at which ``star_bounds``
+# may hold: it requires less than a third of the least height around.
 LARGEST_OFFSET = 0.33
 
 # How often a quarter is halved both ways where a template is compared with its fan: each time the bound is twice as
@@ -54,7 +55,7 @@ HALVINGS = 10
 
 @dataclass(frozen=True)
 class PolygonCells:
-    """P faces by the mesh refined so far, with the neighbours it needs: descendant i is ``nodes[i]``."""
+    """P faces by the refined mesh, with the neighbours it needs: descendant i is ``nodes[i]``."""
 
     nodes: IndexArray
     refinement: Refinement
@@ -94,7 +95,7 @@ class PolygonCells:
         return found
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
-        """As in ``Cells``: neither is farther than they are in all."""
+        """As in ``Cells``: both are at most the bounds of the whole distance."""
         return ErrorBounds(approximation.bounds, approximation.bounds, approximation.bounds)
 
     def _sizes(self) -> IndexArray:
@@ -108,7 +109,7 @@ class TriangleCells(PolygonCells):
     def approximate(
         self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray
     ) -> LeafApproximation:
-        """As in ``Cells``; as polygons only where sides are split and triangles are not wanted there."""
+        """As in ``Cells``; as polygons where sides are split and transitions are N-gons."""
         found = LeafApproximation.none(len(self.nodes))
         patterns = hanging.reshape(-1, 3) @ PATTERN_BITS
         for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
@@ -129,7 +130,7 @@ class TriangleCells(PolygonCells):
         found = replace(LeafApproximation.none(len(self.nodes)), least=least)
         tried = np.flatnonzero(least <= limit)
         if len(tried):
-            # Where sides are split the fan's distance is not all of it, and has to be known well.
+            # Where sides are split the fan's distance is only a part of the error, so its bound has to be tight.
             room = None if pattern == WHOLE else np.full(len(tried), np.inf)
             error_bounds = self.at(tried)._error_bounds(pattern, template, points[:, tried], limit, room)
             within = error_bounds.whole <= limit
@@ -155,7 +156,7 @@ class TriangleCells(PolygonCells):
     def _error_bounds(
         self, pattern: int, template: Template, points: FloatArray, limit: float, room: FloatArray | None
     ) -> ErrorBounds:
-        """How far the triangles of a template are off at most: their fan, and what they are off that."""
+        """Error bounds of a template's triangles: those of their fan, plus their own distance from it."""
         split_sides = (pattern & PATTERN_BITS) > 0
         chords = (points[CORNERS] + points[FOLLOWING]) / 2
         sagittas = np.where(split_sides[:, None, None], points[MIDDLES] - chords, 0.0)
@@ -164,7 +165,7 @@ class TriangleCells(PolygonCells):
         centroids = points[CORNERS].mean(axis=0) + np.einsum("s,spi->pi", lifts, sagittas)
         facets = np.stack([points[CORNERS], middles, np.stack([centroids] * 3), np.roll(middles, 1, axis=0)])
         normals = triangle_normals(points, template)
-        # The quarters go triangle by triangle.
+        # The quarters are in the order of the triangles.
         own = fan_error_bounds(
             self.refinement.refined(),
             facets.transpose(0, 2, 1, 3).reshape(4, -1, 3),

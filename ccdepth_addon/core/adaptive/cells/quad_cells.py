@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Quads of a quadtree as cells, drawn by the templates for their split sides.
+"""Quads of a quadtree as cells, approximated by the templates for their split sides.
 
-How they are known is up to ``patch_cells`` and ``irregular_cells``.
+``patch_cells`` and ``irregular_cells`` have the representations of their surface.
 """
 
 from __future__ import annotations
@@ -59,15 +59,15 @@ class QuadCells(ABC):
     def distances_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> FloatArray:
-        """(n,): how far chosen quads are off at most, drawn by a template, as well as it takes to see what is within
-        the limit. points: those of all."""
+        """(n,): upper bounds of ‖S - T‖ for chosen quads and a template, as tight as it takes to compare them with the
+        limit. points: those of all."""
 
     @abstractmethod
     def error_bounds_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> ErrorBounds:
-        """How far they are off along the normals and across, as well as it takes to bound by the neighbours what is
-        within the limit along the normals."""
+        """(n,) each: error bounds along the normals and across, as tight as star bounds need them where the error along
+        the normals is within the limit."""
 
     def approximate(
         self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray

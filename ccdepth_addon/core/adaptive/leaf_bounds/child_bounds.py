@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far the quarters of bicubic quads are off, each drawn by two triangles: from the coefficients of the whole quads.
+"""Bounds of the children of bicubic quads, each approximated by two triangles: from the coefficients of the parents.
 
-Most leaves of a tree fit at a first look. Taken at their parents it needs no coefficients of their own. The bounds are
-those of ``triangle_bounds.quadratic_rows``, but that the monomials are the whole quad's.
+They settle most leaves of a tree, which then need no coefficients of their own. The bounds are those of
+``triangle_bounds.quadratic_rows``, but with the monomials of the whole quad.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from .triangle_bounds import (
 )
 from .triangle_shapes import triangle_normals
 
-# What is made on the way of so many quads stays in the processor's cache.
+# Temporary arrays for so many quads stay in the processor's cache.
 QUADS_AT_ONCE = 1 << 9
 
-# The points of a quad, its centre the last, at the corners of the quarter at each of its own, from that one on.
+# The points of a quad, its centre the last, that are the corners of the child at each of its own, from that one on.
 CORNERS_OF_CHILDREN = [[corner, 4 + corner, 8, 4 + (corner + 3) % 4] for corner in range(4)]
 
 
 @dataclass(frozen=True)
 class ChildDistances:
-    """‖S - T‖ over the quarters of P quads, those at each corner, for each of the two diagonals, (4, 2, P) each.
+    """‖S - T‖ over the children of P quads, those at each corner, for each of the two diagonals, (4, 2, P) each.
 
-    sampled: at the middles of the triangles' sides, so really there. bounds: at most. points: (9, P, 3), those of the
-    quads (``regular_points``). far: the quarters that are sampled farther than the limit along both diagonals.
+    sampled: at the middles of the triangles' sides, so lower bounds. bounds: upper bounds. points: (9, P, 3), those of
+    the quads (``bicubic_points``). far: the children whose samples exceed the limit along both diagonals.
     """
 
     sampled: FloatArray
@@ -53,10 +53,10 @@ class ChildDistances:
 
 @dataclass(frozen=True)
 class ChildSamples:
-    """n quarters of quads, and S - T over them.
+    """n children of quads, and S - T over them.
 
-    at_corners, of_quads: (n,) each, at which corner of which quad. corners: (4, n, 3), their own. off: (6, n, 3), S - T
-    at the middles of their sides and diagonals. sums: (2, 2, n, 3), for each diagonal and triangle half the sum of the
+    at_corners, of_quads: (n,), the corner and the quad of each. corners: (4, n, 3), their own. off: (6, n, 3), S - T at
+    the middles of their sides and diagonals. sums: (2, 2, n, 3), for each diagonal and triangle half the sum of the
     three at its sides. monomials: (10, n, 3), the coefficients of those that are more than quadratic, of whole quads.
     """
 
@@ -80,8 +80,8 @@ class ChildSamples:
         )
 
     def error_bounds(self, chosen: IndexArray, diagonal: int) -> tuple[ErrorBounds, ErrorBounds]:
-        """How far some are off along the triangles' normals and across, as the sum of two, split along a diagonal: what
-        the quadratic parts miss, and the rest."""
+        """Error bounds of some, split along a diagonal, along the triangles' normals and across: those of the quadratic
+        parts, and those of the rest, to be added."""
         normals = triangle_normals(chosen_vectors(self.corners, chosen), PLAIN[diagonal])
         sides = [own for triangle in PLAIN[diagonal] for own in (*_sides(triangle), 4 + diagonal)]
         vectors = [chosen_vectors(self.off[sides], chosen), chosen_vectors(self.sums[diagonal], chosen)]
@@ -111,7 +111,7 @@ def child_distances(coefficients: FloatArray, limit: float) -> ChildDistances:
 
 
 def _child_samples(vectors: FloatArray, wanted: BoolArray, first: int) -> ChildSamples:
-    """Some quarters, (4, P) bool, of quads with so many others before them; vectors: (59, P, 3), of ``_rows``."""
+    """Some children, (4, P) bool, of quads with so many others before them; vectors: (59, P, 3), of ``_rows``."""
     parts = (vectors[:16].reshape(4, 4, -1, 3), vectors[16:24].reshape(4, 2, -1, 3))
     off = np.concatenate([_of_each(part, wanted) for part in parts])
     sums = _of_each(vectors[24:40].reshape(4, 2, 2, -1, 3), wanted)
@@ -121,19 +121,19 @@ def _child_samples(vectors: FloatArray, wanted: BoolArray, first: int) -> ChildS
 
 
 def corners_of_children(points: FloatArray, wanted: BoolArray) -> FloatArray:
-    """(4, n, 3): the corners of some quarters, (4, P) bool, of quads with points (9, P, 3), those at corner 0 first."""
+    """(4, n, 3): the corners of some children, (4, P) bool, of quads with points (9, P, 3), those at corner 0 first."""
     return _of_each((points[four] for four in CORNERS_OF_CHILDREN), wanted)
 
 
 def _of_each(vectors: Iterable[FloatArray], wanted: BoolArray) -> FloatArray:
-    """(…, n, 3): those of some quarters, (4, P) bool, of vectors (…, P, 3) for each corner."""
+    """(…, n, 3): those of some children, (4, P) bool, of vectors (…, P, 3) for each corner."""
     places = map(np.flatnonzero, wanted)
     return np.concatenate([chosen_vectors(own, some) for own, some in zip(vectors, places, strict=True)], axis=-2)
 
 
 @cache
 def _rows() -> FloatArray:
-    """(59, 16): for each quarter S - T at the middles of its 4 sides; then for each at the middles of the 2 diagonals;
+    """(59, 16): for each child S - T at the middles of its 4 sides; then for each at the middles of the 2 diagonals;
     then for each, diagonal by diagonal, half the sums of the three at the sides of the 2 triangles; then the 10
     monomials that are more than quadratic, T having none; then the 9 points."""
     corners = [_places(corner) for corner in range(4)]
@@ -149,13 +149,13 @@ def _rows() -> FloatArray:
 
 @cache
 def _weights() -> FloatArray:
-    """(8, 10): for each quarter and each diagonal, how far the monomials are off their quadratic parts there."""
+    """(8, 10): for each child and each diagonal, how far the monomials are off their quadratic parts there."""
     templates = [[_places(corner)[list(triangle)] for triangle in plain] for corner in range(4) for plain in PLAIN]
     return np.stack([off_quadratic(triangles) for triangles in templates])
 
 
 def _places(corner: int) -> FloatArray:
-    """(4, 2): the corners of the quarter at a corner, from that one on."""
+    """(4, 2): the corners of the child at a corner, from that one on."""
     return WHOLE_QUAD.child(corner).corners()
 
 
