@@ -26,7 +26,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import bpy
 import numpy as np
 
-from ccdepth_addon.core.adaptive.plan import Mode, Request, TooManyFacesError
+from ccdepth_addon.core.adaptive.plan import AdaptiveRequest, Mode, TooManyFacesError
 from ccdepth_addon.core.adaptive.planner import subdivide_adaptively
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
@@ -181,7 +181,7 @@ def make(mesh: PolygonMesh, limit: float, mode: Mode) -> Made:
     start = perf_counter()
     try:
         found = result_of(
-            subdivide_adaptively(mesh, Request(limit, mode, Transitions.TRIANGLES, MOST_FACES), mesh.positions)
+            subdivide_adaptively(mesh, AdaptiveRequest(limit, mode, Transitions.TRIANGLES, MOST_FACES), mesh.positions)
         )
     except TooManyFacesError:
         return Made(-1, -1, -1, -1, perf_counter() - start)

@@ -28,7 +28,7 @@ import numpy as np
 
 from benchmarks.adaptive_faces import QUADS_AT_ONCE, Quads, quads_of, surface_grid
 from benchmarks.adaptive_faces import children as children_of
-from ccdepth_addon.core.adaptive.plan import Mode, Request
+from ccdepth_addon.core.adaptive.plan import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, subdivide_adaptively
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray
@@ -96,7 +96,7 @@ def _heights(surface: FloatArray, triangles: FloatArray) -> FloatArray:
 
 
 def subdivide(mesh: PolygonMesh, limit: float) -> AdaptiveMesh:
-    request = Request(limit, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
+    request = AdaptiveRequest(limit, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
     return result_of(subdivide_adaptively(mesh, request, mesh.positions))
 
 

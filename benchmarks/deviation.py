@@ -20,7 +20,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 import bpy
 import numpy as np
 
-from ccdepth_addon.core.adaptive.planner import Mode, Request, subdivide_adaptively
+from ccdepth_addon.core.adaptive.planner import AdaptiveRequest, Mode, subdivide_adaptively
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import measure_deviation
@@ -87,7 +87,7 @@ def subdivided(
 
 def adaptive(control: PolygonMesh, relative: float) -> tuple[FloatArray, IndexArray]:
     diagonal = float(np.linalg.norm(np.ptp(control.positions, axis=0)))
-    request = Request(relative * diagonal, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
+    request = AdaptiveRequest(relative * diagonal, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
     made = result_of(subdivide_adaptively(control, request, control.positions)).mesh
     scene.clear()
     sizes = np.diff(made.face_starts).astype(np.intp)

@@ -4,12 +4,12 @@
 The public interface: what is not named here may change. docs/api.md is made from these docstrings.
 """
 
-from .adaptive.plan import Mode, Request, TooManyFacesError
+from .adaptive.plan import AdaptiveRequest, Mode, TooManyFacesError
 from .adaptive.planner import AdaptiveMesh, count_faces, subdivide_adaptively
 from .adaptive.subdivided_mesh import SubdividedMesh
 from .adaptive.templates import Transitions
 from .arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
-from .attributes.face_varying import uv_surface
+from .attributes.face_varying import face_varying_surface
 from .attributes.interpolation import (
     Evaluate,
     at_corners,
@@ -46,6 +46,7 @@ __all__ = [
     "METHODS",
     "VERTICES",
     "AdaptiveMesh",
+    "AdaptiveRequest",
     "BoolArray",
     "DepthResult",
     "Deviation",
@@ -55,7 +56,6 @@ __all__ = [
     "InvalidMeshError",
     "Mode",
     "PolygonMesh",
-    "Request",
     "ShortIndexArray",
     "SubdividedMesh",
     "SurfacePoints",
@@ -70,6 +70,7 @@ __all__ = [
     "crease_to_sharpness",
     "face_depths",
     "face_depths_stepwise",
+    "face_varying_surface",
     "interpolated",
     "interpolated_at_vertices",
     "join_transformations",
@@ -86,6 +87,5 @@ __all__ = [
     "to_quaternions",
     "to_rotation_vectors",
     "uniform_level_stepwise",
-    "uv_surface",
     "validate",
 ]

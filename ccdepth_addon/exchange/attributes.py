@@ -32,6 +32,7 @@ from ..core import (
     at_corners,
     at_vertices,
     crease_to_sharpness,
+    face_varying_surface,
     interpolated,
     join_transformations,
     limit_values,
@@ -39,7 +40,6 @@ from ..core import (
     split_transformations,
     to_quaternions,
     to_rotation_vectors,
-    uv_surface,
 )
 from ..state.results import BOUND, COLOR, DEPTH, color_of_user
 from .bulk_writing import write_values
@@ -163,7 +163,7 @@ class Carrier:
         uvs = _rows(attribute.data, TYPES["FLOAT2"])
         if self.uv_smooth == "NONE" or not np.isfinite(uvs).all():
             return self._interpolated("FLOAT2", uvs, self._at_corners)
-        surface = uv_surface(self.control, uvs, self.uv_smooth)
+        surface = face_varying_surface(self.control, uvs, self.uv_smooth)
 
         def on_surface(points: SurfacePoints) -> Values:
             return limit_values(surface, surface.positions[:, :2], points)

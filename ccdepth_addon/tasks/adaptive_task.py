@@ -18,9 +18,9 @@ import numpy as np
 
 from ..core import (
     AdaptiveMesh,
+    AdaptiveRequest,
     FloatArray,
     Mode,
-    Request,
     TooManyFacesError,
     Transitions,
     check_tolerance,
@@ -114,11 +114,11 @@ class SubdivisionTask:
         """The control mesh where it is proved."""
         return self.surface.control.thickened()
 
-    def request(self, settings: SubdivisionSettings, tolerance: float, most_faces: int) -> Request:
+    def request(self, settings: SubdivisionSettings, tolerance: float, most_faces: int) -> AdaptiveRequest:
         limit = tolerance - self.allowance
         transitions = Transitions(settings.transitions)
         rounding = rounding_allowance(self.control.in_world)
-        return Request(limit, Mode(settings.mode), transitions, most_faces, self.control.world, rounding)
+        return AdaptiveRequest(limit, Mode(settings.mode), transitions, most_faces, self.control.world, rounding)
 
 
 @dataclass(frozen=True)
@@ -300,7 +300,7 @@ def _raised(steps: Generator[int, None, Any], by: int) -> Generator[int, None, A
         yield by + number
 
 
-def _refuse_too_many(faces: int, request: Request) -> None:
+def _refuse_too_many(faces: int, request: AdaptiveRequest) -> None:
     """The core counts leaves on its way; their faces may turn out to be more than are allowed."""
     if faces > request.most_faces:
         raise TooManyFacesError(faces, request.limit * faces / max(request.most_faces, 1))

@@ -138,7 +138,7 @@ def drawn(data: meshes.MeshData, tolerance: float, transitions: str, world: Floa
     adaptive, rules = addon.module("core.adaptive.planner"), addon.module("core.surface.sharpness")
     templates, plan = addon.module("core.adaptive.templates"), addon.module("core.adaptive.plan")
     base = rules.apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
-    asked = plan.Request(tolerance, plan.Mode.ADAPTIVE, templates.Transitions(transitions), MOST_FACES, world)
+    asked = plan.AdaptiveRequest(tolerance, plan.Mode.ADAPTIVE, templates.Transitions(transitions), MOST_FACES, world)
     positions = base.positions @ np.linalg.inv(world).T
     found = result_of(adaptive.subdivide_adaptively(base, asked, positions))
     assert np.all(found.bounds <= tolerance)

@@ -16,7 +16,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ccdepth_addon.core.adaptive.subdivided_mesh import SubdividedMesh
-from ccdepth_addon.core.attributes.face_varying import UV_SMOOTH, uv_surface
+from ccdepth_addon.core.attributes.face_varying import UV_SMOOTH, face_varying_surface
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.limit_normals import limit_normals
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
@@ -435,7 +435,7 @@ def test_uv_maps_are_smoothed_as_the_modifier_does(uv_smooth: str) -> None:
         if uv_smooth == "NONE":
             np.testing.assert_allclose(own, blenders, atol=UV_ROUNDING, rtol=0)
             continue
-        surface = uv_surface(carried.control, read(carried.base, name), uv_smooth)
+        surface = face_varying_surface(carried.control, read(carried.base, name), uv_smooth)
         flat = surface.positions[:, :2]
         np.testing.assert_allclose(
             uniform.refined_values(surface, flat, LEVEL, limit=False), blenders, atol=UV_ROUNDING, rtol=0

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ccdepth_addon.core.attributes.face_varying import UV_SMOOTH, uv_surface
+from ccdepth_addon.core.attributes.face_varying import UV_SMOOTH, face_varying_surface
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, uniform
@@ -107,7 +107,7 @@ def assert_agreement(
     scene.add_subdivision(holder, LEVEL).uv_smooth = uv_smooth
     evaluated = holder.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     for layer, uvs in found.items():
-        surface = uv_surface(control, uvs, uv_smooth)
+        surface = face_varying_surface(control, uvs, uv_smooth)
         own = uniform.refined_values(surface, surface.positions[:, :2], LEVEL, limit=False)
         blenders = np.empty(2 * len(evaluated.loops), dtype=np.float32)
         evaluated.uv_layers[layer].uv.foreach_get("vector", blenders)

@@ -16,13 +16,13 @@ from ccdepth_addon.core.adaptive import planner
 from ccdepth_addon.core.adaptive.cells.cell_store import some
 from ccdepth_addon.core.adaptive.cells.control_faces import cells_of_faces
 from ccdepth_addon.core.adaptive.cells.patch_cells import BicubicCells
-from ccdepth_addon.core.adaptive.leaf_approximation import Fit
-from ccdepth_addon.core.adaptive.leaf_bounds.star_bounds import graph_bounds
-from ccdepth_addon.core.adaptive.plan import Mode, Request, TooManyFacesError
+from ccdepth_addon.core.adaptive.leaf_approximation import LeafApproximation
+from ccdepth_addon.core.adaptive.leaf_bounds.star_bounds import star_bounds
+from ccdepth_addon.core.adaptive.plan import AdaptiveRequest, Mode, TooManyFacesError
 from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, count_faces, subdivide_adaptively
 from ccdepth_addon.core.adaptive.quadtree import NONE, Quadtree
 from ccdepth_addon.core.adaptive.templates import Transitions
-from ccdepth_addon.core.adaptive.tessellation import Outline, outline, triangles_around
+from ccdepth_addon.core.adaptive.tessellation import TessellationPlan, plan_tessellation, triangles_around
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.evaluation import limit_values
@@ -100,12 +100,12 @@ def request(
     mode: Mode = Mode.ADAPTIVE,
     transitions: Transitions = Transitions.TRIANGLES,
     most_faces: int = MOST_FACES,
-) -> Request:
+) -> AdaptiveRequest:
     """tolerance: in parts of the diagonal."""
-    return Request(tolerance * diagonal(mesh), mode, transitions, most_faces)
+    return AdaptiveRequest(tolerance * diagonal(mesh), mode, transitions, most_faces)
 
 
-def subdivided(mesh: PolygonMesh, asked: Request) -> AdaptiveMesh:
+def subdivided(mesh: PolygonMesh, asked: AdaptiveRequest) -> AdaptiveMesh:
     return result_of(subdivide_adaptively(mesh, asked, mesh.positions))
 
 
@@ -270,69 +270,81 @@ def test_finished_tree(name: str, mode: Mode, monkeypatch: pytest.MonkeyPatch) -
     """
     mesh = build(name)
     for tolerance in (0.02, 2e-3) if mode is Mode.ADAPTIVE else (0.05,):
-        drawn: list[tuple[Quadtree, IndexArray, Fit]] = []
+        drawn: list[tuple[Quadtree, IndexArray, LeafApproximation]] = []
 
         def drawing(
-            tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions, drawn: Any = drawn
-        ) -> Outline:
-            drawn.append((tree, leaves, fit))
-            return outline(tree, leaves, fit, transitions)
+            tree: Quadtree,
+            leaves: IndexArray,
+            approximation: LeafApproximation,
+            transitions: Transitions,
+            drawn: Any = drawn,
+        ) -> TessellationPlan:
+            drawn.append((tree, leaves, approximation))
+            return plan_tessellation(tree, leaves, approximation, transitions)
 
-        monkeypatch.setattr(planner, "outline", drawing)
+        monkeypatch.setattr(planner, "plan_tessellation", drawing)
         asked = request(mesh, tolerance, mode)
         subdivided(mesh, asked)
-        for tree, leaves, fit in drawn:
+        for tree, leaves, approximation in drawn:
             np.testing.assert_array_equal(np.sort(leaves), tree.leaves())
-            assert_fitted_as_it_is(tree, leaves, fit)
-            assert_bounded_as_it_is(tree, leaves, fit, asked)
+            assert_approximated_as_it_is(tree, leaves, approximation)
+            assert_bounded_as_it_is(tree, leaves, approximation, asked)
 
 
-def assert_fitted_as_it_is(tree: Quadtree, leaves: IndexArray, fit: Fit) -> None:
+def assert_approximated_as_it_is(tree: Quadtree, leaves: IndexArray, approximation: LeafApproximation) -> None:
     counts, deeper = tree.sides(leaves)
     assert not np.any(deeper)
     assert np.all(counts < tree.slot_counts(leaves))
     quads = np.flatnonzero(tree.is_quad(leaves))
-    hanging = tree.hanging(tree.first_slots(leaves[quads])[:, None] + (np.arange(4) + fit.turns[quads, None]) % 4)
-    np.testing.assert_array_equal(hanging @ [1, 2, 4, 8], fit.patterns[quads])
+    hanging = tree.hanging(
+        tree.first_slots(leaves[quads])[:, None] + (np.arange(4) + approximation.turns[quads, None]) % 4
+    )
+    np.testing.assert_array_equal(hanging @ [1, 2, 4, 8], approximation.patterns[quads])
 
 
-def assert_bounded_as_it_is(tree: Quadtree, leaves: IndexArray, fit: Fit, asked: Request) -> None:
+def assert_bounded_as_it_is(
+    tree: Quadtree, leaves: IndexArray, approximation: LeafApproximation, asked: AdaptiveRequest
+) -> None:
     """Every bound is what is found for the leaf as it is drawn, or else for its neighbours as they are drawn."""
-    anew = fitted_anew(tree, asked).at(leaves)
+    anew = approximated_anew(tree, asked).at(leaves)
     for name in ("patterns", "alternatives", "turns", "folded"):
-        np.testing.assert_array_equal(getattr(fit, name), getattr(anew, name))
+        np.testing.assert_array_equal(getattr(approximation, name), getattr(anew, name))
     drawn = triangles_around(tree, leaves, anew, Transitions.TRIANGLES)
     points = limit_values(tree.mesh, tree.mesh.positions, tree.vertex_points(drawn.used))
     along, of_leaves = np.zeros(len(leaves)), drawn.leaves
     normal, tangential = anew.normal[of_leaves], anew.tangential[of_leaves]
-    found = graph_bounds(points, drawn.corners, normal, tangential, drawn.closed, of_leaves >= 0)
+    found = star_bounds(points, drawn.corners, normal, tangential, drawn.closed, of_leaves >= 0)
     np.maximum.at(along, of_leaves, found)
-    np.testing.assert_allclose(fit.bounds, np.where(np.isinf(anew.bounds), along, anew.bounds), rtol=SAME, atol=0)
-    assert np.all(fit.bounds <= asked.limit)
+    np.testing.assert_allclose(
+        approximation.bounds, np.where(np.isinf(anew.bounds), along, anew.bounds), rtol=SAME, atol=0
+    )
+    assert np.all(approximation.bounds <= asked.limit)
 
 
-def fitted_anew(tree: Quadtree, asked: Request) -> Fit:
+def approximated_anew(tree: Quadtree, asked: AdaptiveRequest) -> LeafApproximation:
     """(nodes,) how the leaves of a tree fit with their sides as they are, and how far all are off along their normals
     and across: from the faces of the control mesh down. Whole leaves are looked at through bicubic parents first."""
-    found, waiting = Fit.none(len(tree.first_child)), [*cells_of_faces(tree.mesh)]
-    looked = Fit.none(len(found.fits))
+    found, waiting = LeafApproximation.none(len(tree.first_child)), [*cells_of_faces(tree.mesh)]
+    from_parents = LeafApproximation.none(len(found.accepted))
     while waiting:
         cells = waiting.pop()
         is_leaf = tree.first_child[cells.nodes] == NONE
         for parents in some(cells, ~is_leaf):
             waiting += parents.children(tree)
             if isinstance(parents, BicubicCells):
-                children = parents.fit_children(asked.limit, asked.axes)
-                looked.put(tree.quarters(parents.nodes).ravel(), children.fit)
+                children = parents.approximate_children(asked.limit, asked.axes)
+                from_parents.put(tree.children_of_quads(parents.nodes).ravel(), children.approximation)
         for leaves in some(cells, is_leaf):
-            fit = leaves.fit(tree.hanging(tree.slots(leaves.nodes)), asked.transitions, asked.limit, asked.axes)
-            at_parents = np.flatnonzero(looked.fits[leaves.nodes] & (tree.sides(leaves.nodes)[0] == 0))
-            fit.put(at_parents, looked.at(leaves.nodes[at_parents]))
-            misses = leaves.misses(fit, asked.limit)
-            unknown = np.flatnonzero(np.isinf(fit.normal))
-            fit.normal[unknown] = np.minimum(misses.normal, fit.bounds)[unknown]
-            fit.tangential[unknown] = np.minimum(misses.tangential, fit.bounds)[unknown]
-            found.put(leaves.nodes, fit)
+            approximation = leaves.approximate(
+                tree.hanging(tree.slots(leaves.nodes)), asked.transitions, asked.limit, asked.axes
+            )
+            at_parents = np.flatnonzero(from_parents.accepted[leaves.nodes] & (tree.sides(leaves.nodes)[0] == 0))
+            approximation.put(at_parents, from_parents.at(leaves.nodes[at_parents]))
+            error_bounds = leaves.error_bounds(approximation, asked.limit)
+            unknown = np.flatnonzero(np.isinf(approximation.normal))
+            approximation.normal[unknown] = np.minimum(error_bounds.normal, approximation.bounds)[unknown]
+            approximation.tangential[unknown] = np.minimum(error_bounds.tangential, approximation.bounds)[unknown]
+            found.put(leaves.nodes, approximation)
     return found
 
 
@@ -372,7 +384,7 @@ def test_vertices_without_faces_stay_where_they_are(place: float, stretch: float
     positions[loose[-1]] = place
     mesh = apply_boundary_rule(mesh.changed(positions=positions), smooth_corners=True)
     wanted = positions * [stretch, 1.0, 1.0]
-    asked = Request(0.05, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
+    asked = AdaptiveRequest(0.05, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
     made = result_of(subdivide_adaptively(mesh, asked, wanted)).mesh
     of_loose = np.flatnonzero(np.isin(made.base_vertices, loose))
     assert len(of_loose) == len(loose) > 0
@@ -478,7 +490,7 @@ def test_refused_with_about_the_tolerance_that_fits(name: str) -> None:
     assert refused.value.faces > most_faces
     assert refused.value.tolerance > asked.limit
     # A level more or less is a factor of four in the tolerance.
-    fitting = Request(4 * refused.value.tolerance, asked.mode, asked.transitions, most_faces)
+    fitting = AdaptiveRequest(4 * refused.value.tolerance, asked.mode, asked.transitions, most_faces)
     assert result_of(count_faces(mesh, fitting)) <= most_faces
 
 

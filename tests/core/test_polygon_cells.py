@@ -86,8 +86,10 @@ def test_no_triangle_is_farther_than_its_bound(name: str) -> None:
             found = distances(template_of(pattern), surface, places, surface[nearest])
             # A plain triangle is compared with itself; the others by way of a fan, which takes some more.
             for room in (1.2 if pattern == 0 else 2.0, 100.0):
-                fit = cells.at(np.array([place])).fit(hanging, Transitions.TRIANGLES, room * found[0], np.eye(3))
-                bounds = np.concatenate([fit.bounds, fit.normal, fit.tangential])
+                approximation = cells.at(np.array([place])).approximate(
+                    hanging, Transitions.TRIANGLES, room * found[0], np.eye(3)
+                )
+                bounds = np.concatenate([approximation.bounds, approximation.normal, approximation.tangential])
                 assert np.all(found <= bounds + ROUNDING), (pattern, face)
                 assert bounds[0] <= room * found[0], (pattern, face)
 

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.adaptive.leaf_bounds import triangle_bounds
-from ccdepth_addon.core.adaptive.leaf_bounds.irregular_bounds import template_misses
+from ccdepth_addon.core.adaptive.leaf_bounds.irregular_bounds import template_error_bounds
 from ccdepth_addon.core.adaptive.templates import ALL_SPLIT, QUAD_POINTS, Template, templates
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
@@ -120,19 +120,19 @@ def bounds_of(valence: int, pattern: int, alternative: int, nets: FloatArray, *,
         coefficients = patch_coefficients(regular_nets(mesh, np.array([0]))).reshape(16, -1, 3)
         every = np.arange(coefficients.shape[1])
         if fine:
-            closer = triangle_bounds.regular_rows(pattern, alternative)
-            found = triangle_bounds.regular_misses(closer, coefficients, normals)
-            in_all = triangle_bounds.regular_distances(closer, coefficients, every)
+            closer = triangle_bounds.bicubic_rows(pattern, alternative)
+            found = triangle_bounds.bicubic_error_bounds(closer, coefficients, normals)
+            in_all = triangle_bounds.bicubic_distances(closer, coefficients, every)
         else:
             rows = triangle_bounds.quadratic_rows(pattern, alternative)
-            quadratic, rest = triangle_bounds.quadratic_misses(rows, coefficients, normals)
+            quadratic, rest = triangle_bounds.quadratic_error_bounds(rows, coefficients, normals)
             found = quadratic + rest
             in_all = np.add(*triangle_bounds.quadratic_distances(rows, coefficients, every))
         np.testing.assert_allclose(in_all, found.whole, rtol=ROUNDING)
     else:
         net = extraordinary_nets(mesh, np.array([0]), valence).reshape(2 * valence + 8, -1, 3)
         matrices = triangle_bounds.extraordinary_rows(valence, pattern, alternative, fine=fine)
-        found = triangle_bounds.extraordinary_misses(matrices, net, normals)
+        found = triangle_bounds.extraordinary_error_bounds(matrices, net, normals)
     return np.stack([found.whole, found.normal, found.tangential])
 
 
@@ -350,7 +350,7 @@ def test_no_triangle_over_a_refined_quad_is_farther_than_its_bound(name: str) ->
                 for ratio in (0.9, TIGHT, np.inf):
                     limit = ratio * distances[0]
                     for room in (None, np.array([np.inf])):
-                        found = template_misses(children, points, key, normals_of(template, points), limit, room)
+                        found = template_error_bounds(children, points, key, normals_of(template, points), limit, room)
                         bounds = np.ravel([found.whole, found.normal, found.tangential])
                         assert np.all(distances <= bounds + ROUNDING), (key, limit, room)
                         seen_within[ratio, room is not None].append(bool(found.whole[0] <= limit))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How the nodes of a quadtree fit, as they were fitted last.
+"""The last approximation of each node of a quadtree.
 
-Most leaves are within the limit at equal parameters. How far the others and those around them are off along the surface
-is kept apart, for these alone.
+Most leaves are within the limit at equal parameters. Error bounds along normals and across them, and star bounds, are
+kept only for the others and the leaves around these.
 """
 
 from __future__ import annotations
@@ -10,87 +10,87 @@ from __future__ import annotations
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
-from .leaf_approximation import Fit
-from .leaf_bounds.triangle_bounds import Misses
+from .leaf_approximation import LeafApproximation
+from .leaf_bounds.triangle_bounds import ErrorBounds
 from .quadtree import NONE, Column, Quadtree
 
-OF_ALL_NODES = ("fits", "bounds", "patterns", "alternatives", "turns", "folded", "least")
+OF_ALL_NODES = ("accepted", "bounds", "patterns", "alternatives", "turns", "folded", "least")
 
 
-class FitStore:
-    """What ``Fit`` says of each node of a tree, and the bounds that take the neighbours into account."""
+class ApproximationStore:
+    """The ``LeafApproximation`` of each node of a tree, and star bounds, which take the neighbours into account."""
 
     def __init__(self, tree: Quadtree) -> None:
         self._tree = tree
-        nothing = Fit.none(1)
+        nothing = LeafApproximation.none(1)
         self._columns = {name: tree.add_column(getattr(nothing, name)[0]) for name in OF_ALL_NODES}
-        # The entry that tells of a node along the surface, or NONE; and of each entry its node.
+        # The entry of a node in the columns along the surface, or NONE; and the node of each entry.
         self._entries = tree.add_column(np.int32(NONE))
         self._nodes = Column(np.zeros(0, dtype=np.intp))
-        self._normal, self._tangential, self._graph_bounds = (Column(np.zeros(0)) for _ in range(3))
+        self._normal, self._tangential, self._star_bounds = (Column(np.zeros(0)) for _ in range(3))
 
     least = property(lambda self: self._columns["least"].values)
 
-    def put(self, nodes: IndexArray, fit: Fit) -> None:
-        """Nodes, each once, fit like that; what was known of them before no longer holds."""
+    def put(self, nodes: IndexArray, approximation: LeafApproximation) -> None:
+        """Replace the approximation of nodes, each once, and discard their star bounds."""
         for name, column in self._columns.items():
-            column.values[nodes] = getattr(fit, name)
+            column.values[nodes] = getattr(approximation, name)
         self._entries.values[nodes] = NONE
-        chosen = np.flatnonzero(fit.fits & np.isinf(fit.bounds))
-        self._append(nodes[chosen], fit.normal[chosen], fit.tangential[chosen])
+        chosen = np.flatnonzero(approximation.accepted & np.isinf(approximation.bounds))
+        self._append(nodes[chosen], approximation.normal[chosen], approximation.tangential[chosen])
 
-    def as_fitted(self, nodes: IndexArray) -> Fit:
-        """How nodes are drawn, and their bounds at equal parameters. The rest is left out, as if nothing were known."""
-        nothing = Fit.none(1)
-        known = {name: self._columns[name].values.take(nodes) for name in OF_ALL_NODES[:-1]}
+    def at_equal_parameters(self, nodes: IndexArray) -> LeafApproximation:
+        """The approximation of nodes, with bounds at equal parameters only; ``normal``, ``tangential`` and ``least``
+        have their defaults."""
+        nothing = LeafApproximation.none(1)
+        stored = {name: self._columns[name].values.take(nodes) for name in OF_ALL_NODES[:-1]}
         rest = {name: np.broadcast_to(getattr(nothing, name), len(nodes)) for name in ("normal", "tangential", "least")}
-        return Fit(**known, **rest)
+        return LeafApproximation(**stored, **rest)
 
-    def of(self, nodes: IndexArray) -> Fit:
-        """The same, with the bounds that take the neighbours into account where there are no others."""
-        fit = self.as_fitted(nodes)
-        unbounded = np.flatnonzero(np.isinf(fit.bounds))
+    def of(self, nodes: IndexArray) -> LeafApproximation:
+        """The same, with star bounds where there are no bounds at equal parameters."""
+        approximation = self.at_equal_parameters(nodes)
+        unbounded = np.flatnonzero(np.isinf(approximation.bounds))
         unbounded = unbounded[self._entries.values[nodes[unbounded]] != NONE]
-        fit.bounds[unbounded] = self.graph_bounds(nodes[unbounded])
-        return fit
+        approximation.bounds[unbounded] = self.star_bounds(nodes[unbounded])
+        return approximation
 
     def unbounded(self) -> IndexArray:
-        """The leaves that are likely to fit, but have no bound at equal parameters, in ascending order."""
+        """The leaves accepted without a bound at equal parameters, in ascending order."""
         nodes = self._nodes.values
         is_last = self._entries.values[nodes] == np.arange(len(nodes))
         nodes = nodes[is_last & (self._tree.first_child[nodes] == NONE)]
         return np.sort(nodes[np.isinf(self._columns["bounds"].values[nodes])])
 
-    def misses(self, nodes: IndexArray) -> tuple[FloatArray, FloatArray]:
-        """(nodes,) twice: how far nodes are off along the normals and across; inf where that is not known."""
+    def error_bounds(self, nodes: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """(nodes,) twice: error bounds along the normals and across; inf where there are none."""
         entries = self._entries.values[nodes]
-        known = np.flatnonzero(entries != NONE)
+        stored = np.flatnonzero(entries != NONE)
         normal, tangential = np.full((2, len(nodes)), np.inf)
-        normal[known], tangential[known] = (
-            column.values.take(entries[known]) for column in (self._normal, self._tangential)
+        normal[stored], tangential[stored] = (
+            column.values.take(entries[stored]) for column in (self._normal, self._tangential)
         )
         return normal, tangential
 
-    def put_misses(self, nodes: IndexArray, misses: Misses) -> None:
-        """Nodes are off by so much, and by no more than their bounds."""
+    def put_error_bounds(self, nodes: IndexArray, error_bounds: ErrorBounds) -> None:
+        """Record error bounds of nodes; none is above the node's bound at equal parameters."""
         bounds = self._columns["bounds"].values[nodes]
-        normal, tangential = np.minimum(misses.normal, bounds), np.minimum(misses.tangential, bounds)
+        normal, tangential = np.minimum(error_bounds.normal, bounds), np.minimum(error_bounds.tangential, bounds)
         entries = self._entries.values[nodes]
-        known = np.flatnonzero(entries != NONE)
-        self._normal.values[entries[known]] = normal[known]
-        self._tangential.values[entries[known]] = tangential[known]
+        stored = np.flatnonzero(entries != NONE)
+        self._normal.values[entries[stored]] = normal[stored]
+        self._tangential.values[entries[stored]] = tangential[stored]
         new = np.flatnonzero(entries == NONE)
         self._append(nodes[new], normal[new], tangential[new])
 
-    def graph_bounds(self, nodes: IndexArray) -> FloatArray:
-        """(nodes,): of nodes that are off by a known distance, the bound that takes the neighbours into account, inf
-        where there is none."""
-        return self._graph_bounds.values[self._entries.values[nodes]]
+    def star_bounds(self, nodes: IndexArray) -> FloatArray:
+        """(nodes,): the star bounds of nodes with error bounds; inf where there is none."""
+        return self._star_bounds.values[self._entries.values[nodes]]
 
-    def put_graph_bounds(self, nodes: IndexArray, drawn: IndexArray, bounds: FloatArray) -> None:
-        """The same of nodes, from the bounds of the triangles that draw them: (T,) the node of each, and its bound. Of
-        a node without triangles nothing is known."""
-        entries, largest = self._entries.values[drawn], self._graph_bounds.values
+    def put_star_bounds(self, nodes: IndexArray, drawn: IndexArray, bounds: FloatArray) -> None:
+        """Record star bounds of nodes, from those of their triangles: (T,) the node of each, and its bound. A node
+        without triangles has none."""
+        entries, largest = self._entries.values[drawn], self._star_bounds.values
         largest[self._entries.values[nodes]] = np.inf
         largest[entries] = 0.0
         np.maximum.at(largest, entries, bounds)
@@ -99,4 +99,4 @@ class FitStore:
         self._entries.values[nodes] = len(self._nodes.values) + np.arange(len(nodes))
         for column, values in ((self._nodes, nodes), (self._normal, normal), (self._tangential, tangential)):
             column.append(values)
-        self._graph_bounds.extend(len(nodes), np.inf)
+        self._star_bounds.extend(len(nodes), np.inf)

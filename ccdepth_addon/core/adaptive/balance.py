@@ -11,10 +11,10 @@ from ..arrays.types import IndexArray
 from .cells.cell_store import in_blocks
 from .plan import Plan
 
-# Beside a quad that is split lie its own quarters and at most two leaves along each side, as soon as there is balance.
+# A balanced tree has, beside a split quad, its four children and at most two leaves along each side.
 LEAVES_BESIDE = 12
 
-# No face has fewer.
+# No face has fewer sides.
 FEWEST_SIDES = 3
 
 
@@ -24,7 +24,7 @@ def unbalanced(plan: Plan) -> IndexArray:
     if not len(split):
         return split
     tree = plan.tree
-    # All of them, if there are not many more than those beside.
+    # All leaves, if these are not many more than those beside.
     leaves = tree.leaves() if LEAVES_BESIDE * len(split) >= tree.leaf_count else tree.leaves_beside(split)
     plan.beside_split.put(leaves)
     counts, wanted = tree.sides(leaves)
@@ -33,10 +33,10 @@ def unbalanced(plan: Plan) -> IndexArray:
     return leaves[wanted]
 
 
-def fit_split_sides(plan: Plan) -> Generator[int, None, IndexArray]:
-    """Fit the leaves anew some more of whose sides are split by now; those that do not fit.
+def approximate_split_sides(plan: Plan) -> Generator[int, None, IndexArray]:
+    """Approximate anew the leaves with more split sides than before. Returns those that exceed the limit.
 
-    Yields how many leaves there are so far.
+    Yields the number of leaves so far.
     """
     tree, leaves = plan.tree, plan.beside_split.take_leaves()
     counts, _ = tree.sides(leaves)
@@ -44,6 +44,6 @@ def fit_split_sides(plan: Plan) -> Generator[int, None, IndexArray]:
     pending = leaves[more]
     plan.split_sides.values[pending] = counts[more]
     for cells in in_blocks(plan.cells.of(pending)):
-        plan.record(cells.nodes, plan.fit(cells, tree.hanging(tree.slots(cells.nodes))))
+        plan.record(cells.nodes, plan.approximate(cells, tree.hanging(tree.slots(cells.nodes))))
         yield tree.leaf_count
-    return pending[~plan.fits.as_fitted(pending).fits]
+    return pending[~plan.approximations.at_equal_parameters(pending).accepted]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The third phase of a plan: leaves that are not within the limit at equal parameters are bounded by their stars."""
+"""The third phase of a plan: star bounds for the leaves that exceed the limit at equal parameters."""
 
 from __future__ import annotations
 
@@ -9,24 +9,25 @@ import numpy as np
 
 from ..arrays.types import BoolArray, IndexArray
 from .cells.cell_store import in_blocks
-from .leaf_bounds.star_bounds import graph_bounds
+from .leaf_bounds.star_bounds import star_bounds
 from .plan import Plan
 from .quadtree import NONE, Quadtree
 from .tessellation import triangles_around
 
 
-def fit_along_surface(plan: Plan) -> Generator[int, None, IndexArray]:
-    """Bound the leaves that are not within the limit at equal parameters by their neighbours; those that do not fit for
-    all that. Yields how many leaves there are so far.
+def bound_along_surface(plan: Plan) -> Generator[int, None, IndexArray]:
+    """Bound the leaves that exceed the limit at equal parameters by their neighbours. Returns those that still exceed
+    it. Yields the number of leaves so far.
 
-    A leaf's bound comes from how it and the leaves with a vertex of it are drawn. Where that has changed one of them
-    was fitted since: its sides were split, or it is new and has the vertices of the leaf that was there.
+    A star bound depends on the approximations of the leaf and of the leaves that share a vertex with it. Where that has
+    changed, one of them was approximated since: its sides were split, or it is new and has the vertices of the leaf
+    before.
     """
-    unbounded, fitted = plan.fits.unbounded(), plan.fitted.take_leaves()
-    wanted = unbounded[_are_at_vertices(plan.tree, unbounded, fitted)]
+    unbounded, approximated = plan.approximations.unbounded(), plan.approximated.take_leaves()
+    wanted = unbounded[_are_at_vertices(plan.tree, unbounded, approximated)]
     if len(wanted):
         yield from _find_star_bounds(plan, wanted)
-    return wanted[plan.fits.graph_bounds(wanted) > plan.request.limit]
+    return wanted[plan.approximations.star_bounds(wanted) > plan.request.limit]
 
 
 def _are_at_vertices(tree: Quadtree, leaves: IndexArray, others: IndexArray) -> BoolArray:
@@ -39,8 +40,8 @@ def _are_at_vertices(tree: Quadtree, leaves: IndexArray, others: IndexArray) -> 
 
 
 def _faces_around(tree: Quadtree, nodes: IndexArray) -> BoolArray:
-    """(faces of the control mesh,) those with a vertex of any on which there are nodes: on these are all nodes that
-    share a vertex with them."""
+    """(faces of the control mesh,) those that share a vertex with a face of the nodes. All nodes that share a vertex
+    with them lie on these."""
     mesh = tree.mesh
     marked = np.zeros(mesh.face_count, dtype=bool)
     marked[tree.base_faces[nodes]] = True
@@ -50,23 +51,25 @@ def _faces_around(tree: Quadtree, nodes: IndexArray) -> BoolArray:
 
 
 def _find_star_bounds(plan: Plan, wanted: IndexArray) -> Generator[int, None, None]:
-    """Find those of the wanted leaves."""
-    tree, fits = plan.tree, plan.fits
+    """Compute and record those of the wanted leaves."""
+    tree, approximations = plan.tree, plan.approximations
     leaves = np.flatnonzero(_faces_around(tree, wanted)[tree.base_faces] & (tree.first_child == NONE))
     leaves = leaves[tree.share_a_vertex(leaves, wanted)]
-    for cells in in_blocks(plan.cells.of(leaves[np.isinf(fits.misses(leaves)[0])])):
-        fits.put_misses(cells.nodes, cells.misses(fits.as_fitted(cells.nodes), plan.request.limit))
+    for cells in in_blocks(plan.cells.of(leaves[np.isinf(approximations.error_bounds(leaves)[0])])):
+        approximations.put_error_bounds(
+            cells.nodes, cells.error_bounds(approximations.at_equal_parameters(cells.nodes), plan.request.limit)
+        )
         yield tree.leaf_count
-    drawn = triangles_around(tree, leaves, fits.as_fitted(leaves), plan.request.transitions)
+    drawn = triangles_around(tree, leaves, approximations.at_equal_parameters(leaves), plan.request.transitions)
     nodes = leaves[drawn.leaves]
     is_wanted = np.zeros(len(tree.first_child), dtype=bool)
     is_wanted[wanted] = True
-    found = graph_bounds(
+    found = star_bounds(
         plan.positions.of(drawn.used),
         drawn.corners,
-        *fits.misses(nodes),
+        *approximations.error_bounds(nodes),
         drawn.closed,
         is_wanted[nodes],
         plan.request.rounding,
     )
-    fits.put_graph_bounds(wanted, nodes[is_wanted[nodes]], found)
+    approximations.put_star_bounds(wanted, nodes[is_wanted[nodes]], found)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The plan of an adaptive mesh: a quadtree on its way, what is known of its nodes, and what is to be evaluated again.
+"""The plan of an adaptive mesh: a quadtree, the data of its nodes, and the nodes that need evaluation again.
 
-The phases that work on it are ``growth``, ``balance`` and ``neighbour_bounds``, in the order of ``planner``.
+The phases ``growth``, ``balance`` and ``neighbour_bounds`` work on it, in the order of ``planner``.
 """
 
 from __future__ import annotations
@@ -15,19 +15,19 @@ from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
-from .approximation_store import FitStore
+from .approximation_store import ApproximationStore
 from .cells.cell_store import CellStore
-from .leaf_approximation import Cells, Fit
+from .leaf_approximation import Cells, LeafApproximation
 from .quadtree import NONE, Quadtree
 from .templates import Transitions
 from .vertex_positions import VertexPositions
 
-# Faces for each leaf, transitions included, when they are only estimated; and how far the estimate has to be above the
-# number allowed to be believed.
+# Estimated faces for each leaf, transitions included; and the ratio of the estimate to the number allowed above which a
+# result is refused before it is planned.
 FACES_OF_A_LEAF = 1.3
-BELIEVED = 4
+SURELY_TOO_MANY = 4
 
-# By how much a tolerance is raised in search of one that fits.
+# The factor between the tolerances tried in search of one with few enough faces.
 SEARCH_STEP = 1.1
 
 
@@ -39,8 +39,8 @@ class Mode(StrEnum):
 
 
 class TooManyFacesError(ValueError):
-    """The result would be too large. faces: about how many there would be; tolerance: where to begin to look for one
-    that fits, in the unit of the positions. It is worked out from the whole faces, and not tried out."""
+    """The result would be too large. faces: their estimated number; tolerance: an estimate of one with few enough
+    faces, in the unit of the positions, from the control mesh's faces alone."""
 
     def __init__(self, faces: int, tolerance: float) -> None:
         super().__init__(f"the result would have about {faces:,} faces; about {tolerance:.3g} might fit")
@@ -49,12 +49,12 @@ class TooManyFacesError(ValueError):
 
 
 @dataclass(frozen=True)
-class Request:
-    """What is wanted of a control mesh. limit: the largest distance, in the unit of its positions, rounding taken off.
+class AdaptiveRequest:
+    """How to subdivide a control mesh. limit: the largest distance, in the unit of its positions, rounding subtracted.
 
-    most_faces: beyond that many the result is refused. axes: (3, 3) float64, its columns the axes of the space where
-    Blender triangulates the result, in coordinates of the positions. rounding: what it can hide from a distance
-    (``rounding.rounding_allowance``), in the unit of the positions, for bounds in which that counts for more.
+    most_faces: a larger result is refused. axes: (3, 3) float64, its columns the axes of the space where Blender
+    triangulates the result, in coordinates of the positions. rounding: the rounding allowance of a distance
+    (``face_depths.rounding_allowance``), in the unit of the positions, for bounds that amplify it.
     """
 
     limit: float
@@ -66,24 +66,24 @@ class Request:
 
 
 class NodeQueue:
-    """Nodes of a tree that wait."""
+    """Nodes of a tree, waiting for evaluation."""
 
     def __init__(self, tree: Quadtree) -> None:
         self._tree = tree
         self._waiting: list[IndexArray] = []
 
     def put(self, nodes: IndexArray) -> None:
-        """Let nodes wait; they may do so already."""
+        """Add nodes; they may be in the queue already."""
         if len(nodes):
             self._waiting.append(nodes)
 
     def take(self) -> IndexArray:
-        """All that wait, as they came; none waits any longer."""
+        """Empty the queue: all nodes in the order they came."""
         waiting, self._waiting = self._waiting, []
         return np.concatenate([np.zeros(0, dtype=np.intp), *waiting])
 
     def take_leaves(self) -> IndexArray:
-        """Those of them that are leaves, each once, in ascending order; none waits any longer."""
+        """Empty the queue: the leaves among its nodes, each once, in ascending order."""
         is_waiting = np.zeros(len(self._tree.first_child), dtype=bool)
         for nodes in self._waiting:
             is_waiting[nodes] = True
@@ -92,23 +92,23 @@ class NodeQueue:
 
 
 class Plan:
-    """tree; of its nodes cells, what is known of the surface, and fits, how they are drawn; of its vertices positions.
-    split_sides: (nodes,) how many of a leaf's sides were split when it was fitted last; it never gets fewer.
+    """tree; the cells and approximations of its nodes; the positions of its vertices. split_sides: (nodes,) how many of
+    a leaf's sides were split at its last approximation; the number never falls.
 
-    Three queues say what a split may have changed, so that only this is evaluated again. split_nodes: nodes split since
-    balance was looked at. beside_split: leaves some of whose sides may have been split since they were fitted. fitted:
-    nodes fitted since the bounds along the surface were found.
+    Three queues hold what a split may have changed, so that only this is evaluated again. split_nodes: nodes split
+    since the last test of balance. beside_split: leaves whose sides may have been split since their approximation.
+    approximated: nodes approximated since the last search for star bounds.
     """
 
-    def __init__(self, mesh: PolygonMesh, request: Request, least_levels: NDArray[np.int8]) -> None:
+    def __init__(self, mesh: PolygonMesh, request: AdaptiveRequest, least_levels: NDArray[np.int8]) -> None:
         """least_levels: (faces of the mesh,) the least level of the leaves on each."""
         self.request = request
         self.tree = Quadtree(mesh)
         self.positions = VertexPositions(self.tree)
         self.cells = CellStore(self.tree)
-        self.fits = FitStore(self.tree)
+        self.approximations = ApproximationStore(self.tree)
         self.split_sides = self.tree.add_column(np.int32(0))
-        self.split_nodes, self.beside_split, self.fitted = (NodeQueue(self.tree) for _ in range(3))
+        self.split_nodes, self.beside_split, self.approximated = (NodeQueue(self.tree) for _ in range(3))
         self._least_levels = least_levels
 
     def split(self, nodes: IndexArray) -> None:
@@ -116,17 +116,17 @@ class Plan:
         self.tree.split(nodes)
         self.split_nodes.put(nodes)
 
-    def fit(self, cells: Cells, hanging: BoolArray) -> Fit:
-        """How to draw cells with these sides split, (slots of the cells,)."""
-        return cells.fit(hanging, self.request.transitions, self.request.limit, self.request.axes)
+    def approximate(self, cells: Cells, hanging: BoolArray) -> LeafApproximation:
+        """How to approximate cells with these sides split, (slots of the cells,)."""
+        return cells.approximate(hanging, self.request.transitions, self.request.limit, self.request.axes)
 
-    def record(self, nodes: IndexArray, fit: Fit) -> None:
-        """Nodes, each once, are drawn like that."""
-        self.fits.put(nodes, fit)
-        self.fitted.put(nodes)
+    def record(self, nodes: IndexArray, approximation: LeafApproximation) -> None:
+        """Record the approximation of nodes, each once."""
+        self.approximations.put(nodes, approximation)
+        self.approximated.put(nodes)
 
     def has_least_level(self, nodes: IndexArray) -> BoolArray:
-        """(nodes,) whether they are on the least level of their face, or below."""
+        """(nodes,) whether they have the least level of their face, or a deeper one."""
         return self.tree.levels[nodes] >= self._least_levels[self.tree.base_faces[nodes]]
 
     def whole_of(self, nodes: IndexArray) -> IndexArray:
@@ -144,21 +144,20 @@ class Plan:
         np.maximum.at(deepest, self.tree.base_faces, self.tree.levels)
         return deepest
 
-    def expected_leaves(self, unfit: IndexArray) -> int:
-        """About how many leaves there will be, now that these nodes have to be split."""
-        worth = np.maximum(_leaves_of(self.fits.least[unfit] / self.request.limit), 4.0)
-        return int(self.tree.leaf_count - len(unfit) + worth.sum())
+    def expected_leaves(self, unfinished: IndexArray) -> int:
+        """The estimated number of leaves in the end, if these nodes have to be split."""
+        leaves = np.maximum(_leaves_of(self.approximations.least[unfinished] / self.request.limit), 4.0)
+        return int(self.tree.leaf_count - len(unfinished) + leaves.sum())
 
-    def refuse_too_many(self, unfit: int, expected: int) -> None:
-        """Raise TooManyFacesError if there are too many leaves now that so many have to be split, or if so many as are
-        expected are far too many."""
+    def refuse_too_many(self, unfinished: int, expected: int) -> None:
+        """Raise TooManyFacesError if splitting so many leaves makes too many, or if far too many are expected."""
         estimate, most = int(FACES_OF_A_LEAF * expected), self.request.most_faces
-        if self.tree.leaf_count + 3 * unfit > most or estimate > BELIEVED * most:
-            raise TooManyFacesError(estimate, self._fitting_limit())
+        if self.tree.leaf_count + 3 * unfinished > most or estimate > SURELY_TOO_MANY * most:
+            raise TooManyFacesError(estimate, self._feasible_limit())
 
-    def _fitting_limit(self) -> float:
-        """A limit by which about as many faces as allowed would be made; inf where the mesh has too many itself."""
-        least = self.fits.least[: self.tree.mesh.face_count]
+    def _feasible_limit(self) -> float:
+        """A limit with about as many faces as allowed; inf if the control mesh itself has more."""
+        least = self.approximations.least[: self.tree.mesh.face_count]
         if len(least) > self.request.most_faces:
             return np.inf
         room = max(self.request.most_faces / FACES_OF_A_LEAF, len(least))
@@ -169,5 +168,5 @@ class Plan:
 
 
 def _leaves_of(ratios: FloatArray) -> FloatArray:
-    """About how many leaves it takes where the distance is so many limits: a level divides it by four."""
+    """Estimated leaves for ratios of distance to limit: a level divides the distance by four."""
     return 4.0 ** np.ceil(np.log2(np.maximum(ratios, 1.0)) / 2)

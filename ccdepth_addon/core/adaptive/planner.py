@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Adaptive subdivision: which quadtree over a control mesh is drawn within a tolerance of the limit surface.
+"""Adaptive subdivision: the quadtree over a control mesh whose tessellation is within a tolerance of the surface.
 
-A node is split while its own bound, as it is drawn, exceeds the tolerance; then wherever a neighbour is more than one
-level deeper; then wherever no template for its split sides is within the tolerance; until nothing is left to split.
-Splitting only ever makes bounds smaller in the end, and no split is undone, so this ends. What is drawn in the end is
-what was bounded, piece by piece (``triangle_bounds``, ``polygon_bounds``, ``star_bounds``): so every point of the mesh
-is that near to the surface, and every point of the surface that near to the mesh (docs/adaptive.md).
+Nodes are split while their own bounds exceed the tolerance; then wherever a neighbour is more than one level deeper;
+then wherever no template for the split sides is within the tolerance; until nothing is left to split. Bounds fall with
+the size of a leaf, and no split is undone, so this ends. Every piece of the tessellation has a proved bound
+(``triangle_bounds``, ``polygon_bounds``, ``star_bounds``), in both directions between mesh and surface
+(docs/adaptive.md).
 """
 
 from __future__ import annotations
@@ -18,21 +18,21 @@ from numpy.typing import NDArray
 
 from ..arrays.types import FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
-from .balance import fit_split_sides, unbalanced
+from .balance import approximate_split_sides, unbalanced
 from .cells.control_faces import cells_of_faces
-from .growth import fit_children, fit_new, grow
+from .growth import approximate_children, approximate_new, grow
 from .leaf_approximation import Cells
-from .neighbour_bounds import fit_along_surface
-from .plan import Mode, Plan, Request
+from .neighbour_bounds import bound_along_surface
+from .plan import AdaptiveRequest, Mode, Plan
 from .subdivided_mesh import SubdividedMesh
-from .tessellation import Outline, draw, outline
+from .tessellation import TessellationPlan, plan_tessellation, tessellate
 from .vertex_positions import VertexPositions
 
 
 @dataclass(frozen=True)
 class AdaptiveMesh:
     """The mesh, and of each of its F faces: (F,) float64 the proved distance; (F,) int32 the depth of its base face,
-    which is the level of the deepest leaf there. leaf_count: how many leaves of the quadtree they draw."""
+    which is the level of the deepest leaf there. leaf_count: the number of leaves they tessellate."""
 
     mesh: SubdividedMesh
     bounds: FloatArray
@@ -40,60 +40,60 @@ class AdaptiveMesh:
     leaf_count: int
 
 
-def count_faces(mesh: PolygonMesh, request: Request) -> Generator[int, None, int]:
-    """How many faces the result would have, in steps: yields how many leaves there are so far.
+def count_faces(mesh: PolygonMesh, request: AdaptiveRequest) -> Generator[int, None, int]:
+    """The number of faces of the result, in steps: yields the number of leaves so far.
 
-    mesh: its sharpness explicit (``sharpness.apply_boundary_rule``). Raises TooManyFacesError.
+    mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``). Raises TooManyFacesError.
     """
-    settled = yield from _settled(mesh, request)
+    settled = yield from _plan_within(mesh, request)
     return len(settled.bounds)
 
 
 def subdivide_adaptively(
-    mesh: PolygonMesh, request: Request, positions: FloatArray
+    mesh: PolygonMesh, request: AdaptiveRequest, positions: FloatArray
 ) -> Generator[int, None, AdaptiveMesh]:
-    """The mesh that is drawn within the limit, in steps: yields how many leaves there are so far.
+    """The mesh within the limit, in steps: yields the number of leaves so far.
 
-    mesh: its sharpness explicit (``sharpness.apply_boundary_rule``), in the space the limit is meant in.
-    positions: (V, 3) float64, of the same control mesh in the space that is wanted, with the axes of the request.
+    mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``), in the space of the limit. positions: (V, 3)
+    float64, of the same control mesh in the space of the result, which has the axes of the request.
     Raises TooManyFacesError.
     """
-    settled = yield from _settled(mesh, request)
-    made = draw(settled.outline, settled.positions.in_space_of(positions, settled.outline.used))
+    settled = yield from _plan_within(mesh, request)
+    made = tessellate(settled.plan, settled.positions.in_space_of(positions, settled.plan.used))
     depths = settled.depths[made.base_faces].astype(np.int32)
-    return AdaptiveMesh(made, settled.bounds, depths, len(settled.outline.leaves))
+    return AdaptiveMesh(made, settled.bounds, depths, len(settled.plan.leaves))
 
 
 @dataclass(frozen=True)
 class _Settled:
-    """What is drawn within the limit, and the proved distance of each of its F faces: (F,) float64. depths: (faces of
-    the control mesh,) the level of the deepest leaf of each. positions: of the tree's vertices, in the mesh's space."""
+    """The tessellation plan, and the proved distance of each of its F faces: (F,) float64. depths: (faces of the
+    control mesh,) the level of the deepest leaf of each. positions: of the tree's vertices, in the mesh's space."""
 
-    outline: Outline
+    plan: TessellationPlan
     bounds: FloatArray
     depths: NDArray[np.int8]
     positions: VertexPositions
 
 
-def _settled(mesh: PolygonMesh, request: Request) -> Generator[int, None, _Settled]:
-    """Plan until nothing that is drawn clashes."""
+def _plan_within(mesh: PolygonMesh, request: AdaptiveRequest) -> Generator[int, None, _Settled]:
+    """Plan until no edges of the tessellation clash."""
     least_levels = np.zeros(mesh.face_count, dtype=np.int8)
     while True:
         plan = Plan(mesh, request, least_levels)
         yield from _settle(plan)
         tree, leaves, depths = plan.tree, plan.leaves(), plan.face_levels()
-        fit, positions = plan.fits.of(leaves), plan.positions
-        # What else is known of the surface takes as much memory as the tree, and has served its turn.
+        approximation, positions = plan.approximations.of(leaves), plan.positions
+        # The rest takes as much memory as the tree, and is no longer needed.
         del plan
-        found = outline(tree, leaves, fit, request.transitions)
+        found = plan_tessellation(tree, leaves, approximation, request.transitions)
         if not len(clashes := found.clashes):
-            return _Settled(found, fit.bounds[found.drawn], depths, positions)
+            return _Settled(found, approximation.bounds[found.drawn], depths, positions)
         np.maximum.at(least_levels, tree.base_faces[clashes], tree.levels[clashes] + np.int8(1))
 
 
 def _settle(plan: Plan) -> Generator[int, None, None]:
-    """Find the whole tree: grow it, then split until every leaf fits beside its neighbours."""
-    yield from grow(plan, (yield from fit_new(plan, cells_of_faces(plan.tree.mesh))))
+    """Plan the whole tree: grow it, then split until every leaf is within the limit beside its neighbours."""
+    yield from grow(plan, (yield from approximate_new(plan, cells_of_faces(plan.tree.mesh))))
     if plan.request.mode is Mode.PER_FACE:
         yield from _level_faces(plan)
     while len(wanted := (yield from _unfinished(plan))):
@@ -101,26 +101,26 @@ def _settle(plan: Plan) -> Generator[int, None, None]:
 
 
 def _unfinished(plan: Plan) -> Generator[int, None, IndexArray]:
-    """The leaves to split next: those out of balance, or else those that do not fit as their sides are, or else along
-    the surface."""
+    """The leaves to split next: those out of balance; if none, those that exceed the limit with their sides split; if
+    none, those that exceed it along the surface."""
     if len(wanted := unbalanced(plan)):
         return wanted
-    if len(wanted := (yield from fit_split_sides(plan))):
+    if len(wanted := (yield from approximate_split_sides(plan))):
         return wanted
-    return _evened(plan, (yield from fit_along_surface(plan)))
+    return _evened(plan, (yield from bound_along_surface(plan)))
 
 
 def _split(plan: Plan, wanted: IndexArray) -> Generator[int, None, None]:
-    """Split the wanted leaves, and all that gets out of balance by that; and then their children, as it takes."""
+    """Split leaves, all that this leaves unbalanced, and then their children while these exceed the limit."""
     plan.refuse_too_many(len(wanted), plan.expected_leaves(wanted))
     parents: list[Cells] = []
-    known = len(plan.tree.first_child)
+    count = len(plan.tree.first_child)
     while len(wanted):
-        # What is made meanwhile comes with its parents.
-        parents += plan.cells.of(wanted[wanted < known])
+        # Nodes made in this loop have no cells yet; they come with their parents.
+        parents += plan.cells.of(wanted[wanted < count])
         plan.split(wanted)
         wanted = unbalanced(plan)
-    yield from grow(plan, (yield from fit_children(plan, parents)))
+    yield from grow(plan, (yield from approximate_children(plan, parents)))
 
 
 def _level_faces(plan: Plan) -> Generator[int, None, None]:
@@ -135,8 +135,8 @@ def _level_faces(plan: Plan) -> Generator[int, None, None]:
 
 
 def _evened(plan: Plan, wanted: IndexArray) -> IndexArray:
-    """The leaves to split so that the wanted ones are; where faces are divided evenly, with a wanted leaf of the least
-    level of its face go all others of this level."""
+    """The leaves to split along with the wanted ones: where faces are divided evenly, all leaves of the least level of
+    a face if one of them is wanted."""
     if plan.request.mode is not Mode.PER_FACE or not len(wanted):
         return wanted
     tree, leaves = plan.tree, plan.tree.leaves()

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The quadtrees over the faces of a control mesh: which subfaces there are, and how they hang together.
+"""The quadtrees over the faces of a control mesh: its subfaces and their connectivity.
 
 Nodes are faces of the control mesh and, four to a split node (or one for each corner of a face that is no quad), the
 subfaces below them. Every node has one slot for each of its corners, which is also its side from that corner to the
-next. Splitting a node splits its sides; edges form trees of their own, shared by all nodes along them, so that a leaf
-knows from its sides alone what lies across, on a boundary, on a crease where three faces meet, or inside. Every edge
-knows the slots along it, by a chain from slot to slot, so that a split finds the leaves it concerns.
+next. Splitting a node splits its sides; edges form trees of their own, shared by all nodes along them, so the
+sides of a leaf alone tell whether the leaves across are split, on a boundary, on a crease where three faces meet, or
+inside. A chain from slot to slot connects all slots along an edge, so that a split finds the leaves it concerns.
 
 The child of slot s has slots at the vertex of s, the middle of side s, the centre, and the middle of the side before,
 in this order: that of ``catmull_clark.subdivide``.
@@ -27,10 +27,10 @@ from .templates import QUAD_POINTS
 
 NONE = -1
 
-# How much more room is made than there was, at least.
+# The least factor by which a column grows.
 SLACK = 1.5
 
-# A point of a node: the place of a corner, and whether it is the middle of the side from there that is meant.
+# A point of a node: the place of a corner, and whether it means the middle of the side from there.
 Point = tuple[int, bool]
 
 # Parameters as complex numbers, which turn and scale by multiplication: the points of a quad, and its sides from corner
@@ -41,7 +41,7 @@ COMPLEX_SIDES = np.array([1, 1j, -1, -1j])
 # There are more slots than nodes, edges or vertices.
 MOST_SLOTS = np.iinfo(np.int32).max
 
-# What is made on the way for so many nodes stays in the processor's cache.
+# Temporary arrays for so many nodes stay in the processor's cache.
 NODES_AT_ONCE = 1 << 13
 
 # The state of an edge.
@@ -49,7 +49,7 @@ SPLIT, SPLIT_TWICE = np.uint8(1), np.uint8(2)
 
 
 class Column:
-    """An array that grows at its end: read and write ``values``, which are others after each growth."""
+    """An array that grows at its end: read and write ``values``, which growth replaces."""
 
     def __init__(self, values: NDArray[Any]) -> None:
         self._room = values.copy()
@@ -63,18 +63,18 @@ class Column:
         self.extend(len(more), more)
 
     def extend(self, count: int, more: Any) -> None:
-        """Append so many entries, all equal or one by one."""
+        """Append so many entries: one value for all, or one for each."""
         self.reserve(self._count + count)
         self._room[self._count : self._count + count] = more
         self._count += count
 
     @property
     def room(self) -> int:
-        """How many entries fit in before another array is needed."""
+        """How many entries there is memory for."""
         return len(self._room)
 
     def reserve(self, count: int) -> None:
-        """Make room for so many entries in all."""
+        """Allocate memory for so many entries in all."""
         if count > self.room:
             grown = np.empty((max(count, int(SLACK * self.room)), *self._room.shape[1:]), self._room.dtype)
             grown[: self._count] = self.values
@@ -140,15 +140,15 @@ class Quadtree:
     vertex_edges = property(lambda self: self._vertex_edges.values)
 
     def add_column(self, default: np.generic) -> Column:
-        """(N,) of the default's type: it grows with the tree, a new node having the default."""
+        """(N,) of the default's dtype: it grows with the tree, and new nodes have the default."""
         return _added(self._added_columns, default, self._first_child)
 
     def add_vertex_column(self, default: np.generic) -> Column:
-        """The same with an entry for each vertex, (V,)."""
+        """The same for vertices, (V,)."""
         return _added(self._added_vertex_columns, default, self._vertex_corners)
 
     def vertex_points(self, vertices: IndexArray) -> SurfacePoints:
-        """Where vertices lie, their corner NONE for those of the mesh that have no face."""
+        """The points of vertices on the surface; corner NONE for vertices without faces."""
         corners = self._vertex_corners.values[vertices].astype(np.intp)
         return SurfacePoints(corners, _as_pairs(self._vertex_parameters.values[vertices]))
 
@@ -157,7 +157,7 @@ class Quadtree:
         return np.flatnonzero(self.first_child == NONE)
 
     def slot_counts(self, nodes: IndexArray) -> IndexArray:
-        """(nodes,) how many corners each has."""
+        """(nodes,) the number of corners of each."""
         counts = np.full(len(nodes), 4, dtype=np.intp)
         faces = np.flatnonzero(nodes < self.mesh.face_count)
         counts[faces] = self.mesh.face_sizes[nodes[faces]]
@@ -179,7 +179,7 @@ class Quadtree:
         return np.arange(counts.sum()) + np.repeat(first - starts, counts)
 
     def points_at(self, nodes: IndexArray, points: Sequence[Point]) -> Iterator[SurfacePoints]:
-        """For each point: (nodes,) where it lies, in each node's own face."""
+        """For each point: (nodes,) its place on the surface, in each node's own face."""
         corners = self._frame_corners.values[nodes].astype(np.intp)
         origins, sides = self._frame_origins.values[nodes], self._frame_sides(nodes)
         faces = np.flatnonzero(nodes < self.mesh.face_count)
@@ -200,7 +200,7 @@ class Quadtree:
         return self.edge_children[self.slot_edges[slots]] != NONE
 
     def sides(self, nodes: IndexArray) -> tuple[NDArray[np.int32], BoolArray]:
-        """(nodes,) each: how many sides are split, and whether half of one is split again."""
+        """(nodes,) each: the number of split sides, and whether half of one is split again."""
         split_sides, deeper = np.zeros(len(nodes), dtype=np.int32), np.zeros(len(nodes), dtype=bool)
         for part in chunks(len(nodes), NODES_AT_ONCE):
             counts = self.slot_counts(nodes[part])
@@ -211,7 +211,7 @@ class Quadtree:
         return split_sides, deeper
 
     def share_a_vertex(self, leaves: IndexArray, others: IndexArray) -> BoolArray:
-        """(leaves,) those that have a vertex of the others, the middles of split sides included."""
+        """(leaves,) bool, which share a vertex with any of the others, the middles of split sides included."""
         marked = np.zeros(len(self.vertex_edges), dtype=bool)
         for part in chunks(len(others), NODES_AT_ONCE):
             slots = self.slots(others[part])
@@ -227,11 +227,10 @@ class Quadtree:
         return found
 
     def leaves_beside(self, nodes: IndexArray) -> IndexArray:
-        """The leaves any of whose sides may have been split along with nodes, each once, in ascending order.
+        """The leaves whose ``sides`` a split of these nodes may have changed, each once, in ascending order.
 
-        Splitting a node splits its sides and nothing else. Which sides of a leaf are split, and which of these again,
-        changes by that only where a side of the leaf is one of these or has one of these for a half; or where the leaf
-        is new.
+        Splitting a node splits its sides and nothing else. So it changes the split sides of a leaf only where a side of
+        the leaf is one of them, or has one of them for a half; or where the leaf is new.
         """
         beside = np.zeros(len(self.first_child), dtype=bool)
         for part in chunks(len(nodes), NODES_AT_ONCE):
@@ -259,7 +258,7 @@ class Quadtree:
         nodes[corners] = self.mesh.corner_faces[slots[corners]]
         return nodes
 
-    def quarters(self, quads: IndexArray) -> IndexArray:
+    def children_of_quads(self, quads: IndexArray) -> IndexArray:
         """(4, P): the children at each slot of quads (P,) that have been split."""
         return self.first_child[quads] + np.arange(4)[:, None]
 
@@ -269,7 +268,7 @@ class Quadtree:
         return np.arange(counts.sum()) + np.repeat(self.first_child[nodes] - np.cumsum(counts) + counts, counts)
 
     def reserve(self, leaves: int) -> None:
-        """Make room for about so many leaves in all."""
+        """Allocate memory for about so many leaves in all."""
         mesh = self.mesh
         splits = max(0, leaves - mesh.face_count) // 3
         for column in (
@@ -285,8 +284,8 @@ class Quadtree:
             column.reserve(mesh.face_count + 4 * splits)
         for column in (self._slot_vertices, self._slot_edges, self._slots_before):
             column.reserve(mesh.corner_count + 16 * splits)
-        # A split makes four edges inside and a vertex at the centre. The halves of four sides and the vertices at their
-        # middles it shares with its neighbours.
+        # A split makes four edges inside and a vertex at the centre. It shares the halves of four sides, and the
+        # vertices at their middles, with its neighbours.
         for column in (
             self._last_slots,
             self._edge_vertices,
@@ -363,9 +362,9 @@ class Quadtree:
         return corners, points, sides
 
     def _split_edges(self, sides: IndexArray, corners: IndexArray, middles: NDArray[np.complex128]) -> None:
-        """Split those edges of some sides that are whole; corners and middles say where their midpoints lie."""
+        """Split the whole edges among some sides; corners and middles are the places of their midpoints."""
         whole = np.flatnonzero(self.edge_children[sides] == NONE)
-        # Of several sides along an edge one is written.
+        # Of several sides along an edge the last one written remains.
         self.edge_children[sides[whole]] = whole
         chosen = whole[self.edge_children[sides[whole]] == whole]
         edges = sides[chosen]
@@ -395,7 +394,7 @@ class Quadtree:
         self._slot_vertices.append(vertices)
         self._slot_edges.append(edges)
         self._slots_before.extend(len(edges), NONE)
-        # Of several slots along an edge one is written, and the others go before it in turn.
+        # Of several slots along an edge the last one written remains; the next rounds chain the others before it.
         while len(waiting):
             edges = self.slot_edges[waiting]
             before = self._last_slots.values[edges]
@@ -430,7 +429,7 @@ class Quadtree:
 
 
 def _added(columns: list[tuple[Column, Any]], default: np.generic, like: Column) -> Column:
-    """A new one of these columns, as long and with as much room as another."""
+    """A new one of these columns, with the length and the memory of another."""
     column = Column(np.full(len(like.values), default))
     column.reserve(like.room)
     columns.append((column, default))
@@ -438,7 +437,7 @@ def _added(columns: list[tuple[Column, Any]], default: np.generic, like: Column)
 
 
 def _numbers(values: IndexArray | int, shape: int | tuple[int, int]) -> NDArray[np.int32]:
-    """As the tree keeps them."""
+    """In the tree's dtype."""
     return np.full(shape, values, dtype=np.int32)
 
 

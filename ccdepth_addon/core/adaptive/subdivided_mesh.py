@@ -13,13 +13,13 @@ from ..surface.surface_points import SurfacePoints
 
 @dataclass(frozen=True)
 class SubdividedMesh:
-    """Polygons on the limit surface of a control mesh. V vertices, E edges, F faces, C corners.
+    """Polygons with vertices on the limit surface of a control mesh. V vertices, E edges, F faces, C corners.
 
-    vertex_points: SurfacePoints (V)          where each vertex lies; corner -1 for vertices without faces; found when
-                                              it is asked for
+    vertex_points: SurfacePoints (V)          where each vertex lies; corner -1 for vertices without faces; computed
+                                              on demand
     positions: (V, 3) float64                 limit positions, object space
     face_starts: (F + 1,) intp; corner_vertices: (C,) int32; corner_edges: (C,) int32; edge_vertices: (E, 2) int32
-    corner_points: SurfacePoints (C)          where each corner lies, in its face's own base face; likewise
+    corner_points: SurfacePoints (C)          where each corner lies, in its face's own base face; computed on demand
     base_faces: (F,) int32                    face of the control mesh
     base_edges: (E,) int32                    edge of the control mesh it lies on, or -1 inside a face
     base_vertices: (V,) int32                 vertex of the control mesh it is, or -1

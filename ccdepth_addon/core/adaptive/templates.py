@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Templates: how a quad is drawn as triangles, by which of its sides are split.
+"""Templates: how triangles tessellate a quad, by which of its sides are split.
 
 The points of a quad are its corners 0 to 3 and the middles 4 to 7 of the sides from them; a pattern has bit s set when
 side s is split. The four triangles or fewer of a template have no angle below 26° on a square.
@@ -19,7 +19,7 @@ Template = tuple[Triangle, ...]
 
 
 class Transitions(StrEnum):
-    """How a face beside finer ones is drawn: as the triangles of its template, or as one polygon."""
+    """How a face beside finer ones is tessellated: by the triangles of its template, or as one polygon."""
 
     TRIANGLES = "TRIANGLES"
     NGONS = "NGONS"
@@ -39,7 +39,7 @@ RIGHT_HALF: tuple[Template, ...] = (((4, 1, 2), (4, 2, 6)), ((1, 2, 6), (1, 6, 4
 OPPOSITE_SIDES: tuple[Template, ...] = tuple(left + right for left in LEFT_HALF for right in RIGHT_HALF)
 THREE_SIDES: tuple[Template, ...] = tuple((*left, (4, 1, 5), (5, 2, 6), (4, 5, 6)) for left in LEFT_HALF)
 
-# Each pattern once, those that are rotations of it being made from it.
+# Each pattern once; its rotations are made from it.
 CANONICAL = {0b0000: PLAIN, 0b0001: ONE_SIDE, 0b0011: SIDES_IN_A_ROW, 0b0101: OPPOSITE_SIDES, 0b0111: THREE_SIDES}
 
 
@@ -80,7 +80,7 @@ TWO_SIDES_OF_TRIANGLE: Template = ((3, 1, 4), (0, 3, 2), (3, 4, 2))
 
 @cache
 def triangle_template(pattern: int) -> Template:
-    """How a triangle with one or two split sides is drawn; with three it is better split itself."""
+    """The template of a triangle with one or two split sides; with three it is better split itself."""
     for turns in range(3):
         for source, template in ((0b001, ONE_SIDE_OF_TRIANGLE), (0b011, TWO_SIDES_OF_TRIANGLE)):
             if (source << turns | source >> (3 - turns)) & 0b111 == pattern:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From the leaves of a quadtree to polygons: templates where sides are split, whole faces elsewhere."""
+"""Tessellation of a quadtree's leaves: templates where sides are split, whole faces elsewhere."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from ..arrays.chunks import chunks, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
 from ..mesh.submesh import compact, renumber
 from ..surface.surface_points import SurfacePoints
-from .leaf_approximation import Fit
+from .leaf_approximation import LeafApproximation
 from .quadtree import NONE, Point, Quadtree
 from .subdivided_mesh import SubdividedMesh
 from .templates import WHOLE, Template, Transitions, templates, triangle_template
 
-# Polygons looked at together, so that what belongs to them stays in the processor's cache.
+# Polygons and edges evaluated together, so that temporary arrays stay in the processor's cache.
 POLYGONS_AT_ONCE = 1 << 13
 EDGES_AT_ONCE = 1 << 13
 
 
 @dataclass(frozen=True)
 class Polygons:
-    """P polygons over the same points of leaves with so many corners. leaves: (P,) the leaf each draws, as a place
-    among the leaves."""
+    """P polygons over the same points of leaves of ``size`` corners. leaves: (P,) the leaf of each, as an index into
+    the leaves."""
 
     leaves: IndexArray
     points: list[Point]
@@ -67,8 +67,8 @@ class Edges:
     """E edges of C corners. of_corners: (C,) the edge from each corner to the next; vertices: (E, 2); base_edges: (E,)
     the edge of the control mesh each lies on, or NONE.
 
-    clashing: (E,) bool, whether it lies inside a leaf and has not two faces, or another edge has the same vertices.
-    Two quads over the same two opposite corners, both split along the diagonal between these, would do that.
+    clashing: (E,) bool, whether it lies inside a leaf without two faces, or another edge has the same vertices: as with
+    two quads over the same two opposite corners, both split along the diagonal between these.
     """
 
     of_corners: ShortIndexArray
@@ -78,12 +78,12 @@ class Edges:
 
 
 @dataclass(frozen=True)
-class Outline:
-    """The polygons that draw leaves (L,) of a tree, in the order of these, and how they hang together.
+class TessellationPlan:
+    """The polygons that tessellate leaves (L,) of a tree, in the order of these, and their connectivity.
 
-    blocks: the polygons as they were made, and firsts: (P,) for each block, the first corners of its polygons. starts:
-    (F + 1,) first corners; drawn: (F,) the leaf of each face, as a place; used: (V,) vertices of the tree;
-    corner_vertices: (C,) which of these.
+    blocks: the polygons, by template; firsts: (P,) for each block, the first corners of its polygons. starts: (F + 1,)
+    first corners; drawn: (F,) the leaf of each face, as an index into the leaves; used: (V,) vertices of the tree;
+    corner_vertices: (C,) indices into these.
     """
 
     tree: Quadtree
@@ -98,40 +98,45 @@ class Outline:
 
     @property
     def clashes(self) -> IndexArray:
-        """The nodes that have edges that clash: they have to be split first."""
+        """The nodes with clashing edges, which have to be split."""
         if not np.any(self.edges.clashing):
             return np.zeros(0, dtype=np.intp)
         clashing = np.logical_or.reduceat(self.edges.clashing[self.edges.of_corners], self.starts[:-1])
         return self.leaves[np.unique(self.drawn[clashing])]
 
 
-def outline(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Outline:
-    """How leaves (L,) of a tree are drawn as they were fitted.
+def plan_tessellation(
+    tree: Quadtree, leaves: IndexArray, approximation: LeafApproximation, transitions: Transitions
+) -> TessellationPlan:
+    """The tessellation of leaves (L,) of a tree, by their approximation.
 
     Vertices and edges of the control mesh that have no faces are kept.
     """
-    polygons = [*_polygons_of_quads(tree, leaves, fit, transitions), *_polygons_of_faces(tree, leaves, transitions)]
+    polygons = [
+        *_polygons_of_quads(tree, leaves, approximation, transitions),
+        *_polygons_of_faces(tree, leaves, transitions),
+    ]
     starts, drawn, firsts = _order(polygons, len(leaves))
     corner_vertices = _at_corners(starts[-1], firsts, (block.vertices(tree, leaves) for block in polygons))
     loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
     used = compact(corner_vertices, len(tree.vertex_edges), loose)
     sides = _at_corners(starts[-1], firsts, (block.sides(tree, leaves) for block in polygons))
     edges = _edges(tree, sides, used, starts, corner_vertices)
-    return Outline(tree, leaves, polygons, firsts, starts, drawn, used, corner_vertices, edges)
+    return TessellationPlan(tree, leaves, polygons, firsts, starts, drawn, used, corner_vertices, edges)
 
 
-def draw(outlined: Outline, positions: FloatArray) -> SubdividedMesh:
-    """The mesh of an outline, whose vertices lie at positions (V, 3) float64."""
-    tree, used, edges = outlined.tree, outlined.used, outlined.edges
+def tessellate(plan: TessellationPlan, positions: FloatArray) -> SubdividedMesh:
+    """The mesh of a plan, with vertices at positions (V, 3) float64."""
+    tree, used, edges = plan.tree, plan.used, plan.edges
     return SubdividedMesh(
         find_vertex_points=partial(tree.vertex_points, used),
         positions=positions,
-        face_starts=outlined.starts,
-        corner_vertices=outlined.corner_vertices,
+        face_starts=plan.starts,
+        corner_vertices=plan.corner_vertices,
         corner_edges=edges.of_corners,
         edge_vertices=edges.vertices,
-        find_corner_points=partial(_corner_points, outlined),
-        base_faces=tree.base_faces[outlined.leaves[outlined.drawn]],
+        find_corner_points=partial(_corner_points, plan),
+        base_faces=tree.base_faces[plan.leaves[plan.drawn]],
         base_edges=edges.base_edges,
         base_vertices=_base_vertices(tree, used),
         vertex_edges=tree.vertex_edges[used],
@@ -148,9 +153,9 @@ def _base_vertices(tree: Quadtree, used: IndexArray) -> ShortIndexArray:
 
 @dataclass(frozen=True)
 class Triangles:
-    """T triangles that draw leaves. used: (U,) vertices of the tree, ascending; corners: (T, 3) which of these; leaves:
-    (T,) the leaf each draws, as a place among the leaves. closed: (U,) whether a vertex has no other faces than
-    triangles and quads around it, which close up to a disc: not so on boundaries and infinitely sharp creases."""
+    """T triangles of leaves. used: (U,) vertices of the tree, ascending; corners: (T, 3) indices into these; leaves:
+    (T,) the leaf of each, as an index into the leaves. closed: (U,) whether the faces around a vertex are triangles and
+    quads that close up to a disc: not so on boundaries and infinitely sharp creases."""
 
     used: IndexArray
     corners: ShortIndexArray
@@ -158,13 +163,17 @@ class Triangles:
     closed: BoolArray
 
 
-def triangles_around(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Triangles:
-    """The triangles that are drawn for some leaves (L,)."""
+def triangles_around(
+    tree: Quadtree, leaves: IndexArray, approximation: LeafApproximation, transitions: Transitions
+) -> Triangles:
+    """The triangles that tessellate leaves (L,)."""
     at_polygons = np.zeros(len(tree.vertex_edges), dtype=bool)
     triangles, drawn = [np.zeros((0, 3), dtype=np.int32)], [np.zeros(0, dtype=np.intp)]
     others = _polygons_of_faces(tree, leaves, transitions)
     of_faces = ((np.stack([*block.vertices(tree, leaves)], axis=1), block.leaves) for block in others)
-    of_quads = (_as_triangles(tree, leaves, block) for block in _polygons_of_quads(tree, leaves, fit, transitions))
+    of_quads = (
+        _as_triangles(tree, leaves, block) for block in _polygons_of_quads(tree, leaves, approximation, transitions)
+    )
     for vertices, of_leaves in chain(of_faces, of_quads):
         if vertices.shape[1] == 3:
             triangles.append(vertices)
@@ -195,15 +204,21 @@ def _as_triangles(tree: Quadtree, leaves: IndexArray, block: Polygons) -> tuple[
     return vertices[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3), np.repeat(block.leaves, 2)
 
 
-def _polygons_of_quads(tree: Quadtree, leaves: IndexArray, fit: Fit, transitions: Transitions) -> Iterator[Polygons]:
+def _polygons_of_quads(
+    tree: Quadtree, leaves: IndexArray, approximation: LeafApproximation, transitions: Transitions
+) -> Iterator[Polygons]:
     quads = np.flatnonzero(tree.is_quad(leaves))
     # Patterns and turns are below 16 and 4, so every template in use has a number of its own.
-    numbers = (fit.alternatives[quads].astype(np.int16) * 16 + fit.patterns[quads]) * 4 + fit.turns[quads]
+    numbers = (
+        approximation.alternatives[quads].astype(np.int16) * 16 + approximation.patterns[quads]
+    ) * 4 + approximation.turns[quads]
     for number, alike in _groups(numbers):
         pattern, turns = number // 4 % 16, number % 4
         template = templates(pattern)[number // 64]
         for chosen in index_chunks(quads[alike], POLYGONS_AT_ONCE):
-            yield from _polygons_of_template(chosen, template, pattern, turns, fit.folded[chosen], transitions)
+            yield from _polygons_of_template(
+                chosen, template, pattern, turns, approximation.folded[chosen], transitions
+            )
 
 
 def _groups(numbers: NDArray[np.int16]) -> Iterator[tuple[int, IndexArray]]:
@@ -219,7 +234,7 @@ def _polygons_of_template(
     leaves: IndexArray, template: Template, pattern: int, turns: int, folded: BoolArray, transitions: Transitions
 ) -> Iterator[Polygons]:
     if pattern == WHOLE:
-        # A quad is drawn along its first diagonal.
+        # Blender triangulates a quad along its first diagonal.
         yield _polygons(leaves[~folded], [*template[0], template[1][2]], turns)
         leaves = leaves[folded]
     elif transitions is Transitions.NGONS:
@@ -256,18 +271,18 @@ def _polygons_of_faces(tree: Quadtree, leaves: IndexArray, transitions: Transiti
 
 
 def _points_of_face(split_sides: list[bool], transitions: Transitions) -> list[Sequence[int]]:
-    """The polygons that draw a face, by which of its sides are split."""
+    """The polygons that tessellate a face, by which of its sides are split."""
     if len(split_sides) == 3 and any(split_sides) and transitions is Transitions.TRIANGLES:
         return [*triangle_template(sum(1 << side for side in range(3) if split_sides[side]))]
     order = _around(split_sides)
-    # A triangle with a fourth point on a side is drawn as a quad, which has to be split from there.
+    # A triangle with a fourth point on a side is a quad, which has to be triangulated from there.
     first = next((place for place, point in enumerate(order) if point >= 3), 0) if len(split_sides) == 3 else 0
     return [order[first:] + order[:first]]
 
 
 def _order(polygons: list[Polygons], count: int) -> tuple[IndexArray, IndexArray, list[IndexArray]]:
-    """How all polygons come in the order of so many leaves, and those of a leaf in that of the blocks: (F + 1,) first
-    corners, (F,) leaves; and for each block (P,) first corners."""
+    """The polygons in the order of so many leaves, and those of a leaf in that of the blocks: (F + 1,) first corners,
+    (F,) leaves; and for each block (P,) first corners."""
     faces, corners = np.zeros((2, count), dtype=np.int32)
     for block in polygons:
         faces[block.leaves] += 1
@@ -286,7 +301,7 @@ def _order(polygons: list[Polygons], count: int) -> tuple[IndexArray, IndexArray
 def _at_corners(
     count: int, firsts: list[IndexArray], values: Iterable[Iterable[ShortIndexArray | int]]
 ) -> ShortIndexArray:
-    """(C,) what is given for each block and point of it, put where the corners go."""
+    """(C,) the values for each block and each of its points, in the order of the corners."""
     found = np.empty(count, dtype=np.int32)
     for first, of_block in zip(firsts, values, strict=True):
         for number, of_point in enumerate(of_block):
@@ -294,13 +309,13 @@ def _at_corners(
     return found
 
 
-def _corner_points(outlined: Outline) -> SurfacePoints:
-    """(C,) where the corners lie."""
-    count = outlined.starts[-1]
+def _corner_points(plan: TessellationPlan) -> SurfacePoints:
+    """(C,) the corners' points on the surface."""
+    count = plan.starts[-1]
     corners, parameters = np.empty(count, dtype=np.intp), np.empty((count, 2))
-    for block, first in zip(outlined.blocks, outlined.firsts, strict=True):
-        nodes = outlined.leaves[block.leaves]
-        for number, points in enumerate(outlined.tree.points_at(nodes, block.points)):
+    for block, first in zip(plan.blocks, plan.firsts, strict=True):
+        nodes = plan.leaves[block.leaves]
+        for number, points in enumerate(plan.tree.points_at(nodes, block.points)):
             corners[first + number] = points.corners
             parameters[first + number] = points.parameters
     return SurfacePoints(corners, parameters)
@@ -346,7 +361,7 @@ def _inner_edges(
     corners: IndexArray, starts: IndexArray, corner_vertices: ShortIndexArray, count: int
 ) -> tuple[IndexArray, IndexArray]:
     """The edges from some corners to the next ones in their faces: (I, 2) of so many vertices, each pair once, and
-    (corners,) which it is."""
+    (corners,) the index of each."""
     faces = np.searchsorted(starts, corners, side="right") - 1
     following = np.where(corners + 1 == starts[faces + 1], starts[faces], corners + 1)
     ends = np.stack([corner_vertices[corners], corner_vertices[following]])
@@ -355,13 +370,13 @@ def _inner_edges(
 
 
 def _keys(ends: NDArray[Any], count: int) -> IndexArray:
-    """(N,): for two vertices (2, N) each, of so many, a number that is theirs alone, in whatever order."""
+    """(N,): a unique number for each pair of vertices (2, N), of so many, in whatever order."""
     return np.minimum(*ends).astype(np.intp) * count + np.maximum(*ends)
 
 
 def _doubled(vertices: ShortIndexArray, outer: int, count: int) -> BoolArray:
-    """(E,) which edges (E, 2) between so many vertices have the same ends as another; the first ``outer`` are known to
-    differ among themselves."""
+    """(E,) which edges (E, 2) between so many vertices have the same ends as another; the first ``outer`` differ among
+    themselves."""
     at_inner = np.zeros(count, dtype=bool)
     at_inner[vertices[outer:]] = True
     possible = np.flatnonzero(at_inner[vertices[:, 0]] & at_inner[vertices[:, 1]])

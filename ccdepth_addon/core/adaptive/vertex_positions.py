@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the vertices of a quadtree lie on the limit surface, found on the way or evaluated when they are asked for.
+"""The limit positions of a quadtree's vertices: recorded with the bounds of quads, or evaluated on demand.
 
-Whoever looks at a bicubic quad knows its points. These are convex combinations of control points like those of
-``evaluation``, so rounding is covered alike (``rounding.rounding_allowance``). Quads that share a vertex may differ
-by that; the last one counts.
+The points of a bicubic quad are convex combinations of control points, like those of ``evaluation``, so the same
+allowance covers rounding (``face_depths.rounding_allowance``). Quads that share a vertex may differ by that; the last
+one recorded counts.
 """
 
 from __future__ import annotations
@@ -20,22 +20,22 @@ from .quadtree import NONE, Quadtree
 
 
 class VertexPositions:
-    """Positions of a tree's vertices, as far as they are known by now, in the space of its mesh."""
+    """Positions of a tree's vertices in the space of its mesh, recorded so far."""
 
     def __init__(self, tree: Quadtree) -> None:
         self._tree = tree
-        # Numbers one by one are put and taken several times as fast as rows of three.
+        # Single numbers are written and read several times as fast as rows of three.
         self._coordinates = [tree.add_vertex_column(np.float64(np.nan)) for _ in range(3)]
         loose = np.flatnonzero(tree.mesh.vertex_face_counts == 0)
         self.put(loose, tree.mesh.positions[loose])
 
     def put(self, vertices: IndexArray, positions: FloatArray) -> None:
-        """Vertices (…) lie at positions (…, 3)."""
+        """Record the positions (…, 3) of vertices (…)."""
         for axis, column in enumerate(self._coordinates):
             column.values[vertices] = positions[..., axis]
 
     def of(self, vertices: IndexArray) -> FloatArray:
-        """(N, 3): where vertices (N,) lie."""
+        """(N, 3): the positions of vertices (N,)."""
         found = np.empty((len(vertices), 3))
         for axis, column in enumerate(self._coordinates):
             found[:, axis] = gathered(column.values, vertices)
@@ -51,8 +51,8 @@ class VertexPositions:
         return classify_patches(self._tree.mesh)
 
     def in_space_of(self, control_positions: FloatArray, vertices: IndexArray) -> FloatArray:
-        """(N, 3): where vertices (N,) lie in the space where the control mesh has these positions (V, 3). Those without
-        faces stay where they are."""
+        """(N, 3): the positions of vertices (N,) in the space where the control mesh has these positions (V, 3). Those
+        without faces keep theirs."""
         mesh = self._tree.mesh
         if np.array_equal(control_positions, mesh.positions):
             return self.of(vertices)

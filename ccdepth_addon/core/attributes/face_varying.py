@@ -1,17 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""UV maps as subdivision surfaces of their own: which corners share a UV vertex, and where the map stays sharp.
+"""UV maps as face-varying surfaces: which corners share a UV vertex, and where the map stays sharp.
 
 A UV map is a control mesh in the plane with the faces and corners of the mesh it belongs to, cut open along its seams.
-Subdividing it needs no rules beside those of ``catmull_clark``, given the right sharpness. What that is follows
-OpenSubdiv's face-varying interpolation (its ``vtr/fvarLevel``) and Blender's converter to it, in our own words:
+Subdividing it needs no rules beside those of ``catmull_clark``, given the right sharpness. This follows OpenSubdiv's
+face-varying interpolation (its ``vtr/fvarLevel``) and Blender's converter to it, in our own words:
 
 - Corners at a vertex share a UV vertex when their UVs are closer than ``WELD_DISTANCE`` in u and in v, and their faces
   are wound the same way in the map: a mirrored half stays apart though its UVs coincide.
-- An edge is whole when the faces at it agree on both its ends; else it is cut, into one edge for each of its faces.
+- An edge is whole when the faces at it share the UV vertices at both its ends; else it is cut, into one for each face.
 - Whole edges, and UV vertices that no cut touches, follow the rules of the mesh's own edges and vertices, creases too.
-- Cut edges are sharp, and what happens at their ends is the modifier's UV Smooth.
-- A UV vertex in several fans of faces, which touch in a point, stays in place. But where two of them take turns around
-  a vertex, OpenSubdiv counts the second fan of the second one as another UV vertex, and so do we.
+- Cut edges are sharp; the modifier's UV Smooth decides what happens at their ends.
+- A UV vertex in several fans of faces, which touch in a point, stays in place. But where two of them alternate around a
+  vertex, OpenSubdiv counts the second fan of the second one as another UV vertex, and so does this module.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ JUNCTIONS = {"PRESERVE_CORNERS_AND_JUNCTIONS", "PRESERVE_CORNERS_JUNCTIONS_AND_C
 DARTS = {"PRESERVE_CORNERS_JUNCTIONS_AND_CONCAVE", "PRESERVE_BOUNDARIES"}
 
 
-def uv_surface(mesh: PolygonMesh, uvs: NDArray[np.float32], smooth: str) -> PolygonMesh:
+def face_varying_surface(mesh: PolygonMesh, uvs: NDArray[np.float32], smooth: str) -> PolygonMesh:
     """The control mesh of a UV map, at positions (u, v, 0), with the same faces and corners as ``mesh``.
 
     mesh: with its sharpness explicit. uvs: (C, 2) float32, finite. smooth: one of ``UV_SMOOTH`` but NONE.
@@ -50,16 +50,16 @@ def uv_surface(mesh: PolygonMesh, uvs: NDArray[np.float32], smooth: str) -> Poly
     cut = _CutMesh(mesh, *_parted(mesh, *_welded(mesh, uvs)))
     whole = cut.mesh
     corners = _sharp_corners(cut, smooth)
-    # Those that are sharp by themselves follow no neighbour.
+    # A neighbour's sharpness does not change those with sharpness of their own.
     softly = np.where(whole.vertex_sharpness > 0, whole.vertex_sharpness, _neighbours_sharpness(cut, smooth))
     return replace(whole, vertex_sharpness=np.where(corners, INFINITELY_SHARP, softly))
 
 
 def _welded(mesh: PolygonMesh, uvs: NDArray[np.float32]) -> tuple[IndexArray, FloatArray]:
-    """(C,) intp, the UV vertex of each corner, and (W, 3) float64, where the UV vertices are.
+    """(C,) intp, the UV vertex of each corner, and (W, 3) float64, the positions of the UV vertices.
 
-    In every round the last corner left at each vertex takes the others near it along. Who begins matters only where UVs
-    differ by about the welding distance; this is Blender's order.
+    In every round the last corner left at each vertex joins the others near it. The order matters only where UVs differ
+    by about the welding distance; it is Blender's.
     """
     uvs = uvs.astype(np.float32)
     mirrored = _is_mirrored(mesh, uvs)[mesh.corner_faces]
@@ -87,14 +87,14 @@ def _is_mirrored(mesh: PolygonMesh, uvs: NDArray[np.float32]) -> BoolArray:
 
 
 def _parted(mesh: PolygonMesh, corner_uvs: IndexArray, positions: FloatArray) -> tuple[IndexArray, FloatArray]:
-    """The same as ``_welded`` returns, with a UV vertex more wherever the first four fans of faces around a vertex
-    belong to two UV vertices in turn: the fourth fan's.
+    """The result of ``_welded`` with one more UV vertex for the fourth fan of faces around a vertex, wherever the first
+    four belong to two UV vertices alternately.
 
     Fans are counted from OpenSubdiv's first face on, counter-clockwise.
     """
     uv_counts = _uv_counts(mesh, _base_vertices(mesh, corner_uvs, len(positions)))
     corners = _first_corners(mesh, uv_counts > 1)
-    # Of the vertices that are still gone around: the UV vertices of the first two fans, and at which fan it is.
+    # For the vertices whose faces are left to visit: the UV vertices of the first two fans, and the current fan.
     first, second, fans = corner_uvs[corners], corner_uvs[corners], np.ones(len(corners), dtype=np.intp)
     parted = np.zeros(mesh.corner_count, dtype=bool)
     left = mesh.vertex_face_counts[mesh.corner_vertices[corners]] - 1
@@ -116,7 +116,7 @@ def _first_corners(mesh: PolygonMesh, wanted: BoolArray) -> IndexArray:
     """The corners from which OpenSubdiv goes around those of the wanted vertices (V,) whose faces are one fan or ring:
     on the boundary that with no face before it, elsewhere that of the first face.
 
-    Infinitely sharp vertices are left out, for they keep all in place; all with other faces are among them.
+    Infinitely sharp vertices are left out, as nothing moves there; all vertices with other faces are among them.
     """
     corners = np.arange(mesh.corner_count)
     on_boundary = corners[mesh.twin == corners]
@@ -127,14 +127,14 @@ def _first_corners(mesh: PolygonMesh, wanted: BoolArray) -> IndexArray:
 
 
 def _base_vertices(mesh: PolygonMesh, corner_uvs: IndexArray, count: int) -> IndexArray:
-    """(W,) the vertex that each of so many UV vertices stands at."""
+    """(W,) the vertex of the mesh for each of so many UV vertices."""
     found = np.zeros(count, dtype=np.intp)
     found[corner_uvs] = mesh.corner_vertices
     return found
 
 
 def _uv_counts(mesh: PolygonMesh, base_vertices: IndexArray) -> IndexArray:
-    """(V,) how many UV vertices stand at each vertex."""
+    """(V,) the number of UV vertices at each vertex."""
     return np.bincount(base_vertices, minlength=mesh.vertex_count)
 
 
@@ -182,7 +182,7 @@ class _CutMesh:
         edge_vertices = np.zeros((base.edge_count + len(cut_corners), 2), dtype=np.intp)
         edge_vertices[corner_edges] = ends
         sharp_parts = np.full(len(cut_corners), INFINITELY_SHARP)
-        # Nothing may follow from edges that no face has any more.
+        # Edges without faces must have no effect.
         edge_sharpness = np.where(self.edge_is_cut | (base.edge_face_counts == 0), 0.0, base.edge_sharpness)
         return PolygonMesh(
             positions=positions,
@@ -196,7 +196,7 @@ class _CutMesh:
         )
 
     def edges_at(self, edges: BoolArray) -> IndexArray:
-        """(W,) how many of these edges of the cut mesh end at each UV vertex."""
+        """(W,) the number of these edges of the cut mesh at each UV vertex."""
         return np.bincount(self.mesh.edge_vertices[edges].reshape(-1), minlength=self.uv_count)
 
     @cached_property
@@ -206,7 +206,7 @@ class _CutMesh:
 
 
 def _sharp_corners(cut: _CutMesh, smooth: str) -> BoolArray:
-    """(W,) the UV vertices that are held in place because of the cuts and boundaries at them."""
+    """(W,) bool, the UV vertices that cuts and boundaries hold in place."""
     base = cut.base
     on_boundary = _touch(base, base.edge_face_counts == 1)
     not_manifold = _touch(base, _not_manifold(base))

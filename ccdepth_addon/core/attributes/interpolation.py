@@ -19,7 +19,7 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.surface_points import SurfacePoints, interpolate_linearly
 
-# Points interpolated at a time: enough to keep numpy busy, few enough that what it needs meanwhile stays small.
+# Points interpolated at a time: enough to keep numpy busy, few enough to keep temporary arrays small.
 BLOCK = 1 << 17
 
 # (N points) → (N, D)
@@ -35,7 +35,7 @@ def interpolated(mesh: PolygonMesh, corner_values: FloatArray, points: SurfacePo
 
 
 def at_corners(subdivided: SubdividedMesh, evaluate: Evaluate) -> NDArray[np.float32]:
-    """(C, D) float32: what ``evaluate`` gives at the corners, asked once for all corners at a vertex inside a face."""
+    """(C, D) float32: ``evaluate`` at the corners, once for all corners at a vertex inside a face."""
     inside = (subdivided.base_vertices < 0) & (subdivided.vertex_edges < 0)
     corner_inside = inside[subdivided.corner_vertices]
     on_border = np.flatnonzero(~corner_inside)
@@ -51,8 +51,7 @@ def at_corners(subdivided: SubdividedMesh, evaluate: Evaluate) -> NDArray[np.flo
 
 
 def at_vertices(subdivided: SubdividedMesh, values: NDArray[Any], evaluate: Evaluate, kept: BoolArray) -> NDArray[Any]:
-    """(V, D): the values of the control mesh's vertices where they are ``kept`` (V,), and elsewhere what ``evaluate``
-    gives.
+    """(V, D): the values of the control mesh's vertices where they are ``kept`` (V,), and ``evaluate`` elsewhere.
 
     values: (vertices of the control mesh, D). kept: vertices of the control mesh, all loose ones among them.
     """
@@ -64,7 +63,7 @@ def at_vertices(subdivided: SubdividedMesh, values: NDArray[Any], evaluate: Eval
 
 
 def interpolated_at_vertices(mesh: PolygonMesh, values: FloatArray, subdivided: SubdividedMesh) -> NDArray[np.float32]:
-    """(V, D) float32: values at the control mesh's vertices, interpolated; vertices that stay keep theirs exactly."""
+    """(V, D) float32: values at the control mesh's vertices, interpolated; these vertices keep theirs exactly."""
     corner_values = values[mesh.corner_vertices]
     return at_vertices(
         subdivided, values, lambda points: interpolated(mesh, corner_values, points), subdivided.base_vertices >= 0
@@ -72,7 +71,7 @@ def interpolated_at_vertices(mesh: PolygonMesh, values: FloatArray, subdivided: 
 
 
 def nearest_vertices(mesh: PolygonMesh, subdivided: SubdividedMesh) -> IndexArray:
-    """(V,) intp, the vertex of the control mesh that each vertex is nearest to, in its face."""
+    """(V,) intp, the nearest vertex of the control mesh to each vertex, in its face."""
     nearest = mesh.corner_vertices[subdivided.vertex_points.corners]
     return np.where(subdivided.base_vertices >= 0, subdivided.base_vertices, nearest)
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cells: nodes of a quadtree with what is known of the surface there."""
+"""Cells: nodes of a quadtree, each with a representation of its surface."""

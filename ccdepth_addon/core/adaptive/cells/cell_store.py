@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the cells of leaves are kept, to be found by their nodes: their own, or those they are made from.
+"""The store of cells by their nodes.
 
-Nets are large, and most leaves are never looked at again. So where a cell is known by its net, its children are not
-kept: those that are asked for are made again.
+Nets are large, and most leaves are approximated only once. So the store keeps no children of cells with nets, and makes
+them again from their parents on demand.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Kind = tuple[type[NetCells], int]
 
 
 class CellStore:
-    """Cells in blocks as they came; and for each node of a tree the block and the place of its cell, if it has one."""
+    """Cells in blocks; and for each node of a tree the block of its cell and its index there, if the node has one."""
 
     def __init__(self, tree: Quadtree) -> None:
         self._tree = tree
@@ -32,13 +32,13 @@ class CellStore:
         self._places = tree.add_column(np.int32(NONE))
 
     def put(self, cells: Cells) -> None:
-        """Keep cells: for themselves, and where they are known by nets for their children."""
+        """Keep cells: for their own nodes and, if they have nets, for their children."""
         self._numbers.values[cells.nodes] = len(self._blocks)
         self._places.values[cells.nodes] = np.arange(len(cells.nodes))
         self._blocks.append(cells)
 
     def of(self, nodes: IndexArray) -> Iterator[Cells]:
-        """The cells of nodes, each of which is kept, or its parent."""
+        """The cells of nodes. The store has to keep each, or its parent."""
         is_kept = self._numbers.values[nodes] != NONE
         yield from self._found(nodes[is_kept])
         children = nodes[~is_kept]
@@ -48,10 +48,10 @@ class CellStore:
         is_wanted[children] = True
         for cells in self._found(np.unique(self._tree.parents[children])):
             assert isinstance(cells, NetCells)
-            yield from cells.children(self._tree, is_wanted[self._tree.quarters(cells.nodes)])
+            yield from cells.children(self._tree, is_wanted[self._tree.children_of_quads(cells.nodes)])
 
     def _found(self, nodes: IndexArray) -> Iterator[Cells]:
-        """The cells of these nodes, which are kept, block by block."""
+        """The kept cells of nodes, block by block."""
         assert np.all(self._numbers.values[nodes] != NONE)
         nodes = nodes[np.argsort(self._numbers.values[nodes], kind="stable")]
         numbers, places = self._numbers.values[nodes], self._places.values[nodes]

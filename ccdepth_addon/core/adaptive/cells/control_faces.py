@@ -1,8 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The faces of a control mesh as cells, each by what tells most of the surface there.
-
-Cells are nodes of a quadtree whose surface is known in one way. They know their children's share of that, and how to be
-drawn (``leaf_approximation.Cells``).
+"""The faces of a control mesh as cells (``leaf_approximation.Cells``), each with the most precise representation of its
+surface: a bicubic patch, a net around an extraordinary vertex, or the refined mesh.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Quads of a quadtree known by the mesh refined so far, with the neighbours it needs; and what descends from such."""
+"""Quads of a quadtree represented by the refined mesh, with the neighbours it needs; and their children."""
 
 from __future__ import annotations
 
@@ -14,21 +14,22 @@ from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.patches import PatchKind, PatchKinds, classify_patches
 from ...surface.refinement import Refinement
 from ...surface.stencils import LARGEST_STENCIL_VALENCE
-from ..leaf_approximation import Cells, triangle_normals
-from ..leaf_bounds.irregular_bounds import template_misses
-from ..leaf_bounds.triangle_bounds import Misses
+from ..leaf_approximation import Cells
+from ..leaf_bounds.irregular_bounds import template_error_bounds
+from ..leaf_bounds.triangle_bounds import ErrorBounds
+from ..leaf_bounds.triangle_shapes import triangle_normals
 from ..quadtree import Quadtree
 from ..templates import templates
 from .patch_cells import BicubicCells, ExtraordinaryCells
 from .quad_cells import QuadCells
 
-# Cells that are looked at together; they take so long that these are enough.
+# Cells evaluated together: each takes so long that more would gain nothing.
 REFINED_AT_ONCE = 1 << 12
 
 
 @dataclass(frozen=True)
 class RefinedCells(QuadCells):
-    """Quads of another kind, by the mesh refined so far: descendant i is ``nodes[i]``."""
+    """Quads that are neither bicubic nor have a net, by the refined mesh: descendant i is ``nodes[i]``."""
 
     nodes: IndexArray
     refinement: Refinement
@@ -51,13 +52,15 @@ class RefinedCells(QuadCells):
     def distances_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> FloatArray:
-        return self._misses(chosen, pattern, alternative, points, limit, None).whole
+        return self._error_bounds(chosen, pattern, alternative, points, limit, None).whole
 
-    def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
-        # What leaves its neighbours no room now may do so when some of its sides are split.
-        return self._misses(chosen, pattern, alternative, points, limit, np.full(len(chosen), np.inf))
+    def error_bounds_of(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
+    ) -> ErrorBounds:
+        # No limit on the room for neighbours: it may grow when sides are split.
+        return self._error_bounds(chosen, pattern, alternative, points, limit, np.full(len(chosen), np.inf))
 
-    def _misses(
+    def _error_bounds(
         self,
         chosen: IndexArray,
         pattern: int,
@@ -65,11 +68,11 @@ class RefinedCells(QuadCells):
         points: FloatArray,
         limit: float,
         room: FloatArray | None,
-    ) -> Misses:
+    ) -> ErrorBounds:
         points = selected_vectors(points, chosen)
         normals = triangle_normals(points, templates(pattern)[alternative])
         children = self.at(chosen).refinement.refined()
-        return template_misses(children, points, (pattern, alternative), normals, limit, room)
+        return template_error_bounds(children, points, (pattern, alternative), normals, limit, room)
 
 
 def refined_children(tree: Quadtree, nodes: IndexArray, refinement: Refinement) -> Iterator[Cells]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Quads of a quadtree known by a net from which every bound is linear (``triangle_bounds``).
+"""Quads of a quadtree represented by a net of which every bound is a linear function (``triangle_bounds``).
 
 They are bicubic, or have an extraordinary corner.
 """
@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -21,31 +20,33 @@ from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, patch_coefficients, tensor
 from ...surface.patches import PatchKinds, extraordinary_nets, regular_nets
 from ...surface.stencils import patch_stencils
-from ..leaf_approximation import HOPEFUL, Fit, Samples, triangle_normals
+from ..leaf_approximation import LeafApproximation
 from ..leaf_bounds import triangle_bounds
-from ..leaf_bounds.child_bounds import Quarters, corners_of_quarters, quarter_distances
-from ..leaf_bounds.triangle_bounds import Misses
+from ..leaf_bounds.child_bounds import ChildSamples, child_distances, corners_of_children
+from ..leaf_bounds.triangle_bounds import ErrorBounds
+from ..leaf_bounds.triangle_shapes import triangle_normals
 from ..quadtree import Quadtree
+from ..template_choice import PROMISING, Samples, choose_along_surface, folded_quads
 from ..templates import TURNS, WHOLE, Transitions, templates
 from .quad_cells import QuadCells, patterns_of
 
-# A closer look takes away nearly all that is not quadratic, and sometimes a little more; at an extraordinary corner it
-# takes away a third at most. So much more than the limit may be found without one for there to be hope.
-HOPEFUL_QUADRATIC = 1.1
-HOPEFUL_EXTRAORDINARY = 1.5
+# Finer bounds save nearly all of the part that is not quadratic, and sometimes a little more; at an extraordinary
+# corner a third at most. They are computed where the coarse bound is at most so many limits.
+REFINABLE_QUADRATIC = 1.1
+REFINABLE_EXTRAORDINARY = 1.5
 
-# Where the rest is less than this part of what is quadratic, a closer look is not worth it.
+# Finer bounds gain too little where the rest is less than this part of the quadratic part.
 SMALL_REST = 0.05
 
-# Cells that are looked at together: what is made on the way need not come from the system anew each time.
+# Cells evaluated together: the system need not provide memory for temporary arrays anew each time.
 CELLS_AT_ONCE = 1 << 12
 
 
 def _child_matrices() -> list[FloatArray]:
     """Four of (16, 16): a bicubic quad's Bernstein coefficients → those of its child at each slot, in its own frame."""
     low, high = HALVES
-    quarters = [np.kron(a, b).reshape(4, 4, 16) for a, b in ((low, low), (high, low), (high, high), (low, high))]
-    return [np.ascontiguousarray(np.rot90(q, -turns).reshape(16, 16)) for turns, q in enumerate(quarters)]
+    children = [np.kron(a, b).reshape(4, 4, 16) for a, b in ((low, low), (high, low), (high, high), (low, high))]
+    return [np.ascontiguousarray(np.rot90(q, -turns).reshape(16, 16)) for turns, q in enumerate(children)]
 
 
 CHILD_MATRICES = _child_matrices()
@@ -90,7 +91,7 @@ class NetCells(QuadCells):
 
     @abstractmethod
     def children(self, tree: Quadtree, wanted: BoolArray | None = None) -> Iterator[NetCells]:
-        """As in ``Cells``; all of the children, or those wanted, (4, P) by slot, and made alike."""
+        """As in ``Cells``; all children, or the wanted ones, (4, P) by slot, with the same bits."""
 
     @abstractmethod
     def _to_points(self) -> FloatArray:
@@ -98,13 +99,13 @@ class NetCells(QuadCells):
 
 
 @dataclass(frozen=True)
-class Children:
-    """What a look at P bicubic quads tells of their 4P children, those at slot 0 first. fit: how they are drawn with
-    their sides whole, as far as they are seen to be within the limit, or likely to be along the surface. hopeless:
-    (4P,) bool, which are seen to be neither. points: (9, P, 3), those of the quads themselves and their centres."""
+class ChildApproximations:
+    """The 4P children of P bicubic quads, those at slot 0 first. approximation: with whole sides, of the children that
+    their parents' coefficients show to be within the limit, or predict to be along the surface. out_of_reach: (4P,)
+    bool, which are shown to be neither. points: (9, P, 3), those of the quads themselves and their centres."""
 
-    fit: Fit
-    hopeless: BoolArray
+    approximation: LeafApproximation
+    out_of_reach: BoolArray
     points: FloatArray
 
 
@@ -130,37 +131,43 @@ class BicubicCells(NetCells):
             start += len(chosen)
         yield BicubicCells(nodes, np.zeros_like(nodes), nets.swapaxes(1, 2))
 
-    def fit_children(self, limit: float, axes: FloatArray) -> Children:
-        """What a look at these quads tells of their children."""
-        distances = quarter_distances(self.nets, limit)
+    def approximate_children(self, limit: float, axes: FloatArray) -> ChildApproximations:
+        """How to approximate their children, by bounds from these quads' own coefficients."""
+        distances = child_distances(self.nets, limit)
         best = np.where(distances.bounds <= limit, distances.sampled, np.inf).argmin(axis=1)
         bounds = np.take_along_axis(distances.bounds, best[:, None], axis=1)[:, 0]
-        found, hopeless = Fit.none(best.size), np.zeros(best.size, dtype=bool)
-        found.least[:] = distances.sampled.min(axis=1).ravel()
-        fitted = bounds <= limit
-        chosen = np.flatnonzero(fitted)
-        found.take(chosen, best.ravel()[chosen])
-        found.bounds[chosen] = bounds.ravel()[chosen]
-        found.fold(chosen, corners_of_quarters(distances.points, fitted), axes)
+        is_within = bounds <= limit
+        within = np.flatnonzero(is_within)
+        found = LeafApproximation.none(best.size)
+        found.accepted[within] = True
+        found.alternatives[within] = best.ravel()[within]
+        found.bounds[within] = bounds.ravel()[within]
+        folded = folded_quads(found, within, corners_of_children(distances.points, is_within), axes)
+
         far = distances.far
         chosen, samples = far.at_corners * len(self.nodes) + far.of_quads, Samples.of(far.corners, far.off, WHOLE)
-        hopeless[chosen] = samples.hopes().min(axis=0) > HOPEFUL * limit
-        found.hope(chosen, samples, limit, partial(_well_known_misses, far))
-        hopeful = np.flatnonzero(found.fits[chosen])
-        found.fold(chosen[hopeful], selected_vectors(far.corners, hopeful), axes)
-        return Children(found, hopeless, distances.points)
+        out_of_reach = np.zeros(best.size, dtype=bool)
+        out_of_reach[chosen] = samples.predicted_bounds().min(axis=0) > PROMISING * limit
+        along_surface = choose_along_surface(_FarChildren(far), samples, limit)
+        promising = np.flatnonzero(along_surface.accepted)
+        found.put(chosen, along_surface)
+        folded |= folded_quads(found, chosen[promising], selected_vectors(far.corners, promising), axes)
+        least = distances.sampled.min(axis=1).ravel()
+        return ChildApproximations(replace(found, folded=folded, least=least), out_of_reach, distances.points)
 
-    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
-        # Fewer patterns mean less work.
+    def approximate(
+        self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray
+    ) -> LeafApproximation:
+        # Turned so that their patterns are canonical: fewer patterns take less time.
         turned = self._turned(TURNS[patterns_of(hanging, self.slots)])
-        return super(BicubicCells, turned).fit(hanging, transitions, limit, axes)
+        return super(BicubicCells, turned).approximate(hanging, transitions, limit, axes)
 
-    def misses(self, fit: Fit, limit: float) -> Misses:
-        turned = self._turned((fit.turns - self.slots) % 4)
-        return super(BicubicCells, turned).misses(fit, limit)
+    def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
+        turned = self._turned((approximation.turns - self.slots) % 4)
+        return super(BicubicCells, turned).error_bounds(approximation, limit)
 
     def _turned(self, turns: NDArray[np.int8] | IndexArray) -> BicubicCells:
-        """Counted from other slots, (P,) turns further on."""
+        """The same quads with nets counted from slots (P,) turns further on."""
         if not np.any(turns):
             return self
         nets = self.nets.copy("K")
@@ -172,40 +179,48 @@ class BicubicCells(NetCells):
     def distances_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> FloatArray:
-        """Looked at twice where that decides."""
+        """As in ``QuadCells``, with finer bounds where they decide."""
         rows = triangle_bounds.quadratic_rows(pattern, alternative)
         quadratic, rest = triangle_bounds.quadratic_distances(rows, self.nets, chosen)
         distances = quadratic + rest
-        doubtful = np.flatnonzero((distances > limit) & (quadratic <= HOPEFUL_QUADRATIC * limit))
+        doubtful = np.flatnonzero((distances > limit) & (quadratic <= REFINABLE_QUADRATIC * limit))
         if len(doubtful):
-            closer = triangle_bounds.regular_rows(pattern, alternative)
-            distances[doubtful] = triangle_bounds.regular_distances(closer, self.nets, chosen[doubtful])
+            closer = triangle_bounds.bicubic_rows(pattern, alternative)
+            distances[doubtful] = triangle_bounds.bicubic_distances(closer, self.nets, chosen[doubtful])
         return distances
 
     def _to_points(self) -> FloatArray:
-        return triangle_bounds.regular_points()
+        return triangle_bounds.bicubic_points()
 
-    def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
-        """Looked at twice where what is not quadratic counts."""
+    def error_bounds_of(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
+    ) -> ErrorBounds:
+        """As in ``QuadCells``, with finer bounds where the part that is not quadratic counts."""
         nets = selected_vectors(self.nets, chosen)
         normals = triangle_normals(selected_vectors(points, chosen), templates(pattern)[alternative])
-        quadratic, rest = triangle_bounds.quadratic_misses(
+        quadratic, rest = triangle_bounds.quadratic_error_bounds(
             triangle_bounds.quadratic_rows(pattern, alternative), nets, normals
         )
-        misses, doubtful = quadratic + rest, np.flatnonzero(rest.normal > SMALL_REST * quadratic.normal)
+        error_bounds, doubtful = quadratic + rest, np.flatnonzero(rest.normal > SMALL_REST * quadratic.normal)
         if len(doubtful):
-            rows = triangle_bounds.regular_rows(pattern, alternative)
+            rows = triangle_bounds.bicubic_rows(pattern, alternative)
             nets, normals = selected_vectors(nets, doubtful), selected_vectors(normals, doubtful)
-            misses.put(doubtful, triangle_bounds.regular_misses(rows, nets, normals))
-        return misses
+            error_bounds.put(doubtful, triangle_bounds.bicubic_error_bounds(rows, nets, normals))
+        return error_bounds
 
 
-def _well_known_misses(quarters: Quarters, chosen: IndexArray, diagonal: int) -> Misses:
-    """Those of some quarters, inf where a closer look may make a difference."""
-    quadratic, rest = quarters.misses(chosen, diagonal)
-    misses = quadratic + rest
-    misses.normal[rest.normal > SMALL_REST * quadratic.normal] = np.inf
-    return misses
+@dataclass(frozen=True)
+class _FarChildren:
+    """Children of bicubic quads, sampled beyond the limit."""
+
+    samples: ChildSamples
+
+    def error_bounds(self, chosen: IndexArray, diagonal: int) -> ErrorBounds:
+        """As in ``template_choice.WithErrorBounds``; inf where coefficients of their own may give tighter ones."""
+        quadratic, rest = self.samples.error_bounds(chosen, diagonal)
+        error_bounds = quadratic + rest
+        error_bounds.normal[rest.normal > SMALL_REST * quadratic.normal] = np.inf
+        return error_bounds
 
 
 class ExtraordinaryCells(NetCells):
@@ -239,20 +254,24 @@ class ExtraordinaryCells(NetCells):
     def distances_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> FloatArray:
-        """Looked at twice where that decides."""
-        distances = self._misses(chosen, pattern, alternative, points, fine=False).whole
-        doubtful = np.flatnonzero((distances > limit) & (distances <= HOPEFUL_EXTRAORDINARY * limit))
+        """As in ``QuadCells``, with finer bounds where they decide."""
+        distances = self._error_bounds(chosen, pattern, alternative, points, fine=False).whole
+        doubtful = np.flatnonzero((distances > limit) & (distances <= REFINABLE_EXTRAORDINARY * limit))
         if len(doubtful):
-            distances[doubtful] = self._misses(chosen[doubtful], pattern, alternative, points, fine=True).whole
+            distances[doubtful] = self._error_bounds(chosen[doubtful], pattern, alternative, points, fine=True).whole
         return distances
 
-    def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
-        return self._misses(chosen, pattern, alternative, points, fine=True)
+    def error_bounds_of(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
+    ) -> ErrorBounds:
+        return self._error_bounds(chosen, pattern, alternative, points, fine=True)
 
     def _to_points(self) -> FloatArray:
         return triangle_bounds.extraordinary_points(self.valence)
 
-    def _misses(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, *, fine: bool) -> Misses:
+    def _error_bounds(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, *, fine: bool
+    ) -> ErrorBounds:
         rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=fine)
         normals = triangle_normals(selected_vectors(points, chosen), templates(pattern)[alternative])
-        return triangle_bounds.extraordinary_misses(rows, selected_vectors(self.nets, chosen), normals)
+        return triangle_bounds.extraordinary_error_bounds(rows, selected_vectors(self.nets, chosen), normals)

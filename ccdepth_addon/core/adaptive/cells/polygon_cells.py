@@ -2,14 +2,15 @@
 """Faces of the control mesh that are no quads, as cells: triangles, and polygons of more corners.
 
 They are compared with the fan of bilinear facets over corner, middle of the side, centroid and middle of the side
-before. A polygon, however it is drawn, is near to its fan by the way it lies (``polygon_bounds``). A triangle is its
-own fan; one with split sides is near to a fan that bends with them (``fan_of_template``).
+before. The distance of a polygon from its fan, however it is triangulated, depends on its vertices alone
+(``polygon_bounds``). A triangle is its own fan; one with split sides is near to a fan that bends with them
+(``fan_of_template``).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Self
 
@@ -18,11 +19,13 @@ import numpy as np
 from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...arrays.vectors import squared_norms
 from ...surface.refinement import Refinement
-from ..leaf_approximation import HOPEFUL, Cells, Fit, Samples, along_and_across, least_heights, triangle_normals
-from ..leaf_bounds.irregular_bounds import fan_misses
+from ..leaf_approximation import Cells, LeafApproximation
+from ..leaf_bounds.irregular_bounds import fan_error_bounds
 from ..leaf_bounds.polygon_bounds import polygon_thickness
-from ..leaf_bounds.triangle_bounds import Misses
+from ..leaf_bounds.triangle_bounds import ErrorBounds
+from ..leaf_bounds.triangle_shapes import along_and_across, least_heights, triangle_normals
 from ..quadtree import Quadtree
+from ..template_choice import PROMISING, Samples
 from ..templates import QUAD_POINTS, WHOLE, Template, Transitions, Triangle, triangle_template
 from .irregular_cells import refined_children
 
@@ -41,9 +44,9 @@ TRIANGLE_POINTS: FloatArray = np.array(
 # The weights of the corners for the centroid, times six.
 SIXTHS: FloatArray = np.full(3, 2.0)
 
-# How far off triangles may be, along and across together, in parts of their least height, for there to be hope:
-# ``star_bounds`` leaves a third of the least height around.
-HOPEFUL_ROOM = 0.33
+# The largest error of triangles, along and across together, in parts of their least height, at which ``star_bounds``
+# may hold: it requires less than a third of the least height around.
+LARGEST_OFFSET = 0.33
 
 # How often a quarter is halved both ways where a template is compared with its fan: each time the bound is twice as
 # near.
@@ -52,7 +55,7 @@ HALVINGS = 10
 
 @dataclass(frozen=True)
 class PolygonCells:
-    """P faces by the mesh refined so far, with the neighbours it needs: descendant i is ``nodes[i]``."""
+    """P faces by the refined mesh, with the neighbours it needs: descendant i is ``nodes[i]``."""
 
     nodes: IndexArray
     refinement: Refinement
@@ -67,9 +70,11 @@ class PolygonCells:
         """As in ``Cells``."""
         return refined_children(tree, self.nodes, self.refinement)
 
-    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
+    def approximate(
+        self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray
+    ) -> LeafApproximation:
         """As in ``Cells``: by way of fans that bend at the middles of split sides."""
-        found = Fit.none(len(self.nodes))
+        found = LeafApproximation.none(len(self.nodes))
         corners = self.refinement.limits_at_corners()
         middles, _ = self.refinement.limits_inside()
         facets = self.refinement.facets_of_children(corners)
@@ -81,17 +86,17 @@ class PolygonCells:
         if len(chosen):
             part = self.at(chosen).refinement
             kept = np.isin(np.repeat(np.arange(len(self.nodes)), self._sizes()), chosen)
-            own = fan_misses(part.refined(), facets[:, kept], np.zeros((1, *corners[kept].shape)), limit)
+            own = fan_error_bounds(part.refined(), facets[:, kept], np.zeros((1, *corners[kept].shape)), limit)
             starts = part.mesh.face_starts[: len(chosen)]
             bounds = np.maximum.reduceat(own.whole, starts)
             bounds += polygon_thickness(facets[:, kept], hanging[kept], starts, axes)
-            found.take(chosen[bounds <= limit], 0)
+            found.accepted[chosen] = bounds <= limit
             found.bounds[chosen] = np.where(bounds <= limit, bounds, np.inf)
         return found
 
-    def misses(self, fit: Fit, limit: float) -> Misses:
-        """As in ``Cells``: neither is farther than they are in all."""
-        return Misses(fit.bounds, fit.bounds, fit.bounds)
+    def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
+        """As in ``Cells``: both are at most the bounds of the whole distance."""
+        return ErrorBounds(approximation.bounds, approximation.bounds, approximation.bounds)
 
     def _sizes(self) -> IndexArray:
         return self.refinement.mesh.face_sizes[: len(self.nodes)]
@@ -101,45 +106,44 @@ class PolygonCells:
 class TriangleCells(PolygonCells):
     """P triangles of the control mesh."""
 
-    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
-        """As in ``Cells``; as polygons only where sides are split and triangles are not wanted there."""
-        found = Fit.none(len(self.nodes))
+    def approximate(
+        self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray
+    ) -> LeafApproximation:
+        """As in ``Cells``; as polygons where sides are split and transitions are N-gons."""
+        found = LeafApproximation.none(len(self.nodes))
         patterns = hanging.reshape(-1, 3) @ PATTERN_BITS
         for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
             chosen = np.flatnonzero(patterns == pattern)
             part = self.at(chosen)
             if pattern == WHOLE or transitions is Transitions.TRIANGLES:
-                found.put(chosen, part._fit_template(pattern, limit))
+                found.put(chosen, part._approximate_template(pattern, limit))
             else:
                 sides = np.tile((pattern & PATTERN_BITS) > 0, len(chosen))
-                found.put(chosen, super(TriangleCells, part).fit(sides, transitions, limit, axes))
+                found.put(chosen, super(TriangleCells, part).approximate(sides, transitions, limit, axes))
         return found
 
-    def _fit_template(self, pattern: int, limit: float) -> Fit:
-        found = Fit.none(len(self.nodes))
+    def _approximate_template(self, pattern: int, limit: float) -> LeafApproximation:
         template = ((0, 1, 2),) if pattern == WHOLE else triangle_template(pattern)
         points = self._points()
         sampled = off_sides_and_centre(points, pattern)
-        found.least[:] = np.sqrt(squared_norms(sampled)).max(axis=0)
-        tried = np.flatnonzero(found.least <= limit)
+        least = np.sqrt(squared_norms(sampled)).max(axis=0)
+        found = replace(LeafApproximation.none(len(self.nodes)), least=least)
+        tried = np.flatnonzero(least <= limit)
         if len(tried):
-            # Where sides are split the fan's distance is not all of it, and has to be known well.
+            # Where sides are split the fan's distance is only a part of the error, so its bound has to be tight.
             room = None if pattern == WHOLE else np.full(len(tried), np.inf)
-            misses = self.at(tried)._misses(pattern, template, points[:, tried], limit, room)
-            within = np.flatnonzero(misses.whole <= limit)
-            found.take(tried[within], 0)
-            found.know(tried[within], misses.at(within))
-            found.bounds[tried[within]] = misses.whole[within]
+            error_bounds = self.at(tried)._error_bounds(pattern, template, points[:, tried], limit, room)
+            within = error_bounds.whole <= limit
+            found.bounds[tried[within]] = error_bounds.whole[within]
+            _accept(found, tried, within, error_bounds)
         samples = samples_of_triangles(points, sampled)
-        hopes = samples.hope(samples.normal, samples.tangential)[0]
-        tried = np.flatnonzero(~found.fits & (hopes <= HOPEFUL * limit))
+        tried = np.flatnonzero(~found.accepted & (samples.predicted_bounds()[0] <= PROMISING * limit))
         if len(tried):
-            room = HOPEFUL_ROOM * least_heights(points[:, tried], template)
-            misses = self.at(tried)._misses(pattern, template, points[:, tried], HOPEFUL * limit, room)
-            fine = samples.at(tried).hope(misses.normal, misses.tangential) <= HOPEFUL * limit
-            hopeful = np.flatnonzero(fine & (misses.normal + misses.tangential <= room))
-            found.take(tried[hopeful], 0)
-            found.know(tried[hopeful], misses.at(hopeful))
+            room = LARGEST_OFFSET * least_heights(points[:, tried], template)
+            error_bounds = self.at(tried)._error_bounds(pattern, template, points[:, tried], PROMISING * limit, room)
+            predicted = samples.at(tried).predict(error_bounds.normal, error_bounds.tangential)[0]
+            promising = (predicted <= PROMISING * limit) & (error_bounds.normal + error_bounds.tangential <= room)
+            _accept(found, tried, promising, error_bounds)
         return found
 
     def _points(self) -> FloatArray:
@@ -149,10 +153,10 @@ class TriangleCells(PolygonCells):
         by_triangle = [corners, middles.reshape(-1, 3, 3), centres.reshape(-1, 3, 3)[:, :1]]
         return np.ascontiguousarray(np.concatenate(by_triangle, axis=1).swapaxes(0, 1))
 
-    def _misses(
+    def _error_bounds(
         self, pattern: int, template: Template, points: FloatArray, limit: float, room: FloatArray | None
-    ) -> Misses:
-        """How far the triangles of a template are off at most: their fan, and what they are off that."""
+    ) -> ErrorBounds:
+        """Error bounds of a template's triangles: those of their fan, plus their own distance from it."""
         split_sides = (pattern & PATTERN_BITS) > 0
         chords = (points[CORNERS] + points[FOLLOWING]) / 2
         sagittas = np.where(split_sides[:, None, None], points[MIDDLES] - chords, 0.0)
@@ -161,20 +165,27 @@ class TriangleCells(PolygonCells):
         centroids = points[CORNERS].mean(axis=0) + np.einsum("s,spi->pi", lifts, sagittas)
         facets = np.stack([points[CORNERS], middles, np.stack([centroids] * 3), np.roll(middles, 1, axis=0)])
         normals = triangle_normals(points, template)
-        # The quarters go triangle by triangle.
-        own = fan_misses(
+        # The quarters are in the order of the triangles.
+        own = fan_error_bounds(
             self.refinement.refined(),
             facets.transpose(0, 2, 1, 3).reshape(4, -1, 3),
             np.repeat(normals, 3, axis=1),
             limit,
             None if room is None else np.repeat(room, 3),
         )
-        found = Misses(*(np.maximum.reduceat(each, 3 * np.arange(points.shape[1])) for each in own.columns()))
+        found = ErrorBounds(*(np.maximum.reduceat(each, 3 * np.arange(points.shape[1])) for each in own.columns()))
         for gap, sagitta in zip(gaps.tolist(), sagittas, strict=True):
             off = [along_and_across(sagitta[None], normal) for normal in normals]
             normal, tangential = (np.max(each, axis=0)[0] for each in zip(*off, strict=True))
-            found = found + Misses(np.sqrt(squared_norms(sagitta)), normal, tangential).times(gap)
+            found = found + ErrorBounds(np.sqrt(squared_norms(sagitta)), normal, tangential).times(gap)
         return found
+
+
+def _accept(found: LeafApproximation, tried: IndexArray, accepted: BoolArray, error_bounds: ErrorBounds) -> None:
+    """Record the accepted ones (n,) of the cells that were tried, and their error bounds."""
+    found.accepted[tried[accepted]] = True
+    found.normal[tried[accepted]] = error_bounds.normal[accepted]
+    found.tangential[tried[accepted]] = error_bounds.tangential[accepted]
 
 
 def off_sides_and_centre(points: FloatArray, pattern: int) -> FloatArray:

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Quads of a quadtree as cells, drawn by the templates for their split sides.
+"""Quads of a quadtree as cells, approximated by the templates for their split sides.
 
-How they are known is up to ``patch_cells`` and ``irregular_cells``.
+``patch_cells`` and ``irregular_cells`` have the representations of their surface.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -15,10 +16,19 @@ from numpy.typing import NDArray
 
 from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors
-from ..leaf_approximation import HOPEFUL, Cells, Fit, Samples, in_turn, off_sides_and_diagonals, sampled_distances
+from ..leaf_approximation import Cells, LeafApproximation
 from ..leaf_bounds.polygon_bounds import thickness_of_quads
-from ..leaf_bounds.triangle_bounds import Misses
+from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..quadtree import Quadtree
+from ..template_choice import (
+    PROMISING,
+    Samples,
+    choose_along_surface,
+    choose_within_limit,
+    folded_quads,
+    off_sides_and_diagonals,
+    sampled_distances,
+)
 from ..templates import ALL_SPLIT, WHOLE, Transitions
 
 PATTERN_BITS = np.array([1, 2, 4, 8])
@@ -49,78 +59,86 @@ class QuadCells(ABC):
     def distances_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> FloatArray:
-        """(n,): how far chosen quads are off at most, drawn by a template, as well as it takes to see what is within
-        the limit. points: those of all."""
+        """(n,): upper bounds of ‖S - T‖ for chosen quads and a template, as tight as it takes to compare them with the
+        limit. points: those of all."""
 
     @abstractmethod
-    def misses_of(self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float) -> Misses:
-        """How far they are off along the normals and across, as well as it takes to bound by the neighbours what is
-        within the limit along the normals."""
+    def error_bounds_of(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
+    ) -> ErrorBounds:
+        """(n,) each: error bounds along the normals and across, as tight as star bounds need them where the error along
+        the normals is within the limit."""
 
-    def fit(self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray) -> Fit:
+    def approximate(
+        self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray
+    ) -> LeafApproximation:
         """As in ``Cells``."""
         patterns = patterns_of(hanging, self.turns())
-        found = Fit.none(len(self.nodes))
-        found.turns[:] = self.turns()
-        found.patterns[:] = patterns
+        turns = self.turns().astype(np.int8)
+        found = replace(LeafApproximation.none(len(self.nodes)), patterns=patterns, turns=turns)
         for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
             chosen = np.flatnonzero(patterns == pattern)
             part = self if len(chosen) == len(self.nodes) else self.at(chosen)
-            part._fit_pattern(found, chosen, pattern, transitions, limit, axes)
+            found.put(chosen, part._approximate_pattern(pattern, transitions, limit, axes))
         return found
 
-    def _fit_pattern(
-        self,
-        found: Fit,
-        chosen: IndexArray,
-        pattern: int,
-        transitions: Transitions,
-        limit: float,
-        axes: FloatArray,
-    ) -> None:
-        """Try the templates of a pattern, the likeliest first, until one is within the limit, or likely to be.
-
-        chosen: where in what is found the quads are.
-        """
+    def _approximate_pattern(
+        self, pattern: int, transitions: Transitions, limit: float, axes: FloatArray
+    ) -> LeafApproximation:
+        """By the templates of one pattern, the likeliest first: one within the limit, or predicted to be."""
         points = self.points()
         sampled = sampled_distances(points, pattern)
-        found.least[chosen] = sampled.min(axis=0)
         as_polygons = transitions is Transitions.NGONS and pattern != WHOLE
-        for alternative, tried in in_turn(sampled, lambda: np.isinf(found.bounds[chosen])):
-            tried = tried[sampled[alternative, tried] <= limit]
-            if len(tried):
-                reached = self.distances_of(tried, pattern, alternative, points, limit)
-                if as_polygons:
-                    reached += thickness_of_quads(selected_vectors(points, tried), pattern, alternative, axes)
-                within = reached <= limit
-                found.take(chosen[tried[within]], alternative)
-                found.bounds[chosen[tried[within]]] = reached[within]
-        left = np.flatnonzero(~found.fits[chosen])
-        if len(left) and not as_polygons:
-            self.at(left)._hope(found, chosen[left], pattern, selected_vectors(points, left), limit)
-        if pattern == WHOLE:
-            fitted = np.flatnonzero(found.fits[chosen])
-            found.fold(chosen[fitted], selected_vectors(points[:4], fitted), axes)
-
-    def _hope(self, found: Fit, chosen: IndexArray, pattern: int, points: FloatArray, limit: float) -> None:
-        """Where none is within the limit at equal parameters, take one that is likely to be along the surface."""
-        samples = Samples.of(points, off_sides_and_diagonals(points), pattern)
-        found.hope(
-            chosen,
-            samples,
-            limit,
-            lambda tried, alternative: self.misses_of(tried, pattern, alternative, points, HOPEFUL * limit),
+        found = choose_within_limit(
+            QuadsOfPattern(self, pattern, points, limit, axes if as_polygons else None), sampled, limit
         )
+        left = np.flatnonzero(~found.accepted)
+        if len(left) and not as_polygons:
+            rest = selected_vectors(points, left)
+            samples = Samples.of(rest, off_sides_and_diagonals(rest), pattern)
+            cells = QuadsOfPattern(self.at(left), pattern, rest, limit)
+            found.put(left, choose_along_surface(cells, samples, limit))
+        folded = found.folded
+        if pattern == WHOLE:
+            accepted = np.flatnonzero(found.accepted)
+            folded = folded_quads(found, accepted, selected_vectors(points[:4], accepted), axes)
+        patterns = np.full(len(self.nodes), pattern, dtype=np.int8)
+        turns = self.turns().astype(np.int8)
+        return replace(found, patterns=patterns, turns=turns, folded=folded, least=sampled.min(axis=0))
 
-    def misses(self, fit: Fit, limit: float) -> Misses:
+    def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """As in ``Cells``."""
-        found, points = Misses(*(np.empty(len(self.nodes)) for _ in range(3))), self.points()
+        found, points = ErrorBounds(*(np.empty(len(self.nodes)) for _ in range(3))), self.points()
         # Patterns are below 16, so every template has a number of its own.
-        numbers = fit.alternatives.astype(np.int16) * 16 + fit.patterns
+        numbers = approximation.alternatives.astype(np.int16) * 16 + approximation.patterns
         for number in np.unique(numbers).tolist():
             chosen, pattern, alternative = np.flatnonzero(numbers == number), number % 16, number // 16
-            found.put(chosen, self.misses_of(chosen, pattern, alternative, points, limit))
+            found.put(chosen, self.error_bounds_of(chosen, pattern, alternative, points, limit))
         return found
+
+
+@dataclass(frozen=True)
+class QuadsOfPattern:
+    """P quads to be approximated by templates of one pattern. points: (9, P, 3), theirs. axes: (3, 3), of the space
+    where Blender triangulates them as polygons; None if triangles approximate them."""
+
+    cells: QuadCells
+    pattern: int
+    points: FloatArray
+    limit: float
+    axes: FloatArray | None = None
+
+    def distances(self, chosen: IndexArray, alternative: int) -> FloatArray:
+        """As in ``template_choice.WithDistances``."""
+        distances = self.cells.distances_of(chosen, self.pattern, alternative, self.points, self.limit)
+        if self.axes is not None:
+            points = selected_vectors(self.points, chosen)
+            distances += thickness_of_quads(points, self.pattern, alternative, self.axes)
+        return distances
+
+    def error_bounds(self, chosen: IndexArray, alternative: int) -> ErrorBounds:
+        """As in ``template_choice.WithErrorBounds``."""
+        return self.cells.error_bounds_of(chosen, self.pattern, alternative, self.points, PROMISING * self.limit)
 
 
 def patterns_of(hanging: BoolArray, turns: IndexArray) -> NDArray[np.int8]:

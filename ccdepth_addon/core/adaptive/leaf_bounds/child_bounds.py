@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far the quarters of bicubic quads are off, each drawn by two triangles: from the coefficients of the whole quads.
+"""Bounds of the children of bicubic quads, each approximated by two triangles: from the coefficients of the parents.
 
-Most leaves of a tree fit at a first look. Taken at their parents it needs no coefficients of their own. The bounds are
-those of ``triangle_bounds.quadratic_rows``, but that the monomials are the whole quad's.
+They settle most leaves of a tree, which then need no coefficients of their own. The bounds are those of
+``triangle_bounds.quadratic_rows``, but with the monomials of the whole quad.
 """
 
 from __future__ import annotations
@@ -16,38 +16,47 @@ import numpy as np
 from ...arrays.chunks import chunks
 from ...arrays.matrix_products import matrix_product
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ...arrays.vectors import selected_vectors, squared_norms, transformed_nets
-from ..leaf_approximation import triangle_normals
+from ...arrays.vectors import selected_vectors, transformed_nets
+from ...bounds.norms import squared_norms
 from ..templates import PLAIN, Triangle
-from .triangle_bounds import WHOLE_QUAD, Misses, bicubic_basis, off_quadratic, regular_points, rest_misses, to_monomials
+from .triangle_bounds import (
+    WHOLE_QUAD,
+    ErrorBounds,
+    bicubic_basis,
+    bicubic_points,
+    off_quadratic,
+    rest_error_bounds,
+    to_monomials,
+)
+from .triangle_shapes import triangle_normals
 
-# What is made on the way of so many quads stays in the processor's cache.
+# Temporary arrays for so many quads stay in the processor's cache.
 QUADS_AT_ONCE = 1 << 9
 
-# The points of a quad, its centre the last, at the corners of the quarter at each of its own, from that one on.
-CORNERS_OF_QUARTERS = [[corner, 4 + corner, 8, 4 + (corner + 3) % 4] for corner in range(4)]
+# The points of a quad, its centre the last, that are the corners of the child at each of its own, from that one on.
+CORNERS_OF_CHILDREN = [[corner, 4 + corner, 8, 4 + (corner + 3) % 4] for corner in range(4)]
 
 
 @dataclass(frozen=True)
-class QuarterDistances:
-    """‖S - T‖ over the quarters of P quads, those at each corner, for each of the two diagonals, (4, 2, P) each.
+class ChildDistances:
+    """‖S - T‖ over the children of P quads, those at each corner, for each of the two diagonals, (4, 2, P) each.
 
-    sampled: at the middles of the triangles' sides, so really there. bounds: at most. points: (9, P, 3), those of the
-    quads (``regular_points``). far: the quarters that are sampled farther than the limit along both diagonals.
+    sampled: at the middles of the triangles' sides, so lower bounds. bounds: upper bounds. points: (9, P, 3), those of
+    the quads (``bicubic_points``). far: the children whose samples exceed the limit along both diagonals.
     """
 
     sampled: FloatArray
     bounds: FloatArray
     points: FloatArray
-    far: Quarters
+    far: ChildSamples
 
 
 @dataclass(frozen=True)
-class Quarters:
-    """n quarters of quads, and S - T over them.
+class ChildSamples:
+    """n children of quads, and S - T over them.
 
-    at_corners, of_quads: (n,) each, at which corner of which quad. corners: (4, n, 3), their own. off: (6, n, 3), S - T
-    at the middles of their sides and diagonals. sums: (2, 2, n, 3), for each diagonal and triangle half the sum of the
+    at_corners, of_quads: (n,), the corner and the quad of each. corners: (4, n, 3), their own. off: (6, n, 3), S - T at
+    the middles of their sides and diagonals. sums: (2, 2, n, 3), for each diagonal and triangle half the sum of the
     three at its sides. monomials: (10, n, 3), the coefficients of those that are more than quadratic, of whole quads.
     """
 
@@ -59,9 +68,9 @@ class Quarters:
     monomials: FloatArray
 
     @staticmethod
-    def joined(parts: Sequence[Quarters]) -> Quarters:
+    def joined(parts: Sequence[ChildSamples]) -> ChildSamples:
         """All of them, block after block."""
-        return Quarters(
+        return ChildSamples(
             np.concatenate([part.at_corners for part in parts]),
             np.concatenate([part.of_quads for part in parts]),
             np.concatenate([part.corners for part in parts], axis=-2),
@@ -70,20 +79,20 @@ class Quarters:
             np.concatenate([part.monomials for part in parts], axis=-2),
         )
 
-    def misses(self, chosen: IndexArray, diagonal: int) -> tuple[Misses, Misses]:
-        """How far some are off along the triangles' normals and across, as the sum of two, split along a diagonal: what
-        the quadratic parts miss, and the rest."""
+    def error_bounds(self, chosen: IndexArray, diagonal: int) -> tuple[ErrorBounds, ErrorBounds]:
+        """Error bounds of some, split along a diagonal, along the triangles' normals and across: those of the quadratic
+        parts, and those of the rest, to be added."""
         normals = triangle_normals(selected_vectors(self.corners, chosen), PLAIN[diagonal])
         sides = [own for triangle in PLAIN[diagonal] for own in (*_sides(triangle), 4 + diagonal)]
         vectors = [selected_vectors(self.off[sides], chosen), selected_vectors(self.sums[diagonal], chosen)]
         # Three and one for each triangle.
         order = [0, 1, 2, 6, 3, 4, 5, 7]
-        quadratic = Misses.of(np.concatenate(vectors)[order], np.repeat([0, 1], 4), normals)
+        quadratic = ErrorBounds.of(np.concatenate(vectors)[order], np.repeat([0, 1], 4), normals)
         weights = _weights()[2 * self.at_corners[chosen] + diagonal].T
-        return quadratic, rest_misses(selected_vectors(self.monomials, chosen), weights, normals)
+        return quadratic, rest_error_bounds(selected_vectors(self.monomials, chosen), weights, normals)
 
 
-def quarter_distances(coefficients: FloatArray, limit: float) -> QuarterDistances:
+def child_distances(coefficients: FloatArray, limit: float) -> ChildDistances:
     """Of quads with Bernstein coefficients (16, P, 3), [i, j] → 4i + j, u along i."""
     count = coefficients.shape[1]
     sampled, bounds, points = np.empty((4, 2, count)), np.empty((4, 2, count)), np.empty((9, 3, count)).swapaxes(1, 2)
@@ -97,34 +106,34 @@ def quarter_distances(coefficients: FloatArray, limit: float) -> QuarterDistance
         np.sqrt(largest, out=sampled[..., block])
         np.add(np.sqrt(quadratic), rests, out=bounds[..., block])
         points[:, block] = vectors[50:]
-        far.append(_quarters(vectors, sampled[..., block].min(axis=1) > limit, block.start))
-    return QuarterDistances(sampled, bounds, points, Quarters.joined(far))
+        far.append(_child_samples(vectors, sampled[..., block].min(axis=1) > limit, block.start))
+    return ChildDistances(sampled, bounds, points, ChildSamples.joined(far))
 
 
-def _quarters(vectors: FloatArray, wanted: BoolArray, first: int) -> Quarters:
-    """Some quarters, (4, P) bool, of quads with so many others before them; vectors: (59, P, 3), of ``_rows``."""
+def _child_samples(vectors: FloatArray, wanted: BoolArray, first: int) -> ChildSamples:
+    """Some children, (4, P) bool, of quads with so many others before them; vectors: (59, P, 3), of ``_rows``."""
     parts = (vectors[:16].reshape(4, 4, -1, 3), vectors[16:24].reshape(4, 2, -1, 3))
     off = np.concatenate([_of_each(part, wanted) for part in parts])
     sums = _of_each(vectors[24:40].reshape(4, 2, 2, -1, 3), wanted)
     at_corners, of_quads = np.nonzero(wanted)
     monomials = selected_vectors(vectors[40:50], of_quads)
-    return Quarters(at_corners, of_quads + first, corners_of_quarters(vectors[50:], wanted), off, sums, monomials)
+    return ChildSamples(at_corners, of_quads + first, corners_of_children(vectors[50:], wanted), off, sums, monomials)
 
 
-def corners_of_quarters(points: FloatArray, wanted: BoolArray) -> FloatArray:
-    """(4, n, 3): the corners of some quarters, (4, P) bool, of quads with points (9, P, 3), those at corner 0 first."""
-    return _of_each((points[four] for four in CORNERS_OF_QUARTERS), wanted)
+def corners_of_children(points: FloatArray, wanted: BoolArray) -> FloatArray:
+    """(4, n, 3): the corners of some children, (4, P) bool, of quads with points (9, P, 3), those at corner 0 first."""
+    return _of_each((points[four] for four in CORNERS_OF_CHILDREN), wanted)
 
 
 def _of_each(vectors: Iterable[FloatArray], wanted: BoolArray) -> FloatArray:
-    """(…, n, 3): those of some quarters, (4, P) bool, of vectors (…, P, 3) for each corner."""
+    """(…, n, 3): those of some children, (4, P) bool, of vectors (…, P, 3) for each corner."""
     places = map(np.flatnonzero, wanted)
     return np.concatenate([selected_vectors(own, some) for own, some in zip(vectors, places, strict=True)], axis=-2)
 
 
 @cache
 def _rows() -> FloatArray:
-    """(59, 16): for each quarter S - T at the middles of its 4 sides; then for each at the middles of the 2 diagonals;
+    """(59, 16): for each child S - T at the middles of its 4 sides; then for each at the middles of the 2 diagonals;
     then for each, diagonal by diagonal, half the sums of the three at the sides of the 2 triangles; then the 10
     monomials that are more than quadratic, T having none; then the 9 points."""
     corners = [_places(corner) for corner in range(4)]
@@ -134,19 +143,19 @@ def _rows() -> FloatArray:
     for number, template in enumerate(PLAIN):
         for place, triangle in enumerate(template):
             sums[:, number, place] = (sides[:, _sides(triangle)].sum(axis=1) + diagonals[:, number]) / 2
-    rows = (sides, diagonals, sums, to_monomials(), regular_points())
+    rows = (sides, diagonals, sums, to_monomials(), bicubic_points())
     return np.concatenate([part.reshape(-1, 16) for part in rows])
 
 
 @cache
 def _weights() -> FloatArray:
-    """(8, 10): for each quarter and each diagonal, how far the monomials are off their quadratic parts there."""
+    """(8, 10): for each child and each diagonal, how far the monomials are off their quadratic parts there."""
     templates = [[_places(corner)[list(triangle)] for triangle in plain] for corner in range(4) for plain in PLAIN]
     return np.stack([off_quadratic(triangles) for triangles in templates])
 
 
 def _places(corner: int) -> FloatArray:
-    """(4, 2): the corners of the quarter at a corner, from that one on."""
+    """(4, 2): the corners of the child at a corner, from that one on."""
     return WHOLE_QUAD.child(corner).corners()
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is missed over faces of any kind, by refining these (docs/adaptive.md, Any other quad).
+"""Error bounds over faces of any kind, by refinement (docs/adaptive.md, Any other quad).
 
 A quad's descendants are squares in its parameters. A regular one is bicubic, and is compared in Bernstein form. Any
 other is compared by way of the bilinear facet over its control points, which is within a known distance of the surface,
@@ -24,15 +24,15 @@ from ...surface.bicubic import bilinear_coefficients, patch_coefficients
 from ...surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from ...surface.refinement import Refinement
 from ..templates import QUAD_POINTS, templates
-from .triangle_bounds import QUARTER_TURN, Misses, barycentric, template_rows
+from .triangle_bounds import QUARTER_TURN, ErrorBounds, barycentric, template_rows
 
-# By then what is left of a quad around an irregular vertex is small against the quad.
+# After so many the rest of a quad around an irregular vertex is small against the quad.
 REFINEMENTS = 8
 
-# Weights and lengths are dyadic fractions, or a few times such; less is rounding.
+# Weights and lengths are small multiples of dyadic fractions; anything less is rounding.
 NOTHING = 1e-9
 
-# Where only a bound along the normals will do, facets have to be within this part of the limit.
+# Where a bound along the normals is needed, facets have to be within this part of the limit.
 NEAR_FACET = 1 / 16
 
 
@@ -40,8 +40,8 @@ NEAR_FACET = 1 / 16
 class Squares:
     """N square parts of the parameters of quads.
 
-    bases: (N,) intp, which quad; paths: (N,) intp, the children on the way there as digits of base 4 after a leading 1;
-    origins: (N, 2), where corner 0 lies; axes: (N, 2, 2), the sides from there to corners 1 and 3.
+    bases: (N,) intp, the quad of each; paths: (N,) intp, the children on the way there as digits of base 4 after a
+    leading 1; origins: (N, 2), their corners 0; axes: (N, 2, 2), the sides from there to corners 1 and 3.
     """
 
     bases: IndexArray
@@ -59,7 +59,7 @@ class Squares:
         return Squares(self.bases[chosen], self.paths[chosen], self.origins[chosen], self.axes[chosen])
 
     def children(self) -> Squares:
-        """Their four quarters each, from corner 0 on, every one with its own corner 0 where the square has a corner."""
+        """The four children of each, from corner 0 on; corner 0 of a child is a corner of the square."""
         origins = self.origins[:, None] + np.einsum("ci,nij->ncj", QUAD_POINTS[:4], self.axes)
         turns = np.stack([np.linalg.matrix_power(QUARTER_TURN, turn) for turn in range(4)]) / 2
         axes = np.einsum("cij,njk->ncik", turns, self.axes)
@@ -71,56 +71,56 @@ class Squares:
         return self.origins + np.einsum("ci,nij->cnj", QUAD_POINTS[:4], self.axes)
 
 
-# What is missed over squares with Bernstein coefficients (16, N, 3), (N,) each.
-Comparison = Callable[[FloatArray, Squares], Misses]
+# Error bounds over squares with Bernstein coefficients (16, N, 3), (N,) each.
+Comparison = Callable[[FloatArray, Squares], ErrorBounds]
 
 
-def template_misses(
+def template_error_bounds(
     children: Refinement,
     points: FloatArray,
     key: tuple[int, int],
     normals: FloatArray,
     limit: float,
     room: FloatArray | None = None,
-) -> Misses:
-    """(P,): ‖S - T‖ at most, for P quads and the triangles of a template.
+) -> ErrorBounds:
+    """(P,): upper bounds of ‖S - T‖, for P quads and the triangles of a template.
 
     children: of all the quads, whose bases these are. points: (8 or more, P, 3), as in ``templates.QUAD_POINTS``; key:
-    pattern and alternative; normals: (T, P, 3), of the triangles. For limit and room see ``_refined_misses``.
+    pattern and alternative; normals: (T, P, 3), of the triangles. For limit and room see ``_refined_error_bounds``.
     """
 
-    def compare(coefficients: FloatArray, squares: Squares) -> Misses:
+    def compare(coefficients: FloatArray, squares: Squares) -> ErrorBounds:
         return _off_template(coefficients, squares, points, key, normals)
 
-    return _refined_misses(children, Squares.whole(points.shape[1]).children(), compare, limit, room)
+    return _refined_error_bounds(children, Squares.whole(points.shape[1]).children(), compare, limit, room)
 
 
-def fan_misses(
+def fan_error_bounds(
     quarters: Refinement, facets: FloatArray, normals: FloatArray, limit: float, room: FloatArray | None = None
-) -> Misses:
-    """(C,): ‖S - F‖ at most, for the quarters of some faces and bilinear facets over their corners (4, C, 3).
+) -> ErrorBounds:
+    """(C,): upper bounds of ‖S - F‖, for the quarters of some faces and bilinear facets over their corners (4, C, 3).
 
-    quarters: the children of the faces. normals: (T, C, 3), those of all triangles that are drawn there. For limit and
-    room see ``_refined_misses``.
+    quarters: the children of the faces. normals: (T, C, 3), those of all triangles there. For limit and
+    room see ``_refined_error_bounds``.
     """
 
-    def compare(coefficients: FloatArray, squares: Squares) -> Misses:
+    def compare(coefficients: FloatArray, squares: Squares) -> ErrorBounds:
         return _off_facets(coefficients, squares, facets, normals)
 
-    return _refined_misses(quarters, Squares.whole(facets.shape[1]), compare, limit, room)
+    return _refined_error_bounds(quarters, Squares.whole(facets.shape[1]), compare, limit, room)
 
 
-def _refined_misses(
+def _refined_error_bounds(
     refinement: Refinement, squares: Squares, compare: Comparison, limit: float, room: FloatArray | None
-) -> Misses:
-    """What is missed of the surface over quads of which the refinement's descendants are squares.
+) -> ErrorBounds:
+    """Error bounds over quads of which the refinement's descendants are squares.
 
-    They are looked at as closely as it takes to see whether they are within the limit; or, with room (quads,), as it
-    takes to know well how far they are off along the normals. Nothing else is known of what is beyond the limit, along
-    the normals then, or takes more than its room along and across together, but that it may be.
+    Without room they are as tight as it takes to compare the whole error with the limit. With room (quads,) they are
+    tight along the normals, and compare the error along the normals with the limit, and the errors along and across
+    together with the room. Of a quad that exceeds one of these the bounds say nothing more.
     """
     count = int(squares.bases.max(initial=-1)) + 1
-    found = Misses(*(np.zeros(count) for _ in range(3)))
+    found = ErrorBounds(*(np.zeros(count) for _ in range(3)))
     for step in range(REFINEMENTS):
         kinds = classify_patches(refinement.mesh).kinds[: len(refinement.bases)]
         regular, rest = np.flatnonzero(kinds == PatchKind.REGULAR), np.flatnonzero(kinds != PatchKind.REGULAR)
@@ -131,7 +131,7 @@ def _refined_misses(
         refinement, squares = refinement.keep(kinds != PatchKind.REGULAR), squares.at(rest)
         near = _facet_distances(refinement, classify_patches(refinement.mesh))
         left = compare(bilinear_coefficients(refinement.control_facets()).reshape(16, -1, 3), squares)
-        reached = left + Misses(near, near, near)
+        reached = left + ErrorBounds(near, near, near)
         if room is None:
             beyond, seen_beyond, enough = found.whole > limit, left.whole - near > limit, reached.whole <= limit
         else:
@@ -147,7 +147,7 @@ def _refined_misses(
 
 
 def _facet_distances(refinement: Refinement, patches: PatchKinds) -> FloatArray:
-    """(descendants,): the distance of quads' surface from the facets over their own control points, at most."""
+    """(descendants,): upper bounds of the distance between quads' surface and the facets over their control points."""
     mesh, kinds = refinement.mesh, patches.kinds[: len(refinement.bases)]
     bounds = np.empty(len(kinds))
     others = kinds == PatchKind.IRREGULAR
@@ -163,16 +163,16 @@ def _facet_distances(refinement: Refinement, patches: PatchKinds) -> FloatArray:
     return bounds
 
 
-def _raise(found: Misses, squares: Squares, misses: Misses) -> None:
-    """Of each quad, the most of its squares."""
-    np.maximum.at(found.whole, squares.bases, misses.whole)
-    np.maximum.at(found.normal, squares.bases, misses.normal)
-    np.maximum.at(found.tangential, squares.bases, misses.tangential)
+def _raise(found: ErrorBounds, squares: Squares, error_bounds: ErrorBounds) -> None:
+    """Raise the bounds of each quad to those of its squares."""
+    np.maximum.at(found.whole, squares.bases, error_bounds.whole)
+    np.maximum.at(found.normal, squares.bases, error_bounds.normal)
+    np.maximum.at(found.tangential, squares.bases, error_bounds.tangential)
 
 
-def _off_facets(coefficients: FloatArray, squares: Squares, facets: FloatArray, normals: FloatArray) -> Misses:
-    """(N,): how far squares with Bernstein coefficients (16, N, 3) are off the facets (4, C, 3)."""
-    found = Misses(*(np.zeros(len(squares.bases)) for _ in range(3)))
+def _off_facets(coefficients: FloatArray, squares: Squares, facets: FloatArray, normals: FloatArray) -> ErrorBounds:
+    """(N,): error bounds of facets (4, C, 3) over squares with Bernstein coefficients (16, N, 3)."""
+    found = ErrorBounds(*(np.zeros(len(squares.bases)) for _ in range(3)))
     u, v = squares.corners().transpose(2, 0, 1)
     weights = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v])
     over = np.einsum("kcn,kni->cni", weights, facets[:, squares.bases])
@@ -184,10 +184,10 @@ def _off_facets(coefficients: FloatArray, squares: Squares, facets: FloatArray, 
 
 def _off_template(
     coefficients: FloatArray, squares: Squares, points: FloatArray, key: tuple[int, int], normals: FloatArray
-) -> Misses:
-    """(N,): what the triangles miss over squares with Bernstein coefficients (16, N, 3)."""
+) -> ErrorBounds:
+    """(N,): error bounds of a template over squares with Bernstein coefficients (16, N, 3)."""
     pattern, alternative = key
-    found = Misses(*(np.zeros(len(squares.bases)) for _ in range(3)))
+    found = ErrorBounds(*(np.zeros(len(squares.bases)) for _ in range(3)))
     corners = squares.corners()
     for number, triangle in enumerate(templates(pattern)[alternative]):
         places = QUAD_POINTS[list(triangle)]
@@ -212,8 +212,8 @@ def _off_template(
     return found
 
 
-def _raise_at(found: Misses, chosen: IndexArray, vectors: FloatArray, normals: FloatArray) -> None:
-    """Put in vectors (R, n, 3) of some squares, over triangles with unit normals (n, 3)."""
+def _raise_at(found: ErrorBounds, chosen: IndexArray, vectors: FloatArray, normals: FloatArray) -> None:
+    """Raise the bounds of some squares to vectors (R, n, 3), over triangles with unit normals (n, 3)."""
     squares = squared_norms(vectors)
     along = np.einsum("rni,ni->rn", vectors, normals) ** 2
     across = np.maximum(squares - along, 0.0)

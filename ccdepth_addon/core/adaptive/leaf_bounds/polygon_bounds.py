@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Polygons that are drawn as a whole, as Blender triangulates them (docs/adaptive.md, Polygons).
+"""Error bounds of polygons, as Blender triangulates them (docs/adaptive.md, Polygons).
 
 A polygon with one loop of vertices is compared with the fan of bilinear quads between its vertices and its centroid, or
 with the triangles of a template. Seen along some direction, these cover a region once if the quads of the fan are
@@ -23,22 +23,23 @@ import numpy as np
 
 from ...arrays.matrix_products import matrix_product
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ...arrays.vectors import cross_products, dot_products, squared_norms
+from ...arrays.vectors import cross_products, dot_products
+from ...bounds.norms import squared_norms
 from ..templates import templates
 
-# What rounding may take from a thickness, in parts of how far vertices are from the centroid: 16 roundings or less. It
-# matters where that is divided by a small cosine.
+# Rounding of a thickness, in parts of the vertices' distance from the centroid: 16 roundings or less. It matters where
+# the thickness is divided by a small cosine.
 HEIGHT_ROUNDING = 2.0**-48
 
-# How far, in radians, the angles around the centroid may be from a full turn by rounding.
+# Rounding of the sum of angles around the centroid, in radians.
 ANGLE_ROUNDING = 1e-6
 
-# Blender draws a quad along its first diagonal unless the triangles there face away from each other. Single precision
-# must not decide that, so they have to agree a little.
+# Blender triangulates a quad along its first diagonal unless the triangles there face away from each other. Single
+# precision must not decide that, so the cosine between their normals has to be this large.
 LEAST_COSINE = 1e-3
 
-# Nor must it decide along which line a polygon is seen: the one space may make lengths more uneven than the other by
-# this factor, where that matters.
+# Nor must single precision decide along which line Blender looks at a polygon: where that matters, one space may
+# stretch one direction more than another by this factor.
 MOST_UNEVEN = 1e4
 
 
@@ -49,8 +50,8 @@ def polygon_thickness(
     axes: FloatArray,
     triangles: Sequence[FloatArray] = (),
 ) -> FloatArray:
-    """(P,) float64: how far a polygon, as Blender draws it, may be from its fan or template; inf where none of the two
-    proofs holds.
+    """(P,) float64: upper bounds of the distance between a polygon, as Blender triangulates it, and its fan or
+    template; inf where neither proof holds.
 
     facets: (4, C, 3), the fan's quads: corner, middle of the side after it, centroid, middle of the side before. bent:
     (C,) whether the polygon has a vertex of its own at the middle after each corner; starts: (P,) its first corner.
@@ -87,8 +88,8 @@ def polygon_thickness(
 
 
 def thickness_of_quads(points: FloatArray, pattern: int, alternative: int, axes: FloatArray) -> FloatArray:
-    """(P,) float64: how far quads with split sides may be, as polygons, from the triangles of a template; inf where
-    that is not known.
+    """(P,) float64: upper bounds of the distance between quads with split sides, as polygons, and the triangles of a
+    template; inf where there is no proof.
 
     points: (8 or more, P, 3), in the order of ``templates.QUAD_POINTS``.
     """
@@ -106,7 +107,7 @@ def thickness_of_quads(points: FloatArray, pattern: int, alternative: int, axes:
 def is_folded(corners: FloatArray, *spaces: FloatArray) -> BoolArray:
     """(P,) whether the triangles of quads (4, P, 3), split from corner 0, face apart or nearly, in any of the spaces.
 
-    spaces: (3, 3) each, whose columns are the axes of a space where that is asked, in coordinates of this one.
+    spaces: (3, 3) each, whose columns are the axes of a space, in coordinates of this one.
     """
     a, b, c, d = corners
     first, second = cross_products(b - a, c - a), cross_products(c - a, d - a)
@@ -119,7 +120,7 @@ def is_folded(corners: FloatArray, *spaces: FloatArray) -> BoolArray:
 
 
 def _of_planes(normals: FloatArray, axes: FloatArray) -> FloatArray:
-    """(P, 3): what is at right angles to planes, in a space with such axes: by the transposed matrix, and a length."""
+    """(P, 3): normals of planes in a space with such axes, up to length: by the transposed matrix."""
     return normals if np.array_equal(axes, np.eye(3)) else matrix_product(axes.T, normals.T).T
 
 
@@ -168,7 +169,7 @@ def _inner_triangles_turn_left(
 
 
 def _is_folded_from_middle(facets: FloatArray, bent: BoolArray, starts: IndexArray, axes: FloatArray) -> BoolArray:
-    """Which triangles with one bent side Blender might draw along the diagonal that is not from there."""
+    """Which triangles with one bent side Blender might cut along the diagonal that does not start at its middle."""
     found = np.zeros(len(starts), dtype=bool)
     for side in range(3):
         own, after, before = starts + side, starts + (side + 1) % 3, starts + (side + 2) % 3
@@ -181,9 +182,9 @@ def _is_folded_from_middle(facets: FloatArray, bent: BoolArray, starts: IndexArr
 def _dents(
     facets: FloatArray, following: FloatArray, bent: BoolArray, normals: FloatArray, starts: IndexArray
 ) -> FloatArray:
-    """(P,) how far the convex hulls of polygons, seen along their normals, are from them; inf where that is not known.
+    """(P,) distances of the convex hulls of polygons from these, seen along their normals; inf where there is no proof.
 
-    It is known where a polygon is convex but for vertices at the middles of sides, which may dent these.
+    There is one where a polygon is convex but for vertices at the middles of sides, which may dent these.
     """
     corners, middles, _, _ = facets
     sides, bends = following - corners, middles - corners
@@ -221,7 +222,7 @@ def _once_around(facets: FloatArray, directions: FloatArray, starts: IndexArray)
     """(P,) whether the quads' angles at the centroid are a full turn together."""
     first, second = facets[3] - facets[2], facets[1] - facets[2]
     sines = np.einsum("ij,ij->i", cross_products(first, second), directions)
-    # Cosines of what is seen along the direction: without the parts along it.
+    # Cosines of the projections along the direction.
     heights = np.einsum("ij,ij->i", first, directions) * np.einsum("ij,ij->i", second, directions)
     cosines = np.einsum("ij,ij->i", first, second) - heights
     turns = np.add.reduceat(np.arctan2(sines, cosines), starts)

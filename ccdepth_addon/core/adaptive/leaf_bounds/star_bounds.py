@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What triangles miss of the surface when gliding along it costs nothing (docs/adaptive.md, Along the surface).
+"""Error bounds where sliding along the surface costs nothing (docs/adaptive.md, Along the surface).
 
 At equal parameters a point of the surface is off a triangle along its normal, and across it. Where the triangles
-around are nearly in one plane, what is off across hardly matters: another point of the mesh, or of the surface, is
+around are nearly in one plane, the error across hardly matters: another point of the mesh, or of the surface, is
 nearer. Let τ be a triangle, and all triangles at a vertex of it be tilted against it by Θ at most and off by at most N
 along their normals and by T across them. In the third of τ that is nearest to that vertex, both distances, from τ to
 the surface and from the surface over τ to the mesh, are at most
@@ -22,27 +22,27 @@ import numpy as np
 from ...arrays.chunks import chunks
 from ...arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
 
-# Steeper than this the bound is of no use any more.
+# The bound is of no use between steeper triangles.
 LEAST_COSINE = 0.25
 
-# What rounding may take from an angle or a ratio; and from what is off across, which is the root of a difference of
-# squares, in parts of what is off in all (docs/adaptive.md, Rounding).
+# Allowances for the rounding of an angle or a ratio; and of the error across, which is the root of a difference of
+# squares, in parts of the whole error (docs/adaptive.md, Rounding).
 ROUNDING = 1e-9
 ROUNDING_ACROSS = 2.0**-24
 
-# By how much more of rounding counts along the normals and across, as these may be turned by it as well.
+# The factor of rounding along the normals and across, as it may turn the normals as well.
 TURNED = 2.0
 
-# The least sine of the angle at a triangle's second corner: the directions of thinner ones are not known well enough.
+# The least sine of the angle at a triangle's second corner: rounding spoils the normals of thinner ones.
 THINNEST = 1e-6
 
-# Triangles that are looked at together: what is made on the way stays in the processor's cache.
+# Triangles evaluated together, so that temporary arrays stay in the processor's cache.
 TRIANGLES_AT_ONCE = 1 << 12
 
 
 # At degenerate triangles, and where normals cancel, there is nothing to divide by.
 @np.errstate(divide="ignore", invalid="ignore")
-def graph_bounds(
+def star_bounds(
     positions: FloatArray,
     triangles: IndexArray | ShortIndexArray,
     normal: FloatArray,
@@ -51,11 +51,11 @@ def graph_bounds(
     wanted: BoolArray,
     rounding: float = 0.0,
 ) -> FloatArray:
-    """The distance of each wanted triangle in both directions, float64, at most; inf where the conditions do not hold.
+    """(wanted triangles,) float64: upper bounds of the distance in both directions; inf where the conditions fail.
 
-    positions: (V, 3); triangles: (T, 3); normal, tangential: (T,), how far each is off the surface at equal parameters,
-    at most. closed: (V,) whether all the triangles around a vertex are there and close up to a disc. wanted: (T,).
-    rounding: how much farther off they may be than told, and vertices than they are taken to be (docs/adaptive.md).
+    positions: (V, 3); triangles: (T, 3); normal, tangential: (T,), error bounds at equal parameters. closed: (V,)
+    whether all the triangles around a vertex are there and close up to a disc. wanted: (T,) bool. rounding: the
+    allowance for error bounds and positions (docs/adaptive.md, Rounding).
     """
     count = len(positions)
     corners, columns = np.ascontiguousarray(triangles.T), np.ascontiguousarray(positions.T)
@@ -93,9 +93,9 @@ def graph_bounds(
 
 @dataclass(frozen=True)
 class _Stars:
-    """What is so around V vertices, (V,) each: the largest tilt of the triangles there against the mean of their
-    normals, the sum of their angles, the least of their heights, how far they are off along their normals and across
-    at most, and whether they close up to a disc."""
+    """The stars of V vertices, (V,) each: the largest tilt of the triangles against the mean of their normals, the sum
+    of their angles, the least of their heights, their error bounds along their normals and across, and whether they
+    close up to a disc."""
 
     tilts: FloatArray
     turns: FloatArray
@@ -107,7 +107,7 @@ class _Stars:
     def bounds(self, corners: IndexArray, tilts: FloatArray) -> FloatArray:
         """(n,) the bounds of triangles with corners (3, n), tilted by (3, n) at each.
 
-        Comparisons are made so that what is not a number meets no condition.
+        NaN meets no condition.
         """
         off_normal, off_across = self.normal[corners], self.tangential[corners]
         off_across = off_across + ROUNDING_ACROSS * (off_normal + off_across)
@@ -122,7 +122,7 @@ class _Stars:
 
 
 def _angles(directions: FloatArray, axes: FloatArray) -> FloatArray:
-    """(3, T): between unit vectors (3, 1, T) and (3, 3, T). By the chords, as cosines do not tell small angles."""
+    """(3, T): between unit vectors (3, 1, T) and (3, 3, T). By the chords, as cosines cannot resolve small angles."""
     chords = axes - directions
     chords *= chords
     halves = np.sqrt(chords.sum(axis=0)) / 2
@@ -131,7 +131,7 @@ def _angles(directions: FloatArray, axes: FloatArray) -> FloatArray:
 
 def _shapes(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of triangles with corners (3, 3, T), coordinate by coordinate: their normals (3, T); and corner by corner (3, T)
-    their heights and angles there. Those that are too thin have no heights."""
+    their heights and angles there. The heights of triangles that are too thin are 0."""
     sides = [points[:, 1] - points[:, 0], points[:, 2] - points[:, 1], points[:, 0] - points[:, 2]]
     crosses = np.stack([sides[0][i] * sides[1][j] - sides[0][j] * sides[1][i] for i, j in ((1, 2), (2, 0), (0, 1))])
     doubled = np.sqrt(_products(crosses, crosses))

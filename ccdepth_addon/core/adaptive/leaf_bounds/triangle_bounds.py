@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the triangles of a template miss of the surface: bounds for a quad as it is really drawn (docs/adaptive.md).
+"""Error bounds of a template's triangles, as they tessellate a quad (docs/adaptive.md, Triangles on the surface).
 
 The triangles' vertices lie on the surface, at their own parameters; the distance is measured at equal parameters, so it
 holds in both directions. Over a piece of the surface that is bicubic, S - T on a part of a triangle is a polynomial of
@@ -36,9 +36,9 @@ import numpy as np
 
 from ...arrays.chunks import chunks
 from ...arrays.types import FloatArray, IndexArray
-from ...arrays.vectors import selected_vectors, squared_dots, squared_norms, transformed_nets
+from ...arrays.vectors import selected_vectors, squared_dots, transformed_nets
 from ...bounds.norm_bounds import certified_limit_factor
-from ...bounds.norms import second_differences
+from ...bounds.norms import second_differences, squared_norms
 from ...surface.bicubic import SPLINE_TO_BERNSTEIN, bilinear_coefficients, tensor
 from ...surface.stencils import patch_stencils
 from ..templates import QUAD_POINTS, Triangle, templates
@@ -50,8 +50,8 @@ TO_POWERS = np.array([[1, 3, 3, 1], [-6, -6, 6, 6], [12, -12, -12, 12], [-8, 24,
 FROM_POWERS = np.array([[24, -12, 6, -3], [24, -4, -2, 3], [24, 4, -2, -3], [24, 12, 6, 3]]) / 24
 
 # The monomials (u - 1/2)^i (v - 1/2)^j → 4i + j that are more than quadratic; and how often a triangle is quartered to
-# find how far these are off their quadratic parts: once more would tell 1 % less. Rounding may take less than 2⁻⁴⁸ from
-# that: 16 sums of numbers below 1/8, and two times nine of such below 3/8.
+# bound their distance from their quadratic parts: once more would save 1 %. Rounding changes that by less than 2⁻⁴⁸: 16
+# sums of numbers below 1/8, and two times nine of such below 3/8.
 BEYOND_QUADRATIC = [4 * i + j for i in range(4) for j in range(4) if i + j > 2]
 QUARTERINGS = 3
 OFF_ROUNDING = 2.0**-48
@@ -59,26 +59,26 @@ OFF_ROUNDING = 2.0**-48
 # The Bernstein coefficients, of 16 in [i, j] → 4i + j, that are the values at corners 0 to 3.
 CORNER_COEFFICIENTS = [0, 12, 15, 3]
 
-# To bring places in order.
+# For sorting places.
 AS_COMPLEX = np.array([1.0, 1.0j])
 
 # A quarter turn, counter-clockwise, of row vectors.
 QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
-# How many levels of bicubic pieces are looked at around an extraordinary vertex; and in a closer look, on how many of
-# them by the quarters of triangles: farther in that would make no difference any more.
+# Levels of bicubic pieces around an extraordinary vertex, for coarse and for fine bounds; and on how many of the fine
+# ones triangles are quartered: farther in that would make no difference.
 COARSE_LEVELS = 2
 FINE_LEVELS = 5
 QUARTERED_LEVELS = 2
 
-# Coefficients, as numbers, that are looked at together, and quads at least.
+# Numbers in the coefficients that are evaluated together, and the least number of quads.
 VALUES_AT_ONCE = 1 << 18
 FEWEST_AT_ONCE = 64
 
 
 @dataclass(frozen=True)
 class Square:
-    """A square part of a quad's parameters: where its corner 0 lies, and its sides from there as rows (2, 2)."""
+    """A square part of a quad's parameters: its corner 0, and its sides from there as rows (2, 2)."""
 
     origin: FloatArray
     axes: FloatArray
@@ -91,7 +91,7 @@ class Square:
         return self.origin + QUAD_POINTS[:4] @ self.axes
 
     def child(self, number: int) -> Square:
-        """The quarter at a corner, which is its own corner 0."""
+        """The child at a corner, which is the child's own corner 0."""
         axes = np.linalg.matrix_power(QUARTER_TURN, number) @ self.axes / 2
         return Square(self.origin + QUAD_POINTS[number] @ self.axes, axes)
 
@@ -101,14 +101,14 @@ WHOLE_QUAD = Square(np.zeros(2), np.eye(2))
 
 @cache
 def _arguments(degree: int) -> IndexArray:
-    """(28, 6) for degree 6: at which vertices of a triangle the blossom of a polynomial is each of its Bernstein
-    coefficients there, in order."""
+    """(28, 6) for degree 6: the vertices of a triangle at which the blossom of a polynomial is each of its Bernstein
+    coefficients, in order."""
     return np.array([*combinations_with_replacement(range(3), degree)])
 
 
 @cache
 def _counts(degree: int) -> IndexArray:
-    """(28, 3) for degree 6: how often each vertex is among these."""
+    """(28, 3) for degree 6: the multiplicity of each vertex among these."""
     return (_arguments(degree)[:, :, None] == np.arange(3)).sum(axis=1)
 
 
@@ -155,14 +155,14 @@ def to_monomials() -> FloatArray:
 
 
 def off_quadratic(triangles: list[FloatArray]) -> FloatArray:
-    """(10,): how far each of these monomials is off its own quadratic part, over all of some triangles (3, 2), at most:
-    by Bernstein coefficients over parts of these."""
+    """(10,): upper bounds of the distance of each of these monomials from its own quadratic part, over some triangles
+    (3, 2): by Bernstein coefficients over parts of these."""
     return np.max([_off_quadratic(tuple(triangle.ravel().tolist())) for triangle in triangles], axis=0)
 
 
 @cache
 def _off_quadratic(places: tuple[float, ...]) -> FloatArray:
-    """(10,): over one triangle, by the parameters of its vertices; templates share these."""
+    """(10,): the same over one triangle, by the parameters of its vertices; templates share these."""
     triangle = np.array(places).reshape(3, 2)
     monomials = np.kron(FROM_POWERS, FROM_POWERS)[:, BEYOND_QUADRATIC]
     blossoms = _quadratic_blossoms(triangle, monomials)
@@ -194,7 +194,7 @@ def _at_middles(triangle: FloatArray) -> FloatArray:
 
 @cache
 def _shares_of_pairs() -> FloatArray:
-    """(28, 3, 3): which part of the pairs of a coefficient's six arguments, in order, are two given vertices: raises a
+    """(28, 3, 3): the share of each two vertices among the pairs of a coefficient's six arguments, in order: raises a
     polynomial of degree 2, by its blossoms, to degree 6."""
     counts = _counts(6)
     pairs = counts[:, :, None] * counts[:, None, :] - counts[:, :, None] * np.eye(3, dtype=np.intp)
@@ -207,7 +207,7 @@ def barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
 
 
 def _barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
-    """(…, 3): the same of homogeneous points (…, 3). What is divided is exact for parameters."""
+    """(…, 3): the same of homogeneous points (…, 3). Dividend and divisor are exact for parameters."""
     a, b, c = np.column_stack([triangle, np.ones(3)])
     opposite = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
     return (points @ opposite.T) / (points[..., 2:] * (a @ opposite[0]))
@@ -226,8 +226,8 @@ def _functionals(part: FloatArray, square: Square, triangle: FloatArray) -> tupl
 class Rows:
     """R functionals of N control points, each a coefficient of S - T over a part of a triangle of the template.
 
-    matrix: (R, N); triangles: (R,) which triangle; places: (R, 12) the six arguments of the blossom that the
-    coefficient is, in parameters of the quad, in order.
+    matrix: (R, N); triangles: (R,) the triangle of each; places: (R, 12) the six arguments at which the
+    blossom is the coefficient, in parameters of the quad, in order.
     """
 
     matrix: FloatArray
@@ -253,16 +253,16 @@ class Rows:
 
 
 @dataclass(frozen=True)
-class Misses:
-    """How far P quads are from the surface, (P,) float64 each: in all, along the normals of their triangles, and across
-    these."""
+class ErrorBounds:
+    """Upper bounds of the errors of P quads, (P,) float64 each: of the whole error ‖S - T‖, of its component along the
+    normals of the triangles, and of the rest across them."""
 
     whole: FloatArray
     normal: FloatArray
     tangential: FloatArray
 
     @staticmethod
-    def of(vectors: FloatArray, triangles: IndexArray, normals: FloatArray) -> Misses:
+    def of(vectors: FloatArray, triangles: IndexArray, normals: FloatArray) -> ErrorBounds:
         """Of vectors (R, P, 3) that belong to triangles, in ascending order, with unit normals (T, P, 3)."""
         largest = np.zeros((3, vectors.shape[1]))
         starts = np.searchsorted(triangles, np.arange(len(normals) + 1)).tolist()
@@ -273,42 +273,42 @@ class Misses:
             along, squares = squared_dots(own, normals[triangle]), squared_norms(own)
             for most, values in zip(largest, (squares, along, squares - along), strict=True):
                 np.maximum(most, values.max(axis=0), out=most)
-        return Misses(*np.sqrt(largest))
+        return ErrorBounds(*np.sqrt(largest))
 
     @staticmethod
-    def joined(parts: list[Misses]) -> Misses:
-        """Those of all quads, block after block."""
-        return Misses(
+    def joined(parts: list[ErrorBounds]) -> ErrorBounds:
+        """Those of several blocks, one after another."""
+        return ErrorBounds(
             np.concatenate([part.whole for part in parts]),
             np.concatenate([part.normal for part in parts]),
             np.concatenate([part.tangential for part in parts]),
         )
 
-    def __add__(self, other: Misses) -> Misses:
-        return Misses(self.whole + other.whole, self.normal + other.normal, self.tangential + other.tangential)
+    def __add__(self, other: ErrorBounds) -> ErrorBounds:
+        return ErrorBounds(self.whole + other.whole, self.normal + other.normal, self.tangential + other.tangential)
 
-    def at(self, chosen: IndexArray) -> Misses:
+    def at(self, chosen: IndexArray) -> ErrorBounds:
         """Some of them, by index."""
-        return Misses(self.whole[chosen], self.normal[chosen], self.tangential[chosen])
+        return ErrorBounds(self.whole[chosen], self.normal[chosen], self.tangential[chosen])
 
-    def put(self, chosen: IndexArray, other: Misses) -> None:
+    def put(self, chosen: IndexArray, other: ErrorBounds) -> None:
         """Replace some of them."""
         self.whole[chosen], self.normal[chosen], self.tangential[chosen] = other.whole, other.normal, other.tangential
 
-    def or_more(self, other: Misses) -> Misses:
+    def or_more(self, other: ErrorBounds) -> ErrorBounds:
         """The larger of both."""
-        return Misses(
+        return ErrorBounds(
             np.maximum(self.whole, other.whole),
             np.maximum(self.normal, other.normal),
             np.maximum(self.tangential, other.tangential),
         )
 
     def columns(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """In all, along the normals, and across."""
+        """The whole error, along the normals, and across."""
         return self.whole, self.normal, self.tangential
 
-    def times(self, factor: float) -> Misses:
-        return Misses(factor * self.whole, factor * self.normal, factor * self.tangential)
+    def times(self, factor: float) -> ErrorBounds:
+        return ErrorBounds(factor * self.whole, factor * self.normal, factor * self.tangential)
 
 
 def _clipped(triangle: FloatArray, square: Square) -> list[FloatArray]:
@@ -369,7 +369,7 @@ def template_rows(pattern: int, alternative: int, path: int, *, fine: bool = Fal
 
 
 def _rows_over(part: FloatArray, square: Square, number: int, triangle: Triangle) -> Rows:
-    """Those over a part (3, 2) of one triangle, but at the vertices of this, where there is no distance."""
+    """Those over a part (3, 2) of one triangle, without those at its vertices, where S - T is 0."""
     vertices = QUAD_POINTS[list(triangle)]
     of_surface, of_vertices = _functionals(part, square, vertices)
     of_points = np.zeros((len(of_vertices), 8))
@@ -381,14 +381,14 @@ def _rows_over(part: FloatArray, square: Square, number: int, triangle: Triangle
 
 
 @lru_cache(maxsize=256)
-def regular_rows(pattern: int, alternative: int) -> Rows:
+def bicubic_rows(pattern: int, alternative: int) -> Rows:
     """S - T over a bicubic quad with Bernstein coefficients [i, j] → 4i + j, u along i, by the triangles' quarters."""
-    return Rows.joined([template_rows(pattern, alternative, 1, fine=True).of(np.eye(16), regular_points())])
+    return Rows.joined([template_rows(pattern, alternative, 1, fine=True).of(np.eye(16), bicubic_points())])
 
 
 @dataclass(frozen=True)
 class QuadraticRows:
-    """S - T over a bicubic quad, taken apart into the quadratic parts over whole triangles, and the rest.
+    """S - T over a bicubic quad, split into the quadratic parts over whole triangles, and the rest.
 
     matrix: (Q + 10, 16), functionals for the quadratic parts, then the coefficients of S of monomials that are more
     than quadratic, T having none. triangles: (Q,) as in ``Rows``. weights: (10, 1) how far the monomials are off their
@@ -402,7 +402,7 @@ class QuadraticRows:
 
 @lru_cache(maxsize=256)
 def quadratic_rows(pattern: int, alternative: int) -> QuadraticRows:
-    """With Bernstein coefficients as for ``regular_rows``."""
+    """With Bernstein coefficients as for ``bicubic_rows``."""
     triangles = [QUAD_POINTS[list(triangle)] for triangle in templates(pattern)[alternative]]
     quadratic = [_off_at_middles(triangle) for triangle in triangles]
     both = np.concatenate([*quadratic, to_monomials()])
@@ -421,7 +421,7 @@ def _off_at_middles(triangle: FloatArray) -> FloatArray:
 class ExtraordinaryRows:
     """S - T over a quad whose corner 0 is extraordinary, as functionals of its net of 2n + 8 points.
 
-    pieces: over bicubic pieces. last: B - T over what is left at the vertex; differences: (2n + 10, 2n + 8), the second
+    pieces: over bicubic pieces. last: B - T over the last square there; differences: (2n + 10, 2n + 8), the second
     differences of its net, which bound S - B.
     """
 
@@ -460,49 +460,53 @@ def extraordinary_points(valence: int) -> FloatArray:
 
 
 @cache
-def regular_points() -> FloatArray:
+def bicubic_points() -> FloatArray:
     """(9, 16): the points of a quad and its centre from its Bernstein coefficients."""
     return bicubic_basis(np.concatenate([QUAD_POINTS, [[0.5, 0.5]]]))
 
 
-def regular_misses(rows: Rows, coefficients: FloatArray, normals: FloatArray) -> Misses:
-    """‖S - T‖ at most, for Bernstein coefficients (16, P, 3) and the triangles' normals (T, P, 3)."""
-    return Misses.joined(
+def bicubic_error_bounds(rows: Rows, coefficients: FloatArray, normals: FloatArray) -> ErrorBounds:
+    """For Bernstein coefficients (16, P, 3) and the triangles' normals (T, P, 3)."""
+    return ErrorBounds.joined(
         [
-            Misses.of(transformed_nets(rows.matrix, coefficients[:, block]), rows.triangles, normals[:, block])
-            for block in chunks(coefficients.shape[1], at_once(len(rows.matrix)))
+            ErrorBounds.of(transformed_nets(rows.matrix, coefficients[:, block]), rows.triangles, normals[:, block])
+            for block in chunks(coefficients.shape[1], quads_at_once(len(rows.matrix)))
         ]
     )
 
 
-def regular_distances(rows: Rows, coefficients: FloatArray, chosen: IndexArray) -> FloatArray:
-    """(n,): the same in all, for chosen ones of Bernstein coefficients (16, P, 3)."""
+def bicubic_distances(rows: Rows, coefficients: FloatArray, chosen: IndexArray) -> FloatArray:
+    """(n,): upper bounds of ‖S - T‖, for chosen ones of Bernstein coefficients (16, P, 3)."""
     found = np.empty(len(chosen))
-    for block in chunks(len(chosen), at_once(len(rows.matrix))):
+    for block in chunks(len(chosen), quads_at_once(len(rows.matrix))):
         found[block] = _longest(transformed_nets(rows.matrix, selected_vectors(coefficients, chosen[block])))
     return found
 
 
-def quadratic_misses(rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray) -> tuple[Misses, Misses]:
-    """‖S - T‖ at most, as the sum of two: what the quadratic parts miss, and the rest. As for ``regular_misses``."""
+def quadratic_error_bounds(
+    rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray
+) -> tuple[ErrorBounds, ErrorBounds]:
+    """Error bounds of the quadratic parts, and of the rest, to be added. As for ``bicubic_error_bounds``."""
     found = [
-        _quadratic_misses(rows, coefficients[:, block], normals[:, block])
-        for block in chunks(coefficients.shape[1], at_once(len(rows.matrix)))
+        _quadratic_error_bounds(rows, coefficients[:, block], normals[:, block])
+        for block in chunks(coefficients.shape[1], quads_at_once(len(rows.matrix)))
     ]
-    return Misses.joined([quadratic for quadratic, _ in found]), Misses.joined([rest for _, rest in found])
+    return ErrorBounds.joined([quadratic for quadratic, _ in found]), ErrorBounds.joined([rest for _, rest in found])
 
 
-def _quadratic_misses(rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray) -> tuple[Misses, Misses]:
+def _quadratic_error_bounds(
+    rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray
+) -> tuple[ErrorBounds, ErrorBounds]:
     vectors = transformed_nets(rows.matrix, coefficients)
-    quadratic = Misses.of(vectors[: len(rows.triangles)], rows.triangles, normals)
-    return quadratic, rest_misses(vectors[len(rows.triangles) :], rows.weights, normals)
+    quadratic = ErrorBounds.of(vectors[: len(rows.triangles)], rows.triangles, normals)
+    return quadratic, rest_error_bounds(vectors[len(rows.triangles) :], rows.weights, normals)
 
 
-def rest_misses(monomials: FloatArray, weights: FloatArray, normals: FloatArray) -> Misses:
-    """What coefficients (10, P, 3) of monomials, with weights (10, P) or (10, 1) for how far these are off their
-    quadratic parts, add for triangles with unit normals (T, P, 3)."""
+def rest_error_bounds(monomials: FloatArray, weights: FloatArray, normals: FloatArray) -> ErrorBounds:
+    """Error bounds of the rest, from coefficients (10, P, 3) of monomials, with weights (10, P) or (10, 1), the
+    monomials' distances from their quadratic parts; for triangles with unit normals (T, P, 3)."""
     squares = squared_norms(monomials)
-    rest = Misses(_weighted(weights, squares), *np.zeros((2, len(normals[0]))))
+    rest = ErrorBounds(_weighted(weights, squares), *np.zeros((2, len(normals[0]))))
     for normal in normals:
         along = squared_dots(monomials, normal)
         np.maximum(rest.normal, _weighted(weights, along), out=rest.normal)
@@ -520,9 +524,9 @@ def _weighted(weights: FloatArray, squares: FloatArray) -> FloatArray:
 def quadratic_distances(
     rows: QuadraticRows, coefficients: FloatArray, chosen: IndexArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(n,) twice: the same in all, for chosen ones of Bernstein coefficients (16, P, 3)."""
+    """(n,) twice: the same for ‖S - T‖, for chosen ones of Bernstein coefficients (16, P, 3)."""
     quadratic, rest = np.empty((2, len(chosen)))
-    for block in chunks(len(chosen), at_once(len(rows.matrix))):
+    for block in chunks(len(chosen), quads_at_once(len(rows.matrix))):
         vectors = transformed_nets(rows.matrix, selected_vectors(coefficients, chosen[block]))
         rest[block] = _weighted(rows.weights, squared_norms(vectors[len(rows.triangles) :]))
         quadratic[block] = _longest(vectors[: len(rows.triangles)])
@@ -538,30 +542,30 @@ def _longest(vectors: FloatArray) -> FloatArray:
     return np.sqrt(squares.max(axis=0))
 
 
-def extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> Misses:
-    """‖S - T‖ at most, for nets (2n + 8, P, 3) and the triangles' normals (T, P, 3)."""
-    return Misses.joined(
+def extraordinary_error_bounds(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> ErrorBounds:
+    """For nets (2n + 8, P, 3) and the triangles' normals (T, P, 3)."""
+    return ErrorBounds.joined(
         [
-            _extraordinary_misses(rows, nets[:, block], normals[:, block])
-            for block in chunks(nets.shape[1], at_once(len(rows.pieces.matrix)))
+            _extraordinary_error_bounds(rows, nets[:, block], normals[:, block])
+            for block in chunks(nets.shape[1], quads_at_once(len(rows.pieces.matrix)))
         ]
     )
 
 
-def _extraordinary_misses(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> Misses:
+def _extraordinary_error_bounds(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> ErrorBounds:
     """At the vertex S - B is within a factor of the second differences; so is each component of it within theirs."""
     valence = (len(nets) - 8) // 2
-    pieces = Misses.of(transformed_nets(rows.pieces.matrix, nets), rows.pieces.triangles, normals)
+    pieces = ErrorBounds.of(transformed_nets(rows.pieces.matrix, nets), rows.pieces.triangles, normals)
     differences = transformed_nets(rows.differences, nets)
-    left = Misses.of(transformed_nets(rows.last.matrix, nets), rows.last.triangles, normals)
-    at_vertex = Misses(*(np.zeros(nets.shape[1]) for _ in range(3)))
+    left = ErrorBounds.of(transformed_nets(rows.last.matrix, nets), rows.last.triangles, normals)
+    at_vertex = ErrorBounds(*(np.zeros(nets.shape[1]) for _ in range(3)))
     for triangle in np.unique(rows.last.triangles).tolist():
         own = np.full(len(differences), triangle)
-        found = Misses.of(differences, own, normals)
+        found = ErrorBounds.of(differences, own, normals)
         at_vertex = at_vertex.or_more(found.times(certified_limit_factor(valence)))
     return pieces.or_more(left + at_vertex)
 
 
-def at_once(rows: int) -> int:
-    """How many quads have so many coefficients that these stay in the processor's cache."""
+def quads_at_once(rows: int) -> int:
+    """The number of quads whose coefficients stay in the processor's cache."""
     return max(FEWEST_AT_ONCE, VALUES_AT_ONCE // (3 * rows))

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.adaptive.leaf_bounds.star_bounds import THINNEST, graph_bounds
-from ccdepth_addon.core.adaptive.leaf_bounds.triangle_bounds import Misses
+from ccdepth_addon.core.adaptive.leaf_bounds.star_bounds import THINNEST, star_bounds
+from ccdepth_addon.core.adaptive.leaf_bounds.triangle_bounds import ErrorBounds
 from ccdepth_addon.core.arrays.types import FloatArray
 
 SIDES = 6
@@ -50,7 +50,7 @@ def bounds_of(points: FloatArray, normal: FloatArray, tangential: FloatArray, ro
     own = np.arange(1, 1 + 2 * SIDES).reshape(SIDES, 2)
     triangles = np.column_stack([np.zeros(SIDES, dtype=np.intp), own])
     closed, wanted = np.ones(len(apart), dtype=bool), np.ones(SIDES, dtype=bool)
-    return graph_bounds(apart, triangles, normal, tangential, closed, wanted, rounding)
+    return star_bounds(apart, triangles, normal, tangential, closed, wanted, rounding)
 
 
 def promised(tilts: FloatArray, normal: float, tangential: float) -> FloatArray:
@@ -76,8 +76,8 @@ def test_what_is_hardly_across_counts() -> None:
     across = unit(np.cross(normals, generator.normal(size=(400, 3))))
     for ratio in 10.0 ** np.arange(-10, -5):
         vectors = 0.01 * (normals + ratio * across)
-        misses = Misses.of(vectors[None], np.zeros(1, dtype=np.intp), normals[None])
-        for normal, tangential in zip(misses.normal.tolist(), misses.tangential.tolist(), strict=True):
+        error_bounds = ErrorBounds.of(vectors[None], np.zeros(1, dtype=np.intp), normals[None])
+        for normal, tangential in zip(error_bounds.normal.tolist(), error_bounds.tangential.tolist(), strict=True):
             found = bounds_of(points, np.full(SIDES, normal), np.full(SIDES, tangential))
             assert np.all(found >= promised(tilts, 0.01, 0.01 * ratio))
 

@@ -10,9 +10,9 @@ import pytest
 from scipy.stats import binom
 
 from ccdepth_addon.core.adaptive.cells.control_faces import cells_of_faces
-from ccdepth_addon.core.adaptive.cells.patch_cells import SMALL_REST, BicubicCells, Children
-from ccdepth_addon.core.adaptive.leaf_approximation import Fit
-from ccdepth_addon.core.adaptive.leaf_bounds.child_bounds import quarter_distances
+from ccdepth_addon.core.adaptive.cells.patch_cells import SMALL_REST, BicubicCells, ChildApproximations
+from ccdepth_addon.core.adaptive.leaf_approximation import LeafApproximation
+from ccdepth_addon.core.adaptive.leaf_bounds.child_bounds import child_distances
 from ccdepth_addon.core.adaptive.quadtree import Quadtree
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray
@@ -69,9 +69,9 @@ def random_coefficients(roughness: float) -> FloatArray:
 
 
 @pytest.mark.parametrize("roughness", [0.0, 0.01, 1.0])
-def test_no_quarter_is_farther_than_its_bound(roughness: float) -> None:
+def test_no_child_is_farther_than_its_bound(roughness: float) -> None:
     coefficients = random_coefficients(roughness)
-    found = quarter_distances(coefficients, np.inf)
+    found = child_distances(coefficients, np.inf)
     for corner in range(4):
         for diagonal in range(2):
             largest, at_middles = distances(coefficients, corner, diagonal)
@@ -84,8 +84,8 @@ def test_bounds_of_nearly_quadratic_quads_are_tight() -> None:
     coefficients = random_coefficients(0.0)
     # What is not quadratic becomes an eighth with every level, and what is a quarter.
     for _ in range(4):
-        coefficients = first_quarters(coefficients)
-    found = quarter_distances(coefficients, np.inf)
+        coefficients = first_children(coefficients)
+    found = child_distances(coefficients, np.inf)
     for corner in range(4):
         for diagonal in range(2):
             largest, _ = distances(coefficients, corner, diagonal)
@@ -93,7 +93,7 @@ def test_bounds_of_nearly_quadratic_quads_are_tight() -> None:
             assert 1 <= np.median(ratios) < 1.05
 
 
-def first_quarters(coefficients: FloatArray) -> FloatArray:
+def first_children(coefficients: FloatArray) -> FloatArray:
     """Of the quarters at corner 0, by blossoms: half the steps of de Casteljau in each direction."""
     halves = np.array([binom.pmf(np.arange(4), degree, 0.5) for degree in range(4)])
     found = np.einsum("ai,bj,ijpk->abpk", halves, halves, coefficients.reshape(4, 4, -1, 3))
@@ -101,14 +101,14 @@ def first_quarters(coefficients: FloatArray) -> FloatArray:
 
 
 @pytest.mark.parametrize("roughness", [0.0, 0.01, 1.0])
-def test_no_quarter_is_farther_along_its_normals_or_across(roughness: float) -> None:
+def test_no_child_is_farther_along_its_normals_or_across(roughness: float) -> None:
     coefficients = random_coefficients(roughness)
-    far = quarter_distances(coefficients, 0.0).far
+    far = child_distances(coefficients, 0.0).far
     assert len(far.corners[0]) == 4 * coefficients.shape[1]
     for diagonal in range(2):
         for corner in range(4):
             chosen = np.flatnonzero(far.at_corners == corner)
-            quadratic, rest = far.misses(chosen, diagonal)
+            quadratic, rest = far.error_bounds(chosen, diagonal)
             gaps, normals = zip(*gaps_of(coefficients[:, far.of_quads[chosen]], corner, diagonal), strict=True)
             heights = [np.einsum("npi,pi->np", own, normal) for own, normal in zip(gaps, normals, strict=True)]
             across = [
@@ -119,11 +119,11 @@ def test_no_quarter_is_farther_along_its_normals_or_across(roughness: float) -> 
             assert np.all(np.max(across, axis=(0, 1)) <= (quadratic + rest).tangential + ROUNDING)
 
 
-def test_far_quarters_are_those_beyond_the_limit_along_both_diagonals() -> None:
+def test_far_children_are_those_beyond_the_limit_along_both_diagonals() -> None:
     coefficients = random_coefficients(0.01)
-    everything = quarter_distances(coefficients, 0.0)
+    everything = child_distances(coefficients, 0.0)
     limit = float(np.median(everything.sampled))
-    far = quarter_distances(coefficients, limit).far
+    far = child_distances(coefficients, limit).far
     expected = everything.sampled.min(axis=1) > limit
     assert 0 < np.count_nonzero(expected) < expected.size
     found = np.zeros_like(expected)
@@ -138,61 +138,61 @@ def test_points_are_those_of_the_whole_quads() -> None:
     coefficients = random_coefficients(1.0)
     middles = (CORNERS + np.roll(CORNERS, -1, axis=0)) / 2
     places = np.concatenate([CORNERS, middles, [[0.5, 0.5]]])
-    found = quarter_distances(coefficients, np.inf).points
+    found = child_distances(coefficients, np.inf).points
     np.testing.assert_allclose(found, surface(coefficients, places), rtol=0, atol=ROUNDING)
 
 
-def looked_at(mesh: PolygonMesh, limit: float) -> tuple[Children, Fit]:
+def through_parents(mesh: PolygonMesh, limit: float) -> tuple[ChildApproximations, LeafApproximation]:
     """What a look at the faces of a regular mesh tells of their children, and how these fit by themselves."""
     tree, axes = Quadtree(mesh), np.eye(3)
     [parents] = [cells for cells in cells_of_faces(mesh) if isinstance(cells, BicubicCells)]
     tree.split(parents.nodes)
-    nodes = tree.quarters(parents.nodes).ravel()
+    nodes = tree.children_of_quads(parents.nodes).ravel()
     assert np.array_equal(np.sort(nodes), np.arange(mesh.face_count, len(tree.first_child)))
     [children] = parents.children(tree)
-    own = children.fit(np.zeros(4 * len(children.nodes), dtype=bool), Transitions.TRIANGLES, limit, axes)
+    own = children.approximate(np.zeros(4 * len(children.nodes), dtype=bool), Transitions.TRIANGLES, limit, axes)
     order = np.argsort(children.nodes)
     own = own.at(order[np.searchsorted(children.nodes, nodes, sorter=order)])
-    return parents.fit_children(limit, axes), own
+    return parents.approximate_children(limit, axes), own
 
 
 @pytest.mark.parametrize("limit", [0.03, 0.05, 0.1])
-def test_children_fit_as_they_do_when_they_are_looked_at_themselves(limit: float) -> None:
+def test_children_are_within_the_limit_as_they_are_by_themselves(limit: float) -> None:
     """But for the monomials, which are the parents', and a closer look: that makes a third here, on few large quads."""
     mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.bumpy(meshes.torus(9, 7), 0.2)), smooth_corners=True)
-    found, own = looked_at(mesh, limit)
-    fit = found.fit
-    assert np.all(own.fits[fit.fits])
+    found, own = through_parents(mesh, limit)
+    approximation = found.approximation
+    assert np.all(own.accepted[approximation.accepted])
     # All fit within the largest limit.
-    assert np.any(found.hopeless) == (limit < 0.1)
-    assert not np.any(own.fits[found.hopeless])
-    np.testing.assert_allclose(fit.least, own.least, rtol=0, atol=ROUNDING)
+    assert np.any(found.out_of_reach) == (limit < 0.1)
+    assert not np.any(own.accepted[found.out_of_reach])
+    np.testing.assert_allclose(approximation.least, own.least, rtol=0, atol=ROUNDING)
     # By themselves they are looked at more closely along the better diagonal before the other one is tried.
-    same = np.flatnonzero(fit.fits & (fit.alternatives == own.alternatives))
-    assert len(same) > 0.5 * np.count_nonzero(fit.fits) > 0
-    np.testing.assert_array_equal(fit.folded[same], own.folded[same])
-    ratios = fit.bounds[same] / own.bounds[same]
+    same = np.flatnonzero(approximation.accepted & (approximation.alternatives == own.alternatives))
+    assert len(same) > 0.5 * np.count_nonzero(approximation.accepted) > 0
+    np.testing.assert_array_equal(approximation.folded[same], own.folded[same])
+    ratios = approximation.bounds[same] / own.bounds[same]
     assert np.all((ratios > 0.7) & (ratios < 1.4))
-    assert np.all(np.isinf(fit.bounds[~fit.fits]))
+    assert np.all(np.isinf(approximation.bounds[~approximation.accepted]))
     sure = own.bounds < limit / 1.4
-    assert np.all(fit.fits[sure])
+    assert np.all(approximation.accepted[sure])
 
 
-def test_children_are_hopeful_as_they_are_when_they_are_looked_at_themselves() -> None:
+def test_children_are_promising_as_they_are_by_themselves() -> None:
     """On a nearly flat sheet with places ever farther apart: off at equal parameters, but not along the normals."""
     sheet = meshes.to_polygon_mesh(meshes.grid(9, 9))
     x, y, _ = sheet.positions.T
     stretched = np.stack([x + 0.05 * x * x, y + 0.05 * x * y, 0.001 * (x * x - y * y)], axis=1)
     mesh = apply_boundary_rule(sheet.changed(positions=stretched), smooth_corners=True)
-    found, own = looked_at(mesh, 0.003)
-    fit = found.fit
-    assert np.all(np.isinf(fit.bounds))
-    assert np.all(own.fits[fit.fits])
-    assert np.all(np.isinf(own.bounds[fit.fits]))
+    found, own = through_parents(mesh, 0.003)
+    approximation = found.approximation
+    assert np.all(np.isinf(approximation.bounds))
+    assert np.all(own.accepted[approximation.accepted])
+    assert np.all(np.isinf(own.bounds[approximation.accepted]))
     # Of two diagonals that are as good as each other either may come first.
-    same = np.flatnonzero(fit.fits & (fit.alternatives == own.alternatives))
-    assert len(same) > 0.9 * len(fit.fits)
-    np.testing.assert_array_equal(fit.folded[same], own.folded[same])
+    same = np.flatnonzero(approximation.accepted & (approximation.alternatives == own.alternatives))
+    assert len(same) > 0.9 * len(approximation.accepted)
+    np.testing.assert_array_equal(approximation.folded[same], own.folded[same])
     # The rest is so much at most of what is quadratic, with a closer look or without.
-    np.testing.assert_allclose(fit.normal[same], own.normal[same], rtol=2 * SMALL_REST)
-    np.testing.assert_allclose(fit.tangential[same], own.tangential[same], rtol=2 * SMALL_REST)
+    np.testing.assert_allclose(approximation.normal[same], own.normal[same], rtol=2 * SMALL_REST)
+    np.testing.assert_allclose(approximation.tangential[same], own.tangential[same], rtol=2 * SMALL_REST)

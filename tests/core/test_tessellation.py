@@ -6,10 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.adaptive.leaf_approximation import Fit
+from ccdepth_addon.core.adaptive.leaf_approximation import LeafApproximation
 from ccdepth_addon.core.adaptive.quadtree import Quadtree
 from ccdepth_addon.core.adaptive.templates import Transitions
-from ccdepth_addon.core.adaptive.tessellation import Outline, outline
+from ccdepth_addon.core.adaptive.tessellation import TessellationPlan, plan_tessellation
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 
@@ -22,13 +22,13 @@ def two_faces(second: list[int]) -> PolygonMesh:
     return apply_boundary_rule(mesh, smooth_corners=True)
 
 
-def drawn_folded(mesh: PolygonMesh, alternatives: list[int]) -> Outline:
+def drawn_folded(mesh: PolygonMesh, alternatives: list[int]) -> TessellationPlan:
     """Every face as two triangles, along the diagonals of the alternatives."""
     tree = Quadtree(mesh)
-    fit = Fit.none(mesh.face_count)
-    fit.folded[:] = True
-    fit.alternatives[:] = alternatives
-    return outline(tree, tree.leaves(), fit, Transitions.TRIANGLES)
+    approximation = LeafApproximation.none(mesh.face_count)
+    approximation.folded[:] = True
+    approximation.alternatives[:] = alternatives
+    return plan_tessellation(tree, tree.leaves(), approximation, Transitions.TRIANGLES)
 
 
 @pytest.mark.parametrize(
@@ -42,9 +42,9 @@ def drawn_folded(mesh: PolygonMesh, alternatives: list[int]) -> Outline:
     ],
 )
 def test_faces_do_not_share_a_diagonal(second: list[int], alternatives: list[int], clashing: list[int]) -> None:
-    outlined = drawn_folded(two_faces(second), alternatives)
-    assert outlined.clashes.tolist() == clashing
-    assert len(outlined.drawn) == 4
+    plan = drawn_folded(two_faces(second), alternatives)
+    assert plan.clashes.tolist() == clashing
+    assert len(plan.drawn) == 4
 
 
 def test_a_diagonal_is_not_where_a_loose_edge_is() -> None:

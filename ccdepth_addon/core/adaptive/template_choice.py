@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which template approximates a cell: the first within the limit, in the order of what is sampled.
+
+A template that exceeds the limit at equal parameters may be within it along the surface (``star_bounds``). The
+neighbours decide that later, so here a template is accepted by a predicted bound.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from ..arrays.chunks import chunks
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import selected_vectors
+from ..bounds.norms import squared_norms
+from .leaf_approximation import LeafApproximation
+from .leaf_bounds.polygon_bounds import is_folded
+from .leaf_bounds.triangle_bounds import ErrorBounds
+from .leaf_bounds.triangle_shapes import along_and_across, triangle_normals
+from .templates import WHOLE, templates
+
+# A predicted bound has to be below this part of the limit; and the ratio of the tilt between neighbouring triangles to
+# the height of a side's middle over its chord, in parts of its length: 8 for a circle, and some more.
+PROMISING = 0.9
+SLOPE_OF_HEIGHT = 10.0
+
+# Temporary arrays for the points of so many cells stay in the processor's cache.
+CELLS_IN_CACHE = 1 << 12
+
+# Points of a quad (``templates.QUAD_POINTS``, then the centre): the corners its sides go from and to; and the middles
+# of its sides and diagonals, each with what it is between.
+STARTS, ENDS = [0, 1, 2, 3], [1, 2, 3, 0]
+CHORDS = [(4, 0, 1), (5, 1, 2), (6, 2, 3), (7, 3, 0), (8, 0, 2), (8, 1, 3)]
+
+
+class WithDistances(Protocol):
+    """Cells to be approximated by one pattern, whose distances at equal parameters can be bounded."""
+
+    def distances(self, chosen: IndexArray, alternative: int) -> FloatArray:
+        """(n,): upper bounds for some of them, by index, as tight as it takes to compare them with the limit."""
+
+
+class WithErrorBounds(Protocol):
+    """Cells to be approximated by one pattern, whose errors along and across normals can be bounded."""
+
+    def error_bounds(self, chosen: IndexArray, alternative: int) -> ErrorBounds:
+        """(n,) each, for some of them, by index, as tight as it takes to compare a predicted bound with the limit."""
+
+
+def choose_within_limit(cells: WithDistances, sampled: FloatArray, limit: float) -> LeafApproximation:
+    """The first template within the limit at equal parameters, in the order of what is sampled (alternatives, P)."""
+    found = LeafApproximation.none(sampled.shape[1])
+    for alternative, is_next in _in_order(sampled, limit):
+        tried = np.flatnonzero(is_next & ~found.accepted)
+        if len(tried):
+            distances = cells.distances(tried, alternative)
+            within = distances <= limit
+            found.accepted[tried[within]] = True
+            found.alternatives[tried[within]] = alternative
+            found.bounds[tried[within]] = distances[within]
+    return found
+
+
+def choose_along_surface(cells: WithErrorBounds, samples: Samples, limit: float) -> LeafApproximation:
+    """The first template that is predicted to be within the limit along the surface, by the cells' own samples."""
+    found = LeafApproximation.none(len(samples.slopes))
+    for alternative, is_next in _in_order(samples.predicted_bounds(), PROMISING * limit):
+        tried = np.flatnonzero(is_next & ~found.accepted)
+        if len(tried):
+            error_bounds = cells.error_bounds(tried, alternative)
+            predicted = samples.at(tried).predict(error_bounds.normal, error_bounds.tangential)
+            promising = np.flatnonzero(predicted <= PROMISING * limit)
+            accepted = tried[promising]
+            found.accepted[accepted] = True
+            found.alternatives[accepted] = alternative
+            found.normal[accepted] = error_bounds.normal[promising]
+            found.tangential[accepted] = error_bounds.tangential[promising]
+    return found
+
+
+def _in_order(samples: FloatArray, limit: float) -> Iterator[tuple[int, BoolArray]]:
+    """Alternatives, and for which cells (P,) each is next by its sample (alternatives, P), if within the limit."""
+    for rank in np.argsort(samples, axis=0, kind="stable"):
+        for alternative in range(len(samples)):
+            yield alternative, (rank == alternative) & (samples[alternative] <= limit)
+
+
+def folded_quads(
+    approximation: LeafApproximation, chosen: IndexArray, points: FloatArray, axes: FloatArray
+) -> BoolArray:
+    """(P,) which of the chosen quads, whole and with points (4 or more, n, 3), are folded as they are approximated.
+
+    axes: (3, 3), of the space where Blender triangulates."""
+    spaces = [np.eye(3)] if np.array_equal(axes, np.eye(3)) else [np.eye(3), axes]
+    folded = np.zeros(len(approximation.folded), dtype=bool)
+    for block in chunks(len(chosen), CELLS_IN_CACHE):
+        corners, second = points[:4, block].copy("K"), np.flatnonzero(approximation.alternatives[chosen[block]])
+        corners[:, second] = selected_vectors(corners, second)[ENDS]
+        folded[chosen[block]] = is_folded(corners, *spaces)
+    return folded
+
+
+def sampled_distances(points: FloatArray, pattern: int) -> FloatArray:
+    """(alternatives, P): the distances of quads at the middles of their sides and diagonals, from their points and
+    centres (9, P, 3); 0 where sides are split."""
+    if pattern != WHOLE:
+        return np.zeros((len(templates(pattern)), points.shape[1]))
+    squares = squared_norms(off_sides_and_diagonals(points))
+    return np.sqrt(np.maximum(squares[:4].max(axis=0), squares[4:]))
+
+
+def off_sides_and_diagonals(points: FloatArray) -> FloatArray:
+    """(6, P, 3): S - T at the middles of the four sides and of the two diagonals."""
+    off = np.empty_like(points, shape=(6, *points.shape[1:]))
+    for number, (middle, start, end) in enumerate(CHORDS):
+        np.add(points[start], points[end], out=off[number])
+        off[number] *= -0.5
+        off[number] += points[middle]
+    return off
+
+
+@dataclass(frozen=True)
+class Samples:
+    """‖S - T‖ at the middles of the sides and of the diagonals of P quads, along normals and across: (alternatives, P)
+    each.
+
+    slopes: (P,) estimates of the slopes between the triangles there and around.
+    """
+
+    normal: FloatArray
+    tangential: FloatArray
+    slopes: FloatArray
+
+    @staticmethod
+    def of(corners: FloatArray, off: FloatArray, pattern: int) -> Samples:
+        """From the quads' corners (4 or more, P, 3) and S - T (6, P, 3) at the middles of their sides and diagonals;
+        split sides have no samples, only slopes."""
+        normals = triangle_normals(corners, ((0, 1, 2), (0, 2, 3)))
+        normals = (normals[0] + normals[1]) / 2
+        lengths = np.sqrt(squared_norms(corners[ENDS] - corners[STARTS])).min(axis=0)
+        heights, across = along_and_across(off, normals)
+        slopes = Samples.slopes_of(heights[:4].max(axis=0), lengths)
+        if pattern != WHOLE:
+            none = np.zeros((len(templates(pattern)), off.shape[1]))
+            return Samples(none, none, slopes)
+        normal = np.maximum(heights[:4].max(axis=0), heights[4:])
+        tangential = np.maximum(across[:4].max(axis=0), across[4:])
+        return Samples(normal, tangential, slopes)
+
+    @staticmethod
+    def slopes_of(heights: FloatArray, lengths: FloatArray) -> FloatArray:
+        """(P,), from the heights of the sides' middles over their chords, and from the sides' lengths."""
+        with np.errstate(divide="ignore", invalid="ignore"):
+            slopes = SLOPE_OF_HEIGHT * heights / lengths
+        return np.where(np.isfinite(slopes), slopes, np.inf)
+
+    def at(self, chosen: IndexArray) -> Samples:
+        """Those of some quads, by index."""
+        return Samples(self.normal[:, chosen], self.tangential[:, chosen], self.slopes[chosen])
+
+    def predicted_bounds(self) -> FloatArray:
+        """(alternatives, P): ``predict`` from the samples."""
+        return self.predict(self.normal, self.tangential)
+
+    def predict(self, normal: FloatArray, tangential: FloatArray) -> FloatArray:
+        """Estimates of what ``star_bounds`` will find, from errors along the normals and across them."""
+        secants = np.sqrt(1 + self.slopes**2)
+        with np.errstate(invalid="ignore"):
+            predicted = normal * secants + 2 * self.slopes * (tangential + normal * self.slopes / secants)
+        return np.where(np.isnan(predicted), np.inf, predicted)
