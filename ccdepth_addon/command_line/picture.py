@@ -22,7 +22,7 @@ from mathutils import Matrix
 from ..core import FloatArray
 from ..exchange.control_mesh import counted_modifiers, read_values
 from ..state import results
-from ..ui.colors import palette, to_linear
+from ..state.colors import palette, to_linear
 
 Color = tuple[float, ...]
 

@@ -145,6 +145,11 @@ class ControlMesh:
         return float(np.linalg.norm(diagonals, axis=1).max())
 
 
+def gram_matrix(world: FloatArray) -> FloatArray:
+    """(3, 3): AᵀA, which says how long the object makes every vector of its mesh, however it is turned."""
+    return world.T @ world
+
+
 # By the session identifier of the mesh and the rule it was read with.
 SharedMeshes = dict[tuple[int, SurfaceRule], MeshAsRead]
 

@@ -8,7 +8,6 @@ from typing import ClassVar
 import bpy
 
 from ..exchange.control_mesh import applied_modifiers, subdivision_modifier
-from ..exchange.result_objects import Made, make_meshes, place_meshes
 from ..state import face_counts, properties
 from ..tasks.adaptive_task import (
     FaceCount,
@@ -20,11 +19,12 @@ from ..tasks.adaptive_task import (
     subdivision_settings,
     too_many_text,
 )
+from ..tasks.stepwise import Stage
 from ..ui import heat_map
 from ..ui.printable import printable
 from . import edit_mode
+from .adaptive_objects import Made, make_meshes, place_meshes
 from .long_operator import LongOperator, count_text, hidden_fault, meshes_meant, name_fault, refuse, without_mesh_text
-from .stepwise import Stage
 
 
 class SubdivisionOperator(LongOperator):

@@ -13,6 +13,7 @@ from ..exchange.bulk_writing import WriteError, is_writable
 from ..exchange.control_mesh import subdivision_modifier
 from ..state import fingerprint, properties, results, staleness
 from ..tasks.depth_task import MeshDepths, Settings, compute_stepwise, count_faces, prepare_stepwise
+from ..tasks.stepwise import Stage
 from ..tasks.surfaces import ComputeError, as_typed
 from ..ui import heat_map
 from ..ui.printable import printable, printable_lines
@@ -25,7 +26,6 @@ from .long_operator import (
     refuse_what_cannot_be_written,
     without_mesh_text,
 )
-from .stepwise import Stage
 
 
 class CCDEPTH_OT_compute(LongOperator):

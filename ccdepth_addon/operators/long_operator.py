@@ -13,9 +13,9 @@ import numpy as np
 from bpy.props import FloatProperty
 
 from ..state import properties, results
+from ..tasks.stepwise import Stage, Stepwise
 from ..tasks.surfaces import ComputeError
 from ..ui.printable import printable_lines
-from .stepwise import Stage, Stepwise
 
 # Seconds of work before the interface gets control back: once at the start, and then again and again.
 PATIENCE_AT_START = 0.5

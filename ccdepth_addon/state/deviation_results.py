@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from .. import version
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation
-from ..ui.colors import scale_colors, to_linear
 from . import results
+from .colors import scale_colors, to_linear
 
 
 class Verdict(Enum):

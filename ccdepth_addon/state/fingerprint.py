@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from ..core import BoolArray, FloatArray
 from ..exchange.control_mesh import own_mesh, read_values
+from ..exchange.mesh_checksums import continued, geometry_checksum
+from ..exchange.object_state import KnownDescriptions, ObjectState, object_state
 from ..tasks.depth_task import count_faces
 from . import results
-from .mesh_checksums import continued, geometry_checksum
-from .object_state import KnownDescriptions, ObjectState, object_state
 
 # How far, relatively, an object's scale may drift by rounding while it is turned.
 SCALE_DRIFT = 1e-5

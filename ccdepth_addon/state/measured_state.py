@@ -8,11 +8,11 @@ import numpy as np
 
 from ..core import FloatArray
 from ..exchange.control_mesh import own_mesh, read_values
+from ..exchange.mesh_checksums import continued, geometry_checksum
+from ..exchange.object_state import object_state, shown_checksum
 from ..exchange.shown_mesh import shown_modifiers
 from ..tasks.depth_task import count_faces
 from . import results
-from .mesh_checksums import continued, geometry_checksum
-from .object_state import object_state, shown_checksum
 
 # How far, in parts of the largest number, a placement may drift by rounding while both objects are moved together.
 DRIFT = 2e-6

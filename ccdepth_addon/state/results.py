@@ -19,7 +19,7 @@ from ..exchange.control_mesh import read_values
 from ..tasks.adaptive_task import Subdivision, SubdivisionSettings
 from ..tasks.depth_task import MeshDepths, Settings
 from ..tasks.surfaces import SurfaceSettings
-from ..ui.colors import depth_colors, to_linear
+from .colors import depth_colors, to_linear
 
 DEPTH = "ccdepth"
 BOUND = "ccdepth_bound"

@@ -14,10 +14,10 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
+from ..exchange.object_state import KnownDescriptions
 from ..tasks.depth_task import count_faces
 from ..ui import heat_map
 from . import fingerprint, measured_state, results
-from .object_state import KnownDescriptions
 
 # Seconds without a change before checksums are compared.
 PATIENCE = 0.3

@@ -42,7 +42,7 @@ from ..exchange.control_mesh import (
     read_values,
     subdivision_modifier,
 )
-from ..operators.stepwise import Stage
+from .stepwise import Stage
 from .surfaces import (
     ComputeError,
     Faults,

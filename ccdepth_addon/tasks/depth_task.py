@@ -25,9 +25,9 @@ from ..exchange.control_mesh import (
     own_mesh,
     read_control_mesh,
 )
-from ..operators.stepwise import Stage
-from ..state.mesh_checksums import geometry_checksum
-from ..state.object_state import KnownDescriptions, ObjectState, object_state
+from ..exchange.mesh_checksums import geometry_checksum
+from ..exchange.object_state import KnownDescriptions, ObjectState, object_state
+from .stepwise import Stage
 from .surfaces import Faults, Surface, SurfaceSettings, control_mesh_key, not_outdone, refuse_bad_tolerance, surface_of
 
 Answer = TypeVar("Answer")

@@ -13,7 +13,7 @@ import numpy as np
 
 from ..core import FloatArray, InvalidMeshError, ToleranceError
 from ..exchange.bulk_writing import WriteError
-from ..exchange.control_mesh import ControlMesh, ControlMeshError
+from ..exchange.control_mesh import ControlMesh, ControlMeshError, gram_matrix
 
 # How much smaller, relatively, an object's scale may be than another's by rounding alone and still be outdone by it.
 SCALE_ROUNDING = 1e-9
@@ -90,11 +90,6 @@ def surface_of(blender_object: bpy.types.Object, control: ControlMesh, settings:
     """The object's surface, with the tolerance as a length."""
     relative = settings.tolerance_mode == "RELATIVE"
     return Surface(blender_object.name, control, settings.tolerance * (control.diagonal() if relative else 1.0))
-
-
-def gram_matrix(world: FloatArray) -> FloatArray:
-    """(3, 3): AᵀA, which says how long the object makes every vector of its mesh, however it is turned."""
-    return world.T @ world
 
 
 # A mesh without extent has no tolerance, and one of no finite positions has any: they will be refused.

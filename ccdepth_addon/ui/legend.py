@@ -16,8 +16,8 @@ import gpu
 from gpu_extras.batch import batch_for_shader
 
 from ..state import deviation_results, results
+from ..state.colors import BEYOND, VIRIDIS_COLORS, palette
 from . import heat_map
-from .colors import BEYOND, VIRIDIS_COLORS, palette
 from .deviation_scale import Scale, deviation_scale
 
 Color = tuple[float, ...]

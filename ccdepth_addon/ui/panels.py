@@ -6,11 +6,11 @@ import bpy.utils.previews
 import numpy as np
 
 from ..state import results, staleness
+from ..state.colors import palette
 from ..state.face_counts import known_count
 from ..state.properties import tolerance_name
 from ..tasks.adaptive_task import subdivision_settings
 from ..tasks.surfaces import as_typed
-from .colors import palette
 from .lengths import length_text
 
 # From here on a count of faces is written as a power of ten.

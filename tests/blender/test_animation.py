@@ -179,13 +179,13 @@ def test_a_change_while_depths_are_being_computed_is_noticed() -> None:
     operators = addon.module("operators.depth_operators")
     computation = addon.module("tasks.depth_task")
     settings = computation.Settings(0.01, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
-    run = addon.module("operators.stepwise").Stepwise(computation.prepare_stepwise(bpy.context, [holder], settings))
+    run = addon.module("tasks.stepwise").Stepwise(computation.prepare_stepwise(bpy.context, [holder], settings))
     run.work()
     tasks = run.answer
     holder.scale.x = 2.0
     holder.data.vertices[0].co.z += 0.5
     bpy.context.view_layer.update()
-    run = addon.module("operators.stepwise").Stepwise(computation.compute_stepwise(tasks))
+    run = addon.module("tasks.stepwise").Stepwise(computation.compute_stepwise(tasks))
     run.work()
     [mesh] = operators._meshes_still_there(run.answer)
     [answer] = run.answer

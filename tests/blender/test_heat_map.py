@@ -119,7 +119,7 @@ def test_a_saved_file_remembers_what_to_restore(tmp_path: object) -> None:
 def test_one_colour_for_each_depth_and_for_all_corners_of_a_face() -> None:
     first, second = scene.add_suzanne(), scene.add_object(meshes.cube())
     addon.compute(first, second)
-    module = addon.module("ui.colors")
+    module = addon.module("state.colors")
     everything = np.concatenate([addon.depths(first), addon.depths(second)])
     least, deepest = everything.min(), everything.max()
     for holder in (first, second):
@@ -145,7 +145,7 @@ def oklab(linear: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("simulation", [np.eye(3), PROTANOPIA, DEUTERANOPIA])
 @pytest.mark.parametrize("count", [4, 8, 16])
 def test_colours_are_evenly_apart_for_every_eye(simulation: np.ndarray, count: int) -> None:
-    module = addon.module("ui.colors")
+    module = addon.module("state.colors")
     linear = module.to_linear(np.array(module.palette(0, count - 1)))
     seen = oklab(np.clip(linear @ np.array(simulation).T, 0.0, 1.0))
     assert np.all(np.diff(seen[:, 0]) > 0.0), "each deeper colour is lighter"
@@ -154,7 +154,7 @@ def test_colours_are_evenly_apart_for_every_eye(simulation: np.ndarray, count: i
 
 
 def test_a_single_depth_has_a_colour() -> None:
-    assert len(addon.module("ui.colors").palette(7, 7)) == 1
+    assert len(addon.module("state.colors").palette(7, 7)) == 1
 
 
 def test_legend_rows_count_what_does_not_fit() -> None:

@@ -275,7 +275,7 @@ def test_colours_stand_for_deviations(editing: bool) -> None:
     source = subdivided_cube(2)
     other = scene.add_object(meshes.landscape(3, 2), "Other")
     addon.measure(other, source, tolerance=0.75)
-    module, values = addon.module("ui.colors"), addon.deviations(other).astype(np.float64)
+    module, values = addon.module("state.colors"), addon.deviations(other).astype(np.float64)
     sizes = [polygon.loop_total for polygon in other.data.polygons]
     for color_range, top in (("TOLERANCE", 0.75), ("LARGEST", values.max())):
         addon.select(other)

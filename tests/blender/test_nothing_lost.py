@@ -260,7 +260,7 @@ def carry(holder: bpy.types.Object, uv_smooth: str = "PRESERVE_BOUNDARIES", *, e
     scene.add_subdivision(holder, LEVEL).uv_smooth = uv_smooth
     control = apply_boundary_rule(scene.polygon_mesh_of(base), smooth_corners=True)
     subdivided = uniform.uniform(control, LEVEL)
-    module = addon.module("exchange.result_mesh")
+    module = addon.module("exchange.adaptive_mesh")
     mesh = module.new_mesh(base, control, subdivided, module.CarryOptions(uv_smooth, exact_normals))
     blenders = holder.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     return Carried(base, control, subdivided, mesh, blenders)
@@ -629,7 +629,7 @@ def test_loose_parts_stay_with_their_values() -> None:
     for name in ("Basis", "Key"):
         holder.shape_key_add(name=name, from_mix=False).value = 1.0
     holder.data.shape_keys.key_blocks["Key"].points[10].co = (5, 6, 7)
-    module = addon.module("exchange.result_mesh")
+    module = addon.module("exchange.adaptive_mesh")
     control = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
     subdivided = uniform.uniform(control, LEVEL)
     used = np.unique(subdivided.corner_vertices)

@@ -175,10 +175,10 @@ def test_refused_runs_leave_no_keys(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("module", "name"),
     [
-        ("exchange.result_mesh", "write_groups"),
-        ("exchange.result_mesh", "write_shape_keys"),
+        ("exchange.adaptive_mesh", "write_groups"),
+        ("exchange.adaptive_mesh", "write_shape_keys"),
         ("exchange.shape_keys", "_copy_animation"),
-        ("exchange.result_objects", "_place"),
+        ("operators.adaptive_objects", "_place"),
         ("state.results", "write_subdivision"),
     ],
 )

@@ -515,7 +515,7 @@ def test_edit_mode_stays_whatever_goes_wrong(operator: str, name: str, monkeypat
 def test_an_operator_that_has_run_keeps_nothing_of_its_work(operator: str) -> None:
     """Blender keeps the last operators, with all they hold."""
     addon.select(scene.add_suzanne())
-    work = addon.module("operators.stepwise").Stepwise
+    work = addon.module("tasks.stepwise").Stepwise
     assert getattr(bpy.ops.ccdepth, operator)("EXEC_DEFAULT", True, tolerance=TOLERANCE) == {"FINISHED"}
     gc.collect()
     assert not [kept for kept in gc.get_objects() if isinstance(kept, work)]
@@ -759,7 +759,7 @@ def test_giving_up_leaves_everything_as_it_was() -> None:
     before = everything_in_the_file()
     settings = subdivision.SubdivisionSettings(1e-5, "RELATIVE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
     tasks = result_of(subdivision.prepare_subdivision(bpy.context, [holder], settings))
-    run = addon.module("operators.stepwise").Stepwise(subdivision.subdivide_stepwise(tasks, settings))
+    run = addon.module("tasks.stepwise").Stepwise(subdivision.subdivide_stepwise(tasks, settings))
     assert not run.work(0.05)
     assert run.progress > 0
     run.give_up()

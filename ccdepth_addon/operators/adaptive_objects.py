@@ -9,15 +9,9 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..operators.stepwise import Stage
-from ..state import fingerprint, results, staleness
-from ..state.mesh_checksums import Topology, geometry_checksum
-from ..state.object_state import object_state
-from ..tasks.adaptive_task import Subdivision, SubdivisionSettings
-from ..tasks.surfaces import ComputeError, same_control_mesh
-from ..ui import heat_map
-from .bulk_writing import WriteError, own_copy
-from .control_mesh import (
+from ..exchange.adaptive_mesh import CarryOptions, new_mesh
+from ..exchange.bulk_writing import WriteError, own_copy
+from ..exchange.control_mesh import (
     OBJECTS_AT_ONCE,
     FrozenCopies,
     applied_modifiers,
@@ -25,7 +19,13 @@ from .control_mesh import (
     copies_to_subdivide,
     subdivision_modifier,
 )
-from .result_mesh import CarryOptions, new_mesh
+from ..exchange.mesh_checksums import Topology, geometry_checksum
+from ..exchange.object_state import object_state
+from ..state import fingerprint, results, staleness
+from ..tasks.adaptive_task import Subdivision, SubdivisionSettings
+from ..tasks.stepwise import Stage
+from ..tasks.surfaces import ComputeError, same_control_mesh
+from ..ui import heat_map
 
 # Faces written in one go.
 FACES_AT_ONCE = 1 << 17

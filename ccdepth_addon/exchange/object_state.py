@@ -18,8 +18,7 @@ import bpy
 import numpy as np
 
 from ..core import FloatArray
-from ..exchange.control_mesh import NOT_SHAPING, SIMULATIONS, counted_modifiers, surface_rule
-from ..tasks.surfaces import gram_matrix
+from .control_mesh import NOT_SHAPING, SIMULATIONS, counted_modifiers, gram_matrix, surface_rule
 from .mesh_checksums import checksum_of_points, geometry_checksum
 
 # Other objects, which may be turned together with this one, stand where they did as long as rounding alone moves them.
