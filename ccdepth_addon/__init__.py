@@ -15,9 +15,7 @@ MANIFEST = Path(__file__).resolve().parent.parent / "blender_manifest.toml"
 # In the order in which they depend on each other.
 MODULES = (
     "state.properties",
-    "operators.depth_operators",
-    "operators.adaptive_operators",
-    "operators.deviation_operators",
+    "operators",
     "ui.heat_map",
     "state.staleness",
     "state.face_counts",

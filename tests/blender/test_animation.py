@@ -176,7 +176,6 @@ def test_a_change_while_depths_are_being_computed_is_noticed() -> None:
     """The record tells what was read at the beginning, and not what is there at the end."""
     holder = scene.add_object(meshes.landscape(8, 8))
     bpy.context.view_layer.update()
-    operators = addon.module("operators.depth_operators")
     computation = addon.module("tasks.depth_task")
     settings = computation.Settings(0.01, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
     run = addon.module("tasks.stepwise").Stepwise(computation.prepare_stepwise(bpy.context, [holder], settings))
@@ -187,7 +186,7 @@ def test_a_change_while_depths_are_being_computed_is_noticed() -> None:
     bpy.context.view_layer.update()
     run = addon.module("tasks.stepwise").Stepwise(computation.compute_stepwise(tasks))
     run.work()
-    [mesh] = operators._meshes_still_there(run.answer)
+    [mesh] = addon.module("operators.compute_depth")._meshes_still_there(run.answer)
     [answer] = run.answer
     addon.module("state.results").write_result(mesh, answer, settings, 0, answer.deepest)
     addon.module("state.fingerprint").remember(mesh, answer.task.geometry, answer.depths, answer.task.states)

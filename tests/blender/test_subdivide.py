@@ -488,16 +488,18 @@ def test_edit_mode_stays_when_something_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    ("operator", "name"),
+    ("operator", "module", "name"),
     [
-        ("subdivide", "prepare_subdivision"),
-        ("subdivide", "subdivide_stepwise"),
-        ("subdivide", "make_meshes"),
-        ("subdivide", "place_meshes"),
-        ("count_faces", "count_text"),
+        ("subdivide", "operators.adaptive_operator", "prepare_subdivision"),
+        ("subdivide", "operators.apply_adaptive", "subdivide_stepwise"),
+        ("subdivide", "operators.apply_adaptive", "make_meshes"),
+        ("subdivide", "operators.apply_adaptive", "place_meshes"),
+        ("count_faces", "operators.count_faces", "count_text"),
     ],
 )
-def test_edit_mode_stays_whatever_goes_wrong(operator: str, name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_edit_mode_stays_whatever_goes_wrong(
+    operator: str, module: str, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
     holder = scene.add_suzanne()
     addon.select(holder)
     bpy.ops.object.mode_set(mode="EDIT")
@@ -505,7 +507,7 @@ def test_edit_mode_stays_whatever_goes_wrong(operator: str, name: str, monkeypat
     def failing(*_: object, **__: object) -> None:
         raise LookupError("odd")
 
-    monkeypatch.setattr(addon.module("operators.adaptive_operators"), name, failing)
+    monkeypatch.setattr(addon.module(module), name, failing)
     with pytest.raises(RuntimeError, match="odd"):
         getattr(bpy.ops.ccdepth, operator)(tolerance=TOLERANCE)
     assert bpy.context.mode == "EDIT_MESH"
