@@ -14,7 +14,9 @@ MANIFEST = Path(__file__).resolve().parent.parent / "blender_manifest.toml"
 
 # In the order in which they depend on each other.
 MODULES = (
-    "state.properties",
+    "state.settings",
+    "state.record",
+    "state.viewports",
     "operators",
     "ui.heat_map",
     "state.staleness",

@@ -14,7 +14,6 @@ As the Subdivision Surface modifier carries them when it is applied, but for the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import bpy
@@ -41,42 +40,12 @@ from ..core import (
     to_rotation_vectors,
     uv_surface,
 )
-from ..state.results import BOUND, COLOR, DEPTH, color_of_user
-from .bulk_writing import write_values
+from .bulk_writing import TYPES, ValueType, write_attribute, write_values
 from .control_mesh import EDGE_CREASE, VERTEX_CREASE, read_creases, read_values
+from .result_attributes import BOUND, COLOR, DEPTH, color_of_user
 
 Values = NDArray[Any]
 
-
-@dataclass(frozen=True)
-class ValueType:
-    """How Blender's collections hand out the values of a type of attributes, what stands where there is none, and the
-    steps they are kept in."""
-
-    value: str
-    dtype: type
-    width: int = 1
-    default: tuple[float, ...] = (0,)
-    step: float = 0.0
-
-
-IDENTITY = tuple(np.eye(4).ravel().tolist())
-# Byte colours are interpolated as they are stored, in sRGB.
-TYPES = {
-    "FLOAT": ValueType("value", np.float32),
-    "FLOAT2": ValueType("vector", np.float32, 2),
-    "FLOAT_VECTOR": ValueType("vector", np.float32, 3),
-    "FLOAT4": ValueType("vector", np.float32, 4),
-    "FLOAT_COLOR": ValueType("color", np.float32, 4),
-    "BYTE_COLOR": ValueType("color_srgb", np.float32, 4, step=1 / 255),
-    "QUATERNION": ValueType("value", np.float32, 4, (1, 0, 0, 0)),
-    "FLOAT4X4": ValueType("value", np.float32, 16, IDENTITY),
-    "BOOLEAN": ValueType("value", np.bool_),
-    "INT": ValueType("value", np.int32),
-    "INT8": ValueType("value", np.int8),
-    "INT16_2D": ValueType("value", np.int16, 2),
-    "INT32_2D": ValueType("value", np.int32, 2),
-}
 
 TOPOLOGY = {"position", ".edge_verts", ".corner_vert", ".corner_edge"}
 LEFT_OUT = TOPOLOGY | {DEPTH, BOUND, COLOR}
@@ -252,18 +221,6 @@ def is_left_out(attribute: bpy.types.Attribute) -> bool:
         return free or (attribute.data_type, attribute.domain) == ("INT16_2D", "CORNER")
     is_flag = (attribute.data_type, attribute.domain) == ("BOOLEAN", FLAG_DOMAINS.get(attribute.name))
     return is_flag or attribute.name in LEFT_OUT
-
-
-def write_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str, values: Values) -> None:
-    """Write the values (N, D) or (N,) of an attribute, which is made if the mesh does not have it."""
-    kind = TYPES[data_type]
-    attribute = mesh.attributes.get(name)
-    if attribute is not None and (attribute.data_type, attribute.domain) != (data_type, domain):
-        mesh.attributes.remove(attribute)
-        attribute = None
-    if attribute is None:
-        attribute = mesh.attributes.new(name, data_type, domain)
-    write_values(attribute.data, kind.value, np.asarray(values, dtype=kind.dtype), kind.step)
 
 
 def _rows(data: Any, kind: ValueType) -> Values:

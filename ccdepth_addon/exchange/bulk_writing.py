@@ -6,6 +6,7 @@ What is written in bulk to a library override is dropped without an error, and a
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import bpy
@@ -13,6 +14,37 @@ import numpy as np
 from numpy.typing import NDArray
 
 Data = TypeVar("Data", bpy.types.Mesh, bpy.types.Object)
+
+
+@dataclass(frozen=True)
+class ValueType:
+    """How Blender's collections hand out the values of a type of attributes, what stands where there is none, and the
+    steps they are kept in."""
+
+    value: str
+    dtype: type
+    width: int = 1
+    default: tuple[float, ...] = (0,)
+    step: float = 0.0
+
+
+IDENTITY = tuple(np.eye(4).ravel().tolist())
+# Byte colours are interpolated as they are stored, in sRGB.
+TYPES = {
+    "FLOAT": ValueType("value", np.float32),
+    "FLOAT2": ValueType("vector", np.float32, 2),
+    "FLOAT_VECTOR": ValueType("vector", np.float32, 3),
+    "FLOAT4": ValueType("vector", np.float32, 4),
+    "FLOAT_COLOR": ValueType("color", np.float32, 4),
+    "BYTE_COLOR": ValueType("color_srgb", np.float32, 4, step=1 / 255),
+    "QUATERNION": ValueType("value", np.float32, 4, (1, 0, 0, 0)),
+    "FLOAT4X4": ValueType("value", np.float32, 16, IDENTITY),
+    "BOOLEAN": ValueType("value", np.bool_),
+    "INT": ValueType("value", np.int32),
+    "INT8": ValueType("value", np.int8),
+    "INT16_2D": ValueType("value", np.int16, 2),
+    "INT32_2D": ValueType("value", np.int32, 2),
+}
 
 
 class WriteError(ValueError):
@@ -42,6 +74,21 @@ def _is_kept(written: NDArray[Any], found: NDArray[Any], step: float) -> bool:
         return written.dtype.kind == "f" and np.array_equal(written, found, equal_nan=True)
     # What is no number has to be kept as some number.
     return bool(np.all((np.abs(np.clip(written, 0.0, 1.0) - found) <= step) | np.isnan(written)))
+
+
+def write_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str, values: NDArray[Any]) -> None:
+    """Write an attribute in Object Mode; one of another type or domain under the name makes way for it.
+
+    values: (N,) or (N, D). Raises WriteError when Blender does not keep them.
+    """
+    kind = TYPES[data_type]
+    attribute = mesh.attributes.get(name)
+    if attribute is not None and (attribute.data_type, attribute.domain) != (data_type, domain):
+        mesh.attributes.remove(attribute)
+        attribute = None
+    if attribute is None:
+        attribute = mesh.attributes.new(name, data_type, domain)
+    write_values(attribute.data, kind.value, np.asarray(values, dtype=kind.dtype), kind.step)
 
 
 def is_writable(mesh: bpy.types.Mesh) -> bool:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import BoolArray, PolygonMesh, SubdividedMesh, interpolated_at_vertices
-from .attributes import write_attribute
+from .bulk_writing import write_attribute
 
 WEIGHTS = "ccdepth_weights"
 

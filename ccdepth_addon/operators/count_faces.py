@@ -6,10 +6,9 @@ from typing import ClassVar
 
 import bpy
 
-from ..state import face_counts
+from ..state import face_counts, viewports
 from ..tasks.adaptive_task import FaceCount, SubdivisionTask, count_stepwise, too_many_text
 from ..tasks.stepwise import Stage
-from ..ui import heat_map
 from ..ui.printable import printable
 from .adaptive_operator import SubdivisionOperator
 from .selected_meshes import count_text
@@ -43,5 +42,5 @@ class CCDEPTH_OT_count_faces(SubdivisionOperator):
             self.report({"INFO"}, count_text(sum(count.faces for count in counts), "face", "faces"))
         else:
             self.report({"WARNING"}, printable(too_many_text(tasks, counts[0], self.settings())))
-        heat_map.redraw_viewports(context)
+        viewports.redraw(context)
         return {"FINISHED"}

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-from ..state import results
+from ..exchange.result_attributes import conflict
 from ..tasks.surfaces import ComputeError
 
 
@@ -71,7 +71,7 @@ def _mesh_fault(mesh: bpy.types.Mesh) -> str | None:
 
 def name_fault(blender_object: bpy.types.Object) -> str | None:
     """What stands where a result has to be written."""
-    name = results.conflict(blender_object)
+    name = conflict(blender_object)
     if name is not None:
         return f"the mesh has an attribute or a vertex group of its own called “{name}”; rename it first"
     return None

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import version
+from ..exchange.result_attributes import COLOR_KIND, DEVIATION_KIND, read_face_values, write_face_values
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation
 from . import results
 from .colors import scale_colors, to_linear
@@ -40,7 +41,7 @@ def write_deviation(
     """
     values = results.rounded_up(answer.deviations)
     colors = _colors(values, _top(color_range, answer.tolerance, largest_shown))
-    results.write_face_values(mesh, {results.DEVIATION_KIND: values, results.COLOR_KIND: colors})
+    write_face_values(mesh, {DEVIATION_KIND: values, COLOR_KIND: colors})
     record = mesh.ccdepth
     record.has_deviation = record.shows_deviation = True
     record.deviation = _rounded_up(answer.proved)
@@ -62,8 +63,8 @@ def write_deviation(
 
 def write_colors(mesh: bpy.types.Mesh, color_range: str) -> None:
     """Write the colours of the deviations that are on the mesh anew."""
-    values = results.read_face_values(mesh, results.DEVIATION_KIND)
-    results.write_face_values(mesh, {results.COLOR_KIND: _colors(values, color_top(mesh.ccdepth, color_range))})
+    values = read_face_values(mesh, DEVIATION_KIND)
+    write_face_values(mesh, {COLOR_KIND: _colors(values, color_top(mesh.ccdepth, color_range))})
 
 
 def color_top(record: bpy.types.PropertyGroup, color_range: str) -> float:

@@ -14,6 +14,7 @@ from ..core import BoolArray, FloatArray
 from ..exchange.control_mesh import own_mesh, read_values
 from ..exchange.mesh_checksums import continued, geometry_checksum
 from ..exchange.object_state import KnownDescriptions, ObjectState, object_state
+from ..exchange.result_attributes import DEPTH
 from ..tasks.depth_task import count_faces
 from . import results
 
@@ -43,7 +44,7 @@ def remember(mesh: bpy.types.Mesh, geometry: int, depths: NDArray[np.int32], sta
     it was computed for, as they were read.
     """
     record = mesh.ccdepth
-    record.fingerprint = _text(continued(geometry, results.DEPTH, depths))
+    record.fingerprint = _text(continued(geometry, DEPTH, depths))
     record.contributors.clear()
     for checksum, scales in _by_checksum((state.checksum, state.scale) for state in states).items():
         for scale in _without_repetitions(scales)[0]:
@@ -56,8 +57,8 @@ def mesh_checksum(blender_object: bpy.types.Object) -> str:
     with own_mesh(blender_object) as mesh:
         checksum = geometry_checksum(mesh)
         if results.has_depths(mesh):
-            depths = read_values(mesh.attributes[results.DEPTH].data, "value", np.int32)
-            checksum = continued(checksum, results.DEPTH, depths)
+            depths = read_values(mesh.attributes[DEPTH].data, "value", np.int32)
+            checksum = continued(checksum, DEPTH, depths)
     return _text(checksum)
 
 

@@ -10,9 +10,9 @@ from ..core import FloatArray
 from ..exchange.control_mesh import own_mesh, read_values
 from ..exchange.mesh_checksums import continued, geometry_checksum
 from ..exchange.object_state import object_state, shown_checksum
+from ..exchange.result_attributes import DEVIATION
 from ..exchange.shown_mesh import shown_modifiers
 from ..tasks.depth_task import count_faces
-from . import results
 
 # How far, in parts of the largest number, a placement may drift by rounding while both objects are moved together.
 DRIFT = 2e-6
@@ -55,8 +55,8 @@ def _checksum(measured: bpy.types.Object, against: bpy.types.Object, *, use_modi
 def _mesh_checksum(measured: bpy.types.Object) -> str:
     """Of the object's own mesh, and of the deviations on it."""
     with own_mesh(measured) as mesh:
-        values = read_values(mesh.attributes[results.DEVIATION].data, "value", np.float32)
-        return f"{continued(geometry_checksum(mesh), results.DEVIATION, values):08x}"
+        values = read_values(mesh.attributes[DEVIATION].data, "value", np.float32)
+        return f"{continued(geometry_checksum(mesh), DEVIATION, values):08x}"
 
 
 def _placement(measured: bpy.types.Object, against: bpy.types.Object) -> FloatArray:

@@ -15,9 +15,9 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..exchange.object_state import KnownDescriptions
+from ..registration import add_handlers, remove_handlers
 from ..tasks.depth_task import count_faces
-from ..ui import heat_map
-from . import fingerprint, measured_state, results
+from . import fingerprint, measured_state, results, viewports
 
 # Seconds without a change before checksums are compared.
 PATIENCE = 0.3
@@ -80,7 +80,7 @@ def check_touched() -> None:
     touched = set(_touched)
     _touched.clear()
     if _examine(touched):
-        heat_map.redraw_viewports(bpy.context)
+        viewports.redraw(bpy.context)
 
 
 def _examine(uids: set[int]) -> bool:
@@ -168,15 +168,9 @@ def _notice_update(mesh: bpy.types.Mesh, geometry: bool) -> None:
 
 
 @persistent
-def _check_everything(*_: Any) -> None:
-    """After undo, redo and loading: data may have been replaced as a whole."""
-    heat_map.synchronise(bpy.context)
-    _touch_everything()
-
-
-@persistent
 def _touch_everything(*_: Any) -> None:
-    """After a change of the frame, too: what is animated is not told of like what is edited."""
+    """After undo, redo and loading, which may replace data as a whole, and after a change of the frame: Blender tells
+    of no update of what is animated."""
     for mesh in bpy.data.meshes:
         if results.has_any(mesh):
             _note_target(mesh)
@@ -192,21 +186,19 @@ def _forget_everything(*_: Any) -> None:
 HANDLERS = (
     ("depsgraph_update_post", _notice_updates),
     ("frame_change_post", _touch_everything),
-    ("undo_post", _check_everything),
-    ("redo_post", _check_everything),
+    ("undo_post", _touch_everything),
+    ("redo_post", _touch_everything),
     ("load_pre", _forget_everything),
-    ("load_post", _check_everything),
+    ("load_post", _touch_everything),
 )
 
 
 def register() -> None:
-    for name, handler in HANDLERS:
-        getattr(bpy.app.handlers, name).append(handler)
+    add_handlers(HANDLERS)
 
 
 def unregister() -> None:
-    for name, handler in HANDLERS:
-        getattr(bpy.app.handlers, name).remove(handler)
+    remove_handlers(HANDLERS)
     if bpy.app.timers.is_registered(check_touched):
         bpy.app.timers.unregister(check_touched)
     _forget_everything()

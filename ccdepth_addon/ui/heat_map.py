@@ -7,27 +7,21 @@ is painted it is therefore shown with the user's own.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import bpy
 from bpy.app.handlers import persistent
 
 from ..exchange.bulk_writing import is_writable
-from ..state import results
-
-# The colour type of Solid shading that shows the mesh's active colour attribute.
-COLOR_TYPE = "VERTEX"
+from ..exchange.result_attributes import COLOR
+from ..registration import add_handlers, remove_handlers
+from ..state import results, viewports
+from ..state.settings import heat_map_listeners
 
 PAINTING_MODES = {"SCULPT", "VERTEX_PAINT", "TEXTURE_PAINT"}
 
 # The session identifiers of the objects last seen in one of them.
 _painted: set[int] = set()
-
-
-def shows_heat_map(space: bpy.types.SpaceView3D) -> bool:
-    """Whether this viewport shows colour attributes."""
-    return space.shading.type == "SOLID" and space.shading.color_type == COLOR_TYPE
 
 
 def synchronise(context: bpy.types.Context) -> None:
@@ -47,12 +41,12 @@ def synchronise(context: bpy.types.Context) -> None:
             _show(mesh, wanted, mesh in painted)
             shown = shown or (results.shows_heat_map(mesh) and blender_object.visible_get())
             waiting = waiting or mesh in painted
-    for shading in _shadings():
+    for shading in viewports.shadings():
         if wanted and waiting and not shown:
-            _pause(shading)
+            viewports.pause(shading)
         else:
-            _switch(shading, wanted and shown)
-    redraw_viewports(context)
+            viewports.switch(shading, wanted and shown)
+    viewports.redraw(context)
 
 
 def _show(mesh: bpy.types.Mesh, wanted: bool, painted: bool) -> None:
@@ -63,47 +57,6 @@ def _show(mesh: bpy.types.Mesh, wanted: bool, painted: bool) -> None:
         results.keep_from_painting(mesh)
     else:
         results.show_color(mesh, wanted)
-
-
-def restore_viewports() -> None:
-    """Put every viewport back, whatever there is to show."""
-    for shading in _shadings():
-        _switch(shading, False)
-
-
-def _shadings() -> Iterator[bpy.types.View3DShading]:
-    for screen in bpy.data.screens:
-        for area in screen.areas:
-            for space in area.spaces:
-                if space.type == "VIEW_3D":
-                    yield space.shading
-
-
-def _switch(shading: bpy.types.View3DShading, on: bool) -> None:
-    memory = shading.ccdepth
-    if on == memory.is_switched:
-        return
-    if on:
-        memory.previous_color_type = shading.color_type
-        shading.color_type = COLOR_TYPE
-    elif shading.color_type == COLOR_TYPE:
-        shading.color_type = memory.previous_color_type
-    memory.is_switched = on
-
-
-def _pause(shading: bpy.types.View3DShading) -> None:
-    """Put a viewport back for a while. One that was changed since stays as it is, then and afterwards."""
-    if shading.color_type == COLOR_TYPE:
-        _switch(shading, False)
-
-
-def redraw_viewports(context: bpy.types.Context) -> None:
-    """Have every 3D View drawn again, with its sidebar."""
-    manager = context.window_manager
-    for window in manager.windows if manager else ():
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
 
 
 @persistent
@@ -124,7 +77,7 @@ def _notice_mode(blender_object: bpy.types.Object) -> bool:
     changed = painted != (uid in _painted)
     if painted:
         _painted.add(uid)
-        return changed or blender_object.data.attributes.active_color_name == results.COLOR
+        return changed or blender_object.data.attributes.active_color_name == COLOR
     _painted.discard(uid)
     return changed
 
@@ -134,15 +87,27 @@ def _forget_painting(*_: Any) -> None:
     _painted.clear()
 
 
-HANDLERS = (("depsgraph_update_post", _notice_painting), ("load_pre", _forget_painting))
+@persistent
+def _synchronise_everything(*_: Any) -> None:
+    """After undo, redo and loading: data may have been replaced as a whole."""
+    synchronise(bpy.context)
+
+
+HANDLERS = (
+    ("depsgraph_update_post", _notice_painting),
+    ("undo_post", _synchronise_everything),
+    ("redo_post", _synchronise_everything),
+    ("load_pre", _forget_painting),
+    ("load_post", _synchronise_everything),
+)
 
 
 def register() -> None:
-    for name, handler in HANDLERS:
-        getattr(bpy.app.handlers, name).append(handler)
+    add_handlers(HANDLERS)
+    heat_map_listeners.append(synchronise)
 
 
 def unregister() -> None:
-    for name, handler in HANDLERS:
-        getattr(bpy.app.handlers, name).remove(handler)
+    heat_map_listeners.remove(synchronise)
+    remove_handlers(HANDLERS)
     _forget_painting()

@@ -15,9 +15,8 @@ import bpy
 import gpu
 from gpu_extras.batch import batch_for_shader
 
-from ..state import deviation_results, results
+from ..state import deviation_results, results, viewports
 from ..state.colors import BEYOND, VIRIDIS_COLORS, palette
-from . import heat_map
 from .deviation_scale import Scale, deviation_scale
 
 Color = tuple[float, ...]
@@ -69,7 +68,7 @@ def draw() -> None:
     context = bpy.context
     if not (context.scene.ccdepth.show_legend and context.space_data.overlay.show_overlays):
         return
-    if not heat_map.shows_heat_map(context.space_data):
+    if not viewports.shows_colors(context.space_data):
         return
     measured = deviation_results.shown_object(context)
     if measured is not None:

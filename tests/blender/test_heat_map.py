@@ -70,7 +70,7 @@ def test_hidden_results_do_not_keep_the_viewports() -> None:
 def test_viewports_are_restored_when_the_addon_goes() -> None:
     before = color_types()
     addon.compute(scene.add_suzanne())
-    module = addon.module("state.properties")
+    module = addon.module("state.viewports")
     module.unregister()
     try:
         assert color_types() == before

@@ -244,12 +244,12 @@ def test_depths_that_are_not_kept_leave_an_earlier_result(monkeypatch: pytest.Mo
     holder = scene.add_suzanne()
     addon.compute(holder, tolerance=0.5)
     before = addon.depths(holder), addon.bounds(holder), addon.colors(holder), holder.data.ccdepth.world_tolerance
-    module = addon.module("state.results")
+    module = addon.module("exchange.bulk_writing")
 
-    def forget(items: object, name: str, values: np.ndarray) -> None:
+    def forget(items: object, name: str, values: np.ndarray, _step: float) -> None:
         if name == "color":
-            raise addon.module("exchange.bulk_writing").WriteError("Blender did not keep what was written to the mesh")
-        items.foreach_set(name, values)
+            raise module.WriteError("Blender did not keep what was written to the mesh")
+        items.foreach_set(name, values.ravel())
 
     monkeypatch.setattr(module, "write_values", forget)
     addon.select(holder)

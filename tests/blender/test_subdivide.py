@@ -412,7 +412,7 @@ def test_attributes_may_have_any_values(data_type: str, value: float) -> None:
     """None of the warnings of numpy are printed, which pytest would take for errors."""
     holder = scene.add_suzanne()
     for domain in ("POINT", "CORNER"):
-        kind = addon.module("exchange.attributes").TYPES[data_type]
+        kind = addon.module("exchange.bulk_writing").TYPES[data_type]
         items = holder.data.attributes.new(f"{data_type} {domain}", data_type, domain).data
         values = np.zeros(len(items) * kind.width, dtype=np.float32)
         values[[3, 50]] = value
