@@ -15,7 +15,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.test_subdivide import refused, shape, subdivide
+from tests.blender.subdividing import refused, shape, subdivide
 
 TOLERANCE = 0.01
 

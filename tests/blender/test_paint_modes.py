@@ -12,8 +12,8 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.subdividing import subdivide
 from tests.blender.test_heat_map import color_types, shadings
-from tests.blender.test_subdivide import subdivide
 
 COLOR = "ccdepth_color"
 MODES = ["SCULPT", "VERTEX_PAINT", "TEXTURE_PAINT"]

@@ -16,7 +16,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.test_subdivide import refused, subdivide
+from tests.blender.subdividing import refused, subdivide
 
 LOOSE = (7.0, 8.0, 9.0)
 LOOSE_IN_KEY = (-7.0, 5.0, 3.0)

@@ -1,15 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Apply Adaptive Subdivision on selected objects: where its result goes, what it is, and what is refused.
-
-How near to the surface the result is, and that nothing on the mesh is lost, is tested elsewhere.
-"""
+"""Apply Adaptive Subdivision on selected objects: where the adaptive mesh goes and what it is, modifiers, Edit Mode and
+undo."""
 
 from __future__ import annotations
 
 import gc
-from collections.abc import Callable
-from dataclasses import replace
-from pathlib import Path
 
 import bpy
 import numpy as np
@@ -18,62 +13,8 @@ from mathutils import Matrix
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.subdividing import TOLERANCE, everything_in_the_file, faces, shape, subdivide
 from tests.steps import result_of
-
-TOLERANCE = 0.01
-
-
-def subdivide(*objects: bpy.types.Object, **settings: object) -> list[bpy.types.Object]:
-    """Select the objects and subdivide them; the objects selected then, in the order of their names."""
-    addon.select(*objects)
-    settings.setdefault("tolerance", TOLERANCE)
-    settings.setdefault("tolerance_mode", "ABSOLUTE")
-    assert bpy.ops.ccdepth.subdivide(**settings) == {"FINISHED"}
-    return sorted(bpy.context.selected_objects, key=lambda obj: obj.name)
-
-
-def faces(holder: bpy.types.Object) -> int:
-    return len(holder.data.polygons)
-
-
-def everything_in_the_file() -> dict[str, tuple[object, ...]]:
-    """What there is, with what a subdivision could change of it."""
-    found: dict[str, tuple[object, ...]] = {item.name_full: () for item in bpy.data.user_map()}
-    for obj in bpy.data.objects:
-        found[obj.name_full] = (
-            obj.data.name_full,
-            obj.hide_get(),
-            obj.hide_render,
-            obj.select_get(),
-            [modifier.name for modifier in obj.modifiers],
-        )
-    for mesh in bpy.data.meshes:
-        coordinates = np.empty(3 * len(mesh.vertices), dtype=np.float32)
-        mesh.vertices.foreach_get("co", coordinates)
-        names = [name for name in mesh.attributes.keys() if not name.startswith(".select")]  # noqa: SIM118
-        found[mesh.name_full] = (len(mesh.polygons), coordinates.tobytes(), mesh.users, sorted(names))
-    return found
-
-
-def refused(*objects: bpy.types.Object, match: str, **settings: object) -> None:
-    """The operator reports an error, and nothing is changed."""
-    addon.select(*objects)
-    settings.setdefault("tolerance", TOLERANCE)
-    settings.setdefault("tolerance_mode", "ABSOLUTE")
-    before = everything_in_the_file()
-    with pytest.raises(RuntimeError, match=match):
-        bpy.ops.ccdepth.subdivide(**settings)
-    assert everything_in_the_file() == before
-
-
-def shape(holder: bpy.types.Object) -> np.ndarray:
-    """(V, 3): where the object's vertices are in the scene."""
-    bpy.context.view_layer.update()
-    positions = np.empty(3 * len(holder.data.vertices), dtype=np.float32)
-    holder.data.vertices.foreach_get("co", positions)
-    world = np.array(holder.matrix_world)
-    return positions.reshape(-1, 3) @ world[:3, :3].T + world[:3, 3]
-
 
 # What is made, and where.
 
@@ -227,199 +168,6 @@ def test_the_result_has_the_shape_of_the_surface() -> None:
     assert max(nearest) < 5 * TOLERANCE
 
 
-# Faces counted beforehand.
-
-
-def test_the_count_is_what_is_made() -> None:
-    first, second = scene.add_suzanne(), scene.add_object(meshes.creased_cube())
-    scene.add_subdivision(first, 1)
-    before = everything_in_the_file()
-    for mode in ("ADAPTIVE", "PER_FACE"):
-        for transitions in ("TRIANGLES", "NGONS"):
-            for obj in (first, second):
-                obj.hide_set(False)
-            addon.select(first, second)
-            settings = bpy.context.scene.ccdepth
-            settings.tolerance_mode, settings.tolerance = "ABSOLUTE", TOLERANCE
-            settings.mode, settings.transitions = mode, transitions
-            assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
-            counts = [known_count(obj).faces for obj in (second, first)]
-            results = subdivide(first, second, mode=mode, transitions=transitions)
-            assert [faces(result) for result in results] == counts
-            bpy.data.batch_remove([result.data for result in results])
-    assert set(everything_in_the_file()) == set(before)
-
-
-def known_count(holder: bpy.types.Object) -> object:
-    settings = bpy.context.scene.ccdepth
-    asked = addon.module("tasks.adaptive_task").subdivision_settings(settings, settings.tolerance)
-    return addon.module("state.face_counts").known_count(holder, asked)
-
-
-def test_counting_changes_nothing() -> None:
-    holder = scene.add_suzanne()
-    holder.modifiers.new("Mirror", "MIRROR")
-    addon.select(holder)
-    before = everything_in_the_file()
-    assert bpy.ops.ccdepth.count_faces(tolerance=TOLERANCE) == {"FINISHED"}
-    assert everything_in_the_file() == before
-
-
-@pytest.mark.parametrize("change", ["mesh", "scale", "settings"])
-def test_a_count_is_forgotten_when_something_changes(change: str) -> None:
-    holder = scene.add_suzanne()
-    settings = bpy.context.scene.ccdepth
-    settings.tolerance_mode, settings.tolerance = "ABSOLUTE", TOLERANCE
-    addon.select(holder)
-    bpy.ops.ccdepth.count_faces()
-    bpy.context.view_layer.update()
-    assert known_count(holder) is not None
-    if change == "mesh":
-        holder.data.vertices[0].co.x += 1.0
-        holder.data.update()
-    elif change == "scale":
-        holder.scale.x = 2.0
-    else:
-        settings.tolerance *= 2
-    bpy.context.view_layer.update()
-    assert known_count(holder) is None
-
-
-@pytest.mark.parametrize("tolerance_mode", ["ABSOLUTE", "RELATIVE"])
-def test_too_many_faces_are_refused_with_a_tolerance_that_fits(tolerance_mode: str) -> None:
-    holder = scene.add_suzanne()
-    holder.scale = (3.0, 3.0, 3.0)
-    asked = {"tolerance": 0.0005, "tolerance_mode": tolerance_mode, "max_faces": 3000}
-    refused(holder, match="Suzanne: the result would have about .* 3,000 are allowed", **asked)
-    with pytest.raises(RuntimeError) as caught:
-        bpy.ops.ccdepth.subdivide(**asked)
-    words = str(caught.value).partition("a tolerance of ")[2].split()
-    assert ("of the diagonal" in str(caught.value)) == (tolerance_mode == "RELATIVE")
-    [result] = subdivide(holder, **{**asked, "tolerance": float(words[0])})
-    assert faces(result) <= 3000
-
-
-def named_tolerance(*objects: bpy.types.Object, **settings: object) -> float:
-    """That which the refusal says would fit."""
-    addon.select(*objects)
-    with pytest.raises(RuntimeError, match="would fit") as caught:
-        bpy.ops.ccdepth.subdivide(tolerance_mode="RELATIVE", **settings)
-    return float(str(caught.value).partition("a tolerance of ")[2].split()[0])
-
-
-@pytest.mark.parametrize("mode", ["ADAPTIVE", "PER_FACE"])
-@pytest.mark.parametrize("name", ["cylinder", "pole", "Suzanne"])
-def test_the_tolerance_named_fits_large_results_too(name: str, mode: str) -> None:
-    """These are too large to be tried from the start; a pole may be as deep as its whole face."""
-    data = {"cylinder": lambda: meshes.cylinder(32), "pole": lambda: meshes.fan(12, 2)}
-    holder = scene.add_object(data[name]()) if name in data else scene.add_suzanne()
-    asked = {"mode": mode, "max_faces": 60_000}
-    tolerance = named_tolerance(holder, tolerance=1e-6, **asked)
-    [result] = subdivide(holder, tolerance=tolerance, tolerance_mode="RELATIVE", **asked)
-    assert faces(result) <= 60_000
-
-
-def test_no_tolerance_fits_where_the_mesh_itself_has_too_many_faces() -> None:
-    refused(scene.add_suzanne(), match="no tolerance would fit", max_faces=100)
-
-
-@pytest.mark.parametrize("max_faces", [500, 600])
-def test_a_tolerance_fits_where_the_mesh_itself_has_hardly_fewer_faces(max_faces: int) -> None:
-    """Suzanne has 500."""
-    holder = scene.add_suzanne()
-    tolerance = named_tolerance(holder, tolerance=1e-4, max_faces=max_faces)
-    [result] = subdivide(holder, tolerance=tolerance, tolerance_mode="RELATIVE", max_faces=max_faces)
-    assert faces(result) <= max_faces
-
-
-def test_the_limit_is_for_all_objects_together() -> None:
-    objects = [scene.add_suzanne(), scene.add_suzanne()]
-    [alone] = subdivide(objects[0])
-    objects[0].hide_set(False)
-    refused(*objects, match="The 2 results together .* are allowed", max_faces=int(1.5 * faces(alone)))
-
-
-@pytest.mark.parametrize("max_faces", [1100, 2000, 3000])
-def test_the_tolerance_named_fits_all_objects_together(max_faces: int) -> None:
-    objects = [scene.add_suzanne(), scene.add_suzanne()]
-    objects[1].scale = (2.0, 2.0, 2.0)
-    tolerance = named_tolerance(*objects, tolerance=0.002, max_faces=max_faces)
-    results = subdivide(*objects, tolerance=tolerance, tolerance_mode="RELATIVE", max_faces=max_faces)
-    assert sum(map(faces, results)) <= max_faces
-
-
-def test_counting_tells_when_all_objects_together_have_too_many_faces(capfd: pytest.CaptureFixture[str]) -> None:
-    objects = [scene.add_suzanne(), scene.add_suzanne()]
-    [alone] = subdivide(objects[0])
-    objects[0].hide_set(False)
-    addon.select(*objects)
-    bpy.ops.ccdepth.count_faces(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE", max_faces=int(1.5 * faces(alone)))
-    assert f"The 2 results together would have about {2 * faces(alone):,} faces" in capfd.readouterr().out
-
-
-# Names, and numbers that are none.
-
-
-@pytest.mark.parametrize("name", ["UVMap", "Paint", "sharp_face", "ccdepth_weights_0"])
-def test_a_vertex_group_may_have_the_name_of_an_attribute(name: str) -> None:
-    holder = scene.add_suzanne()
-    mesh = holder.data
-    mesh.uv_layers.new(name="UVMap")
-    mesh.attributes.new("Paint", "FLOAT_COLOR", "CORNER")
-    if "sharp_face" not in mesh.attributes:
-        mesh.attributes.new("sharp_face", "BOOLEAN", "FACE")
-    mesh.attributes.active = mesh.attributes["Paint"]
-    for group in (name, "Other"):
-        holder.vertex_groups.new(name=group).add([*range(100)], 0.5, "REPLACE")
-    [result] = subdivide(holder)
-    assert [group.name for group in result.vertex_groups] == [name, "Other"]
-    assert {"UVMap", "Paint", "sharp_face"} <= {*result.data.attributes.keys()}
-    assert not any(attribute.name.startswith("ccdepth_weights") for attribute in result.data.attributes)
-    assert holder.data.attributes.active.name == result.data.attributes.active.name == "Paint"
-    assert [round(entry.weight, 5) for entry in result.data.vertices[0].groups] == [0.5, 0.5]
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_shape_keys_at_no_finite_position_are_refused(value: float) -> None:
-    """Even where they are not mixed in."""
-    holder = scene.add_suzanne()
-    holder.shape_key_add(name="Basis")
-    key = holder.shape_key_add(name="Odd")
-    key.value = 0.0
-    key.data.foreach_set("co", np.full(3 * len(key.data), value, dtype=np.float32))
-    refused(holder, match="Suzanne: the shape key “Odd” has a vertex at no finite position")
-
-
-@pytest.mark.parametrize(("name", "domain"), [("crease_edge", "EDGE"), ("crease_vert", "POINT")])
-def test_creases_that_are_no_numbers_are_refused(name: str, domain: str) -> None:
-    holder = scene.add_suzanne()
-    holder.data.attributes.new(name, "FLOAT", domain).data[5].value = np.nan
-    refused(holder, match=r"1 (edge|vertex) with a crease that is no number \(first: (edge|vertex) 5\)")
-    with pytest.raises(RuntimeError, match="with a crease that is no number"):
-        bpy.ops.ccdepth.compute()
-
-
-def test_loose_vertices_may_be_anywhere() -> None:
-    mesh = bpy.data.meshes.new("Mesh")
-    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0.5), (np.nan, 0, 0)], [], [(0, 1, 2, 3)])
-    [result] = subdivide(scene.add_mesh(mesh))
-    assert np.count_nonzero(np.isnan(shape(result)[:, 0])) == 1
-
-
-@pytest.mark.parametrize("value", [np.nan, np.inf, 3e38])
-@pytest.mark.parametrize("data_type", ["FLOAT", "FLOAT2", "FLOAT_COLOR", "QUATERNION", "FLOAT4X4"])
-def test_attributes_may_have_any_values(data_type: str, value: float) -> None:
-    """None of the warnings of numpy are printed, which pytest would take for errors."""
-    holder = scene.add_suzanne()
-    for domain in ("POINT", "CORNER"):
-        kind = addon.module("exchange.bulk_writing").TYPES[data_type]
-        items = holder.data.attributes.new(f"{data_type} {domain}", data_type, domain).data
-        values = np.zeros(len(items) * kind.width, dtype=np.float32)
-        values[[3, 50]] = value
-        items.foreach_set(kind.value, values)
-    subdivide(holder)
-
-
 # Several objects, and Edit Mode.
 
 
@@ -484,9 +232,6 @@ def test_edit_mode_stays_when_something_is_refused() -> None:
         assert bpy.context.mode == "EDIT_MESH"
 
 
-# Modifiers and shape keys.
-
-
 @pytest.mark.parametrize(
     ("operator", "module", "name"),
     [
@@ -521,6 +266,9 @@ def test_an_operator_that_has_run_keeps_nothing_of_its_work(operator: str) -> No
     assert getattr(bpy.ops.ccdepth, operator)("EXEC_DEFAULT", True, tolerance=TOLERANCE) == {"FINISHED"}
     gc.collect()
     assert not [kept for kept in gc.get_objects() if isinstance(kept, work)]
+
+
+# Modifiers and shape keys.
 
 
 def test_what_was_counted_in_is_taken_off_the_result() -> None:
@@ -664,93 +412,6 @@ def test_it_can_be_undone_and_repeated() -> None:
     assert "UNDO" not in bpy.types.CCDEPTH_OT_count_faces.bl_options
 
 
-# What is refused.
-
-
-def no_faces() -> bpy.types.Object:
-    return scene.add_mesh(bpy.data.meshes.new("Empty"))
-
-
-def not_finite() -> bpy.types.Object:
-    holder = scene.add_suzanne()
-    holder.data.vertices[0].co.x = np.nan
-    return holder
-
-
-def simulated() -> bpy.types.Object:
-    holder = scene.add_suzanne()
-    holder.modifiers.new("Cloth", "CLOTH")
-    return holder
-
-
-def with_attribute_of_the_same_name() -> bpy.types.Object:
-    holder = scene.add_suzanne()
-    holder.data.attributes.new("ccdepth", "FLOAT", "POINT")
-    return holder
-
-
-@pytest.mark.parametrize(
-    ("make", "message"),
-    [
-        (no_faces, "the mesh has no faces"),
-        (not_finite, "1 vertex"),
-        (simulated, "“Cloth” is a simulation"),
-        (with_attribute_of_the_same_name, "called “ccdepth”"),
-    ],
-)
-def test_bad_meshes_are_refused(make: Callable[[], bpy.types.Object], message: str) -> None:
-    good, bad = scene.add_object(meshes.cube(), "Good"), make()
-    refused(good, bad, match=f"{bad.name}: .*{message}")
-
-
-@pytest.mark.parametrize(
-    ("tolerance", "message"),
-    [
-        (0.0, "greater than zero"),
-        (-1.0, "greater than zero"),
-        (float("nan"), "not a finite number"),
-        (1e-12, "Suzanne: the tolerance 1e-12 is finer than the mesh's single-precision coordinates can show"),
-    ],
-)
-def test_bad_tolerances_are_refused(tolerance: float, message: str) -> None:
-    refused(scene.add_suzanne(), match=message, tolerance=tolerance)
-
-
-def test_flattened_objects_are_refused() -> None:
-    holder = scene.add_suzanne()
-    holder.scale = (1.0, 1.0, 0.0)
-    refused(holder, match="Suzanne: 4 faces with zero area")
-
-
-def test_hidden_objects_are_refused() -> None:
-    shown, hidden = scene.add_object(meshes.cube(), "Shown"), scene.add_suzanne()
-    addon.select(shown)
-    hidden.hide_set(True)
-    with (
-        bpy.context.temp_override(selected_objects=[shown, hidden], active_object=shown),
-        pytest.raises(RuntimeError, match="Suzanne: the object is hidden; show it first"),
-    ):
-        bpy.ops.ccdepth.subdivide(tolerance=TOLERANCE)
-    assert len(bpy.data.objects) == 2
-
-
-def test_linked_objects_are_refused(tmp_path: Path) -> None:
-    holder = scene.add_suzanne()
-    bpy.data.libraries.write(str(tmp_path / "library.blend"), {holder})
-    scene.clear()
-    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (source, target):
-        target.objects = list(source.objects)
-    [linked] = target.objects
-    bpy.context.scene.collection.objects.link(linked)
-    refused(linked, match="Suzanne: the object is linked from another file")
-
-
-def test_without_a_mesh_object_it_is_not_offered() -> None:
-    addon.select()
-    assert not bpy.ops.ccdepth.subdivide.poll()
-    assert not bpy.ops.ccdepth.count_faces.poll()
-
-
 # Long runs.
 
 
@@ -766,64 +427,3 @@ def test_giving_up_leaves_everything_as_it_was() -> None:
     assert run.progress > 0
     run.give_up()
     assert everything_in_the_file() == before
-
-
-# Objects of uneven scale.
-
-
-def folded_unless_flattened(data: meshes.MeshData, name: str = "Mesh") -> bpy.types.Object:
-    """Flattened, the object is smooth where its mesh is folded, and Blender triangulates the mesh."""
-    holder = scene.add_object(replace(data, positions=data.positions * (1.0, 1.0, 200.0)), name)
-    holder.scale = (1.0, 1.0, 0.005)
-    return holder
-
-
-def test_quads_are_drawn_along_the_diagonal_that_was_proved_on_a_flattened_object() -> None:
-    holder = folded_unless_flattened(meshes.bumpy(meshes.torus(9, 6), 0.2))
-    [result] = subdivide(holder, tolerance=0.05)
-    assert_quads_are_drawn_along_their_first_diagonal(result.data)
-
-
-def assert_quads_are_drawn_along_their_first_diagonal(mesh: bpy.types.Mesh) -> None:
-    assert any(polygon.loop_total == 4 for polygon in mesh.polygons)
-    mesh.calc_loop_triangles()
-    for triangle in mesh.loop_triangles:
-        polygon = mesh.polygons[triangle.polygon_index]
-        if polygon.loop_total == 4:
-            places = sorted(loop - polygon.loop_start for loop in triangle.loops)
-            assert places in ([0, 1, 2], [0, 2, 3])
-
-
-@pytest.mark.parametrize("transitions", ["TRIANGLES", "NGONS"])
-def test_faces_of_uneven_objects_are_counted_as_they_are_made(transitions: str) -> None:
-    landscape = folded_unless_flattened(meshes.landscape(6, 5), "Landscape")
-    fan = folded_unless_flattened(meshes.fan(5, 2), "Fan")
-    sheared = scene.add_object(meshes.bumpy(meshes.cylinder(7), 0.2), "Sheared")
-    holders = landscape, fan, sheared
-    parent = bpy.data.objects.new("Parent", None)
-    bpy.context.scene.collection.objects.link(parent)
-    parent.scale = (10.0, 1.0, 0.1)
-    sheared.parent = parent
-    sheared.rotation_euler = (0.5, 0.6, 0.7)
-    settings = bpy.context.scene.ccdepth
-    settings.tolerance_mode, settings.tolerance, settings.transitions = "ABSOLUTE", 0.1, transitions
-    addon.select(*holders)
-    assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
-    counts = {holder.name: known_count(holder).faces for holder in holders}
-    results = subdivide(*holders, tolerance=0.1, transitions=transitions)
-    assert {result.name.removesuffix(" Adaptive"): faces(result) for result in results} == counts
-
-
-@pytest.mark.parametrize("scale", [(1.0, 1.0, 0.0), (1.0, 1.0, -1e-12)])
-def test_objects_scaled_to_nothing_are_drawn_as_they_are_proved(scale: tuple[float, float, float]) -> None:
-    holder = scene.add_object(meshes.landscape(6, 5))
-    holder.scale = scale
-    addon.select(holder)
-    settings = bpy.context.scene.ccdepth
-    settings.tolerance_mode, settings.tolerance, settings.transitions = "ABSOLUTE", TOLERANCE, "NGONS"
-    assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
-    count = known_count(holder).faces
-    [result] = subdivide(holder, transitions="NGONS")
-    assert faces(result) == count
-    assert addon.bounds(result).max() <= TOLERANCE
-    assert_quads_are_drawn_along_their_first_diagonal(result.data)
