@@ -22,6 +22,7 @@ MODULES = (
     "state.staleness",
     "state.face_counts",
     "ui.panels",
+    "ui.adaptive_panel",
     "ui.deviation_panel",
     "ui.legend",
     "command_line.command",

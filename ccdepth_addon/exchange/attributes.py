@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The attributes of a mesh on its subdivision: UV maps, colours, creases, selections, and whatever else there is.
 
-As the Subdivision Surface modifier carries them when it is applied, but for these:
+Like the Subdivision Surface modifier when it is applied, but for these:
 
 - Integers and texts are those of the nearest vertex or corner; the modifier averages integers, and so makes up numbers
   that stand for nothing, or leaves zeros, by version and type, and drops texts.
@@ -59,8 +59,8 @@ FLAG_DOMAINS = {f"{flag}_{kind}": domain for flag in FLAGS for kind, domain in (
 MARKS = "use_freestyle_mark"
 
 
-class Carrier:
-    """Carries the attributes of one mesh to its subdivision; ``control`` has the faces and corners of ``base``."""
+class AttributeTransfer:
+    """Transfers the attributes of a mesh to its subdivision; ``control`` has the faces and corners of ``base``."""
 
     def __init__(self, base: bpy.types.Mesh, control: PolygonMesh, subdivided: SubdividedMesh, uv_smooth: str) -> None:
         self.base = base
@@ -68,17 +68,17 @@ class Carrier:
         self.subdivided = subdivided
         self.uv_smooth = uv_smooth
 
-    # Whatever is infinite or no number stays so, where it can.
+    # Values that are not finite stay so, where they can.
     @np.errstate(all="ignore")
     def write(self, mesh: bpy.types.Mesh) -> None:
-        """Put them all on the new mesh, which has its faces, and no attributes but those."""
+        """Write them all to the new mesh, which has its faces, and no other attributes."""
         uv_maps = {layer.name for layer in self.base.uv_layers}
         for attribute in self.base.attributes:
             if is_left_out(attribute) or len(attribute.data) != _count(self.base, attribute.domain):
                 continue
-            carried = self._uv_map(attribute) if attribute.name in uv_maps else self._generic(attribute)
-            if carried is not None:
-                write_attribute(mesh, attribute.name, attribute.data_type, attribute.domain, carried)
+            values = self._uv_map(attribute) if attribute.name in uv_maps else self._generic(attribute)
+            if values is not None:
+                write_attribute(mesh, attribute.name, attribute.data_type, attribute.domain, values)
             elif attribute.data_type == "STRING":
                 self._write_texts(mesh, attribute)
         for flag in FLAGS:
@@ -114,19 +114,19 @@ class Carrier:
         # What is split and joined again may not come back as it was, so vertices that stay keep theirs.
         return at_vertices(self.subdivided, values, at, self.subdivided.base_vertices >= 0)
 
-    def _interpolated(self, data_type: str, values: Values, ask: Callable[[Evaluate], Values]) -> Values:
-        """``values`` (C, D) at the base's corners, where ``ask`` wants them."""
+    def _interpolated(self, data_type: str, values: Values, sample: Callable[[Evaluate], Values]) -> Values:
+        """``values`` (C, D) at the base's corners, interpolated to the points of ``sample``."""
         if data_type == "QUATERNION":
-            return to_quaternions(self._linearly(to_rotation_vectors(values.astype(np.float64)), ask))
+            return to_quaternions(self._linearly(to_rotation_vectors(values.astype(np.float64)), sample))
         if data_type == "FLOAT4X4":
-            return join_transformations(self._linearly(split_transformations(values.astype(np.float64)), ask))
+            return join_transformations(self._linearly(split_transformations(values.astype(np.float64)), sample))
         if data_type == "BOOLEAN":
-            # True as soon as one corner with a say in it is, like the modifier.
-            return self._linearly(values.astype(np.float64), ask) > 0
-        return self._linearly(values.astype(np.float64), ask)
+            # True as soon as one corner with a weight is, like the modifier.
+            return self._linearly(values.astype(np.float64), sample) > 0
+        return self._linearly(values.astype(np.float64), sample)
 
-    def _linearly(self, values: Values, ask: Callable[[Evaluate], Values]) -> Values:
-        return ask(lambda points: interpolated(self.control, values, points))
+    def _linearly(self, values: Values, sample: Callable[[Evaluate], Values]) -> Values:
+        return sample(lambda points: interpolated(self.control, values, points))
 
     def _uv_map(self, attribute: bpy.types.Attribute) -> Values:
         uvs = _rows(attribute.data, TYPES["FLOAT2"])
@@ -215,7 +215,7 @@ class Carrier:
 
 
 def is_left_out(attribute: bpy.types.Attribute) -> bool:
-    """Whether an attribute is not carried over as it is: the mesh itself, results of ours, flags, custom normals."""
+    """Whether an attribute is not transferred as it is: the mesh itself, results of ours, flags, custom normals."""
     if attribute.name == CUSTOM_NORMAL:
         free = attribute.data_type == "FLOAT_VECTOR" and bpy.app.version >= FREE_NORMALS
         return free or (attribute.data_type, attribute.domain) == ("INT16_2D", "CORNER")

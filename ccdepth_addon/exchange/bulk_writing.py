@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Writing to Blender's data in bulk, and copies that can be written to.
+"""Write Blender's data in bulk, and make copies that can be written to.
 
-What is written in bulk to a library override is dropped without an error, and a copy of an override is an override.
+Blender silently drops what is written in bulk to a library override, and a copy of an override is an override.
 """
 
 from __future__ import annotations
@@ -18,8 +18,7 @@ Data = TypeVar("Data", bpy.types.Mesh, bpy.types.Object)
 
 @dataclass(frozen=True)
 class ValueType:
-    """How Blender's collections hand out the values of a type of attributes, what stands where there is none, and the
-    steps they are kept in."""
+    """How a type of attribute is read and written in bulk, its default, and the steps in which values are stored."""
 
     value: str
     dtype: type
@@ -106,7 +105,7 @@ def copy_without_keys(mesh: bpy.types.Mesh) -> bpy.types.Mesh:
     """A copy of a mesh, which may be an evaluated one, without its shape keys.
 
     The keys of an evaluated mesh are copied with it, but the copy does not have them: they would be left in the file,
-    and point to a mesh that is freed with the next evaluation. Whoever looks at them then crashes Blender.
+    and point to a mesh that is freed with the next evaluation. Reading them then crashes Blender.
     """
     before = {keys.session_uid for keys in bpy.data.shape_keys}
     copy = own_copy(mesh)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender object → control mesh: the polygon mesh whose Catmull-Clark surface is meant.
+"""Blender object → control mesh: the polygon mesh whose Catmull-Clark surface is used.
 
 That is the surface the object's Subdivision Surface modifier makes at its place in the stack. With several such
 modifiers it is the first of type Catmull-Clark that shows in the viewport, or else the first of that type; one of type
@@ -41,7 +41,7 @@ OBJECTS_AT_ONCE = 128
 VERTICES_AT_ONCE = 1 << 18
 
 # These take faces away. What others lose, they have merged into faces that count for one of their origins only.
-TAKING_FACES_AWAY = {"BOOLEAN", "BUILD", "MASK", "NODES", "WELD"}
+REMOVING_FACES = {"BOOLEAN", "BUILD", "MASK", "NODES", "WELD"}
 
 # These stand in the stack and leave the mesh as it is.
 NOT_SHAPING = {"COLLISION", "PARTICLE_SYSTEM"}
@@ -155,7 +155,7 @@ SharedMeshes = dict[tuple[int, SurfaceRule], MeshAsRead]
 
 
 def subdivision_modifier(blender_object: bpy.types.Object) -> bpy.types.Modifier | None:
-    """The modifier whose surface is meant, if there is one."""
+    """The modifier whose surface is used, if there is one."""
     found = [
         modifier
         for modifier in blender_object.modifiers
@@ -250,7 +250,7 @@ def base_mesh(
     shared: SharedMeshes | None = None,
     copies: FrozenCopies | None = None,
 ) -> Iterator[tuple[bpy.types.Mesh, ControlMesh]]:
-    """The Blender mesh whose Catmull-Clark surface is meant, with everything it carries, and its control mesh.
+    """The Blender mesh whose Catmull-Clark surface is used, with all its attributes, and its control mesh.
 
     In Object Mode. It is the object's own mesh, or where modifiers are counted in, a temporary one they have made.
     Unlike depths, a subdivision need not know which face of the object's own mesh each face comes from.
@@ -315,6 +315,15 @@ def own_mesh(blender_object: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
         bpy.data.meshes.remove(scratch)
 
 
+def mesh_face_count(mesh: bpy.types.Mesh) -> int:
+    """How many faces a mesh has; in Edit Mode those being edited."""
+    if not mesh.is_editmode:
+        return len(mesh.polygons)
+    import bmesh
+
+    return len(bmesh.from_edit_mesh(mesh).faces)
+
+
 def _take_over_lists(blender_object: bpy.types.Object, scratch: bpy.types.Mesh) -> None:
     """Give a mesh the object's vertex groups and materials, which its vertices and faces know by number alone:
     modifiers ask for them by name."""
@@ -322,7 +331,7 @@ def _take_over_lists(blender_object: bpy.types.Object, scratch: bpy.types.Mesh) 
         scratch.materials.append(material)
     if not blender_object.vertex_groups:
         return
-    # Blender lets nobody but an object make vertex groups.
+    # Only objects can make vertex groups.
     holder = bpy.data.objects.new(scratch.name, scratch)
     for group in blender_object.vertex_groups:
         holder.vertex_groups.new(name=group.name)
@@ -471,7 +480,7 @@ class FrozenCopies:
     def add(
         self, blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier], *, with_origins: bool
     ) -> None:
-        """Copy an object, with these of its modifiers, and with origins on its faces where they are asked for."""
+        """Copy an object, with these of its modifiers, and with origins on its faces where they are needed."""
         uid = blender_object.session_uid
         mesh = self._own_copy(blender_object, with_origins)
         names = {modifier.name for modifier in modifiers}
@@ -548,7 +557,7 @@ class FrozenCopies:
                 modifier.show_viewport = True
             for uid, modifier in shown.items():
                 before, present[uid] = present[uid], len(_present(self._read_origins(uid)))
-                if present[uid] < before and (present[uid] == 0 or modifier.type not in TAKING_FACES_AWAY):
+                if present[uid] < before and (present[uid] == 0 or modifier.type not in REMOVING_FACES):
                     losing.setdefault(uid, modifier)
         return losing
 

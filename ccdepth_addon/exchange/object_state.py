@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What a result depends on beside the mesh: the object's scale, its modifiers, and what those look at.
 
-Modifiers are described by walking through all their properties as Blender tells them, whatever their type and
-Blender's version: nothing is left out by its name alone, but for what Blender says of every modifier and every node
-about its own display. Nothing is evaluated: values that are animated or driven are those Blender evaluated last.
+Modifiers are described by all their RNA properties, whatever their type and Blender's version: nothing is left out by
+its name alone, but for how Blender displays every modifier and every node. Nothing is evaluated: animated and driven
+values are those Blender evaluated last.
 """
 
 from __future__ import annotations
@@ -104,7 +104,7 @@ def _fields(kind: type[bpy.types.bpy_struct]) -> tuple[str, ...]:
     elif issubclass(kind, bpy.types.Node):
         unread = _names("Node") - NODE_FIELDS
     elif issubclass(kind, bpy.types.ID):
-        # Its name is told by whoever looks at it; whether Blender shows it does not matter.
+        # Its name stands in the description of its user; how Blender displays it does not matter.
         unread = _names("ID") | {name for name in kind.bl_rna.properties.keys() if name.startswith("show_")}  # noqa: SIM118
     return tuple(
         each.identifier

@@ -116,8 +116,8 @@ def _put_back(mesh: bpy.types.Mesh, columns: dict[AttributeKind, NDArray[Any] | 
 def _choices_kept(mesh: bpy.types.Mesh) -> Iterator[None]:
     """The active attribute, and the colours displayed and rendered, are the same afterwards, unless they are gone.
 
-    Blender remembers the active one by its place, which others take. The first colour attribute of a mesh becomes the
-    one displayed and the one rendered: not without being asked.
+    Blender remembers the active attribute by its index, which changes. It makes the first colour attribute of a mesh
+    the one displayed and the one rendered: that is for the user to choose.
     """
     attributes = mesh.attributes
     colors = {name: getattr(attributes, name) for name in ("active_color_name", "default_color_name")}

@@ -8,15 +8,15 @@ from typing import ClassVar
 import bpy
 
 from ..state import properties
-from ..tasks.adaptive_task import SubdivisionSettings, SubdivisionTask, prepare_subdivision, subdivision_settings
+from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, adaptive_settings, prepare_adaptive
 from ..tasks.stepwise import Stage
 from . import edit_mode
 from .long_operator import LongOperator
-from .selected_meshes import hidden_fault, meshes_meant, name_fault, refuse
+from .selected_meshes import hidden_fault, name_fault, refuse, selected_meshes
 
 
-class SubdivisionOperator(LongOperator):
-    """An operator that makes subdivisions, or finds out what they would be like; it leaves Edit Mode meanwhile."""
+class AdaptiveOperator(LongOperator):
+    """An operator that makes adaptive meshes or counts their faces; it leaves Edit Mode while it runs."""
 
     SETTINGS: ClassVar[tuple[str, ...]] = ("tolerance_mode", "mode", "transitions", "use_modifiers", "max_faces")
 
@@ -24,15 +24,15 @@ class SubdivisionOperator(LongOperator):
     transitions: properties.transitions_property()
     max_faces: properties.max_faces_property()
 
-    def prepared(self, context: bpy.types.Context) -> Generator[Stage, None, list[SubdivisionTask]]:
-        """What there is to make, with Edit Mode left; yields how far it is. Raises ComputeError."""
-        objects = meshes_meant(context)
+    def prepared(self, context: bpy.types.Context) -> Generator[Stage, None, list[AdaptiveTask]]:
+        """Leave Edit Mode and read the objects: yields the stage, and returns the tasks. Raises ComputeError."""
+        objects = selected_meshes(context)
         refuse(objects, lambda obj: hidden_fault(obj) or self.object_fault(obj) or name_fault(obj))
         self._edited = edit_mode.leave(context)
-        return (yield from prepare_subdivision(context, objects, self.settings()))
+        return (yield from prepare_adaptive(context, objects, self.settings()))
 
     def object_fault(self, blender_object: bpy.types.Object) -> str | None:
-        """Why the object cannot have a result. Its mesh may be anybody's: nothing is written to it."""
+        """Why the object cannot have a result. Its mesh may be linked: nothing is written to it."""
         if not blender_object.is_editable:
             return "the object is linked from another file; make it local first"
         return None
@@ -41,5 +41,5 @@ class SubdivisionOperator(LongOperator):
         edit_mode.enter(context, getattr(self, "_edited", ()))
         self._edited = []
 
-    def settings(self) -> SubdivisionSettings:
-        return subdivision_settings(self, self.tolerance)
+    def settings(self) -> AdaptiveSettings:
+        return adaptive_settings(self, self.tolerance)

@@ -9,22 +9,22 @@ import bpy
 
 from ..exchange.control_mesh import applied_modifiers, subdivision_modifier
 from ..state import properties
-from ..tasks.adaptive_task import SubdivisionTask, subdivide_stepwise
+from ..tasks.adaptive_task import AdaptiveTask, subdivide_stepwise
 from ..tasks.stepwise import Stage
 from ..ui.printable import printable
 from .adaptive_objects import Made, make_meshes, place_meshes
-from .adaptive_operator import SubdivisionOperator
+from .adaptive_operator import AdaptiveOperator
 from .selected_meshes import count_text, without_mesh_text
 
 
-class CCDEPTH_OT_subdivide(SubdivisionOperator):
+class CCDEPTH_OT_subdivide(AdaptiveOperator):
     """Make the mesh that is within the tolerance of the limit surface with few faces, and without cracks.
     It takes the place of the Subdivision Surface modifier"""
 
     bl_idname = "ccdepth.subdivide"
     bl_label = "Apply Adaptive Subdivision"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
-    SETTINGS: ClassVar[tuple[str, ...]] = (*SubdivisionOperator.SETTINGS, "output", "exact_normals")
+    SETTINGS: ClassVar[tuple[str, ...]] = (*AdaptiveOperator.SETTINGS, "output", "exact_normals")
 
     output: properties.output_property()
     exact_normals: properties.exact_normals_property()
@@ -52,7 +52,7 @@ class CCDEPTH_OT_subdivide(SubdivisionOperator):
             self.report({"INFO"}, skipped)
         for note in self._notes:
             self.report({"WARNING"}, printable(note))
-        results = [made.subdivision.adaptive for made in answer]
+        results = [made.result.adaptive for made in answer]
         faces = count_text(sum(len(each.depths) for each in results), "face", "faces")
         objects_text = f"{len(objects)} objects, " if len(objects) > 1 else ""
         deepest = max(int(each.depths.max(initial=0)) for each in results)
@@ -60,8 +60,8 @@ class CCDEPTH_OT_subdivide(SubdivisionOperator):
         return {"FINISHED"}
 
 
-def _notes(task: SubdivisionTask, use_modifiers: bool) -> list[str]:
-    """What is lost or not promised, as far as shape keys are concerned."""
+def _notes(task: AdaptiveTask, use_modifiers: bool) -> list[str]:
+    """What happens to shape keys that a user would not expect."""
     blender_object = bpy.data.objects[task.object_names[0]]
     keys = blender_object.data.shape_keys
     if keys is None:

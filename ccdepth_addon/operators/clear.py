@@ -8,7 +8,7 @@ import bpy
 from ..exchange.bulk_writing import is_writable
 from ..state import results
 from ..ui import heat_map
-from .selected_meshes import meshes_meant, poll_meshes
+from .selected_meshes import poll_meshes, selected_meshes
 
 
 class CCDEPTH_OT_clear(bpy.types.Operator):
@@ -23,7 +23,7 @@ class CCDEPTH_OT_clear(bpy.types.Operator):
         return poll_meshes(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        meshes = {obj.data for obj in meshes_meant(context) if is_writable(obj.data)}
+        meshes = {obj.data for obj in selected_meshes(context) if is_writable(obj.data)}
         cleared = [mesh for mesh in meshes if results.has_traces(mesh)]
         if not cleared:
             self.report({"INFO"}, "There is nothing to clear")

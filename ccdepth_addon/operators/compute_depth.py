@@ -9,15 +9,15 @@ import bpy
 
 from ..core import needed_quality
 from ..exchange.bulk_writing import WriteError
-from ..exchange.control_mesh import subdivision_modifier
+from ..exchange.control_mesh import mesh_face_count, subdivision_modifier
 from ..state import fingerprint, properties, results, staleness
-from ..tasks.depth_task import MeshDepths, Settings, compute_stepwise, count_faces, prepare_stepwise
+from ..tasks.depth_task import DepthSettings, MeshDepths, compute_stepwise, prepare_stepwise
 from ..tasks.stepwise import Stage
 from ..tasks.surfaces import ComputeError, as_typed
 from ..ui import heat_map
 from ..ui.printable import printable
 from .long_operator import LongOperator
-from .selected_meshes import count_text, meshes_meant, refuse_what_cannot_be_written, without_mesh_text
+from .selected_meshes import count_text, refuse_what_cannot_be_written, selected_meshes, without_mesh_text
 
 
 class CCDEPTH_OT_compute(LongOperator):
@@ -32,7 +32,7 @@ class CCDEPTH_OT_compute(LongOperator):
     vertices: properties.vertices_property()
 
     def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, list[MeshDepths]]:
-        objects = meshes_meant(context)
+        objects = selected_meshes(context)
         refuse_what_cannot_be_written(objects)
         tasks = yield from prepare_stepwise(context, objects, self._settings())
         return (yield from compute_stepwise(tasks))
@@ -54,8 +54,10 @@ class CCDEPTH_OT_compute(LongOperator):
         self._report(context, answer)
         return {"FINISHED"}
 
-    def _settings(self) -> Settings:
-        return Settings(as_typed(self.tolerance), self.tolerance_mode, self.use_modifiers, self.method, self.vertices)
+    def _settings(self) -> DepthSettings:
+        return DepthSettings(
+            as_typed(self.tolerance), self.tolerance_mode, self.use_modifiers, self.method, self.vertices
+        )
 
     def _report(self, context: bpy.types.Context, answers: list[MeshDepths]) -> None:
         skipped = without_mesh_text(context)
@@ -72,7 +74,7 @@ class CCDEPTH_OT_compute(LongOperator):
 
 
 def _meshes_still_there(answers: list[MeshDepths]) -> list[bpy.types.Mesh]:
-    """The answers' meshes. Raises ComputeError unless all of them, and their objects, are there as they were."""
+    """The meshes of the answers. Raises ComputeError when one of them or of their objects has changed meanwhile."""
     meshes = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
     objects = {obj.name: obj for obj in bpy.data.objects if obj.library is None}
     found = []
@@ -81,7 +83,7 @@ def _meshes_still_there(answers: list[MeshDepths]) -> list[bpy.types.Mesh]:
         users = [objects.get(name) for name in answer.task.object_names]
         if (
             mesh is None
-            or count_faces(mesh) != answer.task.face_count
+            or mesh_face_count(mesh) != answer.task.face_count
             or not all(user is not None and user.data == mesh for user in users)
         ):
             raise ComputeError("The meshes were changed in the meantime: nothing was written")
@@ -90,21 +92,21 @@ def _meshes_still_there(answers: list[MeshDepths]) -> list[bpy.types.Mesh]:
 
 
 def _modifier_notes(answer: MeshDepths) -> list[str]:
-    """What the modifiers do to faces that the numbers on the mesh cannot show."""
+    """What modifiers do to faces that the depths on the mesh cannot show."""
     notes = []
     if answer.added_faces:
         faces = count_text(answer.added_faces, "face", "faces")
         notes.append(
             f"modifiers add {faces} that come from no face of the mesh; the deepest needs {answer.added_deepest}"
         )
-    if answer.taken_faces:
-        faces = count_text(answer.taken_faces, "face", "faces")
+    if answer.removed_faces:
+        faces = count_text(answer.removed_faces, "face", "faces")
         notes.append(f"modifiers take {faces} away; their depth is 0")
     return notes
 
 
 def _quality_notes(answer: MeshDepths) -> list[str]:
-    """Which objects' own modifiers show the limit surface at a Quality that is too low for their levels."""
+    """Which Subdivision Surface modifiers have a Quality that is too low for Use Limit Surface at their levels."""
     notes = []
     surfaces = {measurement.surface.object_name: measurement.surface for measurement in answer.task.measurements}
     any_surface = answer.task.measurements[0].surface

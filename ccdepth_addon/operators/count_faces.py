@@ -7,14 +7,14 @@ from typing import ClassVar
 import bpy
 
 from ..state import face_counts, viewports
-from ..tasks.adaptive_task import FaceCount, SubdivisionTask, count_stepwise, too_many_text
+from ..tasks.adaptive_task import AdaptiveTask, FaceCount, count_stepwise, too_many_text
 from ..tasks.stepwise import Stage
 from ..ui.printable import printable
-from .adaptive_operator import SubdivisionOperator
+from .adaptive_operator import AdaptiveOperator
 from .selected_meshes import count_text
 
 
-class CCDEPTH_OT_count_faces(SubdivisionOperator):
+class CCDEPTH_OT_count_faces(AdaptiveOperator):
     """Find out how many faces Apply Adaptive Subdivision would make of the selected objects, and change nothing"""
 
     bl_idname = "ccdepth.count_faces"
@@ -23,14 +23,14 @@ class CCDEPTH_OT_count_faces(SubdivisionOperator):
 
     def start(
         self, context: bpy.types.Context
-    ) -> Generator[Stage | int, None, tuple[list[SubdivisionTask], list[FaceCount]]]:
+    ) -> Generator[Stage | int, None, tuple[list[AdaptiveTask], list[FaceCount]]]:
         tasks = yield from self.prepared(context)
         return tasks, (yield from count_stepwise(tasks, self.settings()))
 
     def progress_text(self, progress: int) -> str:
         return f"Counting faces: {progress:,} so far"
 
-    def finish(self, context: bpy.types.Context, answer: tuple[list[SubdivisionTask], list[FaceCount]]) -> set[str]:
+    def finish(self, context: bpy.types.Context, answer: tuple[list[AdaptiveTask], list[FaceCount]]) -> set[str]:
         tasks, counts = answer
         self.leave(context)
         # What was evaluated for counting must not look like a change of the objects.

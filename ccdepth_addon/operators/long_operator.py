@@ -17,19 +17,19 @@ from ..tasks.surfaces import ComputeError
 from ..ui.printable import printable_lines
 from .selected_meshes import poll_meshes
 
-# Seconds of work before the interface gets control back: once at the start, and then again and again.
+# Seconds of work before Blender handles events: at the start, and at each tick of the timer.
 PATIENCE_AT_START = 0.5
 PATIENCE_AT_EACH_TICK = 0.1
 SECONDS_BETWEEN_TICKS = 0.01
 
-# Looking around is allowed meanwhile.
+# While it runs, the view may be moved.
 NAVIGATION_EVENTS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MOUSEMOVE", "TRACKPADPAN", "TRACKPADZOOM"}
 
 
 class LongOperator(bpy.types.Operator):
-    """An operator that works in steps: at once from a script, and from the window with progress, until Esc.
+    """An operator that works in steps: at once from a script; from the window with progress, and Esc cancels it.
 
-    Settings that the caller leaves open come from the scene, where panels show them under the same names.
+    Settings that the caller does not set come from the scene, which has them under the same names.
     """
 
     # Beside the tolerance itself.
@@ -38,13 +38,13 @@ class LongOperator(bpy.types.Operator):
     # Seconds of work at each tick of the timer.
     PATIENCE: ClassVar[float] = PATIENCE_AT_EACH_TICK
 
-    # The work, while there is any. Blender keeps operators that have run, and the work must not be kept with them.
+    # None unless it runs: Blender keeps operators that have run, and would keep their work with them.
     _run: Stepwise[Any, Any] | None = None
 
     tolerance: properties.absolute_tolerance_property()
     tolerance_mode: properties.tolerance_mode_property()
     use_modifiers: properties.use_modifiers_property()
-    # The same number for the redo panel, where a part of a diagonal must not be shown in metres.
+    # The same number for the redo panel, where a fraction of the diagonal must not be shown in metres.
     relative_tolerance: FloatProperty(
         name="Tolerance",
         description=properties.RELATIVE_DESCRIPTION,
@@ -62,7 +62,7 @@ class LongOperator(bpy.types.Operator):
         return poll_meshes(cls, context)
 
     def start(self, context: bpy.types.Context) -> Generator[Any, None, Any]:
-        """Read everything, and hand out the steps of the work, which yield its progress. Raises ComputeError."""
+        """Read the objects, and return the work as steps that yield its progress. Raises ComputeError."""
         raise NotImplementedError
 
     def finish(self, context: bpy.types.Context, answer: Any) -> set[str]:
@@ -74,7 +74,7 @@ class LongOperator(bpy.types.Operator):
         raise NotImplementedError
 
     def leave(self, context: bpy.types.Context) -> None:
-        """Put back what ``start`` changed for the time of the work; called however it ends."""
+        """Put back what ``start`` changed while it runs; called however it ends."""
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         return self._begin(context, np.inf) or {"CANCELLED"}
@@ -130,7 +130,7 @@ class LongOperator(bpy.types.Operator):
         return self._go_on(context, seconds)
 
     def _go_on(self, context: bpy.types.Context, seconds: float) -> set[str] | None:
-        """Work for a while; what the operator returns when it has ended, and None when there is more to do."""
+        """Work for so long; returns what the operator returns at its end, and None before."""
         try:
             if self._run is None:
                 self._run = Stepwise(self.start(context))
@@ -163,7 +163,7 @@ class LongOperator(bpy.types.Operator):
         context.workspace.status_text_set(None)
 
     def _take_settings(self, settings: bpy.types.PropertyGroup) -> None:
-        """Fill in from the scene what the caller left open."""
+        """Read from the scene what the caller did not set."""
         for name in self.SETTINGS:
             if not self.properties.is_property_set(name):
                 setattr(self, name, getattr(settings, name))
@@ -171,7 +171,7 @@ class LongOperator(bpy.types.Operator):
             self.tolerance = getattr(settings, properties.tolerance_name(self.tolerance_mode))
 
     def _keep_settings(self, settings: bpy.types.PropertyGroup) -> None:
-        """Let the panel show what was chosen in the redo panel."""
+        """Write to the scene what was chosen in the redo panel."""
         for name in self.SETTINGS:
             setattr(settings, name, getattr(self, name))
         setattr(settings, properties.tolerance_name(self.tolerance_mode), self.tolerance)

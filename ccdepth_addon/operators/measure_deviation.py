@@ -11,9 +11,9 @@ import bpy
 
 from ..core import InvalidMeshError
 from ..exchange.bulk_writing import WriteError
+from ..exchange.control_mesh import mesh_face_count
 from ..state import deviation_results, measured_state, properties, staleness
 from ..state.deviation_results import Verdict
-from ..tasks.depth_task import count_faces
 from ..tasks.deviation_task import MeasureSettings, MeasureTask, MeshDeviation, measure, prepare_measurement
 from ..tasks.surfaces import ComputeError, as_typed
 from ..ui import heat_map
@@ -21,7 +21,7 @@ from ..ui.lengths import Rounding, length_text
 from ..ui.printable import printable
 from . import worker
 from .long_operator import LongOperator
-from .selected_meshes import meshes_meant, refuse_what_cannot_be_written, without_mesh_text
+from .selected_meshes import refuse_what_cannot_be_written, selected_meshes, without_mesh_text
 
 CHANGED = "The objects were changed in the meantime: nothing was written"
 
@@ -35,14 +35,14 @@ class CCDEPTH_OT_measure(LongOperator):
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
     SETTINGS: ClassVar[tuple[str, ...]] = ("tolerance_mode", "accuracy", "time_limit", "use_modifiers")
 
-    # The work has a thread of its own, and the window can have nearly all the time of this one.
+    # The work runs in a thread, and leaves nearly all the time of this one to the window.
     PATIENCE: ClassVar[float] = worker.SECONDS_TO_WAIT
 
     accuracy: properties.accuracy_property()
     time_limit: properties.time_limit_property()
 
     def start(self, context: bpy.types.Context) -> Generator[float, None, list[MeshDeviation]]:
-        target, objects = _meant(context)
+        target, objects = _target_and_measured(context)
         refuse_what_cannot_be_written(objects)
         settings = self._settings()
         task = prepare_measurement(context, objects, target, settings)
@@ -90,9 +90,9 @@ class CCDEPTH_OT_measure(LongOperator):
             self.report({"INFO"}, f"{name}{deviation_text(context.scene, each)}")
 
 
-def _meant(context: bpy.types.Context) -> tuple[bpy.types.Object, list[bpy.types.Object]]:
-    """The object whose limit surface is meant, and those to measure. Raises ComputeError."""
-    objects = meshes_meant(context)
+def _target_and_measured(context: bpy.types.Context) -> tuple[bpy.types.Object, list[bpy.types.Object]]:
+    """The object whose limit surface counts, and the objects to measure. Raises ComputeError."""
+    objects = selected_meshes(context)
     if len(objects) == 1:
         return objects[0], objects
     target = context.active_object
@@ -117,18 +117,18 @@ def _measured(
 
 
 def _still_there(answer: MeshDeviation) -> bpy.types.Object:
-    """The object to write the answer to. Raises ComputeError when the objects are no longer what they were."""
+    """The object to write the answer to. Raises ComputeError when one of the objects has changed since it was read."""
     objects = [bpy.data.objects.get(name) for name in [*answer.object_names, answer.against]]
     if any(each is None or each.type != "MESH" for each in objects):
         raise ComputeError(CHANGED)
     mesh = objects[0].data
-    if mesh.session_uid != answer.mesh_uid or count_faces(mesh) != len(answer.deviations):
+    if mesh.session_uid != answer.mesh_uid or mesh_face_count(mesh) != len(answer.deviations):
         raise ComputeError(CHANGED)
     return objects[0]
 
 
 def deviation_text(scene: bpy.types.Scene, answer: MeshDeviation) -> str:
-    """What was found, as a modeller says it."""
+    """The report of a measurement."""
     verdict = deviation_results.verdict(answer.proved, answer.reached, answer.tolerance)
     most = length_text(scene, answer.proved, Rounding.UP)
     least = length_text(scene, answer.reached, Rounding.DOWN)

@@ -9,7 +9,7 @@ from bpy.props import BoolProperty, EnumProperty, IntProperty
 
 from ..state import results
 from . import face_selection
-from .selected_meshes import count_text, meshes_meant, poll_meshes
+from .selected_meshes import count_text, poll_meshes, selected_meshes
 
 
 class CCDEPTH_OT_select(bpy.types.Operator):
@@ -36,13 +36,13 @@ class CCDEPTH_OT_select(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         if not poll_meshes(cls, context):
             return False
-        if not any(results.has_result(obj.data) for obj in meshes_meant(context)):
+        if not any(results.has_result(obj.data) for obj in selected_meshes(context)):
             cls.poll_message_set("Compute Depth first")
             return False
         return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        meshes = {obj.data for obj in meshes_meant(context) if results.has_result(obj.data)}
+        meshes = {obj.data for obj in selected_meshes(context) if results.has_result(obj.data)}
         faults = [
             f"{mesh.name}: the mesh has an attribute called “{name}” that is no selection; remove it first"
             for mesh in meshes

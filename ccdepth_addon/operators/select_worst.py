@@ -11,13 +11,13 @@ import numpy as np
 from bpy.props import BoolProperty
 from mathutils import Vector
 
+from ..exchange.control_mesh import mesh_face_count
 from ..state import results
-from ..tasks.depth_task import count_faces
 from ..ui.printable import printable
 from . import face_selection
-from .selected_meshes import meshes_meant, poll_meshes
+from .selected_meshes import poll_meshes, selected_meshes
 
-# How much of its surroundings a framed face is shown with, in parts of its own size.
+# A framed face is shown with its surroundings: so many times its own size.
 SURROUNDINGS = 6.0
 
 
@@ -54,7 +54,7 @@ class CCDEPTH_OT_select_worst(bpy.types.Operator):
                 f"{printable(worst.name)}: it is worst on a face that modifiers add, which no face stands for",
             )
             return {"FINISHED"} if self.frame else {"CANCELLED"}
-        if count_faces(mesh) != found.faces:
+        if mesh_face_count(mesh) != found.faces:
             self.report({"ERROR"}, f"{printable(worst.name)}: the mesh has changed; measure it again")
             return {"CANCELLED"}
         if not face_selection.select_face(mesh, found.worst_face):
@@ -66,11 +66,11 @@ class CCDEPTH_OT_select_worst(bpy.types.Operator):
 
 
 def _measured_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
-    return [each for each in meshes_meant(context) if results.has_deviation(each.data)]
+    return [each for each in selected_meshes(context) if results.has_deviation(each.data)]
 
 
 def _frame(context: bpy.types.Context, worst: bpy.types.Object) -> None:
-    """Move the 3D View that is being used, or else all of them, to the worst place of an object."""
+    """Move the 3D View the operator was called from, or else all of them, to the worst place of an object."""
     found = worst.data.ccdepth.measurement
     place = Vector(found.worst_point)
     size = SURROUNDINGS * _face_size(worst, found.worst_face)
@@ -92,7 +92,7 @@ def _regions(context: bpy.types.Context) -> list[bpy.types.RegionView3D]:
 def _face_size(worst: bpy.types.Object, face: int) -> float:
     """The size in the scene of a face of the object's mesh, or of the object where there is no such face."""
     box = np.array(worst.bound_box)
-    if 0 <= face < count_faces(worst.data):
+    if 0 <= face < mesh_face_count(worst.data):
         box = face_selection.face_points(worst.data, face)
     place = np.array(worst.matrix_world, dtype=np.float64)[:3, :3]
     return float(np.linalg.norm(np.ptp(box @ place.T, axis=0)))

@@ -12,7 +12,7 @@ from ..exchange.result_attributes import conflict
 from ..tasks.surfaces import ComputeError
 
 
-def meshes_meant(context: bpy.types.Context) -> list[bpy.types.Object]:
+def selected_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The mesh objects an operator works on: the selected ones, or the active one when nothing is selected.
 
     In Edit Mode they are those in it, and selected ones that share a mesh with them: undo covers no others there.
@@ -29,7 +29,7 @@ def poll_meshes(cls: Any, context: bpy.types.Context) -> bool:
     if context.mode not in {"OBJECT", "EDIT_MESH"}:
         cls.poll_message_set("Works in Object Mode and in Edit Mode")
         return False
-    if not meshes_meant(context):
+    if not selected_meshes(context):
         cls.poll_message_set("Select a mesh object")
         return False
     return True
@@ -40,7 +40,7 @@ def count_text(number: int, one: str, many: str) -> str:
 
 
 def without_mesh_text(context: bpy.types.Context) -> str:
-    """What to tell of selected objects that are no meshes; empty when there are none."""
+    """A report about selected objects that are no meshes; empty when there are none."""
     skipped = sum(obj.type != "MESH" for obj in context.selected_objects)
     return f"Skipped {count_text(skipped, 'selected object', 'selected objects')} without a mesh" if skipped else ""
 

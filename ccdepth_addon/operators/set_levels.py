@@ -8,7 +8,7 @@ import bpy
 from ..exchange.control_mesh import subdivision_modifier
 from ..state import results, staleness
 from ..ui.printable import printable_lines
-from .selected_meshes import count_text, meshes_meant, poll_meshes
+from .selected_meshes import count_text, poll_meshes, selected_meshes
 
 
 class CCDEPTH_OT_set_levels(bpy.types.Operator):
@@ -22,13 +22,13 @@ class CCDEPTH_OT_set_levels(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         if not poll_meshes(cls, context):
             return False
-        if not any(_has_depths(obj) for obj in meshes_meant(context)):
+        if not any(_has_depths(obj) for obj in selected_meshes(context)):
             cls.poll_message_set("Compute Depth first")
             return False
         return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        objects = meshes_meant(context)
+        objects = selected_meshes(context)
         most_faces = context.scene.ccdepth.max_faces
         stale = set(staleness.out_of_date(context, objects))
         faults = [f"{obj.name}: {fault}" for obj in objects if (fault := _levels_fault(obj, obj in stale, most_faces))]

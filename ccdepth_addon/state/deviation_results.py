@@ -25,7 +25,7 @@ class Verdict(Enum):
 
 
 def verdict(proved: float, reached: float, tolerance: float) -> Verdict:
-    """What a proved and a reached distance say about a tolerance."""
+    """Whether a tolerance is met, from a proved and a reached distance."""
     if proved <= tolerance:
         return Verdict.MET
     return Verdict.NOT_MET if reached > tolerance else Verdict.UNDECIDED
@@ -78,8 +78,8 @@ def _top(color_range: str, tolerance: float, largest: float) -> float:
 
 
 def shown_object(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The object whose deviation is to be told: the active one if it was measured last, or else, of the selected ones
-    that were measured against it, the worst."""
+    """The object whose deviation is shown: the active one if it was measured last, or else the worst of the selected
+    ones that were measured against it."""
     active = context.active_object
     if active is None or active.type != "MESH":
         return None

@@ -11,17 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import BoolArray, FloatArray
-from ..exchange.control_mesh import own_mesh, read_values
+from ..exchange.control_mesh import mesh_face_count, own_mesh, read_values
 from ..exchange.mesh_checksums import continued, geometry_checksum
 from ..exchange.object_state import KnownDescriptions, ObjectState, object_state
 from ..exchange.result_attributes import DEPTH
-from ..tasks.depth_task import count_faces
 from . import results
 
 # How far, relatively, an object's scale may drift by rounding while it is turned.
 SCALE_DRIFT = 1e-5
 
-# Scales that are nearer to each other than this part of it are taken for one.
+# Scales nearer to each other than this fraction of it count as one.
 CELL_SIZE = 0.1
 
 # The trace of AᵀA, as a product with its upper triangle.
@@ -30,8 +29,8 @@ TRACE = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class Examination:
-    """What became of a result: whether its mesh, or an object it was computed for, has changed, and which objects use
-    the mesh that it was not computed for, or are no longer like those it was computed for."""
+    """Whether a result's mesh, or an object it was computed for, has changed; and which objects use the mesh that the
+    result was not computed for, or that have changed since."""
 
     has_changed: bool
     uncovered: list[bpy.types.Object]
@@ -77,7 +76,7 @@ def examine(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object], known: Know
     recorded = _by_checksum((each.checksum, each.gram) for each in record.contributors)
     is_intact = (
         bool(users)
-        and count_faces(mesh) == record.faces
+        and mesh_face_count(mesh) == record.faces
         and mesh_checksum(users[0]) == record.fingerprint
         and all(_are_among(scales, present.get(checksum)).all() for checksum, scales in recorded.items())
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a measurement depends on, in its record, and whether that is still what is there."""
+"""What a measurement depends on, as checksums in its record, and whether that has changed."""
 
 from __future__ import annotations
 
@@ -7,12 +7,11 @@ import bpy
 import numpy as np
 
 from ..core import FloatArray
-from ..exchange.control_mesh import own_mesh, read_values
+from ..exchange.control_mesh import mesh_face_count, own_mesh, read_values
 from ..exchange.mesh_checksums import continued, geometry_checksum
 from ..exchange.object_state import object_state, shown_checksum
 from ..exchange.result_attributes import DEVIATION
 from ..exchange.shown_mesh import shown_modifiers
-from ..tasks.depth_task import count_faces
 
 # How far, in parts of the largest number, a placement may drift by rounding while both objects are moved together.
 DRIFT = 2e-6
@@ -27,12 +26,12 @@ def remember(measured: bpy.types.Object) -> None:
 
 
 def has_changed(mesh: bpy.types.Mesh) -> bool:
-    """Whether the objects of the mesh's measurement are no longer as its record tells."""
+    """Whether the objects of the mesh's measurement differ from its record."""
     found = mesh.ccdepth.measurement
     measured, against = bpy.data.objects.get(found.measured), bpy.data.objects.get(found.against)
     if measured is None or against is None or measured.data != mesh or against.type != "MESH":
         return True
-    if count_faces(mesh) != found.faces:
+    if mesh_face_count(mesh) != found.faces:
         return True
     recorded, present = np.array(found.placement, dtype=np.float64), _placement(measured, against)
     if np.abs(recorded - present).max() > DRIFT * np.abs(recorded).max():

@@ -21,8 +21,8 @@ from ..exchange.result_attributes import (
     remove_all,
     write_face_values,
 )
-from ..tasks.adaptive_task import Subdivision, SubdivisionSettings
-from ..tasks.depth_task import MeshDepths, Settings
+from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
+from ..tasks.depth_task import DepthSettings, MeshDepths
 from ..tasks.surfaces import SurfaceSettings
 from .colors import depth_colors, to_linear
 
@@ -48,7 +48,7 @@ def has_any(mesh: bpy.types.Mesh) -> bool:
 
 
 def has_heat_map(mesh: bpy.types.Mesh) -> bool:
-    """Whether the mesh holds our colours; a subdivision has depths, and none of them."""
+    """Whether the mesh holds our colours; an adaptive mesh has depths and no colours."""
     return has_any(mesh) and has_values(mesh, COLOR_KIND)
 
 
@@ -68,7 +68,7 @@ def has_traces(mesh: bpy.types.Mesh) -> bool:
 
 
 def write_result(
-    mesh: bpy.types.Mesh, answer: MeshDepths, settings: Settings, least_color_depth: int, deepest_color_depth: int
+    mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSettings, least_color_depth: int, deepest_color_depth: int
 ) -> None:
     """Put the answer on its mesh: attributes, with the heat map's colours between these two depths, and record.
 
@@ -93,9 +93,8 @@ def write_result(
     record.uniform_faces = str(answer.uniform_faces)
 
 
-def write_subdivision(mesh: bpy.types.Mesh, answer: Subdivision, settings: SubdivisionSettings) -> None:
-    """Put what is known of a subdivision on its mesh, in Object Mode: attributes and record, and no colours: the mesh
-    is there to be used."""
+def write_adaptive(mesh: bpy.types.Mesh, answer: AdaptiveResult, settings: AdaptiveSettings) -> None:
+    """Write depths, bounds and record of an adaptive mesh, in Object Mode; no colours: the mesh is there to be used."""
     depths, bounds = answer.adaptive.depths, rounded_up(answer.bounds)
     write_face_values(mesh, {DEPTH_KIND: depths, BOUND_KIND: bounds})
     record = _new_record(mesh, depths, settings)
@@ -147,7 +146,7 @@ def show_color(mesh: bpy.types.Mesh, show: bool) -> None:
 
 
 def keep_from_painting(mesh: bpy.types.Mesh) -> None:
-    """See to it that our colours are not the active ones, which are painted on, whoever has made them that."""
+    """Make colours of the user's the active ones, which are painted on, if ours are."""
     attributes = mesh.attributes
     if attributes.active_color_name == COLOR:
         attributes.active_color_name = color_of_user(mesh, COLOR)
@@ -155,7 +154,7 @@ def keep_from_painting(mesh: bpy.types.Mesh) -> None:
 
 
 def remember_same_colors(source: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
-    """Let a mesh that modifiers have made of another know which colours were displayed before ours."""
+    """Record on a mesh that modifiers made of another which colours were displayed before ours."""
     mesh.ccdepth.active_color_taken = source.ccdepth.active_color_taken
     mesh.ccdepth.previous_active_color = source.ccdepth.previous_active_color
 

@@ -10,7 +10,7 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
 from ..exchange.bulk_writing import is_writable
 from . import deviation_results, properties, results, viewports
 
-# Called with the context when the heat map is switched on or off; whoever shows it registers here.
+# Called with the context when the heat map is switched on or off; the interface registers here.
 heat_map_listeners: list[Callable[[bpy.types.Context], None]] = []
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Noticing that a result is stale, without computing anything while the interface is drawn.
+"""Which results are stale, found without computing anything while the interface is drawn.
 
-A handler only notes which meshes with a result were touched. Some time later a timer examines them, and keeps the
-answer until they are touched again. Operators that rely on a result examine it themselves, by the same function.
+A handler only notes which meshes with a result were touched. A timer examines them later and keeps the answer until
+they are touched again. Operators that rely on a result examine it themselves, by the same function.
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
+from ..exchange.control_mesh import mesh_face_count
 from ..exchange.object_state import KnownDescriptions
 from ..registration import add_handlers, remove_handlers
-from ..tasks.depth_task import count_faces
 from . import fingerprint, measured_state, results, viewports
 
 # Seconds without a change before checksums are compared.
@@ -63,7 +63,7 @@ def _note_target(mesh: bpy.types.Mesh) -> None:
 
 
 def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:
-    """Those among the objects whose results no longer hold, examined now; the panel is told the same."""
+    """Those of the objects whose results no longer hold, examined now; panels show the same."""
     context.view_layer.update()
     _examine({blender_object.data.session_uid for blender_object in objects})
     return [holder for holder in objects if is_stale(holder.data) or is_uncovered(holder)]
@@ -131,7 +131,7 @@ def _users_of_results(uids: set[int]) -> dict[bpy.types.Mesh, list[bpy.types.Obj
 
 
 def touch(mesh: bpy.types.Mesh) -> None:
-    """Have the mesh's result checked soon."""
+    """Examine the mesh's result soon."""
     _touch({mesh.session_uid})
 
 
@@ -160,7 +160,7 @@ def _notice_update(mesh: bpy.types.Mesh, geometry: bool) -> None:
     own_write = geometry and mesh.session_uid in _own_writes
     if geometry:
         _own_writes.discard(mesh.session_uid)
-    if not mesh.is_editmode or count_faces(mesh) <= LARGEST_EDITED_FACE_COUNT:
+    if not mesh.is_editmode or mesh_face_count(mesh) <= LARGEST_EDITED_FACE_COUNT:
         touch(mesh)
     elif geometry and not own_write:
         _stale.add(mesh.session_uid)
@@ -169,8 +169,8 @@ def _notice_update(mesh: bpy.types.Mesh, geometry: bool) -> None:
 
 @persistent
 def _touch_everything(*_: Any) -> None:
-    """After undo, redo and loading, which may replace data as a whole, and after a change of the frame: Blender tells
-    of no update of what is animated."""
+    """After undo, redo and loading, which may replace data as a whole, and after a change of the frame: Blender
+    reports no updates of what is animated."""
     for mesh in bpy.data.meshes:
         if results.has_any(mesh):
             _note_target(mesh)

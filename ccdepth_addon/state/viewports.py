@@ -58,7 +58,7 @@ def pause(shading: bpy.types.View3DShading) -> None:
 
 
 def redraw(context: bpy.types.Context) -> None:
-    """Have every 3D View drawn again, with its sidebar."""
+    """Redraw every 3D View, with its sidebar."""
     manager = context.window_manager
     for window in manager.windows if manager else ():
         for area in window.screen.areas:
@@ -72,7 +72,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    # Without these properties nobody would know any more what the viewports were like.
+    # What the viewports looked like is lost with these properties.
     restore_all()
     del bpy.types.View3DShading.ccdepth
     bpy.utils.unregister_class(ViewportMemory)

@@ -27,7 +27,7 @@ _painted: set[int] = set()
 def synchronise(context: bpy.types.Context) -> None:
     """Make meshes and viewports show the heat map when there is one to show, and put them back when not.
 
-    A viewport is switched once; whoever changes its shading afterwards has the last word.
+    A viewport is switched once; when the user changes its shading afterwards, it stays so.
     """
     scene = context.scene
     if scene is None:
@@ -61,7 +61,7 @@ def _show(mesh: bpy.types.Mesh, wanted: bool, painted: bool) -> None:
 
 @persistent
 def _notice_painting(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Have the heat map make way when an object is going to be painted, and come back afterwards."""
+    """Hide the heat map while an object is painted, and show it again afterwards."""
     changed = False
     for update in depsgraph.updates:
         original = update.id.original

@@ -64,7 +64,7 @@ def legend_rows(record: bpy.types.PropertyGroup, most: int) -> list[LegendRow]:
 
 
 def draw() -> None:
-    """Draw the legend in the region being drawn, if it has anything to say there."""
+    """Draw the legend in the current region, if there is anything to show."""
     context = bpy.context
     if not (context.scene.ccdepth.show_legend and context.space_data.overlay.show_overlays):
         return

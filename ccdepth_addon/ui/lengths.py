@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lengths as people read them: in the scene's units, with few digits, and rounded to the side that keeps them true."""
+"""Lengths as text: in the scene's units, with few digits, and rounded so that bounds stay bounds."""
 
 from __future__ import annotations
 

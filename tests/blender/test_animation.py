@@ -177,7 +177,7 @@ def test_a_change_while_depths_are_being_computed_is_noticed() -> None:
     holder = scene.add_object(meshes.landscape(8, 8))
     bpy.context.view_layer.update()
     computation = addon.module("tasks.depth_task")
-    settings = computation.Settings(0.01, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
+    settings = computation.DepthSettings(0.01, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
     run = addon.module("tasks.stepwise").Stepwise(computation.prepare_stepwise(bpy.context, [holder], settings))
     run.work()
     tasks = run.answer

@@ -235,7 +235,7 @@ def test_edit_mode_stays_when_something_is_refused() -> None:
 @pytest.mark.parametrize(
     ("operator", "module", "name"),
     [
-        ("subdivide", "operators.adaptive_operator", "prepare_subdivision"),
+        ("subdivide", "operators.adaptive_operator", "prepare_adaptive"),
         ("subdivide", "operators.apply_adaptive", "subdivide_stepwise"),
         ("subdivide", "operators.apply_adaptive", "make_meshes"),
         ("subdivide", "operators.apply_adaptive", "place_meshes"),
@@ -420,8 +420,8 @@ def test_giving_up_leaves_everything_as_it_was() -> None:
     addon.select(holder)
     subdivision = addon.module("tasks.adaptive_task")
     before = everything_in_the_file()
-    settings = subdivision.SubdivisionSettings(1e-5, "RELATIVE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
-    tasks = result_of(subdivision.prepare_subdivision(bpy.context, [holder], settings))
+    settings = subdivision.AdaptiveSettings(1e-5, "RELATIVE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
+    tasks = result_of(subdivision.prepare_adaptive(bpy.context, [holder], settings))
     run = addon.module("tasks.stepwise").Stepwise(subdivision.subdivide_stepwise(tasks, settings))
     assert not run.work(0.05)
     assert run.progress > 0

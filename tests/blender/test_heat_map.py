@@ -172,7 +172,7 @@ def test_legend_rows_count_what_does_not_fit() -> None:
 
 
 def test_large_counts_stay_short() -> None:
-    count_text = addon.module("ui.panels").count_text
-    assert count_text(1234567) == "1,234,567"
-    assert count_text(8452495638528) == "8.45 × 10¹²"
-    assert count_text(4**200) == "2.58 × 10¹²⁰"
+    sidebar_count = addon.module("ui.panels").sidebar_count
+    assert sidebar_count(1234567) == "1,234,567"
+    assert sidebar_count(8452495638528) == "8.45 × 10¹²"
+    assert sidebar_count(4**200) == "2.58 × 10¹²⁰"

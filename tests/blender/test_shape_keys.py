@@ -179,7 +179,7 @@ def test_refused_runs_leave_no_keys(tmp_path: Path) -> None:
         ("exchange.adaptive_mesh", "write_shape_keys"),
         ("exchange.shape_keys", "_copy_animation"),
         ("operators.adaptive_objects", "_place"),
-        ("state.results", "write_subdivision"),
+        ("state.results", "write_adaptive"),
     ],
 )
 def test_runs_that_fail_half_way_leave_no_keys(
