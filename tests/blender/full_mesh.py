@@ -14,9 +14,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ccdepth_addon.core.adaptive.subdivided_mesh import SubdividedMesh
-from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core import PolygonMesh, SubdividedMesh, apply_boundary_rule
 from ccdepth_addon.core.surface.surface_points import interpolate_linearly
 from tests import meshes, uniform
 from tests.blender import addon, scene

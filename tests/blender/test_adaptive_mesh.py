@@ -9,8 +9,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ccdepth_addon.core.adaptive.subdivided_mesh import SubdividedMesh
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core import SubdividedMesh, apply_boundary_rule
 from tests import meshes, uniform
 from tests.blender import addon, scene
 from tests.blender.full_mesh import (

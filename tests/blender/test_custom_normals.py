@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ccdepth_addon.core.surface.limit_normals import limit_normals
+from ccdepth_addon.core import limit_normals
 from tests import meshes
 from tests.blender import scene
 from tests.blender.full_mesh import (
