@@ -30,8 +30,7 @@ def new_mesh(
     """The subdivision as a mesh of its own, with the materials, attributes, groups, keys and settings of ``base``.
 
     base: in Object Mode. control: its control mesh, with the same vertices, edges, faces and corners, and explicit
-    sharpness. Nothing of ``base`` is changed. Vertices and edges without faces stay as they are. Results of ours are
-    left out.
+    sharpness. ``base`` is not changed. Vertices and edges without faces stay as they are. Our results are left out.
     """
     options = options or TransferOptions()
     mesh = own_copy(base)
@@ -42,7 +41,7 @@ def new_mesh(
         mesh.clear_geometry()
         mesh.property_unset("ccdepth")
         _write_faces(mesh, subdivided)
-        # A group and an attribute may have one name, but only if the attribute is there first.
+        # A group and an attribute can share a name only if the attribute is made first.
         holder.vertex_groups.clear()
         AttributeTransfer(base, control, subdivided, options.uv_smooth).write(mesh)
         write_groups(holder, groups, base, control, subdivided)

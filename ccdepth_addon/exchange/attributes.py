@@ -3,10 +3,10 @@
 
 Like the Subdivision Surface modifier when it is applied, but for these:
 
-- Integers and texts are those of the nearest vertex or corner; the modifier averages integers, and so makes up numbers
-  that stand for nothing, or leaves zeros, by version and type, and drops texts.
+- Integers and texts are those of the nearest vertex or corner; the modifier averages integers, which makes up
+  meaningless numbers, or leaves zeros, by version and type, and drops texts.
 - Vertex creases stay at the vertices; the modifier spreads them over the faces around.
-- Selected and hidden parts stay whole; the modifier takes away the edges inside faces.
+- Selected and hidden parts stay whole; the modifier drops the edges inside faces.
 - Edges with a crease of 1 are marked sharp, as they are sharp on the surface.
 - Custom normals are left out: they belong to the coarse faces.
 """
@@ -50,9 +50,9 @@ Values = NDArray[Any]
 TOPOLOGY = {"position", ".edge_verts", ".corner_vert", ".corner_edge"}
 LEFT_OUT = TOPOLOGY | {DEPTH, BOUND, COLOR}
 CUSTOM_NORMAL = "custom_normal"
-# From this version on normals can be stored as they are; before, only as angles from Blender's own, in 16 bits each.
+# Since this version normals can be stored as vectors; before, only as two 16-bit angles from Blender's own.
 FREE_NORMALS = (4, 5)
-# Flags that vertices, edges and faces have in common, by the beginning of their names.
+# Flags of vertices, edges and faces, by the prefix of their names.
 FLAGS = (".select", ".hide")
 FLAG_DOMAINS = {f"{flag}_{kind}": domain for flag in FLAGS for kind, domain in (("vert", "POINT"), ("edge", "EDGE"))}
 # Marks that Blender before 5.0 keeps outside the attributes.
@@ -103,7 +103,7 @@ class AttributeTransfer:
         return self._spread(attribute, values)
 
     def _spread(self, attribute: bpy.types.Attribute, values: Values) -> Values:
-        """Values at the vertices or corners of the base, at those of the new mesh."""
+        """Values at the vertices or corners of the base, interpolated at those of the new mesh."""
         if attribute.domain == "CORNER":
             return self._interpolated(attribute.data_type, values, self._at_corners)
         corner_values = values[self.control.corner_vertices]
@@ -111,7 +111,7 @@ class AttributeTransfer:
         def at(points: SurfacePoints) -> Values:
             return self._interpolated(attribute.data_type, corner_values, lambda evaluate: evaluate(points))
 
-        # What is split and joined again may not come back as it was, so vertices that stay keep theirs.
+        # Splitting and joining may change values, so vertices that stay keep theirs.
         return at_vertices(self.subdivided, values, at, self.subdivided.base_vertices >= 0)
 
     def _interpolated(self, data_type: str, values: Values, sample: Callable[[Evaluate], Values]) -> Values:
@@ -146,13 +146,13 @@ class AttributeTransfer:
         texts = [item.value for item in attribute.data]
         sources = self._sources(attribute.domain)
         written = mesh.attributes.new(attribute.name, "STRING", attribute.domain).data
-        # Blender takes texts one at a time only; the new ones are empty.
+        # Blender writes texts one at a time; new ones are empty.
         filled = np.array([bool(text) for text in texts], dtype=bool)
         for place in np.flatnonzero((sources >= 0) & filled[sources]).tolist():
             written[place].value = texts[sources[place]]
 
     def _sources(self, domain: str) -> IndexArray | ShortIndexArray:
-        """The element of the base that each element of the new mesh takes after, or -1."""
+        """The element of the base whose value each element of the new mesh copies, or -1."""
         if domain == "POINT":
             return nearest_vertices(self.control, self.subdivided)
         if domain == "CORNER":
@@ -160,7 +160,7 @@ class AttributeTransfer:
         return self.subdivided.base_edges if domain == "EDGE" else self.subdivided.base_faces
 
     def _write_flags(self, mesh: bpy.types.Mesh, flag: str) -> None:
-        """Vertices and edges are what the vertex, edge or face of the base is that they lie in."""
+        """Vertices and edges have the flag of the vertex, edge or face of the base that they lie in."""
         vertices, edges, faces = (self._flags(f"{flag}_{kind}") for kind in ("vert", "edge", "poly"))
         if not (vertices.any() or edges.any() or faces.any()):
             return
@@ -178,7 +178,7 @@ class AttributeTransfer:
             outside = np.flatnonzero(sources >= 0)
             flags[outside] = values[sources[outside]]
         for name, values in ((f"{flag}_vert", at_vertices), (f"{flag}_edge", at_edges)):
-            # One of another kind is no flag.
+            # One of another type is no flag.
             if name not in mesh.attributes:
                 write_attribute(mesh, name, "BOOLEAN", FLAG_DOMAINS[name], values)
 
@@ -243,7 +243,7 @@ def _count(mesh: bpy.types.Mesh, domain: str) -> int:
 
 
 def choose_same(base: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
-    """Make the same UV maps, colours and attribute the active ones, and those for rendering."""
+    """Make the same UV maps, colours and attribute the active ones and the rendered ones."""
     for layer in base.uv_layers:
         copy = mesh.uv_layers.get(layer.name)
         if copy is not None:

@@ -27,7 +27,7 @@ LAYERS = {"INT": "int", "FLOAT": "float", "FLOAT_COLOR": "float_color"}
 
 @dataclass(frozen=True)
 class AttributeKind:
-    """What an attribute of ours is called, and its type and domain in Blender's words."""
+    """The name, type and domain of an attribute of ours."""
 
     name: str
     data_type: str
@@ -56,7 +56,7 @@ def has_values(mesh: bpy.types.Mesh, kind: AttributeKind) -> bool:
 
 
 def conflict(blender_object: bpy.types.Object) -> str | None:
-    """The name of an attribute or vertex group that stands where one of ours must go, if there is one."""
+    """The name of an attribute or vertex group that our attributes need, if there is one."""
     mesh = blender_object.data
     for kind in ATTRIBUTES:
         if kind.name in blender_object.vertex_groups:
@@ -114,7 +114,7 @@ def _put_back(mesh: bpy.types.Mesh, columns: dict[AttributeKind, NDArray[Any] | 
 
 @contextmanager
 def _choices_kept(mesh: bpy.types.Mesh) -> Iterator[None]:
-    """The active attribute, and the colours displayed and rendered, are the same afterwards, unless they are gone.
+    """Keep the active attribute and the colours displayed and rendered, unless they are removed.
 
     Blender remembers the active attribute by its index, which changes. It makes the first colour attribute of a mesh
     the one displayed and the one rendered: that is for the user to choose.
@@ -186,8 +186,8 @@ def _remove_layers_while_editing(mesh: bpy.types.Mesh) -> None:
 
 
 def color_of_user(mesh: bpy.types.Mesh, name: str) -> str:
-    """The colours of a mesh without ours that this name stands for: those itself, or if they are ours, those displayed
-    before; the first ones when there are none of that name, as with Blender when colours are removed."""
+    """The user's colours for a name: those themselves; for ours, those displayed before; where there are none of the
+    name, the first ones, which Blender chooses too when colours are removed."""
     if name == COLOR and mesh.ccdepth.active_color_taken:
         name = mesh.ccdepth.previous_active_color
     # Blender also displays colours of faces and edges, though it does not list them among the colours.

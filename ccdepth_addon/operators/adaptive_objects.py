@@ -86,7 +86,7 @@ def place_meshes(
     except BaseException:
         bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
         raise
-    # New objects have no matrix of their own before.
+    # New objects have no matrix before.
     context.view_layer.update()
     for each, mesh, placed in zip(made, meshes, users, strict=True):
         states = [object_state(user, use_modifiers=False) for user in placed]

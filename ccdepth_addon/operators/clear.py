@@ -12,7 +12,7 @@ from .selected_meshes import poll_meshes, selected_meshes
 
 
 class CCDEPTH_OT_clear(bpy.types.Operator):
-    """Remove the depths from the mesh, and show it as it was shown before"""
+    """Remove depths and deviations from the mesh, and display it as before"""
 
     bl_idname = "ccdepth.clear"
     bl_label = "Clear"

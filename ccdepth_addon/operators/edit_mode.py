@@ -12,7 +12,7 @@ def leave(context: bpy.types.Context) -> list[int]:
     """Leave the Edit Mode of meshes, if it is on; returns the session identifiers of the edited objects."""
     if context.mode != "EDIT_MESH":
         return []
-    # Blender leaves hidden ones out of its own list.
+    # Blender's own list lacks hidden ones.
     edited = [each.session_uid for each in context.view_layer.objects if each.mode == "EDIT"]
     bpy.ops.object.mode_set(mode="OBJECT")
     return edited

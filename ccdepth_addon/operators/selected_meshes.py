@@ -15,7 +15,7 @@ from ..tasks.surfaces import ComputeError
 def selected_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The mesh objects an operator works on: the selected ones, or the active one when nothing is selected.
 
-    In Edit Mode they are those in it, and selected ones that share a mesh with them: undo covers no others there.
+    In Edit Mode: those being edited, and selected ones that share a mesh with them; undo covers no others there.
     """
     if context.mode == "EDIT_MESH":
         edited = dict.fromkeys([*context.objects_in_mode, *context.selected_objects])
@@ -70,7 +70,7 @@ def _mesh_fault(mesh: bpy.types.Mesh) -> str | None:
 
 
 def name_fault(blender_object: bpy.types.Object) -> str | None:
-    """What stands where a result has to be written."""
+    """The report about an attribute or a vertex group whose name results need."""
     name = conflict(blender_object)
     if name is not None:
         return f"the mesh has an attribute or a vertex group of its own called “{name}”; rename it first"

@@ -81,5 +81,5 @@ def _set_levels(blender_object: bpy.types.Object) -> None:
             blender_object.modifiers.move(len(blender_object.modifiers) - 1, 0)
     modifier.levels = modifier.render_levels = record.uniform_level
     modifier.use_limit_surface = record.vertices == "LIMIT"
-    # Without Use Limit Surface it counts for nothing. A higher one is the user's own.
+    # Without Use Limit Surface the Quality has no effect. A higher one is the user's choice.
     modifier.quality = max(modifier.quality, record.quality)

@@ -23,7 +23,7 @@ class Cancelled(Exception):
 
 
 class _Thread(threading.Thread, Generic[Answer]):
-    """The work, how far it is, and how it ended."""
+    """The work, its progress, and its end."""
 
     def __init__(self, work: Callable[[Progress], Answer]) -> None:
         super().__init__(name="CC Depth")
@@ -35,13 +35,13 @@ class _Thread(threading.Thread, Generic[Answer]):
 
     def run(self) -> None:
         try:
-            self.answer = self._work(self._tell)
+            self.answer = self._work(self._progress)
         except BaseException as fault:
             self.fault = fault
         finally:
             _threads.discard(self)
 
-    def _tell(self, fraction: float) -> None:
+    def _progress(self, fraction: float) -> None:
         if not self.is_wanted:
             raise Cancelled
         self.fraction = fraction

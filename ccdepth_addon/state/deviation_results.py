@@ -34,7 +34,7 @@ def verdict(proved: float, reached: float, tolerance: float) -> Verdict:
 def write_deviation(
     mesh: bpy.types.Mesh, answer: MeshDeviation, settings: MeasureSettings, color_range: str, largest_shown: float
 ) -> None:
-    """Put the answer on its mesh: attribute, colours, and record.
+    """Write the answer to its mesh: attribute, colours, and record.
 
     color_range: what the colours stand for, by name. largest_shown: the largest deviation of all meshes measured
     together. Raises WriteError, with nothing changed, when Blender does not keep them.
@@ -45,7 +45,7 @@ def write_deviation(
     record = mesh.ccdepth
     record.has_deviation = record.shows_deviation = True
     record.deviation = _rounded_up(answer.proved)
-    # Downwards: it is really there.
+    # Rounded down: the distance is really there.
     record.deviation_reached = -_rounded_up(-answer.reached)
     found = record.measurement
     found.measured, found.against = answer.measured, answer.against
@@ -62,7 +62,7 @@ def write_deviation(
 
 
 def write_colors(mesh: bpy.types.Mesh, color_range: str) -> None:
-    """Write the colours of the deviations that are on the mesh anew."""
+    """Write the colours of the deviations on the mesh again."""
     values = read_face_values(mesh, DEVIATION_KIND)
     write_face_values(mesh, {COLOR_KIND: _colors(values, color_top(mesh.ccdepth, color_range))})
 

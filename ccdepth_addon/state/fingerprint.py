@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a result was computed from, as checksums in its record, and whether that is still what is there."""
+"""What a result was computed from, as checksums in its record, and whether that has changed."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class Examination:
 
 
 def remember(mesh: bpy.types.Mesh, geometry: int, depths: NDArray[np.int32], states: Iterable[ObjectState]) -> None:
-    """Put into the record of the mesh what the result just written to it depends on.
+    """Write to the mesh's record what the result just written to it depends on.
 
     geometry: the checksum of the mesh it was computed from. depths: (F,) int32, those written. states: of the objects
     it was computed for, as they were read.
@@ -100,7 +100,7 @@ def _are_among(scales: FloatArray, others: FloatArray | None) -> BoolArray:
     distinct, places = _without_repetitions(scales)
     others, _ = _without_repetitions(others)
     traces, slack = distinct @ TRACE, SCALE_DRIFT * np.abs(distinct).max(axis=1)
-    # Only those of nearly the same trace need to be looked at, and they stand beside each other.
+    # Only those of nearly the same trace are compared; sorted, they stand beside each other.
     others = others[np.argsort(others @ TRACE)]
     first = np.searchsorted(others @ TRACE, traces - 3 * slack, "left")
     last = np.searchsorted(others @ TRACE, traces + 3 * slack, "right")
@@ -112,9 +112,9 @@ def _are_among(scales: FloatArray, others: FloatArray | None) -> BoolArray:
 
 
 def _without_repetitions(scales: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
-    """One each of those (N, 6) that rounding alone sets apart, and where each of all stands among them."""
+    """One of each group that differs by rounding alone (M, 6), and for each of all (N, 6), its index among them."""
     exponents = np.frexp(np.abs(scales).max(axis=1))[1]
     cells = np.rint(np.ldexp(scales, -exponents[:, None]) / (SCALE_DRIFT * CELL_SIZE))
     _, first, places = np.unique(np.column_stack([cells, exponents]), axis=0, return_index=True, return_inverse=True)
-    # numpy 2.0 alone gives places a second axis.
+    # numpy 2.0 alone gives the inverse a second axis.
     return scales[first], places.reshape(-1)

@@ -18,7 +18,7 @@ DRIFT = 2e-6
 
 
 def remember(measured: bpy.types.Object) -> None:
-    """Put into the record of the object's mesh what the measurement just written to it depends on."""
+    """Write to the record of the object's mesh what the measurement just written to it depends on."""
     found = measured.data.ccdepth.measurement
     against = bpy.data.objects[found.against]
     found.fingerprint = _checksum(measured, against, use_modifiers=found.use_modifiers)
@@ -59,8 +59,8 @@ def _mesh_checksum(measured: bpy.types.Object) -> str:
 
 
 def _placement(measured: bpy.types.Object, against: bpy.types.Object) -> FloatArray:
-    """(18,): the scale of the second object, and where it has the first one, which moving both together leaves as it
-    is."""
+    """(18,): the scale of the second object, and the place of the first relative to it, which stays when both move
+    together."""
     place, other = (np.array(item.matrix_world, dtype=np.float64) for item in (measured, against))
     scale = object_state(against, use_modifiers=False).scale
     relative = np.linalg.pinv(other[:3, :3]) @ (place[:3] - np.column_stack([np.zeros((3, 3)), other[:3, 3]]))

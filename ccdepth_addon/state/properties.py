@@ -72,7 +72,7 @@ COLOR_RANGE_ITEMS = (
 
 
 def tolerance_name(tolerance_mode: str) -> str:
-    """The setting of the scene that holds the tolerance."""
+    """The name of the scene's setting that holds the tolerance."""
     return "relative_tolerance" if tolerance_mode == "RELATIVE" else "tolerance"
 
 
@@ -163,7 +163,7 @@ def max_faces_property() -> Any:
 
 
 def accuracy_property() -> Any:
-    """A part without a hard minimum, so that a bad one can be refused with a report."""
+    """A fraction without a hard minimum, so that a bad one can be refused with a report."""
     return FloatProperty(
         name="Accuracy",
         description="How far apart the distance that is proved and the one that is reached may be, as a part of the "

@@ -38,7 +38,7 @@ class Measurement(bpy.types.PropertyGroup):
     world_tolerance: FloatProperty(description="The tolerance as a distance in the scene", subtype="DISTANCE")
     verdict: StringProperty(description="Whether the tolerance is met: MET, NOT_MET or UNDECIDED")
     accuracy: FloatProperty(description="The accuracy as it was given")
-    accuracy_met: BoolProperty(description="Whether the two distances are as near to each other as was asked")
+    accuracy_met: BoolProperty(description="Whether the two distances are within the accuracy of each other")
     use_modifiers: BoolProperty()
     version: StringProperty(description="The version of CC Depth that measured it")
     faces: IntProperty()
@@ -54,7 +54,7 @@ class Measurement(bpy.types.PropertyGroup):
 class MeshRecord(bpy.types.PropertyGroup):
     """What was computed on this mesh, from what, and what to restore when it is cleared.
 
-    On a subdivision: what it was made with. ``deepest`` and ``rows`` are about the depths of its faces' base faces.
+    On an adaptive mesh ``subdivision`` is set, and the depth of a face is that of its base face.
     """
 
     has_result: BoolProperty()

@@ -33,7 +33,7 @@ def has_depths(mesh: bpy.types.Mesh) -> bool:
 
 
 def has_result(mesh: bpy.types.Mesh) -> bool:
-    """Whether the mesh holds depths of ours; undo in Edit Mode can take them away from under their record."""
+    """Whether the mesh holds depths of ours; undo in Edit Mode can remove them and leave their record."""
     return mesh.ccdepth.has_result and has_depths(mesh)
 
 
@@ -58,7 +58,7 @@ def shows_heat_map(mesh: bpy.types.Mesh) -> bool:
 
 
 def shows_deviation(mesh: bpy.types.Mesh) -> bool:
-    """Whether our colours are those of deviations, and not of depths: of what was done last, and is still there."""
+    """Whether our colours are those of deviations, not of depths: of the last result that is still there."""
     return has_deviation(mesh) and (mesh.ccdepth.shows_deviation or not has_result(mesh))
 
 
@@ -70,7 +70,7 @@ def has_traces(mesh: bpy.types.Mesh) -> bool:
 def write_result(
     mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSettings, least_color_depth: int, deepest_color_depth: int
 ) -> None:
-    """Put the answer on its mesh: attributes, with the heat map's colours between these two depths, and record.
+    """Write the answer to its mesh: attributes, with the heat map's colours between these two depths, and record.
 
     Raises WriteError, with nothing changed, when Blender does not keep them.
     """
@@ -106,7 +106,7 @@ def write_adaptive(mesh: bpy.types.Mesh, answer: AdaptiveResult, settings: Adapt
 
 
 def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: SurfaceSettings) -> bpy.types.PropertyGroup:
-    """The mesh's record, with what is known of any result."""
+    """The mesh's record, with what all results have in common."""
     record = mesh.ccdepth
     record.has_result = True
     record.subdivision = ""
@@ -125,13 +125,13 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
 
 
 def rounded_up(bounds: FloatArray) -> NDArray[np.float32]:
-    """In single precision, and not below: a bound has to stay one."""
+    """In single precision, rounded up: a bound stays a bound."""
     single = bounds.astype(np.float32)
     return np.nextafter(single, np.float32(np.inf), out=single, where=single < bounds)
 
 
 def show_color(mesh: bpy.types.Mesh, show: bool) -> None:
-    """Make our colours the ones displayed, and remember which were; or put those back, if ours are still displayed."""
+    """Display our colours and remember the ones displayed before; or put those back, if ours are still displayed."""
     record = mesh.ccdepth
     if show == record.active_color_taken:
         return
@@ -146,7 +146,7 @@ def show_color(mesh: bpy.types.Mesh, show: bool) -> None:
 
 
 def keep_from_painting(mesh: bpy.types.Mesh) -> None:
-    """Make colours of the user's the active ones, which are painted on, if ours are."""
+    """Make the user's colours the active ones, which painting changes, if ours are active."""
     attributes = mesh.attributes
     if attributes.active_color_name == COLOR:
         attributes.active_color_name = color_of_user(mesh, COLOR)

@@ -32,7 +32,7 @@ def _redraw(_settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> N
 
 
 class SceneSettings(bpy.types.PropertyGroup):
-    """What Compute Depth and Apply Adaptive Subdivision use when they are called without arguments of their own."""
+    """The defaults of the operators' arguments, and how results are displayed."""
 
     tolerance: properties.absolute_tolerance_property()
     relative_tolerance: FloatProperty(

@@ -36,22 +36,22 @@ _measured_against: dict[str, set[int]] = {}
 
 
 def is_stale(mesh: bpy.types.Mesh) -> bool:
-    """Whether the mesh has changed since its result was computed, as far as has been noticed yet."""
+    """Whether the mesh has changed since its result was computed, as far as examined."""
     return mesh.session_uid in _stale
 
 
 def is_uncovered(blender_object: bpy.types.Object) -> bool:
-    """Whether the result on the object's mesh was not computed for an object like it, as far as has been noticed."""
+    """Whether the result on the object's mesh was not computed for an object like it, as far as examined."""
     return blender_object.session_uid in _uncovered
 
 
 def is_deviation_stale(mesh: bpy.types.Mesh) -> bool:
-    """Whether what was measured on the mesh no longer holds, as far as has been noticed yet."""
+    """Whether the measurement on the mesh no longer holds, as far as examined."""
     return mesh.session_uid in _stale_deviations
 
 
 def note_deviation(mesh: bpy.types.Mesh) -> None:
-    """What was measured on the mesh is new, and the next change of its geometry is the writing of it."""
+    """Note a new measurement on the mesh: the next change of its geometry is the writing of it."""
     _stale_deviations.discard(mesh.session_uid)
     _own_writes.add(mesh.session_uid)
     _note_target(mesh)
@@ -70,7 +70,7 @@ def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object])
 
 
 def note_write(mesh: bpy.types.Mesh) -> None:
-    """The mesh's result is new, and the next change of its geometry is the writing of it."""
+    """Note a new result on the mesh: the next change of its geometry is the writing of it."""
     _stale.discard(mesh.session_uid)
     _own_writes.add(mesh.session_uid)
 
@@ -84,7 +84,7 @@ def check_touched() -> None:
 
 
 def _examine(uids: set[int]) -> bool:
-    """Examine the results on these meshes; whether there are any."""
+    """Examine the results on these meshes; returns whether there are any."""
     users = _users_of_results(uids)
     known: KnownDescriptions = {}
     for mesh, objects in users.items():
@@ -94,7 +94,7 @@ def _examine(uids: set[int]) -> bool:
         try:
             found = fingerprint.examine(mesh, objects, known)
         except Exception:
-            # What cannot be examined must not pass for current.
+            # What cannot be examined counts as stale.
             traceback.print_exc()
             found = fingerprint.Examination(True, [])
         uncovered = set(found.uncovered)

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""What a viewport's shading was before the heat map, and switching it there and back."""
+"""The shading of viewports: switched to show colours, and back to what it was before."""
 
 from collections.abc import Iterator
 
@@ -24,7 +24,7 @@ def shows_colors(space: bpy.types.SpaceView3D) -> bool:
 
 
 def restore_all() -> None:
-    """Put every viewport back, whatever there is to show."""
+    """Put every viewport back."""
     for shading in shadings():
         switch(shading, False)
 
@@ -52,7 +52,7 @@ def switch(shading: bpy.types.View3DShading, on: bool) -> None:
 
 
 def pause(shading: bpy.types.View3DShading) -> None:
-    """Put a viewport back for a while. One that was changed since stays as it is, then and afterwards."""
+    """Put a viewport back for a while, unless its shading was changed since."""
     if shading.color_type == COLOR_TYPE:
         switch(shading, False)
 

@@ -114,7 +114,7 @@ def _refuse_bad_accuracy(accuracy: float) -> None:
 
 
 def _refuse_adaptive_mesh(blender_object: bpy.types.Object) -> None:
-    """Raise InvalidMeshError for an adaptive result: its own mesh is no control mesh of anything."""
+    """Raise InvalidMeshError for an adaptive mesh, which is no control mesh."""
     if blender_object.data.ccdepth.subdivision and subdivision_modifier(blender_object) is None:
         raise InvalidMeshError(
             "it was made by adaptive subdivision; select the object it was made from as well, as the active one"
@@ -122,7 +122,7 @@ def _refuse_adaptive_mesh(blender_object: bpy.types.Object) -> None:
 
 
 def measure(task: MeasureTask, settings: MeasureSettings, progress: Progress) -> list[MeshDeviation]:
-    """Measure every object of the task. It knows no Blender, and may run in a thread.
+    """Measure every object of the task, without Blender: it may run in a thread.
 
     progress: called with the fraction done; what it raises ends the work. Raises InvalidMeshError and MemoryError.
     """

@@ -18,7 +18,7 @@ from ..exchange.control_mesh import ControlMesh, ControlMeshError, gram_matrix
 # Relative slack for rounding when one object's scale is compared with another's.
 SCALE_ROUNDING = 1e-9
 
-# The largest number that Blender holds; it stands for infinity as well, and for all that is larger.
+# The largest number that Blender stores; it stores larger ones and infinity as this.
 LARGEST_TOLERANCE = float(str(np.finfo(np.float32).max))
 TOO_LARGE = "The tolerance is too large a number"
 
@@ -123,7 +123,7 @@ def _dominating(gram: FloatArray, rivals: FloatArray) -> int | None:
 
 
 def control_mesh_key(control: ControlMesh) -> bytes:
-    """Equal for equal control meshes, and of meshes by modifiers, where their faces come from the same ones as well."""
+    """Equal for equal control meshes whose faces come from the same faces of the objects' own meshes."""
     digest = blake2b(control.read.key)
     if control.base_faces is not None:
         digest.update(np.ascontiguousarray(control.base_faces).data)

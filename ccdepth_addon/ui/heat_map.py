@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The heat map in the viewports: Solid shading is switched to show colour attributes, and put back.
 
-Solid shading shows a mesh's active colours and no others, and they are what modes for painting paint on. While a mesh
-is painted it is therefore shown with the user's own.
+Solid shading shows a mesh's active colours alone, and painting changes them. So a mesh that is painted is shown with
+the user's colours.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _painted: set[int] = set()
 
 
 def synchronise(context: bpy.types.Context) -> None:
-    """Make meshes and viewports show the heat map when there is one to show, and put them back when not.
+    """Show the heat map on meshes and in viewports when there is one, and put them back when not.
 
     A viewport is switched once; when the user changes its shading afterwards, it stays so.
     """
@@ -50,7 +50,7 @@ def synchronise(context: bpy.types.Context) -> None:
 
 
 def _show(mesh: bpy.types.Mesh, wanted: bool, painted: bool) -> None:
-    # Another file decides for its meshes itself.
+    # Linked meshes cannot be changed.
     if not is_writable(mesh):
         return
     if painted:
@@ -72,7 +72,7 @@ def _notice_painting(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) ->
 
 
 def _notice_mode(blender_object: bpy.types.Object) -> bool:
-    """Whether the object has begun or ceased to be painted, or is painted and has our colours active nevertheless."""
+    """Whether painting the object has begun or ended, or it is painted while our colours are active."""
     uid, painted = blender_object.session_uid, blender_object.mode in PAINTING_MODES
     changed = painted != (uid in _painted)
     if painted:

@@ -42,7 +42,7 @@ _handle: Any = None
 
 @dataclass(frozen=True)
 class LegendRow:
-    """One line: what stands in the two columns, and the colour, if it stands for one."""
+    """One line: the texts of the two columns, and the colour, if it has one."""
 
     depth: str
     faces: str
@@ -145,7 +145,7 @@ def _draw_marks(scale: Scale, bar: tuple[int, int, int, int], numbers_right: int
     for mark in scale.marks:
         if mark.height <= 1.0:
             y = base + round(mark.height * (top - base))
-            # The tolerance goes all the way across.
+            # The tolerance is marked across the whole bar.
             _draw_rectangle(left if mark.note == "tolerance" else right, y - 1, right + tick, y + 1, TEXT_COLOR)
         text_base = base + round(mark.label_height * (top - base)) - round(0.2 * line)
         _draw_text(mark.number, numbers_right, text_base, TEXT_COLOR)
@@ -170,7 +170,7 @@ def _draw_gradient(left: float, bottom: float, right: float, top: float) -> None
 
 
 def _free_corner(context: bpy.types.Context, scale: float) -> tuple[int, int, int]:
-    """The right and bottom edge of the space nothing else is drawn in, and its top: (x, y, y) in the region."""
+    """The right, bottom and top edge of the region's free space: (x, y, y)."""
     window = context.region
     right, bottom, top = window.width, 0, window.height
     for region in context.area.regions:

@@ -11,7 +11,7 @@ from ..state.properties import tolerance_name
 from ..tasks.surfaces import as_typed
 from .lengths import length_text
 
-# From here on a count of faces is written as a power of ten.
+# Larger counts of faces are written as powers of ten.
 LARGEST_COUNT_IN_FULL = 10**10
 
 SWATCH_SIZE = 16
@@ -89,7 +89,7 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: 
         # It holds for the settings it was made with.
         return ""
     tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
-    # Both as the decimals they were typed as: one has been through single precision once more than the other.
+    # As typed decimals: the two differ by a rounding to single precision.
     current = (as_typed(tolerance), settings.tolerance_mode, settings.method, settings.vertices, settings.use_modifiers)
     computed = (
         as_typed(record.tolerance),
@@ -131,7 +131,7 @@ def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) 
         ("Deepest Depth", str(record.deepest)),
         ("Tolerance", length_text(scene, record.world_tolerance)),
     ]
-    # Results from before there was such a level have none.
+    # Results of earlier versions have none.
     if record.uniform_level >= 0:
         numbers.append(("Uniform Level", str(record.uniform_level)))
         numbers.append(("Uniform Faces", sidebar_count(int(record.uniform_faces))))
@@ -152,7 +152,7 @@ def _numbers_of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.Property
 
 
 def exact_text(exact: int, faces: int) -> str:
-    """On how many faces no lesser depth would do; never rounded up to all of them."""
+    """On how many faces no lesser depth is enough; never rounded up to all of them."""
     if exact == faces:
         return "On all faces"
     return f"On {min(100 * exact / faces, 99.9):.1f} % of faces"
