@@ -34,19 +34,37 @@ def synchronise(context: bpy.types.Context) -> None:
         return
     wanted = scene.ccdepth.show_heat_map
     painted = {obj.data for obj in bpy.data.objects if obj.type == "MESH" and obj.mode in PAINTING_MODES}
+    holders = {obj for obj in bpy.data.objects if obj.type == "MESH" and results.has_heat_map(obj.data)}
     shown = waiting = False
-    for blender_object in scene.objects:
-        if blender_object.type == "MESH" and results.has_heat_map(blender_object.data):
-            mesh = blender_object.data
-            _show(mesh, wanted, mesh in painted)
-            shown = shown or (results.shows_heat_map(mesh) and blender_object.visible_get())
-            waiting = waiting or mesh in painted
+    # Most scenes have none: their objects are not read.
+    for blender_object in holders.intersection(scene.objects) if holders else ():
+        mesh = blender_object.data
+        _show(mesh, wanted, mesh in painted)
+        shown = shown or (results.shows_heat_map(mesh) and blender_object.visible_get())
+        waiting = waiting or mesh in painted
     for shading in viewports.shadings():
         if wanted and waiting and not shown:
             viewports.pause(shading)
         else:
             viewports.switch(shading, wanted and shown)
     viewports.redraw(context)
+
+
+@persistent
+def _synchronise_soon(*_: Any) -> None:
+    """After undo, redo and loading, which may replace all data: once Blender has finished its current event, or at once
+    in the background, which has no events.
+
+    While undo restores data, a scene may still list objects that are gone, and reading them crashes Blender 5.2.
+    """
+    if bpy.app.background:
+        synchronise(bpy.context)
+    elif not bpy.app.timers.is_registered(_synchronise):
+        bpy.app.timers.register(_synchronise)
+
+
+def _synchronise() -> None:
+    synchronise(bpy.context)
 
 
 def _show(mesh: bpy.types.Mesh, wanted: bool, painted: bool) -> None:
@@ -87,18 +105,12 @@ def _forget_painting(*_: Any) -> None:
     _painted.clear()
 
 
-@persistent
-def _synchronise_everything(*_: Any) -> None:
-    """After undo, redo and loading: data may have been replaced as a whole."""
-    synchronise(bpy.context)
-
-
 HANDLERS = (
     ("depsgraph_update_post", _notice_painting),
-    ("undo_post", _synchronise_everything),
-    ("redo_post", _synchronise_everything),
+    ("undo_post", _synchronise_soon),
+    ("redo_post", _synchronise_soon),
     ("load_pre", _forget_painting),
-    ("load_post", _synchronise_everything),
+    ("load_post", _synchronise_soon),
 )
 
 
@@ -110,4 +122,6 @@ def register() -> None:
 def unregister() -> None:
     heat_map_listeners.remove(synchronise)
     remove_handlers(HANDLERS)
+    if bpy.app.timers.is_registered(_synchronise):
+        bpy.app.timers.unregister(_synchronise)
     _forget_painting()

@@ -350,6 +350,8 @@ def link_library(rng: Random) -> None:
         elif way == 3:
             linked.data.override_create(remap_local_usages=True)
     choose_objects(rng)
+    # Blender itself crashes when undo goes back over objects that a script has removed without a step of undo.
+    bpy.ops.ed.undo_push(message="Link Library")
 
 
 # What meshes carry
