@@ -66,5 +66,5 @@ def shape(holder: bpy.types.Object) -> np.ndarray:
 
 def known_count(holder: bpy.types.Object) -> object:
     settings = bpy.context.scene.ccdepth
-    asked = addon.module("tasks.adaptive_task").adaptive_settings(settings, settings.tolerance)
-    return addon.module("state.face_counts").known_count(holder, asked)
+    current = addon.module("tasks.adaptive_task").adaptive_settings(settings, settings.tolerance)
+    return addon.module("state.face_counts").known_count(holder, current)

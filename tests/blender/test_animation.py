@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What moves by itself: a result that no longer holds at another frame is told to be out of date, by the panel and by
+"""What moves by itself: a result that no longer holds at another frame is shown as out of date, by the panel and by
 operators alike, and holds again where it was computed."""
 
 from __future__ import annotations
@@ -173,7 +173,7 @@ def test_an_object_that_the_result_was_not_computed_for() -> None:
 
 
 def test_a_change_while_depths_are_being_computed_is_noticed() -> None:
-    """The record tells what was read at the beginning, and not what is there at the end."""
+    """The record has what was read at the beginning, not what is there at the end."""
     holder = scene.add_object(meshes.landscape(8, 8))
     bpy.context.view_layer.update()
     computation = addon.module("tasks.depth_task")

@@ -64,13 +64,13 @@ def test_a_count_is_forgotten_when_something_changes(change: str) -> None:
 def test_too_many_faces_are_refused_with_a_tolerance_that_fits(tolerance_mode: str) -> None:
     holder = scene.add_suzanne()
     holder.scale = (3.0, 3.0, 3.0)
-    asked = {"tolerance": 0.0005, "tolerance_mode": tolerance_mode, "max_faces": 3000}
-    refused(holder, match="Suzanne: the result would have about .* 3,000 are allowed", **asked)
+    settings = {"tolerance": 0.0005, "tolerance_mode": tolerance_mode, "max_faces": 3000}
+    refused(holder, match="Suzanne: the result would have about .* 3,000 are allowed", **settings)
     with pytest.raises(RuntimeError) as caught:
-        bpy.ops.ccdepth.subdivide(**asked)
+        bpy.ops.ccdepth.subdivide(**settings)
     words = str(caught.value).partition("a tolerance of ")[2].split()
     assert ("of the diagonal" in str(caught.value)) == (tolerance_mode == "RELATIVE")
-    [result] = subdivide(holder, **{**asked, "tolerance": float(words[0])})
+    [result] = subdivide(holder, **{**settings, "tolerance": float(words[0])})
     assert faces(result) <= 3000
 
 
@@ -88,9 +88,9 @@ def test_the_tolerance_named_fits_large_results_too(name: str, mode: str) -> Non
     """These are too large to be tried from the start; a pole may be as deep as its whole face."""
     data = {"cylinder": lambda: meshes.cylinder(32), "pole": lambda: meshes.fan(12, 2)}
     holder = scene.add_object(data[name]()) if name in data else scene.add_suzanne()
-    asked = {"mode": mode, "max_faces": 60_000}
-    tolerance = named_tolerance(holder, tolerance=1e-6, **asked)
-    [result] = subdivide(holder, tolerance=tolerance, tolerance_mode="RELATIVE", **asked)
+    settings = {"mode": mode, "max_faces": 60_000}
+    tolerance = named_tolerance(holder, tolerance=1e-6, **settings)
+    [result] = subdivide(holder, tolerance=tolerance, tolerance_mode="RELATIVE", **settings)
     assert faces(result) <= 60_000
 
 

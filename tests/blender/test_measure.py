@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Measure Deviation: what it writes and tells, on which objects, and that it is undone and cleared.
+"""Measure Deviation: what it writes and reports, on which objects, and that it is undone and cleared.
 
-Whether the distances are right is asked in test_measure_guarantee. Most of it runs for a moment only: what is proved
+test_measure_guarantee tests the distances. Most of it runs for a moment only: what is proved
 by then is enough to look at.
 """
 
@@ -73,9 +73,9 @@ def test_the_tolerance_is_met_or_not(
     holder = subdivided_cube()
     addon.measure(holder, tolerance=tolerance)
     assert holder.data.ccdepth.measurement.verdict == verdict
-    told = capfd.readouterr().out
-    assert "Deviation at most " in told
-    assert words in told
+    printed = capfd.readouterr().out
+    assert "Deviation at most " in printed
+    assert words in printed
 
 
 def test_between_the_two_distances_nothing_is_decided() -> None:
