@@ -14,14 +14,15 @@ MANIFEST = Path(__file__).resolve().parent.parent / "blender_manifest.toml"
 
 # In the order in which they depend on each other.
 MODULES = (
-    "state.properties",
-    "operators.depth_operators",
-    "operators.adaptive_operators",
-    "operators.deviation_operators",
+    "state.settings",
+    "state.record",
+    "state.viewports",
+    "operators",
     "ui.heat_map",
     "state.staleness",
     "state.face_counts",
     "ui.panels",
+    "ui.adaptive_panel",
     "ui.deviation_panel",
     "ui.legend",
     "command_line.command",

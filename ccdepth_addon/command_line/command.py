@@ -49,17 +49,17 @@ _handle: Any = None
 
 
 class CommandError(Exception):
-    """The command cannot be carried out; the message says why."""
+    """The command cannot be run; the message says why."""
 
 
 def run(arguments: Sequence[str], program: str = PROGRAM) -> int:
-    """Carry out a command line; returns the exit status. What goes wrong is said on the standard error."""
+    """Run a command line; returns the exit status. Errors go to the standard error."""
     try:
         options = _parser(program).parse_args(arguments)
     except SystemExit as finished:
         return int(finished.code or 0)
     try:
-        _carry_out(options)
+        _execute(options)
         sys.stdout.flush()
     except (CommandError, picture.PictureError, OSError) as fault:
         # What was to be printed may be what cannot be written.
@@ -76,8 +76,8 @@ def _parser(program: str) -> argparse.ArgumentParser:
         description="How many Catmull-Clark levels does each face of a mesh need to be within a tolerance of the limit "
         "surface? Computes it for all mesh objects of a file, and prints how many faces have which depth; or makes the "
         "meshes that are within the tolerance with few faces.",
-        epilog="Without a mesh, Blender's Suzanne is used. What is not given is taken from the scene of a .blend file, "
-        "or has the panel's default.",
+        epilog="Without a mesh, Blender's Suzanne is used. Options that are not given come from the scene of a .blend "
+        "file, or have the panel's defaults.",
     )
     parser.add_argument("mesh", nargs="?", type=Path, help=".blend, .obj, .ply or .stl file")
     parser.add_argument("--tolerance", type=float, help="largest distance allowed to the limit surface")
@@ -101,13 +101,13 @@ def _parser(program: str) -> argparse.ArgumentParser:
     parser.add_argument(
         "--no-modifiers", dest="use_modifiers", action="store_false", default=None, help="leave modifiers out"
     )
-    _add_subdivision(parser)
+    _add_adaptive_options(parser)
     parser.add_argument("--output", type=Path, metavar="BLEND", help="write a .blend file with the results")
     parser.add_argument("--picture", type=Path, metavar="PNG", help="render the heat map with its legend")
     return parser
 
 
-def _add_subdivision(parser: argparse.ArgumentParser) -> None:
+def _add_adaptive_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("adaptive subdivision")
     group.add_argument("--subdivide", action="store_true", help="make the meshes instead of measuring depths")
     group.add_argument("--mode", type=_name, choices=list(Mode), help="how the faces are divided")
@@ -140,14 +140,14 @@ def _name(text: str) -> str:
     return text.upper().replace("-", "_")
 
 
-def _carry_out(options: argparse.Namespace) -> None:
+def _execute(options: argparse.Namespace) -> None:
     _refuse_impossible_paths(options)
     _refuse_impossible_tolerance(options.tolerance)
     objects = _load(options.mesh)
     _change_settings(bpy.context.scene.ccdepth, options)
     if options.subdivide:
         objects = _subdivide(objects)
-        _print_subdivisions(objects)
+        _print_adaptive_meshes(objects)
     else:
         with bpy.context.temp_override(selected_objects=objects, active_object=objects[0]):
             _call(bpy.ops.ccdepth.compute)
@@ -265,7 +265,7 @@ def _names_by_mesh(objects: list[bpy.types.Object]) -> dict[bpy.types.Mesh, str]
     return {mesh: ", ".join(users) for mesh, users in names.items()}
 
 
-def _print_subdivisions(objects: list[bpy.types.Object]) -> None:
+def _print_adaptive_meshes(objects: list[bpy.types.Object]) -> None:
     for mesh, names in _names_by_mesh(objects).items():
         record = mesh.ccdepth
         print(f"{names}: {record.faces:,} faces made from {record.base_faces:,}")

@@ -21,8 +21,9 @@ from mathutils import Matrix
 
 from ..core import FloatArray
 from ..exchange.control_mesh import counted_modifiers, read_values
+from ..exchange.result_attributes import COLOR
 from ..state import results
-from ..ui.colors import palette, to_linear
+from ..state.colors import palette, to_linear
 
 Color = tuple[float, ...]
 
@@ -169,7 +170,7 @@ def _shown_mesh(context: bpy.types.Context, scene: bpy.types.Scene, blender_obje
     evaluated = copy.evaluated_get(depsgraph)
     mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
     bpy.data.objects.remove(copy)
-    return mesh if results.COLOR in mesh.attributes else blender_object.data.copy()
+    return mesh if COLOR in mesh.attributes else blender_object.data.copy()
 
 
 def _fitting(meshes: list[bpy.types.Mesh], matrices: list[Matrix]) -> Matrix:
@@ -301,7 +302,7 @@ def _heat_map_material() -> bpy.types.Material:
     material, nodes, emission = _new_emission("CC Depth Heat Map")
     links = material.node_tree.links
     color = nodes.new("ShaderNodeAttribute")
-    color.attribute_name = results.COLOR
+    color.attribute_name = COLOR
     links.new(color.outputs["Color"], emission.inputs["Color"])
     cosine = nodes.new("ShaderNodeVectorMath")
     cosine.operation = "DOT_PRODUCT"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Files that are there as a whole or not at all.
 
-Blender says that it has saved a file or written a picture when the disk is full, too, and has by then cut what was
-there before. So files are written beside their place, checked to their end, and only then put there.
+When the disk is full, Blender still reports that it has saved a file or written a picture, and has by then cut off
+what was there before. So files are written beside their place, checked to their end, and only then moved there.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def _keep(target: Path, backups: int) -> None:
 def _check(path: Path) -> None:
     """Raise OSError unless the disk holds the file to its end."""
     with path.open("r+b") as file:
-        # Some file systems tell only now that there is no room.
+        # Some file systems report only now that the disk is full.
         os.fsync(file.fileno())
         is_whole = {".png": _is_whole_png, ".blend": _is_whole_blend}[path.suffix.lower()]
         try:

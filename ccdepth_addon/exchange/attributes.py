@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The attributes of a mesh on its subdivision: UV maps, colours, creases, selections, and whatever else there is.
 
-As the Subdivision Surface modifier carries them when it is applied, but for these:
+Like the Subdivision Surface modifier when it is applied, but for these:
 
-- Integers and texts are those of the nearest vertex or corner; the modifier averages integers, and so makes up numbers
-  that stand for nothing, or leaves zeros, by version and type, and drops texts.
+- Integers and texts are those of the nearest vertex or corner; the modifier averages integers, which makes up
+  meaningless numbers, or leaves zeros, by version and type, and drops texts.
 - Vertex creases stay at the vertices; the modifier spreads them over the faces around.
-- Selected and hidden parts stay whole; the modifier takes away the edges inside faces.
+- Selected and hidden parts stay whole; the modifier drops the edges inside faces.
 - Edges with a crease of 1 are marked sharp, as they are sharp on the surface.
 - Custom normals are left out: they belong to the coarse faces.
 """
@@ -14,7 +14,6 @@ As the Subdivision Surface modifier carries them when it is applied, but for the
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import Any
 
 import bpy
@@ -41,57 +40,27 @@ from ..core import (
     to_quaternions,
     to_rotation_vectors,
 )
-from ..state.results import BOUND, COLOR, DEPTH, color_of_user
-from .bulk_writing import write_values
+from .bulk_writing import TYPES, ValueType, write_attribute, write_values
 from .control_mesh import EDGE_CREASE, VERTEX_CREASE, read_creases, read_values
+from .result_attributes import BOUND, COLOR, DEPTH, color_of_user
 
 Values = NDArray[Any]
 
 
-@dataclass(frozen=True)
-class ValueType:
-    """How Blender's collections hand out the values of a type of attributes, what stands where there is none, and the
-    steps they are kept in."""
-
-    value: str
-    dtype: type
-    width: int = 1
-    default: tuple[float, ...] = (0,)
-    step: float = 0.0
-
-
-IDENTITY = tuple(np.eye(4).ravel().tolist())
-# Byte colours are interpolated as they are stored, in sRGB.
-TYPES = {
-    "FLOAT": ValueType("value", np.float32),
-    "FLOAT2": ValueType("vector", np.float32, 2),
-    "FLOAT_VECTOR": ValueType("vector", np.float32, 3),
-    "FLOAT4": ValueType("vector", np.float32, 4),
-    "FLOAT_COLOR": ValueType("color", np.float32, 4),
-    "BYTE_COLOR": ValueType("color_srgb", np.float32, 4, step=1 / 255),
-    "QUATERNION": ValueType("value", np.float32, 4, (1, 0, 0, 0)),
-    "FLOAT4X4": ValueType("value", np.float32, 16, IDENTITY),
-    "BOOLEAN": ValueType("value", np.bool_),
-    "INT": ValueType("value", np.int32),
-    "INT8": ValueType("value", np.int8),
-    "INT16_2D": ValueType("value", np.int16, 2),
-    "INT32_2D": ValueType("value", np.int32, 2),
-}
-
 TOPOLOGY = {"position", ".edge_verts", ".corner_vert", ".corner_edge"}
 LEFT_OUT = TOPOLOGY | {DEPTH, BOUND, COLOR}
 CUSTOM_NORMAL = "custom_normal"
-# From this version on normals can be stored as they are; before, only as angles from Blender's own, in 16 bits each.
+# Since this version normals can be stored as vectors; before, only as two 16-bit angles from Blender's own.
 FREE_NORMALS = (4, 5)
-# Flags that vertices, edges and faces have in common, by the beginning of their names.
+# Flags of vertices, edges and faces, by the prefix of their names.
 FLAGS = (".select", ".hide")
 FLAG_DOMAINS = {f"{flag}_{kind}": domain for flag in FLAGS for kind, domain in (("vert", "POINT"), ("edge", "EDGE"))}
 # Marks that Blender before 5.0 keeps outside the attributes.
 MARKS = "use_freestyle_mark"
 
 
-class Carrier:
-    """Carries the attributes of one mesh to its subdivision; ``control`` has the faces and corners of ``base``."""
+class AttributeTransfer:
+    """Transfers the attributes of a mesh to its subdivision; ``control`` has the faces and corners of ``base``."""
 
     def __init__(self, base: bpy.types.Mesh, control: PolygonMesh, subdivided: SubdividedMesh, uv_smooth: str) -> None:
         self.base = base
@@ -99,17 +68,17 @@ class Carrier:
         self.subdivided = subdivided
         self.uv_smooth = uv_smooth
 
-    # Whatever is infinite or no number stays so, where it can.
+    # Values that are not finite stay so, where they can.
     @np.errstate(all="ignore")
     def write(self, mesh: bpy.types.Mesh) -> None:
-        """Put them all on the new mesh, which has its faces, and no attributes but those."""
+        """Write them all to the new mesh, which has its faces, and no other attributes."""
         uv_maps = {layer.name for layer in self.base.uv_layers}
         for attribute in self.base.attributes:
             if is_left_out(attribute) or len(attribute.data) != _count(self.base, attribute.domain):
                 continue
-            carried = self._uv_map(attribute) if attribute.name in uv_maps else self._generic(attribute)
-            if carried is not None:
-                write_attribute(mesh, attribute.name, attribute.data_type, attribute.domain, carried)
+            values = self._uv_map(attribute) if attribute.name in uv_maps else self._generic(attribute)
+            if values is not None:
+                write_attribute(mesh, attribute.name, attribute.data_type, attribute.domain, values)
             elif attribute.data_type == "STRING":
                 self._write_texts(mesh, attribute)
         for flag in FLAGS:
@@ -134,7 +103,7 @@ class Carrier:
         return self._spread(attribute, values)
 
     def _spread(self, attribute: bpy.types.Attribute, values: Values) -> Values:
-        """Values at the vertices or corners of the base, at those of the new mesh."""
+        """Values at the vertices or corners of the base, interpolated at those of the new mesh."""
         if attribute.domain == "CORNER":
             return self._interpolated(attribute.data_type, values, self._at_corners)
         corner_values = values[self.control.corner_vertices]
@@ -142,22 +111,22 @@ class Carrier:
         def at(points: SurfacePoints) -> Values:
             return self._interpolated(attribute.data_type, corner_values, lambda evaluate: evaluate(points))
 
-        # What is split and joined again may not come back as it was, so vertices that stay keep theirs.
+        # Splitting and joining may change values, so vertices that stay keep theirs.
         return at_vertices(self.subdivided, values, at, self.subdivided.base_vertices >= 0)
 
-    def _interpolated(self, data_type: str, values: Values, ask: Callable[[Evaluate], Values]) -> Values:
-        """``values`` (C, D) at the base's corners, where ``ask`` wants them."""
+    def _interpolated(self, data_type: str, values: Values, sample: Callable[[Evaluate], Values]) -> Values:
+        """``values`` (C, D) at the base's corners, interpolated to the points of ``sample``."""
         if data_type == "QUATERNION":
-            return to_quaternions(self._linearly(to_rotation_vectors(values.astype(np.float64)), ask))
+            return to_quaternions(self._linearly(to_rotation_vectors(values.astype(np.float64)), sample))
         if data_type == "FLOAT4X4":
-            return join_transformations(self._linearly(split_transformations(values.astype(np.float64)), ask))
+            return join_transformations(self._linearly(split_transformations(values.astype(np.float64)), sample))
         if data_type == "BOOLEAN":
-            # True as soon as one corner with a say in it is, like the modifier.
-            return self._linearly(values.astype(np.float64), ask) > 0
-        return self._linearly(values.astype(np.float64), ask)
+            # True as soon as one corner with a weight is, like the modifier.
+            return self._linearly(values.astype(np.float64), sample) > 0
+        return self._linearly(values.astype(np.float64), sample)
 
-    def _linearly(self, values: Values, ask: Callable[[Evaluate], Values]) -> Values:
-        return ask(lambda points: interpolated(self.control, values, points))
+    def _linearly(self, values: Values, sample: Callable[[Evaluate], Values]) -> Values:
+        return sample(lambda points: interpolated(self.control, values, points))
 
     def _uv_map(self, attribute: bpy.types.Attribute) -> Values:
         uvs = _rows(attribute.data, TYPES["FLOAT2"])
@@ -177,13 +146,13 @@ class Carrier:
         texts = [item.value for item in attribute.data]
         sources = self._sources(attribute.domain)
         written = mesh.attributes.new(attribute.name, "STRING", attribute.domain).data
-        # Blender takes texts one at a time only; the new ones are empty.
+        # Blender writes texts one at a time; new ones are empty.
         filled = np.array([bool(text) for text in texts], dtype=bool)
         for place in np.flatnonzero((sources >= 0) & filled[sources]).tolist():
             written[place].value = texts[sources[place]]
 
     def _sources(self, domain: str) -> IndexArray | ShortIndexArray:
-        """The element of the base that each element of the new mesh takes after, or -1."""
+        """The element of the base whose value each element of the new mesh copies, or -1."""
         if domain == "POINT":
             return nearest_vertices(self.control, self.subdivided)
         if domain == "CORNER":
@@ -191,7 +160,7 @@ class Carrier:
         return self.subdivided.base_edges if domain == "EDGE" else self.subdivided.base_faces
 
     def _write_flags(self, mesh: bpy.types.Mesh, flag: str) -> None:
-        """Vertices and edges are what the vertex, edge or face of the base is that they lie in."""
+        """Vertices and edges have the flag of the vertex, edge or face of the base that they lie in."""
         vertices, edges, faces = (self._flags(f"{flag}_{kind}") for kind in ("vert", "edge", "poly"))
         if not (vertices.any() or edges.any() or faces.any()):
             return
@@ -209,7 +178,7 @@ class Carrier:
             outside = np.flatnonzero(sources >= 0)
             flags[outside] = values[sources[outside]]
         for name, values in ((f"{flag}_vert", at_vertices), (f"{flag}_edge", at_edges)):
-            # One of another kind is no flag.
+            # One of another type is no flag.
             if name not in mesh.attributes:
                 write_attribute(mesh, name, "BOOLEAN", FLAG_DOMAINS[name], values)
 
@@ -246,24 +215,12 @@ class Carrier:
 
 
 def is_left_out(attribute: bpy.types.Attribute) -> bool:
-    """Whether an attribute is not carried over as it is: the mesh itself, results of ours, flags, custom normals."""
+    """Whether an attribute is not transferred as it is: the mesh itself, results of ours, flags, custom normals."""
     if attribute.name == CUSTOM_NORMAL:
         free = attribute.data_type == "FLOAT_VECTOR" and bpy.app.version >= FREE_NORMALS
         return free or (attribute.data_type, attribute.domain) == ("INT16_2D", "CORNER")
     is_flag = (attribute.data_type, attribute.domain) == ("BOOLEAN", FLAG_DOMAINS.get(attribute.name))
     return is_flag or attribute.name in LEFT_OUT
-
-
-def write_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str, values: Values) -> None:
-    """Write the values (N, D) or (N,) of an attribute, which is made if the mesh does not have it."""
-    kind = TYPES[data_type]
-    attribute = mesh.attributes.get(name)
-    if attribute is not None and (attribute.data_type, attribute.domain) != (data_type, domain):
-        mesh.attributes.remove(attribute)
-        attribute = None
-    if attribute is None:
-        attribute = mesh.attributes.new(name, data_type, domain)
-    write_values(attribute.data, kind.value, np.asarray(values, dtype=kind.dtype), kind.step)
 
 
 def _rows(data: Any, kind: ValueType) -> Values:
@@ -286,7 +243,7 @@ def _count(mesh: bpy.types.Mesh, domain: str) -> int:
 
 
 def choose_same(base: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
-    """Make the same UV maps, colours and attribute the active ones, and those for rendering."""
+    """Make the same UV maps, colours and attribute the active ones and the rendered ones."""
     for layer in base.uv_layers:
         copy = mesh.uv_layers.get(layer.name)
         if copy is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender object → control mesh: the polygon mesh whose Catmull-Clark surface is meant.
+"""Blender object → control mesh: the polygon mesh whose Catmull-Clark surface is used.
 
 That is the surface the object's Subdivision Surface modifier makes at its place in the stack. With several such
 modifiers it is the first of type Catmull-Clark that shows in the viewport, or else the first of that type; one of type
@@ -30,34 +30,34 @@ EDGE_CREASE, VERTEX_CREASE = "crease_edge", "crease_vert"
 CREASE_DOMAINS = {EDGE_CREASE: "EDGE", VERTEX_CREASE: "POINT"}
 NO_ORIGIN = -1
 
-# The second number of an origin is the square of the first modulo this prime. A modifier that averages the origins of
-# several faces makes a pair that does not fit, and its faces are known to come from no one face.
+# The second number of an origin is the square of the first modulo this prime. Averaged origins of several faces do not
+# fit together, which shows that a modifier has merged these faces.
 ORIGIN_PRIME = 2**31 - 1
 
-# Objects are taken to be at least so thick, in parts of what they are stretched to at most.
+# The least scale of an object along any direction, as a fraction of the largest.
 LEAST_STRETCH = 1e-6
 
-# Objects evaluated at once, and vertices of their own meshes: as many as keep a window responsive.
+# Objects evaluated at once, and vertices of their own meshes: few enough to keep the window responsive.
 OBJECTS_AT_ONCE = 128
 VERTICES_AT_ONCE = 1 << 18
 
-# These take faces away. What others lose, they have merged into faces that count for one of their origins only.
-TAKING_FACES_AWAY = {"BOOLEAN", "BUILD", "MASK", "NODES", "WELD"}
+# These remove faces. Faces that other modifiers lose are merged into faces that keep one origin alone.
+REMOVING_FACES = {"BOOLEAN", "BUILD", "MASK", "NODES", "WELD"}
 
-# These stand in the stack and leave the mesh as it is.
+# These leave the mesh as it is.
 NOT_SHAPING = {"COLLISION", "PARTICLE_SYSTEM"}
 
-# Their result is kept with the object itself, and a copy of it has none.
+# Their cache belongs to the object itself: a copy has none.
 SIMULATIONS = {"CLOTH", "EXPLODE", "FLUID", "SOFT_BODY"}
 
 
 class ControlMeshError(ValueError):
-    """The object has no control mesh that could be read; the message says why in a modeller's words."""
+    """The object's control mesh cannot be read; the message says why in a modeller's words."""
 
 
 @dataclass(frozen=True)
 class SurfaceRule:
-    """The settings of a Subdivision Surface modifier that decide its surface; here, its defaults."""
+    """The settings of a Subdivision Surface modifier that shape its surface, with its defaults."""
 
     smooth_corners: bool = True
     use_creases: bool = True
@@ -65,14 +65,14 @@ class SurfaceRule:
 
 @dataclass(frozen=True, eq=False)
 class MeshAsRead:
-    """A mesh in object space, its sharpness that of its creases alone, and the rule its surface is meant by."""
+    """A mesh in object space, whose sharpness is that of its creases alone, and the rule of its surface."""
 
     arrays: PolygonMesh
     rule: SurfaceRule
 
     @cached_property
     def key(self) -> bytes:
-        """Equal for equal meshes; loose vertices may be anywhere, even nowhere."""
+        """Equal for equal meshes; loose vertices may be anywhere, and not finite."""
         digest = blake2b(repr(self.rule).encode())
         for field in fields(PolygonMesh):
             values = np.ascontiguousarray(getattr(self.arrays, field.name))
@@ -116,9 +116,9 @@ class ControlMesh:
             return self.mesh.changed(positions=positions)
 
     def thickened(self) -> ControlMesh:
-        """The same unless the object is scaled to nothing, or nearly, along some direction: then, to a little.
+        """The same, with a scale of at least ``LEAST_STRETCH`` of the largest along every direction.
 
-        That makes no distance shorter, and the scene tells again where the points of the mesh lie in object space.
+        No distance becomes shorter, and the matrix becomes invertible.
         """
         if not np.isfinite(self.world).all():
             return self
@@ -131,8 +131,8 @@ class ControlMesh:
     def diagonal(self) -> float:
         """The diagonal of the object's dimensions, as a length in the scene.
 
-        The box lies along the object's axes and holds every vertex that has a face; its eight corners are taken to the
-        scene, and the longest of its four diagonals counts. So turning the object changes nothing.
+        The box lies along the object's axes and holds every vertex that has a face; its eight corners are moved to
+        the scene, and the longest of its four diagonals counts. So turning the object changes nothing.
         """
         has_faces = self.mesh.vertex_face_counts > 0
         used = self.mesh.positions if np.all(has_faces) else self.mesh.positions[has_faces]
@@ -146,12 +146,17 @@ class ControlMesh:
         return float(np.linalg.norm(diagonals, axis=1).max())
 
 
+def gram_matrix(world: FloatArray) -> FloatArray:
+    """(3, 3): AᵀA, which says how long the object makes every vector of its mesh, however it is turned."""
+    return world.T @ world
+
+
 # By the session identifier of the mesh and the rule it was read with.
 SharedMeshes = dict[tuple[int, SurfaceRule], MeshAsRead]
 
 
 def subdivision_modifier(blender_object: bpy.types.Object) -> bpy.types.Modifier | None:
-    """The modifier whose surface is meant, if there is one."""
+    """The modifier whose surface is used, if there is one."""
     found = [
         modifier
         for modifier in blender_object.modifiers
@@ -223,8 +228,7 @@ def _is_evaluated(blender_object: bpy.types.Object, counted: Sequence[bpy.types.
 
 
 def applied_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
-    """The modifiers that a subdivision of the object's surface has in it: the Subdivision Surface modifier, and those
-    that are counted in."""
+    """The modifiers that an adaptive mesh replaces: the Subdivision Surface modifier, and those that are counted in."""
     counted = counted_modifiers(blender_object) if use_modifiers else []
     subdivision = subdivision_modifier(blender_object)
     applied = [modifier for modifier in counted if modifier.type not in NOT_SHAPING]
@@ -246,10 +250,10 @@ def base_mesh(
     shared: SharedMeshes | None = None,
     copies: FrozenCopies | None = None,
 ) -> Iterator[tuple[bpy.types.Mesh, ControlMesh]]:
-    """The Blender mesh whose Catmull-Clark surface is meant, with everything it carries, and its control mesh.
+    """The Blender mesh whose Catmull-Clark surface is used, with all its attributes, and its control mesh.
 
     In Object Mode. It is the object's own mesh, or where modifiers are counted in, a temporary one they have made.
-    Unlike depths, a subdivision need not know which face of the object's own mesh each face comes from.
+    Unlike depths, an adaptive mesh need not know which face of the object's own mesh each face comes from.
     copies: what was made by ``copies_to_subdivide`` for this object and others; without, Blender evaluates it alone.
     """
     if copies is None:
@@ -275,16 +279,16 @@ def base_mesh(
 
 
 def _copy_custom_properties(source: bpy.types.Mesh, target: bpy.types.Mesh) -> None:
-    """Copy the properties that the user has made, with how they are shown; evaluated meshes have none.
+    """Copy the user's custom properties with their interface settings; evaluated meshes have none.
 
-    Before Blender 5.0 those of add-ons, which have their own names on the type, stand among them.
+    Before Blender 5.0, properties of add-ons, which are RNA properties of the type, are among them.
     """
     for name in source.keys():  # noqa: SIM118
         if name in source.bl_rna.properties:
             continue
         value = source[name]
         target[name] = value.to_dict() if hasattr(value, "to_dict") else value
-        with suppress(TypeError):  # Not every type can be shown in another way.
+        with suppress(TypeError):  # Not every type has interface settings.
             target.id_properties_ui(name).update_from(source.id_properties_ui(name))
 
 
@@ -305,20 +309,29 @@ def own_mesh(blender_object: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
     scratch = bpy.data.meshes.new(ORIGIN_ATTRIBUTE)
     try:
         bmesh.from_edit_mesh(blender_object.data).to_mesh(scratch)
-        _take_over_lists(blender_object, scratch)
+        _copy_lists(blender_object, scratch)
         yield scratch
     finally:
         bpy.data.meshes.remove(scratch)
 
 
-def _take_over_lists(blender_object: bpy.types.Object, scratch: bpy.types.Mesh) -> None:
-    """Give a mesh the object's vertex groups and materials, which its vertices and faces know by number alone:
-    modifiers ask for them by name."""
+def mesh_face_count(mesh: bpy.types.Mesh) -> int:
+    """How many faces a mesh has; in Edit Mode those being edited."""
+    if not mesh.is_editmode:
+        return len(mesh.polygons)
+    import bmesh
+
+    return len(bmesh.from_edit_mesh(mesh).faces)
+
+
+def _copy_lists(blender_object: bpy.types.Object, scratch: bpy.types.Mesh) -> None:
+    """Give a mesh the object's vertex groups and materials: its vertices and faces refer to them by index, modifiers by
+    name."""
     for material in blender_object.data.materials:
         scratch.materials.append(material)
     if not blender_object.vertex_groups:
         return
-    # Blender lets nobody but an object make vertex groups.
+    # Only objects can make vertex groups.
     holder = bpy.data.objects.new(scratch.name, scratch)
     for group in blender_object.vertex_groups:
         holder.vertex_groups.new(name=group.name)
@@ -351,7 +364,7 @@ def read_values(items: Any, name: str, dtype: type, width: int = 1) -> NDArray[A
 
 
 def read_built_in(attributes: Any, name: str, value: str, dtype: type, width: int = 1) -> NDArray[Any]:
-    """The same of an attribute; a mesh without vertices, edges or corners need not have it."""
+    """The same for a built-in attribute, which a mesh without vertices, edges or corners need not have."""
     return read_values(attributes[name].data if name in attributes else (), value, dtype, width)
 
 
@@ -464,7 +477,7 @@ class FrozenCopies:
     def add(
         self, blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier], *, with_origins: bool
     ) -> None:
-        """Copy an object, with these of its modifiers, and with origins on its faces where they are asked for."""
+        """Copy an object, with these of its modifiers, and with origins on its faces where they are needed."""
         uid = blender_object.session_uid
         mesh = self._own_copy(blender_object, with_origins)
         names = {modifier.name for modifier in modifiers}
@@ -522,7 +535,7 @@ class FrozenCopies:
         return mesh, _read_origins(mesh, self._names[uid], self._face_counts[uid])
 
     def losing_modifier(self, blender_object: bpy.types.Object) -> str | None:
-        """The modifier of the object that loses faces without taking them away, if there is one."""
+        """The modifier that merges faces of the object, if there is one."""
         if self._losing is None:
             self._losing = self._find_losing()
         modifier = self._losing.get(blender_object.session_uid)
@@ -541,7 +554,7 @@ class FrozenCopies:
                 modifier.show_viewport = True
             for uid, modifier in shown.items():
                 before, present[uid] = present[uid], len(_present(self._read_origins(uid)))
-                if present[uid] < before and (present[uid] == 0 or modifier.type not in TAKING_FACES_AWAY):
+                if present[uid] < before and (present[uid] == 0 or modifier.type not in REMOVING_FACES):
                     losing.setdefault(uid, modifier)
         return losing
 
@@ -597,8 +610,8 @@ def _refuse_simulations(modifiers: Sequence[bpy.types.Modifier]) -> None:
 
 def _write_origins(holder: bpy.types.Object, mesh: bpy.types.Mesh) -> str:
     """Write its number on every face of a mesh, and return the name it has there, which nothing else has."""
-    taken = {*holder.vertex_groups.keys(), *mesh.attributes.keys()}
-    name = next(name for number in count() if (name := f"{ORIGIN_ATTRIBUTE}_{number}") not in taken)
+    used = {*holder.vertex_groups.keys(), *mesh.attributes.keys()}
+    name = next(name for number in count() if (name := f"{ORIGIN_ATTRIBUTE}_{number}") not in used)
     origins = np.arange(1, len(mesh.polygons) + 1)
     pairs = np.stack([origins, origins * origins % ORIGIN_PRIME], axis=1).astype(np.int32)
     write_values(mesh.attributes.new(name, "INT32_2D", "FACE").data, "value", pairs)

@@ -6,8 +6,8 @@ from __future__ import annotations
 import bpy
 
 from ..core import PolygonMesh, SubdividedMesh, at_corners, limit_normals
-from .attributes import CUSTOM_NORMAL, FREE_NORMALS, write_attribute
-from .bulk_writing import WriteError
+from .attributes import CUSTOM_NORMAL, FREE_NORMALS
+from .bulk_writing import WriteError, write_attribute
 
 
 def write_limit_normals(

@@ -72,7 +72,7 @@ def write_shape_keys(
 
 
 def _positions(key: bpy.types.ShapeKey, control: PolygonMesh, subdivided: SubdividedMesh) -> NDArray[np.float32]:
-    """(V, 3): where a key of the base has the vertices of its subdivision; loose ones stay where they are."""
+    """(V, 3): the vertices of the subdivision in a key of the base; loose ones keep their positions."""
     coordinates = read_values(key.points, "co", np.float32, 3).astype(np.float64)
 
     def on_surface(points: SurfacePoints) -> FloatArray:
@@ -99,7 +99,7 @@ def _add_key(holder: bpy.types.Object, key: bpy.types.ShapeKey, relative: bool) 
 
 def _copy_settings(source: Any, target: Any, names: tuple[str, ...]) -> None:
     for name in names:
-        # Not every version has them all.
+        # Some exist only in some versions of Blender.
         if hasattr(source, name) and not target.is_property_readonly(name):
             setattr(target, name, getattr(source, name))
 

@@ -48,10 +48,10 @@ class ShownMesh:
         return np.stack(columns, axis=1)
 
     def rounding_from(self, origin: FloatArray) -> float:
-        """By how much double precision may have those positions wrong.
+        """The largest rounding error of those positions in double precision.
 
-        Each coordinate is a sum of four terms: at most six roundings of u = 2⁻⁵³ each, of the sum of what the terms
-        are without their signs; three coordinates make √3 of that, and so 16u is enough.
+        Each coordinate is a sum of four terms: at most six roundings of u = 2⁻⁵³ each, of the sum of the terms'
+        absolute values; three coordinates make √3 of that, and so 16u is enough.
         """
         largest = np.abs(self.triangles.positions).max(axis=0, initial=0.0)
         terms = np.abs(self.linear) @ largest + np.abs(self.location) + np.abs(origin)
@@ -59,7 +59,7 @@ class ShownMesh:
 
 
 def shown_modifiers(blender_object: bpy.types.Object) -> list[bpy.types.Modifier]:
-    """The modifiers that shape what the object shows, in Edit Mode too as in Object Mode."""
+    """The modifiers that shape what the object shows; in Edit Mode, those of Object Mode as well."""
     return [m for m in blender_object.modifiers if m.show_viewport and m.type not in NOT_SHAPING]
 
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..core import BoolArray, PolygonMesh, SubdividedMesh, interpolated_at_vertices
 from .attribute_conversion import convert_attribute
-from .attributes import write_attribute
+from .bulk_writing import write_attribute
 
 WEIGHTS = "ccdepth_weights"
 

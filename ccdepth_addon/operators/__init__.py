@@ -1,2 +1,36 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The operators, and what long runs share."""
+"""The operators, one file each, and what long runs share."""
+
+import bpy
+
+from . import worker
+from .apply_adaptive import CCDEPTH_OT_subdivide
+from .clear import CCDEPTH_OT_clear
+from .compute_depth import CCDEPTH_OT_compute
+from .count_faces import CCDEPTH_OT_count_faces
+from .measure_deviation import CCDEPTH_OT_measure
+from .select_by_depth import CCDEPTH_OT_select
+from .select_worst import CCDEPTH_OT_select_worst
+from .set_levels import CCDEPTH_OT_set_levels
+
+CLASSES = (
+    CCDEPTH_OT_compute,
+    CCDEPTH_OT_clear,
+    CCDEPTH_OT_select,
+    CCDEPTH_OT_set_levels,
+    CCDEPTH_OT_subdivide,
+    CCDEPTH_OT_count_faces,
+    CCDEPTH_OT_measure,
+    CCDEPTH_OT_select_worst,
+)
+
+
+def register() -> None:
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+
+
+def unregister() -> None:
+    worker.stop_all()
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Leaving Edit Mode for a while, and going on editing the very same objects."""
+"""Leave Edit Mode for a while, and enter it again with the same objects."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ import bpy
 
 
 def leave(context: bpy.types.Context) -> list[int]:
-    """Leave the Edit Mode of meshes, if it is on; returns the session identifiers of the objects that were edited."""
+    """Leave the Edit Mode of meshes, if it is on; returns the session identifiers of the edited objects."""
     if context.mode != "EDIT_MESH":
         return []
-    # Blender leaves hidden ones out of its own list.
+    # Blender's own list lacks hidden ones.
     edited = [each.session_uid for each in context.view_layer.objects if each.mode == "EDIT"]
     bpy.ops.object.mode_set(mode="OBJECT")
     return edited
@@ -21,13 +21,13 @@ def leave(context: bpy.types.Context) -> list[int]:
 def enter(context: bpy.types.Context, uids: Iterable[int]) -> None:
     """Edit these objects and no others; what is selected and hidden stays so.
 
-    Blender edits what is selected and shown, though it lets objects be selected, deselected and hidden meanwhile.
+    Blender enters Edit Mode with what is selected and shown, but lets both change while it is on.
     """
     wanted = set(uids)
     if not wanted:
         return
     layer = context.view_layer
-    # Objects that were removed meanwhile leave holes in the list until then.
+    # Until it is updated, the list has holes where objects were removed.
     layer.update()
     edited = [each for each in layer.objects if each.session_uid in wanted]
     if not edited:

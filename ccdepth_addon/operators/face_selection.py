@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Selecting the faces of a depth, in Object Mode and in Edit Mode."""
+"""Select faces by depth or by number, in Object Mode and in Edit Mode."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..core import BoolArray
 from ..exchange.control_mesh import read_values
-from ..state import results
+from ..exchange.result_attributes import DEPTH
 
 COMPARISONS = {"EQUAL": eq, "AT_LEAST": ge, "AT_MOST": le}
 
@@ -20,7 +20,7 @@ SELECTIONS = {"POINT": ".select_vert", "EDGE": ".select_edge", "FACE": ".select_
 
 
 def conflict(mesh: bpy.types.Mesh) -> str | None:
-    """The name of an attribute that stands where Blender keeps the selection and is none, if there is one.
+    """The name of an attribute that has the name of Blender's selection and is none, if there is one.
 
     Writing a selection over it crashes Blender. Edit Mode keeps its selection elsewhere.
     """
@@ -32,10 +32,10 @@ def conflict(mesh: bpy.types.Mesh) -> str | None:
 
 
 def select_faces(mesh: bpy.types.Mesh, depth: int, comparison: str, *, extend: bool) -> int:
-    """Select the faces whose depth compares so, as far as they are not hidden; returns how many of them there are."""
+    """Select the visible faces whose depth compares so with ``depth``; returns how many there are."""
     if mesh.is_editmode:
         return _select_while_editing(mesh, depth, comparison, extend)
-    depths = read_values(mesh.attributes[results.DEPTH].data, "value", np.int32)
+    depths = read_values(mesh.attributes[DEPTH].data, "value", np.int32)
     visible = ~read_values(mesh.polygons, "hide", np.bool_)
     wanted = COMPARISONS[comparison](depths, depth) & visible
     faces = wanted | (read_values(mesh.polygons, "select", np.bool_) & extend)
@@ -63,7 +63,7 @@ def _select_while_editing(mesh: bpy.types.Mesh, depth: int, comparison: str, ext
 
     edited = bmesh.from_edit_mesh(mesh)
     compare = COMPARISONS[comparison]
-    layer = edited.faces.layers.int[results.DEPTH]
+    layer = edited.faces.layers.int[DEPTH]
     edited.select_mode = {"FACE"}
     if not extend:
         for face in edited.faces:

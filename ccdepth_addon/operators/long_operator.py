@@ -1,100 +1,35 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""What operators that compute something with a tolerance have in common: whom they work on, their settings, and how
-they run without blocking the window."""
+"""What operators that compute something with a tolerance share: their settings, and runs that leave the window free."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Generator
 from typing import Any, ClassVar
 
 import bpy
 import numpy as np
 from bpy.props import FloatProperty
 
-from ..state import properties, results
+from ..state import properties
+from ..tasks.stepwise import Stage, Stepwise
 from ..tasks.surfaces import ComputeError
 from ..ui.printable import printable_lines
-from .stepwise import Stage, Stepwise
+from .selected_meshes import poll_meshes
 
-# Seconds of work before the interface gets control back: once at the start, and then again and again.
+# Seconds of work before Blender handles events: at the start, and at each tick of the timer.
 PATIENCE_AT_START = 0.5
 PATIENCE_AT_EACH_TICK = 0.1
 SECONDS_BETWEEN_TICKS = 0.01
 
-# Looking around is allowed meanwhile.
+# While it runs, the view may be moved.
 NAVIGATION_EVENTS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MOUSEMOVE", "TRACKPADPAN", "TRACKPADZOOM"}
 
 
-def meshes_meant(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The mesh objects an operator works on: the selected ones, or the active one when nothing is selected.
-
-    In Edit Mode they are those in it, and selected ones that share a mesh with them: undo covers no others there.
-    """
-    if context.mode == "EDIT_MESH":
-        edited = dict.fromkeys([*context.objects_in_mode, *context.selected_objects])
-        return [obj for obj in edited if obj.type == "MESH" and obj.data.is_editmode]
-    active = context.active_object
-    candidates = context.selected_objects or ([] if active is None else [active])
-    return [obj for obj in candidates if obj.type == "MESH"]
-
-
-def poll_meshes(cls: Any, context: bpy.types.Context) -> bool:
-    if context.mode not in {"OBJECT", "EDIT_MESH"}:
-        cls.poll_message_set("Works in Object Mode and in Edit Mode")
-        return False
-    if not meshes_meant(context):
-        cls.poll_message_set("Select a mesh object")
-        return False
-    return True
-
-
-def count_text(number: int, one: str, many: str) -> str:
-    return f"{number:,} {one if number == 1 else many}"
-
-
-def without_mesh_text(context: bpy.types.Context) -> str:
-    """What to tell of selected objects that are no meshes; empty when there are none."""
-    skipped = sum(obj.type != "MESH" for obj in context.selected_objects)
-    return f"Skipped {count_text(skipped, 'selected object', 'selected objects')} without a mesh" if skipped else ""
-
-
-def refuse_what_cannot_be_written(objects: list[bpy.types.Object]) -> None:
-    """Raise ComputeError naming every object that is hidden, or whose mesh cannot hold a result."""
-    refuse(objects, lambda obj: hidden_fault(obj) or _mesh_fault(obj.data) or name_fault(obj))
-
-
-def refuse(objects: list[bpy.types.Object], fault_of: Callable[[bpy.types.Object], str | None]) -> None:
-    """Raise ComputeError naming every object with a fault."""
-    faults = [f"{obj.name}: {fault}" for obj in objects if (fault := fault_of(obj))]
-    if faults:
-        raise ComputeError("\n".join(faults))
-
-
-def hidden_fault(blender_object: bpy.types.Object) -> str | None:
-    return None if blender_object.visible_get() else "the object is hidden; show it first"
-
-
-def _mesh_fault(mesh: bpy.types.Mesh) -> str | None:
-    if not mesh.is_editable:
-        return "the mesh is linked from another file and cannot be written to; make it local first"
-    if mesh.override_library is not None:
-        return "the mesh is a library override, on which Blender keeps no attributes; make it local first"
-    return None
-
-
-def name_fault(blender_object: bpy.types.Object) -> str | None:
-    """What stands where a result has to be written."""
-    name = results.conflict(blender_object)
-    if name is not None:
-        return f"the mesh has an attribute or a vertex group of its own called “{name}”; rename it first"
-    return None
-
-
 class LongOperator(bpy.types.Operator):
-    """An operator that works in steps: at once from a script, and from the window with progress, until Esc.
+    """An operator that works in steps: at once from a script; from the window with progress, and Esc cancels it.
 
-    Settings that the caller leaves open come from the scene, where panels show them under the same names.
+    Settings that the caller does not set come from the scene, which has them under the same names.
     """
 
     # Beside the tolerance itself.
@@ -103,13 +38,13 @@ class LongOperator(bpy.types.Operator):
     # Seconds of work at each tick of the timer.
     PATIENCE: ClassVar[float] = PATIENCE_AT_EACH_TICK
 
-    # The work, while there is any. Blender keeps operators that have run, and the work must not be kept with them.
+    # None unless it runs: Blender keeps operators that have run, and would keep their work with them.
     _run: Stepwise[Any, Any] | None = None
 
     tolerance: properties.absolute_tolerance_property()
     tolerance_mode: properties.tolerance_mode_property()
     use_modifiers: properties.use_modifiers_property()
-    # The same number for the redo panel, where a part of a diagonal must not be shown in metres.
+    # The same number for the redo panel, where a fraction of the diagonal must not be shown in metres.
     relative_tolerance: FloatProperty(
         name="Tolerance",
         description=properties.RELATIVE_DESCRIPTION,
@@ -127,7 +62,7 @@ class LongOperator(bpy.types.Operator):
         return poll_meshes(cls, context)
 
     def start(self, context: bpy.types.Context) -> Generator[Any, None, Any]:
-        """Read everything, and hand out the steps of the work, which yield its progress. Raises ComputeError."""
+        """Read the objects, and return the work as steps that yield its progress. Raises ComputeError."""
         raise NotImplementedError
 
     def finish(self, context: bpy.types.Context, answer: Any) -> set[str]:
@@ -139,7 +74,7 @@ class LongOperator(bpy.types.Operator):
         raise NotImplementedError
 
     def leave(self, context: bpy.types.Context) -> None:
-        """Put back what ``start`` changed for the time of the work; called however it ends."""
+        """Put back what ``start`` changed while it runs; called however it ends."""
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         return self._begin(context, np.inf) or {"CANCELLED"}
@@ -195,7 +130,7 @@ class LongOperator(bpy.types.Operator):
         return self._go_on(context, seconds)
 
     def _go_on(self, context: bpy.types.Context, seconds: float) -> set[str] | None:
-        """Work for a while; what the operator returns when it has ended, and None when there is more to do."""
+        """Work for so long; returns what the operator returns at its end, and None before."""
         try:
             if self._run is None:
                 self._run = Stepwise(self.start(context))
@@ -228,7 +163,7 @@ class LongOperator(bpy.types.Operator):
         context.workspace.status_text_set(None)
 
     def _take_settings(self, settings: bpy.types.PropertyGroup) -> None:
-        """Fill in from the scene what the caller left open."""
+        """Read from the scene what the caller did not set."""
         for name in self.SETTINGS:
             if not self.properties.is_property_set(name):
                 setattr(self, name, getattr(settings, name))
@@ -236,7 +171,7 @@ class LongOperator(bpy.types.Operator):
             self.tolerance = getattr(settings, properties.tolerance_name(self.tolerance_mode))
 
     def _keep_settings(self, settings: bpy.types.PropertyGroup) -> None:
-        """Let the panel show what was chosen in the redo panel."""
+        """Write to the scene what was chosen in the redo panel."""
         for name in self.SETTINGS:
             setattr(settings, name, getattr(self, name))
         setattr(settings, properties.tolerance_name(self.tolerance_mode), self.tolerance)

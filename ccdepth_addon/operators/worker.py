@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Work in a thread of its own, as steps for ``Stepwise``: the window stays free while the core is at work.
+"""Work in a thread, as steps for ``Stepwise``: the window stays free while the core computes.
 
-Only work that knows no Blender may be done so. It is given a function to call with the fraction done, which raises
-``Cancelled`` as soon as nobody waits for the answer any more.
+Only work without Blender may run in a thread. It calls a progress function with the fraction done, which raises
+``Cancelled`` once the caller has given up.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ SECONDS_TO_WAIT = 0.02
 
 
 class Cancelled(Exception):
-    """Nobody waits for the answer any more."""
+    """The caller has given up."""
 
 
 class _Thread(threading.Thread, Generic[Answer]):
-    """The work, how far it is, and how it ended."""
+    """The work, its progress, and its end."""
 
     def __init__(self, work: Callable[[Progress], Answer]) -> None:
         super().__init__(name="CC Depth")
@@ -35,13 +35,13 @@ class _Thread(threading.Thread, Generic[Answer]):
 
     def run(self) -> None:
         try:
-            self.answer = self._work(self._tell)
+            self.answer = self._work(self._progress)
         except BaseException as fault:
             self.fault = fault
         finally:
             _threads.discard(self)
 
-    def _tell(self, fraction: float) -> None:
+    def _progress(self, fraction: float) -> None:
         if not self.is_wanted:
             raise Cancelled
         self.fraction = fraction
@@ -51,8 +51,8 @@ _threads: set[_Thread] = set()
 
 
 def in_thread(work: Callable[[Progress], Answer]) -> Generator[float, None, Answer]:
-    """Do the work in a thread: yields the fraction done again and again, and returns the answer, or raises what the
-    work raises. When the generator is closed, the work is told to stop."""
+    """Run the work in a thread: yields the fraction done, and returns its answer or raises what it raises. Closing the
+    generator cancels the work."""
     thread = _Thread(work)
     _threads.add(thread)
     thread.start()
@@ -68,13 +68,13 @@ def in_thread(work: Callable[[Progress], Answer]) -> Generator[float, None, Answ
 
 
 def at_once(work: Callable[[Progress], Answer]) -> Generator[float, None, Answer]:
-    """The same without a thread, in a single step."""
+    """Run the work without a thread, in one step."""
     yield 0.0
     return work(lambda fraction: None)
 
 
 def stop_all() -> None:
-    """Tell all work to stop, and wait until it has."""
+    """Cancel all work, and wait for its end."""
     for thread in list(_threads):
         thread.is_wanted = False
         thread.join()

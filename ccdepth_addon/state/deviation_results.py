@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import version
+from ..exchange.result_attributes import COLOR_KIND, DEVIATION_KIND, read_face_values, write_face_values
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation
-from ..ui.colors import scale_colors, to_linear
 from . import results
+from .colors import scale_colors, to_linear
 
 
 class Verdict(Enum):
@@ -24,7 +25,7 @@ class Verdict(Enum):
 
 
 def verdict(proved: float, reached: float, tolerance: float) -> Verdict:
-    """What a proved and a reached distance say about a tolerance."""
+    """Whether a tolerance is met, from a proved and a reached distance."""
     if proved <= tolerance:
         return Verdict.MET
     return Verdict.NOT_MET if reached > tolerance else Verdict.UNDECIDED
@@ -33,18 +34,18 @@ def verdict(proved: float, reached: float, tolerance: float) -> Verdict:
 def write_deviation(
     mesh: bpy.types.Mesh, answer: MeshDeviation, settings: MeasureSettings, color_range: str, largest_shown: float
 ) -> None:
-    """Put the answer on its mesh: attribute, colours, and record.
+    """Write the answer to its mesh: attribute, colours, and record.
 
     color_range: what the colours stand for, by name. largest_shown: the largest deviation of all meshes measured
     together. Raises WriteError, with nothing changed, when Blender does not keep them.
     """
     values = results.rounded_up(answer.deviations)
     colors = _colors(values, _top(color_range, answer.tolerance, largest_shown))
-    results.write_face_values(mesh, {results.DEVIATION_KIND: values, results.COLOR_KIND: colors})
+    write_face_values(mesh, {DEVIATION_KIND: values, COLOR_KIND: colors})
     record = mesh.ccdepth
     record.has_deviation = record.shows_deviation = True
     record.deviation = _rounded_up(answer.proved)
-    # Downwards: it is really there.
+    # Rounded down: the distance is really there.
     record.deviation_reached = -_rounded_up(-answer.reached)
     found = record.measurement
     found.measured, found.against = answer.measured, answer.against
@@ -61,9 +62,9 @@ def write_deviation(
 
 
 def write_colors(mesh: bpy.types.Mesh, color_range: str) -> None:
-    """Write the colours of the deviations that are on the mesh anew."""
-    values = results.read_face_values(mesh, results.DEVIATION_KIND)
-    results.write_face_values(mesh, {results.COLOR_KIND: _colors(values, color_top(mesh.ccdepth, color_range))})
+    """Write the colours of the deviations on the mesh again."""
+    values = read_face_values(mesh, DEVIATION_KIND)
+    write_face_values(mesh, {COLOR_KIND: _colors(values, color_top(mesh.ccdepth, color_range))})
 
 
 def color_top(record: bpy.types.PropertyGroup, color_range: str) -> float:
@@ -77,8 +78,8 @@ def _top(color_range: str, tolerance: float, largest: float) -> float:
 
 
 def shown_object(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The object whose deviation is to be told: the active one if it was measured last, or else, of the selected ones
-    that were measured against it, the worst."""
+    """The object whose deviation is shown: the active one if it was measured last, or else the worst of the selected
+    ones that were measured against it."""
     active = context.active_object
     if active is None or active.type != "MESH":
         return None

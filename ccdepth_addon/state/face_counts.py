@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How many faces subdivisions of objects would have, as they were counted last, until the objects change.
+"""How many faces the adaptive meshes of objects would have, as counted last, until the objects change.
 
-Counts are kept for this session only, apart from the file: whoever asks for one changes nothing.
+Counts last for this session and are not in the file: counting changes nothing.
 """
 
 from __future__ import annotations
@@ -12,12 +12,13 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from ..tasks.adaptive_task import FaceCount, SubdivisionSettings
+from ..registration import add_handlers, remove_handlers
+from ..tasks.adaptive_task import AdaptiveSettings, FaceCount
 
 
 @dataclass(frozen=True)
 class _KnownCount:
-    settings: SubdivisionSettings
+    settings: AdaptiveSettings
     count: FaceCount
 
 
@@ -25,12 +26,12 @@ class _KnownCount:
 _known: dict[int, _KnownCount] = {}
 
 
-def remember(blender_object: bpy.types.Object, settings: SubdivisionSettings, count: FaceCount) -> None:
+def remember(blender_object: bpy.types.Object, settings: AdaptiveSettings, count: FaceCount) -> None:
     """Keep the count until the object changes."""
     _known[blender_object.session_uid] = _KnownCount(settings, count)
 
 
-def known_count(blender_object: bpy.types.Object, settings: SubdivisionSettings) -> FaceCount | None:
+def known_count(blender_object: bpy.types.Object, settings: AdaptiveSettings) -> FaceCount | None:
     """The count of the object with these settings, if it is known."""
     known = _known.get(blender_object.session_uid)
     return known.count if known is not None and known.settings == settings else None
@@ -60,11 +61,9 @@ HANDLERS = (
 
 
 def register() -> None:
-    for name, handler in HANDLERS:
-        getattr(bpy.app.handlers, name).append(handler)
+    add_handlers(HANDLERS)
 
 
 def unregister() -> None:
-    for name, handler in HANDLERS:
-        getattr(bpy.app.handlers, name).remove(handler)
+    remove_handlers(HANDLERS)
     _forget_everything()

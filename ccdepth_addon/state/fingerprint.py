@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a result was computed from, as checksums in its record, and whether that is still what is there."""
+"""What a result was computed from, as checksums in its record, and whether that has changed."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import BoolArray, FloatArray
-from ..exchange.control_mesh import own_mesh, read_values
-from ..tasks.depth_task import count_faces
+from ..exchange.control_mesh import mesh_face_count, own_mesh, read_values
+from ..exchange.mesh_checksums import continued, geometry_checksum
+from ..exchange.object_state import KnownDescriptions, ObjectState, object_state
+from ..exchange.result_attributes import DEPTH
 from . import results
-from .mesh_checksums import continued, geometry_checksum
-from .object_state import KnownDescriptions, ObjectState, object_state
 
 # How far, relatively, an object's scale may drift by rounding while it is turned.
 SCALE_DRIFT = 1e-5
 
-# Scales that are nearer to each other than this part of it are taken for one.
+# Scales nearer to each other than this fraction of it count as one.
 CELL_SIZE = 0.1
 
 # The trace of AᵀA, as a product with its upper triangle.
@@ -29,21 +29,21 @@ TRACE = np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
 
 @dataclass(frozen=True)
 class Examination:
-    """What became of a result: whether its mesh, or an object it was computed for, has changed, and which objects use
-    the mesh that it was not computed for, or are no longer like those it was computed for."""
+    """Whether a result's mesh, or an object it was computed for, has changed; and which objects use the mesh that the
+    result was not computed for, or that have changed since."""
 
     has_changed: bool
     uncovered: list[bpy.types.Object]
 
 
 def remember(mesh: bpy.types.Mesh, geometry: int, depths: NDArray[np.int32], states: Iterable[ObjectState]) -> None:
-    """Put into the record of the mesh what the result just written to it depends on.
+    """Write to the mesh's record what the result just written to it depends on.
 
     geometry: the checksum of the mesh it was computed from. depths: (F,) int32, those written. states: of the objects
     it was computed for, as they were read.
     """
     record = mesh.ccdepth
-    record.fingerprint = _text(continued(geometry, results.DEPTH, depths))
+    record.fingerprint = _text(continued(geometry, DEPTH, depths))
     record.contributors.clear()
     for checksum, scales in _by_checksum((state.checksum, state.scale) for state in states).items():
         for scale in _without_repetitions(scales)[0]:
@@ -56,8 +56,8 @@ def mesh_checksum(blender_object: bpy.types.Object) -> str:
     with own_mesh(blender_object) as mesh:
         checksum = geometry_checksum(mesh)
         if results.has_depths(mesh):
-            depths = read_values(mesh.attributes[results.DEPTH].data, "value", np.int32)
-            checksum = continued(checksum, results.DEPTH, depths)
+            depths = read_values(mesh.attributes[DEPTH].data, "value", np.int32)
+            checksum = continued(checksum, DEPTH, depths)
     return _text(checksum)
 
 
@@ -76,7 +76,7 @@ def examine(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object], known: Know
     recorded = _by_checksum((each.checksum, each.gram) for each in record.contributors)
     is_intact = (
         bool(users)
-        and count_faces(mesh) == record.faces
+        and mesh_face_count(mesh) == record.faces
         and mesh_checksum(users[0]) == record.fingerprint
         and all(_are_among(scales, present.get(checksum)).all() for checksum, scales in recorded.items())
     )
@@ -100,7 +100,7 @@ def _are_among(scales: FloatArray, others: FloatArray | None) -> BoolArray:
     distinct, places = _without_repetitions(scales)
     others, _ = _without_repetitions(others)
     traces, slack = distinct @ TRACE, SCALE_DRIFT * np.abs(distinct).max(axis=1)
-    # Only those of nearly the same trace need to be looked at, and they stand beside each other.
+    # Only those of nearly the same trace are compared; sorted, they stand beside each other.
     others = others[np.argsort(others @ TRACE)]
     first = np.searchsorted(others @ TRACE, traces - 3 * slack, "left")
     last = np.searchsorted(others @ TRACE, traces + 3 * slack, "right")
@@ -112,9 +112,9 @@ def _are_among(scales: FloatArray, others: FloatArray | None) -> BoolArray:
 
 
 def _without_repetitions(scales: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
-    """One each of those (N, 6) that rounding alone sets apart, and where each of all stands among them."""
+    """One of each group that differs by rounding alone (M, 6), and for each of all (N, 6), its index among them."""
     exponents = np.frexp(np.abs(scales).max(axis=1))[1]
     cells = np.rint(np.ldexp(scales, -exponents[:, None]) / (SCALE_DRIFT * CELL_SIZE))
     _, first, places = np.unique(np.column_stack([cells, exponents]), axis=0, return_index=True, return_inverse=True)
-    # numpy 2.0 alone gives places a second axis.
+    # numpy 2.0 alone gives the inverse a second axis.
     return scales[first], places.reshape(-1)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a measurement depends on, in its record, and whether that is still what is there."""
+"""What a measurement depends on, as checksums in its record, and whether that has changed."""
 
 from __future__ import annotations
 
@@ -7,19 +7,18 @@ import bpy
 import numpy as np
 
 from ..core import FloatArray
-from ..exchange.control_mesh import own_mesh, read_values
+from ..exchange.control_mesh import mesh_face_count, own_mesh, read_values
+from ..exchange.mesh_checksums import continued, geometry_checksum
+from ..exchange.object_state import object_state, shown_checksum
+from ..exchange.result_attributes import DEVIATION
 from ..exchange.shown_mesh import shown_modifiers
-from ..tasks.depth_task import count_faces
-from . import results
-from .mesh_checksums import continued, geometry_checksum
-from .object_state import object_state, shown_checksum
 
 # How far, in parts of the largest number, a placement may drift by rounding while both objects are moved together.
 DRIFT = 2e-6
 
 
 def remember(measured: bpy.types.Object) -> None:
-    """Put into the record of the object's mesh what the measurement just written to it depends on."""
+    """Write to the record of the object's mesh what the measurement just written to it depends on."""
     found = measured.data.ccdepth.measurement
     against = bpy.data.objects[found.against]
     found.fingerprint = _checksum(measured, against, use_modifiers=found.use_modifiers)
@@ -27,12 +26,12 @@ def remember(measured: bpy.types.Object) -> None:
 
 
 def has_changed(mesh: bpy.types.Mesh) -> bool:
-    """Whether the objects of the mesh's measurement are no longer as its record tells."""
+    """Whether the objects of the mesh's measurement differ from its record."""
     found = mesh.ccdepth.measurement
     measured, against = bpy.data.objects.get(found.measured), bpy.data.objects.get(found.against)
     if measured is None or against is None or measured.data != mesh or against.type != "MESH":
         return True
-    if count_faces(mesh) != found.faces:
+    if mesh_face_count(mesh) != found.faces:
         return True
     recorded, present = np.array(found.placement, dtype=np.float64), _placement(measured, against)
     if np.abs(recorded - present).max() > DRIFT * np.abs(recorded).max():
@@ -55,13 +54,13 @@ def _checksum(measured: bpy.types.Object, against: bpy.types.Object, *, use_modi
 def _mesh_checksum(measured: bpy.types.Object) -> str:
     """Of the object's own mesh, and of the deviations on it."""
     with own_mesh(measured) as mesh:
-        values = read_values(mesh.attributes[results.DEVIATION].data, "value", np.float32)
-        return f"{continued(geometry_checksum(mesh), results.DEVIATION, values):08x}"
+        values = read_values(mesh.attributes[DEVIATION].data, "value", np.float32)
+        return f"{continued(geometry_checksum(mesh), DEVIATION, values):08x}"
 
 
 def _placement(measured: bpy.types.Object, against: bpy.types.Object) -> FloatArray:
-    """(18,): the scale of the second object, and where it has the first one, which moving both together leaves as it
-    is."""
+    """(18,): the scale of the second object, and the place of the first relative to it, which stays when both move
+    together."""
     place, other = (np.array(item.matrix_world, dtype=np.float64) for item in (measured, against))
     scale = object_state(against, use_modifiers=False).scale
     relative = np.linalg.pinv(other[:3, :3]) @ (place[:3] - np.column_stack([np.zeros((3, 3)), other[:3, 3]]))

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Noticing that a result is stale, without computing anything while the interface is drawn.
+"""Which results are stale, found without computing anything while the interface is drawn.
 
-A handler only notes which meshes with a result were touched. Some time later a timer examines them, and keeps the
-answer until they are touched again. Operators that rely on a result examine it themselves, by the same function.
+A handler only notes which meshes with a result were touched. A timer examines them later and keeps the answer until
+they are touched again. Operators that rely on a result examine it themselves, by the same function.
 """
 
 from __future__ import annotations
@@ -14,10 +14,10 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from ..tasks.depth_task import count_faces
-from ..ui import heat_map
-from . import fingerprint, measured_state, results
-from .object_state import KnownDescriptions
+from ..exchange.control_mesh import mesh_face_count
+from ..exchange.object_state import KnownDescriptions
+from ..registration import add_handlers, remove_handlers
+from . import fingerprint, measured_state, results, viewports
 
 # Seconds without a change before checksums are compared.
 PATIENCE = 0.3
@@ -36,22 +36,22 @@ _measured_against: dict[str, set[int]] = {}
 
 
 def is_stale(mesh: bpy.types.Mesh) -> bool:
-    """Whether the mesh has changed since its result was computed, as far as has been noticed yet."""
+    """Whether the mesh has changed since its result was computed, as far as examined."""
     return mesh.session_uid in _stale
 
 
 def is_uncovered(blender_object: bpy.types.Object) -> bool:
-    """Whether the result on the object's mesh was not computed for an object like it, as far as has been noticed."""
+    """Whether the result on the object's mesh was not computed for an object like it, as far as examined."""
     return blender_object.session_uid in _uncovered
 
 
 def is_deviation_stale(mesh: bpy.types.Mesh) -> bool:
-    """Whether what was measured on the mesh no longer holds, as far as has been noticed yet."""
+    """Whether the measurement on the mesh no longer holds, as far as examined."""
     return mesh.session_uid in _stale_deviations
 
 
 def note_deviation(mesh: bpy.types.Mesh) -> None:
-    """What was measured on the mesh is new, and the next change of its geometry is the writing of it."""
+    """Note a new measurement on the mesh: the next change of its geometry is the writing of it."""
     _stale_deviations.discard(mesh.session_uid)
     _own_writes.add(mesh.session_uid)
     _note_target(mesh)
@@ -63,14 +63,14 @@ def _note_target(mesh: bpy.types.Mesh) -> None:
 
 
 def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:
-    """Those among the objects whose results no longer hold, examined now; the panel is told the same."""
+    """Those of the objects whose results no longer hold, examined now; panels show the same."""
     context.view_layer.update()
     _examine({blender_object.data.session_uid for blender_object in objects})
     return [holder for holder in objects if is_stale(holder.data) or is_uncovered(holder)]
 
 
 def note_write(mesh: bpy.types.Mesh) -> None:
-    """The mesh's result is new, and the next change of its geometry is the writing of it."""
+    """Note a new result on the mesh: the next change of its geometry is the writing of it."""
     _stale.discard(mesh.session_uid)
     _own_writes.add(mesh.session_uid)
 
@@ -80,11 +80,11 @@ def check_touched() -> None:
     touched = set(_touched)
     _touched.clear()
     if _examine(touched):
-        heat_map.redraw_viewports(bpy.context)
+        viewports.redraw(bpy.context)
 
 
 def _examine(uids: set[int]) -> bool:
-    """Examine the results on these meshes; whether there are any."""
+    """Examine the results on these meshes; returns whether there are any."""
     users = _users_of_results(uids)
     known: KnownDescriptions = {}
     for mesh, objects in users.items():
@@ -94,7 +94,7 @@ def _examine(uids: set[int]) -> bool:
         try:
             found = fingerprint.examine(mesh, objects, known)
         except Exception:
-            # What cannot be examined must not pass for current.
+            # What cannot be examined counts as stale.
             traceback.print_exc()
             found = fingerprint.Examination(True, [])
         uncovered = set(found.uncovered)
@@ -131,7 +131,7 @@ def _users_of_results(uids: set[int]) -> dict[bpy.types.Mesh, list[bpy.types.Obj
 
 
 def touch(mesh: bpy.types.Mesh) -> None:
-    """Have the mesh's result checked soon."""
+    """Examine the mesh's result soon."""
     _touch({mesh.session_uid})
 
 
@@ -160,7 +160,7 @@ def _notice_update(mesh: bpy.types.Mesh, geometry: bool) -> None:
     own_write = geometry and mesh.session_uid in _own_writes
     if geometry:
         _own_writes.discard(mesh.session_uid)
-    if not mesh.is_editmode or count_faces(mesh) <= LARGEST_EDITED_FACE_COUNT:
+    if not mesh.is_editmode or mesh_face_count(mesh) <= LARGEST_EDITED_FACE_COUNT:
         touch(mesh)
     elif geometry and not own_write:
         _stale.add(mesh.session_uid)
@@ -168,15 +168,9 @@ def _notice_update(mesh: bpy.types.Mesh, geometry: bool) -> None:
 
 
 @persistent
-def _check_everything(*_: Any) -> None:
-    """After undo, redo and loading: data may have been replaced as a whole."""
-    heat_map.synchronise_soon()
-    _touch_everything()
-
-
-@persistent
 def _touch_everything(*_: Any) -> None:
-    """After a change of the frame, too: what is animated is not told of like what is edited."""
+    """After undo, redo and loading, which may replace data as a whole, and after a change of the frame: Blender
+    reports no updates of what is animated."""
     for mesh in bpy.data.meshes:
         if results.has_any(mesh):
             _note_target(mesh)
@@ -192,21 +186,19 @@ def _forget_everything(*_: Any) -> None:
 HANDLERS = (
     ("depsgraph_update_post", _notice_updates),
     ("frame_change_post", _touch_everything),
-    ("undo_post", _check_everything),
-    ("redo_post", _check_everything),
+    ("undo_post", _touch_everything),
+    ("redo_post", _touch_everything),
     ("load_pre", _forget_everything),
-    ("load_post", _check_everything),
+    ("load_post", _touch_everything),
 )
 
 
 def register() -> None:
-    for name, handler in HANDLERS:
-        getattr(bpy.app.handlers, name).append(handler)
+    add_handlers(HANDLERS)
 
 
 def unregister() -> None:
-    for name, handler in HANDLERS:
-        getattr(bpy.app.handlers, name).remove(handler)
+    remove_handlers(HANDLERS)
     if bpy.app.timers.is_registered(check_touched):
         bpy.app.timers.unregister(check_touched)
     _forget_everything()

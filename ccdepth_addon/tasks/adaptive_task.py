@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects → subdivisions of their surfaces: what has to be made once for several objects, how far from the surface its
-drawing may be, and how many faces it has. Nothing here writes to a mesh.
+"""Objects → adaptive meshes as arrays: which are made once for several objects, their tolerances with all rounding, and
+how many faces they have. Nothing here writes to a Blender mesh.
 
-Objects that use one mesh get one result together, made for the one that no other outdoes by its scale and tolerance.
+Objects that use one mesh get one result together, made for the one that no other dominates by its scale and tolerance.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ from ..exchange.control_mesh import (
     read_values,
     subdivision_modifier,
 )
-from ..operators.stepwise import Stage
+from .stepwise import Stage
 from .surfaces import (
     ComputeError,
     Faults,
@@ -50,9 +50,9 @@ from .surfaces import (
     SurfaceSettings,
     as_typed,
     control_mesh_key,
-    not_outdone,
     refuse_bad_tolerance,
     surface_of,
+    undominated,
 )
 
 # Rounding to single precision changes a number by this part of it at most.
@@ -73,17 +73,17 @@ FACES_TRIED, CONTROL_FACES_TRIED = 50_000, 8
 
 
 @dataclass(frozen=True)
-class SubdivisionSettings(SurfaceSettings):
-    """What is asked of a subdivision; ``max_faces`` of all results together."""
+class AdaptiveSettings(SurfaceSettings):
+    """The settings of Apply Adaptive Subdivision; ``max_faces`` is for all results together."""
 
     mode: str
     transitions: str
     max_faces: int
 
 
-def subdivision_settings(holder: Any, tolerance: float) -> SubdivisionSettings:
+def adaptive_settings(holder: Any, tolerance: float) -> AdaptiveSettings:
     """The settings that an operator or the scene holds, but for the tolerance."""
-    return SubdivisionSettings(
+    return AdaptiveSettings(
         as_typed(tolerance),
         holder.tolerance_mode,
         holder.use_modifiers,
@@ -94,18 +94,18 @@ def subdivision_settings(holder: Any, tolerance: float) -> SubdivisionSettings:
 
 
 @dataclass(frozen=True)
-class SubdivisionTask:
-    """A mesh to make. It keeps no reference to Blender's data, which may move meanwhile.
+class AdaptiveTask:
+    """An adaptive mesh to make. It keeps no reference to Blender's data, which may move while it runs.
 
-    object_names: the objects that get it, beginning with the one it is made for. tolerances: of each, lengths in the
-    scene. mesh_uid: of their own mesh. carried: what else of the objects the result depends on. surface: the one it is
+    object_names: the objects that get it, the one it is made for first. tolerances: of each, lengths in the scene.
+    mesh_uid: of their own mesh. dependencies: what else of the objects the result depends on. surface: the one it is
     made for. allowance: what rounding may add to distances there, a length in the scene.
     """
 
     object_names: list[str]
     tolerances: list[float]
     mesh_uid: int
-    carried: tuple[Any, ...]
+    dependencies: tuple[Any, ...]
     surface: Surface
     allowance: float
 
@@ -114,7 +114,7 @@ class SubdivisionTask:
         """The control mesh where it is proved."""
         return self.surface.control.thickened()
 
-    def request(self, settings: SubdivisionSettings, tolerance: float, most_faces: int) -> AdaptiveRequest:
+    def request(self, settings: AdaptiveSettings, tolerance: float, most_faces: int) -> AdaptiveRequest:
         limit = tolerance - self.allowance
         transitions = Transitions(settings.transitions)
         rounding = rounding_allowance(self.control.in_world)
@@ -122,21 +122,21 @@ class SubdivisionTask:
 
 
 @dataclass(frozen=True)
-class Subdivision:
+class AdaptiveResult:
     """The answer to a task."""
 
-    task: SubdivisionTask
+    task: AdaptiveTask
     adaptive: AdaptiveMesh
 
     @property
     def world_tolerance(self) -> float:
-        """The largest of the tolerances in force, a length in the scene."""
+        """The largest tolerance of its objects, a length in the scene."""
         return max(self.task.tolerances)
 
     @property
     def bounds(self) -> FloatArray:
         """(F,) the proved distances, lengths in the scene, with all rounding, wherever the result is used."""
-        # An object that is outdone has no larger distances, in parts of its tolerance.
+        # An object that is dominated has no larger distances, in parts of its tolerance.
         return (self.adaptive.bounds + self.task.allowance) * (self.world_tolerance / self.task.surface.tolerance)
 
     @property
@@ -155,15 +155,15 @@ class FaceCount:
     fitting: float | None
 
 
-def prepare_subdivision(
-    context: bpy.types.Context, objects: Sequence[bpy.types.Object], settings: SubdivisionSettings
-) -> Generator[Stage, None, list[SubdivisionTask]]:
+def prepare_adaptive(
+    context: bpy.types.Context, objects: Sequence[bpy.types.Object], settings: AdaptiveSettings
+) -> Generator[Stage, None, list[AdaptiveTask]]:
     """Read the objects, in Object Mode, and decide what to make.
 
-    Yields how far it is, and returns the tasks. Raises ComputeError, naming every object at fault.
+    Yields the stage, and returns the tasks. Raises ComputeError, naming every object at fault.
     """
     refuse_bad_tolerance(settings.tolerance)
-    tasks: list[SubdivisionTask] = []
+    tasks: list[AdaptiveTask] = []
     shared: SharedMeshes = {}
     faults = Faults(objects)
     read = 0
@@ -179,16 +179,16 @@ def prepare_subdivision(
     return _united(tasks)
 
 
-def _united(tasks: list[SubdivisionTask]) -> list[SubdivisionTask]:
-    """The tasks that have to be carried out, each for the objects of those it outdoes as well."""
-    alike: dict[Any, list[SubdivisionTask]] = {}
+def _united(tasks: list[AdaptiveTask]) -> list[AdaptiveTask]:
+    """The tasks that no other dominates, each with the objects of those it dominates."""
+    alike: dict[Any, list[AdaptiveTask]] = {}
     for task in tasks:
-        alike.setdefault((task.mesh_uid, task.carried, control_mesh_key(task.surface.control)), []).append(task)
+        alike.setdefault((task.mesh_uid, task.dependencies, control_mesh_key(task.surface.control)), []).append(task)
     kept: set[int] = set()
     for group in alike.values():
-        for better, outdone in not_outdone([task.surface for task in group]).items():
+        for better, dominated in undominated([task.surface for task in group]).items():
             kept.add(id(group[better]))
-            for other in outdone:
+            for other in dominated:
                 group[better].object_names.extend(group[other].object_names)
                 group[better].tolerances.extend(group[other].tolerances)
     return [task for task in tasks if id(task) in kept]
@@ -197,10 +197,10 @@ def _united(tasks: list[SubdivisionTask]) -> list[SubdivisionTask]:
 def _read_task(
     context: bpy.types.Context,
     blender_object: bpy.types.Object,
-    settings: SubdivisionSettings,
+    settings: AdaptiveSettings,
     shared: SharedMeshes,
     copies: FrozenCopies,
-) -> SubdivisionTask:
+) -> AdaptiveTask:
     use_modifiers = settings.use_modifiers
     with base_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=copies) as (
         base,
@@ -216,13 +216,13 @@ def _read_task(
     check_tolerance(surface.tolerance, max(smallest_step(in_world), 2 * allowance))
     modifiers = applied_modifiers(blender_object, use_modifiers=settings.use_modifiers)
     subdivision = subdivision_modifier(blender_object)
-    carried = (
+    dependencies = (
         getattr(subdivision, "uv_smooth", None),
-        # Modifiers may give each object's mesh other values to carry.
+        # Modifiers may give each object's mesh other attributes.
         blender_object.name if any(modifier != subdivision for modifier in modifiers) else "",
     )
-    return SubdivisionTask(
-        [blender_object.name], [surface.tolerance], blender_object.data.session_uid, carried, surface, allowance
+    return AdaptiveTask(
+        [blender_object.name], [surface.tolerance], blender_object.data.session_uid, dependencies, surface, allowance
     )
 
 
@@ -251,11 +251,11 @@ def _mixing_steps(keys: bpy.types.Key | None) -> float:
 
 
 def subdivide_stepwise(
-    tasks: list[SubdivisionTask], settings: SubdivisionSettings
-) -> Generator[int, None, list[Subdivision]]:
+    tasks: list[AdaptiveTask], settings: AdaptiveSettings
+) -> Generator[int, None, list[AdaptiveResult]]:
     """Make every mesh in small steps: yields about how many faces there are so far. Raises ComputeError when they
     become too many."""
-    answers: list[Subdivision] = []
+    answers: list[AdaptiveResult] = []
     made = 0
     for task in tasks:
         control = task.control
@@ -266,14 +266,12 @@ def subdivide_stepwise(
         except TooManyFacesError as fault:
             fitting = yield from _fitting_tolerance(tasks, settings, fault.tolerance / _unit(task, settings))
             raise ComputeError(too_many_text(tasks, FaceCount(made + fault.faces, fitting), settings)) from fault
-        answers.append(Subdivision(task, adaptive))
+        answers.append(AdaptiveResult(task, adaptive))
         made += len(adaptive.mesh.base_faces)
     return answers
 
 
-def count_stepwise(
-    tasks: list[SubdivisionTask], settings: SubdivisionSettings
-) -> Generator[int, None, list[FaceCount]]:
+def count_stepwise(tasks: list[AdaptiveTask], settings: AdaptiveSettings) -> Generator[int, None, list[FaceCount]]:
     """How many faces every mesh would have, in small steps like ``subdivide_stepwise``."""
     counts: list[int] = []
     start = settings.tolerance
@@ -306,13 +304,13 @@ def _refuse_too_many(faces: int, request: AdaptiveRequest) -> None:
         raise TooManyFacesError(faces, request.limit * faces / max(request.most_faces, 1))
 
 
-def _unit(task: SubdivisionTask, settings: SubdivisionSettings) -> float:
+def _unit(task: AdaptiveTask, settings: AdaptiveSettings) -> float:
     """What a tolerance of 1, as it is typed, means for a task: a length in the scene."""
     return task.surface.tolerance / settings.tolerance
 
 
 def _fitting_tolerance(
-    tasks: list[SubdivisionTask], settings: SubdivisionSettings, start: float
+    tasks: list[AdaptiveTask], settings: AdaptiveSettings, start: float
 ) -> Generator[int, None, float]:
     """A tolerance, as it is typed, with which the results together do not have too many faces; inf if there is none.
 
@@ -344,7 +342,7 @@ def _fitting_tolerance(
 
 
 def _count(
-    tasks: list[SubdivisionTask], settings: SubdivisionSettings, tolerance: float, most_faces: int
+    tasks: list[AdaptiveTask], settings: AdaptiveSettings, tolerance: float, most_faces: int
 ) -> Generator[int, None, int | None]:
     """How many faces the results would have together with another tolerance, as it is typed to two digits; None when
     they are too many."""
@@ -367,8 +365,8 @@ def _with_two_digits(number: float) -> float:
     return float(f"{ceil(number * 10.0**-step)}e{step}")
 
 
-def too_many_text(tasks: list[SubdivisionTask], count: FaceCount, settings: SubdivisionSettings) -> str:
-    """What to tell of results that have too many faces together."""
+def too_many_text(tasks: list[AdaptiveTask], count: FaceCount, settings: AdaptiveSettings) -> str:
+    """The report that the results have too many faces together."""
     assert count.fitting is not None
     whose = f"{tasks[0].object_names[0]}: the result" if len(tasks) == 1 else f"The {len(tasks)} results together"
     text = f"{whose} would have about {count.faces:,} faces, and {settings.max_faces:,} are allowed"

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects → depths of their meshes: what has to be computed once per mesh, and how several answers become one.
+"""Objects → depths of their meshes: what is computed once per mesh, and how several answers are merged.
 
-A mesh used by several objects is measured at the scale of each that no other one outdoes, and takes the largest depth
+A mesh used by several objects is measured at the scale of each that no other one dominates, and takes the largest depth
 of every face. Nothing here writes to a mesh.
 """
 
@@ -22,20 +22,21 @@ from ..exchange.control_mesh import (
     SharedMeshes,
     copies_to_measure,
     in_batches,
+    mesh_face_count,
     own_mesh,
     read_control_mesh,
 )
-from ..operators.stepwise import Stage
-from ..state.mesh_checksums import geometry_checksum
-from ..state.object_state import KnownDescriptions, ObjectState, object_state
-from .surfaces import Faults, Surface, SurfaceSettings, control_mesh_key, not_outdone, refuse_bad_tolerance, surface_of
+from ..exchange.mesh_checksums import geometry_checksum
+from ..exchange.object_state import KnownDescriptions, ObjectState, object_state
+from .stepwise import Stage
+from .surfaces import Faults, Surface, SurfaceSettings, control_mesh_key, refuse_bad_tolerance, surface_of, undominated
 
 Answer = TypeVar("Answer")
 
 
 @dataclass(frozen=True)
-class Settings(SurfaceSettings):
-    """What is asked of Compute Depth."""
+class DepthSettings(SurfaceSettings):
+    """The settings of Compute Depth."""
 
     method: str
     vertices: str
@@ -43,10 +44,10 @@ class Settings(SurfaceSettings):
 
 @dataclass(frozen=True)
 class Measurement:
-    """The measuring of a surface, begun."""
+    """The computation of a surface's depths, begun."""
 
     surface: Surface
-    settings: Settings
+    settings: DepthSettings
     steps: Generator[float, None, DepthResult]
 
     def level_stepwise(self, result: DepthResult, least: int) -> Generator[float, None, int]:
@@ -63,7 +64,7 @@ class Measurement:
 
 @dataclass(frozen=True)
 class MeshTask:
-    """All there is to compute for one mesh. It keeps no reference to Blender's data, which may move meanwhile.
+    """What to compute for one mesh. It keeps no reference to Blender's data, which may move while it runs.
 
     geometry: the checksum of the mesh, and states: what its objects were like, as they were read.
     """
@@ -81,10 +82,10 @@ class MeshDepths:
     """The answer for one mesh.
 
     depths: (F,) int32; bounds: (F,) float64, lengths in the scene. exact: (F,) bool, whether the depth is proved to be
-    the least. world_tolerance: the least of the tolerances in force, a length. uniform_level: the first level at which
+    the least. world_tolerance: the smallest tolerance of its objects, a length. uniform_level: the first level at which
     all faces are within the tolerance; quality: what Use Limit Surface needs there, 0 for control vertices.
     control_faces, control_corners: of the control mesh, the largest one. added_faces: how many faces the modifiers add
-    that come from no face of the mesh, and added_deepest, the deepest depth among them. taken_faces: how many of the
+    that come from no face of the mesh, and added_deepest, the deepest depth among them. removed_faces: how many of the
     mesh's faces the modifiers take away; their depth and bound are 0.
     """
 
@@ -99,7 +100,7 @@ class MeshDepths:
     control_corners: int
     added_faces: int
     added_deepest: int
-    taken_faces: int
+    removed_faces: int
 
     @property
     def least(self) -> int:
@@ -116,11 +117,11 @@ class MeshDepths:
 
 
 def prepare_stepwise(
-    context: bpy.types.Context, objects: Sequence[bpy.types.Object], settings: Settings
+    context: bpy.types.Context, objects: Sequence[bpy.types.Object], settings: DepthSettings
 ) -> Generator[Stage, None, list[MeshTask]]:
-    """Read the objects' meshes, decide what to compute, and begin with it, which finds what cannot be measured.
+    """Read the objects' meshes, decide what to compute, and begin with it, which finds bad input.
 
-    Yields how far it is, and returns the tasks. Raises ComputeError, naming every object at fault.
+    Yields the stage, and returns the tasks. Raises ComputeError, naming every object at fault.
     """
     refuse_bad_tolerance(settings.tolerance)
     tasks: dict[int, MeshTask] = {}
@@ -145,7 +146,7 @@ def prepare_stepwise(
                     tasks[uid].states.append(object_state(blender_object, **modifiers, known=known))
                     surfaces.setdefault(uid, []).append(surface_of(blender_object, control, settings))
     for uid, task in tasks.items():
-        for surface in _not_outdone(surfaces[uid]):
+        for surface in _undominated(surfaces[uid]):
             with faults.of(surface.object_name):
                 task.measurements.append(_begin(surface, settings))
     faults.refuse()
@@ -155,35 +156,26 @@ def prepare_stepwise(
 def _new_task(blender_object: bpy.types.Object) -> MeshTask:
     mesh = blender_object.data
     with own_mesh(blender_object) as own:
-        return MeshTask(mesh.session_uid, count_faces(mesh), geometry_checksum(own))
+        return MeshTask(mesh.session_uid, mesh_face_count(mesh), geometry_checksum(own))
 
 
-def _begin(surface: Surface, settings: Settings) -> Measurement:
+def _begin(surface: Surface, settings: DepthSettings) -> Measurement:
     steps = face_depths_stepwise(surface.control.in_world, surface.tolerance, settings.method, settings.vertices)
     # The first step checks the mesh and the tolerance.
     next(steps)
     return Measurement(surface, settings, steps)
 
 
-def count_faces(mesh: bpy.types.Mesh) -> int:
-    """The faces of a mesh, in Edit Mode those being edited."""
-    if not mesh.is_editmode:
-        return len(mesh.polygons)
-    import bmesh
+def _undominated(surfaces: list[Surface]) -> list[Surface]:
+    """The surfaces of one mesh that no other dominates.
 
-    return len(bmesh.from_edit_mesh(mesh).faces)
-
-
-def _not_outdone(surfaces: list[Surface]) -> list[Surface]:
-    """The surfaces of one mesh that have to be measured.
-
-    One is outdone by another with the same control mesh that makes every vector of it at least as long, in parts of
-    the tolerance: then its distances are no larger, and neither are its depths.
+    A dominated surface has the same control mesh, and every vector of it is at most as long, in units of the tolerance:
+    its distances are no larger, and neither are its depths.
     """
     alike: dict[bytes, list[Surface]] = {}
     for surface in surfaces:
         alike.setdefault(control_mesh_key(surface.control), []).append(surface)
-    return [group[kept] for group in alike.values() for kept in not_outdone(group)]
+    return [group[kept] for group in alike.values() for kept in undominated(group)]
 
 
 def compute_stepwise(tasks: list[MeshTask]) -> Generator[float, None, list[MeshDepths]]:
@@ -270,5 +262,5 @@ class _Answer:
             control_corners=self.control_corners,
             added_faces=self.added_faces,
             added_deepest=self.added_deepest,
-            taken_faces=int(np.count_nonzero(~self.present)),
+            removed_faces=int(np.count_nonzero(~self.present)),
         )

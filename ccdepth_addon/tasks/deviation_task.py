@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects → how far what they show is from a limit surface, and that from them.
+"""Objects → deviations, both ways, between what they show and a limit surface.
 
 One object is measured against the limit surface of its own control mesh; of several, each against that of the active
 one. Nothing here writes to a mesh.
@@ -15,9 +15,8 @@ import bpy
 import numpy as np
 
 from ..core import Deviation, FloatArray, IndexArray, InvalidMeshError, measure_deviation, validate
-from ..exchange.control_mesh import NO_ORIGIN, read_control_mesh, subdivision_modifier
+from ..exchange.control_mesh import NO_ORIGIN, mesh_face_count, read_control_mesh, subdivision_modifier
 from ..exchange.shown_mesh import ShownMesh, read_shown_mesh
-from .depth_task import count_faces
 from .surfaces import ComputeError, Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of
 
 Progress = Callable[[float], None]
@@ -25,7 +24,7 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class MeasureSettings(SurfaceSettings):
-    """What is asked of a measurement. time_limit: in seconds, 0 for none."""
+    """The settings of Measure Deviation. time_limit: in seconds, 0 for none."""
 
     accuracy: float
     time_limit: float
@@ -33,7 +32,7 @@ class MeasureSettings(SurfaceSettings):
 
 @dataclass(frozen=True)
 class Measured:
-    """An object to measure. It keeps no reference to Blender's data, which may move meanwhile."""
+    """An object to measure. It keeps no reference to Blender's data, which may move while it runs."""
 
     object_name: str
     mesh_uid: int
@@ -56,10 +55,10 @@ class MeasureTask:
 class MeshDeviation:
     """The answer for one mesh; distances are lengths in the scene.
 
-    measured: the objects that use it and were measured, by name, the worst first. against: the object whose limit
-    surface it is. tolerance: in force there. deviations: (F,) float64, proved for each face of the mesh; 0 where the
-    object shows nothing of it. proved: of everything, the surface itself and faces that modifiers add too. reached: a
-    distance that is really there. worst_face: where that is, or ``NO_ORIGIN``. worst_point: (3,), in the scene.
+    object_names: the measured objects that use it, the worst first. against: the object whose limit surface it is.
+    tolerance: as a length. deviations: (F,) float64, proved for each face of the mesh; 0 where the object shows nothing
+    of it. proved: of everything, the surface itself and faces that modifiers add too. reached: a distance that is
+    really there. worst_face: where that is, or ``NO_ORIGIN``. worst_point: (3,), in the scene.
     """
 
     mesh_uid: int
@@ -100,10 +99,10 @@ def prepare_measurement(
     for blender_object in objects:
         with faults.of(blender_object.name):
             if own:
-                _refuse_subdivision(blender_object)
+                _refuse_adaptive_mesh(blender_object)
             mesh = blender_object.data
             shown = read_shown_mesh(context, blender_object)
-            measured.append(Measured(blender_object.name, mesh.session_uid, count_faces(mesh), shown))
+            measured.append(Measured(blender_object.name, mesh.session_uid, mesh_face_count(mesh), shown))
     faults.refuse()
     place = np.array(target.evaluated_get(context.evaluated_depsgraph_get()).matrix_world, dtype=np.float64)
     return MeasureTask(surface, place[:3, 3], own, measured)
@@ -114,8 +113,8 @@ def _refuse_bad_accuracy(accuracy: float) -> None:
         raise ComputeError("The accuracy must be a number greater than zero")
 
 
-def _refuse_subdivision(blender_object: bpy.types.Object) -> None:
-    """Raise InvalidMeshError for an adaptive result: its own mesh is no control mesh of anything."""
+def _refuse_adaptive_mesh(blender_object: bpy.types.Object) -> None:
+    """Raise InvalidMeshError for an adaptive mesh, which is no control mesh."""
     if blender_object.data.ccdepth.subdivision and subdivision_modifier(blender_object) is None:
         raise InvalidMeshError(
             "it was made by adaptive subdivision; select the object it was made from as well, as the active one"
@@ -123,7 +122,7 @@ def _refuse_subdivision(blender_object: bpy.types.Object) -> None:
 
 
 def measure(task: MeasureTask, settings: MeasureSettings, progress: Progress) -> list[MeshDeviation]:
-    """Measure every object of the task. It knows no Blender, and may run in a thread.
+    """Measure every object of the task, without Blender: it may run in a thread.
 
     progress: called with the fraction done; what it raises ends the work. Raises InvalidMeshError and MemoryError.
     """
@@ -132,7 +131,7 @@ def measure(task: MeasureTask, settings: MeasureSettings, progress: Progress) ->
     for index, measured in enumerate(task.measured):
         left = None
         if settings.time_limit:
-            # What one leaves of its share is the others'.
+            # Time that one leaves unused goes to the others.
             left = max(0.0, until - perf_counter()) / (len(task.measured) - index)
         answer = _measure_one(task, measured, settings, left, _part_of(progress, index, len(task.measured)))
         known = answers.get(measured.mesh_uid)
@@ -194,7 +193,7 @@ def _worst_face(task: MeasureTask, measured: Measured, found: Deviation) -> int:
 
 
 def _joined(one: MeshDeviation, other: MeshDeviation) -> MeshDeviation:
-    """What two objects with one mesh say of it."""
+    """The deviations of two objects with one mesh, merged."""
     worst, better = (one, other) if one.reached >= other.reached else (other, one)
     return MeshDeviation(
         mesh_uid=one.mesh_uid,

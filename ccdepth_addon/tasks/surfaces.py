@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces to measure: control meshes where objects put them, with the tolerance there, and what is wrong with them."""
+"""Surfaces in the scene: control meshes with their objects' matrices and tolerances, and what makes them unusable."""
 
 from __future__ import annotations
 
@@ -13,23 +13,23 @@ import numpy as np
 
 from ..core import FloatArray, InvalidMeshError, ToleranceError
 from ..exchange.bulk_writing import WriteError
-from ..exchange.control_mesh import ControlMesh, ControlMeshError
+from ..exchange.control_mesh import ControlMesh, ControlMeshError, gram_matrix
 
-# How much smaller, relatively, an object's scale may be than another's by rounding alone and still be outdone by it.
+# Relative slack for rounding when one object's scale is compared with another's.
 SCALE_ROUNDING = 1e-9
 
-# The largest number that Blender holds; it stands for infinity as well, and for all that is larger.
+# The largest number that Blender stores; it stores larger ones and infinity as this.
 LARGEST_TOLERANCE = float(str(np.finfo(np.float32).max))
 TOO_LARGE = "The tolerance is too large a number"
 
 
 class ComputeError(ValueError):
-    """What is asked cannot be computed; the message names every object at fault in a modeller's words."""
+    """Nothing can be computed; the message names every object at fault in a modeller's words."""
 
 
 @dataclass(frozen=True)
 class SurfaceSettings:
-    """What is asked of every surface: ``tolerance`` is a length in the scene or a part of the diagonal, by
+    """Settings of everything that is computed: ``tolerance`` is a length in the scene or a fraction of the diagonal, by
     ``tolerance_mode``."""
 
     tolerance: float
@@ -39,19 +39,19 @@ class SurfaceSettings:
 
 @dataclass(frozen=True)
 class Surface:
-    """One surface to measure: a control mesh where an object puts it, and the tolerance there, as a length."""
+    """A control mesh with its object's matrix, and the tolerance there, as a length in the scene."""
 
     object_name: str
     control: ControlMesh
     tolerance: float
 
-    def weighed_gram(self) -> FloatArray:
-        """How long the object makes vectors of its mesh, in parts of the tolerance."""
+    def scaled_gram(self) -> FloatArray:
+        """(3, 3): the Gram matrix of the object's linear part, in units of the tolerance."""
         return gram_matrix(self.control.world) / self.tolerance**2
 
 
 class Faults:
-    """What is wrong with objects, as it is found."""
+    """The objects at fault, and why."""
 
     def __init__(self, objects: Sequence[bpy.types.Object]) -> None:
         self._names = [blender_object.name for blender_object in objects]
@@ -59,20 +59,20 @@ class Faults:
 
     @contextmanager
     def of(self, name: str) -> Iterator[None]:
-        """Whatever turns out to be wrong meanwhile is this object's fault."""
+        """Note errors that are raised in this context for the object."""
         try:
             yield
         except (ControlMeshError, InvalidMeshError, ToleranceError, WriteError) as fault:
             self._found[name] = fault
 
     def refuse(self) -> None:
-        """Raise ComputeError if anything was found, naming every object at fault in the order they were given."""
+        """Raise ComputeError if there are any, naming every object at fault in the order they were given."""
         if self._found:
             raise ComputeError("\n".join(f"{name}: {self._found[name]}" for name in self._names if name in self._found))
 
 
 def as_typed(value: float) -> float:
-    """The shortest decimal that Blender's single-precision number stands for: 0.1, not 0.10000000149."""
+    """The shortest decimal that rounds to this number in single precision: 0.1, not 0.10000000149."""
     return float(str(np.float32(value)))
 
 
@@ -92,43 +92,38 @@ def surface_of(blender_object: bpy.types.Object, control: ControlMesh, settings:
     return Surface(blender_object.name, control, settings.tolerance * (control.diagonal() if relative else 1.0))
 
 
-def gram_matrix(world: FloatArray) -> FloatArray:
-    """(3, 3): AᵀA, which says how long the object makes every vector of its mesh, however it is turned."""
-    return world.T @ world
-
-
-# A mesh without extent has no tolerance, and one of no finite positions has any: they will be refused.
+# Meshes without extent or with positions that are not finite are refused later.
 @np.errstate(all="ignore")
-def not_outdone(surfaces: Sequence[Surface]) -> dict[int, list[int]]:
-    """Which surfaces of one control mesh no other outdoes, and the others, each with one that outdoes it, as indices.
+def undominated(surfaces: Sequence[Surface]) -> dict[int, list[int]]:
+    """Which surfaces of one control mesh no other dominates, each with those it dominates, as indices.
 
-    One is outdone by another that makes every vector at least as long, in parts of the tolerance.
+    A surface dominates another if its object makes every vector at least as long, in units of the tolerance.
     """
-    grams = np.array([surface.weighed_gram() for surface in surfaces])
+    grams = np.array([surface.scaled_gram() for surface in surfaces])
     traces = np.trace(grams, axis1=1, axis2=2)
     kept: dict[int, list[int]] = {}
     rivals = np.empty_like(grams)
     for index in np.argsort(-traces, kind="stable").tolist():
-        outdoing = _outdoing(grams[index], rivals[: len(kept)])
-        if outdoing is None:
+        dominating = _dominating(grams[index], rivals[: len(kept)])
+        if dominating is None:
             rivals[len(kept)] = grams[index]
             kept[index] = []
         else:
-            kept[list(kept)[outdoing]].append(index)
+            kept[list(kept)[dominating]].append(index)
     return kept
 
 
-def _outdoing(gram: FloatArray, rivals: FloatArray) -> int | None:
+def _dominating(gram: FloatArray, rivals: FloatArray) -> int | None:
     """The first of the rivals (K, 3, 3) that makes every vector at least as long, if there is one."""
     differences = rivals - gram
     finite = np.isfinite(differences).all(axis=(1, 2))
     least = np.linalg.eigvalsh(np.where(finite[:, None, None], differences, 0.0)).min(axis=1, initial=np.inf)
-    outdoing = finite & (least >= -SCALE_ROUNDING * np.trace(rivals, axis1=1, axis2=2))
-    return int(np.argmax(outdoing)) if outdoing.any() else None
+    dominating = finite & (least >= -SCALE_ROUNDING * np.trace(rivals, axis1=1, axis2=2))
+    return int(np.argmax(dominating)) if dominating.any() else None
 
 
 def control_mesh_key(control: ControlMesh) -> bytes:
-    """Equal for equal control meshes, and of meshes by modifiers, where their faces come from the same ones as well."""
+    """Equal for equal control meshes whose faces come from the same faces of the objects' own meshes."""
     digest = blake2b(control.read.key)
     if control.base_faces is not None:
         digest.update(np.ascontiguousarray(control.base_faces).data)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Panels, legend, heat map, colours, and how numbers and names are written."""
+"""Panels, legend and heat map, and numbers and names as text."""

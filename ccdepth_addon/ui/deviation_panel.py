@@ -85,14 +85,14 @@ def _numbers(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tu
 
 
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
-    """What to tell of a measurement that no longer fits; empty when it does."""
+    """Why the measurement is out of date; empty when it is not."""
     if staleness.is_deviation_stale(mesh):
         return "Out of date: objects changed"
     found = mesh.ccdepth.measurement
     tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
-    asked = (as_typed(tolerance), settings.tolerance_mode, as_typed(settings.accuracy), settings.use_modifiers)
-    answered = (as_typed(found.tolerance), found.tolerance_mode, as_typed(found.accuracy), found.use_modifiers)
-    return "" if asked == answered else "Out of date: settings changed"
+    current = (as_typed(tolerance), settings.tolerance_mode, as_typed(settings.accuracy), settings.use_modifiers)
+    measured = (as_typed(found.tolerance), found.tolerance_mode, as_typed(found.accuracy), found.use_modifiers)
+    return "" if current == measured else "Out of date: settings changed"
 
 
 def register() -> None:

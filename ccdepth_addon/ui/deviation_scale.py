@@ -11,7 +11,7 @@ import bpy
 from ..state.deviation_results import color_top
 from .lengths import Rounding, in_unit, number_text, unit_for
 
-# At most so many steps of round numbers.
+# The most steps of round numbers.
 MOST_STEPS = 5
 
 
@@ -71,7 +71,7 @@ def _other_mark(height: Decimal, number: str, note: str, gap: float) -> Mark:
 
 
 def round_numbers(top: Decimal) -> list[Decimal]:
-    """Numbers from 0 to ``top`` in steps of 1, 2 or 5 times a power of ten, so that there are few."""
+    """Few numbers from 0 to ``top``, in steps of 1, 2 or 5 times a power of ten."""
     magnitude = Decimal(1).scaleb((top / MOST_STEPS).adjusted())
     step = next(factor * magnitude for factor in (1, 2, 5, 10) if factor * magnitude * MOST_STEPS >= top)
     return [index * step for index in range(int(top / step) + 1)]

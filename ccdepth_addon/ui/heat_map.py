@@ -1,23 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The heat map in the viewports: Solid shading is switched to show colour attributes, and put back.
 
-Solid shading shows a mesh's active colours and no others, and they are what modes for painting paint on. While a mesh
-is painted it is therefore shown with the user's own.
+Solid shading shows a mesh's active colours alone, and painting changes them. So a mesh that is painted is shown with
+the user's colours.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from typing import Any
 
 import bpy
 from bpy.app.handlers import persistent
 
 from ..exchange.bulk_writing import is_writable
-from ..state import results
-
-# The colour type of Solid shading that shows the mesh's active colour attribute.
-COLOR_TYPE = "VERTEX"
+from ..exchange.result_attributes import COLOR
+from ..registration import add_handlers, remove_handlers
+from ..state import results, viewports
+from ..state.settings import heat_map_listeners
 
 PAINTING_MODES = {"SCULPT", "VERTEX_PAINT", "TEXTURE_PAINT"}
 
@@ -25,15 +24,10 @@ PAINTING_MODES = {"SCULPT", "VERTEX_PAINT", "TEXTURE_PAINT"}
 _painted: set[int] = set()
 
 
-def shows_heat_map(space: bpy.types.SpaceView3D) -> bool:
-    """Whether this viewport shows colour attributes."""
-    return space.shading.type == "SOLID" and space.shading.color_type == COLOR_TYPE
-
-
 def synchronise(context: bpy.types.Context) -> None:
-    """Make meshes and viewports show the heat map when there is one to show, and put them back when not.
+    """Show the heat map on meshes and in viewports when there is one, and put them back when not.
 
-    A viewport is switched once; whoever changes its shading afterwards has the last word.
+    A viewport is switched once; when the user changes its shading afterwards, it stays so.
     """
     scene = context.scene
     if scene is None:
@@ -42,24 +36,26 @@ def synchronise(context: bpy.types.Context) -> None:
     painted = {obj.data for obj in bpy.data.objects if obj.type == "MESH" and obj.mode in PAINTING_MODES}
     holders = {obj for obj in bpy.data.objects if obj.type == "MESH" and results.has_heat_map(obj.data)}
     shown = waiting = False
-    # Most scenes have none, and what belongs to them need not be asked for.
+    # Most scenes have none: their objects are not read.
     for blender_object in holders.intersection(scene.objects) if holders else ():
         mesh = blender_object.data
         _show(mesh, wanted, mesh in painted)
         shown = shown or (results.shows_heat_map(mesh) and blender_object.visible_get())
         waiting = waiting or mesh in painted
-    for shading in _shadings():
+    for shading in viewports.shadings():
         if wanted and waiting and not shown:
-            _pause(shading)
+            viewports.pause(shading)
         else:
-            _switch(shading, wanted and shown)
-    redraw_viewports(context)
+            viewports.switch(shading, wanted and shown)
+    viewports.redraw(context)
 
 
-def synchronise_soon() -> None:
-    """Do so as soon as Blender has finished what it is doing; at once where nobody waits for a window.
+@persistent
+def _synchronise_soon(*_: Any) -> None:
+    """After undo, redo and loading, which may replace all data: once Blender has finished its current event, or at once
+    in the background, which has no events.
 
-    While undo puts data back, a scene may still list objects that are gone, and looking at them crashes Blender 5.2.
+    While undo restores data, a scene may still list objects that are gone, and reading them crashes Blender 5.2.
     """
     if bpy.app.background:
         synchronise(bpy.context)
@@ -72,7 +68,7 @@ def _synchronise() -> None:
 
 
 def _show(mesh: bpy.types.Mesh, wanted: bool, painted: bool) -> None:
-    # Another file decides for its meshes itself.
+    # Linked meshes cannot be changed.
     if not is_writable(mesh):
         return
     if painted:
@@ -81,50 +77,9 @@ def _show(mesh: bpy.types.Mesh, wanted: bool, painted: bool) -> None:
         results.show_color(mesh, wanted)
 
 
-def restore_viewports() -> None:
-    """Put every viewport back, whatever there is to show."""
-    for shading in _shadings():
-        _switch(shading, False)
-
-
-def _shadings() -> Iterator[bpy.types.View3DShading]:
-    for screen in bpy.data.screens:
-        for area in screen.areas:
-            for space in area.spaces:
-                if space.type == "VIEW_3D":
-                    yield space.shading
-
-
-def _switch(shading: bpy.types.View3DShading, on: bool) -> None:
-    memory = shading.ccdepth
-    if on == memory.is_switched:
-        return
-    if on:
-        memory.previous_color_type = shading.color_type
-        shading.color_type = COLOR_TYPE
-    elif shading.color_type == COLOR_TYPE:
-        shading.color_type = memory.previous_color_type
-    memory.is_switched = on
-
-
-def _pause(shading: bpy.types.View3DShading) -> None:
-    """Put a viewport back for a while. One that was changed since stays as it is, then and afterwards."""
-    if shading.color_type == COLOR_TYPE:
-        _switch(shading, False)
-
-
-def redraw_viewports(context: bpy.types.Context) -> None:
-    """Have every 3D View drawn again, with its sidebar."""
-    manager = context.window_manager
-    for window in manager.windows if manager else ():
-        for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
-
-
 @persistent
 def _notice_painting(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Have the heat map make way when an object is going to be painted, and come back afterwards."""
+    """Hide the heat map while an object is painted, and show it again afterwards."""
     changed = False
     for update in depsgraph.updates:
         original = update.id.original
@@ -135,12 +90,12 @@ def _notice_painting(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) ->
 
 
 def _notice_mode(blender_object: bpy.types.Object) -> bool:
-    """Whether the object has begun or ceased to be painted, or is painted and has our colours active nevertheless."""
+    """Whether painting the object has begun or ended, or it is painted while our colours are active."""
     uid, painted = blender_object.session_uid, blender_object.mode in PAINTING_MODES
     changed = painted != (uid in _painted)
     if painted:
         _painted.add(uid)
-        return changed or blender_object.data.attributes.active_color_name == results.COLOR
+        return changed or blender_object.data.attributes.active_color_name == COLOR
     _painted.discard(uid)
     return changed
 
@@ -150,17 +105,23 @@ def _forget_painting(*_: Any) -> None:
     _painted.clear()
 
 
-HANDLERS = (("depsgraph_update_post", _notice_painting), ("load_pre", _forget_painting))
+HANDLERS = (
+    ("depsgraph_update_post", _notice_painting),
+    ("undo_post", _synchronise_soon),
+    ("redo_post", _synchronise_soon),
+    ("load_pre", _forget_painting),
+    ("load_post", _synchronise_soon),
+)
 
 
 def register() -> None:
-    for name, handler in HANDLERS:
-        getattr(bpy.app.handlers, name).append(handler)
+    add_handlers(HANDLERS)
+    heat_map_listeners.append(synchronise)
 
 
 def unregister() -> None:
-    for name, handler in HANDLERS:
-        getattr(bpy.app.handlers, name).remove(handler)
+    heat_map_listeners.remove(synchronise)
+    remove_handlers(HANDLERS)
     if bpy.app.timers.is_registered(_synchronise):
         bpy.app.timers.unregister(_synchronise)
     _forget_painting()

@@ -15,9 +15,8 @@ import bpy
 import gpu
 from gpu_extras.batch import batch_for_shader
 
-from ..state import deviation_results, results
-from . import heat_map
-from .colors import BEYOND, VIRIDIS_COLORS, palette
+from ..state import deviation_results, results, viewports
+from ..state.colors import BEYOND, VIRIDIS_COLORS, palette
 from .deviation_scale import Scale, deviation_scale
 
 Color = tuple[float, ...]
@@ -43,7 +42,7 @@ _handle: Any = None
 
 @dataclass(frozen=True)
 class LegendRow:
-    """One line: what stands in the two columns, and the colour, if it stands for one."""
+    """One line: the texts of the two columns, and the colour, if it has one."""
 
     depth: str
     faces: str
@@ -65,11 +64,11 @@ def legend_rows(record: bpy.types.PropertyGroup, most: int) -> list[LegendRow]:
 
 
 def draw() -> None:
-    """Draw the legend in the region being drawn, if it has anything to say there."""
+    """Draw the legend in the current region, if there is anything to show."""
     context = bpy.context
     if not (context.scene.ccdepth.show_legend and context.space_data.overlay.show_overlays):
         return
-    if not heat_map.shows_heat_map(context.space_data):
+    if not viewports.shows_colors(context.space_data):
         return
     measured = deviation_results.shown_object(context)
     if measured is not None:
@@ -146,7 +145,7 @@ def _draw_marks(scale: Scale, bar: tuple[int, int, int, int], numbers_right: int
     for mark in scale.marks:
         if mark.height <= 1.0:
             y = base + round(mark.height * (top - base))
-            # The tolerance goes all the way across.
+            # The tolerance is marked across the whole bar.
             _draw_rectangle(left if mark.note == "tolerance" else right, y - 1, right + tick, y + 1, TEXT_COLOR)
         text_base = base + round(mark.label_height * (top - base)) - round(0.2 * line)
         _draw_text(mark.number, numbers_right, text_base, TEXT_COLOR)
@@ -171,7 +170,7 @@ def _draw_gradient(left: float, bottom: float, right: float, top: float) -> None
 
 
 def _free_corner(context: bpy.types.Context, scale: float) -> tuple[int, int, int]:
-    """The right and bottom edge of the space nothing else is drawn in, and its top: (x, y, y) in the region."""
+    """The right, bottom and top edge of the region's free space: (x, y, y)."""
     window = context.region
     right, bottom, top = window.width, 0, window.height
     for region in context.area.regions:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lengths as people read them: in the scene's units, with few digits, and rounded to the side that keeps them true."""
+"""Lengths as text: in the scene's units, with few digits, and rounded so that bounds stay bounds."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import bpy
 
 DIGITS = 4
 
-# A number below this part of the scene's unit is easier to read in a smaller one.
+# A number below this fraction of the scene's unit is easier to read in a smaller one.
 LEAST_IN_UNIT = Decimal("0.001")
 
 
 class Rounding(Enum):
-    """To which side: a proved distance must not become smaller by being written, nor a reached one larger."""
+    """To which side: a proved distance is rounded up, a reached one down."""
 
     NEAREST = ROUND_HALF_EVEN
     UP = ROUND_CEILING
@@ -24,7 +24,7 @@ class Rounding(Enum):
 
 
 class Unit(NamedTuple):
-    """How it is written, and its length in metres; without a name it is the scene's own number."""
+    """Its symbol, and its length in metres; without a symbol it is the scene's own unit."""
 
     name: str
     length: Decimal
@@ -50,8 +50,7 @@ SYSTEMS = {"METRIC": METRIC, "IMPERIAL": IMPERIAL}
 
 
 def unit_for(scene: bpy.types.Scene, length: float) -> Unit:
-    """The unit to write a length of the scene in: the one that the scene asks for, or one in which it is no long row of
-    zeros."""
+    """The unit for a length of the scene: the one set in the scene, or a smaller one that avoids a row of zeros."""
     units = SYSTEMS.get(scene.unit_settings.system)
     if units is None:
         return PLAIN

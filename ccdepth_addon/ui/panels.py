@@ -6,14 +6,12 @@ import bpy.utils.previews
 import numpy as np
 
 from ..state import results, staleness
-from ..state.face_counts import known_count
+from ..state.colors import palette
 from ..state.properties import tolerance_name
-from ..tasks.adaptive_task import subdivision_settings
 from ..tasks.surfaces import as_typed
-from .colors import palette
 from .lengths import length_text
 
-# From here on a count of faces is written as a power of ten.
+# Larger counts of faces are written as powers of ten.
 LARGEST_COUNT_IN_FULL = 10**10
 
 SWATCH_SIZE = 16
@@ -81,26 +79,26 @@ class CCDEPTH_PT_results(bpy.types.Panel):
 
 
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: bpy.types.Object | None = None) -> str:
-    """What to tell of a result that no longer fits the mesh, or an object that uses it; empty when it does."""
+    """Why the result is out of date, or does not hold for an object that uses the mesh; empty when neither is so."""
     if staleness.is_stale(mesh):
         return "Out of date: mesh changed"
     if holder is not None and staleness.is_uncovered(holder):
         return "Not computed for this object"
     record = mesh.ccdepth
     if record.subdivision:
-        # It was made with its settings, whatever is to be made next.
+        # It holds for the settings it was made with.
         return ""
     tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
-    # Both as the decimals they were typed as: one has been through single precision once more than the other.
-    asked = (as_typed(tolerance), settings.tolerance_mode, settings.method, settings.vertices, settings.use_modifiers)
-    answered = (
+    # As typed decimals: the two differ by a rounding to single precision.
+    current = (as_typed(tolerance), settings.tolerance_mode, settings.method, settings.vertices, settings.use_modifiers)
+    computed = (
         as_typed(record.tolerance),
         record.tolerance_mode,
         record.method,
         record.vertices,
         record.use_modifiers,
     )
-    return "" if asked == answered else "Out of date: settings changed"
+    return "" if current == computed else "Out of date: settings changed"
 
 
 def _draw_stale_line(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, holder: bpy.types.Object) -> None:
@@ -112,7 +110,7 @@ def _draw_stale_line(layout: bpy.types.UILayout, settings: bpy.types.PropertyGro
 
 
 def _draw_numbers(layout: bpy.types.UILayout, scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> None:
-    numbers = _numbers_of_subdivision(scene, record) if record.subdivision else _numbers_of_depths(scene, record)
+    numbers = _numbers_of_adaptive_mesh(scene, record) if record.subdivision else _numbers_of_depths(scene, record)
     draw_rows(layout, numbers)
 
 
@@ -133,20 +131,20 @@ def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) 
         ("Deepest Depth", str(record.deepest)),
         ("Tolerance", length_text(scene, record.world_tolerance)),
     ]
-    # Results from before there was such a level have none.
+    # Results of earlier versions have none.
     if record.uniform_level >= 0:
         numbers.append(("Uniform Level", str(record.uniform_level)))
-        numbers.append(("Uniform Faces", count_text(int(record.uniform_faces))))
+        numbers.append(("Uniform Faces", sidebar_count(int(record.uniform_faces))))
     if record.method == "CERTIFIED":
         numbers.append(("Depth Is Exact", exact_text(record.exact_faces, record.faces)))
     return numbers
 
 
-def _numbers_of_subdivision(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:
+def _numbers_of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:
     return [
         ("Faces", f"{record.faces:,}"),
         ("Base Faces", f"{record.base_faces:,}"),
-        ("Uniform Faces", count_text(int(record.uniform_faces))),
+        ("Uniform Faces", sidebar_count(int(record.uniform_faces))),
         ("Deepest Depth", str(record.deepest)),
         ("Tolerance", length_text(scene, record.world_tolerance)),
         ("Proved", length_text(scene, record.largest_bound)),
@@ -154,13 +152,13 @@ def _numbers_of_subdivision(scene: bpy.types.Scene, record: bpy.types.PropertyGr
 
 
 def exact_text(exact: int, faces: int) -> str:
-    """On how many faces no lesser depth would do; never rounded up to all of them."""
+    """On how many faces no lesser depth is enough; never rounded up to all of them."""
     if exact == faces:
         return "On all faces"
     return f"On {min(100 * exact / faces, 99.9):.1f} % of faces"
 
 
-def count_text(count: int) -> str:
+def sidebar_count(count: int) -> str:
     """A count with separators, or as a power of ten when it is too long for the sidebar."""
     if count < LARGEST_COUNT_IN_FULL:
         return f"{count:,}"
@@ -197,51 +195,7 @@ def _swatch(color: tuple[float, float, float]) -> int:
     return _swatches[name].icon_id
 
 
-class CCDEPTH_PT_subdivision(bpy.types.Panel):
-    bl_label = "Adaptive Subdivision"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "CC Depth"
-    bl_parent_id = "CCDEPTH_PT_settings"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout = self.layout
-        settings = context.scene.ccdepth
-        button = layout.column()
-        button.scale_y = 1.4
-        button.operator("ccdepth.subdivide", icon="MOD_MULTIRES")
-        _draw_face_count(layout, context)
-        layout.use_property_split = True
-        layout.use_property_decorate = False
-        column = layout.column()
-        column.prop(settings, "mode")
-        column.prop(settings, "transitions")
-        column.prop(settings, "output")
-        column.prop(settings, "exact_normals")
-        column.prop(settings, "max_faces")
-
-
-def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    settings, active = context.scene.ccdepth, context.active_object
-    tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
-    asked = subdivision_settings(settings, tolerance)
-    count = None if active is None else known_count(active, asked)
-    if count is None:
-        layout.operator("ccdepth.count_faces", icon="FACESEL")
-        return
-    if count.fitting is None:
-        draw_rows(layout, [("Faces to Make", f"{count.faces:,}")])
-        return
-    column = layout.column()
-    column.alert = True
-    fitting = "None"
-    if np.isfinite(count.fitting):
-        relative = settings.tolerance_mode == "RELATIVE"
-        fitting = f"{count.fitting:.2g}" if relative else length_text(context.scene, count.fitting)
-    draw_rows(column, [("Faces to Make", f"About {count.faces:,}, too many"), ("Fitting Tolerance", fitting)])
-
-
-CLASSES = (CCDEPTH_PT_settings, CCDEPTH_PT_results, CCDEPTH_PT_subdivision)
+CLASSES = (CCDEPTH_PT_settings, CCDEPTH_PT_results)
 
 
 def register() -> None:

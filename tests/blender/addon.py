@@ -40,8 +40,8 @@ def compute(*objects: bpy.types.Object, **settings: object) -> None:
 
 
 def measure(*objects: bpy.types.Object, **settings: object) -> None:
-    """Select the objects and measure their deviation, for half a second unless it is told how long; the last one is the
-    active one. A tolerance is absolute unless it says otherwise."""
+    """Select the objects and measure their deviation, for half a second unless ``time_limit`` is given; the last one
+    becomes the active one. A tolerance is absolute unless it says otherwise."""
     select(*objects)
     settings.setdefault("time_limit", 0.5)
     if "tolerance" in settings:

@@ -3,8 +3,13 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import bpy
 import pytest
+
+if TYPE_CHECKING:
+    from tests.blender.full_mesh import Comparison
 
 if not hasattr(bpy.types.Scene, "ccdepth"):
     import ccdepth_addon
@@ -18,3 +23,12 @@ def startup_file() -> None:
     bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes])
     # The quickest method: these tests are about the way from Blender to the core and back.
     bpy.context.scene.ccdepth.method = "SECOND_ORDER"
+
+
+@pytest.fixture
+def comparison() -> Comparison:
+    """A mesh with everything, subdivided by the add-on and by the modifier."""
+    # Only now is the add-on registered.
+    from tests.blender.full_mesh import compare, everything
+
+    return compare(everything())

@@ -37,7 +37,7 @@ class Level:
     def quads(self, values: FloatArray) -> FloatArray:
         """(Q, 4, D): the corners of the facets, for (C, D) values at the corners of the polygons.
 
-        What is not a quad is taken as the fan of quads over corner, edge midpoint, centroid and edge midpoint. Where
+        A face that is no quad is the fan of quads over corner, edge midpoint, centroid and edge midpoint. Where
         there is one, so are the quads, which does not change their facets.
         """
         if self.all_quads:

@@ -38,7 +38,7 @@ VALUES: dict[str, tuple[str, type, int]] = {
 
 OURS = {*ATTRIBUTES, "ccdepth_deviation"}
 
-# What Blender says about an evaluation, or finds out when it is asked; and what is ours, which is looked at apart.
+# What Blender computes when it evaluates or on access; and what is ours, which is compared apart.
 VOLATILE = {
     "bound_box", "ccdepth", "dimensions", "execution_time", "is_evaluated", "is_runtime_data", "persistent_uid",
     "rna_type", "session_uid", "tag", "users",

@@ -57,7 +57,7 @@ def softened(data: meshes.MeshData) -> meshes.MeshData:
 
 
 def flattened(data: meshes.MeshData) -> meshes.MeshData:
-    """Nearly in one plane, where the faces of a mesh are much nearer to the surface than their parameters tell."""
+    """Nearly in one plane, where the faces of a mesh are much nearer to the surface than their parameters suggest."""
     noise = np.random.default_rng(3).uniform(-0.12, 0.12, data.positions.shape)
     return replace(data, positions=(data.positions + noise) * (1.0, 1.0, 0.05))
 
@@ -99,7 +99,7 @@ TOLERANCES = {3e-2: (4, "TRIANGLES"), 1e-2: (5, "NGONS"), 1e-3: (5, "TRIANGLES")
 # One more where the finer ones cannot be measured.
 MORE_TOLERANCES = {"valence 360": {5e-3: (5, "TRIANGLES")}}
 
-# At smaller ones these become too many faces for a test, or the deep level does not tell enough.
+# At smaller ones these become too many faces for a test, or the deep level is not deep enough.
 LEAST_TOLERANCES = {
     "valence 360": 5e-3,
     "fine icosphere": 1e-3,
@@ -239,7 +239,7 @@ WORLDS: dict[str, FloatArray] = {
     "stretched": np.diag([100.0, 1.0, 1.0]),
     "sheared": np.array([[1.0, 0.0, 20.0], [0.0, 1.0, -10.0], [0.0, 0.0, 1.0]]),
     "mirrored and uneven": np.diag([-1.0, 0.1, 0.003]),
-    "beyond what single precision could tell": np.diag([1.0, 1e-6, 1.0]),
+    "beyond what single precision could resolve": np.diag([1.0, 1e-6, 1.0]),
 }
 
 

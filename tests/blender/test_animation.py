@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What moves by itself: a result that no longer holds at another frame is told to be out of date, by the panel and by
+"""What moves by itself: a result that no longer holds at another frame is shown as out of date, by the panel and by
 operators alike, and holds again where it was computed."""
 
 from __future__ import annotations
@@ -173,21 +173,20 @@ def test_an_object_that_the_result_was_not_computed_for() -> None:
 
 
 def test_a_change_while_depths_are_being_computed_is_noticed() -> None:
-    """The record tells what was read at the beginning, and not what is there at the end."""
+    """The record has what was read at the beginning, not what is there at the end."""
     holder = scene.add_object(meshes.landscape(8, 8))
     bpy.context.view_layer.update()
-    operators = addon.module("operators.depth_operators")
     computation = addon.module("tasks.depth_task")
-    settings = computation.Settings(0.01, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
-    run = addon.module("operators.stepwise").Stepwise(computation.prepare_stepwise(bpy.context, [holder], settings))
+    settings = computation.DepthSettings(0.01, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
+    run = addon.module("tasks.stepwise").Stepwise(computation.prepare_stepwise(bpy.context, [holder], settings))
     run.work()
     tasks = run.answer
     holder.scale.x = 2.0
     holder.data.vertices[0].co.z += 0.5
     bpy.context.view_layer.update()
-    run = addon.module("operators.stepwise").Stepwise(computation.compute_stepwise(tasks))
+    run = addon.module("tasks.stepwise").Stepwise(computation.compute_stepwise(tasks))
     run.work()
-    [mesh] = operators._meshes_still_there(run.answer)
+    [mesh] = addon.module("operators.compute_depth")._meshes_still_there(run.answer)
     [answer] = run.answer
     addon.module("state.results").write_result(mesh, answer, settings, 0, answer.deepest)
     addon.module("state.fingerprint").remember(mesh, answer.task.geometry, answer.depths, answer.task.states)

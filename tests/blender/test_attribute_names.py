@@ -13,8 +13,8 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.test_nothing_lost import VALUES, counts, known_types, random_values, read
-from tests.blender.test_subdivide import refused, subdivide
+from tests.blender.full_mesh import VALUES, counts, known_types, random_values, read
+from tests.blender.subdividing import refused, subdivide
 
 DOMAINS = ["POINT", "EDGE", "FACE", "CORNER"]
 TOLERANCE = 0.2

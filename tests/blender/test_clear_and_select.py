@@ -118,7 +118,7 @@ def test_select(comparison: str, compare: np.ufunc, editing: bool) -> None:
     if editing:
         bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.ccdepth.select(depth=depth, comparison=comparison)
-    # Whatever mode it was asked in, Edit Mode must show this selection and no more.
+    # Whatever mode it ran in, Edit Mode must show this selection and no more.
     bpy.ops.object.mode_set(mode="EDIT")
     bpy.ops.object.mode_set(mode="OBJECT")
     np.testing.assert_array_equal(selected(holder.data), compare(depths, depth))

@@ -223,7 +223,7 @@ def test_names_cannot_command_the_terminal(tmp_path: Path, capfd: pytest.Capture
     assert run(mesh) == 1
     assert run(mesh, "--output", tmp_path / "nowhere\x1b" / "out.blend") == 1
     printed = capfd.readouterr()
-    # Blender itself tells which files it reads and writes.
+    # Blender itself prints which files it reads and writes.
     own = [
         line
         for line in (printed.out + printed.err).splitlines()

@@ -111,7 +111,7 @@ def test_equal_duplicates_are_computed_once() -> None:
     objects[3].rotation_euler = (0.1, 0.2, 0.3)
     computation = addon.module("tasks.depth_task")
     bpy.context.view_layer.update()
-    settings = computation.Settings(TOLERANCE, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
+    settings = computation.DepthSettings(TOLERANCE, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
     (task,) = result_of(computation.prepare_stepwise(bpy.context, objects, settings))
     assert [measurement.surface.object_name for measurement in task.measurements] == [objects[2].name]
 

@@ -30,7 +30,7 @@ def program() -> list[str]:
     """The command line, in a process of its own."""
     if bpy.app.binary_path:
         return [bpy.app.binary_path, "-b", "--command", "ccdepth"]
-    return [sys.executable, str(CHECKOUT / "scripts" / "ui/heat_map.py")]
+    return [sys.executable, str(CHECKOUT / "scripts" / "heat_map.py")]
 
 
 def run(*arguments: object, room: int | None = None, **options: object) -> subprocess.CompletedProcess[str]:

@@ -23,7 +23,7 @@ from tests.blender.measuring import Positions, add_part, level_of, part_of, roun
 
 FloatArray = NDArray[np.float64]
 
-# The surface is taken from so many levels below the facets, and from up to two more where these are cheap.
+# The surface is refined so many levels below the facets, and up to two more where these are cheap.
 LEVELS_DEEPER = 5
 
 # Most quads of a deep level, which is what the time goes into. As many faces of a depth are measured as this allows.
@@ -53,7 +53,7 @@ def measured(part: bpy.types.Object, faces: NDArray[np.intp], depth: int, deepes
 
     The deepest level stands in for the surface. A step moves a point by less than 0.655 of what the step before did,
     once its features have settled (no rule has a larger second eigenvalue), so that what is left of the way after the
-    last step is less than twice that step. Limit vertices are taken from there too, and are as far off.
+    last step is less than twice that step. Limit vertices are those of that level too, and are as far off.
     """
     deep = Positions(level_of(part, deepest, faces), deepest)
     before = level_of(part, deepest - 1, faces)
@@ -83,12 +83,12 @@ def largest_of_faces(values: FloatArray, bases: NDArray[np.int64], faces: NDArra
     return largest
 
 
-# What is asked of the add-on, and the faces to measure
+# The settings of the add-on, and the faces to measure
 
 
 @dataclass(frozen=True)
 class Answer:
-    """The add-on's depths and proved distances of all faces, and what it was asked."""
+    """The add-on's depths and proved distances of all faces, and its settings."""
 
     tolerance: float
     method: str
@@ -97,12 +97,12 @@ class Answer:
     bounds: FloatArray
 
 
-def answers(asked: bpy.types.Object, tolerances: tuple[float, ...]) -> Iterator[Answer]:
+def answers(holder: bpy.types.Object, tolerances: tuple[float, ...]) -> Iterator[Answer]:
     core = addon.module("core.depth.face_depths")
     for tolerance, method, vertices in product(tolerances, core.METHODS, core.VERTICES):
-        addon.compute(asked, tolerance=tolerance, method=method, vertices=vertices)
-        bounds = addon.bounds(asked).astype(np.float64)
-        yield Answer(tolerance, method, vertices, addon.depths(asked), bounds)
+        addon.compute(holder, tolerance=tolerance, method=method, vertices=vertices)
+        bounds = addon.bounds(holder).astype(np.float64)
+        yield Answer(tolerance, method, vertices, addon.depths(holder), bounds)
 
 
 def quad_count(data: meshes.MeshData, level: int) -> int:
@@ -197,9 +197,9 @@ CASES: dict[str, Case] = {
 def test_no_face_at_its_depth_is_farther_than_promised(name: str, boundary: str) -> None:
     case = CASES[name]
     data = case.build()
-    asked = scene.add_object(data)
-    scene.add_subdivision(asked, 1, boundary)
-    given = list(answers(asked, case.tolerances))
+    holder = scene.add_object(data)
+    scene.add_subdivision(holder, 1, boundary)
+    given = list(answers(holder, case.tolerances))
     seen = set()
     for depth in range(5):
         wanted = np.flatnonzero(np.any([answer.depths == depth for answer in given], axis=0))

@@ -70,7 +70,7 @@ def test_hidden_results_do_not_keep_the_viewports() -> None:
 def test_viewports_are_restored_when_the_addon_goes() -> None:
     before = color_types()
     addon.compute(scene.add_suzanne())
-    module = addon.module("state.properties")
+    module = addon.module("state.viewports")
     module.unregister()
     try:
         assert color_types() == before
@@ -119,7 +119,7 @@ def test_a_saved_file_remembers_what_to_restore(tmp_path: object) -> None:
 def test_one_colour_for_each_depth_and_for_all_corners_of_a_face() -> None:
     first, second = scene.add_suzanne(), scene.add_object(meshes.cube())
     addon.compute(first, second)
-    module = addon.module("ui.colors")
+    module = addon.module("state.colors")
     everything = np.concatenate([addon.depths(first), addon.depths(second)])
     least, deepest = everything.min(), everything.max()
     for holder in (first, second):
@@ -145,7 +145,7 @@ def oklab(linear: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("simulation", [np.eye(3), PROTANOPIA, DEUTERANOPIA])
 @pytest.mark.parametrize("count", [4, 8, 16])
 def test_colours_are_evenly_apart_for_every_eye(simulation: np.ndarray, count: int) -> None:
-    module = addon.module("ui.colors")
+    module = addon.module("state.colors")
     linear = module.to_linear(np.array(module.palette(0, count - 1)))
     seen = oklab(np.clip(linear @ np.array(simulation).T, 0.0, 1.0))
     assert np.all(np.diff(seen[:, 0]) > 0.0), "each deeper colour is lighter"
@@ -154,7 +154,7 @@ def test_colours_are_evenly_apart_for_every_eye(simulation: np.ndarray, count: i
 
 
 def test_a_single_depth_has_a_colour() -> None:
-    assert len(addon.module("ui.colors").palette(7, 7)) == 1
+    assert len(addon.module("state.colors").palette(7, 7)) == 1
 
 
 def test_legend_rows_count_what_does_not_fit() -> None:
@@ -172,7 +172,7 @@ def test_legend_rows_count_what_does_not_fit() -> None:
 
 
 def test_large_counts_stay_short() -> None:
-    count_text = addon.module("ui.panels").count_text
-    assert count_text(1234567) == "1,234,567"
-    assert count_text(8452495638528) == "8.45 × 10¹²"
-    assert count_text(4**200) == "2.58 × 10¹²⁰"
+    sidebar_count = addon.module("ui.panels").sidebar_count
+    assert sidebar_count(1234567) == "1,234,567"
+    assert sidebar_count(8452495638528) == "8.45 × 10¹²"
+    assert sidebar_count(4**200) == "2.58 × 10¹²⁰"

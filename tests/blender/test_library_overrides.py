@@ -15,7 +15,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.test_subdivide import refused, shape, subdivide
+from tests.blender.subdividing import refused, shape, subdivide
 
 TOLERANCE = 0.01
 
@@ -227,8 +227,8 @@ def test_a_result_in_a_library_is_left_alone(tmp_path: Path, kind: Kind) -> None
 @pytest.fixture
 def unprotected(monkeypatch: pytest.MonkeyPatch) -> None:
     """Overrides are neither refused nor made local, so that Blender drops what is written to them."""
-    monkeypatch.setattr(addon.module("operators.long_operator"), "_mesh_fault", lambda mesh: None)
-    monkeypatch.setattr(addon.module("exchange.result_mesh"), "own_copy", lambda data: data.copy())
+    monkeypatch.setattr(addon.module("operators.selected_meshes"), "_mesh_fault", lambda mesh: None)
+    monkeypatch.setattr(addon.module("exchange.adaptive_mesh"), "own_copy", lambda data: data.copy())
 
 
 @pytest.mark.usefixtures("unprotected")
@@ -244,12 +244,12 @@ def test_depths_that_are_not_kept_leave_an_earlier_result(monkeypatch: pytest.Mo
     holder = scene.add_suzanne()
     addon.compute(holder, tolerance=0.5)
     before = addon.depths(holder), addon.bounds(holder), addon.colors(holder), holder.data.ccdepth.world_tolerance
-    module = addon.module("state.results")
+    module = addon.module("exchange.bulk_writing")
 
-    def forget(items: object, name: str, values: np.ndarray) -> None:
+    def forget(items: object, name: str, values: np.ndarray, _step: float) -> None:
         if name == "color":
-            raise addon.module("exchange.bulk_writing").WriteError("Blender did not keep what was written to the mesh")
-        items.foreach_set(name, values)
+            raise module.WriteError("Blender did not keep what was written to the mesh")
+        items.foreach_set(name, values.ravel())
 
     monkeypatch.setattr(module, "write_values", forget)
     addon.select(holder)

@@ -77,21 +77,21 @@ def test_giving_up_while_reading_or_writing_leaves_everything() -> None:
     objects = many(shared=False, modifier="BEVEL")
     addon.select(*objects)
     bpy.context.view_layer.update()
-    subdivision, made = addon.module("tasks.adaptive_task"), addon.module("exchange.result_objects")
-    settings = subdivision.SubdivisionSettings(0.1, "RELATIVE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
+    subdivision, made = addon.module("tasks.adaptive_task"), addon.module("operators.adaptive_objects")
+    settings = subdivision.AdaptiveSettings(0.1, "RELATIVE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
     before = {kind: set(getattr(bpy.data, kind)) for kind in ("objects", "meshes")}
 
     def is_as_before() -> bool:
         return all(set(getattr(bpy.data, kind)) == found for kind, found in before.items())
 
-    reading = subdivision.prepare_subdivision(bpy.context, objects, settings)
+    reading = subdivision.prepare_adaptive(bpy.context, objects, settings)
     next(reading)
     next(reading)
     reading.close()
     assert is_as_before()
-    tasks = addon.module("operators.stepwise").Stepwise(subdivision.prepare_subdivision(bpy.context, objects, settings))
+    tasks = addon.module("tasks.stepwise").Stepwise(subdivision.prepare_adaptive(bpy.context, objects, settings))
     tasks.work()
-    answers = addon.module("operators.stepwise").Stepwise(subdivision.subdivide_stepwise(tasks.answer, settings))
+    answers = addon.module("tasks.stepwise").Stepwise(subdivision.subdivide_stepwise(tasks.answer, settings))
     answers.work()
     writing = made.make_meshes(bpy.context, answers.answer, settings, exact_normals=False)
     next(writing)

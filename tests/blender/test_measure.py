@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Measure Deviation: what it writes and tells, on which objects, and that it is undone and cleared.
+"""Measure Deviation: what it writes and reports, on which objects, and that it is undone and cleared.
 
-Whether the distances are right is asked in test_measure_guarantee. Most of it runs for a moment only: what is proved
+test_measure_guarantee tests the distances. Most of it runs for a moment only: what is proved
 by then is enough to look at.
 """
 
@@ -73,9 +73,9 @@ def test_the_tolerance_is_met_or_not(
     holder = subdivided_cube()
     addon.measure(holder, tolerance=tolerance)
     assert holder.data.ccdepth.measurement.verdict == verdict
-    told = capfd.readouterr().out
-    assert "Deviation at most " in told
-    assert words in told
+    printed = capfd.readouterr().out
+    assert "Deviation at most " in printed
+    assert words in printed
 
 
 def test_between_the_two_distances_nothing_is_decided() -> None:
@@ -275,7 +275,7 @@ def test_colours_stand_for_deviations(editing: bool) -> None:
     source = subdivided_cube(2)
     other = scene.add_object(meshes.landscape(3, 2), "Other")
     addon.measure(other, source, tolerance=0.75)
-    module, values = addon.module("ui.colors"), addon.deviations(other).astype(np.float64)
+    module, values = addon.module("state.colors"), addon.deviations(other).astype(np.float64)
     sizes = [polygon.loop_total for polygon in other.data.polygons]
     for color_range, top in (("TOLERANCE", 0.75), ("LARGEST", values.max())):
         addon.select(other)

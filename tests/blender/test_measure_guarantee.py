@@ -81,7 +81,7 @@ def largest_distance(points: FloatArray, tree: BVHTree) -> float:
 
 
 def assert_between(measured: bpy.types.Object, source: bpy.types.Object, levels: int, ratio: float = 1.05) -> None:
-    """upper ≥ true ≥ lower for the measurement just made, and the two as near to each other as was asked."""
+    """upper ≥ true ≥ lower for the measurement just made, and the two within the accuracy of each other."""
     record = measured.data.ccdepth
     upper, lower = record.deviation, record.deviation_reached
     surface, coarser, mesh = limit_surface(source, levels), limit_surface(source, levels - 1), shown(measured)

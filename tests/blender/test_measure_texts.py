@@ -90,9 +90,9 @@ def test_work_in_a_thread_tells_its_progress_and_returns() -> None:
         return threading.current_thread().name
 
     steps = worker.in_thread(work)
-    told = next(steps)
-    while told != 0.25:
-        told = next(steps)
+    fraction = next(steps)
+    while fraction != 0.25:
+        fraction = next(steps)
     looked.set()
     with pytest.raises(StopIteration) as ended:
         next(step for step in iter(lambda: next(steps), None) if step is None)

@@ -51,8 +51,8 @@ def test_fresh_modifiers_are_described() -> None:
         holder = with_modifier(kind)
         assert holder is not None
         bpy.context.view_layer.update()
-        state = addon.module("state.object_state").object_state(holder, use_modifiers=True)
-        again = addon.module("state.object_state").object_state(holder, use_modifiers=True)
+        state = addon.module("exchange.object_state").object_state(holder, use_modifiers=True)
+        again = addon.module("exchange.object_state").object_state(holder, use_modifiers=True)
         assert state.checksum == again.checksum, kind
         bpy.data.objects.remove(holder)
 
@@ -94,9 +94,9 @@ def other_value(field: bpy.types.Property, value: Any) -> Any:
 
 
 def test_every_simple_setting_of_every_modifier_is_noticed() -> None:
-    state = addon.module("state.object_state").object_state
+    state = addon.module("exchange.object_state").object_state
     refused = addon.module("exchange.control_mesh").SIMULATIONS | addon.module("exchange.control_mesh").NOT_SHAPING
-    interface = addon.module("state.object_state").DISPLAY_FIELDS
+    interface = addon.module("exchange.object_state").DISPLAY_FIELDS
     settings = 0
     for kind in mesh_types():
         if kind in refused:

@@ -12,8 +12,8 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.subdividing import subdivide
 from tests.blender.test_heat_map import color_types, shadings
-from tests.blender.test_subdivide import subdivide
 
 COLOR = "ccdepth_color"
 MODES = ["SCULPT", "VERTEX_PAINT", "TEXTURE_PAINT"]
@@ -215,18 +215,18 @@ def colors(holder: bpy.types.Object) -> list[str]:
     return [attribute.name for attribute in holder.data.color_attributes]
 
 
-@pytest.mark.parametrize("taken", [False, True])
+@pytest.mark.parametrize("switched", [False, True])
 @pytest.mark.parametrize("names", [(), ("Paint",), ("First", "Second")])
 @pytest.mark.parametrize("modifier", [False, True])
 @pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
 def test_a_result_names_no_colours_it_does_not_have(
-    names: tuple[str, ...], taken: bool, modifier: bool, output: str
+    names: tuple[str, ...], switched: bool, modifier: bool, output: str
 ) -> None:
     """Whether the heat map is displayed by its switch, or because the user chose it."""
     holder = computed(*names)
     if modifier:
         holder.modifiers.new("Bevel", "BEVEL")
-    if not taken:
+    if not switched:
         bpy.context.scene.ccdepth.show_heat_map = False
         holder.data.attributes.active_color_name = COLOR
     holder.data.attributes.default_color_name = COLOR
@@ -234,7 +234,7 @@ def test_a_result_names_no_colours_it_does_not_have(
     assert colors(result) == list(names)
     assert active(result) in names or (not names and active(result) == "")
     assert rendered(result) in names or (not names and rendered(result) == "")
-    if taken and names:
+    if switched and names:
         assert active(result) == names[-1]
 
 

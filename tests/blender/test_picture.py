@@ -14,7 +14,7 @@ from tests import meshes
 from tests.blender import addon, scene
 
 picture = addon.module("command_line.picture")
-palette = addon.module("ui.colors").palette
+palette = addon.module("state.colors").palette
 
 
 @pytest.fixture(autouse=True)
@@ -65,7 +65,7 @@ def test_faces_have_the_hues_of_their_depths(tmp_path: Path) -> None:
     color = np.array(palette(depth, depth)[0])
     seen = objects[(objects.max(axis=2) - objects.min(axis=2)) > 0.2]
     assert len(seen) > 0.05 * objects.shape[0] * objects.shape[1]
-    linear = addon.module("ui.colors").to_linear
+    linear = addon.module("state.colors").to_linear
     shades = linear(seen.astype(np.float64)) / linear(color)
     # Every face is evenly darkened, by no more than the shading may take.
     assert np.median(np.ptp(shades, axis=1)) < 0.02

@@ -112,16 +112,16 @@ def test_the_quality_is_what_the_creases_need(own: int, expected: int) -> None:
     assert (modifier.use_limit_surface, modifier.quality) == (False, own)
 
 
-@pytest.mark.parametrize(("quality", "shows_limits", "told"), [(3, True, True), (9, True, False), (3, False, False)])
+@pytest.mark.parametrize(("quality", "shows_limits", "noted"), [(3, True, True), (9, True, False), (3, False, False)])
 def test_compute_tells_of_a_quality_that_is_too_low(
-    quality: int, shows_limits: bool, told: bool, capfd: pytest.CaptureFixture[str]
+    quality: int, shows_limits: bool, noted: bool, capfd: pytest.CaptureFixture[str]
 ) -> None:
     holder = scene.add_object(creased_cube(0.9), "Cube")
     modifier = scene.add_subdivision(holder, 4)
     modifier.quality, modifier.use_limit_surface = quality, shows_limits
     addon.compute(holder, tolerance=TOLERANCE)
     note = "Cube: at its 4 levels, Use Limit Surface needs a Quality of 9 to show the limit surface; it is 3"
-    assert (note in capfd.readouterr().out) == told
+    assert (note in capfd.readouterr().out) == noted
 
 
 def test_the_level_stays_with_the_file(tmp_path: Path) -> None:

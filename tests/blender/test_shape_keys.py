@@ -16,7 +16,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.test_subdivide import refused, subdivide
+from tests.blender.subdividing import refused, subdivide
 
 LOOSE = (7.0, 8.0, 9.0)
 LOOSE_IN_KEY = (-7.0, 5.0, 3.0)
@@ -175,11 +175,11 @@ def test_refused_runs_leave_no_keys(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("module", "name"),
     [
-        ("exchange.result_mesh", "write_groups"),
-        ("exchange.result_mesh", "write_shape_keys"),
+        ("exchange.adaptive_mesh", "write_groups"),
+        ("exchange.adaptive_mesh", "write_shape_keys"),
         ("exchange.shape_keys", "_copy_animation"),
-        ("exchange.result_objects", "_place"),
-        ("state.results", "write_subdivision"),
+        ("operators.adaptive_objects", "_place"),
+        ("state.results", "write_adaptive"),
     ],
 )
 def test_runs_that_fail_half_way_leave_no_keys(

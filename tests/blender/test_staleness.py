@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A result is told to be out of date when its mesh or the settings have changed, and only then."""
+"""The panel shows that a result is out of date when its mesh or the settings have changed, and only then."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ SETTINGS_LINE = "Out of date: settings changed"
 
 
 def stale_line(holder: bpy.types.Object) -> str:
-    """What the panel tells, once Blender has passed on its updates and the timer has run."""
+    """What the panel shows, once Blender has passed on its updates and the timer has run."""
     bpy.context.view_layer.update()
     addon.module("state.staleness").check_touched()
     return addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, holder.data)

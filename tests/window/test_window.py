@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ccdepth_addon.ui.colors import VIRIDIS_COLORS, palette
+from ccdepth_addon.state.colors import VIRIDIS_COLORS, palette
 
 BLENDER = os.environ.get("CCDEPTH_BLENDER", "")
 EXTENSION = os.environ.get("CCDEPTH_EXTENSION", "")

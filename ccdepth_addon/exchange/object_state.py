@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a result depends on beside the mesh: the object's scale, its modifiers, and what those look at.
+"""What a result depends on beside the mesh: the object's scale, its modifiers, and what those refer to.
 
-Modifiers are described by walking through all their properties as Blender tells them, whatever their type and
-Blender's version: nothing is left out by its name alone, but for what Blender says of every modifier and every node
-about its own display. Nothing is evaluated: values that are animated or driven are those Blender evaluated last.
+Modifiers are described by all their RNA properties, whatever their type and Blender's version: nothing is left out by
+its name alone, but for how Blender displays every modifier and every node. Nothing is evaluated: animated and driven
+values are those Blender evaluated last.
 """
 
 from __future__ import annotations
@@ -18,38 +18,37 @@ import bpy
 import numpy as np
 
 from ..core import FloatArray
-from ..exchange.control_mesh import CREASE_DOMAINS, NOT_SHAPING, SIMULATIONS, counted_modifiers, surface_rule
-from ..tasks.surfaces import gram_matrix
+from .control_mesh import CREASE_DOMAINS, NOT_SHAPING, SIMULATIONS, counted_modifiers, gram_matrix, surface_rule
 from .mesh_checksums import checksum_of_points, geometry_checksum
 
-# Other objects, which may be turned together with this one, stand where they did as long as rounding alone moves them.
+# Places of other objects are rounded: objects that are turned together keep them but for rounding.
 DECIMALS = 5
 
-# Whatever is nested deeper belongs to something else; nothing that modifiers have is.
+# No settings of modifiers are nested deeper.
 DEEPEST = 5
 
-# Modifiers whose result is another one at another frame, without any animation of their settings.
+# Modifiers whose result depends on the frame, without animated settings.
 AT_FRAMES = {"BUILD", "DYNAMIC_PAINT", "MESH_CACHE", "MESH_SEQUENCE_CACHE", "PARTICLE_INSTANCE", "WAVE"}
 NODES_AT_FRAMES = {"GeometryNodeBake", "GeometryNodeInputSceneTime", "GeometryNodeSimulationOutput"}
 
-# What Blender says of its interface, and what it counted when it evaluated a modifier last.
+# The state of Blender's interface, and what it counted when it evaluated a modifier last.
 DISPLAY_PREFIXES = ("active_", "open_")
 DISPLAY_FIELDS = {
     "active", "face_count", "id_data", "is_active_output", "node_warnings", "panels", "rna_type", "select",
     "show_group_selector", "show_manage_panel", "show_only_control_edges", "ui_type",
 }  # fmt: skip
 
-# Of every node, these say more than how it is shown.
+# Properties of every node that do more than display it.
 NODE_FIELDS = {"bl_idname", "mute"}
 
-# Kept by Blender for itself and filled in while it evaluates.
+# Blender's own, filled in while it evaluates.
 UNREAD_TYPES = {"AnimData", "ParticleSystem", "PointCache"}
 
 FIELD_TYPES = {"BOOLEAN", "INT", "FLOAT", "STRING", "ENUM", "POINTER", "COLLECTION"}
 
 
 class Description(NamedTuple):
-    """A text, and the objects it mentions, which do not stand anywhere in it."""
+    """A text, and the objects it mentions; their places are not in it."""
 
     text: str
     mentioned: tuple[bpy.types.Object, ...] = ()
@@ -100,14 +99,14 @@ def _names(base: str) -> frozenset[str]:
 
 
 def _fields(kind: type[bpy.types.bpy_struct]) -> tuple[str, ...]:
-    """The properties of a type that do more than show it."""
+    """The properties of a type that do more than display it."""
     unread: frozenset[str] = frozenset()
     if issubclass(kind, bpy.types.Modifier):
         unread = _names("Modifier") - {"type"}
     elif issubclass(kind, bpy.types.Node):
         unread = _names("Node") - NODE_FIELDS
     elif issubclass(kind, bpy.types.ID):
-        # Its name is told by whoever looks at it; whether Blender shows it does not matter.
+        # Its name stands in the description of its user; how Blender displays it does not matter.
         unread = _names("ID") | {name for name in kind.bl_rna.properties.keys() if name.startswith("show_")}  # noqa: SIM118
     return tuple(
         each.identifier
@@ -124,7 +123,7 @@ _kept_fields = cache(_fields)
 
 
 def _fields_of(holder: bpy.types.bpy_struct) -> tuple[str, ...]:
-    # Blender makes types of node groups' inputs anew, under the same names.
+    # Blender makes the types of node groups' inputs anew, under the same names.
     kind: Any = type(holder)
     return _fields(kind) if issubclass(kind, bpy.types.PropertyGroup) else _kept_fields(kind)
 
@@ -162,14 +161,14 @@ class _Describer:
         yield from (f"group {name}" for name in CREASE_DOMAINS if name in groups)
 
     def places(self) -> Iterator[str]:
-        """Where the objects mentioned so far stand, relative to the one that looks at them."""
+        """The places of the objects mentioned so far, relative to the viewer."""
         for other in self.mentioned:
             relative = self.viewer.matrix_world.inverted_safe() @ other.matrix_world
             yield repr(np.array(relative).round(DECIMALS).tolist())
 
     def _modifier(self, modifier: bpy.types.Modifier) -> str:
         if modifier.type in SIMULATIONS:
-            # It is refused, and its settings hold whole grids of its state.
+            # Simulations are refused, and their settings hold whole grids of their state.
             return str(modifier.type)
         text = self._settings(modifier)
         if modifier.type == "NODES" and not hasattr(modifier, "properties"):
@@ -179,12 +178,12 @@ class _Describer:
         return f"{text} {_frame_text()}" if runs else text
 
     def _settings(self, holder: bpy.types.bpy_struct, depth: int = 0) -> str:
-        """All settings of a modifier, a node, an input or a curve that do more than show it."""
+        """All settings of a modifier, a node, an input or a curve that do more than display it."""
         values = ((name, self._value(_read(holder, name), depth)) for name in _fields_of(holder))
         return " ".join(f"{name}={value}" for name, value in values)
 
     def _value(self, value: Any, depth: int = 0) -> str:
-        """A setting as text; another object as what it is like."""
+        """A setting as text; another object as its description."""
         if isinstance(value, bpy.types.ID):
             return self._data_block(value)
         if isinstance(value, bpy.types.bpy_struct):
@@ -215,7 +214,7 @@ class _Describer:
 
     def _once(self, block: bpy.types.ID, describe: Callable[[Any], str]) -> str:
         if block.session_uid not in self.known:
-            # What looks at itself in the end need not be described again.
+            # Ends cycles: what refers to itself is described once.
             self.known[block.session_uid] = Description("")
             before = len(self.mentioned)
             text = describe(block)
@@ -225,7 +224,7 @@ class _Describer:
         return self.known[block.session_uid].text
 
     def _content(self, other: bpy.types.Object) -> str:
-        """What another object is like, wherever it stands: its data, and what its own modifiers do."""
+        """Another object apart from its place: its data, and what its own modifiers do."""
         there = _Describer(other, self.known)
         shown = [modifier for modifier in other.modifiers if modifier.show_viewport]
         texts = [other.type, there._own_data(other), *there.shape_keys(), *there.modifiers(shown)]

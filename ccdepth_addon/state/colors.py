@@ -2,7 +2,7 @@
 """Depth → colour, and deviation → colour.
 
 The colours are viridis by Stéfan van der Walt and Nathaniel Smith (CC0): even steps of perceived difference, ever
-lighter, and told apart by people with any common colour blindness. Legend and histogram use the very same ones.
+lighter, and distinct with any common colour blindness. Legend and histogram use the same ones.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A subdivision result → a new Blender mesh, with everything that the base mesh carries."""
+"""A subdivision as arrays → a new Blender mesh, with everything that the base mesh has."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ..core import PolygonMesh, SubdividedMesh
-from .attributes import Carrier, choose_same
+from .attributes import AttributeTransfer, choose_same
 from .bulk_writing import own_copy, remove_shape_keys, write_values
 from .custom_normals import write_limit_normals
 from .shape_keys import basis_mesh, write_shape_keys
@@ -17,7 +17,7 @@ from .vertex_groups import group_names, write_groups
 
 
 @dataclass(frozen=True)
-class CarryOptions:
+class TransferOptions:
     """uv_smooth: the modifier's UV Smooth. limit_normals: shade with the exact normals of the limit surface."""
 
     uv_smooth: str = "PRESERVE_BOUNDARIES"
@@ -25,15 +25,14 @@ class CarryOptions:
 
 
 def new_mesh(
-    base: bpy.types.Mesh, control: PolygonMesh, subdivided: SubdividedMesh, options: CarryOptions | None = None
+    base: bpy.types.Mesh, control: PolygonMesh, subdivided: SubdividedMesh, options: TransferOptions | None = None
 ) -> bpy.types.Mesh:
     """The subdivision as a mesh of its own, with the materials, attributes, groups, keys and settings of ``base``.
 
     base: in Object Mode. control: its control mesh, with the same vertices, edges, faces and corners, and explicit
-    sharpness. Nothing of ``base`` is changed. Vertices and edges without faces stay as they are. Results of ours are
-    left out.
+    sharpness. ``base`` is not changed. Vertices and edges without faces stay as they are. Our results are left out.
     """
-    options = options or CarryOptions()
+    options = options or TransferOptions()
     mesh = own_copy(base)
     holder = bpy.data.objects.new(mesh.name, mesh)
     try:
@@ -42,9 +41,9 @@ def new_mesh(
         mesh.clear_geometry()
         mesh.property_unset("ccdepth")
         _write_faces(mesh, subdivided)
-        # A group and an attribute may have one name, but only if the attribute is there first.
+        # A group and an attribute can share a name only if the attribute is made first.
         holder.vertex_groups.clear()
-        Carrier(base, control, subdivided, options.uv_smooth).write(mesh)
+        AttributeTransfer(base, control, subdivided, options.uv_smooth).write(mesh)
         write_groups(holder, groups, base, control, subdivided)
         choose_same(base, mesh)
         write_shape_keys(holder, base, control, subdivided)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Long work in as small steps as the caller likes."""
+"""Long work in small steps, with its progress."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ Answer = TypeVar("Answer")
 
 @dataclass(frozen=True)
 class Stage:
-    """How far work is before what it is about begins, or after: such progress is told in words of its own."""
+    """Progress before or after the main part of the work, which has a text of its own."""
 
     text: str
 
 
 class Stepwise(Generic[Progress, Answer]):
-    """A generator at work: what it yielded last, and what it returned once it is done."""
+    """A generator that is run for a while at a time: the progress it yielded last, and the answer it returned."""
 
     def __init__(self, steps: Generator[Progress, None, Answer]) -> None:
         self.progress: Progress | None = None
@@ -30,7 +30,7 @@ class Stepwise(Generic[Progress, Answer]):
         self._steps = steps
 
     def work(self, seconds: float = np.inf) -> bool:
-        """Go on for a while; True when it is done, and the answer is there."""
+        """Run for so many seconds; True when it is done and has an answer."""
         until = perf_counter() + seconds
         while self.answer is None and perf_counter() < until:
             try:
@@ -40,5 +40,5 @@ class Stepwise(Generic[Progress, Answer]):
         return self.answer is not None
 
     def give_up(self) -> None:
-        """Let go of everything the unfinished work holds."""
+        """End the unfinished work, and free what it holds."""
         self._steps.close()

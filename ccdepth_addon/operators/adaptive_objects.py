@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Subdivisions → objects: their meshes with everything carried over, in the place of the objects or beside them."""
+"""Adaptive results → objects: new meshes with everything of the old ones, in place of the objects or beside them."""
 
 from __future__ import annotations
 
@@ -9,15 +9,9 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..operators.stepwise import Stage
-from ..state import fingerprint, results, staleness
-from ..state.mesh_checksums import Topology, geometry_checksum
-from ..state.object_state import object_state
-from ..tasks.adaptive_task import Subdivision, SubdivisionSettings
-from ..tasks.surfaces import ComputeError, same_control_mesh
-from ..ui import heat_map
-from .bulk_writing import WriteError, own_copy
-from .control_mesh import (
+from ..exchange.adaptive_mesh import TransferOptions, new_mesh
+from ..exchange.bulk_writing import WriteError, own_copy
+from ..exchange.control_mesh import (
     OBJECTS_AT_ONCE,
     FrozenCopies,
     applied_modifiers,
@@ -25,7 +19,13 @@ from .control_mesh import (
     copies_to_subdivide,
     subdivision_modifier,
 )
-from .result_mesh import CarryOptions, new_mesh
+from ..exchange.mesh_checksums import Topology, geometry_checksum
+from ..exchange.object_state import object_state
+from ..state import fingerprint, results, staleness
+from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
+from ..tasks.stepwise import Stage
+from ..tasks.surfaces import ComputeError, same_control_mesh
+from ..ui import heat_map
 
 # Faces written in one go.
 FACES_AT_ONCE = 1 << 17
@@ -37,20 +37,20 @@ CHANGED = "The objects were changed in the meantime: nothing was written"
 
 @dataclass(frozen=True)
 class Made:
-    """A subdivision, the session identifier of the mesh it has become, and the checksum of that mesh."""
+    """A result, the session identifier of the adaptive mesh made from it, and the checksum of that mesh."""
 
-    subdivision: Subdivision
+    result: AdaptiveResult
     mesh_uid: int
     geometry: int
 
 
 def make_meshes(
-    context: bpy.types.Context, answers: list[Subdivision], settings: SubdivisionSettings, *, exact_normals: bool
+    context: bpy.types.Context, answers: list[AdaptiveResult], settings: AdaptiveSettings, *, exact_normals: bool
 ) -> Generator[Stage, None, list[Made]]:
-    """Make the results' meshes, all or none; yields how far it is.
+    """Make the adaptive meshes in Object Mode, all or none; yields the stage.
 
-    In Object Mode. Nothing else changes, and until they are placed nobody uses them. Raises ComputeError when an object
-    is no longer what it was.
+    Nothing else changes, and no object uses them before they are placed. Raises ComputeError when an object has changed
+    since it was read.
     """
     made: list[Made] = []
     try:
@@ -71,34 +71,34 @@ def make_meshes(
 
 
 def place_meshes(
-    context: bpy.types.Context, made: list[Made], settings: SubdivisionSettings, *, in_place: bool
+    context: bpy.types.Context, made: list[Made], settings: AdaptiveSettings, *, in_place: bool
 ) -> list[bpy.types.Object]:
-    """Put meshes where they belong; returns the objects that have them. Raises ComputeError, with the meshes removed
-    and nothing changed, when an object is no longer what it was."""
+    """Give the adaptive meshes to their objects, which are returned. Raises ComputeError, with the meshes removed and
+    nothing changed, when an object has changed since it was read."""
     meshes = _meshes(made)
     objects = {obj.name: obj for obj in bpy.data.objects if obj.library is None}
-    originals = [[objects.get(name) for name in each.subdivision.task.object_names] for each in made]
+    originals = [[objects.get(name) for name in each.result.task.object_names] for each in made]
     try:
         for each, found in zip(made, originals, strict=True):
-            if not all(_is_as_it_was(original, each.subdivision) for original in found):
+            if not all(_is_as_it_was(original, each.result) for original in found):
                 raise ComputeError(CHANGED)
         users = [_place(context, *each, settings, in_place=in_place) for each in zip(originals, meshes, strict=True)]
     except BaseException:
         bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
         raise
-    # New objects have no matrix of their own before.
+    # New objects have no matrix before.
     context.view_layer.update()
     for each, mesh, placed in zip(made, meshes, users, strict=True):
         states = [object_state(user, use_modifiers=False) for user in placed]
-        fingerprint.remember(mesh, each.geometry, each.subdivision.adaptive.depths, states)
+        fingerprint.remember(mesh, each.geometry, each.result.adaptive.depths, states)
         staleness.note_write(mesh)
     heat_map.synchronise(context)
     return [user for placed in users for user in placed]
 
 
-def _batches(answers: list[Subdivision]) -> Iterator[list[Subdivision]]:
-    """As many at once as their objects can be evaluated, and few enough faces to keep a window responsive."""
-    batch: list[Subdivision] = []
+def _batches(answers: list[AdaptiveResult]) -> Iterator[list[AdaptiveResult]]:
+    """Batches of as many objects as are evaluated at once, with few enough faces to keep the window responsive."""
+    batch: list[AdaptiveResult] = []
     faces = 0
     for answer in answers:
         batch.append(answer)
@@ -111,20 +111,20 @@ def _batches(answers: list[Subdivision]) -> Iterator[list[Subdivision]]:
 
 
 def _meshes(made: list[Made]) -> list[bpy.types.Mesh]:
-    """In their order, as far as they are still there."""
+    """The meshes made, in their order, without those that are gone."""
     meshes = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
     return [meshes[each.mesh_uid] for each in made if each.mesh_uid in meshes]
 
 
-def _made_for(answer: Subdivision) -> bpy.types.Object:
-    """The object the result is made for. Raises ComputeError when it or another is no longer what it was."""
+def _made_for(answer: AdaptiveResult) -> bpy.types.Object:
+    """The object the result is made for. Raises ComputeError when one of its objects has changed since it was read."""
     objects = [bpy.data.objects.get(name) for name in answer.task.object_names]
     if not all(_is_as_it_was(blender_object, answer) for blender_object in objects):
         raise ComputeError(CHANGED)
     return objects[0]
 
 
-def _is_as_it_was(blender_object: bpy.types.Object | None, answer: Subdivision) -> bool:
+def _is_as_it_was(blender_object: bpy.types.Object | None, answer: AdaptiveResult) -> bool:
     return (
         blender_object is not None
         and blender_object.type == "MESH"
@@ -134,16 +134,16 @@ def _is_as_it_was(blender_object: bpy.types.Object | None, answer: Subdivision) 
 
 def _make_mesh(
     context: bpy.types.Context,
-    answer: Subdivision,
+    answer: AdaptiveResult,
     made_for: bpy.types.Object,
-    settings: SubdivisionSettings,
+    settings: AdaptiveSettings,
     exact_normals: bool,
     copies: FrozenCopies,
 ) -> Made:
     modifier = subdivision_modifier(made_for)
-    options = CarryOptions(limit_normals=exact_normals)
+    options = TransferOptions(limit_normals=exact_normals)
     if modifier is not None:
-        options = CarryOptions(uv_smooth=modifier.uv_smooth, limit_normals=exact_normals)
+        options = TransferOptions(uv_smooth=modifier.uv_smooth, limit_normals=exact_normals)
     control = answer.task.surface.control
     with base_mesh(context, made_for, use_modifiers=settings.use_modifiers, copies=copies) as (base, own_control):
         if not same_control_mesh(own_control, control):
@@ -153,12 +153,12 @@ def _make_mesh(
         mesh = new_mesh(base, control.mesh, answer.adaptive.mesh, options)
     try:
         mesh.name = made_for.name + NAME_SUFFIX
-        results.write_subdivision(mesh, answer, settings)
+        results.write_adaptive(mesh, answer, settings)
     except BaseException:
         bpy.data.meshes.remove(mesh)
         raise
-    drawn = answer.adaptive.mesh
-    topology = Topology(drawn.face_starts[:-1].astype(np.int32), drawn.corner_vertices, drawn.edge_vertices)
+    arrays = answer.adaptive.mesh
+    topology = Topology(arrays.face_starts[:-1].astype(np.int32), arrays.corner_vertices, arrays.edge_vertices)
     return Made(answer, mesh.session_uid, geometry_checksum(mesh, topology))
 
 
@@ -166,7 +166,7 @@ def _place(
     context: bpy.types.Context,
     originals: list[bpy.types.Object],
     mesh: bpy.types.Mesh,
-    settings: SubdivisionSettings,
+    settings: AdaptiveSettings,
     *,
     in_place: bool,
 ) -> list[bpy.types.Object]:
@@ -174,7 +174,7 @@ def _place(
         return [_place_beside(context, original, mesh, settings) for original in originals]
     old = originals[0].data
     for original in originals:
-        _take_modifiers_off(original, settings)
+        _remove_applied_modifiers(original, settings)
         original.data = mesh
     name = old.name
     if not old.users:
@@ -184,12 +184,12 @@ def _place(
 
 
 def _place_beside(
-    context: bpy.types.Context, original: bpy.types.Object, mesh: bpy.types.Mesh, settings: SubdivisionSettings
+    context: bpy.types.Context, original: bpy.types.Object, mesh: bpy.types.Mesh, settings: AdaptiveSettings
 ) -> bpy.types.Object:
-    """A copy of the object with the mesh, selected in its stead, and the object hidden, from the render as well."""
+    """A copy of the object with the mesh, selected instead of it; the object is hidden, and from renders as well."""
     copy = own_copy(original)
     copy.name = original.name + NAME_SUFFIX
-    _take_modifiers_off(copy, settings)
+    _remove_applied_modifiers(copy, settings)
     copy.data = mesh
     _link_beside(context, original, copy)
     space = context.space_data
@@ -205,14 +205,14 @@ def _place_beside(
 
 
 def _link_beside(context: bpy.types.Context, original: bpy.types.Object, copy: bpy.types.Object) -> None:
-    """Put the copy into the original's collections, and where all of them are of another file or overrides of its own,
-    which take no objects, into the scene's."""
+    """Link the copy to the original's collections, or to the scene's when all of them are linked or overrides, which
+    accept no objects."""
     collections = original.users_collection
     own = [collection for collection in collections if collection.is_editable and not collection.override_library]
     for collection in own or [context.scene.collection]:
         collection.objects.link(copy)
 
 
-def _take_modifiers_off(blender_object: bpy.types.Object, settings: SubdivisionSettings) -> None:
+def _remove_applied_modifiers(blender_object: bpy.types.Object, settings: AdaptiveSettings) -> None:
     for modifier in applied_modifiers(blender_object, use_modifiers=settings.use_modifiers):
         blender_object.modifiers.remove(modifier)

@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..exchange.control_mesh import EDGE_CREASE, VERTEX_CREASE, read_built_in, read_creases, read_values
+from .control_mesh import EDGE_CREASE, VERTEX_CREASE, read_built_in, read_creases, read_values
 
 
 class Topology(NamedTuple):

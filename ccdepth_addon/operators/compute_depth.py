@@ -1,0 +1,130 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+# mypy: disable-error-code="valid-type"
+"""Compute Depth."""
+
+from collections.abc import Generator
+from typing import ClassVar
+
+import bpy
+
+from ..core import needed_quality
+from ..exchange.bulk_writing import WriteError
+from ..exchange.control_mesh import mesh_face_count, subdivision_modifier
+from ..state import fingerprint, properties, results, staleness
+from ..tasks.depth_task import DepthSettings, MeshDepths, compute_stepwise, prepare_stepwise
+from ..tasks.stepwise import Stage
+from ..tasks.surfaces import ComputeError, as_typed
+from ..ui import heat_map
+from ..ui.printable import printable
+from .long_operator import LongOperator
+from .selected_meshes import count_text, refuse_what_cannot_be_written, selected_meshes, without_mesh_text
+
+
+class CCDEPTH_OT_compute(LongOperator):
+    """Compute how many Catmull-Clark levels each face needs to be within the tolerance of the limit surface"""
+
+    bl_idname = "ccdepth.compute"
+    bl_label = "Compute Depth"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+    SETTINGS: ClassVar[tuple[str, ...]] = ("tolerance_mode", "method", "vertices", "use_modifiers")
+
+    method: properties.method_property()
+    vertices: properties.vertices_property()
+
+    def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, list[MeshDepths]]:
+        objects = selected_meshes(context)
+        refuse_what_cannot_be_written(objects)
+        tasks = yield from prepare_stepwise(context, objects, self._settings())
+        return (yield from compute_stepwise(tasks))
+
+    def progress_text(self, progress: float) -> str:
+        return f"Computing depth: {progress:.0%}"
+
+    def finish(self, context: bpy.types.Context, answer: list[MeshDepths]) -> set[str]:
+        meshes = _meshes_still_there(answer)
+        color_depths = [depth for each in answer for depth in (each.least, each.deepest)]
+        for each, mesh in zip(answer, meshes, strict=True):
+            try:
+                results.write_result(mesh, each, self._settings(), min(color_depths), max(color_depths))
+            except WriteError as fault:
+                raise ComputeError(f"{each.task.object_names[0]}: {fault}") from fault
+            fingerprint.remember(mesh, each.task.geometry, each.depths, each.task.states)
+            staleness.note_write(mesh)
+        heat_map.synchronise(context)
+        self._report(context, answer)
+        return {"FINISHED"}
+
+    def _settings(self) -> DepthSettings:
+        return DepthSettings(
+            as_typed(self.tolerance), self.tolerance_mode, self.use_modifiers, self.method, self.vertices
+        )
+
+    def _report(self, context: bpy.types.Context, answers: list[MeshDepths]) -> None:
+        skipped = without_mesh_text(context)
+        if skipped:
+            self.report({"INFO"}, skipped)
+        for answer in answers:
+            for note in _modifier_notes(answer):
+                self.report({"WARNING"}, f"{printable(answer.task.object_names[0])}: {note}")
+            for note in _quality_notes(answer):
+                self.report({"WARNING"}, printable(note))
+        faces = count_text(sum(len(answer.depths) for answer in answers), "face", "faces")
+        meshes = f"{len(answers)} meshes, " if len(answers) > 1 else ""
+        self.report({"INFO"}, f"{meshes}{faces}, deepest depth {max(answer.deepest for answer in answers)}")
+
+
+def _meshes_still_there(answers: list[MeshDepths]) -> list[bpy.types.Mesh]:
+    """The meshes of the answers. Raises ComputeError when one of them or of their objects has changed meanwhile."""
+    meshes = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
+    objects = {obj.name: obj for obj in bpy.data.objects if obj.library is None}
+    found = []
+    for answer in answers:
+        mesh = meshes.get(answer.task.mesh_uid)
+        users = [objects.get(name) for name in answer.task.object_names]
+        if (
+            mesh is None
+            or mesh_face_count(mesh) != answer.task.face_count
+            or not all(user is not None and user.data == mesh for user in users)
+        ):
+            raise ComputeError("The meshes were changed in the meantime: nothing was written")
+        found.append(mesh)
+    return found
+
+
+def _modifier_notes(answer: MeshDepths) -> list[str]:
+    """What modifiers do to faces that the depths on the mesh cannot show."""
+    notes = []
+    if answer.added_faces:
+        faces = count_text(answer.added_faces, "face", "faces")
+        notes.append(
+            f"modifiers add {faces} that come from no face of the mesh; the deepest needs {answer.added_deepest}"
+        )
+    if answer.removed_faces:
+        faces = count_text(answer.removed_faces, "face", "faces")
+        notes.append(f"modifiers take {faces} away; their depth is 0")
+    return notes
+
+
+def _quality_notes(answer: MeshDepths) -> list[str]:
+    """Which Subdivision Surface modifiers have a Quality that is too low for Use Limit Surface at their levels."""
+    notes = []
+    surfaces = {measurement.surface.object_name: measurement.surface for measurement in answer.task.measurements}
+    any_surface = answer.task.measurements[0].surface
+    most = bpy.types.SubsurfModifier.bl_rna.properties["quality"].hard_max
+    needed_at: dict[tuple[str, int], int] = {}
+    for name in answer.task.object_names:
+        modifier = subdivision_modifier(bpy.data.objects[name])
+        if modifier is None or not modifier.use_limit_surface or modifier.quality == most:
+            continue
+        # Objects without a surface of their own have the same control mesh as another one.
+        surface = surfaces.get(name, any_surface)
+        level = max(modifier.levels, modifier.render_levels)
+        key = (surface.object_name, level)
+        if key not in needed_at:
+            needed_at[key] = min(needed_quality(surface.control.in_world, level, surface.tolerance), most)
+        if modifier.quality < needed_at[key]:
+            notes.append(
+                f"{name}: at its {count_text(level, 'level', 'levels')}, Use Limit Surface needs a Quality of "
+                f"{needed_at[key]} to show the limit surface; it is {modifier.quality}"
+            )
+    return notes

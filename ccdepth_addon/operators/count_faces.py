@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Count Faces."""
+
+from collections.abc import Generator
+from typing import ClassVar
+
+import bpy
+
+from ..state import face_counts, viewports
+from ..tasks.adaptive_task import AdaptiveTask, FaceCount, count_stepwise, too_many_text
+from ..tasks.stepwise import Stage
+from ..ui.printable import printable
+from .adaptive_operator import AdaptiveOperator
+from .selected_meshes import count_text
+
+
+class CCDEPTH_OT_count_faces(AdaptiveOperator):
+    """Find out how many faces Apply Adaptive Subdivision would make of the selected objects, and change nothing"""
+
+    bl_idname = "ccdepth.count_faces"
+    bl_label = "Count Faces"
+    bl_options: ClassVar[set[str]] = {"REGISTER"}
+
+    def start(
+        self, context: bpy.types.Context
+    ) -> Generator[Stage | int, None, tuple[list[AdaptiveTask], list[FaceCount]]]:
+        tasks = yield from self.prepared(context)
+        return tasks, (yield from count_stepwise(tasks, self.settings()))
+
+    def progress_text(self, progress: int) -> str:
+        return f"Counting faces: {progress:,} so far"
+
+    def finish(self, context: bpy.types.Context, answer: tuple[list[AdaptiveTask], list[FaceCount]]) -> set[str]:
+        tasks, counts = answer
+        self.leave(context)
+        # What was evaluated for counting must not look like a change of the objects.
+        context.view_layer.update()
+        for task, count in zip(tasks, counts, strict=True):
+            for name in task.object_names:
+                face_counts.remember(bpy.data.objects[name], self.settings(), count)
+        if counts[0].fitting is None:
+            self.report({"INFO"}, count_text(sum(count.faces for count in counts), "face", "faces"))
+        else:
+            self.report({"WARNING"}, printable(too_many_text(tasks, counts[0], self.settings())))
+        viewports.redraw(context)
+        return {"FINISHED"}

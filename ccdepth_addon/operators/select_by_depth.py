@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+# mypy: disable-error-code="valid-type"
+"""Select by Depth."""
+
+from typing import ClassVar
+
+import bpy
+from bpy.props import BoolProperty, EnumProperty, IntProperty
+
+from ..state import results
+from . import face_selection
+from .selected_meshes import count_text, poll_meshes, selected_meshes
+
+
+class CCDEPTH_OT_select(bpy.types.Operator):
+    """Select the faces of a depth"""
+
+    bl_idname = "ccdepth.select"
+    bl_label = "Select by Depth"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    depth: IntProperty(name="Depth", description="The depth to look for; the deepest when left out", default=0, min=0)
+    comparison: EnumProperty(
+        name="Comparison",
+        description="Which depths to select",
+        items=(
+            ("EQUAL", "Equal To", "Faces of exactly this depth"),
+            ("AT_LEAST", "At Least", "Faces of this depth and deeper ones"),
+            ("AT_MOST", "At Most", "Faces of this depth and less deep ones"),
+        ),
+        default="EQUAL",
+    )
+    extend: BoolProperty(name="Extend", description="Add to the selection", default=False)
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not poll_meshes(cls, context):
+            return False
+        if not any(results.has_result(obj.data) for obj in selected_meshes(context)):
+            cls.poll_message_set("Compute Depth first")
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        meshes = {obj.data for obj in selected_meshes(context) if results.has_result(obj.data)}
+        faults = [
+            f"{mesh.name}: the mesh has an attribute called “{name}” that is no selection; remove it first"
+            for mesh in meshes
+            if (name := face_selection.conflict(mesh))
+        ]
+        if faults:
+            self.report({"ERROR"}, "\n".join(sorted(faults)))
+            return {"CANCELLED"}
+        if not self.properties.is_property_set("depth"):
+            self.depth = max(mesh.ccdepth.deepest for mesh in meshes)
+        selected = 0
+        for mesh in meshes:
+            selected += face_selection.select_faces(mesh, self.depth, self.comparison, extend=self.extend)
+        # With vertices or edges selected instead, faces between the wanted ones would be selected as well.
+        context.tool_settings.mesh_select_mode = (False, False, True)
+        self.report({"INFO"}, f"{count_text(selected, 'face', 'faces')} selected")
+        return {"FINISHED"}

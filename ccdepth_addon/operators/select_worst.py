@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+# mypy: disable-error-code="valid-type"
+"""Select Worst Face."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import bpy
+import numpy as np
+from bpy.props import BoolProperty
+from mathutils import Vector
+
+from ..exchange.control_mesh import mesh_face_count
+from ..state import results
+from ..ui.printable import printable
+from . import face_selection
+from .selected_meshes import poll_meshes, selected_meshes
+
+# A framed face is shown with its surroundings: so many times its own size.
+SURROUNDINGS = 6.0
+
+
+class CCDEPTH_OT_select_worst(bpy.types.Operator):
+    """Select the face where the measured deviation is largest"""
+
+    bl_idname = "ccdepth.select_worst"
+    bl_label = "Select Worst Face"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    frame: BoolProperty(name="Frame", description="Move the 3D View to the face", default=False)
+
+    @classmethod
+    def description(cls, _context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
+        return f"{cls.__doc__}, and move the 3D View there" if properties.frame else ""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not poll_meshes(cls, context):
+            return False
+        if not _measured_objects(context):
+            cls.poll_message_set("Measure Deviation first")
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        worst = max(_measured_objects(context), key=lambda each: each.data.ccdepth.deviation_reached)
+        mesh, found = worst.data, worst.data.ccdepth.measurement
+        if self.frame:
+            _frame(context, worst)
+        if found.worst_face < 0:
+            self.report(
+                {"WARNING"},
+                f"{printable(worst.name)}: it is worst on a face that modifiers add, which no face stands for",
+            )
+            return {"FINISHED"} if self.frame else {"CANCELLED"}
+        if mesh_face_count(mesh) != found.faces:
+            self.report({"ERROR"}, f"{printable(worst.name)}: the mesh has changed; measure it again")
+            return {"CANCELLED"}
+        if not face_selection.select_face(mesh, found.worst_face):
+            self.report({"WARNING"}, f"{printable(worst.name)}: the face where it is worst is hidden")
+            return {"FINISHED"} if self.frame else {"CANCELLED"}
+        context.tool_settings.mesh_select_mode = (False, False, True)
+        self.report({"INFO"}, f"{printable(worst.name)}: face {found.worst_face} selected")
+        return {"FINISHED"}
+
+
+def _measured_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
+    return [each for each in selected_meshes(context) if results.has_deviation(each.data)]
+
+
+def _frame(context: bpy.types.Context, worst: bpy.types.Object) -> None:
+    """Move the 3D View the operator was called from, or else all of them, to the worst place of an object."""
+    found = worst.data.ccdepth.measurement
+    place = Vector(found.worst_point)
+    size = SURROUNDINGS * _face_size(worst, found.worst_face)
+    for region in _regions(context):
+        region.view_location = place
+        region.view_distance = max(size, 1e-4)
+        if region.view_perspective == "CAMERA":
+            region.view_perspective = "PERSP"
+
+
+def _regions(context: bpy.types.Context) -> list[bpy.types.RegionView3D]:
+    space = context.space_data
+    if space is not None and space.type == "VIEW_3D":
+        return [space.region_3d]
+    screens = [window.screen for window in context.window_manager.windows]
+    return [area.spaces.active.region_3d for screen in screens for area in screen.areas if area.type == "VIEW_3D"]
+
+
+def _face_size(worst: bpy.types.Object, face: int) -> float:
+    """The size in the scene of a face of the object's mesh, or of the object where there is no such face."""
+    box = np.array(worst.bound_box)
+    if 0 <= face < mesh_face_count(worst.data):
+        box = face_selection.face_points(worst.data, face)
+    place = np.array(worst.matrix_world, dtype=np.float64)[:3, :3]
+    return float(np.linalg.norm(np.ptp(box @ place.T, axis=0)))

@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which objects an operator works on, and why it refuses some."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import bpy
+
+from ..exchange.result_attributes import conflict
+from ..tasks.surfaces import ComputeError
+
+
+def selected_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """The mesh objects an operator works on: the selected ones, or the active one when nothing is selected.
+
+    In Edit Mode: those being edited, and selected ones that share a mesh with them; undo covers no others there.
+    """
+    if context.mode == "EDIT_MESH":
+        edited = dict.fromkeys([*context.objects_in_mode, *context.selected_objects])
+        return [obj for obj in edited if obj.type == "MESH" and obj.data.is_editmode]
+    active = context.active_object
+    candidates = context.selected_objects or ([] if active is None else [active])
+    return [obj for obj in candidates if obj.type == "MESH"]
+
+
+def poll_meshes(cls: Any, context: bpy.types.Context) -> bool:
+    if context.mode not in {"OBJECT", "EDIT_MESH"}:
+        cls.poll_message_set("Works in Object Mode and in Edit Mode")
+        return False
+    if not selected_meshes(context):
+        cls.poll_message_set("Select a mesh object")
+        return False
+    return True
+
+
+def count_text(number: int, one: str, many: str) -> str:
+    return f"{number:,} {one if number == 1 else many}"
+
+
+def without_mesh_text(context: bpy.types.Context) -> str:
+    """A report about selected objects that are no meshes; empty when there are none."""
+    skipped = sum(obj.type != "MESH" for obj in context.selected_objects)
+    return f"Skipped {count_text(skipped, 'selected object', 'selected objects')} without a mesh" if skipped else ""
+
+
+def refuse_what_cannot_be_written(objects: list[bpy.types.Object]) -> None:
+    """Raise ComputeError naming every object that is hidden, or whose mesh cannot hold a result."""
+    refuse(objects, lambda obj: hidden_fault(obj) or _mesh_fault(obj.data) or name_fault(obj))
+
+
+def refuse(objects: list[bpy.types.Object], fault_of: Callable[[bpy.types.Object], str | None]) -> None:
+    """Raise ComputeError naming every object with a fault."""
+    faults = [f"{obj.name}: {fault}" for obj in objects if (fault := fault_of(obj))]
+    if faults:
+        raise ComputeError("\n".join(faults))
+
+
+def hidden_fault(blender_object: bpy.types.Object) -> str | None:
+    return None if blender_object.visible_get() else "the object is hidden; show it first"
+
+
+def _mesh_fault(mesh: bpy.types.Mesh) -> str | None:
+    if not mesh.is_editable:
+        return "the mesh is linked from another file and cannot be written to; make it local first"
+    if mesh.override_library is not None:
+        return "the mesh is a library override, on which Blender keeps no attributes; make it local first"
+    return None
+
+
+def name_fault(blender_object: bpy.types.Object) -> str | None:
+    """The report about an attribute or a vertex group whose name results need."""
+    name = conflict(blender_object)
+    if name is not None:
+        return f"the mesh has an attribute or a vertex group of its own called “{name}”; rename it first"
+    return None

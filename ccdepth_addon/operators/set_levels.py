@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Set Subdivision Levels."""
+
+from typing import ClassVar
+
+import bpy
+
+from ..exchange.control_mesh import subdivision_modifier
+from ..state import results, staleness
+from ..ui.printable import printable_lines
+from .selected_meshes import count_text, poll_meshes, selected_meshes
+
+
+class CCDEPTH_OT_set_levels(bpy.types.Operator):
+    """Set the Subdivision Surface modifiers to the first level at which every face is near enough, and their Quality"""
+
+    bl_idname = "ccdepth.set_levels"
+    bl_label = "Set Subdivision Levels"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not poll_meshes(cls, context):
+            return False
+        if not any(_has_depths(obj) for obj in selected_meshes(context)):
+            cls.poll_message_set("Compute Depth first")
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        objects = selected_meshes(context)
+        most_faces = context.scene.ccdepth.max_faces
+        stale = set(staleness.out_of_date(context, objects))
+        faults = [f"{obj.name}: {fault}" for obj in objects if (fault := _levels_fault(obj, obj in stale, most_faces))]
+        if faults:
+            self.report({"ERROR"}, printable_lines("\n".join(faults)))
+            return {"CANCELLED"}
+        for blender_object in objects:
+            _set_levels(blender_object)
+        levels = ", ".join(sorted({str(obj.data.ccdepth.uniform_level) for obj in objects}))
+        self.report({"INFO"}, f"{count_text(len(objects), 'object', 'objects')}, level {levels}")
+        return {"FINISHED"}
+
+
+def _has_depths(blender_object: bpy.types.Object) -> bool:
+    mesh = blender_object.data
+    return results.has_result(mesh) and not mesh.ccdepth.subdivision
+
+
+def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, most_faces: int) -> str | None:
+    """Why the object's levels cannot be set, if they cannot."""
+    if not _has_depths(blender_object):
+        return "it has no depths; compute them first"
+    if not blender_object.is_editable:
+        return "the object is linked from another file; make it local first"
+    if is_stale:
+        return "its depths are out of date; compute them again"
+    record, limits = blender_object.data.ccdepth, bpy.types.SubsurfModifier.bl_rna.properties
+    needed, most = record.uniform_level, limits["levels"].hard_max
+    if needed < 0:
+        return "its depths are from an earlier version of CC Depth; compute them again"
+    if needed > most:
+        return f"it needs {needed} levels, and a Subdivision Surface modifier has {most} at most"
+    if record.quality > limits["quality"].hard_max:
+        return (
+            f"with Use Limit Surface it needs a higher Quality than the {limits['quality'].hard_max} that a "
+            "Subdivision Surface modifier has at most; compute its depths for the Control Mesh"
+        )
+    faces = int(record.uniform_faces)
+    if faces > most_faces:
+        return f"{needed} levels would make {faces:,} faces, and the Face Limit is {most_faces:,}"
+    return None
+
+
+def _set_levels(blender_object: bpy.types.Object) -> None:
+    record = blender_object.data.ccdepth
+    modifier = subdivision_modifier(blender_object)
+    if modifier is None:
+        modifier = blender_object.modifiers.new("Subdivision", "SUBSURF")
+        if not record.use_modifiers:
+            blender_object.modifiers.move(len(blender_object.modifiers) - 1, 0)
+    modifier.levels = modifier.render_levels = record.uniform_level
+    modifier.use_limit_surface = record.vertices == "LIMIT"
+    # Without Use Limit Surface the Quality has no effect. A higher one is the user's choice.
+    modifier.quality = max(modifier.quality, record.quality)

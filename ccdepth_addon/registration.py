@@ -1,0 +1,24 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Registering handlers with Blender, the same way everywhere."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import bpy
+
+# The name of a list in ``bpy.app.handlers``, and what is called from there.
+Handlers = tuple[tuple[str, Callable[..., Any]], ...]
+
+
+def add_handlers(handlers: Handlers) -> None:
+    """Have Blender call these functions."""
+    for name, handler in handlers:
+        getattr(bpy.app.handlers, name).append(handler)
+
+
+def remove_handlers(handlers: Handlers) -> None:
+    """Have Blender call them no more."""
+    for name, handler in handlers:
+        getattr(bpy.app.handlers, name).remove(handler)

@@ -1,0 +1,112 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+# mypy: disable-error-code="valid-type"
+"""The record on the mesh: what was computed or measured on it, and from what."""
+
+import bpy
+from bpy.props import (
+    BoolProperty,
+    CollectionProperty,
+    FloatProperty,
+    FloatVectorProperty,
+    IntProperty,
+    PointerProperty,
+    StringProperty,
+)
+
+
+class DepthRow(bpy.types.PropertyGroup):
+    """One line of the histogram."""
+
+    depth: IntProperty()
+    faces: IntProperty()
+
+
+class Contributor(bpy.types.PropertyGroup):
+    """One object the result was computed for: its scale as AᵀA (upper triangle), and a checksum of the rest."""
+
+    gram: FloatVectorProperty(size=6)
+    checksum: StringProperty()
+
+
+class Measurement(bpy.types.PropertyGroup):
+    """What was measured on this mesh, with what, and where it is worst."""
+
+    measured: StringProperty(description="The object that was measured")
+    against: StringProperty(description="The object to whose limit surface it was measured")
+    tolerance: FloatProperty(description="The tolerance as it was given")
+    tolerance_mode: StringProperty()
+    world_tolerance: FloatProperty(description="The tolerance as a distance in the scene", subtype="DISTANCE")
+    verdict: StringProperty(description="Whether the tolerance is met: MET, NOT_MET or UNDECIDED")
+    accuracy: FloatProperty(description="The accuracy as it was given")
+    accuracy_met: BoolProperty(description="Whether the two distances are within the accuracy of each other")
+    use_modifiers: BoolProperty()
+    version: StringProperty(description="The version of CC Depth that measured it")
+    faces: IntProperty()
+    worst_face: IntProperty(description="The face of the mesh where it is worst; -1 when modifiers added that face")
+    worst_point: FloatVectorProperty(description="The place in the scene where it is worst", subtype="TRANSLATION")
+    largest_shown: FloatProperty(description="The largest deviation of all meshes measured together")
+    fingerprint: StringProperty(description="Checksum of the objects and of the deviations")
+    placement: FloatVectorProperty(
+        description="Where the two objects are to each other, and how the second is scaled", size=18
+    )
+
+
+class MeshRecord(bpy.types.PropertyGroup):
+    """What was computed on this mesh, from what, and what to restore when it is cleared.
+
+    On an adaptive mesh ``subdivision`` is set, and the depth of a face is that of its base face.
+    """
+
+    has_result: BoolProperty()
+    subdivision: StringProperty(description="How the mesh was made by subdivision; empty when it was not")
+    base_faces: IntProperty(description="Faces of the mesh that was subdivided")
+    largest_bound: FloatProperty(description="The largest distance proved", subtype="DISTANCE")
+    tolerance: FloatProperty(description="The tolerance as it was given")
+    tolerance_mode: StringProperty()
+    world_tolerance: FloatProperty(description="The tolerance as a distance in the scene", subtype="DISTANCE")
+    method: StringProperty()
+    vertices: StringProperty()
+    use_modifiers: BoolProperty()
+    version: StringProperty(description="The version of CC Depth that computed it")
+    faces: IntProperty()
+    exact_faces: IntProperty(description="Faces whose depth is proved to be the least that is enough")
+    deepest: IntProperty()
+    added_deepest: IntProperty(description="The deepest depth of faces that modifiers add, which no face stands for")
+    least_color_depth: IntProperty(description="The depth shown in the first colour of the heat map")
+    deepest_color_depth: IntProperty(description="The depth shown in the last colour of the heat map")
+    rows: CollectionProperty(type=DepthRow)
+    # A decimal number: it soon outgrows Blender's 32-bit integers.
+    uniform_faces: StringProperty(
+        description="Faces of the mesh subdivided to the uniform level; on a subdivision, to the deepest depth"
+    )
+    uniform_level: IntProperty(
+        description="The first level at which all faces are within the tolerance; -1 where it is not known", default=-1
+    )
+    quality: IntProperty(description="The Quality that Use Limit Surface needs at the uniform level; 0 without it")
+    fingerprint: StringProperty(description="Checksum of the mesh and of its depths")
+    contributors: CollectionProperty(type=Contributor)
+    has_deviation: BoolProperty()
+    shows_deviation: BoolProperty(description="Whether the colours are those of deviations, not of depths")
+    deviation: FloatProperty(
+        description="The largest distance proved, both ways, between what the object shows and the limit surface",
+        subtype="DISTANCE",
+    )
+    deviation_reached: FloatProperty(description="A distance that is really there", subtype="DISTANCE")
+    measurement: PointerProperty(type=Measurement)
+    active_color_taken: BoolProperty()
+    previous_active_color: StringProperty()
+
+
+CLASSES = (DepthRow, Contributor, Measurement, MeshRecord)
+
+
+def register() -> None:
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Mesh.ccdepth = PointerProperty(type=MeshRecord)
+
+
+def unregister() -> None:
+    del bpy.types.Mesh.ccdepth
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

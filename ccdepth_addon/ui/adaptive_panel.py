@@ -1,0 +1,64 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The sidebar's panel about adaptive subdivision: settings, and how many faces the adaptive mesh of the active object
+would have."""
+
+import bpy
+import numpy as np
+
+from ..state.face_counts import known_count
+from ..state.properties import tolerance_name
+from ..tasks.adaptive_task import adaptive_settings
+from .lengths import length_text
+from .panels import draw_rows
+
+
+class CCDEPTH_PT_subdivision(bpy.types.Panel):
+    bl_label = "Adaptive Subdivision"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "CC Depth"
+    bl_parent_id = "CCDEPTH_PT_settings"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout = self.layout
+        settings = context.scene.ccdepth
+        button = layout.column()
+        button.scale_y = 1.4
+        button.operator("ccdepth.subdivide", icon="MOD_MULTIRES")
+        _draw_face_count(layout, context)
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        column = layout.column()
+        column.prop(settings, "mode")
+        column.prop(settings, "transitions")
+        column.prop(settings, "output")
+        column.prop(settings, "exact_normals")
+        column.prop(settings, "max_faces")
+
+
+def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    settings, active = context.scene.ccdepth, context.active_object
+    tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
+    current = adaptive_settings(settings, tolerance)
+    count = None if active is None else known_count(active, current)
+    if count is None:
+        layout.operator("ccdepth.count_faces", icon="FACESEL")
+        return
+    if count.fitting is None:
+        draw_rows(layout, [("Faces to Make", f"{count.faces:,}")])
+        return
+    column = layout.column()
+    column.alert = True
+    fitting = "None"
+    if np.isfinite(count.fitting):
+        relative = settings.tolerance_mode == "RELATIVE"
+        fitting = f"{count.fitting:.2g}" if relative else length_text(context.scene, count.fitting)
+    draw_rows(column, [("Faces to Make", f"About {count.faces:,}, too many"), ("Fitting Tolerance", fitting)])
+
+
+def register() -> None:
+    bpy.utils.register_class(CCDEPTH_PT_subdivision)
+
+
+def unregister() -> None:
+    bpy.utils.unregister_class(CCDEPTH_PT_subdivision)

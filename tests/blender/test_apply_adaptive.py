@@ -1,0 +1,429 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Apply Adaptive Subdivision on selected objects: where the adaptive mesh goes and what it is, modifiers, Edit Mode and
+undo."""
+
+from __future__ import annotations
+
+import gc
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Matrix
+
+from tests import meshes
+from tests.blender import addon, scene
+from tests.blender.subdividing import TOLERANCE, everything_in_the_file, faces, shape, subdivide
+from tests.steps import result_of
+
+# What is made, and where.
+
+
+def test_the_result_is_a_new_object_beside_the_hidden_original() -> None:
+    holder = scene.add_suzanne()
+    collection = bpy.data.collections.new("Heads")
+    bpy.context.scene.collection.children.link(collection)
+    collection.objects.link(holder)
+    parent = bpy.data.objects.new("Parent", None)
+    collection.objects.link(parent)
+    holder.parent, parent.location = parent, (1.0, 2.0, 3.0)
+    before = faces(holder)
+    [result] = subdivide(holder)
+    bpy.context.view_layer.update()
+    assert result != holder
+    assert result.matrix_world == holder.matrix_world
+    assert set(result.users_collection) == set(holder.users_collection)
+    assert result.parent == parent
+    assert bpy.context.active_object == result
+    assert (holder.hide_get(), holder.hide_render, result.visible_get(), result.hide_render) == (
+        True,
+        True,
+        True,
+        False,
+    )
+    assert faces(holder) == before
+    assert faces(result) > before
+    assert addon.is_untouched([holder])
+
+
+def test_the_result_can_take_the_place_of_the_mesh() -> None:
+    holder = scene.add_suzanne()
+    name = holder.data.name
+    [result] = subdivide(holder, output="IN_PLACE")
+    assert result == holder
+    assert (holder.data.name, [mesh.name for mesh in bpy.data.meshes]) == (name, [name])
+    assert faces(holder) > 500
+    assert holder.visible_get()
+
+
+def test_the_attributes_tell_depths_and_proved_distances() -> None:
+    [result] = subdivide(scene.add_suzanne())
+    kinds = {name: result.data.attributes[name] for name in ("ccdepth", "ccdepth_bound")}
+    assert {name: (kind.domain, kind.data_type) for name, kind in kinds.items()} == {
+        "ccdepth": ("FACE", "INT"),
+        "ccdepth_bound": ("FACE", "FLOAT"),
+    }
+    assert "ccdepth_color" not in result.data.attributes
+    assert 0 < addon.bounds(result).max() <= np.float32(TOLERANCE)
+    assert addon.depths(result).min() >= 0
+
+
+def test_the_record_tells_what_was_made_and_is_not_out_of_date() -> None:
+    holder = scene.add_suzanne()
+    scene.add_subdivision(holder, 1, boundary="PRESERVE_CORNERS")
+    [result] = subdivide(holder, mode="PER_FACE")
+    record = result.data.ccdepth
+    depths = addon.depths(result)
+    assert (record.subdivision, record.faces, record.base_faces) == ("PER_FACE", len(depths), 500)
+    assert record.world_tolerance == pytest.approx(TOLERANCE)
+    assert record.largest_bound == addon.bounds(result).max()
+    assert addon.histogram(result) == dict(zip(*np.unique(depths, return_counts=True), strict=True))
+    addon.module("state.staleness").check_touched()
+    assert addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, result.data) == ""
+    result.data.vertices[0].co.x += 1.0
+    result.data.update()
+    bpy.context.view_layer.update()
+    addon.module("state.staleness").check_touched()
+    assert "mesh changed" in addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, result.data)
+
+
+def test_an_earlier_result_stays_with_the_original_alone() -> None:
+    holder = scene.add_suzanne()
+    addon.compute(holder)
+    [result] = subdivide(holder)
+    assert "ccdepth_color" in holder.data.attributes
+    assert "ccdepth_color" not in result.data.attributes
+    assert result.data.attributes.active_color_name != "ccdepth_color"
+
+
+def test_each_mode_and_transition_makes_another_mesh() -> None:
+    holder = scene.add_suzanne()
+    sizes, corners = {}, {}
+    for mode in ("ADAPTIVE", "PER_FACE"):
+        for transitions in ("TRIANGLES", "NGONS"):
+            holder.hide_set(False)
+            [result] = subdivide(holder, mode=mode, transitions=transitions)
+            sizes[mode, transitions] = faces(result)
+            corners[mode, transitions] = max(polygon.loop_total for polygon in result.data.polygons)
+    assert sizes["ADAPTIVE", "TRIANGLES"] < sizes["PER_FACE", "TRIANGLES"]
+    assert len(set(sizes.values())) == 4
+    for mode in ("ADAPTIVE", "PER_FACE"):
+        assert corners[mode, "TRIANGLES"] <= 4 < corners[mode, "NGONS"]
+
+
+def test_exact_normals_are_custom_normals() -> None:
+    holder = scene.add_suzanne()
+    [plain] = subdivide(holder)
+    holder.hide_set(False)
+    [exact] = subdivide(holder, exact_normals=True)
+    assert not plain.data.has_custom_normals
+    assert exact.data.has_custom_normals
+
+
+# Tolerance.
+
+
+@pytest.mark.parametrize("scale", [(2.0, 2.0, 2.0), (1.0, 4.0, 0.3), (-2.0, 1.0, 1.0)])
+def test_scale_is_counted_in(scale: tuple[float, float, float]) -> None:
+    holder = scene.add_suzanne()
+    holder.scale = scale
+    holder.location = (100.0, 0.0, 0.0)
+    [scaled] = subdivide(holder)
+    applied = scene.add_suzanne()
+    applied.data.transform(Matrix.Diagonal((*scale, 1.0)))
+    [same] = subdivide(applied)
+    assert abs(faces(scaled) - faces(same)) <= 0.002 * faces(same)
+    assert scaled.scale[:] == pytest.approx(scale)
+    assert addon.bounds(scaled).max() <= np.float32(TOLERANCE)
+
+
+def test_a_relative_tolerance_is_a_part_of_the_diagonal() -> None:
+    holder = scene.add_suzanne()
+    diagonal = holder.dimensions.length
+    [relative] = subdivide(holder, tolerance=0.004, tolerance_mode="RELATIVE")
+    assert relative.data.ccdepth.world_tolerance == pytest.approx(0.004 * diagonal)
+    holder.hide_set(False)
+    [absolute] = subdivide(holder, tolerance=0.004 * diagonal)
+    assert faces(relative) == faces(absolute)
+
+
+def test_settings_come_from_the_scene_unless_given() -> None:
+    settings = bpy.context.scene.ccdepth
+    settings.tolerance_mode, settings.tolerance = "ABSOLUTE", TOLERANCE
+    settings.output, settings.transitions = "IN_PLACE", "NGONS"
+    first, second = scene.add_suzanne(), scene.add_suzanne()
+    addon.select(first)
+    assert bpy.ops.ccdepth.subdivide() == {"FINISHED"}
+    subdivide(second, output="IN_PLACE", transitions="NGONS")
+    assert faces(first) == faces(second)
+
+
+def test_the_result_has_the_shape_of_the_surface() -> None:
+    holder = scene.add_suzanne()
+    [result] = subdivide(holder)
+    scene.add_subdivision(holder, 4).use_limit_surface = True
+    surface = scene.evaluated_mesh_data(holder).positions
+    found = shape(result)
+    nearest = [np.linalg.norm(surface - point, axis=1).min() for point in found[:: len(found) // 100]]
+    assert max(nearest) < 5 * TOLERANCE
+
+
+# Several objects, and Edit Mode.
+
+
+def test_several_objects_get_a_result_each() -> None:
+    first, second = scene.add_suzanne(), scene.add_object(meshes.landscape(5, 5), "Land")
+    light = bpy.data.objects.new("Light", bpy.data.lights.new("Light", "POINT"))
+    bpy.context.scene.collection.objects.link(light)
+    results = subdivide(light, first, second)
+    assert [result.name for result in results] == ["Land Adaptive", "Light", "Suzanne Adaptive"]
+    assert bpy.context.active_object == results[0]
+
+
+@pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
+def test_objects_that_share_a_mesh_share_the_result(output: str) -> None:
+    first = scene.add_suzanne()
+    second, large = scene.add_mesh(first.data), scene.add_mesh(first.data)
+    second.rotation_euler = (0.1, 0.2, 0.3)
+    large.scale = (3.0, 3.0, 3.0)
+    other = scene.add_mesh(first.data)
+    results = subdivide(first, second, large, output=output)
+    assert len({result.data for result in results}) == 1
+    assert other.data not in {result.data for result in results}
+    assert faces(other) == 500
+    assert addon.bounds(large if output == "IN_PLACE" else results[0]).max() <= np.float32(TOLERANCE)
+
+
+def test_objects_that_share_a_mesh_but_not_the_surface_get_results_of_their_own() -> None:
+    first = scene.add_suzanne()
+    bent, wide = scene.add_mesh(first.data), scene.add_mesh(first.data)
+    bent.modifiers.new("Bend", "SIMPLE_DEFORM").angle = 1.0
+    wide.scale = (3.0, 0.5, 0.5)
+    results = subdivide(first, bent, wide)
+    assert len({result.data for result in results}) == 3
+
+
+@pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
+def test_edit_mode_is_left_and_entered_again(output: str) -> None:
+    import bmesh
+
+    first, second = scene.add_suzanne(), scene.add_object(meshes.creased_cube())
+    with addon.edit_mode(first, second):
+        edited = bmesh.from_edit_mesh(first.data)
+        edited.verts.ensure_lookup_table()
+        edited.verts[3].co.z += 0.5
+        bmesh.update_edit_mesh(first.data)
+        settings = {"tolerance": TOLERANCE, "tolerance_mode": "ABSOLUTE", "output": output}
+        assert bpy.ops.ccdepth.subdivide(**settings) == {"FINISHED"}
+        assert bpy.context.mode == "EDIT_MESH"
+        assert len(bpy.context.objects_in_mode) == 2
+        results = sorted(bpy.context.objects_in_mode, key=lambda obj: obj.name)
+    names = ["Mesh", "Suzanne"] if output == "IN_PLACE" else ["Mesh Adaptive", "Suzanne Adaptive"]
+    assert [result.name for result in results] == names
+    assert all(addon.depths(result).max() > 0 for result in results)
+    assert shape(results[1]).max() > 1.2
+
+
+def test_edit_mode_stays_when_something_is_refused() -> None:
+    holder = scene.add_suzanne()
+    with addon.edit_mode(holder):
+        with pytest.raises(RuntimeError, match="greater than zero"):
+            bpy.ops.ccdepth.subdivide(tolerance=0.0)
+        assert bpy.context.mode == "EDIT_MESH"
+
+
+@pytest.mark.parametrize(
+    ("operator", "module", "name"),
+    [
+        ("subdivide", "operators.adaptive_operator", "prepare_adaptive"),
+        ("subdivide", "operators.apply_adaptive", "subdivide_stepwise"),
+        ("subdivide", "operators.apply_adaptive", "make_meshes"),
+        ("subdivide", "operators.apply_adaptive", "place_meshes"),
+        ("count_faces", "operators.count_faces", "count_text"),
+    ],
+)
+def test_edit_mode_stays_whatever_goes_wrong(
+    operator: str, module: str, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    holder = scene.add_suzanne()
+    addon.select(holder)
+    bpy.ops.object.mode_set(mode="EDIT")
+
+    def failing(*_: object, **__: object) -> None:
+        raise LookupError("odd")
+
+    monkeypatch.setattr(addon.module(module), name, failing)
+    with pytest.raises(RuntimeError, match="odd"):
+        getattr(bpy.ops.ccdepth, operator)(tolerance=TOLERANCE)
+    assert bpy.context.mode == "EDIT_MESH"
+
+
+@pytest.mark.parametrize("operator", ["subdivide", "count_faces", "compute"])
+def test_an_operator_that_has_run_keeps_nothing_of_its_work(operator: str) -> None:
+    """Blender keeps the last operators, with all they hold."""
+    addon.select(scene.add_suzanne())
+    work = addon.module("tasks.stepwise").Stepwise
+    assert getattr(bpy.ops.ccdepth, operator)("EXEC_DEFAULT", True, tolerance=TOLERANCE) == {"FINISHED"}
+    gc.collect()
+    assert not [kept for kept in gc.get_objects() if isinstance(kept, work)]
+
+
+# Modifiers and shape keys.
+
+
+def test_what_was_counted_in_is_taken_off_the_result() -> None:
+    holder = scene.add_object(meshes.landscape(4, 4))
+    holder.modifiers.new("Mirror", "MIRROR")
+    holder.modifiers.new("Off", "DISPLACE").show_viewport = False
+    scene.add_subdivision(holder, 2)
+    holder.modifiers.new("Bend", "SIMPLE_DEFORM")
+    [counted] = subdivide(holder)
+    assert [modifier.name for modifier in counted.modifiers] == ["Off", "Bend"]
+    assert counted.data.ccdepth.base_faces == 2 * faces(holder)
+    holder.hide_set(False)
+    [left_out] = subdivide(holder, use_modifiers=False)
+    assert [modifier.name for modifier in left_out.modifiers] == ["Mirror", "Off", "Bend"]
+    assert left_out.data.ccdepth.base_faces == faces(holder)
+    assert [modifier.name for modifier in holder.modifiers] == ["Mirror", "Off", "Subdivision", "Bend"]
+
+
+def test_what_modifiers_make_is_carried_over() -> None:
+    holder = scene.add_object(meshes.landscape(4, 4))
+    holder.data.uv_layers.new(name="Map")
+    holder.data.materials.append(bpy.data.materials.new("Red"))
+    holder.vertex_groups.new(name="Group").add(range(8), 0.5, "REPLACE")
+    holder.modifiers.new("Mirror", "MIRROR")
+    [result] = subdivide(holder, output="IN_PLACE")
+    assert result == holder
+    assert [layer.name for layer in result.data.uv_layers] == ["Map"]
+    assert [slot.material.name for slot in result.material_slots] == ["Red"]
+    assert [group.name for group in result.vertex_groups] == ["Group"]
+    weighted = [vertex for vertex in result.data.vertices if vertex.groups]
+    assert 0 < len(weighted) < len(result.data.vertices)
+    assert len(bpy.data.meshes) == 1
+
+
+def test_modifiers_that_merge_faces_can_be_counted_in() -> None:
+    holder = scene.add_suzanne()
+    remesh = holder.modifiers.new("Remesh", "REMESH")
+    remesh.mode, remesh.voxel_size = "VOXEL", 0.3
+    [result] = subdivide(holder)
+    assert not result.modifiers
+    assert faces(result) > 100
+
+
+def test_materials_of_the_object_stay_with_it() -> None:
+    holder = scene.add_suzanne()
+    holder.data.materials.append(bpy.data.materials.new("Red"))
+    holder.material_slots[0].link = "OBJECT"
+    holder.material_slots[0].material = bpy.data.materials.new("Blue")
+    [result] = subdivide(holder)
+    assert [(slot.link, slot.material.name) for slot in result.material_slots] == [("OBJECT", "Blue")]
+
+
+def test_particles_are_kept() -> None:
+    holder = scene.add_suzanne()
+    holder.modifiers.new("Hair", "PARTICLE_SYSTEM")
+    [result] = subdivide(holder)
+    assert [modifier.name for modifier in result.modifiers] == ["Hair"]
+
+
+def test_shape_keys_stay_and_their_mix_is_measured() -> None:
+    holder = scene.add_suzanne()
+    holder.shape_key_add(name="Basis")
+    key = holder.shape_key_add(name="Long")
+    for point in key.points:
+        point.co.z *= 3.0
+    key.value = 1.0
+    [result] = subdivide(holder)
+    long = scene.add_suzanne()
+    long.data.transform(Matrix.Diagonal((1.0, 1.0, 3.0, 1.0)))
+    [same] = subdivide(long)
+    assert [block.name for block in result.data.shape_keys.key_blocks] == ["Basis", "Long"]
+    assert abs(faces(result) - faces(same)) <= 0.01 * faces(same)
+    assert addon.bounds(result).max() <= np.float32(TOLERANCE)
+
+
+def test_shape_keys_are_applied_with_modifiers_and_that_is_said(capfd: pytest.CaptureFixture[str]) -> None:
+    holder = scene.add_suzanne()
+    holder.shape_key_add(name="Basis")
+    holder.shape_key_add(name="Other").value = 0.5
+    holder.modifiers.new("Bend", "SIMPLE_DEFORM")
+    [result] = subdivide(holder)
+    assert result.data.shape_keys is None
+    assert "Suzanne: its shape keys are applied" in capfd.readouterr().out
+
+
+# Undo and redo.
+
+
+@pytest.mark.parametrize("editing", [False, True])
+@pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
+def test_undo_takes_everything_back(editing: bool, output: str) -> None:
+    holder = scene.add_suzanne()
+    scene.add_subdivision(holder, 1)
+    addon.select(holder)
+    bpy.ops.ed.undo_push(message="before")
+    if editing:
+        bpy.ops.object.mode_set(mode="EDIT")
+        bpy.ops.ed.undo_push(message="Edit Mode")
+    assert bpy.ops.ccdepth.subdivide(tolerance=TOLERANCE, output=output) == {"FINISHED"}
+    bpy.ops.ed.undo_push(message="Apply Adaptive Subdivision")
+    bpy.ops.ed.undo()
+    assert bpy.context.mode == ("EDIT_MESH" if editing else "OBJECT")
+    if editing:
+        bpy.ops.object.mode_set(mode="OBJECT")
+    [holder] = bpy.data.objects
+    assert (faces(holder), holder.visible_get(), holder.hide_render) == (500, True, False)
+    assert [modifier.name for modifier in holder.modifiers] == ["Subdivision"]
+    assert len(bpy.data.meshes) == 1
+
+
+@pytest.mark.parametrize("editing", [False, True])
+@pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
+def test_done_again_with_another_tolerance_it_is_as_if_done_so_at_once(editing: bool, output: str) -> None:
+    """As Adjust Last Operation does it: undone, and executed anew. The window's test presses on from there."""
+    found = []
+    for tolerances in ([0.1], [TOLERANCE, 0.003, 0.1]):
+        scene.clear()
+        holder = scene.add_suzanne()
+        scene.add_subdivision(holder, 1)
+        addon.select(holder)
+        bpy.ops.ed.undo_push(message="before")
+        if editing:
+            bpy.ops.object.mode_set(mode="EDIT")
+            bpy.ops.ed.undo_push(message="Edit Mode")
+        for again, tolerance in enumerate(tolerances):
+            if again:
+                bpy.ops.ed.undo()
+                assert (len(bpy.data.objects), len(bpy.data.meshes)) == (1, 1)
+            settings = {"tolerance": tolerance, "tolerance_mode": "ABSOLUTE", "output": output}
+            assert bpy.ops.ccdepth.subdivide(**settings) == {"FINISHED"}
+            bpy.ops.ed.undo_push(message="Apply Adaptive Subdivision")
+        assert bpy.context.active_object.data.ccdepth.tolerance == pytest.approx(0.1)
+        if bpy.context.mode == "EDIT_MESH":
+            bpy.ops.object.mode_set(mode="OBJECT")
+        found.append(everything_in_the_file())
+    assert found[0] == found[1]
+
+
+def test_it_can_be_undone_and_repeated() -> None:
+    assert bpy.types.CCDEPTH_OT_subdivide.bl_options >= {"REGISTER", "UNDO"}
+    assert "UNDO" not in bpy.types.CCDEPTH_OT_count_faces.bl_options
+
+
+# Long runs.
+
+
+def test_giving_up_leaves_everything_as_it_was() -> None:
+    holder = scene.add_suzanne()
+    addon.select(holder)
+    subdivision = addon.module("tasks.adaptive_task")
+    before = everything_in_the_file()
+    settings = subdivision.AdaptiveSettings(1e-5, "RELATIVE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
+    tasks = result_of(subdivision.prepare_adaptive(bpy.context, [holder], settings))
+    run = addon.module("tasks.stepwise").Stepwise(subdivision.subdivide_stepwise(tasks, settings))
+    assert not run.work(0.05)
+    assert run.progress > 0
+    run.give_up()
+    assert everything_in_the_file() == before

@@ -1,0 +1,83 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Imports go one way: command_line → operators → ui → state → tasks → exchange → core, which knows no Blender."""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ADDON = Path(__file__).resolve().parent.parent / "ccdepth_addon"
+
+# From the bottom to the top: each may import those before it.
+LAYERS = ("core", "exchange", "tasks", "state", "ui", "operators", "command_line")
+
+
+BLENDER = {"bl_math", "blf", "bmesh", "bpy", "bpy_extras", "gpu", "gpu_extras", "mathutils"}
+
+
+def imports(path: Path) -> Iterator[tuple[int, str]]:
+    """The modules a file imports: how many dots stand before the name, and the name. ``from . import x`` is x."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            yield from ((0, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom) and node.module is None:
+            yield from ((node.level, alias.name) for alias in node.names)
+        elif isinstance(node, ast.ImportFrom):
+            yield node.level, str(node.module)
+
+
+def imported_from_the_addon(path: Path) -> Iterator[str]:
+    """The add-on's modules a file imports, by their names below ``ccdepth_addon``."""
+    package = path.relative_to(ADDON).parts[:-1]
+    for level, name in imports(path):
+        if level:
+            yield ".".join([*package[: len(package) - level + 1], name])
+        elif name.split(".")[0] == ADDON.name:
+            yield name.partition(".")[2]
+
+
+def files(layer: str) -> list[Path]:
+    return sorted((ADDON / layer).rglob("*.py"))
+
+
+def test_every_package_is_a_layer() -> None:
+    assert {path.parent.name for path in ADDON.glob("*/__init__.py")} == set(LAYERS)
+
+
+@pytest.mark.parametrize("layer", LAYERS)
+def test_nothing_imports_a_layer_above_its_own(layer: str) -> None:
+    allowed = {*LAYERS[: LAYERS.index(layer) + 1]}
+    if layer != "core":
+        # ``from .. import version`` names no module.
+        allowed |= {"registration", "version"}
+    found = [
+        f"{path.relative_to(ADDON)}: {name}"
+        for path in files(layer)
+        for name in imported_from_the_addon(path)
+        if name.split(".")[0] not in allowed
+    ]
+    assert not found
+
+
+def test_the_core_imports_nothing_of_blender() -> None:
+    found = [
+        f"{path.relative_to(ADDON)}: {name}"
+        for path in files("core")
+        for level, name in imports(path)
+        if not level and name.split(".")[0] in BLENDER
+    ]
+    assert not found
+
+
+@pytest.mark.parametrize("layer", LAYERS[1:])
+def test_blenders_side_imports_the_public_interface_alone(layer: str) -> None:
+    found = [
+        f"{path.relative_to(ADDON)}: {name}"
+        for path in files(layer)
+        for name in imported_from_the_addon(path)
+        if name.startswith("core.")
+    ]
+    assert not found
