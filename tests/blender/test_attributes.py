@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ccdepth_addon.core.attributes.face_varying import UV_SMOOTH
+from ccdepth_addon.core.attributes.face_varying import UV_SMOOTH, face_varying_surface
 from tests import meshes, uniform
 from tests.blender import addon, scene
 from tests.blender.full_mesh import (
