@@ -250,6 +250,6 @@ def test_origins_that_were_averaged_are_not_taken_for_origins() -> None:
     averaged = pairs.reshape(-1, 2).copy()
     averaged[0] = (averaged[2] + averaged[4]) // 2
     attribute.data.foreach_set("value", averaged.ravel())
-    origins = control_mesh.read_origins(mesh, name, len(mesh.polygons))
+    origins = control_mesh._read_origins(mesh, name, len(mesh.polygons))
     assert origins[0] == control_mesh.NO_ORIGIN
     np.testing.assert_array_equal(origins[1:], np.arange(1, len(mesh.polygons)))
