@@ -24,7 +24,7 @@ def write_limit_normals(
         )
     normals = at_corners(subdivided, lambda points: limit_normals(control, points))
     flat = mesh.attributes.get("sharp_face")
-    if flat is not None:
+    if flat is not None and (flat.data_type, flat.domain) == ("BOOLEAN", "FACE"):
         mesh.attributes.remove(flat)
     if bpy.app.version >= FREE_NORMALS and not deformable:
         write_attribute(mesh, CUSTOM_NORMAL, "FLOAT_VECTOR", "CORNER", normals)

@@ -342,8 +342,10 @@ def color_of_user(mesh: bpy.types.Mesh, name: str) -> str:
     before; the first ones when there are none of that name, as with Blender when colours are removed."""
     if name == COLOR and mesh.ccdepth.active_color_taken:
         name = mesh.ccdepth.previous_active_color
-    colors = [attribute.name for attribute in mesh.color_attributes if attribute.name != COLOR]
-    return name if name in colors or not name else next(iter(colors), "")
+    # Blender also displays colours of faces and edges, though it does not list them among the colours.
+    if not name or (name != COLOR and name in mesh.attributes):
+        return name
+    return next((attribute.name for attribute in mesh.color_attributes if attribute.name != COLOR), "")
 
 
 def clear(mesh: bpy.types.Mesh) -> None:

@@ -170,7 +170,7 @@ def _notice_update(mesh: bpy.types.Mesh, geometry: bool) -> None:
 @persistent
 def _check_everything(*_: Any) -> None:
     """After undo, redo and loading: data may have been replaced as a whole."""
-    heat_map.synchronise(bpy.context)
+    heat_map.synchronise_soon()
     _touch_everything()
 
 

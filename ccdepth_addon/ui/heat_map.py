@@ -40,19 +40,35 @@ def synchronise(context: bpy.types.Context) -> None:
         return
     wanted = scene.ccdepth.show_heat_map
     painted = {obj.data for obj in bpy.data.objects if obj.type == "MESH" and obj.mode in PAINTING_MODES}
+    holders = {obj for obj in bpy.data.objects if obj.type == "MESH" and results.has_heat_map(obj.data)}
     shown = waiting = False
-    for blender_object in scene.objects:
-        if blender_object.type == "MESH" and results.has_heat_map(blender_object.data):
-            mesh = blender_object.data
-            _show(mesh, wanted, mesh in painted)
-            shown = shown or (results.shows_heat_map(mesh) and blender_object.visible_get())
-            waiting = waiting or mesh in painted
+    # Most scenes have none, and what belongs to them need not be asked for.
+    for blender_object in holders.intersection(scene.objects) if holders else ():
+        mesh = blender_object.data
+        _show(mesh, wanted, mesh in painted)
+        shown = shown or (results.shows_heat_map(mesh) and blender_object.visible_get())
+        waiting = waiting or mesh in painted
     for shading in _shadings():
         if wanted and waiting and not shown:
             _pause(shading)
         else:
             _switch(shading, wanted and shown)
     redraw_viewports(context)
+
+
+def synchronise_soon() -> None:
+    """Do so as soon as Blender has finished what it is doing; at once where nobody waits for a window.
+
+    While undo puts data back, a scene may still list objects that are gone, and looking at them crashes Blender 5.2.
+    """
+    if bpy.app.background:
+        synchronise(bpy.context)
+    elif not bpy.app.timers.is_registered(_synchronise):
+        bpy.app.timers.register(_synchronise)
+
+
+def _synchronise() -> None:
+    synchronise(bpy.context)
 
 
 def _show(mesh: bpy.types.Mesh, wanted: bool, painted: bool) -> None:
@@ -145,4 +161,6 @@ def register() -> None:
 def unregister() -> None:
     for name, handler in HANDLERS:
         getattr(bpy.app.handlers, name).remove(handler)
+    if bpy.app.timers.is_registered(_synchronise):
+        bpy.app.timers.unregister(_synchronise)
     _forget_painting()

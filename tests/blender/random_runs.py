@@ -16,6 +16,7 @@ from __future__ import annotations
 import argparse
 import faulthandler
 import os
+import signal
 import subprocess
 import sys
 import tempfile
@@ -52,7 +53,7 @@ SELECTION = {
 }  # fmt: skip
 
 # What a mesh says while it is edited alone. Edit Mode goes on with the result.
-EDITING = {"select history", "is_editmode", "active attribute"}
+EDITING = {"select history", "is_editmode", "active attribute", "has_custom_normals"}
 
 # Nothing here is large: what takes longer than this, in seconds, is stuck.
 PATIENCE = 600.0
@@ -288,7 +289,8 @@ def clear(this: Run) -> None:
         if this.before_result is not None and not left:
             _same("compute and clear", this.before_result, after)
         assert this.before_last is not None
-        gone = {path for path, value in this.before_last.items() if path[-1] == "active attribute" and value in OURS}
+        chosen = {"active attribute", "rendered color"}
+        gone = {path for path, value in this.before_last.items() if path[-1] in chosen and value in OURS}
         _same("clear finished", this.before_last, after, but=lambda path: snapshot.is_ours(path) or path in gone)
 
 
@@ -323,9 +325,13 @@ def _originals_kept(settings: dict[str, Any], before: Snapshot, made: list[bpy.t
     """Meshes that are still there are as they were; results take over names."""
     present = {mesh.name_full for mesh in bpy.data.meshes} - {mesh.name_full for mesh in made}
     edited = before["mode",] == "EDIT_MESH"
+    # Leaving Edit Mode writes what was edited to a key, and the basis to the mesh.
+    with_keys = {mesh.name_full for mesh in bpy.data.meshes if mesh.shape_keys}
 
     def may_differ(path: snapshot.Path) -> bool:
         if edited and (path[-1].startswith("total_") or path[-1] in EDITING):
+            return True
+        if edited and path[-1] == "position" and path[1] in with_keys:
             return True
         return path[0] != "meshes" or path[1] not in present
 
@@ -483,7 +489,10 @@ def _results_current() -> None:
     staleness = addon.module("state.staleness")
     staleness.check_touched()
     for holder in bpy.context.selected_objects:
-        if holder.type == "MESH" and holder.data.ccdepth.has_result and staleness.is_stale(holder.data):
+        # Edit Mode shows one key by itself, which is another shape than that of the result.
+        if holder.type != "MESH" or (holder.data.is_editmode and holder.data.shape_keys):
+            continue
+        if holder.data.ccdepth.has_result and staleness.is_stale(holder.data):
             raise Fault(f"the new result on {holder.name} is out of date")
 
 
@@ -586,10 +595,15 @@ class Range:
             self.reached = first
             status, errors = self._run_process(first, end)
             if status != 0:
-                self.faults += 1
+                # Without the add-on on the stack Blender has crashed by itself, as some of its modes and modifiers do.
+                crashed = status in (-signal.SIGSEGV, -signal.SIGABRT)
+                is_ours = not crashed or f"{os.sep}ccdepth_addon{os.sep}" in errors
+                self.faults += is_ours
                 end = self.reached + 1
                 where = "\n".join(line for line in errors.splitlines() if str(CHECKOUT) in line)
-                print(f"@crash {self.reached}: {status}\n{where}", flush=True)
+                print(
+                    f"@crash {'' if is_ours else 'of Blender by itself '}{self.reached}: {status}\n{where}", flush=True
+                )
             first = end
 
     def _run_process(self, first: int, end: int) -> tuple[int, str]:

@@ -42,6 +42,8 @@ OURS = {*ATTRIBUTES, "ccdepth_deviation"}
 VOLATILE = {
     "bound_box", "ccdepth", "dimensions", "execution_time", "is_evaluated", "is_runtime_data", "persistent_uid",
     "rna_type", "session_uid", "tag", "users",
+    # Whether somebody of this file's own uses a linked block besides those of its library: temporary copies do.
+    "is_library_indirect",
     # Found from the positions, once somebody asks.
     "texspace_location", "texspace_size",
     # Of a bpy collection of attributes: kept by name, as places move.
