@@ -94,7 +94,7 @@ def diagonal(mesh: PolygonMesh) -> float:
     return float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
 
 
-def request(
+def request_of(
     mesh: PolygonMesh,
     tolerance: float,
     mode: Mode = Mode.ADAPTIVE,
@@ -105,8 +105,8 @@ def request(
     return AdaptiveRequest(tolerance * diagonal(mesh), mode, transitions, most_faces)
 
 
-def subdivided(mesh: PolygonMesh, asked: AdaptiveRequest) -> AdaptiveMesh:
-    return result_of(subdivide_adaptively(mesh, asked, mesh.positions))
+def subdivided(mesh: PolygonMesh, request: AdaptiveRequest) -> AdaptiveMesh:
+    return result_of(subdivide_adaptively(mesh, request, mesh.positions))
 
 
 # Sound
@@ -118,16 +118,16 @@ def subdivided(mesh: PolygonMesh, asked: AdaptiveRequest) -> AdaptiveMesh:
 def test_sound(name: str, mode: Mode, transitions: Transitions) -> None:
     mesh = build(name)
     for tolerance in TOLERANCES[mode][: 1 if name in SLOW else 3]:
-        asked = request(mesh, tolerance, mode, transitions)
-        found = subdivided(mesh, asked)
+        request = request_of(mesh, tolerance, mode, transitions)
+        found = subdivided(mesh, request)
         soundness.assert_sound(mesh, found.mesh)
         if name not in COINCIDENT:
             soundness.assert_nothing_degenerate(found.mesh)
         if transitions is Transitions.TRIANGLES:
             soundness.assert_no_thin_triangles(mesh, found.mesh)
         assert_corners_meet(mesh, found)
-        assert np.all(found.bounds <= asked.limit)
-    assert result_of(count_faces(mesh, asked)) == len(found.bounds)
+        assert np.all(found.bounds <= request.limit)
+    assert result_of(count_faces(mesh, request)) == len(found.bounds)
 
 
 def assert_corners_meet(mesh: PolygonMesh, found: AdaptiveMesh) -> None:
@@ -142,16 +142,16 @@ def assert_corners_meet(mesh: PolygonMesh, found: AdaptiveMesh) -> None:
 @pytest.mark.parametrize("name", ["n-gons", "valences 3 and 7", "landscape", "sharp vertices", "valence 64"])
 def test_sound_at_a_fine_tolerance(name: str) -> None:
     mesh = build(name)
-    found = subdivided(mesh, request(mesh, 1e-3))
+    found = subdivided(mesh, request_of(mesh, 1e-3))
     soundness.assert_sound(mesh, found.mesh)
     soundness.assert_nothing_degenerate(found.mesh)
     soundness.assert_no_thin_triangles(mesh, found.mesh)
 
 
 def test_sound_where_leaves_are_split_as_soon_as_they_are_made() -> None:
-    """Beside a pole that is much deeper, by balance, before they were fitted once."""
+    """Beside a pole that is much deeper, by balance, before their first approximation."""
     mesh = build("valence 360")
-    found = subdivided(mesh, request(mesh, 0.02))
+    found = subdivided(mesh, request_of(mesh, 0.02))
     soundness.assert_sound(mesh, found.mesh)
     assert np.all(found.bounds <= 0.02 * diagonal(mesh))
 
@@ -159,7 +159,7 @@ def test_sound_where_leaves_are_split_as_soon_as_they_are_made() -> None:
 @pytest.mark.parametrize("name", ["cube", "torus", "n-gons", "valences 3 and 7", "random creases", "landscape"])
 def test_faces_look_the_way_of_the_surface(name: str) -> None:
     mesh = build(name)
-    found = subdivided(mesh, request(mesh, 1e-3))
+    found = subdivided(mesh, request_of(mesh, 1e-3))
     normals, _ = soundness.newell_normals(found.mesh)
     of_surface = limit_normals(mesh, found.mesh.corner_points)
     towards = np.einsum("ij,ij->i", of_surface, normals[soundness.corner_faces(found.mesh)])
@@ -221,7 +221,7 @@ def test_triangles_are_as_near_as_proved(name: str, mode: Mode) -> None:
     """Distances from the surface at equal parameters, or near these, on base faces that are quads."""
     mesh = build(name)
     for tolerance in TOLERANCES[mode][:1]:
-        found = subdivided(mesh, request(mesh, tolerance, mode))
+        found = subdivided(mesh, request_of(mesh, tolerance, mode))
         corners, faces = triangles_of(mesh, found)
         i, j = np.divmod(np.arange((STEPS + 1) ** 2), STEPS + 1)
         inside = i + j <= STEPS
@@ -264,15 +264,15 @@ SAME = 1e-9
     "name", ["cube", "torus", "n-gons", "triangles and quads", "valences 3 and 7", "landscape", "fin through"]
 )
 def test_finished_tree(name: str, mode: Mode, monkeypatch: pytest.MonkeyPatch) -> None:
-    """What is drawn is balanced, was fitted with its sides as they are, and is bounded by its neighbours as they are.
+    """The tessellated tree is balanced; its approximations and bounds belong to its sides and neighbours as they are.
 
-    While a tree grows only what may have changed is looked at; here the whole tree is, from nothing.
+    While a tree grows only what may have changed is evaluated; here the whole tree is, from the start.
     """
     mesh = build(name)
     for tolerance in (0.02, 2e-3) if mode is Mode.ADAPTIVE else (0.05,):
         drawn: list[tuple[Quadtree, IndexArray, LeafApproximation]] = []
 
-        def drawing(
+        def recorded(
             tree: Quadtree,
             leaves: IndexArray,
             approximation: LeafApproximation,
@@ -282,13 +282,13 @@ def test_finished_tree(name: str, mode: Mode, monkeypatch: pytest.MonkeyPatch) -
             drawn.append((tree, leaves, approximation))
             return plan_tessellation(tree, leaves, approximation, transitions)
 
-        monkeypatch.setattr(planner, "plan_tessellation", drawing)
-        asked = request(mesh, tolerance, mode)
-        subdivided(mesh, asked)
+        monkeypatch.setattr(planner, "plan_tessellation", recorded)
+        request = request_of(mesh, tolerance, mode)
+        subdivided(mesh, request)
         for tree, leaves, approximation in drawn:
             np.testing.assert_array_equal(np.sort(leaves), tree.leaves())
             assert_approximated_as_it_is(tree, leaves, approximation)
-            assert_bounded_as_it_is(tree, leaves, approximation, asked)
+            assert_bounded_as_it_is(tree, leaves, approximation, request)
 
 
 def assert_approximated_as_it_is(tree: Quadtree, leaves: IndexArray, approximation: LeafApproximation) -> None:
@@ -303,10 +303,10 @@ def assert_approximated_as_it_is(tree: Quadtree, leaves: IndexArray, approximati
 
 
 def assert_bounded_as_it_is(
-    tree: Quadtree, leaves: IndexArray, approximation: LeafApproximation, asked: AdaptiveRequest
+    tree: Quadtree, leaves: IndexArray, approximation: LeafApproximation, request: AdaptiveRequest
 ) -> None:
     """Every bound is what is found for the leaf as it is drawn, or else for its neighbours as they are drawn."""
-    anew = approximated_anew(tree, asked).at(leaves)
+    anew = approximated_anew(tree, request).at(leaves)
     for name in ("patterns", "alternatives", "turns", "folded"):
         np.testing.assert_array_equal(getattr(approximation, name), getattr(anew, name))
     drawn = triangles_around(tree, leaves, anew, Transitions.TRIANGLES)
@@ -318,12 +318,12 @@ def assert_bounded_as_it_is(
     np.testing.assert_allclose(
         approximation.bounds, np.where(np.isinf(anew.bounds), along, anew.bounds), rtol=SAME, atol=0
     )
-    assert np.all(approximation.bounds <= asked.limit)
+    assert np.all(approximation.bounds <= request.limit)
 
 
-def approximated_anew(tree: Quadtree, asked: AdaptiveRequest) -> LeafApproximation:
-    """(nodes,) how the leaves of a tree fit with their sides as they are, and how far all are off along their normals
-    and across: from the faces of the control mesh down. Whole leaves are looked at through bicubic parents first."""
+def approximated_anew(tree: Quadtree, request: AdaptiveRequest) -> LeafApproximation:
+    """(nodes,) approximations of a tree's leaves with their sides as they are, and error bounds along their normals and
+    across: from the faces of the control mesh down. Whole leaves by their bicubic parents first."""
     found, waiting = LeafApproximation.none(len(tree.first_child)), [*cells_of_faces(tree.mesh)]
     from_parents = LeafApproximation.none(len(found.accepted))
     while waiting:
@@ -332,15 +332,15 @@ def approximated_anew(tree: Quadtree, asked: AdaptiveRequest) -> LeafApproximati
         for parents in some(cells, ~is_leaf):
             waiting += parents.children(tree)
             if isinstance(parents, BicubicCells):
-                children = parents.approximate_children(asked.limit, asked.axes)
+                children = parents.approximate_children(request.limit, request.axes)
                 from_parents.put(tree.children_of_quads(parents.nodes).ravel(), children.approximation)
         for leaves in some(cells, is_leaf):
             approximation = leaves.approximate(
-                tree.hanging(tree.slots(leaves.nodes)), asked.transitions, asked.limit, asked.axes
+                tree.hanging(tree.slots(leaves.nodes)), request.transitions, request.limit, request.axes
             )
             at_parents = np.flatnonzero(from_parents.accepted[leaves.nodes] & (tree.sides(leaves.nodes)[0] == 0))
             approximation.put(at_parents, from_parents.at(leaves.nodes[at_parents]))
-            error_bounds = leaves.error_bounds(approximation, asked.limit)
+            error_bounds = leaves.error_bounds(approximation, request.limit)
             unknown = np.flatnonzero(np.isinf(approximation.normal))
             approximation.normal[unknown] = np.minimum(error_bounds.normal, approximation.bounds)[unknown]
             approximation.tangential[unknown] = np.minimum(error_bounds.tangential, approximation.bounds)[unknown]
@@ -354,7 +354,7 @@ def test_a_mesh_of_another_size_is_divided_alike(name: str, exponent: int) -> No
     """Powers of two take part in no rounding; a library may still sum in another order."""
     mesh = build(name)
     scaled = mesh.changed(positions=np.ldexp(mesh.positions, exponent))
-    found, other = subdivided(mesh, request(mesh, 0.007)), subdivided(scaled, request(scaled, 0.007))
+    found, other = subdivided(mesh, request_of(mesh, 0.007)), subdivided(scaled, request_of(scaled, 0.007))
     np.testing.assert_array_equal(other.mesh.corner_vertices, found.mesh.corner_vertices)
     np.testing.assert_allclose(np.ldexp(other.mesh.positions, -exponent), found.mesh.positions, rtol=0, atol=1e-12)
     np.testing.assert_allclose(np.ldexp(other.bounds, -exponent), found.bounds, rtol=1e-9)
@@ -366,7 +366,7 @@ def test_vertices_lie_on_the_limit_surface(name: str, stretch: float) -> None:
     """Those whose positions were found on the way, and the others; in the space of the mesh, and in a wider one."""
     mesh = build(name)
     wanted = mesh.positions * [stretch, 1.0, 1.0]
-    made = result_of(subdivide_adaptively(mesh, request(mesh, 2e-3), wanted)).mesh
+    made = result_of(subdivide_adaptively(mesh, request_of(mesh, 2e-3), wanted)).mesh
     has_faces = made.vertex_points.corners != NONE
     points = made.vertex_points.at(np.flatnonzero(has_faces))
     # Some dozens of roundings of coordinates, for each of a few levels.
@@ -384,8 +384,8 @@ def test_vertices_without_faces_stay_where_they_are(place: float, stretch: float
     positions[loose[-1]] = place
     mesh = apply_boundary_rule(mesh.changed(positions=positions), smooth_corners=True)
     wanted = positions * [stretch, 1.0, 1.0]
-    asked = AdaptiveRequest(0.05, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
-    made = result_of(subdivide_adaptively(mesh, asked, wanted)).mesh
+    request = AdaptiveRequest(0.05, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
+    made = result_of(subdivide_adaptively(mesh, request, wanted)).mesh
     of_loose = np.flatnonzero(np.isin(made.base_vertices, loose))
     assert len(of_loose) == len(loose) > 0
     np.testing.assert_array_equal(made.positions[of_loose], wanted[made.base_vertices[of_loose]])
@@ -402,7 +402,7 @@ def test_a_face_with_one_depth_is_divided_evenly(name: str) -> None:
     So do all faces, where all are equally deep; beside a deeper face there may be no other way than to split some.
     """
     mesh = build(name)
-    found = subdivided(mesh, request(mesh, 0.007, Mode.PER_FACE))
+    found = subdivided(mesh, request_of(mesh, 0.007, Mode.PER_FACE))
     depths = np.zeros(mesh.face_count, dtype=np.int64)
     depths[found.mesh.base_faces] = found.depths
     even = np.flatnonzero((deepest_neighbours(mesh, depths) < depths) | (depths.min() == depths.max()))
@@ -431,7 +431,7 @@ def deepest_neighbours(mesh: PolygonMesh, depths: IndexArray) -> IndexArray:
 def test_one_depth_for_each_face_takes_no_fewer_faces() -> None:
     for name, transitions in product(("cube", "n-gons", "landscape"), Transitions):
         mesh = build(name)
-        adaptive, per_face = (len(subdivided(mesh, request(mesh, 0.01, mode, transitions)).bounds) for mode in Mode)
+        adaptive, per_face = (len(subdivided(mesh, request_of(mesh, 0.01, mode, transitions)).bounds) for mode in Mode)
         assert adaptive <= per_face
 
 
@@ -452,7 +452,7 @@ def test_a_corner_that_needs_depth_15_costs_some_faces_a_level(transitions: Tran
     inside, and are drawn as three triangles, the third is the quad between them: seven faces.
     """
     mesh = cone(valence=8)
-    found = subdivided(mesh, request(mesh, DEPTH_15, transitions=transitions))
+    found = subdivided(mesh, request_of(mesh, DEPTH_15, transitions=transitions))
     assert found.depths.max() >= 15
     soundness.assert_sound(mesh, found.mesh)
     rings = faces_by_ring(mesh, found)
@@ -484,13 +484,13 @@ def faces_by_ring(mesh: PolygonMesh, found: AdaptiveMesh) -> IndexArray:
 def test_refused_with_about_the_tolerance_that_fits(name: str) -> None:
     mesh = build(name)
     most_faces = 3000
-    asked = request(mesh, 1e-5, most_faces=most_faces)
+    request = request_of(mesh, 1e-5, most_faces=most_faces)
     with pytest.raises(TooManyFacesError) as refused:
-        result_of(count_faces(mesh, asked))
+        result_of(count_faces(mesh, request))
     assert refused.value.faces > most_faces
-    assert refused.value.tolerance > asked.limit
+    assert refused.value.tolerance > request.limit
     # A level more or less is a factor of four in the tolerance.
-    fitting = AdaptiveRequest(4 * refused.value.tolerance, asked.mode, asked.transitions, most_faces)
+    fitting = AdaptiveRequest(4 * refused.value.tolerance, request.mode, request.transitions, most_faces)
     assert result_of(count_faces(mesh, fitting)) <= most_faces
 
 
@@ -505,11 +505,11 @@ def test_refused_with_about_the_tolerance_that_fits(name: str) -> None:
 )
 def test_the_number_of_faces_refused_is_about_the_real_one(name: str) -> None:
     mesh = build(name)
-    asked = request(mesh, 3e-5)
-    count = result_of(count_faces(mesh, asked))
+    request = request_of(mesh, 3e-5)
+    count = result_of(count_faces(mesh, request))
     assert count > 20_000
     with pytest.raises(TooManyFacesError) as refused:
-        result_of(count_faces(mesh, request(mesh, 3e-5, most_faces=count // 5)))
+        result_of(count_faces(mesh, request_of(mesh, 3e-5, most_faces=count // 5)))
     assert count / 2 <= refused.value.faces <= 2 * count
 
 
@@ -518,7 +518,7 @@ def test_refused_before_it_takes_much() -> None:
     mesh = build("torus")
     tracemalloc.start()
     with pytest.raises(TooManyFacesError):
-        result_of(count_faces(mesh, request(mesh, 1e-7, most_faces=4000)))
+        result_of(count_faces(mesh, request_of(mesh, 1e-7, most_faces=4000)))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # What a mesh of as many faces as allowed may take, and the matrices of the bounds.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How nodes fit is what was said of them last: next to one array over all nodes for each number."""
+"""The store returns what was put there last: compared with one array over all nodes for each value."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ROUNDS = 40
 
 
 class Dense:
-    """The same as a ``FitStore``, kept for all nodes."""
+    """The values of an ``ApproximationStore``, kept for all nodes."""
 
     def __init__(self) -> None:
         self.approximation, self.star_bounds = LeafApproximation.none(0), np.zeros(0)
@@ -30,7 +30,7 @@ class Dense:
 
 
 def random_approximation(generator: np.random.Generator, count: int) -> LeafApproximation:
-    """Some within the limit at equal parameters; of the others some are likely to fit, and some of these looked at."""
+    """Some within the limit at equal parameters; some of the others accepted, and some of these with error bounds."""
     accepted, known = generator.random((2, count)) < 0.6
     bounds = np.where(accepted & (generator.random(count) < 0.5), generator.random(count), np.inf)
     known &= accepted & np.isinf(bounds)
@@ -46,7 +46,7 @@ def some(generator: np.random.Generator, nodes: IndexArray) -> IndexArray:
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_what_was_said_last(seed: int) -> None:
+def test_the_last_values_count(seed: int) -> None:
     generator = np.random.default_rng(seed)
     tree = Quadtree(to_polygon_mesh(cube()))
     store, dense = ApproximationStore(tree), Dense()

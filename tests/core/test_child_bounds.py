@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bounds of quads' quarters from the coefficients of the whole quads: against the surface itself, evaluated densely."""
+"""Bounds of quads' children from their parents' coefficients: against the surface itself, evaluated densely."""
 
 from __future__ import annotations
 
@@ -41,18 +41,18 @@ def surface(coefficients: FloatArray, parameters: FloatArray) -> FloatArray:
 
 
 def distances(coefficients: FloatArray, corner: int, diagonal: int) -> tuple[FloatArray, FloatArray]:
-    """(P,) each, of the quarter at a corner: the largest distance at equal parameters, and that at sides' middles."""
+    """(P,) each, of the child at a corner: the largest distance at equal parameters, and that at sides' middles."""
     is_middle = np.sort(WEIGHTS, axis=1)[:, 1:].min(axis=1) == 0.5
     both = np.concatenate([np.linalg.norm(gaps, axis=2) for gaps, _ in gaps_of(coefficients, corner, diagonal)])
     return both.max(axis=0), both[np.tile(is_middle, 2)].max(axis=0)
 
 
 def gaps_of(coefficients: FloatArray, corner: int, diagonal: int) -> Iterator[tuple[FloatArray, FloatArray]]:
-    """For each triangle of the quarter at a corner: S - T at places all over it (N, P, 3), and its normal (P, 3)."""
-    # The quarter's corners, from that one on: half-way from it to all.
-    quarter = (CORNERS[corner] + np.roll(CORNERS, -corner, axis=0)) / 2
+    """For each triangle of the child at a corner: S - T at places all over it (N, P, 3), and its normal (P, 3)."""
+    # The child's corners, from that one on: half-way from it to all.
+    child = (CORNERS[corner] + np.roll(CORNERS, -corner, axis=0)) / 2
     for triangle in TRIANGLES[diagonal]:
-        places = quarter[list(triangle)]
+        places = child[list(triangle)]
         a, b, c = surface(coefficients, places)
         normals = np.cross(b - a, c - a)
         drawn = np.tensordot(WEIGHTS, np.stack([a, b, c]), axes=1)
@@ -82,7 +82,7 @@ def test_no_child_is_farther_than_its_bound(roughness: float) -> None:
 def test_bounds_of_nearly_quadratic_quads_are_tight() -> None:
     """Quads of a smooth mesh after some levels: the bound is the largest distance but for a few per cent."""
     coefficients = random_coefficients(0.0)
-    # What is not quadratic becomes an eighth with every level, and what is a quarter.
+    # A level divides the part that is not quadratic by eight, and the quadratic part by four.
     for _ in range(4):
         coefficients = first_children(coefficients)
     found = child_distances(coefficients, np.inf)
@@ -94,7 +94,7 @@ def test_bounds_of_nearly_quadratic_quads_are_tight() -> None:
 
 
 def first_children(coefficients: FloatArray) -> FloatArray:
-    """Of the quarters at corner 0, by blossoms: half the steps of de Casteljau in each direction."""
+    """Of the children at corner 0, by blossoms: half the steps of de Casteljau in each direction."""
     halves = np.array([binom.pmf(np.arange(4), degree, 0.5) for degree in range(4)])
     found = np.einsum("ai,bj,ijpk->abpk", halves, halves, coefficients.reshape(4, 4, -1, 3))
     return component_major(found.reshape(16, -1, 3))
@@ -143,7 +143,7 @@ def test_points_are_those_of_the_whole_quads() -> None:
 
 
 def through_parents(mesh: PolygonMesh, limit: float) -> tuple[ChildApproximations, LeafApproximation]:
-    """What a look at the faces of a regular mesh tells of their children, and how these fit by themselves."""
+    """Approximations of the children of a regular mesh's faces, by their parents' coefficients and by their own."""
     tree, axes = Quadtree(mesh), np.eye(3)
     [parents] = [cells for cells in cells_of_faces(mesh) if isinstance(cells, BicubicCells)]
     tree.split(parents.nodes)
@@ -158,16 +158,16 @@ def through_parents(mesh: PolygonMesh, limit: float) -> tuple[ChildApproximation
 
 @pytest.mark.parametrize("limit", [0.03, 0.05, 0.1])
 def test_children_are_within_the_limit_as_they_are_by_themselves(limit: float) -> None:
-    """But for the monomials, which are the parents', and a closer look: that makes a third here, on few large quads."""
+    """But for the monomials, which are the parents', and finer bounds: that makes a third here, on few large quads."""
     mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.bumpy(meshes.torus(9, 7), 0.2)), smooth_corners=True)
     found, own = through_parents(mesh, limit)
     approximation = found.approximation
     assert np.all(own.accepted[approximation.accepted])
-    # All fit within the largest limit.
+    # All are within the largest limit.
     assert np.any(found.out_of_reach) == (limit < 0.1)
     assert not np.any(own.accepted[found.out_of_reach])
     np.testing.assert_allclose(approximation.least, own.least, rtol=0, atol=ROUNDING)
-    # By themselves they are looked at more closely along the better diagonal before the other one is tried.
+    # By themselves they have finer bounds along the better diagonal before the other one is tried.
     same = np.flatnonzero(approximation.accepted & (approximation.alternatives == own.alternatives))
     assert len(same) > 0.5 * np.count_nonzero(approximation.accepted) > 0
     np.testing.assert_array_equal(approximation.folded[same], own.folded[same])
@@ -193,6 +193,6 @@ def test_children_are_promising_as_they_are_by_themselves() -> None:
     same = np.flatnonzero(approximation.accepted & (approximation.alternatives == own.alternatives))
     assert len(same) > 0.9 * len(approximation.accepted)
     np.testing.assert_array_equal(approximation.folded[same], own.folded[same])
-    # The rest is so much at most of what is quadratic, with a closer look or without.
+    # The rest is so much at most of what is quadratic, with finer bounds or without.
     np.testing.assert_allclose(approximation.normal[same], own.normal[same], rtol=2 * SMALL_REST)
     np.testing.assert_allclose(approximation.tangential[same], own.tangential[same], rtol=2 * SMALL_REST)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial import cKDTree
 
-from ccdepth_addon.core.adaptive.leaf_bounds.polygon_bounds import is_folded, polygon_thickness
+from ccdepth_addon.core.adaptive.leaf_bounds.polygon_bounds import HEIGHT_ROUNDING, is_folded, polygon_thickness
 from ccdepth_addon.core.arrays.types import FloatArray
 
 UNEVEN = np.array([[1.0, 0.0, 30.0], [0.0, 1.0, -20.0], [0.0, 0.0, 1.0]])
@@ -78,8 +78,12 @@ def test_a_dent_counts_unless_blender_is_known_to_see_it() -> None:
     middles = (corners + np.roll(corners, -1, axis=0)) / 2
     middles[0] += (0.0, 0.1, 0.0)
     bent = [True, False, False, False]
-    assert thickness(corners, middles, bent, np.eye(3)) == 0
-    assert thickness(corners, middles, bent, UNEVEN) == 0
+    reach = np.hypot(0.5, 0.5)
+    line = UNEVEN @ UNEVEN.T @ [0, 0, 1]
+    cosine = line[2] / np.linalg.norm(line)
+    # A flat polygon has no thickness but its rounding, which grows where Blender's line of sight is tilted.
+    assert thickness(corners, middles, bent, np.eye(3)) == pytest.approx(HEIGHT_ROUNDING * reach, rel=1e-9, abs=0)
+    assert thickness(corners, middles, bent, UNEVEN) == pytest.approx(HEIGHT_ROUNDING * reach / cosine, rel=1e-9, abs=0)
     assert thickness(corners, middles, bent, np.diag([1.0, 1.0, 1e-5])) == pytest.approx(0.1)
 
 

@@ -44,7 +44,7 @@ def tilts_by_the_mean(points: FloatArray) -> FloatArray:
 
 
 def bounds_of(points: FloatArray, normal: FloatArray, tangential: FloatArray, rounding: float = 0.0) -> FloatArray:
-    """(6,): with the centre's star alone looked at, as if the corners had no triangle but its own."""
+    """(6,): with the centre's star alone, as if the corners had no triangle but its own."""
     # Each corner is made one of a triangle's own, whose star is that triangle, so that the centre decides.
     apart = np.concatenate([points[:1], points[TRIANGLES[:, 1:]].reshape(-1, 3)])
     own = np.arange(1, 1 + 2 * SIDES).reshape(SIDES, 2)

@@ -152,7 +152,7 @@ def test_no_triangle_is_farther_than_its_bound(valence: int, fine: bool) -> None
 
 
 def test_bounds_of_regular_quads_are_tight() -> None:
-    """Parts of triangles looked at once more: the bound is the largest distance but for a few per cent."""
+    """Parts of triangles, quartered once more: the bound is the largest distance but for a few per cent."""
     nets = random_nets(samples(4).mesh, 1)
     surface = samples(4).surface(nets)
     ratios = []
