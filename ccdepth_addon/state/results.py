@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -48,6 +48,9 @@ DEPTH_ATTRIBUTES = (
     COLOR_KIND,
 )
 ATTRIBUTES = (*DEPTH_ATTRIBUTES, DEVIATION_KIND)
+
+# The values of attributes, flat, None where there is no such attribute.
+Columns = dict[AttributeKind, NDArray[Any] | None]
 
 
 def has_depths(mesh: bpy.types.Mesh) -> bool:
@@ -107,18 +110,25 @@ def conflict(blender_object: bpy.types.Object) -> str | None:
     return None
 
 
-def write_result(
-    mesh: bpy.types.Mesh, answer: MeshDepths, settings: Settings, least_color_depth: int, deepest_color_depth: int
+def write_depths(
+    mesh: bpy.types.Mesh, answer: MeshDepths, least_color_depth: int, deepest_color_depth: int, undo: ExitStack
 ) -> None:
-    """Put the answer on its mesh: attributes, with the heat map's colours between these two depths, and record.
+    """Put the answer on its mesh as attributes, with the heat map's colours between these two depths.
 
-    Raises WriteError, with nothing changed, when Blender does not keep them.
+    undo: puts back what stood there when it is closed. Raises WriteError, with nothing changed, when Blender does not
+    keep them; in Edit Mode it does.
     """
     color_depths = range(least_color_depth, deepest_color_depth + 1)
     palette = to_linear(depth_colors(color_depths, least_color_depth, deepest_color_depth))
     opaque = np.concatenate([palette, np.ones((len(palette), 1))], axis=1).astype(np.float32)
     colors = opaque.take(answer.depths - least_color_depth, axis=0)
-    _write_attributes(mesh, answer.depths, rounded_up(answer.bounds), colors)
+    _write_attributes(mesh, answer.depths, rounded_up(answer.bounds), colors, undo)
+
+
+def write_record(
+    mesh: bpy.types.Mesh, answer: MeshDepths, settings: Settings, least_color_depth: int, deepest_color_depth: int
+) -> None:
+    """Put the answer into the record of its mesh, which has the attributes."""
     record = _new_record(mesh, answer.depths, settings)
     record.world_tolerance = answer.world_tolerance
     record.method = settings.method
@@ -172,7 +182,11 @@ def rounded_up(bounds: FloatArray) -> NDArray[np.float32]:
 
 
 def _write_attributes(
-    mesh: bpy.types.Mesh, depths: NDArray[np.int32], bounds: NDArray[np.float32], colors: NDArray[np.float32]
+    mesh: bpy.types.Mesh,
+    depths: NDArray[np.int32],
+    bounds: NDArray[np.float32],
+    colors: NDArray[np.float32],
+    undo: ExitStack,
 ) -> None:
     """Write the attributes: depths and bounds (F,), and one linear colour (F, 4) for all corners of each face."""
     if mesh.is_editmode:
@@ -180,24 +194,25 @@ def _write_attributes(
         return
     sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
     columns = (depths, bounds, np.repeat(colors, sizes, axis=0).ravel())
-    _write_columns(mesh, zip(DEPTH_ATTRIBUTES, columns, strict=True))
+    before = _write_columns(mesh, zip(DEPTH_ATTRIBUTES, columns, strict=True))
+    undo.callback(_put_back, mesh, before)
 
 
-def _write_columns(mesh: bpy.types.Mesh, columns: Iterable[tuple[AttributeKind, NDArray[Any]]]) -> None:
-    """Write attributes in Object Mode, all or none."""
+def _write_columns(mesh: bpy.types.Mesh, columns: Iterable[tuple[AttributeKind, NDArray[Any]]]) -> Columns:
+    """Write attributes in Object Mode, all or none; returns what stood there."""
     attributes = mesh.attributes
-    before: dict[AttributeKind, NDArray[Any] | None] = {}
-    with _choices_kept(mesh):
-        try:
+    before: Columns = {}
+    try:
+        with _choices_kept(mesh):
             for kind, values in columns:
                 before[kind] = _column(mesh, kind, values)
                 attribute = attributes.get(kind.name) or attributes.new(kind.name, kind.data_type, kind.domain)
                 write_values(attribute.data, kind.value, values)
-        except BaseException:
-            _put_back(mesh, before)
-            raise
-        finally:
-            mesh.update()
+    except BaseException:
+        _put_back(mesh, before)
+        raise
+    mesh.update()
+    return before
 
 
 def _column(mesh: bpy.types.Mesh, kind: AttributeKind, like: NDArray[Any]) -> NDArray[Any] | None:
@@ -210,12 +225,14 @@ def _column(mesh: bpy.types.Mesh, kind: AttributeKind, like: NDArray[Any]) -> ND
     return values
 
 
-def _put_back(mesh: bpy.types.Mesh, columns: dict[AttributeKind, NDArray[Any] | None]) -> None:
-    for kind, values in columns.items():
-        if values is not None:
-            mesh.attributes[kind.name].data.foreach_set(kind.value, values)
-        elif kind.name in mesh.attributes:
-            mesh.attributes.remove(mesh.attributes[kind.name])
+def _put_back(mesh: bpy.types.Mesh, columns: Columns) -> None:
+    with _choices_kept(mesh):
+        for kind, values in columns.items():
+            if values is not None:
+                mesh.attributes[kind.name].data.foreach_set(kind.value, values)
+            elif kind.name in mesh.attributes:
+                mesh.attributes.remove(mesh.attributes[kind.name])
+    mesh.update()
 
 
 @contextmanager
