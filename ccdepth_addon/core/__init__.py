@@ -31,6 +31,7 @@ from .depth.face_depths import (
     face_depths,
     face_depths_stepwise,
     rounding_allowance,
+    scaled,
     smallest_step,
     uniform_level_stepwise,
 )
@@ -80,6 +81,7 @@ __all__ = [
     "needed_quality",
     "polygon_mesh",
     "rounding_allowance",
+    "scaled",
     "smallest_step",
     "split_transformations",
     "subdivide_adaptively",
