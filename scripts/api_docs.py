@@ -8,6 +8,7 @@ python scripts/api_docs.py --check    fails when the page is not what would be w
 from __future__ import annotations
 
 import inspect
+import re
 import sys
 from enum import Enum
 from pathlib import Path
@@ -53,7 +54,8 @@ def page() -> str:
 def _entry(name: str, item: Any) -> str:
     text = inspect.cleandoc(item.__doc__ or "")
     if inspect.isfunction(item):
-        heading = f"{name}{inspect.signature(item)}"
+        # Functions as defaults would be told with where they lie in memory.
+        heading = re.sub(r"<function (\w+) at 0x[0-9a-f]+>", r"\1", f"{name}{inspect.signature(item)}")
     elif issubclass(item, Enum):
         heading = f"{name}: {', '.join(item.__members__)}"
     else:

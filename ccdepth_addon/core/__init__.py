@@ -31,6 +31,7 @@ from .depth.face_depths import (
     check_tolerance,
     face_depths,
     face_depths_stepwise,
+    scaled,
     uniform_level_stepwise,
 )
 from .depth.modifier_quality import needed_quality
@@ -81,6 +82,7 @@ __all__ = [
     "needed_quality",
     "polygon_mesh",
     "rounding_allowance",
+    "scaled",
     "smallest_step",
     "split_transformations",
     "subdivide_adaptively",

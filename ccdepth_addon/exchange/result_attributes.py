@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -66,26 +66,30 @@ def conflict(blender_object: bpy.types.Object) -> str | None:
     return None
 
 
-def write_face_values(mesh: bpy.types.Mesh, columns: Mapping[AttributeKind, NDArray[Any]]) -> None:
+def write_face_values(
+    mesh: bpy.types.Mesh, columns: Mapping[AttributeKind, NDArray[Any]], undo: ExitStack | None = None
+) -> None:
     """Write attributes in Object Mode or in Edit Mode, all or none.
 
-    columns: (F,) or (F, 4), one value for each face; on CORNER, for all corners of the face alike. Raises WriteError,
-    with nothing changed, when Blender does not keep them.
+    columns: (F,) or (F, 4), one value for each face; on CORNER, for all corners of the face alike. undo: when it is
+    closed, the mesh has its old attributes again; in Edit Mode, where Blender keeps what is written, it does nothing.
+    Raises WriteError, with nothing changed, when Blender does not keep them.
     """
     if mesh.is_editmode:
         _write_while_editing(mesh, columns)
         return
     before: dict[AttributeKind, NDArray[Any] | None] = {}
-    with _choices_kept(mesh):
-        try:
+    try:
+        with _choices_kept(mesh):
             for kind, values in columns.items():
                 before[kind] = _stored(mesh, kind)
                 write_attribute(mesh, kind.name, kind.data_type, kind.domain, _at_elements(mesh, kind, values))
-        except BaseException:
-            _put_back(mesh, before)
-            raise
-        finally:
-            mesh.update()
+    except BaseException:
+        _put_back(mesh, before)
+        raise
+    mesh.update()
+    if undo is not None:
+        undo.callback(_put_back, mesh, before)
 
 
 def _at_elements(mesh: bpy.types.Mesh, kind: AttributeKind, values: NDArray[Any]) -> NDArray[Any]:
@@ -105,11 +109,13 @@ def _stored(mesh: bpy.types.Mesh, kind: AttributeKind) -> NDArray[Any] | None:
 
 
 def _put_back(mesh: bpy.types.Mesh, columns: dict[AttributeKind, NDArray[Any] | None]) -> None:
-    for kind, values in columns.items():
-        if values is not None:
-            mesh.attributes[kind.name].data.foreach_set(kind.values.value, values.ravel())
-        elif kind.name in mesh.attributes:
-            mesh.attributes.remove(mesh.attributes[kind.name])
+    with _choices_kept(mesh):
+        for kind, values in columns.items():
+            if values is not None:
+                mesh.attributes[kind.name].data.foreach_set(kind.values.value, values.ravel())
+            elif kind.name in mesh.attributes:
+                mesh.attributes.remove(mesh.attributes[kind.name])
+    mesh.update()
 
 
 @contextmanager

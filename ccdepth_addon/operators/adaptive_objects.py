@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator, Iterator
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 import bpy
@@ -73,8 +74,8 @@ def make_meshes(
 def place_meshes(
     context: bpy.types.Context, made: list[Made], settings: AdaptiveSettings, *, in_place: bool
 ) -> list[bpy.types.Object]:
-    """Give the adaptive meshes to their objects, which are returned. Raises ComputeError, with the meshes removed and
-    nothing changed, when an object has changed since it was read."""
+    """Put meshes where they belong, all or none; returns the objects that have them. Raises ComputeError when an object
+    is no longer what it was; whatever goes wrong, the meshes are removed and nothing is changed."""
     meshes = _meshes(made)
     objects = {obj.name: obj for obj in bpy.data.objects if obj.library is None}
     originals = [[objects.get(name) for name in each.result.task.object_names] for each in made]
@@ -82,7 +83,10 @@ def place_meshes(
         for each, found in zip(made, originals, strict=True):
             if not all(_is_as_it_was(original, each.result) for original in found):
                 raise ComputeError(CHANGED)
-        users = [_place(context, *each, settings, in_place=in_place) for each in zip(originals, meshes, strict=True)]
+        with ExitStack() as undo:
+            placed_where = _place_instead if in_place else _place_all_beside
+            users = placed_where(context, originals, meshes, settings, undo)
+            undo.pop_all()
     except BaseException:
         bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
         raise
@@ -162,32 +166,62 @@ def _make_mesh(
     return Made(answer, mesh.session_uid, geometry_checksum(mesh, topology))
 
 
-def _place(
-    context: bpy.types.Context,
-    originals: list[bpy.types.Object],
-    mesh: bpy.types.Mesh,
+def _place_instead(
+    _context: bpy.types.Context,
+    originals: list[list[bpy.types.Object]],
+    meshes: list[bpy.types.Mesh],
     settings: AdaptiveSettings,
-    *,
-    in_place: bool,
-) -> list[bpy.types.Object]:
-    if not in_place:
-        return [_place_beside(context, original, mesh, settings) for original in originals]
-    old = originals[0].data
-    for original in originals:
-        _remove_applied_modifiers(original, settings)
-        original.data = mesh
-    name = old.name
-    if not old.users:
-        bpy.data.meshes.remove(old)
-    mesh.name = name
+    undo: ExitStack,
+) -> list[list[bpy.types.Object]]:
+    """Let each mesh take the place of that of its objects."""
+    old = [found[0].data for found in originals]
+    names = [mesh.name for mesh in old]
+    for found, mesh in zip(originals, meshes, strict=True):
+        for original in found:
+            undo.callback(setattr, original, "data", original.data)
+            original.data = mesh
+            # In Edit Mode Blender says nothing, and does nothing.
+            if original.data != mesh:
+                raise ComputeError(CHANGED)
+    # What follows cannot be undone; of objects that are this file's own it does not fail.
+    for found in originals:
+        for original in found:
+            _remove_applied_modifiers(original, settings)
+    bpy.data.batch_remove([mesh for mesh in dict.fromkeys(old) if not mesh.users])
+    for mesh, name in zip(meshes, names, strict=True):
+        mesh.name = name
     return originals
 
 
+def _place_all_beside(
+    context: bpy.types.Context,
+    originals: list[list[bpy.types.Object]],
+    meshes: list[bpy.types.Mesh],
+    settings: AdaptiveSettings,
+    undo: ExitStack,
+) -> list[list[bpy.types.Object]]:
+    """Make objects with the meshes beside the originals, which are hidden."""
+    layer_objects = context.view_layer.objects
+    undo.callback(setattr, layer_objects, "active", layer_objects.active)
+    return [
+        [_place_beside(context, original, mesh, settings, undo) for original in found]
+        for found, mesh in zip(originals, meshes, strict=True)
+    ]
+
+
 def _place_beside(
-    context: bpy.types.Context, original: bpy.types.Object, mesh: bpy.types.Mesh, settings: AdaptiveSettings
+    context: bpy.types.Context,
+    original: bpy.types.Object,
+    mesh: bpy.types.Mesh,
+    settings: AdaptiveSettings,
+    undo: ExitStack,
 ) -> bpy.types.Object:
-    """A copy of the object with the mesh, selected instead of it; the object is hidden, and from renders as well."""
+    """A copy of the object with the mesh, selected in its stead, and the object hidden, from the render as well."""
+    if not original.visible_get():
+        # It was, and one that has left the view layer can neither be hidden nor selected.
+        raise ComputeError(CHANGED)
     copy = own_copy(original)
+    undo.callback(bpy.data.objects.remove, copy)
     copy.name = original.name + NAME_SUFFIX
     _remove_applied_modifiers(copy, settings)
     copy.data = mesh
@@ -198,10 +232,18 @@ def _place_beside(
     copy.select_set(original.select_get())
     if context.view_layer.objects.active == original:
         context.view_layer.objects.active = copy
+    undo.callback(_show_again, original, selected=original.select_get(), render_hidden=original.hide_render)
     original.select_set(False)
     original.hide_set(True)
     original.hide_render = True
     return copy
+
+
+def _show_again(original: bpy.types.Object, *, selected: bool, render_hidden: bool) -> None:
+    """Those that get a result are not hidden."""
+    original.hide_render = render_hidden
+    original.hide_set(False)
+    original.select_set(selected)
 
 
 def _link_beside(context: bpy.types.Context, original: bpy.types.Object, copy: bpy.types.Object) -> None:

@@ -3,6 +3,7 @@
 """Compute Depth."""
 
 from collections.abc import Generator
+from contextlib import ExitStack
 from typing import ClassVar
 
 import bpy
@@ -42,12 +43,16 @@ class CCDEPTH_OT_compute(LongOperator):
 
     def finish(self, context: bpy.types.Context, answer: list[MeshDepths]) -> set[str]:
         meshes = _meshes_still_there(answer)
-        color_depths = [depth for each in answer for depth in (each.least, each.deepest)]
+        color_depths = min(each.least for each in answer), max(each.deepest for each in answer)
+        with ExitStack() as undo:
+            for each, mesh in zip(answer, meshes, strict=True):
+                try:
+                    results.write_depths(mesh, each, *color_depths, undo)
+                except WriteError as fault:
+                    raise ComputeError(f"{each.task.object_names[0]}: {fault}") from fault
+            undo.pop_all()
         for each, mesh in zip(answer, meshes, strict=True):
-            try:
-                results.write_result(mesh, each, self._settings(), min(color_depths), max(color_depths))
-            except WriteError as fault:
-                raise ComputeError(f"{each.task.object_names[0]}: {fault}") from fault
+            results.write_record(mesh, each, self._settings(), *color_depths)
             fingerprint.remember(mesh, each.task.geometry, each.depths, each.task.states)
             staleness.note_write(mesh)
         heat_map.synchronise(context)

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+
 import bpy
 import numpy as np
 from numpy.typing import NDArray
@@ -67,18 +69,26 @@ def has_traces(mesh: bpy.types.Mesh) -> bool:
     return mesh.ccdepth.has_result or mesh.ccdepth.has_deviation or any(has_values(mesh, kind) for kind in ATTRIBUTES)
 
 
-def write_result(
-    mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSettings, least_color_depth: int, deepest_color_depth: int
+def write_depths(
+    mesh: bpy.types.Mesh, answer: MeshDepths, least_color_depth: int, deepest_color_depth: int, undo: ExitStack
 ) -> None:
-    """Write the answer to its mesh: attributes, with the heat map's colours between these two depths, and record.
+    """Write the answer to its mesh as attributes, with the heat map's colours between these two depths.
 
-    Raises WriteError, with nothing changed, when Blender does not keep them.
+    undo: when it is closed, the mesh has its old attributes again. Raises WriteError, with nothing changed, when
+    Blender does not keep them.
     """
     color_depths = range(least_color_depth, deepest_color_depth + 1)
     palette = to_linear(depth_colors(color_depths, least_color_depth, deepest_color_depth))
     opaque = np.concatenate([palette, np.ones((len(palette), 1))], axis=1).astype(np.float32)
     colors = opaque.take(answer.depths - least_color_depth, axis=0)
-    write_face_values(mesh, {DEPTH_KIND: answer.depths, BOUND_KIND: rounded_up(answer.bounds), COLOR_KIND: colors})
+    columns = {DEPTH_KIND: answer.depths, BOUND_KIND: rounded_up(answer.bounds), COLOR_KIND: colors}
+    write_face_values(mesh, columns, undo)
+
+
+def write_record(
+    mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSettings, least_color_depth: int, deepest_color_depth: int
+) -> None:
+    """Write the record of the answer to its mesh, which has the attributes."""
     record = _new_record(mesh, answer.depths, settings)
     record.world_tolerance = answer.world_tolerance
     record.method = settings.method

@@ -9,13 +9,20 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, field
-from typing import TypeVar
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import BoolArray, DepthResult, FloatArray, face_depths_stepwise, needed_quality, uniform_level_stepwise
+from ..core import (
+    BoolArray,
+    DepthResult,
+    FloatArray,
+    face_depths_stepwise,
+    needed_quality,
+    scaled,
+    uniform_level_stepwise,
+)
 from ..exchange.control_mesh import (
     NO_ORIGIN,
     ControlMesh,
@@ -31,7 +38,9 @@ from ..exchange.object_state import KnownDescriptions, ObjectState, object_state
 from .stepwise import Stage
 from .surfaces import Faults, Surface, SurfaceSettings, control_mesh_key, refuse_bad_tolerance, surface_of, undominated
 
-Answer = TypeVar("Answer")
+# The depths' part of the time; the rest is for the level that holds for all faces. Measured: 40 s and 12 s on 90,000
+# faces with creases at random.
+DEPTHS_SHARE = 0.8
 
 
 @dataclass(frozen=True)
@@ -49,6 +58,11 @@ class Measurement:
     surface: Surface
     settings: DepthSettings
     steps: Generator[float, None, DepthResult]
+
+    @property
+    def face_count(self) -> int:
+        """Of the control mesh."""
+        return self.surface.control.mesh.face_count
 
     def level_stepwise(self, result: DepthResult, least: int) -> Generator[float, None, int]:
         """The first level, from one on, at which all its faces are within the tolerance, in small steps."""
@@ -180,19 +194,21 @@ def _undominated(surfaces: list[Surface]) -> list[Surface]:
 
 def compute_stepwise(tasks: list[MeshTask]) -> Generator[float, None, list[MeshDepths]]:
     """Measure every surface in small steps: yields the fraction done, and returns the answers at the end."""
-    total = sum(measurement.surface.control.mesh.face_count for task in tasks for measurement in task.measurements)
-    done = 0
+    total = sum(measurement.face_count for task in tasks for measurement in task.measurements)
+    begun = 0.0
     answers = []
     for task in tasks:
         answer = _Answer(task)
         results = []
         for measurement in task.measurements:
-            face_count = measurement.surface.control.mesh.face_count
-            result = yield from _scaled(measurement.steps, done / total, face_count / total)
+            share = DEPTHS_SHARE * measurement.face_count / total
+            result = yield from scaled(measurement.steps, begun, share)
             answer.include(measurement.surface.control, result)
             results.append(result)
-            done += face_count
-        level = yield from _scaled(_common_level(task.measurements, results), done / total, 0.0)
+            begun += share
+        share = (1 - DEPTHS_SHARE) * sum(measurement.face_count for measurement in task.measurements) / total
+        level = yield from scaled(_common_level(task.measurements, results), begun, share)
+        begun += share
         answers.append(answer.finished(level))
     return answers
 
@@ -200,24 +216,18 @@ def compute_stepwise(tasks: list[MeshTask]) -> Generator[float, None, list[MeshD
 def _common_level(measurements: list[Measurement], results: list[DepthResult]) -> Generator[float, None, int]:
     """The first level at which all faces of all surfaces of a mesh are within the tolerance, in small steps."""
     level = agreed = 0
+    begun = 0.0
     while agreed < len(measurements):
         for measurement, result in zip(measurements, results, strict=True):
-            found = yield from measurement.level_stepwise(result, level)
+            # One part is left over for the case that they do not agree.
+            share = (1 - begun) / (len(measurements) - agreed + 1)
+            found = yield from scaled(measurement.level_stepwise(result, level), begun, share)
+            begun += share
             agreed = agreed + 1 if found == level else 1
             level = found
             if agreed == len(measurements):
                 break
     return level
-
-
-def _scaled(steps: Generator[float, None, Answer], start: float, share: float) -> Generator[float, None, Answer]:
-    """The same steps, with their fraction as a share of a larger whole."""
-    while True:
-        try:
-            fraction = next(steps)
-        except StopIteration as finished:
-            return finished.value
-        yield start + share * fraction
 
 
 class _Answer:

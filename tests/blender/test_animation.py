@@ -4,6 +4,8 @@ operators alike, and holds again where it was computed."""
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+
 import bpy
 import pytest
 
@@ -188,7 +190,11 @@ def test_a_change_while_depths_are_being_computed_is_noticed() -> None:
     run.work()
     [mesh] = addon.module("operators.compute_depth")._meshes_still_there(run.answer)
     [answer] = run.answer
-    addon.module("state.results").write_result(mesh, answer, settings, 0, answer.deepest)
+    results = addon.module("state.results")
+    with ExitStack() as undo:
+        results.write_depths(mesh, answer, 0, answer.deepest, undo)
+        undo.pop_all()
+    results.write_record(mesh, answer, settings, 0, answer.deepest)
     addon.module("state.fingerprint").remember(mesh, answer.task.geometry, answer.depths, answer.task.states)
     addon.module("state.staleness").touch(mesh)
     assert told_by_the_panel(holder).startswith("Out of date: mesh")

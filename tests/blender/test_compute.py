@@ -116,6 +116,26 @@ def test_equal_duplicates_are_computed_once() -> None:
     assert [measurement.surface.object_name for measurement in task.measurements] == [objects[2].name]
 
 
+def test_progress_rises_over_depths_and_the_level_of_all_meshes() -> None:
+    """Of a mesh with two users, neither of which outdoes the other, and of another mesh."""
+    first = scene.add_object(meshes.with_random_creases(meshes.landscape(6, 6), share=0.3))
+    second = scene.add_mesh(first.data)
+    first.scale, second.scale = (2.0, 1.0, 1.0), (1.0, 2.0, 1.0)
+    objects = [first, second, scene.add_object(meshes.landscape(8, 8))]
+    bpy.context.view_layer.update()
+    task = addon.module("tasks.depth_task")
+    settings = task.Settings(0.01, "ABSOLUTE", True, "CERTIFIED", "LIMIT")
+    tasks = result_of(task.prepare_stepwise(bpy.context, objects, settings))
+    assert [len(each.measurements) for each in tasks] == [2, 1]
+    fractions = list(task.compute_stepwise(tasks))
+    assert fractions == sorted(fractions)
+    assert fractions[0] >= 0
+    assert fractions[-1] <= 1
+    # While the level of the last mesh is found, it does not stand still; shares are summed with rounding.
+    last = 1 - (1 - task.DEPTHS_SHARE) * 64 / (2 * 36 + 64)
+    assert len({fraction for fraction in fractions if fraction >= last - 1e-9}) > 1
+
+
 def test_all_selected_objects_are_computed_and_others_are_not() -> None:
     first, second = scene.add_suzanne(), scene.add_object(meshes.landscape(5, 5))
     other = scene.add_object(meshes.cube())

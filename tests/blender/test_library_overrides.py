@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tests import meshes
-from tests.blender import addon, scene
+from tests.blender import addon, scene, snapshot
 from tests.blender.subdividing import refused, shape, subdivide
 
 TOLERANCE = 0.01
@@ -258,6 +258,34 @@ def test_depths_that_are_not_kept_leave_an_earlier_result(monkeypatch: pytest.Mo
     after = addon.depths(holder), addon.bounds(holder), addon.colors(holder), holder.data.ccdepth.world_tolerance
     for one, other in zip(before, after, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+def test_depths_that_are_not_kept_on_a_later_mesh_leave_all_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One with an earlier result, one without any, and one that Blender drops the values of."""
+    first, second, third = (scene.add_object(meshes.cube(), name) for name in ("First", "Second", "Third"))
+    first.data.color_attributes.new("Own", "BYTE_COLOR", "CORNER")
+    addon.compute(first, tolerance=0.5)
+    earlier = addon.depths(first), addon.bounds(first), addon.colors(first), first.data.ccdepth.world_tolerance
+    calls = []
+
+    module = addon.module("exchange.bulk_writing")
+
+    def forget(items: object, name: str, values: np.ndarray, _step: float) -> None:
+        calls.append(name)
+        if calls.count("color") == 3:
+            raise module.WriteError("Blender did not keep what was written to the mesh")
+        items.foreach_set(name, values.ravel())
+
+    monkeypatch.setattr(module, "write_values", forget)
+    addon.select(first, second, third)
+    before = snapshot.take()
+    with pytest.raises(RuntimeError, match="Third: Blender did not keep what was written"):
+        bpy.ops.ccdepth.compute(tolerance=0.01, tolerance_mode="ABSOLUTE")
+    later = addon.depths(first), addon.bounds(first), addon.colors(first), first.data.ccdepth.world_tolerance
+    for one, other in zip(earlier, later, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert addon.is_untouched([second, third])
+    assert snapshot.differences(before, snapshot.take()) == []
 
 
 @pytest.mark.usefixtures("unprotected")

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.bounds.norm_bounds import Method, Vertices, first_order_rate
-from ccdepth_addon.core.bounds.rounding import smallest_tolerance
+from ccdepth_addon.core.bounds.rounding import rounding_allowance, smallest_tolerance
 from ccdepth_addon.core.depth import certified_depth, norm_depth
 from ccdepth_addon.core.depth.face_depths import (
     METHODS,
@@ -20,6 +20,7 @@ from ccdepth_addon.core.depth.face_depths import (
     ToleranceError,
     face_depths,
     face_depths_stepwise,
+    level_bounds,
 )
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
@@ -190,6 +191,32 @@ def test_what_is_called_exact_is(name: str, vertices: str) -> None:
                 before = nets.largest_distances(mesh, faces, level - 1, vertices, level + 2)
                 assert np.all(before > 0.95 * tolerance)
     assert seen
+
+
+@pytest.mark.parametrize("name", AWKWARD)
+@every_method
+@both_vertices
+def test_bounds_leave_room_for_rounding(name: str, method: str, vertices: str) -> None:
+    """No bound is nearer to what is reached than the allowance for rounding, but where it is the tolerance itself."""
+    mesh = build(AWKWARD[name](), smooth_corners=False)
+    allowance = rounding_allowance(mesh)
+    for tolerance in (0.5, 0.03):
+        result = face_depths(mesh, tolerance, method, vertices)
+        room = result.bounds >= np.minimum(result.distances + allowance, tolerance)
+        assert np.all(room & (result.bounds <= tolerance))
+        at_level = level_bounds(mesh, tolerance, method, vertices, int(result.depths.max()))
+        assert np.all(at_level >= allowance)
+
+
+@pytest.mark.parametrize("method", ["CERTIFIED", "SHARP", "SECOND_ORDER"])
+@both_vertices
+def test_bounds_of_a_plane_are_the_allowance_for_rounding(method: str, vertices: str) -> None:
+    """Nothing is off there but by rounding, which second-order norms find as well; first-order ones see any edge."""
+    mesh = build(meshes.grid(4, 4), smooth_corners=False)
+    allowance = rounding_allowance(mesh)
+    for bounds in (face_depths(mesh, 0.1, method, vertices).bounds, level_bounds(mesh, 0.1, method, vertices, 0)):
+        inside = bounds[[5, 6, 9, 10]]
+        assert np.all((inside >= allowance) & (inside < 2 * allowance))
 
 
 # Irregular faces

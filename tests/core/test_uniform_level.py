@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.bounds.norm_bounds import PATCH_METHODS, Method, Vertices
 from ccdepth_addon.core.depth.face_depths import (
     METHODS,
     VERTICES,
@@ -19,7 +20,9 @@ from ccdepth_addon.core.depth.face_depths import (
     uniform_level_stepwise,
 )
 from ccdepth_addon.core.depth.modifier_quality import MOST_QUALITY, needed_quality, unmet_corners
+from ccdepth_addon.core.depth.norm_depth import bounds_fall
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.patches import PatchKind, classify_patches
 from tests import meshes
 from tests.brute_force import Levels
 from tests.core.test_face_depths import AWKWARD, build, every_method
@@ -119,6 +122,58 @@ def test_no_level_below_the_least_one_is_returned(method: str) -> None:
     depths = face_depths(mesh, 0.1, method, "LIMIT").depths
     least = int(depths.max()) + 2
     assert result_of(uniform_level_stepwise(mesh, 0.1, method, "LIMIT", depths, least)) == least
+
+
+@pytest.mark.parametrize("name", NAMES)
+@every_method
+@pytest.mark.parametrize("tolerance", [2.0, 0.5, 0.1, 0.02])
+def test_the_uniform_level_is_the_first_with_bounds_of_all_faces(name: str, method: str, tolerance: float) -> None:
+    """Whatever is not evaluated again would have been found to hold."""
+    mesh = build(AWKWARD[name](), smooth_corners=False)
+    found = uniform_level(mesh, tolerance, method, "CONTROL")
+    deepest = int(face_depths(mesh, tolerance, method, "CONTROL").depths.max())
+    for level in range(deepest, found + 1):
+        assert np.isfinite(level_bounds(mesh, tolerance, method, "CONTROL", level)).all() == (level == found)
+
+
+VALENCES = [3, *range(5, 130), 400, 401, 1000, 5000]
+
+
+@pytest.mark.parametrize("method", ["SHARP", "SECOND_ORDER", "FIRST_ORDER"])
+@both_vertices
+def test_bounds_that_are_said_to_fall_do(method: str, vertices: str) -> None:
+    generator, rules = np.random.default_rng(5), PATCH_METHODS[Method(method)]
+    bounds = [rules.regular(generator.normal(size=(4, 4, 8, 3)), Vertices(vertices))]
+    if method != "SHARP":
+        nets = (generator.normal(size=(2 * valence + 8, 8, 3)) for valence in VALENCES)
+        bounds += [rules.extraordinary(net, Vertices(vertices)) for net in nets]
+    for each in bounds:
+        assert np.all(np.diff([each.at(level) for level in range(60)], axis=0) <= 0)
+
+
+def test_which_bounds_fall() -> None:
+    mesh = build(AWKWARD["valences 2 and 12"](), smooth_corners=False)
+    kinds = classify_patches(mesh).kinds
+    assert set(kinds.tolist()) == {PatchKind.REGULAR, PatchKind.EXTRAORDINARY, PatchKind.IRREGULAR}
+    for method in Method:
+        falling = {kind for kind in PatchKind if bounds_fall(mesh, method)[kinds == kind].any()}
+        assert all(bounds_fall(mesh, method)[kinds == kind].all() for kind in falling)
+        expected = {
+            Method.CERTIFIED: set(),
+            Method.SHARP: {PatchKind.REGULAR},
+        }
+        assert falling == expected.get(method, {PatchKind.REGULAR, PatchKind.EXTRAORDINARY})
+
+
+@every_method
+@both_vertices
+def test_progress_rises_over_several_levels(method: str, vertices: str) -> None:
+    for mesh in (build(torus_counter_example()), build(AWKWARD["soup"](), smooth_corners=False)):
+        depths = face_depths(mesh, EPSILON, method, vertices).depths
+        fractions = list(uniform_level_stepwise(mesh, EPSILON, method, vertices, depths))
+        assert fractions == sorted(fractions)
+        assert fractions[0] >= 0
+        assert fractions[-1] < 1
 
 
 def test_limit_vertices_take_a_level_at_least() -> None:

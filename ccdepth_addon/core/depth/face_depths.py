@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Iterator
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,11 +20,13 @@ from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.validation import validate
 from .certified_depth import certified_depths, certified_level_bounds
 from .modifier_quality import unmet_corners
-from .norm_depth import norm_depths, norm_level_bounds
+from .norm_depth import bounds_fall, norm_depths, norm_level_bounds
 from .tolerance_test import FaceDepths, LevelBounds, ToleranceTest
 
 METHODS = tuple(method.value for method in Method)
 VERTICES = tuple(vertices.value for vertices in Vertices)
+
+Answer = TypeVar("Answer")
 
 
 class ToleranceError(ValueError):
@@ -108,12 +111,13 @@ def uniform_level(mesh: PolygonMesh, tolerance: float, method: str, vertices: st
 def uniform_level_stepwise(
     mesh: PolygonMesh, tolerance: float, method: str, vertices: str, depths: NDArray[np.int32], least: int = 0
 ) -> Generator[float, None, int]:
-    """``uniform_level`` in small steps: yields the fraction done of the level it is at, and returns the level.
+    """``uniform_level`` in small steps: yields the fraction done, which only rises, and returns the level.
 
     mesh, tolerance: such as ``face_depths`` takes. depths: (F,) what it found with the same arguments; these are proved
-    at their own level, and all others are evaluated. least: no level before this one is wanted. With limit vertices
-    level 1 is the first: a modifier at level 0 leaves every vertex where it is.
+    at their own level, and where bounds only fall, at all later ones; all others are evaluated. least: no level before
+    this one is wanted. With limit vertices level 1 is the first: a modifier at level 0 leaves every vertex where it is.
     """
+    falls = bounds_fall(mesh, Method(method))
     with_margin, margin = np.zeros(mesh.face_count, dtype=bool), 0.0
     if Vertices(vertices) is Vertices.LIMIT:
         unmet = unmet_corners(mesh)
@@ -121,13 +125,28 @@ def uniform_level_stepwise(
         margin = unmet.margin(tolerance)
         least = max(least, 1)
     level = max(least, int(depths.max(initial=0)))
+    # How many levels there will be is not known: each has half of what is left.
+    begun = 0.0
     while True:
-        parts = [(np.flatnonzero((depths != level) & ~with_margin), tolerance)]
+        parts = [(np.flatnonzero((depths != level) & ~falls & ~with_margin), tolerance)]
         if np.any(with_margin):
             parts.append((np.flatnonzero(with_margin), tolerance - margin))
-        if (yield from _all_within(mesh, parts, Method(method), Vertices(vertices), level)):
+        steps = _all_within(mesh, parts, Method(method), Vertices(vertices), level)
+        if (yield from scaled(steps, begun, (1 - begun) / 2)):
             return level
+        begun += (1 - begun) / 2
         level += 1
+
+
+def scaled(steps: Generator[float, None, Answer], start: float, share: float) -> Generator[float, None, Answer]:
+    """The same steps, with their fraction as a share of a larger whole."""
+    while True:
+        try:
+            fraction = next(steps)
+        except StopIteration as finished:
+            answer: Answer = finished.value
+            return answer
+        yield start + share * fraction
 
 
 def _all_within(

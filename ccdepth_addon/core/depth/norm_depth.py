@@ -17,7 +17,7 @@ import numpy as np
 
 from ..arrays.chunks import index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..bounds.norm_bounds import PatchBounds, PatchMethod, Vertices, support_bounds
+from ..bounds.norm_bounds import Method, PatchBounds, PatchMethod, Vertices, support_bounds
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
@@ -59,6 +59,21 @@ def norm_level_bounds(
     irregular = faces[patches.kinds[faces] == PatchKind.IRREGULAR]
     for some in index_chunks(irregular, IRREGULAR_FACES_AT_ONCE):
         yield from evaluation.irregular_at(mesh, some, level)
+
+
+def bounds_fall(mesh: PolygonMesh, method: Method) -> BoolArray:
+    """(F,) bool: the faces that are within a tolerance at every level after one at which they are proved to be.
+
+    Patches whose bound falls by one rate with each level. The sharp factors rise a little where their period begins
+    anew, and irregular faces have other bounds at other levels. No certified distance is known to fall.
+    """
+    kinds = classify_patches(mesh).kinds
+    if method is Method.CERTIFIED:
+        return np.zeros(len(kinds), dtype=bool)
+    one_rate = kinds == PatchKind.REGULAR
+    if method is not Method.SHARP:
+        one_rate |= kinds == PatchKind.EXTRAORDINARY
+    return one_rate
 
 
 @dataclass(frozen=True)
