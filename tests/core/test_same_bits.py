@@ -17,7 +17,7 @@ os.cpu_count = lambda: int(sys.argv[1])
 from hashlib import sha256
 import numpy as np
 from ccdepth_addon.core.adaptive.planner import Mode, Request, subdivide_adaptively
-from ccdepth_addon.core.surface.catmull_clark import apply_boundary_rule
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.depth.face_depths import face_depths
 from ccdepth_addon.core.adaptive.templates import Transitions
 from tests import meshes
