@@ -166,9 +166,9 @@ def test_deep_points_close_in_on_the_limit_of_their_vertex(name: str) -> None:
     corners = np.arange(mesh.corner_count)
     limits = np.repeat(limit_positions(mesh)[mesh.corner_vertices], 3, axis=0)
     size = np.ptp(mesh.positions, axis=0).max()
-    started = time.perf_counter()
+    started = time.process_time()
     found = limit_values(mesh, mesh.positions, next_to_vertex(corners, 2.0**-30))
-    assert time.perf_counter() - started < 1.0
+    assert time.process_time() - started < 1.0
     assert np.abs(found - limits).max() < 10 * size * 0.6546**20
     at_vertices = limit_values(mesh, mesh.positions, SurfacePoints(corners, np.zeros((len(corners), 2))))
     np.testing.assert_allclose(at_vertices, limits[::3], rtol=0, atol=rounding(mesh.positions, 1))
