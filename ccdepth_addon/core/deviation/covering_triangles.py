@@ -134,7 +134,8 @@ def _under(seen: Seen, mesh: Triangles, owners: IndexArray, which: IndexArray, m
     places = points @ seen.axes[owners].swapaxes(1, 2)
     below, above = places < seen.low[owners][:, None], places > seen.high[owners][:, None]
     over = np.flatnonzero(~(below.all(axis=1) | above.all(axis=1)).any(axis=1))
-    owners, which, points, below, above = (array[over] for array in (owners, which, points, below, above))
+    owners, which = owners[over], which[over]
+    points, below, above = points[over], below[over], above[over]
     beside = ((below & below[:, [1, 2, 0]]) | (above & above[:, [1, 2, 0]])).any(axis=2)
     sides = SideViews.of(points, seen.directions[owners], margin)
     plane, offsets, steepness, unevenness = plane_functionals(mesh.normals[which], points, seen.directions[owners])
@@ -144,8 +145,15 @@ def _under(seen: Seen, mesh: Triangles, owners: IndexArray, which: IndexArray, m
     least, most = values[:, :3].min(axis=2) - excess, values[:, :3].max(axis=2) + excess
     over = np.flatnonzero(~(most < 0).any(axis=1))
     meets = (least <= 0) & ~beside
-    columns = owners, which, meets, values, sides.inward, steepness, unevenness
-    return Under(*(column[over] for column in columns))
+    return Under(
+        owners=owners[over],
+        which=which[over],
+        meets=meets[over],
+        values=values[over],
+        inward=sides.inward[over],
+        steepness=steepness[over],
+        unevenness=unevenness[over],
+    )
 
 
 def _are_odd(owners: IndexArray, inside: FloatArray, count: int, margin: float) -> BoolArray:

@@ -111,7 +111,7 @@ class Views:
         return np.maximum(bounds, 0.0)
 
     def _weighted(self, heights: FloatArray, weights: list[tuple[int, FloatArray]], margin: float) -> FloatArray:
-        total, added = heights, 0.0
+        total, added = heights, np.zeros(len(heights))
         for side, weight in weights:
             clipped = np.clip(weight, 0.0, LARGEST_WEIGHT)
             total = total + clipped[:, None] * self.inside[:, side]

@@ -221,8 +221,8 @@ class MeshToSurface:
             least = np.full(len(places), np.inf)
             np.minimum.at(least, rows, distances + facets.off)
             nearby = distances - facets.off <= least[rows]
-            rows, which, distances, points = (array[nearby] for array in (rows, which, distances, points))
-            off = facets.off[nearby]
+            rows, which = rows[nearby], which[nearby]
+            distances, points, off = distances[nearby], points[nearby], facets.off[nearby]
             coarse = off > np.maximum(MEASURED_SHARE * least[rows], self.findings.floor)
             coarse &= least[rows] > self.findings.reached
             if not coarse.any() or self.findings.is_exhausted(pieces.count):
