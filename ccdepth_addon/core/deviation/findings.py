@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays.types import FloatArray, IndexArray
 
 # Per-face distances are found to this part of the largest one.
-SHARE_OF_LARGEST = 0.1
+SHARE_OF_LARGEST = 0.2
 
 
 @dataclass

@@ -14,8 +14,9 @@ from ..arrays.types import FloatArray, IndexArray
 from ..bounds.norms import squared_norms
 from .bezier_pieces import CORNERS, NONE, BezierPieces, bilinear_pieces
 from .box_tree import BoxTree, overlapping
+from .columns import columns
 from .covering_pieces import over_pieces
-from .surface_to_mesh import TRIED, SurfaceToMesh, first_of_each
+from .surface_to_mesh import SurfaceToMesh, first_of_each
 from .triangles import to_triangles
 
 PARTS_AT_ONCE = 1 << 11
@@ -69,10 +70,10 @@ class Facets:
 
     def distances(self, places: FloatArray, which: IndexArray) -> tuple[FloatArray, FloatArray]:
         """(N,) from places (N, 3) to the nearer one of a piece's triangles, and (N, 3) the nearest point."""
-        a, b, c, d = self.corners[which].swapaxes(0, 1)
-        first, at_first = to_triangles(places, a, b, c)
-        second, at_second = to_triangles(places, a, c, d)
-        return np.minimum(first, second), np.where((first <= second)[:, None], at_first, at_second)
+        corners, points = columns(self.corners[which]), columns(places)
+        first, at_first = to_triangles(points, corners[[0, 1, 2]])
+        second, at_second = to_triangles(points, corners[[0, 2, 3]])
+        return np.minimum(first, second), np.where(first <= second, at_first, at_second).T
 
 
 @dataclass(frozen=True)
@@ -90,10 +91,9 @@ class Leaves:
     def near(self, places: FloatArray) -> tuple[IndexArray, IndexArray, FloatArray]:
         """For places (P, 3) every leaf that can be nearest: (K,) intp which place, (K,) which leaf; (P,) the nearest
         point is no farther than that."""
-        tried = self.tree.beside(places, TRIED)
-        owners = np.repeat(np.arange(len(places)), TRIED)
-        reach = self.facets.distances(places[owners], tried.ravel())[0] + self.facets.off[tried.ravel()]
-        reach = reach.reshape(tried.shape).min(axis=1) * (1 + 1e-12) + np.finfo(float).tiny
+        tried = self.tree.beside(places)
+        reach = self.facets.distances(places, tried)[0] + self.facets.off[tried]
+        reach = reach * (1 + 1e-12) + np.finfo(float).tiny
         queries = BoxTree.around(places - reach[:, None], places + reach[:, None])
         return *overlapping(queries, self.tree), reach
 
@@ -253,8 +253,8 @@ class MeshToSurface:
 
     def _by_one_piece(self, facets: Facets, corners: FloatArray, which: IndexArray) -> FloatArray:
         """(n,): the distance to a flat triangle is convex, and so longest at a corner."""
-        a, b, c, d = facets.corners[which].swapaxes(0, 1)
-        places = corners.swapaxes(0, 1)
-        first = np.max([to_triangles(place, a, b, c)[0] for place in places], axis=0)
-        second = np.max([to_triangles(place, a, c, d)[0] for place in places], axis=0)
+        facet = columns(facets.corners[which])
+        places = columns(corners)
+        first = np.max([to_triangles(place, facet[[0, 1, 2]])[0] for place in places], axis=0)
+        second = np.max([to_triangles(place, facet[[0, 2, 3]])[0] for place in places], axis=0)
         return np.minimum(first, second) + facets.off[which]
