@@ -92,6 +92,17 @@ class BezierPieces:
         """The pieces that are not split: they cover the surface."""
         return np.flatnonzero(self.first_child[: self.count] == NONE)
 
+    def leaves_of(self, owners: IndexArray, pieces: IndexArray) -> tuple[IndexArray, IndexArray]:
+        """Pieces (K,) replaced by all leaves they were split into, each with its owner (K,)."""
+        found = []
+        while len(pieces):
+            first = self.first_child[pieces]
+            is_leaf = first == NONE
+            found.append((owners[is_leaf], pieces[is_leaf]))
+            owners = np.repeat(owners[~is_leaf], 4)
+            pieces = (first[~is_leaf][:, None] + np.arange(4)).ravel()
+        return np.concatenate([part[0] for part in found]), np.concatenate([part[1] for part in found])
+
     def split(self, pieces: IndexArray) -> IndexArray:
         """Four children for each of these leaves: (4n,) intp, not in the order of the pieces."""
         bicubic = pieces[self._row[pieces] == NONE]

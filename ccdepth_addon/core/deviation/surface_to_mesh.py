@@ -16,7 +16,7 @@ from .covering_triangles import over_triangles
 from .findings import Findings
 from .triangles import Triangles, unit
 
-PIECES_AT_ONCE = 1 << 10
+PIECES_AT_ONCE = 1 << 11
 
 # Weights of the coefficients at the middle of a piece.
 MIDDLE = np.kron([1, 3, 3, 1], [1, 3, 3, 1]) / 64
