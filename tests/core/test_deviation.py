@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cache
+from time import thread_time
 
 import numpy as np
 import pytest
@@ -298,6 +299,26 @@ def test_progress_is_told_and_may_stop() -> None:
 
     with pytest.raises(StoppedError):
         measure_deviation(control, positions, triangles, progress=stop)
+
+
+def test_progress_is_told_often() -> None:
+    """Whoever presses Esc is heard soon, while pieces and trees are made as well."""
+    control = control_of(meshes.landscape(4, 3))
+    positions, triangles = result(control, 5, limit=True)
+    told: list[float] = []
+    times = [thread_time()]
+
+    def listen(fraction: float) -> None:
+        told.append(fraction)
+        times.append(thread_time())
+
+    measure_deviation(control, positions, triangles, accuracy=1.0, progress=listen)
+    assert told == sorted(told)
+    assert sum(fraction == 0 for fraction in told) > 5
+    assert any(0 < fraction < 0.5 for fraction in told)
+    assert any(0.5 < fraction < 1 for fraction in told)
+    # A fifth of a second is meant; a machine with much else to do counts up to twice as much for the same work.
+    assert np.diff([*times, thread_time()]).max() < 0.4
 
 
 def test_degenerate_triangles_change_nothing() -> None:

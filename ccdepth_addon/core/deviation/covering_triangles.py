@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from .bezier_pieces import CORNERS, NONE, BezierPieces
+from .bezier_pieces import CORNERS, BezierPieces
 from .columns import applied, columns, unknown
 from .heights import SideViews, Views, axes_across, plane_functionals
-from .triangles import Triangles
+from .triangles import NONE, Triangles
 
 # Where in a region covering is counted: weights of corners without anything symmetric about them.
 PLACE_IN_QUAD = np.array([0.313, 0.221, 0.187, 0.279])
@@ -122,12 +122,10 @@ def _triangles_under(seen: Seen, mesh: Triangles, first: IndexArray, margin: flo
         found.append(part)
         sides, rows = np.nonzero(part.meets)
         which, owners = part.which[rows], part.owners[rows]
-        both = mesh.edge_triangles[mesh.edges[sides, which]]
-        is_paired = both[:, 0] != NONE
-        covered[owners[~is_paired]] = False
+        beyond = mesh.beyond[sides, which]
+        covered[owners[beyond == NONE]] = False
         # What is not covered needs no more looking at.
         going = covered[owners]
-        beyond = both[:, 0] + both[:, 1] - which
         keys, known = unknown((owners * mesh.count + beyond)[going], known)
         if not len(keys):
             break

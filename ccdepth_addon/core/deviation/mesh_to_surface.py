@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -59,14 +60,15 @@ class Facets:
     off: FloatArray
 
     @staticmethod
-    def of(pieces: BezierPieces, chosen: IndexArray) -> Facets:
-        """Of the chosen pieces."""
+    def of(pieces: BezierPieces, chosen: IndexArray, tick: Callable[[], None] = lambda: None) -> Facets:
+        """Of the chosen pieces; tick: is called again and again, and may raise to stop."""
         corners, off = np.empty((len(chosen), 4, 3)), np.empty(len(chosen))
         for block in blocks(len(chosen), FACETS_AT_ONCE):
             coefficients = pieces.coefficients[chosen[block]]
             corners[block] = coefficients[:, :, CORNERS].swapaxes(1, 2)
             apart = coefficients - bilinear_pieces(corners[block])
             off[block] = np.sqrt((apart * apart).sum(axis=1).max(axis=1))
+            tick()
         twist = corners[:, 0] - corners[:, 1] + corners[:, 2] - corners[:, 3]
         off += np.sqrt(squared_norms(twist)) / 4 + pieces.excess[chosen]
         return Facets(chosen, corners, off)
@@ -94,11 +96,11 @@ class Leaves:
     count: int
 
     @staticmethod
-    def of(pieces: BezierPieces) -> Leaves:
+    def of(pieces: BezierPieces, tick: Callable[[], None]) -> Leaves:
         """All leaves that there are now."""
         leaves = pieces.leaves()
-        tree = BoxTree.around(pieces.low[leaves], pieces.high[leaves])
-        return Leaves(pieces, Facets.of(pieces, leaves), tree, pieces.count)
+        facets = Facets.of(pieces, leaves, tick)
+        return Leaves(pieces, facets, BoxTree.around(pieces.low[leaves], pieces.high[leaves]), pieces.count)
 
     def near(self, places: FloatArray) -> tuple[IndexArray, IndexArray]:
         """For places (P, 3) the pieces with a leaf that can be nearest: (K,) intp which place, and (K,) which facet."""
@@ -166,11 +168,11 @@ class MeshToSurface:
         """Split triangles and pieces until what is proved is near what is reached."""
         count = self.mesh.count
         parts = Parts.unknown(self.mesh.points.swapaxes(0, 1), np.arange(count), np.full(count, self.whole))
-        leaves = Leaves.of(self.surface.pieces)
+        leaves = Leaves.of(self.surface.pieces, self.findings.tick)
         while len(parts.owners):
             self.blamed = np.zeros(0, dtype=np.intp)
             if self.surface.pieces.count > GROWN * leaves.count:
-                leaves = Leaves.of(self.surface.pieces)
+                leaves = Leaves.of(self.surface.pieces, self.findings.tick)
             for done, block in enumerate(split(np.arange(len(parts.owners)), PARTS_AT_ONCE)):
                 if self._must_end(parts):
                     self._record(parts)
@@ -243,6 +245,7 @@ class MeshToSurface:
             distances, points, off = distances[nearby], points[nearby], facets.off[nearby]
             coarse = off > np.maximum(MEASURED_SHARE * least[rows], self.findings.floor)
             coarse &= least[rows] > self.findings.reached
+            self.findings.tick()
             if not coarse.any() or self.findings.is_exhausted(pieces.count):
                 break
             split_now = np.unique(which[coarse])

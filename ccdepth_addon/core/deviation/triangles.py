@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -13,49 +13,40 @@ from ..bounds.norms import squared_norms
 from .box_tree import BoxTree
 from .columns import columns, crosses, products
 
+NONE = -1
+
 # A triangle is a needle when its height is below this part of its longest side.
 NEEDLE = 1e-5
 
 
 @dataclass(frozen=True)
 class Triangles:
-    """points: (3, T, 3) float64, the corners. edges: (3, T) intp, the edge from each corner to the next, one for each
-    pair of vertices. normals: (T, 3), unit vectors, or zero where a triangle has no area. thickness: (T,), of needles
-    that are so thin that rounding decides which way they face, how thick they are at most; of others 0. tree: of their
-    boxes."""
+    """points: (3, T, 3) float64, the corners. beyond: (3, T) intp, the one other triangle at the edge from each corner
+    to the next, NONE where there is none or more than one. normals: (T, 3), unit vectors, or zero where a triangle has
+    no area. thickness: (T,), of needles that are so thin that rounding decides which way they face, how thick they are
+    at most; of others 0. tree: of their boxes."""
 
     points: FloatArray
-    edges: IndexArray
+    beyond: IndexArray
     normals: FloatArray
     thickness: FloatArray
     tree: BoxTree
 
     @staticmethod
-    def of(positions: FloatArray, triangles: IndexArray) -> Triangles:
-        """positions: (V, 3); triangles: (T, 3) intp."""
+    def of(positions: FloatArray, triangles: IndexArray, tick: Callable[[], None]) -> Triangles:
+        """positions: (V, 3); triangles: (T, 3) intp; tick: is called again and again, and may raise to stop."""
         corners = np.ascontiguousarray(triangles.T)
         points = positions[corners]
-        following = corners[[1, 2, 0]]
-        keys = np.minimum(corners, following) * len(positions) + np.maximum(corners, following)
-        edges = np.unique(keys, return_inverse=True)[1].reshape(keys.shape)
+        tick()
+        beyond = _partners(corners, len(positions))
+        tick()
         tree = BoxTree.around(points.min(axis=0), points.max(axis=0))
+        tick()
         normals = np.cross(points[1] - points[0], points[2] - points[0])
         longest = np.sqrt(squared_norms(points[[1, 2, 0]] - points).max(axis=0))
         heights = np.divide(np.sqrt(squared_norms(normals)), longest, out=np.zeros_like(longest), where=longest > 0)
         thickness = np.where(heights > NEEDLE * longest, 0.0, 2 * heights + NEEDLE**2 * longest)
-        return Triangles(points, edges, unit(normals), thickness, tree)
-
-    @cached_property
-    def edge_triangles(self) -> IndexArray:
-        """(E, 2) intp, the two triangles at each edge; NONE where there are not two."""
-        edges = self.edges.ravel()
-        order = np.argsort(edges, kind="stable")
-        counts = np.bincount(edges)
-        first = np.cumsum(counts) - counts
-        found = np.full((len(counts), 2), -1)
-        paired = np.flatnonzero(counts == 2)
-        found[paired] = order[first[paired][:, None] + np.arange(2)] % self.count
-        return found
+        return Triangles(points, beyond, unit(normals), thickness, tree)
 
     @property
     def count(self) -> int:
@@ -69,6 +60,21 @@ class Triangles:
         """(N,) from places (N, 3) to a triangle each, and (N, 3) the nearest points of these."""
         distances, nearest = to_triangles(columns(places), self.corners(which))
         return distances, nearest.T
+
+
+def _partners(corners: IndexArray, vertex_count: int) -> IndexArray:
+    """(3, T) ``beyond`` for the vertices of triangles (3, T)."""
+    following = corners[[1, 2, 0]]
+    keys = (np.minimum(corners, following) * vertex_count + np.maximum(corners, following)).ravel()
+    order = np.argsort(keys, kind="stable")
+    keys = keys[order]
+    is_next_same = np.concatenate([[False], keys[1:] == keys[:-1], [False]])
+    is_last_of_two = is_next_same[1:-1] & ~is_next_same[:-2] & ~is_next_same[2:]
+    second = np.flatnonzero(is_last_of_two) + 1
+    one, other = order[second - 1], order[second]
+    beyond = np.full(len(keys), NONE)
+    beyond[one], beyond[other] = other % corners.shape[1], one % corners.shape[1]
+    return beyond.reshape(corners.shape)
 
 
 def unit(vectors: FloatArray) -> FloatArray:
