@@ -47,9 +47,9 @@ class SideViews:
         squares = products(across, across)
         seen = squares > STEEP**2 * products(along, along)
         scales = np.divide(1.0, np.sqrt(squares), out=np.zeros_like(squares), where=seen)
-        # How far the third corner lies from each side: twice the area seen, over the length seen.
-        third = products(directions, crosses(along[0], along[1])) * scales
-        scales = np.where(np.abs(third) > 4 * margin, np.copysign(scales, third), 0.0)
+        # How far the third corner lies from each side, and on which side of it.
+        third = products(across, along[[1, 2, 0]]) * scales
+        scales = np.where(np.abs(third) > 8 * margin, np.copysign(scales, third), 0.0)
         inward = across * scales[:, None]
         return SideViews(inward, -products(inward, corners))
 
