@@ -25,6 +25,7 @@ from ..surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN
 from ..surface.catmull_clark import subdivide
 from ..surface.patches import PatchKind, classify_patches, regular_nets
 from ..surface.refinement import Refinement
+from .columns import NONE
 
 # Coefficients are counted [i, j] → 4i + j: those at corners 0 to 3, and along the sides from each to the next.
 CORNERS = np.array([0, 12, 15, 3])
@@ -38,8 +39,6 @@ QUARTERS = np.stack([np.kron(along, across) for across in HALVES for along in HA
 # most; later, where it matters.
 LARGE_EXCESS = 0.1
 FIRST_REFINEMENTS = 8
-
-NONE = -1
 
 # Pieces split, and nets of patches looked up, in one go.
 SPLIT_AT_ONCE = 1 << 13

@@ -7,6 +7,9 @@ import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
 
+# Stands where there is no such thing.
+NONE = -1
+
 
 def unknown(wanted: IndexArray, known: IndexArray) -> tuple[IndexArray, IndexArray]:
     """Of the keys wanted (W,) those that are not known, each once, ascending; and all keys that are known now. known:

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from .bezier_pieces import CORNERS, NONE, SIDES, BezierPieces
-from .columns import applied, columns, products, unknown
+from .bezier_pieces import CORNERS, SIDES, BezierPieces
+from .columns import NONE, applied, columns, products, unknown
 from .heights import SideViews, Views, axes_across, plane_functionals
 
 # Where in a triangle covering is counted: weights of corners without anything symmetric about them.

@@ -14,9 +14,9 @@ import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from .bezier_pieces import CORNERS, BezierPieces
-from .columns import applied, columns, unknown
+from .columns import NONE, applied, columns, unknown
 from .heights import SideViews, Views, axes_across, plane_functionals
-from .triangles import NONE, Triangles
+from .triangles import Triangles
 
 # Where in a region covering is counted: weights of corners without anything symmetric about them.
 PLACE_IN_QUAD = np.array([0.313, 0.221, 0.187, 0.279])

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from ..arrays.chunks import blocks, split
 from ..arrays.types import FloatArray, IndexArray
 from ..bounds.norms import squared_norms
-from .bezier_pieces import CORNERS, NONE, BezierPieces, bilinear_pieces
+from .bezier_pieces import CORNERS, BezierPieces, bilinear_pieces
 from .box_tree import BoxTree, overlapping
-from .columns import columns
+from .columns import NONE, columns
 from .covering_pieces import over_pieces
 from .surface_to_mesh import SurfaceToMesh, first_of_each
 from .triangles import to_triangles

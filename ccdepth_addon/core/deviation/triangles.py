@@ -11,9 +11,7 @@ import numpy as np
 from ..arrays.types import FloatArray, IndexArray
 from ..bounds.norms import squared_norms
 from .box_tree import BoxTree
-from .columns import columns, crosses, products
-
-NONE = -1
+from .columns import NONE, columns, crosses, products
 
 # A triangle is a needle when its height is below this part of its longest side.
 NEEDLE = 1e-5
