@@ -16,7 +16,7 @@ import os, sys
 os.cpu_count = lambda: int(sys.argv[1])
 from hashlib import sha256
 import numpy as np
-from ccdepth_addon.core.adaptive.planner import Mode, Request, subdivide_adaptively
+from ccdepth_addon.core.adaptive.planner import AdaptiveRequest, Mode, subdivide_adaptively
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.depth.face_depths import face_depths
 from ccdepth_addon.core.adaptive.templates import Transitions
@@ -34,7 +34,7 @@ for name, made in MESHES.items():
     found = face_depths(mesh, 1e-2 * diagonal, "CERTIFIED", "LIMIT")
     arrays = [found.depths, found.bounds, found.distances, found.exact]
     for transitions in Transitions:
-        request = Request(1e-2 * diagonal, Mode.ADAPTIVE, transitions, 10**6)
+        request = AdaptiveRequest(1e-2 * diagonal, Mode.ADAPTIVE, transitions, 10**6)
         adaptive = result_of(subdivide_adaptively(mesh, request, mesh.positions))
         arrays += [adaptive.mesh.positions, adaptive.mesh.corner_vertices, adaptive.bounds, adaptive.depths]
     print(name, sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest())

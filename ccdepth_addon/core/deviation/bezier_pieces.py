@@ -9,12 +9,14 @@ coefficients and an *excess*: at equal parameters the surface is no farther than
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays.chunks import chunks, index_chunks
 from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import squared_norms
 from ..bounds.norm_bounds import Vertices, support_bounds
@@ -23,6 +25,7 @@ from ..surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN
 from ..surface.catmull_clark import subdivide
 from ..surface.patches import PatchKind, classify_patches, regular_nets
 from ..surface.refinement import Refinement
+from .columns import NONE
 
 # Coefficients are counted [i, j] → 4i + j: those at corners 0 to 3, and along the sides from each to the next.
 CORNERS = np.array([0, 12, 15, 3])
@@ -37,7 +40,9 @@ QUARTERS = np.stack([np.kron(along, across) for across in HALVES for along in HA
 LARGE_EXCESS = 0.1
 FIRST_REFINEMENTS = 8
 
-NONE = -1
+# Pieces split, and nets of patches looked up, in one go.
+SPLIT_AT_ONCE = 1 << 13
+NETS_AT_ONCE = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -61,8 +66,10 @@ class BezierPieces:
     low, high: (N, 3), the corners of boxes around the pieces, or where that is less around all that is left of them.
     """
 
-    def __init__(self, unit_mesh: PolygonMesh, unit_faces: IndexArray) -> None:
+    def __init__(self, unit_mesh: PolygonMesh, unit_faces: IndexArray, tick: Callable[[], None]) -> None:
+        """tick: is called again and again, and may raise to stop."""
         self.unit_mesh = unit_mesh
+        self._tick = tick
         self.count = 0
         self.coefficients = np.empty((0, 3, 16))
         self.excess, self.low, self.high = np.empty(0), np.empty((0, 3)), np.empty((0, 3))
@@ -92,14 +99,25 @@ class BezierPieces:
         """The pieces that are not split: they cover the surface."""
         return np.flatnonzero(self.first_child[: self.count] == NONE)
 
+    def leaves_of(self, owners: IndexArray, pieces: IndexArray) -> tuple[IndexArray, IndexArray]:
+        """Pieces (K,) replaced by all leaves they were split into, each with its owner (K,)."""
+        found = []
+        while len(pieces):
+            first = self.first_child[pieces]
+            is_leaf = first == NONE
+            found.append((owners[is_leaf], pieces[is_leaf]))
+            owners = np.repeat(owners[~is_leaf], 4)
+            pieces = (first[~is_leaf][:, None] + np.arange(4)).ravel()
+        return np.concatenate([part[0] for part in found]), np.concatenate([part[1] for part in found])
+
     def split(self, pieces: IndexArray) -> IndexArray:
         """Four children for each of these leaves: (4n,) intp, not in the order of the pieces."""
         bicubic = pieces[self._row[pieces] == NONE]
-        made = [self._add(_quarters(self, bicubic), NONE, bicubic)]
+        made = [self._add(_quarters(self, block), NONE, block) for block in index_chunks(bicubic, SPLIT_AT_ONCE)]
         others = pieces[self._row[pieces] != NONE]
         for store in np.unique(self._store[others]).tolist():
             made.append(self._refine(store, others[self._store[others] == store]))
-        return np.concatenate(made)
+        return np.concatenate([np.zeros(0, dtype=np.intp), *made])
 
     def _add_units(self, unit_faces: IndexArray) -> None:
         mesh = self.unit_mesh
@@ -149,7 +167,9 @@ class BezierPieces:
         is_regular = classify_patches(refinement.mesh).kinds[:count] == PatchKind.REGULAR
         regular, others = np.flatnonzero(is_regular), np.flatnonzero(~is_regular)
         coefficients, excess = np.empty((count, 3, 16)), np.zeros(count)
-        coefficients[regular] = _bernstein(regular_nets(refinement.mesh, regular))
+        for block in chunks(len(regular), NETS_AT_ONCE):
+            coefficients[regular[block]] = _bernstein(regular_nets(refinement.mesh, regular[block]))
+            self._tick()
         rows = np.full(count, NONE)
         rows[others] = np.arange(len(others))
         if len(others):
@@ -157,11 +177,13 @@ class BezierPieces:
             coefficients[others] = bilinear_pieces(rest.limits_at_corners().reshape(-1, 4, 3))
             excess[others] = support_bounds(rest.mesh, Vertices.LIMIT)[: len(others)]
             self._refinements.append(rest)
+            self._tick()
         new = NewPieces(coefficients, excess, faces, units, sides, rows)
         return self._add(new, len(self._refinements) - 1, parents)
 
     def _add(self, new: NewPieces, store: int, parents: IndexArray | None) -> IndexArray:
         """Pieces put behind the others, four for each parent."""
+        self._tick()
         first, count = self.count, len(new.excess)
         if parents is not None:
             self.first_child[parents] = first + 4 * np.arange(len(parents))
@@ -184,12 +206,13 @@ class BezierPieces:
         return first + np.arange(count)
 
 
-def bezier_pieces(control: PolygonMesh, units_wanted: int) -> BezierPieces:
+def bezier_pieces(control: PolygonMesh, units_wanted: int, tick: Callable[[], None]) -> BezierPieces:
     """The limit surface of a mesh with explicit sharpness, of so many units if one more level makes no more of them."""
     mesh, faces = subdivide(control).mesh, control.corner_faces
     while 4 * mesh.face_count <= units_wanted:
         mesh, faces = subdivide(mesh).mesh, np.repeat(faces, 4)
-    return BezierPieces(mesh, faces)
+        tick()
+    return BezierPieces(mesh, faces, tick)
 
 
 def bilinear_pieces(corners: FloatArray) -> FloatArray:

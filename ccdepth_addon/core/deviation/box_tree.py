@@ -9,8 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.types import FloatArray, IndexArray
+from ..bounds.norms import squared_norms
 
 BRANCHES = 8
+
+# Things beside a point along the curve whose middles are tried for the nearest.
+TRIED = 6
 
 # Steps along each axis of the curve.
 CURVE_BITS = 20
@@ -44,11 +48,19 @@ class BoxTree:
             levels.append((np.minimum.reduceat(below[0], starts), np.maximum.reduceat(below[1], starts)))
         return BoxTree(order, codes[order], levels, origin, step)
 
-    def beside(self, points: FloatArray, count: int) -> IndexArray:
-        """(P, count) intp: things next to points (P, 3) along the curve, which are often near."""
+    def beside(self, points: FloatArray) -> IndexArray:
+        """(P,) intp: a thing next to each of the points (P, 3) along the curve, which is often the nearest."""
         places = np.searchsorted(self.codes, curve_codes(points, self.origin, self.step))
-        slots = places[:, None] + np.arange(count) - count // 2
-        return self.order[np.clip(slots, 0, len(self.order) - 1)]
+        low, high = self.levels[0]
+        best, least = np.zeros(len(points), dtype=np.intp), np.full(len(points), np.inf)
+        for step in range(-(TRIED // 2), TRIED - TRIED // 2):
+            slots = np.clip(places + step, 0, len(self.order) - 1)
+            between = points - (low[slots] + high[slots]) / 2
+            squares = squared_norms(between)
+            nearer = squares < least
+            np.copyto(best, slots, where=nearer)
+            np.copyto(least, squares, where=nearer)
+        return self.order[best]
 
 
 def overlapping(first: BoxTree, second: BoxTree) -> tuple[IndexArray, IndexArray]:

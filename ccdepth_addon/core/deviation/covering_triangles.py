@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from .bezier_pieces import CORNERS, NONE, BezierPieces
+from .bezier_pieces import CORNERS, BezierPieces
+from .columns import NONE, applied, columns, unknown
 from .heights import SideViews, Views, axes_across, plane_functionals
 from .triangles import Triangles
 
@@ -26,8 +27,8 @@ MOST_TRIANGLES_ACROSS = 12
 
 @dataclass(frozen=True)
 class Seen:
-    """n pieces as seen along directions. coefficients: (n, 3, 16); directions: (n, 3); axes: (n, 2, 3), across; across:
-    (n, 2, 16), the coefficients there; low, high: (n, 2), what holds them; excess: (n,), rounding included."""
+    """n pieces as seen along directions. coefficients: (3, 16, n); directions: (3, n); axes: (2, 3, n), across; across:
+    (2, 16, n), the coefficients there; low, high: (2, n), what holds them; excess: (n,), rounding included."""
 
     coefficients: FloatArray
     directions: FloatArray
@@ -39,19 +40,20 @@ class Seen:
 
     @staticmethod
     def of(pieces: BezierPieces, block: IndexArray, directions: FloatArray, margin: float) -> Seen:
-        """The pieces (n,)."""
-        coefficients = pieces.coefficients[block]
-        axes = axes_across(directions, coefficients[:, :, CORNERS[1]] - coefficients[:, :, CORNERS[0]])
-        across = axes @ coefficients
+        """The pieces (n,), along directions (n, 3)."""
+        coefficients, along = columns(pieces.coefficients[block]), columns(directions)
+        axes = axes_across(along, coefficients[:, CORNERS[1]] - coefficients[:, CORNERS[0]])
+        across = applied(axes, coefficients)
         excess = pieces.excess[block] + margin
-        low, high = across.min(axis=2) - excess[:, None], across.max(axis=2) + excess[:, None]
-        return Seen(coefficients, directions, axes, across, low, high, excess)
+        low, high = across.min(axis=1) - excess, across.max(axis=1) + excess
+        return Seen(coefficients, along, axes, across, low, high, excess)
 
 
 @dataclass(frozen=True)
 class Under:
-    """K triangles under pieces. owners, which: (K,) intp; meets: (K, 3) bool, the sides that may lie under the piece;
-    values: (K, 4, 16), how far inside each side, and the heights; inward: (K, 3, 3); steepness, unevenness: (K,)."""
+    """K triangles under pieces. owners, which: (K,) intp; meets: (3, K) bool, the sides that may lie under the piece;
+    values: (4, 16, K), how far inside each side, and the heights; inward: (3, 2, K), the sides' directions across;
+    steepness, unevenness: (K,)."""
 
     owners: IndexArray
     which: IndexArray
@@ -77,24 +79,28 @@ def over_triangles(
     on others are looked at. goals: (n,), bounds below these are as good. margin: what rounding can hide.
     """
     count = len(block)
+    upper, worst = np.full(count, np.inf), np.zeros(count, dtype=np.intp)
+    if not count:
+        return upper, worst
     seen = Seen.of(pieces, block, directions, margin)
     found, covered = _triangles_under(seen, mesh, first, margin)
     owners = np.concatenate([part.owners for part in found])
-    inside = np.concatenate([part.values[:, :3][:, :, CORNERS] @ PLACE_IN_QUAD for part in found])
+    inside = np.concatenate([PLACE_IN_QUAD @ part.values[:3, CORNERS] for part in found], axis=1)
     covered &= _are_odd(owners, inside, count, margin)
-    upper, worst = np.full(count, np.inf), np.zeros(count, dtype=np.intp)
     upper[covered] = 0.0
+    # What is not covered needs no clipping.
+    goals = np.where(covered, goals, np.inf)
+    corners, excess = seen.across[:, CORNERS], pieces.excess[block]
     for part in found:
-        chosen = np.flatnonzero(covered[part.owners])
-        owners, which = part.owners[chosen], part.which[chosen]
+        owners, which = part.owners, part.which
         views = Views(
-            inside=part.values[chosen, :3],
-            heights=part.values[chosen, 3],
-            inward=part.inward[chosen] @ seen.axes[owners].swapaxes(1, 2),
-            places=seen.across[owners][:, :, CORNERS],
-            excess=pieces.excess[block[owners]],
-            steepness=part.steepness[chosen],
-            unevenness=part.unevenness[chosen],
+            inside=part.values[:3],
+            heights=part.values[3],
+            inward=part.inward,
+            places=corners.take(owners, axis=2),
+            excess=excess[owners],
+            steepness=part.steepness,
+            unevenness=part.unevenness,
         )
         heights = views.largest_heights(goals[owners], margin)
         heights[(mesh.thickness[which] > 0) & (mesh.thickness[which] <= margin)] = 0.0
@@ -114,14 +120,13 @@ def _triangles_under(seen: Seen, mesh: Triangles, first: IndexArray, margin: flo
     for _ in range(MOST_TRIANGLES_ACROSS):
         part = _under(seen, mesh, keys // mesh.count, keys % mesh.count, margin)
         found.append(part)
-        rows, sides = np.nonzero(part.meets)
-        beyond = mesh.edge_triangles[mesh.edges[sides, part.which[rows]]]
-        covered[part.owners[rows[(beyond == NONE).any(axis=1)]]] = False
+        sides, rows = np.nonzero(part.meets)
+        which, owners = part.which[rows], part.owners[rows]
+        beyond = mesh.beyond[sides, which]
+        covered[owners[beyond == NONE]] = False
         # What is not covered needs no more looking at.
-        going = covered[part.owners[rows]]
-        wanted = (part.owners[rows][:, None] * mesh.count + beyond)[going]
-        keys = np.setdiff1d(wanted, known)
-        known = np.union1d(known, keys)
+        going = covered[owners]
+        keys, known = unknown((owners * mesh.count + beyond)[going], known)
         if not len(keys):
             break
     covered[keys // mesh.count] = False
@@ -130,27 +135,31 @@ def _triangles_under(seen: Seen, mesh: Triangles, first: IndexArray, margin: flo
 
 def _under(seen: Seen, mesh: Triangles, owners: IndexArray, which: IndexArray, margin: float) -> Under:
     """Those of the triangles that may lie under their pieces."""
-    points = mesh.points[:, which].swapaxes(0, 1)
-    places = points @ seen.axes[owners].swapaxes(1, 2)
-    below, above = places < seen.low[owners][:, None], places > seen.high[owners][:, None]
-    over = np.flatnonzero(~(below.all(axis=1) | above.all(axis=1)).any(axis=1))
-    owners, which, points, below, above = (array[over] for array in (owners, which, points, below, above))
-    beside = ((below & below[:, [1, 2, 0]]) | (above & above[:, [1, 2, 0]])).any(axis=2)
-    sides = SideViews.of(points, seen.directions[owners], margin)
-    plane, offsets, steepness, unevenness = plane_functionals(mesh.normals[which], points, seen.directions[owners])
-    values = np.concatenate([sides.inward, plane[:, None]], axis=1) @ seen.coefficients[owners]
-    values += np.concatenate([sides.offsets, offsets[:, None]], axis=1)[:, :, None]
-    excess = seen.excess[owners][:, None]
-    least, most = values[:, :3].min(axis=2) - excess, values[:, :3].max(axis=2) + excess
-    over = np.flatnonzero(~(most < 0).any(axis=1))
-    meets = (least <= 0) & ~beside
-    columns = owners, which, meets, values, sides.inward, steepness, unevenness
-    return Under(*(column[over] for column in columns))
+    points, directions = mesh.corners(which), seen.directions.take(owners, axis=1)
+    axes = seen.axes.take(owners, axis=2)
+    places = applied(axes, points.swapaxes(0, 1))
+    below = places < seen.low.take(owners, axis=1)[:, None]
+    above = places > seen.high.take(owners, axis=1)[:, None]
+    beside = ((below & below[:, [1, 2, 0]]) | (above & above[:, [1, 2, 0]])).any(axis=0)
+    sides = SideViews.of(points, directions, margin)
+    plane, offsets, steepness, unevenness = plane_functionals(columns(mesh.normals[which]), points, directions)
+    values = applied(np.concatenate([sides.inward, plane[None]]), seen.coefficients.take(owners, axis=2))
+    values[:3] += sides.offsets[:, None]
+    values[3] += offsets
+    excess = seen.excess[owners]
+    meets = (values[:3].min(axis=1) <= excess) & ~beside
+    is_apart = (below.all(axis=1) | above.all(axis=1)).any(axis=0) | (values[:3].max(axis=1) < -excess).any(axis=0)
+    inward = applied(axes, sides.inward.swapaxes(0, 1)).swapaxes(0, 1)
+    under = Under(owners, which, meets, values, inward, steepness, unevenness)
+    if not is_apart.any():
+        return under
+    over = np.flatnonzero(~is_apart)
+    return Under(*(column.take(over, axis=-1) for column in vars(under).values()))
 
 
 def _are_odd(owners: IndexArray, inside: FloatArray, count: int, margin: float) -> BoolArray:
-    """(count,) bool: whether an odd number of triangles lies over a place that is so far inside (K, 3) their sides."""
-    is_inside, is_outside = (inside > margin).all(axis=1), (inside < -margin).any(axis=1)
+    """(count,) bool: whether an odd number of triangles lies over a place that is so far inside (3, K) their sides."""
+    is_inside, is_outside = (inside > margin).all(axis=0), (inside < -margin).any(axis=0)
     found = np.bincount(owners[is_inside], minlength=count) % 2 == 1
     found[owners[~is_inside & ~is_outside]] = False
     return found

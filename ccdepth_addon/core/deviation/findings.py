@@ -12,7 +12,7 @@ import numpy as np
 from ..arrays.types import FloatArray, IndexArray
 
 # Per-face distances are found to this part of the largest one.
-SHARE_OF_LARGEST = 0.1
+SHARE_OF_LARGEST = 0.2
 
 
 @dataclass
@@ -35,6 +35,7 @@ class Findings:
     triangle: int = 0
     surface_to_mesh: bool = True
     is_placed: bool = False
+    told: float = 0.0
     # (F,) what is reached in each control face, or nearly.
     in_faces: FloatArray = field(default_factory=lambda: np.zeros(0))
 
@@ -70,7 +71,12 @@ class Findings:
 
     def report_round(self, half: int, number: int, share: float) -> None:
         """Progress, of which nobody knows how much is left: every round takes half of what was left of its half."""
-        self.report((half + 1 - 0.5 ** (number + share)) / 2)
+        self.told = (half + 1 - 0.5 ** (number + share)) / 2
+        self.tick()
+
+    def tick(self) -> None:
+        """No further, but still there: whoever listens may want to stop."""
+        self.report(self.told)
 
     def is_exhausted(self, pieces: int, share: float = 1.0) -> bool:
         """Whether so many pieces, or the time since the beginning, use up this share of what is allowed."""

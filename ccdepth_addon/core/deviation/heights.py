@@ -4,7 +4,7 @@
 Heights over a plane, and how far a point lies inside each of a triangle's sides, are linear functionals of the surface,
 so their Bernstein coefficients bound them. Where a piece reaches beyond a side, what it does there does not count: for
 every weight that is not negative the height is at most its sum with the weighted distance inside, which is bounded in
-place of it. docs/deviation.md, Heights.
+place of it. docs/deviation.md, Heights. All arrays have their N things last.
 """
 
 from __future__ import annotations
@@ -12,12 +12,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays.types import FloatArray
-from ..arrays.vectors import squared_norms
+from ..arrays.types import FloatArray, IndexArray
 from .bezier_pieces import CORNERS
-from .triangles import dot
+from .columns import crosses, products
 
 # A side of a triangle has no side to speak of when it is seen at less than this sine.
 STEEP = 1e-3
@@ -33,8 +31,8 @@ PAIRS_OF_SIDES = ((0, 1), (1, 2), (2, 0))
 
 @dataclass(frozen=True)
 class SideViews:
-    """N triangles seen along directions. inward: (N, 3, 3), unit vectors across the direction, from each side inwards;
-    zero where a side is seen end on, or the third corner lies too near its line. offsets: (N, 3), so that
+    """N triangles seen along directions. inward: (3, 3, N), for each side a unit vector across the direction, inwards;
+    zero where a side is seen end on, or the third corner lies too near its line. offsets: (3, N), so that
     ``inward · x + offsets`` is how far x lies inside."""
 
     inward: FloatArray
@@ -42,24 +40,30 @@ class SideViews:
 
     @staticmethod
     def of(corners: FloatArray, directions: FloatArray, margin: float) -> SideViews:
-        """corners: (N, 3, 3); directions: (N, 3) unit vectors; margin: what rounding can hide."""
-        along = corners[:, [1, 2, 0]] - corners
-        across = np.cross(directions[:, None], along)
-        lengths = np.sqrt(squared_norms(across))
-        seen = lengths > STEEP * np.sqrt(squared_norms(along))
-        inward = np.divide(across, lengths[..., None], out=np.zeros_like(across), where=seen[..., None])
-        offsets = -dot(inward, corners)
-        third = dot(inward, corners[:, [2, 0, 1]]) + offsets
-        signs = np.where(np.abs(third) > 2 * margin, np.sign(third), 0.0)
-        return SideViews(inward * signs[..., None], offsets * signs)
+        """corners: (3, 3, N), each with its coordinates; directions: (3, N) unit vectors; margin: what rounding can
+        hide."""
+        along = corners[[1, 2, 0]] - corners
+        across = crosses(directions, along)
+        squares = products(across, across)
+        seen = squares > STEEP**2 * products(along, along)
+        scales = np.divide(1.0, np.sqrt(squares), out=np.zeros_like(squares), where=seen)
+        # How far the third corner lies from each side, and on which side of it.
+        third = products(across, along[[1, 2, 0]]) * scales
+        scales = np.where(np.abs(third) > 8 * margin, np.copysign(scales, third), 0.0)
+        inward = across * scales[:, None]
+        return SideViews(inward, -products(inward, corners))
+
+    def at(self, chosen: IndexArray) -> SideViews:
+        """Some of them."""
+        return SideViews(self.inward.take(chosen, axis=2), self.offsets.take(chosen, axis=1))
 
 
 @dataclass(frozen=True)
 class Views:
     """N pairs of a Bézier piece and a triangle, seen along a direction, in coefficients (Bernstein).
 
-    inside: (N, 3, 16), how far inside each side. heights: (N, 16), over the triangle's plane along the direction.
-    inward: (N, 3, 2), the directions inwards; places: (N, 2, 4), the piece's corners, in coordinates across.
+    inside: (3, 16, N), how far inside each side. heights: (16, N), over the triangle's plane along the direction.
+    inward: (3, 2, N), the directions inwards; places: (2, 4, N), the piece's corners, in coordinates across.
     excess: (N,), how far the surface may be off the piece. steepness: (N,), how much longer a height is than the
     distance to the plane. unevenness: (N,), how far the triangle's corners are off the plane.
     """
@@ -72,100 +76,115 @@ class Views:
     steepness: FloatArray
     unevenness: FloatArray
 
-    def at(self, chosen: NDArray) -> Views:
+    def at(self, chosen: IndexArray) -> Views:
         """Some of them."""
-        return Views(*(column[chosen] for column in vars(self).values()))
+        return Views(*(column.take(chosen, axis=-1) for column in vars(self).values()))
 
     def largest_heights(self, goals: FloatArray, margin: float) -> FloatArray:
         """(N,): no point of the piece over the triangle is farther off along the direction. Where that is more than the
         goals (N,) what lies beside the triangle is taken away."""
-        bounds = np.abs(self.heights).max(axis=1)
-        beside = (self.inside < 0).any(axis=(1, 2)) & (bounds + self._allowed() > goals)
-        chosen = np.flatnonzero(beside)
-        if len(chosen):
-            bounds[chosen] = np.minimum(bounds[chosen], self.at(chosen)._clipped(margin))
-        bounds += self._allowed()
-        return np.where(np.isfinite(self.steepness), bounds, np.inf)
+        is_steep = np.isinf(self.steepness)
+        allowed = (self.excess + self.unevenness) * np.where(is_steep, 0.0, self.steepness)
+        limits = np.maximum(goals - allowed, 0.0)
+        may_clip = (self.inside.min(axis=1).min(axis=0) < 0) & ~is_steep
+        bounds = np.zeros(len(allowed))
+        for sign, largest in ((1.0, self.heights.max(axis=0)), (-1.0, -self.heights.min(axis=0))):
+            chosen = np.flatnonzero(may_clip & (largest > limits))
+            if len(chosen):
+                largest[chosen] = self.at(chosen)._clipped(sign, limits[chosen], margin)
+            np.maximum(bounds, largest, out=bounds)
+        bounds += allowed
+        bounds[is_steep] = np.inf
+        return bounds
 
-    def _allowed(self) -> FloatArray:
-        return (self.excess + self.unevenness) * np.where(np.isfinite(self.steepness), self.steepness, 0.0)
+    def _clipped(self, sign: float, limits: FloatArray, margin: float) -> FloatArray:
+        """(N,): heights upwards, or downwards; where the first weights do not bring them to the limits others do."""
+        rises = sign * self._slopes()
+        heights = sign * self.heights
+        bounds = np.minimum(heights.max(axis=0), self._weighted(heights, self._level_across_two(rises), margin))
+        left = np.flatnonzero(bounds > limits)
+        if len(left):
+            rest, heights, rises = self.at(left), heights.take(left, axis=1), rises.take(left, axis=1)
+            bounds[left] = np.minimum(bounds[left], rest._level_across_one(heights, rises, margin))
+        return bounds
 
-    def _clipped(self, margin: float) -> FloatArray:
-        slopes = self._slopes()
-        bounds = np.full(len(self.heights), -np.inf)
-        for sign in (1.0, -1.0):
-            heights = sign * self.heights
-            best = heights.max(axis=1)
-            falls = -sign * np.einsum("nkd,nd->nk", self.inward, slopes)
-            for side in range(3):
-                best = np.minimum(best, self._weighted(heights, [(side, falls[:, side])], margin))
+    def _level_across_two(self, rises: FloatArray) -> FloatArray:
+        """(3, N): weights that make the sum level. All directions lie between those of two sides."""
+        weights = np.zeros((3, len(self.excess)))
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             for one, other in PAIRS_OF_SIDES:
-                first, second = self.inward[:, one], self.inward[:, other]
-                turn = _cross(first, second)
-                with np.errstate(divide="ignore", invalid="ignore"):
-                    weights = -sign * _cross(slopes, second) / turn, -sign * _cross(first, slopes) / turn
-                used = (weights[0] > 0) & (weights[1] > 0)
-                pair = [(side, np.where(used, weight, 0.0)) for side, weight in zip((one, other), weights, strict=True)]
-                best = np.minimum(best, self._weighted(heights, pair, margin))
-            bounds = np.maximum(bounds, best)
-        return np.maximum(bounds, 0.0)
+                first, second = self.inward[one], self.inward[other]
+                turn = -_cross(first, second)
+                of_one, of_other = _cross(rises, second) / turn, _cross(first, rises) / turn
+                used = (of_one > 0) & (of_other > 0)
+                np.copyto(weights[one], of_one, where=used)
+                np.copyto(weights[other], of_other, where=used)
+        return np.minimum(weights, LARGEST_WEIGHT)
 
-    def _weighted(self, heights: FloatArray, weights: list[tuple[int, FloatArray]], margin: float) -> FloatArray:
-        total, added = heights, 0.0
-        for side, weight in weights:
-            clipped = np.clip(weight, 0.0, LARGEST_WEIGHT)
-            total = total + clipped[:, None] * self.inside[:, side]
-            added = added + clipped * (self.excess + margin)
-        return total.max(axis=1) + added
+    def _level_across_one(self, heights: FloatArray, rises: FloatArray, margin: float) -> FloatArray:
+        bounds = np.full(len(self.excess), np.inf)
+        for side in range(3):
+            fall = -(self.inward[side] * rises).sum(axis=0)
+            weight = np.clip(fall, 0.0, LARGEST_WEIGHT)
+            found = (heights + weight * self.inside[side]).max(axis=0) + weight * (self.excess + margin)
+            np.minimum(bounds, found, out=bounds)
+        return bounds
+
+    def _weighted(self, heights: FloatArray, weights: FloatArray, margin: float) -> FloatArray:
+        total = weights[0] * self.inside[0]
+        total += heights
+        for side in (1, 2):
+            total += weights[side] * self.inside[side]
+        return total.max(axis=0) + weights.sum(axis=0) * (self.excess + margin)
 
     def _slopes(self) -> FloatArray:
-        """(N, 2): how the heights change across, about, from their values at the corners."""
-        heights = self.heights[:, CORNERS]
+        """(2, N): how the heights change across, about, from their values at the corners."""
+        heights = self.heights[CORNERS]
         (along, across), (rise_along, rise_across) = _differences(self.places), _differences(heights)
-        turn = _cross(along, across)
-        with np.errstate(divide="ignore", invalid="ignore"):
+        with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
             slopes = np.stack(
                 [
-                    (rise_along * across[:, 1] - rise_across * along[:, 1]) / turn,
-                    (rise_across * along[:, 0] - rise_along * across[:, 0]) / turn,
-                ],
-                axis=1,
-            )
+                    rise_along * across[1] - rise_across * along[1],
+                    rise_across * along[0] - rise_along * across[0],
+                ]
+            ) / _cross(along, across)
         return np.where(np.isfinite(slopes), slopes, 0.0)
 
 
 def _differences(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """From one side to the other, of (…, 4) values at the corners."""
-    a, b, c, d = np.moveaxis(values, -1, 0)
+    """From one side to the other, of (…, 4, N) values at the corners."""
+    a, b, c, d = np.moveaxis(values, -2, 0)
     return (b + c - a - d) / 2, (c + d - a - b) / 2
 
 
 def _cross(one: FloatArray, other: FloatArray) -> FloatArray:
-    return one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
+    """(2, N) twice → (N,)."""
+    return one[0] * other[1] - one[1] * other[0]
 
 
 def axes_across(directions: FloatArray, hints: FloatArray) -> FloatArray:
-    """(N, 2, 3): unit vectors across directions (N, 3), the first of them as near to the hints (N, 3) as can be."""
-    first = hints - dot(hints, directions)[:, None] * directions
-    lengths = np.sqrt(squared_norms(first))
-    useless = lengths <= STEEP * np.sqrt(squared_norms(hints))
-    if useless.any():
-        others = np.eye(3)[np.abs(directions[useless]).argmin(axis=1)]
-        first[useless] = np.cross(directions[useless], others)
-        lengths[useless] = np.sqrt(squared_norms(first[useless]))
-    first /= np.maximum(lengths, np.finfo(float).tiny)[:, None]
-    return np.stack([first, np.cross(directions, first)], axis=1)
+    """(2, 3, N): unit vectors across directions (3, N), the first of them as near to the hints (3, N) as can be."""
+    first = hints - products(hints, directions) * directions
+    lengths = np.sqrt(products(first, first))
+    useless = np.flatnonzero(lengths <= STEEP * np.sqrt(products(hints, hints)))
+    if len(useless):
+        others = np.eye(3)[:, np.abs(directions[:, useless]).argmin(axis=0)]
+        first[:, useless] = crosses(directions[:, useless], others)
+        lengths[useless] = np.sqrt(products(first[:, useless], first[:, useless]))
+    first /= np.maximum(lengths, np.finfo(float).tiny)
+    return np.stack([first, crosses(directions, first)])
 
 
 def plane_functionals(
     normals: FloatArray, corners: FloatArray, directions: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Of planes through the first corners (N, 3, 3): the functionals (N, 3) and offsets (N,) of heights along the
-    directions, the steepness and the unevenness (N,) of ``Views``."""
-    facing = dot(normals, directions)
-    with np.errstate(divide="ignore"):
-        steepness = np.where(np.abs(facing) > LEANING, 1 / np.abs(facing), np.inf)
-    scaled = normals / np.where(np.abs(facing) > LEANING, facing, 1.0)[:, None]
-    offsets = -dot(normals[:, None], corners)
-    unevenness = np.abs(offsets - offsets[:, :1]).max(axis=1)
-    return scaled, -dot(scaled, corners[:, 0]), steepness, unevenness
+    """Of planes across normals (3, N) through the first corners (3, 3, N): the functionals (3, N) and offsets (N,) of
+    heights along the directions, the steepness and the unevenness (N,) of ``Views``."""
+    facing = products(normals, directions)
+    is_base = np.abs(facing) > LEANING
+    scales = np.divide(1.0, facing, out=np.ones_like(facing), where=is_base)
+    offsets = products(normals, corners)
+    unevenness = np.abs(offsets[1:] - offsets[0]).max(axis=0)
+    steepness = np.where(is_base, np.abs(scales), np.inf)
+    scaled = normals * scales
+    return scaled, -products(scaled, corners[0]), steepness, unevenness

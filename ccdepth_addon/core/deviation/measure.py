@@ -81,7 +81,8 @@ def measure_deviation(
     (T, 3) intp. triangle_faces: (T,) intp, the control face each triangle belongs to, where that is known: its
     distance then counts for that face. accuracy: how near ``proved`` shall be to ``reached``. max_pieces, time_limit
     (seconds): where these are used up the result is what is proved until then. tolerance: distances far below it need
-    not be told apart. progress: is told the fraction done, and may raise to stop.
+    not be told apart. progress: is told the fraction done, every
+    tenth of a second or so, and may raise to stop.
     Raises InvalidMeshError for the control mesh, ValueError for the other.
     """
     began = perf_counter()
@@ -100,8 +101,9 @@ def measure_deviation(
         report=progress,
         in_faces=np.zeros(control.face_count),
     )
-    mesh = Triangles.of(positions - origin, triangles)
-    pieces = bezier_pieces(control.changed(positions=control.positions - origin), len(triangles) // TRIANGLES_OF_A_UNIT)
+    mesh = Triangles.of(positions - origin, triangles, findings.tick)
+    moved = control.changed(positions=control.positions - origin)
+    pieces = bezier_pieces(moved, len(triangles) // TRIANGLES_OF_A_UNIT, findings.tick)
     whole = 2 * np.sqrt(3) * size
     surface = SurfaceToMesh(pieces, mesh, findings, whole)
     surface.settle()

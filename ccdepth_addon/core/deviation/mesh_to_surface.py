@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -11,14 +12,15 @@ from numpy.typing import NDArray
 
 from ..arrays.chunks import chunks, index_chunks
 from ..arrays.types import FloatArray, IndexArray
-from ..arrays.vectors import squared_norms
-from .bezier_pieces import CORNERS, NONE, BezierPieces, bilinear_pieces
+from ..bounds.norms import squared_norms
+from .bezier_pieces import CORNERS, BezierPieces, bilinear_pieces
 from .box_tree import BoxTree, overlapping
+from .columns import NONE, columns
 from .covering_pieces import over_pieces
-from .surface_to_mesh import TRIED, SurfaceToMesh, first_of_each
+from .surface_to_mesh import SurfaceToMesh, first_of_each
 from .triangles import to_triangles
 
-PARTS_AT_ONCE = 1 << 11
+PARTS_AT_ONCE = 1 << 12
 FACETS_AT_ONCE = 1 << 13
 
 # Parts whose corners are looked at for distances that are reached; corners whose distances are found to that share.
@@ -41,6 +43,9 @@ QUARTERS = (
     / 2
 )
 
+# When there are so many times as many pieces another tree is worth its while.
+GROWN = 1.5
+
 # After so many rounds only what decides on the largest distance is split.
 ROUNDS_FOR_FACES = 3
 
@@ -55,71 +60,83 @@ class Facets:
     off: FloatArray
 
     @staticmethod
-    def of(pieces: BezierPieces, chosen: IndexArray) -> Facets:
-        """Of the chosen pieces."""
+    def of(pieces: BezierPieces, chosen: IndexArray, tick: Callable[[], None] = lambda: None) -> Facets:
+        """Of the chosen pieces; tick: is called again and again, and may raise to stop."""
         corners, off = np.empty((len(chosen), 4, 3)), np.empty(len(chosen))
         for block in chunks(len(chosen), FACETS_AT_ONCE):
             coefficients = pieces.coefficients[chosen[block]]
             corners[block] = coefficients[:, :, CORNERS].swapaxes(1, 2)
             apart = coefficients - bilinear_pieces(corners[block])
             off[block] = np.sqrt((apart * apart).sum(axis=1).max(axis=1))
+            tick()
         twist = corners[:, 0] - corners[:, 1] + corners[:, 2] - corners[:, 3]
         off += np.sqrt(squared_norms(twist)) / 4 + pieces.excess[chosen]
         return Facets(chosen, corners, off)
 
+    def at(self, chosen: IndexArray) -> Facets:
+        """Some of them."""
+        return Facets(*(column[chosen] for column in vars(self).values()))
+
     def distances(self, places: FloatArray, which: IndexArray) -> tuple[FloatArray, FloatArray]:
         """(N,) from places (N, 3) to the nearer one of a piece's triangles, and (N, 3) the nearest point."""
-        a, b, c, d = self.corners[which].swapaxes(0, 1)
-        first, at_first = to_triangles(places, a, b, c)
-        second, at_second = to_triangles(places, a, c, d)
-        return np.minimum(first, second), np.where((first <= second)[:, None], at_first, at_second)
+        corners, points = columns(self.corners[which]), columns(places)
+        first, at_first = to_triangles(points, corners[[0, 1, 2]])
+        second, at_second = to_triangles(points, corners[[0, 2, 3]])
+        return np.minimum(first, second), np.where(first <= second, at_first, at_second).T
 
 
 @dataclass(frozen=True)
 class Leaves:
-    """The facets of all the leaves there are, and a tree of boxes around these."""
+    """Facets of pieces that cover the surface, and a tree of boxes around these. Where such a piece has been split
+    since, its children are looked at in its place."""
 
+    pieces: BezierPieces
     facets: Facets
     tree: BoxTree
+    count: int
 
     @staticmethod
-    def of(pieces: BezierPieces) -> Leaves:
+    def of(pieces: BezierPieces, tick: Callable[[], None]) -> Leaves:
+        """All leaves that there are now."""
         leaves = pieces.leaves()
-        return Leaves(Facets.of(pieces, leaves), BoxTree.around(pieces.low[leaves], pieces.high[leaves]))
+        facets = Facets.of(pieces, leaves, tick)
+        return Leaves(pieces, facets, BoxTree.around(pieces.low[leaves], pieces.high[leaves]), pieces.count)
 
-    def near(self, places: FloatArray) -> tuple[IndexArray, IndexArray, FloatArray]:
-        """For places (P, 3) every leaf that can be nearest: (K,) intp which place, (K,) which leaf; (P,) the nearest
-        point is no farther than that."""
-        tried = self.tree.beside(places, TRIED)
-        owners = np.repeat(np.arange(len(places)), TRIED)
-        reach = self.facets.distances(places[owners], tried.ravel())[0] + self.facets.off[tried.ravel()]
-        reach = reach.reshape(tried.shape).min(axis=1) * (1 + 1e-12) + np.finfo(float).tiny
+    def near(self, places: FloatArray) -> tuple[IndexArray, IndexArray]:
+        """For places (P, 3) the pieces with a leaf that can be nearest: (K,) intp which place, and (K,) which facet."""
+        tried = self.tree.beside(places)
+        reach = self.facets.distances(places, tried)[0] + self.facets.off[tried]
+        reach = reach * (1 + 1e-12) + np.finfo(float).tiny
         queries = BoxTree.around(places - reach[:, None], places + reach[:, None])
-        return *overlapping(queries, self.tree), reach
+        return overlapping(queries, self.tree)
 
-    def nearest(self, places: FloatArray) -> tuple[IndexArray, FloatArray]:
-        """(P,) intp the leaves whose triangles are nearest to places (P, 3), and (P,) the distances."""
-        owners, which, _ = self.near(places)
-        distances = self.facets.distances(places[owners], which)[0]
+    def nearest(self, places: FloatArray) -> tuple[Facets, FloatArray]:
+        """(P,) the leaves whose triangles are nearest to places (P, 3), and (P,) the distances."""
+        owners, which = self.near(places)
+        facets = self.facets
+        if self.pieces.count > self.count:
+            owners, now = self.pieces.leaves_of(owners, facets.pieces[which])
+            used, which = np.unique(now, return_inverse=True)
+            facets = Facets.of(self.pieces, used)
+        distances = facets.distances(places[owners], which)[0]
         first = first_of_each(owners, distances, len(places))
-        return which[first], distances[first]
+        return facets.at(which[first]), distances[first]
 
 
 @dataclass(frozen=True)
 class Parts:
     """N parts of triangles. corners: (N, 3, 3); owners: (N,) intp, the triangle; bounds: (N,) float64, what is proved
-    of each; leaves: (N,) intp, the piece that is nearest; near: (N,) float64, about how far that is."""
+    of each; leaves: (N,) intp, the piece that is nearest."""
 
     corners: FloatArray
     owners: IndexArray
     bounds: FloatArray
     leaves: IndexArray
-    near: FloatArray
 
     @staticmethod
     def unknown(corners: FloatArray, owners: IndexArray, bounds: FloatArray) -> Parts:
         """Of which nothing is known but these bounds."""
-        return Parts(corners, owners, bounds, np.zeros(len(owners), dtype=np.intp), np.zeros(len(owners)))
+        return Parts(corners, owners, bounds, np.zeros(len(owners), dtype=np.intp))
 
     def at(self, chosen: NDArray[Any]) -> Parts:
         """Some of them."""
@@ -151,8 +168,11 @@ class MeshToSurface:
         """Split triangles and pieces until what is proved is near what is reached."""
         count = self.mesh.count
         parts = Parts.unknown(self.mesh.points.swapaxes(0, 1), np.arange(count), np.full(count, self.whole))
+        leaves = Leaves.of(self.surface.pieces, self.findings.tick)
         while len(parts.owners):
-            leaves, self.blamed = Leaves.of(self.surface.pieces), np.zeros(0, dtype=np.intp)
+            self.blamed = np.zeros(0, dtype=np.intp)
+            if self.surface.pieces.count > GROWN * leaves.count:
+                leaves = Leaves.of(self.surface.pieces, self.findings.tick)
             for done, block in enumerate(index_chunks(np.arange(len(parts.owners)), PARTS_AT_ONCE)):
                 if self._must_end(parts):
                     self._record(parts)
@@ -193,13 +213,13 @@ class MeshToSurface:
     def _bound(self, leaves: Leaves, parts: Parts, block: IndexArray) -> None:
         corners = parts.corners[block]
         nearest, near = leaves.nearest(corners.mean(axis=1))
-        parts.near[block], parts.leaves[block] = near, leaves.facets.pieces[nearest]
-        faces = self.surface.pieces.faces[parts.leaves[block]]
-        np.maximum.at(self.findings.in_faces, faces, near - leaves.facets.off[nearest])
+        parts.leaves[block] = nearest.pieces
+        faces = self.surface.pieces.faces[nearest.pieces]
+        np.maximum.at(self.findings.in_faces, faces, near - nearest.off)
         self._bound_by_heights(parts, block)
         left = block[parts.bounds[block] > self._goals(parts.at(block))]
         place = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
-        bounds = self._by_one_piece(leaves.facets, parts.corners[left], nearest[place]) + self.findings.allowance
+        bounds = self._by_one_piece(nearest.at(place), parts.corners[left]) + self.findings.allowance
         parts.bounds[left] = np.minimum(parts.bounds[left], bounds)
 
     def _reach(self, leaves: Leaves, parts: Parts) -> None:
@@ -212,19 +232,20 @@ class MeshToSurface:
         distances = leaves.nearest(places)[1]
         farthest = np.argsort(-distances)[:MEASURED]
         places, owners = places[farthest], owners[farthest]
-        rows, which, _ = leaves.near(places)
-        rows, which = rows, leaves.facets.pieces[which]
         pieces = self.surface.pieces
+        rows, which = leaves.near(places)
+        rows, which = pieces.leaves_of(rows, leaves.facets.pieces[which])
         while True:
             facets = Facets.of(pieces, which)
             distances, points = facets.distances(places[rows], np.arange(len(rows)))
             least = np.full(len(places), np.inf)
             np.minimum.at(least, rows, distances + facets.off)
             nearby = distances - facets.off <= least[rows]
-            rows, which, distances, points = (array[nearby] for array in (rows, which, distances, points))
-            off = facets.off[nearby]
+            rows, which = rows[nearby], which[nearby]
+            distances, points, off = distances[nearby], points[nearby], facets.off[nearby]
             coarse = off > np.maximum(MEASURED_SHARE * least[rows], self.findings.floor)
             coarse &= least[rows] > self.findings.reached
+            self.findings.tick()
             if not coarse.any() or self.findings.is_exhausted(pieces.count):
                 break
             split_now = np.unique(which[coarse])
@@ -251,10 +272,10 @@ class MeshToSurface:
         has_leaf = better[leaves[better] >= 0]
         parts.leaves[block[has_leaf]] = leaves[has_leaf]
 
-    def _by_one_piece(self, facets: Facets, corners: FloatArray, which: IndexArray) -> FloatArray:
+    def _by_one_piece(self, facets: Facets, corners: FloatArray) -> FloatArray:
         """(n,): the distance to a flat triangle is convex, and so longest at a corner."""
-        a, b, c, d = facets.corners[which].swapaxes(0, 1)
-        places = corners.swapaxes(0, 1)
-        first = np.max([to_triangles(place, a, b, c)[0] for place in places], axis=0)
-        second = np.max([to_triangles(place, a, c, d)[0] for place in places], axis=0)
-        return np.minimum(first, second) + facets.off[which]
+        facet = columns(facets.corners)
+        places = columns(corners)
+        first = np.max([to_triangles(place, facet[[0, 1, 2]])[0] for place in places], axis=0)
+        second = np.max([to_triangles(place, facet[[0, 2, 3]])[0] for place in places], axis=0)
+        return np.minimum(first, second) + facets.off

@@ -9,17 +9,14 @@ import numpy as np
 
 from ..arrays.chunks import index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import squared_norms
+from ..bounds.norms import squared_norms
 from .bezier_pieces import CORNERS, BezierPieces
 from .box_tree import BoxTree, overlapping
 from .covering_triangles import over_triangles
 from .findings import Findings
 from .triangles import Triangles, unit
 
-PIECES_AT_ONCE = 1 << 10
-
-# Things beside a point along the curve that are tried for its nearest.
-TRIED = 6
+PIECES_AT_ONCE = 1 << 11
 
 # Weights of the coefficients at the middle of a piece.
 MIDDLE = np.kron([1, 3, 3, 1], [1, 3, 3, 1]) / 64
@@ -51,9 +48,7 @@ class NearestTriangles:
 
 def nearest_triangles(triangles: Triangles, places: FloatArray) -> NearestTriangles:
     """Of points (P, 3); no distance is longer than the true one, but for rounding (needles are taken off)."""
-    tried = triangles.tree.beside(places, TRIED)
-    owners = np.repeat(np.arange(len(places)), TRIED)
-    reach = triangles.distances(places[owners], tried.ravel())[0].reshape(tried.shape).min(axis=1)
+    reach = triangles.distances(places, triangles.tree.beside(places))[0]
     reach = reach * (1 + 1e-12) + np.finfo(float).tiny
     queries = BoxTree.around(places - reach[:, None], places + reach[:, None])
     owners, which = overlapping(queries, triangles.tree)
@@ -70,23 +65,28 @@ def first_of_each(owners: IndexArray, values: FloatArray, count: int) -> IndexAr
 
 
 class SurfaceToMesh:
-    """upper: (N,) float64, what is proved of each piece; triangles: (N,) intp, the triangle it was found with."""
+    """upper: (N,) float64, what is proved of each piece; triangles: (N,) intp, the triangle it was found with; nearest:
+    (N,) intp, the one its middle is nearest to."""
 
     def __init__(self, pieces: BezierPieces, mesh: Triangles, findings: Findings, whole: float) -> None:
         self.pieces, self.mesh, self.findings = pieces, mesh, findings
         self.upper = np.full(pieces.count, whole)
         self.triangles = np.zeros(pieces.count, dtype=np.intp)
+        self.nearest = np.zeros(pieces.count, dtype=np.intp)
         self.rounds = 0
 
     def settle(self) -> None:
         """Split pieces until what is proved is near what is reached."""
         active = self.pieces.leaves()
         while len(active):
-            for done, block in enumerate(index_chunks(active, PIECES_AT_ONCE)):
-                if self._must_end():
-                    return
-                self._bound(block)
-                self.findings.report_round(0, self.rounds, min(done * PIECES_AT_ONCE / len(active), 1.0))
+            # What is reached anywhere tells which bounds are good enough.
+            for work, share in ((self._look, 0.0), (self._bound, 0.5)):
+                for done, block in enumerate(index_chunks(active, PIECES_AT_ONCE)):
+                    if self._must_end():
+                        return
+                    work(block)
+                    done_here = min((done + 1) * PIECES_AT_ONCE / len(active), 1.0)
+                    self.findings.report_round(0, self.rounds, share + done_here / 2)
             active = self.split(active[self._is_too_far(active)])
             self.rounds += 1
 
@@ -102,7 +102,7 @@ class SurfaceToMesh:
             return pieces
         children = self.pieces.split(pieces)
         first = self.pieces.first_child[pieces][:, None] + np.arange(4)
-        for name in ("upper", "triangles"):
+        for name in ("upper", "triangles", "nearest"):
             grown = np.resize(getattr(self, name), self.pieces.count)
             grown[first] = grown[pieces][:, None]
             setattr(self, name, grown)
@@ -111,18 +111,27 @@ class SurfaceToMesh:
     def _is_too_far(self, pieces: IndexArray) -> BoolArray:
         return self.upper[pieces] > self._goals(pieces)
 
-    def _bound(self, block: IndexArray) -> None:
-        pieces, findings = self.pieces, self.findings
+    def _look(self, block: IndexArray) -> None:
+        """How far the middles are."""
+        pieces = self.pieces
         middles = pieces.coefficients[block] @ MIDDLE
         nearest = nearest_triangles(self.mesh, middles)
-        np.maximum.at(findings.in_faces, pieces.faces[block], nearest.distances - pieces.excess[block])
+        self.nearest[block] = nearest.which
+        np.maximum.at(self.findings.in_faces, pieces.faces[block], nearest.distances - pieces.excess[block])
         on_surface = np.flatnonzero(pieces.excess[block] == 0)
         self._note(block[on_surface], middles[on_surface], nearest, on_surface)
-        covered = self._bound_by_heights(block, nearest)
+
+    def _bound(self, block: IndexArray) -> None:
+        pieces, findings = self.pieces, self.findings
+        block = block[self.upper[block] > self._goals(block)]
+        if not len(block):
+            return
+        which = self.nearest[block]
+        covered = self._bound_by_heights(block, which)
         sizes = np.sqrt(squared_norms(pieces.high[block] - pieces.low[block]))
         is_small = sizes < SMALL_FOR_ONE * self._goals(block)
         left = np.flatnonzero((self.upper[block] > self._goals(block)) & (is_small | ~covered))
-        self._improve(block[left], self._by_one_triangle(block[left], nearest.which[left]), nearest.which[left])
+        self._improve(block[left], self._by_one_triangle(block[left], which[left]), which[left])
         upper = self.upper[block]
         farthest = np.argsort(-upper)[:LOOKED_AT]
         farthest = block[farthest[upper[farthest] > self._goals(block[farthest])]]
@@ -137,12 +146,12 @@ class SurfaceToMesh:
             return np.full(len(block), self.findings.target)
         return self.findings.goals(self.pieces.faces[block])
 
-    def _bound_by_heights(self, block: IndexArray, nearest: NearestTriangles) -> BoolArray:
+    def _bound_by_heights(self, block: IndexArray, nearest: IndexArray) -> BoolArray:
         """Along the normal of the nearest triangle, and where that is not near enough along the piece's own; (n,) bool,
         whether triangles cover the pieces as far as that was looked at."""
         pieces = self.pieces
         last = np.full(len(block), np.inf)
-        for directions in (self.mesh.normals[nearest.which], self._normals(block)):
+        for directions in (self.mesh.normals[nearest], self._normals(block)):
             goals = self._goals(block)
             # Another direction makes up for a lack of covering, or for a little.
             helps = (np.isinf(last) | (last < NEARLY * goals)) & directions.any(axis=1)
@@ -152,7 +161,7 @@ class SurfaceToMesh:
                 block[left],
                 directions[left],
                 self.mesh,
-                nearest.which[left],
+                nearest[left],
                 goals[left] - self.findings.allowance,
                 self.findings.margin,
             )

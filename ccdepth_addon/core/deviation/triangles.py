@@ -3,14 +3,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import squared_norms
 from .box_tree import BoxTree
+from .columns import NONE, columns, crosses, products
 
 # A triangle is a needle when its height is below this part of its longest side.
 NEEDLE = 1e-5
@@ -18,51 +19,60 @@ NEEDLE = 1e-5
 
 @dataclass(frozen=True)
 class Triangles:
-    """points: (3, T, 3) float64, the corners. edges: (3, T) intp, the edge from each corner to the next, one for each
-    pair of vertices. normals: (T, 3), unit vectors, or zero where a triangle has no area. thickness: (T,), of needles
-    that are so thin that rounding decides which way they face, how thick they are at most; of others 0. tree: of their
-    boxes."""
+    """points: (3, T, 3) float64, the corners. beyond: (3, T) intp, the one other triangle at the edge from each corner
+    to the next, NONE where there is none or more than one. normals: (T, 3), unit vectors, or zero where a triangle has
+    no area. thickness: (T,), of needles that are so thin that rounding decides which way they face, how thick they are
+    at most; of others 0. tree: of their boxes."""
 
     points: FloatArray
-    edges: IndexArray
+    beyond: IndexArray
     normals: FloatArray
     thickness: FloatArray
     tree: BoxTree
 
     @staticmethod
-    def of(positions: FloatArray, triangles: IndexArray) -> Triangles:
-        """positions: (V, 3); triangles: (T, 3) intp."""
+    def of(positions: FloatArray, triangles: IndexArray, tick: Callable[[], None]) -> Triangles:
+        """positions: (V, 3); triangles: (T, 3) intp; tick: is called again and again, and may raise to stop."""
         corners = np.ascontiguousarray(triangles.T)
         points = positions[corners]
-        following = corners[[1, 2, 0]]
-        keys = np.minimum(corners, following) * len(positions) + np.maximum(corners, following)
-        edges = np.unique(keys, return_inverse=True)[1].reshape(keys.shape)
+        tick()
+        beyond = _partners(corners, len(positions))
+        tick()
         tree = BoxTree.around(points.min(axis=0), points.max(axis=0))
+        tick()
         normals = np.cross(points[1] - points[0], points[2] - points[0])
         longest = np.sqrt(squared_norms(points[[1, 2, 0]] - points).max(axis=0))
         heights = np.divide(np.sqrt(squared_norms(normals)), longest, out=np.zeros_like(longest), where=longest > 0)
         thickness = np.where(heights > NEEDLE * longest, 0.0, 2 * heights + NEEDLE**2 * longest)
-        return Triangles(points, edges, unit(normals), thickness, tree)
-
-    @cached_property
-    def edge_triangles(self) -> IndexArray:
-        """(E, 2) intp, the two triangles at each edge; NONE where there are not two."""
-        edges = self.edges.ravel()
-        order = np.argsort(edges, kind="stable")
-        counts = np.bincount(edges)
-        first = np.cumsum(counts) - counts
-        found = np.full((len(counts), 2), -1)
-        paired = np.flatnonzero(counts == 2)
-        found[paired] = order[first[paired][:, None] + np.arange(2)] % self.count
-        return found
+        return Triangles(points, beyond, unit(normals), thickness, tree)
 
     @property
     def count(self) -> int:
         return self.points.shape[1]
 
+    def corners(self, which: IndexArray) -> FloatArray:
+        """(3, 3, K): the corners of some triangles (K,), with their coordinates."""
+        return np.ascontiguousarray(self.points[:, which].swapaxes(1, 2))
+
     def distances(self, places: FloatArray, which: IndexArray) -> tuple[FloatArray, FloatArray]:
         """(N,) from places (N, 3) to a triangle each, and (N, 3) the nearest points of these."""
-        return to_triangles(places, *self.points[:, which])
+        distances, nearest = to_triangles(columns(places), self.corners(which))
+        return distances, nearest.T
+
+
+def _partners(corners: IndexArray, vertex_count: int) -> IndexArray:
+    """(3, T) ``beyond`` for the vertices of triangles (3, T)."""
+    following = corners[[1, 2, 0]]
+    keys = (np.minimum(corners, following) * vertex_count + np.maximum(corners, following)).ravel()
+    order = np.argsort(keys, kind="stable")
+    keys = keys[order]
+    is_next_same = np.concatenate([[False], keys[1:] == keys[:-1], [False]])
+    is_last_of_two = is_next_same[1:-1] & ~is_next_same[:-2] & ~is_next_same[2:]
+    second = np.flatnonzero(is_last_of_two) + 1
+    one, other = order[second - 1], order[second]
+    beyond = np.full(len(keys), NONE)
+    beyond[one], beyond[other] = other % corners.shape[1], one % corners.shape[1]
+    return beyond.reshape(corners.shape)
 
 
 def unit(vectors: FloatArray) -> FloatArray:
@@ -71,44 +81,40 @@ def unit(vectors: FloatArray) -> FloatArray:
     return np.divide(vectors, lengths[:, None], out=np.zeros_like(vectors), where=lengths[:, None] > 0)
 
 
-def dot(one: FloatArray, other: FloatArray) -> FloatArray:
-    """(…, 3) twice → (…): scalar products."""
-    products = one * other
-    return products[..., 0] + products[..., 1] + products[..., 2]
-
-
-def to_triangles(places: FloatArray, a: FloatArray, b: FloatArray, c: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(N,) distances from places (N, 3) to triangles with corners (N, 3), and (N, 3) the nearest points.
+def to_triangles(places: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(N,) distances from places (3, N) to triangles with corners (3, 3, N), and (3, N) the nearest points.
 
     The nearest points are points of the triangles whatever rounding does: distances are not too short. They are not too
     long either, unless a triangle is a needle (``Triangles.thickness``): the foot of the perpendicular is found from
-    cross products, whose relative error is the rounding over the sine of the angle at a.
+    cross products, whose relative error is the rounding over the sine of the angle at the first corner.
     """
-    ab, ac, ap = b - a, c - a, places - a
-    normal = np.cross(ab, ac)
-    squared_area = squared_norms(normal)
+    first = corners[0]
+    ab, ac, ap = corners[1] - first, corners[2] - first, places - first
+    normal = crosses(ab, ac)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        v = dot(np.cross(ap, ac), normal) / squared_area
-        w = dot(np.cross(ab, ap), normal) / squared_area
+        scaled = normal / products(normal, normal)
+        v = products(crosses(ap, ac), scaled)
+        w = products(crosses(ab, ap), scaled)
         inside = (v >= 0) & (w >= 0) & (v + w <= 1)
-    v, w = np.where(inside, v, 0.0), np.where(inside, w, 0.0)
-    nearest = a + v[:, None] * ab + w[:, None] * ac
+    nearest = first + np.where(inside, v, 0.0) * ab + np.where(inside, w, 0.0) * ac
     outside = np.flatnonzero(~inside)
     if len(outside):
-        corners = [corner[outside] for corner in (a, b, c)]
-        nearest[outside] = _on_sides(places[outside], corners)
-    return np.sqrt(squared_norms(places - nearest)), nearest
+        nearest[:, outside] = _on_sides(places.take(outside, axis=1), corners.take(outside, axis=2))
+    between = places - nearest
+    return np.sqrt(products(between, between)), nearest
 
 
-def _on_sides(places: FloatArray, corners: list[FloatArray]) -> FloatArray:
-    """(N, 3) the nearest points on the sides of triangles."""
-    best, least = corners[0].copy(), np.full(len(places), np.inf)
-    for start, end in zip(corners, corners[1:] + corners[:1], strict=True):
-        along = end - start
-        length = dot(along, along)
-        share = np.divide(dot(along, places - start), length, out=np.zeros_like(length), where=length > 0)
-        points = start + np.clip(share, 0.0, 1.0)[:, None] * along
-        distances = squared_norms(places - points)
+def _on_sides(places: FloatArray, corners: FloatArray) -> FloatArray:
+    """(3, N) the nearest points on the sides of triangles."""
+    best, least = corners[0].copy(), np.full(places.shape[1], np.inf)
+    for start, end in zip(corners, corners[[1, 2, 0]], strict=True):
+        along, towards = end - start, places - start
+        length = products(along, along)
+        share = np.divide(products(along, towards), length, out=np.zeros_like(length), where=length > 0)
+        points = start + np.clip(share, 0.0, 1.0, out=share) * along
+        between = places - points
+        distances = products(between, between)
         nearer = distances < least
-        best[nearer], least[nearer] = points[nearer], distances[nearer]
+        np.copyto(best, points, where=nearer)
+        np.copyto(least, distances, where=nearer)
     return best
