@@ -14,7 +14,7 @@ from ..arrays.chunks import blocks, split
 from ..arrays.types import FloatArray, IndexArray
 from ..bounds.norms import squared_norms
 from .bezier_pieces import CORNERS, BezierPieces, bilinear_pieces
-from .box_tree import BoxTree, overlapping
+from .box_tree import BoxTree
 from .columns import NONE, columns
 from .covering_pieces import over_pieces
 from .surface_to_mesh import SurfaceToMesh, first_of_each
@@ -107,8 +107,7 @@ class Leaves:
         tried = self.tree.beside(places)
         reach = self.facets.distances(places, tried)[0] + self.facets.off[tried]
         reach = reach * (1 + 1e-12) + np.finfo(float).tiny
-        queries = BoxTree.around(places - reach[:, None], places + reach[:, None])
-        return overlapping(queries, self.tree)
+        return self.tree.near(places, reach)
 
     def nearest(self, places: FloatArray) -> tuple[Facets, FloatArray]:
         """(P,) the leaves whose triangles are nearest to places (P, 3), and (P,) the distances."""
