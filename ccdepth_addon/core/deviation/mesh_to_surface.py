@@ -20,7 +20,7 @@ from .covering_pieces import over_pieces
 from .surface_to_mesh import SurfaceToMesh, first_of_each
 from .triangles import to_triangles
 
-PARTS_AT_ONCE = 1 << 12
+PARTS_AT_ONCE = 1 << 11
 FACETS_AT_ONCE = 1 << 13
 
 # Parts whose corners are looked at for distances that are reached; corners whose distances are found to that share.
@@ -212,10 +212,12 @@ class MeshToSurface:
     def _bound(self, leaves: Leaves, parts: Parts, block: IndexArray) -> None:
         corners = parts.corners[block]
         nearest, near = leaves.nearest(corners.mean(axis=1))
+        self.findings.tick()
         parts.leaves[block] = nearest.pieces
         faces = self.surface.pieces.faces[nearest.pieces]
         np.maximum.at(self.findings.in_faces, faces, near - nearest.off)
         self._bound_by_heights(parts, block)
+        self.findings.tick()
         left = block[parts.bounds[block] > self._goals(parts.at(block))]
         place = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
         bounds = self._by_one_piece(nearest.at(place), parts.corners[left]) + self.findings.allowance

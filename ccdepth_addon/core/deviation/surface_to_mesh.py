@@ -163,6 +163,7 @@ class SurfaceToMesh:
                 goals[left] - self.findings.allowance,
                 self.findings.margin,
             )
+            self.findings.tick()
             last[left] = found[0]
             self._improve(block[left], *found)
         return np.isfinite(last)
