@@ -15,6 +15,8 @@ from scipy.spatial import cKDTree
 
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import Deviation, measure_deviation
+from ccdepth_addon.core.deviation.surface_to_mesh import nearest_triangles
+from ccdepth_addon.core.deviation.triangles import Triangles
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.catmull_clark import subdivide
@@ -329,6 +331,19 @@ def test_progress_is_told_often() -> None:
     assert any(0.5 < fraction < 1 for fraction in told)
     # A fifth of a second is meant; a machine with much else to do counts up to twice as much for the same work.
     assert np.diff([*times, thread_time()]).max() < 0.4
+
+
+def test_nearest_triangles_of_near_and_far_points() -> None:
+    """Against the distances to all triangles."""
+    positions, triangles = result(control_of(meshes.torus(8, 6)), 2, limit=True)
+    scales = np.repeat([0.1, 3.0, 10.0, 1000.0], 15)[:, None]
+    points = np.random.default_rng(1).normal(size=(60, 3)) * scales
+    mesh = Triangles.of(positions, triangles, lambda: None)
+    found = nearest_triangles(mesh, points)
+    expected = distances_to_all(points, positions, triangles)
+    np.testing.assert_allclose(found.distances, expected, rtol=1e-12, atol=1e-12)
+    owners, _ = mesh.tree.near(points, expected * (1 + 1e-12))
+    assert np.bincount(owners[owners >= 45]).max() < len(triangles) / 4
 
 
 def test_degenerate_triangles_change_nothing() -> None:

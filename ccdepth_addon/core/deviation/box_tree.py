@@ -16,6 +16,9 @@ BRANCHES = 8
 # Things beside a point along the curve whose middles are tried for the nearest.
 TRIED = 6
 
+# Points farther than so many boxes' usual size, that of the first so many, are looked at one by one.
+FAR, SEEN = 4.0, 1 << 12
+
 # Steps along each axis of the curve.
 CURVE_BITS = 20
 
@@ -61,6 +64,39 @@ class BoxTree:
             np.copyto(best, slots, where=nearer)
             np.copyto(least, squares, where=nearer)
         return self.order[best]
+
+    def within(self, points: FloatArray, reach: FloatArray) -> tuple[IndexArray, IndexArray]:
+        """(K,) intp twice: points (P, 3) and all things whose boxes are as near to them as the nearest thing can be.
+        reach: (P,), how far that is at most. For far points a box of that size would hold too much."""
+        squares = reach * reach
+        owners, nodes = (axis.ravel() for axis in np.indices((len(points), len(self.levels[-1][0]))))
+        for height in range(len(self.levels) - 1, -1, -1):
+            low, high = self.levels[height]
+            below, above = low[nodes] - points[owners], points[owners] - high[nodes]
+            least = squared_norms(np.maximum(np.maximum(below, above), 0.0))
+            # Every box has something in it.
+            most = squared_norms(np.maximum(np.abs(below), np.abs(above))) * (1 + 1e-12)
+            np.minimum.at(squares, owners, most)
+            fits = least <= squares[owners]
+            owners, nodes = owners[fits], nodes[fits]
+            if height:
+                nodes, owners = _children(nodes, owners, len(self.levels[height - 1][0]))
+        return owners, self.order[nodes]
+
+    def near(self, points: FloatArray, reach: FloatArray) -> tuple[IndexArray, IndexArray]:
+        """(K,) intp twice: points (P, 3) and things, among them all that can be nearest, reach (P,) away at most."""
+        low, high = self.levels[0]
+        is_far = reach > FAR * np.median(np.sqrt(squared_norms(high[:SEEN] - low[:SEEN])))
+        far, close = np.flatnonzero(is_far), np.flatnonzero(~is_far)
+        found = [(far[:0], far[:0])]
+        if len(close):
+            places, sizes = points[close], reach[close][:, None]
+            owners, things = overlapping(BoxTree.around(places - sizes, places + sizes), self)
+            found.append((close[owners], things))
+        if len(far):
+            owners, things = self.within(points[far], reach[far])
+            found.append((far[owners], things))
+        return np.concatenate([part[0] for part in found]), np.concatenate([part[1] for part in found])
 
 
 def overlapping(first: BoxTree, second: BoxTree) -> tuple[IndexArray, IndexArray]:

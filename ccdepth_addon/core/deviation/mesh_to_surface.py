@@ -14,13 +14,13 @@ from ..arrays.chunks import chunks, index_chunks
 from ..arrays.types import FloatArray, IndexArray
 from ..bounds.norms import squared_norms
 from .bezier_pieces import CORNERS, BezierPieces, bilinear_pieces
-from .box_tree import BoxTree, overlapping
+from .box_tree import BoxTree
 from .columns import NONE, columns
 from .covering_pieces import over_pieces
 from .surface_to_mesh import SurfaceToMesh, first_of_each
 from .triangles import to_triangles
 
-PARTS_AT_ONCE = 1 << 12
+PARTS_AT_ONCE = 1 << 11
 FACETS_AT_ONCE = 1 << 13
 
 # Parts whose corners are looked at for distances that are reached; corners whose distances are found to that share.
@@ -107,8 +107,7 @@ class Leaves:
         tried = self.tree.beside(places)
         reach = self.facets.distances(places, tried)[0] + self.facets.off[tried]
         reach = reach * (1 + 1e-12) + np.finfo(float).tiny
-        queries = BoxTree.around(places - reach[:, None], places + reach[:, None])
-        return overlapping(queries, self.tree)
+        return self.tree.near(places, reach)
 
     def nearest(self, places: FloatArray) -> tuple[Facets, FloatArray]:
         """(P,) the leaves whose triangles are nearest to places (P, 3), and (P,) the distances."""
@@ -213,10 +212,12 @@ class MeshToSurface:
     def _bound(self, leaves: Leaves, parts: Parts, block: IndexArray) -> None:
         corners = parts.corners[block]
         nearest, near = leaves.nearest(corners.mean(axis=1))
+        self.findings.tick()
         parts.leaves[block] = nearest.pieces
         faces = self.surface.pieces.faces[nearest.pieces]
         np.maximum.at(self.findings.in_faces, faces, near - nearest.off)
         self._bound_by_heights(parts, block)
+        self.findings.tick()
         left = block[parts.bounds[block] > self._goals(parts.at(block))]
         place = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
         bounds = self._by_one_piece(nearest.at(place), parts.corners[left]) + self.findings.allowance

@@ -11,7 +11,6 @@ from ..arrays.chunks import index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norms import squared_norms
 from .bezier_pieces import CORNERS, BezierPieces
-from .box_tree import BoxTree, overlapping
 from .covering_triangles import over_triangles
 from .findings import Findings
 from .triangles import Triangles, unit
@@ -50,8 +49,7 @@ def nearest_triangles(triangles: Triangles, places: FloatArray) -> NearestTriang
     """Of points (P, 3); no distance is longer than the true one, but for rounding (needles are taken off)."""
     reach = triangles.distances(places, triangles.tree.beside(places))[0]
     reach = reach * (1 + 1e-12) + np.finfo(float).tiny
-    queries = BoxTree.around(places - reach[:, None], places + reach[:, None])
-    owners, which = overlapping(queries, triangles.tree)
+    owners, which = triangles.tree.near(places, reach)
     distances, points = triangles.distances(places[owners], which)
     distances = np.maximum(distances - triangles.thickness[which], 0.0)
     first = first_of_each(owners, distances, len(places))
@@ -165,6 +163,7 @@ class SurfaceToMesh:
                 goals[left] - self.findings.allowance,
                 self.findings.margin,
             )
+            self.findings.tick()
             last[left] = found[0]
             self._improve(block[left], *found)
         return np.isfinite(last)
