@@ -62,6 +62,10 @@ def test_nothing_but_the_add_on_is_packed(manifest: dict[str, Any]) -> None:
     assert packed == PACKED
 
 
+def test_the_page_about_the_core_is_made_from_its_docstrings() -> None:
+    subprocess.run([sys.executable, "scripts/api_docs.py", "--check"], cwd=CHECKOUT, check=True, timeout=60)
+
+
 def test_the_door_imports_nothing() -> None:
     program = (
         "import sys; from importlib import import_module; door = import_module(sys.argv[1]);"

@@ -42,7 +42,7 @@ from ..surface.bicubic import HALVES, SPLINE_HALVES, bilinear_coefficients, both
 from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets, ring_index
 from ..surface.refinement import Refinement
 from ..surface.stencils import PatchStencils, apply_stencils, patch_stencils
-from .tolerance_test import FaceDepths, LevelBounds, ToleranceTest
+from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
 REGULAR_FACES_AT_ONCE = 1 << 13
 OTHER_FACES_AT_ONCE = 1 << 10

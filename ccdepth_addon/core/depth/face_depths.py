@@ -21,7 +21,7 @@ from ..mesh.validation import validate
 from .certified_depth import certified_depths, certified_level_bounds
 from .modifier_quality import unmet_corners
 from .norm_depth import bounds_fall, norm_depths, norm_level_bounds
-from .tolerance_test import FaceDepths, LevelBounds, ToleranceTest
+from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
 METHODS = tuple(method.value for method in Method)
 VERTICES = tuple(vertices.value for vertices in Vertices)

@@ -21,7 +21,7 @@ from ..bounds.norm_bounds import Method, PatchBounds, PatchMethod, Vertices, sup
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
-from .tolerance_test import FaceDepths, LevelBounds, ToleranceTest
+from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
 # Faces handled at a time: few enough for the caches and frequent progress, enough to hide the interpreter's overhead.
 REGULAR_FACES_AT_ONCE = 1 << 14
