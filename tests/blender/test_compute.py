@@ -124,7 +124,7 @@ def test_progress_rises_over_depths_and_the_level_of_all_meshes() -> None:
     objects = [first, second, scene.add_object(meshes.landscape(8, 8))]
     bpy.context.view_layer.update()
     task = addon.module("tasks.depth_task")
-    settings = task.Settings(0.01, "ABSOLUTE", True, "CERTIFIED", "LIMIT")
+    settings = task.DepthSettings(0.01, "ABSOLUTE", True, "CERTIFIED", "LIMIT")
     tasks = result_of(task.prepare_stepwise(bpy.context, objects, settings))
     assert [len(each.measurements) for each in tasks] == [2, 1]
     fractions = list(task.compute_stepwise(tasks))
