@@ -167,7 +167,8 @@ def _written(path: Path, backups: int = 0) -> Iterator[Path]:
     try:
         with written_whole(path, backups=backups) as beside:
             yield beside
-    except UnwrittenError as fault:
+    except (UnwrittenError, CommandError) as fault:
+        # What Blender itself says of a failure need not name the file.
         raise CommandError(f"{path}: {fault}") from fault
     print(f"Written: {printable(str(path))}")
 
