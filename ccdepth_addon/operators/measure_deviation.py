@@ -5,6 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Generator
+from contextlib import ExitStack
 from typing import ClassVar
 
 import bpy
@@ -57,11 +58,15 @@ class CCDEPTH_OT_measure(LongOperator):
         settings, color_range = self._settings(), context.scene.ccdepth.deviation_range
         objects = [_still_there(each) for each in answer]
         largest = max(each.proved for each in answer)
+        with ExitStack() as undo:
+            for each, measured in zip(answer, objects, strict=True):
+                try:
+                    deviation_results.write_deviations(measured.data, each, color_range, largest, undo)
+                except WriteError as fault:
+                    raise ComputeError(f"{measured.name}: {fault}") from fault
+            undo.pop_all()
         for each, measured in zip(answer, objects, strict=True):
-            try:
-                deviation_results.write_deviation(measured.data, each, settings, color_range, largest)
-            except WriteError as fault:
-                raise ComputeError(f"{measured.name}: {fault}") from fault
+            deviation_results.write_record(measured.data, each, settings, largest)
             measured_state.remember(measured)
             staleness.note_deviation(measured.data)
         heat_map.synchronise(context)

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from enum import Enum
 
 import bpy
@@ -31,17 +32,22 @@ def verdict(proved: float, reached: float, tolerance: float) -> Verdict:
     return Verdict.NOT_MET if reached > tolerance else Verdict.UNDECIDED
 
 
-def write_deviation(
-    mesh: bpy.types.Mesh, answer: MeshDeviation, settings: MeasureSettings, color_range: str, largest_shown: float
+def write_deviations(
+    mesh: bpy.types.Mesh, answer: MeshDeviation, color_range: str, largest_shown: float, undo: ExitStack
 ) -> None:
-    """Write the answer to its mesh: attribute, colours, and record.
+    """Write the answer to its mesh as attributes: deviations and colours.
 
     color_range: what the colours stand for, by name. largest_shown: the largest deviation of all meshes measured
-    together. Raises WriteError, with nothing changed, when Blender does not keep them.
+    together. undo: when it is closed, the mesh has its old attributes again. Raises WriteError, with nothing changed,
+    when Blender does not keep them.
     """
     values = results.rounded_up(answer.deviations)
     colors = _colors(values, _top(color_range, answer.tolerance, largest_shown))
-    write_face_values(mesh, {DEVIATION_KIND: values, COLOR_KIND: colors})
+    write_face_values(mesh, {DEVIATION_KIND: values, COLOR_KIND: colors}, undo)
+
+
+def write_record(mesh: bpy.types.Mesh, answer: MeshDeviation, settings: MeasureSettings, largest_shown: float) -> None:
+    """Write the record of the answer to its mesh, which has the attributes."""
     record = mesh.ccdepth
     record.has_deviation = record.shows_deviation = True
     record.deviation = _rounded_up(answer.proved)
@@ -55,7 +61,7 @@ def write_deviation(
     found.accuracy, found.accuracy_met = settings.accuracy, answer.accuracy_met
     found.use_modifiers = settings.use_modifiers
     found.version = version()
-    found.faces = len(values)
+    found.faces = len(answer.deviations)
     found.worst_face = answer.worst_face
     found.worst_point = answer.worst_point
     found.largest_shown = _rounded_up(largest_shown)

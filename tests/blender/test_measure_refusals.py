@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from tests import meshes
-from tests.blender import addon, scene
+from tests.blender import addon, scene, snapshot
 from tests.blender.test_bad_input import linked_suzanne
 
 
@@ -276,3 +276,26 @@ def test_other_settings_are_noticed(name: str, value: object) -> None:
     other, _ = measured()
     setattr(bpy.context.scene.ccdepth, name, value)
     assert stale_line(other) == "Out of date: settings changed"
+
+
+def test_deviations_that_are_not_kept_on_a_later_mesh_leave_all_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Blender drops the values of the second of two meshes that are measured together."""
+    first, second, target = (scene.add_object(meshes.cube(), name) for name in ("First", "Second", "Target"))
+    module = addon.module("exchange.bulk_writing")
+    colors = []
+
+    def forget(items: object, name: str, values: np.ndarray, _step: float) -> None:
+        if name == "color":
+            colors.append(name)
+        if len(colors) == 2:
+            raise module.WriteError("Blender did not keep what was written to the mesh")
+        items.foreach_set(name, values.ravel())
+
+    monkeypatch.setattr(module, "write_values", forget)
+    addon.select(first, second, target)
+    before = snapshot.take()
+    with pytest.raises(RuntimeError, match="Blender did not keep what was written"):
+        bpy.ops.ccdepth.measure(tolerance=1.0, tolerance_mode="ABSOLUTE")
+    assert len(colors) == 2
+    assert addon.is_untouched([first, second, target])
+    assert snapshot.differences(before, snapshot.take()) == []

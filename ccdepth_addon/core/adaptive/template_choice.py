@@ -15,8 +15,7 @@ import numpy as np
 
 from ..arrays.chunks import chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import selected_vectors
-from ..bounds.norms import squared_norms
+from ..arrays.vectors import selected_vectors, squared_norms
 from .leaf_approximation import LeafApproximation
 from .leaf_bounds.polygon_bounds import is_folded
 from .leaf_bounds.triangle_bounds import ErrorBounds

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.types import FloatArray, IndexArray
-from ..bounds.norms import squared_norms
+from ..arrays.vectors import squared_norms
 
 BRANCHES = 8
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ..arrays.chunks import chunks, index_chunks
 from ..arrays.types import FloatArray, IndexArray
-from ..bounds.norms import squared_norms
+from ..arrays.vectors import squared_norms
 from .bezier_pieces import CORNERS, BezierPieces, bilinear_pieces
 from .box_tree import BoxTree
 from .columns import NONE, columns

@@ -9,7 +9,7 @@ import numpy as np
 
 from ..arrays.chunks import index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..bounds.norms import squared_norms
+from ..arrays.vectors import squared_norms
 from .bezier_pieces import CORNERS, BezierPieces
 from .covering_triangles import over_triangles
 from .findings import Findings

@@ -16,8 +16,7 @@ import numpy as np
 from ...arrays.chunks import chunks
 from ...arrays.matrix_products import matrix_product
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ...arrays.vectors import selected_vectors, transformed_nets
-from ...bounds.norms import squared_norms
+from ...arrays.vectors import selected_vectors, squared_norms, transformed_nets
 from ..templates import PLAIN, Triangle
 from .triangle_bounds import (
     WHOLE_QUAD,

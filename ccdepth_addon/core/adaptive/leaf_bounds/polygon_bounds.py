@@ -23,8 +23,7 @@ import numpy as np
 
 from ...arrays.matrix_products import matrix_product
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ...arrays.vectors import cross_products, dot_products
-from ...bounds.norms import squared_norms
+from ...arrays.vectors import cross_products, dot_products, squared_norms
 from ..templates import templates
 
 # Rounding of a thickness, in parts of the vertices' distance from the centroid: 16 roundings or less. It matters where

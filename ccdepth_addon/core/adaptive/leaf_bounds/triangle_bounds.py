@@ -36,9 +36,9 @@ import numpy as np
 
 from ...arrays.chunks import chunks
 from ...arrays.types import FloatArray, IndexArray
-from ...arrays.vectors import selected_vectors, squared_dots, transformed_nets
+from ...arrays.vectors import selected_vectors, squared_dots, squared_norms, transformed_nets
 from ...bounds.norm_bounds import certified_limit_factor
-from ...bounds.norms import second_differences, squared_norms
+from ...bounds.norms import second_differences
 from ...surface.bicubic import SPLINE_TO_BERNSTEIN, bilinear_coefficients, tensor
 from ...surface.stencils import patch_stencils
 from ..templates import QUAD_POINTS, Triangle, templates

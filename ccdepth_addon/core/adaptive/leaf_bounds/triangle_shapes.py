@@ -6,8 +6,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...arrays.types import FloatArray
-from ...arrays.vectors import cross_products, dot_products
-from ...bounds.norms import squared_norms
+from ...arrays.vectors import cross_products, dot_products, squared_norms
 from ..templates import Template
 
 
