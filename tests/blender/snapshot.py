@@ -237,7 +237,8 @@ def mesh_paths(mesh: bpy.types.Mesh) -> Iterator[tuple[Path, Any]]:
             yield from mesh_content(scratch)
         finally:
             bpy.data.meshes.remove(scratch)
-        yield ("select history",), [(type(item).__name__, item.index) for item in edited.select_history]
+        # Through a list, as Python 3.13's comprehensions reject the iterator of Blender 4.3.
+        yield ("select history",), [(type(item).__name__, item.index) for item in list(edited.select_history)]
     attributes = mesh.attributes
     active = attributes.active
     yield ("active attribute",), active and active.name
