@@ -28,6 +28,7 @@ class AdaptiveOperator(LongOperator):
         """Leave Edit Mode and read the objects: yields the stage, and returns the tasks. Raises ComputeError."""
         objects = selected_meshes(context)
         refuse(objects, lambda obj: hidden_fault(obj) or self.object_fault(obj) or name_fault(obj))
+        self._goes_on_editing = context.mode == "EDIT_MESH"
         self._edited = edit_mode.leave(context)
         return (yield from prepare_adaptive(context, objects, self.settings()))
 

@@ -45,7 +45,7 @@ class CCDEPTH_OT_subdivide(AdaptiveOperator):
 
     def finish(self, context: bpy.types.Context, answer: list[Made]) -> set[str]:
         objects = place_meshes(context, answer, self.settings(), in_place=self.output == "IN_PLACE")
-        if self._edited:
+        if self._goes_on_editing:
             self._edited = [placed.session_uid for placed in objects]
         skipped = without_mesh_text(context)
         if skipped:

@@ -9,13 +9,16 @@ import bpy
 
 
 def leave(context: bpy.types.Context) -> list[int]:
-    """Leave the Edit Mode of meshes, if it is on; returns the session identifiers of the edited objects."""
-    if context.mode != "EDIT_MESH":
-        return []
+    """Leave the Edit Mode of meshes, if it is on; returns the session identifiers of the edited objects.
+
+    It can be on without the active object: with Lock Object Modes off, another may become the active one meanwhile.
+    """
+    layer = context.view_layer
     # Blender's own list lacks hidden ones.
-    edited = [each.session_uid for each in context.view_layer.objects if each.mode == "EDIT"]
-    bpy.ops.object.mode_set(mode="OBJECT")
-    return edited
+    edited = [each for each in layer.objects if each.type == "MESH" and each.mode == "EDIT"]
+    if edited:
+        _set_mode(layer, edited, "OBJECT")
+    return [each.session_uid for each in edited]
 
 
 def enter(context: bpy.types.Context, uids: Iterable[int]) -> None:
@@ -38,10 +41,17 @@ def enter(context: bpy.types.Context, uids: Iterable[int]) -> None:
     selected = {each: each.select_get() for each in layer.objects}
     for each in selected:
         each.select_set(each in edited)
-    if layer.objects.active not in edited:
-        layer.objects.active = edited[0]
-    bpy.ops.object.mode_set(mode="EDIT")
+    _set_mode(layer, edited, "EDIT")
     for each, was_selected in selected.items():
         each.select_set(was_selected)
     for each in hidden:
         each.hide_set(True)
+
+
+def _set_mode(layer: bpy.types.ViewLayer, objects: list[bpy.types.Object], mode: str) -> None:
+    """Set the mode of objects that are in one mode; the active object stays the active one."""
+    active = layer.objects.active
+    if active not in objects:
+        layer.objects.active = objects[0]
+    bpy.ops.object.mode_set(mode=mode)
+    layer.objects.active = active

@@ -57,3 +57,30 @@ def test_objects_that_are_hidden_while_they_are_edited() -> None:
     assert user.select_get()
     hidden.hide_set(False)
     bpy.ops.object.mode_set(mode="OBJECT")
+
+
+@pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
+@pytest.mark.parametrize("hidden", [False, True])
+def test_an_object_that_is_edited_while_another_is_active(output: str, hidden: bool) -> None:
+    """With Lock Object Modes off, another object may become the active one while one is edited."""
+    edited, active = (scene.add_object(meshes.cube(), text) for text in ("Edited", "Active"))
+    other_user = scene.add_mesh(edited.data)
+    edited.data.attributes.new("Paint", "FLOAT_COLOR", "POINT")
+    edited.data.attributes.active_color_name = "Paint"
+    addon.select(edited)
+    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.context.view_layer.objects.active = active
+    active.select_set(True)
+    if hidden:
+        other_user.select_set(True)
+        edited.hide_set(True)
+    assert bpy.ops.ccdepth.subdivide(tolerance=0.5, tolerance_mode="ABSOLUTE", output=output) == {"FINISHED"}
+    user = other_user if hidden else edited
+    result = user if output == "IN_PLACE" else bpy.data.objects[f"{user.name} Adaptive"]
+    assert "Paint" in result.data.attributes
+    assert result.data.attributes.active_color_name == "Paint"
+    assert edited.mode == "EDIT"
+    assert [each.name for each in bpy.data.objects if each.mode == "EDIT"] == ["Edited"]
+    edited.hide_set(False)
+    bpy.context.view_layer.objects.active = edited
+    bpy.ops.object.mode_set(mode="OBJECT")
