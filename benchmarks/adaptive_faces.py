@@ -37,7 +37,6 @@ from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes
 from tests.blender import scene
 from tests.blender.named_meshes import NAMED
-from tests.steps import result_of
 
 RELATIVE_TOLERANCES = (1e-2, 1e-3, 3e-4)
 MOST_FACES = 3_000_000
@@ -180,8 +179,8 @@ class Made:
 def make(mesh: PolygonMesh, limit: float, mode: Mode) -> Made:
     start = perf_counter()
     try:
-        found = result_of(
-            subdivide_adaptively(mesh, AdaptiveRequest(limit, mode, Transitions.TRIANGLES, MOST_FACES), mesh.positions)
+        found = subdivide_adaptively(
+            mesh, AdaptiveRequest(limit, mode, Transitions.TRIANGLES, MOST_FACES), mesh.positions
         )
     except TooManyFacesError:
         return Made(-1, -1, -1, -1, perf_counter() - start)

@@ -35,7 +35,6 @@ from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests.blender import scene
-from tests.steps import result_of
 
 OPERATOR = "Apply Adaptive Subdivision"
 
@@ -97,7 +96,7 @@ def _heights(surface: FloatArray, triangles: FloatArray) -> FloatArray:
 
 def subdivide(mesh: PolygonMesh, limit: float) -> AdaptiveMesh:
     request = AdaptiveRequest(limit, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
-    return result_of(subdivide_adaptively(mesh, request, mesh.positions))
+    return subdivide_adaptively(mesh, request, mesh.positions)
 
 
 def modifier(base: bpy.types.Object, level: int) -> float:

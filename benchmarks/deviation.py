@@ -29,7 +29,6 @@ from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.blender import scene
 from tests.blender.named_meshes import NAMED
-from tests.steps import result_of
 
 ACCURACY = 0.05
 RELATIVE_TOLERANCES = (1e-2, 1e-3)
@@ -88,7 +87,7 @@ def subdivided(
 def adaptive(control: PolygonMesh, relative: float) -> tuple[FloatArray, IndexArray]:
     diagonal = float(np.linalg.norm(np.ptp(control.positions, axis=0)))
     request = AdaptiveRequest(relative * diagonal, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
-    made = result_of(subdivide_adaptively(control, request, control.positions)).mesh
+    made = subdivide_adaptively(control, request, control.positions).mesh
     scene.clear()
     sizes = np.diff(made.face_starts).astype(np.intp)
     return triangles_of(

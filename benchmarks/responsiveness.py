@@ -5,8 +5,8 @@ xvfb-run blender --factory-startup --python benchmarks/responsiveness.py -- [CAS
 
 CASE: DEPTH (a million quads, Compute Depth), ADAPTIVE (126,000 quads to a million faces), CREASES (31,488 quads, a
 tenth of their edges creased by up to 0.3, adaptive); all by default. The operators run as from their buttons, with
-progress and Esc. The 3D view makes room for another editor first, as drawing a million faces without a graphics card takes
-seconds.
+progress and Esc. The 3D view makes room for another editor first, as drawing a million faces takes seconds without a
+graphics card.
 """
 
 from __future__ import annotations

@@ -28,16 +28,16 @@ from .depth.face_depths import (
     VERTICES,
     DepthResult,
     ToleranceError,
+    check_input,
     check_tolerance,
     face_depths,
-    face_depths_stepwise,
-    scaled,
-    uniform_level_stepwise,
+    uniform_level,
 )
 from .depth.modifier_quality import needed_quality
 from .deviation import Deviation, measure_deviation
 from .mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from .mesh.validation import InvalidMeshError, validate
+from .progress import Progress, no_report, part_of
 from .surface.evaluation import limit_values
 from .surface.limit_normals import limit_normals
 from .surface.sharpness import apply_boundary_rule, crease_to_sharpness
@@ -57,6 +57,7 @@ __all__ = [
     "InvalidMeshError",
     "Mode",
     "PolygonMesh",
+    "Progress",
     "ShortIndexArray",
     "SubdividedMesh",
     "SurfacePoints",
@@ -66,11 +67,11 @@ __all__ = [
     "apply_boundary_rule",
     "at_corners",
     "at_vertices",
+    "check_input",
     "check_tolerance",
     "count_faces",
     "crease_to_sharpness",
     "face_depths",
-    "face_depths_stepwise",
     "face_varying_surface",
     "interpolated",
     "interpolated_at_vertices",
@@ -80,14 +81,15 @@ __all__ = [
     "measure_deviation",
     "nearest_vertices",
     "needed_quality",
+    "no_report",
+    "part_of",
     "polygon_mesh",
     "rounding_allowance",
-    "scaled",
     "smallest_step",
     "split_transformations",
     "subdivide_adaptively",
     "to_quaternions",
     "to_rotation_vectors",
-    "uniform_level_stepwise",
+    "uniform_level",
     "validate",
 ]

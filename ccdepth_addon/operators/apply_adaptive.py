@@ -9,7 +9,7 @@ import bpy
 
 from ..exchange.control_mesh import applied_modifiers, subdivision_modifier
 from ..state import properties
-from ..tasks.adaptive_task import AdaptiveTask, subdivide_stepwise
+from ..tasks.adaptive_task import AdaptiveTask, subdivide
 from ..tasks.stepwise import Stage
 from ..ui.printable import printable
 from .adaptive_objects import Made, make_meshes, place_meshes
@@ -29,19 +29,20 @@ class CCDEPTH_OT_subdivide(AdaptiveOperator):
     output: properties.output_property()
     exact_normals: properties.exact_normals_property()
 
-    def start(self, context: bpy.types.Context) -> Generator[Stage | int, None, list[Made]]:
+    def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, list[Made]]:
         tasks = yield from self.prepared(context)
         self._notes = [note for task in tasks for note in _notes(task, self.use_modifiers)]
-        answers = yield from subdivide_stepwise(tasks, self.settings())
-        return (yield from make_meshes(context, answers, self.settings(), exact_normals=self.exact_normals))
+        settings = self.settings()
+        answers = yield from self.computed(lambda progress: subdivide(tasks, settings, progress))
+        return (yield from make_meshes(context, answers, settings, exact_normals=self.exact_normals))
 
     def object_fault(self, blender_object: bpy.types.Object) -> str | None:
         if self.output == "IN_PLACE" and blender_object.override_library is not None:
             return "the object is a library override; choose New Object, or make it local first"
         return super().object_fault(blender_object)
 
-    def progress_text(self, progress: int) -> str:
-        return f"Subdividing: {progress:,} faces so far"
+    def progress_text(self, progress: float) -> str:
+        return f"Subdividing: {progress:,.0f} faces so far"
 
     def finish(self, context: bpy.types.Context, answer: list[Made]) -> set[str]:
         objects = place_meshes(context, answer, self.settings(), in_place=self.output == "IN_PLACE")

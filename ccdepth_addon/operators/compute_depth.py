@@ -12,7 +12,7 @@ from ..core import needed_quality
 from ..exchange.bulk_writing import WriteError
 from ..exchange.control_mesh import mesh_face_count, subdivision_modifier
 from ..state import fingerprint, properties, results, staleness
-from ..tasks.depth_task import DepthSettings, MeshDepths, compute_stepwise, prepare_stepwise
+from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
 from ..tasks.stepwise import Stage
 from ..tasks.surfaces import ComputeError, as_typed
 from ..ui import heat_map
@@ -35,8 +35,8 @@ class CCDEPTH_OT_compute(LongOperator):
     def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, list[MeshDepths]]:
         objects = selected_meshes(context)
         refuse_what_cannot_be_written(objects)
-        tasks = yield from prepare_stepwise(context, objects, self._settings())
-        return (yield from compute_stepwise(tasks))
+        tasks = yield from prepare_depths(context, objects, self._settings())
+        return (yield from self.computed(lambda progress: compute_depths(tasks, progress)))
 
     def progress_text(self, progress: float) -> str:
         return f"Computing depth: {progress:.0%}"

@@ -7,7 +7,7 @@ from typing import ClassVar
 import bpy
 
 from ..state import face_counts, viewports
-from ..tasks.adaptive_task import AdaptiveTask, FaceCount, count_stepwise, too_many_text
+from ..tasks.adaptive_task import AdaptiveTask, FaceCount, count_results, too_many_text
 from ..tasks.stepwise import Stage
 from ..ui.printable import printable
 from .adaptive_operator import AdaptiveOperator
@@ -23,12 +23,13 @@ class CCDEPTH_OT_count_faces(AdaptiveOperator):
 
     def start(
         self, context: bpy.types.Context
-    ) -> Generator[Stage | int, None, tuple[list[AdaptiveTask], list[FaceCount]]]:
+    ) -> Generator[Stage | float, None, tuple[list[AdaptiveTask], list[FaceCount]]]:
         tasks = yield from self.prepared(context)
-        return tasks, (yield from count_stepwise(tasks, self.settings()))
+        settings = self.settings()
+        return tasks, (yield from self.computed(lambda progress: count_results(tasks, settings, progress)))
 
-    def progress_text(self, progress: int) -> str:
-        return f"Counting faces: {progress:,} so far"
+    def progress_text(self, progress: float) -> str:
+        return f"Counting faces: {progress:,.0f} so far"
 
     def finish(self, context: bpy.types.Context, answer: tuple[list[AdaptiveTask], list[FaceCount]]) -> set[str]:
         tasks, counts = answer

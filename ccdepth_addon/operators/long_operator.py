@@ -4,22 +4,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-from typing import Any, ClassVar
+from collections.abc import Callable, Generator
+from typing import Any, ClassVar, TypeVar
 
 import bpy
 import numpy as np
 from bpy.props import FloatProperty
 
+from ..core import Progress
 from ..state import properties
 from ..tasks.stepwise import Stage, Stepwise
 from ..tasks.surfaces import ComputeError
 from ..ui.printable import printable_lines
+from . import worker
 from .selected_meshes import poll_meshes
 
-# Seconds of work before Blender handles events: at the start, and at each tick of the timer.
-PATIENCE_AT_START = 0.5
-PATIENCE_AT_EACH_TICK = 0.1
+Answer = TypeVar("Answer")
+
+# Seconds of work before Blender handles events: at the start, and at each tick of the timer. While a thread computes, a
+# tick lasts no longer than one look at it.
+PATIENCE_AT_START = 0.2
+PATIENCE_AT_EACH_TICK = worker.SECONDS_TO_WAIT
 SECONDS_BETWEEN_TICKS = 0.01
 
 # While it runs, the view may be moved.
@@ -29,14 +34,13 @@ NAVIGATION_EVENTS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MOUSEMOVE
 class LongOperator(bpy.types.Operator):
     """An operator that works in steps: at once from a script; from the window with progress, and Esc cancels it.
 
+    Steps read and write Blender's data; what is computed in between runs in a thread, so that the window stays free.
+
     Settings that the caller does not set come from the scene, which has them under the same names.
     """
 
     # Beside the tolerance itself.
     SETTINGS: ClassVar[tuple[str, ...]] = ("tolerance_mode", "use_modifiers")
-
-    # Seconds of work at each tick of the timer.
-    PATIENCE: ClassVar[float] = PATIENCE_AT_EACH_TICK
 
     # None unless it runs: Blender keeps operators that have run, and would keep their work with them.
     _run: Stepwise[Any, Any] | None = None
@@ -64,6 +68,15 @@ class LongOperator(bpy.types.Operator):
     def start(self, context: bpy.types.Context) -> Generator[Any, None, Any]:
         """Read the objects, and return the work as steps that yield its progress. Raises ComputeError."""
         raise NotImplementedError
+
+    def computed(self, work: Callable[[Progress], Answer]) -> Generator[float, None, Answer]:
+        """Do work that needs nothing of Blender, as steps that yield its progress. Raises what it raises, and
+        ComputeError where it was stopped."""
+        run = worker.in_thread if self.options.is_invoke and not bpy.app.background else worker.at_once
+        try:
+            return (yield from run(work))
+        except worker.Cancelled as stopped:
+            raise ComputeError(f"{self.bl_label} was stopped, and nothing was changed") from stopped
 
     def finish(self, context: bpy.types.Context, answer: Any) -> set[str]:
         """Write the answer, all of it or nothing. Raises ComputeError."""
@@ -94,7 +107,7 @@ class LongOperator(bpy.types.Operator):
             return {"CANCELLED"}
         if event.type == "TIMER":
             try:
-                ended = self._go_on(context, self.PATIENCE)
+                ended = self._go_on(context, PATIENCE_AT_EACH_TICK)
             except BaseException:
                 self._stop_waiting(context)
                 raise

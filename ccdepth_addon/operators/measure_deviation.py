@@ -15,12 +15,11 @@ from ..exchange.bulk_writing import WriteError
 from ..exchange.control_mesh import mesh_face_count
 from ..state import deviation_results, measured_state, properties, staleness
 from ..state.deviation_results import Verdict
-from ..tasks.deviation_task import MeasureSettings, MeasureTask, MeshDeviation, measure, prepare_measurement
+from ..tasks.deviation_task import MeasureSettings, MeshDeviation, measure, prepare_measurement
 from ..tasks.surfaces import ComputeError, as_typed
 from ..ui import heat_map
 from ..ui.lengths import Rounding, length_text
 from ..ui.printable import printable
-from . import worker
 from .long_operator import LongOperator
 from .selected_meshes import refuse_what_cannot_be_written, selected_meshes, without_mesh_text
 
@@ -36,9 +35,6 @@ class CCDEPTH_OT_measure(LongOperator):
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
     SETTINGS: ClassVar[tuple[str, ...]] = ("tolerance_mode", "accuracy", "time_limit", "use_modifiers")
 
-    # The work runs in a thread, and leaves nearly all the time of this one to the window.
-    PATIENCE: ClassVar[float] = worker.SECONDS_TO_WAIT
-
     accuracy: properties.accuracy_property()
     time_limit: properties.time_limit_property()
 
@@ -48,8 +44,10 @@ class CCDEPTH_OT_measure(LongOperator):
         settings = self._settings()
         task = prepare_measurement(context, objects, target, settings)
         self._is_own = task.own
-        waiting = self.options.is_invoke and not bpy.app.background
-        return _measured(task, settings, in_thread=waiting)
+        try:
+            return (yield from self.computed(lambda progress: measure(task, settings, progress)))
+        except InvalidMeshError as fault:
+            raise ComputeError(f"{task.surface.object_name}: {fault}") from fault
 
     def progress_text(self, progress: float) -> str:
         return f"Measuring deviation: {progress:.0%}"
@@ -107,18 +105,6 @@ def _target_and_measured(context: bpy.types.Context) -> tuple[bpy.types.Object, 
             "surface the others are to be measured"
         )
     return target, [each for each in objects if each != target]
-
-
-def _measured(
-    task: MeasureTask, settings: MeasureSettings, *, in_thread: bool
-) -> Generator[float, None, list[MeshDeviation]]:
-    run = worker.in_thread if in_thread else worker.at_once
-    try:
-        return (yield from run(lambda progress: measure(task, settings, progress)))
-    except InvalidMeshError as fault:
-        raise ComputeError(f"{task.surface.object_name}: {fault}") from fault
-    except worker.Cancelled as stopped:
-        raise ComputeError("The measuring was stopped, and nothing was changed") from stopped
 
 
 def _still_there(answer: MeshDeviation) -> bpy.types.Object:

@@ -21,10 +21,12 @@ from ..core import (
     AdaptiveRequest,
     FloatArray,
     Mode,
+    Progress,
     TooManyFacesError,
     Transitions,
     check_tolerance,
     count_faces,
+    no_report,
     rounding_allowance,
     smallest_step,
     subdivide_adaptively,
@@ -250,52 +252,53 @@ def _mixing_steps(keys: bpy.types.Key | None) -> float:
     return 2 * (1 + 6 * values + len(keys.key_blocks) * (1 + 2 * values))
 
 
-def subdivide_stepwise(
-    tasks: list[AdaptiveTask], settings: AdaptiveSettings
-) -> Generator[int, None, list[AdaptiveResult]]:
-    """Make every mesh in small steps: yields about how many faces there are so far. Raises ComputeError when they
-    become too many."""
+def subdivide(
+    tasks: list[AdaptiveTask], settings: AdaptiveSettings, progress: Progress = no_report
+) -> list[AdaptiveResult]:
+    """Make every mesh, as arrays, without Blender: it may run in a thread.
+
+    progress: is told about how many faces there are so far, and may raise to stop. Raises ComputeError when they become
+    too many.
+    """
     answers: list[AdaptiveResult] = []
     made = 0
     for task in tasks:
         control = task.control
         request = task.request(settings, task.surface.tolerance, settings.max_faces - made)
         try:
-            adaptive = yield from _raised(subdivide_adaptively(control.in_world, request, control.mesh.positions), made)
+            told = _after(made, progress)
+            adaptive = subdivide_adaptively(control.in_world, request, control.mesh.positions, told)
             _refuse_too_many(len(adaptive.mesh.base_faces), request)
         except TooManyFacesError as fault:
-            fitting = yield from _fitting_tolerance(tasks, settings, fault.tolerance / _unit(task, settings))
+            fitting = _fitting_tolerance(tasks, settings, fault.tolerance / _unit(task, settings), progress)
             raise ComputeError(too_many_text(tasks, FaceCount(made + fault.faces, fitting), settings)) from fault
         answers.append(AdaptiveResult(task, adaptive))
         made += len(adaptive.mesh.base_faces)
     return answers
 
 
-def count_stepwise(tasks: list[AdaptiveTask], settings: AdaptiveSettings) -> Generator[int, None, list[FaceCount]]:
-    """How many faces every mesh would have, in small steps like ``subdivide_stepwise``."""
+def count_results(
+    tasks: list[AdaptiveTask], settings: AdaptiveSettings, progress: Progress = no_report
+) -> list[FaceCount]:
+    """How many faces every mesh would have. progress: as of ``subdivide``."""
     counts: list[int] = []
     start = settings.tolerance
     for task in tasks:
         request = task.request(settings, task.surface.tolerance, settings.max_faces)
         try:
-            counts.append((yield from _raised(count_faces(task.control.in_world, request), sum(counts))))
+            counts.append(count_faces(task.control.in_world, request, _after(sum(counts), progress)))
         except TooManyFacesError as fault:
             counts.append(fault.faces)
             start = max(start, fault.tolerance / _unit(task, settings))
     if sum(counts) <= settings.max_faces:
         return [FaceCount(faces, None) for faces in counts]
-    fitting = yield from _fitting_tolerance(tasks, settings, start)
+    fitting = _fitting_tolerance(tasks, settings, start, progress)
     return [FaceCount(sum(counts), fitting)] * len(tasks)
 
 
-def _raised(steps: Generator[int, None, Any], by: int) -> Generator[int, None, Any]:
-    """The same steps, with a number added to what they yield."""
-    while True:
-        try:
-            number = next(steps)
-        except StopIteration as finished:
-            return finished.value
-        yield by + number
+def _after(faces: int, progress: Progress) -> Progress:
+    """The progress of a mesh made after so many faces."""
+    return lambda so_far: progress(faces + so_far)
 
 
 def _refuse_too_many(faces: int, request: AdaptiveRequest) -> None:
@@ -310,31 +313,31 @@ def _unit(task: AdaptiveTask, settings: AdaptiveSettings) -> float:
 
 
 def _fitting_tolerance(
-    tasks: list[AdaptiveTask], settings: AdaptiveSettings, start: float
-) -> Generator[int, None, float]:
+    tasks: list[AdaptiveTask], settings: AdaptiveSettings, start: float, progress: Progress
+) -> float:
     """A tolerance, as it is typed, with which the results together do not have too many faces; inf if there is none.
 
     start: where to begin to look. It is tried out, so it fits. Results that are coarse are counted first and then finer
     ones, until one has too many faces or nearly as many as there may be: counting takes as long as there are faces.
     """
     coarsest = max(task.control.diagonal() / _unit(task, settings) for task in tasks) * WITHOUT_SPLITS
-    if (yield from _count(tasks, settings, coarsest, settings.max_faces)) is None:
+    if _count(tasks, settings, coarsest, settings.max_faces, progress) is None:
         return float("inf")
     control_faces = sum(task.control.mesh.face_count for task in tasks)
     start = max(start, settings.tolerance) if np.isfinite(start) else settings.tolerance
     tried = min(settings.max_faces, max(FACES_TRIED, CONTROL_FACES_TRIED * control_faces))
     fitting = start * FIRST_TRY * settings.max_faces / tried
-    while (faces := (yield from _count(tasks, settings, fitting, tried))) is None:
+    while (faces := _count(tasks, settings, fitting, tried, progress)) is None:
         fitting *= NEXT_TRY
     while True:
         # As many more faces as the tolerance is finer, where most is flat.
         finer = max(settings.tolerance, fitting / LARGEST_STEP, NEXT_TRY * fitting * faces / settings.max_faces)
         if finer * NEXT_TRY >= fitting:
             break
-        counted = yield from _count(tasks, settings, finer, settings.max_faces)
+        counted = _count(tasks, settings, finer, settings.max_faces, progress)
         if counted is None:
             halfway = float(np.sqrt(finer * fitting))
-            counted = yield from _count(tasks, settings, halfway, settings.max_faces)
+            counted = _count(tasks, settings, halfway, settings.max_faces, progress)
             fitting = fitting if counted is None else halfway
             break
         fitting, faces = finer, counted
@@ -342,8 +345,8 @@ def _fitting_tolerance(
 
 
 def _count(
-    tasks: list[AdaptiveTask], settings: AdaptiveSettings, tolerance: float, most_faces: int
-) -> Generator[int, None, int | None]:
+    tasks: list[AdaptiveTask], settings: AdaptiveSettings, tolerance: float, most_faces: int, progress: Progress
+) -> int | None:
     """How many faces the results would have together with another tolerance, as it is typed to two digits; None when
     they are too many."""
     counted = 0
@@ -351,7 +354,7 @@ def _count(
         length = _with_two_digits(tolerance) * _unit(task, settings)
         request = task.request(settings, length, most_faces - counted)
         try:
-            counted += yield from count_faces(task.control.in_world, request)
+            counted += count_faces(task.control.in_world, request, _after(counted, progress))
         except TooManyFacesError:
             return None
         if counted > most_faces:

@@ -18,10 +18,13 @@ from ..core import (
     BoolArray,
     DepthResult,
     FloatArray,
-    face_depths_stepwise,
+    Progress,
+    check_input,
+    face_depths,
     needed_quality,
-    scaled,
-    uniform_level_stepwise,
+    no_report,
+    part_of,
+    uniform_level,
 )
 from ..exchange.control_mesh import (
     NO_ORIGIN,
@@ -53,21 +56,25 @@ class DepthSettings(SurfaceSettings):
 
 @dataclass(frozen=True)
 class Measurement:
-    """The computation of a surface's depths, begun."""
+    """A surface whose depths are to be computed; mesh and tolerance have been checked."""
 
     surface: Surface
     settings: DepthSettings
-    steps: Generator[float, None, DepthResult]
 
     @property
     def face_count(self) -> int:
         """Of the control mesh."""
         return self.surface.control.mesh.face_count
 
-    def level_stepwise(self, result: DepthResult, least: int) -> Generator[float, None, int]:
-        """The first level, from one on, at which all its faces are within the tolerance, in small steps."""
+    def depths(self, progress: Progress) -> DepthResult:
+        """The depths of its faces."""
         mesh, tolerance, settings = self.surface.control.in_world, self.surface.tolerance, self.settings
-        return uniform_level_stepwise(mesh, tolerance, settings.method, settings.vertices, result.depths, least)
+        return face_depths(mesh, tolerance, settings.method, settings.vertices, progress, is_checked=True)
+
+    def level(self, result: DepthResult, least: int, progress: Progress) -> int:
+        """The first level, from one on, at which all its faces are within the tolerance."""
+        mesh, tolerance, settings = self.surface.control.in_world, self.surface.tolerance, self.settings
+        return uniform_level(mesh, tolerance, settings.method, settings.vertices, result.depths, least, progress)
 
     def quality(self, level: int) -> int:
         """The Quality that Use Limit Surface needs at a level, 0 for control vertices."""
@@ -130,10 +137,10 @@ class MeshDepths:
         return self.control_faces if self.uniform_level == 0 else self.control_corners * 4 ** (self.uniform_level - 1)
 
 
-def prepare_stepwise(
+def prepare_depths(
     context: bpy.types.Context, objects: Sequence[bpy.types.Object], settings: DepthSettings
 ) -> Generator[Stage, None, list[MeshTask]]:
-    """Read the objects' meshes, decide what to compute, and begin with it, which finds bad input.
+    """Read the objects' meshes, decide what to compute, and check it.
 
     Yields the stage, and returns the tasks. Raises ComputeError, naming every object at fault.
     """
@@ -162,7 +169,8 @@ def prepare_stepwise(
     for uid, task in tasks.items():
         for surface in _undominated(surfaces[uid]):
             with faults.of(surface.object_name):
-                task.measurements.append(_begin(surface, settings))
+                check_input(surface.control.in_world, surface.tolerance)
+                task.measurements.append(Measurement(surface, settings))
     faults.refuse()
     return list(tasks.values())
 
@@ -171,13 +179,6 @@ def _new_task(blender_object: bpy.types.Object) -> MeshTask:
     mesh = blender_object.data
     with own_mesh(blender_object) as own:
         return MeshTask(mesh.session_uid, mesh_face_count(mesh), geometry_checksum(own))
-
-
-def _begin(surface: Surface, settings: DepthSettings) -> Measurement:
-    steps = face_depths_stepwise(surface.control.in_world, surface.tolerance, settings.method, settings.vertices)
-    # The first step checks the mesh and the tolerance.
-    next(steps)
-    return Measurement(surface, settings, steps)
 
 
 def _undominated(surfaces: list[Surface]) -> list[Surface]:
@@ -192,8 +193,11 @@ def _undominated(surfaces: list[Surface]) -> list[Surface]:
     return [group[kept] for group in alike.values() for kept in undominated(group)]
 
 
-def compute_stepwise(tasks: list[MeshTask]) -> Generator[float, None, list[MeshDepths]]:
-    """Measure every surface in small steps: yields the fraction done, and returns the answers at the end."""
+def compute_depths(tasks: list[MeshTask], progress: Progress = no_report) -> list[MeshDepths]:
+    """Measure every surface, without Blender: it may run in a thread.
+
+    progress: is told the fraction done, which only rises, and may raise to stop.
+    """
     total = sum(measurement.face_count for task in tasks for measurement in task.measurements)
     begun = 0.0
     answers = []
@@ -202,26 +206,26 @@ def compute_stepwise(tasks: list[MeshTask]) -> Generator[float, None, list[MeshD
         results = []
         for measurement in task.measurements:
             share = DEPTHS_SHARE * measurement.face_count / total
-            result = yield from scaled(measurement.steps, begun, share)
+            result = measurement.depths(part_of(progress, begun, share))
             answer.include(measurement.surface.control, result)
             results.append(result)
             begun += share
         share = (1 - DEPTHS_SHARE) * sum(measurement.face_count for measurement in task.measurements) / total
-        level = yield from scaled(_common_level(task.measurements, results), begun, share)
+        level = _common_level(task.measurements, results, part_of(progress, begun, share))
         begun += share
         answers.append(answer.finished(level))
     return answers
 
 
-def _common_level(measurements: list[Measurement], results: list[DepthResult]) -> Generator[float, None, int]:
-    """The first level at which all faces of all surfaces of a mesh are within the tolerance, in small steps."""
+def _common_level(measurements: list[Measurement], results: list[DepthResult], progress: Progress) -> int:
+    """The first level at which all faces of all surfaces of a mesh are within the tolerance."""
     level = agreed = 0
     begun = 0.0
     while agreed < len(measurements):
         for measurement, result in zip(measurements, results, strict=True):
             # One part is left over for the case that they do not agree.
             share = (1 - begun) / (len(measurements) - agreed + 1)
-            found = yield from scaled(measurement.level_stepwise(result, level), begun, share)
+            found = measurement.level(result, level, part_of(progress, begun, share))
             begun += share
             agreed = agreed + 1 if found == level else 1
             level = found

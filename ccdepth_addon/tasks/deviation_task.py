@@ -7,19 +7,16 @@ one. Nothing here writes to a mesh.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
 
 import bpy
 import numpy as np
 
-from ..core import Deviation, FloatArray, IndexArray, InvalidMeshError, measure_deviation, validate
+from ..core import Deviation, FloatArray, IndexArray, InvalidMeshError, Progress, measure_deviation, part_of, validate
 from ..exchange.control_mesh import NO_ORIGIN, mesh_face_count, read_control_mesh, subdivision_modifier
 from ..exchange.shown_mesh import ShownMesh, read_shown_mesh
 from .surfaces import ComputeError, Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
@@ -133,14 +130,11 @@ def measure(task: MeasureTask, settings: MeasureSettings, progress: Progress) ->
         if settings.time_limit:
             # Time that one leaves unused goes to the others.
             left = max(0.0, until - perf_counter()) / (len(task.measured) - index)
-        answer = _measure_one(task, measured, settings, left, _part_of(progress, index, len(task.measured)))
+        share = 1 / len(task.measured)
+        answer = _measure_one(task, measured, settings, left, part_of(progress, index * share, share))
         known = answers.get(measured.mesh_uid)
         answers[measured.mesh_uid] = answer if known is None else _joined(known, answer)
     return list(answers.values())
-
-
-def _part_of(progress: Progress, index: int, count: int) -> Progress:
-    return lambda fraction: progress((index + fraction) / count)
 
 
 def _measure_one(

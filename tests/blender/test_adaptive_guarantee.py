@@ -29,7 +29,6 @@ from tests.blender import addon, scene
 from tests.blender.measuring import BlenderLevels, part_of, rounding
 from tests.blender.named_meshes import NAMED
 from tests.brute_force import linear_children
-from tests.steps import result_of
 
 FloatArray = NDArray[np.float64]
 
@@ -140,10 +139,10 @@ def drawn(data: meshes.MeshData, tolerance: float, transitions: str, world: Floa
     base = rules.apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
     asked = plan.AdaptiveRequest(tolerance, plan.Mode.ADAPTIVE, templates.Transitions(transitions), MOST_FACES, world)
     positions = base.positions @ np.linalg.inv(world).T
-    found = result_of(adaptive.subdivide_adaptively(base, asked, positions))
+    found = adaptive.subdivide_adaptively(base, asked, positions)
     assert np.all(found.bounds <= tolerance)
     made = found.mesh
-    assert result_of(adaptive.count_faces(base, asked)) == len(made.base_faces)
+    assert adaptive.count_faces(base, asked) == len(made.base_faces)
     mesh = bpy.data.meshes.new("Adaptive")
     faces = np.split(made.corner_vertices, made.face_starts[1:-1])
     mesh.from_pydata(made.positions.tolist(), [], [face.tolist() for face in faces])

@@ -180,16 +180,15 @@ def test_a_change_while_depths_are_being_computed_is_noticed() -> None:
     bpy.context.view_layer.update()
     computation = addon.module("tasks.depth_task")
     settings = computation.DepthSettings(0.01, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
-    run = addon.module("tasks.stepwise").Stepwise(computation.prepare_stepwise(bpy.context, [holder], settings))
+    run = addon.module("tasks.stepwise").Stepwise(computation.prepare_depths(bpy.context, [holder], settings))
     run.work()
     tasks = run.answer
     holder.scale.x = 2.0
     holder.data.vertices[0].co.z += 0.5
     bpy.context.view_layer.update()
-    run = addon.module("tasks.stepwise").Stepwise(computation.compute_stepwise(tasks))
-    run.work()
-    [mesh] = addon.module("operators.compute_depth")._meshes_still_there(run.answer)
-    [answer] = run.answer
+    answers = computation.compute_depths(tasks)
+    [mesh] = addon.module("operators.compute_depth")._meshes_still_there(answers)
+    [answer] = answers
     results = addon.module("state.results")
     with ExitStack() as undo:
         results.write_depths(mesh, answer, 0, answer.deepest, undo)

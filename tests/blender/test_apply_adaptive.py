@@ -236,7 +236,7 @@ def test_edit_mode_stays_when_something_is_refused() -> None:
     ("operator", "module", "name"),
     [
         ("subdivide", "operators.adaptive_operator", "prepare_adaptive"),
-        ("subdivide", "operators.apply_adaptive", "subdivide_stepwise"),
+        ("subdivide", "operators.apply_adaptive", "subdivide"),
         ("subdivide", "operators.apply_adaptive", "make_meshes"),
         ("subdivide", "operators.apply_adaptive", "place_meshes"),
         ("count_faces", "operators.count_faces", "count_text"),
@@ -422,8 +422,12 @@ def test_giving_up_leaves_everything_as_it_was() -> None:
     before = everything_in_the_file()
     settings = subdivision.AdaptiveSettings(1e-5, "RELATIVE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
     tasks = result_of(subdivision.prepare_adaptive(bpy.context, [holder], settings))
-    run = addon.module("tasks.stepwise").Stepwise(subdivision.subdivide_stepwise(tasks, settings))
+    worker = addon.module("operators.worker")
+    run = addon.module("tasks.stepwise").Stepwise(
+        worker.in_thread(lambda progress: subdivision.subdivide(tasks, settings, progress))
+    )
     assert not run.work(0.05)
     assert run.progress > 0
     run.give_up()
+    worker.stop_all()
     assert everything_in_the_file() == before

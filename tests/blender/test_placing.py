@@ -17,7 +17,7 @@ def made_meshes(objects: list[bpy.types.Object]) -> tuple[object, object]:
     task, made = addon.module("tasks.adaptive_task"), addon.module("operators.adaptive_objects")
     settings = task.AdaptiveSettings(TOLERANCE, "ABSOLUTE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
     tasks = result_of(task.prepare_adaptive(bpy.context, objects, settings))
-    answers = result_of(task.subdivide_stepwise(tasks, settings))
+    answers = task.subdivide(tasks, settings)
     return result_of(made.make_meshes(bpy.context, answers, settings, exact_normals=False)), settings
 
 

@@ -30,7 +30,6 @@ from ccdepth_addon.core.surface.limit_normals import limit_normals
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes, soundness
-from tests.steps import result_of
 
 MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     "single quad": lambda: meshes.grid(1, 1),
@@ -106,7 +105,7 @@ def request_of(
 
 
 def subdivided(mesh: PolygonMesh, request: AdaptiveRequest) -> AdaptiveMesh:
-    return result_of(subdivide_adaptively(mesh, request, mesh.positions))
+    return subdivide_adaptively(mesh, request, mesh.positions)
 
 
 # Sound
@@ -127,7 +126,7 @@ def test_sound(name: str, mode: Mode, transitions: Transitions) -> None:
             soundness.assert_no_thin_triangles(mesh, found.mesh)
         assert_corners_meet(mesh, found)
         assert np.all(found.bounds <= request.limit)
-    assert result_of(count_faces(mesh, request)) == len(found.bounds)
+    assert count_faces(mesh, request) == len(found.bounds)
 
 
 def assert_corners_meet(mesh: PolygonMesh, found: AdaptiveMesh) -> None:
@@ -366,7 +365,7 @@ def test_vertices_lie_on_the_limit_surface(name: str, stretch: float) -> None:
     """Those whose positions were found on the way, and the others; in the space of the mesh, and in a wider one."""
     mesh = build(name)
     wanted = mesh.positions * [stretch, 1.0, 1.0]
-    made = result_of(subdivide_adaptively(mesh, request_of(mesh, 2e-3), wanted)).mesh
+    made = subdivide_adaptively(mesh, request_of(mesh, 2e-3), wanted).mesh
     has_faces = made.vertex_points.corners != NONE
     points = made.vertex_points.at(np.flatnonzero(has_faces))
     # Some dozens of roundings of coordinates, for each of a few levels.
@@ -385,7 +384,7 @@ def test_vertices_without_faces_stay_where_they_are(place: float, stretch: float
     mesh = apply_boundary_rule(mesh.changed(positions=positions), smooth_corners=True)
     wanted = positions * [stretch, 1.0, 1.0]
     request = AdaptiveRequest(0.05, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
-    made = result_of(subdivide_adaptively(mesh, request, wanted)).mesh
+    made = subdivide_adaptively(mesh, request, wanted).mesh
     of_loose = np.flatnonzero(np.isin(made.base_vertices, loose))
     assert len(of_loose) == len(loose) > 0
     np.testing.assert_array_equal(made.positions[of_loose], wanted[made.base_vertices[of_loose]])
@@ -486,12 +485,12 @@ def test_refused_with_about_the_tolerance_that_fits(name: str) -> None:
     most_faces = 3000
     request = request_of(mesh, 1e-5, most_faces=most_faces)
     with pytest.raises(TooManyFacesError) as refused:
-        result_of(count_faces(mesh, request))
+        count_faces(mesh, request)
     assert refused.value.faces > most_faces
     assert refused.value.tolerance > request.limit
     # A level more or less is a factor of four in the tolerance.
     fitting = AdaptiveRequest(4 * refused.value.tolerance, request.mode, request.transitions, most_faces)
-    assert result_of(count_faces(mesh, fitting)) <= most_faces
+    assert count_faces(mesh, fitting) <= most_faces
 
 
 @pytest.mark.parametrize(
@@ -506,10 +505,10 @@ def test_refused_with_about_the_tolerance_that_fits(name: str) -> None:
 def test_the_number_of_faces_refused_is_about_the_real_one(name: str) -> None:
     mesh = build(name)
     request = request_of(mesh, 3e-5)
-    count = result_of(count_faces(mesh, request))
+    count = count_faces(mesh, request)
     assert count > 20_000
     with pytest.raises(TooManyFacesError) as refused:
-        result_of(count_faces(mesh, request_of(mesh, 3e-5, most_faces=count // 5)))
+        count_faces(mesh, request_of(mesh, 3e-5, most_faces=count // 5))
     assert count / 2 <= refused.value.faces <= 2 * count
 
 
@@ -518,7 +517,7 @@ def test_refused_before_it_takes_much() -> None:
     mesh = build("torus")
     tracemalloc.start()
     with pytest.raises(TooManyFacesError):
-        result_of(count_faces(mesh, request_of(mesh, 1e-7, most_faces=4000)))
+        count_faces(mesh, request_of(mesh, 1e-7, most_faces=4000))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # What a mesh of as many faces as allowed may take, and the matrices of the bounds.

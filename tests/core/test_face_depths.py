@@ -19,7 +19,6 @@ from ccdepth_addon.core.depth.face_depths import (
     DepthResult,
     ToleranceError,
     face_depths,
-    face_depths_stepwise,
     level_bounds,
 )
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
@@ -380,38 +379,32 @@ def test_mesh_is_left_alone(method: str) -> None:
         np.testing.assert_array_equal(array, copy)
 
 
-# Step by step
+# Progress
 
 
 @every_method
 @both_vertices
-def test_steps_lead_to_the_result(method: str, vertices: str) -> None:
+def test_progress_rises_to_the_end(method: str, vertices: str) -> None:
     mesh = build(everything())
-    steps = face_depths_stepwise(mesh, 0.0123, method, vertices)
-    fractions = []
-    while True:
-        try:
-            fractions.append(next(steps))
-        except StopIteration as finished:
-            result = finished.value
-            break
+    fractions: list[float] = []
+    result = face_depths(mesh, 0.0123, method, vertices, fractions.append)
     assert fractions == sorted(fractions)
-    assert 0 <= fractions[0] < fractions[-1] == 1
+    assert 0 <= fractions[0] <= fractions[-1] == 1
     expected = face_depths(mesh, 0.0123, method, vertices)
     np.testing.assert_array_equal(result.depths, expected.depths)
     np.testing.assert_array_equal(result.bounds, expected.bounds)
 
 
 @every_method
-def test_steps_can_be_dropped(method: str) -> None:
+def test_progress_may_stop_it(method: str) -> None:
     mesh = build(everything())
     expected = face_depths(mesh, 0.0123, method, "CONTROL")
-    for taken in range(4):
-        steps = face_depths_stepwise(mesh, 0.0123, method, "CONTROL")
-        for _ in range(taken):
-            next(steps)
-        steps.close()
-        assert list(steps) == []
+
+    def stop(fraction: float) -> None:
+        raise LookupError(fraction)
+
+    with pytest.raises(LookupError):
+        face_depths(mesh, 0.0123, method, "CONTROL", stop)
     again = face_depths(mesh, 0.0123, method, "CONTROL")
     np.testing.assert_array_equal(again.depths, expected.depths)
 

@@ -1,28 +1,38 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Work on poles of very many faces can be stopped: it gives control back often."""
+"""Work on poles of very many faces can be stopped: it tells its progress often."""
 
 from __future__ import annotations
 
-from itertools import islice
+import itertools
 from time import process_time
 
-from ccdepth_addon.core.depth.face_depths import face_depths_stepwise
+import pytest
+
+from ccdepth_addon.core.depth.face_depths import face_depths
 from tests import meshes
 
 VALENCE = 5000
 
-# So many steps are looked at, after the first one, which checks the mesh.
-STEPS = 60
+# So many reports of progress are looked at.
+REPORTS = 60
 
-# Seconds of processor time: ten times what was measured, and a fifth of what it was without steps.
+# Seconds of processor time: ten times what was measured, and a fifth of what it was with a report for each level.
 LONGEST = 1.0
+
+
+class Enough(Exception):
+    """So much has been seen."""
 
 
 def test_first_order_around_a_large_pole() -> None:
     mesh = meshes.to_polygon_mesh(meshes.trapezohedron(VALENCE))
-    steps = face_depths_stepwise(mesh, 0.01, "FIRST_ORDER", "CONTROL")
-    next(steps)
-    longest, before = 0.0, process_time()
-    for _ in islice(steps, STEPS):
-        longest, before = max(longest, process_time() - before), process_time()
-    assert longest < LONGEST
+    times: list[float] = []
+
+    def note(fraction: float) -> None:
+        times.append(process_time())
+        if len(times) > REPORTS:
+            raise Enough
+
+    with pytest.raises(Enough):
+        face_depths(mesh, 0.01, "FIRST_ORDER", "CONTROL", note)
+    assert max(after - before for before, after in itertools.pairwise(times)) < LONGEST

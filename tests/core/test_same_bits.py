@@ -21,7 +21,6 @@ from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.depth.face_depths import face_depths
 from ccdepth_addon.core.adaptive.templates import Transitions
 from tests import meshes
-from tests.steps import result_of
 
 MESHES = {
     "landscape": lambda: meshes.with_random_creases(meshes.landscape(100, 100), seed=1, share=0.05),
@@ -35,7 +34,7 @@ for name, made in MESHES.items():
     arrays = [found.depths, found.bounds, found.distances, found.exact]
     for transitions in Transitions:
         request = AdaptiveRequest(1e-2 * diagonal, Mode.ADAPTIVE, transitions, 10**6)
-        adaptive = result_of(subdivide_adaptively(mesh, request, mesh.positions))
+        adaptive = subdivide_adaptively(mesh, request, mesh.positions)
         arrays += [adaptive.mesh.positions, adaptive.mesh.corner_vertices, adaptive.bounds, adaptive.depths]
     print(name, sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest())
 """

@@ -4,11 +4,11 @@
 from __future__ import annotations
 
 import time
-from itertools import count
+from itertools import count, pairwise
 
 import pytest
 
-from ccdepth_addon.core.arrays.threads import SECONDS_BETWEEN_PROGRESS, map_in_threads
+from ccdepth_addon.core.arrays.threads import SECONDS_BETWEEN_TICKS, map_in_threads
 
 
 def test_results_come_in_order() -> None:
@@ -16,8 +16,7 @@ def test_results_come_in_order() -> None:
         time.sleep(0.01 * (3 - number % 4))
         return number
 
-    found = map_in_threads(slower_first, range(50))
-    assert [result for result in found if result is not None] == [*range(50)]
+    assert [*map_in_threads(slower_first, range(50), lambda: None)] == [*range(50)]
 
 
 @pytest.mark.parametrize("tasks", [1, 2, 9])
@@ -25,23 +24,19 @@ def test_progress_while_a_task_runs(tasks: int) -> None:
     """However few tasks there are."""
 
     def slow(number: int) -> int:
-        time.sleep(6 * SECONDS_BETWEEN_PROGRESS)
+        time.sleep(6 * SECONDS_BETWEEN_TICKS)
         return number
 
-    results, pauses, last = [], [], time.perf_counter()
-    for result in map_in_threads(slow, range(tasks)):
-        now = time.perf_counter()
-        pauses.append(now - last)
-        results.append(result)
-        last = now
-    assert [result for result in results if result is not None] == [*range(tasks)]
-    assert results.count(None) >= 3
+    ticks = [time.perf_counter()]
+    assert [*map_in_threads(slow, range(tasks), lambda: ticks.append(time.perf_counter()))] == [*range(tasks)]
+    assert len(ticks) > 3
+    pauses = [after - before for before, after in pairwise(ticks)]
     # Twice as long, for a machine that is busy.
-    assert sorted(pauses)[len(pauses) // 2] < 2 * SECONDS_BETWEEN_PROGRESS
+    assert sorted(pauses)[len(pauses) // 2] < 2 * SECONDS_BETWEEN_TICKS
 
 
 def test_no_tasks() -> None:
-    assert [*map_in_threads(str, ())] == []
+    assert [*map_in_threads(str, (), lambda: None)] == []
 
 
 def test_tasks_that_have_not_begun_are_cancelled() -> None:
@@ -51,12 +46,12 @@ def test_tasks_that_have_not_begun_are_cancelled() -> None:
         begun.append(number)
         return number
 
-    results = map_in_threads(begin, count())
-    assert next(result for result in results if result is not None) == 0
+    results = map_in_threads(begin, count(), lambda: None)
+    assert next(results) == 0
     results.close()
-    time.sleep(SECONDS_BETWEEN_PROGRESS)
+    time.sleep(SECONDS_BETWEEN_TICKS)
     after = len(begun)
-    time.sleep(4 * SECONDS_BETWEEN_PROGRESS)
+    time.sleep(4 * SECONDS_BETWEEN_TICKS)
     assert len(begun) == after
 
 
@@ -65,4 +60,4 @@ def test_errors_reach_the_caller() -> None:
         raise ValueError(number)
 
     with pytest.raises(ValueError, match="7"):
-        list(map_in_threads(failing, [7]))
+        list(map_in_threads(failing, [7], lambda: None))

@@ -17,7 +17,6 @@ from ccdepth_addon.core.depth.face_depths import (
     face_depths,
     level_bounds,
     uniform_level,
-    uniform_level_stepwise,
 )
 from ccdepth_addon.core.depth.modifier_quality import MOST_QUALITY, needed_quality, unmet_corners
 from ccdepth_addon.core.depth.norm_depth import bounds_fall
@@ -27,7 +26,6 @@ from tests import meshes
 from tests.brute_force import Levels
 from tests.core.test_face_depths import AWKWARD, build, every_method
 from tests.level_nets import worse_later
-from tests.steps import result_of
 
 both_vertices = pytest.mark.parametrize("vertices", VERTICES)
 
@@ -121,7 +119,7 @@ def test_no_level_below_the_least_one_is_returned(method: str) -> None:
     mesh = build(AWKWARD["cylinder"]())
     depths = face_depths(mesh, 0.1, method, "LIMIT").depths
     least = int(depths.max()) + 2
-    assert result_of(uniform_level_stepwise(mesh, 0.1, method, "LIMIT", depths, least)) == least
+    assert uniform_level(mesh, 0.1, method, "LIMIT", depths, least) == least
 
 
 @pytest.mark.parametrize("name", NAMES)
@@ -170,7 +168,8 @@ def test_which_bounds_fall() -> None:
 def test_progress_rises_over_several_levels(method: str, vertices: str) -> None:
     for mesh in (build(torus_counter_example()), build(AWKWARD["soup"](), smooth_corners=False)):
         depths = face_depths(mesh, EPSILON, method, vertices).depths
-        fractions = list(uniform_level_stepwise(mesh, EPSILON, method, vertices, depths))
+        fractions: list[float] = []
+        uniform_level(mesh, EPSILON, method, vertices, depths, progress=fractions.append)
         assert fractions == sorted(fractions)
         assert fractions[0] >= 0
         assert fractions[-1] < 1

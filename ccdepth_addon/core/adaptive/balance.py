@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-
 import numpy as np
 
 from ..arrays.types import IndexArray
@@ -33,11 +31,8 @@ def unbalanced(plan: Plan) -> IndexArray:
     return leaves[wanted]
 
 
-def approximate_split_sides(plan: Plan) -> Generator[int, None, IndexArray]:
-    """Approximate anew the leaves with more split sides than before. Returns those that exceed the limit.
-
-    Yields the number of leaves so far.
-    """
+def approximate_split_sides(plan: Plan) -> IndexArray:
+    """Approximate anew the leaves with more split sides than before. Returns those that exceed the limit."""
     tree, leaves = plan.tree, plan.beside_split.take_leaves()
     counts, _ = tree.sides(leaves)
     more = counts != plan.split_sides.values[leaves]
@@ -45,5 +40,5 @@ def approximate_split_sides(plan: Plan) -> Generator[int, None, IndexArray]:
     plan.split_sides.values[pending] = counts[more]
     for cells in in_blocks(plan.cells.of(pending)):
         plan.record(cells.nodes, plan.approximate(cells, tree.hanging(tree.slots(cells.nodes))))
-        yield tree.leaf_count
+        plan.report()
     return pending[~plan.approximations.at_equal_parameters(pending).accepted]

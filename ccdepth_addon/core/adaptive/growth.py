@@ -1,12 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The first phase of a plan: nodes are split while their own bounds, with whole sides, exceed the limit.
-
-All functions work in steps and yield the number of leaves so far.
-"""
+"""The first phase of a plan: nodes are split while their own bounds, with whole sides, exceed the limit."""
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -27,7 +24,7 @@ PARENTS_AT_ONCE = 1 << 12
 NODES_SPLIT_AT_ONCE = 1 << 16
 
 
-def grow(plan: Plan, unfinished: list[Cells]) -> Generator[int, None, None]:
+def grow(plan: Plan, unfinished: list[Cells]) -> None:
     """Split the nodes of unfinished cells, if not split yet, and then their unfinished children, level by level."""
     tree = plan.tree
     while unfinished:
@@ -37,11 +34,11 @@ def grow(plan: Plan, unfinished: list[Cells]) -> Generator[int, None, None]:
         tree.reserve(min(expected, plan.request.most_faces))
         for part in chunks(len(nodes), NODES_SPLIT_AT_ONCE):
             plan.split(nodes[part])
-            yield tree.leaf_count
-        unfinished = yield from approximate_children(plan, unfinished)
+            plan.report()
+        unfinished = approximate_children(plan, unfinished)
 
 
-def approximate_children(plan: Plan, parents: list[Cells]) -> Generator[int, None, list[Cells]]:
+def approximate_children(plan: Plan, parents: list[Cells]) -> list[Cells]:
     """Approximate the children of cells whose nodes have been split. Returns those that exceed the limit, or have been
     split as well."""
     unfinished: list[Cells] = []
@@ -50,22 +47,20 @@ def approximate_children(plan: Plan, parents: list[Cells]) -> Generator[int, Non
     for cells in in_blocks(with_nets, CELLS_KEPT_TOGETHER):
         plan.cells.put(cells)
         if isinstance(cells, BicubicCells):
-            is_doubtful, is_unfinished = yield from _approximate_through_parents(plan, cells)
+            is_doubtful, is_unfinished = _approximate_through_parents(plan, cells)
             doubtful += cells.children(plan.tree, is_doubtful)
             unfinished += cells.children(plan.tree, is_unfinished)
         else:
             assert isinstance(cells, NetCells)
             _place(plan, cells, cells.points())
             doubtful += cells.children(plan.tree)
-    unfinished += yield from approximate_new(plan, doubtful, are_made_again=True)
+    unfinished += approximate_new(plan, doubtful, are_made_again=True)
     others = (cells for cells in parents if not isinstance(cells, NetCells))
-    unfinished += yield from approximate_new(plan, (child for cells in others for child in cells.children(plan.tree)))
+    unfinished += approximate_new(plan, (child for cells in others for child in cells.children(plan.tree)))
     return unfinished
 
 
-def approximate_new(
-    plan: Plan, cells: Iterable[Cells], *, are_made_again: bool = False
-) -> Generator[int, None, list[Cells]]:
+def approximate_new(plan: Plan, cells: Iterable[Cells], *, are_made_again: bool = False) -> list[Cells]:
     """Approximate and record the cells of new leaves, with their sides whole. Returns those that exceed the limit, or
     whose nodes are split already.
 
@@ -84,13 +79,11 @@ def approximate_new(
                 for kept in some(leaves, is_done):
                     plan.cells.put(kept)
             unfinished += some(leaves, ~is_done)
-        yield tree.leaf_count
+        plan.report()
     return unfinished
 
 
-def _approximate_through_parents(
-    plan: Plan, parents: BicubicCells
-) -> Generator[int, None, tuple[BoolArray, BoolArray]]:
+def _approximate_through_parents(plan: Plan, parents: BicubicCells) -> tuple[BoolArray, BoolArray]:
     """Approximate and record the children for which their parents' coefficients decide. Returns, (4, P) bool each,
     those for which they do not, and those that exceed the limit or have been split."""
     doubtful, unfinished = np.zeros((2, 4, len(parents.nodes)), dtype=bool)
@@ -107,7 +100,7 @@ def _approximate_through_parents(
         plan.record(nodes[recorded], found.approximation.at(recorded))
         unfinished[:, part] = is_unfinished.reshape(4, -1)
         doubtful[:, part] = ~(is_done | is_unfinished).reshape(4, -1)
-        yield tree.leaf_count
+        plan.report()
     return doubtful, unfinished
 
 

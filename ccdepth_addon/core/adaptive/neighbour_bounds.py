@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
-
 import numpy as np
 
 from ..arrays.types import BoolArray, IndexArray
@@ -15,9 +13,9 @@ from .quadtree import NONE, Quadtree
 from .tessellation import triangles_around
 
 
-def bound_along_surface(plan: Plan) -> Generator[int, None, IndexArray]:
+def bound_along_surface(plan: Plan) -> IndexArray:
     """Bound the leaves that exceed the limit at equal parameters by their neighbours. Returns those that still exceed
-    it. Yields the number of leaves so far.
+    it.
 
     A star bound depends on the approximations of the leaf and of the leaves that share a vertex with it. Where that has
     changed, one of them was approximated since: its sides were split, or it is new and has the vertices of the leaf
@@ -26,7 +24,7 @@ def bound_along_surface(plan: Plan) -> Generator[int, None, IndexArray]:
     unbounded, approximated = plan.approximations.unbounded(), plan.approximated.take_leaves()
     wanted = unbounded[_are_at_vertices(plan.tree, unbounded, approximated)]
     if len(wanted):
-        yield from _find_star_bounds(plan, wanted)
+        _find_star_bounds(plan, wanted)
     return wanted[plan.approximations.star_bounds(wanted) > plan.request.limit]
 
 
@@ -50,7 +48,7 @@ def _faces_around(tree: Quadtree, nodes: IndexArray) -> BoolArray:
     return np.logical_or.reduceat(at_vertices[mesh.corner_vertices], mesh.face_starts[:-1])
 
 
-def _find_star_bounds(plan: Plan, wanted: IndexArray) -> Generator[int, None, None]:
+def _find_star_bounds(plan: Plan, wanted: IndexArray) -> None:
     """Compute and record those of the wanted leaves."""
     tree, approximations = plan.tree, plan.approximations
     leaves = np.flatnonzero(_faces_around(tree, wanted)[tree.base_faces] & (tree.first_child == NONE))
@@ -59,7 +57,7 @@ def _find_star_bounds(plan: Plan, wanted: IndexArray) -> Generator[int, None, No
         approximations.put_error_bounds(
             cells.nodes, cells.error_bounds(approximations.at_equal_parameters(cells.nodes), plan.request.limit)
         )
-        yield tree.leaf_count
+        plan.report()
     drawn = triangles_around(tree, leaves, approximations.at_equal_parameters(leaves), plan.request.transitions)
     nodes = leaves[drawn.leaves]
     is_wanted = np.zeros(len(tree.first_child), dtype=bool)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
+from ..progress import Progress
 from .approximation_store import ApproximationStore
 from .cells.cell_store import CellStore
 from .leaf_approximation import Cells, LeafApproximation
@@ -100,9 +101,12 @@ class Plan:
     approximated: nodes approximated since the last search for star bounds.
     """
 
-    def __init__(self, mesh: PolygonMesh, request: AdaptiveRequest, least_levels: NDArray[np.int8]) -> None:
-        """least_levels: (faces of the mesh,) the least level of the leaves on each."""
+    def __init__(
+        self, mesh: PolygonMesh, request: AdaptiveRequest, least_levels: NDArray[np.int8], progress: Progress
+    ) -> None:
+        """least_levels: (faces of the mesh,) the least level of the leaves on each. progress: is told their number."""
         self.request = request
+        self._progress = progress
         self.tree = Quadtree(mesh)
         self.positions = VertexPositions(self.tree)
         self.cells = CellStore(self.tree)
@@ -110,6 +114,10 @@ class Plan:
         self.split_sides = self.tree.add_column(np.int32(0))
         self.split_nodes, self.beside_split, self.approximated = (NodeQueue(self.tree) for _ in range(3))
         self._least_levels = least_levels
+
+    def report(self) -> None:
+        """Tell the number of leaves so far; raises what the caller raises to stop."""
+        self._progress(self.tree.leaf_count)
 
     def split(self, nodes: IndexArray) -> None:
         """Split leaves, each once."""

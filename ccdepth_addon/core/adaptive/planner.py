@@ -10,7 +10,6 @@ the size of a leaf, and no split is undone, so this ends. Every piece of the tes
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 
 from ..arrays.types import FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
+from ..progress import Progress, no_report
 from .balance import approximate_split_sides, unbalanced
 from .cells.control_faces import cells_of_faces
 from .growth import approximate_children, approximate_new, grow
@@ -40,25 +40,26 @@ class AdaptiveMesh:
     leaf_count: int
 
 
-def count_faces(mesh: PolygonMesh, request: AdaptiveRequest) -> Generator[int, None, int]:
-    """The number of faces of the result, in steps: yields the number of leaves so far.
+def count_faces(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress = no_report) -> int:
+    """The number of faces of the result.
 
-    mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``). Raises TooManyFacesError.
+    mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``). progress: is told the number of leaves so far,
+    and may raise to stop. Raises TooManyFacesError.
     """
-    settled = yield from _plan_within(mesh, request)
+    settled = _plan_within(mesh, request, progress)
     return len(settled.bounds)
 
 
 def subdivide_adaptively(
-    mesh: PolygonMesh, request: AdaptiveRequest, positions: FloatArray
-) -> Generator[int, None, AdaptiveMesh]:
-    """The mesh within the limit, in steps: yields the number of leaves so far.
+    mesh: PolygonMesh, request: AdaptiveRequest, positions: FloatArray, progress: Progress = no_report
+) -> AdaptiveMesh:
+    """The mesh within the limit.
 
     mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``), in the space of the limit. positions: (V, 3)
     float64, of the same control mesh in the space of the result, which has the axes of the request.
-    Raises TooManyFacesError.
+    progress: is told the number of leaves so far, and may raise to stop. Raises TooManyFacesError.
     """
-    settled = yield from _plan_within(mesh, request)
+    settled = _plan_within(mesh, request, progress)
     made = tessellate(settled.plan, settled.positions.in_space_of(positions, settled.plan.used))
     depths = settled.depths[made.base_faces].astype(np.int32)
     return AdaptiveMesh(made, settled.bounds, depths, len(settled.plan.leaves))
@@ -75,12 +76,12 @@ class _Settled:
     positions: VertexPositions
 
 
-def _plan_within(mesh: PolygonMesh, request: AdaptiveRequest) -> Generator[int, None, _Settled]:
+def _plan_within(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress) -> _Settled:
     """Plan until no edges of the tessellation clash."""
     least_levels = np.zeros(mesh.face_count, dtype=np.int8)
     while True:
-        plan = Plan(mesh, request, least_levels)
-        yield from _settle(plan)
+        plan = Plan(mesh, request, least_levels, progress)
+        _settle(plan)
         tree, leaves, depths = plan.tree, plan.leaves(), plan.face_levels()
         approximation, positions = plan.approximations.of(leaves), plan.positions
         # The rest takes as much memory as the tree, and is no longer needed.
@@ -91,26 +92,26 @@ def _plan_within(mesh: PolygonMesh, request: AdaptiveRequest) -> Generator[int, 
         np.maximum.at(least_levels, tree.base_faces[clashes], tree.levels[clashes] + np.int8(1))
 
 
-def _settle(plan: Plan) -> Generator[int, None, None]:
+def _settle(plan: Plan) -> None:
     """Plan the whole tree: grow it, then split until every leaf is within the limit beside its neighbours."""
-    yield from grow(plan, (yield from approximate_new(plan, cells_of_faces(plan.tree.mesh))))
+    grow(plan, approximate_new(plan, cells_of_faces(plan.tree.mesh)))
     if plan.request.mode is Mode.PER_FACE:
-        yield from _level_faces(plan)
-    while len(wanted := (yield from _unfinished(plan))):
-        yield from _split(plan, wanted)
+        _level_faces(plan)
+    while len(wanted := _unfinished(plan)):
+        _split(plan, wanted)
 
 
-def _unfinished(plan: Plan) -> Generator[int, None, IndexArray]:
+def _unfinished(plan: Plan) -> IndexArray:
     """The leaves to split next: those out of balance; if none, those that exceed the limit with their sides split; if
     none, those that exceed it along the surface."""
     if len(wanted := unbalanced(plan)):
         return wanted
-    if len(wanted := (yield from approximate_split_sides(plan))):
+    if len(wanted := approximate_split_sides(plan)):
         return wanted
-    return _evened(plan, (yield from bound_along_surface(plan)))
+    return _evened(plan, bound_along_surface(plan))
 
 
-def _split(plan: Plan, wanted: IndexArray) -> Generator[int, None, None]:
+def _split(plan: Plan, wanted: IndexArray) -> None:
     """Split leaves, all that this leaves unbalanced, and then their children while these exceed the limit."""
     plan.refuse_too_many(len(wanted), plan.expected_leaves(wanted))
     parents: list[Cells] = []
@@ -120,10 +121,10 @@ def _split(plan: Plan, wanted: IndexArray) -> Generator[int, None, None]:
         parents += plan.cells.of(wanted[wanted < count])
         plan.split(wanted)
         wanted = unbalanced(plan)
-    yield from grow(plan, (yield from approximate_children(plan, parents)))
+    grow(plan, approximate_children(plan, parents))
 
 
-def _level_faces(plan: Plan) -> Generator[int, None, None]:
+def _level_faces(plan: Plan) -> None:
     """Split every face of the control mesh to the level of its deepest leaf."""
     tree = plan.tree
     while True:
@@ -131,7 +132,7 @@ def _level_faces(plan: Plan) -> Generator[int, None, None]:
         shallow = leaves[tree.levels[leaves] < plan.face_levels()[tree.base_faces[leaves]]]
         if not len(shallow):
             return
-        yield from _split(plan, shallow)
+        _split(plan, shallow)
 
 
 def _evened(plan: Plan, wanted: IndexArray) -> IndexArray:

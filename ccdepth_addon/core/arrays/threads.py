@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cache
 from typing import TypeVar
@@ -13,27 +13,29 @@ from typing import TypeVar
 Task = TypeVar("Task")
 Result = TypeVar("Result")
 
-SECONDS_BETWEEN_PROGRESS = 0.05
+SECONDS_BETWEEN_TICKS = 0.05
 
 # More threads than this wait for the interpreter's lock, and each holds the arrays of a task.
 MOST_THREADS = 8
 
 
-def map_in_threads(function: Callable[[Task], Result], tasks: Iterable[Task]) -> Generator[Result | None, None, None]:
+def map_in_threads(
+    function: Callable[[Task], Result], tasks: Iterable[Task], tick: Callable[[], None]
+) -> Iterator[Result]:
     """``function`` of each task, in the order of the tasks, computed a few tasks ahead of the caller.
 
-    While a result is being computed None is yielded every ``SECONDS_BETWEEN_PROGRESS``, so that the caller can report
-    progress or cancel. Closing the generator cancels the tasks that have not begun.
+    tick: called every ``SECONDS_BETWEEN_TICKS`` while a result is being computed; it may raise to stop. That, or
+    closing the generator, cancels the tasks that have not begun.
     """
     waiting: deque[Future[Result]] = deque()
     try:
         for task in tasks:
             waiting.append(_threads().submit(function, task))
             if len(waiting) > 2 * _thread_count():
-                yield from _result_of(waiting[0])
+                yield _result_of(waiting[0], tick)
                 waiting.popleft()
         while waiting:
-            yield from _result_of(waiting[0])
+            yield _result_of(waiting[0], tick)
             waiting.popleft()
     finally:
         for future in waiting:
@@ -50,7 +52,7 @@ def _threads() -> ThreadPoolExecutor:
     return ThreadPoolExecutor(_thread_count())
 
 
-def _result_of(future: Future[Result]) -> Iterator[Result | None]:
-    while not wait([future], timeout=SECONDS_BETWEEN_PROGRESS).done:
-        yield None
-    yield future.result()
+def _result_of(future: Future[Result], tick: Callable[[], None]) -> Result:
+    while not wait([future], timeout=SECONDS_BETWEEN_TICKS).done:
+        tick()
+    return future.result()

@@ -69,22 +69,25 @@ LARGEST_SEARCHED_VALENCE = 512
 BasePatches = tuple[IndexArray, FloatArray]
 
 
-def certified_depths(mesh: PolygonMesh, test: ToleranceTest, vertices: Vertices) -> Iterator[FaceDepths]:
-    """The certified depth of every face of the mesh, in chunks; empty ones report progress while others compute."""
-    yield FaceDepths.empty()
+def certified_depths(
+    mesh: PolygonMesh, test: ToleranceTest, vertices: Vertices, tick: Callable[[], None]
+) -> Iterator[FaceDepths]:
+    """The certified depth of every face of the mesh, in chunks. tick: called while they compute, and may raise."""
     searches = _searches(mesh, test, vertices, np.arange(mesh.face_count))
-    for depths in map_in_threads(lambda begin: begin().run(), searches):
-        yield FaceDepths.empty() if depths is None else depths
+    return map_in_threads(lambda begin: begin().run(), searches, tick)
 
 
 def certified_level_bounds(
-    mesh: PolygonMesh, test: ToleranceTest, vertices: Vertices, faces: IndexArray, level: int
+    mesh: PolygonMesh,
+    test: ToleranceTest,
+    vertices: Vertices,
+    faces: IndexArray,
+    level: int,
+    tick: Callable[[], None],
 ) -> Iterator[LevelBounds]:
-    """The proved bounds of some faces at one level, in chunks; empty ones report progress while others compute."""
-    yield LevelBounds.empty()
+    """The proved bounds of some faces at one level, in chunks. tick: called while they compute, and may raise."""
     searches = _searches(mesh, test, vertices, faces)
-    for bounds in map_in_threads(lambda begin: begin().at(level), searches):
-        yield LevelBounds.empty() if bounds is None else bounds
+    return map_in_threads(lambda begin: begin().at(level), searches, tick)
 
 
 def _searches(

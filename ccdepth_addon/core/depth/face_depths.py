@@ -6,9 +6,8 @@ Meshes and a tolerance in, depths out; ``norm_depth`` and ``certified_depth`` co
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from ..bounds.norm_bounds import PATCH_METHODS, Method, Vertices
 from ..bounds.rounding import rounding_allowance, smallest_tolerance
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.validation import validate
+from ..progress import Progress, no_report, part_of
 from .certified_depth import certified_depths, certified_level_bounds
 from .modifier_quality import unmet_corners
 from .norm_depth import bounds_fall, norm_depths, norm_level_bounds
@@ -25,8 +25,6 @@ from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
 METHODS = tuple(method.value for method in Method)
 VERTICES = tuple(vertices.value for vertices in Vertices)
-
-Answer = TypeVar("Answer")
 
 
 class ToleranceError(ValueError):
@@ -47,34 +45,53 @@ class DepthResult:
     exact: BoolArray
 
 
-def face_depths(mesh: PolygonMesh, tolerance: float, method: str, vertices: str) -> DepthResult:
+def face_depths(
+    mesh: PolygonMesh,
+    tolerance: float,
+    method: str,
+    vertices: str,
+    progress: Progress = no_report,
+    *,
+    is_checked: bool = False,
+) -> DepthResult:
     """The depth of every face of a mesh whose sharpness is explicit (``sharpness.apply_boundary_rule``).
 
     tolerance: the largest distance allowed, in the unit of the positions. method, vertices: names of ``Method`` and
-    ``Vertices``. Raises InvalidMeshError, ToleranceError, and ValueError for an unknown name.
+    ``Vertices``. progress: is told the fraction done, which only rises, and may raise to stop. is_checked: whether
+    ``check_input`` has accepted mesh and tolerance already. Raises InvalidMeshError, ToleranceError, and ValueError for
+    an unknown name.
     """
-    steps = face_depths_stepwise(mesh, tolerance, method, vertices)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as finished:
-            return finished.value
-
-
-def face_depths_stepwise(
-    mesh: PolygonMesh, tolerance: float, method: str, vertices: str
-) -> Generator[float, None, DepthResult]:
-    """``face_depths`` in small steps: yields the fraction done, and returns the result at the end."""
-    validate(mesh)
-    check_tolerance(tolerance, smallest_tolerance(mesh))
+    if not is_checked:
+        check_input(mesh, tolerance)
     test = ToleranceTest(tolerance, rounding_allowance(mesh))
     whole = FaceDepths.undecided(np.arange(mesh.face_count))
-    done = 0
-    for part in _depths_in_chunks(mesh, test, Method(method), Vertices(vertices)):
+    counter = _Counter(progress, mesh.face_count)
+    for part in _depths_in_chunks(mesh, test, Method(method), Vertices(vertices), counter.tick):
         whole.update(part)
-        done += len(part.faces)
-        yield done / mesh.face_count
+        counter.add(len(part.faces))
     return DepthResult(whole.depths, whole.bounds, whole.distances, whole.exact)
+
+
+def check_input(mesh: PolygonMesh, tolerance: float) -> None:
+    """Raise InvalidMeshError or ToleranceError for what has no depths."""
+    validate(mesh)
+    check_tolerance(tolerance, smallest_tolerance(mesh))
+
+
+class _Counter:
+    """Counts the faces that are done, and tells their fraction."""
+
+    def __init__(self, progress: Progress, total: int) -> None:
+        self._progress = progress
+        self._total = max(total, 1)
+        self._done = 0
+
+    def add(self, faces: int) -> None:
+        self._done += faces
+        self.tick()
+
+    def tick(self) -> None:
+        self._progress(self._done / self._total)
 
 
 def level_bounds(mesh: PolygonMesh, tolerance: float, method: str, vertices: str, level: int) -> FloatArray:
@@ -83,40 +100,35 @@ def level_bounds(mesh: PolygonMesh, tolerance: float, method: str, vertices: str
 
     Arguments and errors are those of ``face_depths``.
     """
-    validate(mesh)
-    check_tolerance(tolerance, smallest_tolerance(mesh))
+    check_input(mesh, tolerance)
     bounds = np.full(mesh.face_count, np.inf)
-    faces = np.arange(mesh.face_count)
-    for block in _level_bounds_in_chunks(mesh, tolerance, Method(method), Vertices(vertices), faces, level):
+    every = np.arange(mesh.face_count), tolerance
+    for block in _level_bounds_in_chunks(mesh, *every, Method(method), Vertices(vertices), level, lambda: None):
         bounds[block.faces] = block.bounds
     return bounds
 
 
-def uniform_level(mesh: PolygonMesh, tolerance: float, method: str, vertices: str) -> int:
+def uniform_level(
+    mesh: PolygonMesh,
+    tolerance: float,
+    method: str,
+    vertices: str,
+    depths: NDArray[np.int32] | None = None,
+    least: int = 0,
+    progress: Progress = no_report,
+) -> int:
     """The first level, from the deepest depth on, at which all faces are proved to be within the tolerance.
 
     A face can be farther from the surface at a level than at the one before, so that the deepest depth need not be it.
     With limit vertices, a margin is left at corners that Blender does not show quite on the surface
-    (``modifier_quality``). Arguments and errors are those of ``face_depths``.
+    (``modifier_quality``), and level 1 is the first: a modifier at level 0 leaves every vertex where it is.
+
+    mesh, tolerance, method, vertices, progress, and errors: as of ``face_depths``. depths: (F,) what it found with the
+    same arguments, where that is known; these are proved at their own level, and where bounds only fall, at all later
+    ones; all others are evaluated. least: no level before this one is wanted.
     """
-    found = face_depths(mesh, tolerance, method, vertices)
-    steps = uniform_level_stepwise(mesh, tolerance, method, vertices, found.depths)
-    while True:
-        try:
-            next(steps)
-        except StopIteration as finished:
-            return finished.value
-
-
-def uniform_level_stepwise(
-    mesh: PolygonMesh, tolerance: float, method: str, vertices: str, depths: NDArray[np.int32], least: int = 0
-) -> Generator[float, None, int]:
-    """``uniform_level`` in small steps: yields the fraction done, which only rises, and returns the level.
-
-    mesh, tolerance: such as ``face_depths`` takes. depths: (F,) what it found with the same arguments; these are proved
-    at their own level, and where bounds only fall, at all later ones; all others are evaluated. least: no level before
-    this one is wanted. With limit vertices level 1 is the first: a modifier at level 0 leaves every vertex where it is.
-    """
+    if depths is None:
+        depths = face_depths(mesh, tolerance, method, vertices).depths
     falls = bounds_fall(mesh, Method(method))
     with_margin, margin = np.zeros(mesh.face_count, dtype=bool), 0.0
     if Vertices(vertices) is Vertices.LIMIT:
@@ -131,56 +143,54 @@ def uniform_level_stepwise(
         parts = [(np.flatnonzero((depths != level) & ~falls & ~with_margin), tolerance)]
         if np.any(with_margin):
             parts.append((np.flatnonzero(with_margin), tolerance - margin))
-        steps = _all_within(mesh, parts, Method(method), Vertices(vertices), level)
-        if (yield from scaled(steps, begun, (1 - begun) / 2)):
+        share = part_of(progress, begun, (1 - begun) / 2)
+        if _all_within(mesh, parts, Method(method), Vertices(vertices), level, share):
             return level
         begun += (1 - begun) / 2
         level += 1
 
 
-def scaled(steps: Generator[float, None, Answer], start: float, share: float) -> Generator[float, None, Answer]:
-    """The same steps, with their fraction as a share of a larger whole."""
-    while True:
-        try:
-            fraction = next(steps)
-        except StopIteration as finished:
-            answer: Answer = finished.value
-            return answer
-        yield start + share * fraction
-
-
 def _all_within(
-    mesh: PolygonMesh, parts: list[tuple[IndexArray, float]], method: Method, vertices: Vertices, level: int
-) -> Generator[float, None, bool]:
-    """Whether some faces are within a tolerance, others within another, at one level; ends with the first that is not.
-
-    Yields the fraction done.
-    """
-    total, done = max(sum(len(faces) for faces, _ in parts), 1), 0
+    mesh: PolygonMesh,
+    parts: list[tuple[IndexArray, float]],
+    method: Method,
+    vertices: Vertices,
+    level: int,
+    progress: Progress,
+) -> bool:
+    """Whether some faces are within a tolerance, others within another, at one level; ends with the first that is
+    not."""
+    counter = _Counter(progress, sum(len(faces) for faces, _ in parts))
+    counter.tick()
     for faces, tolerance in parts:
-        for block in _level_bounds_in_chunks(mesh, tolerance, method, vertices, faces, level):
-            done += len(block.faces)
-            yield done / total
+        for block in _level_bounds_in_chunks(mesh, faces, tolerance, method, vertices, level, counter.tick):
+            counter.add(len(block.faces))
             if not block.all_within:
                 return False
     return True
 
 
 def _level_bounds_in_chunks(
-    mesh: PolygonMesh, tolerance: float, method: Method, vertices: Vertices, faces: IndexArray, level: int
+    mesh: PolygonMesh,
+    faces: IndexArray,
+    tolerance: float,
+    method: Method,
+    vertices: Vertices,
+    level: int,
+    tick: Callable[[], None],
 ) -> Iterator[LevelBounds]:
     test = ToleranceTest(tolerance, rounding_allowance(mesh))
     if method is Method.CERTIFIED:
-        return certified_level_bounds(mesh, test, vertices, faces, level)
-    return norm_level_bounds(mesh, test, PATCH_METHODS[method], vertices, faces, level)
+        return certified_level_bounds(mesh, test, vertices, faces, level, tick)
+    return norm_level_bounds(mesh, test, PATCH_METHODS[method], vertices, faces, level, tick)
 
 
 def _depths_in_chunks(
-    mesh: PolygonMesh, test: ToleranceTest, method: Method, vertices: Vertices
+    mesh: PolygonMesh, test: ToleranceTest, method: Method, vertices: Vertices, tick: Callable[[], None]
 ) -> Iterator[FaceDepths]:
     if method is Method.CERTIFIED:
-        return certified_depths(mesh, test, vertices)
-    return norm_depths(mesh, test, PATCH_METHODS[method], vertices)
+        return certified_depths(mesh, test, vertices, tick)
+    return norm_depths(mesh, test, PATCH_METHODS[method], vertices, tick)
 
 
 def check_tolerance(tolerance: float, least: float) -> None:

@@ -9,9 +9,8 @@ several extraordinary corners have become patches.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 
@@ -30,35 +29,37 @@ IRREGULAR_FACES_AT_ONCE = 1 << 11
 
 FIRST_SUPPORT_LEVEL = 2
 
-Chunk = TypeVar("Chunk", FaceDepths, LevelBounds)
-
 
 def norm_depths(
-    mesh: PolygonMesh, test: ToleranceTest, method: PatchMethod, vertices: Vertices
+    mesh: PolygonMesh, test: ToleranceTest, method: PatchMethod, vertices: Vertices, tick: Callable[[], None]
 ) -> Iterator[FaceDepths]:
-    """The depth of every face of the mesh, in chunks; empty ones report progress."""
-    evaluation = _NormEvaluation(test, method, vertices)
+    """The depth of every face of the mesh, in chunks. tick: called meanwhile, and may raise to stop."""
+    evaluation = _NormEvaluation(test, method, vertices, tick)
     patches = classify_patches(mesh)
-    yield FaceDepths.empty()
     for faces, bounds in evaluation.patch_bounds(mesh, patches, np.arange(mesh.face_count)):
         yield evaluation.first_levels(faces, bounds)
     irregular = np.flatnonzero(patches.kinds == PatchKind.IRREGULAR)
     for faces in index_chunks(irregular, IRREGULAR_FACES_AT_ONCE):
-        yield from evaluation.irregular_depths(mesh, faces)
+        yield evaluation.irregular_depths(mesh, faces)
 
 
 def norm_level_bounds(
-    mesh: PolygonMesh, test: ToleranceTest, method: PatchMethod, vertices: Vertices, faces: IndexArray, level: int
+    mesh: PolygonMesh,
+    test: ToleranceTest,
+    method: PatchMethod,
+    vertices: Vertices,
+    faces: IndexArray,
+    level: int,
+    tick: Callable[[], None],
 ) -> Iterator[LevelBounds]:
-    """The proved bounds of some faces at one level, in chunks; empty ones report progress."""
-    evaluation = _NormEvaluation(test, method, vertices)
+    """The proved bounds of some faces at one level, in chunks. tick: called meanwhile, and may raise to stop."""
+    evaluation = _NormEvaluation(test, method, vertices, tick)
     patches = classify_patches(mesh)
-    yield LevelBounds.empty()
     for some, bounds in evaluation.patch_bounds(mesh, patches, faces):
         yield evaluation.proved(some, bounds.at(level))
     irregular = faces[patches.kinds[faces] == PatchKind.IRREGULAR]
     for some in index_chunks(irregular, IRREGULAR_FACES_AT_ONCE):
-        yield from evaluation.irregular_at(mesh, some, level)
+        yield evaluation.irregular_at(mesh, some, level)
 
 
 def bounds_fall(mesh: PolygonMesh, method: Method) -> BoolArray:
@@ -92,11 +93,13 @@ class _Piece:
 
 @dataclass(frozen=True)
 class _NormEvaluation:
-    """One method and tolerance test, applied to meshes and their refinements."""
+    """One method and tolerance test, applied to meshes and their refinements. tick: called after every chunk, as the
+    nets around a pole are many and large."""
 
     test: ToleranceTest
     method: PatchMethod
     vertices: Vertices
+    tick: Callable[[], None]
 
     def patch_bounds(
         self, mesh: PolygonMesh, patches: PatchKinds, faces: IndexArray
@@ -123,29 +126,29 @@ class _NormEvaluation:
             level += 1
         return result
 
-    def irregular_depths(self, mesh: PolygonMesh, faces: IndexArray) -> Iterator[FaceDepths]:
+    def irregular_depths(self, mesh: PolygonMesh, faces: IndexArray) -> FaceDepths:
         """The depth of irregular faces, refined together level by level."""
         result = FaceDepths.undecided(faces)
         pieces: list[_Piece] = []
         refinement = Refinement.start(mesh, faces)
         level = 0
         while np.any(result.depths < 0):
-            found, refinement = yield from self._collect_patches(refinement, level, FaceDepths.empty())
+            found, refinement = self._collect_patches(refinement, level)
             pieces += found
             reached = self._bounds_at(level, pieces, refinement, len(faces))
             result.settle((result.depths < 0) & self.test.within(reached), level, reached + self.test.allowance)
             pieces = [piece.of(result.depths < 0) for piece in pieces]
             refinement = refinement.of(result.depths < 0).refined()
             level += 1
-            yield FaceDepths.empty()
-        yield result
+            self.tick()
+        return result
 
-    def irregular_at(self, mesh: PolygonMesh, faces: IndexArray, level: int) -> Iterator[LevelBounds]:
+    def irregular_at(self, mesh: PolygonMesh, faces: IndexArray, level: int) -> LevelBounds:
         """Irregular faces at one level; descendants that their support proves near enough are refined no further."""
         reached = np.zeros(len(faces))
         refinement = Refinement.start(mesh, faces)
         for own in range(level):
-            found, refinement = yield from self._collect_patches(refinement, own, LevelBounds.empty())
+            found, refinement = self._collect_patches(refinement, own)
             np.maximum(reached, self._bounds_of(found, level, len(faces)), out=reached)
             if own >= FIRST_SUPPORT_LEVEL and len(refinement.bases):
                 bounds = support_bounds(refinement.mesh, Vertices.LIMIT)[: len(refinement.bases)]
@@ -153,22 +156,17 @@ class _NormEvaluation:
                 np.maximum.at(reached, refinement.bases[within], bounds[within])
                 refinement = refinement.keep(~within)
             refinement = refinement.refined()
-            yield LevelBounds.empty()
-        found, refinement = yield from self._collect_patches(refinement, level, LevelBounds.empty())
+            self.tick()
+        found, refinement = self._collect_patches(refinement, level)
         np.maximum(reached, self._bounds_at(level, found, refinement, len(faces)), out=reached)
-        yield self.proved(faces, reached)
+        return self.proved(faces, reached)
 
     def proved(self, faces: IndexArray, bounds: FloatArray) -> LevelBounds:
         """The proved bounds of faces (P,) from bounds (P,) without the rounding allowance."""
         return LevelBounds(faces, np.where(self.test.within(bounds), bounds + self.test.allowance, np.inf))
 
-    def _collect_patches(
-        self, refinement: Refinement, level: int, empty: Chunk
-    ) -> Generator[Chunk, None, tuple[list[_Piece], Refinement]]:
-        """The refinement's patches as pieces, and the refinement of the irregular descendants alone.
-
-        Yields ``empty`` after every chunk: the nets around a pole are many and large.
-        """
+    def _collect_patches(self, refinement: Refinement, level: int) -> tuple[list[_Piece], Refinement]:
+        """The refinement's patches as pieces, and the refinement of the irregular descendants alone."""
         if not len(refinement.bases):
             return [], refinement
         patches = classify_patches(refinement.mesh)
@@ -176,7 +174,7 @@ class _NormEvaluation:
         pieces = []
         for chunk, bounds in self.patch_bounds(refinement.mesh, patches, core):
             pieces.append(_Piece(level, refinement.bases[chunk], bounds))
-            yield empty
+            self.tick()
         return pieces, refinement.keep(patches.kinds[core] == PatchKind.IRREGULAR)
 
     def _bounds_at(self, level: int, pieces: list[_Piece], refinement: Refinement, face_count: int) -> FloatArray:

@@ -48,11 +48,6 @@ class FaceDepths:
         zeros = np.zeros(count)
         return FaceDepths(faces, np.full(count, -1, dtype=np.int32), zeros, zeros.copy(), np.ones(count, dtype=bool))
 
-    @staticmethod
-    def empty() -> FaceDepths:
-        """No faces."""
-        return FaceDepths.undecided(np.zeros(0, dtype=np.intp))
-
     def settle(self, chosen: BoolArray, depth: int, bounds: FloatArray, distances: FloatArray | None = None) -> None:
         """Set the depth of the chosen faces; of the arrays (P,) only their entries are used.
 
@@ -80,11 +75,6 @@ class LevelBounds:
 
     faces: IndexArray
     bounds: FloatArray
-
-    @staticmethod
-    def empty() -> LevelBounds:
-        """No faces."""
-        return LevelBounds(np.zeros(0, dtype=np.intp), np.zeros(0))
 
     @property
     def all_within(self) -> bool:

@@ -7,7 +7,6 @@ uses what adaptive subdivision relies on, as this is its check. docs/deviation.m
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -16,6 +15,7 @@ import numpy as np
 from ..arrays.types import FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.validation import validate
+from ..progress import Progress, no_report
 from .bezier_pieces import bezier_pieces
 from .findings import Findings
 from .mesh_to_surface import MeshToSurface
@@ -29,7 +29,6 @@ TRIANGLES_OF_A_UNIT = 8
 
 # A tolerance is told from a distance this much smaller; nothing nearer needs to be known.
 PART_OF_TOLERANCE = 1e-3
-
 
 # What rounding can hide of how far a point lies inside a side, as a part of the largest coordinate.
 MARGIN = 2.0**-40
@@ -59,10 +58,6 @@ class Deviation:
     accuracy_met: bool
 
 
-def no_report(fraction: float) -> None:
-    """For those who do not want to know how far it is."""
-
-
 def measure_deviation(
     control: PolygonMesh,
     positions: FloatArray,
@@ -73,7 +68,7 @@ def measure_deviation(
     max_pieces: int = MOST_PIECES,
     time_limit: float | None = None,
     tolerance: float | None = None,
-    progress: Callable[[float], None] = no_report,
+    progress: Progress = no_report,
 ) -> Deviation:
     """The deviation of a mesh of triangles from the limit surface of ``control``, both ways.
 
@@ -81,8 +76,7 @@ def measure_deviation(
     (T, 3) intp. triangle_faces: (T,) intp, the control face each triangle belongs to, where that is known: its
     distance then counts for that face. accuracy: how near ``proved`` shall be to ``reached``. max_pieces, time_limit
     (seconds): where these are used up the result is what is proved until then. tolerance: distances far below it need
-    not be told apart. progress: is told the fraction done, every
-    tenth of a second or so, and may raise to stop.
+    not be told apart. progress: is told the fraction done, every tenth of a second or so, and may raise to stop.
     Raises InvalidMeshError for the control mesh, ValueError for the other.
     """
     began = perf_counter()

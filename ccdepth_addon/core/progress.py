@@ -1,0 +1,18 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How long work tells its caller how far it is, and is stopped."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+# Called with how far the work is; what it raises ends the work.
+Progress = Callable[[float], None]
+
+
+def no_report(done: float) -> None:
+    """For callers that need not know."""
+
+
+def part_of(progress: Progress, begin: float, share: float) -> Progress:
+    """The progress of a part that begins at a fraction of the whole, and is this share of it."""
+    return lambda fraction: progress(begin + share * fraction)
