@@ -35,8 +35,8 @@ class CCDEPTH_OT_compute(LongOperator):
     def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, list[MeshDepths]]:
         objects = selected_meshes(context)
         refuse_what_cannot_be_written(objects)
-        tasks = yield from prepare_depths(context, objects, self._settings())
-        return (yield from self.computed(lambda progress: compute_depths(tasks, progress)))
+        work = yield from prepare_depths(context, objects, self._settings())
+        return (yield from self.computed(lambda progress: compute_depths(work, progress)))
 
     def progress_text(self, progress: float) -> str:
         return f"Computing depth: {progress:.0%}"

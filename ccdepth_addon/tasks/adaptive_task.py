@@ -208,7 +208,7 @@ def _read_task(
         base,
         control,
     ):
-        surface = surface_of(blender_object, control, settings)
+        surface = surface_of(blender_object.name, control, settings)
         steps = _mixing_steps(base.shape_keys)
         largest = _largest_coordinates(control, base.shape_keys)
     in_world = control.in_world

@@ -87,7 +87,8 @@ class Measurement:
 class MeshTask:
     """What to compute for one mesh. It keeps no reference to Blender's data, which may move while it runs.
 
-    geometry: the checksum of the mesh, and states: what its objects were like, as they were read.
+    geometry: the checksum of the mesh, and states: what its objects were like, as they were read. control_meshes: of
+    each of the objects. measurements: of those that no other dominates, once it is decided.
     """
 
     mesh_uid: int
@@ -95,7 +96,30 @@ class MeshTask:
     geometry: int
     object_names: list[str] = field(default_factory=list)
     states: list[ObjectState] = field(default_factory=list)
+    control_meshes: list[ControlMesh] = field(default_factory=list)
     measurements: list[Measurement] = field(default_factory=list)
+
+
+@dataclass(frozen=True)
+class DepthWork:
+    """What was read, and with which settings to compute. faults: the objects at fault so far."""
+
+    tasks: list[MeshTask]
+    settings: DepthSettings
+    faults: Faults
+
+    def decide(self) -> None:
+        """Decide which surfaces are measured, and check them. Raises ComputeError, naming every object at fault."""
+        for task in self.tasks:
+            surfaces: list[Surface] = []
+            for name, control in zip(task.object_names, task.control_meshes, strict=True):
+                with self.faults.of(name):
+                    surfaces.append(surface_of(name, control, self.settings))
+            for surface in _undominated(surfaces):
+                with self.faults.of(surface.object_name):
+                    check_input(surface.control.in_world, surface.tolerance)
+                    task.measurements.append(Measurement(surface, self.settings))
+        self.faults.refuse()
 
 
 @dataclass(frozen=True)
@@ -139,14 +163,10 @@ class MeshDepths:
 
 def prepare_depths(
     context: bpy.types.Context, objects: Sequence[bpy.types.Object], settings: DepthSettings
-) -> Generator[Stage, None, list[MeshTask]]:
-    """Read the objects' meshes, decide what to compute, and check it.
-
-    Yields the stage, and returns the tasks. Raises ComputeError, naming every object at fault.
-    """
+) -> Generator[Stage, None, DepthWork]:
+    """Read the objects' meshes: yields the stage, and returns the work to do. Raises ComputeError."""
     refuse_bad_tolerance(settings.tolerance)
     tasks: dict[int, MeshTask] = {}
-    surfaces: dict[int, list[Surface]] = {}
     shared: SharedMeshes = {}
     faults = Faults(objects)
     modifiers = {"use_modifiers": settings.use_modifiers}
@@ -164,15 +184,9 @@ def prepare_depths(
                     if uid not in tasks:
                         tasks[uid] = _new_task(blender_object)
                     tasks[uid].object_names.append(blender_object.name)
+                    tasks[uid].control_meshes.append(control)
                     tasks[uid].states.append(object_state(blender_object, **modifiers, known=known))
-                    surfaces.setdefault(uid, []).append(surface_of(blender_object, control, settings))
-    for uid, task in tasks.items():
-        for surface in _undominated(surfaces[uid]):
-            with faults.of(surface.object_name):
-                check_input(surface.control.in_world, surface.tolerance)
-                task.measurements.append(Measurement(surface, settings))
-    faults.refuse()
-    return list(tasks.values())
+    return DepthWork(list(tasks.values()), settings, faults)
 
 
 def _new_task(blender_object: bpy.types.Object) -> MeshTask:
@@ -193,11 +207,14 @@ def _undominated(surfaces: list[Surface]) -> list[Surface]:
     return [group[kept] for group in alike.values() for kept in undominated(group)]
 
 
-def compute_depths(tasks: list[MeshTask], progress: Progress = no_report) -> list[MeshDepths]:
+def compute_depths(work: DepthWork, progress: Progress = no_report) -> list[MeshDepths]:
     """Measure every surface, without Blender: it may run in a thread.
 
-    progress: is told the fraction done, which only rises, and may raise to stop.
+    progress: is told the fraction done, which only rises, and may raise to stop. Raises ComputeError, naming every
+    object at fault.
     """
+    work.decide()
+    tasks = work.tasks
     total = sum(measurement.face_count for task in tasks for measurement in task.measurements)
     begun = 0.0
     answers = []

@@ -91,7 +91,7 @@ def prepare_measurement(
     with faults.of(target.name):
         control = read_control_mesh(context, target, use_modifiers=settings.use_modifiers)
         validate(control.in_world)
-        surface = surface_of(target, control, settings)
+        surface = surface_of(target.name, control, settings)
     measured = []
     for blender_object in objects:
         with faults.of(blender_object.name):

@@ -86,10 +86,10 @@ def refuse_bad_tolerance(tolerance: float) -> None:
         raise ComputeError("The tolerance must be greater than zero")
 
 
-def surface_of(blender_object: bpy.types.Object, control: ControlMesh, settings: SurfaceSettings) -> Surface:
-    """The object's surface, with the tolerance as a length."""
+def surface_of(object_name: str, control: ControlMesh, settings: SurfaceSettings) -> Surface:
+    """The surface of an object, with the tolerance as a length."""
     relative = settings.tolerance_mode == "RELATIVE"
-    return Surface(blender_object.name, control, settings.tolerance * (control.diagonal() if relative else 1.0))
+    return Surface(object_name, control, settings.tolerance * (control.diagonal() if relative else 1.0))
 
 
 # Meshes without extent or with positions that are not finite are refused later.

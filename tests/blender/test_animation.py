@@ -182,11 +182,11 @@ def test_a_change_while_depths_are_being_computed_is_noticed() -> None:
     settings = computation.DepthSettings(0.01, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
     run = addon.module("tasks.stepwise").Stepwise(computation.prepare_depths(bpy.context, [holder], settings))
     run.work()
-    tasks = run.answer
+    work = run.answer
     holder.scale.x = 2.0
     holder.data.vertices[0].co.z += 0.5
     bpy.context.view_layer.update()
-    answers = computation.compute_depths(tasks)
+    answers = computation.compute_depths(work)
     [mesh] = addon.module("operators.compute_depth")._meshes_still_there(answers)
     [answer] = answers
     results = addon.module("state.results")

@@ -112,7 +112,9 @@ def test_equal_duplicates_are_computed_once() -> None:
     computation = addon.module("tasks.depth_task")
     bpy.context.view_layer.update()
     settings = computation.DepthSettings(TOLERANCE, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
-    (task,) = result_of(computation.prepare_depths(bpy.context, objects, settings))
+    work = result_of(computation.prepare_depths(bpy.context, objects, settings))
+    work.decide()
+    [task] = work.tasks
     assert [measurement.surface.object_name for measurement in task.measurements] == [objects[2].name]
 
 
@@ -125,10 +127,10 @@ def test_progress_rises_over_depths_and_the_level_of_all_meshes() -> None:
     bpy.context.view_layer.update()
     task = addon.module("tasks.depth_task")
     settings = task.DepthSettings(0.01, "ABSOLUTE", True, "CERTIFIED", "LIMIT")
-    tasks = result_of(task.prepare_depths(bpy.context, objects, settings))
-    assert [len(each.measurements) for each in tasks] == [2, 1]
+    work = result_of(task.prepare_depths(bpy.context, objects, settings))
     fractions: list[float] = []
-    task.compute_depths(tasks, fractions.append)
+    task.compute_depths(work, fractions.append)
+    assert [len(each.measurements) for each in work.tasks] == [2, 1]
     assert fractions == sorted(fractions)
     assert fractions[0] >= 0
     assert fractions[-1] <= 1
