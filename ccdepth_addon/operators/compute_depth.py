@@ -113,8 +113,8 @@ def _modifier_notes(answer: MeshDepths) -> list[str]:
 def _quality_notes(answer: MeshDepths) -> list[str]:
     """Which Subdivision Surface modifiers have a Quality that is too low for Use Limit Surface at their levels."""
     notes = []
-    surfaces = {measurement.surface.object_name: measurement.surface for measurement in answer.task.measurements}
-    any_surface = answer.task.measurements[0].surface
+    surfaces = {request.surface.object_name: request.surface for request in answer.task.requests}
+    any_surface = answer.task.requests[0].surface
     most = bpy.types.SubsurfModifier.bl_rna.properties["quality"].hard_max
     needed_at: dict[tuple[str, int], int] = {}
     for name in answer.task.object_names:

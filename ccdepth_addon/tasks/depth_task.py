@@ -55,8 +55,8 @@ class DepthSettings(SurfaceSettings):
 
 
 @dataclass(frozen=True)
-class Measurement:
-    """A surface whose depths are to be computed; mesh and tolerance have been checked."""
+class DepthRequest:
+    """A surface whose depths are wanted; mesh and tolerance have been checked."""
 
     surface: Surface
     settings: DepthSettings
@@ -88,7 +88,7 @@ class MeshTask:
     """What to compute for one mesh. It keeps no reference to Blender's data, which may move while it runs.
 
     geometry: the checksum of the mesh, and states: what its objects were like, as they were read. control_meshes: of
-    each of the objects. measurements: of those that no other dominates, once it is decided.
+    each of the objects. requests: of those that no other dominates, once it is decided.
     """
 
     mesh_uid: int
@@ -97,7 +97,7 @@ class MeshTask:
     object_names: list[str] = field(default_factory=list)
     states: list[ObjectState] = field(default_factory=list)
     control_meshes: list[ControlMesh] = field(default_factory=list)
-    measurements: list[Measurement] = field(default_factory=list)
+    requests: list[DepthRequest] = field(default_factory=list)
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class DepthWork:
             for surface in _undominated(surfaces):
                 with self.faults.of(surface.object_name):
                     check_input(surface.control.in_world, surface.tolerance)
-                    task.measurements.append(Measurement(surface, self.settings))
+                    task.requests.append(DepthRequest(surface, self.settings))
         self.faults.refuse()
 
 
@@ -215,38 +215,38 @@ def compute_depths(work: DepthWork, progress: Progress = no_report) -> list[Mesh
     """
     work.decide()
     tasks = work.tasks
-    total = sum(measurement.face_count for task in tasks for measurement in task.measurements)
+    total = sum(request.face_count for task in tasks for request in task.requests)
     begun = 0.0
     answers = []
     for task in tasks:
         answer = _Answer(task)
         results = []
-        for measurement in task.measurements:
-            share = DEPTHS_SHARE * measurement.face_count / total
-            result = measurement.depths(part_of(progress, begun, share))
-            answer.include(measurement.surface.control, result)
+        for request in task.requests:
+            share = DEPTHS_SHARE * request.face_count / total
+            result = request.depths(part_of(progress, begun, share))
+            answer.include(request.surface.control, result)
             results.append(result)
             begun += share
-        share = (1 - DEPTHS_SHARE) * sum(measurement.face_count for measurement in task.measurements) / total
-        level = _common_level(task.measurements, results, part_of(progress, begun, share))
+        share = (1 - DEPTHS_SHARE) * sum(request.face_count for request in task.requests) / total
+        level = _common_level(task.requests, results, part_of(progress, begun, share))
         begun += share
         answers.append(answer.finished(level))
     return answers
 
 
-def _common_level(measurements: list[Measurement], results: list[DepthResult], progress: Progress) -> int:
+def _common_level(requests: list[DepthRequest], results: list[DepthResult], progress: Progress) -> int:
     """The first level at which all faces of all surfaces of a mesh are within the tolerance."""
     level = agreed = 0
     begun = 0.0
-    while agreed < len(measurements):
-        for measurement, result in zip(measurements, results, strict=True):
+    while agreed < len(requests):
+        for request, result in zip(requests, results, strict=True):
             # One part is left over for the case that they do not agree.
-            share = (1 - begun) / (len(measurements) - agreed + 1)
-            found = measurement.level(result, level, part_of(progress, begun, share))
+            share = (1 - begun) / (len(requests) - agreed + 1)
+            found = request.level(result, level, part_of(progress, begun, share))
             begun += share
             agreed = agreed + 1 if found == level else 1
             level = found
-            if agreed == len(measurements):
+            if agreed == len(requests):
                 break
     return level
 
@@ -286,9 +286,9 @@ class _Answer:
             depths=self.depths,
             bounds=self.bounds,
             exact=self.exact,
-            world_tolerance=min(measurement.surface.tolerance for measurement in self.task.measurements),
+            world_tolerance=min(request.surface.tolerance for request in self.task.requests),
             uniform_level=uniform_level,
-            quality=max(measurement.quality(uniform_level) for measurement in self.task.measurements),
+            quality=max(request.quality(uniform_level) for request in self.task.requests),
             control_faces=self.control_faces,
             control_corners=self.control_corners,
             added_faces=self.added_faces,

@@ -19,26 +19,12 @@ from ccdepth_addon.core.surface.surface_points import interpolate_linearly
 from tests import meshes, uniform
 from tests.blender import addon, scene
 from tests.blender.measuring import corner_parameters
+from tests.blender.snapshot import VALUES
 
 LEVEL = 2
 FACE_NUMBERS = "face_number"
 PARAMETERS = "corner_parameters"
 
-VALUES = {
-    "FLOAT": ("value", np.float32, 1),
-    "FLOAT2": ("vector", np.float32, 2),
-    "FLOAT_VECTOR": ("vector", np.float32, 3),
-    "FLOAT4": ("vector", np.float32, 4),
-    "FLOAT_COLOR": ("color", np.float32, 4),
-    "BYTE_COLOR": ("color_srgb", np.float32, 4),
-    "QUATERNION": ("value", np.float32, 4),
-    "FLOAT4X4": ("value", np.float32, 16),
-    "BOOLEAN": ("value", np.bool_, 1),
-    "INT": ("value", np.int32, 1),
-    "INT8": ("value", np.int8, 1),
-    "INT16_2D": ("value", np.int16, 2),
-    "INT32_2D": ("value", np.int32, 2),
-}
 INTEGERS = {"INT", "INT8", "INT16_2D", "INT32_2D"}
 
 # Parameters of size 2 at most in single precision, where points are a sixteenth apart and more.

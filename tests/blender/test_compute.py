@@ -115,7 +115,7 @@ def test_equal_duplicates_are_computed_once() -> None:
     work = result_of(computation.prepare_depths(bpy.context, objects, settings))
     work.decide()
     [task] = work.tasks
-    assert [measurement.surface.object_name for measurement in task.measurements] == [objects[2].name]
+    assert [request.surface.object_name for request in task.requests] == [objects[2].name]
 
 
 def test_progress_rises_over_depths_and_the_level_of_all_meshes() -> None:
@@ -130,7 +130,7 @@ def test_progress_rises_over_depths_and_the_level_of_all_meshes() -> None:
     work = result_of(task.prepare_depths(bpy.context, objects, settings))
     fractions: list[float] = []
     task.compute_depths(work, fractions.append)
-    assert [len(each.measurements) for each in work.tasks] == [2, 1]
+    assert [len(each.requests) for each in work.tasks] == [2, 1]
     assert fractions == sorted(fractions)
     assert fractions[0] >= 0
     assert fractions[-1] <= 1
