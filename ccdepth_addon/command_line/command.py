@@ -37,6 +37,7 @@ GIVEN = (
     "mode",
     "transitions",
     "exact_normals",
+    "reduce",
     "max_faces",
 )
 
@@ -123,6 +124,12 @@ def _add_adaptive_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--exact-normals", action="store_true", default=None, help="shade with the normals of the limit surface"
+    )
+    group.add_argument(
+        "--reduce",
+        action="store_true",
+        default=None,
+        help="make the fewest triangles that can be proved to be within the tolerance",
     )
     group.add_argument("--max-faces", type=_face_limit, help="refuse to make more faces than this")
 
@@ -269,7 +276,8 @@ def _names_by_mesh(objects: list[bpy.types.Object]) -> dict[bpy.types.Mesh, str]
 def _print_adaptive_meshes(objects: list[bpy.types.Object]) -> None:
     for mesh, names in _names_by_mesh(objects).items():
         record = mesh.ccdepth
-        print(f"{names}: {record.faces:,} faces made from {record.base_faces:,}")
+        reduced = f", reduced from {record.unreduced_faces:,}" if record.unreduced_faces else ""
+        print(f"{names}: {record.faces:,} faces made from {record.base_faces:,}{reduced}")
         print(f"  largest distance proved: {record.largest_bound:.4g}; tolerance: {record.world_tolerance:.4g}")
         print(f"  all of it at depth {record.deepest}: {int(record.uniform_faces):,} faces")
 

@@ -38,6 +38,7 @@ from .deviation import Deviation, measure_deviation
 from .mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from .mesh.validation import InvalidMeshError, validate
 from .progress import Progress, no_report, part_of
+from .reduction import Attempt, Reduction, TriangleMesh
 from .surface.evaluation import limit_values
 from .surface.limit_normals import limit_normals
 from .surface.sharpness import apply_boundary_rule, crease_to_sharpness
@@ -48,6 +49,7 @@ __all__ = [
     "VERTICES",
     "AdaptiveMesh",
     "AdaptiveRequest",
+    "Attempt",
     "BoolArray",
     "DepthResult",
     "Deviation",
@@ -58,12 +60,14 @@ __all__ = [
     "Mode",
     "PolygonMesh",
     "Progress",
+    "Reduction",
     "ShortIndexArray",
     "SubdividedMesh",
     "SurfacePoints",
     "ToleranceError",
     "TooManyFacesError",
     "Transitions",
+    "TriangleMesh",
     "apply_boundary_rule",
     "at_corners",
     "at_vertices",

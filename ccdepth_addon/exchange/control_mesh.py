@@ -241,6 +241,12 @@ def base_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> 
     return [m for m in applied_modifiers(blender_object, use_modifiers=use_modifiers) if m != subdivision]
 
 
+def has_own_keys(blender_object: bpy.types.Object, *, use_modifiers: bool) -> bool:
+    """Whether the base mesh has shape keys: they are applied where modifiers make it."""
+    has_keys = blender_object.data.shape_keys is not None
+    return has_keys and not base_modifiers(blender_object, use_modifiers=use_modifiers)
+
+
 @contextmanager
 def base_mesh(
     context: bpy.types.Context,

@@ -3,11 +3,16 @@
 
 from __future__ import annotations
 
+from itertools import count
+
 import bpy
+import numpy as np
+from numpy.typing import NDArray
 
 from ..core import PolygonMesh, SubdividedMesh, at_corners, limit_normals
 from .attributes import CUSTOM_NORMAL, FREE_NORMALS
 from .bulk_writing import WriteError, write_attribute
+from .control_mesh import read_values
 
 
 def write_limit_normals(
@@ -22,7 +27,11 @@ def write_limit_normals(
         raise WriteError(
             f"the mesh has an attribute of its own called “{CUSTOM_NORMAL}”, where exact normals go; rename it"
         )
-    normals = at_corners(subdivided, lambda points: limit_normals(control, points))
+    _write_normals(mesh, at_corners(subdivided, lambda points: limit_normals(control, points)), deformable=deformable)
+
+
+def _write_normals(mesh: bpy.types.Mesh, normals: NDArray[np.floating], *, deformable: bool) -> None:
+    """Shade with normals (C, 3) at the corners."""
     flat = mesh.attributes.get("sharp_face")
     if flat is not None and (flat.data_type, flat.domain) == ("BOOLEAN", "FACE"):
         mesh.attributes.remove(flat)
@@ -32,3 +41,22 @@ def write_limit_normals(
     mesh.update()
     # A list of lists takes Blender a third of the time that an array does.
     mesh.normals_split_custom_set(normals.tolist())
+
+
+class CarriedNormals:
+    """The custom normals of a mesh as a plain attribute of its corners, which modifiers interpolate, and back again."""
+
+    def __init__(self, mesh: bpy.types.Mesh) -> None:
+        """Write the attribute."""
+        self._name = next(name for number in count() if (name := f"ccdepth_normal_{number}") not in mesh.attributes)
+        normals = read_values(mesh.corner_normals, "vector", np.float32, 3)
+        write_attribute(mesh, self._name, "FLOAT_VECTOR", "CORNER", normals)
+
+    def put_back(self, mesh: bpy.types.Mesh, *, deformable: bool) -> None:
+        """Turn the attribute of this mesh, made of the other by modifiers, into custom normals."""
+        carried = mesh.attributes[self._name]
+        normals = read_values(carried.data, "vector", np.float32, 3)
+        mesh.attributes.remove(carried)
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        # Blender takes its own normal where one is zero.
+        _write_normals(mesh, np.divide(normals, lengths, out=normals, where=lengths > 0), deformable=deformable)

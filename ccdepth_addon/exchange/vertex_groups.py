@@ -36,6 +36,15 @@ def group_names(holder: bpy.types.Object) -> GroupNames:
     return GroupNames([group.name for group in groups], [group.lock_weight for group in groups], groups.active_index)
 
 
+def has_groups(mesh: bpy.types.Mesh) -> bool:
+    """Whether a mesh has vertex groups, which only its objects know."""
+    holder = bpy.data.objects.new(mesh.name, mesh)
+    try:
+        return len(holder.vertex_groups) > 0
+    finally:
+        bpy.data.objects.remove(holder)
+
+
 def write_groups(
     holder: bpy.types.Object,
     groups: GroupNames,

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 
 from ..exchange.adaptive_mesh import TransferOptions, new_mesh
 from ..exchange.bulk_writing import WriteError, own_copy
@@ -38,11 +39,12 @@ CHANGED = "The objects were changed in the meantime: nothing was written"
 
 @dataclass(frozen=True)
 class Made:
-    """A result, the session identifier of the adaptive mesh made from it, and the checksum of that mesh."""
+    """A result, the session identifier of the mesh made for it, that mesh's checksum, and (F,) int32 its depths."""
 
     result: AdaptiveResult
     mesh_uid: int
     geometry: int
+    depths: NDArray[np.int32]
 
 
 def make_meshes(
@@ -94,7 +96,7 @@ def place_meshes(
     context.view_layer.update()
     for each, mesh, placed in zip(made, meshes, users, strict=True):
         states = [object_state(user, use_modifiers=False) for user in placed]
-        fingerprint.remember(mesh, each.geometry, each.result.adaptive.depths, states)
+        fingerprint.remember(mesh, each.geometry, each.depths, states)
         staleness.note_write(mesh)
     heat_map.synchronise(context)
     return [user for placed in users for user in placed]
@@ -163,7 +165,7 @@ def _make_mesh(
         raise
     arrays = answer.adaptive.mesh
     topology = Topology(arrays.face_starts[:-1].astype(np.int32), arrays.corner_vertices, arrays.edge_vertices)
-    return Made(answer, mesh.session_uid, geometry_checksum(mesh, topology))
+    return Made(answer, mesh.session_uid, geometry_checksum(mesh, topology), answer.adaptive.depths)
 
 
 def _place_instead(

@@ -7,13 +7,14 @@ from typing import ClassVar
 
 import bpy
 
-from ..exchange.control_mesh import applied_modifiers, subdivision_modifier
+from ..exchange.control_mesh import applied_modifiers, has_own_keys, subdivision_modifier
 from ..state import properties
 from ..tasks.adaptive_task import AdaptiveTask, subdivide
 from ..tasks.stepwise import Stage
 from ..ui.printable import printable
 from .adaptive_objects import Made, make_meshes, place_meshes
 from .adaptive_operator import AdaptiveOperator
+from .reduced_meshes import Reducer
 from .selected_meshes import count_text, without_mesh_text
 
 
@@ -24,21 +25,29 @@ class CCDEPTH_OT_subdivide(AdaptiveOperator):
     bl_idname = "ccdepth.subdivide"
     bl_label = "Apply Adaptive Subdivision"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
-    SETTINGS: ClassVar[tuple[str, ...]] = (*AdaptiveOperator.SETTINGS, "output", "exact_normals")
+    SETTINGS: ClassVar[tuple[str, ...]] = (*AdaptiveOperator.SETTINGS, "output", "exact_normals", "reduce")
 
     output: properties.output_property()
     exact_normals: properties.exact_normals_property()
+    reduce: properties.reduce_property()
 
     def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, list[Made]]:
         tasks = yield from self.prepared(context)
         self._notes = [note for task in tasks for note in _notes(task, self.use_modifiers)]
         settings = self.settings()
         answers = yield from self.computed(lambda progress: subdivide(tasks, settings, progress))
-        return (yield from make_meshes(context, answers, settings, exact_normals=self.exact_normals))
+        if not self.reduce:
+            return (yield from make_meshes(context, answers, settings, exact_normals=self.exact_normals))
+        reducer = Reducer(context, settings, self.computed, exact_normals=self.exact_normals)
+        made = yield from reducer.make(answers)
+        self._notes += reducer.notes
+        return made
 
     def object_fault(self, blender_object: bpy.types.Object) -> str | None:
         if self.output == "IN_PLACE" and blender_object.override_library is not None:
             return "the object is a library override; choose New Object, or make it local first"
+        if self.reduce and has_own_keys(blender_object, use_modifiers=self.use_modifiers):
+            return "Reduce cannot keep its shape keys; turn Reduce off, or apply them first"
         return super().object_fault(blender_object)
 
     def progress_text(self, progress: float) -> str:
@@ -53,11 +62,13 @@ class CCDEPTH_OT_subdivide(AdaptiveOperator):
             self.report({"INFO"}, skipped)
         for note in self._notes:
             self.report({"WARNING"}, printable(note))
-        results = [made.result.adaptive for made in answer]
-        faces = count_text(sum(len(each.depths) for each in results), "face", "faces")
+        faces = count_text(sum(len(each.depths) for each in answer), "face", "faces")
         objects_text = f"{len(objects)} objects, " if len(objects) > 1 else ""
-        deepest = max(int(each.depths.max(initial=0)) for each in results)
-        self.report({"INFO"}, f"{objects_text}{faces}, deepest depth {deepest}")
+        deepest = max(int(each.depths.max(initial=0)) for each in answer)
+        text = f"{objects_text}{faces}, deepest depth {deepest}"
+        if self.reduce:
+            text += f"; without Reduce {sum(len(each.result.adaptive.depths) for each in answer):,} faces"
+        self.report({"INFO"}, text)
         return {"FINISHED"}
 
 

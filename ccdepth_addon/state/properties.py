@@ -150,6 +150,16 @@ def exact_normals_property() -> Any:
     )
 
 
+def reduce_property() -> Any:
+    return BoolProperty(
+        name="Reduce",
+        description="Make the fewest triangles, where quads do not matter: a finer mesh goes through Blender's "
+        "Decimate as far as it is proved to stay within the tolerance. Seams, sharp edges, and borders of materials "
+        "and UV islands stay where they are; shape keys cannot be kept",
+        default=False,
+    )
+
+
 def max_faces_property() -> Any:
     return IntProperty(
         name="Face Limit",

@@ -25,6 +25,7 @@ from ..exchange.result_attributes import (
 )
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.depth_task import DepthSettings, MeshDepths
+from ..tasks.reduce_task import ReducedResult
 from ..tasks.surfaces import SurfaceSettings
 from .colors import depth_colors, to_linear
 
@@ -105,7 +106,24 @@ def write_record(
 
 def write_adaptive(mesh: bpy.types.Mesh, answer: AdaptiveResult, settings: AdaptiveSettings) -> None:
     """Write depths, bounds and record of an adaptive mesh, in Object Mode; no colours: the mesh is there to be used."""
-    depths, bounds = answer.adaptive.depths, rounded_up(answer.bounds)
+    _write_adaptive(mesh, answer, answer.adaptive.depths, answer.bounds, settings)
+
+
+def write_reduced(mesh: bpy.types.Mesh, reduced: ReducedResult, settings: AdaptiveSettings) -> None:
+    """The same for one that was reduced."""
+    answer = reduced.unreduced
+    _write_adaptive(mesh, answer, reduced.depths, reduced.bounds, settings)
+    mesh.ccdepth.unreduced_faces = len(answer.adaptive.depths)
+
+
+def _write_adaptive(
+    mesh: bpy.types.Mesh,
+    answer: AdaptiveResult,
+    depths: NDArray[np.int32],
+    proved: FloatArray,
+    settings: AdaptiveSettings,
+) -> None:
+    bounds = rounded_up(proved)
     write_face_values(mesh, {DEPTH_KIND: depths, BOUND_KIND: bounds})
     record = _new_record(mesh, depths, settings)
     record.subdivision = settings.mode
@@ -120,6 +138,7 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
     record = mesh.ccdepth
     record.has_result = True
     record.subdivision = ""
+    record.unreduced_faces = 0
     record.shows_deviation = False
     record.tolerance = settings.tolerance
     record.tolerance_mode = settings.tolerance_mode

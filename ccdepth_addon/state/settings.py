@@ -52,6 +52,7 @@ class SceneSettings(bpy.types.PropertyGroup):
     transitions: properties.transitions_property()
     output: properties.output_property()
     exact_normals: properties.exact_normals_property()
+    reduce: properties.reduce_property()
     max_faces: properties.max_faces_property()
     accuracy: properties.accuracy_property()
     time_limit: properties.time_limit_property()

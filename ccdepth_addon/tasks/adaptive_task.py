@@ -138,8 +138,12 @@ class AdaptiveResult:
     @property
     def bounds(self) -> FloatArray:
         """(F,) the proved distances, lengths in the scene, with all rounding, wherever the result is used."""
+        return self.wherever_used(self.adaptive.bounds)
+
+    def wherever_used(self, bounds: FloatArray) -> FloatArray:
+        """(N,) proved distances as lengths in the scene, with all rounding, wherever the result is used."""
         # An object that is dominated has no larger distances, in parts of its tolerance.
-        return (self.adaptive.bounds + self.task.allowance) * (self.world_tolerance / self.task.surface.tolerance)
+        return (bounds + self.task.allowance) * (self.world_tolerance / self.task.surface.tolerance)
 
     @property
     def uniform_faces(self) -> int:

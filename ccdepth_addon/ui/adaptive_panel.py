@@ -5,6 +5,7 @@ would have."""
 import bpy
 import numpy as np
 
+from ..exchange.control_mesh import has_own_keys
 from ..state.face_counts import known_count
 from ..state.properties import tolerance_name
 from ..tasks.adaptive_task import adaptive_settings
@@ -29,11 +30,26 @@ class CCDEPTH_PT_subdivision(bpy.types.Panel):
         layout.use_property_split = True
         layout.use_property_decorate = False
         column = layout.column()
-        column.prop(settings, "mode")
-        column.prop(settings, "transitions")
+        column.prop(settings, "reduce")
+        _draw_keys_line(column, context)
+        # Triangles that are merged show nothing of how faces were divided.
+        division = column.column()
+        division.active = not settings.reduce
+        division.prop(settings, "mode")
+        division.prop(settings, "transitions")
         column.prop(settings, "output")
         column.prop(settings, "exact_normals")
         column.prop(settings, "max_faces")
+
+
+def _draw_keys_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    settings, active = context.scene.ccdepth, context.active_object
+    if not settings.reduce or active is None or active.type != "MESH":
+        return
+    if has_own_keys(active, use_modifiers=settings.use_modifiers):
+        row = layout.row()
+        row.alert = True
+        row.label(text="Reduce cannot keep shape keys", icon="ERROR")
 
 
 def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -45,7 +61,7 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
         layout.operator("ccdepth.count_faces", icon="FACESEL")
         return
     if count.fitting is None:
-        draw_rows(layout, [("Faces to Make", f"{count.faces:,}")])
+        draw_rows(layout, [("Before Reduce" if settings.reduce else "Faces to Make", f"{count.faces:,}")])
         return
     column = layout.column()
     column.alert = True

@@ -141,8 +141,10 @@ def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) 
 
 
 def _numbers_of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:
+    before = [("Before Reduce", f"{record.unreduced_faces:,}")] if record.unreduced_faces else []
     return [
         ("Faces", f"{record.faces:,}"),
+        *before,
         ("Base Faces", f"{record.base_faces:,}"),
         ("Uniform Faces", sidebar_count(int(record.uniform_faces))),
         ("Deepest Depth", str(record.deepest)),

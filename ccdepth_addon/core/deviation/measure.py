@@ -43,7 +43,8 @@ class Deviation:
     were compared with, triangles likewise, so that the largest of either is ``proved``.
     worst_point, worst_nearest: (3,) float64, the pair that reaches ``reached``: a point of the surface and the nearest
     one of the mesh where surface_to_mesh, else the other way round. worst_face, worst_triangle: where they lie.
-    accuracy_met: whether proved ≤ (1 + accuracy) · reached, or is so small that rounding, or the tolerance, hides it.
+    accuracy_met: whether proved ≤ (1 + accuracy) · reached, or is enough, or so small that rounding, or the tolerance,
+    hides it.
     """
 
     proved: float
@@ -68,6 +69,7 @@ def measure_deviation(
     max_pieces: int = MOST_PIECES,
     time_limit: float | None = None,
     tolerance: float | None = None,
+    enough: float = 0.0,
     progress: Progress = no_report,
 ) -> Deviation:
     """The deviation of a mesh of triangles from the limit surface of ``control``, both ways.
@@ -76,7 +78,8 @@ def measure_deviation(
     (T, 3) intp. triangle_faces: (T,) intp, the control face each triangle belongs to, where that is known: its
     distance then counts for that face. accuracy: how near ``proved`` shall be to ``reached``. max_pieces, time_limit
     (seconds): where these are used up the result is what is proved until then. tolerance: distances far below it need
-    not be told apart. progress: is told the fraction done, every tenth of a second or so, and may raise to stop.
+    not be told apart. enough: what is proved need not be less than this, so that it is soon known whether all is
+    within it. progress: is told the fraction done, every tenth of a second or so, and may raise to stop.
     Raises InvalidMeshError for the control mesh, ValueError for the other.
     """
     began = perf_counter()
@@ -86,7 +89,7 @@ def measure_deviation(
     allowance = rounding_allowance(control, size)
     findings = Findings(
         accuracy=accuracy,
-        floor=max(4 * allowance, PART_OF_TOLERANCE * (tolerance or 0.0)),
+        floor=max(4 * allowance, PART_OF_TOLERANCE * (tolerance or 0.0), enough),
         allowance=allowance,
         margin=MARGIN * size,
         max_pieces=max_pieces,

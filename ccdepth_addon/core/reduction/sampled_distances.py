@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How far a mesh is from a finer one near the surface, at samples: quick, and proves nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from ..arrays.chunks import chunks
+from ..arrays.types import FloatArray, IndexArray
+from ..deviation.surface_to_mesh import nearest_triangles
+from ..deviation.triangles import Triangles
+
+PLACES_AT_ONCE = 1 << 13
+
+# Of the finer mesh no more vertices than this are samples.
+MOST_SAMPLES = 1 << 18
+
+Tick = Callable[[], None]
+
+
+class SampledDistances:
+    """Distances between a fine mesh and coarser ones, both ways.
+
+    positions: (V, 3) float64; corners: (T, 3) intp, of the fine mesh, at least one triangle. tick: is called again and
+    again, and may raise to stop, here as in the methods.
+    """
+
+    def __init__(self, positions: FloatArray, corners: IndexArray, tick: Tick) -> None:
+        self._triangles = Triangles.of(positions, corners, tick)
+        used = np.unique(corners)
+        self._samples = positions[used[:: len(used) // MOST_SAMPLES + 1]]
+
+    def of(self, mesh: Triangles, positions: FloatArray, corners: IndexArray, tick: Tick) -> FloatArray:
+        """(T,) float64: the longest distance at each triangle of a mesh. positions: (V, 3); corners: (T, 3), its own.
+
+        A sample of the fine mesh counts for the triangle it is nearest to; vertices, middles of edges and centroids of
+        the coarse mesh count for their triangles.
+        """
+        farthest = np.zeros(len(corners))
+        for block in chunks(len(self._samples), PLACES_AT_ONCE):
+            found = nearest_triangles(mesh, self._samples[block])
+            np.maximum.at(farthest, found.which, found.distances)
+            tick()
+        used, of_corners = np.unique(corners, return_inverse=True)
+        at_vertices = self._from(positions[used], tick)[of_corners.reshape(corners.shape)]
+        at_centroids = self._from(positions[corners].mean(axis=1), tick)
+        edges, of_triangles = edges_of(corners)
+        at_middles = self._from(positions[edges].mean(axis=1), tick)
+        for distances in (at_vertices, at_middles[of_triangles], at_centroids[:, None]):
+            np.maximum(farthest, distances.max(axis=1), out=farthest)
+        return farthest
+
+    def _from(self, places: FloatArray, tick: Tick) -> FloatArray:
+        """(P,): how far places (P, 3) are from the fine mesh."""
+        distances = np.empty(len(places))
+        for block in chunks(len(places), PLACES_AT_ONCE):
+            distances[block] = nearest_triangles(self._triangles, places[block]).distances
+            tick()
+        return distances
+
+
+def edges_of(corners: IndexArray) -> tuple[IndexArray, IndexArray]:
+    """(E, 2) intp the edges of triangles (T, 3), and (T, 3) intp which of them each has."""
+    pairs = np.sort(np.stack([corners, corners[:, [1, 2, 0]]], axis=-1).reshape(-1, 2), axis=1)
+    count = int(pairs.max()) + 1
+    keys, of_pairs = np.unique(pairs[:, 0] * count + pairs[:, 1], return_inverse=True)
+    return np.stack([keys // count, keys % count], axis=1), of_pairs.reshape(corners.shape)
+
+
+def nearest_of(mesh: Triangles, places: FloatArray, tick: Tick) -> IndexArray:
+    """(P,) intp: the triangle that places (P, 3) are nearest to."""
+    which = np.empty(len(places), dtype=np.intp)
+    for block in chunks(len(places), PLACES_AT_ONCE):
+        which[block] = nearest_triangles(mesh, places[block]).which
+        tick()
+    return which

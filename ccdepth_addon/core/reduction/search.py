@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Search for the strongest reduction of a mesh that is proved to be within a limit of the limit surface.
+
+Somebody else merges triangles, which may move vertices off the surface; this says how many triangles to try for and
+which vertices to leave alone, and judges what came out. docs/adaptive.md, Reduce.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..deviation import Deviation, measure_deviation
+from ..deviation.triangles import Triangles
+from ..mesh.polygon_mesh import PolygonMesh
+from .sampled_distances import SampledDistances, nearest_of
+
+# The part of the triangles that can go that an attempt is to merge, at most and at least.
+LARGEST_SHARE, LEAST_SHARE = 0.75, 0.15
+
+# An attempt that merges more than this part of them and fails shows little of where the places are that do not allow
+# it: the next one merges a part of that share.
+LARGE_SHARE, NEXT_SHARE = 0.3, 0.7
+
+# The search ends where all the triangles to merge are a smaller part of the mesh.
+LEAST_GAIN = 0.05
+
+# Where samples are within this part of the limit, there is no proof until one is needed.
+SURELY_WITHIN = 0.6
+
+# Of triangles that are not proved to be within the limit, those with samples beyond this part of it are to blame.
+NEARLY_BEYOND = 0.9
+
+# How near what is proved has to be to what is reached where that is beyond the limit.
+ACCURACY_BEYOND = 0.05
+
+Progress = Callable[[float], None]
+
+
+@dataclass(frozen=True)
+class TriangleMesh:
+    """positions: (V, 3) float64; corners: (T, 3) intp."""
+
+    positions: FloatArray
+    corners: IndexArray
+
+
+@dataclass(frozen=True)
+class Attempt:
+    """How to reduce the current mesh next. triangles: how many to leave. is_fixed: (V,) bool, vertices that must stay
+    where they are, with all edges between them."""
+
+    triangles: int
+    is_fixed: BoolArray
+
+
+@dataclass(frozen=True)
+class Proof:
+    """A reduced mesh that is within the limit. bounds: (T,) float64, the proved distance of each triangle both ways.
+    reached: a distance that is really there."""
+
+    mesh: TriangleMesh
+    bounds: FloatArray
+    reached: float
+
+
+class Reduction:
+    """The search, an attempt after the other: ``attempt`` says what to try, ``judge`` whether that takes the place of
+    ``current``, until ``attempt`` knows no more; then ``prove``.
+
+    control: with explicit sharpness. start: a fine mesh that is within a small part of the limit of its limit surface.
+    is_kept: (V,) bool, its vertices that shall stay. limit: in the unit of the positions.
+    """
+
+    def __init__(
+        self, control: PolygonMesh, start: TriangleMesh, is_kept: BoolArray, limit: float, progress: Progress
+    ) -> None:
+        self.current = start
+        self.proof: Proof | None = None
+        self._control, self._limit = control, limit
+        self._is_fixed = is_kept
+        self._share = LARGEST_SHARE
+        self._samples = SampledDistances(start.positions, start.corners, lambda: progress(0.0))
+
+    @property
+    def is_proved(self) -> bool:
+        """Whether the current mesh is the one of the proof."""
+        return self.proof is not None and self.proof.mesh is self.current
+
+    def attempt(self) -> Attempt | None:
+        """What to try next; None when too little is left to gain."""
+        can_go = ~self._is_fixed[self.current.corners].any(axis=1)
+        count = len(self.current.corners)
+        fewer = int(self._share * np.count_nonzero(can_go))
+        return Attempt(count - fewer, self._is_fixed) if fewer > LEAST_GAIN * count else None
+
+    def judge(self, mesh: TriangleMesh, progress: Progress) -> bool:
+        """Whether the result of the attempt is taken; it is the current mesh then.
+
+        progress: is told the fraction done, and may raise to stop.
+        """
+        if len(mesh.corners) > (1 - LEAST_GAIN / 2) * len(self.current.corners):
+            # It could not be done: all that is left must not be merged.
+            self._share = 0.0
+            return False
+        triangles = self._triangles(mesh, progress)
+        distances = self._distances(mesh, triangles, progress)
+        reached = float(distances.max(initial=0.0))
+        proof = None
+        if reached > self._limit:
+            self._reject(triangles, distances > self._limit, mesh, progress)
+            return False
+        if reached > SURELY_WITHIN * self._limit:
+            found = self._measured(mesh, progress)
+            if found.proved > self._limit:
+                self._reject(triangles, self._to_blame(found, distances), mesh, progress)
+                return False
+            proof, reached = Proof(mesh, found.triangle_bounds, found.reached), max(reached, found.reached)
+        self._accept(mesh, proof, reached)
+        return True
+
+    def prove(self, progress: Progress) -> Proof | None:
+        """The last mesh taken, with its proof; or the last one before that is proved; None where nothing is."""
+        if not self.is_proved:
+            found = self._measured(self.current, progress)
+            if found.proved <= self._limit:
+                self.proof = Proof(self.current, found.triangle_bounds, found.reached)
+        return self.proof
+
+    def _triangles(self, mesh: TriangleMesh, progress: Progress) -> Triangles:
+        return Triangles.of(mesh.positions, mesh.corners, lambda: progress(0.0))
+
+    def _distances(self, mesh: TriangleMesh, triangles: Triangles, progress: Progress) -> FloatArray:
+        return self._samples.of(triangles, mesh.positions, mesh.corners, lambda: progress(0.0))
+
+    def _measured(self, mesh: TriangleMesh, progress: Progress) -> Deviation:
+        return measure_deviation(
+            self._control,
+            mesh.positions,
+            mesh.corners,
+            accuracy=ACCURACY_BEYOND,
+            enough=self._limit,
+            progress=progress,
+        )
+
+    def _to_blame(self, found: Deviation, distances: FloatArray) -> BoolArray:
+        """(T,): triangles that are not proved to be within the limit, and of these, if there are any, only those whose
+        samples are nearly beyond it."""
+        unproved = found.triangle_bounds > self._limit
+        nearly = unproved & (distances > NEARLY_BEYOND * self._limit)
+        return nearly if nearly.any() else unproved
+
+    def _accept(self, mesh: TriangleMesh, proof: Proof | None, reached: float) -> None:
+        self._is_fixed = is_among(mesh.positions, self.current.positions[self._is_fixed])
+        self.current = mesh
+        if proof is not None:
+            self.proof = proof
+        # Errors grow about as triangles become fewer.
+        self._share = float(np.clip(1 - reached / self._limit, LEAST_SHARE, LARGEST_SHARE))
+
+    def _reject(self, triangles: Triangles, bad: BoolArray, mesh: TriangleMesh, progress: Progress) -> None:
+        if self._share > LARGE_SHARE:
+            self._share *= NEXT_SHARE
+            return
+        around = np.zeros(len(mesh.positions), dtype=bool)
+        around[mesh.corners[bad]] = True
+        bad = around[mesh.corners].any(axis=1)
+        current = self.current
+        near = np.zeros(len(current.positions), dtype=bool)
+        # Loose vertices may be anywhere.
+        used = np.unique(current.corners)
+        near[used] = bad[nearest_of(triangles, current.positions[used], lambda: progress(1.0))]
+        centroids = current.positions[current.corners].mean(axis=1)
+        near[current.corners[bad[nearest_of(triangles, centroids, lambda: progress(1.0))]]] = True
+        if not (near & ~self._is_fixed).any():
+            self._share *= NEXT_SHARE
+        self._is_fixed = self._is_fixed | near
+
+
+def is_among(positions: FloatArray, others: FloatArray) -> BoolArray:
+    """(V,): which positions (V, 3) are exactly among others (N, 3)."""
+    rows, known = (np.ascontiguousarray(each + 0.0).view("V24").ravel() for each in (positions, others))
+    return np.isin(rows, known)

@@ -1,0 +1,163 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender's Decimate modifier: copies of a mesh with fewer and fewer triangles, each made of the one before."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import count
+
+import bpy
+import numpy as np
+
+from ..core import BoolArray, FloatArray, TriangleMesh
+from .bulk_writing import own_copy, write_values
+from .control_mesh import read_built_in, read_values
+
+# What the tolerance is where Decimate works: it takes places for flat by lengths in the unit of the coordinates.
+TOLERANCE = 0.01
+
+# The weight of vertices that Decimate may move; edges at vertices of weight 0 it leaves alone.
+MAY_MOVE = 1.0
+
+
+class Decimation:
+    """A mesh that is reduced step by step, along with all its attributes and vertex groups.
+
+    Decimate works in the scene's proportions. The meshes in between are data-blocks that ``remove`` removes.
+    """
+
+    def __init__(self, mesh: bpy.types.Mesh, world: FloatArray, tolerance: float) -> None:
+        """mesh: without shape keys; it is not changed. world: (3, 3), its object's matrix, invertible. tolerance: a
+        length in the scene."""
+        self._world = world
+        positions = _positions(mesh)
+        # Loose vertices may be anywhere.
+        used = positions[np.unique(read_built_in(mesh.attributes, ".corner_vert", "value", np.int32))]
+        self._middle = (used.min(axis=0) + used.max(axis=0)) / 2
+        self._to_decimate = world * (TOLERANCE / tolerance)
+        self._current, self._attempt, self._kept = 0, 0, 0
+        scratch = own_copy(mesh)
+        try:
+            moved = (positions - self._middle) @ self._to_decimate.T
+            write_values(scratch.attributes["position"].data, "vector", moved.astype(np.float32))
+            self._current = _made_by(scratch, lambda holder: None).session_uid
+        finally:
+            bpy.data.meshes.remove(scratch)
+
+    def current(self) -> TriangleMesh:
+        """The triangles that the next attempt begins with, in the scene."""
+        return self._triangles(_mesh(self._current))
+
+    def attempt(self, triangles: int, is_fixed: BoolArray) -> TriangleMesh:
+        """Merge triangles of the current mesh until so many are left; the result, in the scene. is_fixed: (V,), the
+        vertices that must stay."""
+        self._drop(self._attempt)
+        mesh = _mesh(self._current)
+
+        def decimate(holder: bpy.types.Object) -> None:
+            modifier = holder.modifiers.new("Decimate", "DECIMATE")
+            modifier.ratio = triangles / len(mesh.polygons)
+            modifier.use_collapse_triangulate = True
+            if is_fixed.any():
+                names = {*holder.vertex_groups.keys(), *mesh.attributes.keys()}
+                name = next(name for number in count() if (name := f"ccdepth_may_move_{number}") not in names)
+                group = holder.vertex_groups.new(name=name)
+                group.add(np.flatnonzero(~is_fixed).tolist(), MAY_MOVE, "REPLACE")
+                modifier.vertex_group = group.name
+
+        self._attempt = _made_by(mesh, decimate).session_uid
+        return self._triangles(_mesh(self._attempt))
+
+    def accept(self, *, keep: bool) -> None:
+        """Let the last attempt be the current mesh. keep: and the one that ``write`` writes."""
+        if self._current != self._kept:
+            self._drop(self._current)
+        self._current, self._attempt = self._attempt, 0
+        if keep:
+            self.keep()
+
+    def keep(self) -> None:
+        """Let the current mesh be the one that ``write`` writes."""
+        if self._kept not in (0, self._current):
+            self._drop(self._kept)
+        self._kept = self._current
+
+    def write(self, mesh: bpy.types.Mesh) -> None:
+        """Give a mesh the geometry, attributes and groups of the one that was kept, in object space."""
+        import bmesh
+
+        kept = _mesh(self._kept)
+        names = set(mesh.attributes.keys())
+        write_values(kept.attributes["position"].data, "vector", self._stored(kept))
+        edited = bmesh.new()
+        try:
+            edited.from_mesh(kept)
+            edited.to_mesh(mesh)
+        finally:
+            edited.free()
+        # Selections that BMesh adds.
+        for name in [name for name in mesh.attributes.keys() if name.startswith(".") and name not in names]:  # noqa: SIM118
+            if ".select" in name or ".uv_select" in name:
+                mesh.attributes.remove(mesh.attributes[name])
+        mesh.update()
+
+    def remove(self) -> None:
+        """Remove what is left of the meshes in between."""
+        for uid in {self._current, self._attempt, self._kept}:
+            self._drop(uid)
+        self._current = self._attempt = self._kept = 0
+
+    def _stored(self, mesh: bpy.types.Mesh) -> FloatArray:
+        """(V, 3) float32: positions in object space, as they are stored."""
+        positions = _positions(mesh) @ np.linalg.inv(self._to_decimate).T + self._middle
+        return positions.astype(np.float32)
+
+    def _triangles(self, mesh: bpy.types.Mesh) -> TriangleMesh:
+        # Column by column and in this order, as for the control mesh: equal points stay equal.
+        x, y, z = self._stored(mesh).astype(np.float64).T
+        positions = np.stack([x * row[0] + y * row[1] + z * row[2] for row in self._world], axis=1)
+        corners = read_built_in(mesh.attributes, ".corner_vert", "value", np.int32).reshape(-1, 3)
+        return TriangleMesh(positions, corners.astype(np.intp))
+
+    def _drop(self, uid: int) -> None:
+        bpy.data.batch_remove([mesh for mesh in bpy.data.meshes if mesh.session_uid == uid])
+
+
+def _mesh(uid: int) -> bpy.types.Mesh:
+    return next(mesh for mesh in bpy.data.meshes if mesh.session_uid == uid)
+
+
+def _positions(mesh: bpy.types.Mesh) -> FloatArray:
+    return read_built_in(mesh.attributes, "position", "vector", np.float32, 3).astype(np.float64)
+
+
+def _made_by(mesh: bpy.types.Mesh, add_modifier: Callable[[bpy.types.Object], None]) -> bpy.types.Mesh:
+    """A new mesh of triangles, made by a modifier, with all that the mesh has; in a scene of its own, as others may be
+    large."""
+    holder = bpy.data.objects.new(mesh.name, mesh)
+    scene = bpy.data.scenes.new(mesh.name)
+    groups = len(holder.vertex_groups)
+    try:
+        scene.collection.objects.link(holder)
+        if any(read_values(mesh.polygons, "loop_total", np.int32) != 3):
+            holder.modifiers.new("Triangulate", "TRIANGULATE")
+        add_modifier(holder)
+        layer = scene.view_layers[0]
+        layer.update()
+        made = bpy.data.meshes.new_from_object(
+            holder.evaluated_get(layer.depsgraph), preserve_all_data_layers=True, depsgraph=layer.depsgraph
+        )
+        _remove_groups(holder, groups)
+        holder.data = made
+        _remove_groups(holder, groups)
+    finally:
+        bpy.data.batch_remove([holder, scene])
+    return made
+
+
+def _remove_groups(holder: bpy.types.Object, kept: int) -> None:
+    """Remove the vertex groups after the first so many."""
+    if not kept:
+        holder.vertex_groups.clear()
+    for group in list(holder.vertex_groups)[kept:]:
+        holder.vertex_groups.remove(group)

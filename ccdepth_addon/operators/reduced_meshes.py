@@ -1,0 +1,154 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Adaptive results → meshes of as few triangles as can be proved to be within the tolerance."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from functools import partial
+from typing import Any, TypeVar
+
+import bpy
+import numpy as np
+
+from ..core import FloatArray, Reduction
+from ..exchange.bulk_writing import WriteError
+from ..exchange.control_mesh import read_values
+from ..exchange.custom_normals import CarriedNormals
+from ..exchange.decimation import Decimation
+from ..exchange.kept_lines import vertices_on_lines
+from ..exchange.mesh_checksums import geometry_checksum
+from ..exchange.result_attributes import DEPTH, DEPTH_KIND, write_face_values
+from ..exchange.vertex_groups import has_groups
+from ..state import results
+from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
+from ..tasks.reduce_task import ReducedResult, depths_of_faces, finer_result, reduction_of, triangle_count
+from ..tasks.stepwise import Stage
+from ..tasks.surfaces import ComputeError
+from . import worker
+from .adaptive_objects import Made, make_meshes
+
+Answer = TypeVar("Answer")
+Run = Callable[[Callable[[worker.Progress], Answer]], Generator[float, None, Answer]]
+
+STOPPED = "The reducing was stopped, and nothing was changed"
+
+
+class Reducer:
+    """Makes reduced meshes, one after the other. notes: what to tell the user."""
+
+    def __init__(
+        self, context: bpy.types.Context, settings: AdaptiveSettings, *, exact_normals: bool, in_thread: bool
+    ) -> None:
+        self.notes: list[str] = []
+        self._context, self._settings, self._exact_normals = context, settings, exact_normals
+        self._run: Run = worker.in_thread if in_thread else worker.at_once
+
+    def make(self, answers: list[AdaptiveResult]) -> Generator[Stage, None, list[Made]]:
+        """The meshes of all answers, or none; yields the stage. Where nothing is gained, that is the adaptive mesh
+        itself. Raises ComputeError when an object has changed since it was read."""
+        made: list[Made] = []
+        try:
+            for answer in answers:
+                made.append((yield from self._made(answer)))
+        except BaseException as fault:
+            _remove([each.mesh_uid for each in made])
+            if isinstance(fault, worker.Cancelled):
+                raise ComputeError(STOPPED) from fault
+            raise
+        return made
+
+    def _made(self, answer: AdaptiveResult) -> Generator[Stage, None, Made]:
+        reduced = yield from self._reduced(answer)
+        if reduced is None:
+            name = answer.task.object_names[0]
+            self.notes.append(f"{name}: nothing could be reduced; this is the mesh without Reduce")
+            (reduced,) = yield from self._unreduced(answer)
+        return reduced
+
+    def _unreduced(self, answer: AdaptiveResult) -> Generator[Stage, None, list[Made]]:
+        return (yield from make_meshes(self._context, [answer], self._settings, exact_normals=self._exact_normals))
+
+    def _reduced(self, answer: AdaptiveResult) -> Generator[Stage, None, Made | None]:
+        """The reduced mesh of an answer; None where it has no fewer triangles."""
+        start = yield from _staged(
+            finer_result(answer, self._settings),
+            lambda faces: f"Subdividing finer, to be reduced: {faces:,} faces so far",
+        )
+        (made,) = yield from self._unreduced(start)
+        try:
+            mesh = _mesh(made.mesh_uid)
+            write_face_values(mesh, {DEPTH_KIND: depths_of_faces(answer, start.adaptive)})
+            bounds = yield from self._reduce(answer, mesh)
+            if bounds is None or len(bounds) >= triangle_count(answer):
+                _remove([made.mesh_uid])
+                return None
+            depths = read_values(mesh.attributes[DEPTH].data, "value", np.int32)
+            reduced = ReducedResult(answer, bounds, depths)
+            results.write_reduced(mesh, reduced, self._settings)
+            return Made(answer, mesh.session_uid, geometry_checksum(mesh), depths)
+        except WriteError as fault:
+            _remove([made.mesh_uid])
+            raise ComputeError(f"{answer.task.object_names[0]}: {fault}") from fault
+        except BaseException:
+            _remove([made.mesh_uid])
+            raise
+
+    def _reduce(self, answer: AdaptiveResult, mesh: bpy.types.Mesh) -> Generator[Stage, None, FloatArray | None]:
+        """Reduce a mesh, which has no shape keys; returns (T,) the proved distances of its triangles, or None where
+        nothing is proved, and the mesh is as it was."""
+        task = answer.task
+        normals = CarriedNormals(mesh) if self._exact_normals else None
+        decimation = Decimation(mesh, task.control.world, task.surface.tolerance)
+        try:
+            start, is_kept = decimation.current(), vertices_on_lines(mesh)
+            found = yield from self._search(decimation, lambda progress: reduction_of(answer, start, is_kept, progress))
+            if found is not None:
+                decimation.write(mesh)
+        finally:
+            decimation.remove()
+        if normals is not None:
+            normals.put_back(mesh, deformable=has_groups(mesh))
+        return found
+
+    def _search(
+        self, decimation: Decimation, begin: Callable[[worker.Progress], Reduction]
+    ) -> Generator[Stage, None, FloatArray | None]:
+        """Reduce step by step; returns (T,) the proved distances of what was kept, or None where nothing is proved."""
+        search: Reduction = yield from self._in_steps(begin, "Reducing")
+        while (attempt := search.attempt()) is not None:
+            before = f"Reducing: {len(search.current.corners):,} triangles"
+            yield Stage(before)
+            made = decimation.attempt(attempt.triangles, attempt.is_fixed)
+            text = f"{before}, {len(made.corners):,} tried"
+            if (yield from self._in_steps(partial(search.judge, made), text)):
+                decimation.accept(keep=search.is_proved)
+        text = f"Reducing: {len(search.current.corners):,} triangles, being proved"
+        proof = yield from self._in_steps(search.prove, text)
+        if search.is_proved:
+            decimation.keep()
+        return None if proof is None else proof.bounds
+
+    def _in_steps(self, work: Callable[[worker.Progress], Answer], text: str) -> Generator[Stage, None, Answer]:
+        """Do work without Blender, in a thread where the window waits."""
+        return (yield from _staged(self._run(work), lambda fraction: text))
+
+
+def _staged(steps: Generator[Any, None, Answer], text: Callable[[Any], str]) -> Generator[Stage, None, Answer]:
+    """The same steps with what they yield as a text."""
+    try:
+        while True:
+            try:
+                progress = next(steps)
+            except StopIteration as finished:
+                return finished.value
+            yield Stage(text(progress))
+    finally:
+        steps.close()
+
+
+def _mesh(uid: int) -> bpy.types.Mesh:
+    return next(mesh for mesh in bpy.data.meshes if mesh.session_uid == uid)
+
+
+def _remove(uids: list[int]) -> None:
+    bpy.data.batch_remove([mesh for mesh in bpy.data.meshes if mesh.session_uid in uids])

@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""An adaptive result → the finer one that its reduction begins with, and what is proved of the reduced mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import (
+    AdaptiveMesh,
+    BoolArray,
+    FloatArray,
+    Reduction,
+    TooManyFacesError,
+    TriangleMesh,
+    smallest_step,
+    subdivide_adaptively,
+)
+from .adaptive_task import AdaptiveResult, AdaptiveSettings
+
+# Into what parts the tolerance is divided for the mesh to reduce: the first that does not make too many faces.
+DIVISORS = (4.0, 2.0)
+
+
+@dataclass(frozen=True)
+class ReducedResult:
+    """A reduced mesh. unreduced: the adaptive result within the same tolerance. proved: (T,) float64, the proved
+    distances where it was made. depths: (T,) int32, of the base faces that the triangles come from."""
+
+    unreduced: AdaptiveResult
+    proved: FloatArray
+    depths: NDArray[np.int32]
+
+    @property
+    def bounds(self) -> FloatArray:
+        """(T,) the proved distances, lengths in the scene, with all rounding, wherever the result is used."""
+        return self.unreduced.wherever_used(self.proved)
+
+
+def finer_result(answer: AdaptiveResult, settings: AdaptiveSettings) -> Generator[int, None, AdaptiveResult]:
+    """The mesh to reduce, in small steps like ``subdivide_stepwise``: within a part of the tolerance, or where that
+    would be too many faces, the answer itself."""
+    task = answer.task
+    control = task.control
+    whole = task.request(replace(settings, mode="ADAPTIVE", transitions="TRIANGLES"), task.surface.tolerance, 0)
+    for divisor in DIVISORS:
+        # Below the smallest step nothing can be proved.
+        limit = max(whole.limit / divisor, min(whole.limit, smallest_step(control.in_world)))
+        request = replace(whole, limit=limit, most_faces=settings.max_faces)
+        try:
+            finer = yield from subdivide_adaptively(control.in_world, request, control.mesh.positions)
+        except TooManyFacesError:
+            continue
+        return AdaptiveResult(task, finer)
+    return answer
+
+
+def depths_of_faces(answer: AdaptiveResult, mesh: AdaptiveMesh) -> NDArray[np.int32]:
+    """(F,) int32: the depth of each face of another mesh of the same control mesh: that of its base face."""
+    depths = np.zeros(answer.task.control.mesh.face_count, dtype=np.int32)
+    depths[answer.adaptive.mesh.base_faces] = answer.adaptive.depths
+    return depths[mesh.mesh.base_faces]
+
+
+def triangle_count(answer: AdaptiveResult) -> int:
+    """How many triangles its faces are."""
+    mesh = answer.adaptive.mesh
+    return len(mesh.corner_vertices) - 2 * len(mesh.base_faces)
+
+
+def reduction_of(
+    answer: AdaptiveResult, start: TriangleMesh, is_kept: BoolArray, progress: Callable[[float], None]
+) -> Reduction:
+    """The search for the fewest triangles within the tolerance of the answer. It may run in a thread."""
+    task = answer.task
+    return Reduction(task.control.in_world, start, is_kept, task.surface.tolerance - task.allowance, progress)
