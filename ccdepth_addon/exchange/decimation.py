@@ -9,12 +9,17 @@ from itertools import count
 import bpy
 import numpy as np
 
-from ..core import BoolArray, FloatArray, TriangleMesh
+from ..core import BoolArray, FloatArray, ShortIndexArray, TriangleMesh
 from .bulk_writing import own_copy, write_values
 from .control_mesh import read_built_in, read_values
+from .kept_lines import line_edges
+from .line_thinning import thin_lines
 
 # What the tolerance is where Decimate works: it takes places for flat by lengths in the unit of the coordinates.
 TOLERANCE = 0.01
+
+# How far lines may be moved, as a part of the tolerance: the faces beside them need the rest.
+PART_FOR_LINES = 0.5
 
 # The weight of vertices that Decimate may move; edges at vertices of weight 0 it leaves alone.
 MAY_MOVE = 1.0
@@ -47,6 +52,19 @@ class Decimation:
     def current(self) -> TriangleMesh:
         """The triangles that the next attempt begins with, in the scene."""
         return self._triangles(_mesh(self._current))
+
+    def lines(self) -> ShortIndexArray:
+        """(L, 2): the vertices of edges on lines of the current mesh."""
+        return line_edges(_mesh(self._current))
+
+    def attempt_thinner(self, lines: ShortIndexArray, may_go: BoolArray) -> TriangleMesh:
+        """Remove vertices from the lines of the current mesh; the result, in the scene. may_go: (V,), those that may
+        be removed."""
+        self._drop(self._attempt)
+        thinned = own_copy(_mesh(self._current))
+        self._attempt = thinned.session_uid
+        thin_lines(thinned, lines, may_go, PART_FOR_LINES * TOLERANCE)
+        return self._triangles(thinned)
 
     def attempt(self, triangles: int, is_fixed: BoolArray) -> TriangleMesh:
         """Merge triangles of the current mesh until so many are left; the result, in the scene. is_fixed: (V,), the

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import BoolArray
+from ..core import ShortIndexArray
 from .attributes import MARKS
 from .bulk_writing import TYPES
 from .control_mesh import read_built_in, read_values
@@ -24,9 +24,9 @@ EDGE_MARKS = ("use_seam", "use_edge_sharp", MARKS)
 CORNER_TYPES = {"FLOAT2", "FLOAT_COLOR", "BYTE_COLOR"}
 
 
-def vertices_on_lines(mesh: bpy.types.Mesh) -> BoolArray:
-    """(V,): the vertices on seams, sharp and marked edges, and borders of materials, smooth shading, UV islands and
-    colours. mesh: in Object Mode."""
+def line_edges(mesh: bpy.types.Mesh) -> ShortIndexArray:
+    """(L, 2) int32, the vertices of edges that are seams, sharp or marked, or at the border of a material, of smooth
+    shading, of a UV island or of colours. mesh: in Object Mode."""
     edges = read_built_in(mesh.attributes, ".edge_verts", "value", np.int32, 2)
     corner_edges = read_built_in(mesh.attributes, ".corner_edge", "value", np.int32)
     starts = read_values(mesh.polygons, "loop_start", np.int32)
@@ -56,9 +56,7 @@ def vertices_on_lines(mesh: bpy.types.Mesh) -> BoolArray:
             axis=1,
         )
         is_line |= _spread(ends, corner_edges, len(edges)) > max(SAME * largest, kind.step)
-    on_lines = np.zeros(len(mesh.vertices), dtype=bool)
-    on_lines[edges[is_line]] = True
-    return on_lines
+    return edges[is_line]
 
 
 def _spread(values: NDArray[Any], corner_edges: NDArray[np.int32], edge_count: int) -> NDArray[np.float64]:

@@ -15,7 +15,6 @@ from ..exchange.bulk_writing import WriteError
 from ..exchange.control_mesh import read_values
 from ..exchange.custom_normals import CarriedNormals
 from ..exchange.decimation import Decimation
-from ..exchange.kept_lines import vertices_on_lines
 from ..exchange.mesh_checksums import geometry_checksum
 from ..exchange.result_attributes import DEPTH, DEPTH_KIND, write_face_values
 from ..exchange.vertex_groups import has_groups
@@ -26,6 +25,9 @@ from ..tasks.stepwise import Stage
 from ..tasks.surfaces import ComputeError
 from . import worker
 from .adaptive_objects import Made, make_meshes
+
+# Where thinner lines are too far off at some places, these places are tried without, so often.
+ROUNDS_FOR_LINES = 4
 
 Answer = TypeVar("Answer")
 Run = Callable[[Callable[[worker.Progress], Answer]], Generator[float, None, Answer]]
@@ -100,8 +102,10 @@ class Reducer:
         normals = CarriedNormals(mesh) if self._exact_normals else None
         decimation = Decimation(mesh, task.control.world, task.surface.tolerance)
         try:
-            start, is_kept = decimation.current(), vertices_on_lines(mesh)
-            found = yield from self._search(decimation, lambda progress: reduction_of(answer, start, is_kept, progress))
+            start = decimation.current()
+            search = yield from self._in_steps(lambda progress: reduction_of(answer, start, progress), "Reducing")
+            yield from self._thin_lines(search, decimation)
+            found = yield from self._search(search, decimation)
             if found is not None:
                 decimation.write(mesh)
         finally:
@@ -110,11 +114,27 @@ class Reducer:
             normals.put_back(mesh, deformable=has_groups(mesh))
         return found
 
-    def _search(
-        self, decimation: Decimation, begin: Callable[[worker.Progress], Reduction]
-    ) -> Generator[Stage, None, FloatArray | None]:
+    def _thin_lines(self, search: Reduction, decimation: Decimation) -> Generator[Stage, None, None]:
+        """Remove the vertices that lines can do without, and fix the others."""
+        lines = decimation.lines()
+        if not len(lines):
+            return
+        may_go = np.ones(len(search.current.positions), dtype=bool)
+        for _ in range(ROUNDS_FOR_LINES):
+            yield Stage("Reducing lines")
+            thinner = decimation.attempt_thinner(lines, may_go)
+            beyond = yield from self._in_steps(partial(search.beyond, thinner), "Reducing lines")
+            if not beyond.any():
+                decimation.accept(keep=False)
+                break
+            may_go &= ~beyond
+        current = decimation.current()
+        is_fixed = np.zeros(len(current.positions), dtype=bool)
+        is_fixed[decimation.lines()] = True
+        search.begin_with(current, is_fixed)
+
+    def _search(self, search: Reduction, decimation: Decimation) -> Generator[Stage, None, FloatArray | None]:
         """Reduce step by step; returns (T,) the proved distances of what was kept, or None where nothing is proved."""
-        search: Reduction = yield from self._in_steps(begin, "Reducing")
         while (attempt := search.attempt()) is not None:
             before = f"Reducing: {len(search.current.corners):,} triangles"
             yield Stage(before)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from ..core import (
     AdaptiveMesh,
-    BoolArray,
     FloatArray,
     Reduction,
     TooManyFacesError,
@@ -71,9 +70,7 @@ def triangle_count(answer: AdaptiveResult) -> int:
     return len(mesh.corner_vertices) - 2 * len(mesh.base_faces)
 
 
-def reduction_of(
-    answer: AdaptiveResult, start: TriangleMesh, is_kept: BoolArray, progress: Callable[[float], None]
-) -> Reduction:
+def reduction_of(answer: AdaptiveResult, start: TriangleMesh, progress: Callable[[float], None]) -> Reduction:
     """The search for the fewest triangles within the tolerance of the answer. It may run in a thread."""
     task = answer.task
-    return Reduction(task.control.in_world, start, is_kept, task.surface.tolerance - task.allowance, progress)
+    return Reduction(task.control.in_world, start, task.surface.tolerance - task.allowance, progress)

@@ -72,16 +72,14 @@ class Reduction:
     ``current``, until ``attempt`` knows no more; then ``prove``.
 
     control: with explicit sharpness. start: a fine mesh that is within a small part of the limit of its limit surface.
-    is_kept: (V,) bool, its vertices that shall stay. limit: in the unit of the positions.
+    limit: in the unit of the positions.
     """
 
-    def __init__(
-        self, control: PolygonMesh, start: TriangleMesh, is_kept: BoolArray, limit: float, progress: Progress
-    ) -> None:
+    def __init__(self, control: PolygonMesh, start: TriangleMesh, limit: float, progress: Progress) -> None:
         self.current = start
         self.proof: Proof | None = None
         self._control, self._limit = control, limit
-        self._is_fixed = is_kept
+        self._is_fixed = np.zeros(len(start.positions), dtype=bool)
         self._share = LARGEST_SHARE
         self._samples = SampledDistances(start.positions, start.corners, lambda: progress(0.0))
 
@@ -89,6 +87,16 @@ class Reduction:
     def is_proved(self) -> bool:
         """Whether the current mesh is the one of the proof."""
         return self.proof is not None and self.proof.mesh is self.current
+
+    def begin_with(self, mesh: TriangleMesh, is_fixed: BoolArray) -> None:
+        """Let another mesh be the current one. is_fixed: (V,), its vertices that stay in every attempt."""
+        self.current, self._is_fixed = mesh, is_fixed
+
+    def beyond(self, mesh: TriangleMesh, progress: Progress) -> BoolArray:
+        """(V,): the vertices of the current mesh around which samples of another are hardly within the limit."""
+        triangles = self._triangles(mesh, progress)
+        distances = self._distances(mesh, triangles, progress)
+        return self._around(triangles, distances > NEARLY_BEYOND * self._limit, mesh, progress)
 
     def attempt(self) -> Attempt | None:
         """What to try next; None when too little is left to gain."""
@@ -165,19 +173,26 @@ class Reduction:
         if self._share > LARGE_SHARE:
             self._share *= NEXT_SHARE
             return
-        around = np.zeros(len(mesh.positions), dtype=bool)
-        around[mesh.corners[bad]] = True
-        bad = around[mesh.corners].any(axis=1)
-        current = self.current
-        near = np.zeros(len(current.positions), dtype=bool)
-        # Loose vertices may be anywhere.
-        used = np.unique(current.corners)
-        near[used] = bad[nearest_of(triangles, current.positions[used], lambda: progress(1.0))]
-        centroids = current.positions[current.corners].mean(axis=1)
-        near[current.corners[bad[nearest_of(triangles, centroids, lambda: progress(1.0))]]] = True
+        near = self._around(triangles, bad, mesh, progress)
         if not (near & ~self._is_fixed).any():
             self._share *= NEXT_SHARE
         self._is_fixed = self._is_fixed | near
+
+    def _around(self, triangles: Triangles, bad: BoolArray, mesh: TriangleMesh, progress: Progress) -> BoolArray:
+        """(V,): the vertices of the current mesh that are nearest to bad triangles of another, or to those beside."""
+        near = np.zeros(len(self.current.positions), dtype=bool)
+        if not bad.any():
+            return near
+        around = np.zeros(len(mesh.positions), dtype=bool)
+        around[mesh.corners[bad]] = True
+        bad = around[mesh.corners].any(axis=1)
+        positions, corners = self.current.positions, self.current.corners
+        # Loose vertices may be anywhere.
+        used = np.unique(corners)
+        near[used] = bad[nearest_of(triangles, positions[used], lambda: progress(1.0))]
+        centroids = positions[corners].mean(axis=1)
+        near[corners[bad[nearest_of(triangles, centroids, lambda: progress(1.0))]]] = True
+        return near
 
 
 def is_among(positions: FloatArray, others: FloatArray) -> BoolArray:

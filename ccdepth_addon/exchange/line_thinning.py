@@ -1,0 +1,157 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Fewer vertices on the lines of a mesh of triangles, all else staying as it is.
+
+Decimate knows of no lines: it merges their vertices with others beside them. So they are fixed there, and those that a
+line can do without have to go before.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import pairwise
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..core import BoolArray, FloatArray, ShortIndexArray
+from .control_mesh import read_built_in
+
+Chain = list[int]
+
+
+def thin_lines(mesh: bpy.types.Mesh, edges: ShortIndexArray, may_go: BoolArray, tolerance: float) -> None:
+    """Remove vertices from the lines of a mesh of triangles, which stays one.
+
+    edges: (L, 2), of the lines. may_go: (V,), which vertices may be removed. tolerance: how far those may be from the
+    line that is left.
+    """
+    import bmesh
+
+    positions = read_built_in(mesh.attributes, "position", "vector", np.float32, 3).astype(np.float64)
+    chains = chains_of(edges)
+    going = [[vertex for vertex in superfluous(positions, chain, tolerance) if may_go[vertex]] for chain in chains]
+    edited = bmesh.new()
+    try:
+        edited.from_mesh(mesh)
+        edited.verts.ensure_lookup_table()
+        vertices = edited.verts
+        beside = _beside([[vertices[index] for index in chain] for chain in chains])
+        left = [vertices[index] for each in going for index in each]
+        while left:
+            chosen, left = _apart(left)
+            _remove(edited, chosen, beside)
+        edited.to_mesh(mesh)
+    finally:
+        edited.free()
+
+
+def chains_of(edges: ShortIndexArray) -> list[Chain]:
+    """The lines between vertices where they end or meet others; those that end nowhere start and end at one vertex."""
+    neighbours: dict[int, list[int]] = {}
+    for one, other in edges.tolist():
+        neighbours.setdefault(one, []).append(other)
+        neighbours.setdefault(other, []).append(one)
+    ends = [vertex for vertex, others in neighbours.items() if len(others) != 2]
+    chains: list[Chain] = []
+    walked: set[tuple[int, int]] = set()
+    # What is left after the ends are rings.
+    for start in [*ends, *neighbours]:
+        for following in neighbours[start]:
+            if (start, following) not in walked:
+                chains.append(_walk(neighbours, start, following, walked))
+    return chains
+
+
+def _walk(neighbours: dict[int, list[int]], start: int, following: int, walked: set[tuple[int, int]]) -> Chain:
+    chain = [start, following]
+    while chain[-1] != start and len(neighbours[chain[-1]]) == 2:
+        one, other = neighbours[chain[-1]]
+        chain.append(other if one == chain[-2] else one)
+    for one, other in pairwise(chain):
+        walked.update(((one, other), (other, one)))
+    return chain
+
+
+def superfluous(positions: FloatArray, chain: Chain, tolerance: float) -> Chain:
+    """The vertices that a line does without: no farther than the tolerance from the segments between those it keeps
+    (Douglas and Peucker, 1973)."""
+    points = positions[chain]
+    kept = np.zeros(len(chain), dtype=bool)
+    kept[[0, -1]] = True
+    parts = [(0, len(chain) - 1)]
+    if chain[0] == chain[-1]:
+        # A ring is kept a triangle.
+        thirds = [len(chain) // 3, 2 * len(chain) // 3]
+        kept[thirds] = True
+        parts = [(0, thirds[0]), (thirds[0], thirds[1]), (thirds[1], len(chain) - 1)]
+    while parts:
+        first, last = parts.pop()
+        if last - first < 2:
+            continue
+        distances = _to_segment(points[first + 1 : last], points[first], points[last])
+        farthest = int(distances.argmax())
+        if distances[farthest] > tolerance:
+            middle = first + 1 + farthest
+            kept[middle] = True
+            parts += [(first, middle), (middle, last)]
+    return [vertex for vertex, stays in zip(chain, kept.tolist(), strict=True) if not stays]
+
+
+def _to_segment(points: FloatArray, start: FloatArray, end: FloatArray) -> FloatArray:
+    """(P,): how far points (P, 3) are from a segment."""
+    along = end - start
+    shares = (points - start) @ along / max(float(along @ along), np.finfo(float).tiny)
+    return np.linalg.norm(points - start - np.clip(shares, 0.0, 1.0)[:, None] * along, axis=1)
+
+
+def _beside(chains: Iterable[list[Any]]) -> dict[Any, list[Any]]:
+    """The two vertices beside each inner vertex of the lines."""
+    return {
+        vertex: [before, after]
+        for chain in chains
+        for before, vertex, after in zip(chain, chain[1:], chain[2:], strict=False)
+    }
+
+
+def _apart(vertices: list[Any]) -> tuple[list[Any], list[Any]]:
+    """Those of the vertices no two of which share an edge, and the others."""
+    chosen, others = [], []
+    taken: set[Any] = set()
+    for vertex in vertices:
+        if vertex in taken:
+            others.append(vertex)
+            continue
+        chosen.append(vertex)
+        taken.update(edge.other_vert(vertex) for edge in vertex.link_edges)
+    return chosen, others
+
+
+def _remove(edited: Any, vertices: list[Any], beside: dict[Any, list[Any]]) -> None:
+    """Remove vertices of lines, no two of which share an edge: on either side of the line the triangles around one
+    become a polygon, and that is cut into triangles anew."""
+    import bmesh
+
+    removed = [vertex for vertex in vertices if _can_go(vertex, beside[vertex])]
+    around = [e for v in removed for e in v.link_edges if e.other_vert(v) not in beside[v]]
+    bmesh.ops.dissolve_edges(edited, edges=around, use_verts=False, use_face_split=False)
+    touched: set[Any] = set()
+    for vertex in removed:
+        before, after = beside[vertex]
+        touched.update((before, after))
+        if not vertex.is_valid or len(vertex.link_edges) != 2:
+            touched.add(vertex)
+            continue
+        for one, other in ((before, after), (after, before)):
+            if one in beside:
+                beside[one] = [other if each is vertex else each for each in beside[one]]
+        bmesh.utils.vert_collapse_edge(vertex, vertex.link_edges[0])
+    polygons = {face for vertex in touched if vertex.is_valid for face in vertex.link_faces if len(face.verts) > 3}
+    bmesh.ops.triangulate(edited, faces=list(polygons), quad_method="BEAUTY", ngon_method="BEAUTY")
+
+
+def _can_go(vertex: Any, beside: list[Any]) -> bool:
+    """Whether all edges at a vertex have two triangles, and its two neighbours on the line share no edge."""
+    if not vertex.is_manifold or vertex.is_boundary:
+        return False
+    return not any(edge.other_vert(beside[0]) is beside[1] for edge in beside[0].link_edges)

@@ -1,0 +1,382 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Reduce: the fewest triangles, within the tolerance both ways, with all lines where they were.
+
+The guarantee is checked without anything of the add-on's: the surface is that of Blender's own Subdivision Surface
+modifier, Use Limit Surface on at the highest Quality, and distances are found by Blender's BVH trees.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+from mathutils.bvhtree import BVHTree
+
+from tests import meshes
+from tests.blender import addon, scene
+from tests.blender.named_meshes import NAMED
+from tests.blender.subdividing import everything_in_the_file, faces, refused, shape, subdivide
+
+# The level of the modifier that stands for the surface, and points along the sides of each triangle of the result.
+LEVEL, STEPS = 6, 4
+
+# The facets of that level are nearer to the surface than this part of the tolerance: a level takes three quarters off
+# what the one before is off, and where that is not so, at poles, the facets are small.
+FACETS = 0.05
+
+
+def triangles_of(mesh: bpy.types.Mesh) -> np.ndarray:
+    """(T, 3): the vertices of the triangles Blender draws."""
+    mesh.calc_loop_triangles()
+    found = np.empty(3 * len(mesh.loop_triangles), dtype=np.int32)
+    mesh.loop_triangles.foreach_get("vertices", found)
+    return found.reshape(-1, 3)
+
+
+def bevelled(kind: str) -> meshes.MeshData:
+    """The primitives as people model them."""
+    if kind == "cube":
+        bpy.ops.mesh.primitive_cube_add(size=2)
+    else:
+        bpy.ops.mesh.primitive_cylinder_add(vertices=16)
+    added = bpy.context.object
+    bevel = added.modifiers.new("Bevel", "BEVEL")
+    bevel.width, bevel.segments = 0.1, 2
+    bevel.limit_method = "NONE" if kind == "cube" else "ANGLE"
+    scene.add_subdivision(added, 1)
+    data = scene.evaluated_mesh_data(added)
+    bpy.data.meshes.remove(added.data)
+    return data
+
+
+def surface_points(data: meshes.MeshData, world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(V, 3) points of the limit surface in the scene, and (T, 3) the triangles between them."""
+    added = scene.add_object(data, "Surface")
+    modifier = scene.add_subdivision(added, LEVEL if len(data.face_sizes) < 300 else 4)
+    modifier.use_limit_surface, modifier.quality = True, 10
+    evaluated = added.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    mesh = evaluated.to_mesh()
+    points = np.empty(3 * len(mesh.vertices), dtype=np.float32)
+    mesh.vertices.foreach_get("co", points)
+    triangles = triangles_of(mesh)
+    evaluated.to_mesh_clear()
+    bpy.data.meshes.remove(added.data)
+    return points.reshape(-1, 3) @ world.T, triangles
+
+
+def farthest(points: np.ndarray, positions: np.ndarray, triangles: np.ndarray) -> tuple[float, np.ndarray]:
+    """The longest distance of points (P, 3) from triangles, and (T,) the longest of those nearest to each."""
+    tree = BVHTree.FromPolygons(positions.tolist(), triangles.tolist(), all_triangles=True)
+    found = [tree.find_nearest(point) for point in points.tolist()]
+    longest = np.zeros(len(triangles))
+    np.maximum.at(longest, [each[2] for each in found], [each[3] for each in found])
+    return float(longest.max()), longest
+
+
+def points_on(positions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """(T · n, 3): points all over the triangles."""
+    weights = np.array([(i, j, STEPS - i - j) for i in range(STEPS + 1) for j in range(STEPS + 1 - i)]) / STEPS
+    return (weights @ positions[triangles]).reshape(-1, 3)
+
+
+def is_in_a_plane(data: meshes.MeshData) -> bool:
+    return bool(np.ptp(data.positions[:, 2]) == 0)
+
+
+CASES: dict[str, Callable[[], meshes.MeshData]] = {
+    "bevelled cube": lambda: bevelled("cube"),
+    "bevelled cylinder": lambda: bevelled("cylinder"),
+    "Suzanne": scene.suzanne,
+    "cube": meshes.cube,
+    "landscape with boundary": lambda: meshes.landscape(6, 5),
+    "plane": lambda: replace(grid := meshes.grid(6, 5), positions=grid.positions * (1.0, 1.0, 0.0)),
+    "triangles": lambda: meshes.bumpy(meshes.bipyramid(6), 0.05),
+    "torus": lambda: meshes.torus(9, 6),
+    "valence 12": NAMED["valence 12"],
+    "not manifold": meshes.three_faces_on_an_edge,
+    "Möbius strip": meshes.mobius_strip,
+    "creases": lambda: meshes.creased_cube(),
+}
+
+
+@pytest.mark.parametrize("relative", [1e-2, 1e-3])
+@pytest.mark.parametrize("name", CASES)
+def test_results_are_within_the_tolerance_both_ways(name: str, relative: float) -> None:
+    data = meshes.single_precision(CASES[name]())
+    original = scene.add_object(data)
+    if name in ("torus", "Suzanne"):
+        original.scale, original.rotation_euler = (1.0, 2.0, 0.5), (0.3, 0.2, 0.1)
+        bpy.context.view_layer.update()
+    world = np.array(original.matrix_world)[:3, :3]
+    (result,) = subdivide(original, tolerance=relative, tolerance_mode="RELATIVE", reduce=True)
+    mesh, tolerance = result.data, result.data.ccdepth.world_tolerance
+    bounds = addon.bounds(result)
+    assert bounds.max() <= tolerance * (1 + 1e-6)  # Stored in single precision, rounded up.
+    points, facets = surface_points(data, world)
+    positions, triangles = shape(result), triangles_of(mesh)
+    reached, of_triangles = farthest(points, positions, triangles)
+    assert reached <= tolerance
+    if len(triangles) == faces(result):
+        assert np.all(of_triangles <= bounds + 1e-6 * tolerance)
+    back, _ = farthest(points_on(positions, triangles), points, facets)
+    assert back <= (1 + FACETS) * tolerance
+
+
+@pytest.mark.parametrize(("name", "most"), [("cube", 630), ("cylinder", 1330)])
+@pytest.mark.parametrize("has_uvs", [False, True])
+def test_bevelled_primitives_get_few_triangles(name: str, most: int, has_uvs: bool) -> None:
+    original = scene.add_object(bevelled(name))
+    if has_uvs:
+        original.data.uv_layers.new(name="UVMap")
+        addon.select(original)
+        with addon.edit_mode(original):
+            bpy.ops.mesh.select_all(action="SELECT")
+            bpy.ops.uv.cube_project()
+    (result,) = subdivide(original, tolerance=1e-3, tolerance_mode="RELATIVE", reduce=True)
+    assert faces(result) <= most
+    assert result.data.ccdepth.unreduced_faces > 2 * faces(result)
+
+
+def test_every_run_makes_the_same_mesh() -> None:
+    original = scene.add_object(bevelled("cube"))
+    found = []
+    for _ in range(2):
+        (result,) = subdivide(original, reduce=True)
+        found.append((shape(result).tobytes(), triangles_of(result.data).tobytes()))
+        bpy.data.meshes.remove(result.data)
+        original.hide_set(False)
+    assert found[0] == found[1]
+
+
+# What stays
+
+
+def dented_grid() -> bpy.types.Object:
+    """A grid in the xy plane with a dent in its middle, two materials, and two UV islands that are its own x and y."""
+    original = scene.add_object(meshes.grid(12, 12))
+    mesh = original.data
+    for vertex in mesh.vertices:
+        x, y, _ = vertex.co
+        vertex.co.z = -np.exp(-((x - 6) ** 2 + (y - 6) ** 2) / 8)
+    uvs = mesh.uv_layers.new(name="Map").uv
+    for face in mesh.polygons:
+        right = face.center.x > 5
+        face.material_index = int(right)
+        for loop in face.loop_indices:
+            x, y, _ = mesh.vertices[mesh.loops[loop].vertex_index].co
+            uvs[loop].vector = (x + 20 * right, y)
+    for name in ("Left", "Right"):
+        mesh.materials.append(bpy.data.materials.new(name))
+    for edge in mesh.edges:
+        ends = [mesh.vertices[vertex].co for vertex in edge.vertices]
+        if all(end.x == 5 for end in ends):
+            edge.use_seam = True
+        if all(end.y == 4 for end in ends):
+            edge.use_edge_sharp = True
+    return original
+
+
+def test_lines_stay_where_they_are() -> None:
+    original = dented_grid()
+    (result,) = subdivide(original, tolerance=0.01, reduce=True)
+    mesh = result.data
+    mesh.validate(verbose=True)
+    assert faces(result) < mesh.ccdepth.unreduced_faces
+    assert [material.name for material in mesh.materials] == ["Left", "Right"]
+    corners = triangles_of(mesh)
+    assert len(corners) == faces(result)
+    x = shape(result)[:, 0]
+    # Vertices are stored in single precision after a way there and back; the tolerance is for lines as well.
+    slack = 0.01
+    for face, triangle in zip(mesh.polygons, corners, strict=True):
+        if face.material_index:
+            assert x[triangle].min() > 5 - slack
+        else:
+            assert x[triangle].max() < 5 + slack
+    for mark, axis, place in (("use_seam", 0, 5), ("use_edge_sharp", 1, 4)):
+        marked = [edge for edge in mesh.edges if getattr(edge, mark)]
+        ends = np.array([[mesh.vertices[vertex].co for vertex in edge.vertices] for edge in marked])
+        assert np.all(np.abs(ends[:, :, axis] - place) < slack)
+        length = np.linalg.norm((ends[:, 1] - ends[:, 0])[:, :2], axis=1).sum()
+        # From border to border; the corners of the grid are rounded, its sides are straight.
+        assert abs(length - 12) < 0.05
+
+
+def test_uv_maps_follow_the_places() -> None:
+    (result,) = subdivide(dented_grid(), tolerance=0.01, reduce=True)
+    mesh = result.data
+    uvs = np.empty(2 * len(mesh.loops), dtype=np.float32)
+    mesh.uv_layers["Map"].uv.foreach_get("vector", uvs)
+    corners = np.empty(len(mesh.loops), dtype=np.int32)
+    mesh.loops.foreach_get("vertex_index", corners)
+    right = np.repeat([face.material_index for face in mesh.polygons], 3)
+    places = shape(result)[corners]
+    off = np.abs(uvs.reshape(-1, 2) - places[:, :2] - np.stack([20.0 * right, 0.0 * right], axis=1))
+    # Decimate moves vertices across the surface and interpolates their UVs along edges; islands never mix.
+    assert off.max() < 0.3
+    assert np.median(off) < 0.02
+
+
+def test_everything_else_of_the_mesh_is_there() -> None:
+    original = dented_grid()
+    mesh = original.data
+    mesh["note"] = 3
+    mesh.color_attributes.new("Color", "BYTE_COLOR", "CORNER")
+    for name, place in (("Left", 0.0), ("Half", 6.0)):
+        group = original.vertex_groups.new(name=name)
+        group.add([vertex.index for vertex in mesh.vertices if vertex.co.x > place], 0.5, "REPLACE")
+    original.vertex_groups["Half"].lock_weight = True
+    before = everything_in_the_file()
+    (result,) = subdivide(original, reduce=True)
+    assert set(everything_in_the_file()) - set(before) == {result.name, result.data.name}
+    assert result.vertex_groups.keys() == ["Left", "Half"]
+    assert result.vertex_groups["Half"].lock_weight
+    weights = [entry.weight for vertex in result.data.vertices for entry in vertex.groups]
+    assert 0 < max(weights) <= 0.5
+    assert result.data["note"] == 3
+    assert result.data.attributes.active_color_name == "Color"
+    assert result.data.uv_layers.active.name == "Map"
+    known = {"ccdepth", "ccdepth_bound", *mesh.attributes.keys()}
+    assert {name for name in result.data.attributes.keys() if not name.startswith(".")} <= known  # noqa: SIM118
+    assert addon.depths(result).max() == result.data.ccdepth.deepest
+
+
+@pytest.mark.parametrize("has_groups", [False, True])
+def test_exact_normals_are_those_of_the_surface(has_groups: bool) -> None:
+    original = scene.add_object(meshes.torus(9, 6))
+    if has_groups:
+        original.vertex_groups.new(name="Group").add([0], 1.0, "REPLACE")
+    (result,) = subdivide(original, reduce=True, exact_normals=True)
+    mesh = result.data
+    assert mesh.has_custom_normals
+    normals = np.empty(3 * len(mesh.loops), dtype=np.float32)
+    mesh.corner_normals.foreach_get("vector", normals)
+    flat = np.empty(3 * len(mesh.polygons), dtype=np.float32)
+    mesh.polygons.foreach_get("normal", flat)
+    cosines = (normals.reshape(-1, 3) * np.repeat(flat.reshape(-1, 3), 3, axis=0)).sum(axis=1)
+    # The faces are within a hundredth of a surface whose radii are about one.
+    assert cosines.min() > 0.9
+
+
+def test_loose_parts_stay() -> None:
+    data = bevelled("cube")
+    original = scene.add_object(data)
+    mesh = original.data
+    mesh.vertices.add(2)
+    mesh.vertices[-1].co = (float("nan"), 0.0, 0.0)
+    mesh.vertices[-2].co = (9.0, 9.0, 9.0)
+    (result,) = subdivide(original, reduce=True)
+    assert len(result.data.vertices) - len(np.unique(triangles_of(result.data))) == 2
+    assert faces(result) < result.data.ccdepth.unreduced_faces
+
+
+# Several objects, and how the operator is called
+
+
+def test_several_objects_and_shared_meshes() -> None:
+    one = scene.add_object(bevelled("cube"), "One")
+    other = scene.add_mesh(one.data)
+    other.scale = (0.5, 0.5, 0.5)
+    third = scene.add_object(meshes.torus(9, 6), "Third")
+    results = subdivide(one, other, third, tolerance=2e-3, reduce=True)
+    assert len(results) == 3
+    assert len({result.data.name for result in results}) == 2
+    for result in results:
+        assert result.data.ccdepth.unreduced_faces > 0
+        assert addon.bounds(result).max() <= result.data.ccdepth.world_tolerance * (1 + 1e-6)
+
+
+def test_in_place_and_the_scenes_setting() -> None:
+    original = scene.add_object(bevelled("cube"))
+    bpy.context.scene.ccdepth.reduce = True
+    (result,) = subdivide(original, output="IN_PLACE")
+    assert result == original
+    assert result.data.ccdepth.unreduced_faces > faces(result)
+    record = result.data.ccdepth
+    assert record.faces == faces(result)
+    assert not addon.module("state.staleness").is_stale(result.data)
+
+
+def test_in_edit_mode() -> None:
+    original = scene.add_object(bevelled("cube"))
+    with addon.edit_mode(original):
+        assert bpy.ops.ccdepth.subdivide(tolerance=0.01, tolerance_mode="ABSOLUTE", reduce=True) == {"FINISHED"}
+        assert bpy.context.mode == "EDIT_MESH"
+    assert bpy.context.object.data.ccdepth.unreduced_faces > 0
+
+
+def test_where_nothing_is_gained_the_adaptive_mesh_is_made() -> None:
+    original = scene.add_object(meshes.from_faces([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]], [[0, 1, 2, 3]]))
+    (plain,) = subdivide(original, tolerance=1.0)
+    original.hide_set(False)
+    (result,) = subdivide(original, tolerance=1.0, reduce=True)
+    assert faces(result) == faces(plain)
+    assert result.data.ccdepth.unreduced_faces == 0
+
+
+# What is refused, and what is left behind
+
+
+def test_shape_keys_are_refused() -> None:
+    original = scene.add_object(meshes.cube())
+    original.shape_key_add(name="Basis")
+    refused(original, reduce=True, match="cannot keep its shape keys")
+    subdivide(original)
+
+
+def test_shape_keys_are_applied_with_modifiers() -> None:
+    original = scene.add_object(bevelled("cube"))
+    original.shape_key_add(name="Basis")
+    original.modifiers.new("Displace", "DISPLACE").strength = 0.0
+    (result,) = subdivide(original, reduce=True)
+    assert result.data.shape_keys is None
+    assert result.data.ccdepth.unreduced_faces > 0
+
+
+def test_the_face_limit_counts_before_reducing() -> None:
+    original = scene.add_object(bevelled("cube"))
+    refused(original, tolerance=1e-3, tolerance_mode="RELATIVE", reduce=True, max_faces=500, match="500 are allowed")
+    (plain,) = subdivide(original, tolerance=1e-3, tolerance_mode="RELATIVE")
+    most = faces(plain)
+    original.hide_set(False)
+    (result,) = subdivide(original, tolerance=1e-3, tolerance_mode="RELATIVE", reduce=True, max_faces=most)
+    assert faces(result) < most
+
+
+@pytest.mark.parametrize("after", [1, 3, 8, 20, 40])
+def test_nothing_is_left_of_what_is_stopped(after: int) -> None:
+    original = scene.add_object(bevelled("cube"))
+    addon.select(original)
+    before = everything_in_the_file()
+    reducer = _reducer(original)
+    for _ in range(after):
+        next(reducer)
+    reducer.close()
+    assert everything_in_the_file() == before
+
+
+def test_nothing_is_left_of_what_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    original = scene.add_object(bevelled("cube"))
+
+    def fail(*_: object, **__: object) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(addon.module("core.reduction.search"), "measure_deviation", fail)
+    refused(original, reduce=True, match="not enough memory")
+
+
+def _reducer(original: bpy.types.Object):  # type: ignore[no-untyped-def]
+    """The steps of reducing an object, as the operator takes them in a window."""
+    tasks = addon.module("tasks.adaptive_task")
+    settings = tasks.AdaptiveSettings(0.01, "ABSOLUTE", True, "ADAPTIVE", "TRIANGLES", 1_000_000)
+    from tests.steps import result_of
+
+    prepared = result_of(tasks.prepare_adaptive(bpy.context, [original], settings))
+    answers = result_of(tasks.subdivide_stepwise(prepared, settings))
+    reducing = addon.module("operators.reduced_meshes").Reducer(
+        bpy.context, settings, exact_normals=True, in_thread=True
+    )
+    return reducing.make(answers)
