@@ -276,7 +276,7 @@ def _names_by_mesh(objects: list[bpy.types.Object]) -> dict[bpy.types.Mesh, str]
 def _print_adaptive_meshes(objects: list[bpy.types.Object]) -> None:
     for mesh, names in _names_by_mesh(objects).items():
         record = mesh.ccdepth
-        reduced = f", reduced from {record.unreduced_faces:,}" if record.unreduced_faces else ""
+        reduced = f"; {record.unreduced_triangles:,} triangles without Reduce" if record.unreduced_triangles else ""
         print(f"{names}: {record.faces:,} faces made from {record.base_faces:,}{reduced}")
         print(f"  largest distance proved: {record.largest_bound:.4g}; tolerance: {record.world_tolerance:.4g}")
         print(f"  all of it at depth {record.deepest}: {int(record.uniform_faces):,} faces")

@@ -12,7 +12,7 @@ import numpy as np
 from ..core import BoolArray, FloatArray, ShortIndexArray, TriangleMesh
 from .bulk_writing import own_copy, write_values
 from .control_mesh import read_built_in, read_values
-from .kept_lines import line_edges
+from .kept_lines import border_edges, line_edges
 from .line_thinning import thin_lines
 
 # What the tolerance is where Decimate works: it takes places for flat by lengths in the unit of the coordinates.
@@ -54,8 +54,12 @@ class Decimation:
         return self._triangles(_mesh(self._current))
 
     def lines(self) -> ShortIndexArray:
-        """(L, 2): the vertices of edges on lines of the current mesh."""
+        """(L, 2): the vertices of edges on lines of the current mesh, which Decimate does not know."""
         return line_edges(_mesh(self._current))
+
+    def borders(self) -> ShortIndexArray:
+        """(B, 2): the vertices of edges at its border, where Decimate leaves more of them than are needed."""
+        return border_edges(_mesh(self._current))
 
     def attempt_thinner(self, lines: ShortIndexArray, may_go: BoolArray) -> TriangleMesh:
         """Remove vertices from the lines of the current mesh; the result, in the scene. may_go: (V,), those that may

@@ -24,6 +24,13 @@ EDGE_MARKS = ("use_seam", "use_edge_sharp", MARKS)
 CORNER_TYPES = {"FLOAT2", "FLOAT_COLOR", "BYTE_COLOR"}
 
 
+def border_edges(mesh: bpy.types.Mesh) -> ShortIndexArray:
+    """(B, 2) int32, the vertices of edges with one face."""
+    edges = read_built_in(mesh.attributes, ".edge_verts", "value", np.int32, 2)
+    corner_edges = read_built_in(mesh.attributes, ".corner_edge", "value", np.int32)
+    return edges[np.bincount(corner_edges, minlength=len(edges)) == 1]
+
+
 def line_edges(mesh: bpy.types.Mesh) -> ShortIndexArray:
     """(L, 2) int32, the vertices of edges that are seams, sharp or marked, or at the border of a material, of smooth
     shading, of a UV island or of colours. mesh: in Object Mode."""

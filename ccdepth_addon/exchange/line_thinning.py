@@ -151,7 +151,10 @@ def _remove(edited: Any, vertices: list[Any], beside: dict[Any, list[Any]]) -> N
 
 
 def _can_go(vertex: Any, beside: list[Any]) -> bool:
-    """Whether all edges at a vertex have two triangles, and its two neighbours on the line share no edge."""
-    if not vertex.is_manifold or vertex.is_boundary:
+    """Whether the triangles at a vertex lie around it, or beside each other at a border that is the line; and its two
+    neighbours on the line share no edge."""
+    if not vertex.is_manifold:
+        return False
+    if vertex.is_boundary and not all(e.other_vert(vertex) in beside for e in vertex.link_edges if e.is_boundary):
         return False
     return not any(edge.other_vert(beside[0]) is beside[1] for edge in beside[0].link_edges)

@@ -10,6 +10,7 @@ import bpy
 from ..exchange.control_mesh import applied_modifiers, has_own_keys, subdivision_modifier
 from ..state import properties
 from ..tasks.adaptive_task import AdaptiveTask, subdivide
+from ..tasks.reduce_task import triangle_count
 from ..tasks.stepwise import Stage
 from ..ui.printable import printable
 from .adaptive_objects import Made, make_meshes, place_meshes
@@ -67,7 +68,7 @@ class CCDEPTH_OT_subdivide(AdaptiveOperator):
         deepest = max(int(each.depths.max(initial=0)) for each in answer)
         text = f"{objects_text}{faces}, deepest depth {deepest}"
         if self.reduce:
-            text += f"; without Reduce {sum(len(each.result.adaptive.depths) for each in answer):,} faces"
+            text += f"; without Reduce {sum(triangle_count(each.result) for each in answer):,} triangles"
         self.report({"INFO"}, text)
         return {"FINISHED"}
 

@@ -116,11 +116,9 @@ class Reducer:
 
     def _thin_lines(self, search: Reduction, decimation: Decimation) -> Generator[Stage, None, None]:
         """Remove the vertices that lines can do without, and fix the others."""
-        lines = decimation.lines()
-        if not len(lines):
-            return
+        lines = np.unique(np.concatenate([decimation.lines(), decimation.borders()]), axis=0)
         may_go = np.ones(len(search.current.positions), dtype=bool)
-        for _ in range(ROUNDS_FOR_LINES):
+        for _ in range(ROUNDS_FOR_LINES if len(lines) else 0):
             yield Stage("Reducing lines")
             thinner = decimation.attempt_thinner(lines, may_go)
             beyond = yield from self._in_steps(partial(search.beyond, thinner), "Reducing lines")

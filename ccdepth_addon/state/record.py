@@ -60,7 +60,7 @@ class MeshRecord(bpy.types.PropertyGroup):
     has_result: BoolProperty()
     subdivision: StringProperty(description="How the mesh was made by subdivision; empty when it was not")
     base_faces: IntProperty(description="Faces of the mesh that was subdivided")
-    unreduced_faces: IntProperty(description="Faces of the adaptive mesh before it was reduced; 0 when it was not")
+    unreduced_triangles: IntProperty(description="Triangles of the adaptive mesh without Reduce; 0 when not reduced")
     largest_bound: FloatProperty(description="The largest distance proved", subtype="DISTANCE")
     tolerance: FloatProperty(description="The tolerance as it was given")
     tolerance_mode: StringProperty()

@@ -25,7 +25,7 @@ from ..exchange.result_attributes import (
 )
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.depth_task import DepthSettings, MeshDepths
-from ..tasks.reduce_task import ReducedResult
+from ..tasks.reduce_task import ReducedResult, triangle_count
 from ..tasks.surfaces import SurfaceSettings
 from .colors import depth_colors, to_linear
 
@@ -113,7 +113,7 @@ def write_reduced(mesh: bpy.types.Mesh, reduced: ReducedResult, settings: Adapti
     """The same for one that was reduced."""
     answer = reduced.unreduced
     _write_adaptive(mesh, answer, reduced.depths, reduced.bounds, settings)
-    mesh.ccdepth.unreduced_faces = len(answer.adaptive.depths)
+    mesh.ccdepth.unreduced_triangles = triangle_count(answer)
 
 
 def _write_adaptive(
@@ -138,7 +138,7 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
     record = mesh.ccdepth
     record.has_result = True
     record.subdivision = ""
-    record.unreduced_faces = 0
+    record.unreduced_triangles = 0
     record.shows_deviation = False
     record.tolerance = settings.tolerance
     record.tolerance_mode = settings.tolerance_mode

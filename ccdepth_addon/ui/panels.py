@@ -141,7 +141,7 @@ def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) 
 
 
 def _numbers_of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:
-    before = [("Before Reduce", f"{record.unreduced_faces:,}")] if record.unreduced_faces else []
+    before = [("Without Reduce", f"{record.unreduced_triangles:,} triangles")] if record.unreduced_triangles else []
     return [
         ("Faces", f"{record.faces:,}"),
         *before,

