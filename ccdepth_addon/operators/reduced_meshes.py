@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import bpy
 import numpy as np
 
-from ..core import FloatArray, Reduction
+from ..core import FloatArray, Progress, Reduction
 from ..exchange.bulk_writing import WriteError
 from ..exchange.control_mesh import read_values
 from ..exchange.custom_normals import CarriedNormals
@@ -23,27 +23,25 @@ from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.reduce_task import ReducedResult, depths_of_faces, finer_result, reduction_of, triangle_count
 from ..tasks.stepwise import Stage
 from ..tasks.surfaces import ComputeError
-from . import worker
 from .adaptive_objects import Made, make_meshes
 
 # Where thinner lines are too far off at some places, these places are tried without, so often.
 ROUNDS_FOR_LINES = 4
 
 Answer = TypeVar("Answer")
-Run = Callable[[Callable[[worker.Progress], Answer]], Generator[float, None, Answer]]
-
-STOPPED = "The reducing was stopped, and nothing was changed"
+Computed = Callable[[Callable[[Progress], Any]], Generator[float, None, Any]]
 
 
 class Reducer:
     """Makes reduced meshes, one after the other. notes: what to tell the user."""
 
     def __init__(
-        self, context: bpy.types.Context, settings: AdaptiveSettings, *, exact_normals: bool, in_thread: bool
+        self, context: bpy.types.Context, settings: AdaptiveSettings, computed: Computed, *, exact_normals: bool
     ) -> None:
+        """computed: does work that needs nothing of Blender, as steps that yield its progress."""
         self.notes: list[str] = []
         self._context, self._settings, self._exact_normals = context, settings, exact_normals
-        self._run: Run = worker.in_thread if in_thread else worker.at_once
+        self._computed = computed
 
     def make(self, answers: list[AdaptiveResult]) -> Generator[Stage, None, list[Made]]:
         """The meshes of all answers, or none; yields the stage. Where nothing is gained, that is the adaptive mesh
@@ -52,10 +50,8 @@ class Reducer:
         try:
             for answer in answers:
                 made.append((yield from self._made(answer)))
-        except BaseException as fault:
+        except BaseException:
             _remove([each.mesh_uid for each in made])
-            if isinstance(fault, worker.Cancelled):
-                raise ComputeError(STOPPED) from fault
             raise
         return made
 
@@ -72,9 +68,9 @@ class Reducer:
 
     def _reduced(self, answer: AdaptiveResult) -> Generator[Stage, None, Made | None]:
         """The reduced mesh of an answer; None where it has no fewer triangles."""
-        start = yield from _staged(
-            finer_result(answer, self._settings),
-            lambda faces: f"Subdividing finer, to be reduced: {faces:,} faces so far",
+        start = yield from self._in_steps(
+            partial(finer_result, answer, self._settings),
+            lambda faces: f"Subdividing finer, to be reduced: {faces:,.0f} faces so far",
         )
         (made,) = yield from self._unreduced(start)
         try:
@@ -103,7 +99,7 @@ class Reducer:
         decimation = Decimation(mesh, task.control.world, task.surface.tolerance)
         try:
             start = decimation.current()
-            search = yield from self._in_steps(lambda progress: reduction_of(answer, start, progress), "Reducing")
+            search = yield from self._in_steps(partial(reduction_of, answer, start), _constant("Reducing"))
             yield from self._thin_lines(search, decimation)
             found = yield from self._search(search, decimation)
             if found is not None:
@@ -121,7 +117,7 @@ class Reducer:
         for _ in range(ROUNDS_FOR_LINES if len(lines) else 0):
             yield Stage("Reducing lines")
             thinner = decimation.attempt_thinner(lines, may_go)
-            beyond = yield from self._in_steps(partial(search.beyond, thinner), "Reducing lines")
+            beyond = yield from self._in_steps(partial(search.beyond, thinner), _constant("Reducing lines"))
             if not beyond.any():
                 decimation.accept(keep=False)
                 break
@@ -138,30 +134,32 @@ class Reducer:
             yield Stage(before)
             made = decimation.attempt(attempt.triangles, attempt.is_fixed)
             text = f"{before}, {len(made.corners):,} tried"
-            if (yield from self._in_steps(partial(search.judge, made), text)):
+            if (yield from self._in_steps(partial(search.judge, made), _constant(text))):
                 decimation.accept(keep=search.is_proved)
         text = f"Reducing: {len(search.current.corners):,} triangles, being proved"
-        proof = yield from self._in_steps(search.prove, text)
+        proof = yield from self._in_steps(search.prove, _constant(text))
         if search.is_proved:
             decimation.keep()
         return None if proof is None else proof.bounds
 
-    def _in_steps(self, work: Callable[[worker.Progress], Answer], text: str) -> Generator[Stage, None, Answer]:
-        """Do work without Blender, in a thread where the window waits."""
-        return (yield from _staged(self._run(work), lambda fraction: text))
+    def _in_steps(
+        self, work: Callable[[Progress], Answer], text: Callable[[float], str]
+    ) -> Generator[Stage, None, Answer]:
+        """Do work that needs nothing of Blender; yields its progress as a text."""
+        steps = self._computed(work)
+        try:
+            while True:
+                try:
+                    progress = next(steps)
+                except StopIteration as finished:
+                    return finished.value
+                yield Stage(text(progress))
+        finally:
+            steps.close()
 
 
-def _staged(steps: Generator[Any, None, Answer], text: Callable[[Any], str]) -> Generator[Stage, None, Answer]:
-    """The same steps with what they yield as a text."""
-    try:
-        while True:
-            try:
-                progress = next(steps)
-            except StopIteration as finished:
-                return finished.value
-            yield Stage(text(progress))
-    finally:
-        steps.close()
+def _constant(text: str) -> Callable[[float], str]:
+    return lambda progress: text
 
 
 def _mesh(uid: int) -> bpy.types.Mesh:

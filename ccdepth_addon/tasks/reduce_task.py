@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,9 +11,11 @@ from numpy.typing import NDArray
 from ..core import (
     AdaptiveMesh,
     FloatArray,
+    Progress,
     Reduction,
     TooManyFacesError,
     TriangleMesh,
+    no_report,
     smallest_step,
     subdivide_adaptively,
 )
@@ -39,9 +40,11 @@ class ReducedResult:
         return self.unreduced.wherever_used(self.proved)
 
 
-def finer_result(answer: AdaptiveResult, settings: AdaptiveSettings) -> Generator[int, None, AdaptiveResult]:
-    """The mesh to reduce, in small steps like ``subdivide_stepwise``: within a part of the tolerance, or where that
-    would be too many faces, the answer itself."""
+def finer_result(answer: AdaptiveResult, settings: AdaptiveSettings, progress: Progress = no_report) -> AdaptiveResult:
+    """The mesh to reduce: within a part of the tolerance, or where that would be too many faces, the answer itself.
+
+    It may run in a thread. progress: is told about how many faces there are so far, and may raise to stop.
+    """
     task = answer.task
     control = task.control
     whole = task.request(replace(settings, mode="ADAPTIVE", transitions="TRIANGLES"), task.surface.tolerance, 0)
@@ -50,7 +53,7 @@ def finer_result(answer: AdaptiveResult, settings: AdaptiveSettings) -> Generato
         limit = max(whole.limit / divisor, min(whole.limit, smallest_step(control.in_world)))
         request = replace(whole, limit=limit, most_faces=settings.max_faces)
         try:
-            finer = yield from subdivide_adaptively(control.in_world, request, control.mesh.positions)
+            finer = subdivide_adaptively(control.in_world, request, control.mesh.positions, progress)
         except TooManyFacesError:
             continue
         return AdaptiveResult(task, finer)
@@ -70,7 +73,7 @@ def triangle_count(answer: AdaptiveResult) -> int:
     return len(mesh.corner_vertices) - 2 * len(mesh.base_faces)
 
 
-def reduction_of(answer: AdaptiveResult, start: TriangleMesh, progress: Callable[[float], None]) -> Reduction:
+def reduction_of(answer: AdaptiveResult, start: TriangleMesh, progress: Progress) -> Reduction:
     """The search for the fewest triangles within the tolerance of the answer. It may run in a thread."""
     task = answer.task
     return Reduction(task.control.in_world, start, task.surface.tolerance - task.allowance, progress)

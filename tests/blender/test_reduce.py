@@ -7,7 +7,7 @@ modifier, Use Limit Surface on at the highest Quality, and distances are found b
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 from dataclasses import replace
 
 import bpy
@@ -19,6 +19,7 @@ from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.named_meshes import NAMED
 from tests.blender.subdividing import everything_in_the_file, faces, refused, shape, subdivide
+from tests.steps import result_of
 
 # The level of the modifier that stands for the surface, and points along the sides of each triangle of the result.
 LEVEL, STEPS = 6, 4
@@ -208,8 +209,8 @@ def test_uv_maps_follow_the_places() -> None:
     right = np.repeat([face.material_index for face in mesh.polygons], 3)
     places = shape(result)[corners]
     off = np.abs(uvs.reshape(-1, 2) - places[:, :2] - np.stack([20.0 * right, 0.0 * right], axis=1))
-    # Decimate moves vertices across the surface and interpolates their UVs along edges, which are the longer the flatter
-    # the surface is: half a face of the control mesh, where the islands are twenty apart.
+    # Decimate moves vertices across the surface and interpolates their UVs along edges, which are long where the
+    # surface is flat: half a face of the control mesh at most, where the islands are twenty apart.
     assert off.max() < 0.5
     assert np.median(off) < 0.02
 
@@ -362,15 +363,12 @@ def test_nothing_is_left_of_what_fails(monkeypatch: pytest.MonkeyPatch) -> None:
     refused(original, reduce=True, match="not enough memory")
 
 
-def _reducer(original: bpy.types.Object):  # type: ignore[no-untyped-def]
+def _reducer(original: bpy.types.Object) -> Generator[object, None, object]:
     """The steps of reducing an object, as the operator takes them in a window."""
     tasks = addon.module("tasks.adaptive_task")
     settings = tasks.AdaptiveSettings(0.01, "ABSOLUTE", True, "ADAPTIVE", "TRIANGLES", 1_000_000)
-    from tests.steps import result_of
-
     prepared = result_of(tasks.prepare_adaptive(bpy.context, [original], settings))
-    answers = result_of(tasks.subdivide_stepwise(prepared, settings))
-    reducing = addon.module("operators.reduced_meshes").Reducer(
-        bpy.context, settings, exact_normals=True, in_thread=True
-    )
-    return reducing.make(answers)
+    answers = tasks.subdivide(prepared, settings)
+    in_thread = addon.module("operators.worker").in_thread
+    reducing = addon.module("operators.reduced_meshes")
+    return reducing.Reducer(bpy.context, settings, in_thread, exact_normals=True).make(answers)

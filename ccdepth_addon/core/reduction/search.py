@@ -7,7 +7,6 @@ which vertices to leave alone, and judges what came out. docs/adaptive.md, Reduc
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +15,7 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..deviation import Deviation, measure_deviation
 from ..deviation.triangles import Triangles
 from ..mesh.polygon_mesh import PolygonMesh
+from ..progress import Progress
 from .sampled_distances import SampledDistances, nearest_of
 
 # The part of the triangles that can go that an attempt is to merge, at most and at least.
@@ -36,8 +36,6 @@ NEARLY_BEYOND = 0.9
 
 # How near what is proved has to be to what is reached where that is beyond the limit.
 ACCURACY_BEYOND = 0.05
-
-Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
