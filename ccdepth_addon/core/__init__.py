@@ -38,7 +38,7 @@ from .deviation import Deviation, measure_deviation
 from .mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from .mesh.validation import InvalidMeshError, validate
 from .progress import Progress, no_report, part_of
-from .reduction import Attempt, Reduction, TriangleMesh
+from .reduction import Attempt, Places, Proof, Reduction, TriangleMesh
 from .surface.evaluation import limit_values
 from .surface.limit_normals import limit_normals
 from .surface.sharpness import apply_boundary_rule, crease_to_sharpness
@@ -58,8 +58,10 @@ __all__ = [
     "IndexArray",
     "InvalidMeshError",
     "Mode",
+    "Places",
     "PolygonMesh",
     "Progress",
+    "Proof",
     "Reduction",
     "ShortIndexArray",
     "SubdividedMesh",

@@ -14,6 +14,9 @@ from .attributes import CUSTOM_NORMAL, FREE_NORMALS
 from .bulk_writing import WriteError, write_attribute
 from .control_mesh import read_values
 
+# How the names of attributes begin that hold custom normals for a while.
+CARRIED_NORMAL = "ccdepth_normal"
+
 
 def write_limit_normals(
     mesh: bpy.types.Mesh, control: PolygonMesh, subdivided: SubdividedMesh, *, deformable: bool
@@ -48,7 +51,7 @@ class CarriedNormals:
 
     def __init__(self, mesh: bpy.types.Mesh) -> None:
         """Write the attribute."""
-        self._name = next(name for number in count() if (name := f"ccdepth_normal_{number}") not in mesh.attributes)
+        self._name = next(name for number in count() if (name := f"{CARRIED_NORMAL}_{number}") not in mesh.attributes)
         normals = read_values(mesh.corner_normals, "vector", np.float32, 3)
         write_attribute(mesh, self._name, "FLOAT_VECTOR", "CORNER", normals)
 

@@ -9,11 +9,12 @@ from itertools import count
 import bpy
 import numpy as np
 
-from ..core import BoolArray, FloatArray, ShortIndexArray, TriangleMesh
+from ..core import BoolArray, FloatArray, Places, ShortIndexArray, TriangleMesh
 from .bulk_writing import own_copy, write_values
 from .control_mesh import read_built_in, read_values
 from .kept_lines import border_edges, line_edges
 from .line_thinning import thin_lines
+from .places import interpolate_at
 
 # What the tolerance is where Decimate works: it takes places for flat by lengths in the unit of the coordinates.
 TOLERANCE = 0.01
@@ -40,12 +41,12 @@ class Decimation:
         used = positions[np.unique(read_built_in(mesh.attributes, ".corner_vert", "value", np.int32))]
         self._middle = (used.min(axis=0) + used.max(axis=0)) / 2
         self._to_decimate = world * (TOLERANCE / tolerance)
-        self._current, self._attempt, self._kept = 0, 0, 0
+        self._start, self._current, self._attempt, self._kept = 0, 0, 0, 0
         scratch = own_copy(mesh)
         try:
             moved = (positions - self._middle) @ self._to_decimate.T
             write_values(scratch.attributes["position"].data, "vector", moved.astype(np.float32))
-            self._current = _made_by(scratch, lambda holder: None).session_uid
+            self._start = self._current = _made_by(scratch, lambda holder: None).session_uid
         finally:
             bpy.data.meshes.remove(scratch)
 
@@ -92,7 +93,7 @@ class Decimation:
 
     def accept(self, *, keep: bool) -> None:
         """Let the last attempt be the current mesh. keep: and the one that ``write`` writes."""
-        if self._current != self._kept:
+        if self._current not in (self._start, self._kept):
             self._drop(self._current)
         self._current, self._attempt = self._attempt, 0
         if keep:
@@ -100,12 +101,13 @@ class Decimation:
 
     def keep(self) -> None:
         """Let the current mesh be the one that ``write`` writes."""
-        if self._kept not in (0, self._current):
+        if self._kept not in (0, self._start, self._current):
             self._drop(self._kept)
         self._kept = self._current
 
-    def write(self, mesh: bpy.types.Mesh) -> None:
-        """Give a mesh the geometry, attributes and groups of the one that was kept, in object space."""
+    def write(self, mesh: bpy.types.Mesh, places: Places) -> None:
+        """Give a mesh the geometry, attributes and groups of the one that was kept, in object space. places: of its
+        vertices on the mesh it all began with."""
         import bmesh
 
         kept = _mesh(self._kept)
@@ -117,6 +119,7 @@ class Decimation:
             edited.to_mesh(mesh)
         finally:
             edited.free()
+        interpolate_at(places, _mesh(self._start), mesh)
         # Selections that BMesh adds.
         for name in [name for name in mesh.attributes.keys() if name.startswith(".") and name not in names]:  # noqa: SIM118
             if ".select" in name or ".uv_select" in name:
@@ -125,9 +128,9 @@ class Decimation:
 
     def remove(self) -> None:
         """Remove what is left of the meshes in between."""
-        for uid in {self._current, self._attempt, self._kept}:
+        for uid in {self._start, self._current, self._attempt, self._kept}:
             self._drop(uid)
-        self._current = self._attempt = self._kept = 0
+        self._start = self._current = self._attempt = self._kept = 0
 
     def _stored(self, mesh: bpy.types.Mesh) -> FloatArray:
         """(V, 3) float32: positions in object space, as they are stored."""

@@ -24,6 +24,11 @@ EDGE_MARKS = ("use_seam", "use_edge_sharp", MARKS)
 CORNER_TYPES = {"FLOAT2", "FLOAT_COLOR", "BYTE_COLOR"}
 
 
+def changes_along_lines(attribute: bpy.types.Attribute) -> bool:
+    """Whether an attribute is a UV map or colours of corners."""
+    return attribute.domain == "CORNER" and attribute.data_type in CORNER_TYPES
+
+
 def border_edges(mesh: bpy.types.Mesh) -> ShortIndexArray:
     """(B, 2) int32, the vertices of edges with one face."""
     edges = read_built_in(mesh.attributes, ".edge_verts", "value", np.int32, 2)
@@ -50,7 +55,7 @@ def line_edges(mesh: bpy.types.Mesh) -> ShortIndexArray:
     following[starts + sizes - 1] = starts
     forwards = corner_vertices < corner_vertices[following]
     for attribute in mesh.attributes:
-        if attribute.domain != "CORNER" or attribute.data_type not in CORNER_TYPES:
+        if not changes_along_lines(attribute):
             continue
         kind = TYPES[attribute.data_type]
         values = read_values(attribute.data, kind.value, kind.dtype, kind.width).astype(np.float64)

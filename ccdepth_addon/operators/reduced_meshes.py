@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 import bpy
 import numpy as np
 
-from ..core import FloatArray, Progress, Reduction
+from ..core import FloatArray, Progress, Proof, Reduction
 from ..exchange.bulk_writing import WriteError
 from ..exchange.control_mesh import read_values
 from ..exchange.custom_normals import CarriedNormals
@@ -103,12 +103,13 @@ class Reducer:
             yield from self._thin_lines(search, decimation)
             found = yield from self._search(search, decimation)
             if found is not None:
-                decimation.write(mesh)
+                places = yield from self._in_steps(partial(search.places, found.mesh), _constant("Reducing"))
+                decimation.write(mesh, places)
         finally:
             decimation.remove()
         if normals is not None:
             normals.put_back(mesh, deformable=has_groups(mesh))
-        return found
+        return None if found is None else found.bounds
 
     def _thin_lines(self, search: Reduction, decimation: Decimation) -> Generator[Stage, None, None]:
         """Remove the vertices that lines can do without, and fix the others."""
@@ -127,8 +128,8 @@ class Reducer:
         is_fixed[decimation.lines()] = True
         search.begin_with(current, is_fixed)
 
-    def _search(self, search: Reduction, decimation: Decimation) -> Generator[Stage, None, FloatArray | None]:
-        """Reduce step by step; returns (T,) the proved distances of what was kept, or None where nothing is proved."""
+    def _search(self, search: Reduction, decimation: Decimation) -> Generator[Stage, None, Proof | None]:
+        """Reduce step by step; returns what was kept, or None where nothing is proved."""
         while (attempt := search.attempt()) is not None:
             before = f"Reducing: {len(search.current.corners):,} triangles"
             yield Stage(before)
@@ -140,7 +141,7 @@ class Reducer:
         proof = yield from self._in_steps(search.prove, _constant(text))
         if search.is_proved:
             decimation.keep()
-        return None if proof is None else proof.bounds
+        return proof
 
     def _in_steps(
         self, work: Callable[[Progress], Answer], text: Callable[[float], str]

@@ -199,20 +199,27 @@ def test_lines_stay_where_they_are() -> None:
         assert abs(length - 12) < 0.05
 
 
-def test_uv_maps_follow_the_places() -> None:
-    (result,) = subdivide(dented_grid(), tolerance=0.01, reduce=True)
-    mesh = result.data
+def uvs_off(holder: bpy.types.Object) -> np.ndarray:
+    """(C,): how far UVs are from the places of their corners, in the plane."""
+    mesh = holder.data
     uvs = np.empty(2 * len(mesh.loops), dtype=np.float32)
     mesh.uv_layers["Map"].uv.foreach_get("vector", uvs)
     corners = np.empty(len(mesh.loops), dtype=np.int32)
     mesh.loops.foreach_get("vertex_index", corners)
-    right = np.repeat([face.material_index for face in mesh.polygons], 3)
-    places = shape(result)[corners]
-    off = np.abs(uvs.reshape(-1, 2) - places[:, :2] - np.stack([20.0 * right, 0.0 * right], axis=1))
-    # Decimate moves vertices across the surface and interpolates their UVs along edges, which are long where the
-    # surface is flat: half a face of the control mesh at most, where the islands are twenty apart.
-    assert off.max() < 0.5
-    assert np.median(off) < 0.02
+    right = np.repeat([face.material_index for face in mesh.polygons], [face.loop_total for face in mesh.polygons])
+    places = shape(holder)[corners, :2] + np.stack([20.0 * right, 0.0 * right], axis=1)
+    return np.linalg.norm(uvs.reshape(-1, 2) - places, axis=1)
+
+
+def test_uv_maps_follow_the_places() -> None:
+    original = dented_grid()
+    (plain,) = subdivide(original, tolerance=0.01)
+    original.hide_set(False)
+    (result,) = subdivide(original, tolerance=0.01, reduce=True)
+    # The surface has its own corners, which UVs do not follow. Beyond that, a vertex is within the tolerance of where
+    # its UVs are from, but beside lines, where Decimate interpolates: there within a few.
+    assert uvs_off(result).max() <= uvs_off(plain).max() + 0.03
+    assert np.median(uvs_off(result)) < 0.01
 
 
 def test_everything_else_of_the_mesh_is_there() -> None:

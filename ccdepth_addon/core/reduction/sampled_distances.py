@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 
 from ..arrays.chunks import chunks
 from ..arrays.types import FloatArray, IndexArray
+from ..arrays.vectors import squared_norms
+from ..deviation.columns import NONE
 from ..deviation.surface_to_mesh import nearest_triangles
 from ..deviation.triangles import Triangles
 
@@ -18,6 +21,15 @@ PLACES_AT_ONCE = 1 << 13
 MOST_SAMPLES = 1 << 18
 
 Tick = Callable[[], None]
+
+
+@dataclass(frozen=True)
+class Places:
+    """Where vertices lie on a mesh. triangles: (V,) intp, the nearest one, ``NONE`` where it faces away, as the other
+    side of a thin wall does. weights: (V, 3) float64, of its corners."""
+
+    triangles: IndexArray
+    weights: FloatArray
 
 
 class SampledDistances:
@@ -52,6 +64,21 @@ class SampledDistances:
             np.maximum(farthest, distances.max(axis=1), out=farthest)
         return farthest
 
+    def places_of(self, positions: FloatArray, corners: IndexArray, tick: Tick) -> Places:
+        """Where the vertices (V, 3) of a coarse mesh with triangles (T, 3) lie on the fine one."""
+        triangles = np.full(len(positions), NONE)
+        weights = np.zeros((len(positions), 3))
+        normals = vertex_normals(positions, corners)
+        used = np.unique(corners)
+        for block in chunks(len(used), PLACES_AT_ONCE):
+            chosen = used[block]
+            found = nearest_triangles(self._triangles, positions[chosen])
+            faces_it = (normals[chosen] * self._triangles.normals[found.which]).sum(axis=1) > 0
+            triangles[chosen] = np.where(faces_it, found.which, NONE)
+            weights[chosen] = barycentric(found.points, self._triangles.points[:, found.which])
+            tick()
+        return Places(triangles, weights)
+
     def _from(self, places: FloatArray, tick: Tick) -> FloatArray:
         """(P,): how far places (P, 3) are from the fine mesh."""
         distances = np.empty(len(places))
@@ -67,6 +94,27 @@ def edges_of(corners: IndexArray) -> tuple[IndexArray, IndexArray]:
     count = int(pairs.max()) + 1
     keys, of_pairs = np.unique(pairs[:, 0] * count + pairs[:, 1], return_inverse=True)
     return np.stack([keys // count, keys % count], axis=1), of_pairs.reshape(corners.shape)
+
+
+def vertex_normals(positions: FloatArray, corners: IndexArray) -> FloatArray:
+    """(V, 3): the sums of the normals of the triangles (T, 3) around vertices, by area; of any length."""
+    a, b, c = np.moveaxis(positions[corners], 1, 0)
+    normals = np.zeros_like(positions)
+    for corner in corners.T:
+        np.add.at(normals, corner, np.cross(b - a, c - a))
+    return normals
+
+
+def barycentric(points: FloatArray, triangles: FloatArray) -> FloatArray:
+    """(P, 3): the weights of points (P, 3) of triangles (3, P, 3)."""
+    a, b, c = triangles
+    normals = np.cross(b - a, c - a)
+    squares = squared_norms(normals)
+    parts = [np.cross(c - b, points - b), np.cross(a - c, points - c), np.cross(b - a, points - a)]
+    weights = np.stack([(part * normals).sum(axis=1) for part in parts], axis=1)
+    even = np.full_like(weights, 1 / 3)
+    weights = np.divide(weights, squares[:, None], out=even, where=squares[:, None] > 0)
+    return np.clip(weights, 0.0, 1.0)
 
 
 def nearest_of(mesh: Triangles, places: FloatArray, tick: Tick) -> IndexArray:

@@ -16,7 +16,7 @@ from ..deviation import Deviation, measure_deviation
 from ..deviation.triangles import Triangles
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress
-from .sampled_distances import SampledDistances, nearest_of
+from .sampled_distances import Places, SampledDistances, nearest_of
 
 # The part of the triangles that can go that an attempt is to merge, at most and at least.
 LARGEST_SHARE, LEAST_SHARE = 0.75, 0.15
@@ -135,6 +135,10 @@ class Reduction:
             if found.proved <= self._limit:
                 self.proof = Proof(self.current, found.triangle_bounds, found.reached)
         return self.proof
+
+    def places(self, mesh: TriangleMesh, progress: Progress) -> Places:
+        """Where the vertices of a mesh lie on the start."""
+        return self._samples.places_of(mesh.positions, mesh.corners, lambda: progress(1.0))
 
     def _triangles(self, mesh: TriangleMesh, progress: Progress) -> Triangles:
         return Triangles.of(mesh.positions, mesh.corners, lambda: progress(0.0))
