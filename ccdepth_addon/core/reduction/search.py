@@ -25,6 +25,9 @@ LARGEST_SHARE, LEAST_SHARE = 0.75, 0.15
 # it: the next one merges a part of that share.
 LARGE_SHARE, NEXT_SHARE = 0.3, 0.7
 
+# After so many attempts that failed although vertices were fixed for them, each one merges a part of that share too.
+MOST_REFUSALS = 2
+
 # The search ends where all the triangles to merge are a smaller part of the mesh.
 LEAST_GAIN = 0.05
 
@@ -78,7 +81,7 @@ class Reduction:
         self.proof: Proof | None = None
         self._control, self._limit = control, limit
         self._is_fixed = np.zeros(len(start.positions), dtype=bool)
-        self._share = LARGEST_SHARE
+        self._share, self._refusals = LARGEST_SHARE, 0
         self._samples = SampledDistances(start.positions, start.corners, lambda: progress(0.0))
 
     @property
@@ -165,7 +168,7 @@ class Reduction:
 
     def _accept(self, mesh: TriangleMesh, proof: Proof | None, reached: float) -> None:
         self._is_fixed = is_among(mesh.positions, self.current.positions[self._is_fixed])
-        self.current = mesh
+        self.current, self._refusals = mesh, 0
         if proof is not None:
             self.proof = proof
         # Errors grow about as triangles become fewer.
@@ -176,7 +179,8 @@ class Reduction:
             self._share *= NEXT_SHARE
             return
         near = self._around(triangles, bad, mesh, progress)
-        if not (near & ~self._is_fixed).any():
+        self._refusals += 1
+        if self._refusals > MOST_REFUSALS or not (near & ~self._is_fixed).any():
             self._share *= NEXT_SHARE
         self._is_fixed = self._is_fixed | near
 
