@@ -306,6 +306,7 @@ def subdivide(this: Run) -> None:
     settings = _subdivision(rng)
     settings["output"] = one(rng, ("NEW_OBJECT", "IN_PLACE"))
     settings["exact_normals"] = chance(rng, 0.3)
+    settings["reduce"] = chance(rng, 0.3)
     present = {mesh.session_uid for mesh in bpy.data.meshes}
     if not _call(this, "subdivide", **settings):
         return
@@ -343,8 +344,6 @@ def _subdivision(rng: Random) -> dict[str, Any]:
     settings["mode"] = one(rng, ("ADAPTIVE", "PER_FACE"))
     settings["transitions"] = one(rng, ("TRIANGLES", "NGONS"))
     settings["max_faces"] = int(one(rng, (1, 20, 300, 1000, 1000)))
-    if "reduce" in bpy.ops.ccdepth.subdivide.get_rna_type().properties and chance(rng, 0.5):
-        settings["reduce"] = chance(rng, 0.5)
     return settings
 
 

@@ -1,0 +1,137 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The search for few triangles, with meshes that are known to be near enough or too far off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ccdepth_addon.core import Reduction, TriangleMesh, apply_boundary_rule, measure_deviation
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.deviation.triangles import Triangles
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.progress import no_report
+from ccdepth_addon.core.reduction.sampled_distances import SampledDistances
+from tests import meshes
+from tests.uniform import uniform
+
+LIMIT = 0.02
+
+
+def control() -> PolygonMesh:
+    return apply_boundary_rule(meshes.to_polygon_mesh(meshes.torus(9, 6)), smooth_corners=True)
+
+
+def at_level(level: int) -> TriangleMesh:
+    """Triangles between points of the limit surface."""
+    quads = uniform(control(), level)
+    corners = quads.corner_vertices.reshape(-1, 4).astype(np.intp)
+    return TriangleMesh(quads.positions, np.concatenate([corners[:, [0, 1, 2]], corners[:, [0, 2, 3]]]))
+
+
+def moved(mesh: TriangleMesh, chosen: np.ndarray, by: float) -> TriangleMesh:
+    """Some of the vertices moved upwards."""
+    positions = mesh.positions.copy()
+    positions[chosen, 2] += by
+    return TriangleMesh(positions, mesh.corners)
+
+
+def nothing() -> None:
+    """For work that is not stopped."""
+
+
+def sampled(fine: TriangleMesh, coarse: TriangleMesh) -> FloatArray:
+    triangles = Triangles.of(coarse.positions, coarse.corners, nothing)
+    return SampledDistances(fine.positions, fine.corners, nothing).of(
+        triangles, coarse.positions, coarse.corners, nothing
+    )
+
+
+def test_samples_never_exceed_the_true_distance() -> None:
+    fine, coarse = at_level(4), at_level(2)
+    truth = measure_deviation(control(), coarse.positions, coarse.corners)
+    # The fine mesh itself is off by a sixteenth of a sixteenth.
+    assert sampled(fine, coarse).max() <= truth.proved * (1 + 1 / 16)
+    assert sampled(fine, coarse).max() >= truth.reached / 2
+    assert sampled(fine, fine).max() < 1e-12
+
+
+def test_samples_belong_to_the_triangles_they_are_near() -> None:
+    fine, coarse = at_level(4), at_level(2)
+    chosen = np.arange(len(coarse.positions)) == 7
+    around = (coarse.corners == 7).any(axis=1)
+    distances = sampled(fine, moved(coarse, chosen, 0.3))
+    assert np.all(distances[around] > 0.05)
+    assert np.median(distances[~around]) < 0.05
+
+
+def test_what_is_within_the_limit_is_taken_and_proved() -> None:
+    search = Reduction(control(), at_level(4), LIMIT, no_report)
+    attempt = search.attempt()
+    assert attempt is not None
+    assert attempt.triangles < len(search.current.corners)
+    coarser = at_level(3)
+    assert measure_deviation(control(), coarser.positions, coarser.corners).proved < LIMIT
+    assert search.judge(coarser, no_report)
+    assert search.current is coarser
+    proof = search.prove(no_report)
+    assert proof is not None
+    assert search.is_proved
+    assert proof.mesh is coarser
+    assert proof.reached <= proof.bounds.max() <= LIMIT
+
+
+def test_what_is_beyond_the_limit_is_never_taken() -> None:
+    search = Reduction(control(), at_level(4), LIMIT, no_report)
+    refused = 0
+    while search.attempt() is not None:
+        start = at_level(3)
+        assert not search.judge(moved(start, np.arange(len(start.positions)) == 5, 2 * LIMIT), no_report)
+        refused += 1
+    # No attempt is made without end, whatever comes of it.
+    assert 0 < refused < 30
+    assert search.proof is None
+
+
+def test_vertices_are_fixed_where_an_attempt_is_too_far_off() -> None:
+    fine = at_level(4)
+    search = Reduction(control(), fine, LIMIT, no_report)
+    coarse = at_level(3)
+    off = moved(coarse, np.arange(len(coarse.positions)) == 5, 2 * LIMIT)
+    while (attempt := search.attempt()) is not None and not attempt.is_fixed.any():
+        assert not search.judge(off, no_report)
+    assert attempt is not None
+    distances = np.linalg.norm(fine.positions[attempt.is_fixed] - coarse.positions[5], axis=1)
+    everywhere = np.linalg.norm(fine.positions - coarse.positions[5], axis=1)
+    assert distances.max() < np.median(everywhere)
+    assert attempt.is_fixed[everywhere.argmin()]
+
+
+def test_nothing_is_proved_where_nothing_is_within_the_limit() -> None:
+    start = at_level(3)
+    search = Reduction(control(), moved(start, np.full(len(start.positions), True), 0.5), LIMIT, no_report)
+    assert search.prove(no_report) is None
+
+
+def test_enough_ends_a_measurement_and_still_proves() -> None:
+    mesh = at_level(2)
+    exact = measure_deviation(control(), mesh.positions, mesh.corners, accuracy=0.02)
+    enough = measure_deviation(control(), mesh.positions, mesh.corners, accuracy=0.02, enough=2 * exact.proved)
+    assert enough.accuracy_met
+    assert exact.reached <= enough.proved <= 2 * exact.proved
+    too_little = measure_deviation(control(), mesh.positions, mesh.corners, accuracy=0.02, enough=exact.reached / 2)
+    assert too_little.proved >= exact.reached
+
+
+def test_a_search_can_be_stopped() -> None:
+    class Stopped(Exception):
+        pass
+
+    def stop(_: float) -> None:
+        raise Stopped
+
+    with pytest.raises(Stopped):
+        Reduction(control(), at_level(3), LIMIT, stop)
+    search = Reduction(control(), at_level(3), LIMIT, no_report)
+    with pytest.raises(Stopped):
+        search.judge(at_level(2), stop)
