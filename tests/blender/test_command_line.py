@@ -186,17 +186,6 @@ def test_it_subdivides_adaptively(tmp_path: Path, capfd: pytest.CaptureFixture[s
     assert written == addon.depths(result).tolist()
 
 
-def test_it_reduces(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    line = ["--subdivide", "--reduce", "--tolerance", "0.02", "--absolute", "--output", tmp_path / "out.blend"]
-    assert run(*line) == 0
-    printed = capfd.readouterr().out
-    [(name, written)] = depths_in(tmp_path / "out.blend").items()
-    record = bpy.data.objects[name].data.ccdepth
-    assert len(written) < record.unreduced_triangles / 2
-    assert f"{len(written):,} faces made from {SUZANNE_FACES}; {record.unreduced_triangles:,} triangles" in printed
-    assert bpy.context.scene.ccdepth.reduce
-
-
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
