@@ -140,7 +140,8 @@ def test_bevelled_primitives_get_few_triangles(name: str, most: int, has_uvs: bo
             bpy.ops.mesh.select_all(action="SELECT")
             bpy.ops.uv.cube_project()
     (result,) = subdivide(original, tolerance=1e-3, tolerance_mode="RELATIVE", reduce=True)
-    assert faces(result) <= most
+    # The borders of UV islands stay, which takes up to a tenth more.
+    assert faces(result) <= (1.1 * most if has_uvs else most)
     assert result.data.ccdepth.unreduced_triangles > 2 * faces(result)
 
 
