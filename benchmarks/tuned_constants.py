@@ -1,0 +1,909 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What each cache, store, fast path and tuned constant gains: all are switched off in turn.
+
+python benchmarks/tuned_constants.py [--repeat N] [--results FILE] [PART OF A NAME…]        with the bpy wheel
+
+Prints a Markdown table: time, memory and faces without the thing, in parts of those with it, the largest over its
+workloads. Every run is a process of its own, and runs with and without a thing take turns, so that a machine that is
+busy for a while is so for both; the ratios are medians. Time is processor time, user and system, of all threads; where
+threads are the point it is that of the clock, which depends on the number of processors. Memory is the most the process
+takes during the work above what it took before (Linux alone tells). Faces are those of the adaptive mesh; those that
+depths make; or, of a deviation, what is proved.
+
+Measurements are appended to FILE, and those that it has count as well.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import json
+import os
+import resource
+import subprocess
+import sys
+import tempfile
+from collections import defaultdict
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from statistics import median
+from time import perf_counter
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+sys.path.insert(0, str(ROOT))
+
+PACKAGE = "ccdepth_addon"
+# What a run took, by name: "time", "clock", "memory" and "faces".
+Figures = dict[str, float]
+
+UNLIMITED = 1 << 40
+NEVER, ALWAYS = 0.0, float("inf")
+
+# So many things are switched off between two runs with everything on.
+RUNS_BETWEEN = 3
+
+# A ratio nearer to 1 than this is not told from it, and is printed without its workload.
+NOISE = 0.05
+
+
+# Workloads: each makes its input, imports what it uses, and returns the work, which returns its result.
+
+
+def noisy_grid(side: int, insets: int = 0) -> Any:
+    import numpy as np
+
+    from benchmarks.hills import hills
+    from tests.meshes import MeshData
+
+    positions, quads = hills(side, insets)
+    noise = np.random.default_rng(2).normal(0.0, 0.003, positions.shape)
+    return control_of(MeshData(positions + noise, np.full(len(quads), 4), quads.ravel()))
+
+
+def control_of(data: Any) -> Any:
+    from ccdepth_addon.core import apply_boundary_rule
+    from tests import meshes
+
+    return apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
+
+
+def saved_suzanne() -> Any:
+    """The control mesh that ``save_suzanne`` has put into the directory for inputs."""
+    import numpy as np
+
+    from tests.meshes import MeshData
+
+    with np.load(os.environ["CCDEPTH_INPUTS"] + "/suzanne.npz") as saved:
+        return control_of(MeshData(saved["positions"], saved["face_sizes"], saved["corner_vertices"]))
+
+
+def save_suzanne(directory: str) -> None:
+    import numpy as np
+
+    from tests.blender import scene
+
+    data = scene.suzanne()
+    np.savez(
+        directory + "/suzanne.npz",
+        positions=data.positions,
+        face_sizes=data.face_sizes,
+        corner_vertices=data.corner_vertices,
+    )
+
+
+def refined(mesh: Any, steps: int) -> Any:
+    from ccdepth_addon.core.surface.catmull_clark import subdivide
+
+    for _ in range(steps):
+        mesh = subdivide(mesh).mesh
+    return mesh
+
+
+def creased_landscape(side: int, share: float = 0.1) -> Any:
+    from tests import meshes
+
+    return control_of(meshes.with_random_creases(meshes.landscape(side, side), share=share))
+
+
+def triangulated(side: int) -> Any:
+    """A landscape of triangles, each quad of a grid cut along one diagonal or the other."""
+    import numpy as np
+
+    from tests import meshes
+
+    quads = meshes.landscape(side, side)
+    corners = quads.corner_vertices.reshape(-1, 4)
+    turned = np.random.default_rng(3).integers(0, 2, len(corners))
+    corners = np.take_along_axis(corners, (np.arange(4) + turned[:, None]) % 4, axis=1)
+    triangles = corners[:, [0, 1, 2, 0, 2, 3]].reshape(-1)
+    return control_of(meshes.MeshData(quads.positions, np.full(2 * len(corners), 3), triangles))
+
+
+def bricks(side: int) -> Any:
+    """A bumpy wall of hexagons."""
+    import numpy as np
+
+    from tests import meshes
+
+    columns = 2 * side + 2
+    places = np.arange(columns * (side + 1))
+    across, along = np.divmod(places, columns)
+    rng = np.random.default_rng(4)
+    positions = np.stack([along, across, rng.normal(0.0, 0.3, len(places))], axis=1).astype(np.float64)
+    first = np.concatenate([columns * row + row % 2 + 2 * np.arange(side) for row in range(side)])
+    faces = first[:, None] + np.array([0, 1, 2, columns + 2, columns + 1, columns])
+    return control_of(meshes.MeshData(positions, np.full(len(faces), 6), faces.ravel()))
+
+
+def pole(valence: int, rings: int) -> Any:
+    from tests import meshes
+
+    return control_of(meshes.fan(valence, rings))
+
+
+def depths(
+    make: Callable[[], Any], method: str, vertices: str, tolerance: float, repeats: int = 1
+) -> Callable[[], Any]:
+    """Depths of the faces; the result is the number of faces that they make."""
+    from ccdepth_addon.core import face_depths
+
+    mesh = make()
+    limit = tolerance * diagonal(mesh)
+
+    def work() -> float:
+        for _ in range(repeats):
+            found = face_depths(mesh.changed(positions=mesh.positions.copy()), limit, method, vertices)
+        return float((4.0**found.depths).sum())
+
+    return work
+
+
+def small_depths(count: int) -> Callable[[], Any]:
+    """Depths of many small meshes, one after another."""
+    from ccdepth_addon.core import face_depths
+
+    sources = [creased_landscape(3, 0.3), pole(5, 2), triangulated(2), noisy_grid(4)]
+
+    def work() -> float:
+        faces = 0.0
+        for number in range(count):
+            mesh = sources[number % len(sources)]
+            mesh = mesh.changed(positions=mesh.positions.copy())
+            found = face_depths(mesh, 1e-2 * diagonal(mesh), "CERTIFIED", "CONTROL")
+            faces += float((4.0**found.depths).sum())
+        return faces
+
+    return work
+
+
+def level(make: Callable[[], Any], tolerance: float) -> Callable[[], Any]:
+    """The first level that holds for all faces."""
+    from ccdepth_addon.core.depth.face_depths import uniform_level
+
+    mesh = make()
+    limit = tolerance * diagonal(mesh)
+    return lambda: float(4.0 ** uniform_level(mesh, limit, "CERTIFIED", "LIMIT"))
+
+
+def diagonal(mesh: Any) -> float:
+    import numpy as np
+
+    return float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
+
+
+def adaptive_mesh(mesh: Any, tolerance: float, most_faces: int = 10_000_000) -> Any:
+    from ccdepth_addon.core import AdaptiveRequest, Mode, Transitions, subdivide_adaptively
+    from tests.steps import result_of
+
+    request = AdaptiveRequest(tolerance * diagonal(mesh), Mode.ADAPTIVE, Transitions.TRIANGLES, most_faces)
+    return result_of(subdivide_adaptively(mesh, request, mesh.positions))
+
+
+def adaptive(make: Callable[[], Any], tolerance: float) -> Callable[[], Any]:
+    """An adaptive mesh; the result is the number of its faces."""
+    import ccdepth_addon.core  # noqa: F401
+
+    mesh = make()
+    return lambda: float(len(adaptive_mesh(mesh, tolerance).bounds))
+
+
+def refused(make: Callable[[], Any], tolerance: float, most_faces: int) -> Callable[[], Any]:
+    """An adaptive mesh that is refused for its size."""
+    from ccdepth_addon.core import TooManyFacesError
+
+    mesh = make()
+
+    def work() -> float:
+        try:
+            adaptive_mesh(mesh, tolerance, most_faces)
+        except TooManyFacesError:
+            return 1.0
+        raise AssertionError("not refused")
+
+    return work
+
+
+def deviation(make: Callable[[], Any], steps: int) -> Callable[[], Any]:
+    """The deviation of a subdivided mesh; the result is what is proved."""
+    import numpy as np
+
+    from ccdepth_addon.core import measure_deviation
+
+    control = make()
+    shown = refined(control, steps)
+    quads = shown.corner_vertices.reshape(-1, 4)
+    triangles = quads[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3).astype(np.intp)
+    return lambda: measure_deviation(control, shown.positions, triangles, time_limit=600.0).proved
+
+
+def written(tolerance: float) -> Callable[[], Any]:
+    """An adaptive Suzanne as a Blender mesh: UV maps with seams, colours, weights, exact normals."""
+    import bpy
+    import numpy as np
+
+    import ccdepth_addon
+    from ccdepth_addon.core import apply_boundary_rule
+    from ccdepth_addon.exchange.adaptive_mesh import TransferOptions, new_mesh
+    from tests.blender import scene
+
+    ccdepth_addon.register()
+    scene.clear()
+    base = scene.add_suzanne()
+    scene.add_subdivision(base, 1)
+    shown = base.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    mesh = bpy.data.meshes.new_from_object(shown)
+    rng = np.random.default_rng(5)
+    for name, kind, domain in (("Colour", "FLOAT_COLOR", "POINT"), ("Wear", "FLOAT", "CORNER")):
+        data = mesh.attributes.new(name, kind, domain).data
+        field, width = ("color", 4) if kind == "FLOAT_COLOR" else ("value", 1)
+        data.foreach_set(field, rng.random(width * len(data)).astype(np.float32))
+    control = apply_boundary_rule(scene.polygon_mesh_of(mesh), smooth_corners=True)
+    found = adaptive_mesh(control, tolerance)
+
+    def work() -> float:
+        made = new_mesh(mesh, control, found.mesh, TransferOptions(limit_normals=True))
+        return float(len(made.polygons))
+
+    return work
+
+
+def operators(count: int) -> Callable[[], Any]:
+    """Compute Depth on many objects with modifiers, and then the test whether results are stale."""
+    import bpy
+
+    import ccdepth_addon
+    from benchmarks.many_objects import bevelled_users
+
+    ccdepth_addon.register()
+    from ccdepth_addon.state import fingerprint
+
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    bevelled_users(count)
+    bpy.context.view_layer.objects.active = bpy.context.scene.objects[0]
+    bpy.context.view_layer.update()
+
+    def work() -> float:
+        bpy.ops.ccdepth.compute(method="SECOND_ORDER")
+        objects = list(bpy.context.scene.objects)
+        for _ in range(5):
+            fingerprint.examine(objects[0].data, objects, {})
+        return 1.0
+
+    return work
+
+
+WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
+    "depths": lambda: depths(lambda: noisy_grid(400), "CERTIFIED", "CONTROL", 3e-5),
+    "depths, limit": lambda: depths(lambda: noisy_grid(200), "CERTIFIED", "LIMIT", 3e-5),
+    "depths, extraordinary": lambda: depths(lambda: noisy_grid(120, 600), "CERTIFIED", "CONTROL", 1e-4),
+    "depths, creases": lambda: depths(lambda: creased_landscape(24), "CERTIFIED", "CONTROL", 1e-3),
+    "depths, pole": lambda: depths(lambda: pole(256, 2), "CERTIFIED", "CONTROL", 1e-4),
+    "depths by norms": lambda: depths(lambda: noisy_grid(250, 3000), "SECOND_ORDER", "CONTROL", 1e-4),
+    "depths by norms, creases": lambda: depths(lambda: creased_landscape(60), "SHARP", "CONTROL", 1e-4),
+    "small depths": lambda: small_depths(30),
+    "level": lambda: level(lambda: creased_landscape(16), 1e-3),
+    "adaptive": lambda: adaptive(lambda: refined(saved_suzanne(), 3), 2e-5),
+    "adaptive, coarse": lambda: adaptive(lambda: refined(saved_suzanne(), 1), 3e-4),
+    "adaptive, creases": lambda: adaptive(lambda: creased_landscape(10), 1e-4),
+    "adaptive, triangles": lambda: adaptive(lambda: triangulated(12), 3e-4),
+    "adaptive, n-gons": lambda: adaptive(lambda: bricks(16), 1e-3),
+    "adaptive, pole": lambda: adaptive(lambda: pole(64, 3), 1e-4),
+    "adaptive, large pole": lambda: adaptive(lambda: pole(200, 2), 3e-4),
+    "adaptive, refused": lambda: refused(lambda: refined(saved_suzanne(), 3), 1e-7, 1_000_000),
+    "deviation": lambda: deviation(saved_suzanne, 2),
+    "deviation, creases": lambda: deviation(lambda: creased_landscape(12), 2),
+    "writing": lambda: written(5e-5),
+    "operators": lambda: operators(400),
+}
+
+
+# Switches
+
+
+def located(place: str) -> tuple[Any, str]:
+    """The module or class of a thing in the package, and its name there."""
+    names = place.split(".")
+    for end in range(len(names) - 1, 0, -1):
+        try:
+            owner = importlib.import_module(".".join([PACKAGE, *names[:end]]))
+        except ModuleNotFoundError:
+            continue
+        for name in names[end:-1]:
+            owner = getattr(owner, name)
+        return owner, names[-1]
+    raise LookupError(place)
+
+
+def replace_with(place: str, new: Any) -> None:
+    """Also where other modules have imported the thing by its name, and in default arguments."""
+    owner, name = located(place)
+    old = getattr(owner, name)
+    setattr(owner, name, new)
+    for module in [module for key, module in sys.modules.items() if key.startswith(PACKAGE)]:
+        if vars(module).get(name) is old:
+            setattr(module, name, new)
+        for function in vars(module).values():
+            # Small numbers are the same object wherever they stand.
+            if (defaults := getattr(function, "__defaults__", None)) and isinstance(old, int) and old > 1 << 8:
+                function.__defaults__ = tuple(new if default is old else default for default in defaults)
+
+
+def set_to(value: Any) -> Callable[[str], None]:
+    return lambda place: replace_with(place, value)
+
+
+def without_cache(place: str) -> None:
+    """Compute anew what ``cache``, ``lru_cache`` or ``cached_property`` keeps."""
+    owner, name = located(place)
+    cached = vars(owner)[name]
+    if isinstance(cached, cached_property):
+        setattr(owner, name, property(cached.func))
+    else:
+        replace_with(place, cached.__wrapped__)
+
+
+def by(make: Callable[[Any], Any]) -> Callable[[str], None]:
+    """Put another function in the place of one, made from it."""
+
+    def switch(place: str) -> None:
+        owner, name = located(place)
+        replace_with(place, make(getattr(owner, name)))
+
+    return switch
+
+
+def numpy_product(_: Any) -> Any:
+    return lambda matrix, columns: matrix @ columns
+
+
+def numpy_cross(_: Any) -> Any:
+    import numpy as np
+
+    return np.cross
+
+
+def numpy_norms(_: Any) -> Any:
+    import numpy as np
+
+    return lambda vectors: np.einsum("...i,...i->...", vectors, vectors)
+
+
+def numpy_dots(_: Any) -> Any:
+    import numpy as np
+
+    return lambda a, b: np.einsum("...i,...i->...", a, b)
+
+
+def as_it_is(_: Any) -> Any:
+    return lambda vectors: vectors
+
+
+def row_major(_: Any) -> Any:
+    import numpy as np
+
+    return np.ascontiguousarray
+
+
+def summed_one_by_one(_: Any) -> Any:
+    import numpy as np
+
+    def sums(indices: Any, vectors: Any, count: int) -> Any:
+        total = np.zeros((count, vectors.shape[1]))
+        np.add.at(total, indices, vectors)
+        return total
+
+    return sums
+
+
+def gathered_at_once(_: Any) -> Any:
+    return lambda values, indices: values[indices]
+
+
+def one_thread(_: Any) -> Any:
+    return lambda: 1
+
+
+def a_pool_each(threads_of: Any) -> Any:
+    """New threads for each call, not kept between calls."""
+    threads: Any = importlib.import_module(PACKAGE + ".core.arrays.threads")
+
+    def mapped(function: Any, tasks: Any) -> Any:
+        pool = ThreadPoolExecutor(threads._thread_count())
+        threads._threads = lambda: pool
+        yield from threads_of(function, tasks)
+        pool.shutdown(wait=False)
+
+    return mapped
+
+
+def no_topology(changed: Any) -> Any:
+    from dataclasses import replace
+
+    return lambda mesh, **fields: replace(mesh, **fields)
+
+
+def nothing(_: Any) -> Any:
+    return lambda *_args, **_named: None
+
+
+def no_norms(rough_bounds: Any) -> Any:
+    """Bounds by the norm alone that say nothing."""
+    from dataclasses import replace
+
+    import numpy as np
+
+    def unknown(patches: Any, vertices: Any) -> Any:
+        found = rough_bounds(patches, vertices)
+        patches.rough = replace(found, value=np.full_like(found.value, np.inf))
+        return patches.rough
+
+    return unknown
+
+
+def evaluated_everywhere(_: Any) -> Any:
+    """Values at all corners, those at one vertex each on its own."""
+    import numpy as np
+
+    return lambda subdivided, evaluate: np.asarray(evaluate(subdivided.corner_points), dtype=np.float32)
+
+
+def none_through_parents(_: Any) -> Any:
+    import numpy as np
+
+    growth = importlib.import_module(PACKAGE + ".core.adaptive.growth")
+
+    def through(plan: Any, parents: Any) -> Any:
+        growth._place(plan, parents, parents.points())
+        count = len(parents.nodes)
+        yield plan.tree.leaf_count
+        return np.ones((4, count), dtype=bool), np.zeros((4, count), dtype=bool)
+
+    return through
+
+
+def children_kept(approximate_new: Any) -> Any:
+    return lambda plan, cells, **_named: approximate_new(plan, cells)
+
+
+def all_entries(put: Any) -> Any:
+    """Error bounds and star bounds kept for all nodes."""
+    import numpy as np
+
+    store = importlib.import_module(PACKAGE + ".core.adaptive.approximation_store")
+    unbounded = store.ApproximationStore.unbounded
+
+    def accepted_alone(self: Any) -> Any:
+        nodes = unbounded(self)
+        return nodes[self._columns["accepted"].values[nodes]]
+
+    def put_all(self: Any, nodes: Any, approximation: Any) -> None:
+        for name, column in self._columns.items():
+            column.values[nodes] = getattr(approximation, name)
+        self._append(nodes, np.array(approximation.normal), np.array(approximation.tangential))
+
+    store.ApproximationStore.unbounded = accepted_alone
+    return put_all
+
+
+def everywhere(_: Any) -> Any:
+    import numpy as np
+
+    return lambda tree, leaves, others: np.ones(len(leaves), dtype=bool)
+
+
+def fine_alone(_: Any) -> Any:
+    """Bicubic quads by the quarters of triangles, without the quadratic parts."""
+    bounds = importlib.import_module(PACKAGE + ".core.adaptive.leaf_bounds.triangle_bounds")
+
+    def distances(self: Any, chosen: Any, pattern: int, alternative: int, points: Any, limit: float) -> Any:
+        return bounds.bicubic_distances(bounds.bicubic_rows(pattern, alternative), self.nets, chosen)
+
+    return distances
+
+
+def not_turned(_: Any) -> Any:
+    return lambda self, turns: self
+
+
+def not_known(function: Any) -> Any:
+    """Without what was described of other objects at the same time."""
+    return lambda *given, known=None, **named: function(*given, known=None, **named)
+
+
+def not_shared(function: Any) -> Any:
+    return lambda *given, shared=None, **named: function(*given, shared=None, **named)
+
+
+@dataclass(frozen=True)
+class Entry:
+    """A thing to switch off. place: where it is, from the package on; off: what that means; workloads: where it should
+    show. by_clock: whether its time is that of the clock."""
+
+    place: str
+    off: str
+    switch: Callable[[str], None]
+    workloads: tuple[str, ...]
+    by_clock: bool = False
+
+    @property
+    def name(self) -> str:
+        return f"{self.place}: {self.off}"
+
+    def module_and_name(self) -> tuple[str, str]:
+        """The last part of the module's name, and the name in it, which may be that of a class's member."""
+        names = self.place.split(".")
+        at = -3 if names[-2].strip("_")[0].isupper() else -2
+        return names[at], ".".join(names[at + 1 :])
+
+
+def at_once(place: str, *workloads: str) -> Entry:
+    """The size of a chunk."""
+    return Entry(place, "unlimited", set_to(UNLIMITED), workloads)
+
+
+def kept(place: str, *workloads: str) -> Entry:
+    """A cache."""
+    return Entry(place, "computed anew", without_cache, workloads)
+
+
+ARRAYS, MESH, SURFACE = "core.arrays.", "core.mesh.", "core.surface."
+DEPTH, BOUNDS, DEVIATION = "core.depth.", "core.bounds.", "core.deviation."
+ADAPTIVE, LEAVES, CELLS = "core.adaptive.", "core.adaptive.leaf_bounds.", "core.adaptive.cells."
+CERTIFIED = DEPTH + "certified_depth."
+BOTH_DEVIATIONS = ("deviation", "deviation, creases")
+MESH_CACHES = ("face_sizes", "corner_faces", "next_corner", "previous_corner", "edge_face_counts")
+ALL_ADAPTIVE = ("adaptive", "adaptive, creases", "adaptive, triangles", "adaptive, n-gons", "adaptive, pole")
+
+NETS = ("adaptive", "adaptive, coarse", "adaptive, pole")
+SUZANNE = ("adaptive", "adaptive, coarse")
+EXTRAORDINARY = ("adaptive, pole", "adaptive, coarse")
+IRREGULAR = ("adaptive, creases", "adaptive, triangles", "adaptive, n-gons")
+NOT_REGULAR = ("depths, extraordinary", "depths, creases")
+TRIANGLE_CACHES = (
+    "_arguments", "_counts", "_ways_to_share", "_off_quadratic", "_shares_of_pairs", "template_rows",
+    "bicubic_rows", "quadratic_rows", "extraordinary_rows", "extraordinary_points", "bicubic_points",
+)  # fmt: skip
+
+ENTRIES = [
+    # Arrays.
+    Entry(ARRAYS + "threads._thread_count", "one thread", by(one_thread), ("depths", "depths, creases"), by_clock=True),
+    Entry(ARRAYS + "threads.map_in_threads", "new threads for each call", by(a_pool_each), ("small depths", "depths")),
+    Entry(ARRAYS + "matrix_products.matrix_product", "numpy's own", by(numpy_product), ("depths", "adaptive")),
+    at_once(ARRAYS + "matrix_products.COLUMNS_AT_ONCE", "depths", "adaptive", "depths, extraordinary"),
+    Entry(ARRAYS + "chunks.gathered", "numpy's own", by(gathered_at_once), ("adaptive",)),
+    at_once(ARRAYS + "chunks.GATHERED_CHUNK", "adaptive"),
+    Entry(ARRAYS + "vectors.component_major", "left as they are", by(as_it_is), SUZANNE),
+    Entry(ARRAYS + "vectors.cross_products", "numpy's own", by(numpy_cross), ("adaptive", "adaptive, n-gons")),
+    Entry(ARRAYS + "vectors.squared_norms", "einsum", by(numpy_norms), ("depths", "adaptive", "deviation")),
+    Entry(ARRAYS + "vectors.dot_products", "einsum", by(numpy_dots), SUZANNE),
+    Entry(
+        ARRAYS + "vectors.sums_by_index", "np.add.at", by(summed_one_by_one), ("depths, creases", "adaptive, triangles")
+    ),
+    # Meshes.
+    *(kept(MESH + f"polygon_mesh.PolygonMesh.{name}", "depths, creases", "depths by norms") for name in MESH_CACHES),
+    kept(MESH + "polygon_mesh.PolygonMesh.vertex_face_counts", "depths, creases", "depths by norms"),
+    kept(MESH + "polygon_mesh.PolygonMesh._twins", "depths, creases", "depths by norms"),
+    Entry(
+        MESH + "polygon_mesh.PolygonMesh.changed",
+        "topology computed anew",
+        by(no_topology),
+        ("small depths", "writing", "depths by norms"),
+    ),
+    Entry(
+        MESH + "submesh.SORTED_UP_TO", "all entries scanned", set_to(UNLIMITED), ("depths, extraordinary", "adaptive")
+    ),
+    at_once(MESH + "submesh.INDICES_AT_ONCE", "adaptive", "depths, creases"),
+    Entry(MESH + "validation.LARGEST_COMPARED_SIZE", "vertices sorted", set_to(0), ("depths by norms", "depths")),
+    Entry(MESH + "validation.CLEAR_ANGLE", "all faces measured", set_to(ALWAYS), ("depths by norms", "depths")),
+    # The surface.
+    kept(SURFACE + "bicubic.second_derivatives", "small depths", "depths"),
+    kept(SURFACE + "limit_positions.dart_weights", "depths, creases", "adaptive, creases"),
+    kept(SURFACE + "stencils.patch_stencils", "depths, extraordinary", "adaptive, pole", "small depths"),
+    Entry(
+        SURFACE + "stencils.LARGEST_STENCIL_VALENCE",
+        "all valences by stencils",
+        set_to(1 << 20),
+        ("adaptive, large pole",),
+    ),
+    Entry(SURFACE + "stencils.LARGEST_STENCIL_VALENCE", "none by stencils", set_to(0), EXTRAORDINARY),
+    at_once(SURFACE + "evaluation.PATCHES_AT_ONCE", "writing", "adaptive, triangles"),
+    at_once(SURFACE + "evaluation.REFINED_AT_ONCE", "writing", "adaptive, creases", "adaptive, n-gons"),
+    at_once(SURFACE + "evaluation.POINTS_ON_PATCHES", "writing"),
+    at_once(SURFACE + "evaluation.POINTS_AT_ONCE", "writing"),
+    # Depths.
+    kept(BOUNDS + "facet_bounds._facet_error", "small depths", "depths"),
+    kept(BOUNDS + "facet_bounds.later_functionals", "small depths", "depths"),
+    kept(BOUNDS + "facet_bounds._apart_functionals", "small depths", "depths"),
+    kept(BOUNDS + "facet_bounds._samples", "small depths", "depths, limit", "depths"),
+    kept(BOUNDS + "norms._second_difference_ends", "small depths", "depths, extraordinary", "depths, pole"),
+    kept(BOUNDS + "norms._edge_ends", "small depths"),
+    at_once(CERTIFIED + "REGULAR_FACES_AT_ONCE", "depths", "depths, limit"),
+    at_once(CERTIFIED + "OTHER_FACES_AT_ONCE", "depths, extraordinary", "depths, creases"),
+    at_once(CERTIFIED + "OTHER_FACES_TOGETHER", "depths, extraordinary", "depths, creases"),
+    Entry(CERTIFIED + "OTHER_FACES_TOGETHER", "each chunk on its own", set_to(1 << 10), NOT_REGULAR),
+    Entry(CERTIFIED + "MOST_PIECES", "unlimited", set_to(UNLIMITED), ("depths, creases", "depths, limit")),
+    Entry(CERTIFIED + "LARGEST_SEARCHED_VALENCE", "64, as elsewhere", set_to(64), ("depths, pole",)),
+    Entry(
+        CERTIFIED + "_CertifiedSearch._evaluate_corners",
+        "not tried first",
+        by(nothing),
+        ("depths, extraordinary", "small depths"),
+    ),
+    Entry(
+        CERTIFIED + "_Patches.rough_bounds",
+        "bounds by the norm alone not tried",
+        by(no_norms),
+        ("depths, extraordinary", "depths, creases", "level"),
+    ),
+    Entry(CERTIFIED + "_CertifiedSearch._settle_early", "not tried", by(nothing), ("level",)),
+    at_once(DEPTH + "norm_depth.REGULAR_FACES_AT_ONCE", "depths by norms"),
+    at_once(DEPTH + "norm_depth.EXTRAORDINARY_POINTS_AT_ONCE", "depths by norms"),
+    at_once(DEPTH + "norm_depth.IRREGULAR_FACES_AT_ONCE", "depths by norms, creases"),
+    # Adaptive meshes: the tree and its stores.
+    Entry(ADAPTIVE + "quadtree.SLACK", "no slack", set_to(1.0), NETS),
+    Entry(ADAPTIVE + "quadtree.Quadtree.reserve", "columns grow by themselves", by(nothing), SUZANNE),
+    at_once(ADAPTIVE + "quadtree.NODES_AT_ONCE", "adaptive", "adaptive, coarse"),
+    Entry(
+        ADAPTIVE + "balance.LEAVES_BESIDE",
+        "all leaves tested",
+        set_to(UNLIMITED),
+        ("adaptive", "adaptive, creases", "adaptive, pole"),
+    ),
+    Entry(ADAPTIVE + "balance.FEWEST_SIDES", "sides of all leaves counted", set_to(0), SUZANNE),
+    at_once(ADAPTIVE + "growth.CELLS_KEPT_TOGETHER", "adaptive", "adaptive, coarse"),
+    at_once(ADAPTIVE + "growth.PARENTS_AT_ONCE", "adaptive", "adaptive, coarse"),
+    at_once(ADAPTIVE + "growth.NODES_SPLIT_AT_ONCE", "adaptive"),
+    Entry(ADAPTIVE + "growth.approximate_new", "children kept, not made again", by(children_kept), SUZANNE),
+    Entry(ADAPTIVE + "growth._place", "positions evaluated at the end", by(nothing), ("adaptive", "adaptive, creases")),
+    Entry(
+        ADAPTIVE + "approximation_store.ApproximationStore.put",
+        "error bounds kept of all nodes",
+        by(all_entries),
+        ("adaptive",),
+    ),
+    kept(ADAPTIVE + "vertex_positions.VertexPositions._kinds", "adaptive, n-gons", "adaptive, triangles"),
+    kept(ADAPTIVE + "subdivided_mesh.SubdividedMesh.vertex_points", "writing"),
+    kept(ADAPTIVE + "subdivided_mesh.SubdividedMesh.corner_points", "writing"),
+    kept(ADAPTIVE + "subdivided_mesh.SubdividedMesh.is_loose", "writing"),
+    Entry(ADAPTIVE + "neighbour_bounds._are_at_vertices", "all star bounds anew", by(everywhere), ALL_ADAPTIVE),
+    Entry(ADAPTIVE + "plan.SURELY_TOO_MANY", "not refused early", set_to(ALWAYS), ("adaptive, refused",)),
+    at_once(ADAPTIVE + "tessellation.POLYGONS_AT_ONCE", "adaptive", "adaptive, coarse"),
+    at_once(ADAPTIVE + "tessellation.EDGES_AT_ONCE", "adaptive"),
+    kept(ADAPTIVE + "templates.templates", "adaptive, coarse"),
+    kept(ADAPTIVE + "templates.triangle_template", "adaptive, triangles"),
+    Entry(ADAPTIVE + "template_choice.PROMISING", "no star bounds", set_to(NEVER), ALL_ADAPTIVE),
+    Entry(ADAPTIVE + "template_choice.PROMISING", "1", set_to(1.0), ALL_ADAPTIVE),
+    Entry(ADAPTIVE + "template_choice.SLOPE_OF_HEIGHT", "0", set_to(0.0), ALL_ADAPTIVE),
+    at_once(ADAPTIVE + "template_choice.CELLS_IN_CACHE", "adaptive"),
+    # Adaptive meshes: cells and their bounds.
+    at_once(CELLS + "patch_cells.CELLS_AT_ONCE", "adaptive", "adaptive, pole", "adaptive, coarse"),
+    Entry(CELLS + "patch_cells.SMALL_REST", "0: always finer", set_to(0.0), NETS),
+    Entry(CELLS + "patch_cells.SMALL_REST", "never finer", set_to(ALWAYS), NETS),
+    Entry(CELLS + "patch_cells.REFINABLE_QUADRATIC", "always finer", set_to(ALWAYS), SUZANNE),
+    Entry(CELLS + "patch_cells.REFINABLE_QUADRATIC", "never finer", set_to(NEVER), SUZANNE),
+    Entry(CELLS + "patch_cells.REFINABLE_EXTRAORDINARY", "always finer", set_to(ALWAYS), EXTRAORDINARY),
+    Entry(CELLS + "patch_cells.REFINABLE_EXTRAORDINARY", "never finer", set_to(NEVER), EXTRAORDINARY),
+    Entry(CELLS + "patch_cells.BicubicCells.distances_of", "finer bounds alone", by(fine_alone), SUZANNE),
+    Entry(CELLS + "patch_cells.BicubicCells._turned", "every pattern on its own", by(not_turned), SUZANNE),
+    at_once(CELLS + "irregular_cells.REFINED_AT_ONCE", "adaptive, creases", "adaptive, n-gons", "adaptive, triangles"),
+    Entry(CELLS + "polygon_cells.LARGEST_OFFSET", "not tested", set_to(ALWAYS), ("adaptive, triangles",)),
+    kept(CELLS + "polygon_cells.fan_of_template", "adaptive, triangles"),
+    Entry(
+        ADAPTIVE + "growth._approximate_through_parents",
+        "children by their own coefficients",
+        by(none_through_parents),
+        ALL_ADAPTIVE,
+    ),
+    at_once(LEAVES + "child_bounds.QUADS_AT_ONCE", "adaptive", "adaptive, coarse"),
+    kept(LEAVES + "child_bounds._rows", "adaptive, coarse"),
+    kept(LEAVES + "child_bounds._weights", "adaptive, coarse"),
+    at_once(LEAVES + "star_bounds.TRIANGLES_AT_ONCE", "adaptive", "adaptive, coarse"),
+    Entry(LEAVES + "irregular_bounds.NEAR_FACET", "1", set_to(1.0), IRREGULAR),
+    Entry(LEAVES + "irregular_bounds.NEAR_FACET", "0", set_to(0.0), IRREGULAR),
+    at_once(LEAVES + "triangle_bounds.VALUES_AT_ONCE", "adaptive", "adaptive, pole", "adaptive, coarse"),
+    Entry(LEAVES + "triangle_bounds.FEWEST_AT_ONCE", "1", set_to(1), EXTRAORDINARY),
+    Entry(LEAVES + "triangle_bounds.QUARTERINGS", "not quartered", set_to(0), SUZANNE),
+    Entry(LEAVES + "triangle_bounds.COARSE_LEVELS", "as many as fine", set_to(5), EXTRAORDINARY),
+    Entry(LEAVES + "triangle_bounds.FINE_LEVELS", "as few as coarse", set_to(2), EXTRAORDINARY),
+    Entry(LEAVES + "triangle_bounds.QUARTERED_LEVELS", "none", set_to(0), EXTRAORDINARY),
+    Entry(LEAVES + "triangle_bounds.QUARTERED_LEVELS", "all", set_to(5), EXTRAORDINARY),
+    *(kept(LEAVES + f"triangle_bounds.{name}", *EXTRAORDINARY) for name in TRIANGLE_CACHES),
+    # Attributes and writing.
+    at_once("core.attributes.interpolation.BLOCK", "writing"),
+    Entry("core.attributes.interpolation.at_corners", "at every corner", by(evaluated_everywhere), ("writing",)),
+    kept("core.attributes.face_varying._CutMesh.inner_edges", "writing"),
+    # Deviation.
+    at_once(DEVIATION + "surface_to_mesh.PIECES_AT_ONCE", *BOTH_DEVIATIONS),
+    Entry(DEVIATION + "surface_to_mesh.LOOKED_AT", "unlimited", set_to(UNLIMITED), BOTH_DEVIATIONS),
+    Entry(DEVIATION + "surface_to_mesh.SMALL_FOR_ONE", "one triangle always tried", set_to(ALWAYS), BOTH_DEVIATIONS),
+    Entry(DEVIATION + "surface_to_mesh.SMALL_FOR_ONE", "one triangle never tried", set_to(NEVER), BOTH_DEVIATIONS),
+    Entry(DEVIATION + "surface_to_mesh.NEARLY", "own normal always tried", set_to(ALWAYS), BOTH_DEVIATIONS),
+    Entry(
+        DEVIATION + "surface_to_mesh.NEARLY", "own normal tried for lack of covering", set_to(NEVER), BOTH_DEVIATIONS
+    ),
+    Entry(DEVIATION + "surface_to_mesh.ROUNDS_FOR_FACES", "all rounds", set_to(UNLIMITED), BOTH_DEVIATIONS),
+    Entry(DEVIATION + "mesh_to_surface.ROUNDS_FOR_FACES", "all rounds", set_to(UNLIMITED), BOTH_DEVIATIONS),
+    Entry(DEVIATION + "findings.SHARE_OF_LARGEST", "0", set_to(0.0), BOTH_DEVIATIONS),
+    at_once(DEVIATION + "mesh_to_surface.PARTS_AT_ONCE", *BOTH_DEVIATIONS),
+    at_once(DEVIATION + "mesh_to_surface.FACETS_AT_ONCE", *BOTH_DEVIATIONS),
+    Entry(DEVIATION + "mesh_to_surface.LOOKED_AT", "unlimited", set_to(UNLIMITED), BOTH_DEVIATIONS),
+    Entry(DEVIATION + "mesh_to_surface.MEASURED", "unlimited", set_to(UNLIMITED), BOTH_DEVIATIONS),
+    Entry(DEVIATION + "mesh_to_surface.GROWN", "tree never made anew", set_to(ALWAYS), BOTH_DEVIATIONS),
+    Entry(DEVIATION + "mesh_to_surface.GROWN", "tree made anew each round", set_to(0.0), BOTH_DEVIATIONS),
+    Entry(DEVIATION + "bezier_pieces.FIRST_REFINEMENTS", "none", set_to(0), BOTH_DEVIATIONS),
+    at_once(DEVIATION + "bezier_pieces.SPLIT_AT_ONCE", *BOTH_DEVIATIONS),
+    at_once(DEVIATION + "bezier_pieces.NETS_AT_ONCE", *BOTH_DEVIATIONS),
+    kept(DEVIATION + "bezier_pieces.BezierPieces.edge_units", *BOTH_DEVIATIONS),
+    Entry(DEVIATION + "box_tree.BRANCHES", "2", set_to(2), BOTH_DEVIATIONS),
+    Entry(DEVIATION + "box_tree.BRANCHES", "32", set_to(32), BOTH_DEVIATIONS),
+    Entry(DEVIATION + "box_tree.TRIED", "1", set_to(1), BOTH_DEVIATIONS),
+    Entry(DEVIATION + "box_tree.FAR", "all points by boxes", set_to(ALWAYS), BOTH_DEVIATIONS),
+    Entry(DEVIATION + "measure.TRIANGLES_OF_A_UNIT", "units of one level", set_to(UNLIMITED), BOTH_DEVIATIONS),
+    Entry(DEVIATION + "covering_pieces.EXCESS_SHARE", "excess always in the way", set_to(0.0), BOTH_DEVIATIONS),
+    Entry(DEVIATION + "covering_pieces.EXCESS_SHARE", "excess never in the way", set_to(ALWAYS), BOTH_DEVIATIONS),
+    # Blender's side.
+    Entry("exchange.control_mesh.OBJECTS_AT_ONCE", "unlimited", set_to(UNLIMITED), ("operators",)),
+    kept("exchange.control_mesh.MeshAsRead.key", "operators"),
+    kept("exchange.control_mesh.MeshAsRead.mesh", "operators"),
+    kept("exchange.control_mesh.ControlMesh.in_world", "operators"),
+    kept("exchange.object_state._names", "operators"),
+    kept("exchange.object_state._kept_fields", "operators"),
+    Entry("exchange.object_state.object_state", "other objects described each time", by(not_known), ("operators",)),
+]
+
+
+# Runs
+
+
+def run(workload: str, entry: Entry | None) -> Figures:
+    """Do the work in this process, with one thing switched off."""
+    work = WORKLOADS[workload]()
+    if entry is not None:
+        entry.switch(entry.place)
+    before = memory(peak=False)
+    start, clock = processor_time(), perf_counter()
+    result = work()
+    return {
+        "time": processor_time() - start,
+        "clock": perf_counter() - clock,
+        "memory": max(memory(peak=True) - before, 1),
+        "faces": float(result),
+    }
+
+
+def processor_time() -> float:
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    return used.ru_utime + used.ru_stime
+
+
+def memory(*, peak: bool) -> float:
+    """Kilobytes of this process: what it takes, from when on the peak is counted, or the peak."""
+    if not peak:
+        Path("/proc/self/clear_refs").write_text("5")
+    lines = Path("/proc/self/status").read_text().splitlines()
+    return float(next(line.split()[1] for line in lines if line.startswith("VmHWM:" if peak else "VmRSS:")))
+
+
+def measured(workload: str, entry: Entry | None, inputs: str) -> Figures | None:
+    """``run`` in a process of its own; None if that fails."""
+    command = ["nice", "-n", "5", sys.executable, __file__, "--run", workload]
+    if entry is not None:
+        command += ["--without", entry.name]
+    environment = {**os.environ, "CCDEPTH_INPUTS": inputs, "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=600, check=False)
+    found = [line for line in done.stdout.splitlines() if line.startswith("{")]
+    if not found:
+        print(f"{workload}, {entry and entry.name}: {done.stderr[-2000:]}", file=sys.stderr)
+        return None
+    return json.loads(found[-1])
+
+
+def measure(entries: list[Entry], only: list[str], repeats: int, note: Callable[[str, Entry, Figures], None]) -> None:
+    with tempfile.TemporaryDirectory() as inputs:
+        subprocess.run([sys.executable, __file__, "--save-inputs", inputs], cwd=ROOT, check=True, capture_output=True)
+        for _ in range(repeats):
+            for workload in only or WORKLOADS:
+                of_workload = [entry for entry in entries if workload in entry.workloads]
+                for start in range(0, len(of_workload), RUNS_BETWEEN):
+                    found = measured(workload, None, inputs)
+                    assert found is not None, workload
+                    for entry in of_workload[start : start + RUNS_BETWEEN]:
+                        without = measured(workload, entry, inputs)
+                        if without is not None:
+                            note(entry.name, workload, found, without)
+
+
+# The table
+
+
+def table(entries: list[Entry], ratios: dict[tuple[str, str], list[Figures]]) -> str:
+    lines = ["| what | where | off means | time | memory | faces |", "|---|---|---|---|---|---|"]
+    for entry in entries:
+        medians = {
+            workload: {key: median(each[key] for each in found) for key in found[0]}
+            for workload in entry.workloads
+            if (found := ratios.get((entry.name, workload)))
+        }
+        if medians:
+            module, name = entry.module_and_name()
+            time = largest(medians, "clock" if entry.by_clock else "time") + (" by the clock" if entry.by_clock else "")
+            cells = [f"`{name}`", f"`{module}`", entry.off, time, largest(medians, "memory"), largest(medians, "faces")]
+            lines.append(f"| {' | '.join(cells)} |")
+    return "\n".join(lines)
+
+
+def largest(medians: dict[str, Figures], key: str) -> str:
+    workload = max(medians, key=lambda name: medians[name][key])
+    ratio = medians[workload][key]
+    return f"{ratio:.2f}" + (f" ({workload})" if ratio > 1 + NOISE and len(medians) > 1 else "")
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("names", nargs="*")
+    parser.add_argument("--repeat", type=int, default=3)
+    parser.add_argument("--results", type=Path)
+    parser.add_argument("--workload", action="append", default=[], choices=WORKLOADS)
+    for hidden in ("--run", "--without", "--save-inputs"):
+        parser.add_argument(hidden, help=argparse.SUPPRESS)
+    given = parser.parse_args()
+    if given.save_inputs:
+        save_suzanne(given.save_inputs)
+        finish()
+    if given.run:
+        entry = next((entry for entry in ENTRIES if entry.name == given.without), None)
+        assert entry is not None or not given.without
+        print(json.dumps(run(given.run, entry)))
+        finish()
+    entries = [each for each in ENTRIES if not given.names or any(part in each.name for part in given.names)]
+    ratios: dict[tuple[str, str], list[Figures]] = defaultdict(list)
+
+    def note(name: str, workload: str, found: Figures, without: Figures) -> None:
+        ratios[name, workload].append({key: without[key] / found[key] for key in found})
+
+    def note_and_keep(*figures: Any) -> None:
+        note(*figures)
+        if given.results:
+            with given.results.open("a") as file:
+                file.write(json.dumps(figures) + "\n")
+
+    if given.results and given.results.exists():
+        for line in given.results.read_text().splitlines():
+            note(*json.loads(line))
+    measure(entries, given.workload, given.repeat, note_and_keep)
+    print(f"{os.cpu_count()} processors, medians of {given.repeat}\n")
+    print(table(entries, ratios))
+
+
+def finish() -> None:
+    """The bpy wheel may hang when the interpreter exits."""
+    sys.stdout.flush()
+    os._exit(0)
+
+
+if __name__ == "__main__":
+    main()
