@@ -305,7 +305,7 @@ def test_refining_the_mesh_itself_gives_the_same(vertices: str, monkeypatch: pyt
     cases = [meshes.fan(5), meshes.fan(12), meshes.bumpy(meshes.trapezohedron(9), 0.05), meshes.cylinder(7)]
     built = [build(data) for data in cases]
     expected = [certified(mesh, 0.01, vertices) for mesh in built]
-    monkeypatch.setattr(certified_depth, "LARGEST_SEARCHED_VALENCE", 2)
+    monkeypatch.setattr(certified_depth, "LARGEST_STENCIL_VALENCE", 2)
     for mesh, before in zip(built, expected, strict=True):
         found = certified(mesh, 0.01, vertices)
         np.testing.assert_array_equal(found.depths, before.depths)

@@ -41,7 +41,7 @@ from ..mesh.submesh import submesh
 from ..surface.bicubic import HALVES, SPLINE_HALVES, bilinear_coefficients, both_ways, largest_norm, patch_coefficients
 from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets, ring_index
 from ..surface.refinement import Refinement
-from ..surface.stencils import PatchStencils, apply_stencils, patch_stencils
+from ..surface.stencils import LARGEST_STENCIL_VALENCE, PatchStencils, apply_stencils, patch_stencils
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
 REGULAR_FACES_AT_ONCE = 1 << 13
@@ -60,9 +60,6 @@ REFINEMENTS = 18
 # Most undecided pieces in Bernstein form: of a face, before its level is given up, and of all faces at a time.
 MOST_PIECES_OF_A_FACE = 128
 MOST_PIECES = 1 << 13
-
-# The search reuses the stencils of a valence many times, so larger ones pay here than elsewhere.
-LARGEST_SEARCHED_VALENCE = 512
 
 
 # (P,) base faces, and (4, 4, P, 3) a net or the Bernstein coefficients of S - L for each.
@@ -570,7 +567,7 @@ def _classify(refinement: Refinement) -> _ClassifiedDescendants:
     extraordinary = np.flatnonzero(own == PatchKind.EXTRAORDINARY)
     valences = mesh.vertex_face_counts[mesh.corner_vertices[kinds.extraordinary_corners[extraordinary]]]
     rest = own == PatchKind.IRREGULAR
-    rest[extraordinary[valences > LARGEST_SEARCHED_VALENCE]] = True
+    rest[extraordinary[valences > LARGEST_STENCIL_VALENCE]] = True
     return _ClassifiedDescendants(refinement, kinds, np.flatnonzero(own == PatchKind.REGULAR), rest)
 
 
