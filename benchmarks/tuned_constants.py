@@ -5,10 +5,11 @@ python benchmarks/tuned_constants.py [--repeat N] [--results FILE] [PART OF A NA
 
 Prints a Markdown table: time, memory and faces without the thing, in parts of those with it, the largest over its
 workloads. Every run is a process of its own, and runs with and without a thing take turns, so that a machine that is
-busy for a while is so for both; the ratios are medians. Time is processor time, user and system, of all threads; where
-threads are the point it is that of the clock, which depends on the number of processors. Memory is the most the process
-takes during the work above what it took before (Linux alone tells). Faces are those of the adaptive mesh; those that
-depths make; or, of a deviation, what is proved.
+busy for a while is so for both. Of memory and faces the ratios are medians; of time they are those of the least times,
+as what else runs on the machine only adds. Time is processor time, user and system, of all threads; where threads are
+the point it is that of the clock, which depends on the number of processors. Memory is the most the process takes
+during the work above what it took before (Linux alone tells). Faces are those of the adaptive mesh; those that depths
+make; or, of a deviation, what is proved.
 
 Measurements are appended to FILE, and those that it has count as well.
 """
@@ -39,6 +40,9 @@ sys.path.insert(0, str(ROOT))
 PACKAGE = "ccdepth_addon"
 # What a run took, by name: "time", "clock", "memory" and "faces".
 Figures = dict[str, float]
+
+# Of an entry, by its name, and a workload: runs with it and without.
+Found = dict[tuple[str, str], list[tuple[Figures, Figures]]]
 
 UNLIMITED = 1 << 40
 NEVER, ALWAYS = 0.0, float("inf")
@@ -271,27 +275,34 @@ def written(tolerance: float) -> Callable[[], Any]:
     return work
 
 
-def operators(count: int) -> Callable[[], Any]:
-    """Compute Depth on many objects with modifiers, and then the test whether results are stale."""
+def operators(count: int, *, with_modifiers: bool) -> Callable[[], Any]:
+    """Compute Depth on many objects that share a mesh, and then the test whether the result is stale; at their own
+    scales, or with a Mirror modifier each whose mirror is another, large object."""
     import bpy
 
     import ccdepth_addon
-    from benchmarks.many_objects import bevelled_users
+    from benchmarks.compute_depth import add_grid
 
     ccdepth_addon.register()
     from ccdepth_addon.state import fingerprint
 
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    bevelled_users(count)
-    bpy.context.view_layer.objects.active = bpy.context.scene.objects[0]
+    mirror, shared = add_grid(300, 0), add_grid(24, 0).data
+    objects = [bpy.data.objects.new("User", shared) for _ in range(count)]
+    bpy.ops.object.select_all(action="DESELECT")
+    for number, each in enumerate(objects):
+        bpy.context.scene.collection.objects.link(each)
+        each.select_set(True)
+        each.scale = (1 + number / count, 1.0, 1.0)
+        if with_modifiers:
+            each.modifiers.new("Mirror", "MIRROR").mirror_object = mirror
+    bpy.context.view_layer.objects.active = objects[0]
     bpy.context.view_layer.update()
 
     def work() -> float:
         bpy.ops.ccdepth.compute(method="SECOND_ORDER")
-        objects = list(bpy.context.scene.objects)
-        for _ in range(5):
-            fingerprint.examine(objects[0].data, objects, {})
-        return 1.0
+        fingerprint.examine(shared, objects, {})
+        return float(shared.ccdepth.deepest)
 
     return work
 
@@ -317,7 +328,8 @@ WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     "deviation": lambda: deviation(saved_suzanne, 2),
     "deviation, creases": lambda: deviation(lambda: creased_landscape(12), 2),
     "writing": lambda: written(5e-5),
-    "operators": lambda: operators(400),
+    "objects": lambda: operators(40, with_modifiers=False),
+    "objects with modifiers": lambda: operators(40, with_modifiers=True),
 }
 
 
@@ -327,7 +339,7 @@ WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
 def located(place: str) -> tuple[Any, str]:
     """The module or class of a thing in the package, and its name there."""
     names = place.split(".")
-    for end in range(len(names) - 1, 0, -1):
+    for end in range(len(names) - 1, -1, -1):
         try:
             owner = importlib.import_module(".".join([PACKAGE, *names[:end]]))
         except ModuleNotFoundError:
@@ -627,7 +639,7 @@ ENTRIES = [
         SURFACE + "stencils.LARGEST_STENCIL_VALENCE",
         "all valences by stencils",
         set_to(1 << 20),
-        ("adaptive, large pole",),
+        ("adaptive, large pole", "depths, pole"),
     ),
     Entry(SURFACE + "stencils.LARGEST_STENCIL_VALENCE", "none by stencils", set_to(0), EXTRAORDINARY),
     at_once(SURFACE + "evaluation.PATCHES_AT_ONCE", "writing", "adaptive, triangles"),
@@ -646,7 +658,6 @@ ENTRIES = [
     at_once(CERTIFIED + "OTHER_FACES_TOGETHER", "depths, extraordinary", "depths, creases"),
     Entry(CERTIFIED + "OTHER_FACES_TOGETHER", "each chunk on its own", set_to(1 << 10), NOT_REGULAR),
     Entry(CERTIFIED + "MOST_PIECES", "unlimited", set_to(UNLIMITED), ("depths, creases", "depths, limit")),
-    Entry(CERTIFIED + "LARGEST_SEARCHED_VALENCE", "64, as elsewhere", set_to(64), ("depths, pole",)),
     Entry(
         CERTIFIED + "_CertifiedSearch._evaluate_corners",
         "not tried first",
@@ -766,13 +777,20 @@ ENTRIES = [
     Entry(DEVIATION + "covering_pieces.EXCESS_SHARE", "excess always in the way", set_to(0.0), BOTH_DEVIATIONS),
     Entry(DEVIATION + "covering_pieces.EXCESS_SHARE", "excess never in the way", set_to(ALWAYS), BOTH_DEVIATIONS),
     # Blender's side.
-    Entry("exchange.control_mesh.OBJECTS_AT_ONCE", "unlimited", set_to(UNLIMITED), ("operators",)),
-    kept("exchange.control_mesh.MeshAsRead.key", "operators"),
-    kept("exchange.control_mesh.MeshAsRead.mesh", "operators"),
-    kept("exchange.control_mesh.ControlMesh.in_world", "operators"),
-    kept("exchange.object_state._names", "operators"),
-    kept("exchange.object_state._kept_fields", "operators"),
-    Entry("exchange.object_state.object_state", "other objects described each time", by(not_known), ("operators",)),
+    at_once("exchange.control_mesh.OBJECTS_AT_ONCE", "objects with modifiers"),
+    kept("exchange.control_mesh.MeshAsRead.key", "objects", "objects with modifiers"),
+    kept("exchange.control_mesh.MeshAsRead.mesh", "objects", "objects with modifiers"),
+    kept("exchange.control_mesh.ControlMesh.in_world", "objects", "objects with modifiers"),
+    Entry("exchange.control_mesh.read_control_mesh", "shared meshes read each time", by(not_shared), ("objects",)),
+    kept("exchange.object_state._names", "objects with modifiers"),
+    kept("exchange.object_state._kept_fields", "objects with modifiers"),
+    Entry(
+        "exchange.object_state.object_state",
+        "other objects described each time",
+        by(not_known),
+        ("objects with modifiers",),
+    ),
+    kept("version", "objects"),
 ]
 
 
@@ -822,7 +840,10 @@ def measured(workload: str, entry: Entry | None, inputs: str) -> Figures | None:
     return json.loads(found[-1])
 
 
-def measure(entries: list[Entry], only: list[str], repeats: int, note: Callable[[str, Entry, Figures], None]) -> None:
+def measure(
+    entries: list[Entry], only: list[str], repeats: int, note: Callable[[str, str, Figures, Figures], None]
+) -> None:
+    """What the entries take, told to ``note`` one by one: the entry's name, the workload, with and without it."""
     with tempfile.TemporaryDirectory() as inputs:
         subprocess.run([sys.executable, __file__, "--save-inputs", inputs], cwd=ROOT, check=True, capture_output=True)
         for _ in range(repeats):
@@ -840,26 +861,32 @@ def measure(entries: list[Entry], only: list[str], repeats: int, note: Callable[
 # The table
 
 
-def table(entries: list[Entry], ratios: dict[tuple[str, str], list[Figures]]) -> str:
+def table(entries: list[Entry], found: Found) -> str:
     lines = ["| what | where | off means | time | memory | faces |", "|---|---|---|---|---|---|"]
     for entry in entries:
-        medians = {
-            workload: {key: median(each[key] for each in found) for key in found[0]}
-            for workload in entry.workloads
-            if (found := ratios.get((entry.name, workload)))
+        ratios = {
+            workload: ratios_of(pairs) for workload in entry.workloads if (pairs := found.get((entry.name, workload)))
         }
-        if medians:
+        if ratios:
             module, name = entry.module_and_name()
-            time = largest(medians, "clock" if entry.by_clock else "time") + (" by the clock" if entry.by_clock else "")
-            cells = [f"`{name}`", f"`{module}`", entry.off, time, largest(medians, "memory"), largest(medians, "faces")]
+            time = largest(ratios, "clock" if entry.by_clock else "time") + (" by the clock" if entry.by_clock else "")
+            cells = [f"`{name}`", f"`{module}`", entry.off, time, largest(ratios, "memory"), largest(ratios, "faces")]
             lines.append(f"| {' | '.join(cells)} |")
     return "\n".join(lines)
 
 
-def largest(medians: dict[str, Figures], key: str) -> str:
-    workload = max(medians, key=lambda name: medians[name][key])
-    ratio = medians[workload][key]
-    return f"{ratio:.2f}" + (f" ({workload})" if ratio > 1 + NOISE and len(medians) > 1 else "")
+def ratios_of(pairs: list[tuple[Figures, Figures]]) -> Figures:
+    """Without a thing to with it: of the least times, and the median of the others."""
+    ratios = {key: median(without[key] / on[key] for on, without in pairs) for key in ("memory", "faces")}
+    for key in ("time", "clock"):
+        ratios[key] = min(without[key] for _, without in pairs) / min(on[key] for on, _ in pairs)
+    return ratios
+
+
+def largest(ratios: dict[str, Figures], key: str) -> str:
+    workload = max(ratios, key=lambda name: ratios[name][key])
+    ratio = ratios[workload][key]
+    return f"{ratio:.2f}" + (f" ({workload})" if ratio > 1 + NOISE and len(ratios) > 1 else "")
 
 
 def main() -> None:
@@ -880,10 +907,10 @@ def main() -> None:
         print(json.dumps(run(given.run, entry)))
         finish()
     entries = [each for each in ENTRIES if not given.names or any(part in each.name for part in given.names)]
-    ratios: dict[tuple[str, str], list[Figures]] = defaultdict(list)
+    found: Found = defaultdict(list)
 
-    def note(name: str, workload: str, found: Figures, without: Figures) -> None:
-        ratios[name, workload].append({key: without[key] / found[key] for key in found})
+    def note(name: str, workload: str, on: Figures, without: Figures) -> None:
+        found[name, workload].append((on, without))
 
     def note_and_keep(*figures: Any) -> None:
         note(*figures)
@@ -895,8 +922,8 @@ def main() -> None:
         for line in given.results.read_text().splitlines():
             note(*json.loads(line))
     measure(entries, given.workload, given.repeat, note_and_keep)
-    print(f"{os.cpu_count()} processors, medians of {given.repeat}\n")
-    print(table(entries, ratios))
+    print(f"{os.cpu_count()} processors\n")
+    print(table(entries, found))
 
 
 def finish() -> None:
