@@ -9,7 +9,8 @@ busy for a while is so for both. Of memory and faces the ratios are medians; of 
 as what else runs on the machine only adds. Time is processor time, user and system, of all threads; where threads are
 the point it is that of the clock, which depends on the number of processors. Memory is the most the process takes
 during the work above what it took before (Linux alone tells). Faces are those of the adaptive mesh; those that depths
-make; or, of a deviation, what is proved.
+make; or, of a deviation, what is proved. What a cache gains is counted, not timed: how often it was asked for what it
+had, times what that takes to compute.
 
 Measurements are appended to FILE, and those that it has count as well.
 """
@@ -31,7 +32,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from statistics import median
-from time import perf_counter
+from time import perf_counter, thread_time
 from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -293,7 +294,7 @@ def operators(count: int, *, with_modifiers: bool) -> Callable[[], Any]:
     for number, each in enumerate(objects):
         bpy.context.scene.collection.objects.link(each)
         each.select_set(True)
-        each.scale = (1 + number / count, 1.0, 1.0)
+        each.scale = (1 + number % 2, 1.0, 1.0)
         if with_modifiers:
             each.modifiers.new("Mirror", "MIRROR").mirror_object = mirror
     bpy.context.view_layer.objects.active = objects[0]
@@ -317,19 +318,19 @@ WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     "depths by norms, creases": lambda: depths(lambda: creased_landscape(60), "SHARP", "CONTROL", 1e-4),
     "small depths": lambda: small_depths(30),
     "level": lambda: level(lambda: creased_landscape(16), 1e-3),
-    "adaptive": lambda: adaptive(lambda: refined(saved_suzanne(), 3), 2e-5),
+    "adaptive": lambda: adaptive(lambda: refined(saved_suzanne(), 2), 8e-5),
     "adaptive, coarse": lambda: adaptive(lambda: refined(saved_suzanne(), 1), 3e-4),
-    "adaptive, creases": lambda: adaptive(lambda: creased_landscape(10), 1e-4),
-    "adaptive, triangles": lambda: adaptive(lambda: triangulated(12), 3e-4),
-    "adaptive, n-gons": lambda: adaptive(lambda: bricks(16), 1e-3),
-    "adaptive, pole": lambda: adaptive(lambda: pole(64, 3), 1e-4),
-    "adaptive, large pole": lambda: adaptive(lambda: pole(200, 2), 3e-4),
+    "adaptive, creases": lambda: adaptive(lambda: creased_landscape(7), 3e-4),
+    "adaptive, triangles": lambda: adaptive(lambda: triangulated(6), 1e-3),
+    "adaptive, n-gons": lambda: adaptive(lambda: bricks(10), 1e-3),
+    "adaptive, pole": lambda: adaptive(lambda: pole(64, 2), 3e-4),
+    "adaptive, large pole": lambda: adaptive(lambda: pole(120, 1), 1e-3),
     "adaptive, refused": lambda: refused(lambda: refined(saved_suzanne(), 3), 1e-7, 1_000_000),
     "deviation": lambda: deviation(saved_suzanne, 2),
     "deviation, creases": lambda: deviation(lambda: creased_landscape(12), 2),
     "writing": lambda: written(5e-5),
-    "objects": lambda: operators(40, with_modifiers=False),
-    "objects with modifiers": lambda: operators(40, with_modifiers=True),
+    "objects": lambda: operators(300, with_modifiers=False),
+    "objects with modifiers": lambda: operators(200, with_modifiers=True),
 }
 
 
@@ -368,14 +369,42 @@ def set_to(value: Any) -> Callable[[str], None]:
     return lambda place: replace_with(place, value)
 
 
-def without_cache(place: str) -> None:
-    """Compute anew what ``cache``, ``lru_cache`` or ``cached_property`` keeps."""
+def count_anew(place: str) -> dict[str, float]:
+    """Add up the seconds that what ``cache``, ``lru_cache`` or ``cached_property`` keeps would take if it were computed
+    anew each time: "anew"; and those that counting takes: "counting". The cost of a function is that of its second
+    call with the same arguments, when caches below it are filled."""
     owner, name = located(place)
-    cached = vars(owner)[name]
+    cached, seconds = vars(owner)[name], {"anew": 0.0, "counting": 0.0}
+    known: dict[Any, tuple[Any, float]] = {}
+
+    def called(*given: Any, **named: Any) -> Any:
+        key = (given, tuple(named.items()))
+        if key in known:
+            seconds["anew"] += known[key][1]
+        else:
+            value = cached.__wrapped__(*given, **named)
+            start = thread_time()
+            cached.__wrapped__(*given, **named)
+            known[key] = value, thread_time() - start
+            seconds["counting"] += known[key][1]
+        return known[key][0]
+
+    def read(holder: Any) -> Any:
+        kept, cost = vars(holder), f"seconds of {name}"
+        is_first = name not in kept
+        if cost not in kept:
+            start = thread_time()
+            kept[name] = cached.func(holder)
+            kept[cost] = thread_time() - start
+            seconds["counting"] += 0.0 if is_first else kept[cost]
+        seconds["anew"] += 0.0 if is_first else kept[cost]
+        return kept[name]
+
     if isinstance(cached, cached_property):
-        setattr(owner, name, property(cached.func))
+        setattr(owner, name, property(read))
     else:
-        replace_with(place, cached.__wrapped__)
+        replace_with(place, called)
+    return seconds
 
 
 def by(make: Callable[[Any], Any]) -> Callable[[str], None]:
@@ -565,21 +594,10 @@ class Entry:
     def name(self) -> str:
         return f"{self.place}: {self.off}"
 
-    def module_and_name(self) -> tuple[str, str]:
-        """The last part of the module's name, and the name in it, which may be that of a class's member."""
-        names = self.place.split(".")
-        at = -3 if names[-2].strip("_")[0].isupper() else -2
-        return names[at], ".".join(names[at + 1 :])
-
 
 def at_once(place: str, *workloads: str) -> Entry:
     """The size of a chunk."""
     return Entry(place, "unlimited", set_to(UNLIMITED), workloads)
-
-
-def kept(place: str, *workloads: str) -> Entry:
-    """A cache."""
-    return Entry(place, "computed anew", without_cache, workloads)
 
 
 ARRAYS, MESH, SURFACE = "core.arrays.", "core.mesh.", "core.surface."
@@ -587,7 +605,6 @@ DEPTH, BOUNDS, DEVIATION = "core.depth.", "core.bounds.", "core.deviation."
 ADAPTIVE, LEAVES, CELLS = "core.adaptive.", "core.adaptive.leaf_bounds.", "core.adaptive.cells."
 CERTIFIED = DEPTH + "certified_depth."
 BOTH_DEVIATIONS = ("deviation", "deviation, creases")
-MESH_CACHES = ("face_sizes", "corner_faces", "next_corner", "previous_corner", "edge_face_counts")
 ALL_ADAPTIVE = ("adaptive", "adaptive, creases", "adaptive, triangles", "adaptive, n-gons", "adaptive, pole")
 
 NETS = ("adaptive", "adaptive, coarse", "adaptive, pole")
@@ -595,10 +612,6 @@ SUZANNE = ("adaptive", "adaptive, coarse")
 EXTRAORDINARY = ("adaptive, pole", "adaptive, coarse")
 IRREGULAR = ("adaptive, creases", "adaptive, triangles", "adaptive, n-gons")
 NOT_REGULAR = ("depths, extraordinary", "depths, creases")
-TRIANGLE_CACHES = (
-    "_arguments", "_counts", "_ways_to_share", "_off_quadratic", "_shares_of_pairs", "template_rows",
-    "bicubic_rows", "quadratic_rows", "extraordinary_rows", "extraordinary_points", "bicubic_points",
-)  # fmt: skip
 
 ENTRIES = [
     # Arrays.
@@ -616,9 +629,6 @@ ENTRIES = [
         ARRAYS + "vectors.sums_by_index", "np.add.at", by(summed_one_by_one), ("depths, creases", "adaptive, triangles")
     ),
     # Meshes.
-    *(kept(MESH + f"polygon_mesh.PolygonMesh.{name}", "depths, creases", "depths by norms") for name in MESH_CACHES),
-    kept(MESH + "polygon_mesh.PolygonMesh.vertex_face_counts", "depths, creases", "depths by norms"),
-    kept(MESH + "polygon_mesh.PolygonMesh._twins", "depths, creases", "depths by norms"),
     Entry(
         MESH + "polygon_mesh.PolygonMesh.changed",
         "topology computed anew",
@@ -632,9 +642,6 @@ ENTRIES = [
     Entry(MESH + "validation.LARGEST_COMPARED_SIZE", "vertices sorted", set_to(0), ("depths by norms", "depths")),
     Entry(MESH + "validation.CLEAR_ANGLE", "all faces measured", set_to(ALWAYS), ("depths by norms", "depths")),
     # The surface.
-    kept(SURFACE + "bicubic.second_derivatives", "small depths", "depths"),
-    kept(SURFACE + "limit_positions.dart_weights", "depths, creases", "adaptive, creases"),
-    kept(SURFACE + "stencils.patch_stencils", "depths, extraordinary", "adaptive, pole", "small depths"),
     Entry(
         SURFACE + "stencils.LARGEST_STENCIL_VALENCE",
         "all valences by stencils",
@@ -647,12 +654,6 @@ ENTRIES = [
     at_once(SURFACE + "evaluation.POINTS_ON_PATCHES", "writing"),
     at_once(SURFACE + "evaluation.POINTS_AT_ONCE", "writing"),
     # Depths.
-    kept(BOUNDS + "facet_bounds._facet_error", "small depths", "depths"),
-    kept(BOUNDS + "facet_bounds.later_functionals", "small depths", "depths"),
-    kept(BOUNDS + "facet_bounds._apart_functionals", "small depths", "depths"),
-    kept(BOUNDS + "facet_bounds._samples", "small depths", "depths, limit", "depths"),
-    kept(BOUNDS + "norms._second_difference_ends", "small depths", "depths, extraordinary", "depths, pole"),
-    kept(BOUNDS + "norms._edge_ends", "small depths"),
     at_once(CERTIFIED + "REGULAR_FACES_AT_ONCE", "depths", "depths, limit"),
     at_once(CERTIFIED + "OTHER_FACES_AT_ONCE", "depths, extraordinary", "depths, creases"),
     at_once(CERTIFIED + "OTHER_FACES_TOGETHER", "depths, extraordinary", "depths, creases"),
@@ -696,16 +697,10 @@ ENTRIES = [
         by(all_entries),
         ("adaptive",),
     ),
-    kept(ADAPTIVE + "vertex_positions.VertexPositions._kinds", "adaptive, n-gons", "adaptive, triangles"),
-    kept(ADAPTIVE + "subdivided_mesh.SubdividedMesh.vertex_points", "writing"),
-    kept(ADAPTIVE + "subdivided_mesh.SubdividedMesh.corner_points", "writing"),
-    kept(ADAPTIVE + "subdivided_mesh.SubdividedMesh.is_loose", "writing"),
     Entry(ADAPTIVE + "neighbour_bounds._are_at_vertices", "all star bounds anew", by(everywhere), ALL_ADAPTIVE),
     Entry(ADAPTIVE + "plan.SURELY_TOO_MANY", "not refused early", set_to(ALWAYS), ("adaptive, refused",)),
     at_once(ADAPTIVE + "tessellation.POLYGONS_AT_ONCE", "adaptive", "adaptive, coarse"),
     at_once(ADAPTIVE + "tessellation.EDGES_AT_ONCE", "adaptive"),
-    kept(ADAPTIVE + "templates.templates", "adaptive, coarse"),
-    kept(ADAPTIVE + "templates.triangle_template", "adaptive, triangles"),
     Entry(ADAPTIVE + "template_choice.PROMISING", "no star bounds", set_to(NEVER), ALL_ADAPTIVE),
     Entry(ADAPTIVE + "template_choice.PROMISING", "1", set_to(1.0), ALL_ADAPTIVE),
     Entry(ADAPTIVE + "template_choice.SLOPE_OF_HEIGHT", "0", set_to(0.0), ALL_ADAPTIVE),
@@ -722,7 +717,6 @@ ENTRIES = [
     Entry(CELLS + "patch_cells.BicubicCells._turned", "every pattern on its own", by(not_turned), SUZANNE),
     at_once(CELLS + "irregular_cells.REFINED_AT_ONCE", "adaptive, creases", "adaptive, n-gons", "adaptive, triangles"),
     Entry(CELLS + "polygon_cells.LARGEST_OFFSET", "not tested", set_to(ALWAYS), ("adaptive, triangles",)),
-    kept(CELLS + "polygon_cells.fan_of_template", "adaptive, triangles"),
     Entry(
         ADAPTIVE + "growth._approximate_through_parents",
         "children by their own coefficients",
@@ -730,8 +724,6 @@ ENTRIES = [
         ALL_ADAPTIVE,
     ),
     at_once(LEAVES + "child_bounds.QUADS_AT_ONCE", "adaptive", "adaptive, coarse"),
-    kept(LEAVES + "child_bounds._rows", "adaptive, coarse"),
-    kept(LEAVES + "child_bounds._weights", "adaptive, coarse"),
     at_once(LEAVES + "star_bounds.TRIANGLES_AT_ONCE", "adaptive", "adaptive, coarse"),
     Entry(LEAVES + "irregular_bounds.NEAR_FACET", "1", set_to(1.0), IRREGULAR),
     Entry(LEAVES + "irregular_bounds.NEAR_FACET", "0", set_to(0.0), IRREGULAR),
@@ -742,11 +734,9 @@ ENTRIES = [
     Entry(LEAVES + "triangle_bounds.FINE_LEVELS", "as few as coarse", set_to(2), EXTRAORDINARY),
     Entry(LEAVES + "triangle_bounds.QUARTERED_LEVELS", "none", set_to(0), EXTRAORDINARY),
     Entry(LEAVES + "triangle_bounds.QUARTERED_LEVELS", "all", set_to(5), EXTRAORDINARY),
-    *(kept(LEAVES + f"triangle_bounds.{name}", *EXTRAORDINARY) for name in TRIANGLE_CACHES),
     # Attributes and writing.
     at_once("core.attributes.interpolation.BLOCK", "writing"),
     Entry("core.attributes.interpolation.at_corners", "at every corner", by(evaluated_everywhere), ("writing",)),
-    kept("core.attributes.face_varying._CutMesh.inner_edges", "writing"),
     # Deviation.
     at_once(DEVIATION + "surface_to_mesh.PIECES_AT_ONCE", *BOTH_DEVIATIONS),
     Entry(DEVIATION + "surface_to_mesh.LOOKED_AT", "unlimited", set_to(UNLIMITED), BOTH_DEVIATIONS),
@@ -768,7 +758,6 @@ ENTRIES = [
     Entry(DEVIATION + "bezier_pieces.FIRST_REFINEMENTS", "none", set_to(0), BOTH_DEVIATIONS),
     at_once(DEVIATION + "bezier_pieces.SPLIT_AT_ONCE", *BOTH_DEVIATIONS),
     at_once(DEVIATION + "bezier_pieces.NETS_AT_ONCE", *BOTH_DEVIATIONS),
-    kept(DEVIATION + "bezier_pieces.BezierPieces.edge_units", *BOTH_DEVIATIONS),
     Entry(DEVIATION + "box_tree.BRANCHES", "2", set_to(2), BOTH_DEVIATIONS),
     Entry(DEVIATION + "box_tree.BRANCHES", "32", set_to(32), BOTH_DEVIATIONS),
     Entry(DEVIATION + "box_tree.TRIED", "1", set_to(1), BOTH_DEVIATIONS),
@@ -778,20 +767,55 @@ ENTRIES = [
     Entry(DEVIATION + "covering_pieces.EXCESS_SHARE", "excess never in the way", set_to(ALWAYS), BOTH_DEVIATIONS),
     # Blender's side.
     at_once("exchange.control_mesh.OBJECTS_AT_ONCE", "objects with modifiers"),
-    kept("exchange.control_mesh.MeshAsRead.key", "objects", "objects with modifiers"),
-    kept("exchange.control_mesh.MeshAsRead.mesh", "objects", "objects with modifiers"),
-    kept("exchange.control_mesh.ControlMesh.in_world", "objects", "objects with modifiers"),
     Entry("exchange.control_mesh.read_control_mesh", "shared meshes read each time", by(not_shared), ("objects",)),
-    kept("exchange.object_state._names", "objects with modifiers"),
-    kept("exchange.object_state._kept_fields", "objects with modifiers"),
     Entry(
         "exchange.object_state.object_state",
         "other objects described each time",
         by(not_known),
         ("objects with modifiers",),
     ),
-    kept("version", "objects"),
 ]
+
+
+# What is computed once, by the name in the table. These are counted, all in one run.
+TOPOLOGY = "face_sizes", "corner_faces", "next_corner", "previous_corner", "edge_face_counts", "vertex_face_counts"
+CACHES = {
+    "topology": [MESH + f"polygon_mesh.PolygonMesh.{name}" for name in (*TOPOLOGY, "_twins")],
+    **{
+        place: [place]
+        for place in (
+            SURFACE + "limit_positions.dart_weights",
+            SURFACE + "stencils.patch_stencils",
+            BOUNDS + "facet_bounds._samples",
+            ADAPTIVE + "vertex_positions.VertexPositions._kinds",
+            ADAPTIVE + "subdivided_mesh.SubdividedMesh.vertex_points",
+            ADAPTIVE + "subdivided_mesh.SubdividedMesh.corner_points",
+            ADAPTIVE + "subdivided_mesh.SubdividedMesh.is_loose",
+            ADAPTIVE + "templates.templates",
+            ADAPTIVE + "templates.triangle_template",
+            CELLS + "polygon_cells.fan_of_template",
+            LEAVES + "child_bounds._rows",
+            LEAVES + "child_bounds._weights",
+            LEAVES + "triangle_bounds._arguments",
+            LEAVES + "triangle_bounds._counts",
+            LEAVES + "triangle_bounds._ways_to_share",
+            LEAVES + "triangle_bounds._off_quadratic",
+            LEAVES + "triangle_bounds._shares_of_pairs",
+            LEAVES + "triangle_bounds.template_rows",
+            LEAVES + "triangle_bounds.bicubic_rows",
+            LEAVES + "triangle_bounds.quadratic_rows",
+            LEAVES + "triangle_bounds.extraordinary_rows",
+            LEAVES + "triangle_bounds.extraordinary_points",
+            LEAVES + "triangle_bounds.bicubic_points",
+            DEVIATION + "bezier_pieces.BezierPieces.edge_units",
+            "exchange.control_mesh.MeshAsRead.key",
+            "exchange.control_mesh.MeshAsRead.mesh",
+            "exchange.control_mesh.ControlMesh.in_world",
+            "exchange.object_state._kept_fields",
+            "tasks.adaptive_task.AdaptiveTask.control",
+        )
+    },
+}
 
 
 # Runs
@@ -813,6 +837,16 @@ def run(workload: str, entry: Entry | None) -> Figures:
     }
 
 
+def run_counting(workload: str) -> Figures:
+    """Do the work in this process: its time, and by the name of each cache what it would take without that."""
+    work = WORKLOADS[workload]()
+    counted = {name: [count_anew(place) for place in places] for name, places in CACHES.items()}
+    start = processor_time()
+    work()
+    total = processor_time() - start - sum(each["counting"] for cache in counted.values() for each in cache)
+    return {"time": total, **{name: total + sum(each["anew"] for each in cache) for name, cache in counted.items()}}
+
+
 def processor_time() -> float:
     used = resource.getrusage(resource.RUSAGE_SELF)
     return used.ru_utime + used.ru_stime
@@ -826,60 +860,84 @@ def memory(*, peak: bool) -> float:
     return float(next(line.split()[1] for line in lines if line.startswith("VmHWM:" if peak else "VmRSS:")))
 
 
-def measured(workload: str, entry: Entry | None, inputs: str) -> Figures | None:
-    """``run`` in a process of its own; None if that fails."""
-    command = ["nice", "-n", "5", sys.executable, __file__, "--run", workload]
-    if entry is not None:
-        command += ["--without", entry.name]
-    environment = {**os.environ, "CCDEPTH_INPUTS": inputs, "OPENBLAS_NUM_THREADS": "1"}
-    done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, timeout=600, check=False)
-    found = [line for line in done.stdout.splitlines() if line.startswith("{")]
-    if not found:
-        print(f"{workload}, {entry and entry.name}: {done.stderr[-2000:]}", file=sys.stderr)
-        return None
-    return json.loads(found[-1])
+class Measurement:
+    """Runs in processes of their own, with inputs in a directory. found: runs with and without each thing."""
 
+    def __init__(self, inputs: str, results: Path | None) -> None:
+        self.inputs, self.results = inputs, results
+        self.found: Found = defaultdict(list)
+        if results and results.exists():
+            for line in results.read_text().splitlines():
+                name, workload, *figures = json.loads(line)
+                self.found[name, workload].append(tuple(figures))
 
-def measure(
-    entries: list[Entry], only: list[str], repeats: int, note: Callable[[str, str, Figures, Figures], None]
-) -> None:
-    """What the entries take, told to ``note`` one by one: the entry's name, the workload, with and without it."""
-    with tempfile.TemporaryDirectory() as inputs:
-        subprocess.run([sys.executable, __file__, "--save-inputs", inputs], cwd=ROOT, check=True, capture_output=True)
-        for _ in range(repeats):
-            for workload in only or WORKLOADS:
-                of_workload = [entry for entry in entries if workload in entry.workloads]
-                for start in range(0, len(of_workload), RUNS_BETWEEN):
-                    found = measured(workload, None, inputs)
-                    assert found is not None, workload
-                    for entry in of_workload[start : start + RUNS_BETWEEN]:
-                        without = measured(workload, entry, inputs)
-                        if without is not None:
-                            note(entry.name, workload, found, without)
+    def of_entries(self, entries: list[Entry], workload: str) -> None:
+        """Once for each, in turn with everything on."""
+        for start in range(0, len(entries), RUNS_BETWEEN):
+            on = self._run("--run", workload)
+            for entry in entries[start : start + RUNS_BETWEEN]:
+                self._note(entry.name, workload, on, self._run("--run", workload, "--without", entry.name))
+
+    def of_caches(self, names: list[str], workload: str) -> None:
+        """All of them at once."""
+        counted = self._run("--count", workload)
+        for name in names:
+            rest = {"clock": 1.0, "memory": 1.0, "faces": 1.0}
+            self._note(name, workload, {"time": counted["time"], **rest}, {"time": counted[name], **rest})
+
+    def _run(self, *options: str) -> Figures:
+        command = ["nice", "-n", "5", sys.executable, __file__, *options]
+        environment = {**os.environ, "CCDEPTH_INPUTS": self.inputs, "OPENBLAS_NUM_THREADS": "1"}
+        done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
+        found = [line for line in done.stdout.splitlines() if line.startswith("{")]
+        if not found:
+            raise RuntimeError(f"{options}: {done.stderr[-2000:]}")
+        figures: Figures = json.loads(found[-1])
+        return figures
+
+    def _note(self, name: str, workload: str, on: Figures, without: Figures) -> None:
+        self.found[name, workload].append((on, without))
+        if self.results:
+            with self.results.open("a") as file:
+                file.write(json.dumps([name, workload, on, without]) + "\n")
 
 
 # The table
 
 
-def table(entries: list[Entry], found: Found) -> str:
+def table(entries: list[Entry], caches: list[str], found: Found) -> str:
     lines = ["| what | where | off means | time | memory | faces |", "|---|---|---|---|---|---|"]
     for entry in entries:
-        ratios = {
-            workload: ratios_of(pairs) for workload in entry.workloads if (pairs := found.get((entry.name, workload)))
-        }
-        if ratios:
-            module, name = entry.module_and_name()
+        if ratios := ratios_of(found, entry.name):
             time = largest(ratios, "clock" if entry.by_clock else "time") + (" by the clock" if entry.by_clock else "")
-            cells = [f"`{name}`", f"`{module}`", entry.off, time, largest(ratios, "memory"), largest(ratios, "faces")]
-            lines.append(f"| {' | '.join(cells)} |")
+            gains = [time, largest(ratios, "memory"), largest(ratios, "faces")]
+            lines.append(row(entry.place, entry.off, gains))
+    for name in caches:
+        if ratios := ratios_of(found, name):
+            place = name if len(CACHES[name]) == 1 else CACHES[name][0].rpartition(".")[0] + "." + name
+            lines.append(row(place, "computed anew", [largest(ratios, "time"), "", ""]))
     return "\n".join(lines)
 
 
-def ratios_of(pairs: list[tuple[Figures, Figures]]) -> Figures:
-    """Without a thing to with it: of the least times, and the median of the others."""
-    ratios = {key: median(without[key] / on[key] for on, without in pairs) for key in ("memory", "faces")}
-    for key in ("time", "clock"):
-        ratios[key] = min(without[key] for _, without in pairs) / min(on[key] for on, _ in pairs)
+def row(place: str, off: str, gains: list[str]) -> str:
+    """place: the last part of the module's name, then the name there, which may be that of a class's member."""
+    names = place.split(".")
+    at = len(names) - (3 if len(names) > 2 and names[-2].strip("_")[0].isupper() else 2)
+    cells = [f"`{'.'.join(names[at + 1 :])}`", f"`{names[at]}`" if at >= 0 else "", off, *gains]
+    return f"| {' | '.join(cells)} |"
+
+
+def ratios_of(found: Found, name: str) -> dict[str, Figures]:
+    """By workload, without a thing to with it: of the least times, and the medians of the others."""
+    ratios = {}
+    for (of, workload), pairs in found.items():
+        if of == name:
+            medians = {key: median(without[key] / on[key] for on, without in pairs) for key in ("memory", "faces")}
+            least = {
+                key: min(without[key] for _, without in pairs) / min(on[key] for on, _ in pairs)
+                for key in ("time", "clock")
+            }
+            ratios[workload] = {**medians, **least}
     return ratios
 
 
@@ -891,45 +949,44 @@ def largest(ratios: dict[str, Figures], key: str) -> str:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("names", nargs="*")
-    parser.add_argument("--repeat", type=int, default=3)
-    parser.add_argument("--results", type=Path)
+    parser.add_argument("names", nargs="*", help="parts of the names of things; all by default")
+    parser.add_argument(
+        "--repeat", type=int, default=5, help="how often each is run; of 0 the results so far are shown"
+    )
+    parser.add_argument("--results", type=Path, help="a file to which measurements are appended")
     parser.add_argument("--workload", action="append", default=[], choices=WORKLOADS)
-    for hidden in ("--run", "--without", "--save-inputs"):
+    for hidden in ("--run", "--without", "--count", "--save-inputs"):
         parser.add_argument(hidden, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.save_inputs:
         save_suzanne(given.save_inputs)
-        finish()
-    if given.run:
-        entry = next((entry for entry in ENTRIES if entry.name == given.without), None)
-        assert entry is not None or not given.without
-        print(json.dumps(run(given.run, entry)))
-        finish()
-    entries = [each for each in ENTRIES if not given.names or any(part in each.name for part in given.names)]
-    found: Found = defaultdict(list)
-
-    def note(name: str, workload: str, on: Figures, without: Figures) -> None:
-        found[name, workload].append((on, without))
-
-    def note_and_keep(*figures: Any) -> None:
-        note(*figures)
-        if given.results:
-            with given.results.open("a") as file:
-                file.write(json.dumps(figures) + "\n")
-
-    if given.results and given.results.exists():
-        for line in given.results.read_text().splitlines():
-            note(*json.loads(line))
-    measure(entries, given.workload, given.repeat, note_and_keep)
-    print(f"{os.cpu_count()} processors\n")
-    print(table(entries, found))
-
-
-def finish() -> None:
-    """The bpy wheel may hang when the interpreter exits."""
+    elif given.run:
+        print(json.dumps(run(given.run, next((each for each in ENTRIES if each.name == given.without), None))))
+    elif given.count:
+        print(json.dumps(run_counting(given.count)))
+    else:
+        measure(given)
+    # The bpy wheel may hang when the interpreter exits.
     sys.stdout.flush()
     os._exit(0)
+
+
+def measure(given: argparse.Namespace) -> None:
+    def is_wanted(name: str) -> bool:
+        return not given.names or any(part in name for part in given.names)
+
+    entries, caches = [each for each in ENTRIES if is_wanted(each.name)], [name for name in CACHES if is_wanted(name)]
+    workloads = given.workload or list(WORKLOADS)
+    with tempfile.TemporaryDirectory() as inputs:
+        subprocess.run([sys.executable, __file__, "--save-inputs", inputs], cwd=ROOT, check=True, capture_output=True)
+        measurement = Measurement(inputs, given.results)
+        for number in range(given.repeat):
+            for workload in workloads:
+                measurement.of_entries([each for each in entries if workload in each.workloads], workload)
+                if caches and not number:
+                    measurement.of_caches(caches, workload)
+    print(f"{os.cpu_count()} processors, numpy {importlib.import_module('numpy').__version__}\n")
+    print(table(entries, caches, measurement.found))
 
 
 if __name__ == "__main__":
