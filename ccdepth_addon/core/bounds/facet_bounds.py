@@ -41,10 +41,9 @@ MISMATCH = {Vertices.CONTROL: 0.09623, Vertices.LIMIT: 0.12831}
 
 def facet_error(net: FloatArray, vertices: Vertices) -> FloatArray:
     """(4, 4, P, 3): Bernstein coefficients of S - L over each patch's own facet."""
-    return apply(_facet_error(vertices), net).reshape(net.shape)
+    return apply(FACET_ERRORS[vertices], net).reshape(net.shape)
 
 
-@cache
 def _facet_error(vertices: Vertices) -> FloatArray:
     """(16, 16): these coefficients as functionals of the net, coefficient [i, j] in row 4i + j."""
     points = np.eye(16).reshape(4, 4, 16)
@@ -53,6 +52,7 @@ def _facet_error(vertices: Vertices) -> FloatArray:
     return (values - bilinear_coefficients(corners)).reshape(16, 16)
 
 
+FACET_ERRORS = {vertices: _facet_error(vertices) for vertices in Vertices}
 CORNER_ROWS = [0, 3, 12, 15]
 SIDE_ROWS = [1, 2, 4, 7, 8, 11, 13, 14]
 
@@ -62,7 +62,7 @@ def control_facet_bounds(net: FloatArray) -> tuple[FloatArray, FloatArray]:
 
     Of the 16 coefficients the four in the middle are 0, and those at the corners are values.
     """
-    squares = squared_norms(apply(_facet_error(Vertices.CONTROL)[CORNER_ROWS + SIDE_ROWS], net))
+    squares = squared_norms(apply(FACET_ERRORS[Vertices.CONTROL][CORNER_ROWS + SIDE_ROWS], net))
     at_corners = squares[:4].max(axis=0)
     return np.sqrt(np.maximum(at_corners, squares[4:].max(axis=0))), np.sqrt(at_corners)
 
@@ -111,7 +111,7 @@ class LaterBounds:
         return scale * np.maximum(self.at_corners - scale * self.twist, 0.0)
 
 
-# The functionals of ``later_functionals``, part by part.
+# The functionals of ``LATER_FUNCTIONALS``, part by part.
 TOGETHER, CURVES, TWIST, CHANGE_OF_A, CHANGE_OF_B = (
     slice(0, 16),
     slice(16, 32),
@@ -124,7 +124,7 @@ TOGETHER, CURVES, TWIST, CHANGE_OF_A, CHANGE_OF_B = (
 def later_bounds(net: FloatArray, vertices: Vertices) -> LaterBounds:
     """The bounds for the levels after the nets' own; nets are (4, 4, P, 3)."""
     control = vertices is Vertices.CONTROL
-    squares = squared_norms(apply(later_functionals()[: TWIST.stop if control else None], net))
+    squares = squared_norms(apply(LATER_FUNCTIONALS[: TWIST.stop if control else None], net))
     together, curves, twist = (np.sqrt(squares[part].max(axis=0)) for part in (TOGETHER, CURVES, TWIST))
     if control:
         apart, change = _apart_and_change(net, curves, together)
@@ -141,14 +141,13 @@ def _apart_and_change(net: FloatArray, curves: FloatArray, together: FloatArray)
     opposed = np.flatnonzero(curves > together)
     if len(opposed):
         nets = net.take(opposed, axis=2)
-        apart[opposed] = largest_norm(apply(_apart_functionals(LEAST_WEIGHT[Vertices.CONTROL]), nets))
-        changes = squared_norms(apply(later_functionals()[TWIST.stop :], nets))
+        apart[opposed] = largest_norm(apply(APART_FUNCTIONALS, nets))
+        changes = squared_norms(apply(LATER_FUNCTIONALS[TWIST.stop :], nets))
         change[opposed] = np.sqrt(changes[:4].max(axis=0)) + np.sqrt(changes[4:].max(axis=0))
     return apart, change
 
 
-@cache
-def later_functionals() -> FloatArray:
+def _later_functionals() -> FloatArray:
     """(44, 16): Bernstein coefficients of A + B (4 × 4), A (2 × 4) and B (4 × 2), R (2 × 2), A_u (4) and B_v (4)."""
     a, b, twist = _parts()
     together = _bicubic(a, b, 1.0, 1.0)
@@ -156,7 +155,6 @@ def later_functionals() -> FloatArray:
     return np.concatenate([together, a.reshape(8, 16), b.reshape(8, 16), twist, changes])
 
 
-@cache
 def _apart_functionals(least: float) -> FloatArray:
     """(32, 16): Bernstein coefficients of A + least · B and of least · A + B."""
     a, b, _ = _parts()
@@ -172,6 +170,10 @@ def _parts() -> tuple[FloatArray, FloatArray, FloatArray]:
 def _bicubic(a: FloatArray, b: FloatArray, weight_a: float, weight_b: float) -> FloatArray:
     """(16, 16): the functionals of a weighted sum of A and B, both raised to bicubic form."""
     return (weight_a * elevated(a) + weight_b * elevated(b.swapaxes(0, 1)).swapaxes(0, 1)).reshape(16, 16)
+
+
+LATER_FUNCTIONALS = _later_functionals()
+APART_FUNCTIONALS = _apart_functionals(LEAST_WEIGHT[Vertices.CONTROL])
 
 
 def sampled_error(net: FloatArray, vertices: Vertices, levels: int) -> FloatArray:

@@ -7,8 +7,6 @@ Nets are (4, 4, P, 3); coefficients are (rows, P, 3), or (4, 4, P, 3) for a whol
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from ..arrays.matrix_products import matrix_product
@@ -47,7 +45,6 @@ def largest_norm(vectors: FloatArray) -> FloatArray:
     return np.sqrt(squared_norms(vectors).max(axis=0))
 
 
-@cache
 def second_derivatives() -> FloatArray:
     """(20, 16): functionals for S_uu (2 × 4) and S_vv (4 × 2) in Bernstein form, and S_uuvv (2 × 2), knots 1 apart."""
     return np.concatenate(
