@@ -8,7 +8,6 @@ A regular net is a (4, 4, P, 3) array, an extraordinary net of valence n a (2n +
 from __future__ import annotations
 
 from collections.abc import Iterable
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,7 +72,6 @@ def second_order_norm_extraordinary(net: FloatArray) -> FloatArray:
     return np.sqrt(squared_norms(differences).max(axis=0))
 
 
-@cache
 def _second_difference_ends(valence: int) -> tuple[tuple[int, ...], ...]:
     """All a, all b and all c of ``second_differences``."""
     return tuple(zip(*second_differences(valence), strict=True))
@@ -94,7 +92,6 @@ def first_order_norm_extraordinary(net: FloatArray) -> FloatArray:
     return np.sqrt(squared_norms(edges).max(axis=0))
 
 
-@cache
 def _edge_ends(valence: int) -> NDArray[np.intp]:
     """(2, edges): the two ends of every edge that a second difference spans."""
     edges = {(min(a, end), max(a, end)) for a, b, c in second_differences(valence) for end in (b, c)}
