@@ -92,7 +92,6 @@ def shown_checksum(blender_object: bpy.types.Object, shown: Iterable[bpy.types.M
     return f"{crc32(chr(10).join(texts).encode(errors='backslashreplace')):08x}"
 
 
-@cache
 def _names(base: str) -> frozenset[str]:
     """The properties that all structures of a kind have."""
     return frozenset(getattr(bpy.types, base).bl_rna.properties.keys())

@@ -17,7 +17,6 @@ face-varying interpolation (its ``vtr/fvarLevel``) and Blender's converter to it
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -199,7 +198,7 @@ class _CutMesh:
         """(W,) the number of these edges of the cut mesh at each UV vertex."""
         return np.bincount(self.mesh.edge_vertices[edges].reshape(-1), minlength=self.uv_count)
 
-    @cached_property
+    @property
     def inner_edges(self) -> BoolArray:
         """Edges of the cut mesh with a face on either side."""
         return self.mesh.edge_face_counts > 1
