@@ -5,7 +5,6 @@
 """
 
 import tomllib
-from functools import cache
 from importlib import import_module
 from pathlib import Path
 from types import ModuleType
@@ -29,7 +28,6 @@ MODULES = (
 )
 
 
-@cache
 def version() -> str:
     """The version of the extension, which stands in its manifest alone."""
     return str(tomllib.loads(MANIFEST.read_text(encoding="utf-8"))["version"])

@@ -8,7 +8,6 @@ lighter, and distinct with any common colour blindness. Legend and histogram use
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import lru_cache
 
 import numpy as np
 
@@ -46,7 +45,6 @@ def to_linear(srgb: FloatArray) -> FloatArray:
     return np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
 
 
-@lru_cache(maxsize=64)
 def palette(least: int, deepest: int) -> tuple[tuple[float, float, float], ...]:
     """The sRGB colours of the depths from ``least`` to ``deepest``, for drawing."""
     return tuple(map(tuple, depth_colors(range(least, deepest + 1), least, deepest).tolist()))
