@@ -4,13 +4,13 @@
 python benchmarks/tuned_constants.py [--repeat N] [--results FILE] [PART OF A NAME…]        with the bpy wheel
 
 Prints a Markdown table: time, memory and faces without the thing, in parts of those with it, the largest over its
-workloads. Every run is a process of its own, and runs with and without a thing take turns, so that a machine that is
-busy for a while is so for both. Of memory and faces the ratios are medians; of time they are those of the least times,
-as what else runs on the machine only adds. Time is processor time, user and system, of all threads; where threads are
-the point it is that of the clock, which depends on the number of processors. Memory is the most the process takes
-during the work above what it took before (Linux alone tells). Faces are those of the adaptive mesh; those that depths
-make; or, of a deviation, what is proved. What a cache gains is counted, not timed: how often it was asked for what it
-had, times what that takes to compute.
+workloads. Every run is a process of its own, with one thread but where threads are the point, and runs with and without
+a thing take turns, so that a machine that is busy for a while is so for both. Of memory and faces the ratios are
+medians; of time they are those of the least times, as what else runs on the machine only adds. Time is processor time,
+user and system, of all threads; where threads are the point it is that of the clock, which depends on the number of
+processors. Memory is the most the process takes during the work above what it took before (Linux alone tells). Faces
+are those of the adaptive mesh; those that depths make; or, of a deviation, what is proved. What a cache gains is
+counted, not timed: how often it was asked for what it had, times what that takes to compute.
 
 Measurements are appended to FILE, and those that it has count as well.
 """
@@ -310,6 +310,8 @@ def operators(count: int, *, with_modifiers: bool) -> Callable[[], Any]:
 
 WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     "depths": lambda: depths(lambda: noisy_grid(400), "CERTIFIED", "CONTROL", 3e-5),
+    "threads": lambda: depths(lambda: noisy_grid(700), "CERTIFIED", "CONTROL", 3e-5),
+    "threads, small": lambda: small_depths(30),
     "depths, limit": lambda: depths(lambda: noisy_grid(200), "CERTIFIED", "LIMIT", 3e-5),
     "depths, extraordinary": lambda: depths(lambda: noisy_grid(120, 600), "CERTIFIED", "CONTROL", 1e-4),
     "depths, creases": lambda: depths(lambda: creased_landscape(24), "CERTIFIED", "CONTROL", 1e-3),
@@ -464,21 +466,25 @@ def gathered_at_once(_: Any) -> Any:
     return lambda values, indices: values[indices]
 
 
-def one_thread(_: Any) -> Any:
+def one_thread(_: Any = None) -> Any:
+    """Threads that wait for each other take processor time by chance."""
+    replace_with("core.arrays.threads._thread_count", lambda: 1)
     return lambda: 1
 
 
-def a_pool_each(threads_of: Any) -> Any:
-    """New threads for each call, not kept between calls."""
+def a_pool_each(_: Any) -> Any:
+    """New threads for each call of ``map_in_threads``, which asks for them at every task."""
     threads: Any = importlib.import_module(PACKAGE + ".core.arrays.threads")
+    mapped = threads.map_in_threads
+    pools: list[ThreadPoolExecutor] = []
 
-    def mapped(function: Any, tasks: Any) -> Any:
-        pool = ThreadPoolExecutor(threads._thread_count())
-        threads._threads = lambda: pool
-        yield from threads_of(function, tasks)
-        pool.shutdown(wait=False)
+    def mapped_anew(function: Any, tasks: Any) -> Any:
+        pools.append(ThreadPoolExecutor(threads._thread_count()))
+        yield from mapped(function, tasks)
+        pools.pop().shutdown()
 
-    return mapped
+    replace_with("core.arrays.threads.map_in_threads", mapped_anew)
+    return lambda: pools[-1]
 
 
 def no_topology(changed: Any) -> Any:
@@ -607,6 +613,7 @@ CERTIFIED = DEPTH + "certified_depth."
 BOTH_DEVIATIONS = ("deviation", "deviation, creases")
 ALL_ADAPTIVE = ("adaptive", "adaptive, creases", "adaptive, triangles", "adaptive, n-gons", "adaptive, pole")
 
+THREADS = ("threads", "threads, small")
 NETS = ("adaptive", "adaptive, coarse", "adaptive, pole")
 SUZANNE = ("adaptive", "adaptive, coarse")
 EXTRAORDINARY = ("adaptive, pole", "adaptive, coarse")
@@ -615,8 +622,8 @@ NOT_REGULAR = ("depths, extraordinary", "depths, creases")
 
 ENTRIES = [
     # Arrays.
-    Entry(ARRAYS + "threads._thread_count", "one thread", by(one_thread), ("depths", "depths, creases"), by_clock=True),
-    Entry(ARRAYS + "threads.map_in_threads", "new threads for each call", by(a_pool_each), ("small depths", "depths")),
+    Entry(ARRAYS + "threads._thread_count", "one thread", by(one_thread), THREADS, by_clock=True),
+    Entry(ARRAYS + "threads._threads", "new ones for each call", by(a_pool_each), THREADS, by_clock=True),
     Entry(ARRAYS + "matrix_products.matrix_product", "numpy's own", by(numpy_product), ("depths", "adaptive")),
     at_once(ARRAYS + "matrix_products.COLUMNS_AT_ONCE", "depths", "adaptive", "depths, extraordinary"),
     Entry(ARRAYS + "chunks.gathered", "numpy's own", by(gathered_at_once), ("adaptive",)),
@@ -824,6 +831,8 @@ CACHES = {
 def run(workload: str, entry: Entry | None) -> Figures:
     """Do the work in this process, with one thing switched off."""
     work = WORKLOADS[workload]()
+    if not workload.startswith("threads"):
+        one_thread()
     if entry is not None:
         entry.switch(entry.place)
     before = memory(peak=False)
@@ -840,6 +849,7 @@ def run(workload: str, entry: Entry | None) -> Figures:
 def run_counting(workload: str) -> Figures:
     """Do the work in this process: its time, and by the name of each cache what it would take without that."""
     work = WORKLOADS[workload]()
+    one_thread()
     counted = {name: [count_anew(place) for place in places] for name, places in CACHES.items()}
     start = processor_time()
     work()
