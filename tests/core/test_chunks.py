@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.arrays.chunks import GATHERED_CHUNK, chunks, gathered, index_chunks
+from ccdepth_addon.core.arrays.chunks import AT_ONCE, chunks, gathered, index_chunks
 
 
 @pytest.mark.parametrize(("count", "size"), [(0, 3), (1, 3), (3, 3), (7, 3), (9, 1)])
@@ -22,7 +22,7 @@ def test_index_chunks_keep_the_order() -> None:
     assert [part.tolist() for part in index_chunks(indices, 2)] == [[5, 2], [9, 9], [0]]
 
 
-@pytest.mark.parametrize("count", [0, 1, GATHERED_CHUNK, 2 * GATHERED_CHUNK + 1])
+@pytest.mark.parametrize("count", [0, 1, AT_ONCE, 2 * AT_ONCE + 1])
 @pytest.mark.parametrize("dtype", [np.float64, np.int32, np.bool_])
 def test_gathered_values_are_those_of_the_indices(count: int, dtype: type) -> None:
     values = np.arange(10).astype(dtype)

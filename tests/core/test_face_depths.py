@@ -361,7 +361,7 @@ def test_chunk_sizes_do_not_matter(method: str, vertices: str, monkeypatch: pyte
     mesh = build(everything())
     expected = face_depths(mesh, 0.0123, method, vertices)
     sizes = [
-        (module, name) for module in (norm_depth, certified_depth) for name in vars(module) if name.endswith("_AT_ONCE")
+        (module, name) for module in (norm_depth, certified_depth) for name in vars(module) if name.endswith("AT_ONCE")
     ]
     assert len(sizes) == 5
     for module, name in sizes:

@@ -9,8 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-# Values gathered at a time.
-GATHERED_CHUNK = 1 << 13
+# Faces, points or indices worked through at a time: few enough for the processor's caches and for frequent progress,
+# enough to hide the interpreter's overhead.
+AT_ONCE = 1 << 13
+
+# The same of what takes many numbers each: faces refined with their neighbours, pieces compared with many others.
+FEW_AT_ONCE = 1 << 11
 
 
 def chunks(count: int, size: int) -> Iterator[slice]:
@@ -26,6 +30,6 @@ def index_chunks(indices: NDArray[np.intp], size: int) -> Iterator[NDArray[np.in
 def gathered(values: NDArray[Any], indices: NDArray[Any]) -> NDArray[Any]:
     """(N,): ``values[indices]``, without the copy of all the indices as long integers that numpy makes."""
     result = np.empty(len(indices), dtype=values.dtype)
-    for chunk in chunks(len(indices), GATHERED_CHUNK):
+    for chunk in chunks(len(indices), AT_ONCE):
         result[chunk] = values.take(indices[chunk])
     return result

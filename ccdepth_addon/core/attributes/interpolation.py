@@ -14,13 +14,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..adaptive.subdivided_mesh import SubdividedMesh
-from ..arrays.chunks import chunks
+from ..arrays.chunks import AT_ONCE, chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.surface_points import SurfacePoints, interpolate_linearly
-
-# Points interpolated at a time: enough to keep numpy busy, few enough to keep temporary arrays small.
-BLOCK = 1 << 17
 
 # (N points) → (N, D)
 Evaluate = Callable[[SurfacePoints], NDArray[Any]]
@@ -29,7 +26,7 @@ Evaluate = Callable[[SurfacePoints], NDArray[Any]]
 def interpolated(mesh: PolygonMesh, corner_values: FloatArray, points: SurfacePoints) -> NDArray[np.float32]:
     """(N, D): ``interpolate_linearly`` in single precision, block by block."""
     values = np.empty((len(points.corners), corner_values.shape[1]), dtype=np.float32)
-    for block in chunks(len(values), BLOCK):
+    for block in chunks(len(values), AT_ONCE):
         values[block] = interpolate_linearly(mesh, corner_values, points.at(block))
     return values
 

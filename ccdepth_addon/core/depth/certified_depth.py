@@ -17,7 +17,7 @@ from functools import partial
 
 import numpy as np
 
-from ..arrays.chunks import index_chunks
+from ..arrays.chunks import AT_ONCE, index_chunks
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.facet_bounds import (
@@ -44,7 +44,7 @@ from ..surface.refinement import Refinement
 from ..surface.stencils import LARGEST_STENCIL_VALENCE, PatchStencils, apply_stencils, patch_stencils
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
-REGULAR_FACES_AT_ONCE = 1 << 13
+# Each thread holds the refined mesh around so many.
 OTHER_FACES_AT_ONCE = 1 << 10
 
 # Cutting faces out of the mesh with their neighbours scans all of it, so many chunks are cut out together.
@@ -105,7 +105,7 @@ def _searches(
         part = submesh(mesh, together)[0]
         for own in index_chunks(np.arange(len(together)), OTHER_FACES_AT_ONCE):
             yield partial(begin_other, part, own, together[own])
-    for some in index_chunks(faces[is_regular], REGULAR_FACES_AT_ONCE):
+    for some in index_chunks(faces[is_regular], AT_ONCE):
         yield partial(begin_regular, some)
 
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays.chunks import index_chunks
+from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Method, PatchBounds, PatchMethod, Vertices, support_bounds
 from ..mesh.polygon_mesh import PolygonMesh
@@ -22,10 +22,8 @@ from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordi
 from ..surface.refinement import Refinement
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
-# Faces handled at a time: few enough for the caches and frequent progress, enough to hide the interpreter's overhead.
-REGULAR_FACES_AT_ONCE = 1 << 14
+# Points of extraordinary nets evaluated together.
 EXTRAORDINARY_POINTS_AT_ONCE = 1 << 18
-IRREGULAR_FACES_AT_ONCE = 1 << 11
 
 FIRST_SUPPORT_LEVEL = 2
 
@@ -39,7 +37,7 @@ def norm_depths(
     for faces, bounds in evaluation.patch_bounds(mesh, patches, np.arange(mesh.face_count)):
         yield evaluation.first_levels(faces, bounds)
     irregular = np.flatnonzero(patches.kinds == PatchKind.IRREGULAR)
-    for faces in index_chunks(irregular, IRREGULAR_FACES_AT_ONCE):
+    for faces in index_chunks(irregular, FEW_AT_ONCE):
         yield evaluation.irregular_depths(mesh, faces)
 
 
@@ -58,7 +56,7 @@ def norm_level_bounds(
     for some, bounds in evaluation.patch_bounds(mesh, patches, faces):
         yield evaluation.proved(some, bounds.at(level))
     irregular = faces[patches.kinds[faces] == PatchKind.IRREGULAR]
-    for some in index_chunks(irregular, IRREGULAR_FACES_AT_ONCE):
+    for some in index_chunks(irregular, FEW_AT_ONCE):
         yield evaluation.irregular_at(mesh, some, level)
 
 
@@ -106,7 +104,7 @@ class _NormEvaluation:
     ) -> Iterator[tuple[IndexArray, PatchBounds]]:
         """The bounds of the regular and the extraordinary among the faces, a chunk of one kind at a time."""
         kinds = patches.kinds[faces]
-        for regular in index_chunks(faces[kinds == PatchKind.REGULAR], REGULAR_FACES_AT_ONCE):
+        for regular in index_chunks(faces[kinds == PatchKind.REGULAR], AT_ONCE):
             yield regular, self.method.regular(regular_nets(mesh, regular), self.vertices)
         extraordinary = faces[kinds == PatchKind.EXTRAORDINARY]
         valences = mesh.vertex_face_counts[mesh.corner_vertices[patches.extraordinary_corners[extraordinary]]]

@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.chunks import chunks, index_chunks
+from ..arrays.chunks import AT_ONCE, chunks, index_chunks
 from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import squared_norms
 from ..bounds.norm_bounds import Vertices, support_bounds
@@ -39,10 +39,6 @@ QUARTERS = np.stack([np.kron(along, across) for across in HALVES for along in HA
 # most; later, where it matters.
 LARGE_EXCESS = 0.1
 FIRST_REFINEMENTS = 8
-
-# Pieces split, and nets of patches looked up, in one go.
-SPLIT_AT_ONCE = 1 << 13
-NETS_AT_ONCE = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -113,7 +109,7 @@ class BezierPieces:
     def split(self, pieces: IndexArray) -> IndexArray:
         """Four children for each of these leaves: (4n,) intp, not in the order of the pieces."""
         bicubic = pieces[self._row[pieces] == NONE]
-        made = [self._add(_quarters(self, block), NONE, block) for block in index_chunks(bicubic, SPLIT_AT_ONCE)]
+        made = [self._add(_quarters(self, block), NONE, block) for block in index_chunks(bicubic, AT_ONCE)]
         others = pieces[self._row[pieces] != NONE]
         for store in np.unique(self._store[others]).tolist():
             made.append(self._refine(store, others[self._store[others] == store]))
@@ -167,7 +163,7 @@ class BezierPieces:
         is_regular = classify_patches(refinement.mesh).kinds[:count] == PatchKind.REGULAR
         regular, others = np.flatnonzero(is_regular), np.flatnonzero(~is_regular)
         coefficients, excess = np.empty((count, 3, 16)), np.zeros(count)
-        for block in chunks(len(regular), NETS_AT_ONCE):
+        for block in chunks(len(regular), AT_ONCE):
             coefficients[regular[block]] = _bernstein(regular_nets(refinement.mesh, regular[block]))
             self._tick()
         rows = np.full(count, NONE)

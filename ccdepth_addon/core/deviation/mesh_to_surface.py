@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.chunks import chunks, index_chunks
+from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, chunks, index_chunks
 from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import squared_norms
 from .bezier_pieces import CORNERS, BezierPieces, bilinear_pieces
@@ -19,9 +19,6 @@ from .columns import NONE, columns
 from .covering_pieces import over_pieces
 from .surface_to_mesh import SurfaceToMesh, first_of_each
 from .triangles import to_triangles
-
-PARTS_AT_ONCE = 1 << 11
-FACETS_AT_ONCE = 1 << 13
 
 # Parts whose corners are looked at for distances that are reached; corners whose distances are found to that share.
 LOOKED_AT, MEASURED, MEASURED_SHARE = 512, 16, 0.005
@@ -63,7 +60,7 @@ class Facets:
     def of(pieces: BezierPieces, chosen: IndexArray, tick: Callable[[], None] = lambda: None) -> Facets:
         """Of the chosen pieces; tick: is called again and again, and may raise to stop."""
         corners, off = np.empty((len(chosen), 4, 3)), np.empty(len(chosen))
-        for block in chunks(len(chosen), FACETS_AT_ONCE):
+        for block in chunks(len(chosen), AT_ONCE):
             coefficients = pieces.coefficients[chosen[block]]
             corners[block] = coefficients[:, :, CORNERS].swapaxes(1, 2)
             apart = coefficients - bilinear_pieces(corners[block])
@@ -172,12 +169,12 @@ class MeshToSurface:
             self.blamed = np.zeros(0, dtype=np.intp)
             if self.surface.pieces.count > GROWN * leaves.count:
                 leaves = Leaves.of(self.surface.pieces, self.findings.tick)
-            for done, block in enumerate(index_chunks(np.arange(len(parts.owners)), PARTS_AT_ONCE)):
+            for done, block in enumerate(index_chunks(np.arange(len(parts.owners)), FEW_AT_ONCE)):
                 if self._must_end(parts):
                     self._record(parts)
                     return
                 self._bound(leaves, parts, block)
-                self.findings.report_round(1, self.rounds, done * PARTS_AT_ONCE / len(parts.owners))
+                self.findings.report_round(1, self.rounds, done * FEW_AT_ONCE / len(parts.owners))
             self._reach(leaves, parts)
             wanted = parts.bounds > self._goals(parts)
             self._record(parts.at(~wanted))

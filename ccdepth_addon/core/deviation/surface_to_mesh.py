@@ -7,15 +7,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays.chunks import index_chunks
+from ..arrays.chunks import FEW_AT_ONCE, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import squared_norms
 from .bezier_pieces import CORNERS, BezierPieces
 from .covering_triangles import over_triangles
 from .findings import Findings
 from .triangles import Triangles, unit
-
-PIECES_AT_ONCE = 1 << 11
 
 # Weights of the coefficients at the middle of a piece.
 MIDDLE = np.kron([1, 3, 3, 1], [1, 3, 3, 1]) / 64
@@ -79,11 +77,11 @@ class SurfaceToMesh:
         while len(active):
             # What is reached anywhere tells which bounds are good enough.
             for work, share in ((self._look, 0.0), (self._bound, 0.5)):
-                for done, block in enumerate(index_chunks(active, PIECES_AT_ONCE)):
+                for done, block in enumerate(index_chunks(active, FEW_AT_ONCE)):
                     if self._must_end():
                         return
                     work(block)
-                    done_here = min((done + 1) * PIECES_AT_ONCE / len(active), 1.0)
+                    done_here = min((done + 1) * FEW_AT_ONCE / len(active), 1.0)
                     self.findings.report_round(0, self.rounds, share + done_here / 2)
             active = self.split(active[self._is_too_far(active)])
             self.rounds += 1

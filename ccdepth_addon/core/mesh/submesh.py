@@ -8,15 +8,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.chunks import chunks
+from ..arrays.chunks import AT_ONCE, chunks
 from ..arrays.types import BoolArray, IndexArray
 from .polygon_mesh import PolygonMesh
 
 # With fewer indices than one in so many entries, sorting them is faster than scanning all entries.
 SORTED_UP_TO = 1 << 6
-
-# Indices renumbered at a time, to keep temporary arrays short.
-INDICES_AT_ONCE = 1 << 13
 
 
 def submesh(mesh: PolygonMesh, faces: IndexArray) -> tuple[PolygonMesh, IndexArray]:
@@ -77,9 +74,9 @@ def compact(indices: NDArray[Any], count: int, kept: IndexArray | None = None) -
 def renumber(indices: NDArray[Any], used: BoolArray) -> None:
     """Renumber indices of used entries by their rank among the used ones, in place: (count,) bool."""
     numbers, counted = np.empty(len(used), dtype=indices.dtype), 0
-    for block in chunks(len(used), INDICES_AT_ONCE):
+    for block in chunks(len(used), AT_ONCE):
         found = np.flatnonzero(used[block])
         numbers[block][found] = np.arange(counted, counted + len(found), dtype=indices.dtype)
         counted += len(found)
-    for block in chunks(len(indices), INDICES_AT_ONCE):
+    for block in chunks(len(indices), AT_ONCE):
         indices[block] = numbers.take(indices[block])

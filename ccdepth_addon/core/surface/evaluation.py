@@ -20,7 +20,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ..arrays.chunks import chunks
+from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, chunks
 from ..arrays.types import FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
@@ -29,16 +29,6 @@ from .limit_positions import limit_positions
 from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from .stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils
 from .surface_points import SurfacePoints
-
-# Faces whose nets, or whose refined neighbourhoods, are in memory together.
-PATCHES_AT_ONCE = 1 << 13
-REFINED_AT_ONCE = 1 << 12
-
-# Points on these nets in memory together.
-POINTS_ON_PATCHES = 1 << 16
-
-# Points evaluated together, few enough for the processor's cache.
-POINTS_AT_ONCE = 1 << 13
 
 
 class Quantity(Protocol):
@@ -96,7 +86,7 @@ def spline_sums(nets: FloatArray, which: IndexArray, along: FloatArray, across: 
     # Each column contiguous: rows of two or three numbers are too short to be fast.
     columns = np.ascontiguousarray(np.moveaxis(nets, 3, 2))
     sums = np.empty((nets.shape[3], len(which)))
-    for chunk in chunks(len(which), POINTS_AT_ONCE):
+    for chunk in chunks(len(which), AT_ONCE):
         total = 0.0
         for j in range(4):
             row = sum(along[i, chunk] * columns[i, j].take(which[chunk], axis=1) for i in range(4))
@@ -161,9 +151,9 @@ def _settled(pending: _Pending, quantity: Quantity, result: FloatArray) -> Itera
 def _put_on_regular(pending: _Pending, regular: IndexArray, quantity: Quantity, result: FloatArray) -> None:
     """regular: (n,) intp, which of the points lie on regular faces."""
     mesh = pending.mesh
-    for faces, chosen, which in _by_faces(pending.faces()[regular], PATCHES_AT_ONCE):
+    for faces, chosen, which in _by_faces(pending.faces()[regular], AT_ONCE):
         nets = regular_nets(mesh, faces)
-        for chunk in chunks(len(chosen), POINTS_ON_PATCHES):
+        for chunk in chunks(len(chosen), AT_ONCE):
             part = pending.at(regular[chosen[chunk]])
             parameters = _in_face(part.corners_from(faces[which[chunk]]), part.points.parameters)
             result[part.rows] = quantity.on_splines(nets, which[chunk], parameters)
@@ -176,7 +166,7 @@ def _put_on_extraordinary(pending: _Pending, corners: IndexArray, quantity: Quan
     for valence in np.unique(valences).tolist():
         of_valence = np.flatnonzero(valences == valence)
         # One extraordinary corner a face: it tells which face it is.
-        for at_corners, chosen, which in _by_faces(corners[of_valence], PATCHES_AT_ONCE):
+        for at_corners, chosen, which in _by_faces(corners[of_valence], AT_ONCE):
             part = pending.at(of_valence[chosen])
             turned = (part.points.corners - at_corners[which]) % 4
             nets = extraordinary_nets(mesh, at_corners, valence)
@@ -213,7 +203,7 @@ def _regular_children(stencils: FloatArray, nets: FloatArray) -> FloatArray:
 
 
 def _put_at_vertices(pending: _Pending, quantity: Quantity, result: FloatArray) -> None:
-    for faces, chosen, which in _by_faces(pending.faces(), REFINED_AT_ONCE):
+    for faces, chosen, which in _by_faces(pending.faces(), FEW_AT_ONCE):
         part = pending.at(chosen)
         neighbourhood, _ = submesh(part.mesh, faces)
         corners = neighbourhood.face_starts[which] + part.corners_from(faces[which])
@@ -222,7 +212,7 @@ def _put_at_vertices(pending: _Pending, quantity: Quantity, result: FloatArray) 
 
 def _refined(pending: _Pending) -> Iterator[_Pending]:
     """The points on the children of their faces."""
-    for faces, chosen, which in _by_faces(pending.faces(), REFINED_AT_ONCE):
+    for faces, chosen, which in _by_faces(pending.faces(), FEW_AT_ONCE):
         part = pending.at(chosen)
         neighbourhood, _ = submesh(part.mesh, faces)
         children = neighbourhood.face_starts[which] + part.corners_from(faces[which])
