@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations, pairwise
+from itertools import pairwise
 
 import numpy as np
 
@@ -19,9 +19,6 @@ class InvalidMeshError(ValueError):
 # A face has no area when its fan of triangles around the centroid covers less than this share of its perimeter
 # squared: what rounding leaves of a face whose vertices lie on one line.
 NO_AREA = 1e-12
-
-# Beyond this size sorting a face's vertices is faster than comparing each with all the others.
-LARGEST_COMPARED_SIZE = 6
 
 # An angle whose parallelogram covers more than this share of its sides squared is no rounded straight line.
 CLEAR_ANGLE = 1e-6
@@ -47,14 +44,13 @@ def _refuse(bad: BoolArray, one: str, many: str, fault: str) -> None:
 
 
 def _faces_with_repeated_vertices(mesh: PolygonMesh) -> BoolArray:
-    """(F,) bool: the vertices of small faces are compared in pairs, those of larger ones after sorting."""
+    """(F,) bool: sorted, the same vertices stand beside each other."""
     bad = np.zeros(mesh.face_count, dtype=bool)
     for size in np.flatnonzero(np.bincount(mesh.face_sizes)).tolist():
         faces = np.flatnonzero(mesh.face_sizes == size)
         first = mesh.face_starts[faces]
         vertices = [mesh.corner_vertices.take(first + corner) for corner in range(size)]
-        small = size <= LARGEST_COMPARED_SIZE
-        for one, other in combinations(vertices, 2) if small else pairwise(np.sort(vertices, axis=0)):
+        for one, other in pairwise(np.sort(vertices, axis=0)):
             bad[faces[one == other]] = True
     return bad
 
