@@ -8,12 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.chunks import AT_ONCE, chunks
 from ..arrays.types import BoolArray, IndexArray
 from .polygon_mesh import PolygonMesh
-
-# With fewer indices than one in so many entries, sorting them is faster than scanning all entries.
-SORTED_UP_TO = 1 << 6
 
 
 def submesh(mesh: PolygonMesh, faces: IndexArray) -> tuple[PolygonMesh, IndexArray]:
@@ -60,10 +56,6 @@ def compact(indices: NDArray[Any], count: int, kept: IndexArray | None = None) -
     """The numbers 0 … count - 1 that occur in ``indices`` or ``kept``, in ascending order; renumbers the indices in
     place to match."""
     kept = np.zeros(0, dtype=np.intp) if kept is None else kept
-    if SORTED_UP_TO * indices.size < count and not len(kept):
-        used, found = np.unique(indices, return_inverse=True)
-        indices[:] = found.reshape(indices.shape)
-        return used.astype(np.intp)
     is_used = np.zeros(count, dtype=bool)
     is_used[indices] = True
     is_used[kept] = True
@@ -73,10 +65,6 @@ def compact(indices: NDArray[Any], count: int, kept: IndexArray | None = None) -
 
 def renumber(indices: NDArray[Any], used: BoolArray) -> None:
     """Renumber indices of used entries by their rank among the used ones, in place: (count,) bool."""
-    numbers, counted = np.empty(len(used), dtype=indices.dtype), 0
-    for block in chunks(len(used), AT_ONCE):
-        found = np.flatnonzero(used[block])
-        numbers[block][found] = np.arange(counted, counted + len(found), dtype=indices.dtype)
-        counted += len(found)
-    for block in chunks(len(indices), AT_ONCE):
-        indices[block] = numbers.take(indices[block])
+    numbers = np.cumsum(used, dtype=indices.dtype)
+    numbers -= 1
+    indices[:] = numbers.take(indices)
