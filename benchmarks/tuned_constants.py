@@ -150,21 +150,56 @@ def pole(valence: int, rings: int) -> Any:
     return control_of(meshes.fan(valence, rings))
 
 
-def depths(
-    make: Callable[[], Any], method: str, vertices: str, tolerance: float, repeats: int = 1
-) -> Callable[[], Any]:
+def poles(valence: int, count: int) -> Any:
+    """Several, one above another."""
+    import numpy as np
+
+    from tests import meshes
+
+    one = meshes.fan(valence, 1)
+    return control_of(
+        meshes.MeshData(
+            np.concatenate([one.positions + np.array([0.0, 0.0, 0.1 * number]) for number in range(count)]),
+            np.tile(one.face_sizes, count),
+            np.concatenate([one.corner_vertices + len(one.positions) * number for number in range(count)]),
+        )
+    )
+
+
+def trapezohedron(sides: int) -> Any:
+    """Two poles, whose faces touch vertices of valence 3."""
+    from tests import meshes
+
+    return control_of(meshes.bumpy(meshes.trapezohedron(sides), 0.05))
+
+
+def dart(valence: int) -> Any:
+    """A pole at which a crease ends."""
+    from tests import meshes
+
+    fan = meshes.fan(valence, 2)
+    first, second = next(edge for edge in fan.edges.tolist() if 0 in edge)
+    return control_of(meshes.creased(fan, {(first, second): 1.0}))
+
+
+def parabola(side: int) -> Any:
+    """A grid over z = x², whose control facets are all 1/3 from the surface along a line in each."""
+    import numpy as np
+
+    from tests import meshes
+
+    grid = meshes.grid(side, side)
+    x, y, _ = grid.positions.T
+    return control_of(meshes.MeshData(np.stack([x, y, x**2], axis=1), grid.face_sizes, grid.corner_vertices))
+
+
+def depths(make: Callable[[], Any], method: str, vertices: str, tolerance: float) -> Callable[[], Any]:
     """Depths of the faces; the result is the number of faces that they make."""
     from ccdepth_addon.core import face_depths
 
     mesh = make()
     limit = tolerance * diagonal(mesh)
-
-    def work() -> float:
-        for _ in range(repeats):
-            found = face_depths(mesh.changed(positions=mesh.positions.copy()), limit, method, vertices)
-        return float((4.0**found.depths).sum())
-
-    return work
+    return lambda: float((4.0 ** face_depths(mesh, limit, method, vertices).depths).sum())
 
 
 def small_depths(count: int) -> Callable[[], Any]:
@@ -183,6 +218,17 @@ def small_depths(count: int) -> Callable[[], Any]:
         return faces
 
     return work
+
+
+def bounds_at(make: Callable[[], Any], tolerance: float, level: int) -> Callable[[], Any]:
+    """The proved distances of all faces at one level; the result is how many are within the tolerance."""
+    import numpy as np
+
+    from ccdepth_addon.core.depth.face_depths import level_bounds
+
+    mesh = make()
+    limit = tolerance * diagonal(mesh)
+    return lambda: float(np.isfinite(level_bounds(mesh, limit, "CERTIFIED", "CONTROL", level)).sum()) + 1
 
 
 def level(make: Callable[[], Any], tolerance: float) -> Callable[[], Any]:
@@ -308,6 +354,38 @@ def operators(count: int, *, with_modifiers: bool) -> Callable[[], Any]:
     return work
 
 
+def staleness(count: int) -> Callable[[], Any]:
+    """The test whether a result is stale, of many objects with a group of geometry nodes each."""
+    import bpy
+
+    import ccdepth_addon
+    from benchmarks.compute_depth import add_grid
+
+    ccdepth_addon.register()
+    from ccdepth_addon.state import fingerprint
+
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    first = add_grid(4, 0)
+    users = [first, *(bpy.data.objects.new("User", first.data) for _ in range(count))]
+    for user in users:
+        tree: Any = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
+        for direction in ("INPUT", "OUTPUT"):
+            tree.interface.new_socket("Geometry", in_out=direction, socket_type="NodeSocketGeometry")
+        given, made = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
+        tree.links.new(given.outputs[0], made.inputs[0])
+        for _ in range(20):
+            tree.nodes.new("ShaderNodeMath")
+        user.modifiers.new("Nodes", "NODES").node_group = tree
+    bpy.ops.ccdepth.compute(method="SECOND_ORDER")
+
+    def work() -> float:
+        for _ in range(10):
+            fingerprint.examine(first.data, users, {})
+        return 1.0
+
+    return work
+
+
 WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     "depths": lambda: depths(lambda: noisy_grid(400), "CERTIFIED", "CONTROL", 3e-5),
     "threads": lambda: depths(lambda: noisy_grid(700), "CERTIFIED", "CONTROL", 3e-5),
@@ -316,9 +394,15 @@ WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     "depths, extraordinary": lambda: depths(lambda: noisy_grid(120, 600), "CERTIFIED", "CONTROL", 1e-4),
     "depths, creases": lambda: depths(lambda: creased_landscape(24), "CERTIFIED", "CONTROL", 1e-3),
     "depths, pole": lambda: depths(lambda: pole(256, 2), "CERTIFIED", "CONTROL", 1e-4),
+    "depths, large": lambda: depths(lambda: noisy_grid(700, 8000), "CERTIFIED", "CONTROL", 1e-3),
+    "depths, trapezohedron": lambda: depths(lambda: trapezohedron(40), "CERTIFIED", "CONTROL", 1e-4),
+    "depths, dart": lambda: depths(lambda: dart(64), "CERTIFIED", "CONTROL", 1e-3),
+    "depths, undecidable": lambda: depths(lambda: parabola(40), "CERTIFIED", "CONTROL", 1 / 3 / diagonal(parabola(40))),
+    "depths by norms, poles": lambda: depths(lambda: poles(200, 20), "SECOND_ORDER", "CONTROL", 1e-3),
     "depths by norms": lambda: depths(lambda: noisy_grid(250, 3000), "SECOND_ORDER", "CONTROL", 1e-4),
     "depths by norms, creases": lambda: depths(lambda: creased_landscape(60), "SHARP", "CONTROL", 1e-4),
     "small depths": lambda: small_depths(30),
+    "deep level": lambda: bounds_at(lambda: noisy_grid(60, 100), 1e-5, 8),
     "level": lambda: level(lambda: creased_landscape(16), 1e-3),
     "adaptive": lambda: adaptive(lambda: refined(saved_suzanne(), 2), 8e-5),
     "adaptive, coarse": lambda: adaptive(lambda: refined(saved_suzanne(), 1), 3e-4),
@@ -331,6 +415,7 @@ WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     "deviation": lambda: deviation(saved_suzanne, 2),
     "deviation, creases": lambda: deviation(lambda: creased_landscape(12), 2),
     "writing": lambda: written(5e-5),
+    "staleness": lambda: staleness(60),
     "objects": lambda: operators(300, with_modifiers=False),
     "objects with modifiers": lambda: operators(200, with_modifiers=True),
 }
@@ -626,8 +711,9 @@ ENTRIES = [
     Entry(ARRAYS + "threads._threads", "new ones for each call", by(a_pool_each), THREADS, by_clock=True),
     Entry(ARRAYS + "matrix_products.matrix_product", "numpy's own", by(numpy_product), ("depths", "adaptive")),
     at_once(ARRAYS + "matrix_products.COLUMNS_AT_ONCE", "depths", "adaptive", "depths, extraordinary"),
+    at_once(ARRAYS + "chunks.AT_ONCE", "depths", "depths, limit", "writing", "deviation"),
+    at_once(ARRAYS + "chunks.FEW_AT_ONCE", *BOTH_DEVIATIONS, "depths by norms, creases", "adaptive, n-gons"),
     Entry(ARRAYS + "chunks.gathered", "numpy's own", by(gathered_at_once), ("adaptive",)),
-    at_once(ARRAYS + "chunks.GATHERED_CHUNK", "adaptive"),
     Entry(ARRAYS + "vectors.component_major", "left as they are", by(as_it_is), SUZANNE),
     Entry(ARRAYS + "vectors.cross_products", "numpy's own", by(numpy_cross), ("adaptive", "adaptive, n-gons")),
     Entry(ARRAYS + "vectors.squared_norms", "einsum", by(numpy_norms), ("depths", "adaptive", "deviation")),
@@ -642,11 +728,6 @@ ENTRIES = [
         by(no_topology),
         ("small depths", "writing", "depths by norms"),
     ),
-    Entry(
-        MESH + "submesh.SORTED_UP_TO", "all entries scanned", set_to(UNLIMITED), ("depths, extraordinary", "adaptive")
-    ),
-    at_once(MESH + "submesh.INDICES_AT_ONCE", "adaptive", "depths, creases"),
-    Entry(MESH + "validation.LARGEST_COMPARED_SIZE", "vertices sorted", set_to(0), ("depths by norms", "depths")),
     Entry(MESH + "validation.CLEAR_ANGLE", "all faces measured", set_to(ALWAYS), ("depths by norms", "depths")),
     # The surface.
     Entry(
@@ -656,21 +737,15 @@ ENTRIES = [
         ("adaptive, large pole", "depths, pole"),
     ),
     Entry(SURFACE + "stencils.LARGEST_STENCIL_VALENCE", "none by stencils", set_to(0), EXTRAORDINARY),
-    at_once(SURFACE + "evaluation.PATCHES_AT_ONCE", "writing", "adaptive, triangles"),
-    at_once(SURFACE + "evaluation.REFINED_AT_ONCE", "writing", "adaptive, creases", "adaptive, n-gons"),
-    at_once(SURFACE + "evaluation.POINTS_ON_PATCHES", "writing"),
-    at_once(SURFACE + "evaluation.POINTS_AT_ONCE", "writing"),
     # Depths.
-    at_once(CERTIFIED + "REGULAR_FACES_AT_ONCE", "depths", "depths, limit"),
     at_once(CERTIFIED + "OTHER_FACES_AT_ONCE", "depths, extraordinary", "depths, creases"),
-    at_once(CERTIFIED + "OTHER_FACES_TOGETHER", "depths, extraordinary", "depths, creases"),
-    Entry(CERTIFIED + "OTHER_FACES_TOGETHER", "each chunk on its own", set_to(1 << 10), NOT_REGULAR),
-    Entry(CERTIFIED + "MOST_PIECES", "unlimited", set_to(UNLIMITED), ("depths, creases", "depths, limit")),
+    Entry(CERTIFIED + "OTHER_FACES_TOGETHER", "each chunk on its own", set_to(1 << 10), ("depths, large",)),
+    Entry(CERTIFIED + "MOST_PIECES", "unlimited", set_to(UNLIMITED), ("depths, undecidable",)),
     Entry(
         CERTIFIED + "_CertifiedSearch._evaluate_corners",
         "not tried first",
         by(nothing),
-        ("depths, extraordinary", "small depths"),
+        ("depths, extraordinary", "depths, trapezohedron"),
     ),
     Entry(
         CERTIFIED + "_Patches.rough_bounds",
@@ -678,10 +753,8 @@ ENTRIES = [
         by(no_norms),
         ("depths, extraordinary", "depths, creases", "level"),
     ),
-    Entry(CERTIFIED + "_CertifiedSearch._settle_early", "not tried", by(nothing), ("level",)),
-    at_once(DEPTH + "norm_depth.REGULAR_FACES_AT_ONCE", "depths by norms"),
-    at_once(DEPTH + "norm_depth.EXTRAORDINARY_POINTS_AT_ONCE", "depths by norms"),
-    at_once(DEPTH + "norm_depth.IRREGULAR_FACES_AT_ONCE", "depths by norms, creases"),
+    Entry(CERTIFIED + "_CertifiedSearch._settle_early", "not tried", by(nothing), ("level", "deep level")),
+    at_once(DEPTH + "norm_depth.EXTRAORDINARY_POINTS_AT_ONCE", "depths by norms, poles"),
     # Adaptive meshes: the tree and its stores.
     Entry(ADAPTIVE + "quadtree.SLACK", "no slack", set_to(1.0), NETS),
     Entry(ADAPTIVE + "quadtree.Quadtree.reserve", "columns grow by themselves", by(nothing), SUZANNE),
@@ -742,10 +815,8 @@ ENTRIES = [
     Entry(LEAVES + "triangle_bounds.QUARTERED_LEVELS", "none", set_to(0), EXTRAORDINARY),
     Entry(LEAVES + "triangle_bounds.QUARTERED_LEVELS", "all", set_to(5), EXTRAORDINARY),
     # Attributes and writing.
-    at_once("core.attributes.interpolation.BLOCK", "writing"),
     Entry("core.attributes.interpolation.at_corners", "at every corner", by(evaluated_everywhere), ("writing",)),
     # Deviation.
-    at_once(DEVIATION + "surface_to_mesh.PIECES_AT_ONCE", *BOTH_DEVIATIONS),
     Entry(DEVIATION + "surface_to_mesh.LOOKED_AT", "unlimited", set_to(UNLIMITED), BOTH_DEVIATIONS),
     Entry(DEVIATION + "surface_to_mesh.SMALL_FOR_ONE", "one triangle always tried", set_to(ALWAYS), BOTH_DEVIATIONS),
     Entry(DEVIATION + "surface_to_mesh.SMALL_FOR_ONE", "one triangle never tried", set_to(NEVER), BOTH_DEVIATIONS),
@@ -756,15 +827,11 @@ ENTRIES = [
     Entry(DEVIATION + "surface_to_mesh.ROUNDS_FOR_FACES", "all rounds", set_to(UNLIMITED), BOTH_DEVIATIONS),
     Entry(DEVIATION + "mesh_to_surface.ROUNDS_FOR_FACES", "all rounds", set_to(UNLIMITED), BOTH_DEVIATIONS),
     Entry(DEVIATION + "findings.SHARE_OF_LARGEST", "0", set_to(0.0), BOTH_DEVIATIONS),
-    at_once(DEVIATION + "mesh_to_surface.PARTS_AT_ONCE", *BOTH_DEVIATIONS),
-    at_once(DEVIATION + "mesh_to_surface.FACETS_AT_ONCE", *BOTH_DEVIATIONS),
     Entry(DEVIATION + "mesh_to_surface.LOOKED_AT", "unlimited", set_to(UNLIMITED), BOTH_DEVIATIONS),
     Entry(DEVIATION + "mesh_to_surface.MEASURED", "unlimited", set_to(UNLIMITED), BOTH_DEVIATIONS),
     Entry(DEVIATION + "mesh_to_surface.GROWN", "tree never made anew", set_to(ALWAYS), BOTH_DEVIATIONS),
     Entry(DEVIATION + "mesh_to_surface.GROWN", "tree made anew each round", set_to(0.0), BOTH_DEVIATIONS),
     Entry(DEVIATION + "bezier_pieces.FIRST_REFINEMENTS", "none", set_to(0), BOTH_DEVIATIONS),
-    at_once(DEVIATION + "bezier_pieces.SPLIT_AT_ONCE", *BOTH_DEVIATIONS),
-    at_once(DEVIATION + "bezier_pieces.NETS_AT_ONCE", *BOTH_DEVIATIONS),
     Entry(DEVIATION + "box_tree.BRANCHES", "2", set_to(2), BOTH_DEVIATIONS),
     Entry(DEVIATION + "box_tree.BRANCHES", "32", set_to(32), BOTH_DEVIATIONS),
     Entry(DEVIATION + "box_tree.TRIED", "1", set_to(1), BOTH_DEVIATIONS),
@@ -817,9 +884,7 @@ CACHES = {
             DEVIATION + "bezier_pieces.BezierPieces.edge_units",
             "exchange.control_mesh.MeshAsRead.key",
             "exchange.control_mesh.MeshAsRead.mesh",
-            "exchange.control_mesh.ControlMesh.in_world",
             "exchange.object_state._kept_fields",
-            "tasks.adaptive_task.AdaptiveTask.control",
         )
     },
 }
