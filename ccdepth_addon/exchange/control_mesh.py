@@ -104,7 +104,7 @@ class ControlMesh:
         """In object space, with its sharpness explicit."""
         return self.read.mesh
 
-    @cached_property
+    @property
     def in_world(self) -> PolygonMesh:
         """The mesh with the object's rotation, scale and shear applied, and without its location."""
         # Positions that are not finite are found and refused later.

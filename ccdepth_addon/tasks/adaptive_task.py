@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
 from math import ceil, floor, log10
 from typing import Any
 
@@ -111,7 +110,7 @@ class AdaptiveTask:
     surface: Surface
     allowance: float
 
-    @cached_property
+    @property
     def control(self) -> ControlMesh:
         """The control mesh where it is proved."""
         return self.surface.control.thickened()
