@@ -248,10 +248,9 @@ def diagonal(mesh: Any) -> float:
 
 def adaptive_mesh(mesh: Any, tolerance: float, most_faces: int = 10_000_000) -> Any:
     from ccdepth_addon.core import AdaptiveRequest, Mode, Transitions, subdivide_adaptively
-    from tests.steps import result_of
 
     request = AdaptiveRequest(tolerance * diagonal(mesh), Mode.ADAPTIVE, Transitions.TRIANGLES, most_faces)
-    return result_of(subdivide_adaptively(mesh, request, mesh.positions))
+    return subdivide_adaptively(mesh, request, mesh.positions)
 
 
 def adaptive(make: Callable[[], Any], tolerance: float) -> Callable[[], Any]:
@@ -405,6 +404,7 @@ WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     "deep level": lambda: bounds_at(lambda: noisy_grid(60, 100), 1e-5, 8),
     "level": lambda: level(lambda: creased_landscape(16), 1e-3),
     "adaptive": lambda: adaptive(lambda: refined(saved_suzanne(), 2), 8e-5),
+    "adaptive, large": lambda: adaptive(lambda: refined(saved_suzanne(), 3), 1e-5),
     "adaptive, coarse": lambda: adaptive(lambda: refined(saved_suzanne(), 1), 3e-4),
     "adaptive, creases": lambda: adaptive(lambda: creased_landscape(7), 3e-4),
     "adaptive, triangles": lambda: adaptive(lambda: triangulated(6), 1e-3),
@@ -563,9 +563,9 @@ def a_pool_each(_: Any) -> Any:
     mapped = threads.map_in_threads
     pools: list[ThreadPoolExecutor] = []
 
-    def mapped_anew(function: Any, tasks: Any) -> Any:
+    def mapped_anew(*given: Any) -> Any:
         pools.append(ThreadPoolExecutor(threads._thread_count()))
-        yield from mapped(function, tasks)
+        yield from mapped(*given)
         pools.pop().shutdown()
 
     replace_with("core.arrays.threads.map_in_threads", mapped_anew)
@@ -611,7 +611,6 @@ def none_through_parents(_: Any) -> Any:
     def through(plan: Any, parents: Any) -> Any:
         growth._place(plan, parents, parents.points())
         count = len(parents.nodes)
-        yield plan.tree.leaf_count
         return np.ones((4, count), dtype=bool), np.zeros((4, count), dtype=bool)
 
     return through
@@ -713,7 +712,7 @@ ENTRIES = [
     at_once(ARRAYS + "matrix_products.COLUMNS_AT_ONCE", "depths", "adaptive", "depths, extraordinary"),
     at_once(ARRAYS + "chunks.AT_ONCE", "depths", "depths, limit", "writing", "deviation"),
     at_once(ARRAYS + "chunks.FEW_AT_ONCE", *BOTH_DEVIATIONS, "depths by norms, creases", "adaptive, n-gons"),
-    Entry(ARRAYS + "chunks.gathered", "numpy's own", by(gathered_at_once), ("adaptive",)),
+    Entry(ARRAYS + "chunks.gathered", "numpy's own", by(gathered_at_once), ("adaptive, large",)),
     Entry(ARRAYS + "vectors.component_major", "left as they are", by(as_it_is), SUZANNE),
     Entry(ARRAYS + "vectors.cross_products", "numpy's own", by(numpy_cross), ("adaptive", "adaptive, n-gons")),
     Entry(ARRAYS + "vectors.squared_norms", "einsum", by(numpy_norms), ("depths", "adaptive", "deviation")),
@@ -758,7 +757,7 @@ ENTRIES = [
     # Adaptive meshes: the tree and its stores.
     Entry(ADAPTIVE + "quadtree.SLACK", "no slack", set_to(1.0), NETS),
     Entry(ADAPTIVE + "quadtree.Quadtree.reserve", "columns grow by themselves", by(nothing), SUZANNE),
-    at_once(ADAPTIVE + "quadtree.NODES_AT_ONCE", "adaptive", "adaptive, coarse"),
+    at_once(ADAPTIVE + "quadtree.NODES_AT_ONCE", "adaptive, large", "adaptive, coarse"),
     Entry(
         ADAPTIVE + "balance.LEAVES_BESIDE",
         "all leaves tested",
@@ -766,27 +765,37 @@ ENTRIES = [
         ("adaptive", "adaptive, creases", "adaptive, pole"),
     ),
     Entry(ADAPTIVE + "balance.FEWEST_SIDES", "sides of all leaves counted", set_to(0), SUZANNE),
-    at_once(ADAPTIVE + "growth.CELLS_KEPT_TOGETHER", "adaptive", "adaptive, coarse"),
-    at_once(ADAPTIVE + "growth.PARENTS_AT_ONCE", "adaptive", "adaptive, coarse"),
-    at_once(ADAPTIVE + "growth.NODES_SPLIT_AT_ONCE", "adaptive"),
-    Entry(ADAPTIVE + "growth.approximate_new", "children kept, not made again", by(children_kept), SUZANNE),
-    Entry(ADAPTIVE + "growth._place", "positions evaluated at the end", by(nothing), ("adaptive", "adaptive, creases")),
+    at_once(ADAPTIVE + "growth.CELLS_KEPT_TOGETHER", "adaptive, large", "adaptive, coarse"),
+    at_once(ADAPTIVE + "growth.PARENTS_AT_ONCE", "adaptive, large", "adaptive, coarse"),
+    at_once(ADAPTIVE + "growth.NODES_SPLIT_AT_ONCE", "adaptive, large"),
+    Entry(
+        ADAPTIVE + "growth.approximate_new",
+        "children kept, not made again",
+        by(children_kept),
+        ("adaptive, large", "adaptive, coarse"),
+    ),
+    Entry(
+        ADAPTIVE + "growth._place",
+        "positions evaluated at the end",
+        by(nothing),
+        ("adaptive, large", "adaptive, creases"),
+    ),
     Entry(
         ADAPTIVE + "approximation_store.ApproximationStore.put",
         "error bounds kept of all nodes",
         by(all_entries),
-        ("adaptive",),
+        ("adaptive, large",),
     ),
     Entry(ADAPTIVE + "neighbour_bounds._are_at_vertices", "all star bounds anew", by(everywhere), ALL_ADAPTIVE),
     Entry(ADAPTIVE + "plan.SURELY_TOO_MANY", "not refused early", set_to(ALWAYS), ("adaptive, refused",)),
-    at_once(ADAPTIVE + "tessellation.POLYGONS_AT_ONCE", "adaptive", "adaptive, coarse"),
-    at_once(ADAPTIVE + "tessellation.EDGES_AT_ONCE", "adaptive"),
+    at_once(ADAPTIVE + "tessellation.POLYGONS_AT_ONCE", "adaptive, large", "adaptive, coarse"),
+    at_once(ADAPTIVE + "tessellation.EDGES_AT_ONCE", "adaptive, large"),
     Entry(ADAPTIVE + "template_choice.PROMISING", "no star bounds", set_to(NEVER), ALL_ADAPTIVE),
     Entry(ADAPTIVE + "template_choice.PROMISING", "1", set_to(1.0), ALL_ADAPTIVE),
     Entry(ADAPTIVE + "template_choice.SLOPE_OF_HEIGHT", "0", set_to(0.0), ALL_ADAPTIVE),
-    at_once(ADAPTIVE + "template_choice.CELLS_IN_CACHE", "adaptive"),
+    at_once(ADAPTIVE + "template_choice.CELLS_IN_CACHE", "adaptive, large"),
     # Adaptive meshes: cells and their bounds.
-    at_once(CELLS + "patch_cells.CELLS_AT_ONCE", "adaptive", "adaptive, pole", "adaptive, coarse"),
+    at_once(CELLS + "patch_cells.CELLS_AT_ONCE", "adaptive, large", "adaptive, pole", "adaptive, coarse"),
     Entry(CELLS + "patch_cells.SMALL_REST", "0: always finer", set_to(0.0), NETS),
     Entry(CELLS + "patch_cells.SMALL_REST", "never finer", set_to(ALWAYS), NETS),
     Entry(CELLS + "patch_cells.REFINABLE_QUADRATIC", "always finer", set_to(ALWAYS), SUZANNE),
@@ -803,11 +812,11 @@ ENTRIES = [
         by(none_through_parents),
         ALL_ADAPTIVE,
     ),
-    at_once(LEAVES + "child_bounds.QUADS_AT_ONCE", "adaptive", "adaptive, coarse"),
-    at_once(LEAVES + "star_bounds.TRIANGLES_AT_ONCE", "adaptive", "adaptive, coarse"),
+    at_once(LEAVES + "child_bounds.QUADS_AT_ONCE", "adaptive, large", "adaptive, coarse"),
+    at_once(LEAVES + "star_bounds.TRIANGLES_AT_ONCE", "adaptive, large", "adaptive, coarse"),
     Entry(LEAVES + "irregular_bounds.NEAR_FACET", "1", set_to(1.0), IRREGULAR),
     Entry(LEAVES + "irregular_bounds.NEAR_FACET", "0", set_to(0.0), IRREGULAR),
-    at_once(LEAVES + "triangle_bounds.VALUES_AT_ONCE", "adaptive", "adaptive, pole", "adaptive, coarse"),
+    at_once(LEAVES + "triangle_bounds.VALUES_AT_ONCE", "adaptive, large", "adaptive, pole", "adaptive, coarse"),
     Entry(LEAVES + "triangle_bounds.FEWEST_AT_ONCE", "1", set_to(1), EXTRAORDINARY),
     Entry(LEAVES + "triangle_bounds.QUARTERINGS", "not quartered", set_to(0), SUZANNE),
     Entry(LEAVES + "triangle_bounds.COARSE_LEVELS", "as many as fine", set_to(5), EXTRAORDINARY),
