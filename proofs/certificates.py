@@ -50,7 +50,7 @@ class NotCertifiedError(Exception):
 
 def difference_matrix(valence: int) -> FloatArray:
     """D: (2n + 10, 2n + 8)."""
-    rows = second_differences(valence)
+    rows = second_differences(valence).T
     differences = np.zeros((len(rows), 2 * valence + 8))
     for row, (a, b, c) in enumerate(rows):
         np.add.at(differences[row], [a, b, c], [2, -1, -1])

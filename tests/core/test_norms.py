@@ -53,7 +53,7 @@ def test_every_listed_difference_is_in_the_norm(valence: int) -> None:
     """Random nets do not reach each of the 2n + 10 as the largest, so the list itself is compared too."""
     listed = nets.listed_differences(valence)
     assert len(set(listed)) == len(listed) == 2 * valence + 10
-    core = [(a + 1, *sorted((b + 1, c + 1))) for a, b, c in second_differences(valence)]
+    core = [(a + 1, *sorted((b + 1, c + 1))) for a, b, c in second_differences(valence).T.tolist()]
     assert sorted(core) == sorted((a, *sorted((b, c))) for a, b, c in listed)
 
 

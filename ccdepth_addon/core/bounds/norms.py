@@ -33,20 +33,17 @@ def second_order_norm_regular(net: FloatArray) -> FloatArray:
     return np.maximum(_largest(along_u), _largest(along_v))
 
 
-def second_differences(valence: int) -> list[tuple[int, int, int]]:
-    """The 2n + 10 second differences 2V_a - V_b - V_c of an extraordinary net, as indices (a, b, c) into it.
+def second_differences(valence: int) -> NDArray[np.intp]:
+    """(3, 2n + 10): the second differences 2V_a - V_b - V_c of an extraordinary net, as indices a, b and c into it.
 
     Cheng, Chen and Yong 2006, section 3: n of a spoke with the spoke after the next, n of a spoke between its two
     diagonals, and ten in the outer rows.
     """
     n = valence
-
-    def ring(number: int) -> int:
-        return ring_index(n, number)
-
-    spokes = [(0, ring(2 * i), ring(2 * i + 4)) for i in range(1, n + 1)]
-    diagonals = [(ring(2 * i + 2), ring(2 * i + 1), ring(2 * i + 3)) for i in range(1, n + 1)]
-    v1, v2, v3, v4, v5, v6, v7, v8 = 0, *(ring(number) for number in range(2, 9))
+    numbers = np.arange(1, n + 1)
+    spokes = [np.zeros(n, dtype=np.intp), ring_index(n, 2 * numbers), ring_index(n, 2 * numbers + 4)]
+    diagonals = [ring_index(n, 2 * numbers + end) for end in (2, 1, 3)]
+    v1, v2, v3, v4, v5, v6, v7, v8 = 0, *(ring_index(n, number) for number in range(2, 9))
     o2, o3, o4, o5, o6, o7, o8 = range(2 * n + 1, 2 * n + 8)
     outer = [
         (v3, v2, o8),
@@ -60,21 +57,16 @@ def second_differences(valence: int) -> list[tuple[int, int, int]]:
         (o3, o2, o4),
         (o4, o3, o5),
     ]
-    return spokes + diagonals + outer
+    return np.hstack([spokes, diagonals, np.transpose(outer)])
 
 
 def second_order_norm_extraordinary(net: FloatArray) -> FloatArray:
     """M of an extraordinary patch: the largest of its 2n + 10 second differences."""
-    middles, ones, others = _second_difference_ends((len(net) - 8) // 2)
+    middles, ones, others = second_differences((len(net) - 8) // 2)
     differences = 2 * net.take(middles, axis=0)
     differences -= net.take(ones, axis=0)
     differences -= net.take(others, axis=0)
     return np.sqrt(squared_norms(differences).max(axis=0))
-
-
-def _second_difference_ends(valence: int) -> tuple[tuple[int, ...], ...]:
-    """All a, all b and all c of ``second_differences``."""
-    return tuple(zip(*second_differences(valence), strict=True))
 
 
 def first_order_norm_regular(net: FloatArray) -> FloatArray:
@@ -94,5 +86,8 @@ def first_order_norm_extraordinary(net: FloatArray) -> FloatArray:
 
 def _edge_ends(valence: int) -> NDArray[np.intp]:
     """(2, edges): the two ends of every edge that a second difference spans."""
-    edges = {(min(a, end), max(a, end)) for a, b, c in second_differences(valence) for end in (b, c)}
-    return np.array(sorted(edges), dtype=np.intp).T.copy()
+    middles, ones, others = second_differences(valence)
+    ends = np.concatenate([middles, middles]), np.concatenate([ones, others])
+    points = 2 * valence + 8
+    edges = np.unique(points * np.minimum(*ends) + np.maximum(*ends))
+    return np.array(np.divmod(edges, points))

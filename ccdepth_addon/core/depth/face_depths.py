@@ -102,8 +102,9 @@ def level_bounds(mesh: PolygonMesh, tolerance: float, method: str, vertices: str
     """
     check_input(mesh, tolerance)
     bounds = np.full(mesh.face_count, np.inf)
-    every = np.arange(mesh.face_count), tolerance
-    for block in _level_bounds_in_chunks(mesh, *every, Method(method), Vertices(vertices), level, lambda: None):
+    every = np.arange(mesh.face_count)
+    kinds = Method(method), Vertices(vertices)
+    for block in _level_bounds_in_chunks(mesh, every, tolerance, *kinds, level, lambda: None):
         bounds[block.faces] = block.bounds
     return bounds
 

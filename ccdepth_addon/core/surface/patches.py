@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +25,8 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import corners_of_faces
 from .sharpness import VertexRule, has_semi_sharp, vertex_rules
+
+Number = TypeVar("Number", int, IndexArray)
 
 
 class PatchKind(IntEnum):
@@ -198,8 +201,11 @@ def _extrapolate(net: FloatArray, sharp: BoolArray) -> None:
             net[:, j, patches] = 2 * net[:, inner, patches] - net[:, second, patches]
 
 
-def ring_index(valence: int, number: int) -> int:
-    """Index into an extraordinary net of ring point V_number, whose numbers 2 … 2n + 1 wrap around."""
+def ring_index(valence: int, number: Number) -> Number:
+    """Index into an extraordinary net of ring point V_number, whose numbers 2 … 2n + 1 wrap around.
+
+    number: an int, or an array of intp.
+    """
     return (number - 2) % (2 * valence) + 1
 
 

@@ -446,7 +446,8 @@ def extraordinary_rows(valence: int, pattern: int, alternative: int, *, fine: bo
         net = stencils.refined @ net
     facet = bilinear_coefficients(stencils.limits @ net).reshape(16, -1)
     last = Rows.joined([template_rows(pattern, alternative, 4**levels).of(facet, points)])
-    differences = np.array([2 * net[a] - net[b] - net[c] for a, b, c in second_differences(valence)])
+    middles, ones, others = second_differences(valence)
+    differences = 2 * net[middles] - net[ones] - net[others]
     return ExtraordinaryRows(Rows.joined(rows), last, differences)
 
 
