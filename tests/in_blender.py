@@ -28,10 +28,7 @@ def run(options: list[str]) -> None:
     os.chdir(CHECKOUT)
     # Nothing may be written into the checkout, nor read from what another Python left there.
     sys.dont_write_bytecode = True
-    status = pytest.main(["tests/blender", "-p", "no:cacheprovider", *options])
-    sys.stdout.flush()
-    sys.stderr.flush()
-    os._exit(int(status))
+    raise SystemExit(int(pytest.main(["tests/blender", "-p", "no:cacheprovider", *options])))
 
 
 if __name__ == "__main__":

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 from typing import TYPE_CHECKING
 
 import bpy
@@ -23,6 +25,29 @@ def startup_file() -> None:
     bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes])
     # The quickest method: these tests are about the way from Blender to the core and back.
     bpy.context.scene.ccdepth.method = "SECOND_ORDER"
+
+
+class EndWithoutWindingUp:
+    """Ends the process with pytest's status once all is said, because Blender as a module can crash or hang at exit."""
+
+    def __init__(self) -> None:
+        self._status = int(pytest.ExitCode.INTERNAL_ERROR)
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_sessionfinish(self, exitstatus: int) -> None:
+        self._status = int(exitstatus)
+
+    @pytest.hookimpl(trylast=True)
+    def pytest_unconfigure(self) -> None:
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(self._status)
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    # A worker process has to wind up: it sends its results meanwhile.
+    if not hasattr(config, "workerinput"):
+        config.pluginmanager.register(EndWithoutWindingUp())
 
 
 @pytest.fixture
