@@ -104,7 +104,12 @@ def _parser(program: str) -> argparse.ArgumentParser:
     )
     _add_adaptive_options(parser)
     parser.add_argument("--output", type=Path, metavar="BLEND", help="write a .blend file with the results")
-    parser.add_argument("--picture", type=Path, metavar="PNG", help="render the heat map with its legend")
+    parser.add_argument(
+        "--picture",
+        type=Path,
+        metavar="PNG",
+        help="render the heat map of the depths with its legend; with --subdivide, of the distances proved",
+    )
     return parser
 
 
@@ -190,8 +195,6 @@ def _subdivide(objects: list[bpy.types.Object]) -> list[bpy.types.Object]:
 
 
 def _refuse_impossible_paths(options: argparse.Namespace) -> None:
-    if options.subdivide and options.picture is not None:
-        raise CommandError("--picture shows depths, and cannot be had with --subdivide")
     if options.mesh is not None:
         if options.mesh.suffix.lower() not in {".blend", *IMPORTERS}:
             raise CommandError(f"{options.mesh}: not a .blend, .obj, .ply or .stl file")
@@ -305,6 +308,10 @@ def _subtitle(objects: list[bpy.types.Object]) -> str:
         lengths = {obj.data.ccdepth.world_tolerance for obj in objects}
         if len(lengths) == 1:
             tolerance += f" ({record.world_tolerance:.4g})"
+    if record.subdivision:
+        largest = max(obj.data.ccdepth.largest_bound for obj in objects)
+        faces = sum(mesh.ccdepth.faces for mesh in {obj.data for obj in objects})
+        return f"Tolerance {tolerance} · {faces:,} faces · Largest distance proved: {largest:.4g}"
     return f"Tolerance {tolerance} · {METHOD_TEXTS[record.method][0]} · Vertices: {VERTEX_TEXTS[record.vertices]}"
 
 

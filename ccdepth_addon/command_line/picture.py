@@ -7,10 +7,8 @@ above by an orthographic camera. Surfaces glow in their own colours, so those of
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from math import cos, radians, sin
 from pathlib import Path
 from typing import Any
@@ -22,10 +20,11 @@ from mathutils import Matrix
 from ..core import FloatArray
 from ..exchange.control_mesh import counted_modifiers, read_values
 from ..exchange.result_attributes import COLOR
-from ..state import results
-from ..state.colors import palette, to_linear
-
-Color = tuple[float, ...]
+from ..state import results, shown_colors
+from ..state.colors import BEYOND, scale_colors, to_linear
+from ..ui.distance_scale import Scale
+from ..ui.legend_contents import legends
+from ..ui.legend_layout import Color, Legend
 
 WIDTH, HEIGHT = 1600, 1000
 MARGIN = 70
@@ -41,6 +40,9 @@ TITLE_SIZE = 44
 TEXT_SIZE = 24
 LARGEST_ROW_HEIGHT = 40
 SWATCH_WIDTH = 46
+SCALE_HEIGHT = 480
+SCALE_STEPS = 240
+TICK_WIDTH = 8
 
 BACKGROUND_COLOR = (0.035, 0.036, 0.040)
 TITLE_COLOR = (0.90, 0.90, 0.90)
@@ -63,15 +65,6 @@ class PictureError(RuntimeError):
     """There is nothing to make a picture of, or no way to; the message says why."""
 
 
-@dataclass(frozen=True)
-class PictureLegend:
-    """The legend's rows, the deepest first: depths, their numbers of faces, and their sRGB colours."""
-
-    depths: list[int]
-    faces: list[int]
-    colors: list[Color]
-
-
 def render(
     context: bpy.types.Context,
     objects: Sequence[bpy.types.Object],
@@ -79,13 +72,18 @@ def render(
     title: str,
     subtitle: str,
 ) -> None:
-    """Render the heat map of objects that depths have been computed for, to a PNG file.
+    """Render the heat map of objects that have results, to a PNG file.
 
-    What is shown of each is its control mesh. The file's own scenes and objects stay as they are. Raises PictureError.
+    What is shown of each is its control mesh with its depths, or its adaptive mesh with its distances. The file's own
+    scenes and objects stay as they are; meshes get the colours that they lack. Raises PictureError.
     """
     shown = [obj for obj in objects if results.has_result(obj.data)]
     if not shown:
         raise PictureError("there are no depths to make a picture of")
+    settings = context.scene.ccdepth
+    for mesh in {obj.data for obj in shown}:
+        if not shown_colors.is_current(mesh, settings):
+            shown_colors.write_colors(mesh, settings)
     with _temporary_data():
         scene = _new_scene()
         meshes = [_shown_mesh(context, scene, obj) for obj in shown]
@@ -93,7 +91,7 @@ def render(
         fit = _fitting(meshes, matrices)
         for mesh, matrix in zip(meshes, matrices, strict=True):
             _add_heat_map(scene, mesh, fit @ matrix)
-        _add_legend(scene, _legend([obj.data for obj in shown]))
+        _add_legend(scene, legends(context.scene, shown)[0])
         _add_text(scene, title, TITLE_SIZE, TITLE_COLOR, MARGIN, HEIGHT - MARGIN - 0.75 * TITLE_SIZE)
         _add_text(scene, subtitle, TEXT_SIZE, TEXT_COLOR, MARGIN, HEIGHT - MARGIN - 0.75 * TITLE_SIZE - 46)
         _write_picture(scene, path)
@@ -218,36 +216,52 @@ def _add_edges(scene: bpy.types.Scene, mesh: bpy.types.Mesh, matrix: Matrix, wid
     wireframe.use_boundary = True
 
 
-def _legend(meshes: list[bpy.types.Mesh]) -> PictureLegend:
-    """The rows of all meshes together, and the colours of the first: those computed together have the same."""
-    faces = Counter[int]()
-    for mesh in set(meshes):
-        for row in mesh.ccdepth.rows:
-            faces[row.depth] += row.faces
-    record = meshes[0].ccdepth
-    colors = palette(record.least_color_depth, record.deepest_color_depth)
-    depths = sorted(faces, reverse=True)
-    return PictureLegend(
-        depths, [faces[depth] for depth in depths], [colors[depth - record.least_color_depth] for depth in depths]
-    )
+def _add_legend(scene: bpy.types.Scene, legend: Legend) -> None:
+    if legend.scale is None:
+        _add_rows(scene, legend)
+    else:
+        _add_scale(scene, legend.scale(LARGEST_ROW_HEIGHT / SCALE_HEIGHT))
 
 
-def _add_legend(scene: bpy.types.Scene, legend: PictureLegend) -> None:
+def _add_rows(scene: bpy.types.Scene, legend: Legend) -> None:
     left, right = WIDTH - MARGIN - LEGEND_WIDTH, WIDTH - MARGIN
     space = HEIGHT - 2 * MARGIN
-    row_height = min(LARGEST_ROW_HEIGHT, space / (len(legend.depths) + 1))
+    row_height = min(LARGEST_ROW_HEIGHT, space / (len(legend.rows) + 1))
     size = min(TEXT_SIZE, 0.75 * row_height)
     depth_right = left + SWATCH_WIDTH + 3.2 * size
-    top = HEIGHT / 2 + row_height * (len(legend.depths) + 1) / 2
+    top = HEIGHT / 2 + row_height * (len(legend.rows) + 1) / 2
     baseline = 0.5 * row_height - 0.35 * size
     _add_text(scene, "Depth", 0.8 * size, HEADING_COLOR, depth_right, top - row_height + baseline, "RIGHT")
     _add_text(scene, "Faces", 0.8 * size, HEADING_COLOR, right, top - row_height + baseline, "RIGHT")
-    for index, depth in enumerate(legend.depths):
+    for index, row in enumerate(legend.rows):
         bottom = top - (index + 2) * row_height
-        color = tuple(to_linear(np.array(legend.colors[index])).tolist())
-        _add_rectangle(scene, left, bottom, left + SWATCH_WIDTH, bottom + row_height, color)
-        _add_text(scene, str(depth), size, TITLE_COLOR, depth_right, bottom + baseline, "RIGHT")
-        _add_text(scene, f"{legend.faces[index]:,}", size, TEXT_COLOR, right, bottom + baseline, "RIGHT")
+        _add_rectangle(scene, left, bottom, left + SWATCH_WIDTH, bottom + row_height, _linear(row.color))
+        _add_text(scene, row.label, size, TITLE_COLOR, depth_right, bottom + baseline, "RIGHT")
+        _add_text(scene, f"{row.faces:,}", size, TEXT_COLOR, right, bottom + baseline, "RIGHT")
+
+
+def _add_scale(scene: bpy.types.Scene, scale: Scale) -> None:
+    """The colours as a bar in fine steps, with numbers on its right."""
+    left, bottom = WIDTH - MARGIN - LEGEND_WIDTH, (HEIGHT - SCALE_HEIGHT) / 2
+    right, step = left + SWATCH_WIDTH, SCALE_HEIGHT / SCALE_STEPS
+    for index, color in enumerate(scale_colors(np.linspace(0.0, 1.0, SCALE_STEPS)).tolist()):
+        _add_rectangle(scene, left, bottom + index * step, right, bottom + (index + 1) * step, _linear(color))
+    highest = bottom + max(1.0, scale.marks[-1].label_height) * SCALE_HEIGHT
+    if scale.has_beyond:
+        half = LARGEST_ROW_HEIGHT / 2
+        _add_rectangle(scene, left, highest - half, right, highest + half, _linear(BEYOND))
+    for mark in scale.marks:
+        if mark.height <= 1.0:
+            y = bottom + mark.height * SCALE_HEIGHT
+            _add_rectangle(scene, right, y - 1, right + TICK_WIDTH, y + 1, TEXT_COLOR)
+        y = bottom + mark.label_height * SCALE_HEIGHT - 0.35 * TEXT_SIZE
+        _add_text(scene, f"{mark.number} {mark.note}".strip(), TEXT_SIZE, TITLE_COLOR, right + 2 * TICK_WIDTH, y)
+    _add_text(scene, scale.title, TEXT_SIZE, TEXT_COLOR, left, highest + LARGEST_ROW_HEIGHT)
+
+
+def _linear(color: Sequence[float] | None) -> Color:
+    """An sRGB colour as materials have it; a row of several depths has none."""
+    return BACKGROUND_COLOR if color is None else tuple(to_linear(np.array(color)).tolist())
 
 
 def _add_rectangle(

@@ -12,6 +12,7 @@ from ..core import needed_quality
 from ..exchange.bulk_writing import WriteError
 from ..exchange.control_mesh import mesh_face_count, subdivision_modifier
 from ..state import fingerprint, properties, results, staleness
+from ..state.shown_colors import color_depths
 from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
 from ..tasks.stepwise import Stage
 from ..tasks.surfaces import ComputeError, as_typed
@@ -43,16 +44,16 @@ class CCDEPTH_OT_compute(LongOperator):
 
     def finish(self, context: bpy.types.Context, answer: list[MeshDepths]) -> set[str]:
         meshes = _meshes_still_there(answer)
-        color_depths = min(each.least for each in answer), max(each.deepest for each in answer)
+        first_and_last = color_depths(context.scene.ccdepth)
         with ExitStack() as undo:
             for each, mesh in zip(answer, meshes, strict=True):
                 try:
-                    results.write_depths(mesh, each, *color_depths, undo)
+                    results.write_depths(mesh, each, first_and_last, undo)
                 except WriteError as fault:
                     raise ComputeError(f"{each.task.object_names[0]}: {fault}") from fault
             undo.pop_all()
         for each, mesh in zip(answer, meshes, strict=True):
-            results.write_record(mesh, each, self._settings(), *color_depths)
+            results.write_record(mesh, each, self._settings(), first_and_last)
             fingerprint.remember(mesh, each.task.geometry, each.depths, each.task.states)
             staleness.note_write(mesh)
         heat_map.synchronise(context)

@@ -53,18 +53,19 @@ class CCDEPTH_OT_measure(LongOperator):
         return f"Measuring deviation: {progress:.0%}"
 
     def finish(self, context: bpy.types.Context, answer: list[MeshDeviation]) -> set[str]:
-        settings, color_range = self._settings(), context.scene.ccdepth.deviation_range
+        settings = self._settings()
         objects = [_still_there(each) for each in answer]
         largest = max(each.proved for each in answer)
+        tops = [deviation_results.distance_top(context.scene.ccdepth, each.tolerance, largest) for each in answer]
         with ExitStack() as undo:
-            for each, measured in zip(answer, objects, strict=True):
+            for each, measured, top in zip(answer, objects, tops, strict=True):
                 try:
-                    deviation_results.write_deviations(measured.data, each, color_range, largest, undo)
+                    deviation_results.write_deviations(measured.data, each, top, undo)
                 except WriteError as fault:
                     raise ComputeError(f"{measured.name}: {fault}") from fault
             undo.pop_all()
-        for each, measured in zip(answer, objects, strict=True):
-            deviation_results.write_record(measured.data, each, settings, largest)
+        for each, measured, top in zip(answer, objects, tops, strict=True):
+            deviation_results.write_record(measured.data, each, settings, largest, top)
             measured_state.remember(measured)
             staleness.note_deviation(measured.data)
         heat_map.synchronise(context)

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .. import version
-from ..exchange.result_attributes import COLOR_KIND, DEVIATION_KIND, read_face_values, write_face_values
+from ..exchange.result_attributes import COLOR_KIND, DEVIATION_KIND, write_face_values
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation
 from . import results
-from .colors import scale_colors, to_linear
+from .colors import as_attribute, scale_colors
 
 
 class Verdict(Enum):
@@ -32,24 +32,26 @@ def verdict(proved: float, reached: float, tolerance: float) -> Verdict:
     return Verdict.NOT_MET if reached > tolerance else Verdict.UNDECIDED
 
 
-def write_deviations(
-    mesh: bpy.types.Mesh, answer: MeshDeviation, color_range: str, largest_shown: float, undo: ExitStack
-) -> None:
+def write_deviations(mesh: bpy.types.Mesh, answer: MeshDeviation, top: float, undo: ExitStack) -> None:
     """Write the answer to its mesh as attributes: deviations and colours.
 
-    color_range: what the colours stand for, by name. largest_shown: the largest deviation of all meshes measured
-    together. undo: when it is closed, the mesh has its old attributes again. Raises WriteError, with nothing changed,
-    when Blender does not keep them.
+    top: the deviation that has the last colour. undo: when it is closed, the mesh has its old attributes again. Raises
+    WriteError, with nothing changed, when Blender does not keep them.
     """
     values = results.rounded_up(answer.deviations)
-    colors = _colors(values, _top(color_range, answer.tolerance, largest_shown))
-    write_face_values(mesh, {DEVIATION_KIND: values, COLOR_KIND: colors}, undo)
+    write_face_values(mesh, {DEVIATION_KIND: values, COLOR_KIND: distance_colors(values, top)}, undo)
 
 
-def write_record(mesh: bpy.types.Mesh, answer: MeshDeviation, settings: MeasureSettings, largest_shown: float) -> None:
-    """Write the record of the answer to its mesh, which has the attributes."""
+def write_record(
+    mesh: bpy.types.Mesh, answer: MeshDeviation, settings: MeasureSettings, largest_shown: float, top: float
+) -> None:
+    """Write the record of the answer to its mesh, which has the attributes.
+
+    largest_shown: the largest deviation of all meshes measured together. top: the one that has the last colour.
+    """
     record = mesh.ccdepth
     record.has_deviation = record.shows_deviation = True
+    record.color_kind, record.color_range = results.Shown.DEVIATION.name, (0.0, _rounded_up(top))
     record.deviation = _rounded_up(answer.proved)
     # Rounded down: the distance is really there.
     record.deviation_reached = -_rounded_up(-answer.reached)
@@ -67,45 +69,26 @@ def write_record(mesh: bpy.types.Mesh, answer: MeshDeviation, settings: MeasureS
     found.largest_shown = _rounded_up(largest_shown)
 
 
-def write_colors(mesh: bpy.types.Mesh, color_range: str) -> None:
-    """Write the colours of the deviations on the mesh again."""
-    values = read_face_values(mesh, DEVIATION_KIND)
-    write_face_values(mesh, {COLOR_KIND: _colors(values, color_top(mesh.ccdepth, color_range))})
-
-
-def color_top(record: bpy.types.PropertyGroup, color_range: str) -> float:
-    """The deviation that has the last colour; never 0."""
-    found = record.measurement
-    return _top(color_range, found.world_tolerance, found.largest_shown)
-
-
-def _top(color_range: str, tolerance: float, largest: float) -> float:
-    return (tolerance if color_range == "TOLERANCE" else largest) or 1.0
+def distance_top(settings: bpy.types.PropertyGroup, tolerance: float, largest: float) -> float:
+    """The distance that has the last colour by the scene's settings; never 0."""
+    tops = {"TOLERANCE": tolerance, "LARGEST": largest, "FIXED": settings.distance_top}
+    return tops[settings.distance_range] or 1.0
 
 
 def shown_object(context: bpy.types.Context) -> bpy.types.Object | None:
     """The object whose deviation is shown: the active one if it was measured last, or else the worst of the selected
-    ones that were measured against it."""
+    ones."""
     active = context.active_object
-    if active is None or active.type != "MESH":
-        return None
-    if results.shows_deviation(active.data):
+    if active is not None and active.type == "MESH" and results.shows_deviation(active.data):
         return active
-    measured = [
-        each
-        for each in context.selected_objects
-        if each.type == "MESH"
-        and results.shows_deviation(each.data)
-        and each.data.ccdepth.measurement.against == active.name
-    ]
+    measured = [each for each in context.selected_objects if each.type == "MESH" and results.shows_deviation(each.data)]
     return max(measured, key=lambda each: each.data.ccdepth.deviation, default=None)
 
 
-def _colors(values: NDArray[np.float32], top: float) -> NDArray[np.float32]:
+def distance_colors(values: NDArray[np.float32], top: float) -> NDArray[np.float32]:
     """(F, 4): linear, on a scale up to ``top``."""
     # The largest one, rounded up to single precision, is not beyond it.
-    linear = to_linear(scale_colors(values / np.float32(_rounded_up(top))))
-    return np.concatenate([linear, np.ones((len(linear), 1))], axis=1).astype(np.float32)
+    return as_attribute(scale_colors(values / np.float32(_rounded_up(top))))
 
 
 def _rounded_up(distance: float) -> float:

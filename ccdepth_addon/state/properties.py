@@ -66,9 +66,17 @@ OUTPUT_ITEMS = (
 
 
 COLOR_RANGE_ITEMS = (
-    ("LARGEST", "Up to the Largest", "The last colour is the largest deviation of the objects measured together"),
+    (
+        "LARGEST",
+        "Up to the Largest",
+        "The last colour is the largest distance on the mesh, or on those measured together",
+    ),
     ("TOLERANCE", "Up to the Tolerance", "The last colour is the tolerance, and faces beyond it are red"),
+    ("FIXED", "Up to a Distance", "The last colour is a distance, the same on every mesh, and faces beyond it are red"),
 )
+
+# Far more than any mesh needs.
+LARGEST_COLOR_DEPTH = 32
 
 
 def tolerance_name(tolerance_mode: str) -> str:

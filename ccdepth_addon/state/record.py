@@ -73,8 +73,8 @@ class MeshRecord(bpy.types.PropertyGroup):
     exact_faces: IntProperty(description="Faces whose depth is proved to be the least that is enough")
     deepest: IntProperty()
     added_deepest: IntProperty(description="The deepest depth of faces that modifiers add, which no face stands for")
-    least_color_depth: IntProperty(description="The depth shown in the first colour of the heat map")
-    deepest_color_depth: IntProperty(description="The depth shown in the last colour of the heat map")
+    color_kind: StringProperty(description="What the colours stand for: DEPTH, BOUND or DEVIATION; empty without any")
+    color_range: FloatVectorProperty(description="What the first and the last colour stand for", size=2)
     rows: CollectionProperty(type=DepthRow)
     # A decimal number: it soon outgrows Blender's 32-bit integers.
     uniform_faces: StringProperty(

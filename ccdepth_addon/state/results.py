@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from enum import Enum
 
 import bpy
 import numpy as np
@@ -27,7 +28,15 @@ from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.depth_task import DepthSettings, MeshDepths
 from ..tasks.reduce_task import ReducedResult, triangle_count
 from ..tasks.surfaces import SurfaceSettings
-from .colors import depth_colors, to_linear
+from .colors import as_attribute, depth_colors
+
+
+class Shown(Enum):
+    """What the colours on a mesh stand for, and the title of their legend."""
+
+    DEPTH = "Subdivision Depth"
+    BOUND = "Proved Distance"
+    DEVIATION = "Deviation"
 
 
 def has_depths(mesh: bpy.types.Mesh) -> bool:
@@ -51,7 +60,7 @@ def has_any(mesh: bpy.types.Mesh) -> bool:
 
 
 def has_heat_map(mesh: bpy.types.Mesh) -> bool:
-    """Whether the mesh holds our colours; an adaptive mesh has depths and no colours."""
+    """Whether the mesh holds our colours."""
     return has_any(mesh) and has_values(mesh, COLOR_KIND)
 
 
@@ -65,29 +74,38 @@ def shows_deviation(mesh: bpy.types.Mesh) -> bool:
     return has_deviation(mesh) and (mesh.ccdepth.shows_deviation or not has_result(mesh))
 
 
+def shown(mesh: bpy.types.Mesh) -> Shown | None:
+    """What our colours on the mesh are to stand for: of an adaptive mesh the distances, as it needs no more levels."""
+    if shows_deviation(mesh):
+        return Shown.DEVIATION
+    if not has_result(mesh):
+        return None
+    return Shown.BOUND if mesh.ccdepth.subdivision else Shown.DEPTH
+
+
 def has_traces(mesh: bpy.types.Mesh) -> bool:
     """Whether there is anything of ours on the mesh to clear."""
     return mesh.ccdepth.has_result or mesh.ccdepth.has_deviation or any(has_values(mesh, kind) for kind in ATTRIBUTES)
 
 
-def write_depths(
-    mesh: bpy.types.Mesh, answer: MeshDepths, least_color_depth: int, deepest_color_depth: int, undo: ExitStack
-) -> None:
+def write_depths(mesh: bpy.types.Mesh, answer: MeshDepths, color_depths: tuple[int, int], undo: ExitStack) -> None:
     """Write the answer to its mesh as attributes, with the heat map's colours between these two depths.
 
     undo: when it is closed, the mesh has its old attributes again. Raises WriteError, with nothing changed, when
     Blender does not keep them.
     """
-    color_depths = range(least_color_depth, deepest_color_depth + 1)
-    palette = to_linear(depth_colors(color_depths, least_color_depth, deepest_color_depth))
-    opaque = np.concatenate([palette, np.ones((len(palette), 1))], axis=1).astype(np.float32)
-    colors = opaque.take(answer.depths - least_color_depth, axis=0)
+    colors = face_depth_colors(answer.depths, color_depths)
     columns = {DEPTH_KIND: answer.depths, BOUND_KIND: rounded_up(answer.bounds), COLOR_KIND: colors}
     write_face_values(mesh, columns, undo)
 
 
+def face_depth_colors(depths: NDArray[np.int32], color_depths: tuple[int, int]) -> NDArray[np.float32]:
+    """(F, 4) linear: the colours of these depths (F,), which are not negative."""
+    return as_attribute(depth_colors(range(int(depths.max(initial=0)) + 1), *color_depths)).take(depths, axis=0)
+
+
 def write_record(
-    mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSettings, least_color_depth: int, deepest_color_depth: int
+    mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSettings, color_depths: tuple[int, int]
 ) -> None:
     """Write the record of the answer to its mesh, which has the attributes."""
     record = _new_record(mesh, answer.depths, settings)
@@ -97,15 +115,14 @@ def write_record(
     record.use_modifiers = settings.use_modifiers
     record.exact_faces = int(np.count_nonzero(answer.exact))
     record.added_deepest = answer.added_deepest
-    record.least_color_depth = least_color_depth
-    record.deepest_color_depth = deepest_color_depth
+    record.color_kind, record.color_range = Shown.DEPTH.name, color_depths
     record.uniform_level = answer.uniform_level
     record.quality = answer.quality
     record.uniform_faces = str(answer.uniform_faces)
 
 
 def write_adaptive(mesh: bpy.types.Mesh, answer: AdaptiveResult, settings: AdaptiveSettings) -> None:
-    """Write depths, bounds and record of an adaptive mesh, in Object Mode; no colours: the mesh is there to be used."""
+    """Write depths, bounds and record of an adaptive mesh, in Object Mode; colours come with the heat map."""
     _write_adaptive(mesh, answer, answer.adaptive.depths, answer.bounds, settings)
 
 

@@ -5,26 +5,34 @@
 from collections.abc import Callable
 
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
 
-from ..exchange.bulk_writing import is_writable
-from . import deviation_results, properties, results, viewports
+from . import properties, viewports
+from .colors import FIRST_DEPTH, LAST_DEPTH
 
-# Called with the context when the heat map is switched on or off; the interface registers here.
+# Called with the context when the heat map is switched on or off, or its colours are to change; the interface registers
+# here.
 heat_map_listeners: list[Callable[[bpy.types.Context], None]] = []
 
 
-def _heat_map_switched(_settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+def _heat_map_changed(_settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
     for listener in heat_map_listeners:
         listener(context)
 
 
-def _color_range_changed(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    meshes = {obj.data for obj in context.scene.objects if obj.type == "MESH" and is_writable(obj.data)}
-    for mesh in meshes:
-        if results.shows_deviation(mesh):
-            deviation_results.write_colors(mesh, settings.deviation_range)
-    viewports.redraw(context)
+def _first_depth_changed(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    # Setting the other one colours the meshes.
+    if settings.first_color_depth >= settings.last_color_depth:
+        settings.last_color_depth = settings.first_color_depth + 1
+    else:
+        _heat_map_changed(settings, context)
+
+
+def _last_depth_changed(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    if settings.first_color_depth >= settings.last_color_depth:
+        settings.first_color_depth = settings.last_color_depth - 1
+    else:
+        _heat_map_changed(settings, context)
 
 
 def _redraw(_settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -56,22 +64,49 @@ class SceneSettings(bpy.types.PropertyGroup):
     max_faces: properties.max_faces_property()
     accuracy: properties.accuracy_property()
     time_limit: properties.time_limit_property()
-    deviation_range: EnumProperty(
+    first_color_depth: IntProperty(
+        name="First Color",
+        description="The depth shown in the first colour, and with it all lesser ones",
+        default=FIRST_DEPTH,
+        min=0,
+        max=properties.LARGEST_COLOR_DEPTH - 1,
+        update=_first_depth_changed,
+    )
+    last_color_depth: IntProperty(
+        name="Last Color",
+        description="The depth shown in the last colour, and with it all greater ones",
+        default=LAST_DEPTH,
+        min=1,
+        max=properties.LARGEST_COLOR_DEPTH,
+        update=_last_depth_changed,
+    )
+    distance_range: EnumProperty(
         name="Colors",
-        description="Which deviations the colours stand for",
+        description="Which distances the colours stand for",
         items=properties.COLOR_RANGE_ITEMS,
         default="LARGEST",
-        update=_color_range_changed,
+        update=_heat_map_changed,
+    )
+    distance_top: FloatProperty(
+        name="Last Color",
+        description="The distance shown in the last colour",
+        default=properties.DEFAULT_ABSOLUTE_TOLERANCE,
+        min=1e-9,
+        soft_max=10.0,
+        step=0.1,
+        precision=5,
+        subtype="DISTANCE",
+        update=_heat_map_changed,
     )
     show_heat_map: BoolProperty(
         name="Heat Map",
-        description="Show the depths or the deviations as colours in Solid shading",
+        description="Show the depths or the distances as colours in Solid shading, with flat light and edges",
         default=True,
-        update=_heat_map_switched,
+        update=_heat_map_changed,
     )
     show_legend: BoolProperty(
         name="Legend",
-        description="Show which colour stands for which depth or deviation in the 3D View",
+        description="Show which colour stands for which depth or distance in the 3D View",
         default=True,
         update=_redraw,
     )

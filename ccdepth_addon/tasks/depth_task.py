@@ -148,10 +148,6 @@ class MeshDepths:
     removed_faces: int
 
     @property
-    def least(self) -> int:
-        return int(self.depths.min(initial=self.deepest))
-
-    @property
     def deepest(self) -> int:
         return int(self.depths.max(initial=0))
 

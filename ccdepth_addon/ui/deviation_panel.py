@@ -9,7 +9,8 @@ from ..state import deviation_results, results, staleness
 from ..state.properties import tolerance_name
 from ..tasks.surfaces import as_typed
 from .lengths import Rounding, length_text
-from .panels import draw_rows
+from .panels import draw_display, draw_rows
+from .selected_results import selected_results
 
 # How a verdict is shown: icon and text.
 VERDICTS = {
@@ -64,11 +65,9 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
     column = layout.column(heading="Show")
     column.use_property_split = True
     column.use_property_decorate = False
-    column.prop(settings, "show_heat_map")
-    column.prop(settings, "show_legend")
-    column.prop(settings, "deviation_range")
+    draw_display(column, settings, distances=True)
     # Where there are depths, the button is beside those.
-    if not results.has_result(context.active_object.data):
+    if not selected_results(context):
         layout.operator("ccdepth.clear", icon="X")
 
 

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The heat map in the viewports: Solid shading is switched to show colour attributes, and put back.
+"""The heat map in the viewports: Solid shading is switched to show colour attributes in flat light, with edges, and put
+back. So a colour is that of the legend wherever it is seen.
 
 Solid shading shows a mesh's active colours alone, and painting changes them. So a mesh that is painted is shown with
 the user's colours.
@@ -12,41 +13,53 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from ..exchange.bulk_writing import is_writable
+from ..exchange.bulk_writing import WriteError, is_writable
+from ..exchange.control_mesh import mesh_face_count
 from ..exchange.result_attributes import COLOR
 from ..registration import add_handlers, remove_handlers
-from ..state import results, viewports
+from ..state import results, shown_colors, staleness, viewports
 from ..state.settings import heat_map_listeners
 
 PAINTING_MODES = {"SCULPT", "VERTEX_PAINT", "TEXTURE_PAINT"}
+
+# Edges of more faces than this hide the colours, and take long to draw.
+LARGEST_FACE_COUNT_WITH_EDGES = 200_000
+
+# Takes notice of shading that was changed.
+_handle: Any = None
 
 # The session identifiers of the objects last seen in one of them.
 _painted: set[int] = set()
 
 
 def synchronise(context: bpy.types.Context) -> None:
-    """Show the heat map on meshes and in viewports when there is one, and put them back when not.
+    """Show the heat map on meshes and in viewports when there is one, in the colours that the settings ask for, and put
+    them back when not.
 
     A viewport is switched once; when the user changes its shading afterwards, it stays so.
     """
     scene = context.scene
     if scene is None:
         return
-    wanted = scene.ccdepth.show_heat_map
+    settings = scene.ccdepth
+    wanted = settings.show_heat_map
     painted = {obj.data for obj in bpy.data.objects if obj.type == "MESH" and obj.mode in PAINTING_MODES}
-    holders = {obj for obj in bpy.data.objects if obj.type == "MESH" and results.has_heat_map(obj.data)}
-    shown = waiting = False
+    holders = {obj for obj in bpy.data.objects if obj.type == "MESH" and results.has_any(obj.data)}
+    waiting = False
+    shown: set[bpy.types.Mesh] = set()
     # Most scenes have none: their objects are not read.
     for blender_object in holders.intersection(scene.objects) if holders else ():
         mesh = blender_object.data
-        _show(mesh, wanted, mesh in painted)
-        shown = shown or (results.shows_heat_map(mesh) and blender_object.visible_get())
+        _show(mesh, settings, mesh in painted)
+        if results.shows_heat_map(mesh) and blender_object.visible_get():
+            shown.add(mesh)
         waiting = waiting or mesh in painted
-    for shading in viewports.shadings():
+    edges = sum(map(mesh_face_count, shown)) <= LARGEST_FACE_COUNT_WITH_EDGES
+    for space in viewports.spaces():
         if wanted and waiting and not shown:
-            viewports.pause(shading)
+            viewports.pause(space)
         else:
-            viewports.switch(shading, wanted and shown)
+            viewports.switch(space, wanted and bool(shown), edges=edges)
     viewports.redraw(context)
 
 
@@ -67,14 +80,27 @@ def _synchronise() -> None:
     synchronise(bpy.context)
 
 
-def _show(mesh: bpy.types.Mesh, wanted: bool, painted: bool) -> None:
+def _show(mesh: bpy.types.Mesh, settings: bpy.types.PropertyGroup, painted: bool) -> None:
     # Linked meshes cannot be changed.
     if not is_writable(mesh):
         return
     if painted:
         results.keep_from_painting(mesh)
-    else:
-        results.show_color(mesh, wanted)
+        return
+    if settings.show_heat_map and not shown_colors.is_current(mesh, settings):
+        try:
+            shown_colors.write_colors(mesh, settings)
+        except WriteError:
+            # What Blender does not keep cannot be shown; the result itself is there.
+            return
+        staleness.note_colors(mesh)
+    results.show_color(mesh, settings.show_heat_map and results.has_heat_map(mesh))
+
+
+def _notice_shading() -> None:
+    """Called as a viewport is drawn: puts light and edges right soon, if its shading was changed."""
+    if viewports.is_amiss(bpy.context.space_data) and not bpy.app.timers.is_registered(_synchronise):
+        bpy.app.timers.register(_synchronise)
 
 
 @persistent
@@ -115,11 +141,16 @@ HANDLERS = (
 
 
 def register() -> None:
+    global _handle
     add_handlers(HANDLERS)
+    _handle = bpy.types.SpaceView3D.draw_handler_add(_notice_shading, (), "WINDOW", "POST_PIXEL")
     heat_map_listeners.append(synchronise)
 
 
 def unregister() -> None:
+    global _handle
+    bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
+    _handle = None
     heat_map_listeners.remove(synchronise)
     remove_handlers(HANDLERS)
     if bpy.app.timers.is_registered(_synchronise):

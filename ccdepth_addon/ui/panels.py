@@ -5,16 +5,21 @@ import bpy
 import bpy.utils.previews
 import numpy as np
 
+from ..core import FloatArray
 from ..state import results, staleness
-from ..state.colors import palette
+from ..state.colors import depth_colors
 from ..state.properties import tolerance_name
 from ..tasks.surfaces import as_typed
 from .lengths import length_text
+from .selected_results import faces_by_depth, lengths_text, selected_results
 
 # Larger counts of faces are written as powers of ten.
 LARGEST_COUNT_IN_FULL = 10**10
 
 SWATCH_SIZE = 16
+
+# The list of several objects is no longer than this.
+MOST_OBJECTS = 8
 
 _swatches: bpy.utils.previews.ImagePreviewCollection | None = None
 
@@ -54,28 +59,46 @@ class CCDEPTH_PT_results(bpy.types.Panel):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        active = context.active_object
-        return active is not None and active.type == "MESH" and results.has_result(active.data)
+        return bool(selected_results(context))
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout = self.layout
-        mesh = context.active_object.data
-        record = mesh.ccdepth
-        _draw_stale_line(layout, context.scene.ccdepth, context.active_object)
-        _draw_numbers(layout, context.scene, record)
-        _draw_histogram(layout, mesh)
+        layout, settings = self.layout, context.scene.ccdepth
+        objects = selected_results(context)
+        meshes = {each.data for each in objects}
+        if len(objects) == 1:
+            _draw_stale_line(layout, settings, objects[0])
+            _draw_numbers(layout, context.scene, objects[0].data.ccdepth)
+        else:
+            _draw_totals(layout, context.scene, objects)
+        _draw_histogram(layout, objects)
         row = layout.row(align=True)
         row.operator("ccdepth.select", text="Select by Depth", icon="RESTRICT_SELECT_OFF")
         row.operator("ccdepth.clear", icon="X")
-        if not mesh.ccdepth.subdivision:
+        if not all(mesh.ccdepth.subdivision for mesh in meshes):
             layout.operator("ccdepth.set_levels", icon="MOD_SUBSURF")
-        if not results.has_heat_map(mesh) or results.shows_deviation(mesh):
+        if all(map(results.shows_deviation, meshes)):
             return
         layout.use_property_split = True
         layout.use_property_decorate = False
+        kinds = set(map(results.shown, meshes))
         column = layout.column(heading="Show")
-        column.prop(context.scene.ccdepth, "show_heat_map")
-        column.prop(context.scene.ccdepth, "show_legend")
+        draw_display(column, settings, depths=results.Shown.DEPTH in kinds, distances=results.Shown.BOUND in kinds)
+
+
+def draw_display(
+    layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, *, depths: bool = False, distances: bool = False
+) -> None:
+    """Whether heat map and legend are shown, and which depths or distances the colours stand for."""
+    layout.prop(settings, "show_heat_map")
+    layout.prop(settings, "show_legend")
+    if depths:
+        column = layout.column(align=True)
+        column.prop(settings, "first_color_depth", text="Color Range")
+        column.prop(settings, "last_color_depth", text="To")
+    if distances:
+        layout.prop(settings, "distance_range")
+    if distances and settings.distance_range == "FIXED":
+        layout.prop(settings, "distance_top")
 
 
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: bpy.types.Object | None = None) -> str:
@@ -107,6 +130,29 @@ def _draw_stale_line(layout: bpy.types.UILayout, settings: bpy.types.PropertyGro
         row = layout.row()
         row.alert = True
         row.label(text=line, icon="ERROR")
+
+
+def _draw_totals(layout: bpy.types.UILayout, scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
+    """The totals of several objects, and a line for each."""
+    meshes = {each.data for each in objects}
+    records = [mesh.ccdepth for mesh in meshes]
+    totals = [
+        ("Objects", f"{len(objects):,}"),
+        ("Faces", f"{sum(record.faces for record in records):,}"),
+        ("Deepest Depth", str(max(record.deepest for record in records))),
+        ("Tolerance", lengths_text(scene, (record.world_tolerance for record in records))),
+    ]
+    draw_rows(layout, totals)
+    column = layout.box().column(align=True)
+    for each in objects[:MOST_OBJECTS]:
+        line = stale_line(scene.ccdepth, each.data, each)
+        row = column.row()
+        row.alert = bool(line)
+        row.label(text=each.name, icon="ERROR" if line else "OBJECT_DATA")
+        record = each.data.ccdepth
+        row.label(text=f"{record.faces:,}, up to {record.deepest}")
+    if len(objects) > MOST_OBJECTS:
+        column.label(text=f"{len(objects) - MOST_OBJECTS:,} more")
 
 
 def _draw_numbers(layout: bpy.types.UILayout, scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> None:
@@ -168,28 +214,36 @@ def sidebar_count(count: int) -> str:
     return f"{mantissa} × 10{exponent.lstrip('0').translate(str.maketrans('0123456789', '⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
 
 
-def _draw_histogram(layout: bpy.types.UILayout, mesh: bpy.types.Mesh) -> None:
-    record = mesh.ccdepth
-    colors: tuple[tuple[float, float, float], ...] = ()
-    if not (record.subdivision or results.shows_deviation(mesh)):
-        colors = palette(record.least_color_depth, record.deepest_color_depth)
-    most = max(row.faces for row in record.rows)
+def _draw_histogram(layout: bpy.types.UILayout, objects: list[bpy.types.Object]) -> None:
+    # Of several scenes' colours those of the first.
+    colored = [each.data.ccdepth for each in objects if results.shown(each.data) is results.Shown.DEPTH]
+    counts = faces_by_depth(objects)
+    most, total = max(counts.values()), sum(counts.values())
     box = layout.box().column(align=True)
-    for row in reversed(record.rows):
+    for depth in sorted(counts, reverse=True):
         split = box.split(factor=0.22)
         key = split.row(align=True)
-        swatch = _swatch(colors[row.depth - record.least_color_depth]) if colors else 0
-        key.label(text=str(row.depth), icon_value=swatch)
+        swatch = _swatch(depth_colors([depth], *colored[0].color_range)[0]) if colored else 0
+        key.label(text=str(depth), icon_value=swatch)
         value = split.row(align=True)
-        value.progress(text=f"{row.faces:,}", factor=row.faces / most)
+        # Square roots, so that three faces show beside a hundred thousand.
+        value.progress(text=share_text(counts[depth], total), factor=max((counts[depth] / most) ** 0.5, 0.01))
         button = value.operator("ccdepth.select", text="", icon="RESTRICT_SELECT_OFF", emboss=False)
-        button.depth, button.comparison = row.depth, "EQUAL"
+        button.depth, button.comparison = depth, "EQUAL"
 
 
-def _swatch(color: tuple[float, float, float]) -> int:
+def share_text(faces: int, total: int) -> str:
+    """A number of faces and its share, which is neither rounded down to none nor up to all."""
+    share = 100 * faces / total
+    if faces < total:
+        share = min(share, 99.9)
+    return f"{faces:,}  ({'< 0.1' if 0 < share < 0.1 else f'{share:.1f}'} %)"
+
+
+def _swatch(color: FloatArray) -> int:
     """The icon of a colour. Each is made once: a few hundred bytes."""
     assert _swatches is not None
-    name = repr(color)
+    name = repr(color.tolist())
     if name not in _swatches:
         icon = _swatches.new(name)
         icon.icon_size = (SWATCH_SIZE, SWATCH_SIZE)

@@ -152,8 +152,10 @@ def _interface() -> Iterator[tuple[Path, Any]]:
         for number, area in enumerate(screen.areas):
             for space in area.spaces:
                 if space.type == "VIEW_3D":
-                    shading = space.shading
-                    yield ("viewports", screen.name, str(number)), (shading.type, shading.color_type)
+                    shading, overlay = space.shading, space.overlay
+                    seen = (shading.type, shading.color_type, shading.light, shading.show_shadows, shading.show_cavity)
+                    edges = (overlay.show_wireframes, overlay.wireframe_threshold, overlay.wireframe_opacity)
+                    yield ("viewports", screen.name, str(number)), (*seen, *edges)
 
 
 def _settings(holder: Any, depth: int = 2) -> Iterator[tuple[Path, Any]]:

@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from pathlib import Path
+
 import bpy
 import numpy as np
 import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.subdividing import subdivide
 
 # Machado, Oliveira and Fernandes 2009, severity 1, for linear RGB: red- and green-blindness.
 PROTANOPIA = [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]]
@@ -22,6 +26,23 @@ def shadings() -> list[bpy.types.View3DShading]:
 
 def color_types() -> list[str]:
     return [shading.color_type for shading in shadings()]
+
+
+def appearances() -> list[dict[str, object]]:
+    """Of every 3D View, all settings of its shading and of its overlays."""
+    spaces = [space for screen in bpy.data.screens for area in screen.areas for space in area.spaces]
+    return [
+        {f"{part}.{name}": value for part in ("shading", "overlay") for name, value in settings(getattr(space, part))}
+        for space in spaces
+        if space.type == "VIEW_3D"
+    ]
+
+
+def settings(holder: bpy.types.bpy_struct) -> Iterator[tuple[str, object]]:
+    for item in holder.bl_rna.properties:
+        if item.type in {"BOOLEAN", "INT", "FLOAT", "ENUM", "STRING"} and not item.is_readonly:
+            value = getattr(holder, item.identifier)
+            yield item.identifier, tuple(value) if getattr(item, "is_array", False) else value
 
 
 def test_viewports_are_switched_once_and_restored() -> None:
@@ -118,16 +139,199 @@ def test_a_saved_file_remembers_what_to_restore(tmp_path: object) -> None:
 
 def test_one_colour_for_each_depth_and_for_all_corners_of_a_face() -> None:
     first, second = scene.add_suzanne(), scene.add_object(meshes.cube())
-    addon.compute(first, second)
-    module = addon.module("state.colors")
-    everything = np.concatenate([addon.depths(first), addon.depths(second)])
-    least, deepest = everything.min(), everything.max()
+    addon.compute(first)
+    addon.compute(second, tolerance=1e-4)
+    assert addon.depths(first).max() < addon.depths(second).min(), "the meshes have ranges of their own"
     for holder in (first, second):
-        sizes = [polygon.loop_total for polygon in holder.data.polygons]
-        linear = module.to_linear(np.array(module.palette(int(least), int(deepest))))
-        expected = np.repeat(linear[addon.depths(holder) - least], sizes, axis=0)
+        assert_colored(holder, 0, 8)
+
+
+def assert_colored(holder: bpy.types.Object, first: int, last: int) -> None:
+    """The faces have the colours of their depths between these two, which are written down here once more."""
+    stops = np.array([[0x3B, 0x52, 0x8B], [0x21, 0x90, 0x8C], [0x5D, 0xC9, 0x63], [0xFD, 0xE7, 0x25]]) / 255.0
+    sizes = [polygon.loop_total for polygon in holder.data.polygons]
+    fractions = np.clip((addon.depths(holder) - first) / (last - first), 0.0, 1.0)
+    colors = addon.colors(holder)
+    srgb = np.where(colors <= 0.0031308, 12.92 * colors, 1.055 * np.abs(colors) ** (1 / 2.4) - 0.055)[:, :3]
+    for fraction, stop in zip((0.0, 1 / 3, 2 / 3, 1.0), stops, strict=True):
+        seen = srgb[np.repeat(np.isclose(fractions, fraction), sizes)]
+        np.testing.assert_allclose(seen, np.broadcast_to(stop, seen.shape), atol=1e-5)
+    expected = addon.module("state.colors").depth_colors(addon.depths(holder), first, last)
+    np.testing.assert_allclose(srgb, np.repeat(expected, sizes, axis=0), atol=1e-5)
+    np.testing.assert_array_equal(colors[:, 3], 1.0)
+
+
+def test_the_range_of_colours_is_the_scene_s_and_remembered(tmp_path: Path) -> None:
+    holder = scene.add_suzanne()
+    addon.compute(holder, tolerance=0.001)
+    before = addon.colors(holder)
+    settings = bpy.context.scene.ccdepth
+    settings.first_color_depth, settings.last_color_depth = 1, 4
+    assert_colored(holder, 1, 4)
+    addon.compute(holder, tolerance=0.001)
+    assert_colored(holder, 1, 4)
+    path = str(tmp_path / "saved.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    settings, holder = bpy.context.scene.ccdepth, bpy.data.objects["Suzanne"]
+    assert (settings.first_color_depth, settings.last_color_depth) == (1, 4)
+    settings.first_color_depth, settings.last_color_depth = 0, 8
+    np.testing.assert_array_equal(addon.colors(holder), before)
+
+
+def test_the_range_of_colours_is_never_empty() -> None:
+    settings = bpy.context.scene.ccdepth
+    settings.first_color_depth = 12
+    assert (settings.first_color_depth, settings.last_color_depth) == (12, 13)
+    settings.last_color_depth = 3
+    assert (settings.first_color_depth, settings.last_color_depth) == (2, 3)
+
+
+def test_colours_of_a_heat_map_that_is_off_change_when_it_is_on_again() -> None:
+    holder = scene.add_suzanne()
+    addon.compute(holder)
+    settings = bpy.context.scene.ccdepth
+    settings.show_heat_map = False
+    settings.last_color_depth = 4
+    settings.show_heat_map = True
+    assert_colored(holder, 0, 4)
+
+
+def test_colours_the_user_took_away_stay_away() -> None:
+    holder = scene.add_suzanne()
+    addon.compute(holder)
+    holder.data.attributes.remove(holder.data.attributes["ccdepth_color"])
+    addon.compute(scene.add_object(meshes.cube()))
+    assert "ccdepth_color" not in holder.data.attributes
+    addon.compute(holder)
+    assert "ccdepth_color" in holder.data.attributes
+
+
+def test_an_adaptive_mesh_shows_its_distances() -> None:
+    source = scene.add_suzanne()
+    [holder] = subdivide(source)
+    assert set(color_types()) == {"VERTEX"}
+    assert holder.data.attributes.active_color_name == "ccdepth_color"
+    module, bounds = addon.module("state.colors"), addon.bounds(holder).astype(np.float64)
+    sizes = [polygon.loop_total for polygon in holder.data.polygons]
+    record = holder.data.ccdepth
+    for color_range, top in (("TOLERANCE", record.world_tolerance), ("LARGEST", bounds.max())):
+        bpy.context.scene.ccdepth.distance_range = color_range
+        expected = np.repeat(module.to_linear(module.scale_colors(bounds / top)), sizes, axis=0)
         np.testing.assert_allclose(addon.colors(holder)[:, :3], expected, atol=1e-6)
-        np.testing.assert_array_equal(addon.colors(holder)[:, 3], 1.0)
+    addon.select(holder)
+    bpy.ops.ccdepth.clear()
+    assert addon.is_untouched([holder])
+
+
+def test_without_the_heat_map_an_adaptive_mesh_has_no_colours() -> None:
+    bpy.context.scene.ccdepth.show_heat_map = False
+    [holder] = subdivide(scene.add_suzanne())
+    assert "ccdepth_color" not in holder.data.attributes
+    assert "VERTEX" not in color_types()
+    bpy.context.scene.ccdepth.show_heat_map = True
+    assert "ccdepth_color" in holder.data.attributes
+    assert set(color_types()) == {"VERTEX"}
+
+
+USERS = (
+    {},
+    {"shading.light": "MATCAP", "shading.show_cavity": True, "overlay.show_wireframes": True},
+    {"shading.light": "FLAT", "shading.show_shadows": True, "overlay.wireframe_opacity": 0.8},
+    {"shading.light": "STUDIO", "shading.color_type": "RANDOM", "overlay.wireframe_threshold": 0.3},
+)
+
+
+def give_users_settings() -> None:
+    """Every 3D View has others of these."""
+    spaces = [space for screen in bpy.data.screens for area in screen.areas for space in area.spaces]
+    for index, space in enumerate(space for space in spaces if space.type == "VIEW_3D"):
+        for path, value in USERS[index % len(USERS)].items():
+            part, name = path.split(".")
+            setattr(getattr(space, part), name, value)
+
+
+def assert_colors_are_true() -> None:
+    for appearance in appearances():
+        assert (appearance["shading.light"], appearance["shading.color_type"]) == ("FLAT", "VERTEX")
+        assert (appearance["shading.show_shadows"], appearance["shading.show_cavity"]) == (False, False)
+    solid = [each for each in appearances() if each["shading.type"] == "SOLID"]
+    assert solid
+    assert all(each["overlay.show_wireframes"] for each in solid)
+
+
+@pytest.mark.parametrize("way", ["CLEAR", "SWITCH", "SAVE", "UNREGISTER", "PAINT"])
+def test_every_setting_of_every_viewport_is_restored(tmp_path: Path, way: str) -> None:
+    for shading in shadings():
+        shading.type = "SOLID"
+    give_users_settings()
+    before = appearances()
+    assert len(before) > 4
+    addon.compute(scene.add_suzanne())
+    assert_colors_are_true()
+    if way == "SAVE":
+        path = str(tmp_path / "saved.blend")
+        bpy.ops.wm.save_as_mainfile(filepath=path)
+        bpy.ops.wm.open_mainfile(filepath=path, load_ui=True)
+        assert_colors_are_true()
+    if way in {"CLEAR", "SAVE"}:
+        bpy.ops.ccdepth.clear()
+    elif way == "SWITCH":
+        bpy.context.scene.ccdepth.show_heat_map = False
+    elif way == "PAINT":
+        bpy.ops.object.mode_set(mode="SCULPT")
+    module = addon.module("state.viewports")
+    if way == "UNREGISTER":
+        module.unregister()
+    try:
+        assert appearances() == before
+    finally:
+        if way == "UNREGISTER":
+            module.register()
+
+
+def test_what_was_changed_since_is_left_alone() -> None:
+    addon.compute(scene.add_suzanne())
+    space = next(s for screen in bpy.data.screens for area in screen.areas for s in area.spaces if s.type == "VIEW_3D")
+    opacity = 1.0
+    assert space.overlay.wireframe_opacity != opacity
+    space.shading.light = "MATCAP"
+    bpy.context.scene.ccdepth.show_legend = False
+    bpy.ops.ccdepth.compute()
+    assert space.shading.light == "MATCAP"
+    bpy.ops.ccdepth.clear()
+    assert space.shading.light == "MATCAP"
+    assert (space.overlay.show_wireframes, space.overlay.wireframe_opacity) == (False, opacity)
+
+
+def test_edges_are_drawn_in_solid_shading_alone() -> None:
+    holder = scene.add_suzanne()
+    addon.compute(holder)
+    viewports, heat_map = addon.module("state.viewports"), addon.module("ui.heat_map")
+    space = next(space for space in viewports.spaces() if space.shading.type == "SOLID")
+    assert not viewports.is_amiss(space)
+    for shading_type, has_edges in (("MATERIAL", False), ("SOLID", True)):
+        space.shading.type = shading_type
+        assert viewports.is_amiss(space)
+        # As the viewport's drawing asks for.
+        heat_map.synchronise(bpy.context)
+        assert not viewports.is_amiss(space)
+        assert space.overlay.show_wireframes == has_edges
+    # Nor when the user has chosen other colours.
+    space.shading.color_type = "OBJECT"
+    heat_map.synchronise(bpy.context)
+    assert (space.shading.color_type, space.shading.light) == ("OBJECT", "STUDIO")
+    assert not space.overlay.show_wireframes
+
+
+def test_edges_of_very_many_faces_are_not_drawn(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(addon.module("ui.heat_map"), "LARGEST_FACE_COUNT_WITH_EDGES", 499)
+    cube = scene.add_object(meshes.cube())
+    addon.compute(cube)
+    assert any(each["overlay.show_wireframes"] for each in appearances())
+    addon.compute(scene.add_suzanne())
+    assert not any(each["overlay.show_wireframes"] for each in appearances())
+    assert set(color_types()) == {"VERTEX"}
 
 
 def oklab(linear: np.ndarray) -> np.ndarray:
@@ -143,32 +347,25 @@ def oklab(linear: np.ndarray) -> np.ndarray:
 
 
 @pytest.mark.parametrize("simulation", [np.eye(3), PROTANOPIA, DEUTERANOPIA])
-@pytest.mark.parametrize("count", [4, 8, 16])
+@pytest.mark.parametrize("count", [4, 9, 16])
 def test_colours_are_evenly_apart_for_every_eye(simulation: np.ndarray, count: int) -> None:
     module = addon.module("state.colors")
-    linear = module.to_linear(np.array(module.palette(0, count - 1)))
+    linear = module.to_linear(module.depth_colors(range(count), 0, count - 1))
     seen = oklab(np.clip(linear @ np.array(simulation).T, 0.0, 1.0))
     assert np.all(np.diff(seen[:, 0]) > 0.0), "each deeper colour is lighter"
     steps = np.linalg.norm(np.diff(seen, axis=0), axis=1)
     assert steps.max() < 2.5 * steps.min()
+    if count == 9:
+        # Twice what is seen as a difference at all, about 0.02.
+        assert steps.min() > 0.04
 
 
-def test_a_single_depth_has_a_colour() -> None:
-    assert len(addon.module("state.colors").palette(7, 7)) == 1
-
-
-def test_legend_rows_count_what_does_not_fit() -> None:
-    holder = scene.add_suzanne()
-    addon.compute(holder)
-    legend = addon.module("ui.legend")
-    record = holder.data.ccdepth
-    everything = legend.legend_rows(record, 100)
-    assert [(row.depth, row.faces) for row in everything] == [
-        (str(row.depth), f"{row.faces:,}") for row in reversed(record.rows)
-    ]
-    short = legend.legend_rows(record, 4)
-    assert short[:3] == everything[:3]
-    assert short[3].faces == f"{sum(row.faces for row in list(record.rows)[:-3]):,}"
+def test_no_colour_is_nearly_black() -> None:
+    """Against the background of the dark theme's viewport, a grey of 61 in sRGB, and Blender's black edges."""
+    module = addon.module("state.colors")
+    lightness = oklab(module.to_linear(module.depth_colors(range(9))))[:, 0]
+    background = oklab(module.to_linear(np.full((1, 3), 61 / 255)))[0, 0]
+    assert lightness.min() > background + 0.08
 
 
 def test_large_counts_stay_short() -> None:

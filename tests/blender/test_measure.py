@@ -256,14 +256,14 @@ def test_an_adaptive_result_is_measured_against_its_source() -> None:
 
 def test_the_heat_map_shows_what_was_done_last() -> None:
     holder = subdivided_cube()
-    addon.compute(holder)
+    addon.compute(holder, tolerance=0.1)
     depth_colors = addon.colors(holder)
     addon.measure(holder, time_limit=0.1)
     assert holder.data.ccdepth.shows_deviation
     assert not np.array_equal(addon.colors(holder), depth_colors)
     assert holder.data.attributes.active_color_name == "ccdepth_color"
     deviations, depths = addon.deviations(holder), addon.depths(holder)
-    addon.compute(holder)
+    addon.compute(holder, tolerance=0.1)
     np.testing.assert_array_equal(addon.colors(holder), depth_colors)
     np.testing.assert_array_equal(addon.deviations(holder), deviations)
     np.testing.assert_array_equal(addon.depths(holder), depths)
@@ -277,11 +277,12 @@ def test_colours_stand_for_deviations(editing: bool) -> None:
     addon.measure(other, source, tolerance=0.75)
     module, values = addon.module("state.colors"), addon.deviations(other).astype(np.float64)
     sizes = [polygon.loop_total for polygon in other.data.polygons]
-    for color_range, top in (("TOLERANCE", 0.75), ("LARGEST", values.max())):
+    bpy.context.scene.ccdepth.distance_top = 0.5
+    for color_range, top in (("TOLERANCE", 0.75), ("FIXED", 0.5), ("LARGEST", values.max())):
         addon.select(other)
         if editing:
             bpy.ops.object.mode_set(mode="EDIT")
-        bpy.context.scene.ccdepth.deviation_range = color_range
+        bpy.context.scene.ccdepth.distance_range = color_range
         if editing:
             bpy.ops.object.mode_set(mode="OBJECT")
         expected = module.to_linear(module.scale_colors(values / top))

@@ -6,7 +6,6 @@ from __future__ import annotations
 import threading
 from decimal import Decimal
 from itertools import pairwise
-from types import SimpleNamespace
 
 import bpy
 import pytest
@@ -56,7 +55,7 @@ def test_rounding_keeps_a_bound_a_bound() -> None:
 
 @pytest.mark.parametrize("top", ["1", "0.0378", "2.5", "999", "4.9999", "1e-7"])
 def test_round_numbers_are_few_and_reach_far(top: str) -> None:
-    numbers = addon.module("ui.deviation_scale").round_numbers(Decimal(top))
+    numbers = addon.module("ui.distance_scale").round_numbers(Decimal(top))
     assert 2 <= len(numbers) <= 6
     assert numbers[0] == 0
     step = numbers[1]
@@ -67,10 +66,10 @@ def test_round_numbers_are_few_and_reach_far(top: str) -> None:
 @pytest.mark.parametrize("color_range", ["LARGEST", "TOLERANCE"])
 @pytest.mark.parametrize("largest", [0.5, 1.0, 1.01, 2.0, 30.0])
 def test_marks_have_room(color_range: str, largest: float) -> None:
-    scene, gap = bpy.context.scene, 0.1
-    scene.ccdepth.deviation_range = color_range
-    record = SimpleNamespace(measurement=SimpleNamespace(world_tolerance=1.0, largest_shown=largest))
-    scale = addon.module("ui.deviation_scale").deviation_scale(scene, record, gap)
+    gap, module = 0.1, addon.module("ui.distance_scale")
+    top = 1.0 if color_range == "TOLERANCE" else largest
+    shown = module.Distances(top, 1.0, largest, color_range.lower())
+    scale = module.distance_scale(bpy.context.scene, "Deviation", shown, gap)
     assert scale.title == "Deviation (m)"
     heights = [mark.label_height for mark in scale.marks]
     assert all(later - earlier > gap - 1e-9 for earlier, later in pairwise(heights))

@@ -231,6 +231,11 @@ def test_a_result_names_no_colours_it_does_not_have(
         holder.data.attributes.active_color_name = COLOR
     holder.data.attributes.default_color_name = COLOR
     [result] = subdivide(holder, output=output)
+    if switched:
+        assert active(result) == COLOR
+        assert rendered(result) != COLOR
+        addon.select(result)
+        bpy.ops.ccdepth.clear()
     assert colors(result) == list(names)
     assert active(result) in names or (not names and active(result) == "")
     assert rendered(result) in names or (not names and rendered(result) == "")
@@ -243,6 +248,9 @@ def test_a_result_of_a_mesh_without_active_colours_has_none() -> None:
     holder.data.attributes.new("Paint", "BYTE_COLOR", "CORNER")
     holder.data.attributes.active_color_name = holder.data.attributes.default_color_name = ""
     [result] = subdivide(holder)
+    assert (active(result), rendered(result)) == (COLOR, "")
+    addon.select(result)
+    bpy.ops.ccdepth.clear()
     assert (active(result), rendered(result)) == ("", "")
 
 

@@ -106,10 +106,11 @@ def observe() -> dict[str, Any]:
         "has_result": record.has_result,
         "deviation": [record.deviation_reached, record.deviation],
         "rows": {row.depth: row.faces for row in record.rows},
-        "color_depths": [record.least_color_depth, record.deepest_color_depth],
         "attributes": {item.name: [item.data_type, item.domain] for item in attributes if "ccdepth" in item.name},
         "depths": [item.value for item in attributes["ccdepth"].data] if "ccdepth" in attributes else [],
         "color_type": area.spaces.active.shading.color_type,
+        "light": area.spaces.active.shading.light,
+        "edges": area.spaces.active.overlay.show_wireframes,
         "objects": {holder.name: describe(holder) for holder in bpy.data.objects},
         "running": [operator.bl_idname for operator in window.modal_operators],
     }

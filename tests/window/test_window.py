@@ -12,7 +12,7 @@ import os
 import shutil
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ccdepth_addon.state.colors import VIRIDIS_COLORS, palette
+from ccdepth_addon.state.colors import VIRIDIS_COLORS, depth_colors, scale_colors
 
 BLENDER = os.environ.get("CCDEPTH_BLENDER", "")
 EXTENSION = os.environ.get("CCDEPTH_EXTENSION", "")
@@ -44,8 +44,11 @@ pytestmark = pytest.mark.skipif(
 )
 
 # How wide the strip is that the legend stands in, at the right of the viewport, and how far its colours may be off.
-LEGEND_WIDTH = 150
+LEGEND_WIDTH = 180
 COLOR_TOLERANCE = 7
+
+# How far colours of faces may be off, which nothing is blended with.
+TRUE_COLOR_TOLERANCE = 3
 
 Image = NDArray[np.int16]
 
@@ -165,6 +168,14 @@ def colorful_part(image: Image) -> float:
     return float((brightest - image.min(axis=2) > np.maximum(0.3 * brightest, 15)).mean())
 
 
+def part_in_colors(image: Image, colors: Sequence[Sequence[float]]) -> float:
+    """The part of the colourful pixels that have just these sRGB colours, and no lighter or darker ones."""
+    brightest = image.max(axis=2)
+    colorful = image[brightest - image.min(axis=2) > np.maximum(0.3 * brightest, 15)]
+    differences = np.abs(colorful[:, None] - np.array(colors)[None] * 255).max(axis=2).min(axis=1)
+    return float((differences <= TRUE_COLOR_TOLERANCE).mean())
+
+
 def test_a_click_on_compute_depth_shows_the_heat_map(window: Window, tmp_path: Path) -> None:
     started = window.wait_for(lambda report: report["category"] == "CC Depth", SECONDS_TO_START, "the CC Depth tab")
     assert not started["has_result"]
@@ -192,12 +203,20 @@ def test_a_click_on_compute_depth_shows_the_heat_map(window: Window, tmp_path: P
     right = report["sidebar"][0]
     seen_before, seen = before[top:bottom, left:right], after[top:bottom, left:right]
     assert colorful_part(seen) > colorful_part(seen_before) + 0.05, "no heat map in the viewport"
-    least, deepest = report["color_depths"]
-    colors = palette(least, deepest)
-    for depth in depths:
-        color = colors[depth - least]
+    colors = depth_colors(depths)
+    for depth, color in zip(depths, colors, strict=True):
         assert count_color(seen[:, -LEGEND_WIDTH:], color) > 200, f"no swatch of depth {depth} in the legend"
         assert count_color(seen_before[:, -LEGEND_WIDTH:], color) < 50
+    # Wherever a face is turned, its colour is that of the legend; the rest are edges, and the gizmo that navigates.
+    assert part_in_colors(seen[:, :-LEGEND_WIDTH], colors) > 0.5
+    assert part_in_colors(seen[:, :-LEGEND_WIDTH], 0.8 * colors) < 0.1
+    assert (report["light"], report["edges"]) == ("FLAT", True)
+
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.clear")
+    window.click()
+    cleared = window.wait_for(lambda report: not report["has_result"], SECONDS_TO_ANSWER, "the result gone")
+    shading = ("color_type", "light", "edges")
+    assert [cleared[name] for name in shading] == [started[name] for name in shading]
 
 
 def test_a_click_on_measure_deviation_shows_a_heat_map_and_its_scale(window: Window, tmp_path: Path) -> None:
@@ -231,15 +250,24 @@ def find_apply(window: Window) -> dict[str, Any]:
     return started
 
 
-def test_a_click_on_apply_adaptive_subdivision_makes_an_object_and_undo_takes_it_back(window: Window) -> None:
+def test_a_click_on_apply_adaptive_subdivision_makes_an_object_and_undo_takes_it_back(
+    window: Window, tmp_path: Path
+) -> None:
     started = find_apply(window)
     window.click()
     made = window.wait_for(lambda report: len(report["objects"]) == 2, SECONDS_TO_ANSWER, "a second object")["objects"]
     original, result = made["Suzanne"], made["Suzanne Adaptive"]
     assert (original["visible"], original["selected"], original["attributes"]) == (False, False, [])
     assert (result["visible"], result["selected"]) == (True, True)
-    assert set(result["attributes"]) == {"ccdepth", "ccdepth_bound"}
+    assert set(result["attributes"]) == {"ccdepth", "ccdepth_bound", "ccdepth_color"}
     assert result["faces"] > 2 * original["faces"]
+    time.sleep(2.0)
+    left, top, _, bottom = started["viewport"]
+    seen = window.look(tmp_path / "made.png")[top:bottom, left : started["sidebar"][0]]
+    for color in VIRIDIS_COLORS[1:-1]:
+        assert count_color(seen[:, -LEGEND_WIDTH:], tuple(color)) > 20, "not all colours of the scale are there"
+    # The edges of so many faces take much of it.
+    assert part_in_colors(seen[:, :-LEGEND_WIDTH], scale_colors(np.linspace(0.0, 1.0, 50))) > 0.25
 
     window.move_mouse(started["viewport"][0] + 300, started["viewport"][1] + 300)
     time.sleep(0.5)

@@ -1,0 +1,98 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The scale of distances: which numbers stand beside its colours, and where."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import Decimal
+
+import bpy
+
+from .lengths import Rounding, in_unit, number_text, unit_for
+
+# The most steps of round numbers.
+MOST_STEPS = 5
+
+
+@dataclass(frozen=True)
+class Mark:
+    """A number beside the scale. Heights are parts of the scale's own.
+
+    height: where it belongs; above 1, beyond the scale. label_height: where there is room for it. note: what it is.
+    """
+
+    height: float
+    label_height: float
+    number: str
+    note: str = ""
+
+
+@dataclass(frozen=True)
+class Scale:
+    """title: what is shown, with its unit. marks: from the lowest to the highest. has_beyond: whether there are
+    distances beyond the last colour."""
+
+    title: str
+    marks: list[Mark]
+    has_beyond: bool
+
+
+@dataclass(frozen=True)
+class Distances:
+    """What a scale is about, in the scene's units. end: which of the others has the last colour, ``tolerance`` or
+    ``largest``, or neither."""
+
+    top: float
+    tolerance: float
+    largest: float
+    end: str
+
+
+def distance_scale(scene: bpy.types.Scene, title: str, shown: Distances, gap: float) -> Scale:
+    """The scale of distances on a mesh. gap: what a label takes, as a part of the scale's height."""
+    unit = unit_for(scene, shown.top)
+    top, tolerance, largest = (in_unit(scene, each, unit) for each in (shown.top, shown.tolerance, shown.largest))
+    numbers = {
+        "tolerance": (tolerance, number_text(tolerance, Rounding.NEAREST, 3)),
+        "largest": (largest, number_text(largest, Rounding.UP, 3)),
+    }
+    end = numbers[shown.end][1] if shown.end in numbers else number_text(top, Rounding.NEAREST, 3)
+    marks = [Mark(1.0, 1.0, end, shown.end)]
+    for note, (length, text) in numbers.items():
+        if note != shown.end:
+            _add_where_there_is_room(marks, _other_mark(length / top, text, note, gap), gap)
+    for number in round_numbers(top):
+        _add_where_there_is_room(marks, Mark(float(number / top), float(number / top), f"{number:f}"), gap)
+    return Scale(
+        f"{title} ({unit.name})" if unit.name else title,
+        sorted(marks, key=lambda mark: mark.label_height),
+        bool(largest > top),
+    )
+
+
+def relative_scale(title: str, end: str, gap: float, *, has_beyond: bool) -> Scale:
+    """The scale of distances on meshes with scales of their own: in parts of what has the last colour on each."""
+    marks = [Mark(1.0, 1.0, "100 %", end)]
+    for percent in (0, 20, 40, 60, 80):
+        _add_where_there_is_room(marks, Mark(percent / 100, percent / 100, f"{percent} %"), gap)
+    return Scale(title, sorted(marks, key=lambda mark: mark.label_height), has_beyond)
+
+
+def _add_where_there_is_room(marks: list[Mark], mark: Mark, gap: float) -> None:
+    # A mark may be moved by just the gap.
+    if all(abs(mark.label_height - other.label_height) >= gap * (1 - 1e-9) for other in marks):
+        marks.append(mark)
+
+
+def _other_mark(height: Decimal, number: str, note: str, gap: float) -> Mark:
+    """A mark that shares the scale with the one at its end."""
+    if height > 1:
+        return Mark(float(height), 1.0 + 1.5 * gap, number, note)
+    return Mark(float(height), min(float(height), 1.0 - gap), number, note)
+
+
+def round_numbers(top: Decimal) -> list[Decimal]:
+    """Few numbers from 0 to ``top``, in steps of 1, 2 or 5 times a power of ten."""
+    magnitude = Decimal(1).scaleb((top / MOST_STEPS).adjusted())
+    step = next(factor * magnitude for factor in (1, 2, 5, 10) if factor * magnitude * MOST_STEPS >= top)
+    return [index * step for index in range(int(top / step) + 1)]

@@ -1,0 +1,62 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which results the panel and the legend are about, and their totals."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable
+
+import bpy
+
+from ..state import results
+from .lengths import in_unit, length_text, number_text, unit_for
+
+# Without anything selected, the legend looks through no more objects than this.
+MOST_SEARCHED = 1000
+
+
+def selected_results(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """The selected or edited objects with depths, whatever the active one is; or the active one."""
+    return _selected(context, lambda holder: results.has_result(holder.data))
+
+
+def colored_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """The objects that the legend is about: those of the selected ones that show a heat map; or the active one; or all
+    that do."""
+    found = _selected(context, _is_colored)
+    objects = context.view_layer.objects
+    if found or len(objects) > MOST_SEARCHED:
+        return found
+    return [each for each in objects if each.type == "MESH" and _is_colored(each)]
+
+
+def _selected(context: bpy.types.Context, wanted: Callable[[bpy.types.Object], bool]) -> list[bpy.types.Object]:
+    selected = context.selected_objects
+    edited = context.objects_in_mode if context.mode == "EDIT_MESH" else []
+    active = context.active_object
+    found = [each for each in dict.fromkeys([*selected, *edited]) if each.type == "MESH" and wanted(each)]
+    if found or active is None or active.type != "MESH" or not wanted(active):
+        return found
+    return [active]
+
+
+def _is_colored(blender_object: bpy.types.Object) -> bool:
+    return results.shows_heat_map(blender_object.data) and blender_object.visible_get()
+
+
+def faces_by_depth(objects: Iterable[bpy.types.Object]) -> Counter[int]:
+    """How many faces have which depth, each mesh counted once."""
+    counts = Counter[int]()
+    for mesh in {each.data for each in objects}:
+        for row in mesh.ccdepth.rows:
+            counts[row.depth] += row.faces
+    return counts
+
+
+def lengths_text(scene: bpy.types.Scene, lengths: Iterable[float]) -> str:
+    """One length, or the least and the largest of several."""
+    found = {*lengths}
+    least, largest = min(found), max(found)
+    unit = unit_for(scene, least)
+    texts = [number_text(in_unit(scene, each, unit), digits=3) for each in (least, largest)]
+    return length_text(scene, least) if texts[0] == texts[1] else f"{texts[0]}–{texts[1]} {unit.name}".rstrip()

@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the legend and the panel say, and of which objects."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import bpy
+import pytest
+
+from tests import meshes
+from tests.blender import addon, scene
+from tests.blender.subdividing import subdivide
+
+contents = addon.module("ui.legend_contents")
+selected = addon.module("ui.selected_results")
+
+
+def legends() -> list[object]:
+    context = bpy.context
+    return contents.legends(context.scene, selected.colored_objects(context))
+
+
+def three_objects() -> list[bpy.types.Object]:
+    holders = [scene.add_suzanne(), scene.add_object(meshes.cube(), "Cube"), scene.add_object(meshes.cube(), "Small")]
+    holders[2].scale = (0.5, 0.5, 0.5)
+    # A row for each depth.
+    bpy.context.scene.ccdepth.last_color_depth = 20
+    addon.compute(*holders, tolerance=0.005)
+    return holders
+
+
+def add_light() -> bpy.types.Object:
+    light = bpy.data.objects.new("Light", bpy.data.lights.new("Light", "POINT"))
+    bpy.context.scene.collection.objects.link(light)
+    return light
+
+
+def test_it_tells_title_tolerance_and_what_it_counts() -> None:
+    holder = scene.add_suzanne()
+    settings = bpy.context.scene.ccdepth
+    settings.tolerance_mode, settings.tolerance = "ABSOLUTE", 0.0125
+    settings.last_color_depth = 20
+    addon.select(holder)
+    bpy.ops.ccdepth.compute()
+    [legend] = legends()
+    assert (legend.title, legend.notes, legend.alert) == ("Subdivision Depth", ["Tolerance 0.0125 m"], "")
+    bpy.context.scene.unit_settings.length_unit = "MILLIMETERS"
+    [legend] = legends()
+    assert legend.notes == ["Tolerance 12.5 mm"]
+    rows = {int(row.label): row.faces for row in legend.rows}
+    assert rows == addon.histogram(holder)
+    assert [*rows] == sorted(rows, reverse=True)
+
+
+def test_depths_that_share_a_colour_share_a_row() -> None:
+    holder = scene.add_suzanne()
+    settings = bpy.context.scene.ccdepth
+    settings.first_color_depth, settings.last_color_depth = 5, 7
+    addon.compute(holder, tolerance=1e-4, method="CERTIFIED")
+    counts = addon.histogram(holder)
+    assert min(counts) < 5
+    assert max(counts) > 7
+    [legend] = legends()
+    assert (legend.rows[0].label, legend.rows[-1].label) == ("≥ 7", "≤ 5")
+    assert sum(row.faces for row in legend.rows) == 500
+    assert legend.rows[0].faces == sum(faces for depth, faces in counts.items() if depth >= 7)
+    assert legend.rows[-1].faces == sum(faces for depth, faces in counts.items() if depth <= 5)
+    settings.last_color_depth = max(counts)
+    [legend] = legends()
+    assert legend.rows[0].label == str(max(counts))
+
+
+@pytest.mark.parametrize("active", ["LIGHT", "NONE", "MESH"])
+def test_it_is_about_what_is_selected_whatever_is_active(active: str) -> None:
+    holders = three_objects()
+    others = scene.add_suzanne()
+    addon.compute(others, tolerance=0.5)
+    light = add_light()
+    addon.select(*holders, light)
+    bpy.context.view_layer.objects.active = {"LIGHT": light, "NONE": None, "MESH": others}[active]
+    [legend] = legends()
+    together = sum((Counter(addon.histogram(holder)) for holder in holders), Counter())
+    assert {int(row.label): row.faces for row in legend.rows} == together
+    assert legend.objects == [("Suzanne", "500"), ("Cube", "6"), ("Small", "6")]
+    assert bpy.types.CCDEPTH_PT_results.poll(bpy.context)
+    assert selected.selected_results(bpy.context) == holders
+
+
+def test_a_mesh_of_two_objects_counts_once() -> None:
+    holder = scene.add_suzanne()
+    other = scene.add_mesh(holder.data)
+    addon.compute(holder, other)
+    [legend] = legends()
+    assert sum(row.faces for row in legend.rows) == 500
+    assert len(legend.objects) == 2
+
+
+def test_without_a_selection_it_is_about_the_active_one_or_all() -> None:
+    holders = three_objects()
+    light = add_light()
+    addon.select()
+    bpy.context.view_layer.objects.active = holders[1]
+    assert selected.colored_objects(bpy.context) == [holders[1]]
+    addon.select(light)
+    assert selected.colored_objects(bpy.context) == holders
+    assert not bpy.types.CCDEPTH_PT_results.poll(bpy.context)
+    holders[0].hide_set(True)
+    assert selected.colored_objects(bpy.context) == holders[1:]
+
+
+def test_many_objects_are_counted_and_few_listed() -> None:
+    cubes = [scene.add_object(meshes.cube(), f"Cube with a very long name {number}") for number in range(9)]
+    addon.compute(*cubes)
+    [legend] = legends()
+    assert len(legend.objects) == contents.MOST_OBJECTS
+    assert legend.objects[-1] == ("5 more", "")
+    assert all(len(name) <= 20 for name, _ in legend.objects)
+
+
+def test_it_says_when_results_are_out_of_date() -> None:
+    holders = three_objects()
+    settings = bpy.context.scene.ccdepth
+    settings.tolerance_mode, settings.tolerance = "ABSOLUTE", 0.005
+    assert legends()[0].alert == ""
+    holders[0].data.vertices[0].co.x += 1.0
+    holders[0].data.update_tag()
+    bpy.context.view_layer.update()
+    addon.module("state.staleness").check_touched()
+    assert legends()[0].alert == "Out of date: 1 of 3"
+    addon.select(holders[0])
+    assert legends()[0].alert == "Out of date"
+    addon.select(*holders)
+    settings.tolerance = 0.5
+    assert legends()[0].alert == "Out of date: 3 of 3"
+
+
+def test_each_thing_that_is_shown_has_a_legend() -> None:
+    source, cube = scene.add_suzanne(), scene.add_object(meshes.cube(), "Cube")
+    addon.compute(cube)
+    [result] = subdivide(source)
+    addon.select(cube, result)
+    assert {legend.title for legend in legends()} == {"Subdivision Depth", "Proved Distance"}
+    addon.select(result)
+    [legend] = legends()
+    marks = {mark.note: mark for mark in legend.scale(0.1).marks}
+    record = result.data.ccdepth
+    assert float(marks["largest"].number) == pytest.approx(record.largest_bound, rel=0.01)
+    assert float(marks["tolerance"].number) == pytest.approx(record.world_tolerance, rel=0.01)
+    assert legend.notes == [f"Faces {len(result.data.polygons):,}"]
+
+
+def test_scales_of_their_own_are_told_in_parts_and_a_fixed_one_in_lengths() -> None:
+    sources = [scene.add_suzanne(), scene.add_object(meshes.cube(), "Cube")]
+    results = subdivide(*sources, tolerance_mode="RELATIVE", tolerance=0.01)
+    addon.select(*results)
+    [legend] = legends()
+    assert [mark.number for mark in legend.scale(0.1).marks] == ["0 %", "20 %", "40 %", "60 %", "80 %", "100 %"]
+    assert legend.scale(0.1).marks[-1].note == "largest"
+    settings = bpy.context.scene.ccdepth
+    settings.distance_range, settings.distance_top = "FIXED", 0.01
+    [legend] = legends()
+    scale = legend.scale(0.1)
+    assert scale.title == "Proved Distance (m)"
+    assert "0.01" in [mark.number for mark in scale.marks]
+    assert scale.has_beyond
+    # One distance has one colour on both.
+    colors: dict[float, tuple[float, ...]] = {}
+    module = addon.module("state.colors")
+    for result in results:
+        sizes = [polygon.loop_total for polygon in result.data.polygons]
+        expected = module.to_linear(module.scale_colors(addon.bounds(result).astype(float) / 0.01))
+        corner = 0
+        for face, size in enumerate(sizes):
+            colors[face] = tuple(addon.colors(result)[corner, :3]) if face < 20 else ()
+            if face < 20:
+                assert colors[face] == pytest.approx(tuple(expected[face]), abs=1e-5)
+            corner += size
+
+
+@pytest.mark.parametrize(
+    ("faces", "total", "text"),
+    [
+        (125_000, 125_003, "125,000  (99.9 %)"),
+        (3, 125_003, "3  (< 0.1 %)"),
+        (500, 500, "500  (100.0 %)"),
+        (1, 3, "1  (33.3 %)"),
+        (0, 3, "0  (0.0 %)"),
+    ],
+)
+def test_shares(faces: int, total: int, text: str) -> None:
+    assert addon.module("ui.panels").share_text(faces, total) == text
+
+
+def test_a_range_of_tolerances_has_one_unit() -> None:
+    text = selected.lengths_text
+    assert text(bpy.context.scene, [0.00364, 0.00346]) == "0.00346–0.00364 m"
+    assert text(bpy.context.scene, [0.00364, 0.00364]) == "0.00364 m"

@@ -1,0 +1,204 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The layout of the legend, with texts as wide as letters of one width would be."""
+
+from __future__ import annotations
+
+from itertools import combinations, product
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+from tests.blender import addon
+
+layout: ModuleType = addon.module("ui.legend_layout")
+distance_scale: ModuleType = addon.module("ui.distance_scale")
+
+LETTER = 0.55
+
+# A viewport of the default window, one of a small screen, a quarter of each, a low one, and a narrow one.
+REGIONS = [(1180, 786), (800, 500), (590, 393), (400, 250), (1180, 160), (260, 786)]
+
+FACES = [3, 125_000, 14, 2_700, 1, 0, 40_000, 12, 7]
+
+
+def width(text: str, size: float) -> float:
+    return LETTER * size * len(text)
+
+
+def depths(count: int = 9, objects: int = 0) -> Any:
+    rows = [layout.Row(str(depth), FACES[depth], (depth / 9, 0.5, 0.5)) for depth in reversed(range(count))]
+    listed = [(f"Suzanne.{number:03}", "1,968") for number in range(objects)]
+    return layout.Legend("Subdivision Depth", ["Tolerance 3.64 mm"], "Out of date", rows, objects=listed)
+
+
+def distances(largest: float = 0.5) -> Any:
+    shown = distance_scale.Distances(0.5, 0.3, largest, "")
+    return layout.Legend(
+        "Deviation",
+        ["Faces 7,730"],
+        scale=lambda gap: distance_scale.Scale(
+            "Deviation (m)",
+            [
+                distance_scale.Mark(0.0, 0.0, "0.0"),
+                distance_scale.Mark(0.6, 0.6, "0.3", "tolerance"),
+                distance_scale.Mark(1.0, 1.0, "0.5"),
+                *([distance_scale.Mark(2.0, 1.0 + 1.5 * gap, "1.0", "largest")] if shown.largest > shown.top else []),
+            ],
+            shown.largest > shown.top,
+        ),
+    )
+
+
+def rectangle(*edges: float) -> Any:
+    return layout.Rectangle(*edges)
+
+
+def obstacles(region: tuple[int, int], scale: float, *names: str) -> list[Any]:
+    """The sidebar, the header, the gizmo and the panel Adjust Last Operation, where Blender has them."""
+    across, up = region
+    places = {
+        "sidebar": rectangle(across - 260 * scale, 0, across, up),
+        "header": rectangle(0, up - 54 * scale, across, up),
+        "gizmo": rectangle(across - 100 * scale, up - 250 * scale, across, up),
+        "adjust": rectangle(60 * scale, 0, 360 * scale, 200 * scale),
+        "tools": rectangle(0, 0, 58 * scale, up),
+    }
+    return [places[name] for name in names]
+
+
+def place(legend: Any, region: tuple[int, int], scale: float = 1.0, *names: str) -> Any:
+    return layout.placed(legend, region, obstacles(region, scale, *names), scale, width, (1.0, 0.0, 0.0, 1.0))
+
+
+def texts(found: Any) -> list[str]:
+    return [text.text for text in found.texts]
+
+
+def extent(text: Any, size: float) -> tuple[float, float]:
+    right = text.x if text.ends_there else text.x + width(text.text, size)
+    return right - width(text.text, size), right
+
+
+LEGENDS = {
+    "depths": depths(),
+    "few depths": depths(2),
+    "objects": depths(5, objects=4),
+    "distances": distances(),
+    "distances beyond": distances(1.0),
+}
+HIDDEN_BY = [(), ("header", "gizmo", "tools"), ("header", "gizmo", "tools", "sidebar"), ("header", "tools", "adjust")]
+
+
+@pytest.mark.parametrize("legend", LEGENDS.values(), ids=LEGENDS)
+@pytest.mark.parametrize("region", REGIONS)
+@pytest.mark.parametrize("scale", [1.0, 1.5, 2.0])
+@pytest.mark.parametrize("names", HIDDEN_BY)
+def test_everything_is_inside_and_nothing_is_over_anything_else(
+    legend: Any, region: tuple[int, int], scale: float, names: tuple[str, ...]
+) -> None:
+    answer = place(legend, region, scale, *names)
+    if answer is None:
+        return
+    found, where = answer
+    assert (where.right - where.left, where.top - where.bottom) == pytest.approx((found.width, found.height))
+    assert min(where.left, where.bottom) >= 0
+    assert (where.right, where.top) <= region
+    assert not any(where.overlaps(each) for each in obstacles(region, scale, *names))
+    places = [each for each, _ in found.swatches] + ([] if found.ramp is None else [found.ramp])
+    for one in places:
+        assert 0 <= one.left < one.right <= found.width
+        assert 0 <= one.bottom < one.top <= found.height
+    assert not any(one.overlaps(other) for one, other in combinations(places, 2))
+    written = [(text, extent(text, found.font_size)) for text in found.texts if text.text]
+    for text, (left, right) in written:
+        assert left >= 0
+        assert right <= found.width + 1e-9
+        assert 0 <= text.y <= found.height - found.font_size
+    for (one, ends), (other, others) in combinations(written, 2):
+        if abs(one.y - other.y) < found.font_size:
+            assert ends[1] <= others[0] or others[1] <= ends[0], (one, other)
+    for text, (left, right) in written:
+        for swatch, _ in found.swatches:
+            if swatch.bottom <= text.y < swatch.top:
+                assert right <= swatch.left or left >= swatch.right, text
+
+
+def test_with_room_it_is_a_column_in_the_corner_with_everything() -> None:
+    found, where = place(LEGENDS["objects"], (1180, 786))
+    assert (where.right, where.bottom) == (1180 - layout.MARGIN, layout.MARGIN)
+    assert found.font_size == layout.FONT_SIZE
+    assert {"Subdivision Depth", "Tolerance 3.64 mm", "Out of date", "Depth", "Faces", "Suzanne.003"} <= {*texts(found)}
+    assert [color for _, color in found.swatches] == [row.color for row in reversed(depths(5).rows)]
+
+
+def test_colours_stand_beside_their_depths() -> None:
+    """In a column on the same line; in a strip directly to the left."""
+    for region in ((1180, 786), (1180, 160)):
+        found, _ = place(depths(), region)
+        rows = {row.color: row for row in depths().rows}
+        assert len(found.swatches) == len(rows)
+        for swatch, color in found.swatches:
+            beside = [text for text in found.texts if swatch.bottom <= text.y < swatch.top and text.x > swatch.right]
+            label = min(beside, key=lambda text: extent(text, found.font_size)[0])
+            assert label.text == rows[color].label
+
+
+def test_it_grows_with_the_interface() -> None:
+    sizes = [place(depths(), (2400, 1600), scale)[0] for scale in (1.0, 2.0)]
+    assert sizes[1].font_size == 2 * sizes[0].font_size
+    assert (sizes[1].width, sizes[1].height) == pytest.approx((2 * sizes[0].width, 2 * sizes[0].height), rel=0.02)
+
+
+@pytest.mark.parametrize(("region", "scale"), [((590, 393), 2.0), ((590, 393), 1.0), ((400, 250), 1.0)])
+def test_in_quad_view_all_depths_are_there(region: tuple[int, int], scale: float) -> None:
+    found, _ = place(depths(), region, scale)
+    assert {str(depth) for depth in range(9)} <= {*texts(found)}
+
+
+def test_in_a_low_viewport_it_lies_down() -> None:
+    found, _ = place(depths(), (1180, 160))
+    assert found.width > 2 * found.height
+    assert len(found.swatches) == 9
+    scale, _ = place(distances(), (1180, 160))
+    assert scale.ramp.right - scale.ramp.left > scale.ramp.top - scale.ramp.bottom
+
+
+@pytest.mark.parametrize("legend", LEGENDS.values(), ids=LEGENDS)
+def test_it_is_beside_or_above_the_panel_that_adjusts_the_last_operation(legend: Any) -> None:
+    for across in range(420, 1200, 60):
+        for up in range(300, 800, 100):
+            answer = place(legend, (across, up), 1.0, "adjust")
+            assert answer is None or not answer[1].overlaps(obstacles((across, up), 1.0, "adjust")[0])
+    assert place(legend, (700, 500), 1.0, "adjust") is not None
+
+
+@pytest.mark.parametrize("scale", [1.0, 2.0])
+def test_rows_that_go_are_those_of_fewest_faces(scale: float) -> None:
+    """However little room there is, and no row goes to make room for one line that counts the rest."""
+    numbers = {str(depth): faces for depth, faces in enumerate(FACES)}
+    kept_counts = set()
+    for across, up in product(range(80, 700, 20), range(60, 400, 20)):
+        answer = place(depths(), (across, up), scale)
+        if answer is None:
+            continue
+        # Swatches are in the rows' colours, and depths have different ones.
+        kept = [row for row in depths().rows if row.color in [color for _, color in answer[0].swatches]]
+        kept_counts.add(len(kept))
+        left_out = [faces for label, faces in numbers.items() if label not in [row.label for row in kept]]
+        assert min(row.faces for row in kept) >= max(left_out, default=0)
+        if left_out:
+            assert len(left_out) > 1
+            assert f"{sum(left_out):,}" in texts(answer[0])
+    assert len(kept_counts) > 4
+
+
+def test_the_list_of_objects_goes_before_any_depth() -> None:
+    region = (1180, 250)
+    found, _ = place(depths(5, objects=5), region)
+    assert len(found.swatches) == 5
+    assert "Suzanne.000" not in texts(found)
+
+
+def test_without_room_there_is_none() -> None:
+    assert place(depths(), (60, 40)) is None
