@@ -50,9 +50,8 @@ TEXT_COLOR = (0.62, 0.62, 0.62)
 HEADING_COLOR = (0.25, 0.25, 0.26)
 EDGE_COLOR = (0.008, 0.008, 0.010)
 
-# A face turned away from the light keeps this part of its colour: enough to see the form, too little to mistake one
-# depth for another.
-SHADOW = 0.55
+# A face turned away from the light keeps this part of its colour: less than from one depth to the next.
+SHADOW = 0.8
 LIGHT = (-0.40, 0.55, 0.73)
 
 # Edges are drawn while faces are large enough to be seen between them.

@@ -52,10 +52,8 @@ def distance_scale(scene: bpy.types.Scene, title: str, shown: Distances, gap: fl
     """The scale of distances on a mesh. gap: what a label takes, as a part of the scale's height."""
     unit = unit_for(scene, shown.top)
     top, tolerance, largest = (in_unit(scene, each, unit) for each in (shown.top, shown.tolerance, shown.largest))
-    numbers = {
-        "tolerance": (tolerance, number_text(tolerance, Rounding.NEAREST, 3)),
-        "largest": (largest, number_text(largest, Rounding.UP, 3)),
-    }
+    texts = _texts(tolerance, largest)
+    numbers = {"tolerance": (tolerance, texts[0]), "largest": (largest, texts[1])}
     end = numbers[shown.end][1] if shown.end in numbers else number_text(top, Rounding.NEAREST, 3)
     marks = [Mark(1.0, 1.0, end, shown.end)]
     for note, (length, text) in numbers.items():
@@ -68,6 +66,15 @@ def distance_scale(scene: bpy.types.Scene, title: str, shown: Distances, gap: fl
         sorted(marks, key=lambda mark: mark.label_height),
         bool(largest > top),
     )
+
+
+def _texts(tolerance: Decimal, largest: Decimal) -> tuple[str, str]:
+    """The two numbers, the second rounded up, with enough digits that rounding does not put it above the first."""
+    for digits in range(3, 9):
+        texts = number_text(tolerance, Rounding.NEAREST, digits), number_text(largest, Rounding.UP, digits)
+        if (largest <= tolerance) == (Decimal(texts[1]) <= Decimal(texts[0])):
+            break
+    return texts
 
 
 def relative_scale(title: str, end: str, gap: float, *, has_beyond: bool) -> Scale:

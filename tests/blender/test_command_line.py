@@ -186,12 +186,23 @@ def test_it_subdivides_adaptively(tmp_path: Path, capfd: pytest.CaptureFixture[s
     assert written == addon.depths(result).tolist()
 
 
+@pytest.mark.parametrize("in_place", [False, True])
+def test_a_picture_of_adaptive_meshes_shows_their_distances(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], in_place: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(addon.module("command_line.picture"), "SAMPLES", 1)
+    path = tmp_path / "picture.png"
+    line = ["--subdivide", "--tolerance", "0.01", *(["--in-place"] if in_place else []), "--picture", path]
+    assert run(*line) == 0
+    assert f"Written: {path}" in capfd.readouterr().out
+    assert path.read_bytes().startswith(b"\x89PNG")
+
+
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
         (["--max-faces", "1000"], "1,000 are allowed"),
         (["--tolerance", "nan"], "The tolerance is not a finite number"),
-        (["--picture", "picture.png"], "cannot be had with --subdivide"),
     ],
 )
 def test_what_cannot_be_subdivided_is_said_and_nothing_is_written(

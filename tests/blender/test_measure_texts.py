@@ -80,6 +80,19 @@ def test_marks_have_room(color_range: str, largest: float) -> None:
     assert tolerance.height == pytest.approx(1.0 if color_range == "TOLERANCE" else 1.0 / largest)
 
 
+@pytest.mark.parametrize("color_range", ["LARGEST", "TOLERANCE", "FIXED"])
+def test_what_is_within_the_tolerance_is_not_written_as_more(color_range: str) -> None:
+    module = addon.module("ui.distance_scale")
+    for tolerance, largest in ((0.011326, 0.011318), (0.0036389, 0.0036389), (0.5, 0.49999), (0.1, 0.10001)):
+        top = {"LARGEST": largest, "TOLERANCE": tolerance, "FIXED": 1.0}[color_range]
+        shown = module.Distances(top, tolerance, largest, {"FIXED": ""}.get(color_range, color_range.lower()))
+        scale = module.distance_scale(bpy.context.scene, "Proved Distance", shown, 0.05)
+        written = {mark.note: Decimal(mark.number) for mark in scale.marks if mark.note}
+        if len(written) == 2:
+            assert (written["largest"] <= written["tolerance"]) == (largest <= tolerance)
+        assert len(written) == 2 or color_range == "FIXED"
+
+
 def test_work_in_a_thread_tells_its_progress_and_returns() -> None:
     worker, looked = addon.module("operators.worker"), threading.Event()
 

@@ -12,9 +12,13 @@ from numpy.typing import NDArray
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.subdividing import subdivide
 
 picture = addon.module("command_line.picture")
 colors = addon.module("state.colors")
+
+# Between a face in the light and one turned away from it.
+SHADES = np.linspace(picture.SHADOW, 1.0, 21)
 
 
 @pytest.fixture(autouse=True)
@@ -71,6 +75,26 @@ def test_faces_have_the_hues_of_their_depths(tmp_path: Path) -> None:
     assert np.median(np.ptp(shades, axis=1)) < 0.02
     assert np.quantile(shades, 0.02) > picture.SHADOW - 0.02
     assert np.quantile(shades, 0.98) < 1.02
+
+
+@pytest.mark.parametrize("heat_map", [False, True])
+def test_an_adaptive_mesh_has_the_colours_of_its_distances(tmp_path: Path, heat_map: bool) -> None:
+    bpy.context.scene.ccdepth.show_heat_map = heat_map
+    source = scene.add_object(meshes.cube())
+    [result] = subdivide(source, tolerance=0.2)
+    objects, legend = split(render(tmp_path / "picture.png", result))
+    for fraction in (0.0, 0.25, 0.5, 0.75, 1.0):
+        [color] = colors.scale_colors(np.array([fraction]))
+        # Strips are two pixels high.
+        assert count_color(legend, color) > 40
+    bounds = addon.bounds(result).astype(np.float64)
+    shades = np.concatenate(
+        [colors.to_linear(color) * shade for color in colors.scale_colors(bounds / bounds.max()) for shade in SHADES]
+    ).reshape(-1, 3)
+    seen = colors.to_linear(objects[(objects.max(axis=2) - objects.min(axis=2)) > 0.2].astype(np.float64))[::50]
+    nearest = np.abs(seen[:, None] - shades[None]).max(axis=2).min(axis=1)
+    assert len(seen) > 100
+    assert np.quantile(nearest, 0.9) < 0.02
 
 
 def test_the_file_stays_as_it_is(tmp_path: Path) -> None:
