@@ -2,7 +2,7 @@
 """The legend in the 3D View: which colour stands for which depth or distance on the selected objects.
 
 It stands at the bottom right, clear of the sidebar, the headers, the asset shelf, the navigation gizmo and the panel
-Adjust Last Operation. In Quad View it is in the lower right view alone.
+Adjust Last Operation. In Quad View it is in one of the views alone.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from gpu_extras.batch import batch_for_shader
 from ..state import viewports
 from ..state.colors import BEYOND, VIRIDIS_COLORS
 from .legend_contents import legends
-from .legend_layout import Color, Layout, Rectangle, Style, placed
+from .legend_layout import Color, Layout, Legend, Rectangle, Room, Style, placed
 from .selected_results import colored_objects
 
 FONT = 0
@@ -31,34 +31,58 @@ BACKGROUND_COLOR = (0.08, 0.08, 0.08, 0.75)
 # What the navigation gizmo takes at the top right, at an interface scale of 1.
 GIZMO_WIDTH, GIZMO_HEIGHT = 100, 250
 
+# And what the information takes at the top left, with the headers above it.
+INFORMATION_WIDTH, INFORMATION_HEIGHT = 260, 135
+
 _handle: Any = None
 
 
 def draw() -> None:
     """Draw the legend in the current region, if there is anything to show."""
     context = bpy.context
-    space, region = context.space_data, context.region
+    space = context.space_data
     if not (context.scene.ccdepth.show_legend and space.overlay.show_overlays and viewports.shows_colors(space)):
         return
-    if space.region_quadviews and not _is_lower_right(context.area, region):
-        return
+    wanted = legends(context.scene, colored_objects(context))
     scale = context.preferences.system.ui_scale
-    obstacles = _obstacles(context, scale)
-    for legend in legends(context.scene, colored_objects(context)):
-        found = placed(legend, (region.width, region.height), obstacles, scale, _width, (*BEYOND, 1.0))
-        if found is not None:
-            _draw_layout(*found)
-            obstacles.append(found[1])
+    for region in _views(context.area):
+        found = _placed_in(context, region, wanted, scale)
+        if region == context.region:
+            for layout, place in found:
+                _draw_layout(layout, place)
+        if found or region == context.region:
+            return
 
 
-def _is_lower_right(area: bpy.types.Area, region: bpy.types.Region) -> bool:
+def _views(area: bpy.types.Area) -> list[bpy.types.Region]:
+    """The views of the area, of which the first that has room has the legend: from the lower right on in Quad View."""
     views = [each for each in area.regions if each.type == "WINDOW" and each.width > 1]
-    return region == min(views, key=lambda each: (each.y, -each.x))
+    return sorted(views, key=lambda each: (each.y, -each.x))
 
 
-def _obstacles(context: bpy.types.Context, scale: float) -> list[Rectangle]:
+def _placed_in(
+    context: bpy.types.Context, region: bpy.types.Region, wanted: list[Legend], scale: float
+) -> list[tuple[Layout, Rectangle]]:
+    """The legends that have room in the region, beside each other, and where."""
+    size = region.width, region.height
+    obstacles, avoided = _obstacles(context, region, scale), [_information(region, scale)]
+    found = []
+    for legend in wanted:
+        answer = placed(legend, Room(size, obstacles, avoided), scale, _width, (*BEYOND, 1.0))
+        if answer is not None:
+            found.append(answer)
+            obstacles.append(answer[1])
+    return found
+
+
+def _information(region: bpy.types.Region, scale: float) -> Rectangle:
+    """Where the name of the view and of the active object are written."""
+    width, height = (round(each * scale) for each in (INFORMATION_WIDTH, INFORMATION_HEIGHT))
+    return Rectangle(0, region.height - height, width, region.height)
+
+
+def _obstacles(context: bpy.types.Context, window: bpy.types.Region, scale: float) -> list[Rectangle]:
     """What is drawn over the region, or takes part of it."""
-    window = context.region
     found = [
         Rectangle(each.x, each.y, each.x + each.width, each.y + each.height)
         for each in context.area.regions

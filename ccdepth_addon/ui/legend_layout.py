@@ -139,24 +139,31 @@ def lengths(scale: float, measure: Measure) -> Lengths:
     )
 
 
+@dataclass(frozen=True)
+class Room:
+    """A region of the window: its width and height, what may not be covered, and what had better not be."""
+
+    size: tuple[int, int]
+    obstacles: Sequence[Rectangle]
+    avoided: Sequence[Rectangle] = ()
+
+
 def placed(
-    legend: Legend,
-    region: tuple[int, int],
-    obstacles: Sequence[Rectangle],
-    scale: float,
-    measure: Measure,
-    beyond: Color,
+    legend: Legend, room: Room, scale: float, measure: Measure, beyond: Color
 ) -> tuple[Layout, Rectangle] | None:
-    """The best layout that has room in a region of this width and height, and where; None when there is none.
+    """The best layout that there is room for, and where; None when there is none.
 
     scale: the interface's. beyond: the colour of what is beyond a scale of distances.
     """
-    for layout in _layouts(legend, scale, measure, beyond):
-        if layout.width * layout.height > LARGEST_PART * region[0] * region[1]:
-            continue
-        place = free_place(layout.width, layout.height, region, obstacles, round(MARGIN * scale))
-        if place is not None:
-            return layout, place
+    largest, margin = LARGEST_PART * room.size[0] * room.size[1], round(MARGIN * scale)
+    for layouts in (_whole_layouts, _shortened_layouts):
+        found = [each for each in layouts(legend, scale, measure, beyond) if each.width * each.height <= largest]
+        # Something is covered before a row is left out.
+        for obstacles in ([*room.obstacles, *room.avoided], room.obstacles):
+            for layout in found:
+                place = free_place(layout.width, layout.height, room.size, obstacles, margin)
+                if place is not None:
+                    return layout, place
     return None
 
 
@@ -176,8 +183,8 @@ def free_place(
     return None
 
 
-def _layouts(legend: Legend, scale: float, measure: Measure, beyond: Color) -> Iterator[Layout]:
-    """From the best to the least."""
+def _whole_layouts(legend: Legend, scale: float, measure: Measure, beyond: Color) -> Iterator[Layout]:
+    """Those with all rows, from the best to the least."""
     alone = replace(legend, objects=[])
     for size in SIZES:
         at = lengths(scale * size, measure)
@@ -185,10 +192,17 @@ def _layouts(legend: Legend, scale: float, measure: Measure, beyond: Color) -> I
             yield _column(legend, at, beyond)
         yield _column(alone, at, beyond)
         yield _strip(alone, at, beyond)
+    shortest = replace(alone, notes=[])
+    yield _column(shortest, at, beyond)
+    yield _strip(shortest, at, beyond)
+
+
+def _shortened_layouts(legend: Legend, scale: float, measure: Measure, beyond: Color) -> Iterator[Layout]:
+    """Those that count some rows together, from the best to the least."""
     at = lengths(scale * SIZES[-1], measure)
     # One row takes as much room as the one that would count it among others.
-    for kept in (len(legend.rows), *range(len(legend.rows) - 2, 0, -1)):
-        shorter = replace(alone, rows=most_rows(legend.rows, kept), notes=[])
+    for kept in range(len(legend.rows) - 2, 0, -1):
+        shorter = replace(legend, rows=most_rows(legend.rows, kept), notes=[], objects=[])
         yield _column(shorter, at, beyond)
         yield _strip(shorter, at, beyond)
 

@@ -68,7 +68,8 @@ def obstacles(region: tuple[int, int], scale: float, *names: str) -> list[Any]:
 
 
 def place(legend: Any, region: tuple[int, int], scale: float = 1.0, *names: str) -> Any:
-    return layout.placed(legend, region, obstacles(region, scale, *names), scale, width, (1.0, 0.0, 0.0, 1.0))
+    room = layout.Room(region, obstacles(region, scale, *names))
+    return layout.placed(legend, room, scale, width, (1.0, 0.0, 0.0, 1.0))
 
 
 def texts(found: Any) -> list[str]:
@@ -191,6 +192,17 @@ def test_rows_that_go_are_those_of_fewest_faces(scale: float) -> None:
             assert len(left_out) > 1
             assert f"{sum(left_out):,}" in texts(answer[0])
     assert len(kept_counts) > 4
+
+
+def test_something_that_is_only_avoided_is_covered_before_a_row_goes() -> None:
+    region, text = (260, 300), rectangle(0, 80, 260, 300)
+    free, covering = (
+        layout.placed(legend, layout.Room(region, [], [text]), 1.0, width, (1.0, 0.0, 0.0, 1.0))
+        for legend in (depths(2), depths(9))
+    )
+    assert not free[1].overlaps(text)
+    assert covering[1].overlaps(text)
+    assert len(covering[0].swatches) == 9
 
 
 def test_the_list_of_objects_goes_before_any_depth() -> None:
