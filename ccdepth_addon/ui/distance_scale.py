@@ -39,19 +39,28 @@ class Scale:
 
 @dataclass(frozen=True)
 class Distances:
-    """What a scale is about, in the scene's units. end: which of the others has the last colour, ``tolerance`` or
-    ``largest``, or neither."""
+    """What a scale is about, in this unit.
 
-    top: float
-    tolerance: float
-    largest: float
+    end: which of the others has the last colour, ``tolerance`` or ``largest``, or neither.
+    """
+
+    top: Decimal
+    tolerance: Decimal
+    largest: Decimal
     end: str
+    unit: str = ""
 
 
-def distance_scale(scene: bpy.types.Scene, title: str, shown: Distances, gap: float) -> Scale:
+def distances(scene: bpy.types.Scene, top: float, tolerance: float, largest: float, end: str) -> Distances:
+    """Distances of the scene in a unit that suits them."""
+    unit = unit_for(scene, top)
+    in_it = [in_unit(scene, each, unit) for each in (top, tolerance, largest)]
+    return Distances(in_it[0], in_it[1], in_it[2], end, unit.name)
+
+
+def distance_scale(title: str, shown: Distances, gap: float) -> Scale:
     """The scale of distances on a mesh. gap: what a label takes, as a part of the scale's height."""
-    unit = unit_for(scene, shown.top)
-    top, tolerance, largest = (in_unit(scene, each, unit) for each in (shown.top, shown.tolerance, shown.largest))
+    top, tolerance, largest = shown.top, shown.tolerance, shown.largest
     texts = _texts(tolerance, largest)
     numbers = {"tolerance": (tolerance, texts[0]), "largest": (largest, texts[1])}
     end = numbers[shown.end][1] if shown.end in numbers else number_text(top, Rounding.NEAREST, 3)
@@ -62,7 +71,7 @@ def distance_scale(scene: bpy.types.Scene, title: str, shown: Distances, gap: fl
     for number in round_numbers(top):
         _add_where_there_is_room(marks, Mark(float(number / top), float(number / top), f"{number:f}"), gap)
     return Scale(
-        f"{title} ({unit.name})" if unit.name else title,
+        f"{title} ({shown.unit})" if shown.unit else title,
         sorted(marks, key=lambda mark: mark.label_height),
         bool(largest > top),
     )

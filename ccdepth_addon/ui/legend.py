@@ -7,7 +7,8 @@ Adjust Last Operation. In Quad View it is in one of the views alone.
 
 from __future__ import annotations
 
-from typing import Any
+from time import monotonic
+from typing import Any, NamedTuple
 
 import blf
 import bpy
@@ -26,7 +27,7 @@ COLORS = {
     Style.HEADING: (0.75, 0.75, 0.75, 1.0),
     Style.ALERT: (1.0, 0.45, 0.4, 1.0),
 }
-BACKGROUND_COLOR = (0.08, 0.08, 0.08, 0.75)
+BACKGROUND_COLOR = (0.08, 0.08, 0.08, 0.85)
 
 # What the navigation gizmo takes at the top right, at an interface scale of 1.
 GIZMO_WIDTH, GIZMO_HEIGHT = 100, 250
@@ -34,7 +35,21 @@ GIZMO_WIDTH, GIZMO_HEIGHT = 100, 250
 # And what the information takes at the top left, with the headers above it.
 INFORMATION_WIDTH, INFORMATION_HEIGHT = 260, 135
 
+# Seconds after which it has taken long to put the legends together, and for how many times as long they are kept then.
+LONG = 0.01
+TIMES_KEPT = 10
+
+
+class _Kept(NamedTuple):
+    """The legends of a scene and view layer, and until when they serve."""
+
+    layer: tuple[str, str]
+    until: float
+    legends: list[Legend]
+
+
 _handle: Any = None
+_kept: _Kept | None = None
 
 
 def draw() -> None:
@@ -43,7 +58,7 @@ def draw() -> None:
     space = context.space_data
     if not (context.scene.ccdepth.show_legend and space.overlay.show_overlays and viewports.shows_colors(space)):
         return
-    wanted = legends(context.scene, colored_objects(context))
+    wanted = _wanted(context)
     scale = context.preferences.system.ui_scale
     for region in _views(context.area):
         found = _placed_in(context, region, wanted, scale)
@@ -52,6 +67,24 @@ def draw() -> None:
                 _draw_layout(layout, place)
         if found or region == context.region:
             return
+
+
+def _wanted(context: bpy.types.Context) -> list[Legend]:
+    """What the legends say. Of very many objects this takes a while, and is kept for some time."""
+    global _kept
+    started, layer = monotonic(), (context.scene.name, context.view_layer.name)
+    if _kept is not None and _kept.layer == layer and started < _kept.until:
+        if not bpy.app.timers.is_registered(_redraw):
+            bpy.app.timers.register(_redraw, first_interval=_kept.until - started)
+        return _kept.legends
+    found = legends(context.scene, colored_objects(context))
+    took = monotonic() - started
+    _kept = _Kept(layer, monotonic() + TIMES_KEPT * took, found) if took > LONG else None
+    return found
+
+
+def _redraw() -> None:
+    viewports.redraw(bpy.context)
 
 
 def _views(area: bpy.types.Area) -> list[bpy.types.Region]:
@@ -162,6 +195,8 @@ def register() -> None:
 
 
 def unregister() -> None:
-    global _handle
+    global _handle, _kept
     bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
-    _handle = None
+    _handle = _kept = None
+    if bpy.app.timers.is_registered(_redraw):
+        bpy.app.timers.unregister(_redraw)

@@ -10,7 +10,7 @@ import bpy
 from ..state.colors import depth_colors
 from ..state.results import Shown
 from . import deviation_panel, panels
-from .distance_scale import Distances, Scale, distance_scale, relative_scale
+from .distance_scale import Distances, Scale, distance_scale, distances, relative_scale
 from .legend_layout import Legend, Row
 from .lengths import Rounding, length_text
 from .selected_results import faces_by_depth, lengths_text
@@ -23,7 +23,7 @@ ENDS = {"LARGEST": "largest", "TOLERANCE": "tolerance", "FIXED": ""}
 
 
 def legends(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object]) -> list[Legend]:
-    """The legends of objects that show a heat map."""
+    """The legends of objects that show a heat map; nothing in them refers to Blender's data."""
     groups: dict[tuple[str, tuple[float, ...]], list[bpy.types.Object]] = {}
     for each in objects:
         record = each.data.ccdepth
@@ -78,19 +78,19 @@ def depth_rows(objects: Sequence[bpy.types.Object]) -> list[Row]:
 
 def _scale(scene: bpy.types.Scene, kind: Shown, objects: list[bpy.types.Object]) -> Callable[[float], Scale]:
     end = ENDS[scene.ccdepth.distance_range]
-    shown = [_distances(kind, each.data.ccdepth, end) for each in objects]
+    shown = [_distances(scene, kind, each.data.ccdepth, end) for each in objects]
     worst = max(shown, key=lambda each: each.largest)
     if len({each.top for each in shown}) == 1:
-        return lambda gap: distance_scale(scene, kind.value, worst, gap)
+        return lambda gap: distance_scale(kind.value, worst, gap)
     has_beyond = any(each.largest > each.top for each in shown)
     return lambda gap: relative_scale(kind.value, end, gap, has_beyond=has_beyond)
 
 
-def _distances(kind: Shown, record: bpy.types.PropertyGroup, end: str) -> Distances:
+def _distances(scene: bpy.types.Scene, kind: Shown, record: bpy.types.PropertyGroup, end: str) -> Distances:
     top = record.color_range[1]
     if kind is Shown.BOUND:
-        return Distances(top, record.world_tolerance, record.largest_bound, end)
-    return Distances(top, record.measurement.world_tolerance, record.measurement.largest_shown, end)
+        return distances(scene, top, record.world_tolerance, record.largest_bound, end)
+    return distances(scene, top, record.measurement.world_tolerance, record.measurement.largest_shown, end)
 
 
 def _alert(objects: Sequence[bpy.types.Object], line_of: Callable[[bpy.types.Object], str]) -> str:

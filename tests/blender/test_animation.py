@@ -191,9 +191,9 @@ def test_a_change_while_depths_are_being_computed_is_noticed() -> None:
     [answer] = answers
     results = addon.module("state.results")
     with ExitStack() as undo:
-        results.write_depths(mesh, answer, 0, answer.deepest, undo)
+        results.write_depths(mesh, answer, (0, 8), undo)
         undo.pop_all()
-    results.write_record(mesh, answer, settings, 0, answer.deepest)
+    results.write_record(mesh, answer, settings, (0, 8))
     addon.module("state.fingerprint").remember(mesh, answer.task.geometry, answer.depths, answer.task.states)
     addon.module("state.staleness").touch(mesh)
     assert told_by_the_panel(holder).startswith("Out of date: mesh")

@@ -78,6 +78,7 @@ def test_an_object_that_is_edited_while_another_is_active(output: str, hidden: b
     user = other_user if hidden else edited
     result = user if output == "IN_PLACE" else bpy.data.objects[f"{user.name} Adaptive"]
     assert "Paint" in result.data.attributes
+    bpy.context.scene.ccdepth.show_heat_map = False
     assert result.data.attributes.active_color_name == "Paint"
     assert edited.mode == "EDIT"
     assert [each.name for each in bpy.data.objects if each.mode == "EDIT"] == ["Edited"]

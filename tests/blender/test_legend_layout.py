@@ -33,7 +33,7 @@ def depths(count: int = 9, objects: int = 0) -> Any:
 
 
 def distances(largest: float = 0.5) -> Any:
-    shown = distance_scale.Distances(0.5, 0.3, largest, "")
+    has_beyond = largest > 0.5
     return layout.Legend(
         "Deviation",
         ["Faces 7,730"],
@@ -43,9 +43,9 @@ def distances(largest: float = 0.5) -> Any:
                 distance_scale.Mark(0.0, 0.0, "0.0"),
                 distance_scale.Mark(0.6, 0.6, "0.3", "tolerance"),
                 distance_scale.Mark(1.0, 1.0, "0.5"),
-                *([distance_scale.Mark(2.0, 1.0 + 1.5 * gap, "1.0", "largest")] if shown.largest > shown.top else []),
+                *([distance_scale.Mark(2.0, 1.0 + 1.5 * gap, "1.0", "largest")] if has_beyond else []),
             ],
-            shown.largest > shown.top,
+            has_beyond,
         ),
     )
 

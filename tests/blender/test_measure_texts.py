@@ -68,8 +68,8 @@ def test_round_numbers_are_few_and_reach_far(top: str) -> None:
 def test_marks_have_room(color_range: str, largest: float) -> None:
     gap, module = 0.1, addon.module("ui.distance_scale")
     top = 1.0 if color_range == "TOLERANCE" else largest
-    shown = module.Distances(top, 1.0, largest, color_range.lower())
-    scale = module.distance_scale(bpy.context.scene, "Deviation", shown, gap)
+    shown = module.distances(bpy.context.scene, top, 1.0, largest, color_range.lower())
+    scale = module.distance_scale("Deviation", shown, gap)
     assert scale.title == "Deviation (m)"
     heights = [mark.label_height for mark in scale.marks]
     assert all(later - earlier > gap - 1e-9 for earlier, later in pairwise(heights))
@@ -85,8 +85,9 @@ def test_what_is_within_the_tolerance_is_not_written_as_more(color_range: str) -
     module = addon.module("ui.distance_scale")
     for tolerance, largest in ((0.011326, 0.011318), (0.0036389, 0.0036389), (0.5, 0.49999), (0.1, 0.10001)):
         top = {"LARGEST": largest, "TOLERANCE": tolerance, "FIXED": 1.0}[color_range]
-        shown = module.Distances(top, tolerance, largest, {"FIXED": ""}.get(color_range, color_range.lower()))
-        scale = module.distance_scale(bpy.context.scene, "Proved Distance", shown, 0.05)
+        end = {"FIXED": ""}.get(color_range, color_range.lower())
+        shown = module.distances(bpy.context.scene, top, tolerance, largest, end)
+        scale = module.distance_scale("Proved Distance", shown, 0.05)
         written = {mark.note: Decimal(mark.number) for mark in scale.marks if mark.note}
         if len(written) == 2:
             assert (written["largest"] <= written["tolerance"]) == (largest <= tolerance)

@@ -250,9 +250,10 @@ def test_everything_else_of_the_mesh_is_there() -> None:
     weights = [entry.weight for vertex in result.data.vertices for entry in vertex.groups]
     assert 0 < max(weights) <= 0.5
     assert result.data["note"] == 3
+    bpy.context.scene.ccdepth.show_heat_map = False
     assert result.data.attributes.active_color_name == "Color"
     assert result.data.uv_layers.active.name == "Map"
-    known = {"ccdepth", "ccdepth_bound", *mesh.attributes.keys()}
+    known = {*addon.ATTRIBUTES, *mesh.attributes.keys()}
     assert {name for name in result.data.attributes.keys() if not name.startswith(".")} <= known  # noqa: SIM118
     assert addon.depths(result).max() == result.data.ccdepth.deepest
 
