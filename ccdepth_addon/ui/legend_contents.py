@@ -45,13 +45,14 @@ def _legend(scene: bpy.types.Scene, kind: Shown, objects: list[bpy.types.Object]
     if kind is Shown.BOUND:
         return Legend(
             kind.value,
-            notes=[f"Faces {sum(each.data.ccdepth.faces for each in objects):,}"],
+            notes=[f"Faces {sum(mesh.ccdepth.faces for mesh in {each.data for each in objects}):,}"],
             alert=_alert(objects, lambda each: panels.stale_line(scene.ccdepth, each.data, each)),
             scale=_scale(scene, kind, objects),
             objects=_listed(objects, lambda each: length_text(scene, each.data.ccdepth.largest_bound, Rounding.UP)),
         )
     return Legend(
         kind.value,
+        notes=[f"Faces {sum(mesh.ccdepth.measurement.faces for mesh in {each.data for each in objects}):,}"],
         alert=_alert(objects, lambda each: deviation_panel.stale_line(scene.ccdepth, each.data)),
         scale=_scale(scene, kind, objects),
         objects=_listed(objects, lambda each: length_text(scene, each.data.ccdepth.deviation, Rounding.UP)),

@@ -726,6 +726,8 @@ def set_scene(rng: Random) -> None:
     settings = bpy.context.scene.ccdepth
     settings.show_heat_map, settings.show_legend = chance(rng, 0.7), chance(rng, 0.5)
     settings.use_modifiers = chance(rng, 0.7)
+    settings.first_color_depth, settings.last_color_depth = (int(depth) for depth in rng.integers(0, 12, 2))
+    settings.distance_range = one(rng, ("LARGEST", "TOLERANCE", "FIXED"))
 
 
 def add_scene(rng: Random) -> None:
