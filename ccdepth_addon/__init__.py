@@ -15,10 +15,12 @@ MANIFEST = Path(__file__).resolve().parent.parent / "blender_manifest.toml"
 MODULES = (
     "state.settings",
     "state.record",
+    "state.result_record",
     "state.viewports",
     "operators",
     "ui.heat_map",
     "state.staleness",
+    "state.sources",
     "state.face_counts",
     "ui.panels",
     "ui.adaptive_panel",

@@ -491,6 +491,8 @@ class FrozenCopies:
         self._face_counts[uid] = len(mesh.polygons)
         copy.data = mesh
         copy.animation_data_clear()
+        # What is hidden in all viewports is not evaluated.
+        copy.hide_viewport = False
         for modifier in [m for m in copy.modifiers if m.name not in names]:
             copy.modifiers.remove(modifier)
         self._context.scene.collection.objects.link(copy)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any, NamedTuple
 from zlib import crc32
 
@@ -11,7 +11,11 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from .bulk_writing import TYPES
 from .control_mesh import EDGE_CREASE, VERTEX_CREASE, read_built_in, read_creases, read_values
+
+# Attributes that the checksum of the geometry has already.
+IN_GEOMETRY = {"position", EDGE_CREASE, VERTEX_CREASE}
 
 
 class Topology(NamedTuple):
@@ -30,6 +34,22 @@ def geometry_checksum(mesh: bpy.types.Mesh, topology: Topology | None = None) ->
     checksum = 0
     for values in _stored(mesh, topology):
         checksum = crc32(values.data, checksum)
+    return checksum
+
+
+def content_checksum(mesh: bpy.types.Mesh, unread: Collection[str]) -> int:
+    """``geometry_checksum`` with all other attributes counted in, but for the interface's own and these unread ones.
+
+    An attribute of zeros is the same as none: Blender adds and removes such ones by itself.
+    """
+    checksum = geometry_checksum(mesh)
+    for attribute in sorted(mesh.attributes, key=lambda each: each.name):
+        name, kind = attribute.name, TYPES.get(attribute.data_type)
+        if kind is None or name.startswith(".") or name in unread or name in IN_GEOMETRY:
+            continue
+        values = read_values(attribute.data, kind.value, kind.dtype, kind.width)
+        if values.any():
+            checksum = continued(checksum, f"{name} {attribute.data_type} {attribute.domain}", values)
     return checksum
 
 

@@ -3,6 +3,7 @@
 
 import bpy
 
+from ..state import sources
 from . import worker
 from .apply_adaptive import CCDEPTH_OT_subdivide
 from .clear import CCDEPTH_OT_clear
@@ -12,6 +13,8 @@ from .measure_deviation import CCDEPTH_OT_measure
 from .select_by_depth import CCDEPTH_OT_select
 from .select_worst import CCDEPTH_OT_select_worst
 from .set_levels import CCDEPTH_OT_set_levels
+from .show_source import CCDEPTH_OT_show_result, CCDEPTH_OT_show_source
+from .update_result import CCDEPTH_OT_update, CCDEPTH_OT_update_kept, start_keeping_updated
 
 CLASSES = (
     CCDEPTH_OT_compute,
@@ -19,6 +22,10 @@ CLASSES = (
     CCDEPTH_OT_select,
     CCDEPTH_OT_set_levels,
     CCDEPTH_OT_subdivide,
+    CCDEPTH_OT_update,
+    CCDEPTH_OT_update_kept,
+    CCDEPTH_OT_show_source,
+    CCDEPTH_OT_show_result,
     CCDEPTH_OT_count_faces,
     CCDEPTH_OT_measure,
     CCDEPTH_OT_select_worst,
@@ -28,9 +35,11 @@ CLASSES = (
 def register() -> None:
     for cls in CLASSES:
         bpy.utils.register_class(cls)
+    sources.edited_source_listeners.append(start_keeping_updated)
 
 
 def unregister() -> None:
+    sources.edited_source_listeners.remove(start_keeping_updated)
     worker.stop_all()
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 
@@ -47,6 +47,11 @@ class Made:
     depths: NDArray[np.int32]
 
 
+# The objects that each of the meshes belongs to, and what gives the meshes to objects.
+ObjectGroups = list[list[bpy.types.Object]]
+Placing = Callable[[ObjectGroups, list[bpy.types.Mesh], ExitStack], ObjectGroups]
+
+
 def make_meshes(
     context: bpy.types.Context, answers: list[AdaptiveResult], settings: AdaptiveSettings, *, exact_normals: bool
 ) -> Generator[Stage, None, list[Made]]:
@@ -60,7 +65,7 @@ def make_meshes(
         for batch in _batches(answers):
             yield Stage(f"Writing meshes: {len(made):,} of {len(answers):,}")
             context.view_layer.update()
-            holders = [_made_for(answer) for answer in batch]
+            holders = [_sources(answer)[0] for answer in batch]
             with copies_to_subdivide(context, holders, use_modifiers=settings.use_modifiers) as copies:
                 for answer, holder in zip(batch, holders, strict=True):
                     try:
@@ -76,18 +81,31 @@ def make_meshes(
 def place_meshes(
     context: bpy.types.Context, made: list[Made], settings: AdaptiveSettings, *, in_place: bool
 ) -> list[bpy.types.Object]:
-    """Put meshes where they belong, all or none; returns the objects that have them. Raises ComputeError when an object
-    is no longer what it was; whatever goes wrong, the meshes are removed and nothing is changed."""
+    """Put meshes in the place of those they were made from, or beside them: see ``place``."""
+
+    def placed(objects: ObjectGroups, meshes: list[bpy.types.Mesh], undo: ExitStack) -> ObjectGroups:
+        placing = _place_instead if in_place else _place_all_beside
+        return placing(context, objects, meshes, settings, undo)
+
+    return place(context, made, placed)
+
+
+def place(context: bpy.types.Context, made: list[Made], placing: Placing) -> list[bpy.types.Object]:
+    """Put meshes where they belong, all or none; returns the objects that have them, in the order of the tasks' names.
+
+    placing: does it, for the objects that get each mesh; returns those that have it then. Raises ComputeError when an
+    object is no longer what it was; whatever goes wrong, the meshes are removed and nothing is changed.
+    """
     meshes = _meshes(made)
     objects = {obj.name: obj for obj in bpy.data.objects if obj.library is None}
     originals = [[objects.get(name) for name in each.result.task.object_names] for each in made]
     try:
         for each, found in zip(made, originals, strict=True):
-            if not all(_is_as_it_was(original, each.result) for original in found):
+            _sources(each.result)
+            if not all(original is not None and original.type == "MESH" for original in found):
                 raise ComputeError(CHANGED)
         with ExitStack() as undo:
-            placed_where = _place_instead if in_place else _place_all_beside
-            users = placed_where(context, originals, meshes, settings, undo)
+            users = placing(originals, meshes, undo)
             undo.pop_all()
     except BaseException:
         bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
@@ -122,12 +140,12 @@ def _meshes(made: list[Made]) -> list[bpy.types.Mesh]:
     return [meshes[each.mesh_uid] for each in made if each.mesh_uid in meshes]
 
 
-def _made_for(answer: AdaptiveResult) -> bpy.types.Object:
-    """The object the result is made for. Raises ComputeError when one of its objects has changed since it was read."""
-    objects = [bpy.data.objects.get(name) for name in answer.task.object_names]
+def _sources(answer: AdaptiveResult) -> list[bpy.types.Object]:
+    """The objects the result is made from. Raises ComputeError when one of them has changed since it was read."""
+    objects = [bpy.data.objects.get(key) for key in answer.task.source_keys]
     if not all(_is_as_it_was(blender_object, answer) for blender_object in objects):
         raise ComputeError(CHANGED)
-    return objects[0]
+    return objects
 
 
 def _is_as_it_was(blender_object: bpy.types.Object | None, answer: AdaptiveResult) -> bool:
@@ -141,24 +159,24 @@ def _is_as_it_was(blender_object: bpy.types.Object | None, answer: AdaptiveResul
 def _make_mesh(
     context: bpy.types.Context,
     answer: AdaptiveResult,
-    made_for: bpy.types.Object,
+    source: bpy.types.Object,
     settings: AdaptiveSettings,
     exact_normals: bool,
     copies: FrozenCopies,
 ) -> Made:
-    modifier = subdivision_modifier(made_for)
+    modifier = subdivision_modifier(source)
     options = TransferOptions(limit_normals=exact_normals)
     if modifier is not None:
         options = TransferOptions(uv_smooth=modifier.uv_smooth, limit_normals=exact_normals)
     control = answer.task.surface.control
-    with base_mesh(context, made_for, use_modifiers=settings.use_modifiers, copies=copies) as (base, own_control):
+    with base_mesh(context, source, use_modifiers=settings.use_modifiers, copies=copies) as (base, own_control):
         if not same_control_mesh(own_control, control):
             raise ComputeError(CHANGED)
-        if base != made_for.data:
-            results.remember_same_colors(made_for.data, base)
+        if base != source.data:
+            results.remember_same_colors(source.data, base)
         mesh = new_mesh(base, control.mesh, answer.adaptive.mesh, options)
     try:
-        mesh.name = made_for.name + NAME_SUFFIX
+        mesh.name = source.name + NAME_SUFFIX
         results.write_adaptive(mesh, answer, settings)
     except BaseException:
         bpy.data.meshes.remove(mesh)
@@ -170,11 +188,11 @@ def _make_mesh(
 
 def _place_instead(
     _context: bpy.types.Context,
-    originals: list[list[bpy.types.Object]],
+    originals: ObjectGroups,
     meshes: list[bpy.types.Mesh],
     settings: AdaptiveSettings,
     undo: ExitStack,
-) -> list[list[bpy.types.Object]]:
+) -> ObjectGroups:
     """Let each mesh take the place of that of its objects."""
     old = [found[0].data for found in originals]
     names = [mesh.name for mesh in old]
@@ -197,11 +215,11 @@ def _place_instead(
 
 def _place_all_beside(
     context: bpy.types.Context,
-    originals: list[list[bpy.types.Object]],
+    originals: ObjectGroups,
     meshes: list[bpy.types.Mesh],
     settings: AdaptiveSettings,
     undo: ExitStack,
-) -> list[list[bpy.types.Object]]:
+) -> ObjectGroups:
     """Make objects with the meshes beside the originals, which are hidden."""
     layer_objects = context.view_layer.objects
     undo.callback(setattr, layer_objects, "active", layer_objects.active)

@@ -1,18 +1,23 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""What Apply Adaptive Subdivision and Count Faces have in common."""
+"""What Apply Adaptive Subdivision, Update Result and Count Faces have in common."""
 
 from collections.abc import Generator
 from typing import ClassVar
 
 import bpy
 
+from ..exchange.control_mesh import applied_modifiers, has_own_keys, subdivision_modifier
 from ..state import properties
-from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, adaptive_settings, prepare_adaptive
+from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, adaptive_settings, prepare_adaptive, subdivide
+from ..tasks.reduce_task import triangle_count
 from ..tasks.stepwise import Stage
+from ..ui.printable import printable
 from . import edit_mode
+from .adaptive_objects import Made, make_meshes
 from .long_operator import LongOperator
-from .selected_meshes import hidden_fault, name_fault, refuse, selected_meshes
+from .reduced_meshes import Reducer
+from .selected_meshes import count_text, name_fault, refuse, selected_meshes
 
 
 class AdaptiveOperator(LongOperator):
@@ -26,17 +31,26 @@ class AdaptiveOperator(LongOperator):
 
     def prepared(self, context: bpy.types.Context) -> Generator[Stage, None, list[AdaptiveTask]]:
         """Leave Edit Mode and read the objects: yields the stage, and returns the tasks. Raises ComputeError."""
-        objects = selected_meshes(context)
-        refuse(objects, lambda obj: hidden_fault(obj) or self.object_fault(obj) or name_fault(obj))
+        objects = self.objects(context)
+        refuse(objects, self.fault)
+        sources = [self.source(obj) for obj in objects]
         self._goes_on_editing = context.mode == "EDIT_MESH"
         self._edited = edit_mode.leave(context)
-        return (yield from prepare_adaptive(context, objects, self.settings()))
+        return (yield from prepare_adaptive(context, sources, self.settings(), objects))
 
-    def object_fault(self, blender_object: bpy.types.Object) -> str | None:
+    def objects(self, context: bpy.types.Context) -> list[bpy.types.Object]:
+        """The objects that get results."""
+        return selected_meshes(context)
+
+    def source(self, blender_object: bpy.types.Object) -> bpy.types.Object:
+        """What the object's result is made from."""
+        return blender_object
+
+    def fault(self, blender_object: bpy.types.Object) -> str | None:
         """Why the object cannot have a result. Its mesh may be linked: nothing is written to it."""
         if not blender_object.is_editable:
             return "the object is linked from another file; make it local first"
-        return None
+        return name_fault(self.source(blender_object))
 
     def leave(self, context: bpy.types.Context) -> None:
         edit_mode.enter(context, getattr(self, "_edited", ()))
@@ -44,3 +58,59 @@ class AdaptiveOperator(LongOperator):
 
     def settings(self) -> AdaptiveSettings:
         return adaptive_settings(self, self.tolerance)
+
+
+class MakingOperator(AdaptiveOperator):
+    """An operator that makes adaptive meshes."""
+
+    SETTINGS: ClassVar[tuple[str, ...]] = (*AdaptiveOperator.SETTINGS, "exact_normals", "reduce")
+
+    exact_normals: properties.exact_normals_property()
+    reduce: properties.reduce_property()
+
+    def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, list[Made]]:
+        tasks = yield from self.prepared(context)
+        self._notes = [note for task in tasks for note in _notes(task, self.use_modifiers)]
+        settings = self.settings()
+        answers = yield from self.computed(lambda progress: subdivide(tasks, settings, progress))
+        if not self.reduce:
+            return (yield from make_meshes(context, answers, settings, exact_normals=self.exact_normals))
+        reducer = Reducer(context, settings, self.computed, exact_normals=self.exact_normals)
+        made = yield from reducer.make(answers)
+        self._notes += reducer.notes
+        return made
+
+    def fault(self, blender_object: bpy.types.Object) -> str | None:
+        source = self.source(blender_object)
+        if self.reduce and has_own_keys(source, use_modifiers=self.use_modifiers):
+            return "Reduce cannot keep its shape keys; turn Reduce off, or apply them first"
+        return super().fault(blender_object)
+
+    def progress_text(self, progress: float) -> str:
+        return f"Subdividing: {progress:,.0f} faces so far"
+
+    def report_made(self, made: list[Made], objects: list[bpy.types.Object]) -> None:
+        """Tell what was made, for these objects."""
+        for note in self._notes:
+            self.report({"WARNING"}, printable(note))
+        faces = count_text(sum(len(each.depths) for each in made), "face", "faces")
+        objects_text = f"{len(objects)} objects, " if len(objects) > 1 else ""
+        deepest = max(int(each.depths.max(initial=0)) for each in made)
+        text = f"{objects_text}{faces}, deepest depth {deepest}"
+        if self.reduce:
+            text += f"; without Reduce {sum(triangle_count(each.result) for each in made):,} triangles"
+        self.report({"INFO"}, text)
+
+
+def _notes(task: AdaptiveTask, use_modifiers: bool) -> list[str]:
+    """What happens to shape keys that a user would not expect."""
+    source = bpy.data.objects[task.source_keys[0]]
+    keys = source.data.shape_keys
+    if keys is None:
+        return []
+    subdivision = subdivision_modifier(source)
+    if any(m != subdivision for m in applied_modifiers(source, use_modifiers=use_modifiers)):
+        return [f"{source.name}: its shape keys are applied, like the modifiers that are counted in"]
+    if any(key.vertex_group and not key.mute and key.value for key in keys.key_blocks):
+        return [f"{source.name}: the tolerance is not proved where a vertex group limits a shape key"]
+    return []

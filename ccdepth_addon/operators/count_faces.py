@@ -6,12 +6,12 @@ from typing import ClassVar
 
 import bpy
 
-from ..state import face_counts, viewports
+from ..state import face_counts, result_record, viewports
 from ..tasks.adaptive_task import AdaptiveTask, FaceCount, count_results, too_many_text
 from ..tasks.stepwise import Stage
 from ..ui.printable import printable
 from .adaptive_operator import AdaptiveOperator
-from .selected_meshes import count_text
+from .selected_meshes import count_text, hidden_fault
 
 
 class CCDEPTH_OT_count_faces(AdaptiveOperator):
@@ -20,6 +20,14 @@ class CCDEPTH_OT_count_faces(AdaptiveOperator):
     bl_idname = "ccdepth.count_faces"
     bl_label = "Count Faces"
     bl_options: ClassVar[set[str]] = {"REGISTER"}
+
+    def source(self, blender_object: bpy.types.Object) -> bpy.types.Object:
+        """Of a result, what Update Result would make it from."""
+        source = result_record.source_of(blender_object)
+        return blender_object if source is None or source.type != "MESH" else source
+
+    def fault(self, blender_object: bpy.types.Object) -> str | None:
+        return hidden_fault(blender_object) or super().fault(blender_object)
 
     def start(
         self, context: bpy.types.Context

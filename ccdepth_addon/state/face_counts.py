@@ -14,6 +14,7 @@ from bpy.app.handlers import persistent
 
 from ..registration import add_handlers, remove_handlers
 from ..tasks.adaptive_task import AdaptiveSettings, FaceCount
+from . import sources
 
 
 @dataclass(frozen=True)
@@ -43,7 +44,9 @@ def _forget_changed(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
         return
     for update in depsgraph.updates:
         if update.is_updated_geometry or update.is_updated_transform:
-            _known.pop(update.id.original.session_uid, None)
+            uid = update.id.original.session_uid
+            for changed in (uid, *sources.uids_of_results(uid)):
+                _known.pop(changed, None)
 
 
 @persistent

@@ -168,6 +168,15 @@ def reduce_property() -> Any:
     )
 
 
+def subdivide_results_property() -> Any:
+    return BoolProperty(
+        name="Subdivide Results",
+        description="Take results of adaptive subdivision for control meshes like any other, and subdivide them once "
+        "more: their limit surface is another one. Update Result makes them anew from the objects they came from",
+        default=False,
+    )
+
+
 def max_faces_property() -> Any:
     return IntProperty(
         name="Face Limit",

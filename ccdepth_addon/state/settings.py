@@ -61,6 +61,7 @@ class SceneSettings(bpy.types.PropertyGroup):
     output: properties.output_property()
     exact_normals: properties.exact_normals_property()
     reduce: properties.reduce_property()
+    subdivide_results: properties.subdivide_results_property()
     max_faces: properties.max_faces_property()
     accuracy: properties.accuracy_property()
     time_limit: properties.time_limit_property()

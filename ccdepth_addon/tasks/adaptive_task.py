@@ -8,7 +8,7 @@ Objects that use one mesh get one result together, made for the one that no othe
 from __future__ import annotations
 
 from collections.abc import Generator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import ceil, floor, log10
 from typing import Any
 
@@ -98,12 +98,14 @@ def adaptive_settings(holder: Any, tolerance: float) -> AdaptiveSettings:
 class AdaptiveTask:
     """An adaptive mesh to make. It keeps no reference to Blender's data, which may move while it runs.
 
-    object_names: the objects that get it, the one it is made for first. tolerances: of each, lengths in the scene.
-    mesh_uid: of their own mesh. dependencies: what else of the objects the result depends on. surface: the one it is
-    made for. allowance: what rounding may add to distances there, a length in the scene.
+    object_names: the objects that get it, the one it is made for first. source_keys: the names of the objects they are
+    made from, with their libraries; those are the same unless results are made anew. tolerances: of each, lengths in
+    the scene. mesh_uid: of the mesh of their sources. dependencies: what else of the objects the result depends on.
+    surface: the one it is made for. allowance: what rounding may add to distances there, a length in the scene.
     """
 
     object_names: list[str]
+    source_keys: list[tuple[str, str | None]]
     tolerances: list[float]
     mesh_uid: int
     dependencies: tuple[Any, ...]
@@ -161,25 +163,33 @@ class FaceCount:
 
 
 def prepare_adaptive(
-    context: bpy.types.Context, objects: Sequence[bpy.types.Object], settings: AdaptiveSettings
+    context: bpy.types.Context,
+    objects: Sequence[bpy.types.Object],
+    settings: AdaptiveSettings,
+    users: Sequence[bpy.types.Object] | None = None,
 ) -> Generator[Stage, None, list[AdaptiveTask]]:
     """Read the objects, in Object Mode, and decide what to make.
 
-    Yields the stage, and returns the tasks. Raises ComputeError, naming every object at fault.
+    users: the object that gets the result of each, where it is not the object itself: an object may come several times
+    then, and the tolerance holds where its user is. Yields the stage, and returns the tasks. Raises ComputeError,
+    naming every object at fault.
     """
     refuse_bad_tolerance(settings.tolerance)
+    users_of: dict[bpy.types.Object, list[bpy.types.Object]] = {}
+    for blender_object, user in zip(objects, users or objects, strict=True):
+        users_of.setdefault(blender_object, []).append(user)
     tasks: list[AdaptiveTask] = []
     shared: SharedMeshes = {}
-    faults = Faults(objects)
+    faults = Faults(list(users_of))
     read = 0
-    for batch in in_batches(objects):
-        yield Stage(f"Reading objects: {read:,} of {len(objects):,}")
+    for batch in in_batches(list(users_of)):
+        yield Stage(f"Reading objects: {read:,} of {len(users_of):,}")
         read += len(batch)
         context.view_layer.update()
         with copies_to_subdivide(context, batch, use_modifiers=settings.use_modifiers) as copies:
             for blender_object in batch:
                 with faults.of(blender_object.name):
-                    tasks.append(_read_task(context, blender_object, settings, shared, copies))
+                    tasks += _read_tasks(context, blender_object, users_of[blender_object], settings, shared, copies)
     faults.refuse()
     return _united(tasks)
 
@@ -195,39 +205,66 @@ def _united(tasks: list[AdaptiveTask]) -> list[AdaptiveTask]:
             kept.add(id(group[better]))
             for other in dominated:
                 group[better].object_names.extend(group[other].object_names)
+                group[better].source_keys.extend(group[other].source_keys)
                 group[better].tolerances.extend(group[other].tolerances)
     return [task for task in tasks if id(task) in kept]
 
 
-def _read_task(
+def _read_tasks(
     context: bpy.types.Context,
     blender_object: bpy.types.Object,
+    users: Sequence[bpy.types.Object],
     settings: AdaptiveSettings,
     shared: SharedMeshes,
     copies: FrozenCopies,
-) -> AdaptiveTask:
+) -> list[AdaptiveTask]:
+    """What to make of an object, for each of those that get it."""
     use_modifiers = settings.use_modifiers
     with base_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=copies) as (
         base,
         control,
     ):
-        surface = surface_of(blender_object.name, control, settings)
         steps = _mixing_steps(base.shape_keys)
         largest = _largest_coordinates(control, base.shape_keys)
+    return [_task(blender_object, user, control, settings, largest, steps) for user in users]
+
+
+def _task(
+    blender_object: bpy.types.Object,
+    user: bpy.types.Object,
+    control: ControlMesh,
+    settings: AdaptiveSettings,
+    largest: FloatArray,
+    steps: float,
+) -> AdaptiveTask:
+    """What to make of an object for the one that gets it. largest: (3,) the largest coordinates; steps: how many times
+    each is rounded."""
+    if user != blender_object:
+        control = replace(control, world=np.array(user.matrix_world, dtype=np.float64)[:3, :3])
+    surface = surface_of(user.name, control, settings)
     in_world = control.in_world
     validate(in_world)
     stored = float(np.linalg.norm(np.abs(control.world) @ largest)) * SINGLE_ROUNDING * steps
     allowance = rounding_allowance(in_world) + stored
     check_tolerance(surface.tolerance, max(smallest_step(in_world), 2 * allowance))
     modifiers = applied_modifiers(blender_object, use_modifiers=settings.use_modifiers)
+    library = blender_object.library
     subdivision = subdivision_modifier(blender_object)
     dependencies = (
         getattr(subdivision, "uv_smooth", None),
         # Modifiers may give each object's mesh other attributes.
         blender_object.name if any(modifier != subdivision for modifier in modifiers) else "",
+        # Results that do not share a mesh stay apart.
+        None if user == blender_object else user.data.session_uid,
     )
     return AdaptiveTask(
-        [blender_object.name], [surface.tolerance], blender_object.data.session_uid, dependencies, surface, allowance
+        object_names=[user.name],
+        source_keys=[(blender_object.name, None if library is None else library.filepath)],
+        tolerances=[surface.tolerance],
+        mesh_uid=blender_object.data.session_uid,
+        dependencies=dependencies,
+        surface=surface,
+        allowance=allowance,
     )
 
 

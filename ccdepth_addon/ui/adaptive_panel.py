@@ -6,11 +6,12 @@ import bpy
 import numpy as np
 
 from ..exchange.control_mesh import has_own_keys
+from ..state import result_record, sources
 from ..state.face_counts import known_count
 from ..state.properties import tolerance_name
 from ..tasks.adaptive_task import adaptive_settings
 from .lengths import length_text
-from .panels import draw_rows
+from .panels import draw_rows, stale_line
 
 
 class CCDEPTH_PT_subdivision(bpy.types.Panel):
@@ -22,10 +23,16 @@ class CCDEPTH_PT_subdivision(bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
-        settings = context.scene.ccdepth
-        button = layout.column()
-        button.scale_y = 1.4
-        button.operator("ccdepth.subdivide", icon="MOD_MULTIRES")
+        settings, active = context.scene.ccdepth, context.active_object
+        is_result = active is not None and result_record.is_result(active)
+        if is_result:
+            _draw_result(layout, settings, active)
+        if not is_result or settings.subdivide_results:
+            _draw_button(layout, "ccdepth.subdivide", "MOD_MULTIRES")
+        if active is not None and sources.has_results(active):
+            row = layout.row(align=True)
+            row.operator("ccdepth.update", icon="FILE_REFRESH")
+            row.operator("ccdepth.show_result", icon="HIDE_OFF")
         _draw_face_count(layout, context)
         layout.use_property_split = True
         layout.use_property_decorate = False
@@ -37,9 +44,40 @@ class CCDEPTH_PT_subdivision(bpy.types.Panel):
         division.active = not settings.reduce
         division.prop(settings, "mode")
         division.prop(settings, "transitions")
-        column.prop(settings, "output")
+        output = column.column()
+        output.active = not is_result or settings.subdivide_results
+        output.prop(settings, "output")
         column.prop(settings, "exact_normals")
         column.prop(settings, "max_faces")
+        if active is not None and active.type == "MESH" and result_record.is_adaptive(active):
+            column.prop(settings, "subdivide_results")
+
+
+def _draw_button(layout: bpy.types.UILayout, operator: str, icon: str) -> None:
+    button = layout.column()
+    button.scale_y = 1.4
+    button.operator(operator, icon=icon)
+
+
+def _draw_result(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, result: bpy.types.Object) -> None:
+    """What can be done with a result, whether there is a need to, and where it came from."""
+    _draw_button(layout, "ccdepth.update", "FILE_REFRESH")
+    line = stale_line(settings, result.data, result)
+    row = layout.row()
+    row.alert = bool(line)
+    source = result_record.source_of(result)
+    if source is None:
+        row.alert = True
+        row.label(text=f"“{result.ccdepth.source_name}” has been removed", icon="ERROR")
+        return
+    row.label(text=line or "Up to date", icon="ERROR" if line else "CHECKMARK")
+    row = layout.row()
+    row.label(text=source.name, icon="OUTLINER_OB_MESH")
+    row.operator("ccdepth.show_source", icon="HIDE_OFF")
+    column = layout.column()
+    column.use_property_split = True
+    column.use_property_decorate = False
+    column.prop(result.ccdepth, "keep_updated")
 
 
 def _draw_keys_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

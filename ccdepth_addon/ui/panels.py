@@ -6,7 +6,7 @@ import bpy.utils.previews
 import numpy as np
 
 from ..core import FloatArray
-from ..state import results, staleness
+from ..state import result_record, results, sources, staleness
 from ..state.colors import depth_colors
 from ..state.properties import tolerance_name
 from ..tasks.surfaces import as_typed
@@ -66,7 +66,9 @@ class CCDEPTH_PT_results(bpy.types.Panel):
         objects = selected_results(context)
         meshes = {each.data for each in objects}
         if len(objects) == 1:
-            _draw_stale_line(layout, settings, objects[0])
+            # That of a result is beside the button that helps.
+            if not result_record.is_result(objects[0]):
+                _draw_stale_line(layout, settings, objects[0])
             _draw_numbers(layout, context.scene, objects[0].data.ccdepth)
         else:
             _draw_totals(layout, context.scene, objects)
@@ -109,8 +111,7 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: 
         return "Not computed for this object"
     record = mesh.ccdepth
     if record.subdivision:
-        # It holds for the settings it was made with.
-        return ""
+        return "" if holder is None else _stale_result_line(settings, holder)
     tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
     # As typed decimals: the two differ by a rounding to single precision.
     current = (as_typed(tolerance), settings.tolerance_mode, settings.method, settings.vertices, settings.use_modifiers)
@@ -122,6 +123,15 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: 
         record.use_modifiers,
     )
     return "" if current == computed else "Out of date: settings changed"
+
+
+def _stale_result_line(settings: bpy.types.PropertyGroup, result: bpy.types.Object) -> str:
+    """The same for what Update Result would change; what cannot be updated holds for the settings it was made with."""
+    if not result_record.is_result(result) or result_record.source_of(result) is None:
+        return ""
+    if sources.has_changed(result):
+        return "Out of date: source changed"
+    return "Out of date: settings changed" if result_record.settings_have_changed(result, settings) else ""
 
 
 def _draw_stale_line(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, holder: bpy.types.Object) -> None:

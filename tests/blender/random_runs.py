@@ -121,7 +121,8 @@ def run(seed: int, kept: Sequence[int] | None = None, tell: Callable[[str], None
                 tell(f"{number} {name}")
                 with _errors_heard() as heard:
                     _carry_out(name, this)
-                    addon.module("state.staleness").check_touched()
+                    for module in ("state.staleness", "state.sources"):
+                        addon.module(module).check_touched()
                 if "Traceback" in heard():
                     raise Fault(f"a traceback was printed: {heard()}")
         finally:
@@ -307,6 +308,7 @@ def subdivide(this: Run) -> None:
     settings["output"] = one(rng, ("NEW_OBJECT", "IN_PLACE"))
     settings["exact_normals"] = chance(rng, 0.3)
     settings["reduce"] = chance(rng, 0.3)
+    settings["subdivide_results"] = chance(rng, 0.7)
     present = {mesh.session_uid for mesh in bpy.data.meshes}
     if not _call(this, "subdivide", **settings):
         return
@@ -419,10 +421,21 @@ def update(this: Run) -> None:
     """Update Result, where there is one."""
     if not is_there("update"):
         return
-    if _call(this, "update"):
-        for mesh in bpy.data.meshes:
-            if mesh.ccdepth.has_result and mesh.ccdepth.subdivision and not mesh.is_editmode and not mesh.library:
-                _sound_mesh(mesh)
+    settings = _subdivision(this.random)
+    settings["exact_normals"] = chance(this.random, 0.3)
+    settings["reduce"] = chance(this.random, 0.2)
+    present = {mesh.session_uid for mesh in bpy.data.meshes}
+    if not _call(this, "update", **settings):
+        return
+    made = [mesh for mesh in bpy.data.meshes if mesh.session_uid not in present]
+    # Meshes of results that had been edited are kept under other names.
+    kept = [mesh for mesh in bpy.data.meshes if mesh.name.startswith("Edited ")]
+    assert this.before_last is not None
+    _originals_kept(settings, this.before_last, [*made, *kept])
+    for mesh in made:
+        if not mesh.is_editmode:
+            _sound_mesh(mesh)
+    _results_current()
     this.before_result = None
 
 

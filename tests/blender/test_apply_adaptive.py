@@ -236,8 +236,8 @@ def test_edit_mode_stays_when_something_is_refused() -> None:
     ("operator", "module", "name"),
     [
         ("subdivide", "operators.adaptive_operator", "prepare_adaptive"),
-        ("subdivide", "operators.apply_adaptive", "subdivide"),
-        ("subdivide", "operators.apply_adaptive", "make_meshes"),
+        ("subdivide", "operators.adaptive_operator", "subdivide"),
+        ("subdivide", "operators.adaptive_operator", "make_meshes"),
         ("subdivide", "operators.apply_adaptive", "place_meshes"),
         ("count_faces", "operators.count_faces", "count_text"),
     ],

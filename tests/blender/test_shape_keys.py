@@ -126,7 +126,7 @@ def test_new_objects_leave_no_other_keys(tmp_path: Path, times: int) -> None:
 def test_in_place_leaves_no_other_keys(tmp_path: Path) -> None:
     holder = with_keys(scene.add_object(meshes.cube(), "Cube"))
     for tolerance in (0.1, 0.05):
-        subdivide(holder, output="IN_PLACE", tolerance=tolerance)
+        subdivide(holder, output="IN_PLACE", tolerance=tolerance, subdivide_results=True)
     assert key_owners() == [holder.data.name]
     save_twice(tmp_path)
 

@@ -3,7 +3,8 @@
 
 The window is the test's to use; nothing here presses a button. The report goes to the file named in
 ``CCDEPTH_WINDOW_REPORT``; ``CCDEPTH_WINDOW_TOLERANCE``, if set, is the relative tolerance to begin with. A file beside
-the report whose name ends in ``.adjust`` holds a tolerance to do the last operation again with.
+the report whose name ends in ``.adjust`` holds a tolerance to do the last operation again with; one that ends in
+``.change`` holds a relative tolerance for the scene, and has all results kept updated.
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from mathutils import Euler
 
 REPORT = Path(os.environ["CCDEPTH_WINDOW_REPORT"])
 ADJUST = REPORT.with_suffix(".adjust")
+CHANGE = REPORT.with_suffix(".change")
 TOLERANCE = os.environ.get("CCDEPTH_WINDOW_TOLERANCE", "")
 INTERVAL = 0.1
 CATEGORY = "CC Depth"
@@ -90,6 +92,8 @@ def describe(holder: bpy.types.Object) -> dict[str, Any]:
         "faces": len(holder.data.polygons),
         "visible": holder.visible_get(),
         "selected": holder.select_get(),
+        "mode": holder.mode,
+        "top": max(vertex.co.z for vertex in holder.data.vertices),
         "attributes": [item.name for item in holder.data.attributes if "ccdepth" in item.name],
     }
 
@@ -124,8 +128,21 @@ def adjust(tolerance: float) -> None:
         bpy.ops.ed.undo_redo()
 
 
+def change(tolerance: float) -> None:
+    """What someone would type and tick in the sidebar, whose fields have no commands by which to find them."""
+    bpy.context.scene.ccdepth.relative_tolerance = tolerance
+    for holder in bpy.data.objects:
+        holder.ccdepth.keep_updated = bool(holder.ccdepth.source_name)
+    with bpy.context.temp_override(window=viewport()[0]):
+        bpy.ops.ed.undo_push(message="Settings are changed")
+
+
 def tell() -> float:
     """Write the report in one go, so that no half of it is ever read."""
+    if CHANGE.exists():
+        tolerance = float(CHANGE.read_text())
+        CHANGE.unlink()
+        change(tolerance)
     if ADJUST.exists():
         tolerance = float(ADJUST.read_text())
         ADJUST.unlink()

@@ -95,6 +95,12 @@ class Window:
         unfinished.write_text(str(tolerance))
         unfinished.replace(self.report_path.with_suffix(".adjust"))
 
+    def change_settings(self, tolerance: float) -> None:
+        """Have the scene's relative tolerance changed, and results kept updated."""
+        unfinished = self.report_path.with_suffix(".asked")
+        unfinished.write_text(str(tolerance))
+        unfinished.replace(self.report_path.with_suffix(".change"))
+
     def look(self, path: Path) -> Image:
         """(height, width, 3): a screenshot, which is also written to a PNG file."""
         self._run("import", "-window", "root", str(path))
@@ -150,7 +156,8 @@ def find_button(window: Window, sidebar: list[int], command: str) -> None:
     """Move the mouse down the sidebar until the button of that command is under it."""
     left, top, right, bottom = sidebar
     for y in range(top + SEARCH_STEP, bottom, SEARCH_STEP):
-        window.move_mouse((left + right) // 2, y)
+        # Where two buttons share a row, the second is found as well.
+        window.move_mouse(left + (right - left) * 3 // 5, y)
         time.sleep(0.25)
         if command in window.report()["hovered"]:
             return
@@ -297,6 +304,73 @@ def test_another_tolerance_in_adjust_last_operation_makes_the_result_anew(window
     window.press("ctrl+z")
     undone = window.wait_for(lambda report: len(report["objects"]) == 1, SECONDS_TO_ANSWER, "the undoing")
     assert undone["objects"] == started["objects"]
+
+
+def wait_for_object(window: Window, name: str, what: str, condition: Callable[[dict[str, Any]], Any]) -> dict[str, Any]:
+    """The first report on an object that meets the condition."""
+
+    def is_met(report: dict[str, Any]) -> Any:
+        return name in report["objects"] and condition(report["objects"][name])
+
+    return window.wait_for(is_met, SECONDS_TO_ANSWER, what)["objects"][name]
+
+
+def made_by_mouse(window: Window) -> dict[str, Any]:
+    """Press Apply Adaptive Subdivision; what Blender told at the beginning."""
+    started = find_apply(window)
+    window.click()
+    window.wait_for(lambda report: "Suzanne Adaptive" in report["objects"], SECONDS_TO_ANSWER, "a result")
+    window.move_mouse(started["viewport"][0] + 300, started["viewport"][1] + 300)
+    time.sleep(1.0)
+    return started
+
+
+def test_a_click_on_update_result_makes_the_result_anew_and_undo_takes_it_back(window: Window, tmp_path: Path) -> None:
+    started = made_by_mouse(window)
+    before = window.report()["objects"]
+    window.change_settings(0.0002)
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.update(")
+    window.look(tmp_path / "result.png")
+    window.click()
+    faces = before["Suzanne Adaptive"]["faces"]
+    updated = wait_for_object(window, "Suzanne Adaptive", "a finer result", lambda found: found["faces"] > 2 * faces)
+    assert (updated["visible"], updated["selected"]) == (True, True)
+    assert set(window.report()["objects"]) == set(before)
+    window.move_mouse(started["viewport"][0] + 300, started["viewport"][1] + 300)
+    time.sleep(0.5)
+    window.press("ctrl+z")
+    wait_for_object(window, "Suzanne Adaptive", "the undoing", lambda found: found["faces"] == faces)
+
+
+def test_with_a_result_selected_there_is_no_button_that_subdivides_it(window: Window) -> None:
+    started = made_by_mouse(window)
+    with pytest.raises(AssertionError, match="no button"):
+        find_button(window, started["sidebar"], "bpy.ops.ccdepth.subdivide")
+
+
+def test_a_source_is_shown_and_edited_and_its_result_follows(window: Window) -> None:
+    started = made_by_mouse(window)
+    window.change_settings(0.001)
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.show_source")
+    window.click()
+    wait_for_object(window, "Suzanne", "the source", lambda found: found["visible"] and found["selected"])
+    hidden = wait_for_object(window, "Suzanne Adaptive", "it being hidden", lambda found: not found["visible"])
+    window.move_mouse(started["viewport"][0] + 300, started["viewport"][1] + 300)
+    for key in ("Tab", "a", "g", "z", "3", "Return"):
+        time.sleep(0.5)
+        window.press(key)
+    time.sleep(2.0)
+    assert window.report()["objects"]["Suzanne Adaptive"]["top"] == hidden["top"], "not before Edit Mode is left"
+    window.press("Tab")
+    followed = wait_for_object(
+        window, "Suzanne Adaptive", "it following", lambda found: found["top"] > hidden["top"] + 2
+    )
+    assert abs(followed["faces"] - hidden["faces"]) < 0.01 * hidden["faces"]
+    assert window.report()["objects"]["Suzanne"]["mode"] == "OBJECT"
+
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.show_result")
+    window.click()
+    wait_for_object(window, "Suzanne Adaptive", "the result", lambda found: found["visible"] and found["selected"])
 
 
 @pytest.mark.parametrize("window", ["2e-6"], indirect=True)

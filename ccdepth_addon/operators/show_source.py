@@ -1,0 +1,127 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Show Source and Show Result: one hidden, the other shown in its stead."""
+
+from typing import ClassVar
+
+import bpy
+
+from ..state import result_record, sources
+from ..tasks.surfaces import ComputeError
+from ..ui.printable import printable_lines
+from .selected_meshes import count_text, selected_meshes
+
+
+class _SwappingOperator(bpy.types.Operator):
+    """Hides selected objects, and shows and selects what belongs to them."""
+
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if context.mode != "OBJECT":
+            cls.poll_message_set("Works in Object Mode")
+            return False
+        if not any(cls.has_counterparts(each) for each in selected_meshes(context)):
+            cls.poll_message_set(cls.NOTHING_TO_SWAP)
+            return False
+        return True
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        active = context.view_layer.objects.active
+        try:
+            hidden = [each for each in selected_meshes(context) if self.has_counterparts(each)]
+            swapped = {each: self.counterparts(each) for each in hidden}
+            shown = list(dict.fromkeys(other for others in swapped.values() for other in others))
+            _swap(context, hidden, shown)
+        except ComputeError as fault:
+            self.report({"ERROR"}, printable_lines(str(fault)))
+            return {"CANCELLED"}
+        context.view_layer.objects.active = swapped[active][0] if active in swapped else shown[0]
+        if len(shown) > 1:
+            self.report({"INFO"}, count_text(len(shown), "object", "objects"))
+        return {"FINISHED"}
+
+
+class CCDEPTH_OT_show_source(_SwappingOperator):
+    """Hide the selected results of Apply Adaptive Subdivision, and show and select the objects they came from"""
+
+    bl_idname = "ccdepth.show_source"
+    bl_label = "Show Source"
+    NOTHING_TO_SWAP = "Select a result of Apply Adaptive Subdivision"
+
+    @staticmethod
+    def has_counterparts(blender_object: bpy.types.Object) -> bool:
+        return result_record.is_result(blender_object)
+
+    @staticmethod
+    def counterparts(blender_object: bpy.types.Object) -> list[bpy.types.Object]:
+        source = result_record.source_of(blender_object)
+        if source is None:
+            name = blender_object.ccdepth.source_name
+            raise ComputeError(f"{blender_object.name}: “{name}”, which it came from, has been removed from the file")
+        return [source]
+
+
+class CCDEPTH_OT_show_result(_SwappingOperator):
+    """Hide the selected objects, and show and select the results of Apply Adaptive Subdivision that came from them"""
+
+    bl_idname = "ccdepth.show_result"
+    bl_label = "Show Result"
+    NOTHING_TO_SWAP = "Select an object that results of Apply Adaptive Subdivision came from"
+
+    @staticmethod
+    def has_counterparts(blender_object: bpy.types.Object) -> bool:
+        return sources.has_results(blender_object)
+
+    @staticmethod
+    def counterparts(blender_object: bpy.types.Object) -> list[bpy.types.Object]:
+        results = [each for each in result_record.results_of(blender_object) if each.users_scene]
+        if not results:
+            raise ComputeError(f"{blender_object.name}: its results have been removed")
+        return results
+
+
+def _swap(context: bpy.types.Context, hidden: list[bpy.types.Object], shown: list[bpy.types.Object]) -> None:
+    """Hide some objects, from the render as well, and show and select others. Raises ComputeError, with nothing
+    changed, when one of these cannot be shown."""
+    layer = context.view_layer
+    for each in shown:
+        if not each.users_scene and each.library is None:
+            # It was deleted, and is in the file because its result needs it.
+            _link_beside(hidden[0], each)
+    layer.update()
+    faults = [f"{each.name}: {fault}" for each in shown if (fault := _showing_fault(context, each))]
+    if faults:
+        raise ComputeError("\n".join(faults))
+    for each in shown:
+        each.hide_set(False)
+        each.hide_render = False
+        space = context.space_data
+        if space is not None and space.type == "VIEW_3D" and space.local_view:
+            each.local_view_set(space, True)
+    for each in shown:
+        each.select_set(True)
+    for each in hidden:
+        if each not in shown:
+            each.select_set(False)
+            each.hide_set(True)
+            each.hide_render = True
+
+
+def _link_beside(other: bpy.types.Object, deleted: bpy.types.Object) -> None:
+    """Link an object to the collections of another."""
+    for collection in other.users_collection:
+        collection.objects.link(deleted)
+
+
+def _showing_fault(context: bpy.types.Context, blender_object: bpy.types.Object) -> str | None:
+    """Why an object cannot be shown in the view layer."""
+    if context.view_layer.objects.get(blender_object.name) != blender_object:
+        scenes = [scene.name for scene in blender_object.users_scene if scene != context.scene]
+        where = f"is in the scene “{scenes[0]}”" if scenes else "is not in this view layer"
+        return f"it {where}, and cannot be shown here"
+    was_hidden = blender_object.hide_get()
+    blender_object.hide_set(False)
+    is_shown = blender_object.visible_get()
+    blender_object.hide_set(was_hidden)
+    return None if is_shown else "it is in a hidden collection, or disabled in viewports; show that first"

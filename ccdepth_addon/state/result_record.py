@@ -1,0 +1,198 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+# mypy: disable-error-code="valid-type"
+"""The record on an object that is a result of Apply Adaptive Subdivision: the object it came from, and what it was made
+with. Results that took the place of a mesh have none."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+from zlib import crc32
+
+import bpy
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, PointerProperty, StringProperty
+
+from ..exchange.control_mesh import applied_modifiers, base_modifiers
+from ..exchange.mesh_checksums import content_checksum
+from ..exchange.object_state import object_state
+from ..exchange.result_attributes import ATTRIBUTES
+from ..tasks.surfaces import as_typed
+from . import properties
+
+# The settings that a result is made with, beside the tolerance. The Face Limit changes no result.
+SETTINGS = ("tolerance_mode", "mode", "transitions", "use_modifiers", "exact_normals", "reduce")
+
+# Settings that do not matter where triangles are merged.
+WITHOUT_REDUCE = {"mode", "transitions"}
+
+
+class AppliedModifier(bpy.types.PropertyGroup):
+    """A modifier of the source that was counted in; it has its name."""
+
+
+class SourceMaterial(bpy.types.PropertyGroup):
+    """A material that the result had when it was made."""
+
+    material: PointerProperty(type=bpy.types.Material)
+
+
+class ResultRecord(bpy.types.PropertyGroup):
+    """Where a result came from, and what it was made with."""
+
+    source: PointerProperty(type=bpy.types.Object, description="The object it was made from")
+    source_name: StringProperty(description="What that was called; empty on objects that are no results")
+    source_is_adaptive: BoolProperty(description="Whether the source was an adaptive mesh itself")
+    source_checksum: StringProperty(description="Checksum of the source as it was")
+    mesh_checksum: StringProperty(description="Checksum of the mesh that was made")
+    keep_updated: BoolProperty(
+        name="Keep Updated",
+        description="Make the result anew, with the settings it was made with, whenever edits of its source leave Edit "
+        "Mode. Working on interrupts it, and Esc stops it",
+    )
+    tolerance: FloatProperty(description="The tolerance as it was given")
+    tolerance_mode: EnumProperty(items=properties.TOLERANCE_MODES)
+    mode: EnumProperty(items=properties.SUBDIVISION_MODES)
+    transitions: EnumProperty(items=properties.TRANSITION_ITEMS)
+    use_modifiers: BoolProperty()
+    exact_normals: BoolProperty()
+    reduce: BoolProperty()
+    applied: CollectionProperty(type=AppliedModifier)
+    materials: CollectionProperty(type=SourceMaterial)
+
+
+@dataclass(frozen=True)
+class MadeWith:
+    """What a result was made with: its tolerance as typed, and its other settings by their names."""
+
+    tolerance: float
+    settings: tuple[Any, ...]
+
+    @property
+    def value(self) -> dict[str, Any]:
+        return dict(zip(SETTINGS, self.settings, strict=True))
+
+
+def is_result(blender_object: bpy.types.Object) -> bool:
+    """Whether the object is a result that came from another object, which may be gone."""
+    return blender_object.type == "MESH" and bool(blender_object.ccdepth.source_name)
+
+
+def is_adaptive(blender_object: bpy.types.Object) -> bool:
+    """Whether the object is a result, with a source or without."""
+    return is_result(blender_object) or bool(blender_object.data.ccdepth.subdivision)
+
+
+def source_of(result: bpy.types.Object) -> bpy.types.Object | None:
+    """The object the result came from; None when it is gone."""
+    source = result.ccdepth.source
+    return None if source == result else source
+
+
+def results_of(source: bpy.types.Object) -> list[bpy.types.Object]:
+    """The results that came from an object. It looks at all objects of the file."""
+    return [each for each in bpy.data.objects if each.type == "MESH" and each.ccdepth.source == source != each]
+
+
+def made_with(holder: Any, tolerance: float) -> MadeWith:
+    """The settings that an operator, a scene or a record holds, but for the tolerance."""
+    return MadeWith(as_typed(tolerance), tuple(getattr(holder, name) for name in SETTINGS))
+
+
+def settings_have_changed(result: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:
+    """Whether the scene's settings are others than those the result was made with."""
+    tolerance = getattr(settings, properties.tolerance_name(settings.tolerance_mode))
+    record = result.ccdepth
+    made, now = made_with(record, record.tolerance), made_with(settings, tolerance)
+    if made.tolerance != now.tolerance:
+        return True
+    unread = WITHOUT_REDUCE if record.reduce and settings.reduce else set()
+    return any(made.value[name] != now.value[name] for name in SETTINGS if name not in unread)
+
+
+def remember(result: bpy.types.Object, source: bpy.types.Object, settings: MadeWith) -> None:
+    """Write to the result where it came from. What the user chose for it stays."""
+    record = result.ccdepth
+    record.source, record.source_name = source, source.name
+    record.source_is_adaptive = is_adaptive(source)
+    record.tolerance = settings.tolerance
+    for name, value in settings.value.items():
+        setattr(record, name, value)
+    record.source_checksum = source_checksum(source, use_modifiers=record.use_modifiers)
+    record.mesh_checksum = _own_checksum(result)
+    record.applied.clear()
+    for modifier in applied_modifiers(source, use_modifiers=record.use_modifiers):
+        record.applied.add().name = modifier.name
+
+
+def remember_materials(result: bpy.types.Object, materials: Sequence[bpy.types.Material | None]) -> None:
+    """Write to the result which materials its source had."""
+    record = result.ccdepth
+    record.materials.clear()
+    for material in materials:
+        record.materials.add().material = material
+
+
+def forget(blender_object: bpy.types.Object) -> None:
+    """Make an object one that came from no other."""
+    blender_object.property_unset("ccdepth")
+
+
+def source_checksum(source: bpy.types.Object, *, use_modifiers: bool) -> str:
+    """A checksum of everything of a source that its results are made of, but for weights and materials; not in Edit
+    Mode."""
+    content = content_checksum(source.data, {kind.name for kind in ATTRIBUTES})
+    state = object_state(source, use_modifiers=use_modifiers)
+    return f"{crc32(state.checksum.encode(), content):08x}"
+
+
+def source_has_changed(result: bpy.types.Object, source: bpy.types.Object) -> bool:
+    """Whether the source, which is not in Edit Mode, is another than the result was made from."""
+    record = result.ccdepth
+    return source_checksum(source, use_modifiers=record.use_modifiers) != record.source_checksum
+
+
+def is_edited(result: bpy.types.Object) -> bool:
+    """Whether the result's mesh, which is not in Edit Mode, is another than the one that was made."""
+    return _own_checksum(result) != result.ccdepth.mesh_checksum
+
+
+def _own_checksum(result: bpy.types.Object) -> str:
+    return f"{content_checksum(result.data, {kind.name for kind in ATTRIBUTES}):08x}"
+
+
+def modifier_fault(result: bpy.types.Object, source: bpy.types.Object, *, use_modifiers: bool) -> str | None:
+    """Why the result cannot keep its modifiers beside a mesh made from the source: one would count twice, or not at
+    all."""
+    before = {applied.name for applied in result.ccdepth.applied}
+    counted = base_modifiers(source, use_modifiers=use_modifiers)
+    own = {modifier.name: modifier.type for modifier in result.modifiers}
+    for modifier in counted:
+        if modifier.name not in before and own.get(modifier.name) == modifier.type:
+            return (
+                f"the modifier “{modifier.name}” of “{source.name}” is counted in now, and the result has it as well; "
+                "remove it from the result, or turn Modifiers off"
+            )
+    missed = before - {modifier.name for modifier in applied_modifiers(source, use_modifiers=use_modifiers)}
+    for modifier in source.modifiers:
+        if modifier.name in missed and modifier.show_viewport and modifier.name not in own:
+            return (
+                f"the modifier “{modifier.name}” of “{source.name}” was counted in and is not any more, and the result "
+                "does not have it; turn Modifiers on, or add it to the result"
+            )
+    return None
+
+
+CLASSES = (AppliedModifier, SourceMaterial, ResultRecord)
+
+
+def register() -> None:
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
+    bpy.types.Object.ccdepth = PointerProperty(type=ResultRecord)
+
+
+def unregister() -> None:
+    del bpy.types.Object.ccdepth
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

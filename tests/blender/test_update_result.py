@@ -1,0 +1,480 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Update Result: results are made anew from the objects they came from, and keep everything but their mesh."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+from mathutils import Matrix
+
+from tests import meshes
+from tests.blender import addon, scene
+from tests.blender.subdividing import TOLERANCE, faces, known_count, refused, shape, subdivide
+from tests.blender.updating import made_result, move_vertex, set_scene, stale_line, update, update_refused
+
+# What is made.
+
+
+def test_a_finer_tolerance_makes_the_mesh_of_the_result_anew() -> None:
+    source, result = made_result()
+    before = faces(result)
+    set_scene(tolerance=TOLERANCE / 10)
+    update(result)
+    assert faces(result) > 2 * before
+    assert addon.bounds(result).max() <= np.float32(TOLERANCE / 10)
+    assert result.data.ccdepth.world_tolerance == pytest.approx(TOLERANCE / 10)
+    assert set(bpy.data.objects) == {source, result}
+    assert len(bpy.data.meshes) == 2
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {"tolerance": 0.003},
+        {"mode": "PER_FACE"},
+        {"transitions": "NGONS"},
+        {"exact_normals": True},
+        {"tolerance": 0.002, "tolerance_mode": "RELATIVE"},
+        {"reduce": True, "tolerance": 0.05},
+    ],
+)
+def test_it_is_what_applying_anew_would_make(settings: dict[str, object]) -> None:
+    source, result = made_result()
+    set_scene(**settings)
+    update(result)
+    source.hide_set(False)
+    now = bpy.context.scene.ccdepth
+    tolerance = now.relative_tolerance if now.tolerance_mode == "RELATIVE" else now.tolerance
+    if now.tolerance_mode == "RELATIVE":
+        now.relative_tolerance = tolerance
+    [anew] = subdivide(source, tolerance=tolerance, tolerance_mode=now.tolerance_mode)
+    assert np.array_equal(shape(anew), shape(result))
+    assert addon.histogram(anew) == addon.histogram(result)
+    assert anew.data.has_custom_normals == result.data.has_custom_normals
+
+
+def test_an_edited_source_is_what_it_is_made_from() -> None:
+    source, result = made_result()
+    source.data.transform(Matrix.Scale(2.0, 4))
+    source.data.update()
+    before = np.ptp(shape(result), axis=0)
+    update(result)
+    assert np.ptp(shape(result), axis=0) == pytest.approx(2 * before, rel=0.01)
+
+
+def test_everything_but_the_mesh_stays() -> None:
+    source, result = made_result()
+    source.data.materials.append(bpy.data.materials.new("Of the source"))
+    update(result)
+    collection = bpy.data.collections.new("Results")
+    bpy.context.scene.collection.children.link(collection)
+    collection.objects.link(result)
+    bpy.context.scene.collection.objects.unlink(result)
+    parent = bpy.data.objects.new("Parent", None)
+    collection.objects.link(parent)
+    result.parent, result.name, result.data.name = parent, "Hero", "Hero Mesh"
+    result.location, result.rotation_euler, result.scale = (1, 2, 3), (0.1, 0.2, 0.3), (0.5, 0.5, 0.5)
+    result.modifiers.new("Solidify", "SOLIDIFY").thickness = 0.25
+    result.constraints.new("COPY_LOCATION").target = parent
+    result.data.materials[0] = bpy.data.materials.new("Of the result")
+    result["note"] = "kept"
+    set_scene(tolerance=TOLERANCE / 4)
+    before = result.matrix_basis.copy(), result.session_uid
+    update(result)
+    assert (result.matrix_basis, result.session_uid) == before
+    assert (result.name, result.data.name, result.parent, result["note"]) == ("Hero", "Hero Mesh", parent, "kept")
+    assert [modifier.thickness for modifier in result.modifiers] == [0.25]
+    assert [constraint.target for constraint in result.constraints] == [parent]
+    assert result.users_collection == (collection,)
+    assert [material.name for material in result.data.materials] == ["Of the result"]
+    assert [material.name for material in source.data.materials] == ["Of the source"]
+    assert bpy.context.view_layer.objects.active == result
+    assert (source.hide_get(), result.hide_get()) == (True, False)
+
+
+def test_materials_of_the_source_come_along_where_the_result_has_none_of_its_own() -> None:
+    source, result = made_result()
+    first, second, own, late = (bpy.data.materials.new(name) for name in ("First", "Second", "Own", "Late"))
+    source.data.materials.append(first)
+    source.data.materials.append(first)
+    update(result)
+    result.data.materials[1] = own
+    source.data.materials[0] = second
+    source.data.materials.append(late)
+    update(result)
+    assert list(result.data.materials) == [second, own, late]
+    source.data.materials.pop()
+    source.data.materials.pop()
+    update(result)
+    assert list(result.data.materials) == [second, own]
+
+
+def test_slots_of_the_object_stay() -> None:
+    source, result = made_result()
+    source.data.materials.append(None)
+    update(result)
+    own = bpy.data.materials.new("Own")
+    result.material_slots[0].link, result.material_slots[0].material = "OBJECT", own
+    source.data.materials.clear()
+    update(result)
+    assert [(slot.link, slot.material) for slot in result.material_slots] == [("OBJECT", own)]
+
+
+def test_the_tolerance_holds_where_the_result_is() -> None:
+    """It was scaled after it was made."""
+    _, result = made_result()
+    result.scale = (10.0, 10.0, 10.0)
+    update(result)
+    assert addon.bounds(result).max() <= np.float32(TOLERANCE)
+    grown = scene.add_suzanne()
+    grown.data.transform(Matrix.Scale(10.0, 4))
+    [same] = subdivide(grown)
+    assert abs(faces(same) - faces(result)) <= 0.002 * faces(same)
+    assert stale_line(result) == ""
+
+
+def test_an_edited_result_is_kept_beside_the_new_one() -> None:
+    _, result = made_result()
+    name = result.data.name
+    move_vertex(result.data, 5.0)
+    edited = shape(result)
+    update(result)
+    assert result.data.name == name
+    assert shape(result)[:, 0].max() < 2.0
+    [kept] = [mesh for mesh in bpy.data.meshes if mesh.use_fake_user]
+    assert kept.name == f"Edited {name}"
+    assert kept.vertices[0].co.x == pytest.approx(edited[0, 0])
+
+
+def test_colours_painted_on_a_result_count_as_edits() -> None:
+    _, result = made_result()
+    painted = result.data.color_attributes.new("Painted", "FLOAT_COLOR", "POINT")
+    painted.data[3].color = (1.0, 0.0, 0.0, 1.0)
+    update(result)
+    assert [mesh.color_attributes[0].name for mesh in bpy.data.meshes if mesh.use_fake_user] == ["Painted"]
+
+
+def test_shape_keys_of_the_source_come_along() -> None:
+    source, result = made_result()
+    source.shape_key_add(name="Basis")
+    source.shape_key_add(name="Smile").value = 0.5
+    update(result)
+    assert [key.name for key in result.data.shape_keys.key_blocks] == ["Basis", "Smile"]
+    update_refused(result, reduce=True, match="shape keys")
+
+
+# Which results.
+
+
+def test_several_results_are_updated_together() -> None:
+    sources = [scene.add_object(meshes.cube(), "One"), scene.add_object(meshes.landscape(4, 4), "Two")]
+    results = subdivide(*sources)
+    before = [faces(result) for result in results]
+    update(*results, tolerance=TOLERANCE / 10, tolerance_mode="ABSOLUTE")
+    assert all(faces(result) > count for result, count in zip(results, before, strict=True))
+    assert [result.ccdepth.source for result in results] == sources
+
+
+def test_a_duplicate_of_a_result_goes_on_working() -> None:
+    source, result = made_result()
+    copy = result.copy()
+    copy.data = result.data.copy()
+    bpy.context.scene.collection.objects.link(copy)
+    set_scene(tolerance=TOLERANCE / 4)
+    before = faces(result)
+    update(copy)
+    assert faces(copy) > faces(result) == before
+    assert copy.ccdepth.source == source
+
+
+def test_objects_that_share_the_mesh_go_on_sharing_it() -> None:
+    """One is a linked duplicate, and one has had the mesh linked to it."""
+    _, result = made_result()
+    duplicate = result.copy()
+    plain = scene.add_mesh(result.data)
+    bpy.context.scene.collection.objects.link(duplicate)
+    update(duplicate, tolerance=TOLERANCE / 4, tolerance_mode="ABSOLUTE")
+    assert result.data == duplicate.data == plain.data
+    assert len(bpy.data.meshes) == 2
+    assert stale_line(result) == stale_line(duplicate)
+
+
+def test_linked_duplicates_of_other_scales_are_all_within_the_tolerance() -> None:
+    _, result = made_result()
+    duplicate = result.copy()
+    bpy.context.scene.collection.objects.link(duplicate)
+    duplicate.scale = (4.0, 0.25, 1.0)
+    update(result)
+    for each in (result, duplicate):
+        assert addon.bounds(each).max() <= np.float32(TOLERANCE)
+        assert stale_line(each) == ""
+
+
+def test_results_of_a_selected_source_are_updated() -> None:
+    source, result = made_result()
+    source.hide_set(False)
+    before = faces(result)
+    update(source, tolerance=TOLERANCE / 4, tolerance_mode="ABSOLUTE")
+    assert faces(result) > before
+
+
+def test_a_source_in_edit_mode_goes_on_being_edited() -> None:
+    source, result = made_result()
+    source.hide_set(False)
+    source.modifiers.new("Mirror", "MIRROR")
+    with addon.edit_mode(source):
+        bpy.ops.mesh.select_all(action="SELECT")
+        bpy.ops.transform.translate(value=(3.0, 0.0, 0.0))
+        assert bpy.ops.ccdepth.update() == {"FINISHED"}
+        assert bpy.context.mode == "EDIT_MESH"
+        assert source.mode == "EDIT"
+    assert shape(result)[:, 0].max() > 3.0
+    assert shape(result)[:, 0].min() < -3.0
+
+
+def test_a_result_in_edit_mode_goes_on_being_edited() -> None:
+    _, result = made_result()
+    before = faces(result)
+    with addon.edit_mode(result):
+        assert bpy.ops.ccdepth.update(tolerance=TOLERANCE / 4, tolerance_mode="ABSOLUTE") == {"FINISHED"}
+        assert result.mode == "EDIT"
+    assert faces(result) > before
+
+
+def test_a_source_in_another_scene_can_be_read() -> None:
+    source, result = made_result()
+    other = bpy.data.scenes.new("Other")
+    other.collection.objects.link(source)
+    bpy.context.scene.collection.objects.unlink(source)
+    source.modifiers.new("Mirror", "MIRROR").use_axis = (False, True, False)
+    source.hide_viewport = True
+    update(result, tolerance=TOLERANCE / 4, tolerance_mode="ABSOLUTE")
+    assert result.data.ccdepth.base_faces > 900
+
+
+def test_a_deleted_source_is_in_the_file_as_long_as_its_result_is() -> None:
+    source, result = made_result()
+    source.hide_set(False)
+    addon.select(source)
+    bpy.ops.object.delete()
+    assert not result.ccdepth.source.users_scene
+    before = faces(result)
+    update(result, tolerance=TOLERANCE / 4, tolerance_mode="ABSOLUTE")
+    assert faces(result) > before
+    addon.select(result)
+    assert bpy.ops.ccdepth.show_source() == {"FINISHED"}
+    assert result.ccdepth.source.visible_get()
+
+
+# What is refused.
+
+
+def test_without_results_there_is_nothing_to_update() -> None:
+    source = scene.add_suzanne()
+    addon.select(source)
+    assert not bpy.ops.ccdepth.update.poll()
+    subdivide(source, output="IN_PLACE")
+    assert not bpy.ops.ccdepth.update.poll()
+    assert not bpy.ops.ccdepth.show_source.poll()
+
+
+def test_a_removed_source_is_told() -> None:
+    source, result = made_result()
+    bpy.data.objects.remove(source)
+    update_refused(result, match="“Cage”, which it came from, has been removed from the file")
+    with pytest.raises(RuntimeError, match="removed from the file"):
+        bpy.ops.ccdepth.show_source()
+
+
+def test_a_source_that_is_no_mesh_any_more_is_told() -> None:
+    source, result = made_result()
+    source.hide_set(False)
+    addon.select(source)
+    bpy.ops.object.convert(target="CURVE")
+    update_refused(result, match="“Cage”, which it came from, is not a mesh any more")
+
+
+def test_a_source_that_was_subdivided_in_place_is_told() -> None:
+    source, result = made_result()
+    source.hide_set(False)
+    subdivide(source, output="IN_PLACE")
+    update_refused(result, match="was subdivided in place since")
+
+
+def test_a_source_that_shares_its_mesh_with_the_result_is_told() -> None:
+    source, result = made_result()
+    source.data = result.data
+    update_refused(result, match="has the same mesh")
+
+
+def test_modifiers_count_once() -> None:
+    """A result keeps modifiers that were not counted in, and lacks those that were."""
+    set_scene(tolerance=TOLERANCE)
+    source = scene.add_object(meshes.landscape(4, 4), "Cage")
+    source.modifiers.new("Mirror", "MIRROR")
+    [with_it] = subdivide(source)
+    source.hide_set(False)
+    [without] = subdivide(source, use_modifiers=False)
+    update_refused(without, match="“Mirror” of “Cage” is counted in now, and the result has it as well")
+    update_refused(with_it, use_modifiers=False, match="“Mirror” of “Cage” was counted in and is not any more")
+    update(with_it)
+    update(without, use_modifiers=False)
+    source.modifiers.new("Bevel", "BEVEL")
+    update(with_it)
+
+
+def test_the_face_limit_is_kept_and_nothing_is_changed() -> None:
+    _, result = made_result()
+    update_refused(result, tolerance=1e-6, tolerance_mode="ABSOLUTE", max_faces=10_000, match="10,000 are allowed")
+
+
+def test_a_bad_tolerance_is_refused() -> None:
+    _, result = made_result()
+    update_refused(result, tolerance=-1.0, match="greater than zero")
+
+
+def test_a_linked_result_is_refused(tmp_path: Path) -> None:
+    made_result()
+    path = tmp_path / "library.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    with bpy.data.libraries.load(str(path), link=True) as (_, wanted):
+        wanted.objects = ["Cage Adaptive"]
+    [linked] = wanted.objects
+    bpy.context.scene.collection.objects.link(linked)
+    update_refused(linked, match="linked from another file")
+
+
+def test_an_appended_result_brings_its_source(tmp_path: Path) -> None:
+    made_result()
+    path = tmp_path / "library.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path))
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    bpy.ops.wm.append(directory=f"{path}/Object/", filename="Cage Adaptive")
+    result = bpy.data.objects["Cage Adaptive"]
+    assert result.ccdepth.source.library is None
+    before = faces(result)
+    update(result, tolerance=TOLERANCE / 4, tolerance_mode="ABSOLUTE")
+    assert faces(result) > before
+
+
+def test_results_survive_saving_and_loading(tmp_path: Path) -> None:
+    made_result()
+    path = str(tmp_path / "saved.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    source, result = bpy.data.objects["Cage"], bpy.data.objects["Cage Adaptive"]
+    source.name = "Renamed"
+    assert stale_line(result) == ""
+    move_vertex(source.data)
+    assert stale_line(result) == "Out of date: source changed"
+    update(result)
+    assert stale_line(result) == ""
+
+
+# Results as control meshes.
+
+
+def test_a_result_is_not_subdivided_without_asking() -> None:
+    _, result = made_result()
+    refused(result, match="Update Result to make it anew")
+    refused(result, output="IN_PLACE", match="made from “Cage”; use Update Result")
+    [again] = subdivide(result, subdivide_results=True)
+    assert again.ccdepth.source == result
+    assert again.data.ccdepth.base_faces == faces(result)
+    update(again)
+    result.hide_set(False)
+    update_refused(result, again, match="is a result as well; update that one first")
+
+
+def test_what_was_subdivided_in_place_is_not_subdivided_again_without_asking() -> None:
+    holder = scene.add_suzanne()
+    subdivide(holder, output="IN_PLACE")
+    refused(holder, match="subdivided in place already")
+    before = faces(holder)
+    subdivide(holder, output="IN_PLACE", subdivide_results=True)
+    assert faces(holder) > before
+
+
+def test_a_result_that_was_subdivided_in_place_has_no_source_any_more() -> None:
+    _, result = made_result()
+    subdivide(result, output="IN_PLACE", subdivide_results=True)
+    assert result.ccdepth.source is None
+    assert not bpy.ops.ccdepth.update.poll()
+
+
+def test_counting_faces_of_a_result_counts_those_of_its_update() -> None:
+    _, result = made_result()
+    addon.select(result)
+    set_scene(tolerance=TOLERANCE / 4)
+    assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
+    counted = known_count(result)
+    update(result)
+    assert counted.faces == faces(result)
+
+
+# What is out of date.
+
+
+def test_changed_settings_make_a_result_out_of_date() -> None:
+    _, result = made_result()
+    assert stale_line(result) == ""
+    for name, value in (("tolerance", 0.02), ("mode", "PER_FACE"), ("exact_normals", True), ("reduce", True)):
+        before = getattr(bpy.context.scene.ccdepth, name)
+        set_scene(**{name: value})
+        assert stale_line(result) == "Out of date: settings changed"
+        set_scene(**{name: before})
+        assert stale_line(result) == ""
+    set_scene(max_faces=1234, output="IN_PLACE")
+    assert stale_line(result) == ""
+
+
+def test_a_changed_source_makes_a_result_out_of_date_until_it_is_updated() -> None:
+    source, result = made_result()
+    source.hide_set(False)
+    move_vertex(source.data)
+    assert stale_line(result) == "Out of date: source changed"
+    update(result)
+    assert stale_line(result) == ""
+    source.modifiers.new("Mirror", "MIRROR")
+    assert stale_line(result) == "Out of date: source changed"
+    update(result)
+    source.data.uv_layers.new(name="Map")
+    source.data.update()
+    assert stale_line(result) == "Out of date: source changed"
+
+
+def test_edit_mode_without_edits_changes_nothing() -> None:
+    source, result = made_result()
+    source.hide_set(False)
+    source.data.uv_layers.new(name="Map")
+    source.data.materials.append(bpy.data.materials.new("Red"))
+    update(result)
+    with addon.edit_mode(source):
+        assert stale_line(result) == ""
+    assert stale_line(result) == ""
+
+
+def test_depths_of_the_source_make_nothing_out_of_date() -> None:
+    source, result = made_result()
+    source.hide_set(False)
+    addon.compute(source, tolerance=TOLERANCE)
+    assert stale_line(result) == ""
+
+
+def test_undo_takes_an_update_back() -> None:
+    assert bpy.types.CCDEPTH_OT_update.bl_options >= {"REGISTER", "UNDO"}
+    _, result = made_result()
+    name, before = result.name, faces(result)
+    addon.select(result)
+    bpy.ops.ed.undo_push(message="made")
+    assert bpy.ops.ccdepth.update("EXEC_DEFAULT", True, tolerance=TOLERANCE / 4, tolerance_mode="ABSOLUTE")
+    assert faces(bpy.data.objects[name]) > before
+    bpy.ops.ed.undo()
+    assert faces(bpy.data.objects[name]) == before
+    assert bpy.data.objects[name].ccdepth.source == bpy.data.objects["Cage"]
+    bpy.ops.ed.redo()
+    assert faces(bpy.data.objects[name]) > before

@@ -1,0 +1,54 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Update Result called in tests, and what it is tested on."""
+
+from __future__ import annotations
+
+import bpy
+import pytest
+
+from tests.blender import addon, scene
+from tests.blender.subdividing import TOLERANCE, everything_in_the_file, subdivide
+
+
+def set_scene(**settings: object) -> None:
+    """Set the scene's settings; a tolerance is absolute unless it says otherwise."""
+    if "tolerance" in settings:
+        settings.setdefault("tolerance_mode", "ABSOLUTE")
+    for name, value in settings.items():
+        setattr(bpy.context.scene.ccdepth, name, value)
+
+
+def made_result(**settings: object) -> tuple[bpy.types.Object, bpy.types.Object]:
+    """Suzanne and the result made of her, with the scene's settings."""
+    set_scene(tolerance=TOLERANCE)
+    source = scene.add_suzanne()
+    source.name = "Cage"
+    [result] = subdivide(source, **settings)
+    return source, result
+
+
+def update(*objects: bpy.types.Object, **settings: object) -> None:
+    addon.select(*objects)
+    assert bpy.ops.ccdepth.update(**settings) == {"FINISHED"}
+
+
+def update_refused(*objects: bpy.types.Object, match: str, **settings: object) -> None:
+    """The operator reports an error, and nothing is changed."""
+    addon.select(*objects)
+    before = everything_in_the_file()
+    with pytest.raises(RuntimeError, match=match):
+        bpy.ops.ccdepth.update(**settings)
+    assert everything_in_the_file() == before
+
+
+def stale_line(result: bpy.types.Object) -> str:
+    """What the panel says when everything touched has been examined."""
+    bpy.context.view_layer.update()
+    for module in ("state.staleness", "state.sources"):
+        addon.module(module).check_touched()
+    return addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, result.data, result)
+
+
+def move_vertex(mesh: bpy.types.Mesh, distance: float = 0.1) -> None:
+    mesh.vertices[0].co.x += distance
+    mesh.update()
