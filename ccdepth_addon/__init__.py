@@ -22,6 +22,7 @@ MODULES = (
     "state.staleness",
     "state.sources",
     "state.face_counts",
+    "ui.tolerance_presets",
     "ui.panels",
     "ui.adaptive_panel",
     "ui.deviation_panel",

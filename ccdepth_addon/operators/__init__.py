@@ -14,6 +14,7 @@ from .select_by_depth import CCDEPTH_OT_select
 from .select_worst import CCDEPTH_OT_select_worst
 from .set_levels import CCDEPTH_OT_set_levels
 from .show_source import CCDEPTH_OT_show_result, CCDEPTH_OT_show_source
+from .tolerances import CCDEPTH_OT_tolerance_preset_add, CCDEPTH_OT_use_tolerance
 from .update_result import CCDEPTH_OT_update, CCDEPTH_OT_update_kept, start_keeping_updated
 
 CLASSES = (
@@ -27,6 +28,8 @@ CLASSES = (
     CCDEPTH_OT_show_source,
     CCDEPTH_OT_show_result,
     CCDEPTH_OT_count_faces,
+    CCDEPTH_OT_use_tolerance,
+    CCDEPTH_OT_tolerance_preset_add,
     CCDEPTH_OT_measure,
     CCDEPTH_OT_select_worst,
 )

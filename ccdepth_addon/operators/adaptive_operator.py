@@ -8,10 +8,18 @@ from typing import ClassVar
 import bpy
 
 from ..exchange.control_mesh import applied_modifiers, has_own_keys, subdivision_modifier
-from ..state import properties
-from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, adaptive_settings, prepare_adaptive, subdivide
+from ..state import face_counts, properties, viewports
+from ..tasks.adaptive_task import (
+    AdaptiveSettings,
+    AdaptiveTask,
+    TooManyError,
+    adaptive_settings,
+    prepare_adaptive,
+    subdivide,
+)
 from ..tasks.reduce_task import triangle_count
 from ..tasks.stepwise import Stage
+from ..tasks.surfaces import ComputeError
 from ..ui.printable import printable
 from . import edit_mode
 from .adaptive_objects import Made, make_meshes
@@ -55,6 +63,16 @@ class AdaptiveOperator(LongOperator):
     def leave(self, context: bpy.types.Context) -> None:
         edit_mode.enter(context, getattr(self, "_edited", ()))
         self._edited = []
+
+    def _refuse(self, context: bpy.types.Context, fault: ComputeError) -> set[str]:
+        settings = self.settings()
+        outcome = super()._refuse(context, fault)
+        if isinstance(fault, TooManyError):
+            # What was evaluated must not look like a change of the objects.
+            context.view_layer.update()
+            face_counts.remember([bpy.data.objects[name] for name in fault.object_names], settings, fault.count)
+            viewports.redraw(context)
+        return outcome
 
     def settings(self) -> AdaptiveSettings:
         return adaptive_settings(self, self.tolerance)

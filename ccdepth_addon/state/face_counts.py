@@ -6,6 +6,7 @@ Counts last for this session and are not in the file: counting changes nothing.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,9 +28,10 @@ class _KnownCount:
 _known: dict[int, _KnownCount] = {}
 
 
-def remember(blender_object: bpy.types.Object, settings: AdaptiveSettings, count: FaceCount) -> None:
-    """Keep the count until the object changes."""
-    _known[blender_object.session_uid] = _KnownCount(settings, count)
+def remember(objects: Iterable[bpy.types.Object], settings: AdaptiveSettings, count: FaceCount) -> None:
+    """Keep the count of these objects until they change."""
+    for blender_object in objects:
+        _known[blender_object.session_uid] = _KnownCount(settings, count)
 
 
 def known_count(blender_object: bpy.types.Object, settings: AdaptiveSettings) -> FaceCount | None:

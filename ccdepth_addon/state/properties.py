@@ -11,6 +11,9 @@ from ..core import METHODS
 DEFAULT_RELATIVE_TOLERANCE = 0.001
 DEFAULT_ABSOLUTE_TOLERANCE = 0.001
 
+# Where presets of the tolerance are, in folders of presets.
+TOLERANCE_PRESETS = "ccdepth/tolerance"
+
 DEFAULT_ACCURACY = 0.05
 DEFAULT_TIME_LIMIT = 60.0
 

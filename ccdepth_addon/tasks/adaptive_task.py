@@ -162,6 +162,15 @@ class FaceCount:
     fitting: float | None
 
 
+class TooManyError(ComputeError):
+    """The results would have too many faces together. object_names: of all that would have got one."""
+
+    def __init__(self, tasks: list[AdaptiveTask], count: FaceCount, settings: AdaptiveSettings) -> None:
+        super().__init__(too_many_text(tasks, count, settings))
+        self.object_names = [name for task in tasks for name in task.object_names]
+        self.count = count
+
+
 def prepare_adaptive(
     context: bpy.types.Context,
     objects: Sequence[bpy.types.Object],
@@ -311,7 +320,7 @@ def subdivide(
             _refuse_too_many(len(adaptive.mesh.base_faces), request)
         except TooManyFacesError as fault:
             fitting = _fitting_tolerance(tasks, settings, fault.tolerance / _unit(task, settings), progress)
-            raise ComputeError(too_many_text(tasks, FaceCount(made + fault.faces, fitting), settings)) from fault
+            raise TooManyError(tasks, FaceCount(made + fault.faces, fitting), settings) from fault
         answers.append(AdaptiveResult(task, adaptive))
         made += len(adaptive.mesh.base_faces)
     return answers

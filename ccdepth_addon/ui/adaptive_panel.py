@@ -11,7 +11,7 @@ from ..state.face_counts import known_count
 from ..state.properties import tolerance_name
 from ..tasks.adaptive_task import adaptive_settings
 from .lengths import length_text
-from .panels import draw_rows, stale_line
+from .panels import draw_rows, sidebar_count, stale_line
 
 
 class CCDEPTH_PT_subdivision(bpy.types.Panel):
@@ -101,13 +101,17 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
     if count.fitting is None:
         draw_rows(layout, [("Before Reduce" if settings.reduce else "Faces to Make", f"{count.faces:,}")])
         return
-    column = layout.column()
-    column.alert = True
-    fitting = "None"
-    if np.isfinite(count.fitting):
-        relative = settings.tolerance_mode == "RELATIVE"
-        fitting = f"{count.fitting:.2g}" if relative else length_text(context.scene, count.fitting)
-    draw_rows(column, [("Faces to Make", f"About {count.faces:,}, too many"), ("Fitting Tolerance", fitting)])
+    # In one row, like the button that was there: nothing below it moves.
+    split = layout.split(factor=0.55, align=True)
+    number = split.row()
+    number.alert = True
+    number.label(text=f"{sidebar_count(count.faces)} faces", icon="ERROR")
+    if not np.isfinite(count.fitting):
+        split.label(text="No tolerance fits")
+        return
+    relative = settings.tolerance_mode == "RELATIVE"
+    fitting = f"{count.fitting:.2g}" if relative else length_text(context.scene, count.fitting)
+    split.operator("ccdepth.use_tolerance", text=f"Use {fitting}").tolerance = count.fitting
 
 
 def register() -> None:

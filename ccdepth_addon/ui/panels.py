@@ -12,6 +12,7 @@ from ..state.properties import tolerance_name
 from ..tasks.surfaces import as_typed
 from .lengths import length_text
 from .selected_results import faces_by_depth, lengths_text, selected_results
+from .tolerance_presets import CCDEPTH_PT_tolerance_presets
 
 # Larger counts of faces are written as powers of ten.
 LARGEST_COUNT_IN_FULL = 10**10
@@ -29,6 +30,9 @@ class CCDEPTH_PT_settings(bpy.types.Panel):
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
     bl_category = "CC Depth"
+
+    def draw_header_preset(self, context: bpy.types.Context) -> None:
+        CCDEPTH_PT_tolerance_presets.draw_panel_header(self.layout)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout

@@ -66,5 +66,6 @@ def shape(holder: bpy.types.Object) -> np.ndarray:
 
 def known_count(holder: bpy.types.Object) -> object:
     settings = bpy.context.scene.ccdepth
-    current = addon.module("tasks.adaptive_task").adaptive_settings(settings, settings.tolerance)
+    tolerance = getattr(settings, "relative_tolerance" if settings.tolerance_mode == "RELATIVE" else "tolerance")
+    current = addon.module("tasks.adaptive_task").adaptive_settings(settings, tolerance)
     return addon.module("state.face_counts").known_count(holder, current)

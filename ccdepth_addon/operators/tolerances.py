@@ -1,0 +1,53 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+# mypy: disable-error-code="valid-type"
+"""Tolerances at the press of a button: one that fits the Face Limit, and presets."""
+
+from typing import ClassVar
+
+import bpy
+from bl_operators.presets import AddPresetBase
+from bpy.props import FloatProperty
+
+from ..state import properties
+from ..state.properties import tolerance_name
+from ..tasks.surfaces import ComputeError, refuse_bad_tolerance
+
+
+class CCDEPTH_OT_use_tolerance(bpy.types.Operator):
+    """Set the tolerance to one with which there are not too many faces"""
+
+    bl_idname = "ccdepth.use_tolerance"
+    bl_label = "Use Tolerance"
+    bl_options: ClassVar[set[str]] = {"UNDO", "INTERNAL"}
+
+    tolerance: FloatProperty(
+        name="Tolerance",
+        description="As a distance or as a part of the diagonal, whichever the scene is set to",
+        default=properties.DEFAULT_RELATIVE_TOLERANCE,
+        options={"SKIP_SAVE"},
+    )
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        settings = context.scene.ccdepth
+        try:
+            refuse_bad_tolerance(self.tolerance)
+        except ComputeError as fault:
+            self.report({"ERROR"}, str(fault))
+            return {"CANCELLED"}
+        setattr(settings, tolerance_name(settings.tolerance_mode), self.tolerance)
+        return {"FINISHED"}
+
+
+class CCDEPTH_OT_tolerance_preset_add(AddPresetBase, bpy.types.Operator):
+    """Add the tolerance to the presets, or remove a preset"""
+
+    bl_idname = "ccdepth.tolerance_preset_add"
+    bl_label = "Add Tolerance Preset"
+    preset_menu = "CCDEPTH_PT_tolerance_presets"
+    preset_subdir = properties.TOLERANCE_PRESETS
+    preset_defines: ClassVar[list[str]] = ["settings = bpy.context.scene.ccdepth"]
+    preset_values: ClassVar[list[str]] = [
+        "settings.tolerance_mode",
+        "settings.relative_tolerance",
+        "settings.tolerance",
+    ]
