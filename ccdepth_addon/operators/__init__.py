@@ -9,6 +9,7 @@ from .apply_adaptive import CCDEPTH_OT_subdivide
 from .clear import CCDEPTH_OT_clear
 from .compute_depth import CCDEPTH_OT_compute
 from .count_faces import CCDEPTH_OT_count_faces
+from .find_tolerance import CCDEPTH_OT_find_tolerance
 from .measure_deviation import CCDEPTH_OT_measure
 from .select_by_depth import CCDEPTH_OT_select
 from .select_worst import CCDEPTH_OT_select_worst
@@ -28,6 +29,7 @@ CLASSES = (
     CCDEPTH_OT_show_source,
     CCDEPTH_OT_show_result,
     CCDEPTH_OT_count_faces,
+    CCDEPTH_OT_find_tolerance,
     CCDEPTH_OT_use_tolerance,
     CCDEPTH_OT_tolerance_preset_add,
     CCDEPTH_OT_measure,

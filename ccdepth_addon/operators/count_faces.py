@@ -14,12 +14,8 @@ from .adaptive_operator import AdaptiveOperator
 from .selected_meshes import count_text, hidden_fault
 
 
-class CCDEPTH_OT_count_faces(AdaptiveOperator):
-    """Find out how many faces Apply Adaptive Subdivision would make of the selected objects, and change nothing"""
-
-    bl_idname = "ccdepth.count_faces"
-    bl_label = "Count Faces"
-    bl_options: ClassVar[set[str]] = {"REGISTER"}
+class CountingOperator(AdaptiveOperator):
+    """An operator that tells of adaptive meshes, and makes none."""
 
     def source(self, blender_object: bpy.types.Object) -> bpy.types.Object:
         """Of a result, what Update Result would make it from."""
@@ -28,6 +24,14 @@ class CCDEPTH_OT_count_faces(AdaptiveOperator):
 
     def fault(self, blender_object: bpy.types.Object) -> str | None:
         return hidden_fault(blender_object) or super().fault(blender_object)
+
+
+class CCDEPTH_OT_count_faces(CountingOperator):
+    """Find out how many faces Apply Adaptive Subdivision would make of the selected objects, and change nothing"""
+
+    bl_idname = "ccdepth.count_faces"
+    bl_label = "Count Faces"
+    bl_options: ClassVar[set[str]] = {"REGISTER"}
 
     def start(
         self, context: bpy.types.Context

@@ -18,6 +18,8 @@ from .updated_results import place_in_results
 # While one of these runs, results that are kept updated wait: their names begin so.
 OPERATORS_WAITED_FOR = ("CCDEPTH_OT_", "TRANSFORM_OT_")
 
+NOT_EVALUATED = "it is in no shown collection of this view layer, so its size in the scene is not known; show it first"
+
 
 class UpdatingOperator(MakingOperator):
     """An operator that makes results anew from the objects they came from."""
@@ -35,11 +37,15 @@ class UpdatingOperator(MakingOperator):
         return _source_fault(blender_object, self._results, self.use_modifiers) or super().fault(blender_object)
 
     def objects(self, context: bpy.types.Context) -> list[bpy.types.Object]:
-        """The results to make anew, and with them those that share their meshes."""
+        """The results to make anew, and with them those that share their meshes where their scale is known."""
         chosen = self.chosen(context)
         shared = {result.data for result in chosen}
         sharing = [each for each in bpy.data.objects if each.data in shared and result_record.is_result(each)]
-        self._results = list(dict.fromkeys([*chosen, *sharing]))
+        depsgraph = context.evaluated_depsgraph_get()
+        self._results = list(dict.fromkeys([*chosen, *(each for each in sharing if _is_evaluated(each, depsgraph))]))
+        unknown = [each.name for each in chosen if not _is_evaluated(each, depsgraph)]
+        if unknown:
+            raise ComputeError("\n".join(f"{name}: {NOT_EVALUATED}" for name in unknown))
         return self._results
 
     def chosen(self, context: bpy.types.Context) -> list[bpy.types.Object]:
@@ -87,7 +93,10 @@ class CCDEPTH_OT_update(UpdatingOperator):
             for each in selected
             if sources.has_results(each) and not result_record.is_result(each)
             for result in result_record.results_of(each)
+            if _is_evaluated(result, context.evaluated_depsgraph_get())
         ]
+        if not results and not of_sources:
+            raise ComputeError(f"{selected[0].name}: none of its results is shown here, not even hidden by the eye")
         return list(dict.fromkeys([*results, *of_sources]))
 
 
@@ -157,6 +166,11 @@ def _source_fault(result: bpy.types.Object, together: Collection[bpy.types.Objec
     if source.data.ccdepth.subdivision and not result.ccdepth.source_is_adaptive:
         return f"{called} was subdivided in place since; undo that, or apply anew with Subdivide Results on"
     return result_record.modifier_fault(result, source, use_modifiers=use_modifiers)
+
+
+def _is_evaluated(blender_object: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bool:
+    """Whether Blender knows where the object is in the scene; also of objects hidden in the view layer."""
+    return bool(blender_object.evaluated_get(depsgraph).is_evaluated)
 
 
 def _due_in(context: bpy.types.Context) -> list[bpy.types.Object]:

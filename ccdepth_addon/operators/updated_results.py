@@ -28,8 +28,7 @@ def place_in_results(context: bpy.types.Context, made: list[Made], settings: Mad
         groups.extend(results)
         old = [group[0].data for group in results]
         edited = [mesh for mesh, group in zip(old, results, strict=True) if result_record.is_edited(group[0])]
-        users = _with_sharing(results)
-        for mesh, group in zip(meshes, users, strict=True):
+        for mesh, group in zip(meshes, _with_sharing(results), strict=True):
             from_source.append(list(mesh.materials))
             _keep_materials(mesh, group)
             for user in group:
@@ -40,7 +39,8 @@ def place_in_results(context: bpy.types.Context, made: list[Made], settings: Mad
                     raise ComputeError(CHANGED)
         # What follows cannot be undone, and does not fail.
         notes.extend(_take_places(meshes, old, edited, results))
-        return users
+        # The tolerance is proved for these alone, and not for objects of other scales that share their meshes.
+        return results
 
     place(context, made, placing)
     for group, materials, each in zip(groups, from_source, made, strict=True):

@@ -192,6 +192,17 @@ def max_faces_property() -> Any:
     )
 
 
+def face_budget_property() -> Any:
+    return IntProperty(
+        name="Faces",
+        description="How many faces the adaptive meshes of all selected objects may have together; Reduce makes fewer",
+        default=50_000,
+        min=1,
+        soft_min=100,
+        soft_max=10_000_000,
+    )
+
+
 def accuracy_property() -> Any:
     """A fraction without a hard minimum, so that a bad one can be refused with a report."""
     return FloatProperty(

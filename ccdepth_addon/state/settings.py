@@ -62,6 +62,7 @@ class SceneSettings(bpy.types.PropertyGroup):
     exact_normals: properties.exact_normals_property()
     reduce: properties.reduce_property()
     subdivide_results: properties.subdivide_results_property()
+    face_budget: properties.face_budget_property()
     max_faces: properties.max_faces_property()
     accuracy: properties.accuracy_property()
     time_limit: properties.time_limit_property()

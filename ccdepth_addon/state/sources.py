@@ -167,11 +167,17 @@ def _find_results() -> None:
 
 
 @persistent
-def _touch_everything(*_: Any) -> None:
-    """After loading and after a change of the frame."""
-    _find_results()
+def _touch_known(*_: Any) -> None:
+    """After a change of the frame."""
     if _results:
         _touch(set(_results))
+
+
+@persistent
+def _touch_everything(*_: Any) -> None:
+    """After loading."""
+    _find_results()
+    _touch_known()
 
 
 @persistent
@@ -192,7 +198,7 @@ def _forget_everything(*_: Any) -> None:
 
 HANDLERS = (
     ("depsgraph_update_post", _notice_updates),
-    ("frame_change_post", _touch_everything),
+    ("frame_change_post", _touch_known),
     ("undo_post", _begin_anew),
     ("redo_post", _begin_anew),
     ("load_pre", _forget_everything),

@@ -255,7 +255,7 @@ def _task(
     validate(in_world)
     stored = float(np.linalg.norm(np.abs(control.world) @ largest)) * SINGLE_ROUNDING * steps
     allowance = rounding_allowance(in_world) + stored
-    check_tolerance(surface.tolerance, max(smallest_step(in_world), 2 * allowance))
+    check_tolerance(surface.tolerance, _least_tolerance(control, allowance))
     modifiers = applied_modifiers(blender_object, use_modifiers=settings.use_modifiers)
     library = blender_object.library
     subdivision = subdivision_modifier(blender_object)
@@ -369,51 +369,67 @@ def _fitting_tolerance(
     start: where to begin to look. It is tried out, so it fits. Results that are coarse are counted first and then finer
     ones, until one has too many faces or nearly as many as there may be: counting takes as long as there are faces.
     """
-    coarsest = max(task.control.diagonal() / _unit(task, settings) for task in tasks) * WITHOUT_SPLITS
-    if _count(tasks, settings, coarsest, settings.max_faces, progress) is None:
+
+    def count(tolerance: float, most_faces: int) -> int | None:
+        counts = counts_with(tasks, settings, with_digits(tolerance, 2), most_faces, progress)
+        return None if counts is None else sum(counts)
+
+    if count(coarsest_tolerance(tasks, settings), settings.max_faces) is None:
         return float("inf")
     control_faces = sum(task.control.mesh.face_count for task in tasks)
     start = max(start, settings.tolerance) if np.isfinite(start) else settings.tolerance
     tried = min(settings.max_faces, max(FACES_TRIED, CONTROL_FACES_TRIED * control_faces))
     fitting = start * FIRST_TRY * settings.max_faces / tried
-    while (faces := _count(tasks, settings, fitting, tried, progress)) is None:
+    while (faces := count(fitting, tried)) is None:
         fitting *= NEXT_TRY
     while True:
         # As many more faces as the tolerance is finer, where most is flat.
         finer = max(settings.tolerance, fitting / LARGEST_STEP, NEXT_TRY * fitting * faces / settings.max_faces)
         if finer * NEXT_TRY >= fitting:
             break
-        counted = _count(tasks, settings, finer, settings.max_faces, progress)
+        counted = count(finer, settings.max_faces)
         if counted is None:
             halfway = float(np.sqrt(finer * fitting))
-            counted = _count(tasks, settings, halfway, settings.max_faces, progress)
+            counted = count(halfway, settings.max_faces)
             fitting = fitting if counted is None else halfway
             break
         fitting, faces = finer, counted
-    return _with_two_digits(fitting)
+    return with_digits(fitting, 2)
 
 
-def _count(
+def counts_with(
     tasks: list[AdaptiveTask], settings: AdaptiveSettings, tolerance: float, most_faces: int, progress: Progress
-) -> int | None:
-    """How many faces the results would have together with another tolerance, as it is typed to two digits; None when
-    they are too many."""
-    counted = 0
+) -> list[int] | None:
+    """How many faces each result would have with another tolerance, as it is typed; None when they are too many."""
+    counts: list[int] = []
     for task in tasks:
-        length = _with_two_digits(tolerance) * _unit(task, settings)
-        request = task.request(settings, length, most_faces - counted)
+        request = task.request(settings, tolerance * _unit(task, settings), most_faces - sum(counts))
         try:
-            counted += count_faces(task.control.in_world, request, _after(counted, progress))
+            counts.append(count_faces(task.control.in_world, request, _after(sum(counts), progress)))
         except TooManyFacesError:
             return None
-        if counted > most_faces:
+        if sum(counts) > most_faces:
             return None
-    return counted
+    return counts
 
 
-def _with_two_digits(number: float) -> float:
-    """The next larger decimal with two digits."""
-    step = floor(log10(number)) - 1
+def coarsest_tolerance(tasks: list[AdaptiveTask], settings: AdaptiveSettings) -> float:
+    """A tolerance, as it is typed, with which nothing is split that need not be."""
+    return max(task.control.diagonal() / _unit(task, settings) for task in tasks) * WITHOUT_SPLITS
+
+
+def finest_tolerance(tasks: list[AdaptiveTask], settings: AdaptiveSettings) -> float:
+    """The least tolerance, as it is typed, that is taken for all of them."""
+    return max(_least_tolerance(task.surface.control, task.allowance) / _unit(task, settings) for task in tasks)
+
+
+def _least_tolerance(control: ControlMesh, allowance: float) -> float:
+    return max(smallest_step(control.in_world), 2 * allowance)
+
+
+def with_digits(number: float, digits: int) -> float:
+    """The next larger decimal with so many digits."""
+    step = floor(log10(number)) - digits + 1
     return float(f"{ceil(number * 10.0**-step)}e{step}")
 
 

@@ -34,6 +34,9 @@ class CCDEPTH_PT_subdivision(bpy.types.Panel):
             row.operator("ccdepth.update", icon="FILE_REFRESH")
             row.operator("ccdepth.show_result", icon="HIDE_OFF")
         _draw_face_count(layout, context)
+        row = layout.row(align=True)
+        row.prop(settings, "face_budget")
+        row.operator("ccdepth.find_tolerance", icon="VIEWZOOM")
         layout.use_property_split = True
         layout.use_property_decorate = False
         column = layout.column()

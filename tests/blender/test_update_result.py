@@ -213,6 +213,30 @@ def test_linked_duplicates_of_other_scales_are_all_within_the_tolerance() -> Non
         assert stale_line(each) == ""
 
 
+def test_nothing_is_claimed_of_objects_of_other_scales_that_share_the_mesh() -> None:
+    """Neither of one that is no result, nor of one whose scale Blender does not know here."""
+    _, result = made_result()
+    plain = scene.add_mesh(result.data)
+    elsewhere = result.copy()
+    bpy.data.scenes.new("Other").collection.objects.link(elsewhere)
+    plain.scale = elsewhere.scale = (10.0, 10.0, 10.0)
+    update(result)
+    assert result.data == plain.data == elsewhere.data
+    assert stale_line(result) == ""
+    assert stale_line(plain) == "Not computed for this object"
+
+
+def test_a_result_elsewhere_is_not_updated_from_here() -> None:
+    """Blender does not tell how large it is there."""
+    source, result = made_result()
+    source.hide_set(False)
+    bpy.data.scenes.new("Other").collection.objects.link(result)
+    bpy.context.scene.collection.objects.unlink(result)
+    addon.select(source)
+    with pytest.raises(RuntimeError, match="none of its results is shown here"):
+        bpy.ops.ccdepth.update()
+
+
 def test_results_of_a_selected_source_are_updated() -> None:
     source, result = made_result()
     source.hide_set(False)

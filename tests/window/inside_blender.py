@@ -2,7 +2,8 @@
 """Runs inside the Blender whose window is tested: sets the scene, then tells again and again what it sees.
 
 The window is the test's to use; nothing here presses a button. The report goes to the file named in
-``CCDEPTH_WINDOW_REPORT``; ``CCDEPTH_WINDOW_TOLERANCE``, if set, is the relative tolerance to begin with. A file beside
+``CCDEPTH_WINDOW_REPORT``; ``CCDEPTH_WINDOW_TOLERANCE``, if set, is the relative tolerance to begin with, and
+``CCDEPTH_WINDOW_FACE_LIMIT`` the Face Limit. A file beside
 the report whose name ends in ``.adjust`` holds a tolerance to do the last operation again with; one that ends in
 ``.change`` holds a relative tolerance for the scene, and has all results kept updated.
 """
@@ -22,6 +23,7 @@ REPORT = Path(os.environ["CCDEPTH_WINDOW_REPORT"])
 ADJUST = REPORT.with_suffix(".adjust")
 CHANGE = REPORT.with_suffix(".change")
 TOLERANCE = os.environ.get("CCDEPTH_WINDOW_TOLERANCE", "")
+FACE_LIMIT = os.environ.get("CCDEPTH_WINDOW_FACE_LIMIT", "")
 INTERVAL = 0.1
 CATEGORY = "CC Depth"
 
@@ -45,6 +47,8 @@ def set_scene() -> None:
     suzanne.select_set(True)
     if TOLERANCE:
         bpy.context.scene.ccdepth.relative_tolerance = float(TOLERANCE)
+    if FACE_LIMIT:
+        bpy.context.scene.ccdepth.max_faces = int(FACE_LIMIT)
 
 
 def viewport() -> tuple[Any, Any, dict[str, Any]]:
@@ -107,6 +111,7 @@ def observe() -> dict[str, Any]:
         "sidebar": rectangle(regions["UI"], window.height),
         "viewport": rectangle(regions["WINDOW"], window.height),
         "hovered": hovered_command(window, area, regions["UI"]),
+        "tolerance": bpy.context.scene.ccdepth.relative_tolerance,
         "has_result": record.has_result,
         "deviation": [record.deviation_reached, record.deviation],
         "rows": {row.depth: row.faces for row in record.rows},

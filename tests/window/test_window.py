@@ -31,6 +31,7 @@ SCREENSHOT = os.environ.get("CCDEPTH_SCREENSHOT", "")
 WIDTH, HEIGHT = 1440, 900
 SECONDS_TO_START = 90.0
 SECONDS_TO_ANSWER = 30.0
+SECONDS_TO_BEGIN = 3.0
 # It takes a minute at most, and then tells what it has.
 SECONDS_TO_MEASURE = 90.0
 
@@ -129,14 +130,16 @@ def virtual_display() -> Iterator[str]:
 
 @pytest.fixture
 def window(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Window]:
-    """The window; a parameter is the relative tolerance to begin with."""
+    """The window; a parameter is the relative tolerance to begin with, and a Face Limit if there is a second number."""
+    tolerance, _, face_limit = getattr(request, "param", "").partition(" ")
     for program in ("Xvfb", "xdotool", "import", "convert"):
         assert shutil.which(program), f"{program} is missing: install xvfb, xdotool and imagemagick"
     environment = {
         **os.environ,
         "BLENDER_USER_RESOURCES": str(tmp_path / "resources"),
         "CCDEPTH_WINDOW_REPORT": str(tmp_path / "report.json"),
-        "CCDEPTH_WINDOW_TOLERANCE": getattr(request, "param", ""),
+        "CCDEPTH_WINDOW_TOLERANCE": tolerance,
+        "CCDEPTH_WINDOW_FACE_LIMIT": face_limit,
         "LIBGL_ALWAYS_SOFTWARE": "1",
     }
     install = [BLENDER, "--command", "extension", "install-file", "-e", "-r", "user_default", EXTENSION]
@@ -325,12 +328,11 @@ def made_by_mouse(window: Window) -> dict[str, Any]:
     return started
 
 
-def test_a_click_on_update_result_makes_the_result_anew_and_undo_takes_it_back(window: Window, tmp_path: Path) -> None:
+def test_a_click_on_update_result_makes_the_result_anew_and_undo_takes_it_back(window: Window) -> None:
     started = made_by_mouse(window)
     before = window.report()["objects"]
     window.change_settings(0.0002)
     find_button(window, started["sidebar"], "bpy.ops.ccdepth.update(")
-    window.look(tmp_path / "result.png")
     window.click()
     faces = before["Suzanne Adaptive"]["faces"]
     updated = wait_for_object(window, "Suzanne Adaptive", "a finer result", lambda found: found["faces"] > 2 * faces)
@@ -371,6 +373,26 @@ def test_a_source_is_shown_and_edited_and_its_result_follows(window: Window) -> 
     find_button(window, started["sidebar"], "bpy.ops.ccdepth.show_result")
     window.click()
     wait_for_object(window, "Suzanne Adaptive", "the result", lambda found: found["visible"] and found["selected"])
+
+
+@pytest.mark.parametrize("window", ["1e-4 20000"], indirect=True)
+def test_a_click_on_the_tolerance_offered_after_a_refusal_sets_it(window: Window) -> None:
+    started = find_apply(window)
+    window.click()
+    # Until the refusal there is no such button, and its message is in the way of the mouse.
+    time.sleep(SECONDS_TO_BEGIN)
+    window.wait_for(lambda report: not report["running"], SECONDS_TO_ANSWER, "the refusal")
+    window.press("Escape")
+    time.sleep(1.0)
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.use_tolerance(")
+    window.click()
+    offered = window.wait_for(lambda report: report["tolerance"] > 2e-4, SECONDS_TO_ANSWER, "a coarser tolerance")
+    assert offered["objects"] == started["objects"]
+
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.subdivide")
+    window.click()
+    made = wait_for_object(window, "Suzanne Adaptive", "a result", lambda found: found["visible"])
+    assert 5_000 < made["faces"] <= 20_000
 
 
 @pytest.mark.parametrize("window", ["2e-6"], indirect=True)

@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+# mypy: disable-error-code="valid-type"
+"""Find Tolerance."""
+
+from collections.abc import Generator
+from dataclasses import replace
+from typing import ClassVar
+
+import bpy
+
+from ..state import face_counts, properties, viewports
+from ..state.properties import tolerance_name
+from ..tasks.adaptive_task import AdaptiveTask, FaceCount
+from ..tasks.face_budget import Fit, best_tolerance
+from ..tasks.stepwise import Stage
+from ..tasks.surfaces import ComputeError
+from .count_faces import CountingOperator
+from .selected_meshes import count_text
+
+
+class CCDEPTH_OT_find_tolerance(CountingOperator):
+    """Set the tolerance to the best one with which the adaptive meshes of the selected objects have no more faces than
+    this, all together"""
+
+    bl_idname = "ccdepth.find_tolerance"
+    bl_label = "Find Tolerance"
+    bl_options: ClassVar[set[str]] = {"UNDO"}
+    SETTINGS: ClassVar[tuple[str, ...]] = (*CountingOperator.SETTINGS, "face_budget")
+
+    face_budget: properties.face_budget_property()
+
+    def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, tuple[list[AdaptiveTask], Fit]]:
+        if self.face_budget > self.max_faces:
+            raise ComputeError(f"The Face Limit is {self.max_faces:,}; raise it first")
+        tasks = yield from self.prepared(context)
+        settings, faces = self.settings(), self.face_budget
+        return tasks, (yield from self.computed(lambda progress: best_tolerance(tasks, settings, faces, progress)))
+
+    def progress_text(self, progress: float) -> str:
+        return f"Finding the tolerance: {progress:,.0f} faces counted"
+
+    def finish(self, context: bpy.types.Context, answer: tuple[list[AdaptiveTask], Fit]) -> set[str]:
+        tasks, fit = answer
+        self.leave(context)
+        context.scene.ccdepth.tolerance_mode = self.tolerance_mode
+        setattr(context.scene.ccdepth, tolerance_name(self.tolerance_mode), fit.tolerance)
+        # What was evaluated for counting must not look like a change of the objects.
+        context.view_layer.update()
+        settings = replace(self.settings(), tolerance=fit.tolerance)
+        for task, faces in zip(tasks, fit.counts, strict=True):
+            objects = [bpy.data.objects[name] for name in task.object_names]
+            face_counts.remember(objects, settings, FaceCount(faces, None))
+        unit = " of the diagonal" if self.tolerance_mode == "RELATIVE" else ""
+        text = f"{count_text(sum(fit.counts), 'face', 'faces')} with a tolerance of {fit.tolerance:.3g}{unit}"
+        self.report({"INFO"}, text)
+        viewports.redraw(context)
+        return {"FINISHED"}
