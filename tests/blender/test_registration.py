@@ -7,7 +7,7 @@ from importlib import import_module
 
 import bpy
 
-HOLDERS = (bpy.types.Scene, bpy.types.Mesh, bpy.types.View3DShading)
+HOLDERS = (bpy.types.Scene, bpy.types.Mesh, bpy.types.Object, bpy.types.View3DShading)
 
 
 def handlers(package: str) -> list[tuple[str, str]]:
