@@ -2,6 +2,8 @@
 """The sidebar's panel about adaptive subdivision: settings, and how many faces the adaptive mesh of the active object
 would have."""
 
+from typing import ClassVar
+
 import bpy
 import numpy as np
 
@@ -11,7 +13,7 @@ from ..state.face_counts import known_count
 from ..state.properties import tolerance_name
 from ..tasks.adaptive_task import adaptive_settings
 from .lengths import length_text
-from .panels import draw_rows, sidebar_count, stale_line
+from .panels import draw_main_button, draw_rows, draw_state_line, sidebar_count, stale_line
 
 
 class CCDEPTH_PT_subdivision(bpy.types.Panel):
@@ -28,11 +30,11 @@ class CCDEPTH_PT_subdivision(bpy.types.Panel):
         if is_result:
             _draw_result(layout, settings, active)
         if not is_result or settings.subdivide_results:
-            _draw_button(layout, "ccdepth.subdivide", "MOD_MULTIRES")
+            draw_main_button(layout, "ccdepth.subdivide", "MOD_MULTIRES")
         if active is not None and sources.has_results(active):
             row = layout.row(align=True)
             row.operator("ccdepth.update", icon="FILE_REFRESH")
-            row.operator("ccdepth.show_result", icon="HIDE_OFF")
+            row.operator("ccdepth.show_result", icon="LOOP_FORWARDS")
         _draw_face_count(layout, context)
         row = layout.row(align=True)
         row.prop(settings, "face_budget")
@@ -40,43 +42,47 @@ class CCDEPTH_PT_subdivision(bpy.types.Panel):
         layout.use_property_split = True
         layout.use_property_decorate = False
         column = layout.column()
-        column.prop(settings, "reduce")
-        _draw_keys_line(column, context)
-        # Triangles that are merged show nothing of how faces were divided.
-        division = column.column()
-        division.active = not settings.reduce
-        division.prop(settings, "mode")
-        division.prop(settings, "transitions")
         output = column.column()
         output.active = not is_result or settings.subdivide_results
         output.prop(settings, "output")
-        column.prop(settings, "exact_normals")
-        column.prop(settings, "max_faces")
+        column.prop(settings, "reduce")
+        _draw_keys_line(column, context)
         if active is not None and active.type == "MESH" and result_record.is_adaptive(active):
             column.prop(settings, "subdivide_results")
 
 
-def _draw_button(layout: bpy.types.UILayout, operator: str, icon: str) -> None:
-    button = layout.column()
-    button.scale_y = 1.4
-    button.operator(operator, icon=icon)
+class CCDEPTH_PT_subdivision_options(bpy.types.Panel):
+    bl_label = "Options"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "CC Depth"
+    bl_parent_id = "CCDEPTH_PT_subdivision"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, settings = self.layout, context.scene.ccdepth
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        # Triangles that are merged show nothing of how faces were divided.
+        division = layout.column()
+        division.active = not settings.reduce
+        division.prop(settings, "mode")
+        division.prop(settings, "transitions")
+        layout.prop(settings, "exact_normals")
+        layout.prop(settings, "max_faces")
 
 
 def _draw_result(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, result: bpy.types.Object) -> None:
     """What can be done with a result, whether there is a need to, and where it came from."""
-    _draw_button(layout, "ccdepth.update", "FILE_REFRESH")
-    line = stale_line(settings, result.data, result)
-    row = layout.row()
-    row.alert = bool(line)
+    draw_main_button(layout, "ccdepth.update", "FILE_REFRESH")
     source = result_record.source_of(result)
     if source is None:
-        row.alert = True
-        row.label(text=f"“{result.ccdepth.source_name}” has been removed", icon="ERROR")
+        draw_state_line(layout, f"“{result.ccdepth.source_name}” has been removed")
         return
-    row.label(text=line or "Up to date", icon="ERROR" if line else "CHECKMARK")
+    draw_state_line(layout, stale_line(settings, result.data, result))
     row = layout.row()
     row.label(text=source.name, icon="OUTLINER_OB_MESH")
-    row.operator("ccdepth.show_source", icon="HIDE_OFF")
+    row.operator("ccdepth.show_source", icon="LOOP_BACK")
     column = layout.column()
     column.use_property_split = True
     column.use_property_decorate = False
@@ -99,7 +105,7 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
     current = adaptive_settings(settings, tolerance)
     count = None if active is None else known_count(active, current)
     if count is None:
-        layout.operator("ccdepth.count_faces", icon="FACESEL")
+        layout.operator("ccdepth.count_faces", icon="LINENUMBERS_ON")
         return
     if count.fitting is None:
         draw_rows(layout, [("Before Reduce" if settings.reduce else "Faces to Make", f"{count.faces:,}")])
@@ -117,9 +123,14 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
     split.operator("ccdepth.use_tolerance", text=f"Use {fitting}").tolerance = count.fitting
 
 
+CLASSES = (CCDEPTH_PT_subdivision, CCDEPTH_PT_subdivision_options)
+
+
 def register() -> None:
-    bpy.utils.register_class(CCDEPTH_PT_subdivision)
+    for cls in CLASSES:
+        bpy.utils.register_class(cls)
 
 
 def unregister() -> None:
-    bpy.utils.unregister_class(CCDEPTH_PT_subdivision)
+    for cls in reversed(CLASSES):
+        bpy.utils.unregister_class(cls)

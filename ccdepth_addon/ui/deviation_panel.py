@@ -9,7 +9,7 @@ from ..state import deviation_results, results, staleness
 from ..state.properties import tolerance_name
 from ..tasks.surfaces import as_typed
 from .lengths import Rounding, length_text
-from .panels import draw_display, draw_rows
+from .panels import ORDER_OF_DEVIATION, draw_display, draw_main_button, draw_rows, draw_state_line
 from .selected_results import selected_results
 
 # How a verdict is shown: icon and text.
@@ -26,12 +26,11 @@ class CCDEPTH_PT_deviation(bpy.types.Panel):
     bl_region_type = "UI"
     bl_category = "CC Depth"
     bl_parent_id = "CCDEPTH_PT_settings"
+    bl_order = ORDER_OF_DEVIATION
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, context.scene.ccdepth
-        button = layout.column()
-        button.scale_y = 1.4
-        button.operator("ccdepth.measure", icon="DRIVER_DISTANCE")
+        draw_main_button(layout, "ccdepth.measure", "DRIVER_DISTANCE")
         column = layout.column()
         column.use_property_split = True
         column.use_property_decorate = False
@@ -45,11 +44,7 @@ class CCDEPTH_PT_deviation(bpy.types.Panel):
 def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, mesh: bpy.types.Mesh) -> None:
     settings, found = context.scene.ccdepth, mesh.ccdepth.measurement
     box = layout.box().column()
-    line = stale_line(settings, mesh)
-    if line:
-        row = box.row()
-        row.alert = True
-        row.label(text=line, icon="ERROR")
+    draw_state_line(box, stale_line(settings, mesh))
     icon, text = VERDICTS[found.verdict]
     row = box.row()
     row.alert = found.verdict == "NOT_MET"
@@ -58,7 +53,7 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
     if not found.accuracy_met:
         box.label(text="Accuracy not reached", icon="TIME")
     row = layout.row(align=True)
-    row.operator("ccdepth.select_worst", icon="RESTRICT_SELECT_OFF")
+    row.operator("ccdepth.select_worst", icon="FACESEL")
     row.operator("ccdepth.select_worst", text="", icon="ZOOM_SELECTED").frame = True
     if not results.shows_deviation(mesh):
         return

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The sidebar's CC Depth tab: settings, and the results of the active object's mesh."""
 
+from typing import ClassVar
+
 import bpy
 import bpy.utils.previews
 import numpy as np
@@ -22,6 +24,9 @@ SWATCH_SIZE = 16
 # The list of several objects is no longer than this.
 MOST_OBJECTS = 8
 
+# Results and deviations, which grow, are below the panels with buttons.
+ORDER_OF_RESULTS, ORDER_OF_DEVIATION = 1, 2
+
 _swatches: bpy.utils.previews.ImagePreviewCollection | None = None
 
 
@@ -37,21 +42,35 @@ class CCDEPTH_PT_settings(bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         settings = context.scene.ccdepth
-        button = layout.column()
-        button.scale_y = 1.4
-        button.operator("ccdepth.compute", icon="MOD_SUBSURF")
-        layout.use_property_split = True
-        layout.use_property_decorate = False
+        # What all buttons go by is above them.
         column = layout.column()
+        column.use_property_split = True
+        column.use_property_decorate = False
         column.row().prop(settings, "tolerance_mode", text="Tolerance", expand=True)
         if settings.tolerance_mode == "RELATIVE":
             column.prop(settings, "relative_tolerance", text="Fraction")
         else:
             column.prop(settings, "tolerance", text="Distance")
-        column = layout.column()
-        column.prop(settings, "method")
-        column.prop(settings, "vertices")
         column.prop(settings, "use_modifiers")
+        draw_main_button(layout, "ccdepth.compute", "MOD_SUBSURF")
+
+
+class CCDEPTH_PT_advanced(bpy.types.Panel):
+    """Settings of Compute Depth alone."""
+
+    bl_label = "Advanced"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "UI"
+    bl_category = "CC Depth"
+    bl_parent_id = "CCDEPTH_PT_settings"
+    bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, settings = self.layout, context.scene.ccdepth
+        layout.use_property_split = True
+        layout.use_property_decorate = False
+        layout.prop(settings, "method")
+        layout.prop(settings, "vertices")
 
 
 class CCDEPTH_PT_results(bpy.types.Panel):
@@ -60,10 +79,15 @@ class CCDEPTH_PT_results(bpy.types.Panel):
     bl_region_type = "UI"
     bl_category = "CC Depth"
     bl_parent_id = "CCDEPTH_PT_settings"
+    bl_order = ORDER_OF_RESULTS
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         return bool(selected_results(context))
+
+    def draw_header_preset(self, context: bpy.types.Context) -> None:
+        # Away from the buttons that select.
+        self.layout.operator("ccdepth.clear", icon="X", emboss=False)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, context.scene.ccdepth
@@ -72,23 +96,20 @@ class CCDEPTH_PT_results(bpy.types.Panel):
         if len(objects) == 1:
             # That of a result is beside the button that helps.
             if not result_record.is_result(objects[0]):
-                _draw_stale_line(layout, settings, objects[0])
+                draw_state_line(layout, stale_line(settings, objects[0].data, objects[0]))
             _draw_numbers(layout, context.scene, objects[0].data.ccdepth)
         else:
             _draw_totals(layout, context.scene, objects)
         _draw_histogram(layout, objects)
-        row = layout.row(align=True)
-        row.operator("ccdepth.select", text="Select by Depth", icon="RESTRICT_SELECT_OFF")
-        row.operator("ccdepth.clear", icon="X")
+        layout.operator("ccdepth.select", text="Select by Depth", icon="RESTRICT_SELECT_OFF")
         if not all(mesh.ccdepth.subdivision for mesh in meshes):
-            layout.operator("ccdepth.set_levels", icon="MOD_SUBSURF")
-        if all(map(results.shows_deviation, meshes)):
-            return
-        layout.use_property_split = True
-        layout.use_property_decorate = False
-        kinds = set(map(results.shown, meshes))
-        column = layout.column(heading="Show")
-        draw_display(column, settings, depths=results.Shown.DEPTH in kinds, distances=results.Shown.BOUND in kinds)
+            layout.operator("ccdepth.set_levels", icon="MODIFIER")
+        if not all(map(results.shows_deviation, meshes)):
+            kinds = set(map(results.shown, meshes))
+            column = layout.column(heading="Show")
+            column.use_property_split = True
+            column.use_property_decorate = False
+            draw_display(column, settings, depths=results.Shown.DEPTH in kinds, distances=results.Shown.BOUND in kinds)
 
 
 def draw_display(
@@ -138,12 +159,18 @@ def _stale_result_line(settings: bpy.types.PropertyGroup, result: bpy.types.Obje
     return "Out of date: settings changed" if result_record.settings_have_changed(result, settings) else ""
 
 
-def _draw_stale_line(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, holder: bpy.types.Object) -> None:
-    line = stale_line(settings, holder.data, holder)
-    if line:
-        row = layout.row()
-        row.alert = True
-        row.label(text=line, icon="ERROR")
+def draw_main_button(layout: bpy.types.UILayout, operator: str, icon: str) -> None:
+    """The button that a panel is there for."""
+    button = layout.column()
+    button.scale_y = 1.4
+    button.operator(operator, icon=icon)
+
+
+def draw_state_line(layout: bpy.types.UILayout, stale: str) -> None:
+    """Why something is out of date, or that it is not: a line either way, so that nothing below it ever moves."""
+    row = layout.row()
+    row.alert = bool(stale)
+    row.label(text=stale or "Up to date", icon="ERROR" if stale else "CHECKMARK")
 
 
 def _draw_totals(layout: bpy.types.UILayout, scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
@@ -265,7 +292,7 @@ def _swatch(color: FloatArray) -> int:
     return _swatches[name].icon_id
 
 
-CLASSES = (CCDEPTH_PT_settings, CCDEPTH_PT_results)
+CLASSES = (CCDEPTH_PT_settings, CCDEPTH_PT_advanced, CCDEPTH_PT_results)
 
 
 def register() -> None:

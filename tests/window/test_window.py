@@ -155,12 +155,12 @@ def window(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Window]:
             print((tmp_path / "blender.log").read_text(errors="replace")[-4000:])
 
 
-def find_button(window: Window, sidebar: list[int], command: str) -> None:
-    """Move the mouse down the sidebar until the button of that command is under it."""
+def find_button(window: Window, sidebar: list[int], command: str, across: float = 0.6) -> None:
+    """Move the mouse down the sidebar, at this part of its width, until the button of that command is under it."""
     left, top, right, bottom = sidebar
     for y in range(top + SEARCH_STEP, bottom, SEARCH_STEP):
         # Where two buttons share a row, the second is found as well.
-        window.move_mouse(left + (right - left) * 3 // 5, y)
+        window.move_mouse(round(left + (right - left) * across), y)
         time.sleep(0.25)
         if command in window.report()["hovered"]:
             return
@@ -194,6 +194,10 @@ def test_a_click_on_compute_depth_shows_the_heat_map(window: Window, tmp_path: P
 
     window.click()
     report = window.wait_for(lambda report: report["has_result"], SECONDS_TO_ANSWER, "a result")
+    time.sleep(1.0)
+    assert "bpy.ops.ccdepth.compute" in window.report()["hovered"], "the button has moved away from under the mouse"
+    # The next button is there without scrolling.
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.subdivide")
     window.move_mouse(started["viewport"][0] + 300, started["viewport"][3] - 100)
     time.sleep(2.0)
     picture = Path(SCREENSHOT or tmp_path / "after.png")
@@ -222,7 +226,8 @@ def test_a_click_on_compute_depth_shows_the_heat_map(window: Window, tmp_path: P
     assert part_in_colors(seen[:, :-LEGEND_WIDTH], 0.8 * colors) < 0.1
     assert (report["light"], report["edges"]) == ("FLAT", True)
 
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.clear")
+    # In the header of the results.
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.clear", across=0.75)
     window.click()
     cleared = window.wait_for(lambda report: not report["has_result"], SECONDS_TO_ANSWER, "the result gone")
     shading = ("color_type", "light", "edges")
