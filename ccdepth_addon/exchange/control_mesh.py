@@ -602,7 +602,7 @@ def _read_evaluated(
         if losing is not None:
             raise ControlMeshError(
                 f"the modifier “{losing}” does not keep the mesh's faces apart, so their depths cannot be told: apply "
-                "it, or turn Modifiers off"
+                "it, or turn Include Modifiers off"
             )
     return mesh, base_faces
 
@@ -612,7 +612,7 @@ def _refuse_simulations(modifiers: Sequence[bpy.types.Modifier]) -> None:
         if modifier.type in SIMULATIONS:
             raise ControlMeshError(
                 f"the modifier “{modifier.name}” is a simulation, which cannot be counted in: apply it, or turn "
-                "Modifiers off"
+                "Include Modifiers off"
             )
 
 

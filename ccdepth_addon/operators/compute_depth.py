@@ -32,6 +32,7 @@ class CCDEPTH_OT_compute(LongOperator):
 
     method: properties.method_property()
     vertices: properties.vertices_property()
+    use_limit_surface: properties.use_limit_surface_property()
 
     def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, list[MeshDepths]]:
         objects = selected_meshes(context)

@@ -27,6 +27,9 @@ PATIENCE_AT_START = 0.2
 PATIENCE_AT_EACH_TICK = worker.SECONDS_TO_WAIT
 SECONDS_BETWEEN_TICKS = 0.01
 
+# What the redo panel shows in the stead of settings that scripts write.
+SHOWN_AS = {"vertices": "use_limit_surface"}
+
 # While it runs, the view may be moved.
 NAVIGATION_EVENTS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MOUSEMOVE", "TRACKPADPAN", "TRACKPADZOOM"}
 
@@ -136,7 +139,7 @@ class LongOperator(bpy.types.Operator):
         layout.prop(self, "relative_tolerance" if self.tolerance_mode == "RELATIVE" else "tolerance")
         for name in self.SETTINGS:
             if name != "tolerance_mode":
-                layout.prop(self, name)
+                layout.prop(self, SHOWN_AS.get(name, name))
 
     def _begin(self, context: bpy.types.Context, seconds: float) -> set[str] | None:
         self._take_settings(context.scene.ccdepth)

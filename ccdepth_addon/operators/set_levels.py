@@ -64,7 +64,7 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, most_faces: 
     if record.quality > limits["quality"].hard_max:
         return (
             f"with Use Limit Surface it needs a higher Quality than the {limits['quality'].hard_max} that a "
-            "Subdivision Surface modifier has at most; compute its depths for the Control Mesh"
+            "Subdivision Surface modifier has at most; compute its depths with it off"
         )
     faces = int(record.uniform_faces)
     if faces > most_faces:

@@ -125,9 +125,21 @@ def vertices_property() -> Any:
     )
 
 
+def use_limit_surface_property() -> Any:
+    """The same as ``vertices``, in Blender's words and as a check box."""
+    return BoolProperty(
+        name="Use Limit Surface",
+        description="Compute for a subdivided mesh whose vertices are moved to the limit surface, as those of the "
+        "Subdivision Surface modifier are with its own Use Limit Surface on",
+        get=lambda self: self.vertices == "LIMIT",
+        set=lambda self, value: setattr(self, "vertices", "LIMIT" if value else "CONTROL"),
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
+
+
 def use_modifiers_property() -> Any:
     return BoolProperty(
-        name="Modifiers",
+        name="Include Modifiers",
         description="Count in the modifiers above the Subdivision Surface modifier, or all of them when there is none. "
         "A subdivision has those counted in applied, and keeps all others",
         default=True,

@@ -55,6 +55,7 @@ class SceneSettings(bpy.types.PropertyGroup):
     tolerance_mode: properties.tolerance_mode_property()
     method: properties.method_property()
     vertices: properties.vertices_property()
+    use_limit_surface: properties.use_limit_surface_property()
     use_modifiers: properties.use_modifiers_property()
     mode: properties.mode_property()
     transitions: properties.transitions_property()

@@ -108,7 +108,7 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
         layout.operator("ccdepth.count_faces", icon="LINENUMBERS_ON")
         return
     if count.fitting is None:
-        draw_rows(layout, [("Before Reduce" if settings.reduce else "Faces to Make", f"{count.faces:,}")])
+        draw_rows(layout, [("Before Reduce" if settings.reduce else "Will Make", f"{count.faces:,}")])
         return
     # In one row, like the button that was there: nothing below it moves.
     split = layout.split(factor=0.55, align=True)

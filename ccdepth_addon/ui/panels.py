@@ -12,7 +12,7 @@ from ..state import result_record, results, sources, staleness
 from ..state.colors import depth_colors
 from ..state.properties import tolerance_name
 from ..tasks.surfaces import as_typed
-from .lengths import length_text
+from .lengths import Rounding, length_text
 from .selected_results import faces_by_depth, lengths_text, selected_results
 from .tolerance_presets import CCDEPTH_PT_tolerance_presets
 
@@ -70,7 +70,7 @@ class CCDEPTH_PT_advanced(bpy.types.Panel):
         layout.use_property_split = True
         layout.use_property_decorate = False
         layout.prop(settings, "method")
-        layout.prop(settings, "vertices")
+        layout.prop(settings, "use_limit_surface")
 
 
 class CCDEPTH_PT_results(bpy.types.Panel):
@@ -220,10 +220,9 @@ def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) 
     ]
     # Results of earlier versions have none.
     if record.uniform_level >= 0:
-        numbers.append(("Uniform Level", str(record.uniform_level)))
-        numbers.append(("Uniform Faces", sidebar_count(int(record.uniform_faces))))
+        numbers.append(level_faces(record.uniform_level, record))
     if record.method == "CERTIFIED":
-        numbers.append(("Depth Is Exact", exact_text(record.exact_faces, record.faces)))
+        numbers.append(("Least Possible", exact_text(record.exact_faces, record.faces)))
     return numbers
 
 
@@ -233,11 +232,16 @@ def _numbers_of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.Property
         ("Faces", f"{record.faces:,}"),
         *before,
         ("Base Faces", f"{record.base_faces:,}"),
-        ("Uniform Faces", sidebar_count(int(record.uniform_faces))),
+        level_faces(record.deepest, record),
         ("Deepest Depth", str(record.deepest)),
         ("Tolerance", length_text(scene, record.world_tolerance)),
-        ("Proved", length_text(scene, record.largest_bound)),
+        ("Largest Distance", length_text(scene, record.largest_bound, Rounding.UP)),
     ]
+
+
+def level_faces(level: int, record: bpy.types.PropertyGroup) -> tuple[str, str]:
+    """How many faces there are when all of the mesh is subdivided to the level that the record counts them at."""
+    return f"Faces at Level {level}", sidebar_count(int(record.uniform_faces))
 
 
 def exact_text(exact: int, faces: int) -> str:
