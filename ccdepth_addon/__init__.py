@@ -20,6 +20,7 @@ MODULES = (
     "operators",
     "ui.heat_map",
     "state.staleness",
+    "state.diagonals",
     "state.sources",
     "state.face_counts",
     "ui.tolerance_presets",

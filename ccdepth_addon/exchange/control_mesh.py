@@ -210,7 +210,7 @@ def read_control_mesh(
     data = blender_object.data
     counted = counted_modifiers(blender_object) if use_modifiers else []
     _refuse_simulations(counted)
-    if _is_evaluated(blender_object, counted):
+    if is_evaluated(blender_object, counted):
         mesh, base_faces = _read_evaluated(copies, blender_object, rule)
         return ControlMesh(_with_faces(mesh, rule), base_faces, world)
     shared = {} if shared is None else shared
@@ -220,7 +220,7 @@ def read_control_mesh(
     return ControlMesh(shared[data.session_uid, rule], None, world)
 
 
-def _is_evaluated(blender_object: bpy.types.Object, counted: Sequence[bpy.types.Modifier]) -> bool:
+def is_evaluated(blender_object: bpy.types.Object, counted: Sequence[bpy.types.Modifier]) -> bool:
     """Whether the control mesh is not the object's own mesh, but one that Blender makes of it."""
     data = blender_object.data
     # What Edit Mode shows is the shape key being edited, and that is what it holds; elsewhere keys are mixed.
@@ -431,7 +431,7 @@ def copies_to_measure(
     wanted = {}
     for blender_object in objects:
         counted = counted_modifiers(blender_object) if use_modifiers else []
-        if _is_evaluated(blender_object, counted):
+        if is_evaluated(blender_object, counted):
             wanted[blender_object] = counted
     with _frozen_copies(context, wanted, with_origins=set(wanted)) as copies:
         yield copies
@@ -445,7 +445,7 @@ def copies_to_subdivide(
     wanted = {}
     for blender_object in objects:
         applied = base_modifiers(blender_object, use_modifiers=use_modifiers)
-        if _is_evaluated(blender_object, applied):
+        if is_evaluated(blender_object, applied):
             wanted[blender_object] = applied
     # Without modifiers, those with shape keys are read like any other control mesh.
     with_origins = {holder for holder, applied in wanted.items() if not applied}

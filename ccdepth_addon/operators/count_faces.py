@@ -19,8 +19,7 @@ class CountingOperator(AdaptiveOperator):
 
     def source(self, blender_object: bpy.types.Object) -> bpy.types.Object:
         """Of a result, what Update Result would make it from."""
-        source = result_record.source_of(blender_object)
-        return blender_object if source is None or source.type != "MESH" else source
+        return result_record.control_object(blender_object)
 
     def fault(self, blender_object: bpy.types.Object) -> str | None:
         return hidden_fault(blender_object) or super().fault(blender_object)

@@ -55,7 +55,7 @@ class LongOperator(bpy.types.Operator):
     relative_tolerance: FloatProperty(
         name="Tolerance",
         description=properties.RELATIVE_DESCRIPTION,
-        precision=5,
+        precision=6,
         step=0.01,
         soft_min=1e-6,
         soft_max=0.1,

@@ -96,7 +96,7 @@ def absolute_tolerance_property() -> Any:
         soft_min=1e-6,
         soft_max=10.0,
         step=0.1,
-        precision=5,
+        precision=6,
         subtype="DISTANCE",
     )
 

@@ -89,6 +89,12 @@ def source_of(result: bpy.types.Object) -> bpy.types.Object | None:
     return None if source == result else source
 
 
+def control_object(blender_object: bpy.types.Object) -> bpy.types.Object:
+    """The object that tolerance and counts are about: what Update Result would make a result from, else the object."""
+    source = source_of(blender_object) if is_result(blender_object) else None
+    return blender_object if source is None or source.type != "MESH" else source
+
+
 def results_of(source: bpy.types.Object) -> list[bpy.types.Object]:
     """The results that came from an object. It looks at all objects of the file."""
     return [each for each in bpy.data.objects if each.type == "MESH" and each.ccdepth.source == source != each]

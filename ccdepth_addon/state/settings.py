@@ -7,8 +7,12 @@ from collections.abc import Callable
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
 
-from . import properties, viewports
+from ..tasks.surfaces import as_typed
+from . import diagonals, properties, viewports
 from .colors import FIRST_DEPTH, LAST_DEPTH
+from .result_record import control_object
+
+MODES = tuple(mode for mode, *_ in properties.TOLERANCE_MODES)
 
 # Called with the context when the heat map is switched on or off, or its colours are to change; the interface registers
 # here.
@@ -39,6 +43,26 @@ def _redraw(_settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> N
     viewports.redraw(context)
 
 
+def _switch_mode(settings: bpy.types.PropertyGroup, chosen: int) -> None:
+    """Switch as the sidebar does: with the distance carried over to the other mode, where there is an object."""
+    mode, active = MODES[chosen], bpy.context.active_object
+    if mode == settings.tolerance_mode:
+        return
+    if active is not None and active.type == "MESH":
+        holder = control_object(active)
+        diagonal = diagonals.measured_diagonal(bpy.context, holder, use_modifiers=settings.use_modifiers)
+        if diagonal is not None:
+            _carry_over(settings, mode, diagonal)
+    settings.tolerance_mode = mode
+
+
+def _carry_over(settings: bpy.types.PropertyGroup, mode: str, diagonal: float) -> None:
+    before = as_typed(getattr(settings, properties.tolerance_name(settings.tolerance_mode)))
+    tolerance = before / diagonal if mode == "RELATIVE" else before * diagonal
+    # Back and forth makes no noise in the last digits.
+    setattr(settings, properties.tolerance_name(mode), float(f"{tolerance:.6g}"))
+
+
 class SceneSettings(bpy.types.PropertyGroup):
     """The defaults of the operators' arguments, and how results are displayed."""
 
@@ -50,9 +74,17 @@ class SceneSettings(bpy.types.PropertyGroup):
         soft_min=1e-6,
         soft_max=0.1,
         step=0.01,
-        precision=5,
+        precision=6,
     )
     tolerance_mode: properties.tolerance_mode_property()
+    shown_tolerance_mode: EnumProperty(
+        name="Tolerance Mode",
+        description="How the tolerance is given. The other one becomes the same distance on the active object",
+        items=properties.TOLERANCE_MODES,
+        get=lambda self: MODES.index(self.tolerance_mode),
+        set=_switch_mode,
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
     method: properties.method_property()
     vertices: properties.vertices_property()
     use_limit_surface: properties.use_limit_surface_property()

@@ -15,6 +15,7 @@ from ..tasks.surfaces import as_typed
 from .lengths import Rounding, length_text
 from .selected_results import faces_by_depth, lengths_text, selected_results
 from .tolerance_presets import CCDEPTH_PT_tolerance_presets
+from .tolerance_text import tolerance_text
 
 # Larger counts of faces are written as powers of ten.
 LARGEST_COUNT_IN_FULL = 10**10
@@ -46,11 +47,15 @@ class CCDEPTH_PT_settings(bpy.types.Panel):
         column = layout.column()
         column.use_property_split = True
         column.use_property_decorate = False
-        column.row().prop(settings, "tolerance_mode", text="Tolerance", expand=True)
+        column.row().prop(settings, "shown_tolerance_mode", text="Tolerance", expand=True)
         if settings.tolerance_mode == "RELATIVE":
             column.prop(settings, "relative_tolerance", text="Fraction")
         else:
             column.prop(settings, "tolerance", text="Distance")
+        # Its room is there when it has nothing to say.
+        split = column.split(factor=0.4)
+        split.label(text="")
+        split.label(text=tolerance_text(context.scene, context.active_object))
         column.prop(settings, "use_modifiers")
         draw_main_button(layout, "ccdepth.compute", "MOD_SUBSURF")
 

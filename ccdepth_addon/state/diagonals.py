@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The diagonals that relative tolerances are parts of, found without computing anything while the interface is drawn.
+
+The interface asks for what is known. A timer measures what it asked for and what has changed since, where that takes
+no time; the rest is known once somebody has measured it.
+"""
+
+from __future__ import annotations
+
+import traceback
+from typing import Any
+
+import bpy
+import numpy as np
+from bpy.app.handlers import persistent
+
+from ..exchange.control_mesh import (
+    ControlMeshError,
+    counted_modifiers,
+    is_evaluated,
+    mesh_face_count,
+    read_control_mesh,
+)
+from ..registration import add_handlers, remove_handlers
+from . import results, staleness, viewports
+
+# Seconds without a change before anything is measured.
+PATIENCE = 0.3
+
+# A larger mesh is not read for this alone.
+LARGEST_FACE_COUNT = 200_000
+
+# An object by its session identifier, and whether modifiers are counted in.
+_Key = tuple[int, bool]
+
+# None where it cannot be told without evaluating modifiers.
+_known: dict[_Key, float | None] = {}
+_wanted: set[_Key] = set()
+
+
+def known_diagonal(blender_object: bpy.types.Object, *, use_modifiers: bool) -> float | None:
+    """The diagonal of the object's dimensions, as a length in the scene, as far as measured."""
+    key = (blender_object.session_uid, use_modifiers)
+    if key not in _known:
+        _want({key})
+    return _known.get(key)
+
+
+def measured_diagonal(
+    context: bpy.types.Context, blender_object: bpy.types.Object, *, use_modifiers: bool
+) -> float | None:
+    """The same, measured now; None where the object has no control mesh with a length."""
+    try:
+        found = read_control_mesh(context, blender_object, use_modifiers=use_modifiers).diagonal()
+    except (ControlMeshError, ValueError):
+        found = 0.0
+    diagonal = found if np.isfinite(found) and found > 0 else None
+    _known[blender_object.session_uid, use_modifiers] = diagonal
+    return diagonal
+
+
+def measure_wanted() -> None:
+    """Measure what was asked for, where it takes no time."""
+    wanted = _wanted.copy()
+    _wanted.clear()
+    by_uid = {each.session_uid: each for each in bpy.data.objects if each.type == "MESH"} if wanted else {}
+    for uid, use_modifiers in wanted:
+        holder = by_uid.get(uid)
+        _known[uid, use_modifiers] = None if holder is None else _quickly_measured(holder, use_modifiers)
+    if wanted:
+        viewports.redraw(bpy.context)
+
+
+def _quickly_measured(holder: bpy.types.Object, use_modifiers: bool) -> float | None:
+    record = holder.data.ccdepth
+    # Leaving Edit Mode has it measured; until then nobody is disturbed.
+    if holder.data.is_editmode:
+        return _known.get((holder.session_uid, use_modifiers))
+    try:
+        counted = counted_modifiers(holder) if use_modifiers else []
+        if is_evaluated(holder, counted) or mesh_face_count(holder.data) > LARGEST_FACE_COUNT:
+            return _recorded(record, holder) if record.use_modifiers == use_modifiers else None
+        return measured_diagonal(bpy.context, holder, use_modifiers=use_modifiers)
+    except Exception:
+        # What cannot be measured is not shown.
+        traceback.print_exc()
+        return None
+
+
+def _recorded(record: bpy.types.PropertyGroup, holder: bpy.types.Object) -> float | None:
+    """The diagonal that the depths on the object's mesh were computed with, if they hold for it alone."""
+    mesh = holder.data
+    is_own = results.has_result(mesh) and not record.subdivision and mesh.users == 1
+    if not is_own or record.tolerance_mode != "RELATIVE" or staleness.is_stale(mesh):
+        return None
+    return float(record.world_tolerance / record.tolerance)
+
+
+def _want(keys: set[_Key]) -> None:
+    _wanted.update(keys)
+    if bpy.app.timers.is_registered(measure_wanted):
+        bpy.app.timers.unregister(measure_wanted)
+    bpy.app.timers.register(measure_wanted, first_interval=PATIENCE)
+
+
+@persistent
+def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    if not _known:
+        return
+    touched = {
+        update.id.original.session_uid
+        for update in depsgraph.updates
+        if update.is_updated_geometry or update.is_updated_transform
+    }
+    keys = {key for key in _known if key[0] in touched}
+    if keys:
+        _want(keys)
+
+
+@persistent
+def _forget_everything(*_: Any) -> None:
+    _known.clear()
+    _wanted.clear()
+
+
+HANDLERS = (
+    ("depsgraph_update_post", _notice_updates),
+    ("frame_change_post", _forget_everything),
+    ("undo_post", _forget_everything),
+    ("redo_post", _forget_everything),
+    ("load_pre", _forget_everything),
+)
+
+
+def register() -> None:
+    add_handlers(HANDLERS)
+
+
+def unregister() -> None:
+    remove_handlers(HANDLERS)
+    if bpy.app.timers.is_registered(measure_wanted):
+        bpy.app.timers.unregister(measure_wanted)
+    _forget_everything()

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The tolerance in the sidebar: in full, and what it is in the other mode."""
+
+from __future__ import annotations
+
+import math
+
+import bpy
+import pytest
+
+from tests import meshes
+from tests.blender import addon, scene
+
+SIZE = 2 * math.sqrt(3)
+
+
+@pytest.fixture
+def cube() -> bpy.types.Object:
+    holder = scene.add_object(meshes.cube())
+    for vertex in holder.data.vertices:
+        vertex.co = [math.copysign(1.0, each) for each in vertex.co]
+    addon.select(holder)
+    settings = bpy.context.scene.ccdepth
+    settings.tolerance_mode, settings.relative_tolerance, settings.tolerance = "RELATIVE", 0.001, 0.5
+    return holder
+
+
+def text() -> str:
+    """What the sidebar says once everything it asks for is measured."""
+    tolerance_text = addon.module("ui.tolerance_text").tolerance_text
+    tolerance_text(bpy.context.scene, bpy.context.active_object)
+    addon.module("state.diagonals").measure_wanted()
+    return tolerance_text(bpy.context.scene, bpy.context.active_object)
+
+
+def test_switching_in_the_sidebar_carries_the_distance_over_and_back(cube: bpy.types.Object) -> None:
+    settings = bpy.context.scene.ccdepth
+    cube.scale = (3.0, 3.0, 3.0)
+    settings.shown_tolerance_mode = "ABSOLUTE"
+    assert settings.tolerance_mode == "ABSOLUTE"
+    assert settings.tolerance == pytest.approx(0.003 * SIZE, rel=1e-5)
+    settings.shown_tolerance_mode = "RELATIVE"
+    assert settings.relative_tolerance == pytest.approx(0.001, rel=1e-5)
+
+
+def test_modifiers_that_are_counted_in_are_carried_over_too(cube: bpy.types.Object) -> None:
+    array = cube.modifiers.new("Array", "ARRAY")
+    array.count, array.use_relative_offset, array.use_constant_offset = 2, False, True
+    array.constant_offset_displace = (2.0, 0.0, 0.0)
+    bpy.context.scene.ccdepth.shown_tolerance_mode = "ABSOLUTE"
+    assert bpy.context.scene.ccdepth.tolerance == pytest.approx(0.001 * math.sqrt(16 + 4 + 4), rel=1e-5)
+
+
+def test_scripts_that_set_the_mode_change_no_tolerance(cube: bpy.types.Object) -> None:
+    settings = bpy.context.scene.ccdepth
+    settings.tolerance_mode = "ABSOLUTE"
+    assert (settings.tolerance, settings.relative_tolerance) == (0.5, pytest.approx(0.001))
+
+
+@pytest.mark.parametrize("name", ["Light", "Empty mesh", None])
+def test_where_there_is_no_size_the_mode_alone_is_switched(cube: bpy.types.Object, name: str | None) -> None:
+    settings = bpy.context.scene.ccdepth
+    data = {"Light": lambda: bpy.data.lights.new("Light", "POINT"), "Empty mesh": lambda: bpy.data.meshes.new("Empty")}
+    holder = None if name is None else bpy.data.objects.new(name, data[name]())
+    if holder is not None:
+        bpy.context.scene.collection.objects.link(holder)
+    bpy.context.view_layer.objects.active = holder
+    settings.shown_tolerance_mode = "ABSOLUTE"
+    assert (settings.tolerance_mode, settings.tolerance) == ("ABSOLUTE", 0.5)
+    assert text() == ""
+
+
+def test_the_other_one_is_told_for_the_active_object_as_it_is(cube: bpy.types.Object) -> None:
+    assert text() == "= 0.00346 m"
+    cube.scale = (2.0, 2.0, 2.0)
+    bpy.context.view_layer.update()
+    assert text() == "= 0.00693 m"
+    bpy.context.scene.ccdepth.tolerance_mode = "ABSOLUTE"
+    assert text() == "= 0.0722 of the size"
+
+
+def test_on_a_result_its_source_counts(cube: bpy.types.Object) -> None:
+    assert bpy.ops.ccdepth.subdivide() == {"FINISHED"}
+    assert bpy.context.active_object != cube
+    assert text() == "= 0.00346 m"
+    bpy.context.scene.ccdepth.shown_tolerance_mode = "ABSOLUTE"
+    assert bpy.context.scene.ccdepth.tolerance == pytest.approx(0.001 * SIZE, rel=1e-5)
+
+
+def test_what_is_edited_is_measured_when_edit_mode_is_left(cube: bpy.types.Object) -> None:
+    assert text() == "= 0.00346 m"
+    with addon.edit_mode(cube):
+        bpy.ops.mesh.select_all(action="SELECT")
+        bpy.ops.transform.resize(value=(2.0, 2.0, 2.0))
+        assert text() == "= 0.00346 m"
+    bpy.context.view_layer.update()
+    assert text() == "= 0.00693 m"
+
+
+def test_what_modifiers_make_is_told_after_the_depths_are_computed(cube: bpy.types.Object) -> None:
+    cube.modifiers.new("Array", "ARRAY").count = 2
+    assert text() == ""
+    assert bpy.ops.ccdepth.compute() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert text() == "= 0.0049 m"
+
+
+@pytest.mark.parametrize(
+    ("tolerance", "begins"), [(2e-6, "="), (2.5e-6, "2.5e-06 ="), (8.9e-7, "8.9e-07 ="), (0.001, "=")]
+)
+def test_a_fraction_with_too_many_digits_for_its_field_is_told_in_full(
+    cube: bpy.types.Object, tolerance: float, begins: str
+) -> None:
+    bpy.context.scene.ccdepth.relative_tolerance = tolerance
+    assert text().startswith(begins)
+
+
+def test_nothing_is_measured_while_the_sidebar_is_drawn(cube: bpy.types.Object) -> None:
+    assert addon.module("ui.tolerance_text").tolerance_text(bpy.context.scene, cube) == ""
