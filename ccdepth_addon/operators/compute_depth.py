@@ -43,6 +43,9 @@ class CCDEPTH_OT_compute(LongOperator):
     def progress_text(self, progress: float) -> str:
         return f"Computing depth: {progress:.0%}"
 
+    def fraction_done(self, progress: float) -> float | None:
+        return progress
+
     def finish(self, context: bpy.types.Context, answer: list[MeshDepths]) -> set[str]:
         meshes = _meshes_still_there(answer)
         first_and_last = color_depths(context.scene.ccdepth)

@@ -15,6 +15,7 @@ from ..core import Progress
 from ..state import properties
 from ..tasks.stepwise import Stage, Stepwise
 from ..tasks.surfaces import ComputeError
+from ..ui import progress_bar
 from ..ui.printable import printable_lines
 from . import worker
 from .selected_meshes import poll_meshes
@@ -89,6 +90,10 @@ class LongOperator(bpy.types.Operator):
         """The progress for the status bar."""
         raise NotImplementedError
 
+    def fraction_done(self, progress: Any) -> float | None:
+        """The part of the work that is done; None where nobody knows how much there is."""
+        return None
+
     def leave(self, context: bpy.types.Context) -> None:
         """Put back what ``start`` changed while it runs; called however it ends."""
 
@@ -101,6 +106,7 @@ class LongOperator(bpy.types.Operator):
             return ended
         self._timer = context.window_manager.event_timer_add(SECONDS_BETWEEN_TICKS, window=context.window)
         context.window_manager.modal_handler_add(self)
+        context.window.cursor_modal_set("WAIT")
         return {"RUNNING_MODAL"}
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -117,7 +123,7 @@ class LongOperator(bpy.types.Operator):
             if ended:
                 self._stop_waiting(context)
                 return ended
-            context.workspace.status_text_set(f"{self._status()}    Esc: Cancel")
+            progress_bar.show(context, self._status(), self._fraction())
         return {"PASS_THROUGH"} if event.type in NAVIGATION_EVENTS else {"RUNNING_MODAL"}
 
     def cancel(self, context: bpy.types.Context) -> None:
@@ -131,6 +137,10 @@ class LongOperator(bpy.types.Operator):
         if isinstance(progress, Stage):
             return progress.text
         return self.bl_label if progress is None else self.progress_text(progress)
+
+    def _fraction(self) -> float | None:
+        progress = None if self._run is None else self._run.progress
+        return None if progress is None or isinstance(progress, Stage) else self.fraction_done(progress)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -176,7 +186,10 @@ class LongOperator(bpy.types.Operator):
 
     def _stop_waiting(self, context: bpy.types.Context) -> None:
         context.window_manager.event_timer_remove(self._timer)
-        context.workspace.status_text_set(None)
+        progress_bar.hide(context)
+        # There is none when Blender is closed.
+        if context.window is not None:
+            context.window.cursor_modal_restore()
 
     def _take_settings(self, settings: bpy.types.PropertyGroup) -> None:
         """Read from the scene what the caller did not set."""

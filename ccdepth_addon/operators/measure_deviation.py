@@ -52,6 +52,9 @@ class CCDEPTH_OT_measure(LongOperator):
     def progress_text(self, progress: float) -> str:
         return f"Measuring deviation: {progress:.0%}"
 
+    def fraction_done(self, progress: float) -> float | None:
+        return progress
+
     def finish(self, context: bpy.types.Context, answer: list[MeshDeviation]) -> set[str]:
         settings = self._settings()
         objects = [_still_there(each) for each in answer]

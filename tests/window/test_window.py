@@ -51,6 +51,9 @@ COLOR_TOLERANCE = 7
 # How far colours of faces may be off, which nothing is blended with.
 TRUE_COLOR_TOLERANCE = 3
 
+# How high the status bar is, and how wide what it tells of a run may be.
+STATUS_BAR, STATUS_WIDTH = 20, 300
+
 Image = NDArray[np.int16]
 
 
@@ -400,12 +403,25 @@ def test_a_click_on_the_tolerance_offered_after_a_refusal_sets_it(window: Window
     assert 5_000 < made["faces"] <= 20_000
 
 
+def status_bar(image: Image) -> Image:
+    """The part of it that tells of a run."""
+    return image[-STATUS_BAR:, :STATUS_WIDTH]
+
+
 @pytest.mark.parametrize("window", ["2e-6"], indirect=True)
-def test_escape_stops_a_long_run_and_nothing_is_changed(window: Window) -> None:
+def test_escape_stops_a_long_run_that_shows_how_far_it_is_and_nothing_is_changed(
+    window: Window, tmp_path: Path
+) -> None:
     started = find_apply(window)
+    before = window.look(tmp_path / "before.png")
     window.click()
     window.wait_for(lambda report: "CCDEPTH_OT_subdivide" in report["running"], SECONDS_TO_ANSWER, "work in steps")
-    time.sleep(1.0)
+    until = time.monotonic() + SECONDS_TO_ANSWER
+    while np.array_equal(status_bar(window.look(tmp_path / "running.png")), status_bar(before)):
+        assert time.monotonic() < until, "nothing in the status bar"
     window.press("Escape")
     stopped = window.wait_for(lambda report: not report["running"], SECONDS_TO_ANSWER, "the end of it")
     assert stopped["objects"] == started["objects"]
+    time.sleep(1.0)
+    ended = window.look(tmp_path / "ended.png")
+    assert np.abs(status_bar(ended) - status_bar(before)).max() < COLOR_TOLERANCE
