@@ -35,9 +35,10 @@ def random_approximation(generator: np.random.Generator, count: int) -> LeafAppr
     bounds = np.where(accepted & (generator.random(count) < 0.5), generator.random(count), np.inf)
     known &= accepted & np.isinf(bounds)
     normal, tangential = (np.where(known, generator.random(count), np.inf) for _ in range(2))
+    alone = np.isfinite(bounds) & (generator.random(count) < 0.3)
     small = [generator.integers(0, 4, count).astype(np.int8) for _ in range(3)]
     return LeafApproximation(
-        accepted, bounds, normal, tangential, *small, generator.random(count) < 0.5, generator.random(count)
+        accepted, bounds, alone, normal, tangential, *small, generator.random(count) < 0.5, generator.random(count)
     )
 
 
@@ -71,7 +72,8 @@ def test_the_last_values_count(seed: int) -> None:
             (dense.approximation.normal, error_bounds.normal),
             (dense.approximation.tangential, error_bounds.tangential),
         ):
-            values[missing] = np.minimum(found, dense.approximation.bounds[missing])
+            at_equal_parameters = np.where(dense.approximation.alone, np.inf, dense.approximation.bounds)
+            values[missing] = np.minimum(found, at_equal_parameters[missing])
 
         bounded = nodes[np.isfinite(dense.approximation.normal[nodes]) & np.isinf(dense.approximation.bounds[nodes])]
         bounded = bounded[some(generator, bounded)]
@@ -87,11 +89,11 @@ def test_the_last_values_count(seed: int) -> None:
 def assert_same(tree: Quadtree, store: ApproximationStore, dense: Dense, bounded: IndexArray) -> None:
     nodes = np.arange(len(tree.first_child))
     found = store.of(nodes)
-    for name in ("accepted", "patterns", "alternatives", "turns", "folded"):
+    for name in ("accepted", "alone", "patterns", "alternatives", "turns", "folded"):
         np.testing.assert_array_equal(getattr(found, name), getattr(dense.approximation, name))
-    np.testing.assert_array_equal(store.at_equal_parameters(nodes).bounds, dense.approximation.bounds)
+    np.testing.assert_array_equal(store.without_neighbours(nodes).bounds, dense.approximation.bounds)
     np.testing.assert_array_equal(found.bounds, np.minimum(dense.approximation.bounds, dense.star_bounds))
-    np.testing.assert_array_equal(store.at_equal_parameters(nodes).accepted, dense.approximation.accepted)
+    np.testing.assert_array_equal(store.without_neighbours(nodes).accepted, dense.approximation.accepted)
     np.testing.assert_array_equal(store.least, dense.approximation.least)
     normal, tangential = store.error_bounds(nodes)
     np.testing.assert_array_equal(normal, dense.approximation.normal)

@@ -14,7 +14,7 @@ from .leaf_approximation import LeafApproximation
 from .leaf_bounds.triangle_bounds import ErrorBounds
 from .quadtree import NONE, Column, Quadtree
 
-OF_ALL_NODES = ("accepted", "bounds", "patterns", "alternatives", "turns", "folded", "least")
+OF_ALL_NODES = ("accepted", "bounds", "alone", "patterns", "alternatives", "turns", "folded", "least")
 
 
 class ApproximationStore:
@@ -39,24 +39,24 @@ class ApproximationStore:
         chosen = np.flatnonzero(approximation.accepted & np.isinf(approximation.bounds))
         self._append(nodes[chosen], approximation.normal[chosen], approximation.tangential[chosen])
 
-    def at_equal_parameters(self, nodes: IndexArray) -> LeafApproximation:
-        """The approximation of nodes, with bounds at equal parameters only; ``normal``, ``tangential`` and ``least``
-        have their defaults."""
+    def without_neighbours(self, nodes: IndexArray) -> LeafApproximation:
+        """The approximation of nodes, without star bounds; ``normal``, ``tangential`` and ``least`` have their
+        defaults."""
         nothing = LeafApproximation.none(1)
         stored = {name: self._columns[name].values.take(nodes) for name in OF_ALL_NODES[:-1]}
         rest = {name: np.broadcast_to(getattr(nothing, name), len(nodes)) for name in ("normal", "tangential", "least")}
         return LeafApproximation(**stored, **rest)
 
     def of(self, nodes: IndexArray) -> LeafApproximation:
-        """The same, with star bounds where there are no bounds at equal parameters."""
-        approximation = self.at_equal_parameters(nodes)
+        """The same, with star bounds where there are no others."""
+        approximation = self.without_neighbours(nodes)
         unbounded = np.flatnonzero(np.isinf(approximation.bounds))
         unbounded = unbounded[self._entries.values[nodes[unbounded]] != NONE]
         approximation.bounds[unbounded] = self.star_bounds(nodes[unbounded])
         return approximation
 
     def unbounded(self) -> IndexArray:
-        """The leaves accepted without a bound at equal parameters, in ascending order."""
+        """The leaves accepted without a bound of their own, in ascending order."""
         nodes = self._nodes.values
         is_last = self._entries.values[nodes] == np.arange(len(nodes))
         nodes = nodes[is_last & (self._tree.first_child[nodes] == NONE)]
@@ -73,8 +73,8 @@ class ApproximationStore:
         return normal, tangential
 
     def put_error_bounds(self, nodes: IndexArray, error_bounds: ErrorBounds) -> None:
-        """Record error bounds of nodes; none is above the node's bound at equal parameters."""
-        bounds = self._columns["bounds"].values[nodes]
+        """Record error bounds of nodes; none is above the node's bound at equal parameters, if it has one."""
+        bounds = np.where(self._columns["alone"].values[nodes], np.inf, self._columns["bounds"].values[nodes])
         normal, tangential = np.minimum(error_bounds.normal, bounds), np.minimum(error_bounds.tangential, bounds)
         entries = self._entries.values[nodes]
         stored = np.flatnonzero(entries != NONE)

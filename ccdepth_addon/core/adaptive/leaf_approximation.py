@@ -21,16 +21,17 @@ class LeafApproximation:
     """How P cells are approximated, and how well: (P,) each.
 
     accepted: bool, whether some template is within the limit, or is predicted to be along the surface. bounds: float64,
-    the proved distance; inf where it exceeds the limit at equal parameters, so that only the neighbours can prove one
-    (``star_bounds``). normal, tangential: float64, upper bounds of the error at equal parameters, along the triangles'
-    normals and across them; inf where not computed. patterns and alternatives: int8, the template (``templates``),
-    counted from slot ``turns`` on. folded: bool, whether the triangles of a whole quad face away from each other, here
-    or where Blender triangulates it, so that it has to become triangles. least: float64, a lower bound of the error of
-    a cell whose sides are whole.
+    the proved distance; inf where only the neighbours can prove one (``star_bounds``). alone: bool, whether it was
+    proved by the leaf alone (``leaf_distance``), not at equal parameters. normal, tangential: float64, upper bounds of
+    the error at equal parameters, along the triangles' normals and across them; inf where not computed. patterns and
+    alternatives: int8, the template (``templates``), counted from slot ``turns`` on. folded: bool, whether the
+    triangles of a whole quad face away from each other, here or where Blender triangulates it, so that it has to become
+    triangles. least: float64, an estimate from below of the error of a cell whose sides are whole.
     """
 
     accepted: BoolArray
     bounds: FloatArray
+    alone: BoolArray
     normal: FloatArray
     tangential: FloatArray
     patterns: NDArray[np.int8]
@@ -42,11 +43,11 @@ class LeafApproximation:
     @staticmethod
     def none(count: int) -> LeafApproximation:
         """No template accepted."""
-        accepted, folded = np.zeros((2, count), dtype=bool)
+        accepted, alone, folded = np.zeros((3, count), dtype=bool)
         patterns, alternatives, turns = np.zeros((3, count), dtype=np.int8)
         bounds, normal, tangential = np.full((3, count), np.inf)
         return LeafApproximation(
-            accepted, bounds, normal, tangential, patterns, alternatives, turns, folded, np.zeros(count)
+            accepted, bounds, alone, normal, tangential, patterns, alternatives, turns, folded, np.zeros(count)
         )
 
     def at(self, chosen: IndexArray) -> LeafApproximation:

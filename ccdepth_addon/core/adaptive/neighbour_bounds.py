@@ -25,7 +25,20 @@ def bound_along_surface(plan: Plan) -> IndexArray:
     wanted = unbounded[_are_at_vertices(plan.tree, unbounded, approximated)]
     if len(wanted):
         _find_star_bounds(plan, wanted)
-    return wanted[plan.approximations.star_bounds(wanted) > plan.request.limit]
+    failed = wanted[plan.approximations.star_bounds(wanted) > plan.request.limit]
+    return failed[~approximate_alone(plan, failed)]
+
+
+def approximate_alone(plan: Plan, leaves: IndexArray) -> BoolArray:
+    """(leaves,) which have bounds of their own after all: those accepted by their parents' coefficients were not asked
+    for these. Records them."""
+    tree, found = plan.tree, np.zeros(len(plan.tree.first_child), dtype=bool)
+    for cells in in_blocks(plan.cells.of(leaves)) if len(leaves) else ():
+        approximation = plan.approximate(cells, tree.hanging(tree.slots(cells.nodes)))
+        chosen = np.flatnonzero(np.isfinite(approximation.bounds))
+        found[cells.nodes[chosen]] = True
+        plan.record(cells.nodes[chosen], approximation.at(chosen))
+    return found[leaves]
 
 
 def _are_at_vertices(tree: Quadtree, leaves: IndexArray, others: IndexArray) -> BoolArray:
@@ -55,10 +68,10 @@ def _find_star_bounds(plan: Plan, wanted: IndexArray) -> None:
     leaves = leaves[tree.share_a_vertex(leaves, wanted)]
     for cells in in_blocks(plan.cells.of(leaves[np.isinf(approximations.error_bounds(leaves)[0])])):
         approximations.put_error_bounds(
-            cells.nodes, cells.error_bounds(approximations.at_equal_parameters(cells.nodes), plan.request.limit)
+            cells.nodes, cells.error_bounds(approximations.without_neighbours(cells.nodes), plan.request.limit)
         )
         plan.report()
-    drawn = triangles_around(tree, leaves, approximations.at_equal_parameters(leaves), plan.request.transitions)
+    drawn = triangles_around(tree, leaves, approximations.without_neighbours(leaves), plan.request.transitions)
     nodes = leaves[drawn.leaves]
     is_wanted = np.zeros(len(tree.first_child), dtype=bool)
     is_wanted[wanted] = True

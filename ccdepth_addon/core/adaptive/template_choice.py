@@ -15,7 +15,7 @@ import numpy as np
 
 from ..arrays.chunks import chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import selected_vectors, squared_norms
+from ..arrays.vectors import dot_products, selected_vectors, squared_norms
 from .leaf_approximation import LeafApproximation
 from .leaf_bounds.polygon_bounds import is_folded
 from .leaf_bounds.triangle_bounds import ErrorBounds
@@ -122,17 +122,26 @@ def off_sides_and_diagonals(points: FloatArray) -> FloatArray:
     return off
 
 
+def off_lines(off: FloatArray, sides: FloatArray, squares: FloatArray) -> FloatArray:
+    """(P,): the largest length of vectors (S, P, 3) across sides (S, P, 3), these with squared lengths (S, P)."""
+    along = dot_products(off, sides)
+    along *= along / np.where(squares > 0, squares, 1.0)
+    return np.sqrt(np.maximum(squared_norms(off) - along, 0.0).max(axis=0, initial=0.0))
+
+
 @dataclass(frozen=True)
 class Samples:
     """‖S - T‖ at the middles of the sides and of the diagonals of P quads, along normals and across: (alternatives, P)
     each.
 
-    slopes: (P,) estimates of the slopes between the triangles there and around.
+    slopes: (P,) estimates of the slopes between the triangles there and around. beside: (P,) how far the surface is off
+    the lines of whole sides, over their middles.
     """
 
     normal: FloatArray
     tangential: FloatArray
     slopes: FloatArray
+    beside: FloatArray
 
     @staticmethod
     def of(corners: FloatArray, off: FloatArray, pattern: int) -> Samples:
@@ -140,15 +149,19 @@ class Samples:
         split sides have no samples, only slopes."""
         normals = triangle_normals(corners, ((0, 1, 2), (0, 2, 3)))
         normals = (normals[0] + normals[1]) / 2
-        lengths = np.sqrt(squared_norms(corners[ENDS] - corners[STARTS])).min(axis=0)
+        sides = corners[ENDS] - corners[STARTS]
+        squares = squared_norms(sides)
+        lengths = np.sqrt(squares.min(axis=0))
+        is_whole = [not pattern >> side & 1 for side in range(4)]
+        beside = off_lines(off[:4][is_whole], sides[is_whole], squares[is_whole])
         heights, across = along_and_across(off, normals)
         slopes = Samples.slopes_of(heights[:4].max(axis=0), lengths)
         if pattern != WHOLE:
             none = np.zeros((len(templates(pattern)), off.shape[1]))
-            return Samples(none, none, slopes)
+            return Samples(none, none, slopes, beside)
         normal = np.maximum(heights[:4].max(axis=0), heights[4:])
         tangential = np.maximum(across[:4].max(axis=0), across[4:])
-        return Samples(normal, tangential, slopes)
+        return Samples(normal, tangential, slopes, beside)
 
     @staticmethod
     def slopes_of(heights: FloatArray, lengths: FloatArray) -> FloatArray:
@@ -159,7 +172,11 @@ class Samples:
 
     def at(self, chosen: IndexArray) -> Samples:
         """Those of some quads, by index."""
-        return Samples(self.normal[:, chosen], self.tangential[:, chosen], self.slopes[chosen])
+        return Samples(self.normal[:, chosen], self.tangential[:, chosen], self.slopes[chosen], self.beside[chosen])
+
+    def alone(self) -> FloatArray:
+        """(alternatives, P): estimates of what ``leaf_distances`` will find at least."""
+        return np.maximum(self.normal, self.beside)
 
     def predicted_bounds(self) -> FloatArray:
         """(alternatives, P): ``predict`` from the samples."""

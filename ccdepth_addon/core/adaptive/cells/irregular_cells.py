@@ -16,6 +16,8 @@ from ...surface.refinement import Refinement
 from ...surface.stencils import LARGEST_STENCIL_VALENCE
 from ..leaf_approximation import Cells
 from ..leaf_bounds.irregular_bounds import template_error_bounds
+from ..leaf_bounds.leaf_distance import Hull
+from ..leaf_bounds.refined_hulls import hull_of_quads
 from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..leaf_bounds.triangle_shapes import triangle_normals
 from ..quadtree import Quadtree
@@ -48,6 +50,11 @@ class RefinedCells(QuadCells):
 
     def points(self) -> FloatArray:
         return _points_of_quads(self.refinement, self.refinement.limits_at_corners())
+
+    def hull_of(self, chosen: IndexArray, limit: float) -> Hull:
+        part = self.at(chosen).refinement
+        corners = part.limits_at_corners().reshape(-1, 4, 3).swapaxes(0, 1)
+        return hull_of_quads(part.refined(), corners, limit)
 
     def distances_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float

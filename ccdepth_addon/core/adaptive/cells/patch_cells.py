@@ -23,6 +23,7 @@ from ...surface.stencils import patch_stencils
 from ..leaf_approximation import LeafApproximation
 from ..leaf_bounds import triangle_bounds
 from ..leaf_bounds.child_bounds import ChildSamples, child_distances, corners_of_children
+from ..leaf_bounds.leaf_distance import Hull, bicubic_hull, extraordinary_hull
 from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..leaf_bounds.triangle_shapes import triangle_normals
 from ..quadtree import Quadtree
@@ -147,12 +148,14 @@ class BicubicCells(NetCells):
         far = distances.far
         chosen, samples = far.at_corners * len(self.nodes) + far.of_quads, Samples.of(far.corners, far.off, WHOLE)
         out_of_reach = np.zeros(best.size, dtype=bool)
-        out_of_reach[chosen] = samples.predicted_bounds().min(axis=0) > PROMISING * limit
+        nearest = samples.alone().min(axis=0)
+        out_of_reach[chosen] = (samples.predicted_bounds().min(axis=0) > PROMISING * limit) & (nearest > limit)
         along_surface = choose_along_surface(_FarChildren(far), samples, limit)
         promising = np.flatnonzero(along_surface.accepted)
         found.put(chosen, along_surface)
         folded |= folded_quads(found, chosen[promising], selected_vectors(far.corners, promising), axes)
         least = distances.sampled.min(axis=1).ravel()
+        least[chosen] = nearest
         return ChildApproximations(replace(found, folded=folded, least=least), out_of_reach, distances.points)
 
     def approximate(
@@ -191,6 +194,9 @@ class BicubicCells(NetCells):
 
     def _to_points(self) -> FloatArray:
         return triangle_bounds.bicubic_points()
+
+    def hull_of(self, chosen: IndexArray, limit: float) -> Hull:
+        return bicubic_hull(selected_vectors(self.nets, chosen))
 
     def error_bounds_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
@@ -268,6 +274,9 @@ class ExtraordinaryCells(NetCells):
 
     def _to_points(self) -> FloatArray:
         return triangle_bounds.extraordinary_points(self.valence)
+
+    def hull_of(self, chosen: IndexArray, limit: float) -> Hull:
+        return extraordinary_hull(selected_vectors(self.nets, chosen))
 
     def _error_bounds(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, *, fine: bool

@@ -21,11 +21,13 @@ from ...arrays.vectors import squared_norms
 from ...surface.refinement import Refinement
 from ..leaf_approximation import Cells, LeafApproximation
 from ..leaf_bounds.irregular_bounds import fan_error_bounds
+from ..leaf_bounds.leaf_distance import Outline, leaf_distances
 from ..leaf_bounds.polygon_bounds import polygon_thickness
+from ..leaf_bounds.refined_hulls import hull_of_fans
 from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..leaf_bounds.triangle_shapes import along_and_across, least_heights, triangle_normals
 from ..quadtree import Quadtree
-from ..template_choice import PROMISING, Samples
+from ..template_choice import PROMISING, Samples, off_lines
 from ..templates import QUAD_POINTS, WHOLE, Template, Transitions, Triangle, triangle_template
 from .irregular_cells import refined_children
 
@@ -95,8 +97,9 @@ class PolygonCells:
         return found
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
-        """As in ``Cells``: both are at most the bounds of the whole distance."""
-        return ErrorBounds(approximation.bounds, approximation.bounds, approximation.bounds)
+        """As in ``Cells``: both are at most the bounds of the whole distance, if these are at equal parameters."""
+        bounds = np.where(approximation.alone, np.inf, approximation.bounds)
+        return ErrorBounds(bounds, bounds, bounds)
 
     def _sizes(self) -> IndexArray:
         return self.refinement.mesh.face_sizes[: len(self.nodes)]
@@ -136,7 +139,16 @@ class TriangleCells(PolygonCells):
             within = error_bounds.whole <= limit
             found.bounds[tried[within]] = error_bounds.whole[within]
             _accept(found, tried, within, error_bounds)
-        samples = samples_of_triangles(points, sampled)
+        samples = samples_of_triangles(points, sampled, pattern)
+        nearest = samples.alone()[0]
+        tried = np.flatnonzero(~found.accepted & (nearest <= limit))
+        if len(tried):
+            distances = self.at(tried)._leaf_distances(pattern, template, points[:, tried], limit)
+            within = distances <= limit
+            chosen = tried[within]
+            found.accepted[chosen], found.alone[chosen] = True, True
+            found.bounds[chosen] = distances[within]
+        found.least[found.least > limit] = nearest[found.least > limit]
         tried = np.flatnonzero(~found.accepted & (samples.predicted_bounds()[0] <= PROMISING * limit))
         if len(tried):
             room = LARGEST_OFFSET * least_heights(points[:, tried], template)
@@ -152,6 +164,20 @@ class TriangleCells(PolygonCells):
         corners = self.refinement.limits_at_corners().reshape(-1, 3, 3)
         by_triangle = [corners, middles.reshape(-1, 3, 3), centres.reshape(-1, 3, 3)[:, :1]]
         return np.ascontiguousarray(np.concatenate(by_triangle, axis=1).swapaxes(0, 1))
+
+    def _leaf_distances(self, pattern: int, template: Template, points: FloatArray, limit: float) -> FloatArray:
+        """(P,): as ``leaf_distance.leaf_distances``."""
+        room = np.full(points.shape[1], np.inf)
+        normal = self._error_bounds(pattern, template, points, limit, room).normal
+        near = np.flatnonzero(normal <= limit)
+        found = np.full(len(normal), np.inf)
+        if len(near):
+            points = points[:, near]
+            middles = [MIDDLES[side] if pattern >> side & 1 else -1 for side in CORNERS]
+            outline = Outline(points, template, CORNERS, middles)
+            hull = hull_of_fans(self.at(near).refinement.refined(), points[CORNERS], limit)
+            found[near] = leaf_distances(outline, hull, normal[near], limit)
+        return found
 
     def _error_bounds(
         self, pattern: int, template: Template, points: FloatArray, limit: float, room: FloatArray | None
@@ -198,14 +224,17 @@ def off_sides_and_centre(points: FloatArray, pattern: int) -> FloatArray:
     return sampled
 
 
-def samples_of_triangles(points: FloatArray, sampled: FloatArray) -> Samples:
+def samples_of_triangles(points: FloatArray, sampled: FloatArray, pattern: int) -> Samples:
     """Of triangles by their points and centres (7, P, 3), and S - T at some places (…, P, 3)."""
-    sides = points[MIDDLES] - (points[CORNERS] + points[FOLLOWING]) / 2
+    off = points[MIDDLES] - (points[CORNERS] + points[FOLLOWING]) / 2
     normals = triangle_normals(points, ((0, 1, 2),))[0]
-    lengths = np.sqrt(squared_norms(points[FOLLOWING] - points[CORNERS])).min(axis=0)
-    slopes = Samples.slopes_of(along_and_across(sides, normals)[0].max(axis=0), lengths)
+    sides = points[FOLLOWING] - points[CORNERS]
+    squares = squared_norms(sides)
+    slopes = Samples.slopes_of(along_and_across(off, normals)[0].max(axis=0), np.sqrt(squares.min(axis=0)))
+    is_whole = (pattern & PATTERN_BITS) == 0
+    beside = off_lines(off[is_whole], sides[is_whole], squares[is_whole])
     normal, tangential = (each.max(axis=0, keepdims=True) for each in along_and_across(sampled, normals))
-    return Samples(normal, tangential, slopes)
+    return Samples(normal, tangential, slopes, beside)
 
 
 @cache

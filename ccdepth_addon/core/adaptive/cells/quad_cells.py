@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors
 from ..leaf_approximation import Cells, LeafApproximation
+from ..leaf_bounds.leaf_distance import Hull, Outline, leaf_distances
 from ..leaf_bounds.polygon_bounds import thickness_of_quads
 from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..quadtree import Quadtree
@@ -29,7 +30,7 @@ from ..template_choice import (
     off_sides_and_diagonals,
     sampled_distances,
 )
-from ..templates import ALL_SPLIT, WHOLE, Transitions
+from ..templates import ALL_SPLIT, WHOLE, Transitions, templates
 
 PATTERN_BITS = np.array([1, 2, 4, 8])
 
@@ -69,6 +70,10 @@ class QuadCells(ABC):
         """(n,) each: error bounds along the normals and across, as tight as star bounds need them where the error along
         the normals is within the limit."""
 
+    @abstractmethod
+    def hull_of(self, chosen: IndexArray, limit: float) -> Hull:
+        """Hull points of chosen quads, in the order of their points, as near as it takes to compare with the limit."""
+
     def approximate(
         self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray
     ) -> LeafApproximation:
@@ -92,19 +97,26 @@ class QuadCells(ABC):
         found = choose_within_limit(
             QuadsOfPattern(self, pattern, points, limit, axes if as_polygons else None), sampled, limit
         )
+        least = sampled.min(axis=0)
         left = np.flatnonzero(~found.accepted)
-        if len(left) and not as_polygons:
+        if len(left):
             rest = selected_vectors(points, left)
             samples = Samples.of(rest, off_sides_and_diagonals(rest), pattern)
-            cells = QuadsOfPattern(self.at(left), pattern, rest, limit)
-            found.put(left, choose_along_surface(cells, samples, limit))
+            least[left] = np.where(least[left] > limit, samples.alone().min(axis=0), least[left])
+            cells = QuadsOfPattern(self.at(left), pattern, rest, limit, axes if as_polygons else None)
+            alone = choose_within_limit(QuadsAlone(cells), samples.alone(), limit)
+            alone.alone[:] = alone.accepted
+            found.put(left, alone)
+            last = np.flatnonzero(~alone.accepted)
+            if len(last) and not as_polygons:
+                found.put(left[last], choose_along_surface(cells.at(last), samples.at(last), limit))
         folded = found.folded
         if pattern == WHOLE:
             accepted = np.flatnonzero(found.accepted)
             folded = folded_quads(found, accepted, selected_vectors(points[:4], accepted), axes)
         patterns = np.full(len(self.nodes), pattern, dtype=np.int8)
         turns = self.turns().astype(np.int8)
-        return replace(found, patterns=patterns, turns=turns, folded=folded, least=sampled.min(axis=0))
+        return replace(found, patterns=patterns, turns=turns, folded=folded, least=least)
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """As in ``Cells``."""
@@ -131,14 +143,42 @@ class QuadsOfPattern:
     def distances(self, chosen: IndexArray, alternative: int) -> FloatArray:
         """As in ``template_choice.WithDistances``."""
         distances = self.cells.distances_of(chosen, self.pattern, alternative, self.points, self.limit)
-        if self.axes is not None:
-            points = selected_vectors(self.points, chosen)
-            distances += thickness_of_quads(points, self.pattern, alternative, self.axes)
-        return distances
+        return distances + self.thickness(chosen, alternative)
+
+    def leaf_distances(self, chosen: IndexArray, alternative: int) -> FloatArray:
+        """(n,): the same of each leaf alone (``leaf_distance``)."""
+        normal = self.cells.error_bounds_of(chosen, self.pattern, alternative, self.points, self.limit).normal
+        middles = [4 + side if self.pattern >> side & 1 else -1 for side in range(4)]
+        points = selected_vectors(self.points, chosen)
+        outline = Outline(points, templates(self.pattern)[alternative], range(4), middles)
+        distances = leaf_distances(outline, self.cells.hull_of(chosen, self.limit), normal, self.limit)
+        return distances + self.thickness(chosen, alternative)
+
+    def thickness(self, chosen: IndexArray, alternative: int) -> FloatArray | float:
+        """(n,): the distances between polygons and the triangles of a template."""
+        if self.axes is None:
+            return 0.0
+        return thickness_of_quads(selected_vectors(self.points, chosen), self.pattern, alternative, self.axes)
+
+    def at(self, chosen: IndexArray) -> QuadsOfPattern:
+        """Some of them, by ascending index."""
+        points = selected_vectors(self.points, chosen)
+        return QuadsOfPattern(self.cells.at(chosen), self.pattern, points, self.limit, self.axes)
 
     def error_bounds(self, chosen: IndexArray, alternative: int) -> ErrorBounds:
         """As in ``template_choice.WithErrorBounds``."""
         return self.cells.error_bounds_of(chosen, self.pattern, alternative, self.points, PROMISING * self.limit)
+
+
+@dataclass(frozen=True)
+class QuadsAlone:
+    """The same quads, whose distances are bounded without their neighbours, wherever parameters lie."""
+
+    quads: QuadsOfPattern
+
+    def distances(self, chosen: IndexArray, alternative: int) -> FloatArray:
+        """As in ``template_choice.WithDistances``."""
+        return self.quads.leaf_distances(chosen, alternative)
 
 
 def patterns_of(hanging: BoolArray, turns: IndexArray) -> NDArray[np.int8]:

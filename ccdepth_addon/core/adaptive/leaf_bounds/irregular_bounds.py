@@ -129,7 +129,7 @@ def _refined_error_bounds(
         if not len(rest):
             break
         refinement, squares = refinement.keep(kinds != PatchKind.REGULAR), squares.at(rest)
-        near = _facet_distances(refinement, classify_patches(refinement.mesh))
+        near = facet_distances(refinement, classify_patches(refinement.mesh))
         left = compare(bilinear_coefficients(refinement.control_facets()).reshape(16, -1, 3), squares)
         reached = left + ErrorBounds(near, near, near)
         if room is None:
@@ -146,7 +146,7 @@ def _refined_error_bounds(
     return found
 
 
-def _facet_distances(refinement: Refinement, patches: PatchKinds) -> FloatArray:
+def facet_distances(refinement: Refinement, patches: PatchKinds) -> FloatArray:
     """(descendants,): upper bounds of the distance between quads' surface and the facets over their control points."""
     mesh, kinds = refinement.mesh, patches.kinds[: len(refinement.bases)]
     bounds = np.empty(len(kinds))

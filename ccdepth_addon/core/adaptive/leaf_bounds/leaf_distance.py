@@ -1,0 +1,364 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The distance of one leaf from its surface, wherever parameters lie (docs/adaptive.md, A leaf on its own).
+
+At equal parameters a point of the surface is off a triangle along its normal, and across it. Within the leaf, being
+off across costs nothing as long as the leaf's border stays near: what counts is how far the surface is from the planes
+of the triangles, how far the curves over the leaf's sides are from the sides, and how far the surface reaches beyond
+them. That needs no neighbours, and holds at boundaries, creases and poles.
+
+The surface is known by *hull points*: points, parts of which have convex hulls that hold the parts of the surface.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache, lru_cache
+
+import numpy as np
+
+from ...arrays.chunks import chunks
+from ...arrays.types import BoolArray, FloatArray, IndexArray
+from ...arrays.vectors import cross_products, dot_products, selected_vectors, squared_norms, transformed_nets
+from ...bounds.norm_bounds import certified_limit_factor
+from ...bounds.norms import second_differences
+from ...surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, tensor
+from ...surface.stencils import patch_stencils
+from ..templates import Template
+from .triangle_shapes import triangle_normals
+
+# The bound is of no use between steeper triangles.
+LEAST_COSINE = 0.25
+
+# Temporary arrays for so many leaves stay in the processor's cache.
+LEAVES_AT_ONCE = 1 << 8
+
+# The size of the last square at an extraordinary vertex: it grows smaller by the subdominant eigenvalue at each level.
+SMALL_SQUARE = 1 / 128
+
+# Rounding of a ratio.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Outline:
+    """Triangles over P leaves, as ``leaf_distances`` sees them.
+
+    points: (V, P, 3), all lying on the surface; triangles: vertices of each, counter-clockwise; corners: the corners
+    of the leaves, in order; middles: for each side from a corner the vertex at its middle if it is split, otherwise -1.
+    """
+
+    points: FloatArray
+    triangles: Template
+    corners: Sequence[int]
+    middles: Sequence[int]
+
+    def at(self, chosen: IndexArray) -> Outline:
+        """Some of the leaves, by index."""
+        return Outline(selected_vectors(self.points, chosen), self.triangles, self.corners, self.middles)
+
+    def part(self, block: slice) -> Outline:
+        """Some of the leaves, side by side."""
+        return Outline(self.points[:, block], self.triangles, self.corners, self.middles)
+
+    def sides(self) -> list[tuple[int, int, int, slice]]:
+        """The sides of triangles along the border, from one vertex to the next: the number of the leaf's side, and
+        which of its halves."""
+        found = []
+        for side, (start, middle) in enumerate(zip(self.corners, self.middles, strict=True)):
+            end = self.corners[(side + 1) % len(self.corners)]
+            if middle < 0:
+                found.append((start, end, side, slice(0, 2)))
+            else:
+                found += [(start, middle, side, slice(0, 1)), (middle, end, side, slice(1, 2))]
+        return found
+
+
+@dataclass(frozen=True)
+class Hull:
+    """Hull points of P leaves. points: (R, P, 3). parts: (rows,) each, which of them have convex hulls that hold the
+    surface together. sides: for each side of a leaf and each half of it, (rows,) those for the curve over it. spread:
+    (D, P, 3): the surface may be off the hulls by a vector in the convex hull of these and their opposites.
+    """
+
+    points: FloatArray
+    parts: Sequence[IndexArray]
+    sides: Sequence[Sequence[IndexArray]]
+    spread: FloatArray
+
+    def at(self, chosen: IndexArray) -> Hull:
+        """Those of some leaves, by index."""
+        return Hull(
+            selected_vectors(self.points, chosen), self.parts, self.sides, selected_vectors(self.spread, chosen)
+        )
+
+    def part(self, block: slice) -> Hull:
+        """Those of some leaves, side by side."""
+        return Hull(self.points[:, block], self.parts, self.sides, self.spread[:, block])
+
+    def reach(self) -> FloatArray:
+        """(P,): how far from the hulls the surface may be."""
+        return np.sqrt(squared_norms(self.spread).max(axis=0, initial=0.0))
+
+    def reach_along(self, directions: FloatArray) -> FloatArray:
+        """(P,): how far in directions (P, 3), which need not be unit vectors, as products with these."""
+        return np.abs(dot_products(self.spread, directions)).max(axis=0, initial=0.0)
+
+
+@cache
+def _bicubic_rows() -> FloatArray:
+    """(49, 16): from Bernstein coefficients to those of the four quarters, [i, j] → 7i + j."""
+    halves = np.concatenate([HALVES[0], HALVES[1][1:]])
+    return tensor(halves, halves)
+
+
+@cache
+def _bicubic_parts() -> tuple[Sequence[IndexArray], Sequence[Sequence[IndexArray]]]:
+    """The parts and the sides of ``bicubic_hull``."""
+    grid, halves = np.arange(49).reshape(7, 7), (slice(0, 4), slice(3, 7))
+    along = [grid[:, 0], grid[6], grid[::-1, 6], grid[0, ::-1]]
+    return [grid[u, v].ravel() for u in halves for v in halves], [[side[half] for half in halves] for side in along]
+
+
+def bicubic_hull(coefficients: FloatArray) -> Hull:
+    """Of bicubic quads with Bernstein coefficients (16, P, 3), [i, j] → 4i + j, u along i: those of their quarters."""
+    points = transformed_nets(_bicubic_rows(), coefficients)
+    return Hull(points, *_bicubic_parts(), points[:0])
+
+
+@dataclass(frozen=True)
+class ExtraordinaryHullRows:
+    """Functionals of a net of 2n + 8 points. points: (R, 2n + 8), hull points; parts and sides: as in ``Hull``.
+    spread: (2n + 10, 2n + 8), as in ``Hull``."""
+
+    points: FloatArray
+    parts: Sequence[IndexArray]
+    sides: Sequence[Sequence[IndexArray]]
+    spread: FloatArray
+
+
+@lru_cache(maxsize=64)
+def _extraordinary_rows(valence: int) -> ExtraordinaryHullRows:
+    """The coefficients of the bicubic pieces of some levels, then the corners of the last square."""
+    stencils, net = patch_stencils(valence), np.eye(2 * valence + 8)
+    cosine = np.cos(np.pi / valence)
+    rate = (4 + 2 * cosine**2 + cosine * np.sqrt(16 + 4 * cosine**2)) / 16
+    levels = int(np.ceil(np.log(SMALL_SQUARE) / np.log(rate)))
+    to_bernstein, rows = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN), []
+    for _ in range(levels):
+        rows += [to_bernstein @ stencils.regular[16 * child : 16 * (child + 1)] @ net for child in range(3)]
+        net = stencils.refined @ net
+    # The pieces at corners 1 to 3 of each level, along their own sides from corner 0 and to it.
+    starts = 16 * np.arange(3 * levels).reshape(-1, 3)
+    after, before = starts[..., None] + [0, 4, 8, 12], starts[..., None] + [3, 2, 1, 0]
+    last = starts.size * 16 + np.arange(4)
+    inner_first = np.concatenate([before[1:, 0].ravel(), last[[0, 1]]])
+    inner_last = np.concatenate([after[1:, 2].ravel(), last[[3, 0]]])
+    sides = [
+        [inner_first, before[0, 0]],
+        [after[0, 0], before[0, 1]],
+        [after[0, 1], before[0, 2]],
+        [after[0, 2], inner_last],
+    ]
+    # The surface is off the bilinear facet over these corners by as much of each component as this one's second
+    # differences tell: so by a vector in the hull of these, times the factor, and their opposites.
+    spread = np.array([2 * net[a] - net[b] - net[c] for a, b, c in second_differences(valence)])
+    spread *= certified_limit_factor(valence)
+    parts = [*np.arange(16 * starts.size).reshape(-1, 16), last]
+    return ExtraordinaryHullRows(np.concatenate([*rows, stencils.limits @ net]), parts, sides, spread)
+
+
+def extraordinary_hull(nets: FloatArray) -> Hull:
+    """Of quads whose corner 0 is extraordinary, by nets (2n + 8, P, 3)."""
+    valence = (len(nets) - 8) // 2
+    rows = _extraordinary_rows(valence)
+    points, spread = transformed_nets(rows.points, nets), transformed_nets(rows.spread, nets)
+    return Hull(points, rows.parts, rows.sides, spread)
+
+
+def leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: float) -> FloatArray:
+    """(P,) float64: upper bounds of the distance in both directions between the surface of a leaf and its triangles;
+    inf where there is no proof, or where the bound would exceed the limit.
+
+    normal: (P,) float64, upper bounds of the error at equal parameters along the normals of the triangles.
+    """
+    count = outline.points.shape[1]
+    found = np.empty(count)
+    for block in chunks(count, LEAVES_AT_ONCE):
+        found[block] = _leaf_distances(outline.part(block), hull.part(block), normal[block], limit)
+    return found
+
+
+def _leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: float) -> FloatArray:
+    found = np.full(len(normal), np.inf)
+    chosen = np.flatnonzero(normal <= limit)
+    if len(chosen):
+        outline, hull, normal = outline.at(chosen), hull.at(chosen), normal[chosen]
+        sides = _off_sides(outline, hull) + hull.reach()
+        near = np.flatnonzero(sides <= limit)
+        bounds = _bounds(outline.at(near), hull.at(near), normal[near], sides[near]) * (1 + ROUNDING)
+        found[chosen[near]] = np.where(bounds <= limit, bounds, np.inf)
+    return found
+
+
+# Degenerate triangles have no normals, and nothing is proved then.
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")
+def _bounds(outline: Outline, hull: Hull, normal: FloatArray, sides: FloatArray) -> FloatArray:
+    """As ``leaf_distances``, whatever the limit. sides: (P,) how far the curves over the sides are off these."""
+    planes = _Planes.of(outline)
+    heights = np.stack([dot_products(hull.points, scaled) for scaled in planes.scaled])
+    heights -= planes.levels[:, None]
+    reach = np.max([hull.reach_along(scaled) for scaled in planes.scaled], axis=0)
+    above, below, residues = planes.off(outline)
+    vertical = normal / planes.cosines
+    # The greatest of the planes' heights, or the least of them: whichever is nearer.
+    as_greatest = np.maximum(vertical + below, reach - heights.min(axis=(0, 1)))
+    as_least = np.maximum(vertical + above, reach + heights.max(axis=(0, 1)))
+    is_least = as_least < as_greatest
+    gaps, nearest = np.where(is_least, above, below), np.minimum(as_greatest, as_least) + 2 * residues
+    heights[:, :, is_least] *= -1
+
+    beyond, dents = _overshoot(outline, hull.points, planes.axes)
+    found = np.maximum(sides / planes.cosines + gaps + residues, np.hypot(dents, nearest + planes.slopes * dents))
+    under, across = -heights.min(axis=0), hull.reach()
+    for part in hull.parts:
+        chosen = np.flatnonzero(np.any(beyond[part] + across > 0, axis=0))
+        if not len(chosen):
+            continue
+        own = np.ix_(part, chosen)
+        over = heights[:, part][:, :, chosen]
+        lowest = over.max(axis=1).argmin(axis=0)
+        over = np.take_along_axis(over, lowest[None, None], axis=0)[0] + gaps[chosen]
+        off = np.maximum(over, under[own]) + (2 * residues + reach)[chosen]
+        away = beyond[own] + (across + dents)[chosen]
+        found[chosen] = np.maximum(found[chosen], np.hypot(away, off + planes.slopes[chosen] * away).max(axis=0))
+    return np.where(planes.cosines > LEAST_COSINE, found, np.inf)
+
+
+@dataclass(frozen=True)
+class _Planes:
+    """The planes of T triangles over each of P leaves, seen along axes (P, 3) of the leaves: the height of a point over
+    a plane, along the axis, is its product with a vector scaled (T, P, 3), less levels (T, P). cosines and slopes: (P,)
+    the least cosine of the triangles' tilt against the axis, and the greatest tangent."""
+
+    axes: FloatArray
+    scaled: FloatArray
+    levels: FloatArray
+    cosines: FloatArray
+    slopes: FloatArray
+    triangles: Template
+
+    @staticmethod
+    def of(outline: Outline) -> _Planes:
+        normals = triangle_normals(outline.points, outline.triangles)
+        axes = normals.sum(axis=0)
+        axes /= np.sqrt(squared_norms(axes))[:, None]
+        cosines = np.stack([dot_products(own, axes) for own in normals])
+        scaled = normals / cosines[..., None]
+        corners = outline.points[[triangle[0] for triangle in outline.triangles]]
+        # By the chords, as cosines cannot resolve small angles.
+        chords = np.max([squared_norms(own - axes) for own in normals], axis=0)
+        sines = np.sqrt(chords * np.maximum(1 - chords / 4, 0.0))
+        least = cosines.min(axis=0)
+        slopes = sines / least + ROUNDING
+        return _Planes(axes, scaled, dot_products(corners, scaled), least, slopes, outline.triangles)
+
+    def off(self, outline: Outline) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """(P,) each: how far vertices are above planes, and below, at most; and how far off those of their own
+        triangles."""
+        above, below, residues = (np.zeros(len(self.axes)) for _ in range(3))
+        vertices = sorted({vertex for triangle in self.triangles for vertex in triangle})
+        for scaled, level, triangle in zip(self.scaled, self.levels, self.triangles, strict=True):
+            for vertex in vertices:
+                height = dot_products(outline.points[vertex], scaled) - level
+                np.maximum(above, height, out=above)
+                np.maximum(below, -height, out=below)
+                if vertex in triangle:
+                    np.maximum(residues, np.abs(height), out=residues)
+        return above, below, residues
+
+
+def _off_sides(outline: Outline, hull: Hull) -> FloatArray:
+    """(P,): how far the curves over the leaf's sides are from the sides of triangles there, at most."""
+    squares = np.zeros(outline.points.shape[1])
+    for start, end, side, halves in outline.sides():
+        rows = np.concatenate(hull.sides[side][halves])
+        a, b = outline.points[start], outline.points[end]
+        np.maximum(squares, _squares_off(hull.points[rows], a, b).max(axis=0), out=squares)
+    return np.sqrt(squares)
+
+
+def _squares_off(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
+    """(R, P): squared distances of points (R, P, D) from the segments between a and b, (P, D) each."""
+    sides = b - a
+    lengths = (sides * sides).sum(axis=-1)
+    off = points - a
+    places = np.clip((off * sides).sum(axis=-1) / np.where(lengths > 0, lengths, 1.0), 0.0, 1.0)
+    off -= places[..., None] * sides
+    return np.asarray((off * off).sum(axis=-1))
+
+
+def _overshoot(outline: Outline, points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Seen along axes (P, 3): (R, P), how far points (R, P, 3) are from the convex outline of the triangles; and (P,)
+    how deep this is dented, inf where it is not convex but for the middles of sides."""
+    first = outline.points[outline.corners[1]] - outline.points[outline.corners[0]]
+    second = cross_products(axes, first)
+    second /= np.sqrt(squared_norms(second))[:, None]
+    frame = np.stack([cross_products(second, axes), second])
+    origin = outline.points[outline.corners[0]]
+    border, dents = _border(outline, origin, frame)
+    places = _seen(points, origin, frame)
+    inside = np.ones(places.shape[1:], dtype=bool)
+    squares = np.full(places.shape[1:], np.inf)
+    for number, (x, y) in enumerate(border):
+        along_x, along_y = border[(number + 1) % len(border)] - border[number]
+        lengths = along_x**2 + along_y**2
+        for other_x, other_y in border:
+            outside = along_y * (other_x - x) - along_x * (other_y - y)
+            np.maximum(dents, 4 * outside / np.sqrt(np.where(lengths > 0, lengths, 1.0)), out=dents)
+            dents[~(outside <= ROUNDING * lengths)] = np.inf
+        off_x, off_y = places[0] - x, places[1] - y
+        inside &= along_x * off_y - along_y * off_x >= 0
+        part = np.clip((along_x * off_x + along_y * off_y) / np.where(lengths > 0, lengths, 1.0), 0.0, 1.0)
+        np.minimum(squares, (off_x - part * along_x) ** 2 + (off_y - part * along_y) ** 2, out=squares)
+    squares[inside] = 0.0
+    return np.sqrt(squares), dents
+
+
+def _seen(points: FloatArray, origin: FloatArray, frame: FloatArray) -> FloatArray:
+    """(2, …, P): points (…, P, 3) seen in frames (2, P, 3) at origins (P, 3)."""
+    off = points - origin
+    return np.stack([dot_products(off, frame[0]), dot_products(off, frame[1])])
+
+
+def _border(outline: Outline, origin: FloatArray, frame: FloatArray) -> tuple[list[FloatArray], FloatArray]:
+    """The vertices around the leaves, seen in frames, (2, P) each, those that dent a side moved onto it; and (P,) the
+    deepest dent."""
+    border, dents = [], np.zeros(len(origin))
+    for side, (start, middle) in enumerate(zip(outline.corners, outline.middles, strict=True)):
+        a = _seen(outline.points[start], origin, frame)
+        border.append(a)
+        if middle < 0:
+            continue
+        b = _seen(outline.points[outline.corners[(side + 1) % len(outline.corners)]], origin, frame)
+        m = _seen(outline.points[middle], origin, frame)
+        along, off = b - a, m - a
+        is_dent = along[0] * off[1] - along[1] * off[0] > 0
+        on_side = (a + b) / 2
+        # All of the dent is within the longer of its sides' distances from its deepest point.
+        deep = np.sqrt(_squares_off(m.T[None], a.T, b.T)[0])
+        np.maximum(dents, np.where(is_dent, deep, 0.0), out=dents)
+        border.append(np.where(is_dent, on_side, m))
+    return border, dents
+
+
+def may_be_within(points: FloatArray, heights: FloatArray, limit: float) -> BoolArray:
+    """(P,) whether quads with whole sides might be within the limit, by samples: a test that costs little.
+
+    points: (8 or more, P, 3), as in ``templates.QUAD_POINTS``; heights: (P,) what is off along the normals somewhere.
+    """
+    possible = heights <= limit
+    for start in range(4):
+        a, b = points[start], points[(start + 1) % 4]
+        possible &= _squares_off(points[None, 4 + start], a, b)[0] <= limit**2
+    return possible

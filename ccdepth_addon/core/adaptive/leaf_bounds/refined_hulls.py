@@ -1,0 +1,143 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Hull points (``leaf_distance.Hull``) of faces of any kind, by refinement, as in ``irregular_bounds``.
+
+A bicubic descendant is in the hull of its 16 Bernstein coefficients; any other is near the bilinear facet over its
+control points, and is refined again while that counts.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...arrays.types import FloatArray, IndexArray
+from ...arrays.vectors import component_major
+from ...surface.bicubic import bilinear_coefficients, patch_coefficients
+from ...surface.patches import PatchKind, classify_patches, regular_nets
+from ...surface.refinement import Refinement
+from .irregular_bounds import NEAR_FACET, REFINEMENTS, Squares, facet_distances
+from .leaf_distance import Hull
+
+# The coefficients along the sides of a bicubic piece, from corner to corner.
+ALONG_SIDES = np.array([[0, 4, 8, 12], [12, 13, 14, 15], [15, 11, 7, 3], [3, 2, 1, 0]])
+
+# The leaves of pieces, and for each of the sides of a square which half side of the leaf it is part of, two a side, or
+# NONE inside.
+HalfSides = Callable[[Squares], tuple[IndexArray, IndexArray]]
+NONE = -1
+
+
+def hull_of_quads(children: Refinement, corners: FloatArray, limit: float) -> Hull:
+    """Of P quads, by the refinement of their children, of which they are the bases; corners: (4, P, 3) on the surface.
+
+    limit: the distance that a bound is going to be compared with.
+    """
+
+    def half_sides(squares: Squares) -> tuple[IndexArray, IndexArray]:
+        starts, ends, sides = _border_sides(squares)
+        # Along sides 0 and 1 parameters rise, along 2 and 3 they fall.
+        along = (starts + ends)[np.arange(4)[:, None], np.arange(sides.shape[1]), sides % 2] / 2
+        second = (along > 0.5) == (sides < 2)
+        return squares.bases, np.where(sides == NONE, NONE, 2 * sides + second)
+
+    return _hull(children, Squares.whole(corners.shape[1]).children(), half_sides, corners, limit)
+
+
+def hull_of_fans(quarters: Refinement, corners: FloatArray, limit: float) -> Hull:
+    """Of P faces of n corners, by the refinement of their quarters, n P bases; corners: (n, P, 3) on the surface."""
+    size, count = corners.shape[:2]
+
+    def half_sides(squares: Squares) -> tuple[IndexArray, IndexArray]:
+        _, _, sides = _border_sides(squares)
+        corner = squares.bases % size
+        first, last = 2 * corner, 2 * ((corner - 1) % size) + 1
+        return squares.bases // size, np.where(sides == 0, first, np.where(sides == 3, last, NONE))
+
+    return _hull(quarters, Squares.whole(size * count), half_sides, corners, limit)
+
+
+def _border_sides(squares: Squares) -> tuple[FloatArray, FloatArray, IndexArray]:
+    """(4, N, 2) twice, from where to where the sides of squares go; and (4, N) the side of the whole that they are part
+    of, or NONE. All parameters are dyadic fractions, and exact."""
+    starts = squares.corners()
+    ends = np.roll(starts, -1, axis=0)
+    found = np.full(starts.shape[:2], NONE)
+    for side, (axis, value) in enumerate([(1, 0.0), (0, 1.0), (1, 1.0), (0, 0.0)]):
+        found[(starts[..., axis] == value) & (ends[..., axis] == value)] = side
+    return starts, ends, found
+
+
+@dataclass(frozen=True)
+class _Pieces:
+    """N pieces: their leaves (N,), the half sides along theirs (4, N), and their coefficients (16, N, 3)."""
+
+    leaves: IndexArray
+    half_sides: IndexArray
+    coefficients: FloatArray
+
+
+def _hull(refinement: Refinement, squares: Squares, half_sides: HalfSides, corners: FloatArray, limit: float) -> Hull:
+    reach = np.zeros(corners.shape[1])
+    found: list[_Pieces] = []
+    for step in range(REFINEMENTS):
+        patches = classify_patches(refinement.mesh)
+        kinds = patches.kinds[: len(refinement.bases)]
+        regular, rest = np.flatnonzero(kinds == PatchKind.REGULAR), np.flatnonzero(kinds != PatchKind.REGULAR)
+        coefficients = patch_coefficients(regular_nets(refinement.mesh, regular)).reshape(16, -1, 3)
+        found.append(_Pieces(*half_sides(squares.at(regular)), coefficients))
+        if not len(rest):
+            break
+        refinement, squares = refinement.keep(kinds != PatchKind.REGULAR), squares.at(rest)
+        near = facet_distances(refinement, classify_patches(refinement.mesh))
+        is_last = (near <= NEAR_FACET * limit) | (step == REFINEMENTS - 1)
+        last = np.flatnonzero(is_last)
+        facets = bilinear_coefficients(refinement.control_facets()).reshape(16, -1, 3)[:, last]
+        left = _Pieces(*half_sides(squares.at(last)), facets)
+        found.append(left)
+        np.maximum.at(reach, left.leaves, near[last])
+        refinement, squares = refinement.keep(~is_last).refined(), squares.at(np.flatnonzero(~is_last)).children()
+        if not len(refinement.bases):
+            break
+    pieces = _Pieces(
+        np.concatenate([part.leaves for part in found]),
+        np.concatenate([part.half_sides for part in found], axis=1),
+        np.concatenate([part.coefficients for part in found], axis=1),
+    )
+    return _padded(pieces, corners, reach)
+
+
+def _padded(pieces: _Pieces, corners: FloatArray, reach: FloatArray) -> Hull:
+    """With as many rows for each leaf as for the one with most pieces; corners fill what is left."""
+    size, count = corners.shape[:2]
+    place, most = _places(pieces.leaves, count)
+    points = np.empty((most, 16, count, 3))
+    points[:] = corners[0]
+    points[place, :, pieces.leaves] = pieces.coefficients.swapaxes(0, 1)
+    rows = [points.reshape(-1, count, 3)]
+    sides: list[list[IndexArray]] = [[] for _ in range(size)]
+    first = 16 * most
+    for half_side in range(2 * size):
+        own, along = np.nonzero(np.equal(pieces.half_sides.T, half_side))
+        leaves = pieces.leaves[own]
+        place, longest = _places(leaves, count)
+        of_side = np.empty((longest, 4, count, 3))
+        of_side[:] = corners[half_side // 2] if half_side % 2 == 0 else corners[(half_side // 2 + 1) % size]
+        of_side[place, :, leaves] = pieces.coefficients[ALONG_SIDES[along], own[:, None]]
+        rows.append(of_side.reshape(-1, count, 3))
+        sides[half_side // 2].append(np.arange(first, first + 4 * longest))
+        first += 4 * longest
+    # A ball is in the octahedron around it.
+    spread = np.sqrt(3) * reach[:, None] * np.eye(3)[:, None]
+    parts = [*np.arange(16 * most).reshape(-1, 16)]
+    return Hull(component_major(np.concatenate(rows)), parts, sides, component_major(spread))
+
+
+def _places(indices: IndexArray, count: int) -> tuple[IndexArray, int]:
+    """For each entry how many equal ones come before it; and the number of the most frequent."""
+    order = np.argsort(indices, kind="stable")
+    numbers = np.bincount(indices, minlength=count)
+    places = np.empty(len(indices), dtype=np.intp)
+    places[order] = np.arange(len(indices)) - np.repeat(np.cumsum(numbers) - numbers, numbers)
+    return places, int(numbers.max(initial=0))
