@@ -13,6 +13,7 @@ from ccdepth_addon.core.adaptive.cells.control_faces import cells_of_faces
 from ccdepth_addon.core.adaptive.cells.patch_cells import SMALL_REST, BicubicCells, ChildApproximations
 from ccdepth_addon.core.adaptive.leaf_approximation import LeafApproximation
 from ccdepth_addon.core.adaptive.leaf_bounds.child_bounds import child_distances
+from ccdepth_addon.core.adaptive.leaf_bounds.triangle_bounds import ErrorBounds
 from ccdepth_addon.core.adaptive.quadtree import Quadtree
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray
