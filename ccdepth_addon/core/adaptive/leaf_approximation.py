@@ -71,10 +71,17 @@ class Cells(Protocol):
         """Some of them, by index."""
 
     def approximate(
-        self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray
+        self,
+        hanging: BoolArray,
+        transitions: Transitions,
+        limit: float,
+        axes: FloatArray,
+        *,
+        with_neighbours: bool = True,
     ) -> LeafApproximation:
         """How to approximate them within a limit; hanging: (slots of the nodes,) bool, which sides are split. axes:
-        (3, 3), of the space where Blender triangulates (``polygon_bounds``)."""
+        (3, 3), of the space where Blender triangulates (``polygon_bounds``). with_neighbours: whether to accept what
+        is predicted to be within the limit along the surface, before cells are tried alone."""
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """Error bounds along and across the normals of the triangles by which they are approximated."""

@@ -30,11 +30,10 @@ def bound_along_surface(plan: Plan) -> IndexArray:
 
 
 def approximate_alone(plan: Plan, leaves: IndexArray) -> BoolArray:
-    """(leaves,) which have bounds of their own after all: those accepted by their parents' coefficients were not asked
-    for these. Records them."""
+    """(leaves,) which have bounds of their own after all. Records them."""
     tree, found = plan.tree, np.zeros(len(plan.tree.first_child), dtype=bool)
     for cells in in_blocks(plan.cells.of(leaves)) if len(leaves) else ():
-        approximation = plan.approximate(cells, tree.hanging(tree.slots(cells.nodes)))
+        approximation = plan.approximate(cells, tree.hanging(tree.slots(cells.nodes)), with_neighbours=False)
         chosen = np.flatnonzero(np.isfinite(approximation.bounds))
         found[cells.nodes[chosen]] = True
         plan.record(cells.nodes[chosen], approximation.at(chosen))

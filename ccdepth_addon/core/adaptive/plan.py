@@ -124,9 +124,12 @@ class Plan:
         self.tree.split(nodes)
         self.split_nodes.put(nodes)
 
-    def approximate(self, cells: Cells, hanging: BoolArray) -> LeafApproximation:
+    def approximate(self, cells: Cells, hanging: BoolArray, *, with_neighbours: bool = True) -> LeafApproximation:
         """How to approximate cells with these sides split, (slots of the cells,)."""
-        return cells.approximate(hanging, self.request.transitions, self.request.limit, self.request.axes)
+        request = self.request
+        return cells.approximate(
+            hanging, request.transitions, request.limit, request.axes, with_neighbours=with_neighbours
+        )
 
     def record(self, nodes: IndexArray, approximation: LeafApproximation) -> None:
         """Record the approximation of nodes, each once."""

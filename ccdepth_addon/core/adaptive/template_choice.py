@@ -8,7 +8,7 @@ neighbours decide that later, so here a template is accepted by a predicted boun
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -62,6 +62,12 @@ def choose_within_limit(cells: WithDistances, sampled: FloatArray, limit: float)
             found.alternatives[tried[within]] = alternative
             found.bounds[tried[within]] = distances[within]
     return found
+
+
+def choose_alone(cells: WithDistances, samples: Samples, limit: float) -> LeafApproximation:
+    """The first template within the limit by the cells alone (``leaf_distance``), which bound the distances."""
+    found = choose_within_limit(cells, samples.alone(), limit)
+    return replace(found, alone=found.accepted.copy())
 
 
 def choose_along_surface(cells: WithErrorBounds, samples: Samples, limit: float) -> LeafApproximation:

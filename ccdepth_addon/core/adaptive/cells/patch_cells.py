@@ -159,11 +159,19 @@ class BicubicCells(NetCells):
         return ChildApproximations(replace(found, folded=folded, least=least), out_of_reach, distances.points)
 
     def approximate(
-        self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray
+        self,
+        hanging: BoolArray,
+        transitions: Transitions,
+        limit: float,
+        axes: FloatArray,
+        *,
+        with_neighbours: bool = True,
     ) -> LeafApproximation:
         # Turned so that their patterns are canonical: fewer patterns take less time.
         turned = self._turned(TURNS[patterns_of(hanging, self.slots)])
-        return super(BicubicCells, turned).approximate(hanging, transitions, limit, axes)
+        return super(BicubicCells, turned).approximate(
+            hanging, transitions, limit, axes, with_neighbours=with_neighbours
+        )
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         turned = self._turned((approximation.turns - self.slots) % 4)

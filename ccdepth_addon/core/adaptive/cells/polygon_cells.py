@@ -73,7 +73,13 @@ class PolygonCells:
         return refined_children(tree, self.nodes, self.refinement)
 
     def approximate(
-        self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray
+        self,
+        hanging: BoolArray,
+        transitions: Transitions,
+        limit: float,
+        axes: FloatArray,
+        *,
+        with_neighbours: bool = True,
     ) -> LeafApproximation:
         """As in ``Cells``: by way of fans that bend at the middles of split sides."""
         found = LeafApproximation.none(len(self.nodes))
@@ -110,7 +116,13 @@ class TriangleCells(PolygonCells):
     """P triangles of the control mesh."""
 
     def approximate(
-        self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray
+        self,
+        hanging: BoolArray,
+        transitions: Transitions,
+        limit: float,
+        axes: FloatArray,
+        *,
+        with_neighbours: bool = True,
     ) -> LeafApproximation:
         """As in ``Cells``; as polygons where sides are split and transitions are N-gons."""
         found = LeafApproximation.none(len(self.nodes))
@@ -119,13 +131,13 @@ class TriangleCells(PolygonCells):
             chosen = np.flatnonzero(patterns == pattern)
             part = self.at(chosen)
             if pattern == WHOLE or transitions is Transitions.TRIANGLES:
-                found.put(chosen, part._approximate_template(pattern, limit))
+                found.put(chosen, part._approximate_template(pattern, limit, with_neighbours))
             else:
                 sides = np.tile((pattern & PATTERN_BITS) > 0, len(chosen))
                 found.put(chosen, super(TriangleCells, part).approximate(sides, transitions, limit, axes))
         return found
 
-    def _approximate_template(self, pattern: int, limit: float) -> LeafApproximation:
+    def _approximate_template(self, pattern: int, limit: float, with_neighbours: bool) -> LeafApproximation:
         template = ((0, 1, 2),) if pattern == WHOLE else triangle_template(pattern)
         points = self._points()
         sampled = off_sides_and_centre(points, pattern)
@@ -141,21 +153,20 @@ class TriangleCells(PolygonCells):
             _accept(found, tried, within, error_bounds)
         samples = samples_of_triangles(points, sampled, pattern)
         nearest = samples.alone()[0]
-        tried = np.flatnonzero(~found.accepted & (nearest <= limit))
-        if len(tried):
-            distances = self.at(tried)._leaf_distances(pattern, template, points[:, tried], limit)
-            within = distances <= limit
-            chosen = tried[within]
-            found.accepted[chosen], found.alone[chosen] = True, True
-            found.bounds[chosen] = distances[within]
         found.least[found.least > limit] = nearest[found.least > limit]
         tried = np.flatnonzero(~found.accepted & (samples.predicted_bounds()[0] <= PROMISING * limit))
-        if len(tried):
+        if with_neighbours and len(tried):
             room = LARGEST_OFFSET * least_heights(points[:, tried], template)
             error_bounds = self.at(tried)._error_bounds(pattern, template, points[:, tried], PROMISING * limit, room)
             predicted = samples.at(tried).predict(error_bounds.normal, error_bounds.tangential)[0]
             promising = (predicted <= PROMISING * limit) & (error_bounds.normal + error_bounds.tangential <= room)
             _accept(found, tried, promising, error_bounds)
+        tried = np.flatnonzero(~found.accepted & (nearest <= limit))
+        if len(tried):
+            distances = self.at(tried)._leaf_distances(pattern, template, points[:, tried], limit)
+            near = tried[distances <= limit]
+            found.accepted[near], found.alone[near] = True, True
+            found.bounds[near] = distances[distances <= limit]
         return found
 
     def _points(self) -> FloatArray:

@@ -24,6 +24,7 @@ from ..quadtree import Quadtree
 from ..template_choice import (
     PROMISING,
     Samples,
+    choose_alone,
     choose_along_surface,
     choose_within_limit,
     folded_quads,
@@ -75,7 +76,13 @@ class QuadCells(ABC):
         """Hull points of chosen quads, in the order of their points, as near as it takes to compare with the limit."""
 
     def approximate(
-        self, hanging: BoolArray, transitions: Transitions, limit: float, axes: FloatArray
+        self,
+        hanging: BoolArray,
+        transitions: Transitions,
+        limit: float,
+        axes: FloatArray,
+        *,
+        with_neighbours: bool = True,
     ) -> LeafApproximation:
         """As in ``Cells``."""
         patterns = patterns_of(hanging, self.turns())
@@ -84,11 +91,11 @@ class QuadCells(ABC):
         for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
             chosen = np.flatnonzero(patterns == pattern)
             part = self if len(chosen) == len(self.nodes) else self.at(chosen)
-            found.put(chosen, part._approximate_pattern(pattern, transitions, limit, axes))
+            found.put(chosen, part._approximate_pattern(pattern, transitions, limit, axes, with_neighbours))
         return found
 
     def _approximate_pattern(
-        self, pattern: int, transitions: Transitions, limit: float, axes: FloatArray
+        self, pattern: int, transitions: Transitions, limit: float, axes: FloatArray, with_neighbours: bool
     ) -> LeafApproximation:
         """By the templates of one pattern, the likeliest first: one within the limit, or predicted to be."""
         points = self.points()
@@ -104,12 +111,10 @@ class QuadCells(ABC):
             samples = Samples.of(rest, off_sides_and_diagonals(rest), pattern)
             least[left] = np.where(least[left] > limit, samples.alone().min(axis=0), least[left])
             cells = QuadsOfPattern(self.at(left), pattern, rest, limit, axes if as_polygons else None)
-            alone = choose_within_limit(QuadsAlone(cells), samples.alone(), limit)
-            alone.alone[:] = alone.accepted
-            found.put(left, alone)
-            last = np.flatnonzero(~alone.accepted)
-            if len(last) and not as_polygons:
-                found.put(left[last], choose_along_surface(cells.at(last), samples.at(last), limit))
+            if with_neighbours and not as_polygons:
+                found.put(left, choose_along_surface(cells, samples, limit))
+            last = np.flatnonzero(~found.accepted[left])
+            found.put(left[last], choose_alone(QuadsAlone(cells.at(last)), samples.at(last), limit))
         folded = found.folded
         if pattern == WHOLE:
             accepted = np.flatnonzero(found.accepted)

@@ -189,50 +189,89 @@ def leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: floa
     return found
 
 
+# Degenerate triangles have no normals, and nothing is proved then.
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def _leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: float) -> FloatArray:
+    """Test by test, each for the leaves that are within the limit by those before."""
     found = np.full(len(normal), np.inf)
-    chosen = np.flatnonzero(normal <= limit)
-    if len(chosen):
-        outline, hull, normal = outline.at(chosen), hull.at(chosen), normal[chosen]
-        sides = _off_sides(outline, hull) + hull.reach()
-        near = np.flatnonzero(sides <= limit)
-        bounds = _bounds(outline.at(near), hull.at(near), normal[near], sides[near]) * (1 + ROUNDING)
+    sides = _off_sides(outline, hull) + hull.reach()
+    chosen = np.flatnonzero((normal <= limit) & (sides <= limit))
+    if not len(chosen):
+        return found
+    outline, hull = outline.at(chosen), hull.at(chosen)
+    roofs = _Roofs.of(outline, hull, normal[chosen])
+    # From the triangles to the surface.
+    bounds = np.maximum(roofs.nearest, sides[chosen] / roofs.planes.cosines + roofs.gaps)
+    near = np.flatnonzero(bounds <= limit)
+    if len(near):
+        from_surface = _from_surface(outline.at(near), hull.at(near), roofs.at(near))
+        bounds = np.maximum(bounds[near], from_surface) * (1 + ROUNDING)
         found[chosen[near]] = np.where(bounds <= limit, bounds, np.inf)
     return found
 
 
-# Degenerate triangles have no normals, and nothing is proved then.
-@np.errstate(divide="ignore", invalid="ignore", over="ignore")
-def _bounds(outline: Outline, hull: Hull, normal: FloatArray, sides: FloatArray) -> FloatArray:
-    """As ``leaf_distances``, whatever the limit. sides: (P,) how far the curves over the sides are off these."""
-    planes = _Planes.of(outline)
-    heights = np.stack([dot_products(hull.points, scaled) for scaled in planes.scaled])
-    heights -= planes.levels[:, None]
-    reach = np.max([hull.reach_along(scaled) for scaled in planes.scaled], axis=0)
-    above, below, residues = planes.off(outline)
-    vertical = normal / planes.cosines
-    # The greatest of the planes' heights, or the least of them: whichever is nearer.
-    as_greatest = np.maximum(vertical + below, reach - heights.min(axis=(0, 1)))
-    as_least = np.maximum(vertical + above, reach + heights.max(axis=(0, 1)))
-    is_least = as_least < as_greatest
-    gaps, nearest = np.where(is_least, above, below), np.minimum(as_greatest, as_least) + 2 * residues
-    heights[:, :, is_least] *= -1
+@dataclass(frozen=True)
+class _Roofs:
+    """Over P leaves, the greatest of the heights of the triangles' planes, or the least of them.
 
-    beyond, dents = _overshoot(outline, hull.points, planes.axes)
-    found = np.maximum(sides / planes.cosines + gaps + residues, np.hypot(dents, nearest + planes.slopes * dents))
-    under, across = -heights.min(axis=0), hull.reach()
+    heights: (T, R, P) of hull points over the planes, turned round where it is the least. reach: (P,) what the surface
+    may be off more. gaps: (P,) how far the triangles are off this function. nearest: (P,) how far the surface over the
+    triangles is from them at most, along the axes; inf where the planes are too steep.
+    """
+
+    planes: _Planes
+    heights: FloatArray
+    reach: FloatArray
+    gaps: FloatArray
+    nearest: FloatArray
+
+    def at(self, chosen: IndexArray) -> _Roofs:
+        """Some of them, by index."""
+        return _Roofs(
+            self.planes.at(chosen),
+            self.heights[:, :, chosen],
+            self.reach[chosen],
+            self.gaps[chosen],
+            self.nearest[chosen],
+        )
+
+    @staticmethod
+    def of(outline: Outline, hull: Hull, normal: FloatArray) -> _Roofs:
+        """normal: as in ``leaf_distances``."""
+        planes = _Planes.of(outline)
+        heights = np.stack([dot_products(hull.points, scaled) for scaled in planes.scaled])
+        heights -= planes.levels[:, None]
+        reach = np.max([hull.reach_along(scaled) for scaled in planes.scaled], axis=0)
+        above, below, residues = planes.off(outline)
+        vertical = normal / planes.cosines
+        as_greatest = np.maximum(vertical + below, reach - heights.min(axis=(0, 1)))
+        as_least = np.maximum(vertical + above, reach + heights.max(axis=(0, 1)))
+        is_least = as_least < as_greatest
+        heights[:, :, is_least] *= -1
+        nearest = np.minimum(as_greatest, as_least) + 2 * residues
+        nearest = np.where(planes.cosines > LEAST_COSINE, nearest, np.inf)
+        gaps = np.where(is_least, above, below) + residues
+        return _Roofs(planes, heights, reach + 2 * residues, gaps, nearest)
+
+
+def _from_surface(outline: Outline, hull: Hull, roofs: _Roofs) -> FloatArray:
+    """(P,): how far the surface is from the triangles at most."""
+    slopes = roofs.planes.slopes
+    beyond, dents = _overshoot(outline, hull.points, roofs.planes.axes)
+    found = np.hypot(dents, roofs.nearest + slopes * dents)
+    under, across = -roofs.heights.min(axis=0), hull.reach()
     for part in hull.parts:
         chosen = np.flatnonzero(np.any(beyond[part] + across > 0, axis=0))
         if not len(chosen):
             continue
         own = np.ix_(part, chosen)
-        over = heights[:, part][:, :, chosen]
+        over = roofs.heights[:, part][:, :, chosen]
         lowest = over.max(axis=1).argmin(axis=0)
-        over = np.take_along_axis(over, lowest[None, None], axis=0)[0] + gaps[chosen]
-        off = np.maximum(over, under[own]) + (2 * residues + reach)[chosen]
+        over = np.take_along_axis(over, lowest[None, None], axis=0)[0] + roofs.gaps[chosen]
+        off = np.maximum(over, under[own]) + roofs.reach[chosen]
         away = beyond[own] + (across + dents)[chosen]
-        found[chosen] = np.maximum(found[chosen], np.hypot(away, off + planes.slopes[chosen] * away).max(axis=0))
-    return np.where(planes.cosines > LEAST_COSINE, found, np.inf)
+        found[chosen] = np.maximum(found[chosen], np.hypot(away, off + slopes[chosen] * away).max(axis=0))
+    return found
 
 
 @dataclass(frozen=True)
@@ -247,6 +286,17 @@ class _Planes:
     cosines: FloatArray
     slopes: FloatArray
     triangles: Template
+
+    def at(self, chosen: IndexArray) -> _Planes:
+        """Those of some leaves, by index."""
+        return _Planes(
+            self.axes[chosen],
+            self.scaled[:, chosen],
+            self.levels[:, chosen],
+            self.cosines[chosen],
+            self.slopes[chosen],
+            self.triangles,
+        )
 
     @staticmethod
     def of(outline: Outline) -> _Planes:
