@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
+from .leaf_bounds.leaf_distance import Hull, Outline
 from .leaf_bounds.triangle_bounds import ErrorBounds
 from .quadtree import Quadtree
 from .templates import Transitions
@@ -78,13 +79,19 @@ class Cells(Protocol):
         axes: FloatArray,
         *,
         with_neighbours: bool = True,
+        flat: BoolArray | None = None,
     ) -> LeafApproximation:
         """How to approximate them within a limit; hanging: (slots of the nodes,) bool, which sides are split. axes:
         (3, 3), of the space where Blender triangulates (``polygon_bounds``). with_neighbours: whether to accept what
-        is predicted to be within the limit along the surface, before cells are tried alone."""
+        is predicted to be within the limit along the surface, before cells are tried alone. flat: (P,) which to accept
+        in any case, unless all their sides are split or they are polygons."""
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """Error bounds along and across the normals of the triangles by which they are approximated."""
+
+    def outlines(self, hanging: BoolArray, limit: float) -> Iterator[tuple[IndexArray, IndexArray, Outline, Hull]]:
+        """In blocks of cells with sides split alike: their indices (n,); the slots from which the sides are counted
+        (n,); outlines and hulls. None where all sides are split, or of cells that are drawn as polygons."""
 
     def children(self, tree: Quadtree) -> Iterator[Cells]:
         """The cells of their children; the tree's nodes have been split."""

@@ -7,6 +7,7 @@ import numpy as np
 
 from ..arrays.types import BoolArray, IndexArray
 from .cells.cell_store import in_blocks
+from .flat_bounds import flat_bounds
 from .leaf_bounds.star_bounds import star_bounds
 from .plan import Plan
 from .quadtree import NONE, Quadtree
@@ -26,7 +27,22 @@ def bound_along_surface(plan: Plan) -> IndexArray:
     if len(wanted):
         _find_star_bounds(plan, wanted)
     failed = wanted[plan.approximations.star_bounds(wanted) > plan.request.limit]
-    return failed[~approximate_alone(plan, failed)]
+    failed = failed[~approximate_alone(plan, failed)]
+    return _not_flat_enough(plan, np.union1d(failed, unbounded[plan.by_flat_part.values[unbounded]]))
+
+
+def _not_flat_enough(plan: Plan, leaves: IndexArray) -> IndexArray:
+    """Those of some leaves that exceed the limit in their flat part as well. Bounds there depend on all of the part, so
+    leaves with such bounds are looked at each time."""
+    found, limit = flat_bounds(plan, leaves), plan.request.limit
+    within = np.flatnonzero(found.bounds <= limit)
+    plan.approximations.put_star_bounds(leaves[within], leaves[within], found.bounds[within])
+    # Where others along the border exceed the limit they may be split first.
+    failed = found.own > limit
+    if not np.any(failed):
+        failed = found.bounds > limit
+    plan.by_flat_part.values[leaves] = ~failed
+    return leaves[failed]
 
 
 def approximate_alone(plan: Plan, leaves: IndexArray) -> BoolArray:

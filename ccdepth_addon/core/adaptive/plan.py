@@ -18,6 +18,7 @@ from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress
 from .approximation_store import ApproximationStore
 from .cells.cell_store import CellStore
+from .flat_parts import FlatParts
 from .leaf_approximation import Cells, LeafApproximation
 from .quadtree import NONE, Quadtree
 from .templates import Transitions
@@ -93,8 +94,9 @@ class NodeQueue:
 
 
 class Plan:
-    """tree; the cells and approximations of its nodes; the positions of its vertices. split_sides: (nodes,) how many of
-    a leaf's sides were split at its last approximation; the number never falls.
+    """tree; the flat parts of the control mesh; the cells and approximations of its nodes; the positions of its
+    vertices. split_sides: (nodes,) how many of a leaf's sides were split at its last approximation; the number never
+    falls. by_flat_part: (nodes,) whether a leaf's bound is that of its flat part (``flat_bounds``), and only that.
 
     Three queues hold what a split may have changed, so that only this is evaluated again. split_nodes: nodes split
     since the last test of balance. beside_split: leaves whose sides may have been split since their approximation.
@@ -108,10 +110,12 @@ class Plan:
         self.request = request
         self._progress = progress
         self.tree = Quadtree(mesh)
+        self.flat_parts = FlatParts.of(mesh, request.limit)
         self.positions = VertexPositions(self.tree)
         self.cells = CellStore(self.tree)
         self.approximations = ApproximationStore(self.tree)
         self.split_sides = self.tree.add_column(np.int32(0))
+        self.by_flat_part = self.tree.add_column(np.bool_(False))
         self.split_nodes, self.beside_split, self.approximated = (NodeQueue(self.tree) for _ in range(3))
         self._least_levels = least_levels
 
@@ -128,7 +132,12 @@ class Plan:
         """How to approximate cells with these sides split, (slots of the cells,)."""
         request = self.request
         return cells.approximate(
-            hanging, request.transitions, request.limit, request.axes, with_neighbours=with_neighbours
+            hanging,
+            request.transitions,
+            request.limit,
+            request.axes,
+            with_neighbours=with_neighbours,
+            flat=self.flat_parts.is_flat(self.tree.base_faces[cells.nodes]) if with_neighbours else None,
         )
 
     def record(self, nodes: IndexArray, approximation: LeafApproximation) -> None:

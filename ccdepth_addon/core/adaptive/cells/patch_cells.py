@@ -166,11 +166,12 @@ class BicubicCells(NetCells):
         axes: FloatArray,
         *,
         with_neighbours: bool = True,
+        flat: BoolArray | None = None,
     ) -> LeafApproximation:
         # Turned so that their patterns are canonical: fewer patterns take less time.
         turned = self._turned(TURNS[patterns_of(hanging, self.slots)])
         return super(BicubicCells, turned).approximate(
-            hanging, transitions, limit, axes, with_neighbours=with_neighbours
+            hanging, transitions, limit, axes, with_neighbours=with_neighbours, flat=flat
         )
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:

@@ -21,7 +21,7 @@ from ...arrays.vectors import squared_norms
 from ...surface.refinement import Refinement
 from ..leaf_approximation import Cells, LeafApproximation
 from ..leaf_bounds.irregular_bounds import fan_error_bounds
-from ..leaf_bounds.leaf_distance import Outline, leaf_distances
+from ..leaf_bounds.leaf_distance import Hull, Outline, leaf_distances
 from ..leaf_bounds.polygon_bounds import polygon_thickness
 from ..leaf_bounds.refined_hulls import hull_of_fans
 from ..leaf_bounds.triangle_bounds import ErrorBounds
@@ -80,6 +80,7 @@ class PolygonCells:
         axes: FloatArray,
         *,
         with_neighbours: bool = True,
+        flat: BoolArray | None = None,
     ) -> LeafApproximation:
         """As in ``Cells``: by way of fans that bend at the middles of split sides."""
         found = LeafApproximation.none(len(self.nodes))
@@ -107,6 +108,10 @@ class PolygonCells:
         bounds = np.where(approximation.alone, np.inf, approximation.bounds)
         return ErrorBounds(bounds, bounds, bounds)
 
+    def outlines(self, hanging: BoolArray, limit: float) -> Iterator[tuple[IndexArray, IndexArray, Outline, Hull]]:
+        """As in ``Cells``: none."""
+        return iter(())
+
     def _sizes(self) -> IndexArray:
         return self.refinement.mesh.face_sizes[: len(self.nodes)]
 
@@ -123,6 +128,7 @@ class TriangleCells(PolygonCells):
         axes: FloatArray,
         *,
         with_neighbours: bool = True,
+        flat: BoolArray | None = None,
     ) -> LeafApproximation:
         """As in ``Cells``; as polygons where sides are split and transitions are N-gons."""
         found = LeafApproximation.none(len(self.nodes))
@@ -132,13 +138,15 @@ class TriangleCells(PolygonCells):
             part = self.at(chosen)
             if pattern == WHOLE or transitions is Transitions.TRIANGLES:
                 found.put(chosen, part._approximate_template(pattern, limit, with_neighbours))
+                if flat is not None:
+                    found.accepted[chosen[flat[chosen]]] = True
             else:
                 sides = np.tile((pattern & PATTERN_BITS) > 0, len(chosen))
                 found.put(chosen, super(TriangleCells, part).approximate(sides, transitions, limit, axes))
         return found
 
     def _approximate_template(self, pattern: int, limit: float, with_neighbours: bool) -> LeafApproximation:
-        template = ((0, 1, 2),) if pattern == WHOLE else triangle_template(pattern)
+        template = _template_of(pattern)
         points = self._points()
         sampled = off_sides_and_centre(points, pattern)
         least = np.sqrt(squared_norms(sampled)).max(axis=0)
@@ -176,6 +184,16 @@ class TriangleCells(PolygonCells):
         by_triangle = [corners, middles.reshape(-1, 3, 3), centres.reshape(-1, 3, 3)[:, :1]]
         return np.ascontiguousarray(np.concatenate(by_triangle, axis=1).swapaxes(0, 1))
 
+    def outlines(self, hanging: BoolArray, limit: float) -> Iterator[tuple[IndexArray, IndexArray, Outline, Hull]]:
+        """As in ``Cells``."""
+        patterns = hanging.reshape(-1, 3) @ PATTERN_BITS
+        for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
+            chosen = np.flatnonzero(patterns == pattern)
+            part = self.at(chosen)
+            points = part._points()
+            hull = hull_of_fans(part.refinement.refined(), points[CORNERS], limit)
+            yield chosen, np.zeros_like(chosen), _outline(points, pattern), hull
+
     def _leaf_distances(self, pattern: int, template: Template, points: FloatArray, limit: float) -> FloatArray:
         """(P,): as ``leaf_distance.leaf_distances``."""
         room = np.full(points.shape[1], np.inf)
@@ -184,8 +202,7 @@ class TriangleCells(PolygonCells):
         found = np.full(len(normal), np.inf)
         if len(near):
             points = points[:, near]
-            middles = [MIDDLES[side] if pattern >> side & 1 else -1 for side in CORNERS]
-            outline = Outline(points, template, CORNERS, middles)
+            outline = _outline(points, pattern)
             hull = hull_of_fans(self.at(near).refinement.refined(), points[CORNERS], limit)
             found[near] = leaf_distances(outline, hull, normal[near], limit)
         return found
@@ -216,6 +233,16 @@ class TriangleCells(PolygonCells):
             normal, tangential = (np.max(each, axis=0)[0] for each in zip(*off, strict=True))
             found = found + ErrorBounds(np.sqrt(squared_norms(sagitta)), normal, tangential).times(gap)
         return found
+
+
+def _template_of(pattern: int) -> Template:
+    return ((0, 1, 2),) if pattern == WHOLE else triangle_template(pattern)
+
+
+def _outline(points: FloatArray, pattern: int) -> Outline:
+    """Of triangles with points (7, P, 3)."""
+    middles = [MIDDLES[side] if pattern >> side & 1 else -1 for side in CORNERS]
+    return Outline(points, _template_of(pattern), CORNERS, middles)
 
 
 def _accept(found: LeafApproximation, tried: IndexArray, accepted: BoolArray, error_bounds: ErrorBounds) -> None:

@@ -83,6 +83,7 @@ class QuadCells(ABC):
         axes: FloatArray,
         *,
         with_neighbours: bool = True,
+        flat: BoolArray | None = None,
     ) -> LeafApproximation:
         """As in ``Cells``."""
         patterns = patterns_of(hanging, self.turns())
@@ -91,11 +92,18 @@ class QuadCells(ABC):
         for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
             chosen = np.flatnonzero(patterns == pattern)
             part = self if len(chosen) == len(self.nodes) else self.at(chosen)
-            found.put(chosen, part._approximate_pattern(pattern, transitions, limit, axes, with_neighbours))
+            own = np.zeros(len(chosen), dtype=bool) if flat is None else flat[chosen]
+            found.put(chosen, part._approximate_pattern(pattern, transitions, limit, axes, with_neighbours, own))
         return found
 
     def _approximate_pattern(
-        self, pattern: int, transitions: Transitions, limit: float, axes: FloatArray, with_neighbours: bool
+        self,
+        pattern: int,
+        transitions: Transitions,
+        limit: float,
+        axes: FloatArray,
+        with_neighbours: bool,
+        flat: BoolArray,
     ) -> LeafApproximation:
         """By the templates of one pattern, the likeliest first: one within the limit, or predicted to be."""
         points = self.points()
@@ -115,6 +123,8 @@ class QuadCells(ABC):
                 found.put(left, choose_along_surface(cells, samples, limit))
             last = np.flatnonzero(~found.accepted[left])
             found.put(left[last], choose_alone(QuadsAlone(cells.at(last)), samples.at(last), limit))
+        if not as_polygons:
+            found.accepted[flat] = True
         folded = found.folded
         if pattern == WHOLE:
             accepted = np.flatnonzero(found.accepted)
@@ -122,6 +132,14 @@ class QuadCells(ABC):
         patterns = np.full(len(self.nodes), pattern, dtype=np.int8)
         turns = self.turns().astype(np.int8)
         return replace(found, patterns=patterns, turns=turns, folded=folded, least=least)
+
+    def outlines(self, hanging: BoolArray, limit: float) -> Iterator[tuple[IndexArray, IndexArray, Outline, Hull]]:
+        """As in ``Cells``."""
+        patterns, points = patterns_of(hanging, self.turns()), self.points()
+        for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
+            chosen = np.flatnonzero(patterns == pattern)
+            outline = _outline(selected_vectors(points, chosen), pattern, 0)
+            yield chosen, self.turns()[chosen], outline, self.hull_of(chosen, limit)
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """As in ``Cells``."""
@@ -153,9 +171,7 @@ class QuadsOfPattern:
     def leaf_distances(self, chosen: IndexArray, alternative: int) -> FloatArray:
         """(n,): the same of each leaf alone (``leaf_distance``)."""
         normal = self.cells.error_bounds_of(chosen, self.pattern, alternative, self.points, self.limit).normal
-        middles = [4 + side if self.pattern >> side & 1 else -1 for side in range(4)]
-        points = selected_vectors(self.points, chosen)
-        outline = Outline(points, templates(self.pattern)[alternative], range(4), middles)
+        outline = _outline(selected_vectors(self.points, chosen), self.pattern, alternative)
         distances = leaf_distances(outline, self.cells.hull_of(chosen, self.limit), normal, self.limit)
         return distances + self.thickness(chosen, alternative)
 
@@ -184,6 +200,12 @@ class QuadsAlone:
     def distances(self, chosen: IndexArray, alternative: int) -> FloatArray:
         """As in ``template_choice.WithDistances``."""
         return self.quads.leaf_distances(chosen, alternative)
+
+
+def _outline(points: FloatArray, pattern: int, alternative: int) -> Outline:
+    """Of quads with points (8 or more, P, 3)."""
+    middles = [4 + side if pattern >> side & 1 else -1 for side in range(4)]
+    return Outline(points, templates(pattern)[alternative], range(4), middles)
 
 
 def patterns_of(hanging: BoolArray, turns: IndexArray) -> NDArray[np.int8]:

@@ -61,16 +61,16 @@ class Outline:
         """Some of the leaves, side by side."""
         return Outline(self.points[:, block], self.triangles, self.corners, self.middles)
 
-    def sides(self) -> list[tuple[int, int, int, slice]]:
+    def sides(self) -> list[tuple[int, int, int, bool, bool]]:
         """The sides of triangles along the border, from one vertex to the next: the number of the leaf's side, and
-        which of its halves."""
+        whether its first half is part of it, and its second."""
         found = []
         for side, (start, middle) in enumerate(zip(self.corners, self.middles, strict=True)):
             end = self.corners[(side + 1) % len(self.corners)]
             if middle < 0:
-                found.append((start, end, side, slice(0, 2)))
+                found.append((start, end, side, True, True))
             else:
-                found += [(start, middle, side, slice(0, 1)), (middle, end, side, slice(1, 2))]
+                found += [(start, middle, side, True, False), (middle, end, side, False, True)]
         return found
 
 
@@ -194,7 +194,7 @@ def leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: floa
 def _leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: float) -> FloatArray:
     """Test by test, each for the leaves that are within the limit by those before."""
     found = np.full(len(normal), np.inf)
-    sides = _off_sides(outline, hull) + hull.reach()
+    sides = np.max([side.off for side in off_sides(outline, hull)], axis=0)
     chosen = np.flatnonzero((normal <= limit) & (sides <= limit))
     if not len(chosen):
         return found
@@ -257,7 +257,7 @@ class _Roofs:
 def _from_surface(outline: Outline, hull: Hull, roofs: _Roofs) -> FloatArray:
     """(P,): how far the surface is from the triangles at most."""
     slopes = roofs.planes.slopes
-    beyond, dents = _overshoot(outline, hull.points, roofs.planes.axes)
+    beyond, dents = overshoot(outline, hull.points, roofs.planes.axes)
     found = np.hypot(dents, roofs.nearest + slopes * dents)
     under, across = -roofs.heights.min(axis=0), hull.reach()
     for part in hull.parts:
@@ -328,14 +328,31 @@ class _Planes:
         return above, below, residues
 
 
-def _off_sides(outline: Outline, hull: Hull) -> FloatArray:
-    """(P,): how far the curves over the leaf's sides are from the sides of triangles there, at most."""
-    squares = np.zeros(outline.points.shape[1])
-    for start, end, side, halves in outline.sides():
-        rows = np.concatenate(hull.sides[side][halves])
-        a, b = outline.points[start], outline.points[end]
-        np.maximum(squares, _squares_off(hull.points[rows], a, b).max(axis=0), out=squares)
-    return np.sqrt(squares)
+@dataclass(frozen=True)
+class Side:
+    """A side of triangles along the border of P leaves, from one of their vertices to another: part of the side of
+    leaves with this number, its first half, its second, or all of it. off: (P,) how far the curves over it are off."""
+
+    start: int
+    end: int
+    number: int
+    is_first: bool
+    is_second: bool
+    off: FloatArray
+
+    @property
+    def is_whole(self) -> bool:
+        return self.is_first and self.is_second
+
+
+def off_sides(outline: Outline, hull: Hull) -> list[Side]:
+    """All around, in order: at most so far."""
+    found, reach = [], hull.reach()
+    for start, end, number, is_first, is_second in outline.sides():
+        rows = np.concatenate(hull.sides[number][0 if is_first else 1 : 2 if is_second else 1])
+        squares = _squares_off(hull.points[rows], outline.points[start], outline.points[end]).max(axis=0)
+        found.append(Side(start, end, number, is_first, is_second, np.sqrt(squares) + reach))
+    return found
 
 
 def _squares_off(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
@@ -348,7 +365,7 @@ def _squares_off(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray
     return np.asarray((off * off).sum(axis=-1))
 
 
-def _overshoot(outline: Outline, points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+def overshoot(outline: Outline, points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Seen along axes (P, 3): (R, P), how far points (R, P, 3) are from the convex outline of the triangles; and (P,)
     how deep this is dented, inf where it is not convex but for the middles of sides."""
     first = outline.points[outline.corners[1]] - outline.points[outline.corners[0]]

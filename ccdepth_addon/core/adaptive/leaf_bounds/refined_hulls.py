@@ -14,14 +14,17 @@ import numpy as np
 
 from ...arrays.types import FloatArray, IndexArray
 from ...arrays.vectors import component_major
-from ...surface.bicubic import bilinear_coefficients, patch_coefficients
+from ...surface.bicubic import patch_coefficients
 from ...surface.patches import PatchKind, classify_patches, regular_nets
 from ...surface.refinement import Refinement
-from .irregular_bounds import NEAR_FACET, REFINEMENTS, Squares, facet_distances
+from .irregular_bounds import NEAR_FACET, Squares, facet_distances
 from .leaf_distance import Hull
 
 # The coefficients along the sides of a bicubic piece, from corner to corner.
 ALONG_SIDES = np.array([[0, 4, 8, 12], [12, 13, 14, 15], [15, 11, 7, 3], [3, 2, 1, 0]])
+
+# After so many the rest around an irregular vertex is small against a leaf.
+REFINEMENTS = 13
 
 # The leaves of pieces, and for each of the sides of a square which half side of the leaf it is part of, two a side, or
 # NONE inside.
@@ -71,50 +74,69 @@ def _border_sides(squares: Squares) -> tuple[FloatArray, FloatArray, IndexArray]
 
 @dataclass(frozen=True)
 class _Pieces:
-    """N pieces: their leaves (N,), the half sides along theirs (4, N), and their coefficients (16, N, 3)."""
+    """N pieces: their leaves (N,), points (16, N, 3) whose hulls hold them, and for each of their four sides the half
+    side along it (4, N) and points (4, 8, N, 3) whose hull holds the curve there."""
 
     leaves: IndexArray
+    points: FloatArray
     half_sides: IndexArray
-    coefficients: FloatArray
+    curves: FloatArray
+
+    @staticmethod
+    def bicubic(leaves: IndexArray, half_sides: IndexArray, coefficients: FloatArray) -> _Pieces:
+        """With Bernstein coefficients (16, N, 3)."""
+        curves = coefficients[ALONG_SIDES]
+        return _Pieces(leaves, coefficients, half_sides, np.concatenate([curves, curves], axis=1))
+
+    @staticmethod
+    def near_facets(leaves: IndexArray, half_sides: IndexArray, facets: FloatArray, near: FloatArray) -> _Pieces:
+        """Within some distance (N,) of bilinear facets with corners (4, N, 3): in boxes around these."""
+        boxes = _boxes(facets, near)
+        sides = np.stack([_boxes(facets[[side, (side + 1) % 4]], near) for side in range(4)])
+        return _Pieces(leaves, np.concatenate([boxes, boxes]), half_sides, sides)
+
+
+def _boxes(points: FloatArray, near: FloatArray) -> FloatArray:
+    """(8, N, 3): the corners of boxes that hold everything within some distance (N,) of hulls of points (R, N, 3)."""
+    ends = np.stack([points.min(axis=0) - near[:, None], points.max(axis=0) + near[:, None]])
+    corners = np.indices((2, 2, 2)).reshape(3, 8)
+    return np.stack([ends[end, :, axis] for axis, end in enumerate(corners)], axis=-1)
 
 
 def _hull(refinement: Refinement, squares: Squares, half_sides: HalfSides, corners: FloatArray, limit: float) -> Hull:
-    reach = np.zeros(corners.shape[1])
     found: list[_Pieces] = []
     for step in range(REFINEMENTS):
         patches = classify_patches(refinement.mesh)
         kinds = patches.kinds[: len(refinement.bases)]
         regular, rest = np.flatnonzero(kinds == PatchKind.REGULAR), np.flatnonzero(kinds != PatchKind.REGULAR)
         coefficients = patch_coefficients(regular_nets(refinement.mesh, regular)).reshape(16, -1, 3)
-        found.append(_Pieces(*half_sides(squares.at(regular)), coefficients))
+        found.append(_Pieces.bicubic(*half_sides(squares.at(regular)), coefficients))
         if not len(rest):
             break
         refinement, squares = refinement.keep(kinds != PatchKind.REGULAR), squares.at(rest)
         near = facet_distances(refinement, classify_patches(refinement.mesh))
         is_last = (near <= NEAR_FACET * limit) | (step == REFINEMENTS - 1)
-        last = np.flatnonzero(is_last)
-        facets = bilinear_coefficients(refinement.control_facets()).reshape(16, -1, 3)[:, last]
-        left = _Pieces(*half_sides(squares.at(last)), facets)
-        found.append(left)
-        np.maximum.at(reach, left.leaves, near[last])
+        last, facets = np.flatnonzero(is_last), refinement.control_facets()
+        found.append(_Pieces.near_facets(*half_sides(squares.at(last)), facets[:, last], near[last]))
         refinement, squares = refinement.keep(~is_last).refined(), squares.at(np.flatnonzero(~is_last)).children()
         if not len(refinement.bases):
             break
     pieces = _Pieces(
         np.concatenate([part.leaves for part in found]),
+        np.concatenate([part.points for part in found], axis=1),
         np.concatenate([part.half_sides for part in found], axis=1),
-        np.concatenate([part.coefficients for part in found], axis=1),
+        np.concatenate([part.curves for part in found], axis=2),
     )
-    return _padded(pieces, corners, reach)
+    return _padded(pieces, corners)
 
 
-def _padded(pieces: _Pieces, corners: FloatArray, reach: FloatArray) -> Hull:
+def _padded(pieces: _Pieces, corners: FloatArray) -> Hull:
     """With as many rows for each leaf as for the one with most pieces; corners fill what is left."""
     size, count = corners.shape[:2]
     place, most = _places(pieces.leaves, count)
     points = np.empty((most, 16, count, 3))
     points[:] = corners[0]
-    points[place, :, pieces.leaves] = pieces.coefficients.swapaxes(0, 1)
+    points[place, :, pieces.leaves] = pieces.points.swapaxes(0, 1)
     rows = [points.reshape(-1, count, 3)]
     sides: list[list[IndexArray]] = [[] for _ in range(size)]
     first = 16 * most
@@ -122,16 +144,14 @@ def _padded(pieces: _Pieces, corners: FloatArray, reach: FloatArray) -> Hull:
         own, along = np.nonzero(np.equal(pieces.half_sides.T, half_side))
         leaves = pieces.leaves[own]
         place, longest = _places(leaves, count)
-        of_side = np.empty((longest, 4, count, 3))
+        of_side = np.empty((longest, 8, count, 3))
         of_side[:] = corners[half_side // 2] if half_side % 2 == 0 else corners[(half_side // 2 + 1) % size]
-        of_side[place, :, leaves] = pieces.coefficients[ALONG_SIDES[along], own[:, None]]
+        of_side[place, :, leaves] = pieces.curves[along, :, own]
         rows.append(of_side.reshape(-1, count, 3))
-        sides[half_side // 2].append(np.arange(first, first + 4 * longest))
-        first += 4 * longest
-    # A ball is in the octahedron around it.
-    spread = np.sqrt(3) * reach[:, None] * np.eye(3)[:, None]
+        sides[half_side // 2].append(np.arange(first, first + 8 * longest))
+        first += 8 * longest
     parts = [*np.arange(16 * most).reshape(-1, 16)]
-    return Hull(component_major(np.concatenate(rows)), parts, sides, component_major(spread))
+    return Hull(component_major(np.concatenate(rows)), parts, sides, np.zeros((0, count, 3)))
 
 
 def _places(indices: IndexArray, count: int) -> tuple[IndexArray, int]:
