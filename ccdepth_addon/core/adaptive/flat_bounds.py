@@ -27,7 +27,9 @@ LEAST_HEIGHT = 16.0
 CELLS_EACH_WAY = 8
 MOST_CELLS = 1024
 
+# Rounding of a ratio; and how often it may count in a distance, which is also stretched by some sines.
 ROUNDING = 1e-9
+SMALL_FACTOR = 32
 
 
 @dataclass(frozen=True)
@@ -180,7 +182,7 @@ def _near_border(plan: Plan, leaves: IndexArray, border: _Border, frame: FloatAr
     off_own = np.zeros(len(plan.tree.first_child))
     np.maximum.at(off_own, border.leaves, border.off)
     for nodes, _, outline, hull in _outlines(plan, np.setdiff1d(leaves, far)):
-        points = outline.points[[*outline.corners, *(middle for middle in outline.middles if middle >= 0)]] @ frame.T
+        points = outline.points[[start for start, *_ in outline.sides()]] @ frame.T
         beyond = _beyond_border(points, hull, border, grid, frame, plan.request.limit)
         from_surface = np.hypot(beyond, thickness)
         near = np.hypot(grid.most_off(points.min(axis=0), points.max(axis=0)), thickness)
@@ -194,8 +196,8 @@ def _near_border(plan: Plan, leaves: IndexArray, border: _Border, frame: FloatAr
 def _beyond_border(
     points: FloatArray, hull: Hull, border: _Border, grid: _Grid, frame: FloatArray, limit: float
 ) -> FloatArray:
-    """(P,): how far the surface over leaves with border vertices (V, P, 2) is from what all triangles of the part cover
-    at most, as seen in the plane; inf if farther than the limit."""
+    """(P,): how far the surface over leaves with vertices (V, P, 2) around them is from what all triangles of the part
+    cover at most, as seen in the plane; inf if farther than the limit, or if a leaf does not go round its middle."""
     seen, reach = hull.points @ frame.T, hull.reach()
     middle = points.mean(axis=0)
     room = (limit + reach)[:, None]
@@ -223,7 +225,10 @@ def _beyond_border(
         part[:, own] = np.maximum(part[:, own], past / (past + depths[chosen]))
     moved -= middle
     distances = (over + part * np.sqrt((moved * moved).sum(axis=2))).max(axis=0)
+    distances *= 1 + SMALL_FACTOR * ROUNDING
     distances[leaves[~(depths > 0)]] = np.inf
+    along, off = np.roll(points, -1, axis=0) - points, middle - points
+    distances[np.any(along[..., 0] * off[..., 1] - along[..., 1] * off[..., 0] <= 0, axis=0)] = np.inf
     return np.where(distances <= limit, distances, np.inf)
 
 

@@ -53,6 +53,7 @@ def approximate_alone(plan: Plan, leaves: IndexArray) -> BoolArray:
         chosen = np.flatnonzero(np.isfinite(approximation.bounds))
         found[cells.nodes[chosen]] = True
         plan.record(cells.nodes[chosen], approximation.at(chosen))
+        plan.report()
     return found[leaves]
 
 

@@ -1,0 +1,145 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Flat parts of control meshes: which they are, and adaptive meshes over them, which Measure Deviation checks."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ccdepth_addon.core.adaptive.flat_parts import NONE, FlatParts
+from ccdepth_addon.core.adaptive.plan import AdaptiveRequest, Mode
+from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, subdivide_adaptively
+from ccdepth_addon.core.adaptive.templates import Transitions
+from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
+from ccdepth_addon.core.deviation import measure_deviation
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
+from tests import meshes
+
+# The deviation is proved to a twentieth, with an allowance for rounding.
+ACCURACY = 0.05
+
+
+def explicit(data: meshes.MeshData) -> PolygonMesh:
+    return apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
+
+
+def sheet(size: int, *, as_triangles: bool, noise: float, seed: int = 1) -> meshes.MeshData:
+    """A grid in one plane, its inner points moved about; every other quad cut along the other diagonal."""
+    data = meshes.grid(size, size)
+    generator = np.random.default_rng(seed)
+    positions = data.positions.copy()
+    positions[:, :2] += generator.uniform(-noise, noise, (len(positions), 2))
+    if not as_triangles:
+        return meshes.MeshData(positions, data.face_sizes, data.corner_vertices)
+    quads = data.corner_vertices.reshape(-1, 4)
+    turned = np.where(np.arange(len(quads))[:, None] % 2 == 0, quads, np.roll(quads, 1, axis=1))
+    triangles = turned[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+    return meshes.MeshData(positions, np.full(len(triangles), 3), triangles.ravel())
+
+
+def turned(data: meshes.MeshData) -> meshes.MeshData:
+    """By some angle in space, in single precision."""
+    axes, _ = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))
+    return meshes.single_precision(meshes.MeshData(data.positions @ axes.T, data.face_sizes, data.corner_vertices))
+
+
+def made(mesh: PolygonMesh, limit: float) -> AdaptiveMesh:
+    request = AdaptiveRequest(limit, Mode.ADAPTIVE, Transitions.TRIANGLES, 1_000_000)
+    return subdivide_adaptively(mesh, request, mesh.positions)
+
+
+def triangles_of(found: AdaptiveMesh) -> tuple[FloatArray, IndexArray]:
+    """Quads along their first diagonals."""
+    starts, vertices = found.mesh.face_starts, found.mesh.corner_vertices.astype(np.intp)
+    sizes = np.diff(starts)
+    assert np.all((sizes == 3) | (sizes == 4))
+    first = [vertices[starts[:-1, None] + [0, 1, 2]], vertices[starts[:-1][sizes == 4][:, None] + [0, 2, 3]]]
+    return found.mesh.positions, np.concatenate(first)
+
+
+def diagonal_of(mesh: PolygonMesh) -> float:
+    return float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
+
+
+def assert_kept(mesh: PolygonMesh, found: AdaptiveMesh, limit: float) -> None:
+    """Measure Deviation proves the limit, or as much of it as it can tell; and reaches none beyond it."""
+    deviation = measure_deviation(mesh, *triangles_of(found), accuracy=ACCURACY, time_limit=120.0)
+    assert deviation.accuracy_met
+    assert deviation.reached <= limit
+    assert deviation.proved <= (1 + ACCURACY) * limit
+    assert found.bounds.max() <= limit
+
+
+SHEETS = {
+    "quads": lambda: sheet(8, as_triangles=False, noise=0.2),
+    "triangles": lambda: sheet(8, as_triangles=True, noise=0.2),
+    "turned": lambda: turned(sheet(7, as_triangles=True, noise=0.2)),
+    "turned over": lambda: sheet(5, as_triangles=True, noise=0.45, seed=3),
+    "thin": lambda: meshes.MeshData(
+        (data := sheet(6, as_triangles=True, noise=0.2)).positions * [1, 0.02, 1], data.face_sizes, data.corner_vertices
+    ),
+}
+
+
+@pytest.mark.parametrize("tolerance", [1e-2, 1e-3])
+@pytest.mark.parametrize("name", SHEETS)
+def test_flat_sheets_are_within_the_limit(name: str, tolerance: float) -> None:
+    mesh = explicit(SHEETS[name]())
+    limit = tolerance * diagonal_of(mesh)
+    assert_kept(mesh, made(mesh, limit), limit)
+
+
+def test_what_is_flat_is_split_at_the_border_alone() -> None:
+    data = sheet(12, as_triangles=True, noise=0.2)
+    mesh = explicit(data)
+    found = made(mesh, 1e-3 * diagonal_of(mesh))
+    at_border = np.zeros(mesh.vertex_count, dtype=bool)
+    at_border[mesh.edge_vertices[mesh.edge_face_counts == 1]] = True
+    near = np.logical_or.reduceat(at_border[mesh.corner_vertices], mesh.face_starts[:-1])
+    inner = ~near
+    # Beside a face at the border one may be split once, for balance, and faces beside that have transitions.
+    faces = np.bincount(found.mesh.base_faces, minlength=mesh.face_count)
+    assert np.count_nonzero(faces[inner] == 1) > 0.8 * np.count_nonzero(inner)
+    assert np.all(found.depths[~near[found.mesh.base_faces]] <= 2)
+
+
+def test_a_bump_is_no_flat_part() -> None:
+    data = sheet(12, as_triangles=False, noise=0.0)
+    positions = data.positions.copy()
+    middle = np.linalg.norm(positions[:, :2] - positions[:, :2].mean(axis=0), axis=1).argmin()
+    positions[middle, 2] = 0.5
+    mesh = explicit(meshes.MeshData(positions, data.face_sizes, data.corner_vertices))
+    parts = FlatParts.of(mesh, 1e-2)
+    # The faces at the bump, and those around them, whose surface it lifts.
+    lifted = np.any(mesh.corner_vertices.reshape(-1, 4) == middle, axis=1)
+    touched = np.isin(mesh.corner_vertices.reshape(-1, 4), mesh.corner_vertices.reshape(-1, 4)[lifted]).any(axis=1)
+    np.testing.assert_array_equal(parts.parts == NONE, touched)
+    assert len(np.unique(parts.parts[~touched])) == 1
+    limit = 2e-3 * diagonal_of(mesh)
+    assert_kept(mesh, made(mesh, limit), limit)
+
+
+def test_planes_of_a_cube_are_parts_of_their_own() -> None:
+    """A cube of 6 × 16 squares: of each side the inner four squares lie flat with all around them."""
+    mesh = explicit(fine_cube())
+    parts = FlatParts.of(mesh, 1e-2)
+    counts = np.bincount(parts.parts[parts.parts != NONE])
+    assert sorted(counts[counts > 0].tolist()) == [4] * 6
+    for part in np.unique(parts.parts[parts.parts != NONE]).tolist():
+        assert np.sort(np.abs(parts.normals[part])).tolist() == pytest.approx([0, 0, 1])
+        assert parts.thicknesses[part] < 1e-12
+
+
+def fine_cube() -> meshes.MeshData:
+    along = np.linspace(-1, 1, 5)
+    points, faces = {}, []
+    for axis in range(3):
+        for side in (-1.0, 1.0):
+            for i in range(4):
+                for j in range(4):
+                    corners = [(along[i + a], along[j + b]) for a, b in ((0, 0), (1, 0), (1, 1), (0, 1))]
+                    places = [tuple(np.roll([side, *corner], axis).tolist()) for corner in corners]
+                    faces.append([points.setdefault(place, len(points)) for place in places[:: int(side)]])
+    corner_vertices = np.array(faces).ravel()
+    return meshes.MeshData(np.array(list(points)), np.full(len(faces), 4), corner_vertices)
