@@ -270,7 +270,8 @@ def report_modelled(name: str, mesh: PolygonMesh, relative: float) -> bool:
     found = subdivide_adaptively(mesh, request, mesh.positions).mesh
     sizes = np.diff(found.face_starts)
     starts, vertices = found.face_starts[:-1, None], found.corner_vertices.astype(np.intp)
-    triangles = np.concatenate([vertices[starts + [0, 1, 2]], vertices[starts[sizes == 4] + [0, 2, 3]]])
+    first, second = starts + np.array([0, 1, 2]), starts[sizes == 4] + np.array([0, 2, 3])
+    triangles = vertices[np.concatenate([first, second])]
     deviation = measure_deviation(mesh, found.positions, triangles, accuracy=ACCURACY)
     most = MODELLED_LINES[name][relative]
     print(
