@@ -22,12 +22,21 @@ def bound_along_surface(plan: Plan) -> IndexArray:
     changed, one of them was approximated since: its sides were split, or it is new and has the vertices of the leaf
     before.
     """
-    unbounded, approximated = plan.approximations.unbounded(), plan.approximated.take_leaves()
-    wanted = unbounded[_are_at_vertices(plan.tree, unbounded, approximated)]
-    if len(wanted):
-        _find_star_bounds(plan, wanted)
-    failed = wanted[plan.approximations.star_bounds(wanted) > plan.request.limit]
-    failed = failed[~approximate_alone(plan, failed)]
+    failed, limit = np.zeros(0, dtype=np.intp), plan.request.limit
+    while True:
+        unbounded, approximated = plan.approximations.unbounded(), plan.approximated.take_leaves()
+        wanted = unbounded[_are_at_vertices(plan.tree, unbounded, approximated)]
+        if len(wanted):
+            _find_star_bounds(plan, wanted)
+        exceeding = plan.approximations.star_bounds(wanted) > limit
+        plan.by_flat_part.values[wanted[~exceeding]] = False
+        tried = wanted[exceeding]
+        alone = approximate_alone(plan, tried)
+        failed = np.union1d(failed, tried[~alone])
+        if not np.any(alone):
+            break
+        # They may be drawn otherwise now, which the star bounds around have to know.
+    failed = failed[plan.approximations.star_bounds(failed) > limit]
     return _not_flat_enough(plan, np.union1d(failed, unbounded[plan.by_flat_part.values[unbounded]]))
 
 
