@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from itertools import product
+
 import numpy as np
 import pytest
 
@@ -10,6 +13,7 @@ from ccdepth_addon.core.adaptive.leaf_bounds import triangle_bounds
 from ccdepth_addon.core.adaptive.leaf_bounds.leaf_distance import (
     Hull,
     Outline,
+    _bicubic_rows,
     bicubic_hull,
     extraordinary_hull,
     leaf_distances,
@@ -63,6 +67,8 @@ def random_coefficients(kind: str, generator: np.random.Generator) -> FloatArray
         points[..., 0] += GRID[:, 1:] * generator.normal(size=NETS) * 2
         points[..., 1] *= generator.uniform(0.05, 1, NETS)
         points += 0.02 * noise
+    elif kind == "plane":
+        points[..., :2] = GRID[:, None] ** generator.uniform(0.3, 4, (NETS, 2))
     elif kind == "line":
         points[..., 1] *= 1e-7
     return points
@@ -163,6 +169,52 @@ def test_parabolas_are_bounded_exactly() -> None:
     normal = triangle_bounds.bicubic_error_bounds(triangle_bounds.bicubic_rows(0, 0), coefficients, normals).normal
     bound = leaf_distances(outline_of(points, 0, template), bicubic_hull(coefficients), normal, np.inf)[0]
     assert 0.02 / 4 * 0.999 < bound < 0.02 / 4 * 1.001
+
+
+# Rounding
+
+PLACES = (0.0, 1.0, 1e4, 1e7)
+
+
+@pytest.mark.parametrize("size", [1e-7, 1.0, 1e7])
+@pytest.mark.parametrize("kind", ["plane", "flat", "uneven", "bent", "sheared", "line"])
+def test_rounding_takes_nothing_off_bounds(kind: str, size: float) -> None:
+    """Against the same bounds in extended precision, with the vertices as they are: of leaves turned in space, of
+    needles, and far from the origin."""
+    assert np.finfo(np.longdouble).eps < 1e-18
+    generator, found = np.random.default_rng(4), 0
+    for (pattern, alternative), place in product(CHOICES, PLACES):
+        turned, _ = np.linalg.qr(generator.normal(size=(3, 3)))
+        coefficients = (random_coefficients(kind, generator) @ turned + place * generator.normal(size=3)) * size
+        points = of_rows(triangle_bounds.bicubic_points(), coefficients)
+        # What is allowed on a regular patch (``rounding_allowance``).
+        rounding = 128 * 26 * 2.0**-53 * np.abs(coefficients).max()
+        bounds, exact = (
+            leaf_distances(
+                outline_of(points.astype(precision), pattern, templates(pattern)[alternative]),
+                hull_in(precision, coefficients),
+                np.full(NETS, 0.0 if kind == "plane" else 0.1 * size),
+                np.inf,
+                rounding if precision is np.float64 else 0.0,
+            )
+            for precision in (np.float64, np.longdouble)
+        )
+        near = np.isfinite(bounds)
+        assert np.all(bounds[near] >= exact[near])
+        found += np.count_nonzero(near)
+    assert found > len(CHOICES)
+
+
+def hull_in(precision: type, coefficients: FloatArray) -> Hull:
+    """Of bicubic leaves."""
+    hull = bicubic_hull(coefficients)
+    points = of_rows(_bicubic_rows(), coefficients.astype(precision))
+    return replace(hull, points=points, spread=points[:0])
+
+
+def of_rows(rows: FloatArray, coefficients: FloatArray) -> FloatArray:
+    """In the precision of the coefficients."""
+    return np.einsum("rk,kpi->rpi", rows.astype(coefficients.dtype), coefficients)
 
 
 # Faces of other kinds: a hull has to hold the surface, and its rows for half a side the curve there.

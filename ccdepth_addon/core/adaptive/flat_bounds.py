@@ -16,7 +16,7 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, squared_norms
 from .cells.cell_store import in_blocks
 from .leaf_bounds.leaf_distance import Hull, Outline, off_sides
-from .plan import Plan
+from .plan import AdaptiveRequest, Plan
 from .quadtree import NONE
 from .tessellation import triangles_around
 
@@ -27,9 +27,8 @@ LEAST_HEIGHT = 16.0
 CELLS_EACH_WAY = 8
 MOST_CELLS = 1024
 
-# Rounding of a ratio; and how often it may count in a distance, which is also stretched by some sines.
+# Rounding of a ratio.
 ROUNDING = 1e-9
-SMALL_FACTOR = 32
 
 
 @dataclass(frozen=True)
@@ -134,10 +133,13 @@ class _Border:
         room = self.off[:, None]
         return np.minimum(self.starts, self.ends) - room, np.maximum(self.starts, self.ends) + room
 
+    def lengths(self) -> FloatArray:
+        """(B,): of the sides."""
+        return _lengths(self.ends - self.starts)
+
     def inward(self) -> FloatArray:
         """(B, 2): unit vectors to the left; 0 where a side has no length."""
-        along = self.ends - self.starts
-        lengths = np.sqrt((along * along).sum(axis=1))
+        along, lengths = self.ends - self.starts, self.lengths()
         return np.stack([-along[:, 1], along[:, 0]], axis=1) / np.where(lengths > 0, lengths, 1.0)[:, None]
 
 
@@ -158,7 +160,7 @@ def _border(plan: Plan, members: IndexArray, is_border: BoolArray, frame: FloatA
             starts.append(outline.points[side.start][border] @ frame.T)
             stops.append(outline.points[side.end][border] @ frame.T)
             owners.append(nodes[border])
-            off.append(side.off[border])
+            off.append(side.off[border] + plan.request.rounding)
     return _Border(np.concatenate(starts), np.concatenate(stops), np.concatenate(owners), np.concatenate(off))
 
 
@@ -176,14 +178,15 @@ def _near_border(plan: Plan, leaves: IndexArray, border: _Border, frame: FloatAr
     """For some of the leaves over a flat part."""
     grid, flat, faces = _Grid.of(border), plan.flat_parts, plan.tree.base_faces[leaves]
     nodes_found = FlatBounds.none(len(plan.tree.first_child))
-    centres, radii = flat.centres[faces] @ frame.T, flat.radii[faces, None]
+    thickness += plan.request.rounding
+    centres, radii = flat.centres[faces] @ frame.T, flat.radii[faces, None] + plan.request.rounding
     far = leaves[~grid.meets(centres - radii, centres + radii)]
     nodes_found.put(far, FlatBounds(np.full(len(far), thickness), np.full(len(far), thickness)))
     off_own = np.zeros(len(plan.tree.first_child))
     np.maximum.at(off_own, border.leaves, border.off)
     for nodes, _, outline, hull in _outlines(plan, np.setdiff1d(leaves, far)):
         points = outline.points[[start for start, *_ in outline.sides()]] @ frame.T
-        beyond = _beyond_border(points, hull, border, grid, frame, plan.request.limit)
+        beyond = _beyond_border(points, hull, border, grid, frame, plan.request)
         from_surface = np.hypot(beyond, thickness)
         near = np.hypot(grid.most_off(points.min(axis=0), points.max(axis=0)), thickness)
         bounds, own = np.maximum(from_surface, near), np.maximum(from_surface, np.hypot(off_own[nodes], thickness))
@@ -194,25 +197,28 @@ def _near_border(plan: Plan, leaves: IndexArray, border: _Border, frame: FloatAr
 # Where a side has no length there is no line to be beyond.
 @np.errstate(divide="ignore", invalid="ignore")
 def _beyond_border(
-    points: FloatArray, hull: Hull, border: _Border, grid: _Grid, frame: FloatArray, limit: float
+    points: FloatArray, hull: Hull, border: _Border, grid: _Grid, frame: FloatArray, request: AdaptiveRequest
 ) -> FloatArray:
     """(P,): how far the surface over leaves with vertices (V, P, 2) around them is from what all triangles of the part
     cover at most, as seen in the plane; inf if farther than the limit, or if a leaf does not go round its middle."""
     seen, reach = hull.points @ frame.T, hull.reach()
     middle = points.mean(axis=0)
-    room = (limit + reach)[:, None]
+    room = (request.limit + reach)[:, None]
     lows = np.minimum(seen.min(axis=0) - room, points.min(axis=0))
     highs = np.maximum(seen.max(axis=0) + room, points.max(axis=0))
     leaves, sides = grid.pairs(lows, highs)
     inward, starts = border.inward()[sides], border.starts[sides]
-    depths = ((middle[leaves] - starts) * inward).sum(axis=1)
+    # What rounding may turn and shift a line, within the box.
+    farthest = _lengths(np.maximum(middle - lows, highs - middle))[leaves] + _lengths(middle[leaves] - starts)
+    slack = request.rounding * (1 + farthest / border.lengths()[sides])
+    depths = ((middle[leaves] - starts) * inward).sum(axis=1) - slack
     rounds = _rounds(leaves)
     # Onto the line that is passed by most, and from there towards the middle of the leaf.
     over = np.zeros(seen.shape[:2])
     way = np.zeros_like(seen)
     for chosen in rounds:
         own = leaves[chosen]
-        past = ((starts[chosen] - seen[:, own]) * inward[chosen]).sum(axis=2) + reach[own]
+        past = ((starts[chosen] - seen[:, own]) * inward[chosen]).sum(axis=2) + reach[own] + slack[chosen]
         worse = past > over[:, own]
         over[:, own] = np.where(worse, past, over[:, own])
         way[:, own] = np.where(worse[..., None], inward[chosen], way[:, own])
@@ -220,16 +226,21 @@ def _beyond_border(
     part = np.zeros(seen.shape[:2])
     for chosen in rounds:
         own = leaves[chosen]
-        past = ((starts[chosen] - moved[:, own]) * inward[chosen]).sum(axis=2) + reach[own]
-        past = np.maximum(past - ROUNDING * over[:, own], 0.0)
+        past = ((starts[chosen] - moved[:, own]) * inward[chosen]).sum(axis=2) + reach[own] + slack[chosen]
+        past = np.maximum(past, 0.0)
         part[:, own] = np.maximum(part[:, own], past / (past + depths[chosen]))
-    moved -= middle
-    distances = (over + part * np.sqrt((moved * moved).sum(axis=2))).max(axis=0)
-    distances *= 1 + SMALL_FACTOR * ROUNDING
+    distances = (over + part * _lengths(moved - middle)).max(axis=0)
+    distances *= 1 + ROUNDING
     distances[leaves[~(depths > 0)]] = np.inf
     along, off = np.roll(points, -1, axis=0) - points, middle - points
-    distances[np.any(along[..., 0] * off[..., 1] - along[..., 1] * off[..., 0] <= 0, axis=0)] = np.inf
-    return np.where(distances <= limit, distances, np.inf)
+    turns = along[..., 0] * off[..., 1] - along[..., 1] * off[..., 0]
+    distances[np.any(turns <= 2 * request.rounding * (_lengths(along) + _lengths(off)), axis=0)] = np.inf
+    return np.where(distances <= request.limit, distances, np.inf)
+
+
+def _lengths(vectors: FloatArray) -> FloatArray:
+    """(…): of vectors (…, 2)."""
+    return np.hypot(vectors[..., 0], vectors[..., 1])
 
 
 def _rounds(indices: IndexArray) -> list[IndexArray]:

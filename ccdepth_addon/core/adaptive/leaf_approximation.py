@@ -80,11 +80,12 @@ class Cells(Protocol):
         *,
         with_neighbours: bool = True,
         flat: BoolArray | None = None,
+        rounding: float = 0.0,
     ) -> LeafApproximation:
         """How to approximate them within a limit; hanging: (slots of the nodes,) bool, which sides are split. axes:
         (3, 3), of the space where Blender triangulates (``polygon_bounds``). with_neighbours: whether to accept what
         is predicted to be within the limit along the surface, before cells are tried alone. flat: (P,) which to accept
-        in any case, unless all their sides are split or they are polygons."""
+        in any case, unless all their sides are split or they are polygons. rounding: that of ``AdaptiveRequest``."""
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """Error bounds along and across the normals of the triangles by which they are approximated."""

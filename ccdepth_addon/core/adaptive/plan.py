@@ -138,6 +138,7 @@ class Plan:
             request.axes,
             with_neighbours=with_neighbours,
             flat=self.flat_parts.is_flat(self.tree.base_faces[cells.nodes]) if with_neighbours else None,
+            rounding=request.rounding,
         )
 
     def record(self, nodes: IndexArray, approximation: LeafApproximation) -> None:

@@ -167,11 +167,12 @@ class BicubicCells(NetCells):
         *,
         with_neighbours: bool = True,
         flat: BoolArray | None = None,
+        rounding: float = 0.0,
     ) -> LeafApproximation:
         # Turned so that their patterns are canonical: fewer patterns take less time.
         turned = self._turned(TURNS[patterns_of(hanging, self.slots)])
         return super(BicubicCells, turned).approximate(
-            hanging, transitions, limit, axes, with_neighbours=with_neighbours, flat=flat
+            hanging, transitions, limit, axes, with_neighbours=with_neighbours, flat=flat, rounding=rounding
         )
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:

@@ -81,6 +81,7 @@ class PolygonCells:
         *,
         with_neighbours: bool = True,
         flat: BoolArray | None = None,
+        rounding: float = 0.0,
     ) -> LeafApproximation:
         """As in ``Cells``: by way of fans that bend at the middles of split sides."""
         found = LeafApproximation.none(len(self.nodes))
@@ -129,6 +130,7 @@ class TriangleCells(PolygonCells):
         *,
         with_neighbours: bool = True,
         flat: BoolArray | None = None,
+        rounding: float = 0.0,
     ) -> LeafApproximation:
         """As in ``Cells``; as polygons where sides are split and transitions are N-gons."""
         found = LeafApproximation.none(len(self.nodes))
@@ -137,7 +139,7 @@ class TriangleCells(PolygonCells):
             chosen = np.flatnonzero(patterns == pattern)
             part = self.at(chosen)
             if pattern == WHOLE or transitions is Transitions.TRIANGLES:
-                found.put(chosen, part._approximate_template(pattern, limit, with_neighbours))
+                found.put(chosen, part._approximate_template(pattern, limit, with_neighbours, rounding))
                 if flat is not None:
                     found.accepted[chosen[flat[chosen]]] = True
             else:
@@ -145,7 +147,9 @@ class TriangleCells(PolygonCells):
                 found.put(chosen, super(TriangleCells, part).approximate(sides, transitions, limit, axes))
         return found
 
-    def _approximate_template(self, pattern: int, limit: float, with_neighbours: bool) -> LeafApproximation:
+    def _approximate_template(
+        self, pattern: int, limit: float, with_neighbours: bool, rounding: float
+    ) -> LeafApproximation:
         template = _template_of(pattern)
         points = self._points()
         sampled = off_sides_and_centre(points, pattern)
@@ -171,7 +175,7 @@ class TriangleCells(PolygonCells):
             _accept(found, tried, promising, error_bounds)
         tried = np.flatnonzero(~found.accepted & (nearest <= limit))
         if len(tried):
-            distances = self.at(tried)._leaf_distances(pattern, template, points[:, tried], limit)
+            distances = self.at(tried)._leaf_distances(pattern, template, points[:, tried], limit, rounding)
             near = tried[distances <= limit]
             found.accepted[near], found.alone[near] = True, True
             found.bounds[near] = distances[distances <= limit]
@@ -194,7 +198,9 @@ class TriangleCells(PolygonCells):
             hull = hull_of_fans(part.refinement.refined(), points[CORNERS], limit)
             yield chosen, np.zeros_like(chosen), _outline(points, pattern), hull
 
-    def _leaf_distances(self, pattern: int, template: Template, points: FloatArray, limit: float) -> FloatArray:
+    def _leaf_distances(
+        self, pattern: int, template: Template, points: FloatArray, limit: float, rounding: float
+    ) -> FloatArray:
         """(P,): as ``leaf_distance.leaf_distances``."""
         room = np.full(points.shape[1], np.inf)
         normal = self._error_bounds(pattern, template, points, limit, room).normal
@@ -204,7 +210,7 @@ class TriangleCells(PolygonCells):
             points = points[:, near]
             outline = _outline(points, pattern)
             hull = hull_of_fans(self.at(near).refinement.refined(), points[CORNERS], limit)
-            found[near] = leaf_distances(outline, hull, normal[near], limit)
+            found[near] = leaf_distances(outline, hull, normal[near], limit, rounding)
         return found
 
     def _error_bounds(

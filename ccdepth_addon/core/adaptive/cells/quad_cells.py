@@ -84,6 +84,7 @@ class QuadCells(ABC):
         *,
         with_neighbours: bool = True,
         flat: BoolArray | None = None,
+        rounding: float = 0.0,
     ) -> LeafApproximation:
         """As in ``Cells``."""
         patterns = patterns_of(hanging, self.turns())
@@ -93,7 +94,9 @@ class QuadCells(ABC):
             chosen = np.flatnonzero(patterns == pattern)
             part = self if len(chosen) == len(self.nodes) else self.at(chosen)
             own = np.zeros(len(chosen), dtype=bool) if flat is None else flat[chosen]
-            found.put(chosen, part._approximate_pattern(pattern, transitions, limit, axes, with_neighbours, own))
+            found.put(
+                chosen, part._approximate_pattern(pattern, transitions, limit, axes, with_neighbours, own, rounding)
+            )
         return found
 
     def _approximate_pattern(
@@ -104,6 +107,7 @@ class QuadCells(ABC):
         axes: FloatArray,
         with_neighbours: bool,
         flat: BoolArray,
+        rounding: float,
     ) -> LeafApproximation:
         """By the templates of one pattern, the likeliest first: one within the limit, or predicted to be."""
         points = self.points()
@@ -122,7 +126,7 @@ class QuadCells(ABC):
             if with_neighbours and not as_polygons:
                 found.put(left, choose_along_surface(cells, samples, limit))
             last = np.flatnonzero(~found.accepted[left])
-            found.put(left[last], choose_alone(QuadsAlone(cells.at(last)), samples.at(last), limit))
+            found.put(left[last], choose_alone(QuadsAlone(cells.at(last), rounding), samples.at(last), limit))
         if not as_polygons:
             found.accepted[flat] = True
         folded = found.folded
@@ -168,11 +172,11 @@ class QuadsOfPattern:
         distances = self.cells.distances_of(chosen, self.pattern, alternative, self.points, self.limit)
         return distances + self.thickness(chosen, alternative)
 
-    def leaf_distances(self, chosen: IndexArray, alternative: int) -> FloatArray:
+    def leaf_distances(self, chosen: IndexArray, alternative: int, rounding: float) -> FloatArray:
         """(n,): the same of each leaf alone (``leaf_distance``)."""
         normal = self.cells.error_bounds_of(chosen, self.pattern, alternative, self.points, self.limit).normal
         outline = _outline(selected_vectors(self.points, chosen), self.pattern, alternative)
-        distances = leaf_distances(outline, self.cells.hull_of(chosen, self.limit), normal, self.limit)
+        distances = leaf_distances(outline, self.cells.hull_of(chosen, self.limit), normal, self.limit, rounding)
         return distances + self.thickness(chosen, alternative)
 
     def thickness(self, chosen: IndexArray, alternative: int) -> FloatArray | float:
@@ -193,13 +197,15 @@ class QuadsOfPattern:
 
 @dataclass(frozen=True)
 class QuadsAlone:
-    """The same quads, whose distances are bounded without their neighbours, wherever parameters lie."""
+    """The same quads, whose distances are bounded without their neighbours, wherever parameters lie. rounding: that of
+    ``AdaptiveRequest``."""
 
     quads: QuadsOfPattern
+    rounding: float
 
     def distances(self, chosen: IndexArray, alternative: int) -> FloatArray:
         """As in ``template_choice.WithDistances``."""
-        return self.quads.leaf_distances(chosen, alternative)
+        return self.quads.leaf_distances(chosen, alternative, self.rounding)
 
 
 def _outline(points: FloatArray, pattern: int, alternative: int) -> Outline:

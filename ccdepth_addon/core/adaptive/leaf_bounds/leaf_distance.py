@@ -176,35 +176,37 @@ def extraordinary_hull(nets: FloatArray) -> Hull:
     return Hull(points, rows.parts, rows.sides, spread)
 
 
-def leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: float) -> FloatArray:
+def leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: float, rounding: float = 0.0) -> FloatArray:
     """(P,) float64: upper bounds of the distance in both directions between the surface of a leaf and its triangles;
     inf where there is no proof, or where the bound would exceed the limit.
 
-    normal: (P,) float64, upper bounds of the error at equal parameters along the normals of the triangles.
+    normal: (P,) float64, upper bounds of the error at equal parameters along the normals of the triangles. rounding:
+    the allowance for these, hull points and vertices (docs/adaptive.md, Rounding).
     """
     count = outline.points.shape[1]
     found = np.empty(count)
     for block in chunks(count, LEAVES_AT_ONCE):
-        found[block] = _leaf_distances(outline.part(block), hull.part(block), normal[block], limit)
+        found[block] = _leaf_distances(outline.part(block), hull.part(block), normal[block], limit, rounding)
     return found
 
 
 # Degenerate triangles have no normals, and nothing is proved then.
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-def _leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: float) -> FloatArray:
+def _leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: float, rounding: float) -> FloatArray:
     """Test by test, each for the leaves that are within the limit by those before."""
     found = np.full(len(normal), np.inf)
-    sides = np.max([side.off for side in off_sides(outline, hull)], axis=0)
+    normal = normal + rounding
+    sides = np.max([side.off for side in off_sides(outline, hull)], axis=0) + rounding
     chosen = np.flatnonzero((normal <= limit) & (sides <= limit))
     if not len(chosen):
         return found
     outline, hull = outline.at(chosen), hull.at(chosen)
-    roofs = _Roofs.of(outline, hull, normal[chosen])
+    roofs = _Roofs.of(outline, hull, normal[chosen], rounding)
     # From the triangles to the surface.
     bounds = np.maximum(roofs.nearest, sides[chosen] / roofs.planes.cosines + roofs.gaps)
     near = np.flatnonzero(bounds <= limit)
     if len(near):
-        from_surface = _from_surface(outline.at(near), hull.at(near), roofs.at(near))
+        from_surface = _from_surface(outline.at(near), hull.at(near), roofs.at(near), rounding)
         bounds = np.maximum(bounds[near], from_surface) * (1 + ROUNDING)
         found[chosen[near]] = np.where(bounds <= limit, bounds, np.inf)
     return found
@@ -236,13 +238,15 @@ class _Roofs:
         )
 
     @staticmethod
-    def of(outline: Outline, hull: Hull, normal: FloatArray) -> _Roofs:
-        """normal: as in ``leaf_distances``."""
+    def of(outline: Outline, hull: Hull, normal: FloatArray, rounding: float) -> _Roofs:
+        """normal and rounding: as in ``leaf_distances``."""
         planes = _Planes.of(outline)
         heights = np.stack([dot_products(hull.points, scaled) for scaled in planes.scaled])
         heights -= planes.levels[:, None]
         reach = np.max([hull.reach_along(scaled) for scaled in planes.scaled], axis=0)
         above, below, residues = planes.off(outline)
+        # Along the axes it counts for more.
+        residues += rounding / planes.cosines
         vertical = normal / planes.cosines
         as_greatest = np.maximum(vertical + below, reach - heights.min(axis=(0, 1)))
         as_least = np.maximum(vertical + above, reach + heights.max(axis=(0, 1)))
@@ -254,10 +258,11 @@ class _Roofs:
         return _Roofs(planes, heights, reach + 2 * residues, gaps, nearest)
 
 
-def _from_surface(outline: Outline, hull: Hull, roofs: _Roofs) -> FloatArray:
+def _from_surface(outline: Outline, hull: Hull, roofs: _Roofs, rounding: float) -> FloatArray:
     """(P,): how far the surface is from the triangles at most."""
     slopes = roofs.planes.slopes
     beyond, dents = overshoot(outline, hull.points, roofs.planes.axes)
+    dents += rounding
     found = np.hypot(dents, roofs.nearest + slopes * dents)
     under, across = -roofs.heights.min(axis=0), hull.reach()
     for part in hull.parts:
@@ -368,8 +373,7 @@ def _squares_off(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray
 def overshoot(outline: Outline, points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Seen along axes (P, 3): (R, P), how far points (R, P, 3) are from the convex outline of the triangles; and (P,)
     how deep this is dented, inf where it is not convex but for the middles of sides."""
-    first = outline.points[outline.corners[1]] - outline.points[outline.corners[0]]
-    second = cross_products(axes, first)
+    second = cross_products(axes, np.eye(3)[np.abs(axes).argmin(axis=1)])
     second /= np.sqrt(squared_norms(second))[:, None]
     frame = np.stack([cross_products(second, axes), second])
     origin = outline.points[outline.corners[0]]
