@@ -52,6 +52,8 @@ def flat_bounds(plan: Plan, leaves: IndexArray) -> FlatBounds:
     """For leaves of the tree."""
     tree, flat = plan.tree, plan.flat_parts
     found = FlatBounds.none(len(leaves))
+    if not len(leaves) or not len(flat.normals):
+        return found
     parts = flat.parts[tree.base_faces[leaves]]
     everything = tree.leaves()
     of_all = flat.parts[tree.base_faces[everything]]

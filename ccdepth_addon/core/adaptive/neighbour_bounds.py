@@ -22,7 +22,7 @@ def bound_along_surface(plan: Plan) -> IndexArray:
     changed, one of them was approximated since: its sides were split, or it is new and has the vertices of the leaf
     before.
     """
-    failed, limit = np.zeros(0, dtype=np.intp), plan.request.limit
+    limit = plan.request.limit
     while True:
         unbounded, approximated = plan.approximations.unbounded(), plan.approximated.take_leaves()
         wanted = unbounded[_are_at_vertices(plan.tree, unbounded, approximated)]
@@ -30,14 +30,13 @@ def bound_along_surface(plan: Plan) -> IndexArray:
             _find_star_bounds(plan, wanted)
         exceeding = plan.approximations.star_bounds(wanted) > limit
         plan.by_flat_part.values[wanted[~exceeding]] = False
-        tried = wanted[exceeding]
-        alone = approximate_alone(plan, tried)
-        failed = np.union1d(failed, tried[~alone])
-        if not np.any(alone):
-            break
-        # They may be drawn otherwise now, which the star bounds around have to know.
-    failed = failed[plan.approximations.star_bounds(failed) > limit]
-    return _not_flat_enough(plan, np.union1d(failed, unbounded[plan.by_flat_part.values[unbounded]]))
+        failed = wanted[exceeding]
+        alone = approximate_alone(plan, failed)
+        by_flat_part = unbounded[plan.by_flat_part.values[unbounded]]
+        failed = _not_flat_enough(plan, np.union1d(failed[~alone], by_flat_part))
+        # Those alone may be drawn otherwise now, which the star bounds around have to know, now or after the splits.
+        if len(failed) or not np.any(alone):
+            return failed
 
 
 def _not_flat_enough(plan: Plan, leaves: IndexArray) -> IndexArray:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors
 from ..leaf_approximation import Cells, LeafApproximation
-from ..leaf_bounds.leaf_distance import Hull, Outline, leaf_distances
+from ..leaf_bounds.leaf_distance import Hull, Outline, leaf_distances, may_be_near
 from ..leaf_bounds.polygon_bounds import thickness_of_quads
 from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..quadtree import Quadtree
@@ -174,9 +174,14 @@ class QuadsOfPattern:
 
     def leaf_distances(self, chosen: IndexArray, alternative: int, rounding: float) -> FloatArray:
         """(n,): the same of each leaf alone (``leaf_distance``)."""
-        normal = self.cells.error_bounds_of(chosen, self.pattern, alternative, self.points, self.limit).normal
         outline = _outline(selected_vectors(self.points, chosen), self.pattern, alternative)
-        distances = leaf_distances(outline, self.cells.hull_of(chosen, self.limit), normal, self.limit, rounding)
+        distances = np.full(len(chosen), np.inf)
+        near = np.flatnonzero(may_be_near(outline, self.limit))
+        if len(near):
+            own = chosen[near]
+            normal = self.cells.error_bounds_of(own, self.pattern, alternative, self.points, self.limit).normal
+            hull = self.cells.hull_of(own, self.limit)
+            distances[near] = leaf_distances(outline.at(near), hull, normal, self.limit, rounding)
         return distances + self.thickness(chosen, alternative)
 
     def thickness(self, chosen: IndexArray, alternative: int) -> FloatArray | float:

@@ -192,6 +192,12 @@ def leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: floa
 
 # Degenerate triangles have no normals, and nothing is proved then.
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
+def may_be_near(outline: Outline, limit: float) -> BoolArray:
+    """(P,) whether ``leaf_distances`` might be within the limit, by the triangles: a test that costs little."""
+    return _Planes.of(outline, 0.0).least(np.zeros(outline.points.shape[1])) <= limit
+
+
+@np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def _leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: float, rounding: float) -> FloatArray:
     """Test by test, each for the leaves that are within the limit by those before."""
     found = np.full(len(normal), np.inf)
@@ -200,10 +206,17 @@ def _leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: flo
     chosen = np.flatnonzero((normal <= limit) & (sides <= limit))
     if not len(chosen):
         return found
-    outline, hull = outline.at(chosen), hull.at(chosen)
-    roofs = _Roofs.of(outline, hull, normal[chosen], rounding)
+    outline = outline.at(chosen)
+    planes = _Planes.of(outline, rounding)
+    possible = np.flatnonzero(planes.least(normal[chosen]) <= limit)
+    if not len(possible):
+        return found
+    if len(possible) < len(chosen):
+        chosen, outline, planes = chosen[possible], outline.at(possible), planes.at(possible)
+    hull = hull.at(chosen)
+    roofs = _Roofs.of(planes, hull, normal[chosen])
     # From the triangles to the surface.
-    bounds = np.maximum(roofs.nearest, sides[chosen] / roofs.planes.cosines + roofs.gaps)
+    bounds = np.maximum(roofs.nearest, sides[chosen] / planes.cosines + roofs.gaps)
     near = np.flatnonzero(bounds <= limit)
     if len(near):
         from_surface = _from_surface(outline.at(near), hull.at(near), roofs.at(near), rounding)
@@ -238,24 +251,20 @@ class _Roofs:
         )
 
     @staticmethod
-    def of(outline: Outline, hull: Hull, normal: FloatArray, rounding: float) -> _Roofs:
-        """normal and rounding: as in ``leaf_distances``."""
-        planes = _Planes.of(outline)
+    def of(planes: _Planes, hull: Hull, normal: FloatArray) -> _Roofs:
+        """normal: as in ``leaf_distances``."""
         heights = np.stack([dot_products(hull.points, scaled) for scaled in planes.scaled])
         heights -= planes.levels[:, None]
         reach = np.max([hull.reach_along(scaled) for scaled in planes.scaled], axis=0)
-        above, below, residues = planes.off(outline)
-        # Along the axes it counts for more.
-        residues += rounding / planes.cosines
         vertical = normal / planes.cosines
-        as_greatest = np.maximum(vertical + below, reach - heights.min(axis=(0, 1)))
-        as_least = np.maximum(vertical + above, reach + heights.max(axis=(0, 1)))
+        as_greatest = np.maximum(vertical + planes.below, reach - heights.min(axis=(0, 1)))
+        as_least = np.maximum(vertical + planes.above, reach + heights.max(axis=(0, 1)))
         is_least = as_least < as_greatest
         heights[:, :, is_least] *= -1
-        nearest = np.minimum(as_greatest, as_least) + 2 * residues
+        nearest = np.minimum(as_greatest, as_least) + 2 * planes.residues
         nearest = np.where(planes.cosines > LEAST_COSINE, nearest, np.inf)
-        gaps = np.where(is_least, above, below) + residues
-        return _Roofs(planes, heights, reach + 2 * residues, gaps, nearest)
+        gaps = np.where(is_least, planes.above, planes.below) + planes.residues
+        return _Roofs(planes, heights, reach + 2 * planes.residues, gaps, nearest)
 
 
 def _from_surface(outline: Outline, hull: Hull, roofs: _Roofs, rounding: float) -> FloatArray:
@@ -283,14 +292,17 @@ def _from_surface(outline: Outline, hull: Hull, roofs: _Roofs, rounding: float) 
 class _Planes:
     """The planes of T triangles over each of P leaves, seen along axes (P, 3) of the leaves: the height of a point over
     a plane, along the axis, is its product with a vector scaled (T, P, 3), less levels (T, P). cosines and slopes: (P,)
-    the least cosine of the triangles' tilt against the axis, and the greatest tangent."""
+    the least cosine of the triangles' tilt against the axis, and the greatest tangent. above, below and residues: (P,)
+    how far vertices are above planes at most, and below, and how far off those of their own triangles."""
 
     axes: FloatArray
     scaled: FloatArray
     levels: FloatArray
     cosines: FloatArray
     slopes: FloatArray
-    triangles: Template
+    above: FloatArray
+    below: FloatArray
+    residues: FloatArray
 
     def at(self, chosen: IndexArray) -> _Planes:
         """Those of some leaves, by index."""
@@ -300,37 +312,41 @@ class _Planes:
             self.levels[:, chosen],
             self.cosines[chosen],
             self.slopes[chosen],
-            self.triangles,
+            self.above[chosen],
+            self.below[chosen],
+            self.residues[chosen],
         )
 
     @staticmethod
-    def of(outline: Outline) -> _Planes:
+    def of(outline: Outline, rounding: float) -> _Planes:
+        """rounding: as in ``leaf_distances``."""
         normals = triangle_normals(outline.points, outline.triangles)
         axes = normals.sum(axis=0)
         axes /= np.sqrt(squared_norms(axes))[:, None]
         cosines = np.stack([dot_products(own, axes) for own in normals])
         scaled = normals / cosines[..., None]
-        corners = outline.points[[triangle[0] for triangle in outline.triangles]]
+        levels = dot_products(outline.points[[triangle[0] for triangle in outline.triangles]], scaled)
         # By the chords, as cosines cannot resolve small angles.
         chords = np.max([squared_norms(own - axes) for own in normals], axis=0)
         sines = np.sqrt(chords * np.maximum(1 - chords / 4, 0.0))
         least = cosines.min(axis=0)
         slopes = sines / least + ROUNDING
-        return _Planes(axes, scaled, dot_products(corners, scaled), least, slopes, outline.triangles)
+        above, below, residues = (np.zeros(len(axes)) for _ in range(3))
+        vertices = sorted({vertex for triangle in outline.triangles for vertex in triangle})
+        for plane, level, triangle in zip(scaled, levels, outline.triangles, strict=True):
+            heights = dot_products(outline.points[vertices], plane) - level
+            np.maximum(above, heights.max(axis=0), out=above)
+            np.maximum(below, -heights.min(axis=0), out=below)
+            own = heights[[vertices.index(vertex) for vertex in triangle]]
+            np.maximum(residues, np.abs(own).max(axis=0), out=residues)
+        # Along the axes rounding counts for more.
+        residues += rounding / least
+        return _Planes(axes, scaled, levels, least, slopes, above, below, residues)
 
-    def off(self, outline: Outline) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """(P,) each: how far vertices are above planes, and below, at most; and how far off those of their own
-        triangles."""
-        above, below, residues = (np.zeros(len(self.axes)) for _ in range(3))
-        vertices = sorted({vertex for triangle in self.triangles for vertex in triangle})
-        for scaled, level, triangle in zip(self.scaled, self.levels, self.triangles, strict=True):
-            for vertex in vertices:
-                height = dot_products(outline.points[vertex], scaled) - level
-                np.maximum(above, height, out=above)
-                np.maximum(below, -height, out=below)
-                if vertex in triangle:
-                    np.maximum(residues, np.abs(height), out=residues)
-        return above, below, residues
+    def least(self, normal: FloatArray) -> FloatArray:
+        """(P,): no bound is below this, whatever the surface; normal: as in ``leaf_distances``."""
+        least = normal / self.cosines + np.minimum(self.above, self.below)
+        return np.where(self.cosines > LEAST_COSINE, least, np.inf)
 
 
 @dataclass(frozen=True)
@@ -363,11 +379,19 @@ def off_sides(outline: Outline, hull: Hull) -> list[Side]:
 def _squares_off(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
     """(R, P): squared distances of points (R, P, D) from the segments between a and b, (P, D) each."""
     sides = b - a
-    lengths = (sides * sides).sum(axis=-1)
+    lengths = _products(sides, sides)
     off = points - a
-    places = np.clip((off * sides).sum(axis=-1) / np.where(lengths > 0, lengths, 1.0), 0.0, 1.0)
+    places = np.clip(_products(off, sides) / np.where(lengths > 0, lengths, 1.0), 0.0, 1.0)
     off -= places[..., None] * sides
-    return np.asarray((off * off).sum(axis=-1))
+    return _products(off, off)
+
+
+def _products(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(…): dot products of vectors (…, D). Sums of strided columns are faster than a reduction over a short axis."""
+    found = a[..., 0] * b[..., 0]
+    for component in range(1, a.shape[-1]):
+        found += a[..., component] * b[..., component]
+    return np.asarray(found)
 
 
 def overshoot(outline: Outline, points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -377,23 +401,31 @@ def overshoot(outline: Outline, points: FloatArray, axes: FloatArray) -> tuple[F
     second /= np.sqrt(squared_norms(second))[:, None]
     frame = np.stack([cross_products(second, axes), second])
     origin = outline.points[outline.corners[0]]
-    border, dents = _border(outline, origin, frame)
+    corners, dents = _border(outline, origin, frame)
+    border = np.stack(corners)
+    sides = np.roll(border, -1, axis=0) - border
+    lengths = sides[:, 0] ** 2 + sides[:, 1] ** 2
+    lengths[lengths == 0] = 1.0
+    # Every vertex against the line of every side.
+    off = border - border[:, None]
+    outside = (sides[:, None, 1] * off[:, :, 0] - sides[:, None, 0] * off[:, :, 1]).max(axis=1)
+    dents = np.maximum(dents, (4 * outside / np.sqrt(lengths)).max(axis=0))
+    dents[~np.all(outside <= ROUNDING * lengths, axis=0)] = np.inf
     places = _seen(points, origin, frame)
     inside = np.ones(places.shape[1:], dtype=bool)
-    squares = np.full(places.shape[1:], np.inf)
-    for number, (x, y) in enumerate(border):
-        along_x, along_y = border[(number + 1) % len(border)] - border[number]
-        lengths = along_x**2 + along_y**2
-        for other_x, other_y in border:
-            outside = along_y * (other_x - x) - along_x * (other_y - y)
-            np.maximum(dents, 4 * outside / np.sqrt(np.where(lengths > 0, lengths, 1.0)), out=dents)
-            dents[~(outside <= ROUNDING * lengths)] = np.inf
-        off_x, off_y = places[0] - x, places[1] - y
-        inside &= along_x * off_y - along_y * off_x >= 0
-        part = np.clip((along_x * off_x + along_y * off_y) / np.where(lengths > 0, lengths, 1.0), 0.0, 1.0)
-        np.minimum(squares, (off_x - part * along_x) ** 2 + (off_y - part * along_y) ** 2, out=squares)
-    squares[inside] = 0.0
-    return np.sqrt(squares), dents
+    for (x, y), (along_x, along_y) in zip(border, sides, strict=True):
+        inside &= along_x * places[1] - along_y * places[0] >= along_x * y - along_y * x
+    # Most hull points are inside.
+    rows, leaves = np.nonzero(~inside)
+    (seen_x, seen_y), squares = places[:, rows, leaves], np.full(len(rows), np.inf)
+    for start, side, square in zip(border, sides, lengths, strict=True):
+        (x, y), (along_x, along_y) = start[:, leaves], side[:, leaves]
+        x, y = seen_x - x, seen_y - y
+        part = np.clip((along_x * x + along_y * y) / square[leaves], 0.0, 1.0)
+        np.minimum(squares, (x - part * along_x) ** 2 + (y - part * along_y) ** 2, out=squares)
+    found = np.zeros(places.shape[1:])
+    found[rows, leaves] = np.sqrt(squares)
+    return found, dents
 
 
 def _seen(points: FloatArray, origin: FloatArray, frame: FloatArray) -> FloatArray:
@@ -421,15 +453,3 @@ def _border(outline: Outline, origin: FloatArray, frame: FloatArray) -> tuple[li
         np.maximum(dents, np.where(is_dent, deep, 0.0), out=dents)
         border.append(np.where(is_dent, on_side, m))
     return border, dents
-
-
-def may_be_within(points: FloatArray, heights: FloatArray, limit: float) -> BoolArray:
-    """(P,) whether quads with whole sides might be within the limit, by samples: a test that costs little.
-
-    points: (8 or more, P, 3), as in ``templates.QUAD_POINTS``; heights: (P,) what is off along the normals somewhere.
-    """
-    possible = heights <= limit
-    for start in range(4):
-        a, b = points[start], points[(start + 1) % 4]
-        possible &= _squares_off(points[None, 4 + start], a, b)[0] <= limit**2
-    return possible
