@@ -178,9 +178,10 @@ class QuadsOfPattern:
         distances = np.full(len(chosen), np.inf)
         near = np.flatnonzero(may_be_near(outline, self.limit))
         if len(near):
-            own = chosen[near]
-            normal = self.cells.error_bounds_of(own, self.pattern, alternative, self.points, self.limit).normal
-            hull = self.cells.hull_of(own, self.limit)
+            normal = self.cells.error_bounds_of(chosen[near], self.pattern, alternative, self.points, self.limit).normal
+            near, normal = near[normal <= self.limit], normal[normal <= self.limit]
+        if len(near):
+            hull = self.cells.hull_of(chosen[near], self.limit)
             distances[near] = leaf_distances(outline.at(near), hull, normal, self.limit, rounding)
         return distances + self.thickness(chosen, alternative)
 

@@ -162,7 +162,8 @@ def _extraordinary_rows(valence: int) -> ExtraordinaryHullRows:
     ]
     # The surface is off the bilinear facet over these corners by as much of each component as this one's second
     # differences tell: so by a vector in the hull of these, times the factor, and their opposites.
-    spread = np.array([2 * net[a] - net[b] - net[c] for a, b, c in second_differences(valence)])
+    middles, ones, others = second_differences(valence)
+    spread = 2 * net[middles] - net[ones] - net[others]
     spread *= certified_limit_factor(valence)
     parts = [*np.arange(16 * starts.size).reshape(-1, 16), last]
     return ExtraordinaryHullRows(np.concatenate([*rows, stencils.limits @ net]), parts, sides, spread)
