@@ -6,7 +6,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.arrays.chunks import AT_ONCE, chunks, gathered, index_chunks
+from ccdepth_addon.core.arrays.chunks import chunks, index_chunks
 
 
 @pytest.mark.parametrize(("count", "size"), [(0, 3), (1, 3), (3, 3), (7, 3), (9, 1)])
@@ -20,13 +20,3 @@ def test_chunks_cover_everything_once(count: int, size: int) -> None:
 def test_index_chunks_keep_the_order() -> None:
     indices = np.array([5, 2, 9, 9, 0])
     assert [part.tolist() for part in index_chunks(indices, 2)] == [[5, 2], [9, 9], [0]]
-
-
-@pytest.mark.parametrize("count", [0, 1, AT_ONCE, 2 * AT_ONCE + 1])
-@pytest.mark.parametrize("dtype", [np.float64, np.int32, np.bool_])
-def test_gathered_values_are_those_of_the_indices(count: int, dtype: type) -> None:
-    values = np.arange(10).astype(dtype)
-    indices = np.random.default_rng(count).integers(0, 10, count).astype(np.int32)
-    found = gathered(values, indices)
-    assert found.dtype == dtype
-    assert found.tolist() == [values[index] for index in indices.tolist()]

@@ -131,7 +131,7 @@ def bounds_of(valence: int, pattern: int, alternative: int, nets: FloatArray, *,
         np.testing.assert_allclose(in_all, found.whole, rtol=ROUNDING)
     else:
         net = extraordinary_nets(mesh, np.array([0]), valence).reshape(2 * valence + 8, -1, 3)
-        matrices = triangle_bounds.extraordinary_rows(valence, pattern, alternative, fine=fine)
+        matrices = triangle_bounds.extraordinary_rows(valence, pattern, alternative)
         found = triangle_bounds.extraordinary_error_bounds(matrices, net, normals)
     return np.stack([found.whole, found.normal, found.tangential])
 
@@ -295,6 +295,7 @@ def test_monomials_are_no_farther_off_their_quadratic_parts_than_told() -> None:
     inside = np.array([(i, j) for i in range(41) for j in range(41 - i)]) / 40
     six = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0], [0.5, 0.5], [0, 0.5]])
     triangles = {triangle for pattern in range(ALL_SPLIT) for template in templates(pattern) for triangle in template}
+    in_all = np.abs(triangle_bounds.to_monomials()).sum(axis=1)
     for triangle in sorted(triangles):
         a, b, c = vertices = QUAD_POINTS[list(triangle)]
 
@@ -309,14 +310,15 @@ def test_monomials_are_no_farther_off_their_quadratic_parts_than_told() -> None:
         off = monomials(inside) - quadratics(inside) @ np.linalg.solve(quadratics(six), monomials(six))
         told, sampled = triangle_bounds.off_quadratic([vertices]), np.abs(off).max(axis=0)
         assert np.all(sampled <= told)
-        assert np.all(told <= 1.1 * sampled)
+        # By quarters, 1.26 at most; finer parts would be closer, and take longer than they save.
+        assert in_all @ told <= 1.3 * (in_all @ sampled)
 
 
 def test_monomials_take_no_more_rounding_than_told() -> None:
     """docs/adaptive.md, Rounding: the sums of their rows' weights, times how far they are off their quadratic parts."""
     in_all = np.abs(triangle_bounds.to_monomials()).sum(axis=1)
     for pattern, alternative in CHOICES:
-        assert in_all @ triangle_bounds.quadratic_rows(pattern, alternative).weights[:, 0] < 6.6
+        assert in_all @ triangle_bounds.quadratic_rows(pattern, alternative).weights[:, 0] < 8.1
 
 
 # A limit of so many times the largest distance should be seen to hold.

@@ -3,17 +3,12 @@
 
 from __future__ import annotations
 
-import numpy as np
-
 from ..arrays.types import IndexArray
 from .cells.cell_store import in_blocks
 from .plan import Plan
 
 # A balanced tree has, beside a split quad, its four children and at most two leaves along each side.
 LEAVES_BESIDE = 12
-
-# No face has fewer sides.
-FEWEST_SIDES = 3
 
 
 def unbalanced(plan: Plan) -> IndexArray:
@@ -26,8 +21,7 @@ def unbalanced(plan: Plan) -> IndexArray:
     leaves = tree.leaves() if LEAVES_BESIDE * len(split) >= tree.leaf_count else tree.leaves_beside(split)
     plan.beside_split.put(leaves)
     counts, wanted = tree.sides(leaves)
-    possible = np.flatnonzero(counts >= FEWEST_SIDES)
-    wanted[possible] |= counts[possible] == tree.slot_counts(leaves[possible])
+    wanted |= counts == tree.slot_counts(leaves)
     return leaves[wanted]
 
 

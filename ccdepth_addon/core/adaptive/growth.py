@@ -7,21 +7,13 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ..arrays.chunks import chunks
+from ..arrays.chunks import AT_ONCE, chunks
 from ..arrays.types import BoolArray, FloatArray
 from .cells.cell_store import in_blocks, some
 from .cells.patch_cells import BicubicCells, NetCells
 from .leaf_approximation import Cells
 from .plan import Plan
 from .quadtree import NONE
-
-# Bicubic cells kept in one block, and evaluated together: temporary arrays stay in the processor's cache, and in memory
-# that the system need not provide anew.
-CELLS_KEPT_TOGETHER = 1 << 15
-PARENTS_AT_ONCE = 1 << 12
-
-# So many take about a tenth of a second between reports of progress.
-NODES_SPLIT_AT_ONCE = 1 << 16
 
 
 def grow(plan: Plan, unfinished: list[Cells]) -> None:
@@ -32,7 +24,7 @@ def grow(plan: Plan, unfinished: list[Cells]) -> None:
         expected = plan.expected_leaves(nodes)
         plan.refuse_too_many(len(nodes), expected)
         tree.reserve(min(expected, plan.request.most_faces))
-        for part in chunks(len(nodes), NODES_SPLIT_AT_ONCE):
+        for part in chunks(len(nodes), AT_ONCE):
             plan.split(nodes[part])
             plan.report()
         unfinished = approximate_children(plan, unfinished)
@@ -44,7 +36,7 @@ def approximate_children(plan: Plan, parents: list[Cells]) -> list[Cells]:
     unfinished: list[Cells] = []
     doubtful: list[Cells] = []
     with_nets = (cells for cells in parents if isinstance(cells, NetCells))
-    for cells in in_blocks(with_nets, CELLS_KEPT_TOGETHER):
+    for cells in in_blocks(with_nets):
         plan.cells.put(cells)
         if isinstance(cells, BicubicCells):
             is_doubtful, is_unfinished = _approximate_through_parents(plan, cells)
@@ -54,18 +46,15 @@ def approximate_children(plan: Plan, parents: list[Cells]) -> list[Cells]:
             assert isinstance(cells, NetCells)
             _place(plan, cells, cells.points())
             doubtful += cells.children(plan.tree)
-    unfinished += approximate_new(plan, doubtful, are_made_again=True)
+    unfinished += approximate_new(plan, doubtful)
     others = (cells for cells in parents if not isinstance(cells, NetCells))
     unfinished += approximate_new(plan, (child for cells in others for child in cells.children(plan.tree)))
     return unfinished
 
 
-def approximate_new(plan: Plan, cells: Iterable[Cells], *, are_made_again: bool = False) -> list[Cells]:
+def approximate_new(plan: Plan, cells: Iterable[Cells]) -> list[Cells]:
     """Approximate and record the cells of new leaves, with their sides whole. Returns those that exceed the limit, or
-    whose nodes are split already.
-
-    are_made_again: whether the store can make them from their parents' nets, so that it does not keep them.
-    """
+    whose nodes are split already."""
     unfinished: list[Cells] = []
     tree = plan.tree
     for block in in_blocks(cells):
@@ -75,9 +64,8 @@ def approximate_new(plan: Plan, cells: Iterable[Cells], *, are_made_again: bool 
             approximation = plan.approximate(leaves, np.zeros(tree.slot_counts(leaves.nodes).sum(), dtype=bool))
             plan.record(leaves.nodes, approximation)
             is_done = approximation.accepted & plan.has_least_level(leaves.nodes)
-            if not are_made_again:
-                for kept in some(leaves, is_done):
-                    plan.cells.put(kept)
+            for kept in some(leaves, is_done):
+                plan.cells.put(kept)
             unfinished += some(leaves, ~is_done)
         plan.report()
     return unfinished
@@ -86,23 +74,18 @@ def approximate_new(plan: Plan, cells: Iterable[Cells], *, are_made_again: bool 
 def _approximate_through_parents(plan: Plan, parents: BicubicCells) -> tuple[BoolArray, BoolArray]:
     """Approximate and record the children for which their parents' coefficients decide. Returns, (4, P) bool each,
     those for which they do not, and those that exceed the limit or have been split."""
-    doubtful, unfinished = np.zeros((2, 4, len(parents.nodes)), dtype=bool)
     tree = plan.tree
-    for part in chunks(len(parents.nodes), PARENTS_AT_ONCE):
-        cells = parents.part(part)
-        found = cells.approximate_children(plan.request.limit, plan.request.axes)
-        nodes = tree.children_of_quads(cells.nodes).ravel()
-        _place(plan, cells, found.points)
-        is_leaf = tree.first_child[nodes] == NONE
-        is_done = found.approximation.accepted & is_leaf & plan.has_least_level(nodes)
-        is_flat = plan.flat_parts.is_flat(tree.base_faces[nodes])
-        is_unfinished = (found.out_of_reach & ~is_flat) | (found.approximation.accepted & ~is_done)
-        recorded = np.flatnonzero(is_leaf & (is_done | is_unfinished))
-        plan.record(nodes[recorded], found.approximation.at(recorded))
-        unfinished[:, part] = is_unfinished.reshape(4, -1)
-        doubtful[:, part] = ~(is_done | is_unfinished).reshape(4, -1)
-        plan.report()
-    return doubtful, unfinished
+    found = parents.approximate_children(plan.request.limit, plan.request.axes)
+    nodes = tree.children_of_quads(parents.nodes).ravel()
+    _place(plan, parents, found.points)
+    is_leaf = tree.first_child[nodes] == NONE
+    is_done = found.approximation.accepted & is_leaf & plan.has_least_level(nodes)
+    is_flat = plan.flat_parts.is_flat(tree.base_faces[nodes])
+    is_unfinished = (found.out_of_reach & ~is_flat) | (found.approximation.accepted & ~is_done)
+    recorded = np.flatnonzero(is_leaf & (is_done | is_unfinished))
+    plan.record(nodes[recorded], found.approximation.at(recorded))
+    plan.report()
+    return ~(is_done | is_unfinished).reshape(4, -1), is_unfinished.reshape(4, -1)
 
 
 def _place(plan: Plan, cells: NetCells, points: FloatArray) -> None:

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.chunks import chunks
+from ..arrays.chunks import AT_ONCE, chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.surface_points import SurfacePoints
@@ -41,8 +41,6 @@ COMPLEX_SIDES = np.array([1, 1j, -1, -1j])
 # There are more slots than nodes, edges or vertices.
 MOST_SLOTS = np.iinfo(np.int32).max
 
-# Temporary arrays for so many nodes stay in the processor's cache.
-NODES_AT_ONCE = 1 << 13
 
 # The state of an edge.
 SPLIT, SPLIT_TWICE = np.uint8(1), np.uint8(2)
@@ -202,7 +200,7 @@ class Quadtree:
     def sides(self, nodes: IndexArray) -> tuple[NDArray[np.int32], BoolArray]:
         """(nodes,) each: the number of split sides, and whether half of one is split again."""
         split_sides, deeper = np.zeros(len(nodes), dtype=np.int32), np.zeros(len(nodes), dtype=bool)
-        for part in chunks(len(nodes), NODES_AT_ONCE):
+        for part in chunks(len(nodes), AT_ONCE):
             counts = self.slot_counts(nodes[part])
             states = self._edge_states.values[self.slot_edges[self.slots(nodes[part])]]
             starts = np.cumsum(counts) - counts
@@ -213,13 +211,13 @@ class Quadtree:
     def share_a_vertex(self, leaves: IndexArray, others: IndexArray) -> BoolArray:
         """(leaves,) bool, which share a vertex with any of the others, the middles of split sides included."""
         marked = np.zeros(len(self.vertex_edges), dtype=bool)
-        for part in chunks(len(others), NODES_AT_ONCE):
+        for part in chunks(len(others), AT_ONCE):
             slots = self.slots(others[part])
             middles = self.midpoints[self.slot_edges[slots]]
             marked[self.slot_vertices[slots]] = True
             marked[middles[middles != NONE]] = True
         found = np.zeros(len(leaves), dtype=bool)
-        for part in chunks(len(leaves), NODES_AT_ONCE):
+        for part in chunks(len(leaves), AT_ONCE):
             slots, counts = self.slots(leaves[part]), self.slot_counts(leaves[part])
             middles = self.midpoints[self.slot_edges[slots]]
             touched = marked[self.slot_vertices[slots]] | (marked[middles] & (middles != NONE))
@@ -233,7 +231,7 @@ class Quadtree:
         the leaf is one of them, or has one of them for a half; or where the leaf is new.
         """
         beside = np.zeros(len(self.first_child), dtype=bool)
-        for part in chunks(len(nodes), NODES_AT_ONCE):
+        for part in chunks(len(nodes), AT_ONCE):
             edges = self.slot_edges[self.slots(nodes[part])]
             parents = self._edge_parents.values[edges]
             beside[self._owners(self._slots_along(edges))] = True
@@ -306,7 +304,7 @@ class Quadtree:
 
     def split(self, nodes: IndexArray) -> None:
         """Split leaves, each once."""
-        for part in chunks(len(nodes), NODES_AT_ONCE):
+        for part in chunks(len(nodes), AT_ONCE):
             self._split(nodes[part])
 
     def _split(self, nodes: IndexArray) -> None:

@@ -13,7 +13,6 @@ from typing import Protocol
 
 import numpy as np
 
-from ..arrays.chunks import chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import dot_products, selected_vectors, squared_norms
 from .leaf_approximation import LeafApproximation
@@ -26,9 +25,6 @@ from .templates import WHOLE, templates
 # the height of a side's middle over its chord, in parts of its length: 8 for a circle, and some more.
 PROMISING = 0.9
 SLOPE_OF_HEIGHT = 10.0
-
-# Temporary arrays for the points of so many cells stay in the processor's cache.
-CELLS_IN_CACHE = 1 << 12
 
 # Points of a quad (``templates.QUAD_POINTS``, then the centre): the corners its sides go from and to; and the middles
 # of its sides and diagonals, each with what it is between.
@@ -102,10 +98,9 @@ def folded_quads(
     axes: (3, 3), of the space where Blender triangulates."""
     spaces = [np.eye(3)] if np.array_equal(axes, np.eye(3)) else [np.eye(3), axes]
     folded = np.zeros(len(approximation.folded), dtype=bool)
-    for block in chunks(len(chosen), CELLS_IN_CACHE):
-        corners, second = points[:4, block].copy("K"), np.flatnonzero(approximation.alternatives[chosen[block]])
-        corners[:, second] = selected_vectors(corners, second)[ENDS]
-        folded[chosen[block]] = is_folded(corners, *spaces)
+    corners, second = points[:4].copy("K"), np.flatnonzero(approximation.alternatives[chosen])
+    corners[:, second] = selected_vectors(corners, second)[ENDS]
+    folded[chosen] = is_folded(corners, *spaces)
     return folded
 
 

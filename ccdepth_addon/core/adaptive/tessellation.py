@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.chunks import chunks, index_chunks
+from ..arrays.chunks import AT_ONCE, chunks, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
 from ..mesh.submesh import compact, renumber
 from ..surface.surface_points import SurfacePoints
@@ -20,10 +20,6 @@ from .leaf_approximation import LeafApproximation
 from .quadtree import NONE, Point, Quadtree
 from .subdivided_mesh import SubdividedMesh
 from .templates import WHOLE, Template, Transitions, templates, triangle_template
-
-# Polygons and edges evaluated together, so that temporary arrays stay in the processor's cache.
-POLYGONS_AT_ONCE = 1 << 13
-EDGES_AT_ONCE = 1 << 13
 
 
 @dataclass(frozen=True)
@@ -215,7 +211,7 @@ def _polygons_of_quads(
     for number, alike in _groups(numbers):
         pattern, turns = number // 4 % 16, number % 4
         template = templates(pattern)[number // 64]
-        for chosen in index_chunks(quads[alike], POLYGONS_AT_ONCE):
+        for chosen in index_chunks(quads[alike], AT_ONCE):
             yield from _polygons_of_template(
                 chosen, template, pattern, turns, approximation.folded[chosen], transitions
             )
@@ -344,7 +340,7 @@ def _edges(
     vertices = np.empty((insides.stop + len(loose), 2), dtype=np.int32)
     base_edges = np.full(len(vertices), NONE, dtype=np.int32)
     filled = 0
-    for block in chunks(len(tree.edge_vertices), EDGES_AT_ONCE):
+    for block in chunks(len(tree.edge_vertices), AT_ONCE):
         outer = block.start + np.flatnonzero(is_used[:NONE][block])
         own = slice(filled, filled := filled + len(outer))
         vertices[own] = new.take(tree.edge_vertices.take(outer, axis=0))

@@ -12,7 +12,6 @@ from functools import cached_property
 
 import numpy as np
 
-from ..arrays.chunks import gathered
 from ..arrays.types import FloatArray, IndexArray
 from ..surface.evaluation import limit_values
 from ..surface.patches import PatchKinds, classify_patches
@@ -38,7 +37,7 @@ class VertexPositions:
         """(N, 3): the positions of vertices (N,)."""
         found = np.empty((len(vertices), 3))
         for axis, column in enumerate(self._coordinates):
-            found[:, axis] = gathered(column.values, vertices)
+            found[:, axis] = column.values[vertices]
         unknown = np.flatnonzero(np.isnan(found[:, 0]))
         if len(unknown):
             mesh, points = self._tree.mesh, self._tree.vertex_points(vertices[unknown])

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,11 +24,3 @@ def chunks(count: int, size: int) -> Iterator[slice]:
 def index_chunks(indices: NDArray[np.intp], size: int) -> Iterator[NDArray[np.intp]]:
     """The indices in order, at most ``size`` at a time."""
     return (indices[chunk] for chunk in chunks(len(indices), size))
-
-
-def gathered(values: NDArray[Any], indices: NDArray[Any]) -> NDArray[Any]:
-    """(N,): ``values[indices]``, without the copy of all the indices as long integers that numpy makes."""
-    result = np.empty(len(indices), dtype=values.dtype)
-    for chunk in chunks(len(indices), AT_ONCE):
-        result[chunk] = values.take(indices[chunk])
-    return result

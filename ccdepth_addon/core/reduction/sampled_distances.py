@@ -8,14 +8,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays.chunks import chunks
+from ..arrays.chunks import AT_ONCE, chunks
 from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import squared_norms
 from ..deviation.columns import NONE
 from ..deviation.surface_to_mesh import nearest_triangles
 from ..deviation.triangles import Triangles
-
-PLACES_AT_ONCE = 1 << 13
 
 # Of the finer mesh no more vertices than this are samples.
 MOST_SAMPLES = 1 << 18
@@ -51,7 +49,7 @@ class SampledDistances:
         the coarse mesh count for their triangles.
         """
         farthest = np.zeros(len(corners))
-        for block in chunks(len(self._samples), PLACES_AT_ONCE):
+        for block in chunks(len(self._samples), AT_ONCE):
             found = nearest_triangles(mesh, self._samples[block])
             np.maximum.at(farthest, found.which, found.distances)
             tick()
@@ -70,7 +68,7 @@ class SampledDistances:
         weights = np.zeros((len(positions), 3))
         normals = vertex_normals(positions, corners)
         used = np.unique(corners)
-        for block in chunks(len(used), PLACES_AT_ONCE):
+        for block in chunks(len(used), AT_ONCE):
             chosen = used[block]
             found = nearest_triangles(self._triangles, positions[chosen])
             faces_it = (normals[chosen] * self._triangles.normals[found.which]).sum(axis=1) > 0
@@ -82,7 +80,7 @@ class SampledDistances:
     def _from(self, places: FloatArray, tick: Tick) -> FloatArray:
         """(P,): how far places (P, 3) are from the fine mesh."""
         distances = np.empty(len(places))
-        for block in chunks(len(places), PLACES_AT_ONCE):
+        for block in chunks(len(places), AT_ONCE):
             distances[block] = nearest_triangles(self._triangles, places[block]).distances
             tick()
         return distances
@@ -120,7 +118,7 @@ def barycentric(points: FloatArray, triangles: FloatArray) -> FloatArray:
 def nearest_of(mesh: Triangles, places: FloatArray, tick: Tick) -> IndexArray:
     """(P,) intp: the triangle that places (P, 3) are nearest to."""
     which = np.empty(len(places), dtype=np.intp)
-    for block in chunks(len(places), PLACES_AT_ONCE):
+    for block in chunks(len(places), AT_ONCE):
         which[block] = nearest_triangles(mesh, places[block]).which
         tick()
     return which

@@ -69,8 +69,8 @@ def some(cells: Cells, wanted: BoolArray) -> list[Cells]:
     return [cells.at(chosen)] if len(chosen) else []
 
 
-def in_blocks(cells: Iterable[Cells], at_once: int = CELLS_AT_ONCE) -> Iterator[Cells]:
-    """The same cells; those with nets in blocks of about so many of one kind."""
+def in_blocks(cells: Iterable[Cells]) -> Iterator[Cells]:
+    """The same cells; those with nets in blocks of about ``CELLS_AT_ONCE`` of one kind."""
     waiting: defaultdict[Kind, list[NetCells]] = defaultdict(list)
     counts = Counter[Kind]()
     for block in cells:
@@ -80,8 +80,8 @@ def in_blocks(cells: Iterable[Cells], at_once: int = CELLS_AT_ONCE) -> Iterator[
         kind = type(block), len(block.nets)
         waiting[kind].append(block)
         counts[kind] += len(block.nodes)
-        if counts[kind] >= at_once / 2:
-            yield from _cut(_joined(waiting.pop(kind)), at_once)
+        if counts[kind] >= CELLS_AT_ONCE / 2:
+            yield from _cut(_joined(waiting.pop(kind)))
             counts[kind] = 0
     for same in waiting.values():
         yield _joined(same)
@@ -91,10 +91,10 @@ def _joined(blocks: list[NetCells]) -> NetCells:
     return blocks[0] if len(blocks) == 1 else type(blocks[0]).joined(blocks)
 
 
-def _cut(cells: NetCells, at_once: int) -> Iterator[NetCells]:
+def _cut(cells: NetCells) -> Iterator[NetCells]:
     """Cells in blocks of at most half as many again, or else about as many."""
-    if len(cells.nodes) <= 1.5 * at_once:
+    if len(cells.nodes) <= 1.5 * CELLS_AT_ONCE:
         yield cells
         return
-    for chosen in np.array_split(np.arange(len(cells.nodes)), round(len(cells.nodes) / at_once)):
+    for chosen in np.array_split(np.arange(len(cells.nodes)), round(len(cells.nodes) / CELLS_AT_ONCE)):
         yield cells.at(chosen)

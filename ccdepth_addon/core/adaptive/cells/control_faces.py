@@ -12,7 +12,7 @@ from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.patches import classify_patches
 from ...surface.refinement import Refinement
 from ..leaf_approximation import Cells
-from .irregular_cells import REFINED_AT_ONCE, RefinedCells, by_valence
+from .irregular_cells import RefinedCells, by_valence
 from .patch_cells import CELLS_AT_ONCE, BicubicCells, ExtraordinaryCells
 from .polygon_cells import PolygonCells, TriangleCells
 
@@ -28,5 +28,5 @@ def cells_of_faces(mesh: PolygonMesh) -> Iterator[Cells]:
             yield ExtraordinaryCells.of_faces(mesh, kinds, valence, faces, faces)
     sizes = mesh.face_sizes[rest]
     for kind, of_kind in ((RefinedCells, sizes == 4), (TriangleCells, sizes == 3), (PolygonCells, sizes > 4)):
-        for faces in index_chunks(rest[of_kind], REFINED_AT_ONCE):
+        for faces in index_chunks(rest[of_kind], CELLS_AT_ONCE):
             yield kind(faces, Refinement.start(mesh, faces))

@@ -25,9 +25,6 @@ from ..templates import templates
 from .patch_cells import BicubicCells, ExtraordinaryCells
 from .quad_cells import QuadCells
 
-# Cells evaluated together: each takes so long that more would gain nothing.
-REFINED_AT_ONCE = 1 << 12
-
 
 @dataclass(frozen=True)
 class RefinedCells(QuadCells):

@@ -31,15 +31,15 @@ from ..template_choice import PROMISING, Samples, choose_along_surface, folded_q
 from ..templates import TURNS, WHOLE, Transitions, templates
 from .quad_cells import QuadCells, patterns_of
 
-# Finer bounds save nearly all of the part that is not quadratic, and sometimes a little more; at an extraordinary
-# corner a third at most. They are computed where the coarse bound is at most so many limits.
+# Finer bounds save nearly all of the part that is not quadratic, and sometimes a little more. They are computed where
+# the quadratic part is at most so many limits.
 REFINABLE_QUADRATIC = 1.1
-REFINABLE_EXTRAORDINARY = 1.5
 
-# Finer bounds gain too little where the rest is less than this part of the quadratic part.
+# A child's own coefficients gain too little where the rest is less than this part of the quadratic part.
 SMALL_REST = 0.05
 
-# Cells evaluated together: the system need not provide memory for temporary arrays anew each time.
+# Cells evaluated together: temporary arrays stay in cache, and in memory that the system need not provide
+# anew.
 CELLS_AT_ONCE = 1 << 12
 
 
@@ -211,18 +211,9 @@ class BicubicCells(NetCells):
     def error_bounds_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> ErrorBounds:
-        """As in ``QuadCells``, with finer bounds where the part that is not quadratic counts."""
         nets = selected_vectors(self.nets, chosen)
         normals = triangle_normals(selected_vectors(points, chosen), templates(pattern)[alternative])
-        quadratic, rest = triangle_bounds.quadratic_error_bounds(
-            triangle_bounds.quadratic_rows(pattern, alternative), nets, normals
-        )
-        error_bounds, doubtful = quadratic + rest, np.flatnonzero(rest.normal > SMALL_REST * quadratic.normal)
-        if len(doubtful):
-            rows = triangle_bounds.bicubic_rows(pattern, alternative)
-            nets, normals = selected_vectors(nets, doubtful), selected_vectors(normals, doubtful)
-            error_bounds.put(doubtful, triangle_bounds.bicubic_error_bounds(rows, nets, normals))
-        return error_bounds
+        return triangle_bounds.bicubic_error_bounds(triangle_bounds.bicubic_rows(pattern, alternative), nets, normals)
 
 
 @dataclass(frozen=True)
@@ -270,27 +261,17 @@ class ExtraordinaryCells(NetCells):
     def distances_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> FloatArray:
-        """As in ``QuadCells``, with finer bounds where they decide."""
-        distances = self._error_bounds(chosen, pattern, alternative, points, fine=False).whole
-        doubtful = np.flatnonzero((distances > limit) & (distances <= REFINABLE_EXTRAORDINARY * limit))
-        if len(doubtful):
-            distances[doubtful] = self._error_bounds(chosen[doubtful], pattern, alternative, points, fine=True).whole
-        return distances
+        return self.error_bounds_of(chosen, pattern, alternative, points, limit).whole
 
     def error_bounds_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
     ) -> ErrorBounds:
-        return self._error_bounds(chosen, pattern, alternative, points, fine=True)
+        rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative)
+        normals = triangle_normals(selected_vectors(points, chosen), templates(pattern)[alternative])
+        return triangle_bounds.extraordinary_error_bounds(rows, selected_vectors(self.nets, chosen), normals)
 
     def _to_points(self) -> FloatArray:
         return triangle_bounds.extraordinary_points(self.valence)
 
     def hull_of(self, chosen: IndexArray, limit: float) -> Hull:
         return extraordinary_hull(selected_vectors(self.nets, chosen))
-
-    def _error_bounds(
-        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, *, fine: bool
-    ) -> ErrorBounds:
-        rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative, fine=fine)
-        normals = triangle_normals(selected_vectors(points, chosen), templates(pattern)[alternative])
-        return triangle_bounds.extraordinary_error_bounds(rows, selected_vectors(self.nets, chosen), normals)

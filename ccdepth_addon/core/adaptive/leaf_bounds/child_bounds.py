@@ -7,13 +7,12 @@ They settle most leaves of a tree, which then need no coefficients of their own.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 
-from ...arrays.chunks import chunks
 from ...arrays.matrix_products import matrix_product
 from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors, squared_norms, transformed_nets
@@ -28,9 +27,6 @@ from .triangle_bounds import (
     to_monomials,
 )
 from .triangle_shapes import triangle_normals
-
-# Temporary arrays for so many quads stay in the processor's cache.
-QUADS_AT_ONCE = 1 << 9
 
 # The points of a quad, its centre the last, that are the corners of the child at each of its own, from that one on.
 CORNERS_OF_CHILDREN = [[corner, 4 + corner, 8, 4 + (corner + 3) % 4] for corner in range(4)]
@@ -66,18 +62,6 @@ class ChildSamples:
     sums: FloatArray
     monomials: FloatArray
 
-    @staticmethod
-    def joined(parts: Sequence[ChildSamples]) -> ChildSamples:
-        """All of them, block after block."""
-        return ChildSamples(
-            np.concatenate([part.at_corners for part in parts]),
-            np.concatenate([part.of_quads for part in parts]),
-            np.concatenate([part.corners for part in parts], axis=-2),
-            np.concatenate([part.off for part in parts], axis=-2),
-            np.concatenate([part.sums for part in parts], axis=-2),
-            np.concatenate([part.monomials for part in parts], axis=-2),
-        )
-
     def error_bounds(self, chosen: IndexArray, diagonal: int) -> tuple[ErrorBounds, ErrorBounds]:
         """Error bounds of some, split along a diagonal, along the triangles' normals and across: those of the quadratic
         parts, and those of the rest, to be added."""
@@ -93,30 +77,24 @@ class ChildSamples:
 
 def child_distances(coefficients: FloatArray, limit: float) -> ChildDistances:
     """Of quads with Bernstein coefficients (16, P, 3), [i, j] → 4i + j, u along i."""
-    count = coefficients.shape[1]
-    sampled, bounds, points = np.empty((4, 2, count)), np.empty((4, 2, count)), np.empty((9, 3, count)).swapaxes(1, 2)
-    far = []
-    for block in chunks(count, QUADS_AT_ONCE):
-        vectors = transformed_nets(_rows(), coefficients[:, block])
-        squares = squared_norms(vectors[:50])
-        largest = np.maximum(squares[:16].reshape(4, 4, -1).max(axis=1)[:, None], squares[16:24].reshape(4, 2, -1))
-        quadratic = np.maximum(largest, squares[24:40].reshape(4, 2, 2, -1).max(axis=2))
-        rests = matrix_product(_weights(), np.sqrt(squares[40:])).reshape(largest.shape)
-        np.sqrt(largest, out=sampled[..., block])
-        np.add(np.sqrt(quadratic), rests, out=bounds[..., block])
-        points[:, block] = vectors[50:]
-        far.append(_child_samples(vectors, sampled[..., block].min(axis=1) > limit, block.start))
-    return ChildDistances(sampled, bounds, points, ChildSamples.joined(far))
+    vectors = transformed_nets(_rows(), coefficients)
+    squares = squared_norms(vectors[:50])
+    largest = np.maximum(squares[:16].reshape(4, 4, -1).max(axis=1)[:, None], squares[16:24].reshape(4, 2, -1))
+    quadratic = np.maximum(largest, squares[24:40].reshape(4, 2, 2, -1).max(axis=2))
+    rests = matrix_product(_weights(), np.sqrt(squares[40:])).reshape(largest.shape)
+    sampled = np.sqrt(largest)
+    far = _child_samples(vectors, sampled.min(axis=1) > limit)
+    return ChildDistances(sampled, np.sqrt(quadratic) + rests, vectors[50:], far)
 
 
-def _child_samples(vectors: FloatArray, wanted: BoolArray, first: int) -> ChildSamples:
-    """Some children, (4, P) bool, of quads with so many others before them; vectors: (59, P, 3), of ``_rows``."""
+def _child_samples(vectors: FloatArray, wanted: BoolArray) -> ChildSamples:
+    """Some children, (4, P) bool, of P quads; vectors: (59, P, 3), of ``_rows``."""
     parts = (vectors[:16].reshape(4, 4, -1, 3), vectors[16:24].reshape(4, 2, -1, 3))
     off = np.concatenate([_of_each(part, wanted) for part in parts])
     sums = _of_each(vectors[24:40].reshape(4, 2, 2, -1, 3), wanted)
     at_corners, of_quads = np.nonzero(wanted)
     monomials = selected_vectors(vectors[40:50], of_quads)
-    return ChildSamples(at_corners, of_quads + first, corners_of_children(vectors[50:], wanted), off, sums, monomials)
+    return ChildSamples(at_corners, of_quads, corners_of_children(vectors[50:], wanted), off, sums, monomials)
 
 
 def corners_of_children(points: FloatArray, wanted: BoolArray) -> FloatArray:

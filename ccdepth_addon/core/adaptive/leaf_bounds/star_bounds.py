@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays.chunks import chunks
+from ...arrays.chunks import AT_ONCE, chunks
 from ...arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
 
 # The bound is of no use between steeper triangles.
@@ -35,9 +35,6 @@ TURNED = 2.0
 
 # The least sine of the angle at a triangle's second corner: rounding spoils the normals of thinner ones.
 THINNEST = 1e-6
-
-# Triangles evaluated together, so that temporary arrays stay in the processor's cache.
-TRIANGLES_AT_ONCE = 1 << 12
 
 
 # At degenerate triangles, and where normals cancel, there is nothing to divide by.
@@ -61,7 +58,7 @@ def star_bounds(
     corners, columns = np.ascontiguousarray(triangles.T), np.ascontiguousarray(positions.T)
     directions = np.empty((3, len(triangles)))
     turns, widths, tilts = np.zeros(count), np.full(count, np.inf), np.full(count, -np.inf)
-    for block in chunks(len(triangles), TRIANGLES_AT_ONCE):
+    for block in chunks(len(triangles), AT_ONCE):
         directions[:, block], heights, angles = _shapes(columns[:, corners[:, block]])
         for vertices, of_height, of_angle in zip(corners[:, block], heights, angles, strict=True):
             np.minimum.at(widths, vertices, of_height)
@@ -70,7 +67,7 @@ def star_bounds(
     axes /= np.sqrt(np.sum(axes * axes, axis=0))
 
     # (3, T): for each triangle, its normal, and then its tilts at each of its corners.
-    for block in chunks(len(triangles), TRIANGLES_AT_ONCE):
+    for block in chunks(len(triangles), AT_ONCE):
         own = corners[:, block]
         directions[:, block] = _angles(directions[:, None, block], axes[:, own])
         for vertices, of_corner in zip(own, directions[:, block], strict=True):
@@ -85,7 +82,7 @@ def star_bounds(
     )
     chosen = np.flatnonzero(wanted)
     found = np.empty(len(chosen))
-    for block in chunks(len(chosen), TRIANGLES_AT_ONCE):
+    for block in chunks(len(chosen), AT_ONCE):
         own = chosen[block]
         found[block] = around.bounds(corners[:, own], directions[:, own])
     return found

@@ -34,7 +34,6 @@ from math import comb
 
 import numpy as np
 
-from ...arrays.chunks import chunks
 from ...arrays.types import FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors, squared_dots, squared_norms, transformed_nets
 from ...bounds.norm_bounds import certified_limit_factor
@@ -49,11 +48,9 @@ DEGREE = 6
 TO_POWERS = np.array([[1, 3, 3, 1], [-6, -6, 6, 6], [12, -12, -12, 12], [-8, 24, -24, 8]]) / 8
 FROM_POWERS = np.array([[24, -12, 6, -3], [24, -4, -2, 3], [24, 4, -2, -3], [24, 12, 6, 3]]) / 24
 
-# The monomials (u - 1/2)^i (v - 1/2)^j → 4i + j that are more than quadratic; and how often a triangle is quartered to
-# bound their distance from their quadratic parts: once more would save 1 %. Rounding changes that by less than 2⁻⁴⁸: 16
-# sums of numbers below 1/8, and two times nine of such below 3/8.
+# The monomials (u - 1/2)^i (v - 1/2)^j → 4i + j that are more than quadratic. Rounding changes bounds of their distance
+# from their quadratic parts by less than 2⁻⁴⁸: 16 sums of numbers below 1/8, and two times nine of such below 3/8.
 BEYOND_QUADRATIC = [4 * i + j for i in range(4) for j in range(4) if i + j > 2]
-QUARTERINGS = 3
 OFF_ROUNDING = 2.0**-48
 
 # The Bernstein coefficients, of 16 in [i, j] → 4i + j, that are the values at corners 0 to 3.
@@ -65,15 +62,8 @@ AS_COMPLEX = np.array([1.0, 1.0j])
 # A quarter turn, counter-clockwise, of row vectors.
 QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
 
-# Levels of bicubic pieces around an extraordinary vertex, for coarse and for fine bounds; and on how many of the fine
-# ones triangles are quartered: farther in that would make no difference.
-COARSE_LEVELS = 2
-FINE_LEVELS = 5
-QUARTERED_LEVELS = 2
-
-# Numbers in the coefficients that are evaluated together, and the least number of quads.
-VALUES_AT_ONCE = 1 << 18
-FEWEST_AT_ONCE = 64
+# Levels of bicubic pieces around an extraordinary vertex.
+LEVELS_AT_VERTEX = 5
 
 
 @dataclass(frozen=True)
@@ -106,7 +96,6 @@ def _arguments(degree: int) -> IndexArray:
     return np.array([*combinations_with_replacement(range(3), degree)])
 
 
-@cache
 def _counts(degree: int) -> IndexArray:
     """(28, 3) for degree 6: the multiplicity of each vertex among these."""
     return (_arguments(degree)[:, :, None] == np.arange(3)).sum(axis=1)
@@ -156,7 +145,7 @@ def to_monomials() -> FloatArray:
 
 def off_quadratic(triangles: list[FloatArray]) -> FloatArray:
     """(10,): upper bounds of the distance of each of these monomials from its own quadratic part, over some triangles
-    (3, 2): by Bernstein coefficients over parts of these."""
+    (3, 2): by Bernstein coefficients over their quarters."""
     return np.max([_off_quadratic(tuple(triangle.ravel().tolist())) for triangle in triangles], axis=0)
 
 
@@ -165,14 +154,12 @@ def _off_quadratic(places: tuple[float, ...]) -> FloatArray:
     """(10,): the same over one triangle, by the parameters of its vertices; templates share these."""
     triangle = np.array(places).reshape(3, 2)
     monomials = np.kron(FROM_POWERS, FROM_POWERS)[:, BEYOND_QUADRATIC]
-    blossoms = _quadratic_blossoms(triangle, monomials)
-    parts, largest = [triangle], np.zeros(len(BEYOND_QUADRATIC))
-    for _ in range(QUARTERINGS):
-        parts = [quarter for part in parts for quarter in _quartered(part)]
-    for part in parts:
+    blossoms, shares = _quadratic_blossoms(triangle, monomials), _shares_of_pairs()
+    largest = np.zeros(len(BEYOND_QUADRATIC))
+    for part in _quartered(triangle):
         own = barycentric(triangle, part)
-        quadratic = np.einsum("pa,qb,abm->pqm", own, own, blossoms)
-        off = coefficients_over(part) @ monomials - np.einsum("rpq,pqm->rm", _shares_of_pairs(), quadratic)
+        quadratic = np.einsum("rpq,pa,qb,abm->rm", shares, own, own, blossoms, optimize=True)
+        off = coefficients_over(part) @ monomials - quadratic
         largest = np.maximum(largest, np.abs(off).max(axis=0))
     return largest + OFF_ROUNDING
 
@@ -192,7 +179,6 @@ def _at_middles(triangle: FloatArray) -> FloatArray:
     return bicubic_basis(middles.reshape(-1, 2)).reshape(3, 3, 16)
 
 
-@cache
 def _shares_of_pairs() -> FloatArray:
     """(28, 3, 3): the share of each two vertices among the pairs of a coefficient's six arguments, in order: raises a
     polynomial of degree 2, by its blossoms, to degree 6."""
@@ -274,15 +260,6 @@ class ErrorBounds:
             for most, values in zip(largest, (squares, along, squares - along), strict=True):
                 np.maximum(most, values.max(axis=0), out=most)
         return ErrorBounds(*np.sqrt(largest))
-
-    @staticmethod
-    def joined(parts: list[ErrorBounds]) -> ErrorBounds:
-        """Those of several blocks, one after another."""
-        return ErrorBounds(
-            np.concatenate([part.whole for part in parts]),
-            np.concatenate([part.normal for part in parts]),
-            np.concatenate([part.tangential for part in parts]),
-        )
 
     def __add__(self, other: ErrorBounds) -> ErrorBounds:
         return ErrorBounds(self.whole + other.whole, self.normal + other.normal, self.tangential + other.tangential)
@@ -431,21 +408,19 @@ class ExtraordinaryRows:
 
 
 @lru_cache(maxsize=512)
-def extraordinary_rows(valence: int, pattern: int, alternative: int, *, fine: bool) -> ExtraordinaryRows:
+def extraordinary_rows(valence: int, pattern: int, alternative: int) -> ExtraordinaryRows:
     """The rows for a valence of 3, 5 or more; the pattern is counted from the extraordinary corner on."""
     stencils = patch_stencils(valence)
     points = extraordinary_points(valence)
     to_bernstein = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
     net, rows = np.eye(2 * valence + 8), []
-    levels = FINE_LEVELS if fine else COARSE_LEVELS
-    for level in range(1, levels + 1):
+    for level in range(1, LEVELS_AT_VERTEX + 1):
         for child in (1, 2, 3):
             surface = to_bernstein @ stencils.regular[16 * (child - 1) : 16 * child] @ net
-            quartered = fine and level <= QUARTERED_LEVELS
-            rows.append(template_rows(pattern, alternative, 4**level + child, fine=quartered).of(surface, points))
+            rows.append(template_rows(pattern, alternative, 4**level + child).of(surface, points))
         net = stencils.refined @ net
     facet = bilinear_coefficients(stencils.limits @ net).reshape(16, -1)
-    last = Rows.joined([template_rows(pattern, alternative, 4**levels).of(facet, points)])
+    last = Rows.joined([template_rows(pattern, alternative, 4**LEVELS_AT_VERTEX).of(facet, points)])
     middles, ones, others = second_differences(valence)
     differences = 2 * net[middles] - net[ones] - net[others]
     return ExtraordinaryRows(Rows.joined(rows), last, differences)
@@ -468,36 +443,18 @@ def bicubic_points() -> FloatArray:
 
 def bicubic_error_bounds(rows: Rows, coefficients: FloatArray, normals: FloatArray) -> ErrorBounds:
     """For Bernstein coefficients (16, P, 3) and the triangles' normals (T, P, 3)."""
-    return ErrorBounds.joined(
-        [
-            ErrorBounds.of(transformed_nets(rows.matrix, coefficients[:, block]), rows.triangles, normals[:, block])
-            for block in chunks(coefficients.shape[1], quads_at_once(len(rows.matrix)))
-        ]
-    )
+    return ErrorBounds.of(transformed_nets(rows.matrix, coefficients), rows.triangles, normals)
 
 
 def bicubic_distances(rows: Rows, coefficients: FloatArray, chosen: IndexArray) -> FloatArray:
     """(n,): upper bounds of ‖S - T‖, for chosen ones of Bernstein coefficients (16, P, 3)."""
-    found = np.empty(len(chosen))
-    for block in chunks(len(chosen), quads_at_once(len(rows.matrix))):
-        found[block] = _longest(transformed_nets(rows.matrix, selected_vectors(coefficients, chosen[block])))
-    return found
+    return _longest(transformed_nets(rows.matrix, selected_vectors(coefficients, chosen)))
 
 
 def quadratic_error_bounds(
     rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray
 ) -> tuple[ErrorBounds, ErrorBounds]:
     """Error bounds of the quadratic parts, and of the rest, to be added. As for ``bicubic_error_bounds``."""
-    found = [
-        _quadratic_error_bounds(rows, coefficients[:, block], normals[:, block])
-        for block in chunks(coefficients.shape[1], quads_at_once(len(rows.matrix)))
-    ]
-    return ErrorBounds.joined([quadratic for quadratic, _ in found]), ErrorBounds.joined([rest for _, rest in found])
-
-
-def _quadratic_error_bounds(
-    rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray
-) -> tuple[ErrorBounds, ErrorBounds]:
     vectors = transformed_nets(rows.matrix, coefficients)
     quadratic = ErrorBounds.of(vectors[: len(rows.triangles)], rows.triangles, normals)
     return quadratic, rest_error_bounds(vectors[len(rows.triangles) :], rows.weights, normals)
@@ -526,12 +483,9 @@ def quadratic_distances(
     rows: QuadraticRows, coefficients: FloatArray, chosen: IndexArray
 ) -> tuple[FloatArray, FloatArray]:
     """(n,) twice: the same for ‖S - T‖, for chosen ones of Bernstein coefficients (16, P, 3)."""
-    quadratic, rest = np.empty((2, len(chosen)))
-    for block in chunks(len(chosen), quads_at_once(len(rows.matrix))):
-        vectors = transformed_nets(rows.matrix, selected_vectors(coefficients, chosen[block]))
-        rest[block] = _weighted(rows.weights, squared_norms(vectors[len(rows.triangles) :]))
-        quadratic[block] = _longest(vectors[: len(rows.triangles)])
-    return quadratic, rest
+    vectors = transformed_nets(rows.matrix, selected_vectors(coefficients, chosen))
+    rest = _weighted(rows.weights, squared_norms(vectors[len(rows.triangles) :]))
+    return _longest(vectors[: len(rows.triangles)]), rest
 
 
 def _longest(vectors: FloatArray) -> FloatArray:
@@ -545,28 +499,14 @@ def _longest(vectors: FloatArray) -> FloatArray:
 
 def extraordinary_error_bounds(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> ErrorBounds:
     """For nets (2n + 8, P, 3) and the triangles' normals (T, P, 3)."""
-    return ErrorBounds.joined(
-        [
-            _extraordinary_error_bounds(rows, nets[:, block], normals[:, block])
-            for block in chunks(nets.shape[1], quads_at_once(len(rows.pieces.matrix)))
-        ]
-    )
-
-
-def _extraordinary_error_bounds(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> ErrorBounds:
-    """At the vertex S - B is within a factor of the second differences; so is each component of it within theirs."""
     valence = (len(nets) - 8) // 2
     pieces = ErrorBounds.of(transformed_nets(rows.pieces.matrix, nets), rows.pieces.triangles, normals)
     differences = transformed_nets(rows.differences, nets)
     left = ErrorBounds.of(transformed_nets(rows.last.matrix, nets), rows.last.triangles, normals)
+    # S - B is within a factor of the second differences; so is each component of it within theirs.
     at_vertex = ErrorBounds(*(np.zeros(nets.shape[1]) for _ in range(3)))
     for triangle in np.unique(rows.last.triangles).tolist():
         own = np.full(len(differences), triangle)
         found = ErrorBounds.of(differences, own, normals)
         at_vertex = at_vertex.or_more(found.times(certified_limit_factor(valence)))
     return pieces.or_more(left + at_vertex)
-
-
-def quads_at_once(rows: int) -> int:
-    """The number of quads whose coefficients stay in the processor's cache."""
-    return max(FEWEST_AT_ONCE, VALUES_AT_ONCE // (3 * rows))
