@@ -551,10 +551,6 @@ def summed_one_by_one(_: Any) -> Any:
     return sums
 
 
-def gathered_at_once(_: Any) -> Any:
-    return lambda values, indices: values[indices]
-
-
 def one_thread(_: Any = None) -> Any:
     """Threads that wait for each other take processor time by chance."""
     replace_with("core.arrays.threads._thread_count", lambda: 1)
@@ -618,10 +614,6 @@ def none_through_parents(_: Any) -> Any:
         return np.ones((4, count), dtype=bool), np.zeros((4, count), dtype=bool)
 
     return through
-
-
-def children_kept(approximate_new: Any) -> Any:
-    return lambda plan, cells, **_named: approximate_new(plan, cells)
 
 
 def all_entries(put: Any) -> Any:
@@ -714,9 +706,8 @@ ENTRIES = [
     Entry(ARRAYS + "threads._threads", "new ones for each call", by(a_pool_each), THREADS, by_clock=True),
     Entry(ARRAYS + "matrix_products.matrix_product", "numpy's own", by(numpy_product), ("depths", "adaptive")),
     at_once(ARRAYS + "matrix_products.COLUMNS_AT_ONCE", "depths", "adaptive", "depths, extraordinary"),
-    at_once(ARRAYS + "chunks.AT_ONCE", "depths", "depths, limit", "writing", "deviation"),
+    at_once(ARRAYS + "chunks.AT_ONCE", "depths", "depths, limit", "writing", "deviation", "adaptive, large"),
     at_once(ARRAYS + "chunks.FEW_AT_ONCE", *DEVIATIONS, "depths by norms, creases", "adaptive, n-gons"),
-    Entry(ARRAYS + "chunks.gathered", "numpy's own", by(gathered_at_once), ("adaptive, large",)),
     Entry(ARRAYS + "vectors.component_major", "left as they are", by(as_it_is), SUZANNE),
     Entry(ARRAYS + "vectors.cross_products", "numpy's own", by(numpy_cross), ("adaptive", "adaptive, n-gons")),
     Entry(ARRAYS + "vectors.squared_norms", "einsum", by(numpy_norms), ("depths", "adaptive", "deviation")),
@@ -761,22 +752,11 @@ ENTRIES = [
     # Adaptive meshes: the tree and its stores.
     Entry(ADAPTIVE + "quadtree.SLACK", "no slack", set_to(1.0), NETS),
     Entry(ADAPTIVE + "quadtree.Quadtree.reserve", "columns grow by themselves", by(nothing), SUZANNE),
-    at_once(ADAPTIVE + "quadtree.NODES_AT_ONCE", "adaptive, large", "adaptive, coarse"),
     Entry(
         ADAPTIVE + "balance.LEAVES_BESIDE",
         "all leaves tested",
         set_to(UNLIMITED),
         ("adaptive", "adaptive, creases", "adaptive, pole"),
-    ),
-    Entry(ADAPTIVE + "balance.FEWEST_SIDES", "sides of all leaves counted", set_to(0), SUZANNE),
-    at_once(ADAPTIVE + "growth.CELLS_KEPT_TOGETHER", "adaptive, large", "adaptive, coarse"),
-    at_once(ADAPTIVE + "growth.PARENTS_AT_ONCE", "adaptive, large", "adaptive, coarse"),
-    at_once(ADAPTIVE + "growth.NODES_SPLIT_AT_ONCE", "adaptive, large"),
-    Entry(
-        ADAPTIVE + "growth.approximate_new",
-        "children kept, not made again",
-        by(children_kept),
-        ("adaptive, large", "adaptive, coarse"),
     ),
     Entry(
         ADAPTIVE + "growth._place",
@@ -792,23 +772,16 @@ ENTRIES = [
     ),
     Entry(ADAPTIVE + "neighbour_bounds._are_at_vertices", "all star bounds anew", by(everywhere), ALL_ADAPTIVE),
     Entry(ADAPTIVE + "plan.SURELY_TOO_MANY", "not refused early", set_to(ALWAYS), ("adaptive, refused",)),
-    at_once(ADAPTIVE + "tessellation.POLYGONS_AT_ONCE", "adaptive, large", "adaptive, coarse"),
-    at_once(ADAPTIVE + "tessellation.EDGES_AT_ONCE", "adaptive, large"),
     Entry(ADAPTIVE + "template_choice.PROMISING", "no star bounds", set_to(NEVER), ALL_ADAPTIVE),
     Entry(ADAPTIVE + "template_choice.PROMISING", "1", set_to(1.0), ALL_ADAPTIVE),
     Entry(ADAPTIVE + "template_choice.SLOPE_OF_HEIGHT", "0", set_to(0.0), ALL_ADAPTIVE),
-    at_once(ADAPTIVE + "template_choice.CELLS_IN_CACHE", "adaptive, large"),
     # Adaptive meshes: cells and their bounds.
     at_once(CELLS + "patch_cells.CELLS_AT_ONCE", "adaptive, large", "adaptive, pole", "adaptive, coarse"),
-    Entry(CELLS + "patch_cells.SMALL_REST", "0: always finer", set_to(0.0), NETS),
-    Entry(CELLS + "patch_cells.SMALL_REST", "never finer", set_to(ALWAYS), NETS),
+    Entry(CELLS + "patch_cells.SMALL_REST", "0: children by their own coefficients", set_to(0.0), NETS),
     Entry(CELLS + "patch_cells.REFINABLE_QUADRATIC", "always finer", set_to(ALWAYS), SUZANNE),
     Entry(CELLS + "patch_cells.REFINABLE_QUADRATIC", "never finer", set_to(NEVER), SUZANNE),
-    Entry(CELLS + "patch_cells.REFINABLE_EXTRAORDINARY", "always finer", set_to(ALWAYS), EXTRAORDINARY),
-    Entry(CELLS + "patch_cells.REFINABLE_EXTRAORDINARY", "never finer", set_to(NEVER), EXTRAORDINARY),
     Entry(CELLS + "patch_cells.BicubicCells.distances_of", "finer bounds alone", by(fine_alone), SUZANNE),
     Entry(CELLS + "patch_cells.BicubicCells._turned", "every pattern on its own", by(not_turned), SUZANNE),
-    at_once(CELLS + "irregular_cells.REFINED_AT_ONCE", "adaptive, creases", "adaptive, n-gons", "adaptive, triangles"),
     Entry(CELLS + "polygon_cells.LARGEST_OFFSET", "not tested", set_to(ALWAYS), ("adaptive, triangles",)),
     Entry(
         ADAPTIVE + "growth._approximate_through_parents",
@@ -816,17 +789,9 @@ ENTRIES = [
         by(none_through_parents),
         ALL_ADAPTIVE,
     ),
-    at_once(LEAVES + "child_bounds.QUADS_AT_ONCE", "adaptive, large", "adaptive, coarse"),
-    at_once(LEAVES + "star_bounds.TRIANGLES_AT_ONCE", "adaptive, large", "adaptive, coarse"),
     Entry(LEAVES + "irregular_bounds.NEAR_FACET", "1", set_to(1.0), IRREGULAR),
     Entry(LEAVES + "irregular_bounds.NEAR_FACET", "0", set_to(0.0), IRREGULAR),
-    at_once(LEAVES + "triangle_bounds.VALUES_AT_ONCE", "adaptive, large", "adaptive, pole", "adaptive, coarse"),
-    Entry(LEAVES + "triangle_bounds.FEWEST_AT_ONCE", "1", set_to(1), EXTRAORDINARY),
-    Entry(LEAVES + "triangle_bounds.QUARTERINGS", "not quartered", set_to(0), SUZANNE),
-    Entry(LEAVES + "triangle_bounds.COARSE_LEVELS", "as many as fine", set_to(5), EXTRAORDINARY),
-    Entry(LEAVES + "triangle_bounds.FINE_LEVELS", "as few as coarse", set_to(2), EXTRAORDINARY),
-    Entry(LEAVES + "triangle_bounds.QUARTERED_LEVELS", "none", set_to(0), EXTRAORDINARY),
-    Entry(LEAVES + "triangle_bounds.QUARTERED_LEVELS", "all", set_to(5), EXTRAORDINARY),
+    Entry(LEAVES + "triangle_bounds.LEVELS_AT_VERTEX", "2", set_to(2), EXTRAORDINARY),
     # Attributes and writing.
     Entry("core.attributes.interpolation.at_corners", "at every corner", by(evaluated_everywhere), ("writing",)),
     # Deviation.
@@ -882,10 +847,8 @@ CACHES = {
             LEAVES + "child_bounds._rows",
             LEAVES + "child_bounds._weights",
             LEAVES + "triangle_bounds._arguments",
-            LEAVES + "triangle_bounds._counts",
             LEAVES + "triangle_bounds._ways_to_share",
             LEAVES + "triangle_bounds._off_quadratic",
-            LEAVES + "triangle_bounds._shares_of_pairs",
             LEAVES + "triangle_bounds.template_rows",
             LEAVES + "triangle_bounds.bicubic_rows",
             LEAVES + "triangle_bounds.quadratic_rows",
