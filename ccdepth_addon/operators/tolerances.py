@@ -45,9 +45,9 @@ class CCDEPTH_OT_tolerance_preset_add(AddPresetBase, bpy.types.Operator):
     bl_label = "Add Tolerance Preset"
     preset_menu = "CCDEPTH_PT_tolerance_presets"
     preset_subdir = properties.TOLERANCE_PRESETS
-    preset_defines: ClassVar[list[str]] = ["settings = bpy.context.scene.ccdepth"]
+    # In full: with Python 3.13 Blender 4.3 does not find what ``preset_defines`` defines.
     preset_values: ClassVar[list[str]] = [
-        "settings.tolerance_mode",
-        "settings.relative_tolerance",
-        "settings.tolerance",
+        "bpy.context.scene.ccdepth.tolerance_mode",
+        "bpy.context.scene.ccdepth.relative_tolerance",
+        "bpy.context.scene.ccdepth.tolerance",
     ]
