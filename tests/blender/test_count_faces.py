@@ -12,22 +12,21 @@ from tests.blender.subdividing import TOLERANCE, everything_in_the_file, faces, 
 
 
 def test_the_count_is_what_is_made() -> None:
-    first, second = scene.add_suzanne(), scene.add_object(meshes.creased_cube())
+    first, second = scene.add_object(meshes.landscape(3, 3), "One"), scene.add_object(meshes.creased_cube(), "Two")
     scene.add_subdivision(first, 1)
     before = everything_in_the_file()
-    for mode in ("ADAPTIVE", "PER_FACE"):
-        for transitions in ("TRIANGLES", "NGONS"):
-            for obj in (first, second):
-                obj.hide_set(False)
-            addon.select(first, second)
-            settings = bpy.context.scene.ccdepth
-            settings.tolerance_mode, settings.tolerance = "ABSOLUTE", TOLERANCE
-            settings.mode, settings.transitions = mode, transitions
-            assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
-            counts = [known_count(obj).faces for obj in (second, first)]
-            results = subdivide(first, second, mode=mode, transitions=transitions)
-            assert [faces(result) for result in results] == counts
-            bpy.data.batch_remove([result.data for result in results])
+    for mode, transitions in (("ADAPTIVE", "TRIANGLES"), ("PER_FACE", "NGONS")):
+        for obj in (first, second):
+            obj.hide_set(False)
+        addon.select(first, second)
+        settings = bpy.context.scene.ccdepth
+        settings.tolerance_mode, settings.tolerance = "ABSOLUTE", TOLERANCE
+        settings.mode, settings.transitions = mode, transitions
+        assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
+        counts = [known_count(obj).faces for obj in (first, second)]
+        results = subdivide(first, second, mode=mode, transitions=transitions)
+        assert [faces(result) for result in results] == counts
+        bpy.data.batch_remove([result.data for result in results])
     assert set(everything_in_the_file()) == set(before)
 
 
@@ -83,6 +82,7 @@ def named_tolerance(*objects: bpy.types.Object, **settings: object) -> float:
 
 
 @pytest.mark.parametrize("mode", ["ADAPTIVE", "PER_FACE"])
+@pytest.mark.mathematics
 @pytest.mark.parametrize("name", ["cylinder", "pole", "Suzanne"])
 def test_the_tolerance_named_fits_large_results_too(name: str, mode: str) -> None:
     """These are too large to be tried from the start; a pole may be as deep as its whole face."""
@@ -108,12 +108,13 @@ def test_a_tolerance_fits_where_the_mesh_itself_has_hardly_fewer_faces(max_faces
 
 
 def test_the_limit_is_for_all_objects_together() -> None:
-    objects = [scene.add_suzanne(), scene.add_suzanne()]
+    objects = [scene.add_object(meshes.cube()), scene.add_object(meshes.cube())]
     [alone] = subdivide(objects[0])
     objects[0].hide_set(False)
     refused(*objects, match="The 2 results together .* are allowed", max_faces=int(1.5 * faces(alone)))
 
 
+@pytest.mark.mathematics
 @pytest.mark.parametrize("max_faces", [1100, 2000, 3000])
 def test_the_tolerance_named_fits_all_objects_together(max_faces: int) -> None:
     objects = [scene.add_suzanne(), scene.add_suzanne()]
@@ -124,7 +125,7 @@ def test_the_tolerance_named_fits_all_objects_together(max_faces: int) -> None:
 
 
 def test_counting_tells_when_all_objects_together_have_too_many_faces(capfd: pytest.CaptureFixture[str]) -> None:
-    objects = [scene.add_suzanne(), scene.add_suzanne()]
+    objects = [scene.add_object(meshes.cube()), scene.add_object(meshes.cube())]
     [alone] = subdivide(objects[0])
     objects[0].hide_set(False)
     addon.select(*objects)

@@ -6,6 +6,7 @@ from __future__ import annotations
 import bpy
 import pytest
 
+from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.subdividing import TOLERANCE, everything_in_the_file, subdivide
 
@@ -19,10 +20,9 @@ def set_scene(**settings: object) -> None:
 
 
 def made_result(**settings: object) -> tuple[bpy.types.Object, bpy.types.Object]:
-    """Suzanne and the result made of her, with the scene's settings."""
+    """A cube and the result made of it, with the scene's settings."""
     set_scene(tolerance=TOLERANCE)
-    source = scene.add_suzanne()
-    source.name = "Cage"
+    source = scene.add_object(meshes.cube(), "Cage")
     [result] = subdivide(source, **settings)
     return source, result
 
