@@ -75,13 +75,16 @@ def point_to_triangles(points: FloatArray, corners: FloatArray) -> FloatArray:
     gram = np.stack([np.stack([(ab * ab).sum(1), (ab * ac).sum(1)]), np.stack([(ab * ac).sum(1), (ac * ac).sum(1)])])
     right = np.stack([(ab * ap).sum(1), (ac * ap).sum(1)])
     determinant = gram[0, 0] * gram[1, 1] - gram[0, 1] ** 2
+    # Where there is no area there is no inside.
+    determinant = np.where(determinant == 0, np.nan, determinant)
     v = (gram[1, 1] * right[0] - gram[0, 1] * right[1]) / determinant
     w = (gram[0, 0] * right[1] - gram[0, 1] * right[0]) / determinant
     inside = (v >= 0) & (w >= 0) & (v + w <= 1)
     best = np.where(inside, np.linalg.norm(ap - v[:, None] * ab - w[:, None] * ac, axis=1), np.inf)
     for start, end in ((a, b), (b, c), (c, a)):
         along = end - start
-        share = np.clip(((points - start) * along).sum(1) / (along * along).sum(1), 0, 1)
+        squared = (along * along).sum(1)
+        share = np.clip(((points - start) * along).sum(1) / np.where(squared > 0, squared, 1.0), 0, 1)
         best = np.minimum(best, np.linalg.norm(points - start - share[:, None] * along, axis=1))
     return best
 
@@ -362,6 +365,23 @@ def test_degenerate_triangles_change_nothing() -> None:
     found = measure_deviation(control, positions, folded)
     assert found.accuracy_met
     assert found.proved == pytest.approx(plain.proved, rel=ACCURACY)
+
+
+@pytest.mark.parametrize("thickness", [0.0, 1e-17, 1e-12, 1e-7])
+def test_nearest_points_of_needles(thickness: float) -> None:
+    """Rounding decides which way they face; the way along them is as for a line."""
+    generator = np.random.default_rng(5)
+    starts, along = generator.normal(size=(2, 40, 1, 3))
+    off_line = thickness * generator.normal(size=(40, 3, 3))
+    corners = starts + generator.uniform(size=(40, 3, 1)) * along + off_line
+    corners[:10, 2] = corners[:10, 1]
+    points = generator.normal(size=(40, 3))
+    for triangle, point in zip(corners, points, strict=True):
+        mesh = Triangles.of(triangle, np.array([[0, 1, 2]]), lambda: None)
+        found = nearest_triangles(mesh, point[None]).distances[0]
+        expected = point_to_triangles(point[None], triangle[None])[0]
+        assert found <= expected
+        assert found == pytest.approx(expected, abs=20 * thickness + 1e-9)
 
 
 def test_bad_input() -> None:

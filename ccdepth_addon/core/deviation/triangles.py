@@ -41,10 +41,7 @@ class Triangles:
         tree = BoxTree.around(points.min(axis=0), points.max(axis=0))
         tick()
         normals = np.cross(points[1] - points[0], points[2] - points[0])
-        longest = np.sqrt(squared_norms(points[[1, 2, 0]] - points).max(axis=0))
-        heights = np.divide(np.sqrt(squared_norms(normals)), longest, out=np.zeros_like(longest), where=longest > 0)
-        thickness = np.where(heights > NEEDLE * longest, 0.0, 2 * heights + NEEDLE**2 * longest)
-        return Triangles(points, beyond, unit(normals), thickness, tree)
+        return Triangles(points, beyond, unit(normals), needle_thickness(points), tree)
 
     @property
     def count(self) -> int:
@@ -58,6 +55,14 @@ class Triangles:
         """(N,) from places (N, 3) to a triangle each, and (N, 3) the nearest points of these."""
         distances, nearest = to_triangles(columns(places), self.corners(which))
         return distances, nearest.T
+
+
+def needle_thickness(points: FloatArray) -> FloatArray:
+    """(T,): how thick triangles with corners (3, T, 3) are at most that are needles; 0 of others."""
+    normals = np.cross(points[1] - points[0], points[2] - points[0])
+    longest = np.sqrt(squared_norms(points[[1, 2, 0]] - points).max(axis=0))
+    heights = np.divide(np.sqrt(squared_norms(normals)), longest, out=np.zeros_like(longest), where=longest > 0)
+    return np.where(heights > NEEDLE * longest, 0.0, 2 * heights + NEEDLE**2 * longest)
 
 
 def _partners(corners: IndexArray, vertex_count: int) -> IndexArray:
@@ -85,17 +90,21 @@ def to_triangles(places: FloatArray, corners: FloatArray) -> tuple[FloatArray, F
     """(N,) distances from places (3, N) to triangles with corners (3, 3, N), and (3, N) the nearest points.
 
     The nearest points are points of the triangles whatever rounding does: distances are not too short. They are not too
-    long either, unless a triangle is a needle (``Triangles.thickness``): the foot of the perpendicular is found from
-    cross products, whose relative error is the rounding over the sine of the angle at the first corner.
+    long either, but for the thickness of a needle (``needle_thickness``): the foot of the perpendicular is found from
+    cross products, whose relative error is the rounding over the sine of the angle at the first corner. Where that is
+    too small, the triangle is a needle, and its sides stand in for it.
     """
     first = corners[0]
     ab, ac, ap = corners[1] - first, corners[2] - first, places - first
     normal = crosses(ab, ac)
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
-        scaled = normal / products(normal, normal)
+        squared = products(normal, normal)
+        scaled = normal / squared
         v = products(crosses(ap, ac), scaled)
         w = products(crosses(ab, ap), scaled)
         inside = (v >= 0) & (w >= 0) & (v + w <= 1)
+        longest = np.maximum(products(ab, ab), products(ac, ac))
+        inside &= squared > NEEDLE**2 * longest * longest
     nearest = first + np.where(inside, v, 0.0) * ab + np.where(inside, w, 0.0) * ac
     outside = np.flatnonzero(~inside)
     if len(outside):
