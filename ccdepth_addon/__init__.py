@@ -17,6 +17,7 @@ MODULES = (
     "state.record",
     "state.result_record",
     "state.viewports",
+    "state.refusals",
     "operators",
     "ui.heat_map",
     "state.staleness",

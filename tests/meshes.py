@@ -330,6 +330,22 @@ def loose_edge_at_a_face_vertex() -> MeshData:
     return replace(data, positions=np.concatenate([data.positions, loose]), loose_edges=edges)
 
 
+def with_collapsed_faces(data: MeshData) -> MeshData:
+    """Faces without area, far from each other: one drawn together in a point, one on a line, one with an edge of no
+    length."""
+    positions = data.positions.copy()
+    starts = np.concatenate([[0], np.cumsum(data.face_sizes)])
+    point, line, edge = (
+        data.corner_vertices[starts[face] : starts[face + 1]]
+        for face in (0, len(data.face_sizes) // 2, len(data.face_sizes) - 1)
+    )
+    positions[point] = positions[point].mean(axis=0)
+    first, second = positions[line[:2]]
+    positions[line[2:]] = first + np.linspace(0.75, 0.25, len(line) - 2)[:, None] * (second - first)
+    positions[edge[0]] = positions[edge[1]]
+    return replace(data, positions=positions)
+
+
 # Creases
 
 

@@ -12,6 +12,7 @@ from .count_faces import CCDEPTH_OT_count_faces
 from .find_tolerance import CCDEPTH_OT_find_tolerance
 from .measure_deviation import CCDEPTH_OT_measure
 from .select_by_depth import CCDEPTH_OT_select
+from .select_invalid import CCDEPTH_OT_select_invalid
 from .select_worst import CCDEPTH_OT_select_worst
 from .set_levels import CCDEPTH_OT_set_levels
 from .show_source import CCDEPTH_OT_show_result, CCDEPTH_OT_show_source
@@ -34,6 +35,7 @@ CLASSES = (
     CCDEPTH_OT_tolerance_preset_add,
     CCDEPTH_OT_measure,
     CCDEPTH_OT_select_worst,
+    CCDEPTH_OT_select_invalid,
 )
 
 

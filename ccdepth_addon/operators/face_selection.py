@@ -3,15 +3,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from operator import eq, ge, le
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import BoolArray
+from ..core import BoolArray, IndexArray
 from ..exchange.control_mesh import read_values
 from ..exchange.result_attributes import DEPTH
+from ..tasks.surfaces import ComputeError
 
 COMPARISONS = {"EQUAL": eq, "AT_LEAST": ge, "AT_MOST": le}
 
@@ -19,11 +21,20 @@ COMPARISONS = {"EQUAL": eq, "AT_LEAST": ge, "AT_MOST": le}
 SELECTIONS = {"POINT": ".select_vert", "EDGE": ".select_edge", "FACE": ".select_poly"}
 
 
-def conflict(mesh: bpy.types.Mesh) -> str | None:
-    """The name of an attribute that has the name of Blender's selection and is none, if there is one.
+def refuse_conflicts(meshes: Iterable[bpy.types.Mesh]) -> None:
+    """Raise ComputeError naming every mesh with an attribute that has the name of Blender's selection and is none."""
+    faults = [
+        f"{mesh.name}: the mesh has an attribute called “{name}” that is no selection; remove it first"
+        for mesh in meshes
+        if (name := _conflict(mesh))
+    ]
+    if faults:
+        raise ComputeError("\n".join(sorted(faults)))
 
-    Writing a selection over it crashes Blender. Edit Mode keeps its selection elsewhere.
-    """
+
+def _conflict(mesh: bpy.types.Mesh) -> str | None:
+    """The name of such an attribute. Writing a selection over it crashes Blender; Edit Mode keeps its selection
+    elsewhere."""
     for domain, name in SELECTIONS.items():
         attribute = None if mesh.is_editmode else mesh.attributes.get(name)
         if attribute is not None and (attribute.data_type, attribute.domain) != ("BOOLEAN", domain):
@@ -76,35 +87,36 @@ def _select_while_editing(mesh: bpy.types.Mesh, depth: int, comparison: str, ext
     return len(wanted)
 
 
-def select_face(mesh: bpy.types.Mesh, face: int) -> bool:
-    """Select this face and nothing else; False, with everything as it was, when it is hidden."""
+def select_these(mesh: bpy.types.Mesh, faces: IndexArray) -> int:
+    """Select the visible ones of these faces (N,) and nothing else, and make the first of them the active one; returns
+    how many there are. When all are hidden everything stays as it was."""
     if mesh.is_editmode:
-        return _select_face_while_editing(mesh, face)
-    if mesh.polygons[face].hide:
-        return False
-    faces = np.zeros(len(mesh.polygons), dtype=np.bool_)
-    faces[face] = True
-    _select_only(mesh, faces)
-    mesh.polygons.active = face
-    return True
+        return _select_these_while_editing(mesh, faces)
+    visible = faces[~read_values(mesh.polygons, "hide", np.bool_)[faces]]
+    if len(visible):
+        chosen = np.zeros(len(mesh.polygons), dtype=np.bool_)
+        chosen[visible] = True
+        _select_only(mesh, chosen)
+        mesh.polygons.active = int(visible[0])
+    return len(visible)
 
 
-def _select_face_while_editing(mesh: bpy.types.Mesh, face: int) -> bool:
+def _select_these_while_editing(mesh: bpy.types.Mesh, faces: IndexArray) -> int:
     import bmesh
 
     edited = bmesh.from_edit_mesh(mesh)
     edited.faces.ensure_lookup_table()
-    wanted = edited.faces[face]
-    if wanted.hide:
-        return False
-    edited.select_mode = {"FACE"}
-    for other in edited.faces:
-        other.select_set(False)
-    wanted.select_set(True)
-    edited.faces.active = wanted
-    edited.select_flush_mode()
-    bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
-    return True
+    visible = [edited.faces[face] for face in faces.tolist() if not edited.faces[face].hide]
+    if visible:
+        edited.select_mode = {"FACE"}
+        for other in edited.faces:
+            other.select_set(False)
+        for face in visible:
+            face.select_set(True)
+        edited.faces.active = visible[0]
+        edited.select_flush_mode()
+        bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
+    return len(visible)
 
 
 def face_points(mesh: bpy.types.Mesh, face: int) -> NDArray[np.float64]:

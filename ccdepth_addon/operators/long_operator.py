@@ -12,7 +12,7 @@ import numpy as np
 from bpy.props import FloatProperty
 
 from ..core import Progress
-from ..state import properties
+from ..state import properties, refusals
 from ..tasks.stepwise import Stage, Stepwise
 from ..tasks.surfaces import ComputeError
 from ..ui import progress_bar
@@ -30,6 +30,8 @@ SECONDS_BETWEEN_TICKS = 0.01
 
 # What the redo panel shows in the stead of settings that scripts write.
 SHOWN_AS = {"vertices": "use_limit_surface"}
+
+REMEDY = "Select Invalid Faces selects them; delete them in Edit Mode, or mend them"
 
 # While it runs, the view may be moved.
 NAVIGATION_EVENTS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MOUSEMOVE", "TRACKPADPAN", "TRACKPADZOOM"}
@@ -171,13 +173,16 @@ class LongOperator(bpy.types.Operator):
             self._end(context)
             raise
         self._end(context)
+        refusals.note({})
         if self.options.is_repeat:
             self._keep_settings(context.scene.ccdepth)
         return outcome
 
     def _refuse(self, context: bpy.types.Context, fault: ComputeError) -> set[str]:
         self._end(context)
-        self.report({"ERROR"}, printable_lines(str(fault)))
+        refusals.note(fault.faces_at_fault)
+        text = f"{fault}\n{REMEDY}" if fault.faces_at_fault else str(fault)
+        self.report({"ERROR"}, printable_lines(text))
         return {"CANCELLED"}
 
     def _end(self, context: bpy.types.Context) -> None:

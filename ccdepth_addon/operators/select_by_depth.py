@@ -8,6 +8,8 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty
 
 from ..state import results
+from ..tasks.surfaces import ComputeError
+from ..ui.printable import printable_lines
 from . import face_selection
 from .selected_meshes import count_text, poll_meshes, selected_meshes
 
@@ -43,13 +45,10 @@ class CCDEPTH_OT_select(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         meshes = {obj.data for obj in selected_meshes(context) if results.has_result(obj.data)}
-        faults = [
-            f"{mesh.name}: the mesh has an attribute called “{name}” that is no selection; remove it first"
-            for mesh in meshes
-            if (name := face_selection.conflict(mesh))
-        ]
-        if faults:
-            self.report({"ERROR"}, "\n".join(sorted(faults)))
+        try:
+            face_selection.refuse_conflicts(meshes)
+        except ComputeError as fault:
+            self.report({"ERROR"}, printable_lines(str(fault)))
             return {"CANCELLED"}
         if not self.properties.is_property_set("depth"):
             self.depth = max(mesh.ccdepth.deepest for mesh in meshes)

@@ -13,7 +13,8 @@ from mathutils import Vector
 
 from ..exchange.control_mesh import mesh_face_count
 from ..state import results
-from ..ui.printable import printable
+from ..tasks.surfaces import ComputeError
+from ..ui.printable import printable, printable_lines
 from . import face_selection
 from .selected_meshes import poll_meshes, selected_meshes
 
@@ -57,7 +58,12 @@ class CCDEPTH_OT_select_worst(bpy.types.Operator):
         if mesh_face_count(mesh) != found.faces:
             self.report({"ERROR"}, f"{printable(worst.name)}: the mesh has changed; measure it again")
             return {"CANCELLED"}
-        if not face_selection.select_face(mesh, found.worst_face):
+        try:
+            face_selection.refuse_conflicts([mesh])
+        except ComputeError as fault:
+            self.report({"ERROR"}, printable_lines(str(fault)))
+            return {"CANCELLED"}
+        if not face_selection.select_these(mesh, np.array([found.worst_face])):
             self.report({"WARNING"}, f"{printable(worst.name)}: the face where it is worst is hidden")
             return {"FINISHED"} if self.frame else {"CANCELLED"}
         context.tool_settings.mesh_select_mode = (False, False, True)

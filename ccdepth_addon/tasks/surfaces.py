@@ -3,10 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from hashlib import blake2b
+from types import MappingProxyType
 
 import bpy
 import numpy as np
@@ -20,11 +21,20 @@ SCALE_ROUNDING = 1e-9
 
 # The largest number that Blender stores; it stores larger ones and infinity as this.
 LARGEST_TOLERANCE = float(str(np.finfo(np.float32).max))
+NOTHING: Mapping[str, int] = MappingProxyType({})
+
 TOO_LARGE = "The tolerance is too large a number"
 
 
 class ComputeError(ValueError):
-    """Nothing can be computed; the message names every object at fault in a modeller's words."""
+    """Nothing can be computed; the message names every object at fault in a modeller's words.
+
+    faces_at_fault: the objects, by name, that have faces without which there is no fault, and how many these are.
+    """
+
+    def __init__(self, message: str, faces_at_fault: Mapping[str, int] = NOTHING) -> None:
+        super().__init__(message)
+        self.faces_at_fault = faces_at_fault
 
 
 @dataclass(frozen=True)
@@ -67,8 +77,13 @@ class Faults:
 
     def refuse(self) -> None:
         """Raise ComputeError if there are any, naming every object at fault in the order they were given."""
-        if self._found:
-            raise ComputeError("\n".join(f"{name}: {self._found[name]}" for name in self._names if name in self._found))
+        if not self._found:
+            return
+        named = [(name, self._found[name]) for name in self._names if name in self._found]
+        invalid = {
+            name: len(fault.faces) for name, fault in named if isinstance(fault, InvalidMeshError) and len(fault.faces)
+        }
+        raise ComputeError("\n".join(f"{name}: {fault}" for name, fault in named), invalid)
 
 
 def as_typed(value: float) -> float:

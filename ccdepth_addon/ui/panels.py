@@ -8,12 +8,12 @@ import bpy.utils.previews
 import numpy as np
 
 from ..core import FloatArray
-from ..state import result_record, results, sources, staleness
+from ..state import refusals, result_record, results, sources, staleness
 from ..state.colors import depth_colors
 from ..state.properties import tolerance_name
 from ..tasks.surfaces import as_typed
 from .lengths import Rounding, length_text
-from .selected_results import faces_by_depth, lengths_text, selected_results
+from .selected_results import faces_by_depth, lengths_text, refused_objects, selected_results
 from .tolerance_presets import CCDEPTH_PT_tolerance_presets
 from .tolerance_text import tolerance_text
 
@@ -58,6 +58,7 @@ class CCDEPTH_PT_settings(bpy.types.Panel):
         split.label(text=tolerance_text(context.scene, context.active_object))
         column.prop(settings, "use_modifiers")
         draw_main_button(layout, "ccdepth.compute", "MOD_SUBSURF")
+        _draw_refusal(layout, context)
 
 
 class CCDEPTH_PT_advanced(bpy.types.Panel):
@@ -115,6 +116,16 @@ class CCDEPTH_PT_results(bpy.types.Panel):
             column.use_property_split = True
             column.use_property_decorate = False
             draw_display(column, settings, depths=results.Shown.DEPTH in kinds, distances=results.Shown.BOUND in kinds)
+
+
+def _draw_refusal(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """What the last run could not use, and a button that selects it."""
+    faces = sum(refusals.faces_at_fault(mesh) for mesh in {each.data for each in refused_objects(context)})
+    if faces:
+        row = layout.row()
+        row.alert = True
+        row.label(text=f"{faces:,} invalid {'face' if faces == 1 else 'faces'}", icon="ERROR")
+        row.operator("ccdepth.select_invalid", text="Select Faces")
 
 
 def draw_display(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which results the panel and the legend are about, and their totals."""
+"""Which results and refusals the panel and the legend are about, and their totals."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 
 import bpy
 
-from ..state import results
+from ..state import refusals, results
 from .lengths import in_unit, length_text, number_text, unit_for
 
 # Without anything selected, the legend looks through no more objects than this.
@@ -18,6 +18,11 @@ MOST_SEARCHED = 1000
 def selected_results(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The selected or edited objects with depths, whatever the active one is; or the active one."""
     return _selected(context, lambda holder: results.has_result(holder.data))
+
+
+def refused_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """The same of objects with faces that the last run could not use."""
+    return _selected(context, lambda holder: refusals.faces_at_fault(holder.data) > 0)
 
 
 def colored_objects(context: bpy.types.Context) -> list[bpy.types.Object]:

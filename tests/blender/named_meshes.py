@@ -24,6 +24,8 @@ NAMED: dict[str, Callable[[], meshes.MeshData]] = {
     "Suzanne with random creases": lambda: meshes.with_random_creases(scene.suzanne(), share=0.1),
     "landscape with boundary": lambda: meshes.landscape(16, 12),
     "landscape with random creases": lambda: meshes.with_random_creases(meshes.landscape(8, 8)),
+    "collapsed faces": lambda: meshes.with_collapsed_faces(meshes.landscape(6, 5)),
+    "collapsed n-gons": lambda: meshes.with_collapsed_faces(meshes.bumpy(meshes.cylinder(7), 0.1)),
     "valence 2": meshes.valence_two,
     "valence 3": lambda: meshes.fan(3, 3),
     "valence 5": lambda: meshes.fan(5, 3),

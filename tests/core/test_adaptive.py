@@ -41,6 +41,8 @@ MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     "triangles": lambda: meshes.bipyramid(5),
     "tetrahedron": meshes.tetrahedron,
     "concave faces": meshes.concave_faces,
+    "collapsed faces": lambda: meshes.with_collapsed_faces(meshes.landscape(5, 4)),
+    "collapsed n-gons": lambda: meshes.with_collapsed_faces(meshes.bumpy(meshes.cylinder(7), 0.1)),
     "valences 3 and 7": lambda: meshes.trapezohedron(7),
     "valences 2 and 12": meshes.valences_two_and_twelve,
     "valence 64": lambda: meshes.fan(64, 1),

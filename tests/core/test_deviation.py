@@ -40,6 +40,7 @@ MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     "valence 2": meshes.valence_two,
     "n-gons": lambda: meshes.bumpy(meshes.cylinder(7), 0.1),
     "triangles": lambda: meshes.bumpy(meshes.bipyramid(8), 0.05),
+    "collapsed faces": lambda: meshes.with_collapsed_faces(meshes.landscape(4, 3)),
     "poles": lambda: meshes.bumpy(meshes.trapezohedron(9), 0.05),
     "creases": lambda: meshes.with_random_creases(meshes.landscape(3, 3)),
     "creased cube": meshes.creased_cube,

@@ -119,6 +119,8 @@ AWKWARD: dict[str, Callable[[], meshes.MeshData]] = {
     "cylinder": lambda: meshes.cylinder(9),
     "landscape": lambda: meshes.landscape(5, 4),
     "single quad": lambda: meshes.bumpy(meshes.grid(1, 1), 0.3),
+    "collapsed faces": lambda: meshes.with_collapsed_faces(meshes.landscape(5, 4)),
+    "collapsed n-gons": lambda: meshes.with_collapsed_faces(meshes.cylinder(7)),
     "valences 2 and 12": meshes.valences_two_and_twelve,
     "valence 2 creased": lambda: meshes.with_random_creases(meshes.valence_two(), seed=5, share=0.8),
     "creased cube": meshes.creased_cube,
@@ -451,7 +453,6 @@ BAD_MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     "infinity": lambda: with_position([0, np.inf, 0]),
     "repeated vertex": lambda: meshes.from_faces(meshes.grid(2, 1).positions, [[0, 1, 4, 3], [1, 2, 1, 4]]),
     "repeated neighbour": lambda: meshes.from_faces(meshes.grid(2, 1).positions, [[0, 1, 4, 3], [1, 2, 5, 5]]),
-    "zero area": lambda: meshes.from_faces([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]], [[0, 1, 2, 3]]),
     "one point": lambda: meshes.from_faces(np.ones((4, 3)), [[0, 1, 2, 3]]),
 }
 

@@ -1,0 +1,81 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Select Invalid Faces."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import bpy
+import numpy as np
+
+from ..core import IndexArray, InvalidMeshError, validate
+from ..exchange.control_mesh import NO_ORIGIN, read_control_mesh
+from ..state import refusals
+from ..tasks.surfaces import ComputeError, Faults
+from ..ui.printable import printable_lines
+from . import face_selection
+from .selected_meshes import count_text, poll_meshes, selected_meshes
+
+
+class CCDEPTH_OT_select_invalid(bpy.types.Operator):
+    """Select the faces that leave a mesh without a surface: with a repeated vertex or one at no finite position"""
+
+    bl_idname = "ccdepth.select_invalid"
+    bl_label = "Select Invalid Faces"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        return poll_meshes(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            invalid = _invalid_faces(context)
+            face_selection.refuse_conflicts(invalid)
+        except ComputeError as fault:
+            self.report({"ERROR"}, printable_lines(str(fault)))
+            return {"CANCELLED"}
+        if not invalid:
+            refusals.note({})
+            self.report({"INFO"}, "No face is invalid")
+            return {"CANCELLED"}
+        found = sum(map(len, invalid.values()))
+        selected = sum(face_selection.select_these(mesh, faces) for mesh, faces in invalid.items())
+        if selected < found:
+            self.report({"WARNING"}, f"{count_text(found - selected, 'invalid face is', 'invalid faces are')} hidden")
+        if not selected:
+            return {"CANCELLED"}
+        # With vertices or edges selected instead, faces between the wanted ones would be selected as well.
+        context.tool_settings.mesh_select_mode = (False, False, True)
+        self.report({"INFO"}, f"{count_text(selected, 'invalid face', 'invalid faces')} selected")
+        return {"FINISHED"}
+
+
+def _invalid_faces(context: bpy.types.Context) -> dict[bpy.types.Mesh, IndexArray]:
+    """The faces at fault of the meshes that have such, rising. Raises ComputeError where only meshes as a whole are at
+    fault, naming their objects."""
+    objects = selected_meshes(context)
+    faults = Faults(objects)
+    found: dict[bpy.types.Mesh, IndexArray] = {}
+    for each in objects:
+        with faults.of(each.name):
+            faces = _own_faces_at_fault(context, each)
+            if len(faces):
+                found[each.data] = np.union1d(found.get(each.data, faces), faces)
+    if not found:
+        faults.refuse()
+    return found
+
+
+def _own_faces_at_fault(context: bpy.types.Context, blender_object: bpy.types.Object) -> IndexArray:
+    """Of the object's own mesh. Raises InvalidMeshError when those at fault are of modifiers alone, or none is."""
+    control = read_control_mesh(context, blender_object, use_modifiers=context.scene.ccdepth.use_modifiers)
+    try:
+        validate(control.mesh)
+    except InvalidMeshError as fault:
+        faces = fault.faces if control.base_faces is None else control.base_faces[fault.faces]
+        own = np.unique(faces[faces != NO_ORIGIN])
+        if not len(own):
+            raise
+        return own
+    return np.zeros(0, dtype=np.intp)

@@ -1,0 +1,44 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which meshes the last run refused because of some of their faces, for the panel to offer to select these."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ..registration import add_handlers, remove_handlers
+
+# How many faces were at fault, by the session identifiers of meshes.
+_refused: dict[int, int] = {}
+
+
+def note(faces_at_fault: Mapping[str, int]) -> None:
+    """Note how many faces the run that has just ended could not use, by the names of objects; none if it went well."""
+    _refused.clear()
+    for name, faces in faces_at_fault.items():
+        _refused[bpy.data.objects[name].data.session_uid] = faces
+
+
+def faces_at_fault(mesh: bpy.types.Mesh) -> int:
+    """How many faces of the mesh the last run could not use."""
+    return _refused.get(mesh.session_uid, 0)
+
+
+@persistent
+def _forget(*_: Any) -> None:
+    _refused.clear()
+
+
+HANDLERS = (("load_pre", _forget),)
+
+
+def register() -> None:
+    add_handlers(HANDLERS)
+
+
+def unregister() -> None:
+    remove_handlers(HANDLERS)
+    _forget()

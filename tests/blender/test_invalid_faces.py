@@ -1,0 +1,160 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Faces without area are faces like others; those that have no surface are named, and found by Select Invalid Faces."""
+
+from __future__ import annotations
+
+import bmesh
+import bpy
+import numpy as np
+import pytest
+
+from tests import meshes
+from tests.blender import addon, scene
+
+
+def with_repeated_vertices(*faces: int) -> bpy.types.Object:
+    """A landscape some of whose faces visit a vertex twice."""
+    holder = scene.add_object(meshes.landscape(4, 3), "Scan")
+    for face in faces:
+        first = holder.data.polygons[face].loop_start
+        holder.data.loops[first + 1].vertex_index = holder.data.loops[first].vertex_index
+    return holder
+
+
+def put_nowhere(holder: bpy.types.Object, vertex: int) -> None:
+    positions = np.empty(3 * len(holder.data.vertices), dtype=np.float32)
+    holder.data.attributes["position"].data.foreach_get("vector", positions)
+    positions[3 * vertex] = np.nan
+    holder.data.attributes["position"].data.foreach_set("vector", positions)
+
+
+def selected(holder: bpy.types.Object) -> list[int]:
+    return [face.index for face in holder.data.polygons if face.select]
+
+
+def refused(match: str, *objects: bpy.types.Object) -> None:
+    addon.select(*objects)
+    with pytest.raises(RuntimeError, match=match):
+        bpy.ops.ccdepth.compute()
+    assert addon.is_untouched(objects)
+
+
+@pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
+@pytest.mark.parametrize("reduce", [False, True])
+def test_faces_without_area_are_subdivided(output: str, reduce: bool) -> None:
+    holder = scene.add_object(meshes.with_collapsed_faces(meshes.landscape(6, 5)))
+    addon.compute(holder, tolerance=0.01)
+    assert addon.bounds(holder).max() <= 0.01
+    assert bpy.ops.ccdepth.subdivide(
+        tolerance=0.01, tolerance_mode="ABSOLUTE", output=output, reduce=reduce, exact_normals=True
+    ) == {"FINISHED"}
+    result = bpy.context.active_object
+    assert result.data.validate() is False
+    assert np.isfinite(scene.mesh_data(result.data).positions).all()
+
+
+@pytest.mark.parametrize("scale", [(1.0, 1.0, 0.0), (1.0, 0.0, 0.0)])
+def test_flattened_objects(scale: tuple[float, float, float]) -> None:
+    holder = scene.add_object(meshes.torus(8, 6), "Flat")
+    holder.scale = scale
+    addon.compute(holder, tolerance=0.1)
+    addon.measure(holder, tolerance=0.1)
+    assert bpy.ops.ccdepth.subdivide(tolerance=0.1, tolerance_mode="ABSOLUTE") == {"FINISHED"}
+    result = bpy.context.active_object
+    holder.hide_set(False)
+    addon.measure(result, holder, tolerance=0.1)
+    assert result.data.ccdepth.deviation_reached <= 0.1
+
+
+def test_the_report_counts_and_names_the_remedy() -> None:
+    holder = with_repeated_vertices(2, 7)
+    put_nowhere(holder, 0)
+    refused(
+        r"(?s)Scan: 1 vertex at no finite position \(first: vertex 0\), 2 faces with a repeated vertex "
+        r"\(first: face 2\).*Select Invalid Faces.*delete",
+        holder,
+    )
+
+
+def test_selects_what_was_refused_in_object_mode() -> None:
+    holder = with_repeated_vertices(2, 7)
+    put_nowhere(holder, 19)
+    refused("Scan", holder)
+    assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
+    assert selected(holder) == [2, 7, 11]
+    assert tuple(bpy.context.tool_settings.mesh_select_mode) == (False, False, True)
+
+
+def test_selects_in_edit_mode_and_what_is_left_is_accepted() -> None:
+    holder = scene.add_object(meshes.landscape(4, 3))
+    put_nowhere(holder, 6)
+    with addon.edit_mode(holder):
+        with pytest.raises(RuntimeError, match="1 vertex at no finite position"):
+            bpy.ops.ccdepth.compute()
+        assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
+        edited = bmesh.from_edit_mesh(holder.data)
+        assert [face.index for face in edited.faces if face.select] == [0, 1, 4, 5]
+        bpy.ops.mesh.delete(type="FACE")
+        assert bpy.ops.ccdepth.compute() == {"FINISHED"}
+    assert holder.data.ccdepth.faces == 8
+
+
+def test_selects_on_several_objects_and_leaves_the_others_alone() -> None:
+    first, second = with_repeated_vertices(3), with_repeated_vertices(0, 5)
+    good = scene.add_object(meshes.cube(), "Good")
+    before = selected(good)
+    refused(r"(?s)Scan: 1 face.*Scan\.001: 2 faces", first, second, good)
+    assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
+    assert (selected(first), selected(second), selected(good)) == ([3], [0, 5], before)
+
+
+def test_objects_that_share_a_mesh() -> None:
+    holder = with_repeated_vertices(3)
+    other = scene.add_mesh(holder.data)
+    refused("Scan", holder, other)
+    assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
+    assert selected(holder) == [3]
+
+
+def test_faces_that_modifiers_repeat() -> None:
+    holder = with_repeated_vertices(3)
+    holder.modifiers.new("Array", "ARRAY").count = 3
+    refused("3 faces with a repeated vertex", holder)
+    assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
+    assert selected(holder) == [3]
+
+
+def test_hidden_faces_stay_hidden() -> None:
+    holder = with_repeated_vertices(2, 7)
+    for face in holder.data.polygons:
+        face.hide = face.index == 2
+    addon.select(holder)
+    assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
+    assert selected(holder) == [7]
+    holder.data.polygons[7].hide = True
+    assert bpy.ops.ccdepth.select_invalid() == {"CANCELLED"}
+    assert holder.data.polygons[2].hide
+
+
+def test_nothing_is_invalid() -> None:
+    holder = scene.add_suzanne()
+    addon.select(holder)
+    before = selected(holder)
+    assert bpy.ops.ccdepth.select_invalid() == {"CANCELLED"}
+    assert selected(holder) == before
+
+
+def test_meshes_without_faces_are_named() -> None:
+    addon.select(scene.add_mesh(bpy.data.meshes.new("Empty")))
+    with pytest.raises(RuntimeError, match="Empty: the mesh has no faces"):
+        bpy.ops.ccdepth.select_invalid()
+
+
+def test_the_panel_knows_until_a_run_goes_well() -> None:
+    refusals = addon.module("state.refusals")
+    holder = with_repeated_vertices(2, 7)
+    refused("Scan", holder)
+    assert refusals.faces_at_fault(holder.data) == 2
+    bpy.ops.ccdepth.select_invalid()
+    addon.compute(scene.add_suzanne())
+    assert refusals.faces_at_fault(holder.data) == 0
