@@ -29,6 +29,7 @@ MODULES = (
     "ui.adaptive_panel",
     "ui.deviation_panel",
     "ui.legend",
+    "ui.menus",
     "command_line.command",
 )
 

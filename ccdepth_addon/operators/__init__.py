@@ -8,6 +8,7 @@ from . import worker
 from .apply_adaptive import CCDEPTH_OT_subdivide
 from .clear import CCDEPTH_OT_clear
 from .compute_depth import CCDEPTH_OT_compute
+from .copy_value import CCDEPTH_OT_copy_value
 from .count_faces import CCDEPTH_OT_count_faces
 from .find_tolerance import CCDEPTH_OT_find_tolerance
 from .measure_deviation import CCDEPTH_OT_measure
@@ -36,6 +37,7 @@ CLASSES = (
     CCDEPTH_OT_measure,
     CCDEPTH_OT_select_worst,
     CCDEPTH_OT_select_invalid,
+    CCDEPTH_OT_copy_value,
 )
 
 

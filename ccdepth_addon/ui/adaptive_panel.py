@@ -13,7 +13,8 @@ from ..state.face_counts import known_count
 from ..state.properties import tolerance_name
 from ..tasks.adaptive_task import adaptive_settings
 from .lengths import length_text
-from .panels import draw_main_button, draw_rows, draw_state_line, sidebar_count, stale_line
+from .panels import draw_main_button, draw_state_line, sidebar_count, stale_line
+from .value_rows import draw_rows
 
 
 class CCDEPTH_PT_subdivision(bpy.types.Panel):

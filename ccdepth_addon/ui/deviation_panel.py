@@ -9,8 +9,9 @@ from ..state import deviation_results, results, staleness
 from ..state.properties import tolerance_name
 from ..tasks.surfaces import as_typed
 from .lengths import Rounding, length_text
-from .panels import ORDER_OF_DEVIATION, draw_display, draw_main_button, draw_rows, draw_state_line
+from .panels import ORDER_OF_DEVIATION, draw_display, draw_main_button, draw_state_line
 from .selected_results import selected_results
+from .value_rows import draw_rows
 
 # How a verdict is shown: icon and text.
 VERDICTS = {

@@ -16,6 +16,7 @@ from .lengths import Rounding, length_text
 from .selected_results import faces_by_depth, lengths_text, refused_objects, selected_results
 from .tolerance_presets import CCDEPTH_PT_tolerance_presets
 from .tolerance_text import tolerance_text
+from .value_rows import draw_rows
 
 # Larger counts of faces are written as powers of ten.
 LARGEST_COUNT_IN_FULL = 10**10
@@ -215,17 +216,6 @@ def _draw_totals(layout: bpy.types.UILayout, scene: bpy.types.Scene, objects: li
 def _draw_numbers(layout: bpy.types.UILayout, scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> None:
     numbers = _numbers_of_adaptive_mesh(scene, record) if record.subdivision else _numbers_of_depths(scene, record)
     draw_rows(layout, numbers)
-
-
-def draw_rows(layout: bpy.types.UILayout, rows: list[tuple[str, str]]) -> None:
-    """Names and values beside each other, like properties."""
-    column = layout.column(align=True)
-    for name, value in rows:
-        split = column.split(factor=0.45)
-        label = split.row()
-        label.alignment = "RIGHT"
-        label.label(text=name)
-        split.label(text=value)
 
 
 def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:

@@ -1,0 +1,55 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The CC Depth menu in the menus Object and Mesh, where Blender's search finds its operators as well."""
+
+import bpy
+
+# What is under each other in the menu; None is a line between.
+ENTRIES = (
+    ("ccdepth.compute", "MOD_SUBSURF"),
+    ("ccdepth.set_levels", "MODIFIER"),
+    ("ccdepth.clear", "X"),
+    None,
+    ("ccdepth.subdivide", "MOD_MULTIRES"),
+    ("ccdepth.count_faces", "LINENUMBERS_ON"),
+    ("ccdepth.find_tolerance", "VIEWZOOM"),
+    ("ccdepth.update", "FILE_REFRESH"),
+    ("ccdepth.show_source", "LOOP_BACK"),
+    ("ccdepth.show_result", "LOOP_FORWARDS"),
+    None,
+    ("ccdepth.measure", "DRIVER_DISTANCE"),
+    None,
+    ("ccdepth.select", "RESTRICT_SELECT_OFF"),
+    ("ccdepth.select_worst", "FACESEL"),
+    ("ccdepth.select_invalid", "ERROR"),
+)
+
+
+class CCDEPTH_MT_menu(bpy.types.Menu):
+    """Catmull-Clark levels that faces need, and meshes within a tolerance of the limit surface"""
+
+    bl_idname = "CCDEPTH_MT_menu"
+    bl_label = "CC Depth"
+
+    def draw(self, _context: bpy.types.Context) -> None:
+        for entry in ENTRIES:
+            if entry is None:
+                self.layout.separator()
+            else:
+                self.layout.operator(entry[0], icon=entry[1])
+
+
+def _draw_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:
+    self.layout.separator()
+    self.layout.menu(CCDEPTH_MT_menu.bl_idname)
+
+
+def register() -> None:
+    bpy.utils.register_class(CCDEPTH_MT_menu)
+    bpy.types.VIEW3D_MT_object.append(_draw_menu)
+    bpy.types.VIEW3D_MT_edit_mesh.append(_draw_menu)
+
+
+def unregister() -> None:
+    bpy.types.VIEW3D_MT_edit_mesh.remove(_draw_menu)
+    bpy.types.VIEW3D_MT_object.remove(_draw_menu)
+    bpy.utils.unregister_class(CCDEPTH_MT_menu)

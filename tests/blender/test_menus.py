@@ -1,0 +1,46 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Found where people look: menus, search, and tooltips of the values that panels tell."""
+
+from __future__ import annotations
+
+import bpy
+import pytest
+
+from tests.blender import addon, scene
+
+
+@pytest.mark.parametrize("menu", ["VIEW3D_MT_object", "VIEW3D_MT_edit_mesh"])
+def test_the_menu_is_in_blenders_menus_once(menu: str) -> None:
+    package = bpy.types.CCDEPTH_OT_compute.__module__.rpartition(".operators.")[0]
+    drawn = [draw.__module__ for draw in getattr(bpy.types, menu).draw._draw_funcs]
+    assert [name for name in drawn if name.startswith(f"{package}.")] == [f"{package}.ui.menus"]
+
+
+def test_the_menu_has_every_operator_that_people_start() -> None:
+    entries = [entry[0] for entry in addon.module("ui.menus").ENTRIES if entry is not None]
+    assert len(set(entries)) == len(entries)
+    hidden = {"update_kept", "use_tolerance", "tolerance_preset_add", "copy_value"}
+    assert {name.partition(".")[2] for name in entries} == set(dir(bpy.ops.ccdepth)) - hidden
+    labels = [getattr(bpy.ops.ccdepth, name.partition(".")[2]).get_rna_type().name for name in entries]
+    assert any("Adaptive" in label for label in labels)
+    assert any("Tolerance" in label for label in labels)
+
+
+def test_every_value_in_a_panel_has_a_meaning() -> None:
+    holder = scene.add_suzanne()
+    addon.compute(holder, tolerance=0.05)
+    panels, meanings = addon.module("ui.panels"), addon.module("ui.value_rows").MEANINGS
+    record, current = holder.data.ccdepth, bpy.context.scene
+    rows = [*panels._numbers_of_depths(current, record), *panels._numbers_of_adaptive_mesh(current, record)]
+    addon.measure(holder)
+    rows += addon.module("ui.deviation_panel")._numbers(current, record)
+    assert len(rows) > 12
+    assert all(name.rstrip("0123456789").rstrip() in meanings for name, _ in rows)
+
+
+def test_tooltips_and_copies_of_values() -> None:
+    operator = bpy.types.CCDEPTH_OT_copy_value
+    properties = bpy.context.window_manager.operator_properties_last("ccdepth.copy_value")
+    properties.meaning = "How many faces there are"
+    assert operator.description(bpy.context, properties).startswith("How many faces there are.")
+    assert bpy.ops.ccdepth.copy_value(value="5,800") == {"FINISHED"}
