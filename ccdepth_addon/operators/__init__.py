@@ -11,9 +11,9 @@ from .compute_depth import CCDEPTH_OT_compute
 from .copy_value import CCDEPTH_OT_copy_value
 from .count_faces import CCDEPTH_OT_count_faces
 from .find_tolerance import CCDEPTH_OT_find_tolerance
+from .invalid_faces import CCDEPTH_OT_repair, CCDEPTH_OT_select_invalid
 from .measure_deviation import CCDEPTH_OT_measure
 from .select_by_depth import CCDEPTH_OT_select
-from .select_invalid import CCDEPTH_OT_select_invalid
 from .select_worst import CCDEPTH_OT_select_worst
 from .set_levels import CCDEPTH_OT_set_levels
 from .show_source import CCDEPTH_OT_show_result, CCDEPTH_OT_show_source
@@ -37,6 +37,7 @@ CLASSES = (
     CCDEPTH_OT_measure,
     CCDEPTH_OT_select_worst,
     CCDEPTH_OT_select_invalid,
+    CCDEPTH_OT_repair,
     CCDEPTH_OT_copy_value,
 )
 

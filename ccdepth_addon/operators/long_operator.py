@@ -31,7 +31,7 @@ SECONDS_BETWEEN_TICKS = 0.01
 # What the redo panel shows in the stead of settings that scripts write.
 SHOWN_AS = {"vertices": "use_limit_surface"}
 
-REMEDY = "Select Invalid Faces selects them; delete them in Edit Mode, or mend them"
+REMEDY = "Select Invalid Faces selects what is at fault, and Repair Mesh removes it"
 
 # While it runs, the view may be moved.
 NAVIGATION_EVENTS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MOUSEMOVE", "TRACKPADPAN", "TRACKPADZOOM"}

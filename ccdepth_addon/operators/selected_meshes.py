@@ -50,6 +50,13 @@ def refuse_what_cannot_be_written(objects: list[bpy.types.Object]) -> None:
     refuse(objects, lambda obj: hidden_fault(obj) or _mesh_fault(obj.data) or name_fault(obj))
 
 
+def refuse_meshes(meshes: list[bpy.types.Mesh]) -> None:
+    """Raise ComputeError naming every mesh that cannot be written to."""
+    faults = [f"{mesh.name}: {fault}" for mesh in meshes if (fault := _mesh_fault(mesh))]
+    if faults:
+        raise ComputeError("\n".join(faults))
+
+
 def refuse(objects: list[bpy.types.Object], fault_of: Callable[[bpy.types.Object], str | None]) -> None:
     """Raise ComputeError naming every object with a fault."""
     faults = [f"{obj.name}: {fault}" for obj in objects if (fault := fault_of(obj))]

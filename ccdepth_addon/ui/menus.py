@@ -21,6 +21,7 @@ ENTRIES = (
     ("ccdepth.select", "RESTRICT_SELECT_OFF"),
     ("ccdepth.select_worst", "FACESEL"),
     ("ccdepth.select_invalid", "ERROR"),
+    ("ccdepth.repair", "TOOL_SETTINGS"),
 )
 
 

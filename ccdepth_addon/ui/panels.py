@@ -120,13 +120,16 @@ class CCDEPTH_PT_results(bpy.types.Panel):
 
 
 def _draw_refusal(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """What the last run could not use, and a button that selects it."""
+    """What the last run could not use, and buttons that select it and remove it."""
     faces = sum(refusals.faces_at_fault(mesh) for mesh in {each.data for each in refused_objects(context)})
     if faces:
-        row = layout.row()
+        column = layout.column(align=True)
+        row = column.row()
         row.alert = True
         row.label(text=f"{faces:,} invalid {'face' if faces == 1 else 'faces'}", icon="ERROR")
-        row.operator("ccdepth.select_invalid", text="Select Faces")
+        buttons = column.row(align=True)
+        buttons.operator("ccdepth.select_invalid", text="Select Faces", icon="RESTRICT_SELECT_OFF")
+        buttons.operator("ccdepth.repair", icon="TOOL_SETTINGS")
 
 
 def draw_display(

@@ -30,10 +30,8 @@ def draw_rows(layout: bpy.types.UILayout, rows: list[tuple[str, str]]) -> None:
     column = layout.column(align=True)
     for name, value in rows:
         split = column.split(factor=0.45)
-        label = split.row()
-        label.alignment = "RIGHT"
-        label.label(text=name)
-        told = split.row()
-        told.alignment = "LEFT"
-        button = told.operator("ccdepth.copy_value", text=value, translate=False, emboss=False)
-        button.value, button.meaning = value, MEANINGS[name.rstrip("0123456789").rstrip()]
+        for text, alignment in ((name, "RIGHT"), (value, "LEFT")):
+            row = split.row()
+            row.alignment = alignment
+            button = row.operator("ccdepth.copy_value", text=text, translate=False, emboss=False)
+            button.value, button.meaning = value, MEANINGS[name.rstrip("0123456789").rstrip()]

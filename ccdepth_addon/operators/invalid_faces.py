@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Select Invalid Faces."""
+"""Select Invalid Faces and Repair Mesh."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..state import refusals
 from ..tasks.surfaces import ComputeError, Faults
 from ..ui.printable import printable_lines
 from . import face_selection
-from .selected_meshes import count_text, poll_meshes, selected_meshes
+from .selected_meshes import count_text, poll_meshes, refuse_meshes, selected_meshes
 
 
 class CCDEPTH_OT_select_invalid(bpy.types.Operator):
@@ -48,6 +48,40 @@ class CCDEPTH_OT_select_invalid(bpy.types.Operator):
         # With vertices or edges selected instead, faces between the wanted ones would be selected as well.
         context.tool_settings.mesh_select_mode = (False, False, True)
         self.report({"INFO"}, f"{count_text(selected, 'invalid face', 'invalid faces')} selected")
+        return {"FINISHED"}
+
+
+class CCDEPTH_OT_repair(bpy.types.Operator):
+    """From meshes with invalid faces, have Blender remove these and faces that are there twice; vertices at no finite
+    position are put to the origin"""
+
+    bl_idname = "ccdepth.repair"
+    bl_label = "Repair Mesh"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if context.mode != "OBJECT":
+            cls.poll_message_set("Works in Object Mode; in Edit Mode, delete the faces")
+            return False
+        return poll_meshes(cls, context)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            meshes = list(_invalid_faces(context))
+            refuse_meshes(meshes)
+        except ComputeError as fault:
+            self.report({"ERROR"}, printable_lines(str(fault)))
+            return {"CANCELLED"}
+        before = sum(len(mesh.polygons) for mesh in meshes)
+        # Edit Mode is no way to do it: Blender 5 does not come back from there with triangles that are none.
+        repaired = [mesh for mesh in meshes if mesh.validate(clean_customdata=False)]
+        refusals.note({})
+        if not repaired:
+            self.report({"INFO"}, "There is nothing that Blender can repair")
+            return {"CANCELLED"}
+        removed = before - sum(len(mesh.polygons) for mesh in meshes)
+        self.report({"INFO"}, f"{count_text(removed, 'face', 'faces')} removed")
         return {"FINISHED"}
 
 
