@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Registering handlers with Blender, the same way everywhere."""
+"""Registering handlers and timers with Blender, the same way everywhere."""
 
 from __future__ import annotations
 
@@ -22,3 +22,15 @@ def remove_handlers(handlers: Handlers) -> None:
     """Have Blender call them no more."""
     for name, handler in handlers:
         getattr(bpy.app.handlers, name).remove(handler)
+
+
+def call_soon(function: Callable[[], None], seconds: float) -> None:
+    """Have Blender call the function when it has not been asked to for so long."""
+    do_not_call(function)
+    bpy.app.timers.register(function, first_interval=seconds)
+
+
+def do_not_call(function: Callable[[], None]) -> None:
+    """Have Blender call the function no more, if it was going to."""
+    if bpy.app.timers.is_registered(function):
+        bpy.app.timers.unregister(function)

@@ -42,24 +42,31 @@ class _SwappingOperator(bpy.types.Operator):
         return {"FINISHED"}
 
 
+def _source(result: bpy.types.Object) -> list[bpy.types.Object]:
+    """What a result came from. Raises ComputeError when it is no longer in the file."""
+    source = result_record.source_of(result)
+    if source is None:
+        name = result.ccdepth.source_name
+        raise ComputeError(f"{result.name}: “{name}”, which it came from, has been removed from the file")
+    return [source]
+
+
+def _results(source: bpy.types.Object) -> list[bpy.types.Object]:
+    """What came from an object. Raises ComputeError when nothing of that is in a scene any more."""
+    results = [each for each in result_record.results_of(source) if each.users_scene]
+    if not results:
+        raise ComputeError(f"{source.name}: its results have been removed")
+    return results
+
+
 class CCDEPTH_OT_show_source(_SwappingOperator):
     """Hide the selected results of Apply Adaptive Subdivision, and show and select the objects they came from"""
 
     bl_idname = "ccdepth.show_source"
     bl_label = "Show Source"
     NOTHING_TO_SWAP = "Select a result of Apply Adaptive Subdivision"
-
-    @staticmethod
-    def has_counterparts(blender_object: bpy.types.Object) -> bool:
-        return result_record.is_result(blender_object)
-
-    @staticmethod
-    def counterparts(blender_object: bpy.types.Object) -> list[bpy.types.Object]:
-        source = result_record.source_of(blender_object)
-        if source is None:
-            name = blender_object.ccdepth.source_name
-            raise ComputeError(f"{blender_object.name}: “{name}”, which it came from, has been removed from the file")
-        return [source]
+    has_counterparts = staticmethod(result_record.is_result)
+    counterparts = staticmethod(_source)
 
 
 class CCDEPTH_OT_show_result(_SwappingOperator):
@@ -68,17 +75,8 @@ class CCDEPTH_OT_show_result(_SwappingOperator):
     bl_idname = "ccdepth.show_result"
     bl_label = "Show Result"
     NOTHING_TO_SWAP = "Select an object that results of Apply Adaptive Subdivision came from"
-
-    @staticmethod
-    def has_counterparts(blender_object: bpy.types.Object) -> bool:
-        return sources.has_results(blender_object)
-
-    @staticmethod
-    def counterparts(blender_object: bpy.types.Object) -> list[bpy.types.Object]:
-        results = [each for each in result_record.results_of(blender_object) if each.users_scene]
-        if not results:
-            raise ComputeError(f"{blender_object.name}: its results have been removed")
-        return results
+    has_counterparts = staticmethod(sources.has_results)
+    counterparts = staticmethod(_results)
 
 
 def _swap(context: bpy.types.Context, hidden: list[bpy.types.Object], shown: list[bpy.types.Object]) -> None:

@@ -21,7 +21,7 @@ from ..exchange.control_mesh import (
     mesh_face_count,
     read_control_mesh,
 )
-from ..registration import add_handlers, remove_handlers
+from ..registration import add_handlers, call_soon, do_not_call, remove_handlers
 from . import results, staleness, viewports
 
 # Seconds without a change before anything is measured.
@@ -98,9 +98,7 @@ def _recorded(record: bpy.types.PropertyGroup, holder: bpy.types.Object) -> floa
 
 def _want(keys: set[_Key]) -> None:
     _wanted.update(keys)
-    if bpy.app.timers.is_registered(measure_wanted):
-        bpy.app.timers.unregister(measure_wanted)
-    bpy.app.timers.register(measure_wanted, first_interval=PATIENCE)
+    call_soon(measure_wanted, PATIENCE)
 
 
 @persistent
@@ -138,6 +136,5 @@ def register() -> None:
 
 def unregister() -> None:
     remove_handlers(HANDLERS)
-    if bpy.app.timers.is_registered(measure_wanted):
-        bpy.app.timers.unregister(measure_wanted)
+    do_not_call(measure_wanted)
     _forget_everything()

@@ -15,7 +15,7 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from ..registration import add_handlers, remove_handlers
+from ..registration import add_handlers, call_soon, do_not_call, remove_handlers
 from . import result_record, viewports
 
 # Seconds without a change before checksums are compared.
@@ -126,9 +126,7 @@ def _touch(uids: set[int]) -> None:
 
 def examine_soon() -> None:
     """Examine what was touched, and tell the listeners again, when nothing has changed for a while."""
-    if bpy.app.timers.is_registered(check_touched):
-        bpy.app.timers.unregister(check_touched)
-    bpy.app.timers.register(check_touched, first_interval=PATIENCE)
+    call_soon(check_touched, PATIENCE)
 
 
 @persistent
@@ -212,6 +210,5 @@ def register() -> None:
 
 def unregister() -> None:
     remove_handlers(HANDLERS)
-    if bpy.app.timers.is_registered(check_touched):
-        bpy.app.timers.unregister(check_touched)
+    do_not_call(check_touched)
     _forget_everything()

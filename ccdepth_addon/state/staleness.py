@@ -16,7 +16,7 @@ from bpy.app.handlers import persistent
 
 from ..exchange.control_mesh import mesh_face_count
 from ..exchange.object_state import KnownDescriptions
-from ..registration import add_handlers, remove_handlers
+from ..registration import add_handlers, call_soon, do_not_call, remove_handlers
 from . import fingerprint, measured_state, results, viewports
 
 # Seconds without a change before checksums are compared.
@@ -142,9 +142,7 @@ def touch(mesh: bpy.types.Mesh) -> None:
 
 def _touch(uids: set[int]) -> None:
     _touched.update(uids)
-    if bpy.app.timers.is_registered(check_touched):
-        bpy.app.timers.unregister(check_touched)
-    bpy.app.timers.register(check_touched, first_interval=PATIENCE)
+    call_soon(check_touched, PATIENCE)
 
 
 @persistent
@@ -204,6 +202,5 @@ def register() -> None:
 
 def unregister() -> None:
     remove_handlers(HANDLERS)
-    if bpy.app.timers.is_registered(check_touched):
-        bpy.app.timers.unregister(check_touched)
+    do_not_call(check_touched)
     _forget_everything()

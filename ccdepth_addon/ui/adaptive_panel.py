@@ -14,14 +14,12 @@ from ..state.properties import tolerance_name
 from ..tasks.adaptive_task import adaptive_settings
 from .lengths import length_text
 from .panels import draw_main_button, draw_state_line, sidebar_count, stale_line
+from .sidebar import SidebarPanel, settings_column
 from .value_rows import draw_rows
 
 
-class CCDEPTH_PT_subdivision(bpy.types.Panel):
+class CCDEPTH_PT_subdivision(SidebarPanel, bpy.types.Panel):
     bl_label = "Adaptive Subdivision"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "CC Depth"
     bl_parent_id = "CCDEPTH_PT_settings"
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -40,9 +38,7 @@ class CCDEPTH_PT_subdivision(bpy.types.Panel):
         row = layout.row(align=True)
         row.prop(settings, "face_budget")
         row.operator("ccdepth.find_tolerance", icon="VIEWZOOM")
-        layout.use_property_split = True
-        layout.use_property_decorate = False
-        column = layout.column()
+        column = settings_column(layout)
         output = column.column()
         output.active = not is_result or settings.subdivide_results
         output.prop(settings, "output")
@@ -52,25 +48,20 @@ class CCDEPTH_PT_subdivision(bpy.types.Panel):
             column.prop(settings, "subdivide_results")
 
 
-class CCDEPTH_PT_subdivision_options(bpy.types.Panel):
+class CCDEPTH_PT_subdivision_options(SidebarPanel, bpy.types.Panel):
     bl_label = "Options"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "CC Depth"
     bl_parent_id = "CCDEPTH_PT_subdivision"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, settings = self.layout, context.scene.ccdepth
-        layout.use_property_split = True
-        layout.use_property_decorate = False
+        column, settings = settings_column(self.layout), context.scene.ccdepth
         # Triangles that are merged show nothing of how faces were divided.
-        division = layout.column()
+        division = column.column()
         division.active = not settings.reduce
         division.prop(settings, "mode")
         division.prop(settings, "transitions")
-        layout.prop(settings, "exact_normals")
-        layout.prop(settings, "max_faces")
+        column.prop(settings, "exact_normals")
+        column.prop(settings, "max_faces")
 
 
 def _draw_result(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, result: bpy.types.Object) -> None:
@@ -84,9 +75,7 @@ def _draw_result(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, 
     row = layout.row()
     row.label(text=source.name, icon="OUTLINER_OB_MESH")
     row.operator("ccdepth.show_source", icon="LOOP_BACK")
-    column = layout.column()
-    column.use_property_split = True
-    column.use_property_decorate = False
+    column = settings_column(layout)
     column.prop(result.ccdepth, "keep_updated")
 
 

@@ -11,6 +11,7 @@ from ..tasks.surfaces import as_typed
 from .lengths import Rounding, length_text
 from .panels import ORDER_OF_DEVIATION, draw_display, draw_main_button, draw_state_line
 from .selected_results import selected_results
+from .sidebar import SidebarPanel, settings_column
 from .value_rows import draw_rows
 
 # How a verdict is shown: icon and text.
@@ -21,20 +22,15 @@ VERDICTS = {
 }
 
 
-class CCDEPTH_PT_deviation(bpy.types.Panel):
+class CCDEPTH_PT_deviation(SidebarPanel, bpy.types.Panel):
     bl_label = "Deviation"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "CC Depth"
     bl_parent_id = "CCDEPTH_PT_settings"
     bl_order = ORDER_OF_DEVIATION
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, context.scene.ccdepth
         draw_main_button(layout, "ccdepth.measure", "DRIVER_DISTANCE")
-        column = layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
+        column = settings_column(layout)
         column.prop(settings, "accuracy")
         column.prop(settings, "time_limit")
         measured = deviation_results.shown_object(context) or context.active_object
@@ -58,9 +54,7 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
     row.operator("ccdepth.select_worst", text="", icon="ZOOM_SELECTED").frame = True
     if not results.shows_deviation(mesh):
         return
-    column = layout.column(heading="Show")
-    column.use_property_split = True
-    column.use_property_decorate = False
+    column = settings_column(layout, heading="Show")
     draw_display(column, settings, distances=True)
     # Where there are depths, the button is beside those.
     if not selected_results(context):

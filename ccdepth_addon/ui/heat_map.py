@@ -16,7 +16,7 @@ from bpy.app.handlers import persistent
 from ..exchange.bulk_writing import WriteError, is_writable
 from ..exchange.control_mesh import mesh_face_count
 from ..exchange.result_attributes import COLOR
-from ..registration import add_handlers, remove_handlers
+from ..registration import add_handlers, do_not_call, remove_handlers
 from ..state import results, shown_colors, staleness, viewports
 from ..state.settings import heat_map_listeners
 
@@ -153,6 +153,5 @@ def unregister() -> None:
     _handle = None
     heat_map_listeners.remove(synchronise)
     remove_handlers(HANDLERS)
-    if bpy.app.timers.is_registered(_synchronise):
-        bpy.app.timers.unregister(_synchronise)
+    do_not_call(_synchronise)
     _forget_painting()

@@ -15,6 +15,7 @@ import bpy
 import gpu
 from gpu_extras.batch import batch_for_shader
 
+from ..registration import do_not_call
 from ..state import viewports
 from ..state.colors import BEYOND, VIRIDIS_COLORS
 from .legend_contents import legends
@@ -198,5 +199,4 @@ def unregister() -> None:
     global _handle, _kept
     bpy.types.SpaceView3D.draw_handler_remove(_handle, "WINDOW")
     _handle = _kept = None
-    if bpy.app.timers.is_registered(_redraw):
-        bpy.app.timers.unregister(_redraw)
+    do_not_call(_redraw)

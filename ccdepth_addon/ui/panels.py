@@ -14,6 +14,7 @@ from ..state.properties import tolerance_name
 from ..tasks.surfaces import as_typed
 from .lengths import Rounding, length_text
 from .selected_results import faces_by_depth, lengths_text, refused_objects, selected_results
+from .sidebar import SidebarPanel, settings_column
 from .tolerance_presets import CCDEPTH_PT_tolerance_presets
 from .tolerance_text import tolerance_text
 from .value_rows import draw_rows
@@ -32,11 +33,8 @@ ORDER_OF_RESULTS, ORDER_OF_DEVIATION = 1, 2
 _swatches: bpy.utils.previews.ImagePreviewCollection | None = None
 
 
-class CCDEPTH_PT_settings(bpy.types.Panel):
+class CCDEPTH_PT_settings(SidebarPanel, bpy.types.Panel):
     bl_label = "CC Depth"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "CC Depth"
 
     def draw_header_preset(self, context: bpy.types.Context) -> None:
         CCDEPTH_PT_tolerance_presets.draw_panel_header(self.layout)
@@ -45,9 +43,7 @@ class CCDEPTH_PT_settings(bpy.types.Panel):
         layout = self.layout
         settings = context.scene.ccdepth
         # What all buttons go by is above them.
-        column = layout.column()
-        column.use_property_split = True
-        column.use_property_decorate = False
+        column = settings_column(layout)
         column.row().prop(settings, "shown_tolerance_mode", text="Tolerance", expand=True)
         if settings.tolerance_mode == "RELATIVE":
             column.prop(settings, "relative_tolerance", text="Fraction")
@@ -62,29 +58,21 @@ class CCDEPTH_PT_settings(bpy.types.Panel):
         _draw_refusal(layout, context)
 
 
-class CCDEPTH_PT_advanced(bpy.types.Panel):
+class CCDEPTH_PT_advanced(SidebarPanel, bpy.types.Panel):
     """Settings of Compute Depth alone."""
 
     bl_label = "Advanced"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "CC Depth"
     bl_parent_id = "CCDEPTH_PT_settings"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, settings = self.layout, context.scene.ccdepth
-        layout.use_property_split = True
-        layout.use_property_decorate = False
-        layout.prop(settings, "method")
-        layout.prop(settings, "use_limit_surface")
+        column, settings = settings_column(self.layout), context.scene.ccdepth
+        column.prop(settings, "method")
+        column.prop(settings, "use_limit_surface")
 
 
-class CCDEPTH_PT_results(bpy.types.Panel):
+class CCDEPTH_PT_results(SidebarPanel, bpy.types.Panel):
     bl_label = "Results"
-    bl_space_type = "VIEW_3D"
-    bl_region_type = "UI"
-    bl_category = "CC Depth"
     bl_parent_id = "CCDEPTH_PT_settings"
     bl_order = ORDER_OF_RESULTS
 
@@ -113,9 +101,7 @@ class CCDEPTH_PT_results(bpy.types.Panel):
             layout.operator("ccdepth.set_levels", icon="MODIFIER")
         if not all(map(results.shows_deviation, meshes)):
             kinds = set(map(results.shown, meshes))
-            column = layout.column(heading="Show")
-            column.use_property_split = True
-            column.use_property_decorate = False
+            column = settings_column(layout, heading="Show")
             draw_display(column, settings, depths=results.Shown.DEPTH in kinds, distances=results.Shown.BOUND in kinds)
 
 
