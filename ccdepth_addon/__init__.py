@@ -24,6 +24,7 @@ MODULES = (
     "state.diagonals",
     "state.sources",
     "state.face_counts",
+    "ui.manual",
     "ui.tolerance_presets",
     "ui.panels",
     "ui.adaptive_panel",

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import os
+import re
 import subprocess
 import sys
 import tomllib
@@ -64,6 +65,18 @@ def test_nothing_but_the_add_on_is_packed(manifest: dict[str, Any]) -> None:
 
 def test_the_page_about_the_core_is_made_from_its_docstrings() -> None:
     subprocess.run([sys.executable, "scripts/api_docs.py", "--check"], cwd=CHECKOUT, check=True, timeout=60)
+
+
+def test_the_manual_is_made_from_its_source() -> None:
+    subprocess.run([sys.executable, "scripts/manual_page.py", "--check"], cwd=CHECKOUT, check=True, timeout=60)
+
+
+def test_the_manual_has_its_pictures_and_links() -> None:
+    folder = CHECKOUT / "ccdepth_addon" / "manual"
+    page = (folder / "index.html").read_text(encoding="utf-8")
+    pictures = re.findall(r'src="([^"]+)"', page)
+    assert sorted(pictures) == sorted(path.name for path in folder.glob("*.png"))
+    assert not re.search(r"\*\*|\]\(|`", page)
 
 
 def test_the_door_imports_nothing() -> None:

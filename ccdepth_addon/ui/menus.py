@@ -3,6 +3,8 @@
 
 import bpy
 
+from .manual import draw_manual_button
+
 # What is under each other in the menu; None is a line between.
 ENTRIES = (
     ("ccdepth.compute", "MOD_SUBSURF"),
@@ -37,6 +39,8 @@ class CCDEPTH_MT_menu(bpy.types.Menu):
                 self.layout.separator()
             else:
                 self.layout.operator(entry[0], icon=entry[1])
+        self.layout.separator()
+        draw_manual_button(self.layout, text="CC Depth Manual")
 
 
 def _draw_menu(self: bpy.types.Menu, _context: bpy.types.Context) -> None:

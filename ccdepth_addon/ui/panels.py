@@ -13,6 +13,7 @@ from ..state.colors import depth_colors
 from ..state.properties import tolerance_name
 from ..tasks.surfaces import as_typed
 from .lengths import Rounding, length_text
+from .manual import draw_manual_button
 from .selected_results import faces_by_depth, lengths_text, refused_objects, selected_results
 from .sidebar import SidebarPanel, settings_column
 from .tolerance_presets import CCDEPTH_PT_tolerance_presets
@@ -37,6 +38,7 @@ class CCDEPTH_PT_settings(SidebarPanel, bpy.types.Panel):
     bl_label = "CC Depth"
 
     def draw_header_preset(self, context: bpy.types.Context) -> None:
+        draw_manual_button(self.layout, text="", emboss=False)
         CCDEPTH_PT_tolerance_presets.draw_panel_header(self.layout)
 
     def draw(self, context: bpy.types.Context) -> None:

@@ -44,3 +44,29 @@ def test_tooltips_and_copies_of_values() -> None:
     properties.meaning = "How many faces there are"
     assert operator.description(bpy.context, properties).startswith("How many faces there are.")
     assert bpy.ops.ccdepth.copy_value(value="5,800") == {"FINISHED"}
+
+
+@pytest.mark.parametrize(
+    ("button", "section"),
+    [
+        ("bpy.ops.ccdepth.compute", "compute-depth"),
+        ("bpy.ops.ccdepth.subdivide", "adaptive-subdivision"),
+        ("bpy.ops.ccdepth.show_source", "results"),
+        ("bpy.types.scenesettings.relative_tolerance", "tolerance"),
+    ],
+)
+def test_online_manual_of_a_button_is_our_own(button: str, section: str) -> None:
+    url = bpy.types.WM_OT_doc_view_manual._lookup_rna_url(button, verbose=False)
+    assert url.startswith("file://")
+    assert url.endswith(f"index.html#{section}")
+
+
+def test_every_section_is_in_the_manual() -> None:
+    manual = addon.module("ui.manual")
+    page = manual.PAGE.read_text(encoding="utf-8")
+    assert all(f'id="{section}"' in page for _, section in manual.SECTIONS)
+
+
+def test_the_preferences_belong_to_the_add_on() -> None:
+    package = bpy.types.CCDEPTH_OT_compute.__module__.rpartition(".operators.")[0]
+    assert package.removesuffix(".ccdepth_addon") == addon.module("ui.manual").CCDEPTH_AP_preferences.bl_idname
