@@ -7,7 +7,7 @@ one. Nothing here writes to a mesh.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from time import perf_counter
 
 import bpy
@@ -84,14 +84,11 @@ def prepare_measurement(
 
     Raises ComputeError, naming every object at fault.
     """
-    refuse_bad_tolerance(settings.tolerance)
-    _refuse_bad_accuracy(settings.accuracy)
+    _refuse_bad_settings(settings)
     own = objects == [target]
     faults = Faults(objects if own else [target, *objects])
     with faults.of(target.name):
-        control = read_control_mesh(context, target, use_modifiers=settings.use_modifiers)
-        validate(control.in_world)
-        surface = surface_of(target.name, control, settings)
+        task = _read_target(context, target, settings, own=own)
     measured = []
     for blender_object in objects:
         with faults.of(blender_object.name):
@@ -101,12 +98,39 @@ def prepare_measurement(
             shown = read_shown_mesh(context, blender_object)
             measured.append(Measured(blender_object.name, mesh.session_uid, mesh_face_count(mesh), shown))
     faults.refuse()
+    return replace(task, measured=measured)
+
+
+def prepare_targets(
+    context: bpy.types.Context, targets: list[bpy.types.Object], settings: MeasureSettings
+) -> list[MeasureTask]:
+    """Read the control meshes of objects to whose limit surfaces others will be measured: of each a task without any.
+
+    Raises ComputeError, naming every object at fault.
+    """
+    _refuse_bad_settings(settings)
+    faults = Faults(targets)
+    tasks = []
+    for target in targets:
+        with faults.of(target.name):
+            tasks.append(_read_target(context, target, settings, own=False))
+    faults.refuse()
+    return tasks
+
+
+def _read_target(
+    context: bpy.types.Context, target: bpy.types.Object, settings: MeasureSettings, *, own: bool
+) -> MeasureTask:
+    control = read_control_mesh(context, target, use_modifiers=settings.use_modifiers)
+    validate(control.in_world)
+    surface = surface_of(target.name, control, settings)
     place = np.array(target.evaluated_get(context.evaluated_depsgraph_get()).matrix_world, dtype=np.float64)
-    return MeasureTask(surface, place[:3, 3], own, measured)
+    return MeasureTask(surface, place[:3, 3], own, [])
 
 
-def _refuse_bad_accuracy(accuracy: float) -> None:
-    if not np.isfinite(accuracy) or accuracy <= 0:
+def _refuse_bad_settings(settings: MeasureSettings) -> None:
+    refuse_bad_tolerance(settings.tolerance)
+    if not np.isfinite(settings.accuracy) or settings.accuracy <= 0:
         raise ComputeError("The accuracy must be a number greater than zero")
 
 
