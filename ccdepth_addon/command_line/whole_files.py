@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 import shutil
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import BinaryIO
@@ -34,23 +34,51 @@ class UnwrittenError(OSError):
     """The file could not be written as a whole; what was there before is still there. The message says why."""
 
 
+EXISTS = "it exists already; use --overwrite to replace it"
+
+
+def refuse_existing(path: Path, companions: Sequence[str] = ()) -> None:
+    """Raise UnwrittenError if the file is there, or one of those with these suffixes that belong to it."""
+    for each in (path, *(path.with_suffix(suffix) for suffix in companions)):
+        if each.exists():
+            raise UnwrittenError(EXISTS if each == path else f"{each.name}, which belongs to it, exists already")
+
+
 @contextmanager
-def written_whole(path: Path, *, backups: int = 0) -> Iterator[Path]:
-    """A path to write to, which takes the place of ``path`` afterwards if it is a whole .blend or .png file.
+def written_whole(
+    path: Path, *, backups: int = 0, companions: Sequence[str] = (), overwrite: bool = True
+) -> Iterator[Path]:
+    """A path to write to, which takes the place of ``path`` afterwards if it is a whole file, as far as can be told.
 
     backups: how many earlier versions of the file to keep, called like those that Blender keeps: .blend1, .blend2, …
-    Raises UnwrittenError, and leaves nothing behind, when it is not whole or cannot be put there.
+    companions: suffixes of files that are written beside it, and belong to it. Raises UnwrittenError, and leaves
+    nothing behind, when it is not whole or cannot be put there.
     """
     target = path.resolve()
+    if not overwrite:
+        refuse_existing(target, companions)
     beside = target.with_name(f".{target.stem}-{os.getpid()}{target.suffix}")
+    folder = None
     try:
+        if companions:
+            # Files that belong together know each other by their names.
+            folder = beside.with_suffix("")
+            folder.mkdir()
+            beside = folder / target.name
         yield beside
         try:
             _check(beside)
+            if not overwrite:
+                refuse_existing(target, companions)
+            for suffix in companions:
+                if beside.with_suffix(suffix).exists():
+                    os.replace(beside.with_suffix(suffix), target.with_suffix(suffix))
             if target.exists():
                 shutil.copymode(target, beside)
                 _keep(target, backups)
             os.replace(beside, target)
+        except UnwrittenError:
+            raise
         except OSError as fault:
             raise UnwrittenError(f"it could not be written: {fault.strerror or fault}") from fault
     finally:
@@ -58,6 +86,8 @@ def written_whole(path: Path, *, backups: int = 0) -> Iterator[Path]:
         for left in (beside, beside.with_name(beside.name + "@")):
             with suppress(OSError):
                 left.unlink()
+        if folder is not None:
+            shutil.rmtree(folder, ignore_errors=True)
 
 
 def _keep(target: Path, backups: int) -> None:
@@ -76,7 +106,7 @@ def _check(path: Path) -> None:
     with path.open("r+b") as file:
         # Some file systems report only now that the disk is full.
         os.fsync(file.fileno())
-        is_whole = {".png": _is_whole_png, ".blend": _is_whole_blend}[path.suffix.lower()]
+        is_whole = IS_WHOLE.get(path.suffix.lower(), _is_not_empty)
         try:
             whole = is_whole(file, os.fstat(file.fileno()).st_size)
         except struct.error:
@@ -131,3 +161,21 @@ def _has_all_frames(file: BinaryIO, size: int) -> bool:
     file.seek(max(0, size - table_size))
     compressed = sum(fields[0] for fields in entry.iter_unpack(file.read(frames * entry.size)))
     return bool(compressed + SEEK_TABLE_HEADER_SIZE + table_size == size)
+
+
+def _is_whole_stl(file: BinaryIO, size: int) -> bool:
+    """Whether it has as many triangles as its header says, as binary files have."""
+    file.seek(80)
+    return bool(size == 84 + 50 * struct.unpack("<I", file.read(4))[0])
+
+
+def _is_whole_glb(file: BinaryIO, size: int) -> bool:
+    magic, _version, length = struct.unpack("<4sII", file.read(12))
+    return bool(magic == b"glTF" and length == size)
+
+
+def _is_not_empty(_file: BinaryIO, size: int) -> bool:
+    return size > 0
+
+
+IS_WHOLE = {".png": _is_whole_png, ".blend": _is_whole_blend, ".stl": _is_whole_stl, ".glb": _is_whole_glb}
