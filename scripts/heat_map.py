@@ -16,7 +16,7 @@ from ccdepth_addon.command_line.command import run
 ccdepth_addon.register()
 status = 1
 try:
-    status = run(sys.argv[1:], program="heat_map.py")
+    status = run(sys.argv[1:], program="heat_map.py", process=[sys.executable, __file__])
 except Exception:
     traceback.print_exc()
 # Not sys.exit: after an error the bpy module can crash or hang while the interpreter winds up.

@@ -12,7 +12,7 @@ output=${OUTPUT:-build}
 mkdir -p "$output"
 
 heat_map() { # NAME [MESH] [OPTION…]
-  timeout 1800 "$python" "$here/heat_map.py" --output "$output/$1.blend" --picture "$output/$1.png" "${@:2}"
+  timeout 1800 "$python" "$here/heat_map.py" --output "$output/$1.blend" --picture "$output/$1.png" --overwrite "${@:2}"
 }
 
 heat_map suzanne

@@ -61,7 +61,7 @@ def test_a_level_that_is_not_known_is_no_level() -> None:
     """Records of earlier versions do not have it."""
     holder = scene.add_object(meshes.cube())
     addon.compute(holder)
-    table = addon.module("command_line.command").depth_table
+    table = addon.module("command_line.report_text").depth_table
     assert f"at level {holder.data.ccdepth.uniform_level}: " in table(holder.data.ccdepth)
     holder.data.ccdepth.property_unset("uniform_level")
     assert "not known" in table(holder.data.ccdepth)
@@ -127,7 +127,7 @@ def test_the_settings_of_a_file_are_used_unless_others_are_given(tmp_path: Path)
         (["--tolerance", "1e39"], "The tolerance is too large a number"),
         (["--tolerance", "1e-12"], "single-precision"),
         (["nowhere.obj"], "there is no such file"),
-        (["mesh.fbx"], "not a .blend, .obj, .ply or .stl file"),
+        (["mesh.xyz"], "not a .blend, .obj, .ply, .stl,"),
         (["--picture", "picture.jpg"], "its name must end in .png"),
         (["--picture", "nowhere/picture.png"], "there is no folder"),
     ],
@@ -157,6 +157,27 @@ def test_a_file_that_holds_no_mesh_is_refused(tmp_path: Path, capfd: pytest.Capt
         ["--max-faces", "0"],
         ["--max-faces", "-5"],
         ["--max-faces", "many"],
+        ["--tolerance", "1 cubit"],
+        ["--tolerance", "0.1mm", "--relative"],
+        ["--tolerance", "0.1%", "--absolute"],
+        ["--tolerance", "0.1", "--faces", "50k"],
+        ["--faces", "none"],
+        ["--faces", "0"],
+        ["--unit", "cubit"],
+        ["--jobs", "0"],
+        ["--levels", "--subdivide"],
+        ["--subdivide", "--output", "mesh.xyz"],
+        ["--output", "mesh.stl"],
+        ["--measure", "--output-folder", ".", "--format", "stl"],
+        ["--subdivide", "--measure"],
+        ["--measure", "--picture", "out.png"],
+        ["--format", "stl"],
+        ["--output", "out.blend", "--output-folder", "."],
+        ["one.obj", "two.obj", "--output", "out.blend"],
+        ["one.obj", "two.obj", "--picture", "out.png"],
+        ["one.obj", "folder/one.ply", "--output-folder", "."],
+        ["--json", "-", "--csv", "-"],
+        ["mesh.obj", "--verify", "report.json"],
     ],
 )
 def test_a_line_that_makes_no_sense_is_refused(capfd: pytest.CaptureFixture[str], arguments: list[str]) -> None:

@@ -24,7 +24,7 @@ whole_files = addon.module("command_line.whole_files")
 # Less than any .blend file and any picture have.
 ROOM = 16 * 1024
 
-LINE = ["--relative", "--tolerance", "0.01", "--method", "second-order"]
+LINE = ["--relative", "--tolerance", "0.01", "--method", "second-order", "--overwrite"]
 
 
 def program() -> list[str]:
@@ -48,13 +48,16 @@ def run(*arguments: object, room: int | None = None, **options: object) -> subpr
     )
 
 
-@pytest.mark.parametrize(("option", "name"), [("--output", "out.blend"), ("--picture", "out.png")])
+@pytest.mark.parametrize(
+    ("option", "name"),
+    [("--output", "out.blend"), ("--picture", "out.png"), ("--subdivide --output", "out.stl")],
+)
 @pytest.mark.parametrize("existing", [b"", b"something precious"])
 def test_a_file_that_does_not_fit(tmp_path: Path, option: str, name: str, existing: bytes) -> None:
     path = tmp_path / name
     if existing:
         path.write_bytes(existing)
-    ended = run(*LINE, option, path, room=ROOM)
+    ended = run(*LINE, *option.split(), path, room=ROOM)
     assert ended.returncode == 1, ended.stdout + ended.stderr
     assert "Written" not in ended.stdout
     assert name in ended.stderr

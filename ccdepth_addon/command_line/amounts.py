@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tolerances, units and numbers of faces as they are typed."""
+
+from __future__ import annotations
+
+import re
+from argparse import ArgumentTypeError
+from dataclasses import dataclass
+
+from ..ui.lengths import IMPERIAL, METRIC
+
+# How many metres each unit is, by its symbol.
+UNITS = {unit.name: float(unit.length) for unit in (*METRIC.values(), *IMPERIAL.values())}
+UNITS["um"] = UNITS["µm"]
+
+# Blender's integers have 32 bits.
+LARGEST_FACE_COUNT = 2**31 - 1
+
+MULTIPLES = {"": 1, "k": 1_000, "m": 1_000_000}
+
+# The longest symbols first: "mm" is not "m".
+_WITH_UNIT = re.compile(rf"(.*?)\s*({'|'.join(sorted(UNITS, key=len, reverse=True))}|%)")
+
+
+@dataclass(frozen=True)
+class TypedTolerance:
+    """text: as it was typed. value: the number, of percents a part of one. unit: in metres, of a tolerance that has
+    one. mode: ABSOLUTE or RELATIVE where the text says so."""
+
+    text: str
+    value: float
+    unit: float | None = None
+    mode: str | None = None
+
+    def __str__(self) -> str:
+        return self.text
+
+    def in_scene(self, metres_per_unit: float) -> float:
+        """The number for a scene whose unit is so long."""
+        return self.value if self.unit is None else self.value * self.unit / metres_per_unit
+
+
+def typed_tolerance(text: str) -> TypedTolerance:
+    """0.1mm, 0.01in, 0.1% or a bare number. Raises ArgumentTypeError."""
+    found = _WITH_UNIT.fullmatch(text.strip())
+    number, unit = found.groups() if found else (text, None)
+    try:
+        value = float(number)
+    except ValueError as fault:
+        raise ArgumentTypeError(
+            f"“{text}” is no tolerance: a number, one with a unit like 0.1mm or 0.01in, or 0.1%"
+        ) from fault
+    if unit is None:
+        return TypedTolerance(text, value)
+    if unit == "%":
+        return TypedTolerance(text, value / 100, mode="RELATIVE")
+    return TypedTolerance(text, value, UNITS[unit], "ABSOLUTE")
+
+
+def face_limit(text: str) -> int:
+    """A number of faces that Blender can hold. Raises ValueError and ArgumentTypeError."""
+    limit = int(text)
+    if not 1 <= limit <= LARGEST_FACE_COUNT:
+        raise ArgumentTypeError(f"{limit} is not between 1 and {LARGEST_FACE_COUNT:,}")
+    return limit
+
+
+def face_budget(text: str) -> int:
+    """50k, 1.5M or 50000 faces. Raises ArgumentTypeError."""
+    found = re.fullmatch(r"(\d+(?:\.\d+)?)([km]?)", text.strip().lower())
+    faces = round(float(found[1]) * MULTIPLES[found[2]]) if found else 0
+    if not 1 <= faces <= LARGEST_FACE_COUNT:
+        raise ArgumentTypeError(f"“{text}” is no number of faces, like 50000, 50k or 1.5M")
+    return faces
+
+
+def unit_symbol(metres: float) -> str:
+    """The symbol of a unit that has one, else its length."""
+    return next((symbol for symbol, length in UNITS.items() if length == metres), f"{metres:g} m")

@@ -1,0 +1,264 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The arguments of the command line, and the same for another process."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from ..core import METHODS, VERTICES, Mode, Transitions
+from .amounts import UNITS, face_budget, face_limit, typed_tolerance
+from .mesh_files import BLEND, INPUTS, OUTPUTS, names_of
+
+DEPTHS, LEVELS, SUBDIVIDE, MEASURE = "depths", "levels", "subdivide", "measure"
+
+# What makes meshes that other formats can hold.
+MAKING = {LEVELS, SUBDIVIDE}
+
+STANDARD_OUTPUT = "-"
+
+DESCRIPTION = (
+    "How many Catmull-Clark levels does each face of a mesh need to be within a tolerance of the limit surface? "
+    "Computes it for all mesh objects of each file, and prints how many faces have which depth; or makes the meshes "
+    "that are within the tolerance, or measures whether they are."
+)
+EPILOG = (
+    "Without a file, Blender's Suzanne is used. Options that are not given come from the scene of a .blend file, or "
+    "have the panel's defaults. Exit status: 0 when all is done and every tolerance met, 1 when something failed or a "
+    "tolerance is not met, 2 when the line makes no sense."
+)
+
+
+class Parser(argparse.ArgumentParser):
+    """The parser, which knows the options that a process for a single file is given as well."""
+
+    def __init__(self, program: str) -> None:
+        super().__init__(prog=program, description=DESCRIPTION, epilog=EPILOG)
+        self.for_each_file: list[argparse.Action] = []
+        self.add_argument("files", nargs="*", type=Path, metavar="FILE", help=f"{names_of(INPUTS)} file")
+        _add_choices(self)
+        _add_actions(self)
+        _add_outputs(self)
+        _add_runs(self)
+
+    def parsed(self, arguments: Sequence[str]) -> argparse.Namespace:
+        """The options. Raises SystemExit, with status 2 for a line that makes no sense, which is explained."""
+        options = self.parse_intermixed_args(_without_separator(arguments))
+        if options.tolerance is not None and options.tolerance.mode is not None:
+            if options.tolerance_mode not in (None, options.tolerance.mode):
+                self.error(f"a tolerance of {options.tolerance} is not {options.tolerance_mode.lower()}")
+            options.tolerance_mode = options.tolerance.mode
+        fault = _fault(options)
+        if fault is not None:
+            self.error(fault)
+        return options
+
+    def arguments_for_one(self, options: argparse.Namespace) -> list[str]:
+        """The arguments of a process that does the same with a single file, but for the file and the reports."""
+        arguments = []
+        for action in self.for_each_file:
+            value = getattr(options, action.dest)
+            option = action.option_strings[0]
+            if action.nargs == 0:
+                arguments += [option] if value == action.const else []
+            else:
+                values = value if isinstance(value, list) else [] if value is None else [value]
+                arguments += [f"{option}={each}" for each in values]
+        return arguments
+
+
+def _without_separator(arguments: Sequence[str]) -> list[str]:
+    """The arguments without a --, after which there are files alone: argparse takes some of them for options when files
+    and options are mixed."""
+    if "--" not in arguments:
+        return list(arguments)
+    end = list(arguments).index("--")
+    return [*arguments[:end], *(f"./{name}" if name.startswith("-") else name for name in arguments[end + 1 :])]
+
+
+def _add_choices(parser: Parser) -> None:
+    """Which objects, and how near."""
+    add = _adder(parser, parser)
+    add("--objects", nargs="+", action="extend", metavar="NAME", help="these objects alone")
+    add("--collection", metavar="NAME", help="the objects of this collection alone")
+    add(
+        "--unit",
+        choices=UNITS,
+        help="what one unit is in .stl, .obj and .ply files, read and written (mm for .stl, otherwise m)",
+    )
+    near = parser.add_mutually_exclusive_group()
+    _adder(parser, near)(
+        "--tolerance",
+        type=typed_tolerance,
+        help="largest distance allowed to the limit surface: 0.1mm, 0.01in, 0.1%% of the diagonal, or a bare number",
+    )
+    _adder(parser, near)(
+        "--faces", type=face_budget, help="take the best tolerance with which adaptive meshes have so many faces: 50k"
+    )
+    mode = _adder(parser, parser.add_mutually_exclusive_group())
+    mode(
+        "--relative",
+        dest="tolerance_mode",
+        action="store_const",
+        const="RELATIVE",
+        help="a bare tolerance is a part of the diagonal of each object's dimensions (default)",
+    )
+    mode(
+        "--absolute",
+        dest="tolerance_mode",
+        action="store_const",
+        const="ABSOLUTE",
+        help="a bare tolerance is a distance in the scene",
+    )
+    add("--method", type=_name, choices=METHODS, help="how the distance is bounded")
+    add("--vertices", type=_name, choices=VERTICES, help="where the subdivided mesh has its vertices")
+    add("--no-modifiers", dest="use_modifiers", action="store_false", default=None, help="leave modifiers out")
+
+
+def _add_actions(parser: Parser) -> None:
+    add = _adder(parser, parser.add_argument_group("what to do instead of computing depths"))
+    add("--levels", action="store_true", help="set the level of Subdivision Surface modifiers")
+    add("--subdivide", action="store_true", help="make adaptive meshes")
+    add(
+        "--measure",
+        action="store_true",
+        help="measure how far what objects show is from their limit surfaces; with --levels or --subdivide, measure "
+        "what was written, read back from the file, as a report does",
+    )
+    add("--accuracy", type=float, help="how near the two distances measured are to be, as a part of them (0.05)")
+    add("--time-limit", type=float, metavar="SECONDS", help="measure each object no longer than this; 0 for no limit")
+    add = _adder(parser, parser.add_argument_group("adaptive subdivision"))
+    add("--mode", type=_name, choices=list(Mode), help="how the faces are divided")
+    add("--transitions", type=_name, choices=list(Transitions), help="how faces beside finer ones are drawn")
+    add(
+        "--in-place",
+        dest="output_kind",
+        action="store_const",
+        const="IN_PLACE",
+        help="let the results take the place of the objects' meshes, instead of hiding the objects",
+    )
+    add("--exact-normals", action="store_true", default=None, help="shade with the normals of the limit surface")
+    add(
+        "--reduce",
+        action="store_true",
+        default=None,
+        help="make the fewest triangles that can be proved to be within the tolerance",
+    )
+    add("--max-faces", type=face_limit, help="refuse to make more faces than this")
+
+
+def _add_outputs(parser: Parser) -> None:
+    group = parser.add_argument_group("files to write")
+    group.add_argument(
+        "--output",
+        type=Path,
+        metavar="FILE",
+        help=f"write the results: {BLEND}, or the meshes made: {names_of(OUTPUTS[1:])}",
+    )
+    add = _adder(parser, group)
+    add("--output-folder", type=Path, metavar="FOLDER", help="write the results of each file there, under its name")
+    add("--format", type=_suffix, choices=OUTPUTS, metavar="EXT", help="the format of files in the folder (blend)")
+    group.add_argument(
+        "--picture",
+        type=Path,
+        metavar="PNG",
+        help="render the heat map of the depths with its legend; with --subdivide, of the distances proved",
+    )
+    group.add_argument("--json", metavar="FILE", help="write a report that can be checked again; - for standard output")
+    group.add_argument("--csv", metavar="FILE", help="write a table with a row for each object; - for standard output")
+    add("--overwrite", action="store_true", help="replace files that exist")
+
+
+def _add_runs(parser: Parser) -> None:
+    parser.add_argument("--jobs", type=_job_count, default=1, metavar="N", help="do so many files at a time")
+    parser.add_argument(
+        "--verify", type=Path, metavar="REPORT", help="check all that a JSON report says, and do nothing else"
+    )
+    # What a process tells the one that started it.
+    parser.add_argument("--entry", type=Path, help=argparse.SUPPRESS)
+
+
+def _adder(parser: Parser, group: argparse._ActionsContainer) -> Callable[..., None]:
+    """``add_argument`` of the group, for options that processes for single files are given as well."""
+
+    def add(*names: str, **settings: Any) -> None:
+        parser.for_each_file.append(group.add_argument(*names, **settings))
+
+    return add
+
+
+def action_of(options: argparse.Namespace) -> str:
+    """What is done with each object."""
+    if options.subdivide:
+        return SUBDIVIDE
+    if options.levels:
+        return LEVELS
+    return MEASURE if options.measure else DEPTHS
+
+
+def output_of(source: Path | None, options: argparse.Namespace) -> Path | None:
+    """Where the results of a file go."""
+    if options.output_folder is None:
+        return options.output
+    stem = "Suzanne" if source is None else source.stem
+    return options.output_folder / f"{stem}{options.format or BLEND}"
+
+
+def is_measured(options: argparse.Namespace) -> bool:
+    """Whether meshes that are made are to be measured as they were written."""
+    return bool(options.measure or options.json or options.csv)
+
+
+def _fault(options: argparse.Namespace) -> str | None:
+    """Why the line makes no sense, if it does not."""
+    sources: list[Path | None] = options.files or [None]
+    outputs = [output_of(source, options) for source in sources]
+    if options.verify is not None and (options.files or outputs[0] or options.json or options.csv or options.picture):
+        return "--verify takes a report alone"
+    if options.levels and options.subdivide:
+        return "--levels and --subdivide exclude each other"
+    if options.output is not None and options.output_folder is not None:
+        return "--output and --output-folder exclude each other"
+    if options.format is not None and options.output_folder is None:
+        return "--format is for --output-folder"
+    if len(sources) > 1 and (options.output is not None or options.picture is not None):
+        return "--output and --picture are for a single file; use --output-folder for several"
+    if options.picture is not None and action_of(options) == MEASURE:
+        return "--picture draws depths and adaptive meshes, and --measure makes none"
+    if options.json == options.csv == STANDARD_OUTPUT:
+        return "only one report can go to the standard output"
+    return _output_fault(options, outputs)
+
+
+def _output_fault(options: argparse.Namespace, outputs: list[Path | None]) -> str | None:
+    suffixes = {output.suffix.lower() for output in outputs if output is not None}
+    unknown = suffixes - set(OUTPUTS)
+    if unknown:
+        return f"{options.output}: its name must end in {names_of(OUTPUTS)}"
+    makes = action_of(options) in MAKING
+    if suffixes - {BLEND} and not makes:
+        return f"{suffixes.pop()} files hold meshes that are made: use --subdivide or --levels as well"
+    if makes and options.measure and not suffixes:
+        return "--measure measures what was written: use --output as well"
+    places = [output.absolute() for output in outputs if output is not None]
+    twice = next((place for place in places if places.count(place) > 1), None)
+    return None if twice is None else f"several files would be written to {twice}"
+
+
+def _name(text: str) -> str:
+    """second-order → SECOND_ORDER"""
+    return text.upper().replace("-", "_")
+
+
+def _suffix(text: str) -> str:
+    """STL → .stl"""
+    return "." + text.lower().removeprefix(".")
+
+
+def _job_count(text: str) -> int:
+    count = int(text)
+    if count < 1:
+        raise argparse.ArgumentTypeError(f"{count} is less than 1")
+    return count

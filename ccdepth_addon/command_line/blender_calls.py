@@ -1,0 +1,48 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Calls of Blender's operators, whose reports become exceptions."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+
+class CommandError(Exception):
+    """What was asked for cannot be done; the message says why."""
+
+
+def call(operator: Any, **properties: Any) -> None:
+    """Call an operator. Raises CommandError with its error reports."""
+    try:
+        result = operator(**properties)
+    except RuntimeError as fault:
+        raise CommandError(_report_in(str(fault))) from fault
+    if "FINISHED" not in result:
+        raise CommandError(f"{operator.idname_py()} did not finish")
+
+
+def _report_in(message: str) -> str:
+    """What an operator reported; of one that is written in Python and went wrong, what it raised."""
+    text = message.replace("Error: ", "").strip()
+    if "Traceback (most recent call last)" not in text:
+        return text
+    raised = [line for line in text.splitlines() if line and not line.startswith((" ", "Location:"))]
+    return raised[-1]
+
+
+def available(name: str) -> Any | None:
+    """The operator of that name, like ``wm.obj_import``; None where this Blender does not have it."""
+    module, _, function = name.partition(".")
+    operator = getattr(getattr(bpy.ops, module), function)
+    try:
+        operator.get_rna_type()
+    except (KeyError, AttributeError):
+        return None
+    return operator
+
+
+def known_options(operator: Any, options: dict[str, Any]) -> dict[str, Any]:
+    """Those of the options that the operator has in this Blender."""
+    properties = operator.get_rna_type().properties
+    return {name: value for name, value in options.items() if name in properties}

@@ -1,0 +1,292 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Files in and out: which formats there are, how long their units are, and which operators of Blender's read and write
+them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+from mathutils import Matrix
+
+from ..exchange.control_mesh import read_values
+from ..exchange.custom_normals import CarriedNormals
+from ..state import results
+from ..tasks.surfaces import as_typed
+from .blender_calls import CommandError, available, call, known_options
+
+BLEND = ".blend"
+
+USD = (".usd", ".usda", ".usdc", ".usdz")
+
+# The operators that read each format: the first that this Blender has.
+READERS = {
+    ".obj": ("wm.obj_import",),
+    ".ply": ("wm.ply_import",),
+    ".stl": ("wm.stl_import",),
+    ".glb": ("import_scene.gltf",),
+    ".gltf": ("import_scene.gltf",),
+    **dict.fromkeys(USD, ("wm.usd_import",)),
+    ".fbx": ("wm.fbx_import", "import_scene.fbx"),
+    ".abc": ("wm.alembic_import",),
+}
+
+WRITERS = {
+    ".obj": "wm.obj_export",
+    ".ply": "wm.ply_export",
+    ".stl": "wm.stl_export",
+    ".glb": "export_scene.gltf",
+    **dict.fromkeys(USD[:3], "wm.usd_export"),
+}
+
+READING: dict[str, dict[str, Any]] = {
+    ".glb": {"merge_vertices": True},
+    ".gltf": {"merge_vertices": True},
+    ".abc": {"as_background_job": False},
+}
+
+# What is written is what is shown, and the selected objects alone.
+WRITING_USD = {
+    "selected_objects_only": True,
+    "evaluation_mode": "VIEWPORT",
+    "convert_world_material": False,
+    "export_subdivision": "IGNORE",
+}
+WRITING: dict[str, dict[str, Any]] = {
+    ".obj": {"export_selected_objects": True},
+    ".ply": {"export_selected_objects": True},
+    ".stl": {"export_selected_objects": True},
+    ".glb": {"use_selection": True, "export_format": "GLB", "export_animations": False},
+    **dict.fromkeys(USD[:3], WRITING_USD),
+}
+
+# What one unit is where a file does not say so, in metres. The others are in metres themselves, or their readers know.
+UNITS = {".stl": 0.001, ".obj": 1.0, ".ply": 1.0}
+
+# Files that lie beside one of this format and belong to it.
+COMPANIONS = {".obj": (".mtl",)}
+
+INPUTS = (BLEND, *READERS)
+OUTPUTS = (BLEND, *WRITERS)
+
+
+def names_of(suffixes: Sequence[str]) -> str:
+    return f"{', '.join(suffixes[:-1])} or {suffixes[-1]}"
+
+
+def scene_unit(scene: bpy.types.Scene) -> float:
+    """How many metres a unit of the scene is."""
+    return as_typed(scene.unit_settings.scale_length)
+
+
+def unit_of(path: Path, unit: float | None) -> float:
+    """How many metres a unit of a file is, which is no .blend file, where this unit was asked for."""
+    default = UNITS.get(path.suffix.lower())
+    if default is None:
+        return 1.0
+    return default if unit is None else unit
+
+
+def reader(path: Path) -> Any:
+    """The operator that reads such a file. Raises CommandError when this Blender has none."""
+    suffix = path.suffix.lower()
+    found = next((operator for name in READERS[suffix] if (operator := available(name)) is not None), None)
+    if found is None:
+        raise CommandError(f"{path}: this Blender cannot read {suffix} files")
+    return found
+
+
+def writer(path: Path) -> Any:
+    """The operator that writes such a file. Raises CommandError when this Blender has none."""
+    suffix = path.suffix.lower()
+    found = available(WRITERS[suffix])
+    if found is None:
+        raise CommandError(f"{path}: this Blender cannot write {suffix} files")
+    return found
+
+
+def load(path: Path | None, unit: float | None = None) -> None:
+    """Open or import a file, in place of what is open; Suzanne without one.
+
+    unit: in metres, of files that do not say it. The scene's unit becomes that of the file, so that its numbers stay.
+    """
+    if path is not None and path.suffix.lower() == BLEND:
+        call(bpy.ops.wm.open_mainfile, filepath=str(path.absolute()), use_scripts=False)
+        if bpy.context.mode != "OBJECT":
+            call(bpy.ops.object.mode_set, mode="OBJECT")
+        return
+    call(bpy.ops.wm.read_homefile, use_empty=True)
+    if path is None:
+        call(bpy.ops.mesh.primitive_monkey_add)
+        return
+    settings = bpy.context.scene.unit_settings
+    settings.scale_length = unit_of(path, unit)
+    if unit_of(path, unit) == UNITS[".stl"]:
+        settings.length_unit = "MILLIMETERS"
+    _import(path)
+    for mesh in bpy.data.meshes:
+        if path.suffix.lower() in {".glb", ".gltf"}:
+            _weld(mesh)
+
+
+def _import(path: Path) -> None:
+    operator = reader(path)
+    options = {"filepath": str(path.absolute()), **READING.get(path.suffix.lower(), {})}
+    call(operator, **known_options(operator, options))
+
+
+def _weld(mesh: bpy.types.Mesh) -> None:
+    """Merge vertices at equal positions. glTF splits them wherever normals or UVs change, and the limit surface would
+    come apart there."""
+    import bmesh  # The bpy wheel has it only after bpy.
+
+    positions = read_values(mesh.vertices, "co", np.float32, 3)
+    _, firsts, groups = np.unique(positions, axis=0, return_index=True, return_inverse=True)
+    targets = firsts[groups.ravel()]
+    moved = np.flatnonzero(targets != np.arange(len(positions)))
+    if not len(moved):
+        return
+    # Custom normals are stored as seen from the faces around a vertex, which become others.
+    carried = CarriedNormals(mesh) if mesh.has_custom_normals else None
+    shape = bmesh.new()
+    shape.from_mesh(mesh)
+    shape.verts.ensure_lookup_table()
+    target_of = {shape.verts[one]: shape.verts[other] for one, other in zip(moved, targets[moved], strict=True)}
+    bmesh.ops.weld_verts(shape, targetmap=target_of)
+    shape.to_mesh(mesh)
+    shape.free()
+    if carried is not None:
+        carried.put_back(mesh, deformable=False)
+
+
+def write_blend(path: Path) -> None:
+    """Save a copy of what is open."""
+    call(bpy.ops.wm.save_as_mainfile, filepath=str(path), copy=True, check_existing=False)
+
+
+def write_meshes(objects: Sequence[bpy.types.Object], path: Path, unit: float) -> None:
+    """Write what the objects show, without heat maps, to a file whose unit is so many metres."""
+    operator, suffix = writer(path), path.suffix.lower()
+    options = {"filepath": str(path), "check_existing": False, **WRITING[suffix]}
+    if suffix in COMPANIONS and not any(each.material_slots for each in objects):
+        options["export_materials"] = False
+    with _shown_alone(objects, scene_unit(bpy.context.scene) / unit):
+        call(operator, **known_options(operator, options))
+
+
+@contextmanager
+def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[None]:
+    """Select, alone, plain copies of what the objects show, with their names; larger by this factor, in a scene of
+    metres."""
+    names = [each.name for each in objects]
+    with _names_free(names), _temporary_objects(), _in_metres():
+        depsgraph = bpy.context.evaluated_depsgraph_get()
+        shown = [(_shown_copy(each, depsgraph), _world(each, depsgraph)) for each in objects]
+        for each in bpy.context.view_layer.objects:
+            each.select_set(False)
+        for name, (mesh, matrix) in zip(names, shown, strict=True):
+            # Some formats take the name of the one, some that of the other.
+            mesh.name = name
+            copy = bpy.data.objects.new(name, mesh)
+            _place(copy, Matrix.Scale(scale, 4) @ matrix)
+            bpy.context.scene.collection.objects.link(copy)
+            copy.select_set(True)
+            bpy.context.view_layer.objects.active = copy
+        bpy.context.view_layer.update()
+        yield
+
+
+@contextmanager
+def _names_free(names: Sequence[str]) -> Iterator[None]:
+    """Let no object and no mesh have these names."""
+    taken = [
+        (each, each.name)
+        for kind in (bpy.data.objects, bpy.data.meshes)
+        for each in kind
+        if each.name in names and each.is_editable
+    ]
+    for each, name in taken:
+        each.name = f"Original {name}"
+    try:
+        yield
+    finally:
+        for each, name in taken:
+            each.name = name
+
+
+def _shown_copy(blender_object: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types.Mesh:
+    """A mesh of what an object shows, with the colours of the user."""
+    mesh = bpy.data.meshes.new_from_object(
+        blender_object.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
+    )
+    results.remember_same_colors(blender_object.data, mesh)
+    results.clear(mesh)
+    return mesh
+
+
+def _world(blender_object: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> Matrix:
+    return blender_object.evaluated_get(depsgraph).matrix_world.copy()
+
+
+def _place(copy: bpy.types.Object, matrix: Matrix) -> None:
+    """Put a new object at the place of a matrix, whose scale and shear go to its mesh: not all formats have shear."""
+    copy.data.transform(matrix.to_3x3().to_4x4())
+    if matrix.is_negative:
+        copy.data.flip_normals()
+    copy.location = matrix.translation
+
+
+@contextmanager
+def _in_metres() -> Iterator[None]:
+    """Let the scene's unit be a metre, so that no writer changes lengths."""
+    settings = bpy.context.scene.unit_settings
+    before = settings.scale_length
+    settings.scale_length = 1.0
+    try:
+        yield
+    finally:
+        settings.scale_length = before
+
+
+@contextmanager
+def _temporary_objects() -> Iterator[None]:
+    """Remove the objects and meshes that are made inside, and select what was selected before."""
+    selected, active = list(bpy.context.selected_objects), bpy.context.view_layer.objects.active
+    kinds = ("objects", "meshes")
+    before = {kind: set(getattr(bpy.data, kind)) for kind in kinds}
+    try:
+        yield
+    finally:
+        bpy.data.batch_remove([item for kind in kinds for item in set(getattr(bpy.data, kind)) - before[kind]])
+        for each in selected:
+            each.select_set(True)
+        bpy.context.view_layer.objects.active = active
+
+
+def read_back(path: Path, names: Sequence[str]) -> list[bpy.types.Object]:
+    """The mesh objects of a file, in place of what is open; of a .blend file those of these names, in this order. Its
+    unit is the scene's, whatever it is."""
+    call(bpy.ops.wm.read_homefile, use_empty=True)
+    bpy.context.scene.unit_settings.scale_length = 1.0
+    if path.suffix.lower() == BLEND:
+        found = _appended(path, names)
+    else:
+        _import(path)
+        found = [each for each in bpy.data.objects if each.type == "MESH"]
+    bpy.context.view_layer.update()
+    return found
+
+
+def _appended(path: Path, names: Sequence[str]) -> list[bpy.types.Object]:
+    with bpy.data.libraries.load(str(path), link=False) as (there, wanted):
+        missing = [name for name in names if name not in there.objects]
+        if missing:
+            raise CommandError(f"there is no object “{missing[0]}” in it")
+        wanted.objects = list(names)
+    for each in wanted.objects:
+        bpy.context.scene.collection.objects.link(each)
+    return list(wanted.objects)

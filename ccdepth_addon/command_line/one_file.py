@@ -1,0 +1,329 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A file from the beginning to the end: opened, worked on, written, and measured as it was written."""
+
+from __future__ import annotations
+
+from argparse import Namespace
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from math import isfinite
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ..exchange.control_mesh import read_values
+from ..exchange.result_attributes import BOUND_KIND
+from ..state.deviation_results import Verdict, verdict
+from ..state.properties import tolerance_name
+from ..tasks.deviation_task import MeasureSettings, MeasureTask, MeshDeviation, prepare_targets
+from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError, as_typed
+from ..ui.printable import printable
+from . import picture
+from .amounts import UNITS
+from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SUBDIVIDE, action_of, is_measured, output_of
+from .blender_calls import CommandError, call
+from .mesh_files import (
+    BLEND,
+    COMPANIONS,
+    INPUTS,
+    load,
+    names_of,
+    reader,
+    scene_unit,
+    unit_of,
+    write_blend,
+    write_meshes,
+    writer,
+)
+from .report import Distances, FileEntry, ObjectEntry, down_to, stamp, up_to
+from .report_text import print_adaptive_meshes, print_depths, print_levels, print_measured, settings_text
+from .whole_files import UnwrittenError, refuse_existing, written_whole
+from .written_meshes import WrittenObject, measured_distances, nearer_accuracy, read_written, shown_triangles
+
+# The options that are settings of the scene under the same names.
+GIVEN = (
+    *("tolerance_mode", "method", "vertices", "use_modifiers", "mode", "transitions", "exact_normals", "reduce"),
+    *("max_faces", "accuracy", "time_limit"),
+)
+
+# The settings that what is done goes by, beside the tolerance.
+MEASURING = ("tolerance_mode", "use_modifiers", "accuracy", "time_limit")
+SETTINGS = {
+    DEPTHS: ("tolerance_mode", "method", "vertices", "use_modifiers"),
+    LEVELS: ("method", "vertices", *MEASURING),
+    SUBDIVIDE: ("mode", "transitions", "exact_normals", "reduce", *MEASURING),
+    MEASURE: MEASURING,
+}
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What was done with an object: the entry so far, and the object that has the result."""
+
+    entry: ObjectEntry
+    shown: bpy.types.Object
+
+
+def process_file(source: Path | None, options: Namespace) -> FileEntry:
+    """Do what is asked for with a file, or with Suzanne.
+
+    Raises CommandError, PictureError and OSError, with nothing written, when it cannot be done.
+    """
+    output = output_of(source, options)
+    refuse_impossible(source, output, options)
+    load(source, UNITS.get(options.unit))
+    objects = chosen_objects(source, options.objects, options.collection)
+    settings = bpy.context.scene.ccdepth
+    change_settings(settings, options)
+    if options.faces is not None:
+        _call_for(objects, bpy.ops.ccdepth.find_tolerance, face_budget=options.faces)
+    action = action_of(options)
+    unit = scene_unit(bpy.context.scene)
+    is_checked = action in MAKING and output is not None and is_measured(options)
+    targets = surfaces_of(objects) if is_checked else []
+    outcomes = ACTIONS[action](objects, settings_of(action))
+    shown = [each.shown for each in outcomes]
+    entry = FileEntry(None if source is None else stamp(source, unit), tuple(each.entry for each in outcomes))
+    if options.picture is not None:
+        title = shown[0].name if source is None else source.stem
+        with _written(options.picture, options) as path:
+            picture.render(bpy.context, shown, path, title, settings_text(shown))
+    if output is not None:
+        entry = _write(output, shown, targets, entry, options)
+    print_measured(entry)
+    return entry
+
+
+def refuse_impossible(source: Path | None, output: Path | None, options: Namespace) -> None:
+    """Raise CommandError for a file that cannot be read, and for outputs that cannot be written."""
+    if source is not None:
+        if source.suffix.lower() not in INPUTS:
+            raise CommandError(f"{source}: not a {names_of(INPUTS)} file")
+        if not source.is_file():
+            raise CommandError(f"{source}: there is no such file")
+        if source.suffix.lower() != BLEND:
+            reader(source)
+    if output is not None and output.suffix.lower() != BLEND:
+        writer(output)
+    for path, suffix in ((output, ""), (options.picture, ".png")):
+        if path is None:
+            continue
+        if suffix and path.suffix.lower() != suffix:
+            raise CommandError(f"{path}: its name must end in {suffix}")
+        refuse_unwritable(path, options.overwrite, COMPANIONS.get(path.suffix.lower(), ()))
+
+
+def refuse_unwritable(path: Path, overwrite: bool, companions: Sequence[str] = ()) -> None:
+    """Raise CommandError when there is no folder for a file, or when it is there and is to stay."""
+    if not path.absolute().parent.is_dir():
+        raise CommandError(f"{path}: there is no folder {path.parent}")
+    if not overwrite:
+        try:
+            refuse_existing(path, companions)
+        except UnwrittenError as fault:
+            raise CommandError(f"{path}: {fault}") from fault
+
+
+def chosen_objects(
+    source: Path | None, names: Sequence[str] | None = None, collection: str | None = None
+) -> list[bpy.types.Object]:
+    """The mesh objects of what is open that are not hidden; those of these names and of this collection alone, if any
+    are given. Raises CommandError when there are none, or one of the names is missing."""
+    found = [obj for obj in bpy.context.view_layer.objects if obj.type == "MESH"]
+    if collection is not None:
+        if collection not in bpy.data.collections:
+            raise CommandError(f"{source}: there is no collection “{collection}” in it")
+        members = set(bpy.data.collections[collection].all_objects)
+        found = [obj for obj in found if obj in members]
+    if names is not None:
+        missing = [name for name in names if name not in {obj.name for obj in found if obj.visible_get()}]
+        if missing:
+            raise CommandError(f"{source}: there is no mesh object “{missing[0]}” in it that is not hidden")
+        found = [obj for obj in found if obj.name in names]
+    visible = [obj for obj in found if obj.visible_get()]
+    for hidden in set(found) - set(visible):
+        print(f"Left out because it is hidden: {printable(hidden.name)}")
+    if not visible:
+        raise CommandError(f"{source}: there is no mesh object in it" + (" that is not hidden" if found else ""))
+    return visible
+
+
+def change_settings(settings: bpy.types.PropertyGroup, options: Namespace) -> None:
+    """Put what was given into the scene, so that a file written holds the settings of its results."""
+    for name in GIVEN:
+        value = getattr(options, name)
+        if value is not None:
+            setattr(settings, name, value)
+    if options.output_kind is not None:
+        settings.output = options.output_kind
+    if options.tolerance is not None:
+        tolerance = options.tolerance.in_scene(scene_unit(bpy.context.scene))
+        refuse_impossible_tolerance(tolerance)
+        setattr(settings, tolerance_name(settings.tolerance_mode), tolerance)
+
+
+def refuse_impossible_tolerance(tolerance: float) -> None:
+    """Blender would take what it cannot hold for the largest number it can. Raises CommandError."""
+    if not abs(tolerance) < LARGEST_TOLERANCE:
+        raise CommandError("The tolerance is not a finite number" if not isfinite(tolerance) else TOO_LARGE)
+
+
+def settings_of(action: str) -> dict[str, Any]:
+    """The scene's settings for what is done, by their names."""
+    settings = bpy.context.scene.ccdepth
+    values = {name: getattr(settings, name) for name in SETTINGS[action]}
+    typed = {name: as_typed(value) if isinstance(value, float) else value for name, value in values.items()}
+    return {"tolerance": as_typed(getattr(settings, tolerance_name(settings.tolerance_mode))), **typed}
+
+
+def measure_settings() -> MeasureSettings:
+    """The scene's settings of Measure Deviation."""
+    return MeasureSettings(**settings_of(MEASURE))
+
+
+def surfaces_of(objects: Sequence[bpy.types.Object]) -> list[MeasureTask]:
+    """The limit surfaces of the objects. Raises CommandError."""
+    try:
+        return prepare_targets(bpy.context, list(objects), measure_settings())
+    except ComputeError as fault:
+        raise CommandError(str(fault)) from fault
+
+
+def _call_for(objects: Sequence[bpy.types.Object], operator: Any, **properties: Any) -> None:
+    """Call an operator with these objects selected."""
+    with bpy.context.temp_override(selected_objects=list(objects), active_object=objects[0]):
+        call(operator, **properties)
+
+
+def _entry(blender_object: bpy.types.Object, settings: dict[str, Any], tolerance: float) -> ObjectEntry:
+    """tolerance: in the unit of the scene."""
+    length = as_typed(tolerance) * scene_unit(bpy.context.scene)
+    return ObjectEntry(blender_object.name, settings, length, len(blender_object.data.polygons))
+
+
+def _compute_depths(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> list[Outcome]:
+    _call_for(objects, bpy.ops.ccdepth.compute)
+    print_depths(objects)
+    return [Outcome(_depth_entry(each, settings), each) for each in objects]
+
+
+def _depth_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> ObjectEntry:
+    mesh = blender_object.data
+    record = mesh.ccdepth
+    bounds = read_values(mesh.attributes[BOUND_KIND.name].data, "value", np.float32)
+    return replace(
+        _entry(blender_object, settings, record.world_tolerance),
+        deepest=max(record.deepest, record.added_deepest),
+        level=record.uniform_level,
+        proved=up_to(float(bounds.max(initial=0.0)), scene_unit(bpy.context.scene)),
+    )
+
+
+def _set_levels(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> list[Outcome]:
+    _call_for(objects, bpy.ops.ccdepth.compute)
+    _call_for(objects, bpy.ops.ccdepth.set_levels)
+    print_levels(objects)
+    return [
+        Outcome(replace(_depth_entry(each, settings), result_faces=int(each.data.ccdepth.uniform_faces)), each)
+        for each in objects
+    ]
+
+
+def _subdivide(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> list[Outcome]:
+    names, faces = [each.name for each in objects], [len(each.data.polygons) for each in objects]
+    in_place = bpy.context.scene.ccdepth.output == "IN_PLACE"
+    before = set(bpy.data.objects)
+    _call_for(objects, bpy.ops.ccdepth.subdivide)
+    made = list(objects)
+    if not in_place:
+        results = {each.ccdepth.source_name: each for each in bpy.data.objects if each not in before}
+        made = [results[name] for name in names]
+    print_adaptive_meshes(made)
+    return [
+        Outcome(replace(_adaptive_entry(each, settings), name=name, faces=count), each)
+        for name, count, each in zip(names, faces, made, strict=True)
+    ]
+
+
+def _adaptive_entry(result: bpy.types.Object, settings: dict[str, Any]) -> ObjectEntry:
+    record = result.data.ccdepth
+    return replace(
+        _entry(result, settings, record.world_tolerance),
+        result=result.name,
+        result_faces=record.faces,
+        deepest=record.deepest,
+        proved=up_to(record.largest_bound, scene_unit(bpy.context.scene)),
+    )
+
+
+def _measure(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> list[Outcome]:
+    return [Outcome(_measured_entry(each, settings), each) for each in objects]
+
+
+def _measured_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> ObjectEntry:
+    """Measure an object against its own limit surface, twice where the first time does not tell."""
+    _call_for([blender_object], bpy.ops.ccdepth.measure)
+    record = blender_object.data.ccdepth
+    tolerance = record.measurement.world_tolerance
+    accuracy = nearer_accuracy(record.deviation, record.deviation_reached, tolerance)
+    if accuracy is not None and record.measurement.accuracy_met:
+        _call_for([blender_object], bpy.ops.ccdepth.measure, accuracy=accuracy)
+    unit = scene_unit(bpy.context.scene)
+    distances = Distances(up_to(record.deviation, unit), down_to(record.deviation_reached, unit))
+    entry = _entry(blender_object, settings, tolerance)
+    return replace(entry, measured=distances, met=record.measurement.verdict == Verdict.MET.name)
+
+
+ACTIONS = {DEPTHS: _compute_depths, LEVELS: _set_levels, SUBDIVIDE: _subdivide, MEASURE: _measure}
+
+
+def _write(
+    output: Path, shown: Sequence[bpy.types.Object], targets: list[MeasureTask], entry: FileEntry, options: Namespace
+) -> FileEntry:
+    """Write the objects to a file, read back what other formats than Blender's hold, and measure it against the
+    surfaces, if there are any. Afterwards something else may be open."""
+    is_blend = output.suffix.lower() == BLEND
+    settings = measure_settings()
+    scene = scene_unit(bpy.context.scene)
+    unit = scene if is_blend else unit_of(output, UNITS.get(options.unit))
+    with _written(output, options) as path:
+        if is_blend:
+            write_blend(path)
+        else:
+            write_meshes(shown, path, unit)
+        if targets or not is_blend:
+            written = [WrittenObject(each.name, shown_triangles(each)) for each in shown]
+            parts = read_written(path, unit / scene, written)
+    entry = replace(entry, output=stamp(output, unit))
+    if not targets:
+        return entry
+    answers = [measured_distances(*pair, settings) for pair in zip(targets, parts, strict=True)]
+    measured = [
+        replace(with_answer(each, answer, scene), triangles=one.triangles)
+        for each, answer, one in zip(entry.objects, answers, written, strict=True)
+    ]
+    return replace(entry, objects=tuple(measured))
+
+
+def with_answer(entry: ObjectEntry, answer: MeshDeviation, unit: float) -> ObjectEntry:
+    """The entry with what was measured. unit: that of the surface, in metres."""
+    distances = Distances(up_to(answer.proved, unit), down_to(answer.reached, unit))
+    is_met = verdict(answer.proved, answer.reached, answer.tolerance) is Verdict.MET
+    return replace(entry, tolerance=answer.tolerance * unit, measured=distances, met=is_met)
+
+
+@contextmanager
+def _written(path: Path, options: Namespace) -> Iterator[Path]:
+    """Where to write the file; it is there as a whole afterwards, or CommandError is raised."""
+    backups = bpy.context.preferences.filepaths.save_version if path.suffix.lower() == BLEND else 0
+    companions = COMPANIONS.get(path.suffix.lower(), ())
+    try:
+        with written_whole(path, backups=backups, companions=companions, overwrite=options.overwrite) as beside:
+            yield beside
+    except (UnwrittenError, CommandError) as fault:
+        # What Blender itself says of a failure need not name the file.
+        raise CommandError(f"{path}: {fault}") from fault
+    print(f"Written: {printable(str(path))}")

@@ -1,0 +1,225 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The report of a run: what was found and made of each file and object. As JSON it is a certificate that can be checked
+again (docs/report.md), as CSV a table with a row for each object. All lengths are in metres."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import os
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from hashlib import file_digest
+from math import inf, nextafter
+from pathlib import Path
+from typing import Any
+
+import bpy
+
+from .. import version
+
+FORMAT, FORMAT_VERSION = "ccdepth-report", 1
+
+
+class ReportError(ValueError):
+    """A file is no report that can be read; the message says why."""
+
+
+@dataclass(frozen=True)
+class Distances:
+    """proved: the distance between mesh and limit surface is at most this, both ways. reached: it is at least this."""
+
+    proved: float
+    reached: float
+
+
+@dataclass(frozen=True)
+class ObjectEntry:
+    """What was found of an object.
+
+    name: the object whose limit surface it is; result: the object that was made of it, if another. settings: as they
+    were given, by their names. tolerance: as a length. faces: of its mesh; result_faces: of what was made of it;
+    triangles: of what was written and measured. deepest: the deepest depth of a face; level: the first at which all
+    faces are within the tolerance. proved: the largest distance proved when it was made. measured: by Measure
+    Deviation, on what was written. met: whether the tolerance is met; None where nothing was measured.
+    """
+
+    name: str
+    settings: dict[str, Any]
+    tolerance: float
+    faces: int
+    result: str | None = None
+    result_faces: int | None = None
+    triangles: int | None = None
+    deepest: int | None = None
+    level: int | None = None
+    proved: float | None = None
+    measured: Distances | None = None
+    met: bool | None = None
+
+
+@dataclass(frozen=True)
+class FileStamp:
+    """A file as it was. sha256: of its content; None where it could not be read."""
+
+    path: Path
+    sha256: str | None
+    metres_per_unit: float | None
+
+
+@dataclass(frozen=True)
+class FileEntry:
+    """What was done with a file. source: None for Blender's Suzanne. error: why it failed, if it did."""
+
+    source: FileStamp | None
+    objects: tuple[ObjectEntry, ...] = ()
+    output: FileStamp | None = None
+    error: str | None = None
+
+    @property
+    def is_good(self) -> bool:
+        """Whether it did not fail, and every tolerance that was to be met is."""
+        return self.error is None and all(each.met is not False for each in self.objects)
+
+    @property
+    def name(self) -> str:
+        return "Suzanne" if self.source is None else str(self.source.path)
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a run did: depths, levels, subdivide or measure."""
+
+    action: str
+    files: tuple[FileEntry, ...]
+
+    @property
+    def is_good(self) -> bool:
+        return all(each.is_good for each in self.files)
+
+
+def up_to(length: float, metres_per_unit: float) -> float:
+    """A proved length of the scene in metres, rounded up."""
+    return nextafter(length * metres_per_unit, inf)
+
+
+def down_to(length: float, metres_per_unit: float) -> float:
+    """A reached length of the scene in metres, rounded down."""
+    return max(0.0, nextafter(length * metres_per_unit, 0.0))
+
+
+def stamp(path: Path, metres_per_unit: float | None) -> FileStamp:
+    """The file as it is now."""
+    try:
+        with path.open("rb") as file:
+            checksum = file_digest(file, "sha256").hexdigest()
+    except OSError:
+        checksum = None
+    return FileStamp(path, checksum, metres_per_unit)
+
+
+def json_text(report: Report, folder: Path | None) -> str:
+    """The report as JSON. folder: where it will be; files are named as seen from there, or else with their full
+    paths."""
+    content = {
+        "format": FORMAT,
+        "version": FORMAT_VERSION,
+        "program": {"name": "CC Depth", "version": version()},
+        "blender": bpy.app.version_string,
+        "action": report.action,
+        "met": report.is_good,
+        "files": [_file_content(each, folder) for each in report.files],
+    }
+    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _file_content(entry: FileEntry, folder: Path | None) -> dict[str, Any]:
+    return {
+        "input": None if entry.source is None else _stamp_content(entry.source, folder),
+        "error": entry.error,
+        "met": entry.is_good,
+        "objects": [asdict(each) for each in entry.objects],
+        "output": None if entry.output is None else _stamp_content(entry.output, folder),
+    }
+
+
+def _stamp_content(stamped: FileStamp, folder: Path | None) -> dict[str, Any]:
+    path = stamped.path.absolute()
+    if folder is not None:
+        # To another drive there is no way from there.
+        with suppress(ValueError):
+            path = Path(os.path.relpath(path, folder.absolute()))
+    return {"path": path.as_posix(), "sha256": stamped.sha256, "metres_per_unit": stamped.metres_per_unit}
+
+
+def read_report(path: Path) -> Report:
+    """The report in a JSON file. Raises ReportError and OSError."""
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if content["format"] != FORMAT:
+            raise ReportError(f"{path}: it is no report of CC Depth")
+        if content["version"] != FORMAT_VERSION:
+            raise ReportError(f"{path}: a report of version {content['version']} cannot be read, only {FORMAT_VERSION}")
+        return Report(content["action"], tuple(_file_entry(each, path.parent) for each in content["files"]))
+    except (KeyError, TypeError, ValueError) as fault:
+        if isinstance(fault, ReportError):
+            raise
+        raise ReportError(f"{path}: it is no report of CC Depth: {fault}") from fault
+
+
+def _file_entry(content: dict[str, Any], folder: Path) -> FileEntry:
+    return FileEntry(
+        source=_stamp_of(content["input"], folder),
+        objects=tuple(_object_entry(each) for each in content["objects"]),
+        output=_stamp_of(content["output"], folder),
+        error=content["error"],
+    )
+
+
+def _stamp_of(content: dict[str, Any] | None, folder: Path) -> FileStamp | None:
+    if content is None:
+        return None
+    return FileStamp(folder / content["path"], content["sha256"], content["metres_per_unit"])
+
+
+def _object_entry(content: dict[str, Any]) -> ObjectEntry:
+    measured = content["measured"]
+    return ObjectEntry(**{**content, "measured": None if measured is None else Distances(**measured)})
+
+
+COLUMNS = (
+    *("file", "error", "object", "tolerance_m", "faces", "deepest", "level", "result", "result_faces", "proved_m"),
+    *("measured_proved_m", "measured_reached_m", "met", "output"),
+)
+
+
+def csv_text(report: Report) -> str:
+    """The report as a table: a row for each object, and one for each file that failed."""
+    text = io.StringIO()
+    table = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    table.writeheader()
+    for entry in report.files:
+        file = {"file": entry.name, "error": entry.error, "output": entry.output and str(entry.output.path)}
+        for each in entry.objects:
+            table.writerow({**file, **_row(each)})
+        if not entry.objects:
+            table.writerow(file)
+    return text.getvalue()
+
+
+def _row(entry: ObjectEntry) -> dict[str, Any]:
+    measured = entry.measured
+    return {
+        "object": entry.name,
+        "tolerance_m": entry.tolerance,
+        "faces": entry.faces,
+        "deepest": entry.deepest,
+        "level": entry.level,
+        "result": entry.result,
+        "result_faces": entry.result_faces,
+        "proved_m": entry.proved,
+        "measured_proved_m": measured and measured.proved,
+        "measured_reached_m": measured and measured.reached,
+        "met": {None: "", True: "yes", False: "no"}[entry.met],
+    }

@@ -1,0 +1,134 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What was written, read back from the file and measured against the limit surfaces that it came from."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+
+from ..core import InvalidMeshError, no_report
+from ..exchange.control_mesh import ControlMeshError, mesh_face_count
+from ..exchange.shown_mesh import ShownMesh, Triangles, read_shown_mesh
+from ..state.deviation_results import Verdict, verdict
+from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, measure
+from .blender_calls import CommandError
+from .mesh_files import BLEND, read_back
+
+STL, PLY = ".stl", ".ply"
+
+# A normal, three corners and two bytes for whatever one likes; before them, a text and the number of triangles.
+STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+STL_HEADER = 84
+
+# Bounds that are this much nearer than they need be to tell whether a tolerance is met.
+DECIDED = 0.5
+
+
+@dataclass(frozen=True)
+class WrittenObject:
+    """An object that was written: its name, and how many triangles it shows."""
+
+    name: str
+    triangles: int
+
+
+def shown_triangles(blender_object: bpy.types.Object) -> int:
+    """How many triangles the object shows. Raises CommandError."""
+    return len(_shown(blender_object).triangles.corners)
+
+
+def read_written(path: Path, scale: float, written: Sequence[WrittenObject]) -> list[Measured]:
+    """What the file holds of each object, in place of what is open. scale: the unit of the file in that of the
+    surfaces. Raises CommandError when it does not hold all that was written."""
+    suffix = path.suffix.lower()
+    if suffix == STL:
+        parts = _split(_read_stl(path), written)
+    else:
+        parts = [_as_measured(each) for each in read_back(path, [each.name for each in written])]
+        if suffix == PLY:
+            parts = _split(parts[0], written)
+        elif suffix != BLEND:
+            parts = _matched(parts, written)
+    for each, part in zip(written, parts, strict=True):
+        there = len(part.shown.triangles.corners)
+        if there != each.triangles:
+            raise CommandError(f"it holds {there:,} triangles of “{each.name}”, which has {each.triangles:,}")
+    return [replace(part, shown=_scaled(part.shown, scale)) for part in parts]
+
+
+def _read_stl(path: Path) -> Measured:
+    """The triangles of a binary STL file. Blender's own reader leaves out those that are there twice."""
+    corners = np.fromfile(path, dtype=STL_TRIANGLE, offset=STL_HEADER)["corners"].reshape(-1, 3)
+    # Triangles that share their vertices are measured better.
+    positions, vertices = np.unique(corners, axis=0, return_inverse=True)
+    count = len(corners) // 3
+    triangles = Triangles(positions.astype(np.float64), vertices.reshape(-1, 3), np.arange(count))
+    return Measured(path.name, 0, count, ShownMesh(triangles, np.eye(3), np.zeros(3)))
+
+
+def _as_measured(blender_object: bpy.types.Object) -> Measured:
+    mesh = blender_object.data
+    return Measured(blender_object.name, mesh.session_uid, mesh_face_count(mesh), _shown(blender_object))
+
+
+def _shown(blender_object: bpy.types.Object) -> ShownMesh:
+    try:
+        return read_shown_mesh(bpy.context, blender_object)
+    except (ControlMeshError, InvalidMeshError) as fault:
+        raise CommandError(f"{blender_object.name}: {fault}") from fault
+
+
+def _scaled(shown: ShownMesh, scale: float) -> ShownMesh:
+    return replace(shown, linear=shown.linear * scale, location=shown.location * scale)
+
+
+def _split(whole: Measured, written: Sequence[WrittenObject]) -> list[Measured]:
+    """The triangles of a file that holds one mesh, which come object after object."""
+    triangles, wanted = whole.shown.triangles, sum(each.triangles for each in written)
+    if len(triangles.corners) != wanted:
+        raise CommandError(f"it holds {len(triangles.corners):,} triangles, and {wanted:,} were written")
+    ends = np.cumsum([each.triangles for each in written])
+    parts = []
+    for each, end in zip(written, ends.tolist(), strict=True):
+        own = slice(end - each.triangles, end)
+        part = Triangles(triangles.positions, triangles.corners[own], triangles.faces[own])
+        parts.append(replace(whole, shown=replace(whole.shown, triangles=part)))
+    return parts
+
+
+def _matched(found: list[Measured], written: Sequence[WrittenObject]) -> list[Measured]:
+    """The objects of a file by their names."""
+    by_name = {_plain(each.object_name): each for each in found}
+    if len(by_name) != len(found) or by_name.keys() != {_plain(each.name) for each in written}:
+        raise CommandError("its objects are not those that were written, or cannot be told by their names")
+    return [by_name[_plain(each.name)] for each in written]
+
+
+def _plain(name: str) -> str:
+    """What all formats keep of a name."""
+    return re.sub(r"[\W_]+", "_", name).strip("_")
+
+
+def measured_distances(target: MeasureTask, part: Measured, settings: MeasureSettings) -> MeshDeviation:
+    """How far a part of a file is from the surface it stands for; where it is so near the tolerance that it does not
+    tell whether it is within it, measured more accurately."""
+    task = replace(target, measured=[part])
+    [answer] = measure(task, settings, no_report)
+    accuracy = nearer_accuracy(answer.proved, answer.reached, answer.tolerance)
+    if accuracy is None or not answer.accuracy_met:
+        return answer
+    [nearer] = measure(task, replace(settings, accuracy=accuracy), no_report)
+    return nearer
+
+
+def nearer_accuracy(proved: float, reached: float, tolerance: float) -> float | None:
+    """The accuracy that tells whether a tolerance between these distances is met; None where it is told already, or by
+    none."""
+    if verdict(proved, reached, tolerance) is not Verdict.UNDECIDED or not 0 < reached < tolerance:
+        return None
+    return DECIDED * (tolerance / reached - 1)
