@@ -30,8 +30,9 @@ import numpy as np
 from mathutils import Vector
 from mathutils.geometry import delaunay_2d_cdt
 
-from ccdepth_addon.core.adaptive.plan import AdaptiveRequest, Mode, TooManyFacesError
+from ccdepth_addon.core.adaptive.plan import TooManyFacesError
 from ccdepth_addon.core.adaptive.planner import subdivide_adaptively
+from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import measure_deviation

@@ -28,8 +28,8 @@ import numpy as np
 
 from benchmarks.adaptive_faces import QUADS_AT_ONCE, Quads, quads_of, surface_grid
 from benchmarks.adaptive_faces import children as children_of
-from ccdepth_addon.core.adaptive.plan import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, subdivide_adaptively
+from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh

@@ -4,8 +4,9 @@
 The public interface: what is not named here may change. docs/api.md is made from these docstrings.
 """
 
-from .adaptive.plan import AdaptiveRequest, Mode, TooManyFacesError
+from .adaptive.plan import TooManyFacesError
 from .adaptive.planner import AdaptiveMesh, count_faces, subdivide_adaptively
+from .adaptive.request import AdaptiveRequest, Mode
 from .adaptive.subdivided_mesh import SubdividedMesh
 from .adaptive.templates import Transitions
 from .arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray

@@ -18,9 +18,10 @@ from ccdepth_addon.core.adaptive.cells.control_faces import cells_of_faces
 from ccdepth_addon.core.adaptive.cells.patch_cells import BicubicCells
 from ccdepth_addon.core.adaptive.leaf_approximation import LeafApproximation
 from ccdepth_addon.core.adaptive.leaf_bounds.star_bounds import star_bounds
-from ccdepth_addon.core.adaptive.plan import AdaptiveRequest, Mode, TooManyFacesError
+from ccdepth_addon.core.adaptive.plan import TooManyFacesError
 from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, count_faces, subdivide_adaptively
 from ccdepth_addon.core.adaptive.quadtree import NONE, Quadtree
+from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.adaptive.tessellation import TessellationPlan, plan_tessellation, triangles_around
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
@@ -365,11 +366,7 @@ def approximated_anew(tree: Quadtree, request: AdaptiveRequest, *, with_neighbou
                 from_parents.put(tree.children_of_quads(parents.nodes).ravel(), children.approximation)
         for leaves in some(cells, is_leaf):
             approximation = leaves.approximate(
-                tree.hanging(tree.slots(leaves.nodes)),
-                request.transitions,
-                request.limit,
-                request.axes,
-                with_neighbours=with_neighbours,
+                tree.hanging(tree.slots(leaves.nodes)), request, with_neighbours=with_neighbours
             )
             by_parents = from_parents.accepted[leaves.nodes] & (tree.sides(leaves.nodes)[0] == 0)
             at_parents = np.flatnonzero(by_parents & with_neighbours)

@@ -15,6 +15,7 @@ from ccdepth_addon.core.adaptive.leaf_approximation import LeafApproximation
 from ccdepth_addon.core.adaptive.leaf_bounds.child_bounds import child_distances
 from ccdepth_addon.core.adaptive.leaf_bounds.triangle_bounds import ErrorBounds
 from ccdepth_addon.core.adaptive.quadtree import Quadtree
+from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.arrays.vectors import component_major
@@ -30,6 +31,9 @@ TRIANGLES = [[(0, 1, 2), (0, 2, 3)], [(1, 2, 3), (1, 3, 0)]]
 SAMPLES = 17
 STEPS = np.arange(SAMPLES) / (SAMPLES - 1)
 WEIGHTS = np.array([(a, b, 1 - a - b) for a in STEPS for b in STEPS if a + b <= 1])
+
+# No result has so many.
+MOST_FACES = 1_000_000
 
 # Rounding of some hundred products of values around 1.
 ROUNDING = 1e-12
@@ -146,16 +150,16 @@ def test_points_are_those_of_the_whole_quads() -> None:
 def through_parents(mesh: PolygonMesh, limit: float) -> tuple[ChildApproximations, LeafApproximation, ErrorBounds]:
     """Approximations of the children of a regular mesh's faces, by their parents' coefficients and by their own; and
     their own error bounds, if they are approximated as their parents have it."""
-    tree, axes = Quadtree(mesh), np.eye(3)
+    tree, request = Quadtree(mesh), AdaptiveRequest(limit, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
     [parents] = [cells for cells in cells_of_faces(mesh) if isinstance(cells, BicubicCells)]
     tree.split(parents.nodes)
     nodes = tree.children_of_quads(parents.nodes).ravel()
     assert np.array_equal(np.sort(nodes), np.arange(mesh.face_count, len(tree.first_child)))
     [children] = parents.children(tree)
-    own = children.approximate(np.zeros(4 * len(children.nodes), dtype=bool), Transitions.TRIANGLES, limit, axes)
+    own = children.approximate(np.zeros(4 * len(children.nodes), dtype=bool), request)
     order = np.argsort(children.nodes)
     to_nodes = order[np.searchsorted(children.nodes, nodes, sorter=order)]
-    found = parents.approximate_children(limit, axes)
+    found = parents.approximate_children(limit, request.axes)
     own_errors = children.error_bounds(found.approximation.at(np.argsort(to_nodes)), limit).at(to_nodes)
     return found, own.at(to_nodes), own_errors
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.adaptive.flat_parts import NONE, FlatParts
-from ccdepth_addon.core.adaptive.plan import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, subdivide_adaptively
+from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import measure_deviation

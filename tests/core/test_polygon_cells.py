@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.adaptive.cells.polygon_cells import HALVINGS, TriangleCells, fan_of_template
+from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.templates import Template, Transitions, triangle_template
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
@@ -28,6 +29,9 @@ STEPS = 12
 # Corners and middles of the sides of a triangle, in a plane of its own.
 FLAT = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.0], [0.5, 0.5], [0.0, 0.5]])
 CENTROID = FLAT[:3].mean(axis=0)
+
+# No result has so many.
+MOST_FACES = 1_000_000
 
 # Rounding of some hundred products of values around 1.
 ROUNDING = 1e-12
@@ -86,9 +90,8 @@ def test_no_triangle_is_farther_than_its_bound(name: str) -> None:
             found = distances(template_of(pattern), surface, places, surface[nearest])
             # A plain triangle is compared with itself; the others by way of a fan, which takes some more.
             for room in (1.2 if pattern == 0 else 2.0, 100.0):
-                approximation = cells.at(np.array([place])).approximate(
-                    hanging, Transitions.TRIANGLES, room * found[0], np.eye(3)
-                )
+                request = AdaptiveRequest(room * found[0], Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
+                approximation = cells.at(np.array([place])).approximate(hanging, request)
                 bounds = np.concatenate([approximation.bounds, approximation.normal, approximation.tangential])
                 assert np.all(found <= bounds + ROUNDING), (pattern, face)
                 assert bounds[0] <= room * found[0], (pattern, face)

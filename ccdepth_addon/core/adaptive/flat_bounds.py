@@ -16,8 +16,9 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, squared_norms
 from .cells.cell_store import in_blocks
 from .leaf_bounds.leaf_distance import Hull, Outline, off_sides
-from .plan import AdaptiveRequest, Plan
+from .plan import Plan
 from .quadtree import NONE
+from .request import AdaptiveRequest
 from .tessellation import triangles_around
 
 # A triangle counts whose least height is so many times as large as the part is thick: rounding cannot turn it round.

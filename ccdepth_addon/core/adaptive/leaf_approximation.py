@@ -14,7 +14,7 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from .leaf_bounds.leaf_distance import Hull, Outline
 from .leaf_bounds.triangle_bounds import ErrorBounds
 from .quadtree import Quadtree
-from .templates import Transitions
+from .request import AdaptiveRequest
 
 
 @dataclass(frozen=True)
@@ -74,18 +74,15 @@ class Cells(Protocol):
     def approximate(
         self,
         hanging: BoolArray,
-        transitions: Transitions,
-        limit: float,
-        axes: FloatArray,
+        request: AdaptiveRequest,
         *,
         with_neighbours: bool = True,
         flat: BoolArray | None = None,
-        rounding: float = 0.0,
     ) -> LeafApproximation:
-        """How to approximate them within a limit; hanging: (slots of the nodes,) bool, which sides are split. axes:
-        (3, 3), of the space where Blender triangulates (``polygon_bounds``). with_neighbours: whether to accept what
-        is predicted to be within the limit along the surface, before cells are tried alone. flat: (P,) which to accept
-        in any case, unless all their sides are split or they are polygons. rounding: that of ``AdaptiveRequest``."""
+        """How to approximate them within the limit of a request; hanging: (slots of the nodes,) bool, which sides are
+        split. with_neighbours: whether to accept what is predicted to be within the limit along the surface, before
+        cells are tried alone. flat: (P,) which to accept in any case, unless all their sides are split or they are
+        polygons."""
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """Error bounds along and across the normals of the triangles by which they are approximated."""

@@ -6,10 +6,6 @@ The phases ``growth``, ``balance`` and ``neighbour_bounds`` work on it, in the o
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from dataclasses import field as dataclass_field
-from enum import StrEnum
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,7 +17,7 @@ from .cells.cell_store import CellStore
 from .flat_parts import FlatParts
 from .leaf_approximation import Cells, LeafApproximation
 from .quadtree import NONE, Quadtree
-from .templates import Transitions
+from .request import AdaptiveRequest
 from .vertex_positions import VertexPositions
 
 # Estimated faces for each leaf, transitions included; and the ratio of the estimate to the number allowed above which a
@@ -33,13 +29,6 @@ SURELY_TOO_MANY = 4
 SEARCH_STEP = 1.1
 
 
-class Mode(StrEnum):
-    """How the faces of the control mesh are divided."""
-
-    ADAPTIVE = "ADAPTIVE"
-    PER_FACE = "PER_FACE"
-
-
 class TooManyFacesError(ValueError):
     """The result would be too large. faces: their estimated number; tolerance: an estimate of one with few enough
     faces, in the unit of the positions, from the control mesh's faces alone."""
@@ -48,23 +37,6 @@ class TooManyFacesError(ValueError):
         super().__init__(f"the result would have about {faces:,} faces; about {tolerance:.3g} might fit")
         self.faces = faces
         self.tolerance = tolerance
-
-
-@dataclass(frozen=True)
-class AdaptiveRequest:
-    """How to subdivide a control mesh. limit: the largest distance, in the unit of its positions, rounding subtracted.
-
-    most_faces: a larger result is refused. axes: (3, 3) float64, its columns the axes of the space where Blender
-    triangulates the result, in coordinates of the positions. rounding: the rounding allowance of a distance
-    (``face_depths.rounding_allowance``), in the unit of the positions, for bounds that amplify it.
-    """
-
-    limit: float
-    mode: Mode
-    transitions: Transitions
-    most_faces: int
-    axes: FloatArray = dataclass_field(default_factory=lambda: np.eye(3))
-    rounding: float = 0.0
 
 
 class NodeQueue:
@@ -130,16 +102,8 @@ class Plan:
 
     def approximate(self, cells: Cells, hanging: BoolArray, *, with_neighbours: bool = True) -> LeafApproximation:
         """How to approximate cells with these sides split, (slots of the cells,)."""
-        request = self.request
-        return cells.approximate(
-            hanging,
-            request.transitions,
-            request.limit,
-            request.axes,
-            with_neighbours=with_neighbours,
-            flat=self.flat_parts.is_flat(self.tree.base_faces[cells.nodes]) if with_neighbours else None,
-            rounding=request.rounding,
-        )
+        flat = self.flat_parts.is_flat(self.tree.base_faces[cells.nodes]) if with_neighbours else None
+        return cells.approximate(hanging, self.request, with_neighbours=with_neighbours, flat=flat)
 
     def record(self, nodes: IndexArray, approximation: LeafApproximation) -> None:
         """Record the approximation of nodes, each once."""

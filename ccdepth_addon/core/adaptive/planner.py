@@ -23,7 +23,8 @@ from .cells.control_faces import cells_of_faces
 from .growth import approximate_children, approximate_new, grow
 from .leaf_approximation import Cells
 from .neighbour_bounds import bound_along_surface
-from .plan import AdaptiveRequest, Mode, Plan
+from .plan import Plan
+from .request import AdaptiveRequest, Mode
 from .subdivided_mesh import SubdividedMesh
 from .tessellation import TessellationPlan, plan_tessellation, tessellate
 from .vertex_positions import VertexPositions

@@ -41,7 +41,6 @@ COMPLEX_SIDES = np.array([1, 1j, -1, -1j])
 # There are more slots than nodes, edges or vertices.
 MOST_SLOTS = np.iinfo(np.int32).max
 
-
 # The state of an edge.
 SPLIT, SPLIT_TWICE = np.uint8(1), np.uint8(2)
 

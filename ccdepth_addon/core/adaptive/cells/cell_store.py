@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The store of cells by their nodes.
 
-Nets are large, and most leaves are approximated only once. So the store keeps no children of cells with nets, and makes
-them again from their parents on demand.
+Nets are large, and most leaves are approximated only once. So the store keeps children of cells with nets only where
+their parents' coefficients could not decide (``growth.approximate_new``), and makes the others again from their parents
+on demand.
 """
 
 from __future__ import annotations

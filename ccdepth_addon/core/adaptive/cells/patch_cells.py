@@ -27,8 +27,9 @@ from ..leaf_bounds.leaf_distance import Hull, bicubic_hull, extraordinary_hull
 from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..leaf_bounds.triangle_shapes import triangle_normals
 from ..quadtree import Quadtree
+from ..request import AdaptiveRequest
 from ..template_choice import PROMISING, Samples, choose_along_surface, folded_quads
-from ..templates import TURNS, WHOLE, Transitions, templates
+from ..templates import TURNS, WHOLE, templates
 from .quad_cells import QuadCells, patterns_of
 
 # Finer bounds save nearly all of the part that is not quadratic, and sometimes a little more. They are computed where
@@ -38,8 +39,7 @@ REFINABLE_QUADRATIC = 1.1
 # A child's own coefficients gain too little where the rest is less than this part of the quadratic part.
 SMALL_REST = 0.05
 
-# Cells evaluated together: temporary arrays stay in cache, and in memory that the system need not provide
-# anew.
+# Cells evaluated together: temporary arrays stay in cache, and in memory that the system need not provide anew.
 CELLS_AT_ONCE = 1 << 12
 
 
@@ -161,19 +161,14 @@ class BicubicCells(NetCells):
     def approximate(
         self,
         hanging: BoolArray,
-        transitions: Transitions,
-        limit: float,
-        axes: FloatArray,
+        request: AdaptiveRequest,
         *,
         with_neighbours: bool = True,
         flat: BoolArray | None = None,
-        rounding: float = 0.0,
     ) -> LeafApproximation:
         # Turned so that their patterns are canonical: fewer patterns take less time.
         turned = self._turned(TURNS[patterns_of(hanging, self.slots)])
-        return super(BicubicCells, turned).approximate(
-            hanging, transitions, limit, axes, with_neighbours=with_neighbours, flat=flat, rounding=rounding
-        )
+        return super(BicubicCells, turned).approximate(hanging, request, with_neighbours=with_neighbours, flat=flat)
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         turned = self._turned((approximation.turns - self.slots) % 4)

@@ -27,6 +27,7 @@ from ..leaf_bounds.refined_hulls import hull_of_fans
 from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..leaf_bounds.triangle_shapes import along_and_across, least_heights, triangle_normals
 from ..quadtree import Quadtree
+from ..request import AdaptiveRequest
 from ..template_choice import PROMISING, Samples, off_lines
 from ..templates import QUAD_POINTS, WHOLE, Template, Transitions, Triangle, triangle_template
 from .irregular_cells import refined_children
@@ -75,15 +76,13 @@ class PolygonCells:
     def approximate(
         self,
         hanging: BoolArray,
-        transitions: Transitions,
-        limit: float,
-        axes: FloatArray,
+        request: AdaptiveRequest,
         *,
         with_neighbours: bool = True,
         flat: BoolArray | None = None,
-        rounding: float = 0.0,
     ) -> LeafApproximation:
         """As in ``Cells``: by way of fans that bend at the middles of split sides."""
+        limit = request.limit
         found = LeafApproximation.none(len(self.nodes))
         corners = self.refinement.limits_at_corners()
         middles, _ = self.refinement.limits_inside()
@@ -99,7 +98,7 @@ class PolygonCells:
             own = fan_error_bounds(part.refined(), facets[:, kept], np.zeros((1, *corners[kept].shape)), limit)
             starts = part.mesh.face_starts[: len(chosen)]
             bounds = np.maximum.reduceat(own.whole, starts)
-            bounds += polygon_thickness(facets[:, kept], hanging[kept], starts, axes)
+            bounds += polygon_thickness(facets[:, kept], hanging[kept], starts, request.axes)
             found.accepted[chosen] = bounds <= limit
             found.bounds[chosen] = np.where(bounds <= limit, bounds, np.inf)
         return found
@@ -124,13 +123,10 @@ class TriangleCells(PolygonCells):
     def approximate(
         self,
         hanging: BoolArray,
-        transitions: Transitions,
-        limit: float,
-        axes: FloatArray,
+        request: AdaptiveRequest,
         *,
         with_neighbours: bool = True,
         flat: BoolArray | None = None,
-        rounding: float = 0.0,
     ) -> LeafApproximation:
         """As in ``Cells``; as polygons where sides are split and transitions are N-gons."""
         found = LeafApproximation.none(len(self.nodes))
@@ -138,19 +134,17 @@ class TriangleCells(PolygonCells):
         for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
             chosen = np.flatnonzero(patterns == pattern)
             part = self.at(chosen)
-            if pattern == WHOLE or transitions is Transitions.TRIANGLES:
-                found.put(chosen, part._approximate_template(pattern, limit, with_neighbours, rounding))
+            if pattern == WHOLE or request.transitions is Transitions.TRIANGLES:
+                found.put(chosen, part._approximate_template(pattern, request, with_neighbours))
                 if flat is not None:
                     found.accepted[chosen[flat[chosen]]] = True
             else:
                 sides = np.tile((pattern & PATTERN_BITS) > 0, len(chosen))
-                found.put(chosen, super(TriangleCells, part).approximate(sides, transitions, limit, axes))
+                found.put(chosen, super(TriangleCells, part).approximate(sides, request))
         return found
 
-    def _approximate_template(
-        self, pattern: int, limit: float, with_neighbours: bool, rounding: float
-    ) -> LeafApproximation:
-        template = _template_of(pattern)
+    def _approximate_template(self, pattern: int, request: AdaptiveRequest, with_neighbours: bool) -> LeafApproximation:
+        template, limit = _template_of(pattern), request.limit
         points = self._points()
         sampled = off_sides_and_centre(points, pattern)
         least = np.sqrt(squared_norms(sampled)).max(axis=0)
@@ -175,7 +169,7 @@ class TriangleCells(PolygonCells):
             _accept(found, tried, promising, error_bounds)
         tried = np.flatnonzero(~found.accepted & (nearest <= limit))
         if len(tried):
-            distances = self.at(tried)._leaf_distances(pattern, template, points[:, tried], limit, rounding)
+            distances = self.at(tried)._leaf_distances(pattern, template, points[:, tried], limit, request.rounding)
             near = tried[distances <= limit]
             found.accepted[near], found.alone[near] = True, True
             found.bounds[near] = distances[distances <= limit]

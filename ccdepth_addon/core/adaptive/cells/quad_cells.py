@@ -21,6 +21,7 @@ from ..leaf_bounds.leaf_distance import Hull, Outline, leaf_distances, may_be_ne
 from ..leaf_bounds.polygon_bounds import thickness_of_quads
 from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..quadtree import Quadtree
+from ..request import AdaptiveRequest
 from ..template_choice import (
     PROMISING,
     Samples,
@@ -78,13 +79,10 @@ class QuadCells(ABC):
     def approximate(
         self,
         hanging: BoolArray,
-        transitions: Transitions,
-        limit: float,
-        axes: FloatArray,
+        request: AdaptiveRequest,
         *,
         with_neighbours: bool = True,
         flat: BoolArray | None = None,
-        rounding: float = 0.0,
     ) -> LeafApproximation:
         """As in ``Cells``."""
         patterns = patterns_of(hanging, self.turns())
@@ -94,25 +92,17 @@ class QuadCells(ABC):
             chosen = np.flatnonzero(patterns == pattern)
             part = self if len(chosen) == len(self.nodes) else self.at(chosen)
             own = np.zeros(len(chosen), dtype=bool) if flat is None else flat[chosen]
-            found.put(
-                chosen, part._approximate_pattern(pattern, transitions, limit, axes, with_neighbours, own, rounding)
-            )
+            found.put(chosen, part._approximate_pattern(pattern, request, with_neighbours, own))
         return found
 
     def _approximate_pattern(
-        self,
-        pattern: int,
-        transitions: Transitions,
-        limit: float,
-        axes: FloatArray,
-        with_neighbours: bool,
-        flat: BoolArray,
-        rounding: float,
+        self, pattern: int, request: AdaptiveRequest, with_neighbours: bool, flat: BoolArray
     ) -> LeafApproximation:
         """By the templates of one pattern, the likeliest first: one within the limit, or predicted to be."""
+        limit, axes = request.limit, request.axes
         points = self.points()
         sampled = sampled_distances(points, pattern)
-        as_polygons = transitions is Transitions.NGONS and pattern != WHOLE
+        as_polygons = request.transitions is Transitions.NGONS and pattern != WHOLE
         found = choose_within_limit(
             QuadsOfPattern(self, pattern, points, limit, axes if as_polygons else None), sampled, limit
         )
@@ -126,7 +116,7 @@ class QuadCells(ABC):
             if with_neighbours and not as_polygons:
                 found.put(left, choose_along_surface(cells, samples, limit))
             last = np.flatnonzero(~found.accepted[left])
-            found.put(left[last], choose_alone(QuadsAlone(cells.at(last), rounding), samples.at(last), limit))
+            found.put(left[last], choose_alone(QuadsAlone(cells.at(last), request.rounding), samples.at(last), limit))
         if not as_polygons:
             found.accepted[flat] = True
         folded = found.folded

@@ -1,0 +1,36 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is asked of an adaptive mesh."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from enum import StrEnum
+
+import numpy as np
+
+from ..arrays.types import FloatArray
+from .templates import Transitions
+
+
+class Mode(StrEnum):
+    """How the faces of the control mesh are divided."""
+
+    ADAPTIVE = "ADAPTIVE"
+    PER_FACE = "PER_FACE"
+
+
+@dataclass(frozen=True)
+class AdaptiveRequest:
+    """How to subdivide a control mesh. limit: the largest distance, in the unit of its positions, rounding subtracted.
+
+    most_faces: a larger result is refused. axes: (3, 3) float64, its columns the axes of the space where Blender
+    triangulates the result, in coordinates of the positions. rounding: the rounding allowance of a distance
+    (``face_depths.rounding_allowance``), in the unit of the positions, for bounds that amplify it.
+    """
+
+    limit: float
+    mode: Mode
+    transitions: Transitions
+    most_faces: int
+    axes: FloatArray = field(default_factory=lambda: np.eye(3))
+    rounding: float = 0.0
