@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.adaptive.leaf_bounds import triangle_bounds
+from ccdepth_addon.core.adaptive.leaf_bounds.descent import Descent
 from ccdepth_addon.core.adaptive.leaf_bounds.leaf_distance import (
     Hull,
     Outline,
@@ -293,11 +294,14 @@ QUADS = {
 }
 
 
+FIRST = np.array([0])
+
+
 @pytest.mark.parametrize("name", QUADS)
 def test_hulls_of_irregular_quads(name: str) -> None:
     face = Face(displaced(QUADS[name](), 1, 0.05))
     corners = face.points()[:4]
-    hull = hull_of_quads(Refinement.start(face.mesh, np.array([0])).refined(), corners, 0.01)
+    hull = hull_of_quads(Descent.of_quads(Refinement.start(face.mesh, FIRST)), FIRST, corners, 0.01)
     assert_holds(hull, face)
     assert_bounded(face, hull, templates(0)[0])
 
@@ -306,7 +310,7 @@ def test_hulls_of_irregular_quads(name: str) -> None:
 def test_hulls_of_triangles(valence: int) -> None:
     face = Face(displaced(meshes.bipyramid(valence), valence, 0.05))
     corners = face.points()[:3]
-    hull = hull_of_fans(Refinement.start(face.mesh, np.array([0])).refined(), corners, 0.01)
+    hull = hull_of_fans(Descent.of_fans(Refinement.start(face.mesh, FIRST)), FIRST, corners, 0.01)
     assert_holds(hull, face)
     assert_bounded(face, hull, ((0, 1, 2),))
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.adaptive.leaf_bounds import triangle_bounds
+from ccdepth_addon.core.adaptive.leaf_bounds.descent import Descent
 from ccdepth_addon.core.adaptive.leaf_bounds.irregular_bounds import template_error_bounds
 from ccdepth_addon.core.adaptive.templates import ALL_SPLIT, QUAD_POINTS, Template, templates
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
@@ -328,6 +329,7 @@ OTHER_QUADS = {
     "semi-sharp creases": lambda: meshes.with_random_creases(meshes.landscape(4, 4), seed=2, share=0.5),
     "creases at a pole": lambda: meshes.with_random_creases(meshes.fan(5, 2), seed=3, share=0.6),
     "several poles": lambda: meshes.bumpy(meshes.trapezohedron(9), 0.05),
+    "a pole without stencils": lambda: meshes.bumpy(meshes.trapezohedron(65), 0.05),
     "valence 2": lambda: meshes.with_random_creases(meshes.valence_two(), seed=5, share=0.8),
     "not manifold": lambda: meshes.with_random_creases(meshes.face_soup(), share=0.3),
 }
@@ -345,14 +347,15 @@ def test_no_triangle_over_a_refined_quad_is_farther_than_its_bound(name: str) ->
             net = mesh.positions + noise * generator.normal(size=mesh.positions.shape)
             surface = of_face.surface(net[:, None])
             points = surface[of_face.corners()]
-            children = Refinement.start(mesh.changed(positions=net), np.array([face])).refined()
+            descent = Descent.of_quads(Refinement.start(mesh.changed(positions=net), np.array([face])))
             for key in CHOICES[::4]:
                 template = templates(key[0])[key[1]]
                 distances = of_face.distances(template, surface)[:, 0]
                 for ratio in (0.9, TIGHT, np.inf):
                     limit = ratio * distances[0]
                     for room in (None, np.array([np.inf])):
-                        found = template_error_bounds(children, points, key, normals_of(template, points), limit, room)
+                        normals = normals_of(template, points)
+                        found = template_error_bounds(descent, np.array([0]), points, key, normals, limit, room)
                         bounds = np.ravel([found.whole, found.normal, found.tangential])
                         assert np.all(distances <= bounds + ROUNDING), (key, limit, room)
                         seen_within[ratio, room is not None].append(bool(found.whole[0] <= limit))

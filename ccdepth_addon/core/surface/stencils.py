@@ -12,11 +12,11 @@ from functools import lru_cache
 import numpy as np
 
 from ..arrays.matrix_products import matrix_product
-from ..arrays.types import FloatArray
+from ..arrays.types import FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from .catmull_clark import subdivide
 from .limit_positions import limit_positions
-from .patches import extraordinary_nets, regular_nets, ring_index
+from .patches import PatchKind, PatchKinds, extraordinary_nets, regular_nets, ring_index
 
 # Computing the stencils of a valence takes time proportional to its cube; beyond this, refining the mesh is faster.
 LARGEST_STENCIL_VALENCE = 64
@@ -77,3 +77,17 @@ def patch_stencils(valence: int) -> PatchStencils:
 def apply_stencils(stencils: FloatArray, nets: FloatArray) -> FloatArray:
     """(rows, P, 3): stencils (rows, N) applied to nets (N, P, 3)."""
     return matrix_product(stencils, nets.reshape(len(nets), -1)).reshape(len(stencils), *nets.shape[1:])
+
+
+def by_valence(
+    mesh: PolygonMesh, kinds: PatchKinds, count: int
+) -> tuple[IndexArray, list[tuple[int, IndexArray]], IndexArray]:
+    """The regular ones of the first faces; the extraordinary ones, where there are stencils, valence by valence; and
+    the rest."""
+    own = kinds.kinds[:count]
+    extraordinary = np.flatnonzero(own == PatchKind.EXTRAORDINARY)
+    valences = mesh.vertex_face_counts[mesh.corner_vertices[kinds.extraordinary_corners[extraordinary]]]
+    small = valences <= LARGEST_STENCIL_VALENCE
+    by_valence = [(n, extraordinary[valences == n]) for n in np.unique(valences[small]).tolist()]
+    rest = np.sort(np.concatenate([np.flatnonzero(own == PatchKind.IRREGULAR), extraordinary[~small]]))
+    return np.flatnonzero(own == PatchKind.REGULAR), by_valence, rest

@@ -11,8 +11,9 @@ from ...arrays.chunks import index_chunks
 from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.patches import classify_patches
 from ...surface.refinement import Refinement
+from ...surface.stencils import by_valence
 from ..leaf_approximation import Cells
-from .irregular_cells import RefinedCells, by_valence
+from .irregular_cells import RefinedCells
 from .patch_cells import CELLS_AT_ONCE, BicubicCells, ExtraordinaryCells
 from .polygon_cells import PolygonCells, TriangleCells
 

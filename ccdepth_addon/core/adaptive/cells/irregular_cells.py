@@ -4,17 +4,18 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from ...arrays.types import FloatArray, IndexArray
 from ...arrays.vectors import component_major, selected_vectors
-from ...mesh.polygon_mesh import PolygonMesh
-from ...surface.patches import PatchKind, PatchKinds, classify_patches
+from ...surface.patches import classify_patches
 from ...surface.refinement import Refinement
-from ...surface.stencils import LARGEST_STENCIL_VALENCE
+from ...surface.stencils import by_valence
 from ..leaf_approximation import Cells
+from ..leaf_bounds.descent import Descent
 from ..leaf_bounds.irregular_bounds import template_error_bounds
 from ..leaf_bounds.leaf_distance import Hull
 from ..leaf_bounds.refined_hulls import hull_of_quads
@@ -33,6 +34,14 @@ class RefinedCells(QuadCells):
     nodes: IndexArray
     refinement: Refinement
 
+    @cached_property
+    def descent(self) -> Descent:
+        """Their descendants, as far as they have been asked for."""
+        return Descent.of_quads(self.refinement)
+
+    def scratch(self) -> RefinedCells:
+        return replace(self)
+
     def at(self, chosen: IndexArray) -> RefinedCells:
         wanted = np.zeros(len(self.nodes), dtype=bool)
         wanted[chosen] = True
@@ -48,10 +57,8 @@ class RefinedCells(QuadCells):
     def points(self) -> FloatArray:
         return _points_of_quads(self.refinement, self.refinement.limits_at_corners())
 
-    def hull_of(self, chosen: IndexArray, limit: float) -> Hull:
-        part = self.at(chosen).refinement
-        corners = part.limits_at_corners().reshape(-1, 4, 3).swapaxes(0, 1)
-        return hull_of_quads(part.refined(), corners, limit)
+    def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
+        return hull_of_quads(self.descent, chosen, selected_vectors(points, chosen), limit)
 
     def distances_of(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
@@ -75,8 +82,7 @@ class RefinedCells(QuadCells):
     ) -> ErrorBounds:
         points = selected_vectors(points, chosen)
         normals = triangle_normals(points, templates(pattern)[alternative])
-        children = self.at(chosen).refinement.refined()
-        return template_error_bounds(children, points, (pattern, alternative), normals, limit, room)
+        return template_error_bounds(self.descent, chosen, points, (pattern, alternative), normals, limit, room)
 
 
 def refined_children(tree: Quadtree, nodes: IndexArray, refinement: Refinement) -> Iterator[Cells]:
@@ -99,19 +105,6 @@ def cells_of_refinement(nodes: IndexArray, refinement: Refinement) -> Iterator[C
         wanted = np.zeros(len(nodes), dtype=bool)
         wanted[rest] = True
         yield RefinedCells(nodes[rest], refinement.keep(wanted).numbered())
-
-
-def by_valence(
-    mesh: PolygonMesh, kinds: PatchKinds, count: int
-) -> tuple[IndexArray, list[tuple[int, IndexArray]], IndexArray]:
-    """The regular ones of the first faces, the extraordinary ones valence by valence, and the rest."""
-    own = kinds.kinds[:count]
-    extraordinary = np.flatnonzero(own == PatchKind.EXTRAORDINARY)
-    valences = mesh.vertex_face_counts[mesh.corner_vertices[kinds.extraordinary_corners[extraordinary]]]
-    small = valences <= LARGEST_STENCIL_VALENCE
-    by_valence = [(n, extraordinary[valences == n]) for n in np.unique(valences[small]).tolist()]
-    rest = np.sort(np.concatenate([np.flatnonzero(own == PatchKind.IRREGULAR), extraordinary[~small]]))
-    return np.flatnonzero(own == PatchKind.REGULAR), by_valence, rest
 
 
 def _points_of_quads(refinement: Refinement, corners: FloatArray) -> FloatArray:

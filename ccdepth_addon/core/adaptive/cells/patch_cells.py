@@ -200,7 +200,7 @@ class BicubicCells(NetCells):
     def _to_points(self) -> FloatArray:
         return triangle_bounds.bicubic_points()
 
-    def hull_of(self, chosen: IndexArray, limit: float) -> Hull:
+    def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
         return bicubic_hull(selected_vectors(self.nets, chosen))
 
     def error_bounds_of(
@@ -268,5 +268,5 @@ class ExtraordinaryCells(NetCells):
     def _to_points(self) -> FloatArray:
         return triangle_bounds.extraordinary_points(self.valence)
 
-    def hull_of(self, chosen: IndexArray, limit: float) -> Hull:
+    def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
         return extraordinary_hull(selected_vectors(self.nets, chosen))

@@ -11,15 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import Self
 
 import numpy as np
 
 from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...arrays.vectors import squared_norms
+from ...mesh.submesh import corners_of_faces
 from ...surface.refinement import Refinement
 from ..leaf_approximation import Cells, LeafApproximation
+from ..leaf_bounds.descent import Descent
 from ..leaf_bounds.irregular_bounds import fan_error_bounds
 from ..leaf_bounds.leaf_distance import Hull, Outline, leaf_distances
 from ..leaf_bounds.polygon_bounds import polygon_thickness
@@ -63,6 +65,11 @@ class PolygonCells:
     nodes: IndexArray
     refinement: Refinement
 
+    @cached_property
+    def descent(self) -> Descent:
+        """The descendants of their quarters, as far as they have been asked for."""
+        return Descent.of_fans(self.refinement)
+
     def at(self, chosen: IndexArray) -> Self:
         """Some of them, by index."""
         wanted = np.zeros(len(self.nodes), dtype=bool)
@@ -93,10 +100,11 @@ class PolygonCells:
         found.least[:] = np.maximum.reduceat(np.sqrt(squared_norms(middles - facets[1])), starts)
         chosen = np.flatnonzero((found.least <= limit) & ~np.logical_and.reduceat(hanging, starts))
         if len(chosen):
-            part = self.at(chosen).refinement
-            kept = np.isin(np.repeat(np.arange(len(self.nodes)), self._sizes()), chosen)
-            own = fan_error_bounds(part.refined(), facets[:, kept], np.zeros((1, *corners[kept].shape)), limit)
-            starts = part.mesh.face_starts[: len(chosen)]
+            kept = corners_of_faces(self.refinement.mesh, chosen)
+            normals = np.zeros((1, len(kept), 3))
+            own = fan_error_bounds(replace(self).descent, chosen, kept, facets[:, kept], normals, limit)
+            sizes = self.refinement.mesh.face_sizes[chosen]
+            starts = np.cumsum(sizes) - sizes
             bounds = np.maximum.reduceat(own.whole, starts)
             bounds += polygon_thickness(facets[:, kept], hanging[kept], starts, request.axes)
             found.accepted[chosen] = bounds <= limit
@@ -111,9 +119,6 @@ class PolygonCells:
     def outlines(self, hanging: BoolArray, limit: float) -> Iterator[tuple[IndexArray, IndexArray, Outline, Hull]]:
         """As in ``Cells``: none."""
         return iter(())
-
-    def _sizes(self) -> IndexArray:
-        return self.refinement.mesh.face_sizes[: len(self.nodes)]
 
 
 @dataclass(frozen=True)
@@ -153,7 +158,7 @@ class TriangleCells(PolygonCells):
         if len(tried):
             # Where sides are split the fan's distance is only a part of the error, so its bound has to be tight.
             room = None if pattern == WHOLE else np.full(len(tried), np.inf)
-            error_bounds = self.at(tried)._error_bounds(pattern, template, points[:, tried], limit, room)
+            error_bounds = self._error_bounds(tried, pattern, template, points, limit, room)
             within = error_bounds.whole <= limit
             found.bounds[tried[within]] = error_bounds.whole[within]
             _accept(found, tried, within, error_bounds)
@@ -163,13 +168,13 @@ class TriangleCells(PolygonCells):
         tried = np.flatnonzero(~found.accepted & (samples.predicted_bounds()[0] <= PROMISING * limit))
         if with_neighbours and len(tried):
             room = LARGEST_OFFSET * least_heights(points[:, tried], template)
-            error_bounds = self.at(tried)._error_bounds(pattern, template, points[:, tried], PROMISING * limit, room)
+            error_bounds = self._error_bounds(tried, pattern, template, points, PROMISING * limit, room)
             predicted = samples.at(tried).predict(error_bounds.normal, error_bounds.tangential)[0]
             promising = (predicted <= PROMISING * limit) & (error_bounds.normal + error_bounds.tangential <= room)
             _accept(found, tried, promising, error_bounds)
         tried = np.flatnonzero(~found.accepted & (nearest <= limit))
         if len(tried):
-            distances = self.at(tried)._leaf_distances(pattern, template, points[:, tried], limit, request.rounding)
+            distances = self._leaf_distances(tried, pattern, template, points, request)
             near = tried[distances <= limit]
             found.accepted[near], found.alone[near] = True, True
             found.bounds[near] = distances[distances <= limit]
@@ -189,28 +194,35 @@ class TriangleCells(PolygonCells):
             chosen = np.flatnonzero(patterns == pattern)
             part = self.at(chosen)
             points = part._points()
-            hull = hull_of_fans(part.refinement.refined(), points[CORNERS], limit)
+            hull = hull_of_fans(part.descent, np.arange(len(chosen)), points[CORNERS], limit)
             yield chosen, np.zeros_like(chosen), _outline(points, pattern), hull
 
     def _leaf_distances(
-        self, pattern: int, template: Template, points: FloatArray, limit: float, rounding: float
+        self, chosen: IndexArray, pattern: int, template: Template, points: FloatArray, request: AdaptiveRequest
     ) -> FloatArray:
-        """(P,): as ``leaf_distance.leaf_distances``."""
-        room = np.full(points.shape[1], np.inf)
-        normal = self._error_bounds(pattern, template, points, limit, room).normal
+        """(n,): as ``leaf_distance.leaf_distances``, for chosen triangles; points: those of all."""
+        room, limit = np.full(len(chosen), np.inf), request.limit
+        normal = self._error_bounds(chosen, pattern, template, points, limit, room).normal
         near = np.flatnonzero(normal <= limit)
         found = np.full(len(normal), np.inf)
         if len(near):
-            points = points[:, near]
-            outline = _outline(points, pattern)
-            hull = hull_of_fans(self.at(near).refinement.refined(), points[CORNERS], limit)
-            found[near] = leaf_distances(outline, hull, normal[near], limit, rounding)
+            own = points[:, chosen[near]]
+            hull = hull_of_fans(self.descent, chosen[near], own[CORNERS], limit)
+            found[near] = leaf_distances(_outline(own, pattern), hull, normal[near], limit, request.rounding)
         return found
 
     def _error_bounds(
-        self, pattern: int, template: Template, points: FloatArray, limit: float, room: FloatArray | None
+        self,
+        chosen: IndexArray,
+        pattern: int,
+        template: Template,
+        points: FloatArray,
+        limit: float,
+        room: FloatArray | None,
     ) -> ErrorBounds:
-        """Error bounds of a template's triangles: those of their fan, plus their own distance from it."""
+        """(n,) each: error bounds of a template's triangles, those of their fan plus their own distance from it, for
+        chosen triangles; points: those of all."""
+        points = points[:, chosen]
         split_sides = (pattern & PATTERN_BITS) > 0
         chords = (points[CORNERS] + points[FOLLOWING]) / 2
         sagittas = np.where(split_sides[:, None, None], points[MIDDLES] - chords, 0.0)
@@ -221,7 +233,9 @@ class TriangleCells(PolygonCells):
         normals = triangle_normals(points, template)
         # The quarters are in the order of the triangles.
         own = fan_error_bounds(
-            self.refinement.refined(),
+            self.descent,
+            chosen,
+            (3 * chosen[:, None] + np.arange(3)).ravel(),
             facets.transpose(0, 2, 1, 3).reshape(4, -1, 3),
             np.repeat(normals, 3, axis=1),
             limit,

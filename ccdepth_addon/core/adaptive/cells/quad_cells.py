@@ -73,8 +73,13 @@ class QuadCells(ABC):
         the normals is within the limit."""
 
     @abstractmethod
-    def hull_of(self, chosen: IndexArray, limit: float) -> Hull:
-        """Hull points of chosen quads, in the order of their points, as near as it takes to compare with the limit."""
+    def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
+        """Hull points of chosen quads, in the order of their points, as near as it takes to compare with the limit.
+        points: those of all."""
+
+    def scratch(self) -> QuadCells:
+        """The same quads for a while: what their methods keep for each other goes with them."""
+        return self
 
     def approximate(
         self,
@@ -85,93 +90,103 @@ class QuadCells(ABC):
         flat: BoolArray | None = None,
     ) -> LeafApproximation:
         """As in ``Cells``."""
+        cells, points = self.scratch(), self.points()
         patterns = patterns_of(hanging, self.turns())
         turns = self.turns().astype(np.int8)
         found = replace(LeafApproximation.none(len(self.nodes)), patterns=patterns, turns=turns)
         for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
             chosen = np.flatnonzero(patterns == pattern)
-            part = self if len(chosen) == len(self.nodes) else self.at(chosen)
-            own = np.zeros(len(chosen), dtype=bool) if flat is None else flat[chosen]
-            found.put(chosen, part._approximate_pattern(pattern, request, with_neighbours, own))
+            as_polygons = request.transitions is Transitions.NGONS and pattern != WHOLE
+            axes = request.axes if as_polygons else None
+            quads = QuadsOfPattern(cells, pattern, chosen, points, request.limit, axes)
+            own = quads.approximate(request, with_neighbours)
+            if flat is not None and not as_polygons:
+                own.accepted[flat[chosen]] = True
+            own.folded[:] = quads.folded(own, request.axes)
+            found.put(chosen, replace(own, patterns=patterns[chosen], turns=turns[chosen]))
         return found
-
-    def _approximate_pattern(
-        self, pattern: int, request: AdaptiveRequest, with_neighbours: bool, flat: BoolArray
-    ) -> LeafApproximation:
-        """By the templates of one pattern, the likeliest first: one within the limit, or predicted to be."""
-        limit, axes = request.limit, request.axes
-        points = self.points()
-        sampled = sampled_distances(points, pattern)
-        as_polygons = request.transitions is Transitions.NGONS and pattern != WHOLE
-        found = choose_within_limit(
-            QuadsOfPattern(self, pattern, points, limit, axes if as_polygons else None), sampled, limit
-        )
-        least = sampled.min(axis=0)
-        left = np.flatnonzero(~found.accepted)
-        if len(left):
-            rest = selected_vectors(points, left)
-            samples = Samples.of(rest, off_sides_and_diagonals(rest), pattern)
-            least[left] = np.where(least[left] > limit, samples.alone().min(axis=0), least[left])
-            cells = QuadsOfPattern(self.at(left), pattern, rest, limit, axes if as_polygons else None)
-            if with_neighbours and not as_polygons:
-                found.put(left, choose_along_surface(cells, samples, limit))
-            last = np.flatnonzero(~found.accepted[left])
-            found.put(left[last], choose_alone(QuadsAlone(cells.at(last), request.rounding), samples.at(last), limit))
-        if not as_polygons:
-            found.accepted[flat] = True
-        folded = found.folded
-        if pattern == WHOLE:
-            accepted = np.flatnonzero(found.accepted)
-            folded = folded_quads(found, accepted, selected_vectors(points[:4], accepted), axes)
-        patterns = np.full(len(self.nodes), pattern, dtype=np.int8)
-        turns = self.turns().astype(np.int8)
-        return replace(found, patterns=patterns, turns=turns, folded=folded, least=least)
 
     def outlines(self, hanging: BoolArray, limit: float) -> Iterator[tuple[IndexArray, IndexArray, Outline, Hull]]:
         """As in ``Cells``."""
-        patterns, points = patterns_of(hanging, self.turns()), self.points()
+        cells, points = self.scratch(), self.points()
+        patterns = patterns_of(hanging, self.turns())
         for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
             chosen = np.flatnonzero(patterns == pattern)
             outline = _outline(selected_vectors(points, chosen), pattern, 0)
-            yield chosen, self.turns()[chosen], outline, self.hull_of(chosen, limit)
+            yield chosen, self.turns()[chosen], outline, cells.hull_of(chosen, points, limit)
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """As in ``Cells``."""
-        found, points = ErrorBounds(*(np.empty(len(self.nodes)) for _ in range(3))), self.points()
+        cells, points = self.scratch(), self.points()
+        found = ErrorBounds(*(np.empty(len(self.nodes)) for _ in range(3)))
         # Patterns are below 16, so every template has a number of its own.
         numbers = approximation.alternatives.astype(np.int16) * 16 + approximation.patterns
         for number in np.unique(numbers).tolist():
             chosen, pattern, alternative = np.flatnonzero(numbers == number), number % 16, number // 16
-            found.put(chosen, self.error_bounds_of(chosen, pattern, alternative, points, limit))
+            found.put(chosen, cells.error_bounds_of(chosen, pattern, alternative, points, limit))
         return found
 
 
 @dataclass(frozen=True)
 class QuadsOfPattern:
-    """P quads to be approximated by templates of one pattern. points: (9, P, 3), theirs. axes: (3, 3), of the space
-    where Blender triangulates them as polygons; None if triangles approximate them."""
+    """n quads of some cells, to be approximated by templates of one pattern. places: (n,), by ascending index; points:
+    (9, P, 3), those of all the cells. axes: (3, 3), of the space where Blender triangulates them as polygons; None if
+    triangles approximate them."""
 
     cells: QuadCells
     pattern: int
+    places: IndexArray
     points: FloatArray
     limit: float
     axes: FloatArray | None = None
 
+    def approximate(self, request: AdaptiveRequest, with_neighbours: bool) -> LeafApproximation:
+        """By the templates, the likeliest first: one within the limit, or predicted to be."""
+        limit, points = self.limit, self.own_points()
+        sampled = sampled_distances(points, self.pattern)
+        found = choose_within_limit(self, sampled, limit)
+        least = sampled.min(axis=0)
+        left = np.flatnonzero(~found.accepted)
+        if len(left):
+            rest, quads = selected_vectors(points, left), self.at(left)
+            samples = Samples.of(rest, off_sides_and_diagonals(rest), self.pattern)
+            least[left] = np.where(least[left] > limit, samples.alone().min(axis=0), least[left])
+            if with_neighbours and self.axes is None:
+                found.put(left, choose_along_surface(quads, samples, limit))
+            last = np.flatnonzero(~found.accepted[left])
+            found.put(left[last], choose_alone(QuadsAlone(quads.at(last), request.rounding), samples.at(last), limit))
+        return replace(found, least=least)
+
+    def folded(self, approximation: LeafApproximation, axes: FloatArray) -> BoolArray:
+        """(n,) which of them are folded, whole, as they are approximated. axes: (3, 3), of the space where Blender
+        triangulates."""
+        if self.pattern != WHOLE:
+            return approximation.folded
+        accepted = np.flatnonzero(approximation.accepted)
+        return folded_quads(approximation, accepted, selected_vectors(self.points[:4], self.places[accepted]), axes)
+
+    def own_points(self) -> FloatArray:
+        """(9, n, 3)."""
+        everything = len(self.places) == self.points.shape[1]
+        return self.points if everything else selected_vectors(self.points, self.places)
+
     def distances(self, chosen: IndexArray, alternative: int) -> FloatArray:
         """As in ``template_choice.WithDistances``."""
-        distances = self.cells.distances_of(chosen, self.pattern, alternative, self.points, self.limit)
+        places = self.places[chosen]
+        distances = self.cells.distances_of(places, self.pattern, alternative, self.points, self.limit)
         return distances + self.thickness(chosen, alternative)
 
     def leaf_distances(self, chosen: IndexArray, alternative: int, rounding: float) -> FloatArray:
         """(n,): the same of each leaf alone (``leaf_distance``)."""
-        outline = _outline(selected_vectors(self.points, chosen), self.pattern, alternative)
+        places = self.places[chosen]
+        outline = _outline(selected_vectors(self.points, places), self.pattern, alternative)
         distances = np.full(len(chosen), np.inf)
         near = np.flatnonzero(may_be_near(outline, self.limit))
         if len(near):
-            normal = self.cells.error_bounds_of(chosen[near], self.pattern, alternative, self.points, self.limit).normal
-            near, normal = near[normal <= self.limit], normal[normal <= self.limit]
+            errors = self.cells.error_bounds_of(places[near], self.pattern, alternative, self.points, self.limit)
+            near, normal = near[errors.normal <= self.limit], errors.normal[errors.normal <= self.limit]
         if len(near):
-            hull = self.cells.hull_of(chosen[near], self.limit)
+            hull = self.cells.hull_of(places[near], self.points, self.limit)
             distances[near] = leaf_distances(outline.at(near), hull, normal, self.limit, rounding)
         return distances + self.thickness(chosen, alternative)
 
@@ -179,16 +194,17 @@ class QuadsOfPattern:
         """(n,): the distances between polygons and the triangles of a template."""
         if self.axes is None:
             return 0.0
-        return thickness_of_quads(selected_vectors(self.points, chosen), self.pattern, alternative, self.axes)
+        points = selected_vectors(self.points, self.places[chosen])
+        return thickness_of_quads(points, self.pattern, alternative, self.axes)
 
     def at(self, chosen: IndexArray) -> QuadsOfPattern:
         """Some of them, by ascending index."""
-        points = selected_vectors(self.points, chosen)
-        return QuadsOfPattern(self.cells.at(chosen), self.pattern, points, self.limit, self.axes)
+        return replace(self, places=self.places[chosen])
 
     def error_bounds(self, chosen: IndexArray, alternative: int) -> ErrorBounds:
         """As in ``template_choice.WithErrorBounds``."""
-        return self.cells.error_bounds_of(chosen, self.pattern, alternative, self.points, PROMISING * self.limit)
+        places = self.places[chosen]
+        return self.cells.error_bounds_of(places, self.pattern, alternative, self.points, PROMISING * self.limit)
 
 
 @dataclass(frozen=True)

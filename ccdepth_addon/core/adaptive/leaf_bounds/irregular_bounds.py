@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Error bounds over faces of any kind, by refinement (docs/adaptive.md, Any other quad).
 
-A quad's descendants are squares in its parameters. A regular one is bicubic, and is compared in Bernstein form. Any
+A quad's descendants (``descent``) are squares in its parameters. A bicubic one is compared in Bernstein form. Any
 other is compared by way of the bilinear facet over its control points, which is within a known distance of the surface,
 and refined again while that decides. They are compared
 
@@ -13,18 +13,16 @@ and refined again while that decides. They are compared
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
 from ...arrays.types import FloatArray, IndexArray
 from ...arrays.vectors import squared_norms, transformed_nets
-from ...bounds.norm_bounds import Vertices, second_order_extraordinary, support_bounds
-from ...surface.bicubic import bilinear_coefficients, patch_coefficients
-from ...surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
-from ...surface.refinement import Refinement
+from ...surface.bicubic import bilinear_coefficients
 from ..templates import QUAD_POINTS, templates
-from .triangle_bounds import QUARTER_TURN, ErrorBounds, barycentric, template_rows
+from .descent import Descent, Squares
+from .triangle_bounds import ErrorBounds, barycentric, template_rows
 
 # After so many the rest of a quad around an irregular vertex is small against the quad.
 REFINEMENTS = 8
@@ -36,101 +34,75 @@ NOTHING = 1e-9
 NEAR_FACET = 1 / 16
 
 
-@dataclass(frozen=True)
-class Squares:
-    """N square parts of the parameters of quads.
-
-    bases: (N,) intp, the quad of each; paths: (N,) intp, the children on the way there as digits of base 4 after a
-    leading 1; origins: (N, 2), their corners 0; axes: (N, 2, 2), the sides from there to corners 1 and 3.
-    """
-
-    bases: IndexArray
-    paths: IndexArray
-    origins: FloatArray
-    axes: FloatArray
-
-    @staticmethod
-    def whole(count: int) -> Squares:
-        """All of each quad."""
-        axes = np.broadcast_to(np.eye(2), (count, 2, 2))
-        return Squares(np.arange(count), np.ones(count, dtype=np.intp), np.zeros((count, 2)), axes)
-
-    def at(self, chosen: IndexArray) -> Squares:
-        return Squares(self.bases[chosen], self.paths[chosen], self.origins[chosen], self.axes[chosen])
-
-    def children(self) -> Squares:
-        """The four children of each, from corner 0 on; corner 0 of a child is a corner of the square."""
-        origins = self.origins[:, None] + np.einsum("ci,nij->ncj", QUAD_POINTS[:4], self.axes)
-        turns = np.stack([np.linalg.matrix_power(QUARTER_TURN, turn) for turn in range(4)]) / 2
-        axes = np.einsum("cij,njk->ncik", turns, self.axes)
-        paths = 4 * self.paths[:, None] + np.arange(4)
-        return Squares(np.repeat(self.bases, 4), paths.ravel(), origins.reshape(-1, 2), axes.reshape(-1, 2, 2))
-
-    def corners(self) -> FloatArray:
-        """(4, N, 2)."""
-        return self.origins + np.einsum("ci,nij->cnj", QUAD_POINTS[:4], self.axes)
-
-
 # Error bounds over squares with Bernstein coefficients (16, N, 3), (N,) each.
 Comparison = Callable[[FloatArray, Squares], ErrorBounds]
 
 
 def template_error_bounds(
-    children: Refinement,
+    descent: Descent,
+    chosen: IndexArray,
     points: FloatArray,
     key: tuple[int, int],
     normals: FloatArray,
     limit: float,
     room: FloatArray | None = None,
 ) -> ErrorBounds:
-    """(P,): upper bounds of ‖S - T‖, for P quads and the triangles of a template.
+    """(P,): upper bounds of ‖S - T‖, for P chosen quads and the triangles of a template.
 
-    children: of all the quads, whose bases these are. points: (8 or more, P, 3), as in ``templates.QUAD_POINTS``; key:
-    pattern and alternative; normals: (T, P, 3), of the triangles. For limit and room see ``_refined_error_bounds``.
+    descent: of quads, which are its bases. points: (8 or more, P, 3), as in ``templates.QUAD_POINTS``; key: pattern and
+    alternative; normals: (T, P, 3), of the triangles. For limit and room see ``_descended_error_bounds``.
     """
 
     def compare(coefficients: FloatArray, squares: Squares) -> ErrorBounds:
         return _off_template(coefficients, squares, points, key, normals)
 
-    return _refined_error_bounds(children, Squares.whole(points.shape[1]).children(), compare, limit, room)
+    return _descended_error_bounds(descent, chosen, chosen, compare, limit, room)
 
 
 def fan_error_bounds(
-    quarters: Refinement, facets: FloatArray, normals: FloatArray, limit: float, room: FloatArray | None = None
+    descent: Descent,
+    chosen: IndexArray,
+    quarters: IndexArray,
+    facets: FloatArray,
+    normals: FloatArray,
+    limit: float,
+    room: FloatArray | None = None,
 ) -> ErrorBounds:
-    """(C,): upper bounds of ‖S - F‖, for the quarters of some faces and bilinear facets over their corners (4, C, 3).
+    """(C,): upper bounds of ‖S - F‖, for the quarters (C,) of chosen faces and bilinear facets over their corners
+    (4, C, 3).
 
-    quarters: the children of the faces. normals: (T, C, 3), those of all triangles there. For limit and
-    room see ``_refined_error_bounds``.
+    descent: of faces whose quarters are its bases. normals: (T, C, 3), those of all triangles there. For limit and room
+    see ``_descended_error_bounds``.
     """
 
     def compare(coefficients: FloatArray, squares: Squares) -> ErrorBounds:
         return _off_facets(coefficients, squares, facets, normals)
 
-    return _refined_error_bounds(quarters, Squares.whole(facets.shape[1]), compare, limit, room)
+    return _descended_error_bounds(descent, chosen, quarters, compare, limit, room)
 
 
-def _refined_error_bounds(
-    refinement: Refinement, squares: Squares, compare: Comparison, limit: float, room: FloatArray | None
+def _descended_error_bounds(
+    descent: Descent,
+    chosen: IndexArray,
+    bases: IndexArray,
+    compare: Comparison,
+    limit: float,
+    room: FloatArray | None,
 ) -> ErrorBounds:
-    """Error bounds over quads of which the refinement's descendants are squares.
+    """(bases,) error bounds over the bases of chosen faces; ``compare`` has bases by their index here.
 
-    Without room they are as tight as it takes to compare the whole error with the limit. With room (quads,) they are
+    Without room they are as tight as it takes to compare the whole error with the limit. With room (bases,) they are
     tight along the normals, and compare the error along the normals with the limit, and the errors along and across
     together with the room. Of a quad that exceeds one of these the bounds say nothing more.
     """
-    count = int(squares.bases.max(initial=-1)) + 1
-    found = ErrorBounds(*(np.zeros(count) for _ in range(3)))
-    for step in range(REFINEMENTS):
-        kinds = classify_patches(refinement.mesh).kinds[: len(refinement.bases)]
-        regular, rest = np.flatnonzero(kinds == PatchKind.REGULAR), np.flatnonzero(kinds != PatchKind.REGULAR)
-        coefficients = patch_coefficients(regular_nets(refinement.mesh, regular)).reshape(16, -1, 3)
-        _raise(found, squares.at(regular), compare(coefficients, squares.at(regular)))
-        if not len(rest):
-            break
-        refinement, squares = refinement.keep(kinds != PatchKind.REGULAR), squares.at(rest)
-        near = facet_distances(refinement, classify_patches(refinement.mesh))
-        left = compare(bilinear_coefficients(refinement.control_facets()).reshape(16, -1, 3), squares)
+    found = ErrorBounds(*(np.zeros(len(bases)) for _ in range(3)))
+    wanted = descent.start(chosen)
+    for level in range(REFINEMENTS):
+        pieces = descent.pieces(level, wanted)
+        squares, near = replace(pieces.squares, bases=np.searchsorted(bases, pieces.squares.bases)), pieces.near
+        left = compare(pieces.coefficients, squares)
+        exact = np.flatnonzero(near == 0)
+        _raise(found, squares.at(exact), left.at(exact))
         reached = left + ErrorBounds(near, near, near)
         if room is None:
             beyond, seen_beyond, enough = found.whole > limit, left.whole - near > limit, reached.whole <= limit
@@ -138,29 +110,12 @@ def _refined_error_bounds(
             beyond = (found.normal > limit) | (found.normal + found.tangential > room)
             seen_beyond, enough = left.normal - near > limit, near <= NEAR_FACET * limit
         beyond[squares.bases[seen_beyond]] = True
-        settled = enough | beyond[squares.bases] | (step == REFINEMENTS - 1)
+        settled = enough | (near == 0) | beyond[squares.bases] | (level == REFINEMENTS - 1)
         _raise(found, squares.at(np.flatnonzero(settled)), reached.at(np.flatnonzero(settled)))
-        refinement, squares = refinement.keep(~settled).refined(), squares.at(np.flatnonzero(~settled)).children()
-        if not len(refinement.bases):
+        if np.all(settled):
             break
+        wanted = descent.children(level, wanted[~settled])
     return found
-
-
-def facet_distances(refinement: Refinement, patches: PatchKinds) -> FloatArray:
-    """(descendants,): upper bounds of the distance between quads' surface and the facets over their control points."""
-    mesh, kinds = refinement.mesh, patches.kinds[: len(refinement.bases)]
-    bounds = np.empty(len(kinds))
-    others = kinds == PatchKind.IRREGULAR
-    if np.any(others):
-        bounds[others] = support_bounds(mesh, Vertices.CONTROL)[: len(kinds)][others]
-    extraordinary = np.flatnonzero(kinds == PatchKind.EXTRAORDINARY)
-    corners = patches.extraordinary_corners[extraordinary]
-    valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
-    for valence in np.unique(valences).tolist():
-        of_valence = valences == valence
-        nets = extraordinary_nets(mesh, corners[of_valence], valence)
-        bounds[extraordinary[of_valence]] = second_order_extraordinary(nets, Vertices.CONTROL).value
-    return bounds
 
 
 def _raise(found: ErrorBounds, squares: Squares, error_bounds: ErrorBounds) -> None:

@@ -14,10 +14,9 @@ import numpy as np
 
 from ...arrays.types import FloatArray, IndexArray
 from ...arrays.vectors import component_major
-from ...surface.bicubic import patch_coefficients
-from ...surface.patches import PatchKind, classify_patches, regular_nets
-from ...surface.refinement import Refinement
-from .irregular_bounds import NEAR_FACET, Squares, facet_distances
+from ..quadtree import NONE
+from .descent import Descent, Squares
+from .irregular_bounds import NEAR_FACET
 from .leaf_distance import Hull
 
 # The coefficients along the sides of a bicubic piece, from corner to corner.
@@ -29,11 +28,10 @@ REFINEMENTS = 13
 # The leaves of pieces, and for each of the sides of a square which half side of the leaf it is part of, two a side, or
 # NONE inside.
 HalfSides = Callable[[Squares], tuple[IndexArray, IndexArray]]
-NONE = -1
 
 
-def hull_of_quads(children: Refinement, corners: FloatArray, limit: float) -> Hull:
-    """Of P quads, by the refinement of their children, of which they are the bases; corners: (4, P, 3) on the surface.
+def hull_of_quads(descent: Descent, chosen: IndexArray, corners: FloatArray, limit: float) -> Hull:
+    """Of P chosen quads, the bases of a descent; corners: (4 or more, P, 3), the first four on the surface.
 
     limit: the distance that a bound is going to be compared with.
     """
@@ -43,22 +41,24 @@ def hull_of_quads(children: Refinement, corners: FloatArray, limit: float) -> Hu
         # Along sides 0 and 1 parameters rise, along 2 and 3 they fall.
         along = (starts + ends)[np.arange(4)[:, None], np.arange(sides.shape[1]), sides % 2] / 2
         second = (along > 0.5) == (sides < 2)
-        return squares.bases, np.where(sides == NONE, NONE, 2 * sides + second)
+        return np.searchsorted(chosen, squares.bases), np.where(sides == NONE, NONE, 2 * sides + second)
 
-    return _hull(children, Squares.whole(corners.shape[1]).children(), half_sides, corners, limit)
+    return _hull(descent, chosen, half_sides, corners[:4], limit)
 
 
-def hull_of_fans(quarters: Refinement, corners: FloatArray, limit: float) -> Hull:
-    """Of P faces of n corners, by the refinement of their quarters, n P bases; corners: (n, P, 3) on the surface."""
-    size, count = corners.shape[:2]
+def hull_of_fans(descent: Descent, chosen: IndexArray, corners: FloatArray, limit: float) -> Hull:
+    """Of P chosen faces of n corners, n quarters of each being bases of a descent; corners: (n, P, 3) on the
+    surface."""
+    size = len(corners)
 
     def half_sides(squares: Squares) -> tuple[IndexArray, IndexArray]:
         _, _, sides = _border_sides(squares)
         corner = squares.bases % size
         first, last = 2 * corner, 2 * ((corner - 1) % size) + 1
-        return squares.bases // size, np.where(sides == 0, first, np.where(sides == 3, last, NONE))
+        leaves = np.searchsorted(chosen, squares.bases // size)
+        return leaves, np.where(sides == 0, first, np.where(sides == 3, last, NONE))
 
-    return _hull(quarters, Squares.whole(size * count), half_sides, corners, limit)
+    return _hull(descent, chosen, half_sides, corners, limit)
 
 
 def _border_sides(squares: Squares) -> tuple[FloatArray, FloatArray, IndexArray]:
@@ -103,24 +103,19 @@ def _boxes(points: FloatArray, near: FloatArray) -> FloatArray:
     return np.stack([ends[end, :, axis] for axis, end in enumerate(corners)], axis=-1)
 
 
-def _hull(refinement: Refinement, squares: Squares, half_sides: HalfSides, corners: FloatArray, limit: float) -> Hull:
+def _hull(descent: Descent, chosen: IndexArray, half_sides: HalfSides, corners: FloatArray, limit: float) -> Hull:
     found: list[_Pieces] = []
-    for step in range(REFINEMENTS):
-        patches = classify_patches(refinement.mesh)
-        kinds = patches.kinds[: len(refinement.bases)]
-        regular, rest = np.flatnonzero(kinds == PatchKind.REGULAR), np.flatnonzero(kinds != PatchKind.REGULAR)
-        coefficients = patch_coefficients(regular_nets(refinement.mesh, regular)).reshape(16, -1, 3)
-        found.append(_Pieces.bicubic(*half_sides(squares.at(regular)), coefficients))
-        if not len(rest):
+    wanted = descent.start(chosen)
+    for level in range(REFINEMENTS):
+        own = descent.pieces(level, wanted)
+        exact = own.at(np.flatnonzero(own.near == 0))
+        found.append(_Pieces.bicubic(*half_sides(exact.squares), exact.coefficients))
+        settled = (own.near <= NEAR_FACET * limit) | (level == REFINEMENTS - 1)
+        last = own.at(np.flatnonzero(settled & (own.near > 0)))
+        found.append(_Pieces.near_facets(*half_sides(last.squares), last.facets(), last.near))
+        if np.all(settled):
             break
-        refinement, squares = refinement.keep(kinds != PatchKind.REGULAR), squares.at(rest)
-        near = facet_distances(refinement, classify_patches(refinement.mesh))
-        is_last = (near <= NEAR_FACET * limit) | (step == REFINEMENTS - 1)
-        last, facets = np.flatnonzero(is_last), refinement.control_facets()
-        found.append(_Pieces.near_facets(*half_sides(squares.at(last)), facets[:, last], near[last]))
-        refinement, squares = refinement.keep(~is_last).refined(), squares.at(np.flatnonzero(~is_last)).children()
-        if not len(refinement.bases):
-            break
+        wanted = descent.children(level, wanted[~settled])
     pieces = _Pieces(
         np.concatenate([part.leaves for part in found]),
         np.concatenate([part.points for part in found], axis=1),

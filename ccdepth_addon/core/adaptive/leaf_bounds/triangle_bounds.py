@@ -194,9 +194,10 @@ def barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
 
 def _barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
     """(…, 3): the same of homogeneous points (…, 3). Dividend and divisor are exact for parameters."""
-    a, b, c = np.column_stack([triangle, np.ones(3)])
-    opposite = np.stack([np.cross(b, c), np.cross(c, a), np.cross(a, b)])
-    return (points @ opposite.T) / (points[..., 2:] * (a @ opposite[0]))
+    (bx, by), (cx, cy) = np.roll(triangle, -1, axis=0).T, np.roll(triangle, -2, axis=0).T
+    opposite = np.stack([by - cy, cx - bx, bx * cy - by * cx])
+    doubled_area = triangle[0] @ opposite[:2, 0] + opposite[2, 0]
+    return (points @ opposite) / (points[..., 2:] * doubled_area)
 
 
 def _functionals(part: FloatArray, square: Square, triangle: FloatArray) -> tuple[FloatArray, FloatArray]:
