@@ -135,9 +135,11 @@ def drawn(data: meshes.MeshData, tolerance: float, transitions: str, world: Floa
     """
     world = np.eye(3) if world is None else world
     adaptive, rules = addon.module("core.adaptive.planner"), addon.module("core.surface.sharpness")
-    templates, plan = addon.module("core.adaptive.templates"), addon.module("core.adaptive.plan")
+    templates, request = addon.module("core.adaptive.templates"), addon.module("core.adaptive.request")
     base = rules.apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
-    asked = plan.AdaptiveRequest(tolerance, plan.Mode.ADAPTIVE, templates.Transitions(transitions), MOST_FACES, world)
+    asked = request.AdaptiveRequest(
+        tolerance, request.Mode.ADAPTIVE, templates.Transitions(transitions), MOST_FACES, world
+    )
     positions = base.positions @ np.linalg.inv(world).T
     found = adaptive.subdivide_adaptively(base, asked, positions)
     assert np.all(found.bounds <= tolerance)
