@@ -128,7 +128,7 @@ def _add_actions(parser: Parser) -> None:
         "what was written, read back from the file, as a report does",
     )
     add("--accuracy", type=float, help="how near the two distances measured are to be, as a part of them (0.05)")
-    add("--time-limit", type=float, metavar="SECONDS", help="measure each object no longer than this; 0 for no limit")
+    add("--time-limit", type=float, metavar="SECONDS", help="measure no longer than this; 0 for no limit")
     add = _adder(parser, parser.add_argument_group("adaptive subdivision"))
     add("--mode", type=_name, choices=list(Mode), help="how the faces are divided")
     add("--transitions", type=_name, choices=list(Transitions), help="how faces beside finer ones are drawn")

@@ -50,12 +50,12 @@ GIVEN = (
 )
 
 # The settings that what is done goes by, beside the tolerance.
-MEASURING = ("tolerance_mode", "use_modifiers", "accuracy", "time_limit")
+MEASURING = ("tolerance_mode", "use_modifiers", "accuracy")
 SETTINGS = {
     DEPTHS: ("tolerance_mode", "method", "vertices", "use_modifiers"),
     LEVELS: ("method", "vertices", *MEASURING),
     SUBDIVIDE: ("mode", "transitions", "exact_normals", "reduce", *MEASURING),
-    MEASURE: MEASURING,
+    MEASURE: (*MEASURING, "time_limit"),
 }
 
 
@@ -179,15 +179,16 @@ def settings_of(action: str) -> dict[str, Any]:
     return {"tolerance": as_typed(getattr(settings, tolerance_name(settings.tolerance_mode))), **typed}
 
 
-def measure_settings() -> MeasureSettings:
-    """The scene's settings of Measure Deviation."""
-    return MeasureSettings(**settings_of(MEASURE))
+def measure_settings(time_limit: float | None) -> MeasureSettings:
+    """The scene's settings for measuring what was written. time_limit: in seconds, for each object. Without one it
+    takes as long as it takes: the scene's is for those who wait."""
+    return MeasureSettings(**{**settings_of(MEASURE), "time_limit": time_limit or 0.0})
 
 
 def surfaces_of(objects: Sequence[bpy.types.Object]) -> list[MeasureTask]:
     """The limit surfaces of the objects. Raises CommandError."""
     try:
-        return prepare_targets(bpy.context, list(objects), measure_settings())
+        return prepare_targets(bpy.context, list(objects), measure_settings(None))
     except ComputeError as fault:
         raise CommandError(str(fault)) from fault
 
@@ -286,7 +287,7 @@ def _write(
     """Write the objects to a file, read back what other formats than Blender's hold, and measure it against the
     surfaces, if there are any. Afterwards something else may be open."""
     is_blend = output.suffix.lower() == BLEND
-    settings = measure_settings()
+    settings = measure_settings(options.time_limit)
     scene = scene_unit(bpy.context.scene)
     unit = scene if is_blend else unit_of(output, UNITS.get(options.unit))
     with _written(output, options) as path:

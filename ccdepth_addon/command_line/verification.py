@@ -85,7 +85,7 @@ def _found_anew(action: str, entry: FileEntry) -> list[ObjectEntry]:
         found = [each.entry for each in ACTIONS[action](objects, settings_of(action))]
     if entry.output is None or not is_measured:
         return found
-    settings, scene = measure_settings(), scene_unit(bpy.context.scene)
+    settings, scene = measure_settings(None), scene_unit(bpy.context.scene)
     written = [WrittenObject(each.result or each.name, each.triangles or 0) for each in entry.objects]
     parts = read_written(entry.output.path, (entry.output.metres_per_unit or scene) / scene, written)
     answers = [measured_distances(*pair, settings) for pair in zip(targets, parts, strict=True)]

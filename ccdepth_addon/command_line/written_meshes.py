@@ -118,11 +118,11 @@ def measured_distances(target: MeasureTask, part: Measured, settings: MeasureSet
     """How far a part of a file is from the surface it stands for; where it is so near the tolerance that it does not
     tell whether it is within it, measured more accurately."""
     task = replace(target, measured=[part])
-    [answer] = measure(task, settings, no_report)
+    [answer] = measure(task, settings, no_report, is_tolerance_enough=True)
     accuracy = nearer_accuracy(answer.proved, answer.reached, answer.tolerance)
     if accuracy is None or not answer.accuracy_met:
         return answer
-    [nearer] = measure(task, replace(settings, accuracy=accuracy), no_report)
+    [nearer] = measure(task, replace(settings, accuracy=accuracy), no_report, is_tolerance_enough=True)
     return nearer
 
 

@@ -18,6 +18,9 @@ from ..exchange.control_mesh import NO_ORIGIN, mesh_face_count, read_control_mes
 from ..exchange.shown_mesh import ShownMesh, read_shown_mesh
 from .surfaces import ComputeError, Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of
 
+# What rounding can take from a tolerance less a rounding, as a part of it.
+ROUNDED = 1e-15
+
 
 @dataclass(frozen=True)
 class MeasureSettings(SurfaceSettings):
@@ -142,10 +145,13 @@ def _refuse_adaptive_mesh(blender_object: bpy.types.Object) -> None:
         )
 
 
-def measure(task: MeasureTask, settings: MeasureSettings, progress: Progress) -> list[MeshDeviation]:
+def measure(
+    task: MeasureTask, settings: MeasureSettings, progress: Progress, *, is_tolerance_enough: bool = False
+) -> list[MeshDeviation]:
     """Measure every object of the task, without Blender: it may run in a thread.
 
-    progress: called with the fraction done; what it raises ends the work. Raises InvalidMeshError and MemoryError.
+    progress: called with the fraction done; what it raises ends the work. is_tolerance_enough: whether distances within
+    the tolerance need not be known any better, which takes far less time. Raises InvalidMeshError and MemoryError.
     """
     until = perf_counter() + settings.time_limit
     answers: dict[int, MeshDeviation] = {}
@@ -155,16 +161,23 @@ def measure(task: MeasureTask, settings: MeasureSettings, progress: Progress) ->
             # Time that one leaves unused goes to the others.
             left = max(0.0, until - perf_counter()) / (len(task.measured) - index)
         share = 1 / len(task.measured)
-        answer = _measure_one(task, measured, settings, left, part_of(progress, index * share, share))
+        part = part_of(progress, index * share, share)
+        answer = _measure_one(task, measured, settings, left, part, is_tolerance_enough)
         known = answers.get(measured.mesh_uid)
         answers[measured.mesh_uid] = answer if known is None else _joined(known, answer)
     return list(answers.values())
 
 
 def _measure_one(
-    task: MeasureTask, measured: Measured, settings: MeasureSettings, seconds: float | None, progress: Progress
+    task: MeasureTask,
+    measured: Measured,
+    settings: MeasureSettings,
+    seconds: float | None,
+    progress: Progress,
+    is_tolerance_enough: bool,
 ) -> MeshDeviation:
     shown, control = measured.shown, task.surface.control
+    rounding = shown.rounding_from(task.location)
     found = measure_deviation(
         control.in_world,
         shown.positions_from(task.location),
@@ -172,9 +185,10 @@ def _measure_one(
         accuracy=settings.accuracy,
         time_limit=seconds,
         tolerance=task.surface.tolerance,
+        # With the rounding it is still within the tolerance.
+        enough=max(0.0, (1 - ROUNDED) * task.surface.tolerance - rounding) if is_tolerance_enough else 0.0,
         progress=progress,
     )
-    rounding = shown.rounding_from(task.location)
     sources = [(shown.triangles.faces, found.triangle_bounds)]
     if task.own:
         faces = np.arange(measured.face_count) if control.base_faces is None else control.base_faces
