@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The examples, run as people run them."""
+
+from __future__ import annotations
+
+import csv
+import io
+import subprocess
+import sys
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from tests import meshes
+from tests.blender import scene
+
+CHECKOUT = Path(__file__).resolve().parents[2]
+
+# What stands in for Blender's own program where there is none.
+STAND_IN = """
+import os, runpy, sys, traceback
+sys.path.insert(0, {checkout!r})
+import bpy, ccdepth_addon
+ccdepth_addon.register()
+if {file!r}:
+    bpy.ops.wm.open_mainfile(filepath={file!r})
+sys.argv = ["blender", "--", *{arguments!r}]
+try:
+    runpy.run_path({script!r})
+    sys.stdout.flush()
+except BaseException:
+    traceback.print_exc()
+    os._exit(1)
+os._exit(0)
+"""
+
+
+def run(name: str, file: Path | None, *arguments: object) -> str:
+    """What the example prints."""
+    script, given = str(CHECKOUT / "examples" / name), [str(argument) for argument in arguments]
+    opened = [] if file is None else [str(file)]
+    if bpy.app.binary_path:
+        command = [bpy.app.binary_path, "-b", *opened, "--python-exit-code", "1", "--python", script, "--", *given]
+    else:
+        text = STAND_IN.format(checkout=str(CHECKOUT), file="".join(opened), arguments=given, script=script)
+        command = [sys.executable, "-c", text]
+    ended = subprocess.run(command, timeout=120, capture_output=True, text=True, check=False)
+    assert ended.returncode == 0, ended.stdout + ended.stderr
+    return ended.stdout
+
+
+@pytest.fixture
+def cube_file(tmp_path: Path) -> Path:
+    """A cube of 2 m."""
+    scene.clear()
+    bpy.context.scene.ccdepth.method = "CERTIFIED"
+    scene.add_object(meshes.cube(), "Cube")
+    path = tmp_path / "cube.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+    return path
+
+
+def test_set_levels(cube_file: Path, tmp_path: Path) -> None:
+    run("set_levels.py", cube_file, 0.05, tmp_path / "out.blend")
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out.blend"))
+    [modifier] = bpy.data.objects["Cube"].modifiers
+    assert modifier.levels == modifier.render_levels > 0
+    assert modifier.use_limit_surface
+
+
+def test_print_stl(cube_file: Path, tmp_path: Path) -> None:
+    printed = run("print_stl.py", cube_file, 50, tmp_path / "out.stl")
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    bpy.ops.wm.stl_import(filepath=str(tmp_path / "out.stl"))
+    [cube] = bpy.data.objects
+    assert f"{len(cube.data.polygons)} triangles, proved to be within" in printed
+    # The middles of a cube's limit surface are a third inwards, and it touches its box there.
+    sides = np.array(cube.dimensions)
+    np.testing.assert_allclose(sides, sides.mean(), rtol=0.05)
+    assert 1000.0 < sides.max() < 2000.0
+
+
+def test_lod_chain(cube_file: Path, tmp_path: Path) -> None:
+    run("lod_chain.py", cube_file, 0.002, tmp_path / "out.glb")
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    bpy.ops.import_scene.gltf(filepath=str(tmp_path / "out.glb"))
+    faces = [len(bpy.data.objects[f"Cube_LOD{level}"].data.polygons) for level in range(3)]
+    assert faces[0] > 2 * faces[1] > 4 * faces[2]
+    assert not [each.name for mesh in bpy.data.meshes for each in mesh.color_attributes]
+
+
+def test_folder_report(cube_file: Path) -> None:
+    (cube_file.parent / "bad.blend").write_text("this is no file of Blender's")
+    printed = run("folder_report.py", None, cube_file.parent)
+    rows = list(csv.reader(io.StringIO(printed[printed.index("file,object") :])))[1:]
+    by_file = {row[0]: row for row in rows if row and row[0].endswith(".blend")}
+    # The limit surface passes √3/2 m inside of the corners.
+    _, name, most, least, error = by_file["cube.blend"]
+    assert (name, error) == ("Cube", "")
+    assert float(least) <= 0.8661 <= float(most) * 1.001
+    assert float(most) < 0.95
+    assert by_file["bad.blend"][4]
