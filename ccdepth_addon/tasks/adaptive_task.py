@@ -59,18 +59,19 @@ from .surfaces import (
 # Rounding to single precision changes a number by this part of it at most.
 SINGLE_ROUNDING = 2.0**-24
 
-# In search of a tolerance that fits this many times what the core estimates is tried first, and then so much more each
-# time.
-FIRST_TRY, NEXT_TRY = 2.0, 1.4
+# A tolerance that fits is good enough with this part of the faces, or this near to one that makes too many. This part
+# of the faces is aimed at.
+ENOUGH_FACES, NEAR_ENOUGH, FACES_AIMED_AT = 0.5, 1.1, 0.75
+
+# So many times what the core estimates is tried first. Where that makes too many faces, the next is so much coarser,
+# and then the square of that.
+FIRST_TRY, COARSER = 1.1, 1.4
 
 # The next is finer by this at most: where a pole makes whole faces deep, their number may grow by 4 at any time.
 LARGEST_STEP = 4.0
 
 # With a tolerance of so many diagonals nothing is split that need not be.
 WITHOUT_SPLITS = 100.0
-
-# The first that is counted may have this many faces, and this many times those of the control mesh.
-FACES_TRIED, CONTROL_FACES_TRIED = 50_000, 8
 
 
 @dataclass(frozen=True)
@@ -341,6 +342,9 @@ def count_results(
             start = max(start, fault.tolerance / _unit(task, settings))
     if sum(counts) <= settings.max_faces:
         return [FaceCount(faces, None) for faces in counts]
+    if len(tasks) > 1:
+        # Where most is flat, there are as many more faces as the tolerance is finer.
+        start = max(start, settings.tolerance * sum(counts) / settings.max_faces)
     fitting = _fitting_tolerance(tasks, settings, start, progress)
     return [FaceCount(sum(counts), fitting)] * len(tasks)
 
@@ -366,35 +370,47 @@ def _fitting_tolerance(
 ) -> float:
     """A tolerance, as it is typed, with which the results together do not have too many faces; inf if there is none.
 
-    start: where to begin to look. It is tried out, so it fits. Results that are coarse are counted first and then finer
-    ones, until one has too many faces or nearly as many as there may be: counting takes as long as there are faces.
+    start: where to begin to look. It is tried out, so it fits; counting takes as long as there are faces. progress: is
+    told the most faces there have been so far, as each count begins anew.
     """
+    most, coarsest = settings.max_faces, with_digits(coarsest_tolerance(tasks, settings), 2)
+    told = _never_fewer(progress)
 
-    def count(tolerance: float, most_faces: int) -> int | None:
-        counts = counts_with(tasks, settings, with_digits(tolerance, 2), most_faces, progress)
+    def count(tolerance: float) -> int | None:
+        counts = counts_with(tasks, settings, tolerance, most, told)
         return None if counts is None else sum(counts)
 
-    if count(coarsest_tolerance(tasks, settings), settings.max_faces) is None:
+    # Each face of a control mesh makes at least one.
+    if sum(task.control.mesh.face_count for task in tasks) > most:
         return float("inf")
-    control_faces = sum(task.control.mesh.face_count for task in tasks)
-    start = max(start, settings.tolerance) if np.isfinite(start) else settings.tolerance
-    tried = min(settings.max_faces, max(FACES_TRIED, CONTROL_FACES_TRIED * control_faces))
-    fitting = start * FIRST_TRY * settings.max_faces / tried
-    while (faces := count(fitting, tried)) is None:
-        fitting *= NEXT_TRY
-    while True:
-        # As many more faces as the tolerance is finer, where most is flat.
-        finer = max(settings.tolerance, fitting / LARGEST_STEP, NEXT_TRY * fitting * faces / settings.max_faces)
-        if finer * NEXT_TRY >= fitting:
+    guess = FIRST_TRY * (max(start, settings.tolerance) if np.isfinite(start) else settings.tolerance)
+    fitting, too_fine, coarser = coarsest, settings.tolerance, COARSER
+    while (guess := with_digits(guess, 2)) < fitting:
+        faces = count(guess)
+        if faces is None:
+            too_fine = guess
+            guess, coarser = min(coarser * guess, float(np.sqrt(guess * fitting))), coarser**2
+        else:
+            fitting = guess
+            if faces >= ENOUGH_FACES * most:
+                break
+            finer = max(fitting / LARGEST_STEP, fitting * faces / (FACES_AIMED_AT * most))
+            guess = finer if finer > too_fine else float(np.sqrt(too_fine * fitting))
+        if fitting <= NEAR_ENOUGH * too_fine:
             break
-        counted = count(finer, settings.max_faces)
-        if counted is None:
-            halfway = float(np.sqrt(finer * fitting))
-            counted = count(halfway, settings.max_faces)
-            fitting = fitting if counted is None else halfway
-            break
-        fitting, faces = finer, counted
-    return with_digits(fitting, 2)
+    return fitting if fitting < coarsest or count(coarsest) is not None else float("inf")
+
+
+def _never_fewer(progress: Progress) -> Progress:
+    """Tells the largest number so far."""
+    most = 0.0
+
+    def told(so_far: float) -> None:
+        nonlocal most
+        most = max(most, so_far)
+        progress(most)
+
+    return told
 
 
 def counts_with(

@@ -94,6 +94,14 @@ def test_the_tolerance_named_fits_large_results_too(name: str, mode: str) -> Non
     assert faces(result) <= 60_000
 
 
+@pytest.mark.parametrize("most", [2_000, 20_000])
+def test_the_tolerance_named_makes_at_least_half_of_the_faces_allowed(most: int) -> None:
+    holder = scene.add_suzanne()
+    tolerance = named_tolerance(holder, tolerance=1e-6, max_faces=most)
+    [result] = subdivide(holder, tolerance=tolerance, tolerance_mode="RELATIVE", max_faces=most)
+    assert most / 2 <= faces(result) <= most
+
+
 def test_no_tolerance_fits_where_the_mesh_itself_has_too_many_faces() -> None:
     refused(scene.add_suzanne(), match="no tolerance would fit", max_faces=100)
 
