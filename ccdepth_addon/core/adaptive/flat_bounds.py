@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays.ranks import ranks_among_equal
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, squared_norms
 from .cells.cell_store import in_blocks
@@ -215,7 +216,9 @@ def _beyond_border(
     farthest = _lengths(np.maximum(middle - lows, highs - middle))[leaves] + _lengths(middle[leaves] - starts)
     slack = request.rounding * (1 + farthest / border.lengths()[sides])
     depths = ((middle[leaves] - starts) * inward).sum(axis=1) - slack
-    rounds = _rounds(leaves)
+    # In each round a leaf occurs once.
+    ranks = ranks_among_equal(leaves)
+    rounds = [np.flatnonzero(ranks == rank) for rank in range(int(ranks.max(initial=-1)) + 1)]
     # Onto the line that is passed by most, and from there towards the middle of the leaf.
     over = np.zeros(seen.shape[:2])
     way = np.zeros_like(seen)
@@ -244,14 +247,6 @@ def _beyond_border(
 def _lengths(vectors: FloatArray) -> FloatArray:
     """(…): of vectors (…, 2)."""
     return np.hypot(vectors[..., 0], vectors[..., 1])
-
-
-def _rounds(indices: IndexArray) -> list[IndexArray]:
-    """Where indices are, so that each occurs once in a round."""
-    order = np.argsort(indices, kind="stable")
-    numbers = np.bincount(indices)
-    places = np.arange(len(indices)) - np.repeat(np.cumsum(numbers) - numbers, numbers)
-    return [order[places == place] for place in range(int(numbers.max(initial=0)))]
 
 
 @dataclass(frozen=True)

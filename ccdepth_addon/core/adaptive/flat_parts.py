@@ -14,8 +14,8 @@ import numpy as np
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, dot_products, squared_norms, sums_by_index
 from ..mesh.polygon_mesh import PolygonMesh
-
-NONE = -1
+from ..mesh.submesh import corners_of_faces
+from .quadtree import NONE
 
 # Two faces are in one plane if their vertices are, but for some units in the last place of single precision, in parts
 # of the largest coordinate; and their normals before that is looked at.
@@ -100,14 +100,11 @@ def _area_vectors(mesh: PolygonMesh) -> FloatArray:
 
 
 def _pairs_in_one_plane(mesh: PolygonMesh, doubled: FloatArray) -> IndexArray:
-    """(N, 2): faces with a common edge and all vertices in one plane, but for rounding."""
+    """(N, 2): faces on both sides of an edge, with all vertices in one plane, but for rounding."""
     lengths = np.sqrt(squared_norms(doubled))[:, None]
     normals = doubled / np.where(lengths > 0, lengths, 1.0)
-    first, last = (np.full(mesh.edge_count, NONE) for _ in range(2))
-    last[mesh.corner_edges] = np.arange(mesh.corner_count)
-    first[mesh.corner_edges[::-1]] = np.arange(mesh.corner_count)[::-1]
-    shared = np.flatnonzero(first != last)
-    pairs = np.stack([mesh.corner_faces[first[shared]], mesh.corner_faces[last[shared]]], axis=1)
+    shared = np.flatnonzero(mesh.twin > np.arange(mesh.corner_count))
+    pairs = np.stack([mesh.corner_faces[shared], mesh.corner_faces[mesh.twin[shared]]], axis=1)
     pairs = pairs[dot_products(normals[pairs[:, 0]], normals[pairs[:, 1]]) > SAME_DIRECTION]
     near = ROUNDING_OF_INPUT * np.abs(mesh.positions).max(initial=0.0)
     keep = np.ones(len(pairs), dtype=bool)
@@ -123,13 +120,11 @@ def _is_in_plane(
     """(N,): whether all vertices of faces are near the planes of others, both (N,)."""
     if not len(faces):
         return np.zeros(0, dtype=bool)
-    sizes = mesh.face_sizes[faces]
-    starts = np.cumsum(sizes) - sizes
-    corners = np.arange(sizes.sum()) + np.repeat(mesh.face_starts[faces] - starts, sizes)
+    corners, sizes = corners_of_faces(mesh, faces), mesh.face_sizes[faces]
     origins = mesh.positions[mesh.corner_vertices[mesh.face_starts[planes]]]
     off = mesh.positions[mesh.corner_vertices[corners]] - np.repeat(origins, sizes, axis=0)
     heights = np.abs(dot_products(off, np.repeat(normals[planes], sizes, axis=0)))
-    return np.maximum.reduceat(heights, starts) <= near
+    return np.maximum.reduceat(heights, np.cumsum(sizes) - sizes) <= near
 
 
 def _connected(count: int, pairs: IndexArray) -> IndexArray:

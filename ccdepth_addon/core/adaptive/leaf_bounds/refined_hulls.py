@@ -12,6 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ...arrays.ranks import ranks_among_equal
 from ...arrays.types import FloatArray, IndexArray
 from ...arrays.vectors import component_major
 from ..quadtree import NONE
@@ -128,7 +129,8 @@ def _hull(descent: Descent, chosen: IndexArray, half_sides: HalfSides, corners: 
 def _padded(pieces: _Pieces, corners: FloatArray) -> Hull:
     """With as many rows for each leaf as for the one with most pieces; corners fill what is left."""
     size, count = corners.shape[:2]
-    place, most = _places(pieces.leaves, count)
+    place = ranks_among_equal(pieces.leaves)
+    most = int(place.max(initial=-1)) + 1
     points = np.empty((most, 16, count, 3))
     points[:] = corners[0]
     points[place, :, pieces.leaves] = pieces.points.swapaxes(0, 1)
@@ -138,7 +140,8 @@ def _padded(pieces: _Pieces, corners: FloatArray) -> Hull:
     for half_side in range(2 * size):
         own, along = np.nonzero(np.equal(pieces.half_sides.T, half_side))
         leaves = pieces.leaves[own]
-        place, longest = _places(leaves, count)
+        place = ranks_among_equal(leaves)
+        longest = int(place.max(initial=-1)) + 1
         of_side = np.empty((longest, 8, count, 3))
         of_side[:] = corners[half_side // 2] if half_side % 2 == 0 else corners[(half_side // 2 + 1) % size]
         of_side[place, :, leaves] = pieces.curves[along, :, own]
@@ -147,12 +150,3 @@ def _padded(pieces: _Pieces, corners: FloatArray) -> Hull:
         first += 8 * longest
     parts = [*np.arange(16 * most).reshape(-1, 16)]
     return Hull(component_major(np.concatenate(rows)), parts, sides, np.zeros((0, count, 3)))
-
-
-def _places(indices: IndexArray, count: int) -> tuple[IndexArray, int]:
-    """For each entry how many equal ones come before it; and the number of the most frequent."""
-    order = np.argsort(indices, kind="stable")
-    numbers = np.bincount(indices, minlength=count)
-    places = np.empty(len(indices), dtype=np.intp)
-    places[order] = np.arange(len(indices)) - np.repeat(np.cumsum(numbers) - numbers, numbers)
-    return places, int(numbers.max(initial=0))
