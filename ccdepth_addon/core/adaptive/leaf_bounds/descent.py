@@ -17,7 +17,6 @@ from ...arrays.types import FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors, transformed_nets
 from ...bounds.norm_bounds import Vertices, second_order_extraordinary, support_bounds
 from ...mesh.polygon_mesh import PolygonMesh
-from ...mesh.submesh import corners_of_faces
 from ...surface.bicubic import SPLINE_TO_BERNSTEIN, bilinear_coefficients, patch_coefficients, tensor
 from ...surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets, ring_index
 from ...surface.refinement import Refinement
@@ -103,9 +102,6 @@ class Pieces:
 class _Parents(Protocol):
     """Squares whose surface is known well enough to find their children."""
 
-    def along_with(self, chosen: IndexArray) -> IndexArray:
-        """Some of them and those whose children cost nothing more, by ascending index."""
-
     def children(self, chosen: IndexArray) -> _Found:
         """Those of some, by ascending index; four of each in the order of its corners."""
 
@@ -164,14 +160,6 @@ class _Meshed:
 
     refinement: Refinement
 
-    def along_with(self, chosen: IndexArray) -> IndexArray:
-        """As in ``_Parents``: the faces around are refined as well, and at a pole these are all of them."""
-        mesh, count = self.refinement.mesh, len(self.refinement.bases)
-        at_vertices = np.zeros(mesh.vertex_count, dtype=bool)
-        at_vertices[mesh.corner_vertices[corners_of_faces(mesh, chosen)]] = True
-        own = at_vertices[self.refinement.corner_vertices()].reshape(-1, 4)
-        return np.arange(count) if 2 * np.count_nonzero(own.any(axis=1)) > count else chosen
-
     def children(self, chosen: IndexArray) -> _Found:
         """As in ``_Parents``."""
         wanted = np.zeros(len(self.refinement.bases), dtype=bool)
@@ -185,10 +173,6 @@ class _Nets:
 
     nets: FloatArray
     slots: IndexArray
-
-    def along_with(self, chosen: IndexArray) -> IndexArray:
-        """As in ``_Parents``."""
-        return chosen
 
     def children(self, chosen: IndexArray) -> _Found:
         """As in ``_Parents``."""
@@ -282,12 +266,10 @@ class Descent:
             self._levels.append(_Level.empty())
         for number in np.unique(own.numbers[new]).tolist():
             parents, following = own.parents[number], self._levels[level + 1]
-            members = np.flatnonzero(own.numbers == number)
-            places = parents.along_with(np.sort(own.places[new[own.numbers[new] == number]]))
-            # What has children already gets others, of the same parents, which are the same.
-            chosen = members[places]
+            chosen = new[own.numbers[new] == number]
+            chosen = chosen[np.argsort(own.places[chosen])]
             own.first_children[chosen] = len(following.numbers) + 4 * np.arange(len(chosen))
-            following.append(parents.children(places), own.pieces.squares.at(chosen).children())
+            following.append(parents.children(own.places[chosen]), own.pieces.squares.at(chosen).children())
         return (own.first_children[indices, None] + np.arange(4)).ravel()
 
 
