@@ -57,9 +57,8 @@ def _processed(
     command: Sequence[str], source: Path, report: Path
 ) -> tuple[subprocess.CompletedProcess[str], FileEntry]:
     """The process for a file when it has ended, and its entry in the report."""
-    # With its full path no name looks like an option.
     ended = subprocess.run(
-        [*command, str(report), str(source.absolute())],
+        [*command, str(report), "--", str(source)],
         stdin=subprocess.DEVNULL,
         capture_output=True,
         encoding="utf-8",
@@ -80,7 +79,6 @@ def _as_given(entry: FileEntry, source: Path, options: Namespace) -> FileEntry:
         entry,
         source=entry.source and replace(entry.source, path=source),
         output=replace(entry.output, path=output) if entry.output and output else None,
-        error=entry.error and entry.error.replace(str(source.absolute()), str(source)),
     )
 
 
