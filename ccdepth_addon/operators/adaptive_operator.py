@@ -37,14 +37,25 @@ class AdaptiveOperator(LongOperator):
     transitions: properties.transitions_property()
     max_faces: properties.max_faces_property()
 
+    # How many faces there will be, where they were counted before.
+    _counted: int | None = None
+
     def prepared(self, context: bpy.types.Context) -> Generator[Stage, None, list[AdaptiveTask]]:
         """Leave Edit Mode and read the objects: yields the stage, and returns the tasks. Raises ComputeError."""
         objects = self.objects(context)
         refuse(objects, self.fault)
+        # What is evaluated for reading looks like a change of the objects.
+        counts = {obj.name: face_counts.known_count(obj, self.settings()) for obj in objects}
         sources = [self.source(obj) for obj in objects]
         self._goes_on_editing = context.mode == "EDIT_MESH"
         self._edited = edit_mode.leave(context)
-        return (yield from prepare_adaptive(context, sources, self.settings(), objects))
+        tasks = yield from prepare_adaptive(context, sources, self.settings(), objects)
+        known = [count.faces for task in tasks if (count := counts[task.object_names[0]]) is not None]
+        self._counted = sum(known) if len(known) == len(tasks) else None
+        return tasks
+
+    def fraction_done(self, progress: float) -> float | None:
+        return None if self._counted is None else min(progress / self._counted, 1.0)
 
     def objects(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         """The objects that get results."""
@@ -105,7 +116,9 @@ class MakingOperator(AdaptiveOperator):
         return super().fault(blender_object)
 
     def progress_text(self, progress: float) -> str:
-        return f"Subdividing: {progress:,.0f} faces so far"
+        if self._counted is None:
+            return f"Subdividing: {progress:,.0f} faces so far"
+        return f"Subdividing: {progress:,.0f} of {self._counted:,} faces"
 
     def report_made(self, made: list[Made], objects: list[bpy.types.Object]) -> None:
         """Tell what was made, for these objects."""
