@@ -16,11 +16,14 @@ from bpy.app.handlers import persistent
 from ..exchange.bulk_writing import WriteError, is_writable
 from ..exchange.control_mesh import mesh_face_count
 from ..exchange.result_attributes import COLOR
-from ..registration import add_handlers, do_not_call, remove_handlers
+from ..registration import add_handlers, call_soon, do_not_call, remove_handlers
 from ..state import results, shown_colors, staleness, viewports
 from ..state.settings import heat_map_listeners
 
 PAINTING_MODES = {"SCULPT", "VERTEX_PAINT", "TEXTURE_PAINT"}
+
+# Seconds without a change before viewports are put right after objects have gone.
+PATIENCE = 0.3
 
 # Edges of more faces than this hide the colours, and take long to draw.
 LARGEST_FACE_COUNT_WITH_EDGES = 200_000
@@ -30,6 +33,9 @@ _handle: Any = None
 
 # The session identifiers of the objects last seen in one of them.
 _painted: set[int] = set()
+
+# How many objects the scene that was last evaluated had.
+_object_count = 0
 
 
 def synchronise(context: bpy.types.Context) -> None:
@@ -115,6 +121,16 @@ def _notice_painting(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) ->
         synchronise(bpy.context)
 
 
+@persistent
+def _notice_removal(scene: bpy.types.Scene, _depsgraph: bpy.types.Depsgraph) -> None:
+    """Put viewports back soon when the objects with a heat map are gone; not at once, as an operator may be at work
+    with objects of its own."""
+    global _object_count
+    before, _object_count = _object_count, len(scene.objects)
+    if _object_count < before and any(space.shading.ccdepth.is_switched for space in viewports.spaces()):
+        call_soon(_synchronise, PATIENCE)
+
+
 def _notice_mode(blender_object: bpy.types.Object) -> bool:
     """Whether painting the object has begun or ended, or it is painted while our colours are active."""
     uid, painted = blender_object.session_uid, blender_object.mode in PAINTING_MODES
@@ -133,6 +149,7 @@ def _forget_painting(*_: Any) -> None:
 
 HANDLERS = (
     ("depsgraph_update_post", _notice_painting),
+    ("depsgraph_update_post", _notice_removal),
     ("undo_post", _synchronise_soon),
     ("redo_post", _synchronise_soon),
     ("load_pre", _forget_painting),

@@ -88,6 +88,20 @@ def test_hidden_results_do_not_keep_the_viewports() -> None:
     assert color_types() == before
 
 
+def test_removed_results_do_not_keep_the_viewports() -> None:
+    """A timer puts them back, which Blender does not call in the background."""
+    before, synchronise = appearances(), addon.module("ui.heat_map")._synchronise
+    first, second = scene.add_object(meshes.cube()), scene.add_object(meshes.cube())
+    addon.compute(first, second)
+    for gone in (first, second):
+        assert set(color_types()) == {"VERTEX"}
+        bpy.data.batch_remove([gone, gone.data])
+        bpy.context.view_layer.update()
+        assert bpy.app.timers.is_registered(synchronise)
+        synchronise()
+    assert appearances() == before
+
+
 def test_viewports_are_restored_when_the_addon_goes() -> None:
     before = color_types()
     addon.compute(scene.add_suzanne())
