@@ -102,16 +102,22 @@ def _split(whole: Measured, written: Sequence[WrittenObject]) -> list[Measured]:
 
 
 def _matched(found: list[Measured], written: Sequence[WrittenObject]) -> list[Measured]:
-    """The objects of a file by their names."""
-    by_name = {_plain(each.object_name): each for each in found}
-    if len(by_name) != len(found) or by_name.keys() != {_plain(each.name) for each in written}:
-        raise CommandError("its objects are not those that were written, or cannot be told by their names")
-    return [by_name[_plain(each.name)] for each in written]
+    """The objects of a file by their names, as far as the format keeps them."""
+    for kept in (str, _letters_and_digits, _ascii):
+        by_name = {kept(each.object_name): each for each in found}
+        if len(by_name) == len(found) and by_name.keys() == {kept(each.name) for each in written}:
+            return [by_name[kept(each.name)] for each in written]
+    raise CommandError("its objects are not those that were written, or cannot be told by their names")
 
 
-def _plain(name: str) -> str:
-    """What all formats keep of a name."""
+def _letters_and_digits(name: str) -> str:
+    """What .obj and .usd files keep of a name."""
     return re.sub(r"[\W_]+", "_", name).strip("_")
+
+
+def _ascii(name: str) -> str:
+    """What .usd files of Blender 4.2 keep of a name."""
+    return re.sub(r"[\W_]+", "_", name, flags=re.ASCII).strip("_")
 
 
 def measured_distances(target: MeasureTask, part: Measured, settings: MeasureSettings) -> MeshDeviation:
