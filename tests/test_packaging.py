@@ -96,6 +96,7 @@ def test_the_core_needs_no_blender() -> None:
 
 @pytest.mark.skipif(not EXTENSION, reason="needs CCDEPTH_EXTENSION: the built zip")
 def test_the_built_extension_holds_the_add_on_and_nothing_else() -> None:
-    modules = {path.relative_to(CHECKOUT).as_posix() for path in (CHECKOUT / "ccdepth_addon").rglob("*.py")}
+    folder = CHECKOUT / "ccdepth_addon"
+    files = {path.relative_to(CHECKOUT).as_posix() for path in (*folder.rglob("*.py"), *(folder / "manual").iterdir())}
     with ZipFile(EXTENSION) as packed:
-        assert {name for name in packed.namelist() if not name.endswith("/")} == modules | PACKED - {"ccdepth_addon"}
+        assert {name for name in packed.namelist() if not name.endswith("/")} == files | PACKED - {"ccdepth_addon"}
