@@ -25,7 +25,7 @@ def main(finest: float, output: str) -> None:
             result.name = f"{source.name}_LOD{level}"
             made.append(result)
             print(f"{result.name}: {len(result.data.polygons)} faces")
-    for obj in bpy.context.view_layer.objects:
+    for obj in list(bpy.context.view_layer.objects):
         obj.select_set(obj in made)
     # Heat maps are for modellers.
     bpy.ops.ccdepth.clear()

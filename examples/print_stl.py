@@ -13,7 +13,7 @@ import bpy
 
 def main(millimetres: float, output: str) -> None:
     unit = 1000 * bpy.context.scene.unit_settings.scale_length
-    for obj in bpy.context.view_layer.objects:
+    for obj in list(bpy.context.view_layer.objects):
         obj.select_set(obj.type == "MESH" and obj.visible_get())
     bpy.ops.ccdepth.subdivide(tolerance=millimetres / unit, tolerance_mode="ABSOLUTE", reduce=True)
     # The results are selected, and the originals are hidden.

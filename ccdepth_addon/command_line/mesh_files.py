@@ -186,7 +186,8 @@ def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[
     with _names_free(names), _temporary_objects(), _in_metres():
         depsgraph = bpy.context.evaluated_depsgraph_get()
         shown = [(_shown_copy(each, depsgraph), _world(each, depsgraph)) for each in objects]
-        for each in bpy.context.view_layer.objects:
+        # Selecting may bring the list up to date, which crashes Blender while it is read.
+        for each in list(bpy.context.view_layer.objects):
             each.select_set(False)
         for name, (mesh, matrix) in zip(names, shown, strict=True):
             # Some formats take the name of the one, some that of the other.

@@ -320,7 +320,8 @@ def use_collections(rng: Random) -> None:
 def choose_objects(rng: Random) -> None:
     """What is selected, and what is active."""
     share = one(rng, (0.1, 0.5, 1.0, 1.0, 1.0, 1.0))
-    for each in bpy.context.view_layer.objects:
+    # Selecting may bring the list up to date, which crashes Blender while it is read.
+    for each in list(bpy.context.view_layer.objects):
         with suppress(*REFUSALS):
             each.select_set(bool(rng.random() < share))
     bpy.context.view_layer.objects.active = one(rng, [*bpy.context.view_layer.objects, *mesh_objects()[:4]])
