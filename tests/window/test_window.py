@@ -105,6 +105,10 @@ class Window:
         unfinished.write_text(str(tolerance))
         unfinished.replace(self.report_path.with_suffix(".change"))
 
+    def select_light(self) -> None:
+        """Have a light selected as well, and made active."""
+        self.report_path.with_suffix(".light").touch()
+
     def look(self, path: Path) -> Image:
         """(height, width, 3): a screenshot, which is also written to a PNG file."""
         self._run("import", "-window", "root", str(path))
@@ -235,6 +239,25 @@ def test_a_click_on_compute_depth_shows_the_heat_map(window: Window, tmp_path: P
     cleared = window.wait_for(lambda report: not report["has_result"], SECONDS_TO_ANSWER, "the result gone")
     shading = ("color_type", "light", "edges")
     assert [cleared[name] for name in shading] == [started[name] for name in shading]
+
+
+def test_legend_and_results_are_of_what_is_selected_whatever_is_active(window: Window, tmp_path: Path) -> None:
+    started = window.wait_for(lambda report: report["category"] == "CC Depth", SECONDS_TO_START, "the CC Depth tab")
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.compute")
+    window.click()
+    report = window.wait_for(lambda report: report["has_result"], SECONDS_TO_ANSWER, "a result")
+    window.select_light()
+    window.wait_for(lambda report: report["active"] == "Light", SECONDS_TO_ANSWER, "the light being active")
+    window.move_mouse(started["viewport"][0] + 300, started["viewport"][3] - 100)
+    time.sleep(2.0)
+    left, top, _, bottom = report["viewport"]
+    seen = window.look(tmp_path / "light.png")[top:bottom, left : report["sidebar"][0]]
+    depths = np.unique(report["depths"])
+    for depth, color in zip(depths, depth_colors(depths), strict=True):
+        assert count_color(seen[:, -LEGEND_WIDTH:], color) > 200, f"no swatch of depth {depth} in the legend"
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.clear", across=0.75)
+    window.click()
+    window.wait_for(lambda report: not report["has_result"], SECONDS_TO_ANSWER, "the result gone")
 
 
 def test_a_click_on_measure_deviation_shows_a_heat_map_and_its_scale(window: Window, tmp_path: Path) -> None:
