@@ -17,7 +17,7 @@ from scipy.spatial import cKDTree
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import Deviation, measure_deviation
 from ccdepth_addon.core.deviation.surface_to_mesh import nearest_triangles
-from ccdepth_addon.core.deviation.triangles import Triangles
+from ccdepth_addon.core.deviation.triangles import NEEDLE, Triangles, needle_thickness, to_triangles
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.catmull_clark import subdivide
@@ -383,6 +383,24 @@ def test_nearest_points_of_needles(thickness: float) -> None:
         expected = point_to_triangles(point[None], triangle[None])[0]
         assert found <= expected
         assert found == pytest.approx(expected, abs=20 * thickness + 1e-9)
+
+
+def test_needles_at_the_threshold() -> None:
+    """However rounding decides, a triangle is not taken for its sides unless its thickness says so."""
+    generator = np.random.default_rng(7)
+    count = 300_000  # One in twenty thousand is so near that it matters how it is rounded.
+    turns = np.linalg.qr(generator.normal(size=(count, 3, 3)))[0]
+    flat = np.zeros((count, 3, 3))
+    flat[:, 1, 0] = 1.0
+    flat[:, 2, 0], flat[:, 2, 1] = generator.uniform(0.2, 0.8, count), NEEDLE
+    corners = np.einsum("nij,nkj->nki", turns, flat)
+    height = NEEDLE / 10
+    above = corners.mean(axis=1) + height * turns[:, :, 2]
+    thickness = needle_thickness(corners.swapaxes(0, 1))
+    assert 0 < np.count_nonzero(thickness) < count
+    found, _ = to_triangles(above.T, corners.transpose(1, 2, 0))
+    # Coordinates of about 1 are rounded by up to 2e-16, ten such roundings and more by 1e-14.
+    assert np.all(found <= height + thickness + 1e-14)
 
 
 def test_bad_input() -> None:

@@ -104,7 +104,8 @@ def to_triangles(places: FloatArray, corners: FloatArray) -> tuple[FloatArray, F
         w = products(crosses(ab, ap), scaled)
         inside = (v >= 0) & (w >= 0) & (v + w <= 1)
         longest = np.maximum(products(ab, ab), products(ac, ac))
-        inside &= squared > NEEDLE**2 * longest * longest
+        # Half of NEEDLE: each triangle taken for its sides is a needle to ``needle_thickness``, however both round.
+        inside &= squared > (NEEDLE / 2) ** 2 * longest * longest
     nearest = first + np.where(inside, v, 0.0) * ab + np.where(inside, w, 0.0) * ac
     outside = np.flatnonzero(~inside)
     if len(outside):
