@@ -19,7 +19,10 @@ def note(faces_at_fault: Mapping[str, int]) -> None:
     """Note how many faces the run that has just ended could not use, by the names of objects; none if it went well."""
     _refused.clear()
     for name, faces in faces_at_fault.items():
-        _refused[bpy.data.objects[name].data.session_uid] = faces
+        holder = bpy.data.objects.get(name)
+        # It may have been deleted while the run went on.
+        if holder is not None:
+            _refused[holder.data.session_uid] = faces
 
 
 def faces_at_fault(mesh: bpy.types.Mesh) -> int:
