@@ -12,14 +12,10 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.command_line_runs import run
 
-command_line = addon.module("command_line.command")
 
 SUZANNE_FACES = 500
-
-
-def run(*arguments: object) -> int:
-    return command_line.run([str(argument) for argument in arguments], program="ccdepth")
 
 
 def depths_in(path: Path) -> dict[str, list[int]]:

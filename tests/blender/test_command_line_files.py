@@ -11,31 +11,13 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.command_line_runs import run, save, save_cubes
 
-command_line = addon.module("command_line.command")
 amounts = addon.module("command_line.amounts")
 mesh_files = addon.module("command_line.mesh_files")
 blender_calls = addon.module("command_line.blender_calls")
 
 LIMIT = ["--tolerance", "0.05", "--absolute", "--method", "certified"]
-
-
-def run(*arguments: object) -> int:
-    return command_line.run([str(argument) for argument in arguments], program="ccdepth")
-
-
-def save(path: Path) -> Path:
-    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
-    return path
-
-
-def save_cubes(path: Path, *names: str) -> Path:
-    """Cubes of 2 m, ten metres from one to the next."""
-    scene.clear()
-    for index, name in enumerate(names):
-        cube = scene.add_object(meshes.cube(), name)
-        cube.location.x = 10.0 * index
-    return save(path)
 
 
 def read(path: Path) -> None:
