@@ -13,13 +13,19 @@ from dataclasses import asdict, dataclass
 from hashlib import file_digest
 from math import inf, nextafter
 from pathlib import Path
-from typing import Any
+from types import UnionType
+from typing import Any, TypeVar, get_args, get_origin, get_type_hints
 
 import bpy
 
 from .. import version
+from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
 
 FORMAT, FORMAT_VERSION = "ccdepth-report", 1
+
+
+# The kinds of entries that are read with their types checked.
+Entry = TypeVar("Entry")
 
 
 class ReportError(ValueError):
@@ -161,31 +167,59 @@ def read_report(path: Path) -> Report:
             raise ReportError(f"{path}: it is no report of CC Depth")
         if content["version"] != FORMAT_VERSION:
             raise ReportError(f"{path}: a report of version {content['version']} cannot be read, only {FORMAT_VERSION}")
-        return Report(content["action"], tuple(_file_entry(each, path.parent) for each in content["files"]))
-    except (KeyError, TypeError, ValueError) as fault:
+        report = Report(content["action"], tuple(_file_entry(each, path.parent) for each in content["files"]))
+        verdicts = [content["met"], *(each["met"] for each in content["files"])]
+    except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as fault:
         if isinstance(fault, ReportError):
             raise
         raise ReportError(f"{path}: it is no report of CC Depth: {fault}") from fault
+    if report.action not in (DEPTHS, LEVELS, SUBDIVIDE, MEASURE):
+        raise ReportError(f"{path}: it is no report of CC Depth: there is no action {report.action!r}")
+    if not report.files:
+        raise ReportError(f"{path}: it tells of no files")
+    if verdicts != [report.is_good, *(each.is_good for each in report.files)]:
+        raise ReportError(f"{path}: what it says of its files and of their objects does not agree")
+    return report
 
 
 def _file_entry(content: dict[str, Any], folder: Path) -> FileEntry:
-    return FileEntry(
-        source=_stamp_of(content["input"], folder),
-        objects=tuple(_object_entry(each) for each in content["objects"]),
-        output=_stamp_of(content["output"], folder),
-        error=content["error"],
-    )
+    values = {
+        "source": _stamp_of(content["input"], folder),
+        "objects": tuple(_object_entry(each) for each in content["objects"]),
+        "output": _stamp_of(content["output"], folder),
+        "error": content["error"],
+    }
+    return _typed(FileEntry, values)
 
 
 def _stamp_of(content: dict[str, Any] | None, folder: Path) -> FileStamp | None:
-    if content is None:
-        return None
-    return FileStamp(folder / content["path"], content["sha256"], content["metres_per_unit"])
+    return None if content is None else _typed(FileStamp, {**content, "path": folder / content["path"]})
 
 
 def _object_entry(content: dict[str, Any]) -> ObjectEntry:
     measured = content["measured"]
-    return ObjectEntry(**{**content, "measured": None if measured is None else Distances(**measured)})
+    entry = _typed(ObjectEntry, {**content, "measured": None if measured is None else _typed(Distances, measured)})
+    if (entry.met is None) != (entry.measured is None):
+        raise ValueError("met and measured do not agree")
+    return entry
+
+
+def _typed(kind: type[Entry], values: dict[str, Any]) -> Entry:
+    """An entry with these values. Raises ValueError or TypeError for values that are not of the types of its fields."""
+    hints = get_type_hints(kind)
+    for name, value in values.items():
+        if not _is_of(value, hints[name]):
+            raise ValueError(f"{name} cannot be {value!r}")
+    return kind(**values)
+
+
+def _is_of(value: Any, hint: Any) -> bool:
+    """Whether a value is of a type; numbers have to be finite and not negative as well."""
+    if isinstance(hint, UnionType):
+        return any(_is_of(value, each) for each in get_args(hint))
+    if hint in (int, float):
+        return type(value) in (int, hint) and 0 <= value < inf
+    return isinstance(value, get_origin(hint) or hint)
 
 
 COLUMNS = (

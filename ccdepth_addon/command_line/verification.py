@@ -35,7 +35,7 @@ def verify(path: Path) -> bool:
     for entry in report.files:
         try:
             faults = list(_faults(report.action, entry))
-        except (CommandError, OSError) as fault:
+        except (CommandError, OSError, ValueError) as fault:
             faults = [str(fault)]
         are_good.append(not faults)
         for text in faults or ["all that the report says holds"]:
@@ -44,9 +44,15 @@ def verify(path: Path) -> bool:
 
 
 def _faults(action: str, entry: FileEntry) -> Iterator[str]:
-    """What does not hold of a file. Raises CommandError and OSError when it cannot be checked."""
+    """What does not hold of a file. Raises CommandError, OSError and ValueError when it cannot be checked."""
     if entry.error is not None:
         yield f"it failed: {entry.error}"
+        return
+    if not entry.objects:
+        yield "the report tells of no objects"
+        return
+    if action == SUBDIVIDE and entry.output is None:
+        yield "the adaptive mesh was not written, so that it cannot be checked"
         return
     others = [*_other_file(entry.source), *_other_file(entry.output)]
     yield from others
@@ -72,24 +78,36 @@ def _found_anew(action: str, entry: FileEntry) -> list[ObjectEntry]:
     source = entry.source
     path, unit = (None, None) if source is None else (source.path, source.metres_per_unit)
     load(path, unit)
+    if source is not None:
+        _refuse_other_unit(source)
     by_name = {each.name: each for each in chosen_objects(path, [each.name for each in entry.objects])}
     objects = [by_name[each.name] for each in entry.objects]
     _take_settings(action, entry.objects)
-    is_measured = action in MAKING and entry.output is not None
-    targets = surfaces_of(objects) if is_measured else []
+    output = entry.output if action in MAKING else None
+    targets = [] if output is None else surfaces_of(objects)
     if action == SUBDIVIDE:
         found = [
-            replace(said, faces=len(each.data.polygons)) for said, each in zip(entry.objects, objects, strict=True)
+            replace(said, faces=len(each.data.polygons), measured=None, met=None)
+            for said, each in zip(entry.objects, objects, strict=True)
         ]
     else:
         found = [each.entry for each in ACTIONS[action](objects, settings_of(action))]
-    if entry.output is None or not is_measured:
+    if output is None:
         return found
+    if not output.metres_per_unit:
+        raise CommandError(f"the report does not say how long a unit of {output.path} is")
     settings, scene = measure_settings(None), scene_unit(bpy.context.scene)
     written = [WrittenObject(each.result or each.name, each.triangles or 0) for each in entry.objects]
-    parts = read_written(entry.output.path, (entry.output.metres_per_unit or scene) / scene, written)
+    parts = read_written(output.path, output.metres_per_unit / scene, written)
     answers = [measured_distances(*pair, settings) for pair in zip(targets, parts, strict=True)]
     return [with_answer(*pair, scene) for pair in zip(found, answers, strict=True)]
+
+
+def _refuse_other_unit(source: FileStamp) -> None:
+    """Raise CommandError when the open file's unit is not the one in the report."""
+    unit = scene_unit(bpy.context.scene)
+    if source.metres_per_unit is None or not isclose(source.metres_per_unit, unit, rel_tol=ROUNDING):
+        raise CommandError(f"the report says that a unit of it is {source.metres_per_unit} m, and it is {unit} m")
 
 
 def _take_settings(action: str, entries: Sequence[ObjectEntry]) -> None:
@@ -113,15 +131,16 @@ def _differences(said: ObjectEntry, found: ObjectEntry) -> Iterator[str]:
         one, other = getattr(said, name), getattr(found, name)
         if (one is None) != (other is None) or (one is not None and not isclose(one, other, rel_tol=ROUNDING)):
             yield f"the report says {name} {one} m, and it is {other} m"
-    if said.measured is not None and found.measured is not None:
-        one, other = said.measured, found.measured
-        # Each pair holds the true distance, so both have a part in common.
-        if one.proved < other.reached or other.proved < one.reached:
-            yield (
-                f"the report says a distance from {one.reached} m to {one.proved} m, and it is from {other.reached} m "
-                f"to {other.proved} m"
-            )
+    one, other = said.measured, found.measured
+    # Each pair holds the true distance, so both have a part in common.
+    if one is not None and other is not None and (one.proved < other.reached or other.proved < one.reached):
+        yield (
+            f"the report says a distance from {one.reached} m to {one.proved} m, and it is from {other.reached} m "
+            f"to {other.proved} m"
+        )
     if found.met is False:
         yield "it is not proved to be within the tolerance"
-    elif said.met is not None and said.met != found.met:
+    elif found.met is None and (said.met is not None or said.measured is not None):
+        yield "the report tells of a distance that was measured, and of no file in which it can be measured again"
+    elif said.met is False:
         yield "the report says that it is not within the tolerance, and it is"

@@ -16,10 +16,8 @@ import bpy
 import numpy as np
 import pytest
 
-from tests import meshes
-from tests.blender import addon, scene
-
-command_line = addon.module("command_line.command")
+from tests.blender import addon
+from tests.blender.command_line_runs import run, save_cubes
 
 SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "report.schema.json"
 
@@ -43,10 +41,6 @@ WORDS = {
 }
 
 LINE = ["--absolute", "--tolerance", "50mm", "--method", "certified"]
-
-
-def run(*arguments: object) -> int:
-    return command_line.run([str(argument) for argument in arguments], program="ccdepth")
 
 
 def valid(value: Any, schema: dict[str, Any], definitions: dict[str, Any], place: str = "report") -> list[str]:
@@ -91,16 +85,6 @@ def report_in(path: Path) -> dict[str, Any]:
     return content
 
 
-def save_cubes(path: Path, *names: str) -> Path:
-    scene.clear()
-    for index, name in enumerate(names):
-        cube = scene.add_object(meshes.cube(), name)
-        cube.location.x = 10.0 * index
-        cube.scale = (1.0 + index,) * 3
-    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
-    return path
-
-
 def sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
@@ -122,6 +106,14 @@ def test_the_report_of_depths(tmp_path: Path) -> None:
         assert each["proved"] == pytest.approx(addon.bounds(holder).max())
         assert (each["tolerance"], each["faces"], each["met"]) == (pytest.approx(0.05), 6, None)
         assert each["settings"]["method"] == "CERTIFIED"
+
+
+@pytest.fixture
+def certificate(tmp_path: Path) -> dict[str, Any]:
+    """A report of a cube that was subdivided, beside the files it tells of."""
+    source, report = save_cubes(tmp_path / "cube.blend", "One"), tmp_path / "report.json"
+    assert run(source, "--subdivide", *LINE, "--output", tmp_path / "out.stl", "--json", report) == 0
+    return report_in(report)
 
 
 @pytest.mark.parametrize("suffix", [".blend", ".stl", ".obj"])
@@ -208,6 +200,63 @@ def test_what_is_not_made_adaptively_is_checked_again_as_well(
     capfd.readouterr()
     assert run("--verify", report) == 1
     assert "Two: the report says faces 5, and it is 6" in capfd.readouterr().out
+
+
+def at(content: Any, *place: str | int) -> Any:
+    for each in place:
+        content = content[each]
+    return content
+
+
+@pytest.mark.parametrize(
+    ("place", "value", "message"),
+    [
+        (("files",), [], "it tells of no files"),
+        (("files", 0, "objects"), [], "tells of no objects"),
+        (("files", 0, "output"), None, "was not written"),
+        (("met",), False, "does not agree"),
+        (("files", 0, "met"), False, "does not agree"),
+        (("files", 0, "objects", 0, "measured"), None, "do not agree"),
+        (("files", 0, "objects", 0, "met"), None, "do not agree"),
+        (("files", 0, "input", "metres_per_unit"), 0.001, "the report says that a unit of it is 0.001 m"),
+        (("files", 0, "output", "metres_per_unit"), 0, "how long a unit of"),
+        (("files", 0, "output", "metres_per_unit"), 1.0, "not proved to be within the tolerance"),
+        (("files", 0, "objects", 0, "triangles"), 12, "triangles"),
+        # No numbers, no texts and no names of a report.
+        (("action",), "guess", "there is no action 'guess'"),
+        (("action",), [], "there is no action []"),
+        (("files", 0, "objects", 0, "measured", "proved"), float("nan"), "proved cannot be nan"),
+        (("files", 0, "objects", 0, "measured", "reached"), -1.0, "reached cannot be -1.0"),
+        (("files", 0, "objects", 0, "tolerance"), "0.05", "tolerance cannot be '0.05'"),
+        (("files", 0, "objects", 0, "faces"), True, "faces cannot be True"),
+        (("files", 0, "objects", 0, "name"), ["One"], "name cannot be ['One']"),
+        (("files", 0, "objects", 0, "settings"), None, "settings cannot be None"),
+        (("files", 0, "output", "metres_per_unit"), "1", "metres_per_unit cannot be '1'"),
+    ],
+)
+def test_what_cannot_be_checked_does_not_pass(
+    certificate: dict[str, Any],
+    tmp_path: Path,
+    place: tuple[str | int, ...],
+    value: Any,
+    message: str,
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    at(certificate, *place[:-1])[place[-1]] = value
+    (tmp_path / "claimed.json").write_text(json.dumps(certificate), encoding="utf-8")
+    assert run("--verify", tmp_path / "claimed.json") == 1
+    printed = capfd.readouterr()
+    assert message in printed.out + printed.err
+
+
+def test_distances_of_no_file_do_not_pass(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    source, report = save_cubes(tmp_path / "cube.blend", "One"), tmp_path / "report.json"
+    assert run(source, *LINE, "--json", report) == 0
+    claimed = json.loads(report.read_text(encoding="utf-8"))
+    claimed["files"][0]["objects"][0].update(measured={"proved": 1e-3, "reached": 1e-4}, met=True)
+    report.write_text(json.dumps(claimed), encoding="utf-8")
+    assert run("--verify", report) == 1
+    assert "no file in which it can be measured again" in capfd.readouterr().out
 
 
 def test_failures_are_in_the_reports(tmp_path: Path) -> None:
