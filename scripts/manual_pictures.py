@@ -12,10 +12,10 @@ import os
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
+
+from virtual_display import virtual_display
 
 CHECKOUT = Path(__file__).resolve().parent.parent
 PICTURES = CHECKOUT / "ccdepth_addon" / "manual"
@@ -25,21 +25,6 @@ WIDTH, HEIGHT = 1440, 900
 # The 3D View with its sidebar, at Blender's default layout.
 VIEWPORT = "950x725+200+85"
 SECONDS = 300.0
-
-
-@contextmanager
-def display() -> Iterator[str]:
-    """A display without a screen; the server itself finds a free number."""
-    reading, writing = os.pipe()
-    command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", f"{WIDTH}x{HEIGHT}x24", "-nolisten", "tcp"]
-    server = subprocess.Popen(command, pass_fds=[writing], stderr=subprocess.DEVNULL)
-    os.close(writing)
-    try:
-        with os.fdopen(reading) as number:
-            yield f":{number.readline().strip()}"
-    finally:
-        server.terminate()
-        server.wait(timeout=20)
 
 
 def take_pictures(folder: Path, screen: str) -> None:
@@ -61,7 +46,7 @@ def take_pictures(folder: Path, screen: str) -> None:
 def main() -> int:
     blender, extension = sys.argv[1:]
     PICTURES.mkdir(exist_ok=True)
-    with TemporaryDirectory() as name, display() as screen:
+    with TemporaryDirectory() as name, virtual_display(WIDTH, HEIGHT) as screen:
         folder = Path(name)
         environment = {
             **os.environ,

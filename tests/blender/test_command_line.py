@@ -14,7 +14,6 @@ from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.command_line_runs import run
 
-
 SUZANNE_FACES = 500
 
 

@@ -13,7 +13,6 @@ import shutil
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +22,7 @@ import pytest
 from numpy.typing import NDArray
 
 from ccdepth_addon.state.colors import VIRIDIS_COLORS, depth_colors, scale_colors
+from scripts.virtual_display import virtual_display
 
 BLENDER = os.environ.get("CCDEPTH_BLENDER", "")
 EXTENSION = os.environ.get("CCDEPTH_EXTENSION", "")
@@ -120,21 +120,6 @@ class Window:
         return subprocess.run(command, check=True, env=environment, stdout=subprocess.PIPE, timeout=60).stdout
 
 
-@contextmanager
-def virtual_display() -> Iterator[str]:
-    """A display without a screen; the server itself finds a free number."""
-    reading, writing = os.pipe()
-    command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", f"{WIDTH}x{HEIGHT}x24", "-nolisten", "tcp"]
-    server = subprocess.Popen(command, pass_fds=[writing], stderr=subprocess.DEVNULL)
-    os.close(writing)
-    try:
-        with os.fdopen(reading) as number:
-            yield f":{number.readline().strip()}"
-    finally:
-        server.terminate()
-        server.wait(timeout=20)
-
-
 @pytest.fixture
 def window(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Window]:
     """The window; a parameter is the relative tolerance to begin with, and a Face Limit if there is a second number."""
@@ -151,7 +136,7 @@ def window(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Window]:
     }
     install = [BLENDER, "--command", "extension", "install-file", "-e", "-r", "user_default", EXTENSION]
     subprocess.run(install, check=True, env=environment, timeout=120)
-    with virtual_display() as display, (tmp_path / "blender.log").open("wb") as log:
+    with virtual_display(WIDTH, HEIGHT) as display, (tmp_path / "blender.log").open("wb") as log:
         command = [BLENDER, "-p", "0", "0", str(WIDTH), str(HEIGHT), "--python", str(INSIDE_BLENDER)]
         process = subprocess.Popen(command, env={**environment, "DISPLAY": display}, stdout=log, stderr=log)
         try:
