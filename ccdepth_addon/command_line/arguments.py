@@ -158,7 +158,7 @@ def _add_outputs(parser: Parser) -> None:
         help=f"write the results: {BLEND}, or the meshes made: {names_of(OUTPUTS[1:])}",
     )
     add = _adder(parser, group)
-    add("--output-folder", type=Path, metavar="FOLDER", help="write the results of each file there, under its name")
+    add("--output-folder", type=Path, metavar="FOLDER", help="where to write the result of each file, under its name")
     add("--format", type=_suffix, choices=OUTPUTS, metavar="EXT", help="the format of files in the folder (blend)")
     group.add_argument(
         "--picture",

@@ -66,6 +66,8 @@ def _execute(parser: Parser, options: Namespace, process: Sequence[str] | None, 
     for path in (options.json, options.csv):
         if path not in (None, STANDARD_OUTPUT):
             refuse_unwritable(Path(path), options.overwrite)
+    if options.output_folder is not None:
+        _make_folder(options.output_folder)
     if options.jobs > 1 and len(options.files) > 1:
         ended = process_files(process or own_process(COMMAND), options, parser)
     else:
@@ -78,6 +80,14 @@ def _execute(parser: Parser, options: Namespace, process: Sequence[str] | None, 
     report = Report(action_of(options), tuple(entries[number] for number in sorted(entries)))
     _write_reports(report, options, standard_output)
     return report.is_good
+
+
+def _make_folder(path: Path) -> None:
+    """Make the folder if it is not there. Raises CommandError."""
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as fault:
+        raise CommandError(f"{path}: the folder cannot be made: {fault.strerror}") from fault
 
 
 def _one_after_the_other(options: Namespace) -> Iterator[tuple[int, FileEntry]]:

@@ -218,11 +218,13 @@ def test_several_files(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> Non
     save_cubes(tmp_path / "one.blend", "Cube")
     save_cubes(tmp_path / "-two.blend", "Cube")
     (tmp_path / "bad.ply").write_text("this is no mesh\n")
-    (tmp_path / "out").mkdir()
-    line = [tmp_path / "one.blend", "--subdivide", *LIMIT, tmp_path / "bad.ply", "--output-folder", tmp_path / "out"]
+    out = tmp_path / "new" / "out"
+    line = [tmp_path / "one.blend", "--subdivide", *LIMIT, tmp_path / "bad.ply", "--output-folder", out]
     assert run(*line, "--format", "stl", "--", tmp_path / "nowhere.obj", tmp_path / "-two.blend") == 1
     printed = capfd.readouterr()
-    assert sorted(each.name for each in (tmp_path / "out").iterdir()) == ["-two.stl", "one.stl"]
+    assert sorted(each.name for each in out.iterdir()) == ["-two.stl", "one.stl"]
+    assert run(*line[:-1], tmp_path / "bad.ply") == 1
+    assert "bad.ply: the folder cannot be made" in capfd.readouterr().err
     lines = [line for line in printed.err.splitlines() if line.startswith("ccdepth: ")]
     assert [line.split(": ")[1] for line in lines] == [
         "1 of 4 files done, 3 left",
