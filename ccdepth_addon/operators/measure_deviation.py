@@ -13,7 +13,7 @@ import bpy
 from ..core import InvalidMeshError
 from ..exchange.bulk_writing import WriteError
 from ..exchange.control_mesh import mesh_face_count
-from ..state import deviation_results, measured_state, properties, staleness
+from ..state import deviation_results, measured_state, properties, result_record, staleness
 from ..state.deviation_results import Verdict
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, measure, prepare_measurement
 from ..tasks.surfaces import ComputeError, as_typed
@@ -28,7 +28,8 @@ CHANGED = "The objects were changed in the meantime: nothing was written"
 
 class CCDEPTH_OT_measure(LongOperator):
     """Measure how far what the object shows is from the limit surface of its control mesh, with a proof.
-    Of several selected objects, the others are measured against the limit surface of the active one"""
+    A result of Apply Adaptive Subdivision is measured against the object it was made from; of several selected objects,
+    the others against the active one"""
 
     bl_idname = "ccdepth.measure"
     bl_label = "Measure Deviation"
@@ -101,7 +102,7 @@ def _target_and_measured(context: bpy.types.Context) -> tuple[bpy.types.Object, 
     """The object whose limit surface counts, and the objects to measure. Raises ComputeError."""
     objects = selected_meshes(context)
     if len(objects) == 1:
-        return objects[0], objects
+        return _surface_object(objects[0]), objects
     target = context.active_object
     if target not in objects:
         raise ComputeError(
@@ -109,6 +110,18 @@ def _target_and_measured(context: bpy.types.Context) -> tuple[bpy.types.Object, 
             "surface the others are to be measured"
         )
     return target, [each for each in objects if each != target]
+
+
+def _surface_object(measured: bpy.types.Object) -> bpy.types.Object:
+    """The object to whose limit surface one that is selected alone is measured: of a result of Apply Adaptive
+    Subdivision the one it was made from. Raises ComputeError when that has been removed."""
+    if not result_record.is_result(measured):
+        return measured
+    source = result_record.source_of(measured)
+    if source is None or source.type != "MESH":
+        name = measured.ccdepth.source_name
+        raise ComputeError(f"{measured.name}: “{name}”, the object it was made from, has been removed")
+    return source
 
 
 def _still_there(answer: MeshDeviation) -> bpy.types.Object:

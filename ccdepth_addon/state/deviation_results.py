@@ -76,12 +76,15 @@ def distance_top(settings: bpy.types.PropertyGroup, tolerance: float, largest: f
 
 
 def shown_object(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The object whose deviation is shown: the active one if it was measured last, or else the worst of the selected
-    ones."""
+    """The object whose deviation is shown: the worst of the selected ones that were measured against the active one; or
+    the active one; or the worst of the selected ones."""
     active = context.active_object
-    if active is not None and active.type == "MESH" and results.shows_deviation(active.data):
-        return active
     measured = [each for each in context.selected_objects if each.type == "MESH" and results.shows_deviation(each.data)]
+    if active is not None and active.type == "MESH":
+        others = [each for each in measured if each != active and each.data.ccdepth.measurement.against == active.name]
+        if not others and results.shows_deviation(active.data):
+            return active
+        measured = others or measured
     return max(measured, key=lambda each: each.data.ccdepth.deviation, default=None)
 
 

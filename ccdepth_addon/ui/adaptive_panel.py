@@ -13,7 +13,7 @@ from ..state.face_counts import known_count
 from ..state.properties import tolerance_name
 from ..tasks.adaptive_task import adaptive_settings
 from .lengths import length_text
-from .panels import draw_main_button, draw_state_line, sidebar_count, stale_line
+from .panels import draw_main_button, draw_state_line, result_line, sidebar_count
 from .sidebar import SidebarPanel, settings_column
 from .value_rows import draw_rows
 
@@ -71,7 +71,7 @@ def _draw_result(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, 
     if source is None:
         draw_state_line(layout, f"“{result.ccdepth.source_name}” has been removed")
         return
-    draw_state_line(layout, stale_line(settings, result.data, result))
+    draw_state_line(layout, result_line(settings, result))
     row = layout.row()
     row.label(text=source.name, icon="OUTLINER_OB_MESH")
     row.operator("ccdepth.show_source", icon="LOOP_BACK")

@@ -71,6 +71,16 @@ def length_text(
     return f"{number} {unit.name}" if unit.name else number
 
 
+def bound_text(scene: bpy.types.Scene, bound: float, tolerance: float) -> str:
+    """A proved distance, rounded up; but one within the tolerance never as more than the tolerance is written as."""
+    unit = unit_for(scene, tolerance)
+    written = number_text(in_unit(scene, bound, unit), Rounding.UP)
+    allowed = number_text(in_unit(scene, tolerance, unit))
+    if bound <= tolerance and Decimal(written) > Decimal(allowed):
+        return length_text(scene, tolerance)
+    return length_text(scene, bound, Rounding.UP)
+
+
 def in_unit(scene: bpy.types.Scene, length: float, unit: Unit) -> Decimal:
     """How many of that unit a length of the scene is."""
     return Decimal(length) if unit == PLAIN else _metres(scene, length) / unit.length

@@ -12,7 +12,7 @@ from ..state import refusals, result_record, results, sources, staleness
 from ..state.colors import depth_colors
 from ..state.properties import tolerance_name
 from ..tasks.surfaces import as_typed
-from .lengths import Rounding, length_text
+from .lengths import bound_text, length_text
 from .manual import draw_manual_button
 from .selected_results import faces_by_depth, lengths_text, refused_objects, selected_results
 from .sidebar import SidebarPanel, settings_column
@@ -144,7 +144,7 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: 
         return "Not computed for this object"
     record = mesh.ccdepth
     if record.subdivision:
-        return "" if holder is None else _stale_result_line(settings, holder)
+        return "" if holder is None else _changed_since_made(settings, holder)
     tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
     # As typed decimals: the two differ by a rounding to single precision.
     current = (as_typed(tolerance), settings.tolerance_mode, settings.method, settings.vertices, settings.use_modifiers)
@@ -158,8 +158,16 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: 
     return "" if current == computed else "Out of date: settings changed"
 
 
-def _stale_result_line(settings: bpy.types.PropertyGroup, result: bpy.types.Object) -> str:
-    """The same for what Update Result would change; what cannot be updated holds for the settings it was made with."""
+def result_line(settings: bpy.types.PropertyGroup, result: bpy.types.Object) -> str:
+    """Why Update Result would change a result of Apply Adaptive Subdivision; empty when it would not. Depths that were
+    computed of the result itself, or cleared, do not matter."""
+    if result.data.ccdepth.subdivision and (line := stale_line(settings, result.data, result)):
+        return line
+    return _changed_since_made(settings, result)
+
+
+def _changed_since_made(settings: bpy.types.PropertyGroup, result: bpy.types.Object) -> str:
+    """The same for its source and the settings; what cannot be updated holds for the settings it was made with."""
     if not result_record.is_result(result) or result_record.source_of(result) is None:
         return ""
     if sources.has_changed(result):
@@ -229,10 +237,9 @@ def _numbers_of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.Property
         ("Faces", f"{record.faces:,}"),
         *before,
         ("Base Faces", f"{record.base_faces:,}"),
-        level_faces(record.deepest, record),
-        ("Deepest Depth", str(record.deepest)),
+        ("Deepest Part", str(record.deepest)),
         ("Tolerance", length_text(scene, record.world_tolerance)),
-        ("Largest Distance", length_text(scene, record.largest_bound, Rounding.UP)),
+        ("Largest Distance", bound_text(scene, record.largest_bound, record.world_tolerance)),
     ]
 
 

@@ -242,16 +242,43 @@ def test_an_adaptive_result_is_measured_against_its_source() -> None:
     addon.select(source)
     bpy.ops.ccdepth.subdivide(tolerance=0.02, tolerance_mode="ABSOLUTE")
     result = bpy.data.objects["Cube Adaptive"]
-    addon.select(result)
-    with pytest.raises(RuntimeError, match="Cube Adaptive: it was made by adaptive subdivision"):
-        bpy.ops.ccdepth.measure()
-    source.hide_set(False)
-    addon.measure(result, source, tolerance=0.02, time_limit=5.0)
     record = result.data.ccdepth
+    addon.select(result)
+    bpy.ops.ccdepth.measure(tolerance=0.02, tolerance_mode="ABSOLUTE", time_limit=5.0)
+    alone = (record.deviation, record.deviation_reached)
+    assert record.measurement.against == source.name
     assert record.deviation_reached <= 0.02
     assert record.has_result
     assert record.subdivision == "ADAPTIVE"
     assert record.shows_deviation
+    source.hide_set(False)
+    addon.measure(result, source, tolerance=0.02, time_limit=5.0)
+    assert (record.deviation, record.deviation_reached) == alone
+    # What Clear removes, it is still a result.
+    addon.select(result)
+    bpy.ops.ccdepth.clear()
+    bpy.ops.ccdepth.measure(tolerance=0.02, tolerance_mode="ABSOLUTE", time_limit=5.0)
+    record = result.data.ccdepth
+    assert (record.deviation, record.deviation_reached) == alone
+    bpy.data.objects.remove(source)
+    with pytest.raises(RuntimeError, match="“Cube”, the object it was made from, has been removed"):
+        bpy.ops.ccdepth.measure()
+
+
+def test_what_was_measured_against_the_active_object_is_shown() -> None:
+    """Although the active object was measured before, and is farther off."""
+    source = subdivided_cube(1)
+    addon.measure(source, time_limit=1.0)
+    addon.select(source)
+    bpy.ops.ccdepth.subdivide(tolerance=0.02, tolerance_mode="ABSOLUTE")
+    result = bpy.data.objects["Cube Adaptive"]
+    source.hide_set(False)
+    addon.measure(result, source, tolerance=0.02, time_limit=5.0)
+    assert bpy.context.active_object == source
+    shown = addon.module("state.deviation_results").shown_object
+    assert shown(bpy.context) == result
+    addon.select(source)
+    assert shown(bpy.context) == source
 
 
 def test_the_heat_map_shows_what_was_done_last() -> None:

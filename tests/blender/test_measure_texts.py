@@ -141,3 +141,18 @@ def test_work_in_a_thread_can_be_stopped(stop: str) -> None:
     if stop == "stop_all":
         with pytest.raises(worker.Cancelled):
             list(steps)
+
+
+@pytest.mark.parametrize(
+    ("bound", "tolerance", "text"),
+    [
+        # Rounded up it would seem to exceed the tolerance, which is rounded to the nearest.
+        (377.52e-6, 377.53e-6, "377.5 µm"),
+        (377.31e-6, 377.53e-6, "377.4 µm"),
+        (377.54e-6, 377.53e-6, "377.6 µm"),
+        (1.00004, 1.0, "1.001 m"),
+    ],
+)
+def test_a_bound_within_the_tolerance_is_written_within_it(bound: float, tolerance: float, text: str) -> None:
+    bpy.context.scene.unit_settings.system = "METRIC"
+    assert addon.module("ui.lengths").bound_text(bpy.context.scene, bound, tolerance) == text

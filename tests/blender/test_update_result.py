@@ -506,3 +506,19 @@ def test_undo_takes_an_update_back() -> None:
     assert bpy.data.objects[name].ccdepth.source == bpy.data.objects["Cage"]
     bpy.ops.ed.redo()
     assert faces(bpy.data.objects[name]) > before
+
+
+def test_depths_of_a_result_do_not_tell_whether_it_is_out_of_date() -> None:
+    """Neither those computed of the result itself, nor their removal."""
+    _, result = made_result()
+    set_scene(tolerance=TOLERANCE)
+    panels, settings = addon.module("ui.panels"), bpy.context.scene.ccdepth
+    addon.select(result)
+    assert panels.result_line(settings, result) == ""
+    set_scene(tolerance=2 * TOLERANCE)
+    assert panels.result_line(settings, result) == "Out of date: settings changed"
+    bpy.ops.ccdepth.compute()
+    assert panels.result_line(settings, result) == "Out of date: settings changed"
+    set_scene(tolerance=TOLERANCE)
+    bpy.ops.ccdepth.clear()
+    assert panels.result_line(settings, result) == ""
