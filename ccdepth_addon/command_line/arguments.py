@@ -32,11 +32,11 @@ EPILOG = (
 
 
 class Parser(argparse.ArgumentParser):
-    """The parser, which knows the options that a process for a single file is given as well."""
+    """The parser, which knows the options that other processes are given as well."""
 
     def __init__(self, program: str) -> None:
         super().__init__(prog=program, description=DESCRIPTION, epilog=EPILOG)
-        self.for_each_file: list[argparse.Action] = []
+        self.for_others: list[argparse.Action] = []
         self.add_argument("files", nargs="*", type=Path, metavar="FILE", help=f"{names_of(INPUTS)} file")
         _add_choices(self)
         _add_actions(self)
@@ -55,10 +55,11 @@ class Parser(argparse.ArgumentParser):
             self.error(fault)
         return options
 
-    def arguments_for_one(self, options: argparse.Namespace) -> list[str]:
-        """The arguments of a process that does the same with a single file, but for the file and the reports."""
-        arguments = []
-        for action in self.for_each_file:
+    def arguments_for_others(self, options: argparse.Namespace) -> list[str]:
+        """The arguments of a process that does the same, but for the files and the reports."""
+        # A report has what is written measured.
+        arguments = ["--measure"] if is_measured(options) and _writes_meshes(options) else []
+        for action in self.for_others:
             value = getattr(options, action.dest)
             option = action.option_strings[0]
             if action.nargs == 0:
@@ -151,16 +152,16 @@ def _add_actions(parser: Parser) -> None:
 
 def _add_outputs(parser: Parser) -> None:
     group = parser.add_argument_group("files to write")
-    group.add_argument(
+    add = _adder(parser, group)
+    add(
         "--output",
         type=Path,
         metavar="FILE",
         help=f"write the results: {BLEND}, or the meshes made: {names_of(OUTPUTS[1:])}",
     )
-    add = _adder(parser, group)
     add("--output-folder", type=Path, metavar="FOLDER", help="where to write the result of each file, under its name")
     add("--format", type=_suffix, choices=OUTPUTS, metavar="EXT", help="the format of files in the folder (blend)")
-    group.add_argument(
+    add(
         "--picture",
         type=Path,
         metavar="PNG",
@@ -172,19 +173,24 @@ def _add_outputs(parser: Parser) -> None:
 
 
 def _add_runs(parser: Parser) -> None:
-    parser.add_argument("--jobs", type=_job_count, default=1, metavar="N", help="do so many files at a time")
+    parser.add_argument(
+        "--jobs",
+        type=_job_count,
+        metavar="N",
+        help="do so many files at a time, in other processes: one that crashes is the failure of its file",
+    )
     parser.add_argument(
         "--verify", type=Path, metavar="REPORT", help="check all that a JSON report says, and do nothing else"
     )
-    # What a process tells the one that started it.
-    parser.add_argument("--entry", type=Path, help=argparse.SUPPRESS)
+    # A process that is given its files by another, and the mark before its answers.
+    parser.add_argument("--worker", help=argparse.SUPPRESS)
 
 
 def _adder(parser: Parser, group: argparse._ActionsContainer) -> Callable[..., None]:
-    """``add_argument`` of the group, for options that processes for single files are given as well."""
+    """``add_argument`` of the group, for options that other processes are given as well."""
 
     def add(*names: str, **settings: Any) -> None:
-        parser.for_each_file.append(group.add_argument(*names, **settings))
+        parser.for_others.append(group.add_argument(*names, **settings))
 
     return add
 
@@ -209,6 +215,11 @@ def output_of(source: Path | None, options: argparse.Namespace) -> Path | None:
 def is_measured(options: argparse.Namespace) -> bool:
     """Whether meshes that are made are to be measured as they were written."""
     return bool(options.measure or options.json or options.csv)
+
+
+def _writes_meshes(options: argparse.Namespace) -> bool:
+    """Whether meshes are made and written."""
+    return action_of(options) in MAKING and (options.output or options.output_folder) is not None
 
 
 def _fault(options: argparse.Namespace) -> str | None:

@@ -7,7 +7,7 @@ import os
 import sys
 import traceback
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
 from typing import Any, TextIO
@@ -19,8 +19,8 @@ from . import picture
 from .arguments import STANDARD_OUTPUT, Parser, action_of
 from .blender_calls import CommandError
 from .one_file import process_file, refuse_unwritable
-from .processes import own_process, process_files
-from .report import FileEntry, Report, ReportError, csv_text, json_text, stamp
+from .processes import given_files, own_process, process_files
+from .report import FileEntry, Report, ReportError, csv_text, entry_line, json_text, stamp
 from .verification import verify
 from .whole_files import UnwrittenError, written_whole
 
@@ -63,16 +63,19 @@ def _execute(parser: Parser, options: Namespace, process: Sequence[str] | None, 
     """Do all that is asked for; returns whether all of it is done and every tolerance met."""
     if options.verify is not None:
         return verify(options.verify)
+    if options.worker is not None:
+        _work(options)
+        return True
     for path in (options.json, options.csv):
         if path not in (None, STANDARD_OUTPUT):
             refuse_unwritable(Path(path), options.overwrite)
     if options.output_folder is not None:
         _make_folder(options.output_folder)
-    if options.jobs > 1 and len(options.files) > 1:
+    sources: list[Path | None] = options.files or [None]
+    if options.jobs is not None and options.files:
         ended = process_files(process or own_process(COMMAND), options, parser)
     else:
-        ended = _one_after_the_other(options)
-    sources: list[Path | None] = options.files or [None]
+        ended = _one_after_the_other(sources, options, names=len(sources) > 1)
     entries: dict[int, FileEntry] = {}
     for number, entry in ended:
         entries[number] = entry
@@ -90,10 +93,19 @@ def _make_folder(path: Path) -> None:
         raise CommandError(f"{path}: the folder cannot be made: {fault.strerror}") from fault
 
 
-def _one_after_the_other(options: Namespace) -> Iterator[tuple[int, FileEntry]]:
-    """Do each file: yields its number and what was done with it."""
-    for number, source in enumerate(options.files or [None]):
-        if len(options.files) > 1:
+def _work(options: Namespace) -> None:
+    """Do the files that another process gives, and tell it what was done with each."""
+    for _number, entry in _one_after_the_other(given_files(), options, names=True):
+        sys.stderr.flush()
+        print(f"{options.worker}{entry_line(entry)}", flush=True)
+
+
+def _one_after_the_other(
+    sources: Iterable[Path | None], options: Namespace, names: bool
+) -> Iterator[tuple[int, FileEntry]]:
+    """Do each file: yields its number and what was done with it. names: whether to print its name before."""
+    for number, source in enumerate(sources):
+        if names:
             print(f"{printable(str(source))}:", flush=True)
         try:
             entry = process_file(source, options)
@@ -128,7 +140,6 @@ def _tell(program: str, text: str) -> None:
 def _write_reports(report: Report, options: Namespace, standard_output: TextIO) -> None:
     for name, text_in in (
         (options.json, lambda folder: json_text(report, folder)),
-        (options.entry, lambda folder: json_text(report, folder)),
         (options.csv, lambda _folder: csv_text(report)),
     ):
         if name == STANDARD_OUTPUT:

@@ -159,6 +159,16 @@ def _stamp_content(stamped: FileStamp, folder: Path | None) -> dict[str, Any]:
     return {"path": path.as_posix(), "sha256": stamped.sha256, "metres_per_unit": stamped.metres_per_unit}
 
 
+def entry_line(entry: FileEntry) -> str:
+    """What was done with a file as JSON in a line, for another process; files are named with their full paths."""
+    return json.dumps(_file_content(entry, None), allow_nan=False)
+
+
+def entry_of_line(text: str) -> FileEntry:
+    """What such a line says."""
+    return _file_entry(json.loads(text), Path())
+
+
 def read_report(path: Path) -> Report:
     """The report in a JSON file. Raises ReportError and OSError."""
     try:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import json
 import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.test_full_disk import program
+from tests.blender.test_full_disk import CHECKOUT, program
 
 command_line = addon.module("command_line.command")
 
@@ -43,18 +44,76 @@ def test_jobs_report_the_same_and_in_the_same_order(tmp_path: Path) -> None:
     sources = ["bad.glb", *(f"{name}.blend" for name in names)]
     line = ["--subdivide", "--tolerance", "50mm", "--format", "stl", "--json", "-"]
     printed = {}
-    for jobs in (1, 2):
+    for jobs in (0, 1, 2):
         folder = tmp_path / f"out{jobs}"
         folder.mkdir()
-        run = ended(tmp_path, *line, "--jobs", jobs, "--output-folder", folder, "--", *sources)
+        others = ["--jobs", jobs] if jobs else []
+        run = ended(tmp_path, *line, *others, "--output-folder", folder, "--", *sources)
         assert run.returncode == 1, run.stderr
         assert sorted(each.name for each in folder.iterdir()) == sorted(f"{name}.stl" for name in names)
         printed[jobs] = files_of(run.stdout)
         assert "4 of 4 files done, 0 left" in run.stderr
         assert "bad.glb" in run.stderr
-    assert [each["error"] is None for each in printed[1]] == [False, True, True, True]
-    assert [each["input"]["path"] for each in printed[1]] == [(tmp_path / source).as_posix() for source in sources]
-    assert printed[1] == printed[2]
+    assert [each["error"] is None for each in printed[0]] == [False, True, True, True]
+    assert [each["input"]["path"] for each in printed[0]] == [(tmp_path / source).as_posix() for source in sources]
+    assert printed[0] == printed[1] == printed[2]
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_file_that_ends_its_process_takes_no_other_with_it(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], jobs: int
+) -> None:
+    names = ["one.blend", "two.blend", "deadly.blend", "three.blend", "deadly too.blend", "four.blend"]
+    scene.add_object(meshes.cube())
+    for name in names:
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / name), copy=True)
+    (tmp_path / "out").mkdir()
+    line = [*(str(tmp_path / name) for name in names), "--subdivide", "--tolerance", "50mm", "--format", "stl"]
+    files = ["--output-folder", str(tmp_path / "out"), "--json", str(tmp_path / "report.json"), "--jobs", str(jobs)]
+    assert command_line.run([*line, *files], program="ccdepth", process=deadly_program(tmp_path)) == 1
+    entries = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["files"]
+    assert [each["input"]["path"] for each in entries] == names
+    errors = {each["input"]["path"]: each["error"] for each in entries if each["error"] is not None}
+    assert errors == dict.fromkeys(("deadly.blend", "deadly too.blend"), "Blender ended with status -9: the end")
+    assert sorted(each.name for each in (tmp_path / "out").iterdir()) == [
+        "four.stl",
+        "one.stl",
+        "three.stl",
+        "two.stl",
+    ]
+    # Starting Blender is most of the time here: once for each job, and at most twice more for each that is deadly.
+    starts = (tmp_path / "starts.txt").read_text().count("start")
+    assert starts <= jobs + 2 * 2
+    assert "6 of 6 files done, 0 left" in capfd.readouterr().err
+
+
+def deadly_program(folder: Path) -> list[str]:
+    """The command line in another process, which some files kill."""
+    script = folder / "deadly.py"
+    command = [sys.executable, str(script)]
+    text = f"""
+import os, runpy, signal, sys
+from importlib import import_module
+import bpy
+
+def deadly_or_done(source, options):
+    if source.name.startswith("deadly"):
+        print("the end", file=sys.stderr, flush=True)
+        os.kill(os.getpid(), signal.SIGKILL)
+    return done(source, options)
+
+sys.path.insert(0, {str(CHECKOUT)!r})
+with open({str(folder / "starts.txt")!r}, "a") as starts:
+    starts.write("start ")
+command = import_module({command_line.__name__!r})
+done, command.process_file = command.process_file, deadly_or_done
+"""
+    if bpy.app.binary_path:
+        command = [bpy.app.binary_path, "-b", "--python", str(script), "--command", "ccdepth"]
+    else:
+        text += f"runpy.run_path({str(CHECKOUT / 'scripts' / 'heat_map.py')!r})"
+    script.write_text(text, encoding="utf-8")
+    return command
 
 
 def test_a_process_that_ends_before_its_file_is_done_is_the_failure_of_that_file(
