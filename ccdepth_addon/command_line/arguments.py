@@ -50,6 +50,7 @@ class Parser(argparse.ArgumentParser):
             if options.tolerance_mode not in (None, options.tolerance.mode):
                 self.error(f"a tolerance of {options.tolerance} is not {options.tolerance_mode.lower()}")
             options.tolerance_mode = options.tolerance.mode
+        options.illustrations |= options.html is not None
         fault = _fault(options)
         if fault is not None:
             self.error(fault)
@@ -169,6 +170,13 @@ def _add_outputs(parser: Parser) -> None:
     )
     group.add_argument("--json", metavar="FILE", help="write a report that can be checked again; - for standard output")
     group.add_argument("--csv", metavar="FILE", help="write a table with a row for each object; - for standard output")
+    group.add_argument(
+        "--html",
+        metavar="FILE",
+        help="write the report as a page with pictures, which opens in any browser; - for standard output",
+    )
+    # What another process is told where a page is to be written.
+    add("--illustrations", action="store_true", help=argparse.SUPPRESS)
     add("--overwrite", action="store_true", help="replace files that exist")
 
 
@@ -214,7 +222,7 @@ def output_of(source: Path | None, options: argparse.Namespace) -> Path | None:
 
 def is_measured(options: argparse.Namespace) -> bool:
     """Whether meshes that are made are to be measured as they were written."""
-    return bool(options.measure or options.json or options.csv)
+    return bool(options.measure or options.json or options.csv or options.html)
 
 
 def _writes_meshes(options: argparse.Namespace) -> bool:
@@ -226,7 +234,7 @@ def _fault(options: argparse.Namespace) -> str | None:
     """Why the line makes no sense, if it does not."""
     sources: list[Path | None] = options.files or [None]
     outputs = [output_of(source, options) for source in sources]
-    if options.verify is not None and (options.files or outputs[0] or options.json or options.csv or options.picture):
+    if options.verify is not None and (options.files or outputs[0] or is_measured(options) or options.picture):
         return "--verify takes a report alone"
     if options.levels and options.subdivide:
         return "--levels and --subdivide exclude each other"
@@ -238,7 +246,7 @@ def _fault(options: argparse.Namespace) -> str | None:
         return "--output and --picture are for a single file; use --output-folder for several"
     if options.picture is not None and action_of(options) == MEASURE:
         return "--picture draws depths and adaptive meshes, and --measure makes none"
-    if options.json == options.csv == STANDARD_OUTPUT:
+    if [options.json, options.csv, options.html].count(STANDARD_OUTPUT) > 1:
         return "only one report can go to the standard output"
     return _output_fault(options, outputs)
 

@@ -21,6 +21,7 @@ from .blender_calls import CommandError
 from .one_file import process_file, refuse_unwritable
 from .processes import given_files, own_process, process_files
 from .report import FileEntry, Report, ReportError, csv_text, entry_line, json_text, stamp
+from .report_page import page
 from .verification import verify
 from .whole_files import UnwrittenError, written_whole
 
@@ -66,7 +67,7 @@ def _execute(parser: Parser, options: Namespace, process: Sequence[str] | None, 
     if options.worker is not None:
         _work(options)
         return True
-    for path in (options.json, options.csv):
+    for path in (options.json, options.csv, options.html):
         if path not in (None, STANDARD_OUTPUT):
             refuse_unwritable(Path(path), options.overwrite)
     if options.output_folder is not None:
@@ -141,6 +142,7 @@ def _write_reports(report: Report, options: Namespace, standard_output: TextIO) 
     for name, text_in in (
         (options.json, lambda folder: json_text(report, folder)),
         (options.csv, lambda _folder: csv_text(report)),
+        (options.html, lambda _folder: page(report)),
     ):
         if name == STANDARD_OUTPUT:
             standard_output.write(text_in(None))
@@ -157,7 +159,7 @@ def _write_reports(report: Report, options: Namespace, standard_output: TextIO) 
 def _standard_output(options: Namespace) -> Iterator[TextIO]:
     """The standard output; when a report goes there, everything else goes to the standard error from then on, what
     Blender itself prints at its end included."""
-    if STANDARD_OUTPUT not in (options.json, options.csv):
+    if STANDARD_OUTPUT not in (options.json, options.csv, options.html):
         yield sys.stdout
         return
     sys.stdout.flush()

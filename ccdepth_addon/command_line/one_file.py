@@ -25,6 +25,7 @@ from . import picture
 from .amounts import UNITS
 from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SUBDIVIDE, action_of, is_measured, output_of
 from .blender_calls import CommandError, call
+from .illustrating import illustrations, levels_of
 from .mesh_files import (
     BLEND,
     COMPANIONS,
@@ -84,6 +85,7 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     unit = scene_unit(bpy.context.scene)
     is_checked = action in MAKING and output is not None and is_measured(options)
     targets = surfaces_of(objects) if is_checked else []
+    levels = [levels_of(each) for each in objects] if options.illustrations else []
     outcomes = ACTIONS[action](objects, settings_of(action))
     shown = [each.shown for each in outcomes]
     entry = FileEntry(None if source is None else stamp(source, unit), tuple(each.entry for each in outcomes))
@@ -91,6 +93,8 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
         title = shown[0].name if source is None else source.stem
         with _written(options.picture, options) as path:
             picture.render(bpy.context, shown, path, title, settings_text(shown))
+    if options.illustrations:
+        entry = replace(entry, illustrations=illustrations(shown, levels))
     if output is not None:
         entry = _write(output, shown, targets, entry, options)
     print_measured(entry)

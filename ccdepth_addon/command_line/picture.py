@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A picture of the heat map with its legend, rendered where there is neither a display nor a graphics card.
+"""A picture of the heat map with its legend, or of the edges alone, rendered where there is neither a display nor a
+graphics card.
 
 Everything is laid out in a temporary scene whose XY plane is the picture, one unit to the pixel, seen from straight
 above by an orthographic camera. Surfaces glow in their own colours, so those of the legend are exact to the last bit.
@@ -9,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from enum import Enum, auto
 from math import cos, radians, sin
 from pathlib import Path
 from typing import Any
@@ -49,6 +51,7 @@ TITLE_COLOR = (0.90, 0.90, 0.90)
 TEXT_COLOR = (0.62, 0.62, 0.62)
 HEADING_COLOR = (0.25, 0.25, 0.26)
 EDGE_COLOR = (0.008, 0.008, 0.010)
+SURFACE_COLOR = (0.60, 0.61, 0.63)
 
 # A face turned away from the light keeps this part of its colour: less than from one depth to the next.
 SHADOW = 0.8
@@ -58,6 +61,16 @@ LIGHT = (-0.40, 0.55, 0.73)
 SHORTEST_DRAWN_EDGE = 5.0
 LARGEST_DRAWN_FACE_COUNT = 200_000
 EDGE_WIDTH = 1.6
+
+# What Blender writes into pictures unless told otherwise: where files are, and when and for how long it was rendered.
+STAMPS = ("date", "time", "render_time", "frame", "scene", "camera", "filename")
+
+
+class Look(Enum):
+    """What a picture shows: the colours of the results, with their legend, or the edges on a surface of one colour."""
+
+    HEAT_MAP = auto()
+    WIREFRAME = auto()
 
 
 class PictureError(RuntimeError):
@@ -70,13 +83,15 @@ def render(
     path: Path,
     title: str,
     subtitle: str,
+    look: Look = Look.HEAT_MAP,
+    size: float = 1.0,
 ) -> None:
-    """Render the heat map of objects that have results, to a PNG file.
+    """Render objects that have results, to a PNG file. size: of the picture, as a part of the usual one.
 
-    What is shown of each is its control mesh with its depths, or its adaptive mesh with its distances. The file's own
-    scenes and objects stay as they are; meshes get the colours that they lack. Raises PictureError.
+    What is shown of each is its control mesh with its depths or deviations, or its adaptive mesh with its distances.
+    The file's own scenes and objects stay as they are; meshes get the colours that they lack. Raises PictureError.
     """
-    shown = [obj for obj in objects if results.has_result(obj.data)]
+    shown = [obj for obj in objects if results.has_any(obj.data)]
     if not shown:
         raise PictureError("there are no depths to make a picture of")
     settings = context.scene.ccdepth
@@ -84,13 +99,14 @@ def render(
         if not shown_colors.is_current(mesh, settings):
             shown_colors.write_colors(mesh, settings)
     with _temporary_data():
-        scene = _new_scene()
+        scene = _new_scene(size)
         meshes = [_shown_mesh(context, scene, obj) for obj in shown]
         matrices = [_view_rotation() @ obj.matrix_world for obj in shown]
         fit = _fitting(meshes, matrices)
         for mesh, matrix in zip(meshes, matrices, strict=True):
-            _add_heat_map(scene, mesh, fit @ matrix)
-        _add_legend(scene, legends(context.scene, shown)[0])
+            _add_surface(scene, mesh, fit @ matrix, look)
+        if look is Look.HEAT_MAP:
+            _add_legend(scene, legends(context.scene, shown)[0])
         _add_text(scene, title, TITLE_SIZE, TITLE_COLOR, MARGIN, HEIGHT - MARGIN - 0.75 * TITLE_SIZE)
         _add_text(scene, subtitle, TEXT_SIZE, TEXT_COLOR, MARGIN, HEIGHT - MARGIN - 0.75 * TITLE_SIZE - 46)
         _write_picture(scene, path)
@@ -107,7 +123,7 @@ def _temporary_data() -> Iterator[None]:
         bpy.data.batch_remove([item for kind in kinds for item in set(getattr(bpy.data, kind)) - before[kind]])
 
 
-def _new_scene() -> bpy.types.Scene:
+def _new_scene(size: float) -> bpy.types.Scene:
     """An empty scene and its camera, which looks straight down at the picture's plane."""
     scene = bpy.data.scenes.new("CC Depth Picture")
     render_settings = scene.render
@@ -116,10 +132,12 @@ def _new_scene() -> bpy.types.Scene:
     except TypeError as fault:
         raise PictureError("the picture needs the Cycles renderer, which is not enabled in this Blender") from fault
     render_settings.resolution_x, render_settings.resolution_y = WIDTH, HEIGHT
-    render_settings.resolution_percentage = 100
+    render_settings.resolution_percentage = round(100 * size)
     render_settings.dither_intensity = 0.0
     render_settings.image_settings.file_format = "PNG"
     render_settings.image_settings.color_mode = "RGB"
+    for name in STAMPS:
+        setattr(render_settings, f"use_stamp_{name}", False)
     scene.cycles.device = "CPU"
     scene.cycles.samples = SAMPLES
     scene.cycles.use_denoising = False
@@ -188,12 +206,12 @@ def _seen_positions(mesh: bpy.types.Mesh, matrix: Matrix) -> FloatArray:
     return read_values(mesh.vertices, "co", np.float32, 3) @ transform[:3, :3].T + transform[:3, 3]
 
 
-def _add_heat_map(scene: bpy.types.Scene, mesh: bpy.types.Mesh, matrix: Matrix) -> None:
+def _add_surface(scene: bpy.types.Scene, mesh: bpy.types.Mesh, matrix: Matrix, look: Look) -> None:
     width = _edge_width(mesh, matrix)
     if width > 0.0:
         _add_edges(scene, mesh.copy(), matrix, width)
-    _give_material(mesh, _heat_map_material())
-    _add_object(scene, "Heat Map", mesh, matrix)
+    _give_material(mesh, _surface_material(look))
+    _add_object(scene, "Surface", mesh, matrix, SURFACE_COLOR)
 
 
 def _edge_width(mesh: bpy.types.Mesh, matrix: Matrix) -> float:
@@ -310,12 +328,16 @@ def _emission_material() -> bpy.types.Material:
     return material
 
 
-def _heat_map_material() -> bpy.types.Material:
-    """A material that glows in the colours of the depths, a little less where it is turned away from the light."""
-    material, nodes, emission = _new_emission("CC Depth Heat Map")
+def _surface_material(look: Look) -> bpy.types.Material:
+    """A material that glows in the colours of the results, or of its object, a little less where it is turned away from
+    the light."""
+    material, nodes, emission = _new_emission("CC Depth Surface")
     links = material.node_tree.links
-    color = nodes.new("ShaderNodeAttribute")
-    color.attribute_name = COLOR
+    if look is Look.HEAT_MAP:
+        color = nodes.new("ShaderNodeAttribute")
+        color.attribute_name = COLOR
+    else:
+        color = nodes.new("ShaderNodeObjectInfo")
     links.new(color.outputs["Color"], emission.inputs["Color"])
     cosine = nodes.new("ShaderNodeVectorMath")
     cosine.operation = "DOT_PRODUCT"

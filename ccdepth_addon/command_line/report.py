@@ -9,7 +9,7 @@ import io
 import json
 import os
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from hashlib import file_digest
 from math import inf, nextafter
 from pathlib import Path
@@ -20,6 +20,7 @@ import bpy
 
 from .. import version
 from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
+from .illustration import Illustration, as_content, of_content
 
 FORMAT, FORMAT_VERSION = "ccdepth-report", 1
 
@@ -76,12 +77,14 @@ class FileStamp:
 
 @dataclass(frozen=True)
 class FileEntry:
-    """What was done with a file. source: None for Blender's Suzanne. error: why it failed, if it did."""
+    """What was done with a file. source: None for Blender's Suzanne. error: why it failed, if it did.
+    illustrations: one for each object where a page is to be written, else none."""
 
     source: FileStamp | None
     objects: tuple[ObjectEntry, ...] = ()
     output: FileStamp | None = None
     error: str | None = None
+    illustrations: tuple[Illustration, ...] = ()
 
     @property
     def is_good(self) -> bool:
@@ -161,12 +164,16 @@ def _stamp_content(stamped: FileStamp, folder: Path | None) -> dict[str, Any]:
 
 def entry_line(entry: FileEntry) -> str:
     """What was done with a file as JSON in a line, for another process; files are named with their full paths."""
-    return json.dumps(_file_content(entry, None), allow_nan=False)
+    illustrations = [as_content(each) for each in entry.illustrations]
+    return json.dumps({**_file_content(entry, None), "illustrations": illustrations}, allow_nan=False)
 
 
 def entry_of_line(text: str) -> FileEntry:
     """What such a line says."""
-    return _file_entry(json.loads(text), Path())
+    content = json.loads(text)
+    return replace(
+        _file_entry(content, Path()), illustrations=tuple(of_content(each) for each in content["illustrations"])
+    )
 
 
 def read_report(path: Path) -> Report:

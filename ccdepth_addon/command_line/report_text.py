@@ -8,7 +8,7 @@ from decimal import Decimal
 
 import bpy
 
-from ..state import deviation_results
+from ..state import deviation_results, results
 from ..state.properties import METHOD_TEXTS, VERTEX_ITEMS
 from ..ui.lengths import METRIC, Rounding, number_text
 from ..ui.panels import exact_text
@@ -77,6 +77,9 @@ def depth_table(record: bpy.types.PropertyGroup) -> str:
 def settings_text(objects: Sequence[bpy.types.Object]) -> str:
     """The settings of the results, in a line."""
     record = objects[0].data.ccdepth
+    if results.shows_deviation(objects[0].data):
+        largest = max(obj.data.ccdepth.deviation for obj in objects)
+        return f"Tolerance {record.measurement.world_tolerance:.4g} · Largest deviation proved: {largest:.4g}"
     tolerance = f"{record.tolerance:.4g}"
     if record.tolerance_mode == "RELATIVE":
         tolerance += " of the diagonal"

@@ -1,0 +1,71 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The pictures of objects, and what every method says of them, for the page of a report."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import bpy
+import numpy as np
+
+from ..core import METHODS
+from ..state.properties import tolerance_name
+from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
+from ..tasks.stepwise import Stepwise
+from ..tasks.surfaces import ComputeError, as_typed
+from . import picture
+from .blender_calls import CommandError
+from .illustration import Illustration, Levels, MethodLevel
+from .report_text import settings_text
+
+# Of the size that --picture has: as wide as the page.
+PICTURE_SIZE = 0.65
+
+
+def levels_of(blender_object: bpy.types.Object) -> Levels:
+    """The levels of an object by the scene's settings; nothing is written to its mesh. Raises CommandError."""
+    chosen = bpy.context.scene.ccdepth.method
+    answers = {method: _depths(blender_object, method) for method in METHODS}
+    counts = np.bincount(answers[chosen].depths)
+    return Levels(
+        chosen,
+        tuple((depth, int(counts[depth])) for depth in np.flatnonzero(counts).tolist()),
+        tuple(
+            MethodLevel(method, max(each.deepest, each.added_deepest), each.uniform_level, each.uniform_faces)
+            for method, each in answers.items()
+        ),
+    )
+
+
+def _depths(blender_object: bpy.types.Object, method: str) -> MeshDepths:
+    settings = bpy.context.scene.ccdepth
+    tolerance = as_typed(getattr(settings, tolerance_name(settings.tolerance_mode)))
+    depth_settings = DepthSettings(
+        tolerance, settings.tolerance_mode, settings.use_modifiers, method, settings.vertices
+    )
+    reading = Stepwise(prepare_depths(bpy.context, [blender_object], depth_settings))
+    try:
+        reading.work()
+        assert reading.answer is not None
+        [answer] = compute_depths(reading.answer)
+    except ComputeError as fault:
+        raise CommandError(str(fault)) from fault
+    return answer
+
+
+def illustrations(shown: Sequence[bpy.types.Object], levels: Sequence[Levels]) -> tuple[Illustration, ...]:
+    """The pictures of objects that have results, with their levels. Raises PictureError."""
+    return tuple(
+        Illustration(each, _drawn(one, picture.Look.HEAT_MAP), _drawn(one, picture.Look.WIREFRAME))
+        for one, each in zip(shown, levels, strict=True)
+    )
+
+
+def _drawn(blender_object: bpy.types.Object, look: picture.Look) -> bytes:
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "picture.png"
+        subtitle = settings_text([blender_object])
+        picture.render(bpy.context, [blender_object], path, blender_object.name, subtitle, look, PICTURE_SIZE)
+        return path.read_bytes()

@@ -1,0 +1,61 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the page of a report shows of an object beside its numbers: pictures, faces by depth, and levels by method."""
+
+from __future__ import annotations
+
+from base64 import b64decode, b64encode
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class MethodLevel:
+    """What a method says: the deepest depth of a face, the first level at which all faces are within the tolerance, and
+    how many faces there are at that level."""
+
+    method: str
+    deepest: int
+    level: int
+    faces: int
+
+
+@dataclass(frozen=True)
+class Levels:
+    """What is proved of an object's control mesh. method: the one that was chosen. faces_by_depth: by it, the depths
+    that faces have and how many have them, from the least depth on. by_method: what each of the methods says."""
+
+    method: str
+    faces_by_depth: tuple[tuple[int, int], ...]
+    by_method: tuple[MethodLevel, ...]
+
+
+@dataclass(frozen=True)
+class Illustration:
+    """What is shown of an object. heat_map, wireframe: PNG files."""
+
+    levels: Levels
+    heat_map: bytes
+    wireframe: bytes
+
+
+def as_content(illustration: Illustration) -> dict[str, Any]:
+    """An illustration as JSON can hold it."""
+    return {
+        "levels": asdict(illustration.levels),
+        "heat_map": b64encode(illustration.heat_map).decode(),
+        "wireframe": b64encode(illustration.wireframe).decode(),
+    }
+
+
+def of_content(content: dict[str, Any]) -> Illustration:
+    """What ``as_content`` was given."""
+    levels = content["levels"]
+    return Illustration(
+        Levels(
+            levels["method"],
+            tuple((depth, faces) for depth, faces in levels["faces_by_depth"]),
+            tuple(MethodLevel(**each) for each in levels["by_method"]),
+        ),
+        b64decode(content["heat_map"]),
+        b64decode(content["wireframe"]),
+    )

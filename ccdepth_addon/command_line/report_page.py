@@ -1,0 +1,284 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A report as a page for people: a single file of HTML that loads nothing, with pictures where the report has them."""
+
+from __future__ import annotations
+
+from base64 import b64encode
+from collections.abc import Iterable, Sequence
+from html import escape
+
+import bpy
+
+from .. import version
+from ..state.colors import depth_colors
+from ..state.properties import METHOD_TEXTS
+from ..ui.lengths import Rounding
+from ..ui.printable import printable
+from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
+from .illustration import Illustration, Levels
+from .report import FileEntry, FileStamp, ObjectEntry, Report
+from .report_text import metres_text
+
+ACTION_TEXTS = {
+    DEPTHS: "Depths computed",
+    LEVELS: "Subdivision levels set",
+    SUBDIVIDE: "Adaptive meshes made",
+    MEASURE: "Deviations measured",
+}
+
+# A verdict is a sign and words, so that it does not go by its colour alone.
+GOOD, BAD, NEUTRAL = ("good", "✓"), ("bad", "✗"), ("neutral", "–")
+
+# In pixels, of the histogram.
+BAR_LEFT, BAR_WIDTH, BAR_HEIGHT, ROW_HEIGHT, TEXT_WIDTH = 34, 300, 18, 26, 150
+
+# What is not in these may not be loaded, whatever names of objects and files hold.
+POLICY = "default-src 'none'; img-src data:; style-src 'unsafe-inline'"
+
+STYLE = """
+:root { color-scheme: light dark;
+  --page: #f5f6f8; --card: #ffffff; --text: #1c1f24; --quiet: #59616c; --line: #d9dde3;
+  --good: #146c3a; --good-back: #dff3e6; --bad: #a3231b; --bad-back: #fbe4e2; --neutral-back: #e9ecf0; }
+@media (prefers-color-scheme: dark) { :root {
+  --page: #15171a; --card: #1e2125; --text: #e6e8eb; --quiet: #a0a7b1; --line: #363b42;
+  --good: #7ddca0; --good-back: #173524; --bad: #ffa59d; --bad-back: #43201d; --neutral-back: #2d3238; } }
+* { box-sizing: border-box; }
+body { margin: 0 auto; max-width: 68rem; padding: 2rem 1.25rem 4rem; background: var(--page); color: var(--text);
+  font: 1rem/1.5 system-ui, sans-serif; overflow-wrap: anywhere; }
+h1, h2, h3, h4 { line-height: 1.25; margin: 0; font-weight: 650; }
+h1 { font-size: 1.75rem; } h2 { font-size: 1.3rem; margin-top: 3rem; } h3 { font-size: 1.15rem; }
+h4 { font-size: .95rem; margin-bottom: .5rem; }
+p { margin: .35rem 0; } a { color: inherit; }
+.quiet, figcaption { color: var(--quiet); font-size: .9rem; }
+.verdict { display: inline-block; border-radius: 1rem; padding: .1rem .75rem; font-size: .9rem; font-weight: 600; }
+.good { color: var(--good); background: var(--good-back); } .bad { color: var(--bad); background: var(--bad-back); }
+.neutral { color: var(--quiet); background: var(--neutral-back); }
+.card { background: var(--card); border: 1px solid var(--line); border-radius: .6rem; padding: 1.25rem;
+  margin-top: 1rem; }
+.heading { display: flex; flex-wrap: wrap; gap: .35rem .9rem; align-items: center; }
+.error { color: var(--bad); white-space: pre-wrap; }
+.pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 19rem), 1fr)); gap: 1.25rem;
+  margin-top: 1.25rem; }
+figure { margin: 0; } figure:has(:checked) { grid-column: 1 / -1; } label { display: block; cursor: zoom-in; }
+figure:has(:checked) label { cursor: zoom-out; } label:focus-within { outline: 2px solid; border-radius: .4rem; }
+input { position: absolute; opacity: 0; } img { display: block; width: 100%; height: auto; border-radius: .4rem; }
+figcaption { margin-top: .35rem; }
+dl { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 11.5rem), 1fr)); gap: .9rem 1.25rem;
+  margin: 1.25rem 0 0; }
+dt { color: var(--quiet); font-size: .85rem; } dd { margin: 0; font-weight: 600; }
+dd small { display: block; font-weight: 400; font-size: .78rem; color: var(--quiet); white-space: nowrap; }
+.scroll { overflow-x: auto; } table { border-collapse: collapse; width: 100%; font-size: .93rem;
+  font-variant-numeric: tabular-nums; }
+th, td { text-align: right; padding: .35rem .6rem; border-bottom: 1px solid var(--line); white-space: nowrap; }
+th { color: var(--quiet); font-size: .85rem; font-weight: 500; }
+th:first-child, td:first-child { text-align: left; padding-left: 0; white-space: normal; min-width: 9rem; }
+tr.chosen td { font-weight: 650; }
+.files td:nth-child(2), .files th:nth-child(2) { text-align: left; }
+svg { display: block; max-width: 100%; height: auto; } svg text { fill: currentColor; font-size: 13px; }
+code { font: .85em ui-monospace, monospace; overflow-wrap: anywhere; }
+@media print { .card { break-inside: avoid; } body { background: none; } }
+"""
+
+
+def page(report: Report) -> str:
+    """The page of a report. Files are named as the report names them; whatever names hold, it is shown as text."""
+    title = f"CC Depth Report: {ACTION_TEXTS[report.action]}"
+    sections = "".join(_file_section(number, entry) for number, entry in enumerate(report.files))
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="{POLICY}">
+<title>{_text(title)}</title>
+<style>{STYLE}</style>
+</head>
+<body>
+<header>
+<h1>CC Depth Report</h1>
+<p class="heading">{_report_verdict(report)}<span>{_text(_summary(report))}</span></p>
+<p class="quiet">{_text(f"CC Depth {version()} in Blender {bpy.app.version_string}")}</p>
+</header>
+{_file_table(report.files) if len(report.files) > 1 else ""}
+<main>{sections}</main>
+</body>
+</html>
+"""
+
+
+def _text(text: object) -> str:
+    """Any text as HTML."""
+    return escape(printable(str(text)))
+
+
+def _verdict(kind: tuple[str, str], words: str) -> str:
+    name, sign = kind
+    return f'<span class="verdict {name}">{sign} {_text(words)}</span>'
+
+
+def _report_verdict(report: Report) -> str:
+    if not report.is_good:
+        failed = sum(entry.error is not None for entry in report.files)
+        return _verdict(BAD, f"{_count(failed, 'file')} failed" if failed else "A tolerance is not met")
+    if any(each.met for entry in report.files for each in entry.objects):
+        return _verdict(GOOD, "Every tolerance is met")
+    return _verdict(GOOD, "All is done")
+
+
+def _summary(report: Report) -> str:
+    objects = [each for entry in report.files for each in entry.objects]
+    measured = [each for each in objects if each.met is not None]
+    parts = [ACTION_TEXTS[report.action], _count(len(report.files), "file"), _count(len(objects), "object")]
+    if measured:
+        met = sum(each.met is True for each in measured)
+        parts.append(f"tolerance met by {met:,} of {len(measured):,} measured")
+    return " · ".join(parts)
+
+
+def _count(number: int, noun: str) -> str:
+    return f"{number:,} {noun}" + ("" if number == 1 else "s")
+
+
+def _file_verdict(entry: FileEntry) -> str:
+    if entry.error is not None:
+        return _verdict(BAD, "Failed")
+    if not entry.is_good:
+        return _verdict(BAD, "Not met")
+    return _verdict(GOOD, "Met" if any(each.met for each in entry.objects) else "Done")
+
+
+def _file_table(entries: Sequence[FileEntry]) -> str:
+    """All files in a few words each, with links to what is told of them."""
+    rows = [
+        [
+            f'<a href="#file-{number}">{_text(entry.name)}</a>',
+            _file_verdict(entry),
+            f"{len(entry.objects):,}",
+            f"{sum(each.faces for each in entry.objects):,}",
+        ]
+        for number, entry in enumerate(entries)
+    ]
+    table = _table(["File", "Result", "Objects", "Faces"], rows)
+    return f'<section class="card files">{table}</section>'
+
+
+def _table(headings: Sequence[str], rows: Iterable[Sequence[str]], chosen: int | None = None) -> str:
+    """headings: as text. rows: of HTML. chosen: the row to set off."""
+    head = "".join(f'<th scope="col">{_text(heading)}</th>' for heading in headings)
+    lines = []
+    for index, row in enumerate(rows):
+        mark = ' class="chosen"' if index == chosen else ""
+        lines.append(f"<tr{mark}>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>")
+    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
+
+
+def _file_section(number: int, entry: FileEntry) -> str:
+    parts = [f'<h2 id="file-{number}">{_text(entry.name)}</h2>']
+    if entry.source is not None:
+        parts.append(_stamp_line("SHA-256", entry.source))
+    if entry.output is not None:
+        parts.append(_stamp_line(f"Written to {entry.output.path}, SHA-256", entry.output))
+    if entry.error is not None:
+        error = "\n".join(_text(line) for line in entry.error.split("\n"))
+        parts.append(f'<div class="card">{_file_verdict(entry)}<p class="error">{error}</p></div>')
+    illustrations = entry.illustrations or (None,) * len(entry.objects)
+    parts += [_object_card(*pair) for pair in zip(entry.objects, illustrations, strict=True)]
+    return f"<section>{''.join(parts)}</section>"
+
+
+def _stamp_line(label: str, stamped: FileStamp) -> str:
+    checksum = f"<code>{_text(stamped.sha256)}</code>" if stamped.sha256 else "none, as it cannot be read"
+    return f'<p class="quiet">{_text(label)}: {checksum}</p>'
+
+
+def _object_card(entry: ObjectEntry, illustration: Illustration | None) -> str:
+    facts = "".join(f"<div><dt>{_text(name)}</dt><dd>{value}</dd></div>" for name, value in _facts(entry))
+    drawn = "" if illustration is None else _figures(entry, illustration) + _levels(entry, illustration.levels)
+    return (
+        f'<article class="card"><div class="heading"><h3>{_text(entry.name)}</h3>{_object_verdict(entry)}</div>'
+        f"<dl>{facts}</dl>{drawn}</article>"
+    )
+
+
+def _object_verdict(entry: ObjectEntry) -> str:
+    if entry.met is None:
+        return _verdict(NEUTRAL, "Not measured")
+    return _verdict(GOOD, "Tolerance met") if entry.met else _verdict(BAD, "Tolerance not met")
+
+
+def _facts(entry: ObjectEntry) -> list[tuple[str, str]]:
+    """The numbers of an object, as HTML, with their names."""
+    facts = [("Tolerance", _length(entry.tolerance)), ("Faces", f"{entry.faces:,}")]
+    if entry.deepest is not None:
+        facts.append(("Deepest depth", str(entry.deepest)))
+    if entry.level is not None:
+        facts.append(("Level for all faces", str(entry.level)))
+    if entry.result_faces is not None:
+        facts.append(("Faces at that level" if entry.result is None else "Faces made", f"{entry.result_faces:,}"))
+    if entry.triangles is not None:
+        facts.append(("Triangles written", f"{entry.triangles:,}"))
+    if entry.proved is not None:
+        facts.append(("Proved distance, at most", _length(entry.proved, Rounding.UP)))
+    if entry.measured is not None:
+        facts.append(("Measured, at most", _length(entry.measured.proved, Rounding.UP)))
+        facts.append(("Measured, at least", _length(entry.measured.reached, Rounding.DOWN)))
+    return facts
+
+
+def _length(length: float, rounding: Rounding = Rounding.NEAREST) -> str:
+    """A length in the unit that suits it, and in full in metres."""
+    return f"{_text(metres_text(length, rounding))}<small>{_text(repr(length))} m</small>"
+
+
+def _figures(entry: ObjectEntry, illustration: Illustration) -> str:
+    name = entry.result or entry.name
+    pictures = (("Heat map", illustration.heat_map), ("Wireframe", illustration.wireframe))
+    figures = "".join(
+        f'<figure><label><input type="checkbox" aria-label="{_text(f"Enlarge the {kind.lower()} of {name}")}">'
+        f'<img src="data:image/png;base64,{b64encode(content).decode()}" alt="{_text(f"{kind} of {name}")}"></label>'
+        f"<figcaption>{_text(kind)}</figcaption></figure>"
+        for kind, content in pictures
+    )
+    return f'<div class="pair">{figures}</div>'
+
+
+def _levels(entry: ObjectEntry, levels: Levels) -> str:
+    rows = [
+        [_text(METHOD_TEXTS[each.method][0]), str(each.deepest), str(each.level), f"{each.faces:,}"]
+        for each in levels.by_method
+    ]
+    chosen = [each.method for each in levels.by_method].index(levels.method)
+    if entry.result is not None:
+        rows.append(["Adaptive mesh", "", "", f"{entry.result_faces:,}"])
+        chosen = len(rows) - 1
+    table = _table(["Method", "Deepest depth", "Level", "Faces at that level"], rows, chosen)
+    heading = f"Faces of the Control Mesh by Depth ({METHOD_TEXTS[levels.method][0]})"
+    return (
+        f'<div class="pair"><div><h4>{_text(heading)}</h4>{_histogram(levels)}</div>'
+        f"<div><h4>Levels by Method</h4>{table}</div></div>"
+    )
+
+
+def _histogram(levels: Levels) -> str:
+    """A bar for each depth, in its colour."""
+    total, most = (function(faces for _, faces in levels.faces_by_depth) for function in (sum, max))
+    bars = []
+    for row, (depth, faces) in enumerate(levels.faces_by_depth):
+        width = max(1.0, BAR_WIDTH * faces / most)
+        top, baseline = row * ROW_HEIGHT, row * ROW_HEIGHT + BAR_HEIGHT - 4
+        bars.append(
+            f'<text x="{BAR_LEFT - 10}" y="{baseline}" text-anchor="end">{depth}</text>'
+            f'<rect x="{BAR_LEFT}" y="{top}" width="{width:.1f}" height="{BAR_HEIGHT}" rx="2" fill="{_color(depth)}"/>'
+            f'<text x="{BAR_LEFT + width + 8:.1f}" y="{baseline}">{faces:,} ({faces / total:.1%})</text>'
+        )
+    width, height = BAR_LEFT + BAR_WIDTH + TEXT_WIDTH, ROW_HEIGHT * len(levels.faces_by_depth)
+    return (
+        f'<svg role="img" aria-label="Faces by depth" viewBox="0 0 {width} {height}" width="{width}" '
+        f'height="{height}">{"".join(bars)}</svg>'
+    )
+
+
+def _color(depth: int) -> str:
+    """The colour that a depth has everywhere."""
+    [color] = depth_colors([depth]).tolist()
+    return "#" + "".join(f"{round(255 * part):02x}" for part in color)
