@@ -190,6 +190,9 @@ def _add_runs(parser: Parser) -> None:
     parser.add_argument(
         "--verify", type=Path, metavar="REPORT", help="check all that a JSON report says, and do nothing else"
     )
+    parser.add_argument(
+        "--gather", type=Path, metavar="FOLDER", help="make one report of all JSON reports in a folder, in their order"
+    )
     # A process that is given its files by another, and the mark before its answers.
     parser.add_argument("--worker", help=argparse.SUPPRESS)
 
@@ -236,6 +239,8 @@ def _fault(options: argparse.Namespace) -> str | None:
     outputs = [output_of(source, options) for source in sources]
     if options.verify is not None and (options.files or outputs[0] or is_measured(options) or options.picture):
         return "--verify takes a report alone"
+    if options.gather is not None:
+        return _gathering_fault(options)
     if options.levels and options.subdivide:
         return "--levels and --subdivide exclude each other"
     if options.output is not None and options.output_folder is not None:
@@ -249,6 +254,14 @@ def _fault(options: argparse.Namespace) -> str | None:
     if [options.json, options.csv, options.html].count(STANDARD_OUTPUT) > 1:
         return "only one report can go to the standard output"
     return _output_fault(options, outputs)
+
+
+def _gathering_fault(options: argparse.Namespace) -> str | None:
+    if options.files or options.output or options.output_folder or options.picture or options.verify:
+        return "--gather takes a folder of reports alone"
+    if not (options.json or options.csv or options.html):
+        return "--gather writes a report: use --json, --csv or --html as well"
+    return None
 
 
 def _output_fault(options: argparse.Namespace, outputs: list[Path | None]) -> str | None:

@@ -20,7 +20,7 @@ from .arguments import STANDARD_OUTPUT, Parser, action_of
 from .blender_calls import CommandError
 from .one_file import process_file, refuse_unwritable
 from .processes import given_files, own_process, process_files
-from .report import FileEntry, Report, ReportError, csv_text, entry_line, json_text, stamp
+from .report import FileEntry, Report, ReportError, csv_text, entry_line, gathered_reports, json_text, stamp
 from .report_page import page
 from .verification import verify
 from .whole_files import UnwrittenError, written_whole
@@ -70,6 +70,12 @@ def _execute(parser: Parser, options: Namespace, process: Sequence[str] | None, 
     for path in (options.json, options.csv, options.html):
         if path not in (None, STANDARD_OUTPUT):
             refuse_unwritable(Path(path), options.overwrite)
+    if options.gather is not None:
+        report = gathered_reports(options.gather)
+        for entry in report.files:
+            _tell_progress(parser.prog, entry, 1, 1)
+        _write_reports(report, options, standard_output)
+        return report.is_good
     if options.output_folder is not None:
         _make_folder(options.output_folder)
     sources: list[Path | None] = options.files or [None]

@@ -23,6 +23,7 @@ from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
 from .illustration import Illustration, as_content, of_content
 
 FORMAT, FORMAT_VERSION = "ccdepth-report", 1
+PROGRAM = {"name": "CC Depth", "version": version()}
 
 
 # The kinds of entries that are read with their types checked.
@@ -134,7 +135,7 @@ def json_text(report: Report, folder: Path | None) -> str:
     content = {
         "format": FORMAT,
         "version": FORMAT_VERSION,
-        "program": {"name": "CC Depth", "version": version()},
+        "program": PROGRAM,
         "blender": bpy.app.version_string,
         "action": report.action,
         "met": report.is_good,
@@ -174,6 +175,30 @@ def entry_of_line(text: str) -> FileEntry:
     return replace(
         _file_entry(content, Path()), illustrations=tuple(of_content(each) for each in content["illustrations"])
     )
+
+
+def gathered_reports(folder: Path) -> Report:
+    """One report of all JSON reports in a folder, in the order of their names.
+
+    Raises ReportError where they do not make one: there are none, one is of another action, program or Blender, or two
+    tell of the same file; and OSError.
+    """
+    paths = sorted(folder.glob("*.json"))
+    if not paths:
+        raise ReportError(f"{folder}: there are no reports in it")
+    reports = [read_report(path) for path in paths]
+    seen: dict[str, Path] = {}
+    for path, report in zip(paths, reports, strict=True):
+        content = json.loads(path.read_text(encoding="utf-8"))
+        if (content["program"], content["blender"]) != (PROGRAM, bpy.app.version_string):
+            raise ReportError(f"{path}: it was made by another version of CC Depth or of Blender")
+        if report.action != reports[0].action:
+            raise ReportError(f"{path}: its action is {report.action}, and that of others {reports[0].action}")
+        for entry in report.files:
+            if entry.name in seen:
+                raise ReportError(f"{path}: it tells of {entry.name}, and so does {seen[entry.name]}")
+            seen[entry.name] = path
+    return Report(reports[0].action, tuple(entry for report in reports for entry in report.files))
 
 
 def read_report(path: Path) -> Report:
