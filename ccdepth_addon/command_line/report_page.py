@@ -57,7 +57,7 @@ p { margin: .35rem 0; } a { color: inherit; }
   margin-top: 1rem; }
 .heading { display: flex; flex-wrap: wrap; gap: .35rem .9rem; align-items: center; }
 .error { color: var(--bad); white-space: pre-wrap; }
-.pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 19rem), 1fr)); gap: 1.25rem;
+.pair { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(100%, 26rem), 1fr)); gap: 1.25rem;
   margin-top: 1.25rem; }
 figure { margin: 0; } figure:has(:checked) { grid-column: 1 / -1; } label { display: block; cursor: zoom-in; }
 figure:has(:checked) label { cursor: zoom-out; } label:focus-within { outline: 2px solid; border-radius: .4rem; }
