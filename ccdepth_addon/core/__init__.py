@@ -30,11 +30,13 @@ from .depth.face_depths import (
     DepthResult,
     ToleranceError,
     check_input,
+    check_pose,
     check_tolerance,
     face_depths,
     uniform_level,
 )
 from .depth.modifier_quality import needed_quality
+from .depth.pose_depths import Pose, PoseDepths, WorstPose, common_level, pose_depths, raised_depths, worst_pose
 from .deviation import Deviation, measure_deviation
 from .mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from .mesh.validation import InvalidMeshError, validate
@@ -61,6 +63,8 @@ __all__ = [
     "Mode",
     "Places",
     "PolygonMesh",
+    "Pose",
+    "PoseDepths",
     "Progress",
     "Proof",
     "Reduction",
@@ -71,11 +75,14 @@ __all__ = [
     "TooManyFacesError",
     "Transitions",
     "TriangleMesh",
+    "WorstPose",
     "apply_boundary_rule",
     "at_corners",
     "at_vertices",
     "check_input",
+    "check_pose",
     "check_tolerance",
+    "common_level",
     "count_faces",
     "crease_to_sharpness",
     "face_depths",
@@ -91,6 +98,8 @@ __all__ = [
     "no_report",
     "part_of",
     "polygon_mesh",
+    "pose_depths",
+    "raised_depths",
     "rounding_allowance",
     "smallest_step",
     "split_transformations",
@@ -99,4 +108,5 @@ __all__ = [
     "to_rotation_vectors",
     "uniform_level",
     "validate",
+    "worst_pose",
 ]

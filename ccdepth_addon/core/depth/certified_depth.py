@@ -16,6 +16,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays.chunks import AT_ONCE, index_chunks
 from ..arrays.threads import map_in_threads
@@ -67,11 +68,27 @@ BasePatches = tuple[IndexArray, FloatArray]
 
 
 def certified_depths(
-    mesh: PolygonMesh, test: ToleranceTest, vertices: Vertices, tick: Callable[[], None]
+    mesh: PolygonMesh, test: ToleranceTest, vertices: Vertices, faces: IndexArray, tick: Callable[[], None]
 ) -> Iterator[FaceDepths]:
-    """The certified depth of every face of the mesh, in chunks. tick: called while they compute, and may raise."""
-    searches = _searches(mesh, test, vertices, np.arange(mesh.face_count))
+    """The certified depths of some faces, in chunks. tick: called while they compute, and may raise."""
+    searches = _searches(mesh, test, vertices, faces)
     return map_in_threads(lambda begin: begin().run(), searches, tick)
+
+
+def certified_bounds_at(
+    mesh: PolygonMesh,
+    test: ToleranceTest,
+    vertices: Vertices,
+    faces: IndexArray,
+    levels: NDArray[np.int32],
+    tick: Callable[[], None],
+) -> Iterator[LevelBounds]:
+    """The proved bounds of some faces, each at its own level, in chunks; as near as those of ``certified_depths``.
+
+    levels: (F,) int32, of all faces of the mesh. tick: called while they compute, and may raise.
+    """
+    searches = _searches(mesh, test, vertices, faces)
+    return map_in_threads(lambda begin: begin().at_each(levels), searches, tick)
 
 
 def certified_level_bounds(
@@ -277,6 +294,21 @@ class _CertifiedSearch:
             self._descend(everything)
         settled = self._evaluate_level(decision, level)
         return LevelBounds(self.faces, np.where(settled, decision.bounds(), np.inf))
+
+    def at_each(self, levels: NDArray[np.int32]) -> LevelBounds:
+        """The proved bounds of the base faces, each at its own level: (F,) int32 by the faces of the mesh."""
+        wanted_at = levels[self.faces]
+        bounds = np.full(len(self.faces), np.inf)
+        for level in range(int(wanted_at.max(initial=0)) + 1):
+            wanted = wanted_at == level
+            if np.any(wanted):
+                decision = _LevelDecision.of(self.test, wanted)
+                settled = self._evaluate_level(decision, level)
+                bounds[settled] = decision.bounds()[settled]
+            else:
+                self._collect_patches(level)
+            self._descend(wanted_at > level)
+        return LevelBounds(self.faces, bounds)
 
     def _evaluate_level(self, decision: _LevelDecision, level: int) -> BoolArray:
         """Evaluate the search's current level; (B,) bool, the base faces proved to be within the tolerance."""

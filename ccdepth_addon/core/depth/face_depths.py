@@ -16,7 +16,7 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import PATCH_METHODS, Method, Vertices
 from ..bounds.rounding import rounding_allowance, smallest_tolerance
 from ..mesh.polygon_mesh import PolygonMesh
-from ..mesh.validation import validate
+from ..mesh.validation import has_good_positions, validate
 from ..progress import Progress, no_report, part_of
 from .certified_depth import certified_depths, certified_level_bounds
 from .modifier_quality import unmet_corners
@@ -64,9 +64,10 @@ def face_depths(
     if not is_checked:
         check_input(mesh, tolerance)
     test = ToleranceTest(tolerance, rounding_allowance(mesh))
-    whole = FaceDepths.undecided(np.arange(mesh.face_count))
+    every = np.arange(mesh.face_count)
+    whole = FaceDepths.undecided(every)
     counter = _Counter(progress, mesh.face_count)
-    for part in _depths_in_chunks(mesh, test, Method(method), Vertices(vertices), counter.tick):
+    for part in depths_in_chunks(mesh, test, Method(method), Vertices(vertices), every, counter.tick):
         whole.update(part)
         counter.add(len(part.faces))
     return DepthResult(whole.depths, whole.bounds, whole.distances, whole.exact)
@@ -75,6 +76,13 @@ def face_depths(
 def check_input(mesh: PolygonMesh, tolerance: float) -> None:
     """Raise InvalidMeshError or ToleranceError for what has no depths."""
     validate(mesh)
+    check_tolerance(tolerance, smallest_tolerance(mesh))
+
+
+def check_pose(mesh: PolygonMesh, tolerance: float) -> None:
+    """The same for a mesh that was accepted with other positions, which takes less time."""
+    if not has_good_positions(mesh):
+        validate(mesh)
     check_tolerance(tolerance, smallest_tolerance(mesh))
 
 
@@ -104,7 +112,8 @@ def level_bounds(mesh: PolygonMesh, tolerance: float, method: str, vertices: str
     bounds = np.full(mesh.face_count, np.inf)
     every = np.arange(mesh.face_count)
     kinds = Method(method), Vertices(vertices)
-    for block in _level_bounds_in_chunks(mesh, every, tolerance, *kinds, level, lambda: None):
+    test = ToleranceTest(tolerance, rounding_allowance(mesh))
+    for block in level_bounds_in_chunks(mesh, every, test, *kinds, level, lambda: None):
         bounds[block.faces] = block.bounds
     return bounds
 
@@ -145,13 +154,13 @@ def uniform_level(
         if np.any(with_margin):
             parts.append((np.flatnonzero(with_margin), tolerance - margin))
         share = part_of(progress, begun, (1 - begun) / 2)
-        if _all_within(mesh, parts, Method(method), Vertices(vertices), level, share):
+        if all_within(mesh, parts, Method(method), Vertices(vertices), level, share):
             return level
         begun += (1 - begun) / 2
         level += 1
 
 
-def _all_within(
+def all_within(
     mesh: PolygonMesh,
     parts: list[tuple[IndexArray, float]],
     method: Method,
@@ -164,34 +173,41 @@ def _all_within(
     counter = _Counter(progress, sum(len(faces) for faces, _ in parts))
     counter.tick()
     for faces, tolerance in parts:
-        for block in _level_bounds_in_chunks(mesh, faces, tolerance, method, vertices, level, counter.tick):
+        test = ToleranceTest(tolerance, rounding_allowance(mesh))
+        for block in level_bounds_in_chunks(mesh, faces, test, method, vertices, level, counter.tick):
             counter.add(len(block.faces))
             if not block.all_within:
                 return False
     return True
 
 
-def _level_bounds_in_chunks(
+def level_bounds_in_chunks(
     mesh: PolygonMesh,
     faces: IndexArray,
-    tolerance: float,
+    test: ToleranceTest,
     method: Method,
     vertices: Vertices,
     level: int,
     tick: Callable[[], None],
 ) -> Iterator[LevelBounds]:
-    test = ToleranceTest(tolerance, rounding_allowance(mesh))
+    """The proved bounds of some faces at one level, in chunks. tick: called meanwhile, and may raise to stop."""
     if method is Method.CERTIFIED:
         return certified_level_bounds(mesh, test, vertices, faces, level, tick)
     return norm_level_bounds(mesh, test, PATCH_METHODS[method], vertices, faces, level, tick)
 
 
-def _depths_in_chunks(
-    mesh: PolygonMesh, test: ToleranceTest, method: Method, vertices: Vertices, tick: Callable[[], None]
+def depths_in_chunks(
+    mesh: PolygonMesh,
+    test: ToleranceTest,
+    method: Method,
+    vertices: Vertices,
+    faces: IndexArray,
+    tick: Callable[[], None],
 ) -> Iterator[FaceDepths]:
+    """The depths of some faces, in chunks. tick: called meanwhile, and may raise to stop."""
     if method is Method.CERTIFIED:
-        return certified_depths(mesh, test, vertices, tick)
-    return norm_depths(mesh, test, PATCH_METHODS[method], vertices, tick)
+        return certified_depths(mesh, test, vertices, faces, tick)
+    return norm_depths(mesh, test, PATCH_METHODS[method], vertices, faces, tick)
 
 
 def check_tolerance(tolerance: float, least: float) -> None:

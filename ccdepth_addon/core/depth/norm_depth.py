@@ -29,16 +29,21 @@ FIRST_SUPPORT_LEVEL = 2
 
 
 def norm_depths(
-    mesh: PolygonMesh, test: ToleranceTest, method: PatchMethod, vertices: Vertices, tick: Callable[[], None]
+    mesh: PolygonMesh,
+    test: ToleranceTest,
+    method: PatchMethod,
+    vertices: Vertices,
+    faces: IndexArray,
+    tick: Callable[[], None],
 ) -> Iterator[FaceDepths]:
-    """The depth of every face of the mesh, in chunks. tick: called meanwhile, and may raise to stop."""
+    """The depths of some faces, in chunks. tick: called meanwhile, and may raise to stop."""
     evaluation = _NormEvaluation(test, method, vertices, tick)
     patches = classify_patches(mesh)
-    for faces, bounds in evaluation.patch_bounds(mesh, patches, np.arange(mesh.face_count)):
-        yield evaluation.first_levels(faces, bounds)
-    irregular = np.flatnonzero(patches.kinds == PatchKind.IRREGULAR)
-    for faces in index_chunks(irregular, FEW_AT_ONCE):
-        yield evaluation.irregular_depths(mesh, faces)
+    for some, bounds in evaluation.patch_bounds(mesh, patches, faces):
+        yield evaluation.first_levels(some, bounds)
+    irregular = faces[patches.kinds[faces] == PatchKind.IRREGULAR]
+    for some in index_chunks(irregular, FEW_AT_ONCE):
+        yield evaluation.irregular_depths(mesh, some)
 
 
 def norm_level_bounds(
@@ -58,6 +63,15 @@ def norm_level_bounds(
     irregular = faces[patches.kinds[faces] == PatchKind.IRREGULAR]
     for some in index_chunks(irregular, FEW_AT_ONCE):
         yield evaluation.irregular_at(mesh, some, level)
+
+
+def patch_bounds(
+    mesh: PolygonMesh, patches: PatchKinds, method: PatchMethod, vertices: Vertices, faces: IndexArray
+) -> Iterator[tuple[IndexArray, PatchBounds]]:
+    """The bounds at all levels of those of the faces that are patches, a chunk of one kind at a time; without the
+    allowance for rounding. patches: the kinds of all faces of the mesh."""
+    test = ToleranceTest(np.inf, 0.0)
+    return _NormEvaluation(test, method, vertices, lambda: None).patch_bounds(mesh, patches, faces)
 
 
 def bounds_fall(mesh: PolygonMesh, method: Method) -> BoolArray:

@@ -49,6 +49,12 @@ def validate(mesh: PolygonMesh) -> None:
         raise InvalidMeshError("all its faces are at one point")
 
 
+def has_good_positions(mesh: PolygonMesh) -> bool:
+    """Whether a mesh that was valid with other positions is valid with these: they are finite, and not all at one
+    point."""
+    return bool(np.isfinite(mesh.positions).all()) and not _is_one_point(mesh)
+
+
 def _fault(bad: BoolArray, one: str, many: str, fault: str) -> str:
     """How many there are, empty for none."""
     found = np.flatnonzero(bad)

@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Depths over several poses of a mesh, against single poses and against brute force."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.depth.face_depths import (
+    METHODS,
+    VERTICES,
+    ToleranceError,
+    check_pose,
+    face_depths,
+    level_bounds,
+    uniform_level,
+)
+from ccdepth_addon.core.depth.pose_depths import Pose, common_level, pose_depths, raised_depths, worst_pose
+from ccdepth_addon.core.mesh.copies import side_by_side
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.mesh.validation import InvalidMeshError
+from ccdepth_addon.core.surface.catmull_clark import subdivide
+from tests import meshes
+from tests.brute_force import Levels
+from tests.core.test_face_depths import AWKWARD, build, every_method
+from tests.level_nets import worse_later
+
+both_vertices = pytest.mark.parametrize("vertices", VERTICES)
+
+NAMES = ["triangles and quads", "valences 2 and 12", "landscape with random creases", "soup"]
+
+# Brute force looks at these levels.
+LEVELS = 4
+
+# Sampled distances are true ones up to rounding in double precision, at coordinates of some ten.
+ROUNDING = 1e-12
+
+# Single poses are bounded without scaling them by the tolerance, which rounds otherwise.
+SCALING = 1e-9
+
+
+def posed(mesh: PolygonMesh, count: int, tolerance: float, *, jumps: bool = False, seed: int = 1) -> list[Pose]:
+    """Poses on the way from the mesh to another shape and back, or at random, each with a tolerance of its own."""
+    rng = np.random.default_rng(seed)
+    size = np.ptp(mesh.positions, axis=0).max()
+    way = 0.1 * size * rng.standard_normal(mesh.positions.shape)
+    poses = []
+    for number in range(count):
+        share = rng.random() if jumps else np.sin(np.pi * number / max(count - 1, 1))
+        positions = mesh.positions + share * way + 1e-3 * size * np.sin(number) * np.roll(way, 1, axis=0)
+        poses.append(pose_of(mesh, positions, tolerance * (1 + 0.02 * number)))
+    return poses
+
+
+def pose_of(mesh: PolygonMesh, positions: FloatArray, tolerance: float) -> Pose:
+    return Pose(lambda: mesh.changed(positions=positions), tolerance)
+
+
+def singles(poses: list[Pose], method: str, vertices: str) -> list[object]:
+    return [face_depths(pose.make(), pose.tolerance, method, vertices) for pose in poses]
+
+
+@pytest.mark.parametrize("jumps", [False, True])
+@pytest.mark.parametrize("name", NAMES)
+@every_method
+@both_vertices
+def test_the_depths_are_the_deepest_of_single_poses(name: str, method: str, vertices: str, jumps: bool) -> None:
+    mesh = build(AWKWARD[name](), smooth_corners=False)
+    poses = posed(mesh, 11, 0.5, jumps=jumps)
+    found = pose_depths(poses, method, vertices)
+    alone = singles(poses, method, vertices)
+    deepest = np.max([each.depths for each in alone], axis=0)
+    # A level that is enough in one pose need not be in another that needs a lesser one.
+    raised = np.flatnonzero(found.depths != deepest)
+    assert np.all(found.depths >= deepest)
+    for face in raised.tolist():
+        at_deepest = [level_bounds(p.make(), p.tolerance, method, vertices, int(deepest[face]))[face] for p in poses]
+        assert np.isinf(at_deepest).any()
+    assert len(raised) <= 0.02 * mesh.face_count
+    exact = np.any([each.exact & (each.depths == found.depths) for each in alone], axis=0)
+    assert np.all(exact | ~found.exact)
+    assert np.all(found.bounds <= max(pose.tolerance for pose in poses))
+
+
+@pytest.mark.parametrize("name", NAMES)
+@both_vertices
+def test_no_face_is_farther_in_any_pose_than_proved(name: str, vertices: str) -> None:
+    mesh = build(AWKWARD[name](), smooth_corners=False)
+    poses = posed(mesh, 11, 1.0)
+    levels = [Levels(pose.make()) for pose in poses]
+    for method in METHODS:
+        found = pose_depths(poses, method, vertices)
+        for level in range(LEVELS):
+            at = found.depths == level
+            for each in levels if np.any(at) else ():
+                distances = each.distances(level, vertices, 2)
+                assert np.all(distances[at] <= found.bounds[at] + ROUNDING)
+
+
+@both_vertices
+def test_bounds_are_those_of_single_poses_where_a_pose_is_alone(vertices: str) -> None:
+    mesh = build(meshes.landscape(8, 8), smooth_corners=True)
+    [pose] = posed(mesh, 1, 0.05)
+    found, alone = pose_depths([pose], "CERTIFIED", vertices), face_depths(mesh, 0.05, "CERTIFIED", vertices)
+    for name in ("depths", "bounds", "exact"):
+        np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
+    assert common_level([pose], "CERTIFIED", vertices, found) == uniform_level(mesh, 0.05, "CERTIFIED", vertices)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@every_method
+@both_vertices
+def test_the_common_level_holds_in_every_pose(name: str, method: str, vertices: str) -> None:
+    mesh = build(AWKWARD[name](), smooth_corners=False)
+    poses = posed(mesh, 10, 0.5)
+    found = pose_depths(poses, method, vertices)
+    level = common_level(poses, method, vertices, found)
+    least = max(uniform_level(pose.make(), pose.tolerance, method, vertices) for pose in poses)
+    assert level >= found.depths.max()
+    assert level >= least - 1
+    # No face needs a level that none of the poses needs, but where one is not enough after another.
+    assert level <= max(least, int(found.depths.max())) + 1
+    if method == "CERTIFIED":
+        for pose in poses:
+            distances = Levels(pose.make()).distances(level, vertices, 2) if level < LEVELS else np.zeros(1)
+            assert np.all(distances <= pose.tolerance + ROUNDING)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@both_vertices
+def test_the_worst_pose_alone_has_the_deepest_depth(name: str, vertices: str) -> None:
+    mesh = build(AWKWARD[name](), smooth_corners=False)
+    poses = posed(mesh, 12, 0.5, jumps=True)
+    found = pose_depths(poses, "CERTIFIED", vertices)
+    worst = worst_pose(poses, "CERTIFIED", vertices, found)
+    assert worst.depth == found.depths.max()
+    shares = []
+    for pose, alone in zip(poses, singles(poses, "CERTIFIED", vertices), strict=True):
+        deepest = (alone.depths == worst.depth) & (found.depths == worst.depth)
+        shares.append(np.max(alone.bounds[deepest] / pose.tolerance, initial=-np.inf))
+    assert shares[worst.pose] == pytest.approx(max(shares), rel=SCALING)
+    assert worst.share == pytest.approx(max(shares), rel=SCALING)
+
+
+def test_of_poses_alike_the_first_is_the_worst() -> None:
+    mesh = build(meshes.landscape(4, 4), smooth_corners=True)
+    poses = [pose_of(mesh, mesh.positions, 0.05)] * 5
+    assert worst_pose(poses, "CERTIFIED", "CONTROL", pose_depths(poses, "CERTIFIED", "CONTROL")).pose == 0
+
+
+def test_a_level_is_not_enough_because_an_earlier_one_is() -> None:
+    """In one pose the middle face of 3 × 3 is near enough at levels 0 and 3 alone, and another one needs level 1."""
+    grid, tolerance = meshes.grid(3, 3), 1.1
+    tilted = worse_later(grid, 4, "CONTROL", tolerance, 1, others_near=False)
+    mesh = build(grid, smooth_corners=False)
+    heights = tilted.positions - grid.positions
+    # The program knew level 0 at some places only; distances go with the heights, the grid itself being even and flat.
+    whole = mesh.changed(positions=grid.positions + heights)
+    share = 1.07 / Levels(whole).distances(0, "CONTROL", 5)[4]
+    odd = pose_of(mesh, grid.positions + share * heights, tolerance)
+    bump = np.zeros_like(grid.positions)
+    bump[5, 2] = 1.0
+    scale = 2.0 * tolerance / Levels(mesh.changed(positions=grid.positions + bump)).distances(0, "CONTROL", 3)[4]
+    plain = pose_of(mesh, grid.positions + scale * bump, tolerance)
+    assert [int(each.depths[4]) for each in singles([odd, plain], "CERTIFIED", "CONTROL")] == [0, 1]
+    for poses in ([odd, plain], [plain, odd], [odd, odd, plain, odd]):
+        found = pose_depths(poses, "CERTIFIED", "CONTROL")
+        assert found.depths[4] == 3
+        assert not found.exact[4]
+        for pose in poses:
+            assert Levels(pose.make()).distances(3, "CONTROL", 4)[4] <= found.bounds[4] + ROUNDING <= tolerance
+        assert common_level(poses, "CERTIFIED", "CONTROL", found) >= 3
+
+
+@every_method
+def test_no_lesser_depths_than_the_floors(method: str) -> None:
+    mesh = build(meshes.landscape(6, 6), smooth_corners=True)
+    poses = posed(mesh, 5, 0.1)
+    found = pose_depths(poses, method, "CONTROL")
+    floors = np.zeros(mesh.face_count, dtype=np.int32)
+    floors[::3] = found.depths[::3] + 1
+    raised = raised_depths(poses, method, "CONTROL", found, floors)
+    assert np.all(raised.depths >= np.maximum(found.depths, floors))
+    same = raised.depths == found.depths
+    assert np.count_nonzero(~same) >= mesh.face_count // 3
+    np.testing.assert_array_equal(raised.bounds[same], found.bounds[same])
+    for level in np.unique(raised.depths).tolist():
+        for pose in poses:
+            proved = level_bounds(pose.make(), pose.tolerance, method, "CONTROL", level)
+            assert np.all(np.isfinite(proved[raised.depths == level]))
+    assert raised_depths(poses, method, "CONTROL", found, np.zeros_like(floors)) is found
+
+
+def test_progress_rises_and_stops() -> None:
+    mesh = build(meshes.landscape(12, 12), smooth_corners=True)
+    poses = posed(mesh, 40, 0.05)
+    fractions: list[float] = []
+    pose_depths(poses, "CERTIFIED", "CONTROL", fractions.append)
+    assert fractions == sorted(fractions)
+    assert fractions[0] >= 0
+    assert fractions[-1] <= 1
+    assert len(set(fractions)) > 10
+
+    class StopError(Exception):
+        pass
+
+    def stop(fraction: float) -> None:
+        if fraction > 0.5:
+            raise StopError
+
+    with pytest.raises(StopError):
+        pose_depths(poses, "CERTIFIED", "CONTROL", stop)
+
+
+def test_poses_are_checked() -> None:
+    mesh = build(meshes.landscape(3, 3), smooth_corners=True)
+    check_pose(mesh, 0.1)
+    for value, message in ((np.nan, "finite"), (np.inf, "finite")):
+        positions = mesh.positions.copy()
+        positions[0, 0] = value
+        with pytest.raises(InvalidMeshError, match=message):
+            check_pose(mesh.changed(positions=positions), 0.1)
+    with pytest.raises(InvalidMeshError, match="one point"):
+        check_pose(mesh.changed(positions=np.zeros_like(mesh.positions)), 0.1)
+    with pytest.raises(ToleranceError, match="finer"):
+        check_pose(mesh, 1e-12)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_copies_side_by_side_are_subdivided_like_one(name: str) -> None:
+    mesh = build(AWKWARD[name](), smooth_corners=False)
+    one, three = subdivide(mesh).mesh, subdivide(side_by_side(mesh, 3)).mesh
+    facets = one.positions[one.corner_vertices]
+    np.testing.assert_allclose(
+        three.positions[three.corner_vertices].reshape(3, -1, 3),
+        np.broadcast_to(facets, (3, *facets.shape)),
+        atol=1e-13,
+    )
+    np.testing.assert_array_equal(three.face_sizes, np.tile(one.face_sizes, 3))
+    np.testing.assert_array_equal(three.edge_face_counts.sum(), 3 * one.edge_face_counts.sum())
