@@ -30,6 +30,10 @@ EDGE_CREASE, VERTEX_CREASE = "crease_edge", "crease_vert"
 CREASE_DOMAINS = {EDGE_CREASE: "EDGE", VERTEX_CREASE: "POINT"}
 NO_ORIGIN = -1
 
+# What meshes have in common whose vertices alone have moved.
+SHARPNESS = {"edge_sharpness", "vertex_sharpness"}
+LIKE = ("face_starts", "corner_vertices", "corner_edges", "edge_vertices", *sorted(SHARPNESS))
+
 # The second number of an origin is the square of the first modulo this prime. Averaged origins of several faces do not
 # fit together, which shows that a modifier has merged these faces.
 ORIGIN_PRIME = 2**31 - 1
@@ -86,6 +90,43 @@ class MeshAsRead:
         return apply_boundary_rule(self.arrays, smooth_corners=self.rule.smooth_corners)
 
 
+@dataclass(frozen=True, eq=False)
+class MovedMesh:
+    """A mesh like another one, with its vertices elsewhere; of the arrays it has only these positions.
+
+    first: the other one. positions: (V, 3) float32, as Blender holds them.
+    """
+
+    first: MeshAsRead
+    positions: NDArray[np.float32]
+
+    @property
+    def rule(self) -> SurfaceRule:
+        return self.first.rule
+
+    @cached_property
+    def key(self) -> bytes:
+        """Equal for equal meshes that are like the same one."""
+        digest = blake2b(self.first.key)
+        digest.update(self.positions.data)
+        return digest.digest()
+
+    @property
+    def mesh(self) -> PolygonMesh:
+        """The same with its sharpness explicit, made anew each time; what depends on the faces alone is kept."""
+        return self.first.mesh.changed(positions=self.positions.astype(np.float64))
+
+
+def moved_mesh(first: MeshAsRead, later: MeshAsRead) -> MovedMesh | None:
+    """The later mesh as a moved one, if it is like the first but for its positions."""
+    if first.rule != later.rule or not all(
+        np.array_equal(getattr(first.arrays, name), getattr(later.arrays, name), equal_nan=name in SHARPNESS)
+        for name in LIKE
+    ):
+        return None
+    return MovedMesh(first, later.arrays.positions.astype(np.float32))
+
+
 @dataclass(frozen=True)
 class ControlMesh:
     """The control mesh of an object.
@@ -95,7 +136,7 @@ class ControlMesh:
     matrix.
     """
 
-    read: MeshAsRead
+    read: MeshAsRead | MovedMesh
     base_faces: IndexArray | None
     world: FloatArray
 
@@ -114,6 +155,25 @@ class ControlMesh:
             for axis, weights in enumerate(self.world):
                 positions[:, axis] = x * weights[0] + y * weights[1] + z * weights[2]
             return self.mesh.changed(positions=positions)
+
+    @property
+    def face_count(self) -> int:
+        return self._arrays.face_count
+
+    @property
+    def corner_count(self) -> int:
+        return self._arrays.corner_count
+
+    @property
+    def _arrays(self) -> PolygonMesh:
+        return (self.read if isinstance(self.read, MeshAsRead) else self.read.first).arrays
+
+    def unturned(self) -> ControlMesh:
+        """The same with all lengths as they are, as if the object were not turned."""
+        if not np.isfinite(self.world).all():
+            return self
+        _, stretches, right = np.linalg.svd(self.world)
+        return replace(self, world=right.T * stretches @ right)
 
     def thickened(self) -> ControlMesh:
         """The same, with a scale of at least ``LEAST_STRETCH`` of the largest along every direction.

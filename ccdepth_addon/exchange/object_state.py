@@ -66,6 +66,13 @@ class ObjectState:
     checksum: str
 
 
+class StateAtFrame(NamedTuple):
+    """The state of an object on a frame; None for the scene as it is."""
+
+    state: ObjectState
+    frame: int | None
+
+
 def object_state(
     blender_object: bpy.types.Object, *, use_modifiers: bool, known: KnownDescriptions | None = None
 ) -> ObjectState:

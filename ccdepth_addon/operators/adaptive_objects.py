@@ -22,7 +22,7 @@ from ..exchange.control_mesh import (
     subdivision_modifier,
 )
 from ..exchange.mesh_checksums import Topology, geometry_checksum
-from ..exchange.object_state import object_state
+from ..exchange.object_state import StateAtFrame, object_state
 from ..state import fingerprint, results, staleness
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.stepwise import Stage
@@ -113,7 +113,7 @@ def place(context: bpy.types.Context, made: list[Made], placing: Placing) -> lis
     # New objects have no matrix before.
     context.view_layer.update()
     for each, mesh, placed in zip(made, meshes, users, strict=True):
-        states = [object_state(user, use_modifiers=False) for user in placed]
+        states = [StateAtFrame(object_state(user, use_modifiers=False), None) for user in placed]
         fingerprint.remember(mesh, each.geometry, each.depths, states)
         staleness.note_write(mesh)
     heat_map.synchronise(context)

@@ -14,8 +14,9 @@ from ..exchange.control_mesh import mesh_face_count, subdivision_modifier
 from ..state import fingerprint, properties, results, staleness
 from ..state.shown_colors import color_depths
 from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
+from ..tasks.frames import chosen_frames, typed_frames
 from ..tasks.stepwise import Stage
-from ..tasks.surfaces import ComputeError, as_typed
+from ..tasks.surfaces import ComputeError, Surface, as_typed
 from ..ui import heat_map
 from ..ui.printable import printable
 from .long_operator import LongOperator
@@ -28,16 +29,24 @@ class CCDEPTH_OT_compute(LongOperator):
     bl_idname = "ccdepth.compute"
     bl_label = "Compute Depth"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
-    SETTINGS: ClassVar[tuple[str, ...]] = ("tolerance_mode", "method", "vertices", "use_modifiers")
+    SETTINGS: ClassVar[tuple[str, ...]] = (
+        *("tolerance_mode", "method", "vertices", "use_modifiers"),
+        *("frames", "frame_list"),
+    )
 
     method: properties.method_property()
     vertices: properties.vertices_property()
     use_limit_surface: properties.use_limit_surface_property()
+    frames: properties.frames_property()
+    frame_list: properties.frame_list_property()
 
     def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, list[MeshDepths]]:
         objects = selected_meshes(context)
         refuse_what_cannot_be_written(objects)
-        work = yield from prepare_depths(context, objects, self._settings())
+        settings = self._settings(context)
+        if self.frames == "CUSTOM":
+            typed_frames(settings.frames)
+        work = yield from prepare_depths(context, objects, settings)
         return (yield from self.computed(lambda progress: compute_depths(work, progress)))
 
     def progress_text(self, progress: float) -> str:
@@ -57,16 +66,21 @@ class CCDEPTH_OT_compute(LongOperator):
                     raise ComputeError(f"{each.task.object_names[0]}: {fault}") from fault
             undo.pop_all()
         for each, mesh in zip(answer, meshes, strict=True):
-            results.write_record(mesh, each, self._settings(), first_and_last)
+            results.write_record(mesh, each, self._settings(context), first_and_last)
             fingerprint.remember(mesh, each.task.geometry, each.depths, each.task.states)
             staleness.note_write(mesh)
         heat_map.synchronise(context)
         self._report(context, answer)
         return {"FINISHED"}
 
-    def _settings(self) -> DepthSettings:
+    def _settings(self, context: bpy.types.Context) -> DepthSettings:
         return DepthSettings(
-            as_typed(self.tolerance), self.tolerance_mode, self.use_modifiers, self.method, self.vertices
+            as_typed(self.tolerance),
+            self.tolerance_mode,
+            self.use_modifiers,
+            self.method,
+            self.vertices,
+            chosen_frames(context.scene, self.frames, self.frame_list),
         )
 
     def _report(self, context: bpy.types.Context, answers: list[MeshDepths]) -> None:
@@ -80,7 +94,9 @@ class CCDEPTH_OT_compute(LongOperator):
                 self.report({"WARNING"}, printable(note))
         faces = count_text(sum(len(answer.depths) for answer in answers), "face", "faces")
         meshes = f"{len(answers)} meshes, " if len(answers) > 1 else ""
-        self.report({"INFO"}, f"{meshes}{faces}, deepest depth {max(answer.deepest for answer in answers)}")
+        worst = max(answers, key=lambda answer: answer.deepest)
+        at_frame = "" if worst.worst_frame is None else f" at frame {worst.worst_frame}"
+        self.report({"INFO"}, f"{meshes}{faces}, deepest depth {worst.deepest}{at_frame}")
 
 
 def _meshes_still_there(answers: list[MeshDepths]) -> list[bpy.types.Mesh]:
@@ -118,8 +134,10 @@ def _modifier_notes(answer: MeshDepths) -> list[str]:
 def _quality_notes(answer: MeshDepths) -> list[str]:
     """Which Subdivision Surface modifiers have a Quality that is too low for Use Limit Surface at their levels."""
     notes = []
-    surfaces = {request.surface.object_name: request.surface for request in answer.task.requests}
-    any_surface = answer.task.requests[0].surface
+    surfaces: dict[str, list[Surface]] = {}
+    for request in answer.task.requests:
+        surfaces.setdefault(request.surface.object_name, []).append(request.surface)
+    any_surfaces = answer.task.groups[0].requests[0].surface.object_name
     most = bpy.types.SubsurfModifier.bl_rna.properties["quality"].hard_max
     needed_at: dict[tuple[str, int], int] = {}
     for name in answer.task.object_names:
@@ -127,11 +145,12 @@ def _quality_notes(answer: MeshDepths) -> list[str]:
         if modifier is None or not modifier.use_limit_surface or modifier.quality == most:
             continue
         # Objects without a surface of their own have the same control mesh as another one.
-        surface = surfaces.get(name, any_surface)
+        alike = name if name in surfaces else any_surfaces
         level = max(modifier.levels, modifier.render_levels)
-        key = (surface.object_name, level)
+        key = (alike, level)
         if key not in needed_at:
-            needed_at[key] = min(needed_quality(surface.control.in_world, level, surface.tolerance), most)
+            qualities = (needed_quality(each.control.in_world, level, each.tolerance) for each in surfaces[alike])
+            needed_at[key] = min(max(qualities), most)
         if modifier.quality < needed_at[key]:
             notes.append(
                 f"{name}: at its {count_text(level, 'level', 'levels')}, Use Limit Surface needs a Quality of "

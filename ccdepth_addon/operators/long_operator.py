@@ -150,7 +150,7 @@ class LongOperator(bpy.types.Operator):
         layout.prop(self, "tolerance_mode")
         layout.prop(self, "relative_tolerance" if self.tolerance_mode == "RELATIVE" else "tolerance")
         for name in self.SETTINGS:
-            if name != "tolerance_mode":
+            if name != "tolerance_mode" and (name != "frame_list" or self.frames == "CUSTOM"):
                 layout.prop(self, SHOWN_AS.get(name, name))
 
     def _begin(self, context: bpy.types.Context, seconds: float) -> set[str] | None:

@@ -90,7 +90,7 @@ def _quickly_measured(holder: bpy.types.Object, use_modifiers: bool) -> float | 
 def _recorded(record: bpy.types.PropertyGroup, holder: bpy.types.Object) -> float | None:
     """The diagonal that the depths on the object's mesh were computed with, if they hold for it alone."""
     mesh = holder.data
-    is_own = results.has_result(mesh) and not record.subdivision and mesh.users == 1
+    is_own = results.has_result(mesh) and not record.subdivision and not record.frames and mesh.users == 1
     if not is_own or record.tolerance_mode != "RELATIVE" or staleness.is_stale(mesh):
         return None
     return float(record.world_tolerance / record.tolerance)

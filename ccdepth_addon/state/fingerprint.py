@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import bpy
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..core import BoolArray, FloatArray
 from ..exchange.control_mesh import mesh_face_count, own_mesh, read_values
 from ..exchange.mesh_checksums import continued, geometry_checksum
-from ..exchange.object_state import KnownDescriptions, ObjectState, object_state
+from ..exchange.object_state import KnownDescriptions, ObjectState, StateAtFrame, object_state
 from ..exchange.result_attributes import DEPTH
 from . import results
 
@@ -36,19 +36,23 @@ class Examination:
     uncovered: list[bpy.types.Object]
 
 
-def remember(mesh: bpy.types.Mesh, geometry: int, depths: NDArray[np.int32], states: Iterable[ObjectState]) -> None:
+def remember(mesh: bpy.types.Mesh, geometry: int, depths: NDArray[np.int32], states: Iterable[StateAtFrame]) -> None:
     """Write to the mesh's record what the result just written to it depends on.
 
     geometry: the checksum of the mesh it was computed from. depths: (F,) int32, those written. states: of the objects
-    it was computed for, as they were read.
+    it was computed for, as they were read, on each frame.
     """
     record = mesh.ccdepth
     record.fingerprint = _text(continued(geometry, DEPTH, depths))
     record.contributors.clear()
-    for checksum, scales in _by_checksum((state.checksum, state.scale) for state in states).items():
-        for scale in _without_repetitions(scales)[0]:
-            contributor = record.contributors.add()
-            contributor.gram, contributor.checksum = scale, checksum
+    by_frame: dict[int, list[ObjectState]] = {}
+    for state, frame in states:
+        by_frame.setdefault(frame or 0, []).append(state)
+    for at_frame, found in by_frame.items():
+        for checksum, scales in _by_checksum((state.checksum, state.scale) for state in found).items():
+            for scale in _without_repetitions(scales)[0]:
+                contributor = record.contributors.add()
+                contributor.gram, contributor.checksum, contributor.frame = scale, checksum, at_frame
 
 
 def mesh_checksum(blender_object: bpy.types.Object) -> str:
@@ -68,21 +72,39 @@ def _text(checksum: int) -> str:
 def examine(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object], known: KnownDescriptions) -> Examination:
     """Compare the mesh's record with the mesh and all the objects that use it, as they are now.
 
+    A result over frames is compared with what the objects were like on the scene's frame. On a frame for which that is
+    not known, the mesh alone is compared.
     known: what was described of other objects at the same time, to be read once only.
     """
     record = mesh.ccdepth
+    contributors = list(_contributors(record))
+    if record.frames and not contributors:
+        return Examination(not (users and _is_same_mesh(mesh, users[0])), [])
     states = [object_state(user, use_modifiers=record.use_modifiers, known=known) for user in users]
     present = _by_checksum((state.checksum, state.scale) for state in states)
-    recorded = _by_checksum((each.checksum, each.gram) for each in record.contributors)
+    recorded = _by_checksum((each.checksum, each.gram) for each in contributors)
     is_intact = (
         bool(users)
-        and mesh_face_count(mesh) == record.faces
-        and mesh_checksum(users[0]) == record.fingerprint
+        and _is_same_mesh(mesh, users[0])
         and all(_are_among(scales, present.get(checksum)).all() for checksum, scales in recorded.items())
     )
     covered = {checksum: iter(_are_among(scales, recorded.get(checksum))) for checksum, scales in present.items()}
     uncovered = [user for user, state in zip(users, states, strict=True) if not next(covered[state.checksum])]
     return Examination(not is_intact, uncovered)
+
+
+def _is_same_mesh(mesh: bpy.types.Mesh, user: bpy.types.Object) -> bool:
+    """Whether a mesh and its depths are those of its record. user: an object that uses it."""
+    record = mesh.ccdepth
+    return mesh_face_count(mesh) == record.faces and mesh_checksum(user) == record.fingerprint
+
+
+def _contributors(record: bpy.types.PropertyGroup) -> Iterator[bpy.types.PropertyGroup]:
+    """What the result was computed for: over frames, on the scene's frame."""
+    scene = bpy.context.scene
+    for each in record.contributors:
+        if not record.frames or (each.frame == scene.frame_current and scene.frame_subframe == 0.0):
+            yield each
 
 
 def _by_checksum(states: Iterable[tuple[str, Sequence[float] | FloatArray]]) -> dict[str, FloatArray]:

@@ -3,7 +3,7 @@
 
 from typing import Any
 
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ..core import METHODS
 
@@ -49,6 +49,12 @@ VERTEX_ITEMS = (
     ("LIMIT", "Limit Surface", "The subdivided mesh with its vertices moved to the limit surface (Use Limit Surface)"),
 )
 
+
+FRAMES_ITEMS = (
+    ("CURRENT", "Current Frame", "The scene as it is"),
+    ("SCENE", "Scene Range", "From the scene's first frame to its last, by its frame step"),
+    ("CUSTOM", "Frame List", "The frames of a list"),
+)
 
 SUBDIVISION_MODES = (
     ("ADAPTIVE", "Adaptive", "Divide each part of a face only as far as it needs: the fewest faces"),
@@ -134,6 +140,23 @@ def use_limit_surface_property() -> Any:
         get=lambda self: self.vertices == "LIMIT",
         set=lambda self, value: setattr(self, "vertices", "LIMIT" if value else "CONTROL"),
         options={"HIDDEN", "SKIP_SAVE"},
+    )
+
+
+def frames_property() -> Any:
+    return EnumProperty(
+        name="Frames",
+        description="On which frames depths are computed: each face gets the deepest one",
+        items=FRAMES_ITEMS,
+        default="CURRENT",
+    )
+
+
+def frame_list_property() -> Any:
+    return StringProperty(
+        name="Frame List",
+        description="Frames to compute depths on: 1-250, 1-250/5 for every fifth, or 1,5,9",
+        default="1-250",
     )
 
 

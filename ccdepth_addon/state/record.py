@@ -22,10 +22,14 @@ class DepthRow(bpy.types.PropertyGroup):
 
 
 class Contributor(bpy.types.PropertyGroup):
-    """One object the result was computed for: its scale as AᵀA (upper triangle), and a checksum of the rest."""
+    """One object the result was computed for: its scale as AᵀA (upper triangle), and a checksum of the rest.
+
+    Of a result over frames, on one of these, or on the one that was current when it was computed.
+    """
 
     gram: FloatVectorProperty(size=6)
     checksum: StringProperty()
+    frame: IntProperty()
 
 
 class Measurement(bpy.types.PropertyGroup):
@@ -68,6 +72,10 @@ class MeshRecord(bpy.types.PropertyGroup):
     method: StringProperty()
     vertices: StringProperty()
     use_modifiers: BoolProperty()
+    frames: StringProperty(description="The frames it was computed on; empty for the scene as it was")
+    worst_frame: IntProperty(
+        description="Of the frames with the deepest depth, the one on which such a face is the farthest off"
+    )
     version: StringProperty(description="The version of CC Depth that computed it")
     faces: IntProperty()
     exact_faces: IntProperty(description="Faces whose depth is proved to be the least that is enough")

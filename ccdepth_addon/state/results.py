@@ -115,6 +115,7 @@ def write_record(
     record.use_modifiers = settings.use_modifiers
     record.exact_faces = int(np.count_nonzero(answer.exact))
     record.added_deepest = answer.added_deepest
+    record.frames, record.worst_frame = settings.frames, answer.worst_frame or 0
     record.color_kind, record.color_range = Shown.DEPTH.name, color_depths
     record.uniform_level = answer.uniform_level
     record.quality = answer.quality
@@ -155,6 +156,7 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
     record = mesh.ccdepth
     record.has_result = True
     record.subdivision = ""
+    record.frames = ""
     record.unreduced_triangles = 0
     record.shows_deviation = False
     record.tolerance = settings.tolerance

@@ -88,6 +88,8 @@ class SceneSettings(bpy.types.PropertyGroup):
     method: properties.method_property()
     vertices: properties.vertices_property()
     use_limit_surface: properties.use_limit_surface_property()
+    frames: properties.frames_property()
+    frame_list: properties.frame_list_property()
     use_modifiers: properties.use_modifiers_property()
     mode: properties.mode_property()
     transitions: properties.transitions_property()

@@ -66,14 +66,16 @@ class Faults:
     def __init__(self, objects: Sequence[bpy.types.Object]) -> None:
         self._names = [blender_object.name for blender_object in objects]
         self._found: dict[str, ValueError] = {}
+        self._frames: dict[str, int | None] = {}
 
     @contextmanager
-    def of(self, name: str) -> Iterator[None]:
-        """Note errors that are raised in this context for the object."""
+    def of(self, name: str, frame: int | None = None) -> Iterator[None]:
+        """Note errors that are raised in this context for the object, on a frame or without any; the first counts."""
         try:
             yield
         except (ControlMeshError, InvalidMeshError, ToleranceError, WriteError) as fault:
-            self._found[name] = fault
+            if name not in self._found:
+                self._found[name], self._frames[name] = fault, frame
 
     def refuse(self) -> None:
         """Raise ComputeError if there are any, naming every object at fault in the order they were given."""
@@ -83,7 +85,11 @@ class Faults:
         invalid = {
             name: len(fault.faces) for name, fault in named if isinstance(fault, InvalidMeshError) and len(fault.faces)
         }
-        raise ComputeError("\n".join(f"{name}: {fault}" for name, fault in named), invalid)
+        raise ComputeError("\n".join(f"{self._text(name)}: {fault}" for name, fault in named), invalid)
+
+    def _text(self, name: str) -> str:
+        frame = self._frames[name]
+        return name if frame is None else f"{name}, on frame {frame}"
 
 
 def as_typed(value: float) -> float:

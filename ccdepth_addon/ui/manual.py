@@ -27,6 +27,7 @@ SECTIONS = (
     ("bpy.types.scenesettings.use_modifiers", "tolerance"),
     ("bpy.types.scenesettings.method", "compute-depth"),
     ("bpy.types.scenesettings.use_limit_surface", "compute-depth"),
+    ("bpy.types.scenesettings.frame*", "frames"),
     ("bpy.types.scenesettings.accuracy", "measure-deviation"),
     ("bpy.types.scenesettings.time_limit", "measure-deviation"),
     ("bpy.types.scenesettings.show_*", "heat-map-and-legend"),

@@ -11,6 +11,7 @@ from ..core import FloatArray
 from ..state import refusals, result_record, results, sources, staleness
 from ..state.colors import depth_colors
 from ..state.properties import tolerance_name
+from ..tasks.frames import chosen_frames
 from ..tasks.surfaces import as_typed
 from .lengths import bound_text, length_text
 from .manual import draw_manual_button
@@ -71,6 +72,9 @@ class CCDEPTH_PT_advanced(SidebarPanel, bpy.types.Panel):
         column, settings = settings_column(self.layout), context.scene.ccdepth
         column.prop(settings, "method")
         column.prop(settings, "use_limit_surface")
+        column.prop(settings, "frames")
+        if settings.frames == "CUSTOM":
+            column.prop(settings, "frame_list", text="")
 
 
 class CCDEPTH_PT_results(SidebarPanel, bpy.types.Panel):
@@ -147,13 +151,21 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: 
         return "" if holder is None else _changed_since_made(settings, holder)
     tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
     # As typed decimals: the two differ by a rounding to single precision.
-    current = (as_typed(tolerance), settings.tolerance_mode, settings.method, settings.vertices, settings.use_modifiers)
+    current = (
+        as_typed(tolerance),
+        settings.tolerance_mode,
+        settings.method,
+        settings.vertices,
+        settings.use_modifiers,
+        chosen_frames(settings.id_data, settings.frames, settings.frame_list),
+    )
     computed = (
         as_typed(record.tolerance),
         record.tolerance_mode,
         record.method,
         record.vertices,
         record.use_modifiers,
+        record.frames,
     )
     return "" if current == computed else "Out of date: settings changed"
 
@@ -220,9 +232,11 @@ def _draw_numbers(layout: bpy.types.UILayout, scene: bpy.types.Scene, record: bp
 def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:
     numbers = [
         ("Faces", f"{record.faces:,}"),
-        ("Deepest Depth", str(record.deepest)),
+        ("Deepest Depth", deepest_text(record)),
         ("Tolerance", length_text(scene, record.world_tolerance)),
     ]
+    if record.frames:
+        numbers.insert(2, ("Frames", record.frames))
     # Results of earlier versions have none.
     if record.uniform_level >= 0:
         numbers.append(level_faces(record.uniform_level, record))
@@ -246,6 +260,11 @@ def _numbers_of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.Property
 def level_faces(level: int, record: bpy.types.PropertyGroup) -> tuple[str, str]:
     """How many faces there are when all of the mesh is subdivided to the level that the record counts them at."""
     return f"Faces at Level {level}", sidebar_count(int(record.uniform_faces))
+
+
+def deepest_text(record: bpy.types.PropertyGroup) -> str:
+    """The deepest depth, and over frames the worst one."""
+    return f"{record.deepest} at frame {record.worst_frame}" if record.frames else str(record.deepest)
 
 
 def exact_text(exact: int, faces: int) -> str:

@@ -44,6 +44,9 @@ POSES_BY_A_KEY = 8
 # The share of the time that the first pose takes, in units of what every other one takes.
 FIRST_POSE = 3.0
 
+# Relative; distances that are nearer to each other than this are alike: those of what is turned, in single precision.
+ALIKE = 1e-6
+
 # Relative; more than a product of two numbers is off by in double precision.
 ROUNDING = 2.0**-51
 
@@ -628,8 +631,9 @@ def _farthest(
         joined = _Joined.of(prepared.mesh, scaled, left)
         every = np.arange(len(joined.faces))
         shares = _shares(prepared, joined, every, level, partial(progress, done), is_own_depth=is_own_depth)
-        place = int(np.argmax(shares))
-        if np.isfinite(shares[place]) and (worst is None or shares[place] > worst.share):
+        # The first one that is as far off as any, but for rounding.
+        place = int(np.argmax(shares >= shares.max() * (1 - ALIKE)))
+        if np.isfinite(shares[place]) and (worst is None or shares[place] > worst.share * (1 + ALIKE)):
             worst = WorstPose(batch[int(joined.poses[place])], level, float(shares[place]))
     return worst
 

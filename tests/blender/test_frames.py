@@ -1,0 +1,421 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Depths over frames: against results of single frames, and against Blender's own modifier on every frame."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import bpy
+import numpy as np
+import pytest
+
+from tests import meshes
+from tests.blender import addon, scene
+from tests.blender.measuring import add_part, part_of, rounding
+from tests.blender.test_animation import FIRST, key, told_by_the_panel
+from tests.blender.test_guarantee import LEVELS_DEEPER, faces_to_measure, measured
+from tests.blender.test_staleness import MESH_LINE
+
+LAST = 11
+FRAMES = f"{FIRST}-{LAST}"
+TOLERANCE = 0.004
+
+# As many faces are measured as fit into so many quads of the deep level.
+QUADS = 250_000
+
+# So coarse that two levels are enough: a deep level of a few faces then fits.
+COARSE = {"shape key": 0.01, "armature": 0.01, "scale": 0.03}
+
+
+@pytest.fixture(autouse=True)
+def certified() -> None:
+    bpy.context.scene.ccdepth.method = "CERTIFIED"
+    bpy.context.scene.frame_set(FIRST)
+
+
+def refined_suzanne() -> bpy.types.Object:
+    """Her first level, so that most faces have regular patches."""
+    holder = scene.add_suzanne()
+    holder.modifiers.new("Subdivision", "SUBSURF").levels = 1
+    addon.select(holder)
+    bpy.ops.object.modifier_apply(modifier="Subdivision")
+    return holder
+
+
+def with_a_shape_key() -> bpy.types.Object:
+    holder = refined_suzanne()
+    holder.shape_key_add(name="Basis")
+    shape = holder.shape_key_add(name="Key")
+    for vertex in shape.data:
+        vertex.co.z += 0.15 * np.sin(9 * vertex.co.x)
+    for frame, value in ((FIRST, 0.0), (8, 1.0), (LAST, 0.3)):
+        shape.value = value
+        shape.keyframe_insert("value", frame=frame)
+    return holder
+
+
+def with_an_armature() -> bpy.types.Object:
+    rig = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
+    bpy.context.scene.collection.objects.link(rig)
+    with addon.edit_mode(rig):
+        for name, low in (("Lower", -1.0), ("Upper", 0.0)):
+            bone = rig.data.edit_bones.new(name)
+            bone.head, bone.tail = (0.0, 0.0, low), (0.0, 0.0, low + 1.0)
+    holder = refined_suzanne()
+    for name, sign in (("Lower", -1.0), ("Upper", 1.0)):
+        group = holder.vertex_groups.new(name=name)
+        for vertex in holder.data.vertices:
+            group.add([vertex.index], min(max(0.5 + sign * vertex.co.z, 0.0), 1.0), "REPLACE")
+    holder.modifiers.new("Armature", "ARMATURE").object = rig
+    pose = rig.pose.bones["Upper"]
+    pose.rotation_mode = "XYZ"
+    for frame, angle in ((FIRST, 0.0), (8, 1.2), (LAST, 0.5)):
+        pose.rotation_euler.x = angle
+        pose.keyframe_insert("rotation_euler", frame=frame)
+    return holder
+
+
+def with_a_growing_scale() -> bpy.types.Object:
+    holder = refined_suzanne()
+    key(holder, "scale", (1.0, 1.0, 1.0), (2.0, 1.0, 1.5))
+    key(holder, "rotation_euler", (0.0, 0.0, 0.0), (1.0, 2.0, 0.5))
+    return holder
+
+
+def with_an_animated_array() -> bpy.types.Object:
+    holder = scene.add_object(meshes.landscape(4, 4))
+    array = holder.modifiers.new("Array", "ARRAY")
+    for frame, count in ((FIRST, 1), (LAST, 3)):
+        array.count = count
+        array.keyframe_insert("count", frame=frame)
+    cast = holder.modifiers.new("Cast", "CAST")
+    key(cast, "factor", 0.0, 0.8)
+    return holder
+
+
+ANIMATED: dict[str, Callable[[], bpy.types.Object]] = {
+    "shape key": with_a_shape_key,
+    "armature": with_an_armature,
+    "scale": with_a_growing_scale,
+    "array": with_an_animated_array,
+}
+
+
+def compute(*holders: bpy.types.Object, frames: str = FRAMES, **settings: object) -> None:
+    addon.compute(*holders, **{"tolerance": TOLERANCE, "frames": "CUSTOM", "frame_list": frames, **settings})
+
+
+def single_frames(holder: bpy.types.Object, **settings: object) -> dict[int, tuple[np.ndarray, np.ndarray]]:
+    """The depths and bounds of each frame alone."""
+    found = {}
+    for frame in range(FIRST, LAST + 1):
+        bpy.context.scene.frame_set(frame)
+        addon.compute(holder, **{"tolerance": TOLERANCE, **settings})
+        found[frame] = addon.depths(holder), addon.bounds(holder)
+    bpy.context.scene.frame_set(FIRST)
+    return found
+
+
+@pytest.mark.parametrize("vertices", ["CONTROL", "LIMIT"])
+@pytest.mark.parametrize("name", ANIMATED)
+def test_each_face_has_the_deepest_depth_of_the_frames(name: str, vertices: str) -> None:
+    holder = ANIMATED[name]()
+    alone = single_frames(holder, vertices=vertices)
+    bpy.context.scene.frame_set(5)
+    compute(holder, vertices=vertices)
+    deepest = np.max([depths for depths, _ in alone.values()], axis=0)
+    np.testing.assert_array_equal(addon.depths(holder), deepest)
+    # What is proved at that depth on frames that have it is not exceeded; bounds are rounded up to single precision,
+    # and of the same face proved in two ways the one may be a little below the other.
+    bounds = addon.bounds(holder)
+    assert np.all((bounds > 0) & (bounds <= np.float32(TOLERANCE) * (1 + 1e-6)))
+    record = holder.data.ccdepth
+    assert record.frames == FRAMES
+    assert record.deepest == deepest.max()
+    # The worst frame alone needs that depth, and no other has a face that is farther off there. Of frames with larger
+    # distances all over, which alone are computed, a bound may be nearer to what is true; and in a single frame those
+    # of all copies of a face count at its depth.
+    at_deepest = {frame: bounds[depths == deepest.max()].max(initial=0.0) for frame, (depths, bounds) in alone.items()}
+    assert at_deepest[record.worst_frame] == pytest.approx(max(at_deepest.values()), rel=5e-2)
+    assert bpy.context.scene.frame_current == 5
+
+
+def shown_on(holder: bpy.types.Object, frame: int) -> meshes.MeshData:
+    """The mesh that the object's armature and keys make of it on a frame, as large as it is in the scene."""
+    bpy.context.scene.frame_set(frame)
+    subdivisions = [modifier for modifier in holder.modifiers if modifier.type == "SUBSURF"]
+    for modifier in subdivisions:
+        modifier.show_viewport = False
+    data = scene.evaluated_mesh_data(holder)
+    for modifier in subdivisions:
+        modifier.show_viewport = True
+    world = np.array(holder.matrix_world, dtype=np.float64)[:3, :3]
+    return replace(data, positions=data.positions @ world.T)
+
+
+def distances_on(data: meshes.MeshData, wanted: np.ndarray, level: int, vertices: str) -> tuple[np.ndarray, ...]:
+    """Some of the wanted faces, how far Blender's own level is from the surface there, and how uncertain that is."""
+    faces = faces_to_measure(data, wanted, level, QUADS)
+    assert len(faces)
+    part_data, numbers = part_of(data, faces)
+    part = add_part(part_data, numbers)
+    scene.add_subdivision(part, 1).uv_smooth = "NONE"
+    deepest = level + LEVELS_DEEPER
+    found = measured(part, faces, level, deepest)
+    bpy.data.meshes.remove(part.data)
+    is_control = vertices == "CONTROL"
+    slack = (1 if is_control else 2) * found.uncertainty + rounding(data, deepest)
+    return faces, found.control if is_control else found.limit, slack
+
+
+@pytest.mark.parametrize("vertices", ["CONTROL", "LIMIT"])
+@pytest.mark.parametrize("name", ["shape key", "armature", "scale"])
+def test_depths_and_the_level_set_hold_on_every_frame(name: str, vertices: str) -> None:
+    """Measured with Blender's own modifier on what each frame shows, and with nothing of the add-on's."""
+    holder = ANIMATED[name]()
+    compute(holder, tolerance=COARSE[name], vertices=vertices)
+    depths, bounds = addon.depths(holder), addon.bounds(holder).astype(np.float64)
+    level = holder.data.ccdepth.uniform_level
+    assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
+    modifier = holder.modifiers[-1]
+    assert (modifier.levels, modifier.use_limit_surface) == (level, vertices == "LIMIT")
+    assert 1 <= depths.max() <= level <= 2
+    for frame in (5, 8):
+        data = shown_on(holder, frame)
+        for depth in np.unique(depths).tolist():
+            faces, distances, slack = distances_on(data, np.flatnonzero(depths == depth), depth, vertices)
+            assert np.all(distances <= bounds[faces] + slack)
+        _, distances, slack = distances_on(data, np.arange(len(depths)), level, vertices)
+        assert np.all(distances <= COARSE[name] + slack)
+
+
+def test_the_worst_frame_needs_the_deepest_depth() -> None:
+    holder = with_a_shape_key()
+    compute(holder, tolerance=COARSE["shape key"])
+    depths, worst = addon.depths(holder), holder.data.ccdepth.worst_frame
+    data = shown_on(holder, worst)
+    deepest = depths.max()
+    _, distances, slack = distances_on(data, np.flatnonzero(depths == deepest), deepest - 1, "CONTROL")
+    assert np.any(distances > COARSE["shape key"] + slack)
+
+
+def test_a_modifier_that_changes_the_faces() -> None:
+    """The array has more copies on later frames; the faces of the mesh have the deepest depth of all their copies."""
+    holder = with_an_animated_array()
+    compute(holder)
+    record = holder.data.ccdepth
+    bpy.context.scene.frame_set(LAST)
+    assert record.faces == len(holder.data.polygons)
+    assert int(record.uniform_faces) == 3 * record.faces * 4**record.uniform_level
+
+
+def test_frames_are_named_and_listed() -> None:
+    holder = with_a_shape_key()
+    addon.select(holder)
+    for frames, expected in (("3", "3"), ("1-9/4", "1-9/4"), (" 9, 1 ,5 ", "9,1,5"), ("-3--1,7", "-3--1,7")):
+        compute(holder, frames=frames)
+        assert holder.data.ccdepth.frames == expected
+        assert holder.data.ccdepth.worst_frame in addon.module("tasks.frames").typed_frames(frames)
+    typed = addon.module("tasks.frames").typed_frames
+    assert typed("1-9/4, 2,5") == (1, 2, 5, 9)
+    assert typed("-3--1") == (-3, -2, -1)
+
+
+@pytest.mark.parametrize("frames", ["", ",", "1-", "9-1", "1-5/0", "a", "1.5", "1-5/2/2", "1-2000000"])
+def test_what_are_no_frames_is_refused(frames: str) -> None:
+    holder = with_a_shape_key()
+    bpy.context.scene.frame_set(4)
+    with pytest.raises(RuntimeError, match="frames"):
+        compute(holder, frames=frames)
+    assert not holder.data.ccdepth.has_result
+    assert bpy.context.scene.frame_current == 4
+
+
+def test_the_range_of_the_scene() -> None:
+    holder = with_a_shape_key()
+    settings = bpy.context.scene
+    settings.frame_start, settings.frame_end, settings.frame_step = 2, 10, 4
+    addon.compute(holder, tolerance=TOLERANCE, frames="SCENE")
+    assert holder.data.ccdepth.frames == "2-10/4"
+    by_range = addon.depths(holder)
+    compute(holder, frames="2,6,10")
+    np.testing.assert_array_equal(by_range, addon.depths(holder))
+
+
+def test_a_relative_tolerance_is_a_part_of_the_diagonal_on_each_frame() -> None:
+    """A scale alone changes nothing then."""
+    holder = refined_suzanne()
+    key(holder, "scale", (1.0, 1.0, 1.0), (3.0, 3.0, 3.0))
+    compute(holder, tolerance=0.001, tolerance_mode="RELATIVE")
+    over_frames, smallest = addon.depths(holder), holder.data.ccdepth.world_tolerance
+    addon.compute(holder, tolerance=0.001, tolerance_mode="RELATIVE")
+    np.testing.assert_array_equal(over_frames, addon.depths(holder))
+    assert smallest == pytest.approx(holder.data.ccdepth.world_tolerance, rel=1e-6)
+
+
+def test_what_does_not_move_is_computed_once() -> None:
+    holder = refined_suzanne()
+    key(holder, "location", (0.0, 0.0, 0.0), (2.0, 1.0, 1.0))
+    key(holder, "rotation_euler", (0.0, 0.0, 0.0), (2.0, 1.0, 1.0))
+    addon.compute(holder, tolerance=TOLERANCE)
+    alone = addon.depths(holder), addon.bounds(holder)
+    compute(holder)
+    np.testing.assert_array_equal(addon.depths(holder), alone[0])
+    np.testing.assert_allclose(addon.bounds(holder), alone[1], rtol=1e-6)
+    assert holder.data.ccdepth.worst_frame == FIRST
+
+
+# Results that stay, and those that do not
+
+
+def test_a_result_over_frames_stays_current_on_every_frame() -> None:
+    holder = with_a_shape_key()
+    bpy.context.scene.frame_set(3)
+    set_frames(FRAMES)
+    addon.compute(holder)
+    for frame in (3, FIRST, 7, LAST, LAST + 5):
+        bpy.context.scene.frame_set(frame)
+        assert told_by_the_panel(holder) == ""
+    assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
+
+
+def set_frames(frames: str) -> None:
+    settings = bpy.context.scene.ccdepth
+    settings.frames, settings.frame_list = "CUSTOM", frames
+    settings.relative_tolerance = 0.01
+
+
+def change_a_key(holder: bpy.types.Object) -> None:
+    holder.data.shape_keys.key_blocks["Key"].data[0].co.x += 1.0
+
+
+def change_the_mesh(holder: bpy.types.Object) -> None:
+    holder.data.vertices[0].co.x += 1.0
+    holder.data.update()
+
+
+def change_the_scale(holder: bpy.types.Object) -> None:
+    holder.scale.x = 2.0
+
+
+@pytest.mark.parametrize("change", [change_a_key, change_the_mesh, change_the_scale])
+@pytest.mark.parametrize("frame", [FIRST, 20])
+def test_changes_make_it_out_of_date(change: Callable[[bpy.types.Object], None], frame: int) -> None:
+    """On a computed frame, and on the one that was current, which need not be computed."""
+    holder = with_a_shape_key()
+    bpy.context.scene.frame_set(frame)
+    set_frames("1-12/3")
+    addon.compute(holder)
+    assert told_by_the_panel(holder) == ""
+    change(holder)
+    bpy.context.view_layer.update()
+    assert told_by_the_panel(holder) == MESH_LINE
+
+
+def test_other_frames_are_other_settings() -> None:
+    holder = with_a_shape_key()
+    set_frames(FRAMES)
+    addon.compute(holder)
+    settings = bpy.context.scene.ccdepth
+    assert told_by_the_panel(holder) == ""
+    settings.frame_list = "1-13"
+    assert told_by_the_panel(holder) == "Out of date: settings changed"
+    settings.frames = "CURRENT"
+    assert told_by_the_panel(holder) == "Out of date: settings changed"
+    addon.compute(holder)
+    assert told_by_the_panel(holder) == ""
+    assert holder.data.ccdepth.frames == ""
+    bpy.context.scene.frame_set(5)
+    assert told_by_the_panel(holder) == MESH_LINE
+
+
+# Runs that do not end well
+
+
+def stepwise(holder: bpy.types.Object) -> object:
+    task = addon.module("tasks.depth_task")
+    settings = task.DepthSettings(TOLERANCE, "ABSOLUTE", True, "CERTIFIED", "CONTROL", FRAMES)
+    bpy.context.view_layer.update()
+    return addon.module("tasks.stepwise").Stepwise(task.prepare_depths(bpy.context, [holder], settings))
+
+
+def test_the_frame_is_restored_when_it_is_cancelled() -> None:
+    holder = with_a_shape_key()
+    bpy.context.scene.frame_set(3, subframe=0.5)
+    objects = set(bpy.data.objects)
+    run = stepwise(holder)
+    texts = set()
+    while bpy.context.scene.frame_current != 6:
+        run.work(0)
+        run._steps.send(None)
+        texts.add(bpy.context.scene.frame_current)
+    run.give_up()
+    assert (bpy.context.scene.frame_current, bpy.context.scene.frame_subframe) == (3, 0.5)
+    assert set(bpy.data.objects) == objects
+
+
+def test_progress_names_the_frame() -> None:
+    run = stepwise(with_a_shape_key())
+    stages = [stage.text for stage in run._steps]
+    assert stages == [f"Frame {number} of {LAST}" for number in range(1, LAST + 1)]
+
+
+def test_a_mesh_that_is_swapped_on_a_frame_is_refused() -> None:
+    holder, other = with_a_shape_key(), scene.add_suzanne()
+    bystander = refined_suzanne()
+    meshes_before = [each.data for each in (holder, other)]
+
+    def swap(changed: bpy.types.Scene, *_: object) -> None:
+        holder.data = meshes_before[changed.frame_current > 5]
+
+    bpy.app.handlers.frame_change_post.append(swap)
+    try:
+        bpy.context.scene.frame_set(2)
+        with pytest.raises(RuntimeError, match=f"{holder.name}, on frame 6: it does not keep its mesh"):
+            compute(holder, bystander)
+    finally:
+        bpy.app.handlers.frame_change_post.remove(swap)
+    assert bpy.context.scene.frame_current == 2
+    assert holder.data == meshes_before[0]
+    assert not bystander.data.ccdepth.has_result
+
+
+def test_a_handler_that_fails_changes_nothing(capfd: pytest.CaptureFixture[str]) -> None:
+    holder = with_a_shape_key()
+
+    def fail(changed: bpy.types.Scene, *_: object) -> None:
+        raise LookupError("odd")
+
+    bpy.app.handlers.frame_change_post.append(fail)
+    try:
+        compute(holder)
+    finally:
+        bpy.app.handlers.frame_change_post.remove(fail)
+    capfd.readouterr()
+    assert bpy.context.scene.frame_current == FIRST
+    assert holder.data.ccdepth.frames == FRAMES
+
+
+def test_a_frame_without_a_surface_is_named() -> None:
+    holder = refined_suzanne()
+    key(holder, "scale", (1.0, 1.0, 1.0), (0.0, 0.0, 0.0))
+    bpy.context.scene.frame_set(4)
+    with pytest.raises(RuntimeError, match=rf"{holder.name}, on frame {LAST}: "):
+        compute(holder, tolerance=0.001, tolerance_mode="RELATIVE", frames=f"{FIRST}-{LAST}")
+    assert bpy.context.scene.frame_current == 4
+    assert not holder.data.ccdepth.has_result
+
+
+def test_undo_brings_back_what_was_before() -> None:
+    holder = with_a_shape_key()
+    name = holder.name
+    bpy.context.scene.frame_set(3)
+    addon.select(holder)
+    bpy.ops.ed.undo_push(message="before")
+    compute(holder)
+    bpy.ops.ed.undo_push(message="after")
+    bpy.ops.ed.undo()
+    holder = bpy.data.objects[name]
+    assert not holder.data.ccdepth.has_result
+    assert bpy.context.scene.frame_current == 3
