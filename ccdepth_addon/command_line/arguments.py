@@ -9,6 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from ..core import METHODS, VERTICES, Mode, Transitions
+from ..tasks.frames import typed_frames
+from ..tasks.surfaces import ComputeError
 from .amounts import UNITS, face_budget, face_limit, typed_tolerance
 from .mesh_files import BLEND, INPUTS, OUTPUTS, names_of
 
@@ -18,6 +20,9 @@ DEPTHS, LEVELS, SUBDIVIDE, MEASURE = "depths", "levels", "subdivide", "measure"
 MAKING = {LEVELS, SUBDIVIDE}
 
 STANDARD_OUTPUT = "-"
+
+# Instead of a list of frames.
+SCENE_RANGE = "scene"
 
 DESCRIPTION = (
     "How many Catmull-Clark levels does each face of a mesh need to be within a tolerance of the limit surface? "
@@ -116,6 +121,12 @@ def _add_choices(parser: Parser) -> None:
     )
     add("--method", type=_name, choices=METHODS, help="how the distance is bounded")
     add("--vertices", type=_name, choices=VERTICES, help="where the subdivided mesh has its vertices")
+    add(
+        "--frames",
+        type=_frames,
+        metavar="LIST",
+        help="compute depths on these frames: 1-250, 1-250/5 for every fifth, 1,5,9, or scene for its range",
+    )
     add("--no-modifiers", dest="use_modifiers", action="store_false", default=None, help="leave modifiers out")
 
 
@@ -243,6 +254,8 @@ def _fault(options: argparse.Namespace) -> str | None:
         return _gathering_fault(options)
     if options.levels and options.subdivide:
         return "--levels and --subdivide exclude each other"
+    if options.frames is not None and action_of(options) not in (DEPTHS, LEVELS):
+        return "--frames is for depths and --levels"
     if options.output is not None and options.output_folder is not None:
         return "--output and --output-folder exclude each other"
     if options.format is not None and options.output_folder is None:
@@ -282,6 +295,16 @@ def _output_fault(options: argparse.Namespace, outputs: list[Path | None]) -> st
 def _name(text: str) -> str:
     """second-order → SECOND_ORDER"""
     return text.upper().replace("-", "_")
+
+
+def _frames(text: str) -> str:
+    """Frames as they are typed, or the word for the scene's own."""
+    if text != SCENE_RANGE:
+        try:
+            typed_frames(text)
+        except ComputeError as fault:
+            raise argparse.ArgumentTypeError(str(fault)) from fault
+    return text
 
 
 def _suffix(text: str) -> str:

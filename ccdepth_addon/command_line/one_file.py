@@ -23,7 +23,7 @@ from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError, as_type
 from ..ui.printable import printable
 from . import picture
 from .amounts import UNITS
-from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SUBDIVIDE, action_of, is_measured, output_of
+from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SCENE_RANGE, SUBDIVIDE, action_of, is_measured, output_of
 from .blender_calls import CommandError, call
 from .illustrating import illustrations, levels_of
 from .mesh_files import (
@@ -39,7 +39,7 @@ from .mesh_files import (
     write_meshes,
     writer,
 )
-from .report import Distances, FileEntry, ObjectEntry, down_to, stamp, up_to
+from .report import Distances, FileEntry, Frame, ObjectEntry, down_to, stamp, up_to
 from .report_text import print_adaptive_meshes, print_depths, print_levels, print_measured, settings_text
 from .whole_files import UnwrittenError, refuse_existing, written_whole
 from .written_meshes import WrittenObject, measured_distances, nearer_accuracy, read_written, shown_triangles
@@ -50,11 +50,14 @@ GIVEN = (
     *("max_faces", "accuracy", "time_limit"),
 )
 
+# On which frames depths are computed.
+FRAMES = ("frames", "frame_list")
+
 # The settings that what is done goes by, beside the tolerance.
 MEASURING = ("tolerance_mode", "use_modifiers", "accuracy")
 SETTINGS = {
-    DEPTHS: ("tolerance_mode", "method", "vertices", "use_modifiers"),
-    LEVELS: ("method", "vertices", *MEASURING),
+    DEPTHS: ("tolerance_mode", "method", "vertices", "use_modifiers", *FRAMES),
+    LEVELS: ("method", "vertices", *FRAMES, *MEASURING),
     SUBDIVIDE: ("mode", "transitions", "exact_normals", "reduce", *MEASURING),
     MEASURE: (*MEASURING, "time_limit"),
 }
@@ -163,6 +166,10 @@ def change_settings(settings: bpy.types.PropertyGroup, options: Namespace) -> No
             setattr(settings, name, value)
     if options.output_kind is not None:
         settings.output = options.output_kind
+    if options.frames == SCENE_RANGE:
+        settings.frames = "SCENE"
+    elif options.frames is not None:
+        settings.frames, settings.frame_list = "CUSTOM", options.frames
     if options.tolerance is not None:
         tolerance = options.tolerance.in_scene(scene_unit(bpy.context.scene))
         refuse_impossible_tolerance(tolerance)
@@ -223,6 +230,7 @@ def _depth_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> 
         _entry(blender_object, settings, record.world_tolerance),
         deepest=max(record.deepest, record.added_deepest),
         level=record.uniform_level,
+        worst_frame=Frame(record.worst_frame) if record.frames else None,
         proved=up_to(float(bounds.max(initial=0.0)), scene_unit(bpy.context.scene)),
     )
 

@@ -14,7 +14,7 @@ from hashlib import file_digest
 from math import inf, nextafter
 from pathlib import Path
 from types import UnionType
-from typing import Any, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, NewType, TypeVar, Union, get_args, get_origin, get_type_hints
 
 import bpy
 
@@ -28,6 +28,10 @@ PROGRAM = {"name": "CC Depth", "version": version()}
 
 # The kinds of entries that are read with their types checked.
 Entry = TypeVar("Entry")
+
+
+# A frame of an animation; there are negative ones.
+Frame = NewType("Frame", int)
 
 
 class ReportError(ValueError):
@@ -49,8 +53,9 @@ class ObjectEntry:
     name: the object whose limit surface it is; result: the object that was made of it, if another. settings: as they
     were given, by their names. tolerance: as a length. faces: of its mesh; result_faces: of what was made of it;
     triangles: of what was written and measured. deepest: the deepest depth of a face; level: the first at which all
-    faces are within the tolerance. proved: the largest distance proved when it was made. measured: by Measure
-    Deviation, on what was written. met: whether the tolerance is met; None where nothing was measured.
+    faces are within the tolerance; worst_frame: of depths over frames. proved: the largest distance proved when it was
+    made. measured: by Measure Deviation, on what was written. met: whether the tolerance is met; None where nothing was
+    measured.
     """
 
     name: str
@@ -62,6 +67,7 @@ class ObjectEntry:
     triangles: int | None = None
     deepest: int | None = None
     level: int | None = None
+    worst_frame: Frame | None = None
     proved: float | None = None
     measured: Distances | None = None
     met: bool | None = None
@@ -256,16 +262,19 @@ def _typed(kind: type[Entry], values: dict[str, Any]) -> Entry:
 
 
 def _is_of(value: Any, hint: Any) -> bool:
-    """Whether a value is of a type; numbers have to be finite and not negative as well."""
-    if isinstance(hint, UnionType):
+    """Whether a value is of a type; numbers, but for frames, have to be finite and not negative as well."""
+    if get_origin(hint) in (Union, UnionType):
         return any(_is_of(value, each) for each in get_args(hint))
+    if hint is Frame:
+        return type(value) is int
     if hint in (int, float):
         return type(value) in (int, hint) and 0 <= value < inf
     return isinstance(value, get_origin(hint) or hint)
 
 
 COLUMNS = (
-    *("file", "error", "object", "tolerance_m", "faces", "deepest", "level", "result", "result_faces", "proved_m"),
+    *("file", "error", "object", "tolerance_m", "faces", "deepest", "level", "worst_frame"),
+    *("result", "result_faces", "proved_m"),
     *("measured_proved_m", "measured_reached_m", "met", "output"),
 )
 
@@ -292,6 +301,7 @@ def _row(entry: ObjectEntry) -> dict[str, Any]:
         "faces": entry.faces,
         "deepest": entry.deepest,
         "level": entry.level,
+        "worst_frame": entry.worst_frame,
         "result": entry.result,
         "result_faces": entry.result_faces,
         "proved_m": entry.proved,

@@ -38,7 +38,8 @@ def print_adaptive_meshes(objects: Sequence[bpy.types.Object]) -> None:
 def print_levels(objects: Sequence[bpy.types.Object]) -> None:
     """Which levels were set."""
     for mesh, names in _names_by_mesh(objects).items():
-        print(f"{names}: level {mesh.ccdepth.uniform_level}, {int(mesh.ccdepth.uniform_faces):,} faces")
+        at_frame = f"; the worst frame is {mesh.ccdepth.worst_frame}" if mesh.ccdepth.frames else ""
+        print(f"{names}: level {mesh.ccdepth.uniform_level}, {int(mesh.ccdepth.uniform_faces):,} faces{at_frame}")
 
 
 def print_measured(entry: FileEntry) -> None:
@@ -65,6 +66,8 @@ def depth_table(record: bpy.types.PropertyGroup) -> str:
     lines = [f"{'depth':>8}{'faces':>14}{'share':>9}"]
     lines += [f"{row.depth:>8}{row.faces:>14,}{row.faces / record.faces:>9.1%}" for row in record.rows]
     lines.append(f"{'all':>8}{record.faces:>14,}")
+    if record.frames:
+        lines.append(f"  deepest at frame {record.worst_frame}, of frames {record.frames}")
     if record.uniform_level >= 0:
         lines.append(f"  all of it at level {record.uniform_level}: {int(record.uniform_faces):,} faces")
     else:
