@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.bounds.norm_bounds import PATCH_METHODS, Method, Vertices
 from ccdepth_addon.core.depth.face_depths import (
     METHODS,
     VERTICES,
@@ -16,7 +17,14 @@ from ccdepth_addon.core.depth.face_depths import (
     level_bounds,
     uniform_level,
 )
-from ccdepth_addon.core.depth.pose_depths import Pose, common_level, pose_depths, raised_depths, worst_pose
+from ccdepth_addon.core.depth.pose_depths import (
+    LARGEST_NORM,
+    Pose,
+    common_level,
+    pose_depths,
+    raised_depths,
+    worst_pose,
+)
 from ccdepth_addon.core.mesh.copies import side_by_side
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
@@ -239,3 +247,18 @@ def test_copies_side_by_side_are_subdivided_like_one(name: str) -> None:
     )
     np.testing.assert_array_equal(three.face_sizes, np.tile(one.face_sizes, 3))
     np.testing.assert_array_equal(three.edge_face_counts.sum(), 3 * one.edge_face_counts.sum())
+
+
+@every_method
+@both_vertices
+@pytest.mark.parametrize("valence", [3, 5, 6, 9, 40])
+def test_no_norm_is_larger_than_the_longest_vector_allows(method: str, vertices: str, valence: int) -> None:
+    bounds = PATCH_METHODS[Method.SHARP if method == "CERTIFIED" else Method(method)]
+    rng = np.random.default_rng(valence)
+    # Unit vectors at random, and those of two signs, which make differences long.
+    for shape, bound in (((4, 4, 500, 3), bounds.regular), ((2 * valence + 8, 500, 3), bounds.extraordinary)):
+        for net in (rng.standard_normal(shape), np.sign(rng.standard_normal((*shape[:-1], 1))) * [1.0, 0.0, 0.0]):
+            found = bound(net / np.linalg.norm(net, axis=-1, keepdims=True), Vertices(vertices))
+            for levels in range(12):
+                assert found.at(levels).max() <= LARGEST_NORM
+            assert found.value.max() <= LARGEST_NORM

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import squared_norms
 from ..bounds.norm_bounds import PATCH_METHODS, Method, PatchBounds, Vertices
 from ..bounds.rounding import largest_coordinate, rounding_allowance
 from ..mesh.copies import side_by_side
@@ -43,6 +44,13 @@ POSES_BY_A_KEY = 8
 
 # The share of the time that the first pose takes, in units of what every other one takes.
 FIRST_POSE = 3.0
+
+# The bounds by norms are at most so many times the longest vector of a net: a second difference has four of them, of a
+# first difference at most twice the norm is taken, and no factor is more than 1.
+LARGEST_NORM = 4.0
+
+# What may be added to all distances, in units of the tolerance, to save the computing of norms.
+NEGLIGIBLE = 1 / 64
 
 # Relative; distances that are nearer to each other than this are alike: those of what is turned, in single precision.
 ALIKE = 1e-6
@@ -413,9 +421,14 @@ class _PoseSearch:
         norms = np.where(np.isfinite(before.norms), norms, np.inf)
         moved = _faces_near(self.prepared.mesh, rest)
         near[moved & (self.prepared.kinds.kinds == PatchKind.IRREGULAR)] = np.inf
-        for faces, rests in self.prepared.norms(scaled.mesh.changed(positions=rest), np.flatnonzero(moved)):
-            near[faces] += _at_each(rests, self.depths[faces])
-            norms[faces] += rests.value
+        longest = LARGEST_NORM * float(np.sqrt(squared_norms(rest).max(initial=0.0)))
+        if longest <= NEGLIGIBLE:
+            near[moved] += longest
+            norms[moved] += longest
+        else:
+            for faces, rests in self.prepared.norms(scaled.mesh.changed(positions=rest), np.flatnonzero(moved)):
+                near[faces] += _at_each(rests, self.depths[faces])
+                norms[faces] += rests.value
         # Of the rest, a sum of three rounded ones.
         near += 4 * max(before.scaled.allowance, scaled.allowance, after.scaled.allowance)
         self.peaks = np.maximum(self.peaks, norms)
