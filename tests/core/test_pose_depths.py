@@ -157,6 +157,22 @@ def test_of_poses_alike_the_first_is_the_worst() -> None:
     assert worst_pose(poses, "CERTIFIED", "CONTROL", pose_depths(poses, "CERTIFIED", "CONTROL")).pose == 0
 
 
+def test_bounds_are_lengths_in_the_pose_where_they_are_longest() -> None:
+    """The same shape four times as large, with a tolerance as much larger: in units of that nothing has moved."""
+    mesh = build(meshes.landscape(4, 4), smooth_corners=True)
+    poses = [pose_of(mesh, mesh.positions, 0.05), pose_of(mesh, 4 * mesh.positions, 0.2)]
+    alone = face_depths(mesh, 0.05, "CERTIFIED", "CONTROL")
+    for order in (poses, poses[::-1], [poses[0], *poses]):
+        found = pose_depths(order, "CERTIFIED", "CONTROL")
+        np.testing.assert_array_equal(found.depths, alone.depths)
+        np.testing.assert_allclose(found.bounds, 4 * alone.bounds, rtol=SCALING)
+        for pose in order:
+            at_depth = [Levels(pose.make()).distances(level, "CONTROL", 2) for level in range(LEVELS)]
+            shallow = found.depths < LEVELS
+            distances = np.array(at_depth)[np.minimum(found.depths, LEVELS - 1), np.arange(mesh.face_count)]
+            assert np.all(distances[shallow] <= found.bounds[shallow] + ROUNDING)
+
+
 def test_a_level_is_not_enough_because_an_earlier_one_is() -> None:
     """In one pose the middle face of 3 × 3 is near enough at levels 0 and 3 alone, and another one needs level 1."""
     grid, tolerance = meshes.grid(3, 3), 1.1

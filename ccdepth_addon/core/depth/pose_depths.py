@@ -390,6 +390,9 @@ class _PoseSearch:
         while True:
             raised = np.flatnonzero(self.depths > before)
             if not len(raised):
+                for key in keys[1:]:
+                    # Those that did not move, too: the tolerance need not be the same length.
+                    self._note(key.scaled, np.flatnonzero(key.near <= 1.0), key.near)
                 return keys
             before = self.depths.copy()
             self._find_near(keys, [raised] * len(keys), number)
