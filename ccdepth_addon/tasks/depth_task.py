@@ -73,11 +73,16 @@ class DepthSettings(SurfaceSettings):
 
 @dataclass(frozen=True)
 class DepthRequest:
-    """A surface whose depths are wanted; mesh and tolerance have been checked. frame: None for the scene as it is."""
+    """A surface whose depths are wanted; mesh and tolerance have been checked.
+
+    frame: None for the scene as it is. stretch: how many times as long as its own the longest tolerance of the surfaces
+    is that it dominates: their distances may be so much longer.
+    """
 
     surface: Surface
     settings: DepthSettings
     frame: int | None = None
+    stretch: float = 1.0
 
     @property
     def face_count(self) -> int:
@@ -388,7 +393,14 @@ def _undominated(requests: list[DepthRequest]) -> list[DepthRequest]:
     alike: dict[bytes, list[DepthRequest]] = {}
     for request in requests:
         alike.setdefault(control_mesh_key(request.surface.control), []).append(request)
-    return [group[kept] for group in alike.values() for kept in undominated([each.surface for each in group])]
+    kept = []
+    for group in alike.values():
+        for own, others in undominated([each.surface for each in group]).items():
+            tolerance = group[own].surface.tolerance
+            longest = max([tolerance, *(group[place].surface.tolerance for place in others)])
+            # Without extent there is none, which is refused later.
+            kept.append(replace(group[own], stretch=longest / tolerance if tolerance > 0 else 1.0))
+    return kept
 
 
 def _poses_of_one(requests: list[DepthRequest]) -> list[list[DepthRequest]]:
@@ -496,7 +508,8 @@ class _Answer:
         added_deepest = 0
         for group, found in zip(task.groups, self.found, strict=True):
             faces, known = _origins(group)
-            np.maximum.at(bounds, faces, found.bounds[known])
+            stretch = max(request.stretch for request in group.requests)
+            np.maximum.at(bounds, faces, found.bounds[known] * stretch)
             exact[faces[found.exact[known]]] = True
             present[faces] = True
             for name in {request.surface.object_name for request in group.requests}:

@@ -252,9 +252,13 @@ def test_a_relative_tolerance_is_a_part_of_the_diagonal_on_each_frame() -> None:
     addon.compute(holder, tolerance=0.001, tolerance_mode="RELATIVE")
     np.testing.assert_array_equal(over_frames, addon.depths(holder))
     assert smallest == pytest.approx(holder.data.ccdepth.world_tolerance, rel=1e-6)
+    # On the last frame all distances are three times as long, and so are the bounds over the frames.
+    single = addon.bounds(holder)
+    compute(holder, tolerance=0.001, tolerance_mode="RELATIVE")
+    np.testing.assert_allclose(addon.bounds(holder), 3 * single, rtol=1e-5)
 
 
-def test_what_does_not_move_is_computed_once() -> None:
+def test_what_only_turns_needs_nothing_more() -> None:
     holder = refined_suzanne()
     key(holder, "location", (0.0, 0.0, 0.0), (2.0, 1.0, 1.0))
     key(holder, "rotation_euler", (0.0, 0.0, 0.0), (2.0, 1.0, 1.0))
@@ -262,7 +266,10 @@ def test_what_does_not_move_is_computed_once() -> None:
     alone = addon.depths(holder), addon.bounds(holder)
     compute(holder)
     np.testing.assert_array_equal(addon.depths(holder), alone[0])
-    np.testing.assert_allclose(addon.bounds(holder), alone[1], rtol=1e-6)
+    # Rotations differ by rounding in single precision, and no norms are computed of such changes: all bounds may be a
+    # 64th of the tolerance more.
+    bounds = addon.bounds(holder)
+    assert np.all((bounds >= alone[1] * (1 - 1e-6)) & (bounds <= alone[1] + TOLERANCE / 64))
     assert holder.data.ccdepth.worst_frame == FIRST
 
 
