@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import tracemalloc
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from itertools import product
 from typing import Any
@@ -359,9 +359,10 @@ def approximated_anew(tree: Quadtree, request: AdaptiveRequest, *, with_neighbou
     while waiting:
         cells = waiting.pop()
         is_leaf = tree.first_child[cells.nodes] == NONE
-        for parents in some(cells, ~is_leaf):
+        for parents in some(cells, ~is_leaf & ~np.isin(cells.nodes, tree.covered)):
             waiting += parents.children(tree)
             if isinstance(parents, BicubicCells):
+                waiting += halves_of(tree, parents)
                 children = parents.approximate_children(request.limit, request.axes)
                 from_parents.put(tree.children_of_quads(parents.nodes).ravel(), children.approximation)
         for leaves in some(cells, is_leaf):
@@ -377,6 +378,15 @@ def approximated_anew(tree: Quadtree, request: AdaptiveRequest, *, with_neighbou
             approximation.tangential[unknown] = np.minimum(error_bounds.tangential, approximation.bounds)[unknown]
             found.put(leaves.nodes, approximation)
     return found
+
+
+def halves_of(tree: Quadtree, parents: BicubicCells) -> Iterator[BicubicCells]:
+    """The cells of the halves of quads, where these are halved."""
+    for half, (first, _) in enumerate(tree.covered.tolist()):
+        chosen = np.flatnonzero(parents.nodes == tree.parents[first])
+        if len(chosen):
+            side = first - tree.first_child[parents.nodes[chosen[0]]]
+            yield parents.at(chosen).halves(int(side), tree.first_half + np.array([half]))
 
 
 @pytest.mark.parametrize("exponent", [-40, 40])

@@ -24,10 +24,8 @@ def bound_along_surface(plan: Plan) -> IndexArray:
     """
     limit = plan.request.limit
     while True:
-        unbounded, approximated = plan.approximations.unbounded(), plan.approximated.take_leaves()
-        wanted = unbounded[_are_at_vertices(plan.tree, unbounded, approximated)]
-        if len(wanted):
-            _find_star_bounds(plan, wanted)
+        unbounded = plan.approximations.unbounded()
+        wanted = find_changed_star_bounds(plan, unbounded)
         exceeding = plan.approximations.star_bounds(wanted) > limit
         plan.by_flat_part.values[wanted[~exceeding]] = False
         failed = wanted[exceeding]
@@ -37,6 +35,14 @@ def bound_along_surface(plan: Plan) -> IndexArray:
         # Those alone may be drawn otherwise now, which the star bounds around have to know, now or after the splits.
         if len(failed) or not np.any(alone):
             return failed
+
+
+def find_changed_star_bounds(plan: Plan, unbounded: IndexArray) -> IndexArray:
+    """Compute and record anew those star bounds of unbounded leaves that may have changed. Returns these leaves."""
+    wanted = unbounded[_are_at_vertices(plan.tree, unbounded, plan.approximated.take_leaves())]
+    if len(wanted):
+        _find_star_bounds(plan, wanted)
+    return wanted
 
 
 def _not_flat_enough(plan: Plan, leaves: IndexArray) -> IndexArray:

@@ -20,9 +20,10 @@ from .quadtree import NONE, Quadtree
 from .request import AdaptiveRequest
 from .vertex_positions import VertexPositions
 
-# Estimated faces for each leaf, transitions included; and the ratio of the estimate to the number allowed above which a
-# result is refused before it is planned.
-FACES_OF_A_LEAF = 1.3
+# Estimated faces for each leaf before any are halved, transitions included; the least there can be; and the ratio of
+# the estimate to the number allowed above which a result is refused before it is planned.
+FACES_OF_A_LEAF = 1.0
+LEAST_FACES_OF_A_LEAF = 0.5
 SURELY_TOO_MANY = 4
 
 # The factor between the tolerances tried in search of one with few enough faces.
@@ -114,6 +115,10 @@ class Plan:
         """(nodes,) whether they have the least level of their face, or a deeper one."""
         return self.tree.levels[nodes] >= self._least_levels[self.tree.base_faces[nodes]]
 
+    def may_be_halved(self, nodes: IndexArray) -> BoolArray:
+        """(nodes,) whether they lie on faces without a least level."""
+        return self._least_levels[self.tree.base_faces[nodes]] == 0
+
     def whole_of(self, nodes: IndexArray) -> IndexArray:
         """Those of some nodes that are not split."""
         return nodes[self.tree.first_child[nodes] == NONE]
@@ -137,7 +142,8 @@ class Plan:
     def refuse_too_many(self, unfinished: int, expected: int) -> None:
         """Raise TooManyFacesError if splitting so many leaves makes too many, or if far too many are expected."""
         estimate, most = int(FACES_OF_A_LEAF * expected), self.request.most_faces
-        if self.tree.leaf_count + 3 * unfinished > most or estimate > SURELY_TOO_MANY * most:
+        leaves = self.tree.leaf_count + 3 * unfinished
+        if LEAST_FACES_OF_A_LEAF * leaves > most or estimate > SURELY_TOO_MANY * most:
             raise TooManyFacesError(estimate, self._feasible_limit())
 
     def _feasible_limit(self) -> float:

@@ -3,9 +3,9 @@
 
 Nodes are split while their own bounds exceed the tolerance; then wherever a neighbour is more than one level deeper;
 then wherever no template for the split sides is within the tolerance; until nothing is left to split. Bounds fall with
-the size of a leaf, and no split is undone, so this ends. Every piece of the tessellation has a proved bound
-(``triangle_bounds``, ``polygon_bounds``, ``star_bounds``), in both directions between mesh and surface
-(docs/adaptive.md).
+the size of a leaf, and no split is undone, so this ends. Then quads are halved instead of quartered where that does
+(``halves``). Every piece of the tessellation has a proved bound (``triangle_bounds``, ``polygon_bounds``,
+``star_bounds``), in both directions between mesh and surface (docs/adaptive.md).
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from ..progress import Progress, no_report
 from .balance import approximate_split_sides, unbalanced
 from .cells.control_faces import cells_of_faces
 from .growth import approximate_children, approximate_new, grow
+from .halves import halve
 from .leaf_approximation import Cells
 from .neighbour_bounds import bound_along_surface
 from .plan import Plan
@@ -83,6 +84,7 @@ def _plan_within(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress
     while True:
         plan = Plan(mesh, request, least_levels, progress)
         _settle(plan)
+        halve(plan)
         tree, leaves, depths = plan.tree, plan.leaves(), plan.face_levels()
         approximation, positions = plan.approximations.of(leaves), plan.positions
         # The rest takes as much memory as the tree, and is no longer needed.

@@ -9,6 +9,9 @@ inside. A chain from slot to slot connects all slots along an edge, so that a sp
 
 The child of slot s has slots at the vertex of s, the middle of side s, the centre, and the middle of the side before,
 in this order: that of ``catmull_clark.subdivide``.
+
+In the end four leaves of a quad may become two halves of it (``Quadtree.halve``). Their first slots are along one of
+the quad's sides, which is their side too.
 """
 
 from __future__ import annotations
@@ -37,6 +40,10 @@ Point = tuple[int, bool]
 # to corner.
 COMPLEX_POINTS = QUAD_POINTS @ np.array([1, 1j])
 COMPLEX_SIDES = np.array([1, 1j, -1, -1j])
+
+# The points of a half (``templates.QUAD_POINTS``): in which of the two children it covers each lies, and which of that
+# child's points it is, or 8 for its centre.
+POINTS_OF_HALF = ((0, 0), (1, 0), (1, 1), (0, 3), (0, 1), (1, 4), (0, 2), (0, 7))
 
 # There are more slots than nodes, edges or vertices.
 MOST_SLOTS = np.iinfo(np.int32).max
@@ -120,6 +127,9 @@ class Quadtree:
         self._vertex_parameters = Column(np.zeros(mesh.vertex_count, dtype=np.complex128))
         self._vertex_edges = Column(_numbers(NONE, mesh.vertex_count))
         self._append_slots(mesh.corner_vertices, mesh.corner_edges)
+        # (halves, 2): the children that each covers. Halves are the last nodes, and edges between them the last edges.
+        self.covered = np.zeros((0, 2), dtype=np.int32)
+        self._split_before = (_numbers(NONE, 0),) * 3
         self._added_columns: list[tuple[Column, Any]] = []
         self._added_vertex_columns: list[tuple[Column, Any]] = []
         self.leaf_count = faces
@@ -135,6 +145,11 @@ class Quadtree:
     midpoints = property(lambda self: self._midpoints.values)
     base_edges = property(lambda self: self._base_edges.values)
     vertex_edges = property(lambda self: self._vertex_edges.values)
+
+    @property
+    def first_half(self) -> int:
+        """The first of the nodes made by ``halve``."""
+        return len(self.first_child) - len(self.covered)
 
     def add_column(self, default: np.generic) -> Column:
         """(N,) of the default's dtype: it grows with the tree, and new nodes have the default."""
@@ -180,12 +195,20 @@ class Quadtree:
         corners = self._frame_corners.values[nodes].astype(np.intp)
         origins, sides = self._frame_origins.values[nodes], self._frame_sides(nodes)
         faces = np.flatnonzero(nodes < self.mesh.face_count)
+        halves = np.flatnonzero(nodes >= self.first_half)
+        covered = self.covered[nodes[halves] - self.first_half]
         for place, middle in points:
             parameters = origins + COMPLEX_POINTS[place % 4 + 4 * middle] * sides
             # The quarters of a whole face meet in its centre, so its corners and sides are all alike in theirs.
             parameters[faces] = middle
             own = corners.copy()
             own[faces] += place
+            if len(halves):
+                child, point = POINTS_OF_HALF[place + 4 * middle]
+                quads = covered[:, child]
+                own[halves] = self._frame_corners.values[quads]
+                turned = COMPLEX_POINTS[point] * self._frame_sides(quads)
+                parameters[halves] = self._frame_origins.values[quads] + turned
             yield SurfacePoints(own, _as_pairs(parameters))
 
     def is_quad(self, nodes: IndexArray) -> BoolArray:
@@ -339,6 +362,47 @@ class Quadtree:
             column.extend(len(slots), default)
         self._append_slots(child_vertices.ravel(), child_edges.ravel())
         self.leaf_count += len(slots) - len(nodes)
+
+    def halve(self, quads: IndexArray, turns: IndexArray, whole: IndexArray) -> IndexArray:
+        """Replace the four children of split quads (P,), all leaves, by two halves, each over the two children along a
+        side: that at slot ``turns`` (P,), 0 or 1, and the side across. Returns (2, P): the new leaves.
+
+        whole: split edges at whose midpoints no leaf has a corner then; they count as whole. The tree can be
+        tessellated then, and not be split any more, unless it is made as it was (``undo_halves``); ``sides`` tells what
+        it told before.
+        """
+        first, places = self.children_of_quads(quads), (turns + np.array([0, 2])[:, None]) % 4
+        following = (places + 1) % 4
+        one, other = (np.take_along_axis(first, each, axis=0).ravel() for each in (places, following))
+        of_one, of_other = self.first_slots(one), self.first_slots(other)
+        slots, count = (self.first_slots(quads) + places).ravel(), len(quads)
+        vertices = self.slot_vertices[np.stack([of_one, of_other, of_other + 1, of_one + 3], axis=1)]
+        edges = self.slot_edges[np.stack([slots, of_other, slots, of_one + 3], axis=1)]
+        edges[:, 2] = np.tile(self._append_edges(vertices[:count, 2:], NONE), 2)
+        halves, covered = len(self.first_child) + np.arange(2 * count), np.stack([one, other], axis=1)
+        self.first_child[covered] = halves[:, None]
+        self._first_child.extend(2 * count, NONE)
+        self._parents.append(np.tile(quads, 2))
+        self._levels.append(self.levels[one])
+        self._base_faces.append(self.base_faces[one])
+        for frames in (self._frame_corners, self._frame_origins, self._frame_turns):
+            frames.append(frames.values[one])
+        for column, default in self._added_columns:
+            column.extend(2 * count, default)
+        self._append_slots(vertices.ravel(), edges.ravel())
+        self.covered = np.concatenate([self.covered, covered])
+        self.leaf_count -= 2 * count
+        self._split_before = (whole, self.edge_children[whole], self.midpoints[whole])
+        self.edge_children[whole] = self.midpoints[whole] = NONE
+        return halves.reshape(2, count)
+
+    def undo_halves(self, halves: IndexArray) -> None:
+        """Undo the last ``halve``, which made these (2, P)."""
+        self.first_child[self.covered[halves.ravel() - self.first_half]] = NONE
+        self.first_child[halves] = self.parents[halves]
+        self.leaf_count += halves.size
+        edges, children, midpoints = self._split_before
+        self.edge_children[edges], self.midpoints[edges] = children, midpoints
 
     def _frame_sides(self, nodes: IndexArray) -> NDArray[np.complex128]:
         """The side of each node from its first slot, in its quarter, which is the child of a whole face."""

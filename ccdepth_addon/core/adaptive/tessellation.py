@@ -348,7 +348,9 @@ def _edges(
     vertices[insides] = inner_vertices
     vertices[insides.stop :] = new[tree.edge_vertices[loose]]
     base_edges[insides.stop :] = loose
-    clashing = _doubled(vertices, outer_count, len(used))
+    # Edges between halves are the tree's last.
+    between_halves = np.count_nonzero(is_used[len(tree.edge_vertices) - len(tree.covered) // 2 : NONE])
+    clashing = _doubled(vertices, outer_count - between_halves, len(used))
     clashing[insides] |= np.bincount(of_inner, minlength=len(inner_vertices)) != 2
     return Edges(sides, vertices, base_edges, clashing)
 

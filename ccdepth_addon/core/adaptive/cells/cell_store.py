@@ -17,7 +17,7 @@ import numpy as np
 from ...arrays.types import BoolArray, IndexArray
 from ..leaf_approximation import Cells
 from ..quadtree import NONE, Quadtree
-from .patch_cells import CELLS_AT_ONCE, NetCells
+from .patch_cells import CELLS_AT_ONCE, BicubicCells, NetCells
 
 # Cells of one kind have nets of as many points.
 Kind = tuple[type[NetCells], int]
@@ -38,9 +38,17 @@ class CellStore:
         self._places.values[cells.nodes] = np.arange(len(cells.nodes))
         self._blocks.append(cells)
 
+    def keeps(self, nodes: IndexArray) -> BoolArray:
+        """(nodes,) of which it keeps the cells themselves: of all that have nets and have been split, for example."""
+        return self._numbers.values[nodes] != NONE
+
     def of(self, nodes: IndexArray) -> Iterator[Cells]:
-        """The cells of nodes. The store has to keep each, or its parent."""
-        is_kept = self._numbers.values[nodes] != NONE
+        """The cells of nodes. The store has to keep each, or its parent; of halves their parents."""
+        is_half = nodes >= self._tree.first_half
+        if np.any(is_half):
+            yield from self._of_halves(nodes[is_half])
+            nodes = nodes[~is_half]
+        is_kept = self.keeps(nodes)
         yield from self._found(nodes[is_kept])
         children = nodes[~is_kept]
         if not len(children):
@@ -50,6 +58,18 @@ class CellStore:
         for cells in self._found(np.unique(self._tree.parents[children])):
             assert isinstance(cells, NetCells)
             yield from cells.children(self._tree, is_wanted[self._tree.children_of_quads(cells.nodes)])
+
+    def _of_halves(self, halves: IndexArray) -> Iterator[Cells]:
+        tree = self._tree
+        quads = tree.parents[halves]
+        sides = tree.covered[halves - tree.first_half, 0] - tree.first_child[quads]
+        for side in range(4):
+            chosen = np.flatnonzero(sides == side)
+            of_quads = halves[chosen[np.argsort(quads[chosen], kind="stable")]]
+            for cells in self._found(np.sort(quads[chosen])):
+                assert isinstance(cells, BicubicCells)
+                places = np.searchsorted(tree.parents[of_quads], cells.nodes)
+                yield cells.halves(side, of_quads[places])
 
     def _found(self, nodes: IndexArray) -> Iterator[Cells]:
         """The kept cells of nodes, block by block."""

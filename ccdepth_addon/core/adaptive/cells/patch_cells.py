@@ -52,6 +52,16 @@ def _child_matrices() -> list[FloatArray]:
 
 CHILD_MATRICES = _child_matrices()
 
+
+def _half_matrices() -> list[FloatArray]:
+    """Four of (16, 16): the same for its halves along each side, in their own frames from the side's slot on."""
+    (low, high), whole = HALVES, np.eye(4)
+    halves = [np.kron(a, b).reshape(4, 4, 16) for a, b in ((whole, low), (high, whole), (whole, high), (low, whole))]
+    return [np.ascontiguousarray(np.rot90(q, -turns).reshape(16, 16)) for turns, q in enumerate(halves)]
+
+
+HALF_MATRICES = _half_matrices()
+
 # The Bernstein coefficients of a bicubic quad in the order of the same quad counted from slot 0, 1, 2 or 3.
 TURNED_COEFFICIENTS = [np.rot90(np.arange(16).reshape(4, 4), -turns).ravel() for turns in range(4)]
 TO_BERNSTEIN = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
@@ -131,6 +141,10 @@ class BicubicCells(NetCells):
             nets[:, :, start : start + len(chosen)] = transformed_nets(matrix, own).swapaxes(1, 2)
             start += len(chosen)
         yield BicubicCells(nodes, np.zeros_like(nodes), nets.swapaxes(1, 2))
+
+    def halves(self, side: int, nodes: IndexArray) -> BicubicCells:
+        """Their halves along the side at this slot, counted from there, as cells of nodes (P,)."""
+        return BicubicCells(nodes, np.zeros_like(self.slots), transformed_nets(HALF_MATRICES[side], self.nets))
 
     def approximate_children(self, limit: float, axes: FloatArray) -> ChildApproximations:
         """How to approximate their children, by bounds from these quads' own coefficients."""
