@@ -76,13 +76,14 @@ class Outline:
 
 @dataclass(frozen=True)
 class Hull:
-    """Hull points of P leaves. points: (R, P, 3). parts: (rows,) each, which of them have convex hulls that hold the
-    surface together. sides: for each side of a leaf and each half of it, (rows,) those for the curve over it. spread:
-    (D, P, 3): the surface may be off the hulls by a vector in the convex hull of these and their opposites.
+    """Hull points of P leaves. points: (R, P, 3). parts: (parts, rows), which of them have convex hulls that hold the
+    surface together; a part of fewer has some twice. sides: for each side of a leaf and each half of it, (rows,) those
+    for the curve over it. spread: (D, P, 3): the surface may be off the hulls by a vector in the convex hull of these
+    and their opposites.
     """
 
     points: FloatArray
-    parts: Sequence[IndexArray]
+    parts: IndexArray
     sides: Sequence[Sequence[IndexArray]]
     spread: FloatArray
 
@@ -113,11 +114,12 @@ def _bicubic_rows() -> FloatArray:
 
 
 @cache
-def _bicubic_parts() -> tuple[Sequence[IndexArray], Sequence[Sequence[IndexArray]]]:
+def _bicubic_parts() -> tuple[IndexArray, Sequence[Sequence[IndexArray]]]:
     """The parts and the sides of ``bicubic_hull``."""
     grid, halves = np.arange(49).reshape(7, 7), (slice(0, 4), slice(3, 7))
     along = [grid[:, 0], grid[6], grid[::-1, 6], grid[0, ::-1]]
-    return [grid[u, v].ravel() for u in halves for v in halves], [[side[half] for half in halves] for side in along]
+    parts = np.stack([grid[u, v].ravel() for u in halves for v in halves])
+    return parts, [[side[half] for half in halves] for side in along]
 
 
 def bicubic_hull(coefficients: FloatArray) -> Hull:
@@ -132,7 +134,7 @@ class ExtraordinaryHullRows:
     spread: (2n + 10, 2n + 8), as in ``Hull``."""
 
     points: FloatArray
-    parts: Sequence[IndexArray]
+    parts: IndexArray
     sides: Sequence[Sequence[IndexArray]]
     spread: FloatArray
 
@@ -165,7 +167,7 @@ def _extraordinary_rows(valence: int) -> ExtraordinaryHullRows:
     middles, ones, others = second_differences(valence)
     spread = 2 * net[middles] - net[ones] - net[others]
     spread *= certified_limit_factor(valence)
-    parts = [*np.arange(16 * starts.size).reshape(-1, 16), last]
+    parts = np.concatenate([np.arange(16 * starts.size).reshape(-1, 16), [np.resize(last, 16)]])
     return ExtraordinaryHullRows(np.concatenate([*rows, stencils.limits @ net]), parts, sides, spread)
 
 
@@ -274,18 +276,15 @@ def _from_surface(outline: Outline, hull: Hull, roofs: _Roofs, rounding: float) 
     beyond, dents = overshoot(outline, hull.points, roofs.planes.axes)
     dents += rounding
     found = np.hypot(dents, roofs.nearest + slopes * dents)
-    under, across = -roofs.heights.min(axis=0), hull.reach()
-    for part in hull.parts:
-        chosen = np.flatnonzero(np.any(beyond[part] + across > 0, axis=0))
-        if not len(chosen):
-            continue
-        own = np.ix_(part, chosen)
-        over = roofs.heights[:, part][:, :, chosen]
-        lowest = over.max(axis=1).argmin(axis=0)
-        over = np.take_along_axis(over, lowest[None, None], axis=0)[0] + roofs.gaps[chosen]
-        off = np.maximum(over, under[own]) + roofs.reach[chosen]
-        away = beyond[own] + (across + dents)[chosen]
-        found[chosen] = np.maximum(found[chosen], np.hypot(away, off + slopes[chosen] * away).max(axis=0))
+    across = hull.reach()
+    parts, leaves = np.nonzero(np.any((beyond + across > 0)[hull.parts], axis=1))
+    rows = hull.parts[parts].T
+    heights = roofs.heights[:, rows, leaves]
+    lowest = heights.max(axis=1).argmin(axis=0)
+    over = np.take_along_axis(heights, lowest[None, None], axis=0)[0] + roofs.gaps[leaves]
+    off = np.maximum(over, -heights.min(axis=0)) + roofs.reach[leaves]
+    away = beyond[rows, leaves] + (across + dents)[leaves]
+    np.maximum.at(found, leaves, np.hypot(away, off + slopes[leaves] * away).max(axis=0))
     return found
 
 

@@ -148,5 +148,5 @@ def _padded(pieces: _Pieces, corners: FloatArray) -> Hull:
         rows.append(of_side.reshape(-1, count, 3))
         sides[half_side // 2].append(np.arange(first, first + 8 * longest))
         first += 8 * longest
-    parts = [*np.arange(16 * most).reshape(-1, 16)]
+    parts = np.arange(16 * most).reshape(-1, 16)
     return Hull(component_major(np.concatenate(rows)), parts, sides, np.zeros((0, count, 3)))
