@@ -335,7 +335,7 @@ def assert_bounded_as_it_is(
     anew = approximated_anew(tree, request).at(leaves)
     # Those that neighbours were expected to bound, and that had to do without them.
     chosen = np.flatnonzero(approximation.alone & ~anew.alone)
-    anew.put(chosen, approximated_anew(tree, request, with_neighbours=False).at(leaves[chosen]))
+    anew.put(chosen, approximated_anew(tree, request, alone=True).at(leaves[chosen]))
     assert np.all(np.isfinite(anew.bounds[chosen]))
     for name in ("patterns", "alternatives", "turns", "folded"):
         np.testing.assert_array_equal(getattr(approximation, name), getattr(anew, name))
@@ -351,7 +351,7 @@ def assert_bounded_as_it_is(
     assert np.all(approximation.bounds <= request.limit)
 
 
-def approximated_anew(tree: Quadtree, request: AdaptiveRequest, *, with_neighbours: bool = True) -> LeafApproximation:
+def approximated_anew(tree: Quadtree, request: AdaptiveRequest, *, alone: bool = False) -> LeafApproximation:
     """(nodes,) approximations of a tree's leaves with their sides as they are, and error bounds along their normals and
     across: from the faces of the control mesh down. Whole leaves by their bicubic parents first."""
     found, waiting = LeafApproximation.none(len(tree.first_child)), [*cells_of_faces(tree.mesh)]
@@ -366,11 +366,10 @@ def approximated_anew(tree: Quadtree, request: AdaptiveRequest, *, with_neighbou
                 children = parents.approximate_children(request.limit, request.axes)
                 from_parents.put(tree.children_of_quads(parents.nodes).ravel(), children.approximation)
         for leaves in some(cells, is_leaf):
-            approximation = leaves.approximate(
-                tree.hanging(tree.slots(leaves.nodes)), request, with_neighbours=with_neighbours
-            )
+            known = LeafApproximation.none(len(leaves.nodes)) if alone else None
+            approximation = leaves.approximate(tree.hanging(tree.slots(leaves.nodes)), request, known=known)
             by_parents = from_parents.accepted[leaves.nodes] & (tree.sides(leaves.nodes)[0] == 0)
-            at_parents = np.flatnonzero(by_parents & with_neighbours)
+            at_parents = np.flatnonzero(by_parents & (not alone))
             approximation.put(at_parents, from_parents.at(leaves.nodes[at_parents]))
             error_bounds = leaves.error_bounds(approximation, request.limit)
             unknown = np.flatnonzero(np.isinf(approximation.normal))

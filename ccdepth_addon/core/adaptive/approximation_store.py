@@ -7,6 +7,8 @@ kept only for the others and the leaves around these.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
@@ -46,6 +48,11 @@ class ApproximationStore:
         stored = {name: self._columns[name].values.take(nodes) for name in OF_ALL_NODES[:-1]}
         rest = {name: np.broadcast_to(getattr(nothing, name), len(nodes)) for name in ("normal", "tangential", "least")}
         return LeafApproximation(**stored, **rest)
+
+    def without_star_bounds(self, nodes: IndexArray) -> LeafApproximation:
+        """The same, with the error bounds that there are."""
+        normal, tangential = self.error_bounds(nodes)
+        return replace(self.without_neighbours(nodes), normal=normal, tangential=tangential)
 
     def of(self, nodes: IndexArray) -> LeafApproximation:
         """The same, with star bounds where there are no others."""

@@ -76,13 +76,13 @@ class Cells(Protocol):
         hanging: BoolArray,
         request: AdaptiveRequest,
         *,
-        with_neighbours: bool = True,
         flat: BoolArray | None = None,
+        known: LeafApproximation | None = None,
     ) -> LeafApproximation:
         """How to approximate them within the limit of a request; hanging: (slots of the nodes,) bool, which sides are
-        split. with_neighbours: whether to accept what is predicted to be within the limit along the surface, before
-        cells are tried alone. flat: (P,) which to accept in any case, unless all their sides are split or they are
-        polygons."""
+        split. flat: (P,) which to accept in any case, unless all their sides are split or they are polygons. known: how
+        they are approximated, with these sides split, by star bounds that turned out to exceed the limit; now nothing
+        is accepted that needs neighbours."""
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """Error bounds along and across the normals of the triangles by which they are approximated."""

@@ -63,7 +63,8 @@ def approximate_alone(plan: Plan, leaves: IndexArray) -> BoolArray:
     """(leaves,) which have bounds of their own after all. Records them."""
     tree, found = plan.tree, np.zeros(len(plan.tree.first_child), dtype=bool)
     for cells in in_blocks(plan.cells.of(leaves)) if len(leaves) else ():
-        approximation = plan.approximate(cells, tree.hanging(tree.slots(cells.nodes)), with_neighbours=False)
+        known = plan.approximations.without_star_bounds(cells.nodes)
+        approximation = plan.approximate(cells, tree.hanging(tree.slots(cells.nodes)), known)
         chosen = np.flatnonzero(np.isfinite(approximation.bounds))
         found[cells.nodes[chosen]] = True
         plan.record(cells.nodes[chosen], approximation.at(chosen))

@@ -101,10 +101,12 @@ class Plan:
         self.tree.split(nodes)
         self.split_nodes.put(nodes)
 
-    def approximate(self, cells: Cells, hanging: BoolArray, *, with_neighbours: bool = True) -> LeafApproximation:
-        """How to approximate cells with these sides split, (slots of the cells,)."""
-        flat = self.flat_parts.is_flat(self.tree.base_faces[cells.nodes]) if with_neighbours else None
-        return cells.approximate(hanging, self.request, with_neighbours=with_neighbours, flat=flat)
+    def approximate(
+        self, cells: Cells, hanging: BoolArray, known: LeafApproximation | None = None
+    ) -> LeafApproximation:
+        """How to approximate cells with these sides split, (slots of the cells,); known: as in ``Cells``."""
+        flat = self.flat_parts.is_flat(self.tree.base_faces[cells.nodes]) if known is None else None
+        return cells.approximate(hanging, self.request, flat=flat, known=known)
 
     def record(self, nodes: IndexArray, approximation: LeafApproximation) -> None:
         """Record the approximation of nodes, each once."""

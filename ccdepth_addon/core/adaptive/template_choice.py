@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import dot_products, selected_vectors, squared_norms
@@ -19,7 +20,7 @@ from .leaf_approximation import LeafApproximation
 from .leaf_bounds.polygon_bounds import is_folded
 from .leaf_bounds.triangle_bounds import ErrorBounds
 from .leaf_bounds.triangle_shapes import along_and_across, triangle_normals
-from .templates import WHOLE, templates
+from .templates import COUNTS, WHOLE
 
 # A predicted bound has to be below this part of the limit; and the ratio of the tilt between neighbouring triangles to
 # the height of a side's middle over its chord, in parts of its length: 8 for a circle, and some more.
@@ -33,30 +34,33 @@ CHORDS = [(4, 0, 1), (5, 1, 2), (6, 2, 3), (7, 3, 0), (8, 0, 2), (8, 1, 3)]
 
 
 class WithDistances(Protocol):
-    """Cells to be approximated by one pattern, whose distances at equal parameters can be bounded."""
+    """Cells whose distances from the templates for their patterns can be bounded."""
 
-    def distances(self, chosen: IndexArray, alternative: int) -> FloatArray:
-        """(n,): upper bounds for some of them, by index, as tight as it takes to compare them with the limit."""
+    def distances(self, chosen: IndexArray, alternatives: IndexArray) -> FloatArray:
+        """(n,): upper bounds for some of them, by ascending index, and an alternative each (n,), as tight as it takes
+        to compare them with the limit."""
 
 
 class WithErrorBounds(Protocol):
-    """Cells to be approximated by one pattern, whose errors along and across normals can be bounded."""
+    """Cells whose errors along and across the normals of the templates for their patterns can be bounded."""
 
-    def error_bounds(self, chosen: IndexArray, alternative: int) -> ErrorBounds:
-        """(n,) each, for some of them, by index, as tight as it takes to compare a predicted bound with the limit."""
+    def error_bounds(self, chosen: IndexArray, alternatives: IndexArray) -> ErrorBounds:
+        """(n,) each, for some of them, by ascending index, and an alternative each (n,), as tight as it takes to
+        compare a predicted bound with the limit."""
 
 
 def choose_within_limit(cells: WithDistances, sampled: FloatArray, limit: float) -> LeafApproximation:
-    """The first template within the limit at equal parameters, in the order of what is sampled (alternatives, P)."""
+    """The first template whose distance is within the limit, in the order of what is sampled (alternatives, P)."""
     found = LeafApproximation.none(sampled.shape[1])
-    for alternative, is_next in _in_order(sampled, limit):
+    for alternatives, is_next in _in_order(sampled, limit):
         tried = np.flatnonzero(is_next & ~found.accepted)
         if len(tried):
-            distances = cells.distances(tried, alternative)
+            distances = cells.distances(tried, alternatives[tried])
             within = distances <= limit
-            found.accepted[tried[within]] = True
-            found.alternatives[tried[within]] = alternative
-            found.bounds[tried[within]] = distances[within]
+            accepted = tried[within]
+            found.accepted[accepted] = True
+            found.alternatives[accepted] = alternatives[accepted]
+            found.bounds[accepted] = distances[within]
     return found
 
 
@@ -69,25 +73,25 @@ def choose_alone(cells: WithDistances, samples: Samples, limit: float) -> LeafAp
 def choose_along_surface(cells: WithErrorBounds, samples: Samples, limit: float) -> LeafApproximation:
     """The first template that is predicted to be within the limit along the surface, by the cells' own samples."""
     found = LeafApproximation.none(len(samples.slopes))
-    for alternative, is_next in _in_order(samples.predicted_bounds(), PROMISING * limit):
+    for alternatives, is_next in _in_order(samples.predicted_bounds(), PROMISING * limit):
         tried = np.flatnonzero(is_next & ~found.accepted)
         if len(tried):
-            error_bounds = cells.error_bounds(tried, alternative)
+            error_bounds = cells.error_bounds(tried, alternatives[tried])
             predicted = samples.at(tried).predict(error_bounds.normal, error_bounds.tangential)
             promising = np.flatnonzero(predicted <= PROMISING * limit)
             accepted = tried[promising]
             found.accepted[accepted] = True
-            found.alternatives[accepted] = alternative
+            found.alternatives[accepted] = alternatives[accepted]
             found.normal[accepted] = error_bounds.normal[promising]
             found.tangential[accepted] = error_bounds.tangential[promising]
     return found
 
 
-def _in_order(samples: FloatArray, limit: float) -> Iterator[tuple[int, BoolArray]]:
-    """Alternatives, and for which cells (P,) each is next by its sample (alternatives, P), if within the limit."""
-    for rank in np.argsort(samples, axis=0, kind="stable"):
-        for alternative in range(len(samples)):
-            yield alternative, (rank == alternative) & (samples[alternative] <= limit)
+def _in_order(samples: FloatArray, limit: float) -> Iterator[tuple[IndexArray, BoolArray]]:
+    """By samples (alternatives, P), the best alternative of each cell first: (P,) alternatives, and for which cells
+    they are sampled within the limit."""
+    for alternatives in np.argsort(samples, axis=0, kind="stable"):
+        yield alternatives, np.take_along_axis(samples, alternatives[None], axis=0)[0] <= limit
 
 
 def folded_quads(
@@ -104,13 +108,22 @@ def folded_quads(
     return folded
 
 
-def sampled_distances(points: FloatArray, pattern: int) -> FloatArray:
+def sampled_distances(points: FloatArray, patterns: NDArray[np.int8]) -> FloatArray:
     """(alternatives, P): the distances of quads at the middles of their sides and diagonals, from their points and
-    centres (9, P, 3); 0 where sides are split."""
-    if pattern != WHOLE:
-        return np.zeros((len(templates(pattern)), points.shape[1]))
-    squares = squared_norms(off_sides_and_diagonals(points))
-    return np.sqrt(np.maximum(squares[:4].max(axis=0), squares[4:]))
+    centres (9, P, 3); 0 where sides are split, and inf where a pattern (P,) has fewer alternatives."""
+    sampled = np.where(_is_alternative(patterns), 0.0, np.inf)
+    whole = np.flatnonzero(patterns == WHOLE)
+    if len(whole):
+        own = points if len(whole) == len(patterns) else selected_vectors(points, whole)
+        squares = squared_norms(off_sides_and_diagonals(own))
+        sampled[:2, whole] = np.sqrt(np.maximum(squares[:4].max(axis=0), squares[4:]))
+    return sampled
+
+
+def _is_alternative(patterns: NDArray[np.int8]) -> BoolArray:
+    """(alternatives, P): which of them patterns (P,) have."""
+    counts = COUNTS[patterns]
+    return np.arange(counts.max(initial=2))[:, None] < counts
 
 
 def off_sides_and_diagonals(points: FloatArray) -> FloatArray:
@@ -123,11 +136,13 @@ def off_sides_and_diagonals(points: FloatArray) -> FloatArray:
     return off
 
 
-def off_lines(off: FloatArray, sides: FloatArray, squares: FloatArray) -> FloatArray:
-    """(P,): the largest length of vectors (S, P, 3) across sides (S, P, 3), these with squared lengths (S, P)."""
+def off_lines(off: FloatArray, sides: FloatArray, squares: FloatArray, is_split: BoolArray) -> FloatArray:
+    """(P,): the largest length of vectors (S, P, 3) across sides (S, P, 3), these with squared lengths (S, P), but for
+    split ones (S, P)."""
     along = dot_products(off, sides)
     along *= along / np.where(squares > 0, squares, 1.0)
-    return np.sqrt(np.maximum(squared_norms(off) - along, 0.0).max(axis=0, initial=0.0))
+    across = np.where(is_split, 0.0, squared_norms(off) - along)
+    return np.sqrt(across.max(axis=0, initial=0.0))
 
 
 @dataclass(frozen=True)
@@ -145,23 +160,22 @@ class Samples:
     beside: FloatArray
 
     @staticmethod
-    def of(corners: FloatArray, off: FloatArray, pattern: int) -> Samples:
+    def of(corners: FloatArray, off: FloatArray, patterns: NDArray[np.int8]) -> Samples:
         """From the quads' corners (4 or more, P, 3) and S - T (6, P, 3) at the middles of their sides and diagonals;
-        split sides have no samples, only slopes."""
+        with patterns (P,), of whose split sides there are no samples, only slopes."""
         normals = triangle_normals(corners, ((0, 1, 2), (0, 2, 3)))
         normals = (normals[0] + normals[1]) / 2
         sides = corners[ENDS] - corners[STARTS]
         squares = squared_norms(sides)
         lengths = np.sqrt(squares.min(axis=0))
-        is_whole = [not pattern >> side & 1 for side in range(4)]
-        beside = off_lines(off[:4][is_whole], sides[is_whole], squares[is_whole])
+        is_split = (patterns >> np.arange(4)[:, None] & 1).astype(bool)
+        beside = off_lines(off[:4], sides, squares, is_split)
         heights, across = along_and_across(off, normals)
         slopes = Samples.slopes_of(heights[:4].max(axis=0), lengths)
-        if pattern != WHOLE:
-            none = np.zeros((len(templates(pattern)), off.shape[1]))
-            return Samples(none, none, slopes, beside)
-        normal = np.maximum(heights[:4].max(axis=0), heights[4:])
-        tangential = np.maximum(across[:4].max(axis=0), across[4:])
+        normal, tangential = (np.where(_is_alternative(patterns), 0.0, np.inf) for _ in range(2))
+        whole = np.flatnonzero(patterns == WHOLE)
+        for found, sampled in ((normal, heights), (tangential, across)):
+            found[:2, whole] = np.maximum(sampled[:4].max(axis=0), sampled[4:])[:, whole]
         return Samples(normal, tangential, slopes, beside)
 
     @staticmethod

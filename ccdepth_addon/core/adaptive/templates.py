@@ -7,12 +7,14 @@ side s is split. The four triangles or fewer of a template have no angle below 2
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from enum import StrEnum
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
-from ..arrays.types import FloatArray
+from ..arrays.types import FloatArray, IndexArray
 
 Triangle = tuple[int, int, int]
 Template = tuple[Triangle, ...]
@@ -70,8 +72,21 @@ def _rotated(triangle: Triangle, turns: int) -> Triangle:
     return a, b, c
 
 
-# By how many sides each pattern is turned.
+# By how many sides each pattern is turned; and how many templates each has.
 TURNS = np.array([_turns(pattern) for pattern in range(16)])
+COUNTS = np.array([0 if pattern == ALL_SPLIT else len(templates(pattern)) for pattern in range(16)])
+
+
+def template_numbers(patterns: NDArray[np.int8], alternatives: IndexArray | NDArray[np.int8]) -> IndexArray:
+    """(P,): a number for each template. Patterns are below 16."""
+    return alternatives.astype(np.intp) * 16 + patterns
+
+
+def template_groups(numbers: IndexArray) -> Iterator[tuple[int, int, IndexArray]]:
+    """Each pattern and alternative among template numbers (P,), and the indices where it is."""
+    for number in np.unique(numbers).tolist():
+        yield number % 16, number // 16, np.flatnonzero(numbers == number)
+
 
 # The same for a triangle of the control mesh: corners 0 to 2, middles 3 to 5.
 ONE_SIDE_OF_TRIANGLE: Template = ((2, 0, 3), (2, 3, 1))

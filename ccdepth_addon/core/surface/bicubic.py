@@ -7,11 +7,13 @@ Nets are (4, 4, P, 3); coefficients are (rows, P, 3), or (4, 4, P, 3) for a whol
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 
 from ..arrays.matrix_products import matrix_product
 from ..arrays.types import FloatArray
-from ..arrays.vectors import squared_norms
+from ..arrays.vectors import squared_norms, transformed_nets
 
 SPLINE_TO_BERNSTEIN = np.array([[1, 4, 1, 0], [0, 4, 2, 0], [0, 2, 4, 0], [0, 1, 4, 1]]) / 6
 SECOND_DIFFERENCE = np.array([[1, -2, 1, 0], [0, 1, -2, 1]], dtype=np.float64)
@@ -67,6 +69,16 @@ def bilinear_coefficients(corners: FloatArray) -> FloatArray:
     first, second, third, fourth = corners
     ends = np.stack([elevated(np.stack([first, fourth])), elevated(np.stack([second, third]))])
     return elevated(ends)
+
+
+@cache
+def _facet_rows() -> FloatArray:
+    return np.ascontiguousarray(bilinear_coefficients(np.eye(4)).reshape(16, 4))
+
+
+def facet_coefficients(corners: FloatArray) -> FloatArray:
+    """(16, P, 3), component-major: the same of facets over corners (4, P, 3), [i, j] → 4i + j."""
+    return transformed_nets(_facet_rows(), corners)
 
 
 def patch_coefficients(net: FloatArray) -> FloatArray:

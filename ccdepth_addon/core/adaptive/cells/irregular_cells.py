@@ -20,9 +20,7 @@ from ..leaf_bounds.irregular_bounds import template_error_bounds
 from ..leaf_bounds.leaf_distance import Hull
 from ..leaf_bounds.refined_hulls import hull_of_quads
 from ..leaf_bounds.triangle_bounds import ErrorBounds
-from ..leaf_bounds.triangle_shapes import triangle_normals
 from ..quadtree import Quadtree
-from ..templates import templates
 from .patch_cells import BicubicCells, ExtraordinaryCells
 from .quad_cells import QuadCells
 
@@ -60,29 +58,17 @@ class RefinedCells(QuadCells):
     def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
         return hull_of_quads(self.descent, chosen, selected_vectors(points, chosen), limit)
 
-    def distances_of(
-        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
-    ) -> FloatArray:
-        return self._error_bounds(chosen, pattern, alternative, points, limit, None).whole
+    def distances_of(self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float) -> FloatArray:
+        return self._error_bounds(chosen, numbers, points, limit, None).whole
 
-    def error_bounds_of(
-        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
-    ) -> ErrorBounds:
+    def error_bounds_of(self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float) -> ErrorBounds:
         # No limit on the room for neighbours: it may grow when sides are split.
-        return self._error_bounds(chosen, pattern, alternative, points, limit, np.full(len(chosen), np.inf))
+        return self._error_bounds(chosen, numbers, points, limit, np.full(len(chosen), np.inf))
 
     def _error_bounds(
-        self,
-        chosen: IndexArray,
-        pattern: int,
-        alternative: int,
-        points: FloatArray,
-        limit: float,
-        room: FloatArray | None,
+        self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float, room: FloatArray | None
     ) -> ErrorBounds:
-        points = selected_vectors(points, chosen)
-        normals = triangle_normals(points, templates(pattern)[alternative])
-        return template_error_bounds(self.descent, chosen, points, (pattern, alternative), normals, limit, room)
+        return template_error_bounds(self.descent, chosen, selected_vectors(points, chosen), numbers, limit, room)
 
 
 def refined_children(tree: Quadtree, nodes: IndexArray, refinement: Refinement) -> Iterator[Cells]:

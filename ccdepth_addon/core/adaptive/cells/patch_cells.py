@@ -29,7 +29,7 @@ from ..leaf_bounds.triangle_shapes import triangle_normals
 from ..quadtree import Quadtree
 from ..request import AdaptiveRequest
 from ..template_choice import PROMISING, Samples, choose_along_surface, folded_quads
-from ..templates import TURNS, WHOLE, templates
+from ..templates import TURNS, WHOLE, template_groups, templates
 from .quad_cells import QuadCells, patterns_of
 
 # Finer bounds save nearly all of the part that is not quadratic, and sometimes a little more. They are computed where
@@ -104,6 +104,28 @@ class NetCells(QuadCells):
     def children(self, tree: Quadtree, wanted: BoolArray | None = None) -> Iterator[NetCells]:
         """As in ``Cells``; all children, or the wanted ones, (4, P) by slot, with the same bits."""
 
+    def distances_of(self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float) -> FloatArray:
+        found = np.empty(len(chosen))
+        for pattern, alternative, own in template_groups(numbers):
+            found[own] = self._distances_of_template(chosen[own], pattern, alternative, limit)
+        return found
+
+    def error_bounds_of(self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float) -> ErrorBounds:
+        found = ErrorBounds(*(np.empty(len(chosen)) for _ in range(3)))
+        for pattern, alternative, own in template_groups(numbers):
+            found.put(own, self._error_bounds_of_template(chosen[own], pattern, alternative, points))
+        return found
+
+    @abstractmethod
+    def _distances_of_template(self, chosen: IndexArray, pattern: int, alternative: int, limit: float) -> FloatArray:
+        """``distances_of`` for one template."""
+
+    @abstractmethod
+    def _error_bounds_of_template(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray
+    ) -> ErrorBounds:
+        """``error_bounds_of`` for one template."""
+
     @abstractmethod
     def _to_points(self) -> FloatArray:
         """(9, N): from a net to the quad's points and its centre."""
@@ -122,6 +144,9 @@ class ChildApproximations:
 
 class BicubicCells(NetCells):
     """Bicubic quads, by their 16 Bernstein coefficients [i, j] → 4i + j, u along i."""
+
+    # What is known of them may be from their parents.
+    are_known = False
 
     @staticmethod
     def of_faces(mesh: PolygonMesh, faces: IndexArray, nodes: IndexArray) -> BicubicCells:
@@ -160,7 +185,8 @@ class BicubicCells(NetCells):
         folded = folded_quads(found, within, corners_of_children(distances.points, is_within), axes)
 
         far = distances.far
-        chosen, samples = far.at_corners * len(self.nodes) + far.of_quads, Samples.of(far.corners, far.off, WHOLE)
+        whole = np.full(len(far.at_corners), WHOLE, dtype=np.int8)
+        chosen, samples = far.at_corners * len(self.nodes) + far.of_quads, Samples.of(far.corners, far.off, whole)
         out_of_reach = np.zeros(best.size, dtype=bool)
         nearest = samples.alone().min(axis=0)
         out_of_reach[chosen] = (samples.predicted_bounds().min(axis=0) > PROMISING * limit) & (nearest > limit)
@@ -177,12 +203,12 @@ class BicubicCells(NetCells):
         hanging: BoolArray,
         request: AdaptiveRequest,
         *,
-        with_neighbours: bool = True,
         flat: BoolArray | None = None,
+        known: LeafApproximation | None = None,
     ) -> LeafApproximation:
         # Turned so that their patterns are canonical: fewer patterns take less time.
         turned = self._turned(TURNS[patterns_of(hanging, self.slots)])
-        return super(BicubicCells, turned).approximate(hanging, request, with_neighbours=with_neighbours, flat=flat)
+        return super(BicubicCells, turned).approximate(hanging, request, flat=flat, known=known)
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         turned = self._turned((approximation.turns - self.slots) % 4)
@@ -198,10 +224,8 @@ class BicubicCells(NetCells):
             nets[:, chosen] = selected_vectors(self.nets, chosen).take(TURNED_COEFFICIENTS[turn], axis=0)
         return BicubicCells(self.nodes, (self.slots + turns) % 4, nets)
 
-    def distances_of(
-        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
-    ) -> FloatArray:
-        """As in ``QuadCells``, with finer bounds where they decide."""
+    def _distances_of_template(self, chosen: IndexArray, pattern: int, alternative: int, limit: float) -> FloatArray:
+        """With finer bounds where they decide."""
         rows = triangle_bounds.quadratic_rows(pattern, alternative)
         quadratic, rest = triangle_bounds.quadratic_distances(rows, self.nets, chosen)
         distances = quadratic + rest
@@ -217,8 +241,8 @@ class BicubicCells(NetCells):
     def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
         return bicubic_hull(selected_vectors(self.nets, chosen))
 
-    def error_bounds_of(
-        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
+    def _error_bounds_of_template(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray
     ) -> ErrorBounds:
         nets = selected_vectors(self.nets, chosen)
         normals = triangle_normals(selected_vectors(points, chosen), templates(pattern)[alternative])
@@ -231,12 +255,16 @@ class _FarChildren:
 
     samples: ChildSamples
 
-    def error_bounds(self, chosen: IndexArray, diagonal: int) -> ErrorBounds:
+    def error_bounds(self, chosen: IndexArray, alternatives: IndexArray) -> ErrorBounds:
         """As in ``template_choice.WithErrorBounds``; inf where coefficients of their own may give tighter ones."""
-        quadratic, rest = self.samples.error_bounds(chosen, diagonal)
-        error_bounds = quadratic + rest
-        error_bounds.normal[rest.normal > SMALL_REST * quadratic.normal] = np.inf
-        return error_bounds
+        found = ErrorBounds(*(np.empty(len(chosen)) for _ in range(3)))
+        for diagonal in (0, 1):
+            own = np.flatnonzero(alternatives == diagonal)
+            quadratic, rest = self.samples.error_bounds(chosen[own], diagonal)
+            error_bounds = quadratic + rest
+            error_bounds.normal[rest.normal > SMALL_REST * quadratic.normal] = np.inf
+            found.put(own, error_bounds)
+        return found
 
 
 class ExtraordinaryCells(NetCells):
@@ -267,13 +295,12 @@ class ExtraordinaryCells(NetCells):
                 kind = BicubicCells if turn else ExtraordinaryCells
                 yield kind(nodes, np.zeros_like(nodes), transformed_nets(matrix, selected_vectors(self.nets, chosen)))
 
-    def distances_of(
-        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
-    ) -> FloatArray:
-        return self.error_bounds_of(chosen, pattern, alternative, points, limit).whole
+    def _distances_of_template(self, chosen: IndexArray, pattern: int, alternative: int, limit: float) -> FloatArray:
+        rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative)
+        return triangle_bounds.extraordinary_distances(rows, selected_vectors(self.nets, chosen))
 
-    def error_bounds_of(
-        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
+    def _error_bounds_of_template(
+        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray
     ) -> ErrorBounds:
         rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative)
         normals = triangle_normals(selected_vectors(points, chosen), templates(pattern)[alternative])

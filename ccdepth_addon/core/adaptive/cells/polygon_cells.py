@@ -85,8 +85,8 @@ class PolygonCells:
         hanging: BoolArray,
         request: AdaptiveRequest,
         *,
-        with_neighbours: bool = True,
         flat: BoolArray | None = None,
+        known: LeafApproximation | None = None,
     ) -> LeafApproximation:
         """As in ``Cells``: by way of fans that bend at the middles of split sides."""
         limit = request.limit
@@ -130,8 +130,8 @@ class TriangleCells(PolygonCells):
         hanging: BoolArray,
         request: AdaptiveRequest,
         *,
-        with_neighbours: bool = True,
         flat: BoolArray | None = None,
+        known: LeafApproximation | None = None,
     ) -> LeafApproximation:
         """As in ``Cells``; as polygons where sides are split and transitions are N-gons."""
         found = LeafApproximation.none(len(self.nodes))
@@ -140,7 +140,8 @@ class TriangleCells(PolygonCells):
             chosen = np.flatnonzero(patterns == pattern)
             part = self.at(chosen)
             if pattern == WHOLE or request.transitions is Transitions.TRIANGLES:
-                found.put(chosen, part._approximate_template(pattern, request, with_neighbours))
+                own_known = None if known is None else known.at(chosen)
+                found.put(chosen, part._approximate_template(pattern, request, own_known))
                 if flat is not None:
                     found.accepted[chosen[flat[chosen]]] = True
             else:
@@ -148,14 +149,16 @@ class TriangleCells(PolygonCells):
                 found.put(chosen, super(TriangleCells, part).approximate(sides, request))
         return found
 
-    def _approximate_template(self, pattern: int, request: AdaptiveRequest, with_neighbours: bool) -> LeafApproximation:
+    def _approximate_template(
+        self, pattern: int, request: AdaptiveRequest, known: LeafApproximation | None
+    ) -> LeafApproximation:
         template, limit = _template_of(pattern), request.limit
         points = self._points()
         sampled = off_sides_and_centre(points, pattern)
         least = np.sqrt(squared_norms(sampled)).max(axis=0)
         found = replace(LeafApproximation.none(len(self.nodes)), least=least)
         tried = np.flatnonzero(least <= limit)
-        if len(tried):
+        if known is None and len(tried):
             # Where sides are split the fan's distance is only a part of the error, so its bound has to be tight.
             room = None if pattern == WHOLE else np.full(len(tried), np.inf)
             error_bounds = self._error_bounds(tried, pattern, template, points, limit, room)
@@ -166,15 +169,16 @@ class TriangleCells(PolygonCells):
         nearest = samples.alone()[0]
         found.least[found.least > limit] = nearest[found.least > limit]
         tried = np.flatnonzero(~found.accepted & (samples.predicted_bounds()[0] <= PROMISING * limit))
-        if with_neighbours and len(tried):
+        if known is None and len(tried):
             room = LARGEST_OFFSET * least_heights(points[:, tried], template)
-            error_bounds = self._error_bounds(tried, pattern, template, points, PROMISING * limit, room)
+            error_bounds = self._error_bounds(tried, pattern, template, points, limit, room)
             predicted = samples.at(tried).predict(error_bounds.normal, error_bounds.tangential)[0]
             promising = (predicted <= PROMISING * limit) & (error_bounds.normal + error_bounds.tangential <= room)
             _accept(found, tried, promising, error_bounds)
         tried = np.flatnonzero(~found.accepted & (nearest <= limit))
         if len(tried):
-            distances = self._leaf_distances(tried, pattern, template, points, request)
+            normal = np.full(len(tried), np.inf) if known is None else known.normal[tried]
+            distances = self._leaf_distances(tried, pattern, points, normal, request)
             near = tried[distances <= limit]
             found.accepted[near], found.alone[near] = True, True
             found.bounds[near] = distances[distances <= limit]
@@ -198,11 +202,14 @@ class TriangleCells(PolygonCells):
             yield chosen, np.zeros_like(chosen), _outline(points, pattern), hull
 
     def _leaf_distances(
-        self, chosen: IndexArray, pattern: int, template: Template, points: FloatArray, request: AdaptiveRequest
+        self, chosen: IndexArray, pattern: int, points: FloatArray, normal: FloatArray, request: AdaptiveRequest
     ) -> FloatArray:
-        """(n,): as ``leaf_distance.leaf_distances``, for chosen triangles; points: those of all."""
-        room, limit = np.full(len(chosen), np.inf), request.limit
-        normal = self._error_bounds(chosen, pattern, template, points, limit, room).normal
+        """(n,): as ``leaf_distance.leaf_distances``, for chosen triangles; points: those of all; normal: (n,) error
+        bounds along the normals, inf where they are not known."""
+        limit, unknown = request.limit, np.flatnonzero(np.isinf(normal))
+        if len(unknown):
+            template, room = _template_of(pattern), np.full(len(unknown), np.inf)
+            normal[unknown] = self._error_bounds(chosen[unknown], pattern, template, points, limit, room).normal
         near = np.flatnonzero(normal <= limit)
         found = np.full(len(normal), np.inf)
         if len(near):
@@ -283,8 +290,7 @@ def samples_of_triangles(points: FloatArray, sampled: FloatArray, pattern: int) 
     sides = points[FOLLOWING] - points[CORNERS]
     squares = squared_norms(sides)
     slopes = Samples.slopes_of(along_and_across(off, normals)[0].max(axis=0), np.sqrt(squares.min(axis=0)))
-    is_whole = (pattern & PATTERN_BITS) == 0
-    beside = off_lines(off[is_whole], sides[is_whole], squares[is_whole])
+    beside = off_lines(off, sides, squares, ((pattern & PATTERN_BITS) > 0)[:, None])
     normal, tangential = (each.max(axis=0, keepdims=True) for each in along_and_across(sampled, normals))
     return Samples(normal, tangential, slopes, beside)
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import ClassVar, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,6 @@ from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..quadtree import Quadtree
 from ..request import AdaptiveRequest
 from ..template_choice import (
-    PROMISING,
     Samples,
     choose_alone,
     choose_along_surface,
@@ -32,15 +31,16 @@ from ..template_choice import (
     off_sides_and_diagonals,
     sampled_distances,
 )
-from ..templates import ALL_SPLIT, WHOLE, Transitions, templates
+from ..templates import ALL_SPLIT, COUNTS, WHOLE, Transitions, template_groups, template_numbers, templates
 
 PATTERN_BITS = np.array([1, 2, 4, 8])
 
 
 class QuadCells(ABC):
-    """P quads."""
+    """P quads. are_known: whether the bounds that are known of leaves are those of the cells themselves."""
 
     nodes: IndexArray
+    are_known: ClassVar[bool] = True
 
     @abstractmethod
     def at(self, chosen: IndexArray) -> Self:
@@ -59,18 +59,14 @@ class QuadCells(ABC):
         """(9, P, 3): the quads' points (``templates.QUAD_POINTS``) and centres, on the surface."""
 
     @abstractmethod
-    def distances_of(
-        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
-    ) -> FloatArray:
-        """(n,): upper bounds of ‖S - T‖ for chosen quads and a template, as tight as it takes to compare them with the
-        limit. points: those of all."""
+    def distances_of(self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float) -> FloatArray:
+        """(n,): upper bounds of ‖S - T‖, for chosen quads by ascending index and the number of a template each (n,)
+        (``template_numbers``), as tight as it takes to compare them with the limit. points: those of all."""
 
     @abstractmethod
-    def error_bounds_of(
-        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray, limit: float
-    ) -> ErrorBounds:
+    def error_bounds_of(self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float) -> ErrorBounds:
         """(n,) each: error bounds along the normals and across, as tight as star bounds need them where the error along
-        the normals is within the limit."""
+        the normals is within the limit; chosen, numbers and points as in ``distances_of``."""
 
     @abstractmethod
     def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
@@ -86,23 +82,20 @@ class QuadCells(ABC):
         hanging: BoolArray,
         request: AdaptiveRequest,
         *,
-        with_neighbours: bool = True,
         flat: BoolArray | None = None,
+        known: LeafApproximation | None = None,
     ) -> LeafApproximation:
         """As in ``Cells``."""
-        cells, points = self.scratch(), self.points()
         patterns = patterns_of(hanging, self.turns())
         turns = self.turns().astype(np.int8)
         found = replace(LeafApproximation.none(len(self.nodes)), patterns=patterns, turns=turns)
-        for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
-            chosen = np.flatnonzero(patterns == pattern)
-            as_polygons = request.transitions is Transitions.NGONS and pattern != WHOLE
-            axes = request.axes if as_polygons else None
-            quads = QuadsOfPattern(cells, pattern, chosen, points, request.limit, axes)
-            own = quads.approximate(request, with_neighbours)
-            if flat is not None and not as_polygons:
-                own.accepted[flat[chosen]] = True
-            own.folded[:] = quads.folded(own, request.axes)
+        chosen = np.flatnonzero(patterns != ALL_SPLIT)
+        if len(chosen):
+            quads = QuadsByPattern.of(self.scratch(), chosen, patterns[chosen], self.points(), request)
+            own = quads.approximate() if known is None else quads.approximate_alone(known.at(chosen))
+            if flat is not None:
+                own.accepted[flat[chosen] & ~quads.as_polygons()] = True
+            own.folded[:] = quads.folded(own)
             found.put(chosen, replace(own, patterns=patterns[chosen], turns=turns[chosen]))
         return found
 
@@ -118,106 +111,148 @@ class QuadCells(ABC):
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """As in ``Cells``."""
         cells, points = self.scratch(), self.points()
-        found = ErrorBounds(*(np.empty(len(self.nodes)) for _ in range(3)))
-        # Patterns are below 16, so every template has a number of its own.
-        numbers = approximation.alternatives.astype(np.int16) * 16 + approximation.patterns
-        for number in np.unique(numbers).tolist():
-            chosen, pattern, alternative = np.flatnonzero(numbers == number), number % 16, number // 16
-            found.put(chosen, cells.error_bounds_of(chosen, pattern, alternative, points, limit))
-        return found
+        numbers = template_numbers(approximation.patterns, approximation.alternatives)
+        return cells.error_bounds_of(np.arange(len(self.nodes)), numbers, points, limit)
 
 
 @dataclass(frozen=True)
-class QuadsOfPattern:
-    """n quads of some cells, to be approximated by templates of one pattern. places: (n,), by ascending index; points:
-    (9, P, 3), those of all the cells. axes: (3, 3), of the space where Blender triangulates them as polygons; None if
-    triangles approximate them."""
+class QuadsByPattern:
+    """n quads of some cells, to be approximated by templates of patterns (n,).
+
+    places: (n,), by ascending index; points: (9, P, 3), those of all the cells. along_normals: (alternatives, P), for
+    all of them error bounds along the normals that have been computed, otherwise inf.
+    """
 
     cells: QuadCells
-    pattern: int
     places: IndexArray
+    patterns: NDArray[np.int8]
     points: FloatArray
-    limit: float
-    axes: FloatArray | None = None
+    request: AdaptiveRequest
+    along_normals: FloatArray
 
-    def approximate(self, request: AdaptiveRequest, with_neighbours: bool) -> LeafApproximation:
+    @staticmethod
+    def of(
+        cells: QuadCells,
+        places: IndexArray,
+        patterns: NDArray[np.int8],
+        points: FloatArray,
+        request: AdaptiveRequest,
+    ) -> QuadsByPattern:
+        along_normals = np.full((COUNTS.max(), points.shape[1]), np.inf)
+        return QuadsByPattern(cells, places, patterns, points, request, along_normals)
+
+    def approximate(self) -> LeafApproximation:
         """By the templates, the likeliest first: one within the limit, or predicted to be."""
-        limit, points = self.limit, self.own_points()
-        sampled = sampled_distances(points, self.pattern)
+        limit, points = self.request.limit, self.own_points()
+        sampled = sampled_distances(points, self.patterns)
         found = choose_within_limit(self, sampled, limit)
         least = sampled.min(axis=0)
         left = np.flatnonzero(~found.accepted)
         if len(left):
-            rest, quads = selected_vectors(points, left), self.at(left)
-            samples = Samples.of(rest, off_sides_and_diagonals(rest), self.pattern)
+            quads, samples = self.at(left), self.samples(left)
             least[left] = np.where(least[left] > limit, samples.alone().min(axis=0), least[left])
-            if with_neighbours and self.axes is None:
-                found.put(left, choose_along_surface(quads, samples, limit))
+            tried = np.flatnonzero(~quads.as_polygons())
+            found.put(left[tried], choose_along_surface(quads.at(tried), samples.at(tried), limit))
             last = np.flatnonzero(~found.accepted[left])
-            found.put(left[last], choose_alone(QuadsAlone(quads.at(last), request.rounding), samples.at(last), limit))
+            found.put(left[last], choose_alone(QuadsAlone(quads.at(last)), samples.at(last), limit))
         return replace(found, least=least)
 
-    def folded(self, approximation: LeafApproximation, axes: FloatArray) -> BoolArray:
-        """(n,) which of them are folded, whole, as they are approximated. axes: (3, 3), of the space where Blender
-        triangulates."""
-        if self.pattern != WHOLE:
-            return approximation.folded
-        accepted = np.flatnonzero(approximation.accepted)
-        return folded_quads(approximation, accepted, selected_vectors(self.points[:4], self.places[accepted]), axes)
+    def approximate_alone(self, known: LeafApproximation) -> LeafApproximation:
+        """Of each alone, where what is known (n,) depends on neighbours."""
+        limit, least = self.request.limit, np.zeros(len(self.places))
+        found = LeafApproximation.none(len(self.places))
+        if self.cells.are_known:
+            self.along_normals[known.alternatives, self.places] = known.normal
+        else:
+            found = choose_within_limit(self, sampled_distances(self.own_points(), self.patterns), limit)
+        left = np.flatnonzero(~found.accepted)
+        if len(left):
+            samples = self.samples(left)
+            least[left] = samples.alone().min(axis=0)
+            found.put(left, choose_alone(QuadsAlone(self.at(left)), samples, limit))
+        return replace(found, least=least)
+
+    def samples(self, chosen: IndexArray) -> Samples:
+        """Those of some of them."""
+        points = selected_vectors(self.points, self.places[chosen])
+        return Samples.of(points, off_sides_and_diagonals(points), self.patterns[chosen])
+
+    def as_polygons(self) -> BoolArray:
+        """(n,) which of them are drawn as polygons."""
+        return (self.request.transitions is Transitions.NGONS) & (self.patterns != WHOLE)
+
+    def folded(self, approximation: LeafApproximation) -> BoolArray:
+        """(n,) which of them are folded, whole, as they are approximated."""
+        whole = np.flatnonzero(approximation.accepted & (self.patterns == WHOLE))
+        corners = selected_vectors(self.points[:4], self.places[whole])
+        return folded_quads(approximation, whole, corners, self.request.axes)
 
     def own_points(self) -> FloatArray:
         """(9, n, 3)."""
         everything = len(self.places) == self.points.shape[1]
         return self.points if everything else selected_vectors(self.points, self.places)
 
-    def distances(self, chosen: IndexArray, alternative: int) -> FloatArray:
+    def distances(self, chosen: IndexArray, alternatives: IndexArray) -> FloatArray:
         """As in ``template_choice.WithDistances``."""
-        places = self.places[chosen]
-        distances = self.cells.distances_of(places, self.pattern, alternative, self.points, self.limit)
-        return distances + self.thickness(chosen, alternative)
+        numbers = template_numbers(self.patterns[chosen], alternatives)
+        distances = self.cells.distances_of(self.places[chosen], numbers, self.points, self.request.limit)
+        return distances + self.thickness(chosen, numbers)
 
-    def leaf_distances(self, chosen: IndexArray, alternative: int, rounding: float) -> FloatArray:
+    def leaf_distances(self, chosen: IndexArray, alternatives: IndexArray) -> FloatArray:
         """(n,): the same of each leaf alone (``leaf_distance``)."""
-        places = self.places[chosen]
-        outline = _outline(selected_vectors(self.points, places), self.pattern, alternative)
-        distances = np.full(len(chosen), np.inf)
-        near = np.flatnonzero(may_be_near(outline, self.limit))
-        if len(near):
-            errors = self.cells.error_bounds_of(places[near], self.pattern, alternative, self.points, self.limit)
-            near, normal = near[errors.normal <= self.limit], errors.normal[errors.normal <= self.limit]
-        if len(near):
-            hull = self.cells.hull_of(places[near], self.points, self.limit)
-            distances[near] = leaf_distances(outline.at(near), hull, normal, self.limit, rounding)
-        return distances + self.thickness(chosen, alternative)
+        limit, places = self.request.limit, self.places[chosen]
+        numbers = template_numbers(self.patterns[chosen], alternatives)
+        outlines, normal = [], self.along_normals[alternatives, places]
+        for pattern, alternative, own in template_groups(numbers):
+            outline = _outline(selected_vectors(self.points, places[own]), pattern, alternative)
+            near = np.flatnonzero(may_be_near(outline, limit))
+            outlines.append((own[near], outline.at(near)))
+        tried = np.sort(np.concatenate([own for own, _ in outlines]))
+        tried = tried[np.isinf(normal[tried])]
+        if len(tried):
+            normal[tried] = self.cells.error_bounds_of(places[tried], numbers[tried], self.points, limit).normal
+        distances, tried = np.full(len(chosen), np.inf), np.flatnonzero(normal <= limit)
+        if len(tried):
+            hull = self.cells.hull_of(places[tried], self.points, limit)
+            for own, outline in outlines:
+                near = np.flatnonzero(normal[own] <= limit)
+                own = own[near]
+                of_own = hull.at(np.searchsorted(tried, own))
+                distances[own] = leaf_distances(outline.at(near), of_own, normal[own], limit, self.request.rounding)
+        return distances + self.thickness(chosen, numbers)
 
-    def thickness(self, chosen: IndexArray, alternative: int) -> FloatArray | float:
-        """(n,): the distances between polygons and the triangles of a template."""
-        if self.axes is None:
+    def thickness(self, chosen: IndexArray, numbers: IndexArray) -> FloatArray | float:
+        """(n,): the distances between polygons and the triangles of templates."""
+        if self.request.transitions is not Transitions.NGONS:
             return 0.0
-        points = selected_vectors(self.points, self.places[chosen])
-        return thickness_of_quads(points, self.pattern, alternative, self.axes)
+        points, found = selected_vectors(self.points, self.places[chosen]), np.zeros(len(chosen))
+        for pattern, alternative, own in template_groups(numbers):
+            if pattern != WHOLE:
+                own_points = selected_vectors(points, own)
+                found[own] = thickness_of_quads(own_points, pattern, alternative, self.request.axes)
+        return found
 
-    def at(self, chosen: IndexArray) -> QuadsOfPattern:
+    def at(self, chosen: IndexArray) -> QuadsByPattern:
         """Some of them, by ascending index."""
-        return replace(self, places=self.places[chosen])
+        return replace(self, places=self.places[chosen], patterns=self.patterns[chosen])
 
-    def error_bounds(self, chosen: IndexArray, alternative: int) -> ErrorBounds:
+    def error_bounds(self, chosen: IndexArray, alternatives: IndexArray) -> ErrorBounds:
         """As in ``template_choice.WithErrorBounds``."""
-        places = self.places[chosen]
-        return self.cells.error_bounds_of(places, self.pattern, alternative, self.points, PROMISING * self.limit)
+        places, numbers = self.places[chosen], template_numbers(self.patterns[chosen], alternatives)
+        found = self.cells.error_bounds_of(places, numbers, self.points, self.request.limit)
+        self.along_normals[alternatives, places] = found.normal
+        return found
 
 
 @dataclass(frozen=True)
 class QuadsAlone:
-    """The same quads, whose distances are bounded without their neighbours, wherever parameters lie. rounding: that of
-    ``AdaptiveRequest``."""
+    """The same quads, whose distances are bounded without their neighbours, wherever parameters lie."""
 
-    quads: QuadsOfPattern
-    rounding: float
+    quads: QuadsByPattern
 
-    def distances(self, chosen: IndexArray, alternative: int) -> FloatArray:
+    def distances(self, chosen: IndexArray, alternatives: IndexArray) -> FloatArray:
         """As in ``template_choice.WithDistances``."""
-        return self.quads.leaf_distances(chosen, alternative, self.rounding)
+        return self.quads.leaf_distances(chosen, alternatives)
 
 
 def _outline(points: FloatArray, pattern: int, alternative: int) -> Outline:

@@ -17,7 +17,7 @@ from ...arrays.types import FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors, transformed_nets
 from ...bounds.norm_bounds import Vertices, second_order_extraordinary, support_bounds
 from ...mesh.polygon_mesh import PolygonMesh
-from ...surface.bicubic import SPLINE_TO_BERNSTEIN, bilinear_coefficients, patch_coefficients, tensor
+from ...surface.bicubic import SPLINE_TO_BERNSTEIN, facet_coefficients, patch_coefficients, tensor
 from ...surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets, ring_index
 from ...surface.refinement import Refinement
 from ...surface.stencils import by_valence, patch_stencils
@@ -120,7 +120,7 @@ class _Found:
         mesh, count = refinement.mesh, len(refinement.bases)
         patches = classify_patches(mesh)
         regular, extraordinary, rest = by_valence(mesh, patches, count)
-        coefficients, near = bilinear_coefficients(refinement.control_facets()).reshape(16, -1, 3), np.zeros(count)
+        coefficients, near = facet_coefficients(refinement.control_facets()), np.zeros(count)
         coefficients[:, regular] = patch_coefficients(regular_nets(mesh, regular)).reshape(16, -1, 3)
         parents: list[tuple[_Parents, IndexArray]] = []
         for valence, faces in extraordinary:
@@ -185,7 +185,7 @@ class _Nets:
             coefficients[:, places[child]] = transformed_nets(matrix, nets)
         smaller = transformed_nets(stencils.refined, nets)
         facets = smaller[[0, *(ring_index(valence, number) for number in (6, 5, 4))]]
-        coefficients[:, places[0]] = bilinear_coefficients(facets).reshape(16, -1, 3)
+        coefficients[:, places[0]] = facet_coefficients(facets)
         near[places[0]] = second_order_extraordinary(smaller, Vertices.CONTROL).value
         return _Found(coefficients, near, [(_Nets(smaller, np.zeros_like(chosen)), places[0])])
 

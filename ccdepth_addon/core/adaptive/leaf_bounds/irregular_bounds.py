@@ -13,16 +13,18 @@ and refined again while that decides. They are compared
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 
 from ...arrays.types import FloatArray, IndexArray
-from ...arrays.vectors import squared_norms, transformed_nets
-from ...surface.bicubic import bilinear_coefficients
-from ..templates import QUAD_POINTS, templates
+from ...arrays.vectors import selected_vectors, squared_dots, squared_norms, transformed_nets
+from ...surface.bicubic import facet_coefficients
+from ..templates import COUNTS, QUAD_POINTS, template_groups, templates
 from .descent import Descent, Squares
-from .triangle_bounds import ErrorBounds, barycentric, template_rows
+from .triangle_bounds import ErrorBounds, barycentric_rows, template_rows
+from .triangle_shapes import triangle_normals
 
 # After so many the rest of a quad around an irregular vertex is small against the quad.
 REFINEMENTS = 8
@@ -31,8 +33,11 @@ REFINEMENTS = 8
 NOTHING = 1e-9
 
 # Where a bound along the normals is needed, facets have to be within this part of the limit.
-NEAR_FACET = 1 / 16
+NEAR_FACET = 1 / 18
 
+
+# The triangles of a template.
+MOST_TRIANGLES = 5
 
 # Error bounds over squares with Bernstein coefficients (16, N, 3), (N,) each.
 Comparison = Callable[[FloatArray, Squares], ErrorBounds]
@@ -42,19 +47,22 @@ def template_error_bounds(
     descent: Descent,
     chosen: IndexArray,
     points: FloatArray,
-    key: tuple[int, int],
-    normals: FloatArray,
+    numbers: IndexArray,
     limit: float,
     room: FloatArray | None = None,
 ) -> ErrorBounds:
-    """(P,): upper bounds of ‖S - T‖, for P chosen quads and the triangles of a template.
+    """(P,): upper bounds of ‖S - T‖, for P chosen quads and the triangles of a template each.
 
-    descent: of quads, which are its bases. points: (8 or more, P, 3), as in ``templates.QUAD_POINTS``; key: pattern and
-    alternative; normals: (T, P, 3), of the triangles. For limit and room see ``_descended_error_bounds``.
+    descent: of quads, which are its bases. points: (8 or more, P, 3), as in ``templates.QUAD_POINTS``. numbers: (P,),
+    of the templates (``templates.template_numbers``). For limit and room see ``_descended_error_bounds``.
     """
+    normals = np.zeros_like(points, shape=(MOST_TRIANGLES, *points.shape[1:]))
+    for pattern, alternative, own in template_groups(numbers):
+        template = templates(pattern)[alternative]
+        normals[: len(template), own] = triangle_normals(selected_vectors(points, own), template)
 
     def compare(coefficients: FloatArray, squares: Squares) -> ErrorBounds:
-        return _off_template(coefficients, squares, points, key, normals)
+        return _off_templates(coefficients, squares, points, numbers, normals)
 
     return _descended_error_bounds(descent, chosen, chosen, compare, limit, room)
 
@@ -131,53 +139,81 @@ def _off_facets(coefficients: FloatArray, squares: Squares, facets: FloatArray, 
     u, v = squares.corners().transpose(2, 0, 1)
     weights = np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v])
     over = np.einsum("kcn,kni->cni", weights, facets[:, squares.bases])
-    vectors = coefficients - bilinear_coefficients(over).reshape(16, -1, 3)
+    vectors = coefficients - facet_coefficients(over)
     for of_triangle in normals:
         _raise_at(found, np.arange(len(squares.bases)), vectors, of_triangle[squares.bases])
     return found
 
 
-def _off_template(
-    coefficients: FloatArray, squares: Squares, points: FloatArray, key: tuple[int, int], normals: FloatArray
+def _off_templates(
+    coefficients: FloatArray, squares: Squares, points: FloatArray, numbers: IndexArray, normals: FloatArray
 ) -> ErrorBounds:
-    """(N,): error bounds of a template over squares with Bernstein coefficients (16, N, 3)."""
-    pattern, alternative = key
-    found = ErrorBounds(*(np.zeros(len(squares.bases)) for _ in range(3)))
-    corners = squares.corners()
-    for number, triangle in enumerate(templates(pattern)[alternative]):
-        places = QUAD_POINTS[list(triangle)]
-        weights = barycentric(places, corners)
-        covered = np.all(weights >= -NOTHING, axis=(0, 2))
-        apart = np.any(np.all(weights <= NOTHING, axis=0), axis=1) | _boxes_apart(places, corners)
-        inside = np.flatnonzero(covered)
-        vertices = points[list(triangle)][:, squares.bases[inside]]
-        flat = np.einsum("cnk,kni->cni", weights[:, inside], vertices)
-        vectors = coefficients[:, inside] - bilinear_coefficients(flat).reshape(16, -1, 3)
-        _raise_at(found, inside, vectors, normals[number, squares.bases[inside]])
-        cut = np.flatnonzero(~covered & ~apart)
-        for path in np.unique(squares.paths[cut]).tolist():
-            chosen = cut[squares.paths[cut] == path]
-            of_template = template_rows(pattern, alternative, path)
-            rows = of_template.matrix[of_template.triangles == number]
-            if not len(rows):
-                continue
-            bases = squares.bases[chosen]
-            given = np.concatenate([coefficients[:, chosen], points[:8, bases]])
-            _raise_at(found, chosen, transformed_nets(rows, given), normals[number, bases])
+    """(N,): error bounds of templates over squares with Bernstein coefficients (16, N, 3). points, numbers and normals
+    of the squares' bases: as in ``template_error_bounds``, and (MOST_TRIANGLES, P, 3)."""
+    found, tables = ErrorBounds(*(np.zeros(len(squares.bases)) for _ in range(3))), _triangle_tables()
+    own = numbers[squares.bases]
+    weights = tables.weights(own, squares.corners())
+    covered = np.all(weights >= -NOTHING, axis=(2, 3))
+    inside = np.flatnonzero(np.any(covered, axis=0))
+    triangles = covered[:, inside].argmax(axis=0)
+    bases = squares.bases[inside]
+    vertices = points[tables.vertices[own[inside], triangles].T, bases]
+    flat = np.einsum("nck,kni->cni", weights[triangles, inside], vertices)
+    vectors = selected_vectors(coefficients, inside) - facet_coefficients(flat)
+    _raise_at(found, inside, vectors, normals[triangles, bases])
+    cut = np.flatnonzero(~np.any(covered, axis=0))
+    # Paths are longer than the leading digit, so they and templates have numbers together.
+    keys = squares.paths[cut] * tables.count + own[cut]
+    for key in np.unique(keys).tolist():
+        path, number = divmod(key, tables.count)
+        chosen = cut[keys == key]
+        rows, bases = template_rows(number % 16, number // 16, path), squares.bases[chosen]
+        given = np.concatenate([selected_vectors(coefficients, chosen), selected_vectors(points[:8], bases)])
+        vectors = transformed_nets(rows.matrix, given)
+        found.put(chosen, ErrorBounds.of(vectors, rows.triangles, selected_vectors(normals, bases)))
     return found
+
+
+@dataclass(frozen=True)
+class _TriangleTables:
+    """By the number of a template and a triangle of it: vertices (count, MOST_TRIANGLES, 3); and the weights of these
+    at a place, linear functions of (u, v, 1), (count, MOST_TRIANGLES, 3, 3), times areas (count, MOST_TRIANGLES). A
+    triangle that a template does not have weighs -1 everywhere."""
+
+    vertices: IndexArray
+    linear: FloatArray
+    areas: FloatArray
+
+    @property
+    def count(self) -> int:
+        return len(self.areas)
+
+    def weights(self, numbers: IndexArray, places: FloatArray) -> FloatArray:
+        """(MOST_TRIANGLES, N, C, 3), at places (C, N, 2), of the triangles of templates (N,)."""
+        linear = self.linear[numbers].transpose(2, 1, 0, 3)[:, :, :, None]
+        u, v = places.transpose(2, 1, 0)[..., None]
+        # Dividends and divisors are exact for parameters.
+        return (u * linear[0] + v * linear[1] + linear[2]) / self.areas[numbers].T[:, :, None, None]
+
+
+@cache
+def _triangle_tables() -> _TriangleTables:
+    count = 16 * int(COUNTS.max())
+    vertices = np.zeros((count, MOST_TRIANGLES, 3), dtype=np.intp)
+    linear, areas = np.zeros((count, MOST_TRIANGLES, 3, 3)), np.ones((count, MOST_TRIANGLES))
+    linear[:, :, 2] = -1.0
+    for pattern in np.flatnonzero(COUNTS).tolist():
+        for alternative, template in enumerate(templates(pattern)):
+            number = 16 * alternative + pattern
+            for place, triangle in enumerate(template):
+                vertices[number, place] = triangle
+                linear[number, place], areas[number, place] = barycentric_rows(QUAD_POINTS[list(triangle)])
+    return _TriangleTables(vertices, linear, areas)
 
 
 def _raise_at(found: ErrorBounds, chosen: IndexArray, vectors: FloatArray, normals: FloatArray) -> None:
     """Raise the bounds of some squares to vectors (R, n, 3), over triangles with unit normals (n, 3)."""
-    squares = squared_norms(vectors)
-    along = np.einsum("rni,ni->rn", vectors, normals) ** 2
+    squares, along = squared_norms(vectors), squared_dots(vectors, normals)
     across = np.maximum(squares - along, 0.0)
     for values, own in ((found.whole, squares), (found.normal, along), (found.tangential, across)):
         values[chosen] = np.maximum(values[chosen], np.sqrt(own.max(axis=0, initial=0.0)))
-
-
-def _boxes_apart(places: FloatArray, corners: FloatArray) -> FloatArray:
-    """(N,) bool: whether squares (4, N, 2) lie beside the triangle along one of the axes."""
-    above = corners.min(axis=0) >= places.max(axis=0) - NOTHING
-    below = corners.max(axis=0) <= places.min(axis=0) + NOTHING
-    return np.any(above | below, axis=1)

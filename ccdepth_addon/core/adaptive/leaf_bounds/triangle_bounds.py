@@ -134,7 +134,13 @@ def coefficients_over(part: FloatArray) -> FloatArray:
 
     None is negative within [0, 1]², and a row sums to 1.
     """
-    along, across = (_cubic_blossoms(each[_arguments(3)]) for each in part.T)
+    return _coefficients_over(tuple(part.ravel().tolist()))
+
+
+@lru_cache(maxsize=4096)
+def _coefficients_over(places: tuple[float, ...]) -> FloatArray:
+    """The same, by the parameters of the triangle's vertices: squares of a quad are cut alike in their own."""
+    along, across = (_cubic_blossoms(each[_arguments(3)]) for each in np.array(places).reshape(3, 2).T)
     return _ways_to_share() @ tensor(along, across) / comb(6, 3)
 
 
@@ -194,10 +200,16 @@ def barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
 
 def _barycentric(triangle: FloatArray, points: FloatArray) -> FloatArray:
     """(…, 3): the same of homogeneous points (…, 3). Dividend and divisor are exact for parameters."""
+    opposite, doubled_area = barycentric_rows(triangle)
+    return (points @ opposite) / (points[..., 2:] * doubled_area)
+
+
+def barycentric_rows(triangle: FloatArray) -> tuple[FloatArray, float]:
+    """(3, 3): from places (u, v, 1) to the weights of a triangle's vertices (3, 2) there, times twice its area; and
+    that. They are exact for parameters."""
     (bx, by), (cx, cy) = np.roll(triangle, -1, axis=0).T, np.roll(triangle, -2, axis=0).T
     opposite = np.stack([by - cy, cx - bx, bx * cy - by * cx])
-    doubled_area = triangle[0] @ opposite[:2, 0] + opposite[2, 0]
-    return (points @ opposite) / (points[..., 2:] * doubled_area)
+    return opposite, float(triangle[0] @ opposite[:2, 0] + opposite[2, 0])
 
 
 def _functionals(part: FloatArray, square: Square, triangle: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -511,3 +523,12 @@ def extraordinary_error_bounds(rows: ExtraordinaryRows, nets: FloatArray, normal
         found = ErrorBounds.of(differences, own, normals)
         at_vertex = at_vertex.or_more(found.times(certified_limit_factor(valence)))
     return pieces.or_more(left + at_vertex)
+
+
+def extraordinary_distances(rows: ExtraordinaryRows, nets: FloatArray) -> FloatArray:
+    """(P,): the same for ‖S - T‖ alone."""
+    valence = (len(nets) - 8) // 2
+    pieces, left, differences = (
+        _longest(transformed_nets(matrix, nets)) for matrix in (rows.pieces.matrix, rows.last.matrix, rows.differences)
+    )
+    return np.maximum(pieces, left + certified_limit_factor(valence) * differences)
