@@ -7,7 +7,6 @@ lacks its neighbour has. What counts is the border of the part, where curves are
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,8 +14,7 @@ import numpy as np
 from ..arrays.ranks import ranks_among_equal
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, squared_norms
-from .cells.cell_store import in_blocks
-from .leaf_bounds.leaf_distance import Hull, Outline, off_sides
+from .leaf_bounds.leaf_distance import Hull, off_sides
 from .plan import Plan
 from .quadtree import NONE
 from .request import AdaptiveRequest
@@ -155,27 +153,18 @@ def _border(plan: Plan, members: IndexArray, is_border: BoolArray, frame: FloatA
     along = np.where(halves == NONE, is_border[edges], is_border[halves] | is_border[halves + 1])
     at_border = members[np.logical_or.reduceat(along, np.cumsum(counts) - counts)]
     starts, stops, owners, off = [np.zeros((0, 2))], [np.zeros((0, 2))], [np.zeros(0, dtype=np.intp)], [np.zeros(0)]
-    for nodes, slots, outline, hull in _outlines(plan, at_border):
-        for side in off_sides(outline, hull):
+    for block in plan.outlines.of(at_border, plan.request.limit):
+        outline, slots = block.outline, block.slots
+        for side in off_sides(outline, block.hull):
             own, following = slots[side.number], slots[(side.number + 1) % len(slots)]
             ends = own if side.is_first else following
             edges = tree.slot_edges[own] if side.is_whole else tree.half_at(own, ends)
             border = np.flatnonzero(is_border[edges])
             starts.append(outline.points[side.start][border] @ frame.T)
             stops.append(outline.points[side.end][border] @ frame.T)
-            owners.append(nodes[border])
+            owners.append(block.nodes[border])
             off.append(side.off[border] + plan.request.rounding)
     return _Border(np.concatenate(starts), np.concatenate(stops), np.concatenate(owners), np.concatenate(off))
-
-
-def _outlines(plan: Plan, leaves: IndexArray) -> Iterator[tuple[IndexArray, IndexArray, Outline, Hull]]:
-    """In blocks, leaves; the slots of their sides, (n, P) in the order of the outlines; outlines and hulls."""
-    tree = plan.tree
-    for cells in in_blocks(plan.cells.of(leaves)) if len(leaves) else ():
-        for chosen, turns, outline, hull in cells.outlines(tree.hanging(tree.slots(cells.nodes)), plan.request.limit):
-            nodes, size = cells.nodes[chosen], len(outline.corners)
-            slots = tree.first_slots(nodes) + (np.arange(size)[:, None] + turns) % size
-            yield nodes, slots, outline, hull
 
 
 def _near_border(plan: Plan, leaves: IndexArray, border: _Border, frame: FloatArray, thickness: float) -> FlatBounds:
@@ -188,9 +177,10 @@ def _near_border(plan: Plan, leaves: IndexArray, border: _Border, frame: FloatAr
     nodes_found.put(far, FlatBounds(np.full(len(far), thickness), np.full(len(far), thickness)))
     off_own = np.zeros(len(plan.tree.first_child))
     np.maximum.at(off_own, border.leaves, border.off)
-    for nodes, _, outline, hull in _outlines(plan, np.setdiff1d(leaves, far)):
+    for block in plan.outlines.of(np.setdiff1d(leaves, far), plan.request.limit):
+        nodes, outline = block.nodes, block.outline
         points = outline.points[[start for start, *_ in outline.sides()]] @ frame.T
-        beyond = _beyond_border(points, hull, border, grid, frame, plan.request)
+        beyond = _beyond_border(points, block.hull, border, grid, frame, plan.request)
         from_surface = np.hypot(beyond, thickness)
         near = np.hypot(grid.most_off(points.min(axis=0), points.max(axis=0)), thickness)
         bounds, own = np.maximum(from_surface, near), np.maximum(from_surface, np.hypot(off_own[nodes], thickness))

@@ -16,6 +16,7 @@ from .approximation_store import ApproximationStore
 from .cells.cell_store import CellStore
 from .flat_parts import FlatParts
 from .leaf_approximation import Cells, LeafApproximation
+from .outline_store import OutlineStore
 from .quadtree import NONE, Quadtree
 from .request import AdaptiveRequest
 from .vertex_positions import VertexPositions
@@ -88,6 +89,7 @@ class Plan:
         self.cells = CellStore(self.tree)
         self.approximations = ApproximationStore(self.tree)
         self.split_sides = self.tree.add_column(np.int32(0))
+        self.outlines = OutlineStore(self.tree, self.cells, self.split_sides)
         self.by_flat_part = self.tree.add_column(np.bool_(False))
         self.split_nodes, self.beside_split, self.approximated = (NodeQueue(self.tree) for _ in range(3))
         self._least_levels = least_levels
