@@ -412,6 +412,7 @@ WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     "adaptive, n-gons": lambda: adaptive(lambda: bricks(10), 1e-3),
     "adaptive, pole": lambda: adaptive(lambda: pole(64, 2), 3e-4),
     "adaptive, large pole": lambda: adaptive(lambda: pole(120, 1), 1e-3),
+    "adaptive, planar": lambda: adaptive(planar, 1e-4),
     "adaptive, refused": lambda: refused(lambda: refined(saved_suzanne(), 3), 1e-7, 1_000_000),
     "deviation": lambda: deviation(saved_suzanne, 2),
     "deviation, creases": lambda: deviation(lambda: creased_landscape(12), 2),
@@ -646,10 +647,41 @@ def fine_alone(_: Any) -> Any:
     """Bicubic quads by the quarters of triangles, without the quadratic parts."""
     bounds = importlib.import_module(PACKAGE + ".core.adaptive.leaf_bounds.triangle_bounds")
 
-    def distances(self: Any, chosen: Any, pattern: int, alternative: int, points: Any, limit: float) -> Any:
+    def distances(self: Any, chosen: Any, pattern: int, alternative: int, limit: float) -> Any:
         return bounds.bicubic_distances(bounds.bicubic_rows(pattern, alternative), self.nets, chosen)
 
     return distances
+
+
+def not_kept(error_bounds: Any) -> Any:
+    """Errors along normals computed again where leaves are tried alone."""
+    import numpy as np
+
+    def forgotten(quads: Any, chosen: Any, alternatives: Any) -> Any:
+        found = error_bounds(quads, chosen, alternatives)
+        quads.along_normals[:] = np.inf
+        return found
+
+    return forgotten
+
+
+def stored_nowhere(of: Any) -> Any:
+    """Outlines computed each time."""
+    import numpy as np
+
+    def anew(store: Any, leaves: Any, limit: float) -> Any:
+        store._blocks, store._keys = [], np.zeros(0, dtype=np.intp)
+        store._numbers = store._places = store._keys
+        return of(store, leaves, limit)
+
+    return anew
+
+
+def planar() -> Any:
+    """Triangles in one plane."""
+    from benchmarks.adaptive_faces import planar_triangles
+
+    return control_of(planar_triangles())
 
 
 def not_turned(_: Any) -> Any:
@@ -780,8 +812,21 @@ ENTRIES = [
     Entry(CELLS + "patch_cells.SMALL_REST", "0: children by their own coefficients", set_to(0.0), NETS),
     Entry(CELLS + "patch_cells.REFINABLE_QUADRATIC", "always finer", set_to(ALWAYS), SUZANNE),
     Entry(CELLS + "patch_cells.REFINABLE_QUADRATIC", "never finer", set_to(NEVER), SUZANNE),
-    Entry(CELLS + "patch_cells.BicubicCells.distances_of", "finer bounds alone", by(fine_alone), SUZANNE),
+    Entry(CELLS + "patch_cells.BicubicCells._distances_of_template", "finer bounds alone", by(fine_alone), SUZANNE),
     Entry(CELLS + "patch_cells.BicubicCells._turned", "every pattern on its own", by(not_turned), SUZANNE),
+    Entry(CELLS + "quad_cells.QuadsByPattern.error_bounds", "not kept for leaves alone", by(not_kept), ALL_ADAPTIVE),
+    Entry(
+        CELLS + "quad_cells.QuadCells.are_known",
+        "what is known of leaves computed anew",
+        set_to(False),
+        ("adaptive, pole", "adaptive, triangles", "adaptive, large pole"),
+    ),
+    Entry(
+        ADAPTIVE + "outline_store.OutlineStore.of",
+        "computed anew each time",
+        by(stored_nowhere),
+        ("adaptive, planar",),
+    ),
     Entry(CELLS + "polygon_cells.LARGEST_OFFSET", "not tested", set_to(ALWAYS), ("adaptive, triangles",)),
     Entry(
         ADAPTIVE + "growth._approximate_through_parents",
@@ -849,6 +894,9 @@ CACHES = {
             LEAVES + "triangle_bounds._arguments",
             LEAVES + "triangle_bounds._ways_to_share",
             LEAVES + "triangle_bounds._off_quadratic",
+            LEAVES + "triangle_bounds._coefficients_over",
+            LEAVES + "irregular_bounds._triangle_tables",
+            SURFACE + "bicubic._facet_rows",
             LEAVES + "triangle_bounds.template_rows",
             LEAVES + "triangle_bounds.bicubic_rows",
             LEAVES + "triangle_bounds.quadratic_rows",
