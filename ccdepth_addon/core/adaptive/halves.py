@@ -69,7 +69,7 @@ def _halve_beside(plan: Plan, possible: _Halves, stays: BoolArray) -> IndexArray
         elif not others.approximate():
             break
     changed = others.changed()
-    before = [(changed, plan.approximations.without_neighbours(changed))]
+    before = [(changed, plan.approximations.without_star_bounds(changed))]
     others.record()
     whole = np.flatnonzero(~others.corners[tree.midpoints] & (tree.midpoints != NONE))
     nodes = tree.halve(possible.quads[chosen], possible.sides[chosen], whole)
@@ -92,7 +92,7 @@ def _bound_beside(plan: Plan, before: list[tuple[IndexArray, LeafApproximation]]
         plan.report()
         wanted = find_changed_star_bounds(plan, plan.approximations.unbounded())
         exceeding = wanted[plan.approximations.star_bounds(wanted) > plan.request.limit]
-        before.append((exceeding, plan.approximations.without_neighbours(exceeding)))
+        before.append((exceeding, plan.approximations.without_star_bounds(exceeding)))
         alone = approximate_alone(plan, exceeding)
         failed.append(exceeding[~alone])
         if not np.any(alone):
@@ -156,7 +156,7 @@ def _approximate(plan: Plan, quads: IndexArray, sides: IndexArray, hanging: Bool
             places = np.searchsorted(quads, cells.nodes)
             for half in (0, 1):
                 halves = cells.halves(side + 2 * half, cells.nodes)
-                own = plan.approximate(halves, hanging[half, places].ravel(), with_neighbours=False)
+                own = plan.approximate(halves, hanging[half, places].ravel(), LeafApproximation.none(len(places)))
                 found.put(places + half * len(quads), own)
             plan.report()
     return found
@@ -216,7 +216,7 @@ def _off_chords(plan: Plan, quads: IndexArray) -> FloatArray:
     for side, (middles, starts, ends) in enumerate(CHORDS):
         chords = points[ends] - points[starts]
         off = points[middles] - (points[starts] + points[ends]) / 2
-        found[side] = off_lines(off, chords, squared_norms(chords))
+        found[side] = off_lines(off, chords, squared_norms(chords), np.zeros(chords.shape[:2], dtype=bool))
     return found
 
 
@@ -280,7 +280,7 @@ class _Others:
         self._split_sides[changed] = counts
         exceeding = []
         for cells in in_blocks(plan.cells.of(new)) if len(new) else ():
-            own = plan.approximate(cells, self._hanging(cells.nodes), with_neighbours=False)
+            own = plan.approximate(cells, self._hanging(cells.nodes))
             self._found.append((cells.nodes, own))
             exceeding.append(cells.nodes[~own.accepted])
             plan.report()
