@@ -22,7 +22,7 @@ from ...arrays.types import FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors, squared_dots, squared_norms, transformed_nets
 from ...surface.bicubic import facet_coefficients
 from ..templates import COUNTS, QUAD_POINTS, template_groups, templates
-from .descent import Descent, Squares
+from .descent import Descent, Pieces, Squares
 from .triangle_bounds import ErrorBounds, barycentric_rows, template_rows
 from .triangle_shapes import triangle_normals
 
@@ -108,22 +108,38 @@ def _descended_error_bounds(
     for level in range(REFINEMENTS):
         pieces = descent.pieces(level, wanted)
         squares, near = replace(pieces.squares, bases=np.searchsorted(bases, pieces.squares.bases)), pieces.near
-        left = compare(pieces.coefficients, squares)
-        exact = np.flatnonzero(near == 0)
-        _raise(found, squares.at(exact), left.at(exact))
-        reached = left + ErrorBounds(near, near, near)
+        is_last = level == REFINEMENTS - 1
         if room is None:
-            beyond, seen_beyond, enough = found.whole > limit, left.whole - near > limit, reached.whole <= limit
+            left = compare(pieces.coefficients, squares)
+            reached = left + ErrorBounds(near, near, near)
+            exact = np.flatnonzero(near == 0)
+            _raise(found, squares.at(exact), left.at(exact))
+            beyond = found.whole > limit
+            beyond[squares.bases[left.whole - near > limit]] = True
+            settled = (reached.whole <= limit) | (near == 0) | beyond[squares.bases] | is_last
+            _raise(found, squares.at(np.flatnonzero(settled)), reached.at(np.flatnonzero(settled)))
         else:
+            # What is not near enough is refined, whatever it is compared with, unless its quad exceeds the limit.
+            settled = (near <= NEAR_FACET * limit) | is_last
+            _compare_and_raise(found, pieces, squares, np.flatnonzero(settled), compare)
             beyond = (found.normal > limit) | (found.normal + found.tangential > room)
-            seen_beyond, enough = left.normal - near > limit, near <= NEAR_FACET * limit
-        beyond[squares.bases[seen_beyond]] = True
-        settled = enough | (near == 0) | beyond[squares.bases] | (level == REFINEMENTS - 1)
-        _raise(found, squares.at(np.flatnonzero(settled)), reached.at(np.flatnonzero(settled)))
+            left_out = np.flatnonzero(beyond[squares.bases] & ~settled)
+            _compare_and_raise(found, pieces, squares, left_out, compare)
+            settled[left_out] = True
         if np.all(settled):
             break
         wanted = descent.children(level, wanted[~settled])
     return found
+
+
+def _compare_and_raise(
+    found: ErrorBounds, pieces: Pieces, squares: Squares, chosen: IndexArray, compare: Comparison
+) -> None:
+    """Raise the bounds of quads to those of chosen pieces over squares."""
+    if len(chosen):
+        near, own = pieces.near[chosen], squares.at(chosen)
+        left = compare(selected_vectors(pieces.coefficients, chosen), own)
+        _raise(found, own, left + ErrorBounds(near, near, near))
 
 
 def _raise(found: ErrorBounds, squares: Squares, error_bounds: ErrorBounds) -> None:
@@ -176,10 +192,11 @@ def _off_templates(
 
 @dataclass(frozen=True)
 class _TriangleTables:
-    """By the number of a template and a triangle of it: vertices (count, MOST_TRIANGLES, 3); and the weights of these
-    at a place, linear functions of (u, v, 1), (count, MOST_TRIANGLES, 3, 3), times areas (count, MOST_TRIANGLES). A
-    triangle that a template does not have weighs -1 everywhere."""
+    """By the number of a template: how many triangles it has (count,); and of each triangle the vertices (count,
+    MOST_TRIANGLES, 3), and their weights at a place, linear functions of (u, v, 1), (count, MOST_TRIANGLES, 3, 3),
+    times areas (count, MOST_TRIANGLES). A triangle that a template does not have weighs -1 everywhere."""
 
+    counts: IndexArray
     vertices: IndexArray
     linear: FloatArray
     areas: FloatArray
@@ -189,26 +206,28 @@ class _TriangleTables:
         return len(self.areas)
 
     def weights(self, numbers: IndexArray, places: FloatArray) -> FloatArray:
-        """(MOST_TRIANGLES, N, C, 3), at places (C, N, 2), of the triangles of templates (N,)."""
-        linear = self.linear[numbers].transpose(2, 1, 0, 3)[:, :, :, None]
+        """(T, N, C, 3), at places (C, N, 2), of the triangles of templates (N,)."""
+        most = int(self.counts[numbers].max(initial=1))
+        linear = self.linear[numbers, :most].transpose(2, 1, 0, 3)[:, :, :, None]
         u, v = places.transpose(2, 1, 0)[..., None]
         # Dividends and divisors are exact for parameters.
-        return (u * linear[0] + v * linear[1] + linear[2]) / self.areas[numbers].T[:, :, None, None]
+        return (u * linear[0] + v * linear[1] + linear[2]) / self.areas[numbers, :most].T[:, :, None, None]
 
 
 @cache
 def _triangle_tables() -> _TriangleTables:
     count = 16 * int(COUNTS.max())
-    vertices = np.zeros((count, MOST_TRIANGLES, 3), dtype=np.intp)
+    counts, vertices = np.zeros(count, dtype=np.intp), np.zeros((count, MOST_TRIANGLES, 3), dtype=np.intp)
     linear, areas = np.zeros((count, MOST_TRIANGLES, 3, 3)), np.ones((count, MOST_TRIANGLES))
     linear[:, :, 2] = -1.0
     for pattern in np.flatnonzero(COUNTS).tolist():
         for alternative, template in enumerate(templates(pattern)):
             number = 16 * alternative + pattern
+            counts[number] = len(template)
             for place, triangle in enumerate(template):
                 vertices[number, place] = triangle
                 linear[number, place], areas[number, place] = barycentric_rows(QUAD_POINTS[list(triangle)])
-    return _TriangleTables(vertices, linear, areas)
+    return _TriangleTables(counts, vertices, linear, areas)
 
 
 def _raise_at(found: ErrorBounds, chosen: IndexArray, vectors: FloatArray, normals: FloatArray) -> None:
