@@ -79,8 +79,8 @@ def test_without_frames_none_is_named(animated: Path, tmp_path: Path) -> None:
 def test_processes_are_given_the_same_frames() -> None:
     parser = addon.module("command_line.arguments").Parser("ccdepth")
     options = parser.parsed(["a.blend", "--frames=-3-12/5"])
-    assert "--frames=-3-12/5" in parser.arguments_for_one(options)
-    assert parser.parsed(["a.blend", *parser.arguments_for_one(options)]).frames == "-3-12/5"
+    assert "--frames=-3-12/5" in parser.arguments_for_others(options)
+    assert parser.parsed(["a.blend", *parser.arguments_for_others(options)]).frames == "-3-12/5"
 
 
 @pytest.mark.parametrize(
