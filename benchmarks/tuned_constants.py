@@ -834,6 +834,8 @@ ENTRIES = [
         by(none_through_parents),
         ALL_ADAPTIVE,
     ),
+    Entry(ADAPTIVE + "planner.halve", "no halves", by(nothing), (*SUZANNE, "adaptive, large")),
+    Entry(ADAPTIVE + "halves.ATTEMPTS", "1", set_to(1), (*SUZANNE, "adaptive, large")),
     Entry(LEAVES + "irregular_bounds.NEAR_FACET", "1", set_to(1.0), IRREGULAR),
     Entry(LEAVES + "irregular_bounds.NEAR_FACET", "0", set_to(0.0), IRREGULAR),
     Entry(LEAVES + "triangle_bounds.LEVELS_AT_VERTEX", "2", set_to(2), EXTRAORDINARY),

@@ -126,8 +126,9 @@ def _obstacles(context: bpy.types.Context, window: bpy.types.Region, scale: floa
     relative = [Rectangle(a - window.x, b - window.y, c - window.x, d - window.y) for a, b, c, d in found]
     space = context.space_data
     if space.show_gizmo and space.show_gizmo_navigate:
-        right = min([each.left for each in relative if each.left > window.width / 2], default=window.width)
-        top = min([each.bottom for each in relative if each.bottom > window.height / 2], default=window.height)
+        # In Quad View regions may lie beyond this view.
+        right = min([window.width, *(each.left for each in relative if each.left > window.width / 2)])
+        top = min([window.height, *(each.bottom for each in relative if each.bottom > window.height / 2)])
         width, height = (round(each * scale) for each in (GIZMO_WIDTH, GIZMO_HEIGHT))
         relative.append(Rectangle(right - width, top - height, right, top))
     return relative

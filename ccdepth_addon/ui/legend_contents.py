@@ -35,9 +35,10 @@ def legends(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object]) -> list
 def _legend(scene: bpy.types.Scene, kind: Shown, objects: list[bpy.types.Object]) -> Legend:
     if kind is Shown.DEPTH:
         records = [each.data.ccdepth for each in objects]
+        tolerance = f"Tolerance {lengths_text(scene, (record.world_tolerance for record in records))}"
         return Legend(
             kind.value,
-            notes=[f"Tolerance {lengths_text(scene, (record.world_tolerance for record in records))}"],
+            notes=[*_name(objects), tolerance],
             alert=_alert(objects, lambda each: panels.stale_line(scene.ccdepth, each.data, each)),
             rows=depth_rows(objects),
             objects=_listed(objects, lambda each: f"{each.data.ccdepth.faces:,}"),
@@ -45,14 +46,15 @@ def _legend(scene: bpy.types.Scene, kind: Shown, objects: list[bpy.types.Object]
     if kind is Shown.BOUND:
         return Legend(
             kind.value,
-            notes=[f"Faces {sum(mesh.ccdepth.faces for mesh in {each.data for each in objects}):,}"],
+            notes=[*_name(objects), f"Faces {sum(mesh.ccdepth.faces for mesh in {each.data for each in objects}):,}"],
             alert=_alert(objects, lambda each: panels.stale_line(scene.ccdepth, each.data, each)),
             scale=_scale(scene, kind, objects),
             objects=_listed(objects, lambda each: length_text(scene, each.data.ccdepth.largest_bound, Rounding.UP)),
         )
+    faces = sum(mesh.ccdepth.measurement.faces for mesh in {each.data for each in objects})
     return Legend(
         kind.value,
-        notes=[f"Faces {sum(mesh.ccdepth.measurement.faces for mesh in {each.data for each in objects}):,}"],
+        notes=[*_name(objects), f"Faces {faces:,}"],
         alert=_alert(objects, lambda each: deviation_panel.stale_line(scene.ccdepth, each.data)),
         scale=_scale(scene, kind, objects),
         objects=_listed(objects, lambda each: length_text(scene, each.data.ccdepth.deviation, Rounding.UP)),
@@ -99,6 +101,11 @@ def _alert(objects: Sequence[bpy.types.Object], line_of: Callable[[bpy.types.Obj
     if not stale:
         return ""
     return "Out of date" if len(objects) == 1 else f"Out of date: {stale} of {len(objects)}"
+
+
+def _name(objects: Sequence[bpy.types.Object]) -> list[str]:
+    """Whose colours they are; of several objects the list below tells."""
+    return [_short(objects[0].name)] if len(objects) == 1 else []
 
 
 def _listed(objects: Sequence[bpy.types.Object], number_of: Callable[[bpy.types.Object], str]) -> list[tuple[str, str]]:

@@ -283,9 +283,11 @@ def sidebar_count(count: int) -> str:
 
 
 def _draw_histogram(layout: bpy.types.UILayout, objects: list[bpy.types.Object]) -> None:
+    # Results of Apply Adaptive Subdivision have depths as well, and their colours are those of distances.
+    with_depths = [each for each in objects if results.shown(each.data) is results.Shown.DEPTH]
     # Of several scenes' colours those of the first.
-    colored = [each.data.ccdepth for each in objects if results.shown(each.data) is results.Shown.DEPTH]
-    counts = faces_by_depth(objects)
+    colored = [each.data.ccdepth for each in with_depths]
+    counts = faces_by_depth(with_depths or objects)
     most, total = max(counts.values()), sum(counts.values())
     box = layout.box().column(align=True)
     for depth in sorted(counts, reverse=True):

@@ -44,10 +44,11 @@ def test_it_tells_title_tolerance_and_what_it_counts() -> None:
     addon.select(holder)
     bpy.ops.ccdepth.compute()
     [legend] = legends()
-    assert (legend.title, legend.notes, legend.alert) == ("Subdivision Depth", ["Tolerance 0.0125 m"], "")
+    assert (legend.title, legend.alert) == ("Subdivision Depth", "")
+    assert legend.notes == [holder.name, "Tolerance 0.0125 m"]
     bpy.context.scene.unit_settings.length_unit = "MILLIMETERS"
     [legend] = legends()
-    assert legend.notes == ["Tolerance 12.5 mm"]
+    assert legend.notes == [holder.name, "Tolerance 12.5 mm"]
     rows = {int(row.label): row.faces for row in legend.rows}
     assert rows == addon.histogram(holder)
     assert [*rows] == sorted(rows, reverse=True)
@@ -147,7 +148,7 @@ def test_each_thing_that_is_shown_has_a_legend() -> None:
     record = result.data.ccdepth
     assert float(marks["largest"].number) == pytest.approx(record.largest_bound, rel=0.01)
     assert float(marks["tolerance"].number) == pytest.approx(record.world_tolerance, rel=0.01)
-    assert legend.notes == [f"Faces {len(result.data.polygons):,}"]
+    assert legend.notes == [result.name, f"Faces {len(result.data.polygons):,}"]
 
 
 def test_scales_of_their_own_are_told_in_parts_and_a_fixed_one_in_lengths() -> None:
