@@ -881,7 +881,6 @@ CACHES = {
     **{
         place: [place]
         for place in (
-            SURFACE + "limit_positions.dart_weights",
             SURFACE + "stencils.patch_stencils",
             BOUNDS + "facet_bounds._samples",
             ADAPTIVE + "vertex_positions.VertexPositions._kinds",

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from functools import lru_cache
-
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
@@ -100,28 +98,24 @@ def _dart_limits(
     return limits
 
 
-@lru_cache(maxsize=64)
 def dart_weights(valence: int) -> FloatArray:
     """(2n,): the weights of a dart vertex's ring in its limit; the vertex's own weight is 1 minus their sum.
 
-    The ring: the ends of the spokes, from the sharp one on, each followed by the point across the next quad. The sharp
-    edge breaks the symmetry that closed formulas need; but a step maps the vertex and its ring to themselves, so the
-    weights are the step's left eigenvector for the eigenvalue 1.
+    The ring: the ends of the spokes, from the sharp one on, each followed by the point across the next quad. A step
+    maps the vertex and its ring to themselves, so the weights are the step's left eigenvector for the eigenvalue 1.
+    With weight 1 for the vertex, e_i for the ends, e_0 for the sharp one, and a_i for the points across, it says
+
+        a_i = 1/(3n²) + (e_i + e_i+1)/12,   7 e_i - e_i-1 - e_i+1 = 20/n²   for 0 < i < n, with 0 for e_0 and e_n,
+        e_0 = 3/n² + (a_0 + a_n-1)/2 + (e_1 + e_n-1)/8,
+
+    as the sharp end depends on the vertex and itself alone. The solution is 4/n² less a sum of powers of the root
+    r = (7 - 3√5)/2 of r + 1/r = 7.
     """
-    ends, across = 1 + 2 * np.arange(valence), 2 + 2 * np.arange(valence)
-    following, before = np.roll(ends, -1), np.roll(across, 1)
-    step = np.zeros((2 * valence + 1, 2 * valence + 1))
-    for points in (0, ends, following, across):
-        step[across, points] += 0.25
-    step[0, 0] = (valence - 2) / valence
-    step[0, ends] = 1 / valence**2
-    step[0] += step[across].sum(axis=0) / valence**2
-    step[ends, 0] += 0.5
-    step[ends, ends] += 0.5
-    smooth = ends[1:]
-    step[smooth] *= 0.5
-    step[smooth] += 0.25 * (step[across] + step[before])[1:]
-    # The eigenvector's entries sum to 1; this replaces an equation that follows from the others.
-    equations = step.T - np.eye(len(step))
-    equations[0] = 1.0
-    return np.linalg.solve(equations, np.eye(len(step))[0])[1:]
+    root, squared = (7 - 3 * 5**0.5) / 2, valence**2
+    powers = root ** np.arange(valence + 1)
+    ends = 4 / squared * (1 - (powers + powers[::-1]) / (1 + powers[-1]))
+    ends[[0, -1]] = 0.0
+    across = 1 / (3 * squared) + (ends[:-1] + ends[1:]) / 12
+    ends[0] = 3 / squared + (across[0] + across[-1]) / 2 + (ends[1] + ends[-2]) / 8
+    weights = np.stack([ends[:-1], across], axis=1).reshape(-1)
+    return weights / (1 + weights.sum())
