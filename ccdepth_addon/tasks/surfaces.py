@@ -70,12 +70,13 @@ class Faults:
 
     @contextmanager
     def of(self, name: str, frame: int | None = None) -> Iterator[None]:
-        """Note errors that are raised in this context for the object, on a frame or without any; the first counts."""
+        """Note errors that are raised in this context for the object, on a frame or without any: the last one of the
+        first frame that has any."""
         try:
             yield
         except (ControlMeshError, InvalidMeshError, ToleranceError, WriteError) as fault:
-            if name not in self._found:
-                self._found[name], self._frames[name] = fault, frame
+            if self._frames.setdefault(name, frame) == frame:
+                self._found[name] = fault
 
     def refuse(self) -> None:
         """Raise ComputeError if there are any, naming every object at fault in the order they were given."""
