@@ -8,12 +8,13 @@ standard output, after a mark that nothing else prints.
 from __future__ import annotations
 
 import json
+import signal
 import subprocess
 import sys
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import closing, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from secrets import token_hex
@@ -54,6 +55,7 @@ def process_files(process: Sequence[str], options: Namespace, parser: Parser) ->
     mark = token_hex()
     command = [*process, *parser.arguments_for_others(options), f"--worker={mark}"]
     with (
+        _broken_pipes_as_errors(),
         TemporaryDirectory() as folder,
         closing(_Workers(command, mark, Path(folder), options)) as workers,
         ThreadPoolExecutor(options.jobs) as pool,
@@ -68,6 +70,20 @@ def process_files(process: Sequence[str], options: Namespace, parser: Parser) ->
                 yield number, _as_given(done.entry, options.files[number], options)
         finally:
             pool.shutdown(cancel_futures=True)
+
+
+@contextmanager
+def _broken_pipes_as_errors() -> Iterator[None]:
+    """Writing to a process that has ended is an error; without this it would end Blender 4.3 as well."""
+    if not hasattr(signal, "SIGPIPE"):
+        yield
+        return
+    before = signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        # None stands for what was not set from Python.
+        signal.signal(signal.SIGPIPE, signal.SIG_DFL if before is None else before)
 
 
 def given_files() -> Iterator[Path]:
