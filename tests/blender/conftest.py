@@ -37,7 +37,8 @@ class EndWithoutWindingUp:
     def pytest_sessionfinish(self, exitstatus: int) -> None:
         self._status = int(exitstatus)
 
-    @pytest.hookimpl(trylast=True)
+    # Before pytest collects garbage, which can crash as well.
+    @pytest.hookimpl(tryfirst=True)
     def pytest_unconfigure(self) -> None:
         sys.stdout.flush()
         sys.stderr.flush()
