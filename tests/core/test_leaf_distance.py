@@ -172,6 +172,22 @@ def test_parabolas_are_bounded_exactly() -> None:
     assert 0.02 / 4 * 0.999 < bound < 0.02 / 4 * 1.001
 
 
+def test_what_reaches_beyond_the_outline_adds_little() -> None:
+    """A twisted leaf that bends along one direction, one side of which curves a little within the leaf's plane. Hull
+    points are three times as high over the planes as the surface is over the triangles."""
+    coefficients, (i, j) = np.zeros((16, 1, 3)), np.divmod(np.arange(16), 4)
+    coefficients[:, 0, :2] = GRID * [1.0, 0.5]
+    coefficients[:, 0, 2] = 0.02 * (np.array([0.0, 0.0, 1 / 3, 1.0])[i] + 2 * i * j / 9)
+    coefficients[[7, 11], 0, 1] += 4 / 3 * 1e-4
+    points = np.einsum("rk,kpi->rpi", triangle_bounds.bicubic_points(), coefficients)
+    template = templates(0)[1]
+    normals = triangle_normals(points, template)
+    normal = triangle_bounds.bicubic_error_bounds(triangle_bounds.bicubic_rows(0, 1), coefficients, normals).normal
+    bound = leaf_distances(outline_of(points, 0, template), bicubic_hull(coefficients), normal, np.inf)[0]
+    # Off by 0.02 / 4 along the normals, but for their tilt, and beyond the outline by 1e-4.
+    assert 0.02 / 4 * 0.999 < bound < 0.02 / 4 * 1.01
+
+
 # Rounding
 
 PLACES = (0.0, 1.0, 1e4, 1e7)

@@ -18,6 +18,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays.ranges import ranges
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import squared_norms
 from .cells.cell_store import in_blocks
@@ -33,9 +34,9 @@ from .template_choice import off_lines
 # (``templates.QUAD_POINTS``, then the centre) that lie over the middles of these, and their ends.
 CHORDS = (([4, 8, 6], [0, 7, 3], [1, 5, 2]), ([5, 8, 7], [1, 4, 0], [2, 6, 3]))
 
-# So many times quads are halved, without those beside which leaves exceeded the limit before; the last time without all
-# beside leaves whose bounds depend on their neighbours.
-ATTEMPTS = 3
+# So many times quads are halved, without those around leaves that exceeded the limit before, farther and farther around
+# these; the last time without all beside leaves whose bounds depend on their neighbours, by which many are lost.
+ATTEMPTS = 6
 
 
 def halve(plan: Plan) -> None:
@@ -44,30 +45,24 @@ def halve(plan: Plan) -> None:
         return
     stays = _leaves_over_flat_parts(plan)
     possible = _halves_alone(plan, _quads_of_leaves(plan, ~stays))
-    for is_last in [False] * (ATTEMPTS - 1) + [True]:
-        if is_last:
+    chosen = np.arange(len(possible.quads))
+    for attempt in range(ATTEMPTS):
+        if attempt == ATTEMPTS - 1:
             _add_with_neighbours(plan, stays, plan.approximations.unbounded())
-        exceeding = _halve_beside(plan, possible, stays)
+        chosen, exceeding = _halve_beside(plan, possible, chosen, stays)
         if not len(exceeding):
             return
-        _add_with_neighbours(plan, stays, exceeding)
+        for _ in range(1 << attempt):
+            exceeding = _add_with_neighbours(plan, stays, exceeding)
 
 
-def _halve_beside(plan: Plan, possible: _Halves, stays: BoolArray) -> IndexArray:
-    """Halve the possible quads, but for leaves that stay, (nodes,). Returns leaves that exceed the limit beside halves;
-    then nothing has been done."""
+def _halve_beside(plan: Plan, possible: _Halves, chosen: IndexArray, stays: BoolArray) -> tuple[IndexArray, IndexArray]:
+    """Halve those of the chosen quads that can be, but for leaves that stay, (nodes,). Returns these quads, and leaves
+    that exceed the limit beside halves; if there are any, nothing has been done."""
     tree = plan.tree
-    chosen = np.flatnonzero(~stays[tree.children_of_quads(possible.quads)].any(axis=0))
+    chosen = chosen[~stays[tree.children_of_quads(possible.quads[chosen])].any(axis=0)]
     others = _Others(plan, stays, possible.quads[chosen], possible.ends[:, chosen])
-    while len(chosen):
-        failed = possible.are_refused(chosen, others.corners)
-        if not np.any(failed):
-            failed = possible.exceed(plan, chosen, others.corners)
-        if np.any(failed):
-            others.put_children(possible.quads[chosen[failed]])
-            chosen = chosen[~failed]
-        elif not others.approximate():
-            break
+    chosen = _settle(plan, possible, chosen, others)
     changed = others.changed()
     before = [(changed, plan.approximations.without_star_bounds(changed))]
     others.record()
@@ -81,7 +76,29 @@ def _halve_beside(plan: Plan, possible: _Halves, stays: BoolArray) -> IndexArray
         for leaves, approximation in reversed(before):
             plan.record(leaves, approximation)
         plan.approximated.put(tree.children_of_quads(possible.quads[chosen]).ravel())
-    return exceeding
+    return chosen, exceeding
+
+
+def _settle(plan: Plan, possible: _Halves, chosen: IndexArray, others: _Others) -> IndexArray:
+    """Those of the chosen quads that can be halved together, so that the leaves beside them are within the limit alone.
+
+    Fewer and fewer: each that cannot adds corners, and only quads with new corners at their sides are tested again.
+    """
+    is_chosen = np.zeros(len(possible.quads), dtype=bool)
+    is_chosen[chosen] = True
+    changed = unbounded = chosen
+    while True:
+        failed = changed[possible.are_refused(changed, others.corners)]
+        if not len(failed):
+            failed = unbounded[possible.exceed(plan, unbounded, others.corners)]
+            unbounded = unbounded[:0]
+            if not len(failed) and not others.approximate():
+                return np.flatnonzero(is_chosen)
+        is_chosen[failed] = False
+        others.put_children(possible.quads[failed])
+        changed = possible.at_vertices(others.take_new_corners())
+        changed = changed[is_chosen[changed]]
+        unbounded = np.union1d(unbounded[is_chosen[unbounded]], changed)
 
 
 def _bound_beside(plan: Plan, before: list[tuple[IndexArray, LeafApproximation]]) -> IndexArray:
@@ -106,12 +123,12 @@ class _Halves:
     (2, P) the vertices at the middles of the sides where they end.
     """
 
-    def __init__(self, tree: Quadtree, quads: IndexArray, sides: IndexArray, whole: LeafApproximation) -> None:
-        """whole: (2P,) how to approximate them with their sides whole."""
+    def __init__(self, tree: Quadtree, quads: IndexArray, sides: IndexArray, whole: list[LeafApproximation]) -> None:
+        """whole: how to approximate the first halves with their sides whole, (P,), and the second."""
         self.quads, self.sides = quads, sides
         self._whole = whole
         # The same with their outer long sides split, where that has been found.
-        self._split = LeafApproximation.none(2 * len(quads))
+        self._split = [LeafApproximation.none(len(quads)) for _ in range(2)]
         self._is_found = np.zeros((2, len(quads)), dtype=bool)
         slots = [tree.first_slots(quads) + (sides + turn) % 4 for turn in range(4)]
         first = tree.first_child[quads]
@@ -120,6 +137,14 @@ class _Halves:
         self.ends = tree.midpoints[tree.slot_edges[np.stack([slots[1], slots[3]])]]
         outer = [slot + side for slot in of_children for side in (0, 3)]
         self._finer = tree.midpoints[tree.slot_edges[np.stack(outer)]]
+        tested = np.concatenate([self._middles, self._finer])
+        self._in_order = np.argsort(tested, axis=None)
+        self._vertices = tested.ravel()[self._in_order]
+
+    def at_vertices(self, vertices: IndexArray) -> IndexArray:
+        """Those that may be refused, or exceed the limit, as some vertices are corners now."""
+        first, last = (np.searchsorted(self._vertices, vertices, side) for side in ("left", "right"))
+        return np.unique(self._in_order[ranges(first, last - first)] % len(self.quads))
 
     def are_refused(self, chosen: IndexArray, corners: BoolArray) -> BoolArray:
         """(chosen,) where a long side would be split more than once; where a short side is split, as triangles there
@@ -128,46 +153,47 @@ class _Halves:
         return corners[self._finer[:, chosen]].any(axis=0) | corners[self._middles[:, chosen]].all(axis=0)
 
     def exceed(self, plan: Plan, chosen: IndexArray, corners: BoolArray) -> BoolArray:
-        """(chosen,) where a half exceeds the limit with its long side split."""
-        split, count = corners[self._middles[:, chosen]], len(self.quads)
-        new = chosen[np.any(split & ~self._is_found[:, chosen], axis=0)]
-        self._is_found[:, new] = True
-        hanging = np.zeros((2, len(new), 4), dtype=bool)
-        hanging[:, :, 0] = True
-        found = _approximate(plan, self.quads[new], self.sides[new], hanging)
-        self._split.put(np.concatenate([new, new + count]), found)
-        return np.any(split & ~self._split.accepted.reshape(2, count)[:, chosen], axis=0)
+        """(chosen,) where a half exceeds the limit with its long side split. At most one of the two has it split."""
+        split = corners[self._middles[:, chosen]]
+        halves, places = np.nonzero(split & ~self._is_found[:, chosen])
+        new = chosen[places]
+        found = _approximate(plan, self.quads[new], self.sides[new] + 2 * halves, is_split=True)
+        for half in (0, 1):
+            own = np.flatnonzero(halves == half)
+            self._is_found[half, new[own]] = True
+            self._split[half].put(new[own], found.at(own))
+        accepted = np.stack([found.accepted[chosen] for found in self._split])
+        return np.any(split & ~accepted, axis=0)
 
     def approximations(self, chosen: IndexArray, corners: BoolArray) -> Iterator[LeafApproximation]:
         """(chosen,) of the first halves, and of the second."""
-        for half, split in enumerate(corners[self._middles[:, chosen]]):
-            own = chosen + half * len(self.quads)
-            found = self._whole.at(own)
-            found.put(np.flatnonzero(split), self._split.at(own[split]))
+        for whole, split, is_split in zip(self._whole, self._split, corners[self._middles[:, chosen]], strict=True):
+            found = whole.at(chosen)
+            found.put(np.flatnonzero(is_split), split.at(chosen[is_split]))
             yield found
 
 
-def _approximate(plan: Plan, quads: IndexArray, sides: IndexArray, hanging: BoolArray) -> LeafApproximation:
-    """How to approximate the halves of quads (P,), ascending, along sides (P,), by themselves alone: (2P,). hanging:
-    (2, P, 4) bool, which of their sides are split."""
-    found = LeafApproximation.none(2 * len(quads))
-    for side in (0, 1):
-        for cells in _bicubic(plan, quads[sides == side]):
-            places = np.searchsorted(quads, cells.nodes)
-            for half in (0, 1):
-                halves = cells.halves(side + 2 * half, cells.nodes)
-                own = plan.approximate(halves, hanging[half, places].ravel(), LeafApproximation.none(len(places)))
-                found.put(places + half * len(quads), own)
-            plan.report()
+def _approximate(plan: Plan, quads: IndexArray, sides: IndexArray, *, is_split: bool) -> LeafApproximation:
+    """How to approximate the halves of quads (P,) along sides (P,), one of each, by themselves alone. is_split: whether
+    these sides are."""
+    found = LeafApproximation.none(len(quads))
+    order = np.argsort(quads)
+    for cells in in_blocks(_halves_along(plan, quads, sides)):
+        hanging = np.zeros((len(cells.nodes), 4), dtype=bool)
+        hanging[:, 0] = is_split
+        own = plan.approximate(cells, hanging.ravel(), LeafApproximation.none(len(cells.nodes)))
+        found.put(order[np.searchsorted(quads, cells.nodes, sorter=order)], own)
+        plan.report()
     return found
 
 
-def _bicubic(plan: Plan, quads: IndexArray) -> Iterator[BicubicCells]:
-    """The bicubic ones among the cells of split quads."""
-    if len(quads):
-        for cells in in_blocks(cells for cells in plan.cells.of(quads) if isinstance(cells, BicubicCells)):
-            assert isinstance(cells, BicubicCells)
-            yield cells
+def _halves_along(plan: Plan, quads: IndexArray, sides: IndexArray) -> Iterator[BicubicCells]:
+    """The halves of quads (P,) along sides (P,), but for quads that are not bicubic, with the quads as their nodes."""
+    for side in range(4):
+        own = quads[sides == side]
+        for cells in plan.cells.of(own) if len(own) else ():
+            if isinstance(cells, BicubicCells):
+                yield cells.halves(side, cells.nodes)
 
 
 def _leaves_over_flat_parts(plan: Plan) -> BoolArray:
@@ -178,11 +204,13 @@ def _leaves_over_flat_parts(plan: Plan) -> BoolArray:
     return stays
 
 
-def _add_with_neighbours(plan: Plan, stays: BoolArray, leaves: IndexArray) -> None:
-    """Add some leaves, and all at their vertices, to those that stay."""
+def _add_with_neighbours(plan: Plan, stays: BoolArray, leaves: IndexArray) -> IndexArray:
+    """Add some leaves, and all at their vertices, to those that stay. Returns all of these."""
     everything = plan.tree.leaves()
+    added = everything[plan.tree.share_a_vertex(everything, leaves)]
     stays[leaves] = True
-    stays[everything[plan.tree.share_a_vertex(everything, leaves)]] = True
+    stays[added] = True
+    return added
 
 
 def _quads_of_leaves(plan: Plan, may_go: BoolArray) -> IndexArray:
@@ -198,11 +226,12 @@ def _halves_alone(plan: Plan, quads: IndexArray) -> _Halves:
     """The halves within the limit with all their sides whole, of quads (P,), ascending, along the better side."""
     off = _off_chords(plan, quads)
     likely = off.min(axis=0, initial=np.inf) <= plan.request.limit
-    quads, sides = quads[likely], off[:, likely].argmin(axis=0)
-    whole = np.zeros((2, len(quads), 4), dtype=bool)
-    found = _approximate(plan, quads, sides, whole)
-    done = np.flatnonzero(found.accepted.reshape(2, -1).all(axis=0))
-    return _Halves(plan.tree, quads[done], sides[done], found.at(np.concatenate([done, done + len(quads)])))
+    quads, sides, whole = quads[likely], off[:, likely].argmin(axis=0), list[LeafApproximation]()
+    for half in (0, 1):
+        found = _approximate(plan, quads, sides + 2 * half, is_split=False)
+        done = np.flatnonzero(found.accepted)
+        quads, sides, whole = quads[done], sides[done], [own.at(done) for own in (*whole, found)]
+    return _Halves(plan.tree, quads, sides, whole)
 
 
 def _off_chords(plan: Plan, quads: IndexArray) -> FloatArray:
@@ -233,9 +262,11 @@ class _Others:
         tree, is_leaf = self._tree, self._tree.first_child == NONE
         is_leaf[tree.children_of_quads(quads)] = False
         self.corners = np.zeros(len(tree.vertex_edges) + 1, dtype=bool)
+        self._new_corners: list[IndexArray] = []
         self._put_corners(np.concatenate([np.flatnonzero(is_leaf), quads]))
         self.corners[ends] = True
         self._keep_sides(np.flatnonzero(stays))
+        self.take_new_corners()
         self._beside = self._changed(np.flatnonzero(is_leaf))[0]
         self._split_sides = np.full(len(tree.first_child), NONE, dtype=np.int32)
         self._found: list[tuple[IndexArray, LeafApproximation]] = []
@@ -246,14 +277,24 @@ class _Others:
         self._put_corners(children)
         self._beside = np.concatenate([self._beside, children])
 
+    def take_new_corners(self) -> IndexArray:
+        """The vertices that have become corners since the last call."""
+        new, self._new_corners = self._new_corners, []
+        return np.unique(np.concatenate([np.zeros(0, dtype=np.intp), *new]))
+
     def _put_corners(self, nodes: IndexArray) -> None:
-        self.corners[self._tree.slot_vertices[self._tree.slots(nodes)]] = True
+        self._put(self._tree.slot_vertices[self._tree.slots(nodes)])
 
     def _keep_sides(self, leaves: IndexArray) -> None:
         """Keep the midpoints of split sides of some leaves."""
         tree = self._tree
-        self.corners[tree.midpoints[tree.slot_edges[tree.slots(leaves)]]] = True
-        self.corners[NONE] = False
+        vertices = tree.midpoints[tree.slot_edges[tree.slots(leaves)]]
+        self._put(vertices[vertices != NONE])
+
+    def _put(self, vertices: IndexArray) -> None:
+        new = vertices[~self.corners[vertices]]
+        self.corners[new] = True
+        self._new_corners.append(new)
 
     def _hanging(self, leaves: IndexArray) -> BoolArray:
         """(slots of the leaves,) which sides are split."""

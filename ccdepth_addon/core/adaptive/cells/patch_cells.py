@@ -238,6 +238,16 @@ class BicubicCells(NetCells):
     def _to_points(self) -> FloatArray:
         return triangle_bounds.bicubic_points()
 
+    def errors_along_normals_of(
+        self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float
+    ) -> FloatArray:
+        found = np.empty(len(chosen))
+        for pattern, alternative, own in template_groups(numbers):
+            normals = triangle_normals(selected_vectors(points, chosen[own]), templates(pattern)[alternative])
+            rows, nets = triangle_bounds.bicubic_rows(pattern, alternative), selected_vectors(self.nets, chosen[own])
+            found[own] = triangle_bounds.bicubic_errors_along(rows, nets, normals)
+        return found
+
     def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
         return bicubic_hull(selected_vectors(self.nets, chosen))
 

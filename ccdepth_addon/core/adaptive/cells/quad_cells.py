@@ -68,6 +68,12 @@ class QuadCells(ABC):
         """(n,) each: error bounds along the normals and across, as tight as star bounds need them where the error along
         the normals is within the limit; chosen, numbers and points as in ``distances_of``."""
 
+    def errors_along_normals_of(
+        self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float
+    ) -> FloatArray:
+        """(n,): the error bounds along the normals alone."""
+        return self.error_bounds_of(chosen, numbers, points, limit).normal
+
     @abstractmethod
     def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
         """Hull points of chosen quads, in the order of their points, as near as it takes to compare with the limit.
@@ -196,7 +202,7 @@ class QuadsByPattern:
         """As in ``template_choice.WithDistances``."""
         numbers = template_numbers(self.patterns[chosen], alternatives)
         distances = self.cells.distances_of(self.places[chosen], numbers, self.points, self.request.limit)
-        return distances + self.thickness(chosen, numbers)
+        return self.with_thickness(distances, chosen, numbers)
 
     def leaf_distances(self, chosen: IndexArray, alternatives: IndexArray) -> FloatArray:
         """(n,): the same of each leaf alone (``leaf_distance``)."""
@@ -210,7 +216,7 @@ class QuadsByPattern:
         tried = np.sort(np.concatenate([own for own, _ in outlines]))
         tried = tried[np.isinf(normal[tried])]
         if len(tried):
-            normal[tried] = self.cells.error_bounds_of(places[tried], numbers[tried], self.points, limit).normal
+            normal[tried] = self.cells.errors_along_normals_of(places[tried], numbers[tried], self.points, limit)
         distances, tried = np.full(len(chosen), np.inf), np.flatnonzero(normal <= limit)
         if len(tried):
             hull = self.cells.hull_of(places[tried], self.points, limit)
@@ -219,17 +225,18 @@ class QuadsByPattern:
                 own = own[near]
                 of_own = hull.at(np.searchsorted(tried, own))
                 distances[own] = leaf_distances(outline.at(near), of_own, normal[own], limit, self.request.rounding)
-        return distances + self.thickness(chosen, numbers)
+        return self.with_thickness(distances, chosen, numbers)
 
-    def thickness(self, chosen: IndexArray, numbers: IndexArray) -> FloatArray | float:
-        """(n,): the distances between polygons and the triangles of templates."""
+    def with_thickness(self, distances: FloatArray, chosen: IndexArray, numbers: IndexArray) -> FloatArray:
+        """(n,): distances of the triangles of templates (n,), and of those within the limit that are drawn as polygons
+        also how far the polygons are from the triangles."""
         if self.request.transitions is not Transitions.NGONS:
-            return 0.0
-        points, found = selected_vectors(self.points, self.places[chosen]), np.zeros(len(chosen))
-        for pattern, alternative, own in template_groups(numbers):
+            return distances
+        found, within = distances.copy(), np.flatnonzero(distances <= self.request.limit)
+        for pattern, alternative, own in template_groups(numbers[within]):
             if pattern != WHOLE:
-                own_points = selected_vectors(points, own)
-                found[own] = thickness_of_quads(own_points, pattern, alternative, self.request.axes)
+                points = selected_vectors(self.points, self.places[chosen[within[own]]])
+                found[within[own]] += thickness_of_quads(points, pattern, alternative, self.request.axes)
         return found
 
     def at(self, chosen: IndexArray) -> QuadsByPattern:

@@ -13,6 +13,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ...arrays.ranges import ranges
 from ...arrays.types import FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors, transformed_nets
 from ...bounds.norm_bounds import Vertices, second_order_extraordinary, support_bounds
@@ -250,9 +251,9 @@ class Descent:
             wanted[faces[new]] = True
             level, count = self._levels[0], len(self._levels[0].numbers)
             self._first_children[faces[new]] = count + np.cumsum(sizes[new]) - sizes[new]
-            squares = self._squares.at(_ranges(starts[new], sizes[new]))
+            squares = self._squares.at(ranges(starts[new], sizes[new]))
             level.append(_Found.of(self._refinement.keep(wanted).refined()), squares)
-        return _ranges(self._first_children[faces], sizes)
+        return ranges(self._first_children[faces], sizes)
 
     def pieces(self, level: int, indices: IndexArray) -> Pieces:
         """The surface over some squares of a level."""
@@ -271,9 +272,3 @@ class Descent:
             own.first_children[chosen] = len(following.numbers) + 4 * np.arange(len(chosen))
             following.append(parents.children(own.places[chosen]), own.pieces.squares.at(chosen).children())
         return (own.first_children[indices, None] + np.arange(4)).ravel()
-
-
-def _ranges(starts: IndexArray, sizes: IndexArray) -> IndexArray:
-    """From each start on so many numbers."""
-    first = starts - np.cumsum(sizes) + sizes
-    return np.arange(int(sizes.sum())) + np.repeat(first, sizes)

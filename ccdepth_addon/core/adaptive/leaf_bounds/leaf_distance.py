@@ -206,25 +206,16 @@ def _leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: flo
     found = np.full(len(normal), np.inf)
     normal = normal + rounding
     sides = np.max([side.off for side in off_sides(outline, hull)], axis=0) + rounding
-    chosen = np.flatnonzero((normal <= limit) & (sides <= limit))
+    planes = _Planes.of(outline, rounding)
+    chosen = np.flatnonzero((normal <= limit) & (sides <= limit) & (planes.least(normal) <= limit))
     if not len(chosen):
         return found
-    outline = outline.at(chosen)
-    planes = _Planes.of(outline, rounding)
-    possible = np.flatnonzero(planes.least(normal[chosen]) <= limit)
-    if not len(possible):
-        return found
-    if len(possible) < len(chosen):
-        chosen, outline, planes = chosen[possible], outline.at(possible), planes.at(possible)
-    hull = hull.at(chosen)
+    if len(chosen) < len(found):
+        outline, hull, planes = outline.at(chosen), hull.at(chosen), planes.at(chosen)
     roofs = _Roofs.of(planes, hull, normal[chosen])
-    # From the triangles to the surface.
-    bounds = np.maximum(roofs.nearest, sides[chosen] / planes.cosines + roofs.gaps)
-    near = np.flatnonzero(bounds <= limit)
-    if len(near):
-        from_surface = _from_surface(outline.at(near), hull.at(near), roofs.at(near), rounding)
-        bounds = np.maximum(bounds[near], from_surface) * (1 + ROUNDING)
-        found[chosen[near]] = np.where(bounds <= limit, bounds, np.inf)
+    from_triangles = np.maximum(roofs.nearest, sides[chosen] / planes.cosines + roofs.gaps)
+    bounds = np.maximum(from_triangles, _from_surface(outline, hull, roofs, rounding)) * (1 + ROUNDING)
+    found[chosen] = np.where(bounds <= limit, bounds, np.inf)
     return found
 
 
@@ -242,16 +233,6 @@ class _Roofs:
     reach: FloatArray
     gaps: FloatArray
     nearest: FloatArray
-
-    def at(self, chosen: IndexArray) -> _Roofs:
-        """Some of them, by index."""
-        return _Roofs(
-            self.planes.at(chosen),
-            self.heights[:, :, chosen],
-            self.reach[chosen],
-            self.gaps[chosen],
-            self.nearest[chosen],
-        )
 
     @staticmethod
     def of(planes: _Planes, hull: Hull, normal: FloatArray) -> _Roofs:
@@ -279,12 +260,16 @@ def _from_surface(outline: Outline, hull: Hull, roofs: _Roofs, rounding: float) 
     across = hull.reach()
     parts, leaves = np.nonzero(np.any((beyond + across > 0)[hull.parts], axis=1))
     rows = hull.parts[parts].T
+    away = beyond[rows, leaves] + (across + dents)[leaves]
     heights = roofs.heights[:, rows, leaves]
     lowest = heights.max(axis=1).argmin(axis=0)
     over = np.take_along_axis(heights, lowest[None, None], axis=0)[0] + roofs.gaps[leaves]
     off = np.maximum(over, -heights.min(axis=0)) + roofs.reach[leaves]
-    away = beyond[rows, leaves] + (across + dents)[leaves]
-    np.maximum.at(found, leaves, np.hypot(away, off + slopes[leaves] * away).max(axis=0))
+    # By the heights of hull points, or by what holds for all heights.
+    bounds = np.hypot(away, off + slopes[leaves] * away).max(axis=0)
+    farthest = away.max(axis=0)
+    bounds = np.minimum(bounds, np.hypot(farthest, roofs.nearest[leaves] + slopes[leaves] * farthest))
+    np.maximum.at(found, leaves, bounds)
     return found
 
 

@@ -34,8 +34,9 @@ from math import comb
 
 import numpy as np
 
+from ...arrays.matrix_products import matrix_product
 from ...arrays.types import FloatArray, IndexArray
-from ...arrays.vectors import selected_vectors, squared_dots, squared_norms, transformed_nets
+from ...arrays.vectors import dot_products, selected_vectors, squared_dots, squared_norms, transformed_nets
 from ...bounds.norm_bounds import certified_limit_factor
 from ...bounds.norms import second_differences
 from ...surface.bicubic import SPLINE_TO_BERNSTEIN, bilinear_coefficients, tensor
@@ -457,6 +458,16 @@ def bicubic_points() -> FloatArray:
 def bicubic_error_bounds(rows: Rows, coefficients: FloatArray, normals: FloatArray) -> ErrorBounds:
     """For Bernstein coefficients (16, P, 3) and the triangles' normals (T, P, 3)."""
     return ErrorBounds.of(transformed_nets(rows.matrix, coefficients), rows.triangles, normals)
+
+
+def bicubic_errors_along(rows: Rows, coefficients: FloatArray, normals: FloatArray) -> FloatArray:
+    """(P,): those along the normals alone, by the coefficients' heights, which are a third of the numbers."""
+    largest, starts = np.zeros(coefficients.shape[1]), np.searchsorted(rows.triangles, np.arange(len(normals) + 1))
+    for normal, (start, end) in zip(normals, pairwise(starts.tolist()), strict=True):
+        heights = matrix_product(rows.matrix[start:end], dot_products(coefficients, normal))
+        for off in (heights.max(axis=0, initial=0.0), -heights.min(axis=0, initial=0.0)):
+            np.maximum(largest, off, out=largest)
+    return largest
 
 
 def bicubic_distances(rows: Rows, coefficients: FloatArray, chosen: IndexArray) -> FloatArray:
