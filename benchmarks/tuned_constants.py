@@ -28,12 +28,14 @@ import tempfile
 from collections import defaultdict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from pathlib import Path
 from statistics import median
 from time import perf_counter, thread_time
 from typing import Any
+
+import numpy as np
 
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
@@ -48,6 +50,9 @@ Found = dict[tuple[str, str], list[tuple[Figures, Figures]]]
 UNLIMITED = 1 << 40
 NEVER, ALWAYS = 0.0, float("inf")
 
+# Workloads that work with Blender.
+IN_BLENDER = {"writing", "reduced", "reduced, uneven", "frames", "staleness", "objects", "objects with modifiers"}
+
 # So many things are switched off between two runs with everything on.
 RUNS_BETWEEN = 3
 
@@ -59,8 +64,6 @@ NOISE = 0.05
 
 
 def noisy_grid(side: int, insets: int = 0) -> Any:
-    import numpy as np
-
     from benchmarks.hills import hills
     from tests.meshes import MeshData
 
@@ -78,8 +81,6 @@ def control_of(data: Any) -> Any:
 
 def saved_suzanne() -> Any:
     """The control mesh that ``save_suzanne`` has put into the directory for inputs."""
-    import numpy as np
-
     from tests.meshes import MeshData
 
     with np.load(os.environ["CCDEPTH_INPUTS"] + "/suzanne.npz") as saved:
@@ -87,8 +88,6 @@ def saved_suzanne() -> Any:
 
 
 def save_suzanne(directory: str) -> None:
-    import numpy as np
-
     from tests.blender import scene
 
     data = scene.suzanne()
@@ -116,8 +115,6 @@ def creased_landscape(side: int, share: float = 0.1) -> Any:
 
 def triangulated(side: int) -> Any:
     """A landscape of triangles, each quad of a grid cut along one diagonal or the other."""
-    import numpy as np
-
     from tests import meshes
 
     quads = meshes.landscape(side, side)
@@ -130,8 +127,6 @@ def triangulated(side: int) -> Any:
 
 def bricks(side: int) -> Any:
     """A bumpy wall of hexagons."""
-    import numpy as np
-
     from tests import meshes
 
     columns = 2 * side + 2
@@ -152,8 +147,6 @@ def pole(valence: int, rings: int) -> Any:
 
 def poles(valence: int, count: int) -> Any:
     """Several, one above another."""
-    import numpy as np
-
     from tests import meshes
 
     one = meshes.fan(valence, 1)
@@ -182,10 +175,24 @@ def dart(valence: int) -> Any:
     return control_of(meshes.creased(fan, {(first, second): 1.0}))
 
 
+def planar() -> Any:
+    """Triangles in one plane."""
+    from benchmarks.adaptive_faces import planar_triangles
+
+    return control_of(planar_triangles())
+
+
+def planar_strip(length: int) -> Any:
+    """Uneven quads in one plane, most of whose edges are its border."""
+    from tests import meshes
+
+    grid = meshes.grid(length, 1)
+    noise = np.random.default_rng(6).normal(0.0, 0.1, grid.positions.shape)
+    return control_of(meshes.MeshData(grid.positions + noise * [1.0, 1.0, 0.0], grid.face_sizes, grid.corner_vertices))
+
+
 def parabola(side: int) -> Any:
     """A grid over z = x², whose control facets are all 1/3 from the surface along a line in each."""
-    import numpy as np
-
     from tests import meshes
 
     grid = meshes.grid(side, side)
@@ -222,8 +229,6 @@ def small_depths(count: int) -> Callable[[], Any]:
 
 def bounds_at(make: Callable[[], Any], tolerance: float, level: int) -> Callable[[], Any]:
     """The proved distances of all faces at one level; the result is how many are within the tolerance."""
-    import numpy as np
-
     from ccdepth_addon.core.depth.face_depths import level_bounds
 
     mesh = make()
@@ -240,9 +245,48 @@ def level(make: Callable[[], Any], tolerance: float) -> Callable[[], Any]:
     return lambda: float(4.0 ** uniform_level(mesh, limit, "CERTIFIED", "LIMIT"))
 
 
-def diagonal(mesh: Any) -> float:
-    import numpy as np
+def bending(mesh: Any, count: int, from_height: float = -np.inf) -> list[Any]:
+    """Poses in which what is above a height turns more and more, by 70° at most."""
+    from ccdepth_addon.core import Pose
 
+    heights = mesh.positions[:, 2]
+    low, high = heights.min(), heights.max()
+    bent = np.clip((heights - max(low, from_height)) / (high - low), 0.0, None)
+    axis, sides = mesh.positions[:, 0], mesh.positions[:, [1, 2]]
+
+    def pose(number: int) -> Any:
+        angles = 1.2 * number / count * bent
+        cosines, sines = np.cos(angles), np.sin(angles)
+        turned = [cosines * sides[:, 0] - sines * sides[:, 1], sines * sides[:, 0] + cosines * sides[:, 1]]
+        return mesh.changed(positions=np.stack([axis, *turned], axis=1))
+
+    tolerance = diagonal(mesh)
+    return [Pose(partial(pose, number), tolerance) for number in range(count)]
+
+
+def posed(make: Callable[[], list[Any]], tolerance: float = 1e-3) -> Callable[[], Any]:
+    """Depths over several poses; the result is the number of faces that they make."""
+    from ccdepth_addon.core import pose_depths
+
+    poses = within(make(), tolerance)
+    return lambda: float((4.0 ** pose_depths(poses, "CERTIFIED", "CONTROL").depths).sum())
+
+
+def posed_level(make: Callable[[], list[Any]], tolerance: float = 1e-3) -> Callable[[], Any]:
+    """The first level that holds for all faces in all poses."""
+    from ccdepth_addon.core.depth import pose_depths
+
+    poses = within(make(), tolerance)
+    found = pose_depths.pose_depths(poses, "CERTIFIED", "CONTROL")
+    return lambda: float(4.0 ** pose_depths.common_level(poses, "CERTIFIED", "CONTROL", found))
+
+
+def within(poses: list[Any], tolerance: float) -> list[Any]:
+    """The same with tolerances in parts of what they were."""
+    return [replace(pose, tolerance=tolerance * pose.tolerance) for pose in poses]
+
+
+def diagonal(mesh: Any) -> float:
     return float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
 
 
@@ -259,6 +303,14 @@ def adaptive(make: Callable[[], Any], tolerance: float) -> Callable[[], Any]:
 
     mesh = make()
     return lambda: float(len(adaptive_mesh(mesh, tolerance).bounds))
+
+
+def small_adaptive(count: int) -> Callable[[], Any]:
+    """Adaptive meshes of many small ones, one after another."""
+    import ccdepth_addon.core  # noqa: F401
+
+    sources = [creased_landscape(2, 0.3), pole(5, 1), triangulated(1), noisy_grid(3)]
+    return lambda: sum(float(len(adaptive_mesh(sources[n % len(sources)], 2e-2).bounds)) for n in range(count))
 
 
 def refused(make: Callable[[], Any], tolerance: float, most_faces: int) -> Callable[[], Any]:
@@ -279,8 +331,6 @@ def refused(make: Callable[[], Any], tolerance: float, most_faces: int) -> Calla
 
 def deviation(make: Callable[[], Any], steps: int, moved: float = 0.0) -> Callable[[], Any]:
     """The deviation of a subdivided mesh, moved so far; the result is what is proved."""
-    import numpy as np
-
     from ccdepth_addon.core import measure_deviation
 
     control = make()
@@ -294,7 +344,6 @@ def deviation(make: Callable[[], Any], steps: int, moved: float = 0.0) -> Callab
 def written(tolerance: float) -> Callable[[], Any]:
     """An adaptive Suzanne as a Blender mesh: UV maps with seams, colours, weights, exact normals."""
     import bpy
-    import numpy as np
 
     import ccdepth_addon
     from ccdepth_addon.core import apply_boundary_rule
@@ -318,6 +367,53 @@ def written(tolerance: float) -> Callable[[], Any]:
     def work() -> float:
         made = new_mesh(mesh, control, found.mesh, TransferOptions(limit_normals=True))
         return float(len(made.polygons))
+
+    return work
+
+
+def reduced(name: str, tolerance: float) -> Callable[[], Any]:
+    """A reduced adaptive mesh; the result is the number of its triangles."""
+    import bpy
+
+    import ccdepth_addon
+    from benchmarks import reduce
+    from tests.blender import scene
+
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    ccdepth_addon.register()
+    scene.clear()
+    added = reduce.CASES[name]()
+    bpy.context.view_layer.objects.active = added
+    added.select_set(True)
+
+    def work() -> float:
+        bpy.ops.ccdepth.subdivide(tolerance=tolerance, tolerance_mode="RELATIVE", reduce=True)
+        return float(len(bpy.context.selected_objects[0].data.polygons))
+
+    return work
+
+
+def frames(count: int) -> Callable[[], Any]:
+    """Compute Depth over frames with a shape key."""
+    import bpy
+
+    import ccdepth_addon
+    from benchmarks.frames import TOLERANCES, deformed
+    from tests.blender import addon
+
+    ccdepth_addon.register()
+    holder = deformed(2)
+    addon.select(holder)
+
+    def work() -> float:
+        bpy.ops.ccdepth.compute(
+            tolerance=TOLERANCES[2],
+            tolerance_mode="RELATIVE",
+            method="CERTIFIED",
+            frames="CUSTOM",
+            frame_list=f"1-{count}",
+        )
+        return float(holder.data.ccdepth.deepest) + 1
 
     return work
 
@@ -402,24 +498,34 @@ WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     "depths by norms": lambda: depths(lambda: noisy_grid(250, 3000), "SECOND_ORDER", "CONTROL", 1e-4),
     "depths by norms, creases": lambda: depths(lambda: creased_landscape(60), "SHARP", "CONTROL", 1e-4),
     "small depths": lambda: small_depths(30),
+    "poses": lambda: posed(lambda: bending(refined(saved_suzanne(), 1), 64)),
+    "poses, in part": lambda: posed(lambda: bending(refined(saved_suzanne(), 1), 64, from_height=0.6)),
+    "poses, large": lambda: posed(lambda: bending(noisy_grid(150), 33), 1e-4),
+    "poses, level": lambda: posed_level(lambda: bending(refined(saved_suzanne(), 2), 64)),
     "deep level": lambda: bounds_at(lambda: noisy_grid(60, 100), 1e-5, 8),
     "level": lambda: level(lambda: creased_landscape(16), 1e-3),
     "adaptive": lambda: adaptive(lambda: refined(saved_suzanne(), 2), 8e-5),
-    "adaptive, large": lambda: adaptive(lambda: refined(saved_suzanne(), 3), 1e-5),
+    "adaptive, large": lambda: adaptive(lambda: refined(saved_suzanne(), 3), 3e-5),
     "adaptive, coarse": lambda: adaptive(lambda: refined(saved_suzanne(), 1), 3e-4),
     "adaptive, creases": lambda: adaptive(lambda: creased_landscape(7), 3e-4),
     "adaptive, triangles": lambda: adaptive(lambda: triangulated(6), 1e-3),
     "adaptive, n-gons": lambda: adaptive(lambda: bricks(10), 1e-3),
     "adaptive, pole": lambda: adaptive(lambda: pole(64, 2), 3e-4),
     "adaptive, large pole": lambda: adaptive(lambda: pole(120, 1), 1e-3),
-    "adaptive, planar": lambda: adaptive(planar, 1e-4),
+    "adaptive, planar": lambda: adaptive(planar, 2e-3),
+    "adaptive, planar strip": lambda: adaptive(lambda: planar_strip(30000), 1.6e-6),
+    "adaptive, small": lambda: small_adaptive(20),
+    "adaptive, coarse triangles": lambda: adaptive(lambda: triangulated(6), 6e-3),
     "adaptive, refused": lambda: refused(lambda: refined(saved_suzanne(), 3), 1e-7, 1_000_000),
     "deviation": lambda: deviation(saved_suzanne, 2),
     "deviation, creases": lambda: deviation(lambda: creased_landscape(12), 2),
-    "deviation, large": lambda: deviation(saved_suzanne, 4),
+    "deviation, large": lambda: deviation(saved_suzanne, 3),
     "deviation, moved": lambda: deviation(saved_suzanne, 1, 0.05),
     "deviation, far": lambda: deviation(saved_suzanne, 1, 1.0),
     "writing": lambda: written(5e-5),
+    "reduced": lambda: reduced("bevelled cube, UV map", 1e-3),
+    "reduced, uneven": lambda: reduced("torus", 3e-3),
+    "frames": lambda: frames(20),
     "staleness": lambda: staleness(60),
     "objects": lambda: operators(300, with_modifiers=False),
     "objects with modifiers": lambda: operators(200, with_modifiers=True),
@@ -504,7 +610,7 @@ def by(make: Callable[[Any], Any]) -> Callable[[str], None]:
 
     def switch(place: str) -> None:
         owner, name = located(place)
-        replace_with(place, make(getattr(owner, name)))
+        replace_with(place, make(vars(owner)[name]))
 
     return switch
 
@@ -514,20 +620,14 @@ def numpy_product(_: Any) -> Any:
 
 
 def numpy_cross(_: Any) -> Any:
-    import numpy as np
-
     return np.cross
 
 
 def numpy_norms(_: Any) -> Any:
-    import numpy as np
-
     return lambda vectors: np.einsum("...i,...i->...", vectors, vectors)
 
 
 def numpy_dots(_: Any) -> Any:
-    import numpy as np
-
     return lambda a, b: np.einsum("...i,...i->...", a, b)
 
 
@@ -536,14 +636,10 @@ def as_it_is(_: Any) -> Any:
 
 
 def row_major(_: Any) -> Any:
-    import numpy as np
-
     return np.ascontiguousarray
 
 
 def summed_one_by_one(_: Any) -> Any:
-    import numpy as np
-
     def sums(indices: Any, vectors: Any, count: int) -> Any:
         total = np.zeros((count, vectors.shape[1]))
         np.add.at(total, indices, vectors)
@@ -574,8 +670,6 @@ def a_pool_each(_: Any) -> Any:
 
 
 def no_topology(changed: Any) -> Any:
-    from dataclasses import replace
-
     return lambda mesh, **fields: replace(mesh, **fields)
 
 
@@ -585,9 +679,6 @@ def nothing(_: Any) -> Any:
 
 def no_norms(rough_bounds: Any) -> Any:
     """Bounds by the norm alone that say nothing."""
-    from dataclasses import replace
-
-    import numpy as np
 
     def unknown(patches: Any, vertices: Any) -> Any:
         found = rough_bounds(patches, vertices)
@@ -599,14 +690,10 @@ def no_norms(rough_bounds: Any) -> Any:
 
 def evaluated_everywhere(_: Any) -> Any:
     """Values at all corners, those at one vertex each on its own."""
-    import numpy as np
-
     return lambda subdivided, evaluate: np.asarray(evaluate(subdivided.corner_points), dtype=np.float32)
 
 
 def none_through_parents(_: Any) -> Any:
-    import numpy as np
-
     growth = importlib.import_module(PACKAGE + ".core.adaptive.growth")
 
     def through(plan: Any, parents: Any) -> Any:
@@ -619,8 +706,6 @@ def none_through_parents(_: Any) -> Any:
 
 def all_entries(put: Any) -> Any:
     """Error bounds and star bounds kept for all nodes."""
-    import numpy as np
-
     store = importlib.import_module(PACKAGE + ".core.adaptive.approximation_store")
     unbounded = store.ApproximationStore.unbounded
 
@@ -638,8 +723,6 @@ def all_entries(put: Any) -> Any:
 
 
 def everywhere(_: Any) -> Any:
-    import numpy as np
-
     return lambda tree, leaves, others: np.ones(len(leaves), dtype=bool)
 
 
@@ -655,7 +738,6 @@ def fine_alone(_: Any) -> Any:
 
 def not_kept(error_bounds: Any) -> Any:
     """Errors along normals computed again where leaves are tried alone."""
-    import numpy as np
 
     def forgotten(quads: Any, chosen: Any, alternatives: Any) -> Any:
         found = error_bounds(quads, chosen, alternatives)
@@ -667,7 +749,6 @@ def not_kept(error_bounds: Any) -> Any:
 
 def stored_nowhere(of: Any) -> Any:
     """Outlines computed each time."""
-    import numpy as np
 
     def anew(store: Any, leaves: Any, limit: float) -> Any:
         store._blocks, store._keys = [], np.zeros(0, dtype=np.intp)
@@ -677,11 +758,32 @@ def stored_nowhere(of: Any) -> Any:
     return anew
 
 
-def planar() -> Any:
-    """Triangles in one plane."""
-    from benchmarks.adaptive_faces import planar_triangles
+def always_possible(_: Any) -> Any:
+    return lambda outline, limit: np.ones(outline.points.shape[1], dtype=bool)
 
-    return control_of(planar_triangles())
+
+def all_faces(_: Any) -> Any:
+    return lambda mesh, change: np.ones(mesh.face_count, dtype=bool)
+
+
+def all_of_them(_: Any) -> Any:
+    return lambda search, scaled, faces: faces
+
+
+def without_peaks(_: str) -> None:
+    """Levels over poses without what is known of their largest norms."""
+
+    def forgotten(find: Any) -> Any:
+        return lambda poses, method, vertices, found, *given: find(
+            poses, method, vertices, replace(found, peaks=np.full_like(found.peaks, np.inf)), *given
+        )
+
+    by(forgotten)(DEPTH + "pose_depths.common_level")
+
+
+def made_anew(cached: Any) -> Any:
+    """A property that is not kept."""
+    return property(cached.func)
 
 
 def not_turned(_: Any) -> Any:
@@ -720,11 +822,14 @@ def at_once(place: str, *workloads: str) -> Entry:
 
 ARRAYS, MESH, SURFACE = "core.arrays.", "core.mesh.", "core.surface."
 DEPTH, BOUNDS, DEVIATION = "core.depth.", "core.bounds.", "core.deviation."
+REDUCTION = "core.reduction."
 ADAPTIVE, LEAVES, CELLS = "core.adaptive.", "core.adaptive.leaf_bounds.", "core.adaptive.cells."
 CERTIFIED = DEPTH + "certified_depth."
 DEVIATIONS = ("deviation", "deviation, creases", "deviation, moved", "deviation, far")
 ALL_ADAPTIVE = ("adaptive", "adaptive, creases", "adaptive, triangles", "adaptive, n-gons", "adaptive, pole")
 
+POSES = ("poses", "poses, in part")
+REDUCED = ("reduced", "reduced, uneven")
 THREADS = ("threads", "threads, small")
 NETS = ("adaptive", "adaptive, coarse", "adaptive, pole")
 SUZANNE = ("adaptive", "adaptive, coarse")
@@ -754,7 +859,6 @@ ENTRIES = [
         by(no_topology),
         ("small depths", "writing", "depths by norms"),
     ),
-    Entry(MESH + "validation.CLEAR_ANGLE", "all faces measured", set_to(ALWAYS), ("depths by norms", "depths")),
     # The surface.
     Entry(
         SURFACE + "stencils.LARGEST_STENCIL_VALENCE",
@@ -781,6 +885,18 @@ ENTRIES = [
     ),
     Entry(CERTIFIED + "_CertifiedSearch._settle_early", "not tried", by(nothing), ("level", "deep level")),
     at_once(DEPTH + "norm_depth.EXTRAORDINARY_POINTS_AT_ONCE", "depths by norms, poles"),
+    Entry(DEPTH + "pose_depths.POSES_BY_A_KEY", "every pose is a key pose", set_to(1), POSES),
+    Entry(DEPTH + "pose_depths.FACES_TOGETHER", "each pose on its own", set_to(1), POSES),
+    at_once(DEPTH + "pose_depths.FACES_TOGETHER", "poses, large"),
+    Entry(DEPTH + "pose_depths.NEGLIGIBLE", "norms always computed", set_to(-1.0), POSES),
+    Entry(DEPTH + "pose_depths._faces_near", "all faces taken to move", by(all_faces), POSES),
+    Entry(
+        DEPTH + "pose_depths._PoseSearch._not_proved_by_norms",
+        "all faces evaluated again",
+        by(all_of_them),
+        (*POSES, "poses, level"),
+    ),
+    Entry(DEPTH + "pose_depths.PoseDepths.peaks", "not known", without_peaks, ("poses, level",)),
     # Adaptive meshes: the tree and its stores.
     Entry(ADAPTIVE + "quadtree.SLACK", "no slack", set_to(1.0), NETS),
     Entry(ADAPTIVE + "quadtree.Quadtree.reserve", "columns grow by themselves", by(nothing), SUZANNE),
@@ -827,6 +943,9 @@ ENTRIES = [
         by(stored_nowhere),
         ("adaptive, planar",),
     ),
+    Entry(ADAPTIVE + "flat_bounds.CELLS_EACH_WAY", "2", set_to(2), ("adaptive, planar", "adaptive, planar strip")),
+    Entry(ADAPTIVE + "flat_bounds.CELLS_EACH_WAY", "one cell in all", set_to(0), ("adaptive, planar",)),
+    at_once(ADAPTIVE + "flat_bounds.MOST_CELLS", "adaptive, planar strip"),
     Entry(CELLS + "polygon_cells.LARGEST_OFFSET", "not tested", set_to(ALWAYS), ("adaptive, triangles",)),
     Entry(
         ADAPTIVE + "growth._approximate_through_parents",
@@ -835,7 +954,14 @@ ENTRIES = [
         ALL_ADAPTIVE,
     ),
     Entry(ADAPTIVE + "planner.halve", "no halves", by(nothing), (*SUZANNE, "adaptive, large")),
-    Entry(ADAPTIVE + "halves.ATTEMPTS", "1", set_to(1), (*SUZANNE, "adaptive, large")),
+    Entry(ADAPTIVE + "halves.ATTEMPTS", "2", set_to(2), (*SUZANNE, "adaptive, large")),
+    at_once(LEAVES + "leaf_distance.LEAVES_AT_ONCE", *NETS),
+    Entry(LEAVES + "leaf_distance.may_be_near", "not tried first", by(always_possible), ALL_ADAPTIVE),
+    Entry(LEAVES + "leaf_distance.SMALL_SQUARE", "1/8", set_to(1 / 8), EXTRAORDINARY),
+    Entry(LEAVES + "leaf_distance.SMALL_SQUARE", "1/2048", set_to(1 / 2048), EXTRAORDINARY),
+    Entry(CELLS + "irregular_cells.RefinedCells.descent", "made anew each time", by(made_anew), IRREGULAR),
+    Entry(CELLS + "polygon_cells.PolygonCells.descent", "made anew each time", by(made_anew), IRREGULAR),
+    Entry(CELLS + "irregular_cells.RefinedCells.scratch", "descent kept for good", by(as_it_is), IRREGULAR),
     Entry(LEAVES + "irregular_bounds.NEAR_FACET", "1", set_to(1.0), IRREGULAR),
     Entry(LEAVES + "irregular_bounds.NEAR_FACET", "0", set_to(0.0), IRREGULAR),
     Entry(LEAVES + "triangle_bounds.LEVELS_AT_VERTEX", "2", set_to(2), EXTRAORDINARY),
@@ -862,6 +988,24 @@ ENTRIES = [
     Entry(DEVIATION + "measure.TRIANGLES_OF_A_UNIT", "units of one level", set_to(UNLIMITED), DEVIATIONS),
     Entry(DEVIATION + "covering_pieces.EXCESS_SHARE", "excess always in the way", set_to(0.0), DEVIATIONS),
     Entry(DEVIATION + "covering_pieces.EXCESS_SHARE", "excess never in the way", set_to(ALWAYS), DEVIATIONS),
+    Entry(DEVIATION + "bezier_pieces.LARGE_EXCESS", "0", set_to(0.0), DEVIATIONS),
+    at_once(DEVIATION + "covering_pieces.MOST_UNITS_ACROSS", *DEVIATIONS),
+    at_once(DEVIATION + "covering_triangles.MOST_TRIANGLES_ACROSS", *DEVIATIONS),
+    Entry(DEVIATION + "covering_pieces.MOVED_MORE", "1", set_to(1.0), DEVIATIONS),
+    Entry(DEVIATION + "covering_pieces.LEAST_STRAIGHTNESS", "0", set_to(0.0), DEVIATIONS),
+    # Reduce.
+    Entry(REDUCTION + "search.LARGEST_SHARE", "all that can go", set_to(1.0), REDUCED),
+    Entry(REDUCTION + "search.LEAST_SHARE", "0.02", set_to(0.02), REDUCED),
+    Entry(REDUCTION + "search.LARGE_SHARE", "vertices fixed at once", set_to(ALWAYS), REDUCED),
+    Entry(REDUCTION + "search.LARGE_SHARE", "vertices never fixed", set_to(NEVER), REDUCED),
+    Entry(REDUCTION + "search.MOST_REFUSALS", "unlimited", set_to(UNLIMITED), REDUCED),
+    Entry(REDUCTION + "search.LEAST_GAIN", "0.01", set_to(0.01), REDUCED),
+    Entry(REDUCTION + "search.SURELY_WITHIN", "each result proved", set_to(NEVER), REDUCED),
+    Entry(REDUCTION + "search.SURELY_WITHIN", "proved in the end", set_to(1.0), REDUCED),
+    Entry(REDUCTION + "search.NEARLY_BEYOND", "all that is not proved", set_to(NEVER), REDUCED),
+    Entry("tasks.reduce_task.DIVISORS", "2", set_to((2.0,)), REDUCED),
+    Entry("operators.reduced_meshes.ROUNDS_FOR_LINES", "none", set_to(0), REDUCED),
+    Entry("operators.reduced_meshes.ROUNDS_FOR_LINES", "1", set_to(1), REDUCED),
     # Blender's side.
     at_once("exchange.control_mesh.OBJECTS_AT_ONCE", "objects with modifiers"),
     Entry("exchange.control_mesh.read_control_mesh", "shared meshes read each time", by(not_shared), ("objects",)),
@@ -890,6 +1034,9 @@ CACHES = {
             ADAPTIVE + "templates.templates",
             ADAPTIVE + "templates.triangle_template",
             CELLS + "polygon_cells.fan_of_template",
+            LEAVES + "leaf_distance._bicubic_rows",
+            LEAVES + "leaf_distance._bicubic_parts",
+            LEAVES + "leaf_distance._extraordinary_rows",
             LEAVES + "child_bounds._rows",
             LEAVES + "child_bounds._weights",
             LEAVES + "triangle_bounds._arguments",
@@ -907,6 +1054,7 @@ CACHES = {
             DEVIATION + "bezier_pieces.BezierPieces.edge_units",
             "exchange.control_mesh.MeshAsRead.key",
             "exchange.control_mesh.MeshAsRead.mesh",
+            "exchange.control_mesh.MovedMesh.key",
             "exchange.object_state._kept_fields",
         )
     },
@@ -916,11 +1064,25 @@ CACHES = {
 # Runs
 
 
-def run(workload: str, entry: Entry | None) -> Figures:
-    """Do the work in this process, with one thing switched off."""
-    work = WORKLOADS[workload]()
+def run_each(workload: str, names: list[str]) -> None:
+    """Do the work once for each thing to switch off, by name, or none: in processes that begin when its input has been
+    made. Prints what each took."""
     if not workload.startswith("threads"):
         one_thread()
+    work = WORKLOADS[workload]()
+    threads: Any = importlib.import_module(PACKAGE + ".core.arrays.threads")
+    for name in names:
+        # Threads do not come along.
+        threads._threads.cache_clear()
+        if not (child := os.fork()):
+            print(json.dumps(run(work, next((each for each in ENTRIES if each.name == name), None))), flush=True)
+            os._exit(0)
+        if os.waitpid(child, 0)[1]:
+            raise SystemExit(f"without {name or 'nothing'}")
+
+
+def run(work: Callable[[], Any], entry: Entry | None) -> Figures:
+    """Do the work in this process, with one thing switched off."""
     if entry is not None:
         entry.switch(entry.place)
     before = memory(peak=False)
@@ -936,8 +1098,8 @@ def run(workload: str, entry: Entry | None) -> Figures:
 
 def run_counting(workload: str) -> Figures:
     """Do the work in this process: its time, and by the name of each cache what it would take without that."""
-    work = WORKLOADS[workload]()
     one_thread()
+    work = WORKLOADS[workload]()
     counted = {name: [count_anew(place) for place in places] for name, places in CACHES.items()}
     start = processor_time()
     work()
@@ -972,26 +1134,27 @@ class Measurement:
     def of_entries(self, entries: list[Entry], workload: str) -> None:
         """Once for each, in turn with everything on."""
         for start in range(0, len(entries), RUNS_BETWEEN):
-            on = self._run("--run", workload)
-            for entry in entries[start : start + RUNS_BETWEEN]:
-                self._note(entry.name, workload, on, self._run("--run", workload, "--without", entry.name))
+            names = [each.name for each in entries[start : start + RUNS_BETWEEN]]
+            # Blender's own threads do not come along to another process.
+            together = [["", *names]] if workload not in IN_BLENDER else [[name] for name in ["", *names]]
+            on, *without = [found for part in together for found in self._run("--run", workload, *part)]
+            for name, figures in zip(names, without, strict=True):
+                self._note(name, workload, on, figures)
 
     def of_caches(self, names: list[str], workload: str) -> None:
         """All of them at once."""
-        counted = self._run("--count", workload)
+        (counted,) = self._run("--count", workload)
         for name in names:
             rest = {"clock": 1.0, "memory": 1.0, "faces": 1.0}
             self._note(name, workload, {"time": counted["time"], **rest}, {"time": counted[name], **rest})
 
-    def _run(self, *options: str) -> Figures:
+    def _run(self, *options: str) -> list[Figures]:
         command = ["nice", "-n", "5", sys.executable, __file__, *options]
         environment = {**os.environ, "CCDEPTH_INPUTS": self.inputs, "OPENBLAS_NUM_THREADS": "1"}
         done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
-        found = [line for line in done.stdout.splitlines() if line.startswith("{")]
-        if not found:
+        if done.returncode:
             raise RuntimeError(f"{options}: {done.stderr[-2000:]}")
-        figures: Figures = json.loads(found[-1])
-        return figures
+        return [json.loads(line) for line in done.stdout.splitlines() if line.startswith("{")]
 
     def _note(self, name: str, workload: str, on: Figures, without: Figures) -> None:
         self.found[name, workload].append((on, without))
@@ -1053,13 +1216,14 @@ def main() -> None:
     )
     parser.add_argument("--results", type=Path, help="a file to which measurements are appended")
     parser.add_argument("--workload", action="append", default=[], choices=WORKLOADS)
-    for hidden in ("--run", "--without", "--count", "--save-inputs"):
+    parser.add_argument("--run", nargs="+", help=argparse.SUPPRESS)
+    for hidden in ("--count", "--save-inputs"):
         parser.add_argument(hidden, help=argparse.SUPPRESS)
     given = parser.parse_args()
     if given.save_inputs:
         save_suzanne(given.save_inputs)
     elif given.run:
-        print(json.dumps(run(given.run, next((each for each in ENTRIES if each.name == given.without), None))))
+        run_each(given.run[0], given.run[1:] or [""])
     elif given.count:
         print(json.dumps(run_counting(given.count)))
     else:
