@@ -1027,7 +1027,6 @@ CACHES = {
         for place in (
             SURFACE + "stencils.patch_stencils",
             BOUNDS + "facet_bounds._samples",
-            ADAPTIVE + "vertex_positions.VertexPositions._kinds",
             ADAPTIVE + "subdivided_mesh.SubdividedMesh.vertex_points",
             ADAPTIVE + "subdivided_mesh.SubdividedMesh.corner_points",
             ADAPTIVE + "subdivided_mesh.SubdividedMesh.is_loose",

@@ -8,13 +8,10 @@ one recorded counts.
 
 from __future__ import annotations
 
-from functools import cached_property
-
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
 from ..surface.evaluation import limit_values
-from ..surface.patches import PatchKinds, classify_patches
 from .quadtree import NONE, Quadtree
 
 
@@ -41,13 +38,9 @@ class VertexPositions:
         unknown = np.flatnonzero(np.isnan(found[:, 0]))
         if len(unknown):
             mesh, points = self._tree.mesh, self._tree.vertex_points(vertices[unknown])
-            found[unknown] = limit_values(mesh, mesh.positions, points, self._kinds)
+            found[unknown] = limit_values(mesh, mesh.positions, points)
             self.put(vertices[unknown], found[unknown])
         return found
-
-    @cached_property
-    def _kinds(self) -> PatchKinds:
-        return classify_patches(self._tree.mesh)
 
     def in_space_of(self, control_positions: FloatArray, vertices: IndexArray) -> FloatArray:
         """(N, 3): the positions of vertices (N,) in the space where the control mesh has these positions (V, 3). Those
@@ -58,5 +51,5 @@ class VertexPositions:
         positions, points = np.empty((len(vertices), 3)), self._tree.vertex_points(vertices)
         is_loose = points.corners == NONE
         positions[is_loose] = control_positions[vertices[is_loose]]
-        positions[~is_loose] = limit_values(mesh, control_positions, points.at(np.flatnonzero(~is_loose)), self._kinds)
+        positions[~is_loose] = limit_values(mesh, control_positions, points.at(np.flatnonzero(~is_loose)))
         return positions

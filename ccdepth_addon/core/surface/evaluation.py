@@ -26,7 +26,7 @@ from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
 from .catmull_clark import subdivide
 from .limit_positions import limit_positions
-from .patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
+from .patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
 from .stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils
 from .surface_points import SurfacePoints
 
@@ -44,18 +44,15 @@ class Quantity(Protocol):
         """(P, K): at the vertices of corners (P,), seen from their faces; all faces around the vertices are there."""
 
 
-def limit_values(
-    mesh: PolygonMesh, values: FloatArray, points: SurfacePoints, kinds: PatchKinds | None = None
-) -> FloatArray:
+def limit_values(mesh: PolygonMesh, values: FloatArray, points: SurfacePoints) -> FloatArray:
     """(N, D) float64: the limit of values (V, D) of the control vertices at points of the limit surface.
 
     mesh: with explicit sharpness (``sharpness.apply_boundary_rule``); its rules act on the values in place of its
     positions. Exact up to rounding: some units in the last place of the largest value for each level of descent.
     Parameters should be dyadic fractions; where a face is not regular others are rounded to one.
-    kinds: those of the mesh's patches, where the caller has them.
     """
     surface = mesh.changed(positions=np.ascontiguousarray(values, dtype=np.float64))
-    return evaluate(surface, points, _Values(), surface.positions.shape[1], kinds)
+    return evaluate(surface, points, _Values(), surface.positions.shape[1])
 
 
 class _Values:
@@ -95,13 +92,11 @@ def spline_sums(nets: FloatArray, which: IndexArray, along: FloatArray, across: 
     return sums.T
 
 
-def evaluate(
-    mesh: PolygonMesh, points: SurfacePoints, quantity: Quantity, columns: int, kinds: PatchKinds | None = None
-) -> FloatArray:
-    """(N, columns) float64: a quantity of the limit surface at the points. kinds: as for ``limit_values``."""
+def evaluate(mesh: PolygonMesh, points: SurfacePoints, quantity: Quantity, columns: int) -> FloatArray:
+    """(N, columns) float64: a quantity of the limit surface at the points."""
     result = np.empty((len(points.corners), columns))
     # Depth first, so that few refined meshes are in memory together.
-    lines: list[Iterator[_Pending]] = [iter([_Pending(mesh, points, np.arange(len(points.corners)), kinds)])]
+    lines: list[Iterator[_Pending]] = [iter([_Pending(mesh, points, np.arange(len(points.corners)))])]
     while lines:
         pending = next(lines[-1], None)
         if pending is None:
@@ -113,13 +108,11 @@ def evaluate(
 
 @dataclass(frozen=True)
 class _Pending:
-    """Points on a mesh that are still to be evaluated. rows: (N,) intp, their rows in the result. kinds: those of the
-    mesh's patches, where known."""
+    """Points on a mesh that are still to be evaluated. rows: (N,) intp, their rows in the result."""
 
     mesh: PolygonMesh
     points: SurfacePoints
     rows: IndexArray
-    kinds: PatchKinds | None = None
 
     def at(self, chosen: IndexArray) -> _Pending:
         return _Pending(self.mesh, self.points.at(chosen), self.rows[chosen])
@@ -135,7 +128,7 @@ class _Pending:
 def _settled(pending: _Pending, quantity: Quantity, result: FloatArray) -> Iterator[_Pending]:
     """Put the values that this level gives into the result, and yield the other points on refined meshes."""
     mesh, faces = pending.mesh, pending.faces()
-    kinds = pending.kinds or classify_patches(mesh)
+    kinds = classify_patches(mesh)
     corners = kinds.extraordinary_corners[faces]
     extraordinary = kinds.kinds[faces] == PatchKind.EXTRAORDINARY
     extraordinary &= mesh.vertex_face_counts[mesh.corner_vertices[corners]] <= LARGEST_STENCIL_VALENCE
