@@ -1027,9 +1027,7 @@ CACHES = {
         for place in (
             SURFACE + "stencils.patch_stencils",
             BOUNDS + "facet_bounds._samples",
-            ADAPTIVE + "subdivided_mesh.SubdividedMesh.vertex_points",
             ADAPTIVE + "subdivided_mesh.SubdividedMesh.corner_points",
-            ADAPTIVE + "subdivided_mesh.SubdividedMesh.is_loose",
             ADAPTIVE + "templates.templates",
             ADAPTIVE + "templates.triangle_template",
             CELLS + "polygon_cells.fan_of_template",

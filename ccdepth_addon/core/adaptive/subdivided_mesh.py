@@ -38,11 +38,11 @@ class SubdividedMesh:
     base_vertices: ShortIndexArray
     vertex_edges: ShortIndexArray
 
-    @cached_property
+    @property
     def vertex_points(self) -> SurfacePoints:
         return self.find_vertex_points()
 
-    @cached_property
+    @property
     def is_loose(self) -> BoolArray:
         """(V,) the vertices without faces, which lie nowhere on the surface; all of them are the control mesh's."""
         return self.vertex_points.corners < 0
