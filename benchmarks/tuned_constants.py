@@ -1028,8 +1028,6 @@ CACHES = {
             SURFACE + "stencils.patch_stencils",
             BOUNDS + "facet_bounds._samples",
             ADAPTIVE + "subdivided_mesh.SubdividedMesh.corner_points",
-            ADAPTIVE + "templates.templates",
-            ADAPTIVE + "templates.triangle_template",
             CELLS + "polygon_cells.fan_of_template",
             LEAVES + "leaf_distance._bicubic_rows",
             LEAVES + "leaf_distance._bicubic_parts",

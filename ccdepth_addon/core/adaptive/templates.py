@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from enum import StrEnum
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,7 +44,6 @@ THREE_SIDES: tuple[Template, ...] = tuple((*left, (4, 1, 5), (5, 2, 6), (4, 5, 6
 CANONICAL = {0b0000: PLAIN, 0b0001: ONE_SIDE, 0b0011: SIDES_IN_A_ROW, 0b0101: OPPOSITE_SIDES, 0b0111: THREE_SIDES}
 
 
-@cache
 def templates(pattern: int) -> tuple[Template, ...]:
     """The templates to choose from for a pattern other than ``ALL_SPLIT``: such a quad is better split itself."""
     if pattern == ALL_SPLIT:
@@ -93,7 +91,6 @@ ONE_SIDE_OF_TRIANGLE: Template = ((2, 0, 3), (2, 3, 1))
 TWO_SIDES_OF_TRIANGLE: Template = ((3, 1, 4), (0, 3, 2), (3, 4, 2))
 
 
-@cache
 def triangle_template(pattern: int) -> Template:
     """The template of a triangle with one or two split sides; with three it is better split itself."""
     for turns in range(3):
