@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache
 
 import numpy as np
 
@@ -106,14 +105,12 @@ class Hull:
         return np.abs(dot_products(self.spread, directions)).max(axis=0, initial=0.0)
 
 
-@cache
 def _bicubic_rows() -> FloatArray:
     """(49, 16): from Bernstein coefficients to those of the four quarters, [i, j] → 7i + j."""
     halves = np.concatenate([HALVES[0], HALVES[1][1:]])
     return tensor(halves, halves)
 
 
-@cache
 def _bicubic_parts() -> tuple[IndexArray, Sequence[Sequence[IndexArray]]]:
     """The parts and the sides of ``bicubic_hull``."""
     grid, halves = np.arange(49).reshape(7, 7), (slice(0, 4), slice(3, 7))
@@ -139,7 +136,6 @@ class ExtraordinaryHullRows:
     spread: FloatArray
 
 
-@lru_cache(maxsize=64)
 def _extraordinary_rows(valence: int) -> ExtraordinaryHullRows:
     """The coefficients of the bicubic pieces of some levels, then the corners of the last square."""
     stencils, net = patch_stencils(valence), np.eye(2 * valence + 8)
