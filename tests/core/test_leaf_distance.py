@@ -131,7 +131,7 @@ def test_bicubic_leaves_are_within_their_bounds(kind: str) -> None:
     facets, found = grid_facets(), 0
     for pattern, alternative in CHOICES:
         template, coefficients = templates(pattern)[alternative], random_coefficients(kind, generator)
-        points = np.einsum("rk,kpi->rpi", triangle_bounds.bicubic_points(), coefficients)
+        points = np.einsum("rk,kpi->rpi", triangle_bounds.BICUBIC_POINTS, coefficients)
         rows, normals = triangle_bounds.bicubic_rows(pattern, alternative), triangle_normals(points, template)
         normal = triangle_bounds.bicubic_error_bounds(rows, coefficients, normals).normal
         outline, hull = outline_of(points, pattern, template), bicubic_hull(coefficients)
@@ -152,7 +152,7 @@ def test_what_is_off_within_the_plane_costs_nothing() -> None:
     """Spacing is uneven both ways, and the sides are straight."""
     coefficients = np.zeros((16, 1, 3))
     coefficients[:, 0, :2] = GRID**3
-    points = np.einsum("rk,kpi->rpi", triangle_bounds.bicubic_points(), coefficients)
+    points = np.einsum("rk,kpi->rpi", triangle_bounds.BICUBIC_POINTS, coefficients)
     for alternative in (0, 1):
         outline = outline_of(points, 0, templates(0)[alternative])
         assert leaf_distances(outline, bicubic_hull(coefficients), np.zeros(1), np.inf)[0] < ROUNDING
@@ -164,7 +164,7 @@ def test_parabolas_are_bounded_exactly() -> None:
     coefficients = np.zeros((16, 1, 3))
     coefficients[:, 0, :2] = GRID
     coefficients[:, 0, 2] = np.repeat([0.0, 0.0, 1 / 3, 1.0], 4) * 0.02
-    points = np.einsum("rk,kpi->rpi", triangle_bounds.bicubic_points(), coefficients)
+    points = np.einsum("rk,kpi->rpi", triangle_bounds.BICUBIC_POINTS, coefficients)
     template = templates(0)[0]
     normals = triangle_normals(points, template)
     normal = triangle_bounds.bicubic_error_bounds(triangle_bounds.bicubic_rows(0, 0), coefficients, normals).normal
@@ -203,7 +203,7 @@ def test_rounding_takes_nothing_off_bounds(kind: str, size: float) -> None:
     for (pattern, alternative), place in product(CHOICES, PLACES):
         turned, _ = np.linalg.qr(generator.normal(size=(3, 3)))
         coefficients = (random_coefficients(kind, generator) @ turned + place * generator.normal(size=3)) * size
-        points = of_rows(triangle_bounds.bicubic_points(), coefficients)
+        points = of_rows(triangle_bounds.BICUBIC_POINTS, coefficients)
         # What is allowed on a regular patch (``rounding_allowance``).
         rounding = 128 * 26 * 2.0**-53 * np.abs(coefficients).max()
         bounds, exact = (

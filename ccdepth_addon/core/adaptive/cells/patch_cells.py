@@ -236,7 +236,7 @@ class BicubicCells(NetCells):
         return distances
 
     def _to_points(self) -> FloatArray:
-        return triangle_bounds.bicubic_points()
+        return triangle_bounds.BICUBIC_POINTS
 
     def errors_along_normals_of(
         self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float

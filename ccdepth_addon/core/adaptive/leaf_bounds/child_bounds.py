@@ -18,10 +18,10 @@ from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors, squared_norms, transformed_nets
 from ..templates import PLAIN, Triangle
 from .triangle_bounds import (
+    BICUBIC_POINTS,
     WHOLE_QUAD,
     ErrorBounds,
     bicubic_basis,
-    bicubic_points,
     off_quadratic,
     rest_error_bounds,
     to_monomials,
@@ -37,7 +37,7 @@ class ChildDistances:
     """‖S - T‖ over the children of P quads, those at each corner, for each of the two diagonals, (4, 2, P) each.
 
     sampled: at the middles of the triangles' sides, so lower bounds. bounds: upper bounds. points: (9, P, 3), those of
-    the quads (``bicubic_points``). far: the children whose samples exceed the limit along both diagonals.
+    the quads (``BICUBIC_POINTS``). far: the children whose samples exceed the limit along both diagonals.
     """
 
     sampled: FloatArray
@@ -120,11 +120,10 @@ def _rows() -> FloatArray:
     for number, template in enumerate(PLAIN):
         for place, triangle in enumerate(template):
             sums[:, number, place] = (sides[:, _sides(triangle)].sum(axis=1) + diagonals[:, number]) / 2
-    rows = (sides, diagonals, sums, to_monomials(), bicubic_points())
+    rows = (sides, diagonals, sums, to_monomials(), BICUBIC_POINTS)
     return np.concatenate([part.reshape(-1, 16) for part in rows])
 
 
-@cache
 def _weights() -> FloatArray:
     """(8, 10): for each child and each diagonal, how far the monomials are off their quadratic parts there."""
     templates = [[_places(corner)[list(triangle)] for triangle in plain] for corner in range(4) for plain in PLAIN]

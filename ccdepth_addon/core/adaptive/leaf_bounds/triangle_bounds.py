@@ -374,7 +374,7 @@ def _rows_over(part: FloatArray, square: Square, number: int, triangle: Triangle
 @lru_cache(maxsize=256)
 def bicubic_rows(pattern: int, alternative: int) -> Rows:
     """S - T over a bicubic quad with Bernstein coefficients [i, j] → 4i + j, u along i, by the triangles' quarters."""
-    return Rows.joined([template_rows(pattern, alternative, 1, fine=True).of(np.eye(16), bicubic_points())])
+    return Rows.joined([template_rows(pattern, alternative, 1, fine=True).of(np.eye(16), BICUBIC_POINTS)])
 
 
 @dataclass(frozen=True)
@@ -440,7 +440,6 @@ def extraordinary_rows(valence: int, pattern: int, alternative: int) -> Extraord
     return ExtraordinaryRows(Rows.joined(rows), last, differences)
 
 
-@lru_cache(maxsize=64)
 def extraordinary_points(valence: int) -> FloatArray:
     """(9, 2n + 8): the points of a quad and its centre, on the limit surface, from its net."""
     stencils = patch_stencils(valence)
@@ -449,10 +448,8 @@ def extraordinary_points(valence: int) -> FloatArray:
     return np.concatenate([stencils.limits, [first[3], first[1], second[1], third[1]], first[2:3]])
 
 
-@cache
-def bicubic_points() -> FloatArray:
-    """(9, 16): the points of a quad and its centre from its Bernstein coefficients."""
-    return bicubic_basis(np.concatenate([QUAD_POINTS, [[0.5, 0.5]]]))
+# (9, 16): the points of a bicubic quad and its centre from its Bernstein coefficients.
+BICUBIC_POINTS = bicubic_basis(np.concatenate([QUAD_POINTS, [[0.5, 0.5]]]))
 
 
 def bicubic_error_bounds(rows: Rows, coefficients: FloatArray, normals: FloatArray) -> ErrorBounds:
