@@ -519,7 +519,7 @@ WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     "adaptive, refused": lambda: refused(lambda: refined(saved_suzanne(), 3), 1e-7, 1_000_000),
     "deviation": lambda: deviation(saved_suzanne, 2),
     "deviation, creases": lambda: deviation(lambda: creased_landscape(12), 2),
-    "deviation, large": lambda: deviation(saved_suzanne, 3),
+    "deviation, large": lambda: deviation(saved_suzanne, 4),
     "deviation, moved": lambda: deviation(saved_suzanne, 1, 0.05),
     "deviation, far": lambda: deviation(saved_suzanne, 1, 1.0),
     "writing": lambda: written(5e-5),
