@@ -1043,7 +1043,6 @@ CACHES = {
             DEVIATION + "bezier_pieces.BezierPieces.edge_units",
             "exchange.control_mesh.MeshAsRead.key",
             "exchange.control_mesh.MeshAsRead.mesh",
-            "exchange.control_mesh.MovedMesh.key",
             "exchange.object_state._kept_fields",
         )
     },
