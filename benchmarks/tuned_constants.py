@@ -758,10 +758,6 @@ def stored_nowhere(of: Any) -> Any:
     return anew
 
 
-def always_possible(_: Any) -> Any:
-    return lambda outline, limit: np.ones(outline.points.shape[1], dtype=bool)
-
-
 def all_faces(_: Any) -> Any:
     return lambda mesh, change: np.ones(mesh.face_count, dtype=bool)
 
@@ -956,7 +952,6 @@ ENTRIES = [
     Entry(ADAPTIVE + "planner.halve", "no halves", by(nothing), (*SUZANNE, "adaptive, large")),
     Entry(ADAPTIVE + "halves.ATTEMPTS", "2", set_to(2), (*SUZANNE, "adaptive, large")),
     at_once(LEAVES + "leaf_distance.LEAVES_AT_ONCE", *NETS),
-    Entry(LEAVES + "leaf_distance.may_be_near", "not tried first", by(always_possible), ALL_ADAPTIVE),
     Entry(LEAVES + "leaf_distance.SMALL_SQUARE", "1/8", set_to(1 / 8), EXTRAORDINARY),
     Entry(LEAVES + "leaf_distance.SMALL_SQUARE", "1/2048", set_to(1 / 2048), EXTRAORDINARY),
     Entry(CELLS + "irregular_cells.RefinedCells.descent", "made anew each time", by(made_anew), IRREGULAR),

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors
 from ..leaf_approximation import Cells, LeafApproximation
-from ..leaf_bounds.leaf_distance import Hull, Outline, leaf_distances, may_be_near
+from ..leaf_bounds.leaf_distance import Hull, Outline, leaf_distances
 from ..leaf_bounds.polygon_bounds import thickness_of_quads
 from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..quadtree import Quadtree
@@ -210,11 +210,8 @@ class QuadsByPattern:
         numbers = template_numbers(self.patterns[chosen], alternatives)
         outlines, normal = [], self.along_normals[alternatives, places]
         for pattern, alternative, own in template_groups(numbers):
-            outline = _outline(selected_vectors(self.points, places[own]), pattern, alternative)
-            near = np.flatnonzero(may_be_near(outline, limit))
-            outlines.append((own[near], outline.at(near)))
-        tried = np.sort(np.concatenate([own for own, _ in outlines]))
-        tried = tried[np.isinf(normal[tried])]
+            outlines.append((own, _outline(selected_vectors(self.points, places[own]), pattern, alternative)))
+        tried = np.flatnonzero(np.isinf(normal))
         if len(tried):
             normal[tried] = self.cells.errors_along_normals_of(places[tried], numbers[tried], self.points, limit)
         distances, tried = np.full(len(chosen), np.inf), np.flatnonzero(normal <= limit)

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...arrays.chunks import chunks
-from ...arrays.types import BoolArray, FloatArray, IndexArray
+from ...arrays.types import FloatArray, IndexArray
 from ...arrays.vectors import cross_products, dot_products, selected_vectors, squared_norms, transformed_nets
 from ...bounds.norm_bounds import certified_limit_factor
 from ...bounds.norms import second_differences
@@ -190,12 +190,6 @@ def leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: floa
 
 
 # Degenerate triangles have no normals, and nothing is proved then.
-@np.errstate(divide="ignore", invalid="ignore", over="ignore")
-def may_be_near(outline: Outline, limit: float) -> BoolArray:
-    """(P,) whether ``leaf_distances`` might be within the limit, by the triangles: a test that costs little."""
-    return _Planes.of(outline, 0.0).least(np.zeros(outline.points.shape[1])) <= limit
-
-
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
 def _leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: float, rounding: float) -> FloatArray:
     """Test by test, each for the leaves that are within the limit by those before."""
