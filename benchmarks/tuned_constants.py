@@ -1030,7 +1030,6 @@ CACHES = {
             LEAVES + "triangle_bounds._off_quadratic",
             LEAVES + "triangle_bounds._coefficients_over",
             LEAVES + "irregular_bounds._triangle_tables",
-            SURFACE + "bicubic._facet_rows",
             LEAVES + "triangle_bounds.template_rows",
             LEAVES + "triangle_bounds.bicubic_rows",
             LEAVES + "triangle_bounds.quadratic_rows",

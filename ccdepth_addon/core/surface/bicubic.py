@@ -7,8 +7,6 @@ Nets are (4, 4, P, 3); coefficients are (rows, P, 3), or (4, 4, P, 3) for a whol
 
 from __future__ import annotations
 
-from functools import cache
-
 import numpy as np
 
 from ..arrays.matrix_products import matrix_product
@@ -71,14 +69,13 @@ def bilinear_coefficients(corners: FloatArray) -> FloatArray:
     return elevated(ends)
 
 
-@cache
-def _facet_rows() -> FloatArray:
-    return np.ascontiguousarray(bilinear_coefficients(np.eye(4)).reshape(16, 4))
+# (16, 4): the functionals of ``facet_coefficients``.
+FACET_ROWS = np.ascontiguousarray(bilinear_coefficients(np.eye(4)).reshape(16, 4))
 
 
 def facet_coefficients(corners: FloatArray) -> FloatArray:
     """(16, P, 3), component-major: the same of facets over corners (4, P, 3), [i, j] → 4i + j."""
-    return transformed_nets(_facet_rows(), corners)
+    return transformed_nets(FACET_ROWS, corners)
 
 
 def patch_coefficients(net: FloatArray) -> FloatArray:
