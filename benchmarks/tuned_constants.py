@@ -736,17 +736,6 @@ def fine_alone(_: Any) -> Any:
     return distances
 
 
-def not_kept(error_bounds: Any) -> Any:
-    """Errors along normals computed again where leaves are tried alone."""
-
-    def forgotten(quads: Any, chosen: Any, alternatives: Any) -> Any:
-        found = error_bounds(quads, chosen, alternatives)
-        quads.along_normals[:] = np.inf
-        return found
-
-    return forgotten
-
-
 def stored_nowhere(of: Any) -> Any:
     """Outlines computed each time."""
 
@@ -926,13 +915,6 @@ ENTRIES = [
     Entry(CELLS + "patch_cells.REFINABLE_QUADRATIC", "never finer", set_to(NEVER), SUZANNE),
     Entry(CELLS + "patch_cells.BicubicCells._distances_of_template", "finer bounds alone", by(fine_alone), SUZANNE),
     Entry(CELLS + "patch_cells.BicubicCells._turned", "every pattern on its own", by(not_turned), SUZANNE),
-    Entry(CELLS + "quad_cells.QuadsByPattern.error_bounds", "not kept for leaves alone", by(not_kept), ALL_ADAPTIVE),
-    Entry(
-        CELLS + "quad_cells.QuadCells.are_known",
-        "what is known of leaves computed anew",
-        set_to(False),
-        ("adaptive, pole", "adaptive, triangles", "adaptive, large pole"),
-    ),
     Entry(
         ADAPTIVE + "outline_store.OutlineStore.of",
         "computed anew each time",
@@ -955,7 +937,12 @@ ENTRIES = [
     Entry(LEAVES + "leaf_distance.SMALL_SQUARE", "1/8", set_to(1 / 8), EXTRAORDINARY),
     Entry(LEAVES + "leaf_distance.SMALL_SQUARE", "1/2048", set_to(1 / 2048), EXTRAORDINARY),
     Entry(CELLS + "irregular_cells.RefinedCells.descent", "made anew each time", by(made_anew), IRREGULAR),
-    Entry(CELLS + "polygon_cells.PolygonCells.descent", "made anew each time", by(made_anew), IRREGULAR),
+    Entry(
+        CELLS + "polygon_cells.PolygonCells.descent",
+        "made anew each time",
+        by(made_anew),
+        (*IRREGULAR, "adaptive, coarse triangles"),
+    ),
     Entry(CELLS + "irregular_cells.RefinedCells.scratch", "descent kept for good", by(as_it_is), IRREGULAR),
     Entry(LEAVES + "irregular_bounds.NEAR_FACET", "1", set_to(1.0), IRREGULAR),
     Entry(LEAVES + "irregular_bounds.NEAR_FACET", "0", set_to(0.0), IRREGULAR),

@@ -145,9 +145,6 @@ class ChildApproximations:
 class BicubicCells(NetCells):
     """Bicubic quads, by their 16 Bernstein coefficients [i, j] → 4i + j, u along i."""
 
-    # What is known of them may be from their parents.
-    are_known = False
-
     @staticmethod
     def of_faces(mesh: PolygonMesh, faces: IndexArray, nodes: IndexArray) -> BicubicCells:
         """From regular faces of a mesh."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import ClassVar, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,16 +31,15 @@ from ..template_choice import (
     off_sides_and_diagonals,
     sampled_distances,
 )
-from ..templates import ALL_SPLIT, COUNTS, WHOLE, Transitions, template_groups, template_numbers, templates
+from ..templates import ALL_SPLIT, WHOLE, Transitions, template_groups, template_numbers, templates
 
 PATTERN_BITS = np.array([1, 2, 4, 8])
 
 
 class QuadCells(ABC):
-    """P quads. are_known: whether the bounds that are known of leaves are those of the cells themselves."""
+    """P quads."""
 
     nodes: IndexArray
-    are_known: ClassVar[bool] = True
 
     @abstractmethod
     def at(self, chosen: IndexArray) -> Self:
@@ -97,8 +96,8 @@ class QuadCells(ABC):
         found = replace(LeafApproximation.none(len(self.nodes)), patterns=patterns, turns=turns)
         chosen = np.flatnonzero(patterns != ALL_SPLIT)
         if len(chosen):
-            quads = QuadsByPattern.of(self.scratch(), chosen, patterns[chosen], self.points(), request)
-            own = quads.approximate() if known is None else quads.approximate_alone(known.at(chosen))
+            quads = QuadsByPattern(self.scratch(), chosen, patterns[chosen], self.points(), request)
+            own = quads.approximate() if known is None else quads.approximate_alone()
             if flat is not None:
                 own.accepted[flat[chosen] & ~quads.as_polygons()] = True
             own.folded[:] = quads.folded(own)
@@ -125,8 +124,7 @@ class QuadCells(ABC):
 class QuadsByPattern:
     """n quads of some cells, to be approximated by templates of patterns (n,).
 
-    places: (n,), by ascending index; points: (9, P, 3), those of all the cells. along_normals: (alternatives, P), for
-    all of them error bounds along the normals that have been computed, otherwise inf.
+    places: (n,), by ascending index; points: (9, P, 3), those of all the cells.
     """
 
     cells: QuadCells
@@ -134,18 +132,6 @@ class QuadsByPattern:
     patterns: NDArray[np.int8]
     points: FloatArray
     request: AdaptiveRequest
-    along_normals: FloatArray
-
-    @staticmethod
-    def of(
-        cells: QuadCells,
-        places: IndexArray,
-        patterns: NDArray[np.int8],
-        points: FloatArray,
-        request: AdaptiveRequest,
-    ) -> QuadsByPattern:
-        along_normals = np.full((COUNTS.max(), points.shape[1]), np.inf)
-        return QuadsByPattern(cells, places, patterns, points, request, along_normals)
 
     def approximate(self) -> LeafApproximation:
         """By the templates, the likeliest first: one within the limit, or predicted to be."""
@@ -163,14 +149,10 @@ class QuadsByPattern:
             found.put(left[last], choose_alone(QuadsAlone(quads.at(last)), samples.at(last), limit))
         return replace(found, least=least)
 
-    def approximate_alone(self, known: LeafApproximation) -> LeafApproximation:
-        """Of each alone, where what is known (n,) depends on neighbours."""
+    def approximate_alone(self) -> LeafApproximation:
+        """Of each alone, without its neighbours."""
         limit, least = self.request.limit, np.zeros(len(self.places))
-        found = LeafApproximation.none(len(self.places))
-        if self.cells.are_known:
-            self.along_normals[known.alternatives, self.places] = known.normal
-        else:
-            found = choose_within_limit(self, sampled_distances(self.own_points(), self.patterns), limit)
+        found = choose_within_limit(self, sampled_distances(self.own_points(), self.patterns), limit)
         left = np.flatnonzero(~found.accepted)
         if len(left):
             samples = self.samples(left)
@@ -208,20 +190,14 @@ class QuadsByPattern:
         """(n,): the same of each leaf alone (``leaf_distance``)."""
         limit, places = self.request.limit, self.places[chosen]
         numbers = template_numbers(self.patterns[chosen], alternatives)
-        outlines, normal = [], self.along_normals[alternatives, places]
-        for pattern, alternative, own in template_groups(numbers):
-            outlines.append((own, _outline(selected_vectors(self.points, places[own]), pattern, alternative)))
-        tried = np.flatnonzero(np.isinf(normal))
-        if len(tried):
-            normal[tried] = self.cells.errors_along_normals_of(places[tried], numbers[tried], self.points, limit)
+        normal = self.cells.errors_along_normals_of(places, numbers, self.points, limit)
         distances, tried = np.full(len(chosen), np.inf), np.flatnonzero(normal <= limit)
         if len(tried):
             hull = self.cells.hull_of(places[tried], self.points, limit)
-            for own, outline in outlines:
-                near = np.flatnonzero(normal[own] <= limit)
-                own = own[near]
-                of_own = hull.at(np.searchsorted(tried, own))
-                distances[own] = leaf_distances(outline.at(near), of_own, normal[own], limit, self.request.rounding)
+            for pattern, alternative, near in template_groups(numbers[tried]):
+                own = tried[near]
+                outline = _outline(selected_vectors(self.points, places[own]), pattern, alternative)
+                distances[own] = leaf_distances(outline, hull.at(near), normal[own], limit, self.request.rounding)
         return self.with_thickness(distances, chosen, numbers)
 
     def with_thickness(self, distances: FloatArray, chosen: IndexArray, numbers: IndexArray) -> FloatArray:
@@ -243,9 +219,7 @@ class QuadsByPattern:
     def error_bounds(self, chosen: IndexArray, alternatives: IndexArray) -> ErrorBounds:
         """As in ``template_choice.WithErrorBounds``."""
         places, numbers = self.places[chosen], template_numbers(self.patterns[chosen], alternatives)
-        found = self.cells.error_bounds_of(places, numbers, self.points, self.request.limit)
-        self.along_normals[alternatives, places] = found.normal
-        return found
+        return self.cells.error_bounds_of(places, numbers, self.points, self.request.limit)
 
 
 @dataclass(frozen=True)
