@@ -842,7 +842,7 @@ ENTRIES = [
         MESH + "polygon_mesh.PolygonMesh.changed",
         "topology computed anew",
         by(no_topology),
-        ("small depths", "writing", "depths by norms"),
+        ("small depths", "writing", "depths by norms", "poses"),
     ),
     # The surface.
     Entry(
