@@ -2,10 +2,12 @@
 """Runs inside the Blender whose window is tested: sets the scene, then tells again and again what it sees.
 
 The window is the test's to use; nothing here presses a button. The report goes to the file named in
-``CCDEPTH_WINDOW_REPORT``; ``CCDEPTH_WINDOW_TOLERANCE``, if set, is the relative tolerance to begin with, and
-``CCDEPTH_WINDOW_FACE_LIMIT`` the Face Limit. Files beside the report ask for more: one whose name ends in ``.adjust``
-holds a tolerance to do the last operation again with; one that ends in ``.change`` holds a relative tolerance for the
-scene, and has all results kept updated; one that ends in ``.light`` has a light selected as well, and made active.
+``CCDEPTH_WINDOW_REPORT``. Of the scene to begin with, ``CCDEPTH_WINDOW_TOLERANCE`` is the relative tolerance and
+``CCDEPTH_WINDOW_FACE_LIMIT`` the Face Limit.
+
+Files beside the report ask for more: one whose name ends in ``.adjust`` holds a tolerance to do the last operation
+again with; one that ends in ``.change`` holds a relative tolerance for the scene, and has all results kept updated; one
+that ends in ``.light`` has a light selected as well, and made active.
 """
 
 from __future__ import annotations
@@ -78,11 +80,15 @@ def arrange() -> None:
 
 
 def hovered_command(window: Any, area: Any, region: Any) -> str:
-    """The command of the button under the mouse, as its context menu would copy it; empty when there is none."""
+    """The command of the button under the mouse or the data path of the field, as its context menu would copy it; empty
+    when there is none."""
     with bpy.context.temp_override(window=window, area=area, region=region):
-        if not bpy.ops.ui.copy_python_command_button.poll():
+        if bpy.ops.ui.copy_python_command_button.poll():
+            bpy.ops.ui.copy_python_command_button()
+        elif bpy.ops.ui.copy_data_path_button.poll():
+            bpy.ops.ui.copy_data_path_button()
+        else:
             return ""
-        bpy.ops.ui.copy_python_command_button()
     return str(bpy.context.window_manager.clipboard)
 
 
@@ -113,6 +119,7 @@ def observe() -> dict[str, Any]:
         "viewport": rectangle(regions["WINDOW"], window.height),
         "hovered": hovered_command(window, area, regions["UI"]),
         "tolerance": bpy.context.scene.ccdepth.relative_tolerance,
+        "face_budget": bpy.context.scene.ccdepth.face_budget,
         "has_result": record.has_result,
         "deviation": [record.deviation_reached, record.deviation],
         "rows": {row.depth: row.faces for row in record.rows},

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import subprocess
 import time
@@ -90,6 +91,13 @@ class Window:
         time.sleep(0.2)
         self._run("xdotool", "mouseup", "1")
 
+    def type_number(self, number: int) -> None:
+        """Type it into the field under the mouse, in place of what is there."""
+        self.click()
+        for key in ("ctrl+a", *str(number), "Return"):
+            time.sleep(0.2)
+            self.press(key)
+
     def press(self, key: str) -> None:
         self._run("xdotool", "key", key)
 
@@ -122,16 +130,15 @@ class Window:
 
 @pytest.fixture
 def window(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Window]:
-    """The window; a parameter is the relative tolerance to begin with, and a Face Limit if there is a second number."""
-    tolerance, _, face_limit = getattr(request, "param", "").partition(" ")
+    """The window; a parameter says what the scene is to begin with, by the names of the variables for it."""
+    settings = {f"CCDEPTH_WINDOW_{name}": value for name, value in getattr(request, "param", {}).items()}
     for program in ("Xvfb", "xdotool", "import", "convert"):
         assert shutil.which(program), f"{program} is missing: install xvfb, xdotool and imagemagick"
     environment = {
         **os.environ,
         "BLENDER_USER_RESOURCES": str(tmp_path / "resources"),
         "CCDEPTH_WINDOW_REPORT": str(tmp_path / "report.json"),
-        "CCDEPTH_WINDOW_TOLERANCE": tolerance,
-        "CCDEPTH_WINDOW_FACE_LIMIT": face_limit,
+        **settings,
         "LIBGL_ALWAYS_SOFTWARE": "1",
     }
     install = [BLENDER, "--command", "extension", "install-file", "-e", "-r", "user_default", EXTENSION]
@@ -148,7 +155,8 @@ def window(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Window]:
 
 
 def find_button(window: Window, sidebar: list[int], command: str, across: float = 0.6) -> None:
-    """Move the mouse down the sidebar, at this part of its width, until the button of that command is under it."""
+    """Move the mouse down the sidebar, at this part of its width, until the button of that command is under it, or the
+    field of that setting."""
     left, top, right, bottom = sidebar
     for y in range(top + SEARCH_STEP, bottom, SEARCH_STEP):
         # Where two buttons share a row, the second is found as well.
@@ -391,7 +399,7 @@ def test_a_source_is_shown_and_edited_and_its_result_follows(window: Window) -> 
     wait_for_object(window, "Suzanne Adaptive", "the result", lambda found: found["visible"] and found["selected"])
 
 
-@pytest.mark.parametrize("window", ["1e-4 20000"], indirect=True)
+@pytest.mark.parametrize("window", [{"TOLERANCE": "1e-4", "FACE_LIMIT": "20000"}], indirect=True)
 def test_a_click_on_the_tolerance_offered_after_a_refusal_sets_it(window: Window) -> None:
     started = find_apply(window)
     window.click()
@@ -411,12 +419,36 @@ def test_a_click_on_the_tolerance_offered_after_a_refusal_sets_it(window: Window
     assert 5_000 < made["faces"] <= 20_000
 
 
+@pytest.mark.parametrize("window", [{"TOLERANCE": "1e-4"}], indirect=True)
+def test_find_tolerance_sets_the_tolerance_for_a_number_of_faces_that_was_typed(window: Window) -> None:
+    started = window.wait_for(lambda report: report["category"] == "CC Depth", SECONDS_TO_START, "the CC Depth tab")
+    find_button(window, started["sidebar"], ".face_budget", across=0.25)
+    window.type_number(9000)
+    window.wait_for(lambda report: report["face_budget"] == 9000, SECONDS_TO_ANSWER, "the number of faces")
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.find_tolerance(", across=0.75)
+    window.click()
+    found = window.wait_for(lambda report: report["tolerance"] > 2e-4, SECONDS_TO_ANSWER, "a coarser tolerance")
+    assert found["objects"] == started["objects"]
+
+    # The row that tells how many faces there will be.
+    find_button(window, started["sidebar"], "How many faces Apply Adaptive Subdivision makes", across=0.52)
+    told = re.search(r'value="([\d,]+)"', window.report()["hovered"])
+    assert told is not None
+    faces = int(told[1].replace(",", ""))
+    assert 4_500 < faces <= 9_000
+
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.subdivide")
+    window.click()
+    made = wait_for_object(window, "Suzanne Adaptive", "a result", lambda found: found["visible"])
+    assert made["faces"] == faces
+
+
 def status_bar(image: Image) -> Image:
     """The part of it that tells of a run."""
     return image[-STATUS_BAR:, :STATUS_WIDTH]
 
 
-@pytest.mark.parametrize("window", ["2e-6"], indirect=True)
+@pytest.mark.parametrize("window", [{"TOLERANCE": "2e-6"}], indirect=True)
 def test_escape_stops_a_long_run_that_shows_how_far_it_is_and_nothing_is_changed(
     window: Window, tmp_path: Path
 ) -> None:
