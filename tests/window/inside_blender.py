@@ -3,7 +3,8 @@
 
 The window is the test's to use; nothing here presses a button. The report goes to the file named in
 ``CCDEPTH_WINDOW_REPORT``. Of the scene to begin with, ``CCDEPTH_WINDOW_TOLERANCE`` is the relative tolerance and
-``CCDEPTH_WINDOW_FACE_LIMIT`` the Face Limit.
+``CCDEPTH_WINDOW_FACE_LIMIT`` the Face Limit; with ``CCDEPTH_WINDOW_LAST_FRAME`` Suzanne moves until that frame, one of
+the first frames is shown, and depths are those of all of them.
 
 Files beside the report ask for more: one whose name ends in ``.adjust`` holds a tolerance to do the last operation
 again with; one that ends in ``.change`` holds a relative tolerance for the scene, and has all results kept updated; one
@@ -27,6 +28,8 @@ CHANGE = REPORT.with_suffix(".change")
 LIGHT = REPORT.with_suffix(".light")
 TOLERANCE = os.environ.get("CCDEPTH_WINDOW_TOLERANCE", "")
 FACE_LIMIT = os.environ.get("CCDEPTH_WINDOW_FACE_LIMIT", "")
+LAST_FRAME = os.environ.get("CCDEPTH_WINDOW_LAST_FRAME", "")
+SHOWN_FRAME = 7
 INTERVAL = 0.1
 CATEGORY = "CC Depth"
 
@@ -52,6 +55,20 @@ def set_scene() -> None:
         bpy.context.scene.ccdepth.relative_tolerance = float(TOLERANCE)
     if FACE_LIMIT:
         bpy.context.scene.ccdepth.max_faces = int(FACE_LIMIT)
+    if LAST_FRAME:
+        animate(suzanne, int(LAST_FRAME))
+
+
+def animate(suzanne: bpy.types.Object, last: int) -> None:
+    """Twist her and move her, ever farther."""
+    twist = suzanne.modifiers.new("Twist", "SIMPLE_DEFORM")
+    for frame, angle, place in ((1, 0.1, 0.0), (last, 3.0, 1.0)):
+        twist.angle, suzanne.location.x = angle, place
+        twist.keyframe_insert("angle", frame=frame)
+        suzanne.keyframe_insert("location", frame=frame)
+    scene = bpy.context.scene
+    scene.frame_start, scene.frame_end, scene.ccdepth.frames = 1, last, "SCENE"
+    scene.frame_set(SHOWN_FRAME)
 
 
 def viewport() -> tuple[Any, Any, dict[str, Any]]:
@@ -106,7 +123,15 @@ def describe(holder: bpy.types.Object) -> dict[str, Any]:
         "mode": holder.mode,
         "top": max(vertex.co.z for vertex in holder.data.vertices),
         "attributes": [item.name for item in holder.data.attributes if "ccdepth" in item.name],
+        "place": list(holder.matrix_world.translation),
+        "shown_at": shown_at(holder),
     }
+
+
+def shown_at(holder: bpy.types.Object) -> list[float]:
+    """The corners of the box around what the object shows, with its modifiers, in its own space."""
+    evaluated = holder.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    return [number for corner in evaluated.bound_box for number in corner]
 
 
 def observe() -> dict[str, Any]:
@@ -120,6 +145,7 @@ def observe() -> dict[str, Any]:
         "hovered": hovered_command(window, area, regions["UI"]),
         "tolerance": bpy.context.scene.ccdepth.relative_tolerance,
         "face_budget": bpy.context.scene.ccdepth.face_budget,
+        "frame": bpy.context.scene.frame_current,
         "has_result": record.has_result,
         "deviation": [record.deviation_reached, record.deviation],
         "rows": {row.depth: row.faces for row in record.rows},

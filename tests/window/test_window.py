@@ -465,3 +465,20 @@ def test_escape_stops_a_long_run_that_shows_how_far_it_is_and_nothing_is_changed
     time.sleep(1.0)
     ended = window.look(tmp_path / "ended.png")
     assert np.abs(status_bar(ended) - status_bar(before)).max() < COLOR_TOLERANCE
+
+
+@pytest.mark.parametrize("window", [{"LAST_FRAME": "2000"}], indirect=True)
+def test_escape_stops_a_run_over_frames_and_the_scene_is_as_it_was(window: Window) -> None:
+    started = window.wait_for(lambda report: report["category"] == "CC Depth", SECONDS_TO_START, "the CC Depth tab")
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.compute")
+    window.click()
+    away = window.wait_for(lambda report: report["frame"] != started["frame"], SECONDS_TO_ANSWER, "another frame")
+    assert away["running"] == ["CCDEPTH_OT_compute"]
+    assert away["objects"] != started["objects"], "nothing moves"
+    window.press("Escape")
+    stopped = window.wait_for(lambda report: not report["running"], SECONDS_TO_ANSWER, "the end of it")
+    assert (stopped["frame"], stopped["objects"]) == (started["frame"], started["objects"])
+    assert (stopped["has_result"], stopped["color_type"]) == (False, started["color_type"])
+    time.sleep(2.0)
+    later = window.report()
+    assert {**later, "hovered": ""} == {**stopped, "hovered": ""}, "something goes on"
