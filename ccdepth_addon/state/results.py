@@ -32,9 +32,9 @@ from .colors import as_attribute, depth_colors
 
 
 class Shown(Enum):
-    """What the colours on a mesh stand for, and the title of their legend."""
+    """What the colours on a mesh stand for, in the words that the title of their legend begins with."""
 
-    DEPTH = "Subdivision Depth"
+    DEPTH = "Levels Needed"
     BOUND = "Proved Distance"
     DEVIATION = "Deviation"
 

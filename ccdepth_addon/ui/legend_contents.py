@@ -35,10 +35,9 @@ def legends(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object]) -> list
 def _legend(scene: bpy.types.Scene, kind: Shown, objects: list[bpy.types.Object]) -> Legend:
     if kind is Shown.DEPTH:
         records = [each.data.ccdepth for each in objects]
-        tolerance = f"Tolerance {lengths_text(scene, (record.world_tolerance for record in records))}"
         return Legend(
-            kind.value,
-            notes=[*_name(objects), tolerance],
+            f"{kind.value} for {lengths_text(scene, (record.world_tolerance for record in records))}",
+            notes=_name(objects),
             alert=_alert(objects, lambda each: panels.stale_line(scene.ccdepth, each.data, each)),
             rows=depth_rows(objects),
             objects=_listed(objects, lambda each: f"{each.data.ccdepth.faces:,}"),

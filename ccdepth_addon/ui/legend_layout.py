@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import NamedTuple
 
-from .distance_scale import Scale
+from .distance_scale import Mark, Scale
 
 Color = tuple[float, ...]
 
@@ -304,7 +304,8 @@ def _add_scale(layout: Layout, scale: Scale, base: int, at: Lengths, beyond: Col
 def _strip(legend: Legend, at: Lengths, beyond: Color) -> Layout:
     """The title and the notes in one line, and below it the colours beside each other, with their numbers below."""
     scale = None if legend.scale is None else legend.scale(at.line / at.bar)
-    title = " · ".join([legend.title if scale is None else scale.title, *legend.notes])
+    first = [legend.title] if scale is None else [scale.title, *_tolerance_beside_end(scale)]
+    title = " · ".join([*first, *legend.notes])
     alert_left = at.padding + at.width(title) + at.gap
     layout = Layout(at.font, alert_left + at.width(legend.alert) + at.padding, 3 * at.line + 2 * at.padding)
     if scale is None:
@@ -315,6 +316,17 @@ def _strip(legend: Legend, at: Lengths, beyond: Color) -> Layout:
     layout.texts.append(PlacedText(title, at.padding, base))
     layout.texts.append(PlacedText(legend.alert, alert_left, base, Style.ALERT))
     return layout
+
+
+def _end(scale: Scale) -> Mark:
+    """The mark of the last colour."""
+    return next(mark for mark in scale.marks if mark.height == mark.label_height == 1.0)
+
+
+def _tolerance_beside_end(scale: Scale) -> list[str]:
+    """The tolerance in words, unless the last colour, whose number a lying scale has, is for it."""
+    end = _end(scale)
+    return [f"Tolerance {mark.number}" for mark in scale.marks if mark.note == "tolerance" and mark != end]
 
 
 def _add_cells(layout: Layout, rows: list[Row], at: Lengths) -> None:
@@ -338,7 +350,7 @@ def _add_lying_scale(layout: Layout, scale: Scale, at: Lengths, beyond: Color) -
     """The colours from the left to the right, with the numbers at both ends, and the tolerance marked."""
     lower, upper = at.padding, at.padding + at.line
     ramp = layout.ramp = Rectangle(at.padding, upper, at.padding + at.bar, upper + at.line)
-    first, last = scale.marks[0], next(mark for mark in scale.marks if mark.height == mark.label_height == 1.0)
+    first, last = scale.marks[0], _end(scale)
     layout.texts.append(PlacedText(first.number, ramp.left, lower + _up(at)))
     layout.texts.append(PlacedText(f"{last.number} {last.note}".strip(), ramp.right, lower + _up(at), ends_there=True))
     for mark in scale.marks:

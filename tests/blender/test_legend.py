@@ -44,11 +44,10 @@ def test_it_tells_title_tolerance_and_what_it_counts() -> None:
     addon.select(holder)
     bpy.ops.ccdepth.compute()
     [legend] = legends()
-    assert (legend.title, legend.alert) == ("Subdivision Depth", "")
-    assert legend.notes == [holder.name, "Tolerance 0.0125 m"]
+    assert (legend.title, legend.alert, legend.notes) == ("Levels Needed for 0.0125 m", "", [holder.name])
     bpy.context.scene.unit_settings.length_unit = "MILLIMETERS"
     [legend] = legends()
-    assert legend.notes == [holder.name, "Tolerance 12.5 mm"]
+    assert legend.title == "Levels Needed for 12.5 mm"
     rows = {int(row.label): row.faces for row in legend.rows}
     assert rows == addon.histogram(holder)
     assert [*rows] == sorted(rows, reverse=True)
@@ -141,7 +140,7 @@ def test_each_thing_that_is_shown_has_a_legend() -> None:
     addon.compute(cube)
     [result] = subdivide(source)
     addon.select(cube, result)
-    assert {legend.title for legend in legends()} == {"Subdivision Depth", "Proved Distance"}
+    assert {legend.title for legend in legends()} == {"Levels Needed for 0.003464 m", "Proved Distance"}
     addon.select(result)
     [legend] = legends()
     marks = {mark.note: mark for mark in legend.scale(0.1).marks}
