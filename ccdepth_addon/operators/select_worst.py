@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 from bpy.props import BoolProperty
 from mathutils import Vector
+from numpy.typing import NDArray
 
 from ..exchange.control_mesh import mesh_face_count
 from ..state import results
@@ -21,6 +22,9 @@ from .selected_meshes import poll_meshes, selected_meshes
 # A framed face is shown with its surroundings: so many times its own size.
 SURROUNDINGS = 6.0
 
+# A view is turned when it shows less than this part of a face's area: it is seen from behind, or nearly edge-on.
+LEAST_SHOWN = 0.2
+
 
 class CCDEPTH_OT_select_worst(bpy.types.Operator):
     """Select the face where the measured deviation is largest"""
@@ -29,11 +33,11 @@ class CCDEPTH_OT_select_worst(bpy.types.Operator):
     bl_label = "Select Worst Face"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
-    frame: BoolProperty(name="Frame", description="Move the 3D View to the face", default=False)
+    frame: BoolProperty(name="Frame", description="Move the 3D View to the front of the face", default=False)
 
     @classmethod
     def description(cls, _context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        return f"{cls.__doc__}, and move the 3D View there" if properties.frame else ""
+        return f"{cls.__doc__}, and move the 3D View to its front" if properties.frame else ""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -76,15 +80,24 @@ def _measured_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 def _frame(context: bpy.types.Context, worst: bpy.types.Object) -> None:
-    """Move the 3D View the operator was called from, or else all of them, to the worst place of an object."""
+    """Move the 3D View the operator was called from, or else all of them, to the worst place of an object, and turn it
+    where that would not show the face."""
     found = worst.data.ccdepth.measurement
-    place = Vector(found.worst_point)
-    size = SURROUNDINGS * _face_size(worst, found.worst_face)
+    corners, normal = _corners_and_normal(worst, found.worst_face)
+    size = SURROUNDINGS * float(np.linalg.norm(np.ptp(corners, axis=0)))
     for region in _regions(context):
-        region.view_location = place
+        region.view_location = Vector(found.worst_point)
         region.view_distance = max(size, 1e-4)
         if region.view_perspective == "CAMERA":
             region.view_perspective = "PERSP"
+        _turn_towards(region, normal)
+
+
+def _turn_towards(region: bpy.types.RegionView3D, normal: Vector) -> None:
+    """Have a view look at the front of a face; one that does, or is locked, stays. normal: zero where it is unknown."""
+    shown = normal.dot(region.view_rotation @ Vector((0.0, 0.0, 1.0)))
+    if normal.length and shown < LEAST_SHOWN and not region.lock_rotation:
+        region.view_rotation = normal.to_track_quat("Z", "Y")
 
 
 def _regions(context: bpy.types.Context) -> list[bpy.types.RegionView3D]:
@@ -95,10 +108,14 @@ def _regions(context: bpy.types.Context) -> list[bpy.types.RegionView3D]:
     return [area.spaces.active.region_3d for screen in screens for area in screen.areas if area.type == "VIEW_3D"]
 
 
-def _face_size(worst: bpy.types.Object, face: int) -> float:
-    """The size in the scene of a face of the object's mesh, or of the object where there is no such face."""
-    box = np.array(worst.bound_box)
-    if 0 <= face < mesh_face_count(worst.data):
-        box = face_selection.face_points(worst.data, face)
+def _corners_and_normal(worst: bpy.types.Object, face: int) -> tuple[NDArray[np.float64], Vector]:
+    """The corners (n, 3) of a face, as large and turned as in the scene but around the object's origin, and its unit
+    normal; where the mesh has no such face, the corners of the box around the object, and zero."""
     place = np.array(worst.matrix_world, dtype=np.float64)[:3, :3]
-    return float(np.linalg.norm(np.ptp(box @ place.T, axis=0)))
+    if not 0 <= face < mesh_face_count(worst.data):
+        return np.array(worst.bound_box) @ place.T, Vector((0.0, 0.0, 0.0))
+    corners = face_selection.face_points(worst.data, face) @ place.T
+    spokes = corners - corners.mean(axis=0)
+    # Twice the area, as a vector; a mirrored object has its corners the other way round.
+    area = np.cross(spokes, np.roll(spokes, -1, axis=0)).sum(axis=0) * np.sign(np.linalg.det(place))
+    return corners, Vector(area).normalized()

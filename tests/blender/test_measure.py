@@ -10,6 +10,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 import pytest
+from mathutils import Quaternion, Vector
 
 from tests import meshes
 from tests.blender import addon, scene
@@ -398,15 +399,43 @@ def test_of_several_objects_the_worst_one_counts() -> None:
     np.testing.assert_array_equal(selected(far), [far.data.ccdepth.measurement.worst_face])
 
 
+def view() -> bpy.types.RegionView3D:
+    (space,) = [area.spaces.active for area in bpy.context.window.screen.areas if area.type == "VIEW_3D"]
+    return space.region_3d
+
+
 def test_framing_moves_the_view_there() -> None:
     holder = scene.add_object(meshes.torus(5, 4))
     holder.location = (30.0, 0.0, 0.0)
     addon.measure(holder)
     addon.select(holder)
     bpy.ops.ccdepth.select_worst(frame=True)
-    areas = [area for screen in [bpy.context.window.screen] for area in screen.areas if area.type == "VIEW_3D"]
-    (view,) = [area.spaces.active.region_3d for area in areas]
-    np.testing.assert_allclose(view.view_location, holder.data.ccdepth.measurement.worst_point, rtol=1e-6)
+    np.testing.assert_allclose(view().view_location, holder.data.ccdepth.measurement.worst_point, rtol=1e-6)
+
+
+@pytest.mark.parametrize("editing", [False, True])
+@pytest.mark.parametrize("scale", [(1.0, 1.0, 1.0), (0.5, 3.0, 1.0), (-1.0, 1.0, 2.0), (-1.0, -2.0, -1.0)])
+def test_framing_shows_the_front_of_the_face(editing: bool, scale: tuple[float, float, float]) -> None:
+    """The vector from the middle of a convex object to the face points out, whatever its corners say."""
+    holder = subdivided_cube()
+    holder.rotation_euler, holder.scale = (0.3, 0.5, 0.7), scale
+    addon.measure(holder)
+    addon.select(holder)
+    outwards = Vector(holder.data.ccdepth.measurement.worst_point) - holder.matrix_world.translation
+    behind = outwards.to_track_quat("-Z", "Y")
+    view().view_rotation = behind
+    if editing:
+        bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.ccdepth.select_worst()
+    assert view().view_rotation.rotation_difference(behind).angle < 1e-3, "it is not asked to move"
+    bpy.ops.ccdepth.select_worst(frame=True)
+    turned = view().view_rotation.copy()
+    assert outwards.normalized().dot(turned @ Vector((0.0, 0.0, 1.0))) > 0.2
+    # A view that shows the face stays as it is.
+    seen = turned @ Quaternion((1.0, 0.0, 0.0), 0.5)
+    view().view_rotation = seen
+    bpy.ops.ccdepth.select_worst(frame=True)
+    assert view().view_rotation.rotation_difference(seen).angle < 1e-3
 
 
 def test_a_hidden_worst_face_is_not_selected() -> None:
