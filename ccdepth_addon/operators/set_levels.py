@@ -6,7 +6,7 @@ from typing import ClassVar
 import bpy
 
 from ..exchange.control_mesh import subdivision_modifier
-from ..state import results, staleness
+from ..state import result_record, results, staleness
 from ..ui.printable import printable_lines
 from .selected_meshes import count_text, poll_meshes, selected_meshes
 
@@ -22,16 +22,19 @@ class CCDEPTH_OT_set_levels(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         if not poll_meshes(cls, context):
             return False
-        if not any(_has_depths(obj) for obj in selected_meshes(context)):
+        with_depths = [obj for obj in selected_meshes(context) if _has_depths(obj)]
+        if not with_depths:
             cls.poll_message_set("Compute Depth first")
+            return False
+        if all(_is_left_alone(obj, context.scene.ccdepth) for obj in with_depths):
+            cls.poll_message_set("Levels would subdivide the result itself: set those of its source")
             return False
         return True
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        objects = selected_meshes(context)
-        most_faces = context.scene.ccdepth.max_faces
+        objects, settings = selected_meshes(context), context.scene.ccdepth
         stale = set(staleness.out_of_date(context, objects))
-        faults = [f"{obj.name}: {fault}" for obj in objects if (fault := _levels_fault(obj, obj in stale, most_faces))]
+        faults = [f"{obj.name}: {fault}" for obj in objects if (fault := _levels_fault(obj, obj in stale, settings))]
         if faults:
             self.report({"ERROR"}, printable_lines("\n".join(faults)))
             return {"CANCELLED"}
@@ -47,10 +50,20 @@ def _has_depths(blender_object: bpy.types.Object) -> bool:
     return results.has_result(mesh) and not mesh.ccdepth.subdivision
 
 
-def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, most_faces: int) -> str | None:
+def _is_left_alone(blender_object: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:
+    """Whether the object is a result of Apply Adaptive Subdivision, which is not to be subdivided itself."""
+    return result_record.is_result(blender_object) and not settings.subdivide_results
+
+
+def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bpy.types.PropertyGroup) -> str | None:
     """Why the object's levels cannot be set, if they cannot."""
     if not _has_depths(blender_object):
         return "it has no depths; compute them first"
+    if _is_left_alone(blender_object, settings):
+        return (
+            f"it is a result, made from “{blender_object.ccdepth.source_name}”; set the levels of that, or turn "
+            "Subdivide Results on to subdivide the result itself"
+        )
     if not blender_object.is_editable:
         return "the object is linked from another file; make it local first"
     if is_stale:
@@ -67,8 +80,8 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, most_faces: 
             "Subdivision Surface modifier has at most; compute its depths with it off"
         )
     faces = int(record.uniform_faces)
-    if faces > most_faces:
-        return f"{needed} levels would make {faces:,} faces, and the Face Limit is {most_faces:,}"
+    if faces > settings.max_faces:
+        return f"{needed} levels would make {faces:,} faces, and the Face Limit is {settings.max_faces:,}"
     return None
 
 

@@ -224,3 +224,20 @@ def test_a_subdivision_has_no_levels_to_set() -> None:
     assert not bpy.ops.ccdepth.set_levels.poll()
     bpy.ops.ccdepth.subdivide(tolerance=TOLERANCE)
     assert not bpy.ops.ccdepth.set_levels.poll()
+
+
+def test_a_result_whose_own_depths_were_computed_gets_no_levels_unless_results_are_subdivided() -> None:
+    source, other = scene.add_object(meshes.cube(), "Cage"), scene.add_object(meshes.cube(), "Other")
+    addon.select(source)
+    bpy.ops.ccdepth.subdivide(tolerance=TOLERANCE)
+    result = bpy.context.active_object
+    addon.compute(result, other, tolerance=TOLERANCE)
+    with pytest.raises(RuntimeError, match=f"{result.name}: it is a result, made from “Cage”; set the levels of that"):
+        bpy.ops.ccdepth.set_levels()
+    assert levels(result) == levels(other) == []
+    addon.select(result)
+    with pytest.raises(RuntimeError, match="set those of its source"):
+        bpy.ops.ccdepth.set_levels()
+    bpy.context.scene.ccdepth.subdivide_results = True
+    assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
+    assert levels(result) == [(result.data.ccdepth.uniform_level,) * 2 + (False,)]
