@@ -18,7 +18,7 @@ from ..state.deviation_results import Verdict
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, measure, prepare_measurement
 from ..tasks.surfaces import ComputeError, as_typed
 from ..ui import heat_map
-from ..ui.lengths import Rounding, length_text
+from ..ui.lengths import Rounding, common_unit, length_text
 from ..ui.printable import printable
 from .long_operator import LongOperator
 from .selected_meshes import refuse_what_cannot_be_written, selected_meshes, without_mesh_text
@@ -138,8 +138,9 @@ def _still_there(answer: MeshDeviation) -> bpy.types.Object:
 def deviation_text(scene: bpy.types.Scene, answer: MeshDeviation) -> str:
     """The report of a measurement."""
     verdict = deviation_results.verdict(answer.proved, answer.reached, answer.tolerance)
-    most = length_text(scene, answer.proved, Rounding.UP)
-    least = length_text(scene, answer.reached, Rounding.DOWN)
-    tolerance = length_text(scene, answer.tolerance)
+    unit = common_unit(scene, (answer.proved, answer.reached, answer.tolerance))
+    most = length_text(scene, answer.proved, Rounding.UP, unit=unit)
+    least = length_text(scene, answer.reached, Rounding.DOWN, unit=unit)
+    tolerance = length_text(scene, answer.tolerance, unit=unit)
     text = f"Deviation at most {most}, at least {least}: {verdict.value}"
     return text if verdict is Verdict.UNDECIDED else f"{text} of {tolerance}"

@@ -8,7 +8,7 @@ import bpy
 from ..state import deviation_results, results, staleness
 from ..state.properties import tolerance_name
 from ..tasks.surfaces import as_typed
-from .lengths import Rounding, bound_text, length_text
+from .lengths import Rounding, bound_text, common_unit, length_text
 from .panels import ORDER_OF_DEVIATION, draw_display, draw_main_button, draw_state_line
 from .selected_results import selected_results
 from .sidebar import SidebarPanel, settings_column
@@ -63,13 +63,14 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
 
 def _numbers(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:
     found = record.measurement
+    unit = common_unit(scene, (record.deviation, record.deviation_reached, found.world_tolerance))
     own = found.measured == found.against
     return [
         *([] if own else [("Object", found.measured)]),
         ("Against", "Its own limit surface" if own else found.against),
-        ("At Most", bound_text(scene, record.deviation, found.world_tolerance)),
-        ("At Least", length_text(scene, record.deviation_reached, Rounding.DOWN)),
-        ("Tolerance", length_text(scene, found.world_tolerance)),
+        ("At Most", bound_text(scene, record.deviation, found.world_tolerance, unit)),
+        ("At Least", length_text(scene, record.deviation_reached, Rounding.DOWN, unit=unit)),
+        ("Tolerance", length_text(scene, found.world_tolerance, unit=unit)),
     ]
 
 

@@ -12,7 +12,7 @@ from ..state.results import Shown
 from . import deviation_panel, panels
 from .distance_scale import Distances, Scale, distance_scale, distances, relative_scale
 from .legend_layout import Legend, Row
-from .lengths import Rounding, length_text
+from .lengths import Rounding, common_unit, length_text
 from .selected_results import faces_by_depth, lengths_text
 
 # The list of objects is no longer than this.
@@ -48,7 +48,7 @@ def _legend(scene: bpy.types.Scene, kind: Shown, objects: list[bpy.types.Object]
             notes=[*_name(objects), f"Faces {sum(mesh.ccdepth.faces for mesh in {each.data for each in objects}):,}"],
             alert=_alert(objects, lambda each: panels.stale_line(scene.ccdepth, each.data, each)),
             scale=_scale(scene, kind, objects),
-            objects=_listed(objects, lambda each: length_text(scene, each.data.ccdepth.largest_bound, Rounding.UP)),
+            objects=_listed_lengths(scene, objects, lambda each: each.data.ccdepth.largest_bound),
         )
     faces = sum(mesh.ccdepth.measurement.faces for mesh in {each.data for each in objects})
     return Legend(
@@ -56,7 +56,7 @@ def _legend(scene: bpy.types.Scene, kind: Shown, objects: list[bpy.types.Object]
         notes=[*_name(objects), f"Faces {faces:,}"],
         alert=_alert(objects, lambda each: deviation_panel.stale_line(scene.ccdepth, each.data)),
         scale=_scale(scene, kind, objects),
-        objects=_listed(objects, lambda each: length_text(scene, each.data.ccdepth.deviation, Rounding.UP)),
+        objects=_listed_lengths(scene, objects, lambda each: each.data.ccdepth.deviation),
     )
 
 
@@ -117,6 +117,14 @@ def _listed(objects: Sequence[bpy.types.Object], number_of: Callable[[bpy.types.
         shown = objects[: MOST_OBJECTS - 1]
         rest = [(f"{len(objects) - MOST_OBJECTS + 1} more", "")]
     return [*((_short(each.name), number_of(each)) for each in shown), *rest]
+
+
+def _listed_lengths(
+    scene: bpy.types.Scene, objects: Sequence[bpy.types.Object], length_of: Callable[[bpy.types.Object], float]
+) -> list[tuple[str, str]]:
+    """The same of proved distances."""
+    unit = common_unit(scene, map(length_of, objects))
+    return _listed(objects, lambda each: length_text(scene, length_of(each), Rounding.UP, unit=unit))
 
 
 def _short(name: str) -> str:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from enum import Enum
 from typing import NamedTuple
@@ -54,31 +55,54 @@ def unit_for(scene: bpy.types.Scene, length: float) -> Unit:
     units = SYSTEMS.get(scene.unit_settings.system)
     if units is None:
         return PLAIN
-    metres = _metres(scene, length)
     wanted = units.get(scene.unit_settings.length_unit)
-    if wanted is not None and (not metres or metres >= LEAST_IN_UNIT * wanted.length):
-        return wanted
+    return wanted if wanted is not None and _is_readable(scene, length, wanted) else _natural_unit(scene, length, units)
+
+
+def common_unit(scene: bpy.types.Scene, lengths: Iterable[float]) -> Unit | None:
+    """One unit for lengths that stand beside each other; None where each needs its own, because one of them would be a
+    row of zeros."""
+    units, found = SYSTEMS.get(scene.unit_settings.system), [*lengths]
+    if units is None:
+        return PLAIN
+    largest = max(found)
+    for unit in (unit_for(scene, largest), _natural_unit(scene, largest, units)):
+        if all(_is_readable(scene, each, unit) for each in found):
+            return unit
+    return None
+
+
+def _is_readable(scene: bpy.types.Scene, length: float, unit: Unit) -> bool:
+    return not length or in_unit(scene, length, unit) >= LEAST_IN_UNIT
+
+
+def _natural_unit(scene: bpy.types.Scene, length: float, units: dict[str, Unit]) -> Unit:
+    """The largest unit that goes into the length, or else the smallest."""
     *others, smallest = units.values()
-    return next((unit for unit in others if metres >= unit.length), smallest)
+    return next((unit for unit in others if _metres(scene, length) >= unit.length), smallest)
 
 
 def length_text(
-    scene: bpy.types.Scene, length: float, rounding: Rounding = Rounding.NEAREST, digits: int = DIGITS
+    scene: bpy.types.Scene,
+    length: float,
+    rounding: Rounding = Rounding.NEAREST,
+    digits: int = DIGITS,
+    unit: Unit | None = None,
 ) -> str:
-    """A length of the scene with its unit, to so many significant digits."""
-    unit = unit_for(scene, length)
-    number = number_text(in_unit(scene, length, unit), rounding, digits)
-    return f"{number} {unit.name}" if unit.name else number
+    """A length of the scene with its unit, to so many significant digits. unit: None for the one that suits it."""
+    chosen = unit or unit_for(scene, length)
+    number = number_text(in_unit(scene, length, chosen), rounding, digits)
+    return f"{number} {chosen.name}" if chosen.name else number
 
 
-def bound_text(scene: bpy.types.Scene, bound: float, tolerance: float) -> str:
+def bound_text(scene: bpy.types.Scene, bound: float, tolerance: float, unit: Unit | None = None) -> str:
     """A proved distance, rounded up; but one within the tolerance never as more than the tolerance is written as."""
-    unit = unit_for(scene, tolerance)
-    written = number_text(in_unit(scene, bound, unit), Rounding.UP)
-    allowed = number_text(in_unit(scene, tolerance, unit))
+    compared = unit or unit_for(scene, tolerance)
+    written = number_text(in_unit(scene, bound, compared), Rounding.UP)
+    allowed = number_text(in_unit(scene, tolerance, compared))
     if bound <= tolerance and Decimal(written) > Decimal(allowed):
-        return length_text(scene, tolerance)
-    return length_text(scene, bound, Rounding.UP)
+        return length_text(scene, tolerance, unit=unit)
+    return length_text(scene, bound, Rounding.UP, unit=unit)
 
 
 def in_unit(scene: bpy.types.Scene, length: float, unit: Unit) -> Decimal:

@@ -13,7 +13,7 @@ from ..state.colors import depth_colors
 from ..state.properties import tolerance_name
 from ..tasks.frames import chosen_frames
 from ..tasks.surfaces import as_typed
-from .lengths import bound_text, length_text
+from .lengths import bound_text, common_unit, length_text
 from .manual import draw_manual_button
 from .selected_results import faces_by_depth, lengths_text, refused_objects, selected_results
 from .sidebar import SidebarPanel, settings_column
@@ -246,14 +246,15 @@ def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) 
 
 
 def _numbers_of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:
+    unit = common_unit(scene, (record.world_tolerance, record.largest_bound))
     before = [("Without Reduce", f"{record.unreduced_triangles:,} triangles")] if record.unreduced_triangles else []
     return [
         ("Faces", f"{record.faces:,}"),
         *before,
         ("Base Faces", f"{record.base_faces:,}"),
         ("Deepest Part", str(record.deepest)),
-        ("Tolerance", length_text(scene, record.world_tolerance)),
-        ("Largest Distance", bound_text(scene, record.largest_bound, record.world_tolerance)),
+        ("Tolerance", length_text(scene, record.world_tolerance, unit=unit)),
+        ("Largest Distance", bound_text(scene, record.largest_bound, record.world_tolerance, unit)),
     ]
 
 

@@ -9,10 +9,12 @@ from collections.abc import Callable, Iterable
 import bpy
 
 from ..state import refusals, results
-from .lengths import in_unit, length_text, number_text, unit_for
+from .lengths import DIGITS, common_unit, length_text
 
 # Without anything selected, the legend looks through no more objects than this.
 MOST_SEARCHED = 1000
+
+DIGITS_OF_RANGE = 3
 
 
 def selected_results(context: bpy.types.Context) -> list[bpy.types.Object]:
@@ -58,10 +60,12 @@ def faces_by_depth(objects: Iterable[bpy.types.Object]) -> Counter[int]:
     return counts
 
 
-def lengths_text(scene: bpy.types.Scene, lengths: Iterable[float]) -> str:
-    """One length, or the least and the largest of several."""
+def lengths_text(scene: bpy.types.Scene, lengths: Iterable[float], digits: int = DIGITS) -> str:
+    """One length to so many digits, or the least and the largest of several to fewer."""
     found = {*lengths}
     least, largest = min(found), max(found)
-    unit = unit_for(scene, least)
-    texts = [number_text(in_unit(scene, each, unit), digits=3) for each in (least, largest)]
-    return length_text(scene, least) if texts[0] == texts[1] else f"{texts[0]}–{texts[1]} {unit.name}".rstrip()
+    unit = common_unit(scene, found)
+    texts = [length_text(scene, each, digits=DIGITS_OF_RANGE, unit=unit) for each in (least, largest)]
+    if texts[0] == texts[1]:
+        return length_text(scene, least, digits=digits)
+    return f"{texts[0] if unit is None else texts[0].split()[0]}–{texts[1]}"

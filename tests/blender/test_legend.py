@@ -192,7 +192,11 @@ def test_shares(faces: int, total: int, text: str) -> None:
     assert addon.module("ui.panels").share_text(faces, total) == text
 
 
-def test_a_range_of_tolerances_has_one_unit() -> None:
+def test_a_range_of_tolerances_has_one_unit_where_one_serves() -> None:
     text = selected.lengths_text
     assert text(bpy.context.scene, [0.00364, 0.00346]) == "0.00346–0.00364 m"
     assert text(bpy.context.scene, [0.00364, 0.00364]) == "0.00364 m"
+    assert text(bpy.context.scene, [0.00095, 0.00364]) == "0.95–3.64 mm"
+    assert text(bpy.context.scene, [2e-6, 2.0]) == "2 µm–2 m"
+    bpy.context.scene.unit_settings.system = "NONE"
+    assert text(bpy.context.scene, [0.00095, 0.00364]) == "0.00095–0.00364"

@@ -53,6 +53,28 @@ def test_rounding_keeps_a_bound_a_bound() -> None:
     assert texts == ["0.1235 m", "0.1234 m", "0.1235 m", "0.1234 m", "1 m", "0.9999 m"]
 
 
+@pytest.mark.parametrize(
+    ("length_unit", "lengths", "texts"),
+    [
+        # Alone, the one would be in metres and the other in micrometres.
+        ("METERS", (0.00346, 0.00095), ["3.46 mm", "0.95 mm"]),
+        ("METERS", (0.00095, 0.0), ["950 µm", "0 µm"]),
+        ("METERS", (2.0, 0.00346), ["2 m", "0.00346 m"]),
+        ("METERS", (2.0, 2e-6), ["2 m", "2 µm"]),
+        ("MILLIMETERS", (2.0, 2e-6), ["2000 mm", "0.002 mm"]),
+        ("ADAPTIVE", (0.0123, 0.00123), ["1.23 cm", "0.123 cm"]),
+    ],
+)
+def test_neighbours_share_a_unit_that_serves_them_all(
+    units: bpy.types.UnitSettings, length_unit: str, lengths: tuple[float, ...], texts: list[str]
+) -> None:
+    units.system, units.length_unit = "METRIC", length_unit
+    module = addon.module("ui.lengths")
+    for order in (1, -1):
+        unit = module.common_unit(bpy.context.scene, lengths[::order])
+        assert [module.length_text(bpy.context.scene, each, unit=unit) for each in lengths] == texts
+
+
 @pytest.mark.parametrize("top", ["1", "0.0378", "2.5", "999", "4.9999", "1e-7"])
 def test_round_numbers_are_few_and_reach_far(top: str) -> None:
     numbers = addon.module("ui.distance_scale").round_numbers(Decimal(top))
@@ -155,4 +177,7 @@ def test_work_in_a_thread_can_be_stopped(stop: str) -> None:
 )
 def test_a_bound_within_the_tolerance_is_written_within_it(bound: float, tolerance: float, text: str) -> None:
     bpy.context.scene.unit_settings.system = "METRIC"
-    assert addon.module("ui.lengths").bound_text(bpy.context.scene, bound, tolerance) == text
+    module = addon.module("ui.lengths")
+    unit = module.common_unit(bpy.context.scene, (bound, tolerance))
+    assert module.bound_text(bpy.context.scene, bound, tolerance) == text
+    assert module.bound_text(bpy.context.scene, bound, tolerance, unit) == text
