@@ -23,6 +23,7 @@ from ..exchange.control_mesh import (
 )
 from ..registration import add_handlers, call_soon, do_not_call, remove_handlers
 from . import results, staleness, viewports
+from .result_record import control_object
 
 # Seconds without a change before anything is measured.
 PATIENCE = 0.3
@@ -36,6 +37,16 @@ _Key = tuple[int, bool]
 # None where it cannot be told without evaluating modifiers.
 _known: dict[_Key, float | None] = {}
 _wanted: set[_Key] = set()
+
+
+def measured_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """The objects that tolerances are told for: the active one, or the selected ones where that is no mesh.
+
+    For a result it is what Update Result would make it from.
+    """
+    active = context.active_object
+    holders = [active] if active is not None and active.type == "MESH" else context.selected_objects
+    return [control_object(each) for each in holders if each.type == "MESH"]
 
 
 def known_diagonal(blender_object: bpy.types.Object, *, use_modifiers: bool) -> float | None:

@@ -10,7 +10,6 @@ from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, Po
 from ..tasks.surfaces import as_typed
 from . import diagonals, properties, viewports
 from .colors import FIRST_DEPTH, LAST_DEPTH
-from .result_record import control_object
 
 MODES = tuple(mode for mode, *_ in properties.TOLERANCE_MODES)
 
@@ -44,13 +43,13 @@ def _redraw(_settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> N
 
 
 def _switch_mode(settings: bpy.types.PropertyGroup, chosen: int) -> None:
-    """Switch as the sidebar does: with the distance carried over to the other mode, where there is an object."""
-    mode, active = MODES[chosen], bpy.context.active_object
+    """Switch as the sidebar does: with the distance carried over to the other mode, where there is one object."""
+    mode = MODES[chosen]
     if mode == settings.tolerance_mode:
         return
-    if active is not None and active.type == "MESH":
-        holder = control_object(active)
-        diagonal = diagonals.measured_diagonal(bpy.context, holder, use_modifiers=settings.use_modifiers)
+    holders = diagonals.measured_objects(bpy.context)
+    if len(holders) == 1:
+        diagonal = diagonals.measured_diagonal(bpy.context, holders[0], use_modifiers=settings.use_modifiers)
         if diagonal is not None:
             _carry_over(settings, mode, diagonal)
     settings.tolerance_mode = mode
@@ -79,7 +78,8 @@ class SceneSettings(bpy.types.PropertyGroup):
     tolerance_mode: properties.tolerance_mode_property()
     shown_tolerance_mode: EnumProperty(
         name="Tolerance Mode",
-        description="How the tolerance is given. The other one becomes the same distance on the active object",
+        description="How the tolerance is given. The other one becomes the same distance on the active object, or "
+        "on the selected one",
         items=properties.TOLERANCE_MODES,
         get=lambda self: MODES.index(self.tolerance_mode),
         set=_switch_mode,

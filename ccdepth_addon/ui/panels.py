@@ -55,7 +55,7 @@ class CCDEPTH_PT_settings(SidebarPanel, bpy.types.Panel):
         # Its room is there when it has nothing to say.
         split = column.split(factor=0.4)
         split.label(text="")
-        split.label(text=tolerance_text(context.scene, context.active_object))
+        split.label(text=tolerance_text(context))
         column.prop(settings, "use_modifiers")
         draw_main_button(layout, "ccdepth.compute", "MOD_SUBSURF")
         _draw_refusal(layout, context)

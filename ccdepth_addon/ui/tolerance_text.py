@@ -3,15 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from decimal import Decimal
 
 import bpy
 
-from ..state.diagonals import known_diagonal
+from ..state.diagonals import known_diagonal, measured_objects
 from ..state.properties import tolerance_name
-from ..state.result_record import control_object
 from ..tasks.surfaces import as_typed
 from .lengths import length_text, number_text
+from .selected_results import lengths_text
 
 # A field shows as many decimals as Blender has at most, and is wrong by no more than this part of a number.
 DECIMALS = 6
@@ -19,26 +20,39 @@ LARGEST_ERROR = 1e-3
 
 DIGITS = 3
 
+# Of more selected objects than this it is not told: their sizes are measured for it.
+MOST_OBJECTS = 8
 
-def tolerance_text(scene: bpy.types.Scene, active: bpy.types.Object | None) -> str:
-    """What the tolerance of the scene is on the active object, as far as that is known; empty when there is nothing to
-    add to its field."""
-    settings = scene.ccdepth
+
+def tolerance_text(context: bpy.types.Context) -> str:
+    """What the tolerance of the scene is on the active object, or on the selected ones where that is no mesh, as far as
+    that is known; empty when there is nothing to add to its field."""
+    scene, settings = context.scene, context.scene.ccdepth
     relative = settings.tolerance_mode == "RELATIVE"
     tolerance = as_typed(getattr(settings, tolerance_name(settings.tolerance_mode)))
     texts = []
     if abs(round(tolerance, DECIMALS) - tolerance) > LARGEST_ERROR * abs(tolerance):
         texts.append(f"{tolerance:.6g}" if relative else length_text(scene, tolerance, digits=6))
-    diagonal = None
-    if active is not None and active.type == "MESH":
-        diagonal = known_diagonal(control_object(active), use_modifiers=settings.use_modifiers)
-    if diagonal is not None:
-        other = tolerance * diagonal if relative else tolerance / diagonal
-        text = length_text(scene, other, digits=DIGITS) if relative else f"{fraction_text(other)} of the size"
-        texts.append(f"= {text}")
+    diagonals = _known_diagonals(context)
+    if diagonals and relative:
+        texts.append(f"= {lengths_text(scene, (tolerance * each for each in diagonals), DIGITS)}")
+    elif diagonals:
+        texts.append(f"= {_fractions_text(tolerance / each for each in diagonals)} of the size")
     return " ".join(texts)
 
 
-def fraction_text(fraction: float) -> str:
-    """A part of a size, with few digits."""
-    return number_text(Decimal(fraction), digits=DIGITS)
+def _known_diagonals(context: bpy.types.Context) -> list[float]:
+    """Of the objects that it is told for; empty when one of them is not known."""
+    holders = measured_objects(context)
+    if len(holders) > MOST_OBJECTS:
+        return []
+    use_modifiers = context.scene.ccdepth.use_modifiers
+    found = [known_diagonal(each, use_modifiers=use_modifiers) for each in holders]
+    return [] if None in found else [each for each in found if each is not None]
+
+
+def _fractions_text(fractions: Iterable[float]) -> str:
+    """A part of a size with few digits, or the least and the largest of several."""
+    found = [*fractions]
+    texts = dict.fromkeys(number_text(Decimal(each), digits=DIGITS) for each in (min(found), max(found)))
+    return "–".join(texts)

@@ -28,9 +28,9 @@ def cube() -> bpy.types.Object:
 def text() -> str:
     """What the sidebar says once everything it asks for is measured."""
     tolerance_text = addon.module("ui.tolerance_text").tolerance_text
-    tolerance_text(bpy.context.scene, bpy.context.active_object)
+    tolerance_text(bpy.context)
     addon.module("state.diagonals").measure_wanted()
-    return tolerance_text(bpy.context.scene, bpy.context.active_object)
+    return str(tolerance_text(bpy.context))
 
 
 def test_switching_in_the_sidebar_carries_the_distance_over_and_back(cube: bpy.types.Object) -> None:
@@ -64,6 +64,7 @@ def test_where_there_is_no_size_the_mode_alone_is_switched(cube: bpy.types.Objec
     holder = None if name is None else bpy.data.objects.new(name, data[name]())
     if holder is not None:
         bpy.context.scene.collection.objects.link(holder)
+    addon.select(*([] if holder is None else [holder]))
     bpy.context.view_layer.objects.active = holder
     settings.shown_tolerance_mode = "ABSOLUTE"
     assert (settings.tolerance_mode, settings.tolerance) == ("ABSOLUTE", 0.5)
@@ -77,6 +78,42 @@ def test_the_other_one_is_told_for_the_active_object_as_it_is(cube: bpy.types.Ob
     assert text() == "= 0.00693 m"
     bpy.context.scene.ccdepth.tolerance_mode = "ABSOLUTE"
     assert text() == "= 0.0722 of the size"
+
+
+def test_with_a_light_active_it_is_told_for_the_selected_meshes(cube: bpy.types.Object) -> None:
+    other = scene.add_object(meshes.cube(), "Other")
+    other.scale = tuple(3.0 * each / size for each, size in zip(cube.dimensions, other.dimensions, strict=True))
+    light = bpy.data.objects.new("Light", bpy.data.lights.new("Light", "POINT"))
+    bpy.context.scene.collection.objects.link(light)
+    for active in (light, None):
+        addon.select(cube, light)
+        bpy.context.view_layer.objects.active = active
+        assert text() == "= 0.00346 m"
+        addon.select(cube, other, light)
+        bpy.context.view_layer.objects.active = active
+        assert text() == "= 0.00346–0.0104 m"
+        bpy.context.scene.ccdepth.tolerance_mode = "ABSOLUTE"
+        assert text() == "= 0.0481–0.144 of the size"
+        bpy.context.scene.ccdepth.tolerance_mode = "RELATIVE"
+
+
+def test_with_a_light_active_switching_carries_over_the_distance_on_the_only_mesh(cube: bpy.types.Object) -> None:
+    settings, other = bpy.context.scene.ccdepth, scene.add_object(meshes.cube(), "Other")
+    addon.select(cube, other)
+    bpy.context.view_layer.objects.active = None
+    settings.shown_tolerance_mode = "ABSOLUTE"
+    assert settings.tolerance == 0.5
+    settings.tolerance_mode = "RELATIVE"
+    other.select_set(False)
+    settings.shown_tolerance_mode = "ABSOLUTE"
+    assert settings.tolerance == pytest.approx(0.001 * SIZE, rel=1e-5)
+
+
+def test_of_very_many_selected_objects_it_is_not_told(cube: bpy.types.Object) -> None:
+    cubes = [scene.add_mesh(cube.data) for _ in range(20)]
+    addon.select(*cubes)
+    bpy.context.view_layer.objects.active = None
+    assert text() == ""
 
 
 def test_on_a_result_its_source_counts(cube: bpy.types.Object) -> None:
@@ -116,4 +153,4 @@ def test_a_fraction_with_too_many_digits_for_its_field_is_told_in_full(
 
 
 def test_nothing_is_measured_while_the_sidebar_is_drawn(cube: bpy.types.Object) -> None:
-    assert addon.module("ui.tolerance_text").tolerance_text(bpy.context.scene, cube) == ""
+    assert addon.module("ui.tolerance_text").tolerance_text(bpy.context) == ""
