@@ -13,6 +13,7 @@ from .count_faces import CCDEPTH_OT_count_faces
 from .find_tolerance import CCDEPTH_OT_find_tolerance
 from .invalid_faces import CCDEPTH_OT_repair, CCDEPTH_OT_select_invalid
 from .measure_deviation import CCDEPTH_OT_measure
+from .open_manual import CCDEPTH_OT_open_manual
 from .select_by_depth import CCDEPTH_OT_select
 from .select_worst import CCDEPTH_OT_select_worst
 from .set_levels import CCDEPTH_OT_set_levels
@@ -39,6 +40,7 @@ CLASSES = (
     CCDEPTH_OT_select_invalid,
     CCDEPTH_OT_repair,
     CCDEPTH_OT_copy_value,
+    CCDEPTH_OT_open_manual,
 )
 
 

@@ -22,6 +22,7 @@ SECTIONS = (
     ("bpy.ops.ccdepth.update", "results"),
     ("bpy.ops.ccdepth.show_*", "results"),
     ("bpy.ops.ccdepth.tolerance_preset_add", "tolerance"),
+    ("bpy.ops.ccdepth.open_manual", "install"),
     ("bpy.ops.ccdepth.*", "adaptive-subdivision"),
     ("bpy.types.scenesettings.*tolerance*", "tolerance"),
     ("bpy.types.scenesettings.use_modifiers", "tolerance"),
@@ -50,7 +51,7 @@ class CCDEPTH_AP_preferences(bpy.types.AddonPreferences):
 
 def draw_manual_button(layout: bpy.types.UILayout, *, text: str = "Manual", emboss: bool = True) -> None:
     """A button that opens the manual in a browser."""
-    layout.operator("wm.url_open", text=text, icon="HELP", emboss=emboss).url = PAGE.as_uri()
+    layout.operator("ccdepth.open_manual", text=text, icon="HELP", emboss=emboss)
 
 
 def manual_map() -> tuple[str, tuple[tuple[str, str], ...]]:

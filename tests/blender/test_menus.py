@@ -19,7 +19,7 @@ def test_the_menu_is_in_blenders_menus_once(menu: str) -> None:
 def test_the_menu_has_every_operator_that_people_start() -> None:
     entries = [entry[0] for entry in addon.module("ui.menus").ENTRIES if entry is not None]
     assert len(set(entries)) == len(entries)
-    hidden = {"update_kept", "use_tolerance", "tolerance_preset_add", "copy_value"}
+    hidden = {"update_kept", "use_tolerance", "tolerance_preset_add", "copy_value", "open_manual"}
     assert {name.partition(".")[2] for name in entries} == set(dir(bpy.ops.ccdepth)) - hidden
     labels = [getattr(bpy.ops.ccdepth, name.partition(".")[2]).get_rna_type().name for name in entries]
     assert any("Adaptive" in label for label in labels)
@@ -59,6 +59,14 @@ def test_online_manual_of_a_button_is_our_own(button: str, section: str) -> None
     url = bpy.types.WM_OT_doc_view_manual._lookup_rna_url(button, verbose=False)
     assert url.startswith("file://")
     assert url.endswith(f"index.html#{section}")
+
+
+def test_the_button_opens_the_manual_and_its_tooltip_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    assert bpy.ops.ccdepth.open_manual() == {"FINISHED"}
+    assert opened == [addon.module("ui.manual").PAGE.as_uri()]
+    assert "manual of CC Depth" in bpy.ops.ccdepth.open_manual.get_rna_type().description
 
 
 def test_every_section_is_in_the_manual() -> None:
