@@ -213,15 +213,28 @@ def _draw_totals(layout: bpy.types.UILayout, scene: bpy.types.Scene, objects: li
     ]
     draw_rows(layout, totals)
     column = layout.box().column(align=True)
+    _draw_object_row(column, "Object", "Faces", "Depth").active = False
     for each in objects[:MOST_OBJECTS]:
-        line = stale_line(scene.ccdepth, each.data, each)
-        row = column.row()
+        line, record = stale_line(scene.ccdepth, each.data, each), each.data.ccdepth
+        icon = "ERROR" if line else "OBJECT_DATA"
+        row = _draw_object_row(column, each.name, f"{record.faces:,}", str(record.deepest), icon)
         row.alert = bool(line)
-        row.label(text=each.name, icon="ERROR" if line else "OBJECT_DATA")
-        record = each.data.ccdepth
-        row.label(text=f"{record.faces:,}, up to {record.deepest}")
     if len(objects) > MOST_OBJECTS:
         column.label(text=f"{len(objects) - MOST_OBJECTS:,} more")
+
+
+def _draw_object_row(
+    layout: bpy.types.UILayout, name: str, faces: str, depth: str, icon: str = "NONE"
+) -> bpy.types.UILayout:
+    """A row of the list of objects, or of its headings."""
+    row = layout.split(factor=0.55)
+    row.label(text=name, icon=icon)
+    numbers = row.split(factor=0.6)
+    for number in (faces, depth):
+        cell = numbers.row()
+        cell.alignment = "RIGHT"
+        cell.label(text=number)
+    return row
 
 
 def _draw_numbers(layout: bpy.types.UILayout, scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> None:
