@@ -32,7 +32,7 @@ from .colors import as_attribute, depth_colors
 
 
 class Shown(Enum):
-    """What the colours on a mesh stand for, in the words that the title of their legend begins with."""
+    """What the colours on a mesh stand for, and the title of their legend."""
 
     DEPTH = "Levels Needed"
     BOUND = "Proved Distance"

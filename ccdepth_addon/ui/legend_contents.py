@@ -36,7 +36,8 @@ def _legend(scene: bpy.types.Scene, kind: Shown, objects: list[bpy.types.Object]
     if kind is Shown.DEPTH:
         records = [each.data.ccdepth for each in objects]
         return Legend(
-            f"{kind.value} for {lengths_text(scene, (record.world_tolerance for record in records))}",
+            kind.value,
+            f"for {lengths_text(scene, (record.world_tolerance for record in records))}",
             notes=_name(objects),
             alert=_alert(objects, lambda each: panels.stale_line(scene.ccdepth, each.data, each)),
             rows=depth_rows(objects),

@@ -71,11 +71,13 @@ class Row:
 class Legend:
     """What a legend says.
 
-    notes: lines below the title. alert: one more, in red. rows: the deepest depths first. scale: of distances, for a
-    label that takes that part of its height. objects: names and numbers.
+    tolerance: what follows the title, in its line or the next one; it is never left out. notes: lines below. alert: one
+    more, in red. rows: the deepest depths first. scale: of distances, for a label that takes that part of its height.
+    objects: names and numbers.
     """
 
     title: str
+    tolerance: str = ""
     notes: list[str] = field(default_factory=list)
     alert: str = ""
     rows: list[Row] = field(default_factory=list)
@@ -192,9 +194,7 @@ def _whole_layouts(legend: Legend, scale: float, measure: Measure, beyond: Color
             yield _column(legend, at, beyond)
         yield _column(alone, at, beyond)
         yield _strip(alone, at, beyond)
-    shortest = replace(alone, notes=[])
-    yield _column(shortest, at, beyond)
-    yield _strip(shortest, at, beyond)
+    yield from _short_layouts(alone, at, beyond)
 
 
 def _shortened_layouts(legend: Legend, scale: float, measure: Measure, beyond: Color) -> Iterator[Layout]:
@@ -202,9 +202,17 @@ def _shortened_layouts(legend: Legend, scale: float, measure: Measure, beyond: C
     at = lengths(scale * SIZES[-1], measure)
     # One row takes as much room as the one that would count it among others.
     for kept in range(len(legend.rows) - 2, 0, -1):
-        shorter = replace(legend, rows=most_rows(legend.rows, kept), notes=[], objects=[])
-        yield _column(shorter, at, beyond)
-        yield _strip(shorter, at, beyond)
+        shorter = replace(legend, rows=most_rows(legend.rows, kept), objects=[])
+        yield from _short_layouts(shorter, at, beyond)
+
+
+def _short_layouts(legend: Legend, at: Lengths, beyond: Color) -> Iterator[Layout]:
+    """Those without notes, and the last of them without the title."""
+    short = replace(legend, notes=[])
+    yield _column(short, at, beyond)
+    yield _strip(short, at, beyond)
+    if legend.tolerance:
+        yield _column(replace(short, title=legend.tolerance, tolerance=""), at, beyond)
 
 
 def most_rows(rows: list[Row], kept: int) -> list[Row]:
@@ -220,6 +228,7 @@ def _column(legend: Legend, at: Lengths, beyond: Color) -> Layout:
     """Everything below each other; laid out from the bottom upwards."""
     scale = None if legend.scale is None else legend.scale(at.line / at.bar)
     lines = [(legend.title if scale is None else scale.title, Style.TEXT)]
+    lines += [(legend.tolerance, Style.TEXT)] if legend.tolerance else []
     lines += [(note, Style.HEADING) for note in legend.notes]
     lines += [(legend.alert, Style.ALERT)] if legend.alert else []
     widths = [at.width(text) for text, _ in lines]
@@ -304,7 +313,7 @@ def _add_scale(layout: Layout, scale: Scale, base: int, at: Lengths, beyond: Col
 def _strip(legend: Legend, at: Lengths, beyond: Color) -> Layout:
     """The title and the notes in one line, and below it the colours beside each other, with their numbers below."""
     scale = None if legend.scale is None else legend.scale(at.line / at.bar)
-    first = [legend.title] if scale is None else [scale.title, *_tolerance_beside_end(scale)]
+    first = [f"{legend.title} {legend.tolerance}"] if scale is None else [scale.title, *_tolerance_beside_end(scale)]
     title = " · ".join([*first, *legend.notes])
     alert_left = at.padding + at.width(title) + at.gap
     layout = Layout(at.font, alert_left + at.width(legend.alert) + at.padding, 3 * at.line + 2 * at.padding)

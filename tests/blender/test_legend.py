@@ -44,10 +44,11 @@ def test_it_tells_title_tolerance_and_what_it_counts() -> None:
     addon.select(holder)
     bpy.ops.ccdepth.compute()
     [legend] = legends()
-    assert (legend.title, legend.alert, legend.notes) == ("Levels Needed for 0.0125 m", "", [holder.name])
+    assert (legend.title, legend.tolerance, legend.alert) == ("Levels Needed", "for 0.0125 m", "")
+    assert legend.notes == [holder.name]
     bpy.context.scene.unit_settings.length_unit = "MILLIMETERS"
     [legend] = legends()
-    assert legend.title == "Levels Needed for 12.5 mm"
+    assert legend.tolerance == "for 12.5 mm"
     rows = {int(row.label): row.faces for row in legend.rows}
     assert rows == addon.histogram(holder)
     assert [*rows] == sorted(rows, reverse=True)
@@ -140,7 +141,7 @@ def test_each_thing_that_is_shown_has_a_legend() -> None:
     addon.compute(cube)
     [result] = subdivide(source)
     addon.select(cube, result)
-    assert {legend.title for legend in legends()} == {"Levels Needed for 0.003464 m", "Proved Distance"}
+    assert {legend.title for legend in legends()} == {"Levels Needed", "Proved Distance"}
     addon.select(result)
     [legend] = legends()
     marks = {mark.note: mark for mark in legend.scale(0.1).marks}

@@ -16,7 +16,7 @@ distance_scale: ModuleType = addon.module("ui.distance_scale")
 
 LETTER = 0.55
 
-TITLE = "Levels Needed for 3.64 mm"
+TITLE, TOLERANCE = "Levels Needed", "for 3.64 mm"
 
 # A viewport of the default window, one of a small screen, a quarter of each, a low one, and a narrow one.
 REGIONS = [(1180, 786), (800, 500), (590, 393), (400, 250), (1180, 160), (260, 786)]
@@ -31,14 +31,14 @@ def width(text: str, size: float) -> float:
 def depths(count: int = 9, objects: int = 0) -> Any:
     rows = [layout.Row(str(depth), FACES[depth], (depth / 9, 0.5, 0.5)) for depth in reversed(range(count))]
     listed = [(f"Suzanne.{number:03}", "1,968") for number in range(objects)]
-    return layout.Legend(TITLE, ["Suzanne"], "Out of date", rows, objects=listed)
+    return layout.Legend(TITLE, TOLERANCE, ["Suzanne"], "Out of date", rows, objects=listed)
 
 
 def distances(largest: float = 0.5) -> Any:
     has_beyond = largest > 0.5
     return layout.Legend(
         "Deviation",
-        ["Faces 7,730"],
+        notes=["Faces 7,730"],
         scale=lambda gap: distance_scale.Scale(
             "Deviation (m)",
             [
@@ -131,7 +131,7 @@ def test_with_room_it_is_a_column_in_the_corner_with_everything() -> None:
     found, where = place(LEGENDS["objects"], (1180, 786))
     assert (where.right, where.bottom) == (1180 - layout.MARGIN, layout.MARGIN)
     assert found.font_size == layout.FONT_SIZE
-    assert {TITLE, "Suzanne", "Out of date", "Depth", "Faces", "Suzanne.003"} <= {*texts(found)}
+    assert {TITLE, TOLERANCE, "Suzanne", "Out of date", "Depth", "Faces", "Suzanne.003"} <= {*texts(found)}
     assert [color for _, color in found.swatches] == [row.color for row in reversed(depths(5).rows)]
 
 
@@ -209,14 +209,14 @@ def test_something_that_is_only_avoided_is_covered_before_a_row_goes() -> None:
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 def test_however_little_room_there_is_the_tolerance_stays(scale: float) -> None:
-    """In the title of depths; in a scale of distances beside its colours or, where it lies down, in its title."""
+    """Depths have it after their title, a scale of distances beside its colours or, as a strip, in its title."""
     shapes = set()
     for across, up in product(range(80, 700, 20), range(60, 500, 20)):
         for legend in (depths(), distances(), distances(1.0)):
             answer = place(legend, (across, up), scale)
             if answer is None:
                 continue
-            told = [TITLE] if legend.rows else ["tolerance", "Tolerance 0.3"]
+            told = [TOLERANCE] if legend.rows else ["tolerance", "Tolerance 0.3"]
             assert any(each in text for text in texts(answer[0]) for each in told)
             shapes.add((bool(legend.rows), answer[0].width > answer[0].height))
     assert len(shapes) == 4
