@@ -19,7 +19,7 @@ from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshD
 from .blender_calls import CommandError
 from .mesh_files import BLEND, read_back
 
-STL, PLY = ".stl", ".ply"
+STL, PLY, GLB = ".stl", ".ply", ".glb"
 
 # A normal, three corners and two bytes for whatever one likes; before them, a text and the number of triangles.
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -54,6 +54,11 @@ def read_written(path: Path, scale: float, written: Sequence[WrittenObject]) -> 
             parts = _split(parts[0], written)
         elif suffix != BLEND:
             parts = _matched(parts, written)
+        if suffix == GLB:
+            # Such a file has a vertex of its own for every normal and every UV.
+            parts = [
+                replace(part, shown=replace(part.shown, triangles=_joined(part.shown.triangles))) for part in parts
+            ]
     for each, part in zip(written, parts, strict=True):
         there = len(part.shown.triangles.corners)
         if there != each.triangles:
@@ -63,12 +68,16 @@ def read_written(path: Path, scale: float, written: Sequence[WrittenObject]) -> 
 
 def _read_stl(path: Path) -> Measured:
     """The triangles of a binary STL file. Blender's own reader leaves out those that are there twice."""
-    corners = np.fromfile(path, dtype=STL_TRIANGLE, offset=STL_HEADER)["corners"].reshape(-1, 3)
-    # Triangles that share their vertices are measured better.
-    positions, vertices = np.unique(corners, axis=0, return_inverse=True)
+    corners = np.fromfile(path, dtype=STL_TRIANGLE, offset=STL_HEADER)["corners"].reshape(-1, 3).astype(np.float64)
     count = len(corners) // 3
-    triangles = Triangles(positions.astype(np.float64), vertices.reshape(-1, 3), np.arange(count))
+    triangles = _joined(Triangles(corners, np.arange(3 * count).reshape(-1, 3), np.arange(count)))
     return Measured(path.name, 0, count, ShownMesh(triangles, np.eye(3), np.zeros(3)))
+
+
+def _joined(triangles: Triangles) -> Triangles:
+    """The same triangles, which share the vertices that are at equal positions: these are measured faster."""
+    positions, vertices = np.unique(triangles.positions, axis=0, return_inverse=True)
+    return Triangles(positions, vertices.ravel()[triangles.corners], triangles.faces)
 
 
 def _as_measured(blender_object: bpy.types.Object) -> Measured:
@@ -121,15 +130,10 @@ def _ascii(name: str) -> str:
 
 
 def measured_distances(target: MeasureTask, part: Measured, settings: MeasureSettings) -> MeshDeviation:
-    """How far a part of a file is from the surface it stands for; where it is so near the tolerance that it does not
-    tell whether it is within it, measured more accurately."""
-    task = replace(target, measured=[part])
-    [answer] = measure(task, settings, no_report, is_tolerance_enough=True)
-    accuracy = nearer_accuracy(answer.proved, answer.reached, answer.tolerance)
-    if accuracy is None or not answer.accuracy_met:
-        return answer
-    [nearer] = measure(task, replace(settings, accuracy=accuracy), no_report, is_tolerance_enough=True)
-    return nearer
+    """How far a part of a file is from the surface it stands for, as near as it takes to tell whether it is within the
+    tolerance."""
+    [answer] = measure(replace(target, measured=[part]), settings, no_report, is_tolerance_enough=True)
+    return answer
 
 
 def nearer_accuracy(proved: float, reached: float, tolerance: float) -> float | None:

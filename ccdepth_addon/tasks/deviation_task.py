@@ -18,6 +18,9 @@ from ..exchange.control_mesh import NO_ORIGIN, mesh_face_count, read_control_mes
 from ..exchange.shown_mesh import ShownMesh, read_shown_mesh
 from .surfaces import ComputeError, Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of
 
+# As near as this part of a tolerance it is decided whether a distance is within it.
+DECIDING = 1e-6
+
 # What rounding can take from a tolerance less a rounding, as a part of it.
 ROUNDED = 1e-15
 
@@ -151,7 +154,8 @@ def measure(
     """Measure every object of the task, without Blender: it may run in a thread.
 
     progress: called with the fraction done; what it raises ends the work. is_tolerance_enough: whether distances within
-    the tolerance need not be known any better, which takes far less time. Raises InvalidMeshError and MemoryError.
+    the tolerance need not be known any better, which takes far less time; it is decided whether they are. Raises
+    InvalidMeshError and MemoryError.
     """
     until = perf_counter() + settings.time_limit
     answers: dict[int, MeshDeviation] = {}
@@ -187,6 +191,7 @@ def _measure_one(
         tolerance=task.surface.tolerance,
         # With the rounding it is still within the tolerance.
         enough=max(0.0, (1 - ROUNDED) * task.surface.tolerance - rounding) if is_tolerance_enough else 0.0,
+        accuracy_within=min(DECIDING, settings.accuracy),
         progress=progress,
     )
     sources = [(shown.triangles.faces, found.triangle_bounds)]

@@ -6,6 +6,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
+import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
@@ -14,6 +15,13 @@ from tests.blender import addon, scene
 def run(*arguments: object) -> int:
     """The exit status of the command with these arguments."""
     return addon.module("command_line.command").run([str(argument) for argument in arguments], program="ccdepth")
+
+
+def skip_unless_written(suffix: str) -> None:
+    """Skip the test where this Blender cannot write such files."""
+    calls, files = addon.module("command_line.blender_calls"), addon.module("command_line.mesh_files")
+    if suffix != ".blend" and calls.available(files.WRITERS[suffix]) is None:
+        pytest.skip(f"this Blender cannot write {suffix} files")
 
 
 def save(path: Path) -> Path:

@@ -299,6 +299,22 @@ def test_tolerance_far_above_stops_early() -> None:
     assert found.proved <= 1.0
 
 
+def test_a_limit_just_beyond_the_distance_is_decided() -> None:
+    """Nearer than the accuracy would tell, and on either side of the distance, which is known to a millionth."""
+    control = control_of(meshes.landscape(4, 3))
+    positions, triangles = result(control, 3, limit=True)
+    known = measure_deviation(control, positions, triangles, accuracy=1e-6)
+    assert known.accuracy_met
+    beyond, short = known.proved * (1 + 1e-5), known.reached * (1 - 1e-5)
+    decided = {"accuracy": ACCURACY, "accuracy_within": 1e-6}
+    assert measure_deviation(control, positions, triangles, enough=beyond, **decided).proved <= beyond
+    too_far = measure_deviation(control, positions, triangles, enough=short, **decided)
+    assert too_far.accuracy_met
+    assert short < too_far.reached <= known.proved
+    for found in (too_far, measure_deviation(control, positions, triangles, enough=beyond, accuracy=ACCURACY)):
+        assert known.reached <= found.proved <= (1 + ACCURACY) * known.proved
+
+
 def test_progress_is_told_and_may_stop() -> None:
     control = control_of(meshes.landscape(4, 3))
     positions, triangles = result(control, 2, limit=True)

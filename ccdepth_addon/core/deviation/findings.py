@@ -18,9 +18,12 @@ SHARE_OF_LARGEST = 0.2
 @dataclass
 class Findings:
     """reached: the longest distance that is known to be there, less the allowance; the pair it lies between, where, and
-    which way. margin: what rounding can hide of a coordinate. floor: what is proved need not be less."""
+    which way. margin: what rounding can hide of a coordinate. floor: what is proved need not be less. accuracy: how
+    near to what is reached it shall be, and accuracy_within: while that is within ``enough``."""
 
     accuracy: float
+    accuracy_within: float
+    enough: float
     floor: float
     allowance: float
     margin: float
@@ -42,7 +45,8 @@ class Findings:
     @property
     def target(self) -> float:
         """Bounds up to this one are good enough."""
-        return max((1 + self.accuracy) * self.reached, self.floor)
+        accuracy = self.accuracy_within if self.reached <= self.enough else self.accuracy
+        return max((1 + accuracy) * self.reached, self.floor)
 
     def note(
         self,

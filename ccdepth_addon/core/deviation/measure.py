@@ -70,6 +70,7 @@ def measure_deviation(
     time_limit: float | None = None,
     tolerance: float | None = None,
     enough: float = 0.0,
+    accuracy_within: float | None = None,
     progress: Progress = no_report,
 ) -> Deviation:
     """The deviation of a mesh of triangles from the limit surface of ``control``, both ways.
@@ -79,7 +80,8 @@ def measure_deviation(
     distance then counts for that face. accuracy: how near ``proved`` shall be to ``reached``. max_pieces, time_limit
     (seconds): where these are used up the result is what is proved until then. tolerance: distances far below it need
     not be told apart. enough: what is proved need not be less than this, so that it is soon known whether all is
-    within it. progress: is told the fraction done, every tenth of a second or so, and may raise to stop.
+    within it. accuracy_within: ``accuracy`` while what is reached is not more than ``enough``; a small one decides
+    whether all is within it. progress: is told the fraction done, every tenth of a second or so, and may raise to stop.
     Raises InvalidMeshError for the control mesh, ValueError for the other.
     """
     began = perf_counter()
@@ -89,6 +91,8 @@ def measure_deviation(
     allowance = rounding_allowance(control, size)
     findings = Findings(
         accuracy=accuracy,
+        accuracy_within=accuracy if accuracy_within is None else accuracy_within,
+        enough=enough,
         floor=max(4 * allowance, PART_OF_TOLERANCE * (tolerance or 0.0), enough),
         allowance=allowance,
         margin=MARGIN * size,
