@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import bpy
 import numpy as np
@@ -12,6 +13,7 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.command_line_runs import run, save, save_cubes
+from tests.blender.test_command_line import depths_in
 
 amounts = addon.module("command_line.amounts")
 mesh_files = addon.module("command_line.mesh_files")
@@ -153,6 +155,36 @@ def test_glb_files_come_together_where_they_were_split(tmp_path: Path) -> None:
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out.blend"))
     [cube] = [each for each in bpy.data.objects if each.type == "MESH"]
     assert (len(cube.data.vertices), len(cube.data.polygons)) == (8, 12)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "writer", "options"),
+    [
+        (".fbx", "export_scene.fbx", {"use_selection": True}),
+        (".abc", "wm.alembic_export", {"selected": True, "as_background_job": False}),
+    ],
+)
+def test_formats_that_are_read_alone_give_the_depths_of_the_blend_file(
+    tmp_path: Path, suffix: str, writer: str, options: dict[str, Any]
+) -> None:
+    """With a tolerance of 5 mm, so that the size and the axes have to come along as well."""
+    write = blender_calls.available(writer)
+    if write is None:
+        pytest.skip(f"this Blender cannot write {suffix} files")
+    scene.clear()
+    suzanne = scene.add_suzanne()
+    suzanne.location, suzanne.rotation_euler, suzanne.scale = (3.0, 1.0, -2.0), (0.3, 0.5, 0.7), (2.0, 1.0, 0.5)
+    addon.select(suzanne)
+    source = save(tmp_path / "suzanne.blend")
+    path = tmp_path / f"suzanne{suffix}"
+    write(filepath=str(path), **options)
+    line = ("--tolerance", "5mm", "--method", "certified", "--output", tmp_path / "out.blend", "--overwrite")
+    assert run(source, *line) == 0
+    [expected] = depths_in(tmp_path / "out.blend").values()
+    assert run(path, *line) == 0
+    [depths] = depths_in(tmp_path / "out.blend").values()
+    assert depths == expected
+    assert len(set(depths)) > 2
 
 
 def test_chosen_objects_alone(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
