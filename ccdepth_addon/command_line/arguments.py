@@ -204,6 +204,11 @@ def _add_runs(parser: Parser) -> None:
     parser.add_argument(
         "--gather", type=Path, metavar="FOLDER", help="make one report of all JSON reports in a folder, in their order"
     )
+    parser.add_argument(
+        "--draw",
+        action="store_true",
+        help="with --gather and --html, open the files once more to draw the pictures of the page",
+    )
     # A process that is given its files by another, and the mark before its answers.
     parser.add_argument("--worker", help=argparse.SUPPRESS)
 
@@ -252,6 +257,8 @@ def _fault(options: argparse.Namespace) -> str | None:
         return "--verify takes a report alone"
     if options.gather is not None:
         return _gathering_fault(options)
+    if options.draw:
+        return "--draw is for --gather with --html"
     if options.levels and options.subdivide:
         return "--levels and --subdivide exclude each other"
     if options.frames is not None and action_of(options) not in (DEPTHS, LEVELS):
@@ -274,6 +281,8 @@ def _gathering_fault(options: argparse.Namespace) -> str | None:
         return "--gather takes a folder of reports alone"
     if not (options.json or options.csv or options.html):
         return "--gather writes a report: use --json, --csv or --html as well"
+    if options.draw and not options.html:
+        return "--draw is for --gather with --html"
     return None
 
 

@@ -9,6 +9,7 @@ import traceback
 from argparse import Namespace
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -18,6 +19,7 @@ from ..ui.printable import printable, printable_lines
 from . import picture
 from .arguments import STANDARD_OUTPUT, Parser, action_of
 from .blender_calls import CommandError
+from .drawn_reports import drawn
 from .one_file import process_file, refuse_unwritable
 from .processes import given_files, own_process, process_files
 from .report import FileEntry, Report, ReportError, csv_text, entry_line, gathered_reports, json_text, stamp
@@ -32,6 +34,9 @@ EXIT_FAILURE = 1
 
 # Why a file cannot be done, so that the others still can.
 FAULTS = (CommandError, picture.PictureError, OSError)
+
+# Why the page of a report that was gathered has no pictures.
+NOT_DRAWN = "reports hold none; --gather with --draw makes them of the files"
 
 _handle: Any = None
 
@@ -74,6 +79,8 @@ def _execute(parser: Parser, options: Namespace, process: Sequence[str] | None, 
         report = gathered_reports(options.gather)
         for entry in report.files:
             _tell_progress(parser.prog, entry, 1, 1)
+        if options.html is not None:
+            report = replace(report, files=tuple(_with_pictures(report, options, parser.prog)))
         _write_reports(report, options, standard_output)
         return report.is_good
     if options.output_folder is not None:
@@ -90,6 +97,16 @@ def _execute(parser: Parser, options: Namespace, process: Sequence[str] | None, 
     report = Report(action_of(options), tuple(entries[number] for number in sorted(entries)))
     _write_reports(report, options, standard_output)
     return report.is_good
+
+
+def _with_pictures(report: Report, options: Namespace, program: str) -> Iterator[FileEntry]:
+    """The entries of a report that was gathered, with the pictures of its page, or why there are none."""
+    for number, entry in enumerate(report.files, start=1):
+        if not options.draw:
+            yield entry if entry.error is not None else replace(entry, undrawn=NOT_DRAWN)
+            continue
+        yield drawn(report.action, entry)
+        _tell(program, f"{number:,} of {len(report.files):,} files drawn: {entry.name}")
 
 
 def _make_folder(path: Path) -> None:

@@ -65,7 +65,7 @@ def illustrations(shown: Sequence[bpy.types.Object], levels: Sequence[Levels]) -
 
 def _drawn(blender_object: bpy.types.Object, look: picture.Look) -> bytes:
     with TemporaryDirectory() as folder:
-        path = Path(folder) / "picture.png"
+        path = Path(folder) / f"picture{picture.WEBP if picture.has_webp() else '.png'}"
         subtitle = settings_text([blender_object])
         picture.render(bpy.context, [blender_object], path, blender_object.name, subtitle, look, PICTURE_SIZE)
         return path.read_bytes()

@@ -31,7 +31,8 @@ class Levels:
 
 @dataclass(frozen=True)
 class Illustration:
-    """What is shown of an object. heat_map, wireframe: PNG files."""
+    """What is shown of an object. heat_map, wireframe: WebP files, or PNG files from a Blender
+    that cannot write those."""
 
     levels: Levels
     heat_map: bytes

@@ -85,13 +85,15 @@ class FileStamp:
 @dataclass(frozen=True)
 class FileEntry:
     """What was done with a file. source: None for Blender's Suzanne. error: why it failed, if it did.
-    illustrations: one for each object where a page is to be written, else none."""
+    illustrations: one for each object where a page is to be written, else none; undrawn: why there are none, where that
+    is to be told."""
 
     source: FileStamp | None
     objects: tuple[ObjectEntry, ...] = ()
     output: FileStamp | None = None
     error: str | None = None
     illustrations: tuple[Illustration, ...] = ()
+    undrawn: str | None = None
 
     @property
     def is_good(self) -> bool:

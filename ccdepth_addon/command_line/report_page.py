@@ -18,6 +18,7 @@ from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
 from .illustration import Illustration, Levels
 from .report import FileEntry, FileStamp, ObjectEntry, Report
 from .report_text import metres_text
+from .whole_files import PNG_SIGNATURE
 
 ACTION_TEXTS = {
     DEPTHS: "Depths computed",
@@ -181,6 +182,8 @@ def _file_section(number: int, entry: FileEntry) -> str:
     if entry.error is not None:
         error = "\n".join(_text(line) for line in entry.error.split("\n"))
         parts.append(f'<div class="card">{_file_verdict(entry)}<p class="error">{error}</p></div>')
+    if entry.undrawn is not None:
+        parts.append(f'<p class="quiet">{_text(f"Without pictures: {entry.undrawn}")}</p>')
     illustrations = entry.illustrations or (None,) * len(entry.objects)
     parts += [_object_card(*pair) for pair in zip(entry.objects, illustrations, strict=True)]
     return f"<section>{''.join(parts)}</section>"
@@ -235,11 +238,16 @@ def _figures(entry: ObjectEntry, illustration: Illustration) -> str:
     pictures = (("Heat map", illustration.heat_map), ("Wireframe", illustration.wireframe))
     figures = "".join(
         f'<figure><label><input type="checkbox" aria-label="{_text(f"Enlarge the {kind.lower()} of {name}")}">'
-        f'<img src="data:image/png;base64,{b64encode(content).decode()}" alt="{_text(f"{kind} of {name}")}"></label>'
+        f'<img src="{_picture_url(content)}" alt="{_text(f"{kind} of {name}")}"></label>'
         f"<figcaption>{_text(kind)}</figcaption></figure>"
         for kind, content in pictures
     )
     return f'<div class="pair">{figures}</div>'
+
+
+def _picture_url(content: bytes) -> str:
+    kind = "png" if content.startswith(PNG_SIGNATURE) else "webp"
+    return f"data:image/{kind};base64,{b64encode(content).decode()}"
 
 
 def _levels(entry: ObjectEntry, levels: Levels) -> str:

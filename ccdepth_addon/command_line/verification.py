@@ -54,7 +54,7 @@ def _faults(action: str, entry: FileEntry) -> Iterator[str]:
     if action == SUBDIVIDE and entry.output is None:
         yield "the adaptive mesh was not written, so that it cannot be checked"
         return
-    others = [*_other_file(entry.source), *_other_file(entry.output)]
+    others = [*other_file(entry.source), *other_file(entry.output)]
     yield from others
     if others:
         return
@@ -63,7 +63,8 @@ def _faults(action: str, entry: FileEntry) -> Iterator[str]:
             yield f"{said.name}: {difference}"
 
 
-def _other_file(stamped: FileStamp | None) -> Iterator[str]:
+def other_file(stamped: FileStamp | None) -> Iterator[str]:
+    """What makes a file another one than a report tells of, if anything."""
     if stamped is None:
         return
     checksum = stamp(stamped.path, None).sha256
@@ -75,14 +76,7 @@ def _other_file(stamped: FileStamp | None) -> Iterator[str]:
 
 def _found_anew(action: str, entry: FileEntry) -> list[ObjectEntry]:
     """The entries of the objects, found anew: what was computed is computed again, and what was written measured."""
-    source = entry.source
-    path, unit = (None, None) if source is None else (source.path, source.metres_per_unit)
-    load(path, unit)
-    if source is not None:
-        _refuse_other_unit(source)
-    by_name = {each.name: each for each in chosen_objects(path, [each.name for each in entry.objects])}
-    objects = [by_name[each.name] for each in entry.objects]
-    _take_settings(action, entry.objects)
+    objects = reopened(action, entry)
     output = entry.output if action in MAKING else None
     targets = [] if output is None else surfaces_of(objects)
     if action == SUBDIVIDE:
@@ -101,6 +95,19 @@ def _found_anew(action: str, entry: FileEntry) -> list[ObjectEntry]:
     parts = read_written(output.path, output.metres_per_unit / scene, written)
     answers = [measured_distances(*pair, settings) for pair in zip(targets, parts, strict=True)]
     return [with_answer(*pair, scene) for pair in zip(found, answers, strict=True)]
+
+
+def reopened(action: str, entry: FileEntry) -> list[bpy.types.Object]:
+    """Open the file that an entry tells of, with its settings in the scene: the objects of the entry. Raises
+    CommandError."""
+    source = entry.source
+    path, unit = (None, None) if source is None else (source.path, source.metres_per_unit)
+    load(path, unit)
+    if source is not None:
+        _refuse_other_unit(source)
+    by_name = {each.name: each for each in chosen_objects(path, [each.name for each in entry.objects])}
+    _take_settings(action, entry.objects)
+    return [by_name[each.name] for each in entry.objects]
 
 
 def _refuse_other_unit(source: FileStamp) -> None:

@@ -4,13 +4,18 @@
 from __future__ import annotations
 
 import json
+import re
+from base64 import b64decode
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.blender import addon
 from tests.blender.command_line_runs import run, save_cubes
+
+picture = addon.module("command_line.picture")
 
 LINE = ["--absolute", "--tolerance", "50mm", "--method", "certified"]
 
@@ -75,6 +80,56 @@ def test_lines_that_make_no_sense(tmp_path: Path, capfd: pytest.CaptureFixture[s
     for line, message in (
         (["part.blend", "--gather", tmp_path, "--json", "-"], "takes a folder of reports alone"),
         (["--gather", tmp_path], "--gather writes a report"),
+        (["--gather", tmp_path, "--json", "-", "--draw"], "--draw is for --gather with --html"),
+        (["--html", "-", "--draw"], "--draw is for --gather with --html"),
     ):
         assert run(*line) == 2
         assert message in capfd.readouterr().err
+
+
+def texts_and_pixels(page: str) -> list[str | bytes]:
+    """A page with its pictures; of .png files from the pixels on, as Blender writes before how long they took."""
+    parts: list[str | bytes] = list(re.split(r'src="data:[^,]*,([^"]*)"', page))
+    for index in range(1, len(parts), 2):
+        content = b64decode(parts[index])
+        parts[index] = content[max(0, content.find(b"IDAT")) :]
+    return parts
+
+
+def test_pictures_of_a_gathered_page_are_those_of_its_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """The same as in the page of one run; none, and the reason, of a file that has changed since."""
+    monkeypatch.setattr(picture, "SAMPLES", 2)
+    folder = tmp_path / "parts"
+    folder.mkdir()
+    line = (
+        "--subdivide",
+        "--tolerance",
+        "50mm",
+        "--format",
+        "stl",
+        "--overwrite",
+        "--output-folder",
+        tmp_path / "made",
+    )
+    sources = [save_cubes(tmp_path / f"{name}.blend", name) for name in ("One", "Two")]
+    for number, source in enumerate(sources):
+        assert run(source, *line, "--json", folder / f"{number}.json") == 0
+    assert run(*sources, *line, "--html", tmp_path / "whole.html") == 0
+    whole = (tmp_path / "whole.html").read_text(encoding="utf-8")
+    gather = ("--gather", folder, "--html", tmp_path / "page.html", "--overwrite")
+    assert run(*gather, "--draw") == 0
+    assert "2 of 2 files drawn" in capfd.readouterr().err
+    page = (tmp_path / "page.html").read_text(encoding="utf-8")
+    # Reports name files as seen from where they are.
+    assert texts_and_pixels(page.replace(f"{folder}/../", f"{tmp_path}/")) == texts_and_pixels(whole)
+    assert run(*gather) == 0
+    undrawn = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert undrawn.count("Without pictures: reports hold none; --gather with --draw makes them") == 2
+    assert "<img" not in undrawn
+    save_cubes(sources[0], "One", "Another")
+    assert run(*gather, "--draw") == 0
+    changed = (tmp_path / "page.html").read_text(encoding="utf-8")
+    assert changed.count("<img") == 2
+    assert "One.blend is not the file that the report tells of" in changed

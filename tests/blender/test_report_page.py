@@ -30,6 +30,10 @@ LINE = ["--absolute", "--tolerance", "50mm", "--method", "certified"]
 # What must come out as text, whatever it looks like.
 NASTY = "<img src=\"http://other.test/a.png\"> & 'Cube'"
 
+# What pictures begin with, in the page and as files.
+IMAGE = "data:image/webp;base64," if picture.has_webp() else "data:image/png;base64,"
+SIGNATURE = b"RIFF" if picture.has_webp() else b"\x89PNG"
+
 VOID = {"meta", "img", "input"}
 
 CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
@@ -72,7 +76,7 @@ class Parsed(HTMLParser):
 
     def pictures(self) -> list[bytes]:
         sources = [attributes["src"] or "" for tag, attributes in self.elements if tag == "img"]
-        return [b64decode(source.removeprefix("data:image/png;base64,"), validate=True) for source in sources]
+        return [b64decode(source.removeprefix(IMAGE), validate=True) for source in sources]
 
 
 def parsed(text: str) -> Parsed:
@@ -81,7 +85,7 @@ def parsed(text: str) -> Parsed:
     assert not {tag for tag, _ in result.elements} & {"script", "link", "iframe", "object", "embed", "base", "form"}
     for _, attributes in result.elements:
         assert not [name for name in attributes if name.startswith("on")]
-        assert (attributes.get("src") or "data:image/png;base64,").startswith("data:image/png;base64,")
+        assert (attributes.get("src") or IMAGE).startswith(IMAGE)
         assert (attributes.get("href") or "#file-0").startswith("#file-")
     return result
 
@@ -108,7 +112,7 @@ def test_a_page_has_all_that_was_found(tmp_path: Path, action: str) -> None:
         assert entry.output.sha256 in page.text
     pictures = page.pictures()
     assert len(pictures) == 4
-    assert all(each.startswith(b"\x89PNG") for each in pictures)
+    assert all(each.startswith(SIGNATURE) for each in pictures)
     assert len(set(pictures)) == 4
     words = {None: "Not measured", True: "Tolerance met", False: "Tolerance not met"}
     for each in entry.objects:
