@@ -76,7 +76,7 @@ def written_whole(
             if target.exists():
                 shutil.copymode(target, beside)
                 _keep(target, backups)
-            os.replace(beside, target)
+            _move(beside, target, overwrite)
         except UnwrittenError:
             raise
         except OSError as fault:
@@ -88,6 +88,21 @@ def written_whole(
                 left.unlink()
         if folder is not None:
             shutil.rmtree(folder, ignore_errors=True)
+
+
+def _move(beside: Path, target: Path, overwrite: bool) -> None:
+    """Give a file its name. Raises UnwrittenError when it is not to replace another, even one that has come meanwhile,
+    and OSError."""
+    if not overwrite:
+        try:
+            os.link(beside, target)
+            return
+        except FileExistsError as fault:
+            raise UnwrittenError(EXISTS) from fault
+        except OSError:
+            # There are file systems without links.
+            refuse_existing(target)
+    os.replace(beside, target)
 
 
 def _keep(target: Path, backups: int) -> None:

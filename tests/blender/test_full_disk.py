@@ -200,3 +200,33 @@ def test_earlier_versions_move_on(tmp_path: Path) -> None:
     assert (tmp_path / "out.blend1").read_bytes() == b"version 3"
     assert (tmp_path / "out.blend2").read_bytes() == b"version 2"
     assert not (tmp_path / "out.blend3").exists()
+
+
+def write_while_another_does(path: Path) -> None:
+    with whole_files.written_whole(path, overwrite=False) as beside:
+        beside.write_text("second")
+        path.write_text("first")
+
+
+@pytest.mark.parametrize("hindered", ["", "os.link", "whole_files.refuse_existing"])
+def test_a_file_that_comes_meanwhile_stays(tmp_path: Path, hindered: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As when two runs write to one place: where the file system has no links, and where the file comes after it was
+    looked for."""
+
+    def refuse(*_paths: Path) -> None:
+        raise PermissionError
+
+    if hindered == "os.link":
+        monkeypatch.setattr(os, "link", refuse)
+    elif hindered:
+        monkeypatch.setattr(whole_files, "refuse_existing", lambda *_arguments: None)
+    path = tmp_path / "made.obj"
+    with pytest.raises(whole_files.UnwrittenError, match="it exists already"):
+        write_while_another_does(path)
+    assert [each.name for each in tmp_path.iterdir()] == ["made.obj"]
+    assert path.read_text() == "first"
+    path.unlink()
+    with whole_files.written_whole(path, overwrite=False) as beside:
+        beside.write_text("second")
+    assert [each.name for each in tmp_path.iterdir()] == ["made.obj"]
+    assert path.read_text() == "second"
