@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Sequence
+from math import isfinite, nan
 from pathlib import Path
 from typing import Any
 
@@ -140,8 +141,8 @@ def _add_actions(parser: Parser) -> None:
         help="measure how far what objects show is from their limit surfaces; with --levels or --subdivide, measure "
         "what was written, read back from the file, as a report does",
     )
-    add("--accuracy", type=float, help="how near the two distances measured are to be, as a part of them (0.05)")
-    add("--time-limit", type=float, metavar="SECONDS", help="measure no longer than this; 0 for no limit")
+    add("--accuracy", type=_accuracy, help="how near the two distances measured are to be, as a part of them (0.05)")
+    add("--time-limit", type=_seconds, metavar="SECONDS", help="measure no longer than this; 0 for no limit")
     add = _adder(parser, parser.add_argument_group("adaptive subdivision"))
     add("--mode", type=_name, choices=list(Mode), help="how the faces are divided")
     add("--transitions", type=_name, choices=list(Transitions), help="how faces beside finer ones are drawn")
@@ -296,9 +297,15 @@ def _output_fault(options: argparse.Namespace, outputs: list[Path | None]) -> st
         return f"{suffixes.pop()} files hold meshes that are made: use --subdivide or --levels as well"
     if makes and options.measure and not suffixes:
         return "--measure measures what was written: use --output as well"
-    places = [output.absolute() for output in outputs if output is not None]
+    reports = [Path(name) for name in (options.json, options.csv, options.html) if name not in (None, STANDARD_OUTPUT)]
+    others = [path.absolute() for path in (*reports, options.picture) if path is not None]
+    places = [*(output.absolute() for output in outputs if output is not None), *others]
     twice = next((place for place in places if places.count(place) > 1), None)
-    return None if twice is None else f"several files would be written to {twice}"
+    if twice is not None:
+        return f"several files would be written to {twice}"
+    sources = {source.absolute() for source in options.files}
+    replaced = next((place for place in others if place in sources), None)
+    return None if replaced is None else f"{replaced} is read, and would be replaced"
 
 
 def _name(text: str) -> str:
@@ -322,7 +329,29 @@ def _suffix(text: str) -> str:
 
 
 def _job_count(text: str) -> int:
-    count = int(text)
-    if count < 1:
-        raise argparse.ArgumentTypeError(f"{count} is less than 1")
-    return count
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"“{text}” is no whole number from 1 on")
+    return int(text)
+
+
+def _accuracy(text: str) -> float:
+    number = _number(text)
+    if not number > 0:
+        raise argparse.ArgumentTypeError(f"“{text}” is not a number greater than zero")
+    return number
+
+
+def _seconds(text: str) -> float:
+    number = _number(text)
+    if not number >= 0:
+        raise argparse.ArgumentTypeError(f"“{text}” is no number of seconds")
+    return number
+
+
+def _number(text: str) -> float:
+    """A finite number, or one that is in no relation to any."""
+    try:
+        number = float(text)
+    except ValueError:
+        return nan
+    return number if isfinite(number) else nan

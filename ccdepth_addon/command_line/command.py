@@ -38,6 +38,9 @@ FAULTS = (CommandError, picture.PictureError, OSError)
 # Why the page of a report that was gathered has no pictures.
 NOT_DRAWN = "reports hold none; --gather with --draw makes them of the files"
 
+# What Python has in place of the bytes of names that are not UTF-8 is escaped; JSON has the same escapes.
+NOT_UNICODE = "backslashreplace"
+
 _handle: Any = None
 
 
@@ -173,7 +176,8 @@ def _write_reports(report: Report, options: Namespace, standard_output: TextIO) 
             path = Path(name)
             try:
                 with written_whole(path, overwrite=options.overwrite) as beside:
-                    beside.write_text(text_in(path.absolute().parent), encoding="utf-8")
+                    text = text_in(path.absolute().parent)
+                    beside.write_text(text, encoding="utf-8", errors=NOT_UNICODE)
             except UnwrittenError as fault:
                 raise CommandError(f"{path}: {fault}") from fault
 
@@ -186,7 +190,7 @@ def _standard_output(options: Namespace) -> Iterator[TextIO]:
         yield sys.stdout
         return
     sys.stdout.flush()
-    with os.fdopen(os.dup(1), "w", encoding="utf-8", newline="\n") as kept:
+    with os.fdopen(os.dup(1), "w", encoding="utf-8", errors=NOT_UNICODE, newline="\n") as kept:
         os.dup2(2, 1)
         with redirect_stdout(sys.stderr):
             yield kept

@@ -129,11 +129,11 @@ def down_to(length: float, metres_per_unit: float) -> float:
 
 def stamp(path: Path, metres_per_unit: float | None) -> FileStamp:
     """The file as it is now."""
-    try:
-        with path.open("rb") as file:
+    checksum = None
+    # A pipe would be waited for.
+    if path.is_file():
+        with suppress(OSError), path.open("rb") as file:
             checksum = file_digest(file, "sha256").hexdigest()
-    except OSError:
-        checksum = None
     return FileStamp(path, checksum, metres_per_unit)
 
 

@@ -7,6 +7,7 @@ import csv
 import hashlib
 import io
 import json
+import os
 import re
 import struct
 from pathlib import Path
@@ -315,3 +316,30 @@ def test_what_is_no_report(tmp_path: Path, text: str, message: str, capfd: pytes
     assert run("--verify", tmp_path / "report.json") == 1
     assert message in capfd.readouterr().err
     assert run("--verify", tmp_path / "nowhere.json") == 1
+
+
+def test_names_that_are_not_unicode_stand_in_the_reports(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """Python has a lone surrogate in place of each byte; JSON escapes it, and the file is found again."""
+    source = tmp_path / os.fsdecode(b"cube \xff.obj")
+    try:
+        source.write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    except OSError:
+        pytest.skip("this file system takes no such name")
+    json_file, table = tmp_path / "report.json", tmp_path / "table.csv"
+    assert run(source, "--tolerance", "1%", "--json", json_file, "--csv", table) == 0
+    assert report_in(json_file)["files"][0]["input"]["path"] == source.name
+    assert "cube \\udcff.obj" in table.read_text(encoding="utf-8")
+    assert run(source, "--tolerance", "1%", "--json", "-") == 0
+    printed = capfd.readouterr().out
+    # Blender itself may have printed something before our command began.
+    content = json.loads(printed[printed.index("{\n") :])
+    assert content["files"][0]["input"]["sha256"] == sha256(source)
+    assert run("--verify", json_file) == 0
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names")
+def test_a_pipe_is_not_waited_for(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    pipe = tmp_path / "pipe.obj"
+    os.mkfifo(pipe)
+    assert run(pipe, "--json", tmp_path / "report.json") == 1
+    assert "pipe.obj: there is no such file" in capfd.readouterr().err
