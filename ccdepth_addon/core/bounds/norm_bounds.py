@@ -62,9 +62,13 @@ class PatchBounds:
 
     def at(self, levels: int) -> FloatArray:
         """(P,) float64: the bound so many levels later."""
+        return self.value * self.factor(levels)
+
+    def factor(self, levels: int) -> float:
+        """What the value is multiplied by for the bound so many levels later."""
         beyond = max(levels - (len(self.factors) - 1), 0)
         rounds = -(-beyond // self.period)
-        return self.value * (self.factors[levels - rounds * self.period] * self.rate**rounds)
+        return self.factors[levels - rounds * self.period] * self.rate**rounds
 
     def of(self, wanted: BoolArray) -> PatchBounds:
         """The bounds of some of the patches: (P,) bool."""

@@ -178,7 +178,7 @@ class _Prepared:
 
 def _at_each(norms: PatchBounds, levels: NDArray[np.int32]) -> FloatArray:
     """(P,): the bound of each patch at its own level (P,)."""
-    table = np.array([replace(norms, value=np.ones(1)).at(level)[0] for level in range(int(levels.max(initial=0)) + 1)])
+    table = np.array([norms.factor(level) for level in range(int(levels.max(initial=0)) + 1)])
     bounds: FloatArray = norms.value * table[levels]
     return bounds
 
