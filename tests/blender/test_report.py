@@ -337,6 +337,18 @@ def test_names_that_are_not_unicode_stand_in_the_reports(tmp_path: Path, capfd: 
     assert run("--verify", json_file) == 0
 
 
+def test_folders_that_cannot_be_written_to_are_told_before_the_work(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """As on a file system that is mounted for reading alone; what runs as root may write into any other folder."""
+    monkeypatch.setattr(os, "access", lambda path, mode: not (Path(path) == tmp_path and mode == os.W_OK))
+    for line in (["--json", tmp_path / "report.json"], ["--output", tmp_path / "out.blend"]):
+        assert run(*line) == 1
+        printed = capfd.readouterr()
+        assert f"the folder {tmp_path} cannot be written to" in printed.err
+        assert "faces" not in printed.out
+
+
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names")
 def test_a_pipe_is_not_waited_for(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     pipe = tmp_path / "pipe.obj"
