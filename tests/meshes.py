@@ -144,6 +144,27 @@ def fan(valence: int, rings: int = 2, seed: int = 1) -> MeshData:
     return replace(data, positions=data.positions + heights[:, None] * [0.2, 0.1, 1.0])
 
 
+def around_quad(valences: tuple[int, int, int, int]) -> MeshData:
+    """A flat quad, face 0, with corners of these valences from its first on, and the quads around it."""
+    faces, points = [[0, 1, 2, 3]], [np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])]
+    rings, count = [], 4
+    for corner, valence in enumerate(valences):
+        # A quarter turn from beyond the side after the corner to beyond the side before it.
+        size = 2 * valence - 5
+        parts = np.linspace(0.0, 1.0, size) if size > 1 else np.array([0.5])
+        angles = np.pi / 2 * (corner - 1 - parts)
+        reach = np.where(np.arange(size) % 2 == 0, 1.0, 1.4)[:, None]
+        points.append(points[0][corner] + reach * np.stack([np.cos(angles), np.sin(angles)], axis=1))
+        rings.append(list(range(count, count + size)))
+        count += size
+    for corner, ring in enumerate(rings):
+        following = (corner + 1) % 4
+        faces.append([following, corner, ring[0], rings[following][-1]])
+        faces += [[corner, ring[i], ring[i - 1], ring[i - 2]] for i in range(2, len(ring), 2)]
+    places = np.concatenate(points)
+    return from_faces(np.column_stack([places, np.zeros(len(places))]), faces)
+
+
 def valence_two() -> MeshData:
     """An open mesh with one vertex of valence 2 inside, vertex 0 with the edges (0, 1) and (0, 3)."""
     return fan(2, 3)

@@ -16,6 +16,7 @@ from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.bicubic import patch_coefficients
 from ccdepth_addon.core.surface.catmull_clark import subdivide
+from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import (
     PatchKind,
     PatchKinds,
@@ -111,3 +112,24 @@ def test_cells_have_the_nets_of_the_refined_mesh(seed: int) -> None:
     assert tree.levels.max() >= 3
     assert_found(store, tree, levels, available)
     assert_found(store, tree, levels, np.zeros(0, dtype=np.intp))
+
+
+@pytest.mark.parametrize("valence", [5, 9])
+def test_children_of_quads_with_several_extraordinary_corners(valence: int) -> None:
+    """Quads of which each has such a pole and three corners of valence 3."""
+    poles = meshes.to_polygon_mesh(meshes.bumpy(meshes.trapezohedron(valence), 0.2))
+    mesh = apply_boundary_rule(poles, smooth_corners=True)
+    (cells,) = cells_of_faces(mesh)
+    assert isinstance(cells, ExtraordinaryCells)
+    assert sorted(cells.valences) == [3, 3, 3, valence]
+    tree, refinement = Quadtree(mesh), subdivide(mesh).mesh
+    tree.split(cells.nodes)
+    limits, seen = limit_positions(refinement), 0
+    for block in cells.children(tree):
+        faces = faces_of_nodes(tree)[block.nodes]
+        corners = refinement.face_starts[faces] + (block.slots + np.arange(4)[:, None]) % 4
+        # Sums of some tens of coordinates below 4.
+        wanted = limits[refinement.corner_vertices[corners]]
+        np.testing.assert_allclose(block.points()[:4], wanted, rtol=0, atol=1e-13)
+        seen += len(block.nodes)
+    assert seen == refinement.face_count

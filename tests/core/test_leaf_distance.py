@@ -30,6 +30,7 @@ from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import extraordinary_nets
 from ccdepth_addon.core.surface.refinement import Refinement
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
+from ccdepth_addon.core.surface.stencils import Valences, quad_nets
 from tests import meshes
 from tests.brute_force import linear_children
 
@@ -179,7 +180,7 @@ def test_what_reaches_beyond_the_outline_adds_little() -> None:
     coefficients[:, 0, :2] = GRID * [1.0, 0.5]
     coefficients[:, 0, 2] = 0.02 * (np.array([0.0, 0.0, 1 / 3, 1.0])[i] + 2 * i * j / 9)
     coefficients[[7, 11], 0, 1] += 4 / 3 * 1e-4
-    points = np.einsum("rk,kpi->rpi", triangle_bounds.bicubic_points(), coefficients)
+    points = np.einsum("rk,kpi->rpi", triangle_bounds.BICUBIC_POINTS, coefficients)
     template = templates(0)[1]
     normals = triangle_normals(points, template)
     normal = triangle_bounds.bicubic_error_bounds(triangle_bounds.bicubic_rows(0, 1), coefficients, normals).normal
@@ -297,10 +298,20 @@ def displaced(data: meshes.MeshData, seed: int, size: float) -> PolygonMesh:
 @pytest.mark.parametrize("valence", [3, 5, 6, 12, 40])
 def test_hulls_at_extraordinary_vertices(valence: int) -> None:
     face = Face(displaced(meshes.fan(valence, 2), valence, 0.1))
-    hull = extraordinary_hull(extraordinary_nets(face.mesh, np.array([0]), valence).reshape(2 * valence + 8, 1, 3))
+    nets = extraordinary_nets(face.mesh, np.array([0]), valence).reshape(2 * valence + 8, 1, 3)
+    hull = extraordinary_hull(nets, (valence, 4, 4, 4))
     assert_holds(hull, face)
     # What the last square adds is small.
     assert hull.reach()[0] < 0.03 * np.ptp(face.surface, axis=0).max()
+
+
+@pytest.mark.parametrize("valences", [(6, 4, 3, 4), (3, 3, 3, 3), (5, 3, 7, 4), (4, 4, 8, 6)])
+def test_hulls_at_several_extraordinary_vertices(valences: Valences) -> None:
+    face = Face(displaced(meshes.around_quad(valences), sum(valences), 0.05))
+    hull = extraordinary_hull(quad_nets(face.mesh, np.array([0]), valences), valences)
+    assert_holds(hull, face)
+    assert hull.reach()[0] < 0.03 * np.ptp(face.surface, axis=0).max()
+    assert_bounded(face, hull, templates(0)[0])
 
 
 QUADS = {

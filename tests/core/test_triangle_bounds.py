@@ -25,6 +25,7 @@ from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
 from ccdepth_addon.core.surface.refinement import Refinement
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
+from ccdepth_addon.core.surface.stencils import Valences, quad_nets
 from tests import meshes
 from tests.brute_force import linear_children
 
@@ -132,7 +133,7 @@ def bounds_of(valence: int, pattern: int, alternative: int, nets: FloatArray, *,
         np.testing.assert_allclose(in_all, found.whole, rtol=ROUNDING)
     else:
         net = extraordinary_nets(mesh, np.array([0]), valence).reshape(2 * valence + 8, -1, 3)
-        matrices = triangle_bounds.extraordinary_rows(valence, pattern, alternative)
+        matrices = triangle_bounds.extraordinary_rows((valence, 4, 4, 4), pattern, alternative)
         found = triangle_bounds.extraordinary_error_bounds(matrices, net, normals)
     return np.stack([found.whole, found.normal, found.tangential])
 
@@ -324,6 +325,36 @@ def test_monomials_take_no_more_rounding_than_told() -> None:
 
 # A limit of so many times the largest distance should be seen to hold.
 TIGHT = 1.1
+
+SEVERAL_VALENCES = [(6, 4, 3, 4), (3, 3, 3, 3), (5, 3, 7, 4), (4, 4, 8, 6), (12, 3, 4, 4)]
+
+
+@pytest.mark.parametrize("valences", SEVERAL_VALENCES)
+def test_no_triangle_over_several_extraordinary_corners_is_farther_than_its_bound(valences: Valences) -> None:
+    around = meshes.around_quad(valences)
+    of_face = Samples(apply_boundary_rule(meshes.to_polygon_mesh(around), smooth_corners=True))
+    nets = random_nets(of_face.mesh, sum(valences))
+    surface = of_face.surface(nets)
+    own = quad_nets(of_face.mesh.changed(positions=nets.reshape(len(nets), -1)), np.array([0]), valences)
+    own = own.reshape(len(own), *nets.shape[1:])
+    np.testing.assert_allclose(
+        np.tensordot(triangle_bounds.extraordinary_points(valences)[:8], own, axes=1),
+        surface[of_face.corners()],
+        rtol=0,
+        atol=ROUNDING,
+    )
+    for pattern, alternative in FEW_CHOICES:
+        template = templates(pattern)[alternative]
+        distances = of_face.distances(template, surface)
+        rows = triangle_bounds.extraordinary_rows(valences, pattern, alternative)
+        normals = normals_of(template, surface[of_face.corners()])
+        found = triangle_bounds.extraordinary_error_bounds(rows, own, normals)
+        bounds = np.stack([found.whole, found.normal, found.tangential])
+        assert np.all(distances <= bounds * (1 + ROUNDING) + ROUNDING)
+        # As near as at one extraordinary vertex: wild nets bend most there.
+        assert np.median(bounds[0] / distances[0]) < 1.6
+        np.testing.assert_allclose(triangle_bounds.extraordinary_distances(rows, own), bounds[0], rtol=ROUNDING)
+
 
 OTHER_QUADS = {
     "semi-sharp creases": lambda: meshes.with_random_creases(meshes.landscape(4, 4), seed=2, share=0.5),

@@ -15,12 +15,10 @@ from itertools import pairwise
 import numpy as np
 
 from ...arrays.types import BoolArray, IndexArray
+from ...surface.stencils import Valences
 from ..leaf_approximation import Cells
 from ..quadtree import NONE, Quadtree
 from .patch_cells import CELLS_AT_ONCE, BicubicCells, NetCells
-
-# Cells of one kind have nets of as many points.
-Kind = tuple[type[NetCells], int]
 
 
 class CellStore:
@@ -92,24 +90,23 @@ def some(cells: Cells, wanted: BoolArray) -> list[Cells]:
 
 def in_blocks(cells: Iterable[Cells]) -> Iterator[Cells]:
     """The same cells; those with nets in blocks of about ``CELLS_AT_ONCE`` of one kind."""
-    waiting: defaultdict[Kind, list[NetCells]] = defaultdict(list)
-    counts = Counter[Kind]()
+    waiting: defaultdict[Valences, list[NetCells]] = defaultdict(list)
+    counts = Counter[Valences]()
     for block in cells:
         if not isinstance(block, NetCells):
             yield block
             continue
-        kind = type(block), len(block.nets)
-        waiting[kind].append(block)
-        counts[kind] += len(block.nodes)
-        if counts[kind] >= CELLS_AT_ONCE / 2:
-            yield from _cut(_joined(waiting.pop(kind)))
-            counts[kind] = 0
+        waiting[block.valences].append(block)
+        counts[block.valences] += len(block.nodes)
+        if counts[block.valences] >= CELLS_AT_ONCE / 2:
+            yield from _cut(_joined(waiting.pop(block.valences)))
+            counts[block.valences] = 0
     for same in waiting.values():
         yield _joined(same)
 
 
 def _joined(blocks: list[NetCells]) -> NetCells:
-    return blocks[0] if len(blocks) == 1 else type(blocks[0]).joined(blocks)
+    return blocks[0] if len(blocks) == 1 else blocks[0].joined(blocks[1:])
 
 
 def _cut(cells: NetCells) -> Iterator[NetCells]:

@@ -13,7 +13,7 @@ from ...arrays.types import FloatArray, IndexArray
 from ...arrays.vectors import component_major, selected_vectors
 from ...surface.patches import classify_patches
 from ...surface.refinement import Refinement
-from ...surface.stencils import by_valence
+from ...surface.stencils import by_valence, by_valences
 from ..leaf_approximation import Cells
 from ..leaf_bounds.descent import Descent
 from ..leaf_bounds.irregular_bounds import template_error_bounds
@@ -21,7 +21,7 @@ from ..leaf_bounds.leaf_distance import Hull
 from ..leaf_bounds.refined_hulls import hull_of_quads
 from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..quadtree import Quadtree
-from .patch_cells import BicubicCells, ExtraordinaryCells
+from .patch_cells import LEAST_OF_A_KIND, BicubicCells, ExtraordinaryCells
 from .quad_cells import QuadCells
 
 
@@ -86,7 +86,10 @@ def cells_of_refinement(nodes: IndexArray, refinement: Refinement) -> Iterator[C
     if len(regular):
         yield BicubicCells.of_faces(mesh, regular, nodes[regular])
     for valence, faces in extraordinary:
-        yield ExtraordinaryCells.of_faces(mesh, kinds, valence, faces, nodes[faces])
+        yield ExtraordinaryCells.of_faces(mesh, (valence, 4, 4, 4), kinds.extraordinary_corners[faces], nodes[faces])
+    inside, rest = by_valences(mesh, kinds, rest, LEAST_OF_A_KIND)
+    for valences, corners in inside:
+        yield ExtraordinaryCells.of_faces(mesh, valences, corners, nodes[mesh.corner_faces[corners]])
     if len(rest):
         wanted = np.zeros(len(nodes), dtype=bool)
         wanted[rest] = True

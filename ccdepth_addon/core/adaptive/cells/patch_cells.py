@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Quads of a quadtree represented by a net of which every bound is a linear function (``triangle_bounds``).
 
-They are bicubic, or have an extraordinary corner.
+They are bicubic, or have extraordinary corners, and quads alone around them.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...arrays.vectors import component_major, selected_vectors, transformed_nets
 from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, patch_coefficients, tensor
-from ...surface.patches import PatchKinds, extraordinary_nets, regular_nets
-from ...surface.stencils import patch_stencils
+from ...surface.patches import regular_nets
+from ...surface.stencils import Valences, quad_nets, quad_stencils
 from ..leaf_approximation import LeafApproximation
 from ..leaf_bounds import triangle_bounds
 from ..leaf_bounds.child_bounds import ChildSamples, child_distances, corners_of_children
@@ -41,6 +41,10 @@ SMALL_REST = 0.05
 
 # Cells evaluated together: temporary arrays stay in cache, and in memory that the system need not provide anew.
 CELLS_AT_ONCE = 1 << 12
+
+# Of quads with several extraordinary corners as many alike have stencils of their own; fewer are refined together with
+# others.
+LEAST_OF_A_KIND = 8
 
 
 def _child_matrices() -> list[FloatArray]:
@@ -71,28 +75,33 @@ TO_BERNSTEIN = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
 class NetCells(QuadCells):
     """Quads with a net.
 
-    nodes: (P,); slots: (P,) the slot the net is counted from; nets: (N, P, 3).
+    nodes: (P,); slots: (P,) the slot the net is counted from; nets: (N, P, 3). valences: of their corners from the
+    slot on; nets are of one kind where these are the same.
     """
 
     nodes: IndexArray
     slots: IndexArray
     nets: FloatArray
+    valences: Valences = (4, 4, 4, 4)
 
-    @classmethod
-    def joined(cls, blocks: Sequence[NetCells]) -> Self:
-        """Cells of one kind as one block."""
-        return cls(
-            np.concatenate([block.nodes for block in blocks]),
-            np.concatenate([block.slots for block in blocks]),
-            np.concatenate([block.nets for block in blocks], axis=1),
+    def joined(self, others: Sequence[NetCells]) -> Self:
+        """These and others of the same kind as one block."""
+        blocks: list[NetCells] = [self, *others]
+        return replace(
+            self,
+            nodes=np.concatenate([block.nodes for block in blocks]),
+            slots=np.concatenate([block.slots for block in blocks]),
+            nets=np.concatenate([block.nets for block in blocks], axis=1),
         )
 
     def at(self, chosen: IndexArray) -> Self:
-        return type(self)(self.nodes[chosen], self.slots[chosen], selected_vectors(self.nets, chosen))
+        return replace(
+            self, nodes=self.nodes[chosen], slots=self.slots[chosen], nets=selected_vectors(self.nets, chosen)
+        )
 
     def part(self, block: slice) -> Self:
         """Some of them, side by side, without a copy."""
-        return type(self)(self.nodes[block], self.slots[block], self.nets[:, block])
+        return replace(self, nodes=self.nodes[block], slots=self.slots[block], nets=self.nets[:, block])
 
     def turns(self) -> IndexArray:
         return self.slots
@@ -275,46 +284,42 @@ class _FarChildren:
 
 
 class ExtraordinaryCells(NetCells):
-    """Quads whose corner at the slot is extraordinary, of one valence n, by the net of 2n + 8 points around it."""
+    """Quads with extraordinary corners, by the nets of points around them (``stencils.quad_nets``)."""
 
     @staticmethod
-    def of_faces(
-        mesh: PolygonMesh, kinds: PatchKinds, valence: int, faces: IndexArray, nodes: IndexArray
-    ) -> ExtraordinaryCells:
-        """From faces of a mesh with an extraordinary vertex of this valence."""
-        corners = kinds.extraordinary_corners[faces]
-        nets = component_major(extraordinary_nets(mesh, corners, valence))
-        return ExtraordinaryCells(nodes, corners - mesh.face_starts[faces], nets)
-
-    @property
-    def valence(self) -> int:
-        return (len(self.nets) - 8) // 2
+    def of_faces(mesh: PolygonMesh, valences: Valences, corners: IndexArray, nodes: IndexArray) -> ExtraordinaryCells:
+        """From faces of a mesh, by the corners (P,) from which they have these valences."""
+        nets = component_major(quad_nets(mesh, corners, valences))
+        return ExtraordinaryCells(nodes, corners - mesh.face_starts[mesh.corner_faces[corners]], nets, valences)
 
     def children(self, tree: Quadtree, wanted: BoolArray | None = None) -> Iterator[NetCells]:
-        stencils = patch_stencils(self.valence)
-        regular = [TO_BERNSTEIN @ stencils.regular[16 * child : 16 * (child + 1)] for child in range(3)]
-        for turn, matrix in enumerate([stencils.refined, *regular]):
+        stencils = quad_stencils(self.valences)
+        for turn, (valence, matrix) in enumerate(zip(self.valences, stencils.children, strict=True)):
             slots, chosen = (self.slots + turn) % 4, np.arange(len(self.nodes))
             if wanted is not None:
                 chosen = np.flatnonzero(wanted[slots, chosen])
-            if len(chosen):
-                nodes = tree.first_child[self.nodes[chosen]] + slots[chosen]
-                kind = BicubicCells if turn else ExtraordinaryCells
-                yield kind(nodes, np.zeros_like(nodes), transformed_nets(matrix, selected_vectors(self.nets, chosen)))
+            if not len(chosen):
+                continue
+            nodes, nets = tree.first_child[self.nodes[chosen]] + slots[chosen], selected_vectors(self.nets, chosen)
+            if valence == 4:
+                yield BicubicCells(nodes, np.zeros_like(nodes), transformed_nets(TO_BERNSTEIN @ matrix, nets))
+            else:
+                nets = transformed_nets(matrix, nets)
+                yield ExtraordinaryCells(nodes, np.zeros_like(nodes), nets, (valence, 4, 4, 4))
 
     def _distances_of_template(self, chosen: IndexArray, pattern: int, alternative: int, limit: float) -> FloatArray:
-        rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative)
+        rows = triangle_bounds.extraordinary_rows(self.valences, pattern, alternative)
         return triangle_bounds.extraordinary_distances(rows, selected_vectors(self.nets, chosen))
 
     def _error_bounds_of_template(
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray
     ) -> ErrorBounds:
-        rows = triangle_bounds.extraordinary_rows(self.valence, pattern, alternative)
+        rows = triangle_bounds.extraordinary_rows(self.valences, pattern, alternative)
         normals = triangle_normals(selected_vectors(points, chosen), templates(pattern)[alternative])
         return triangle_bounds.extraordinary_error_bounds(rows, selected_vectors(self.nets, chosen), normals)
 
     def _to_points(self) -> FloatArray:
-        return triangle_bounds.extraordinary_points(self.valence)
+        return triangle_bounds.extraordinary_points(self.valences)
 
     def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
-        return extraordinary_hull(selected_vectors(self.nets, chosen))
+        return extraordinary_hull(selected_vectors(self.nets, chosen), self.valences)

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from ...arrays.vectors import cross_products, dot_products, selected_vectors, sq
 from ...bounds.norm_bounds import certified_limit_factor
 from ...bounds.norms import second_differences
 from ...surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, tensor
-from ...surface.stencils import patch_stencils
+from ...surface.stencils import Valences, patch_stencils, quad_stencils
 from ..templates import Template
 from .triangle_shapes import triangle_normals
 
@@ -127,8 +128,8 @@ def bicubic_hull(coefficients: FloatArray) -> Hull:
 
 @dataclass(frozen=True)
 class ExtraordinaryHullRows:
-    """Functionals of a net of 2n + 8 points. points: (R, 2n + 8), hull points; parts and sides: as in ``Hull``.
-    spread: (2n + 10, 2n + 8), as in ``Hull``."""
+    """Functionals of a net of N points. points: (R, N), hull points; parts and sides: as in ``Hull``. spread: (D, N),
+    as in ``Hull``."""
 
     points: FloatArray
     parts: IndexArray
@@ -136,41 +137,55 @@ class ExtraordinaryHullRows:
     spread: FloatArray
 
 
-def _extraordinary_rows(valence: int) -> ExtraordinaryHullRows:
-    """The coefficients of the bicubic pieces of some levels, then the corners of the last square."""
-    stencils, net = patch_stencils(valence), np.eye(2 * valence + 8)
+@lru_cache(maxsize=1024)
+def _extraordinary_rows(valences: Valences) -> ExtraordinaryHullRows:
+    """Corner by corner the coefficients of the bicubic pieces of some levels, and the corners of a last square."""
+    to_bernstein, children = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN), quad_stencils(valences).children
+    after, before, facet = np.array([0, 4, 8, 12]), np.array([3, 2, 1, 0]), np.arange(4)
+    rows: list[FloatArray] = []
+    parts: list[IndexArray] = []
+    spread = [np.zeros((0, children[0].shape[1]))]
+    # For each corner, the curves over the halves of the sides from there and to there.
+    first, last = [], []
+    start = 0
+    for valence, net in zip(valences, children, strict=True):
+        if valence == 4:
+            rows.append(to_bernstein @ net)
+            parts.append(start + np.arange(16))
+            first.append(start + after)
+            last.append(start + before)
+            start += 16
+            continue
+        stencils, levels = patch_stencils(valence), _levels_at_vertex(valence) - 1
+        # The pieces at corners 1 to 3 of each level.
+        for _ in range(levels):
+            rows.append(np.kron(np.eye(3), to_bernstein) @ stencils.regular @ net)
+            net = stencils.refined @ net
+        starts = start + 48 * np.arange(levels)[:, None]
+        rows.append(stencils.limits @ net)
+        own = start + 48 * levels + facet
+        parts += [*(start + np.arange(48 * levels)).reshape(-1, 16), np.resize(own, 16)]
+        first.append(np.concatenate([(starts + before).ravel(), own[[0, 1]]]))
+        last.append(np.concatenate([(starts + 32 + after).ravel(), own[[3, 0]]]))
+        start += 48 * levels + 4
+        # The surface is off the bilinear facet over these corners by as much of each component as this one's second
+        # differences tell: so by a vector in the hull of these, times the factor, and their opposites.
+        middles, ones, others = second_differences(valence)
+        spread.append(certified_limit_factor(valence) * (2 * net[middles] - net[ones] - net[others]))
+    sides = [[first[side], last[(side + 1) % 4]] for side in range(4)]
+    return ExtraordinaryHullRows(np.concatenate(rows), np.stack(parts), sides, np.concatenate(spread))
+
+
+def _levels_at_vertex(valence: int) -> int:
+    """After so many the last square is small."""
     cosine = np.cos(np.pi / valence)
     rate = (4 + 2 * cosine**2 + cosine * np.sqrt(16 + 4 * cosine**2)) / 16
-    levels = int(np.ceil(np.log(SMALL_SQUARE) / np.log(rate)))
-    to_bernstein, rows = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN), []
-    for _ in range(levels):
-        rows += [to_bernstein @ stencils.regular[16 * child : 16 * (child + 1)] @ net for child in range(3)]
-        net = stencils.refined @ net
-    # The pieces at corners 1 to 3 of each level, along their own sides from corner 0 and to it.
-    starts = 16 * np.arange(3 * levels).reshape(-1, 3)
-    after, before = starts[..., None] + [0, 4, 8, 12], starts[..., None] + [3, 2, 1, 0]
-    last = starts.size * 16 + np.arange(4)
-    inner_first = np.concatenate([before[1:, 0].ravel(), last[[0, 1]]])
-    inner_last = np.concatenate([after[1:, 2].ravel(), last[[3, 0]]])
-    sides = [
-        [inner_first, before[0, 0]],
-        [after[0, 0], before[0, 1]],
-        [after[0, 1], before[0, 2]],
-        [after[0, 2], inner_last],
-    ]
-    # The surface is off the bilinear facet over these corners by as much of each component as this one's second
-    # differences tell: so by a vector in the hull of these, times the factor, and their opposites.
-    middles, ones, others = second_differences(valence)
-    spread = 2 * net[middles] - net[ones] - net[others]
-    spread *= certified_limit_factor(valence)
-    parts = np.concatenate([np.arange(16 * starts.size).reshape(-1, 16), [np.resize(last, 16)]])
-    return ExtraordinaryHullRows(np.concatenate([*rows, stencils.limits @ net]), parts, sides, spread)
+    return int(np.ceil(np.log(SMALL_SQUARE) / np.log(rate)))
 
 
-def extraordinary_hull(nets: FloatArray) -> Hull:
-    """Of quads whose corner 0 is extraordinary, by nets (2n + 8, P, 3)."""
-    valence = (len(nets) - 8) // 2
-    rows = _extraordinary_rows(valence)
+def extraordinary_hull(nets: FloatArray, valences: Valences) -> Hull:
+    """Of quads with corners of these valences, by nets (N, P, 3)."""
+    rows = _extraordinary_rows(valences)
     points, spread = transformed_nets(rows.points, nets), transformed_nets(rows.spread, nets)
     return Hull(points, rows.parts, rows.sides, spread)
 

@@ -9,8 +9,8 @@ control net, so a template is a matrix for each kind of net:
 - a bicubic quad: 16 Bernstein coefficients, by the quarters of triangles. Where S - T is nearly quadratic it is enough
   to take it apart: the quadratic polynomial with its values at the vertices and the middles of the sides, and the rest,
   monomial by monomial;
-- a quad at an extraordinary vertex: its net, by way of the bicubic pieces of some levels (``stencils``); what is left
-  at the vertex is compared with its bilinear facet, which is within a known part of the second-order norm.
+- a quad at extraordinary vertices: its net, by way of the bicubic pieces of some levels (``stencils``); what is left
+  at such a vertex is compared with its bilinear facet, which is within a known part of the second-order norm.
 
 Any other quad is refined first (``irregular_bounds``).
 
@@ -27,6 +27,7 @@ weight is off by the rounding of one division. docs/adaptive.md (Rounding) has w
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
 from itertools import combinations_with_replacement, pairwise
@@ -40,7 +41,7 @@ from ...arrays.vectors import dot_products, selected_vectors, squared_dots, squa
 from ...bounds.norm_bounds import certified_limit_factor
 from ...bounds.norms import second_differences
 from ...surface.bicubic import SPLINE_TO_BERNSTEIN, bilinear_coefficients, tensor
-from ...surface.stencils import patch_stencils
+from ...surface.stencils import Valences, patch_stencils, quad_stencils
 from ..templates import QUAD_POINTS, Triangle, templates
 
 DEGREE = 6
@@ -409,43 +410,65 @@ def _off_at_middles(triangle: FloatArray) -> FloatArray:
 
 
 @dataclass(frozen=True)
-class ExtraordinaryRows:
-    """S - T over a quad whose corner 0 is extraordinary, as functionals of its net of 2n + 8 points.
+class LastSquare:
+    """Functionals of a net of N points for the last square at an extraordinary vertex. rows: B - T over it.
+    differences: (2n + 10, N), the second differences of its net; S - B is no longer than the longest of these, times
+    factor."""
 
-    pieces: over bicubic pieces. last: B - T over the last square there; differences: (2n + 10, 2n + 8), the second
-    differences of its net, which bound S - B.
-    """
+    rows: Rows
+    differences: FloatArray
+    factor: float
+
+
+@dataclass(frozen=True)
+class ExtraordinaryRows:
+    """S - T over a quad with extraordinary corners, as functionals of its net. pieces: over bicubic pieces; last: what
+    is left at each of these corners."""
 
     pieces: Rows
-    last: Rows
-    differences: FloatArray
+    last: Sequence[LastSquare]
 
 
-@lru_cache(maxsize=512)
-def extraordinary_rows(valence: int, pattern: int, alternative: int) -> ExtraordinaryRows:
-    """The rows for a valence of 3, 5 or more; the pattern is counted from the extraordinary corner on."""
-    stencils = patch_stencils(valence)
-    points = extraordinary_points(valence)
+@lru_cache(maxsize=2048)
+def extraordinary_rows(valences: Valences, pattern: int, alternative: int) -> ExtraordinaryRows:
+    """The rows for valences of 3 or more; the pattern is counted from the first corner on."""
+    nets = [*quad_stencils(valences).children]
+    points = extraordinary_points(valences)
+    to_bernstein, rows = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN), []
+    extraordinary = [corner for corner, valence in enumerate(valences) if valence != 4]
+    for corner in sorted({0, 1, 2, 3} - set(extraordinary)):
+        rows.append(template_rows(pattern, alternative, 4 + corner).of(to_bernstein @ nets[corner], points))
+    for level in range(1, LEVELS_AT_VERTEX):
+        for corner in extraordinary:
+            stencils = patch_stencils(valences[corner])
+            for child in (1, 2, 3):
+                surface = to_bernstein @ stencils.regular[16 * (child - 1) : 16 * child] @ nets[corner]
+                rows.append(template_rows(pattern, alternative, 4**level * (4 + corner) + child).of(surface, points))
+            nets[corner] = stencils.refined @ nets[corner]
+    last = []
+    for corner in extraordinary:
+        valence, net = valences[corner], nets[corner]
+        facet = bilinear_coefficients(patch_stencils(valence).limits @ net).reshape(16, -1)
+        path = 4 ** (LEVELS_AT_VERTEX - 1) * (4 + corner)
+        of_facet = Rows.joined([template_rows(pattern, alternative, path).of(facet, points)])
+        middles, ones, others = second_differences(valence)
+        differences = 2 * net[middles] - net[ones] - net[others]
+        last.append(LastSquare(of_facet, differences, certified_limit_factor(valence)))
+    return ExtraordinaryRows(Rows.joined(rows), last)
+
+
+def extraordinary_points(valences: Valences) -> FloatArray:
+    """(9, N): the points of a quad and its centre, on the limit surface, from its net."""
+    stencils = quad_stencils(valences)
     to_bernstein = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
-    net, rows = np.eye(2 * valence + 8), []
-    for level in range(1, LEVELS_AT_VERTEX + 1):
-        for child in (1, 2, 3):
-            surface = to_bernstein @ stencils.regular[16 * (child - 1) : 16 * child] @ net
-            rows.append(template_rows(pattern, alternative, 4**level + child).of(surface, points))
-        net = stencils.refined @ net
-    facet = bilinear_coefficients(stencils.limits @ net).reshape(16, -1)
-    last = Rows.joined([template_rows(pattern, alternative, 4**LEVELS_AT_VERTEX).of(facet, points)])
-    middles, ones, others = second_differences(valence)
-    differences = 2 * net[middles] - net[ones] - net[others]
-    return ExtraordinaryRows(Rows.joined(rows), last, differences)
-
-
-def extraordinary_points(valence: int) -> FloatArray:
-    """(9, 2n + 8): the points of a quad and its centre, on the limit surface, from its net."""
-    stencils = patch_stencils(valence)
-    corner_rows = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)[CORNER_COEFFICIENTS]
-    first, second, third = (corner_rows @ net for net in stencils.regular.reshape(3, 16, -1))
-    return np.concatenate([stencils.limits, [first[3], first[1], second[1], third[1]], first[2:3]])
+    corners = [
+        (to_bernstein[CORNER_COEFFICIENTS] if valence == 4 else patch_stencils(valence).limits) @ net
+        for valence, net in zip(valences, stencils.children, strict=True)
+    ]
+    middles = [
+        corners[side][1] if valence == 4 else corners[(side + 1) % 4][3] for side, valence in enumerate(valences)
+    ]
+    return np.concatenate([stencils.limits, middles, corners[1][2:3]])
 
 
 # (9, 16): the points of a bicubic quad and its centre from its Bernstein coefficients.
@@ -519,24 +542,24 @@ def _longest(vectors: FloatArray) -> FloatArray:
 
 
 def extraordinary_error_bounds(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> ErrorBounds:
-    """For nets (2n + 8, P, 3) and the triangles' normals (T, P, 3)."""
-    valence = (len(nets) - 8) // 2
-    pieces = ErrorBounds.of(transformed_nets(rows.pieces.matrix, nets), rows.pieces.triangles, normals)
-    differences = transformed_nets(rows.differences, nets)
-    left = ErrorBounds.of(transformed_nets(rows.last.matrix, nets), rows.last.triangles, normals)
-    # S - B is within a factor of the second differences; so is each component of it within theirs.
-    at_vertex = ErrorBounds(*(np.zeros(nets.shape[1]) for _ in range(3)))
-    for triangle in np.unique(rows.last.triangles).tolist():
-        own = np.full(len(differences), triangle)
-        found = ErrorBounds.of(differences, own, normals)
-        at_vertex = at_vertex.or_more(found.times(certified_limit_factor(valence)))
-    return pieces.or_more(left + at_vertex)
+    """For nets (N, P, 3) and the triangles' normals (T, P, 3)."""
+    found = ErrorBounds.of(transformed_nets(rows.pieces.matrix, nets), rows.pieces.triangles, normals)
+    for last in rows.last:
+        differences = transformed_nets(last.differences, nets)
+        left = ErrorBounds.of(transformed_nets(last.rows.matrix, nets), last.rows.triangles, normals)
+        # S - B is within a factor of the second differences; so is each component of it within theirs.
+        at_vertex = ErrorBounds(*(np.zeros(nets.shape[1]) for _ in range(3)))
+        for triangle in np.unique(last.rows.triangles).tolist():
+            own = np.full(len(differences), triangle)
+            at_vertex = at_vertex.or_more(ErrorBounds.of(differences, own, normals).times(last.factor))
+        found = found.or_more(left + at_vertex)
+    return found
 
 
 def extraordinary_distances(rows: ExtraordinaryRows, nets: FloatArray) -> FloatArray:
     """(P,): the same for ‖S - T‖ alone."""
-    valence = (len(nets) - 8) // 2
-    pieces, left, differences = (
-        _longest(transformed_nets(matrix, nets)) for matrix in (rows.pieces.matrix, rows.last.matrix, rows.differences)
-    )
-    return np.maximum(pieces, left + certified_limit_factor(valence) * differences)
+    found = _longest(transformed_nets(rows.pieces.matrix, nets))
+    for last in rows.last:
+        left, differences = (_longest(transformed_nets(each, nets)) for each in (last.rows.matrix, last.differences))
+        np.maximum(found, left + last.factor * differences, out=found)
+    return found
