@@ -910,6 +910,8 @@ ENTRIES = [
     Entry(ADAPTIVE + "template_choice.SLOPE_OF_HEIGHT", "0", set_to(0.0), ALL_ADAPTIVE),
     # Adaptive meshes: cells and their bounds.
     at_once(CELLS + "patch_cells.CELLS_AT_ONCE", "adaptive, large", "adaptive, pole", "adaptive, coarse"),
+    Entry(CELLS + "patch_cells.LEAST_OF_A_KIND", "none by stencils", set_to(UNLIMITED), ("adaptive, triangles",)),
+    Entry(CELLS + "patch_cells.LEAST_OF_A_KIND", "1", set_to(1), IRREGULAR),
     Entry(CELLS + "patch_cells.SMALL_REST", "0: children by their own coefficients", set_to(0.0), NETS),
     Entry(CELLS + "patch_cells.REFINABLE_QUADRATIC", "always finer", set_to(ALWAYS), SUZANNE),
     Entry(CELLS + "patch_cells.REFINABLE_QUADRATIC", "never finer", set_to(NEVER), SUZANNE),
@@ -1021,6 +1023,8 @@ CACHES = {
             LEAVES + "triangle_bounds.bicubic_rows",
             LEAVES + "triangle_bounds.quadratic_rows",
             LEAVES + "triangle_bounds.extraordinary_rows",
+            LEAVES + "leaf_distance._extraordinary_rows",
+            SURFACE + "stencils.quad_stencils",
             DEVIATION + "bezier_pieces.BezierPieces.edge_units",
             "exchange.control_mesh.MeshAsRead.key",
             "exchange.control_mesh.MeshAsRead.mesh",
