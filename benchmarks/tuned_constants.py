@@ -830,7 +830,6 @@ ENTRIES = [
     at_once(ARRAYS + "matrix_products.COLUMNS_AT_ONCE", "depths", "adaptive", "depths, extraordinary"),
     at_once(ARRAYS + "chunks.AT_ONCE", "depths", "depths, limit", "writing", "deviation", "adaptive, large"),
     at_once(ARRAYS + "chunks.FEW_AT_ONCE", *DEVIATIONS, "depths by norms, creases", "adaptive, n-gons"),
-    Entry(ARRAYS + "vectors.component_major", "left as they are", by(as_it_is), SUZANNE),
     Entry(ARRAYS + "vectors.cross_products", "numpy's own", by(numpy_cross), ("adaptive", "adaptive, n-gons")),
     Entry(ARRAYS + "vectors.squared_norms", "einsum", by(numpy_norms), ("depths", "adaptive", "deviation")),
     Entry(ARRAYS + "vectors.dot_products", "einsum", by(numpy_dots), SUZANNE),

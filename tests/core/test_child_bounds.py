@@ -18,7 +18,6 @@ from ccdepth_addon.core.adaptive.quadtree import Quadtree
 from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray
-from ccdepth_addon.core.arrays.vectors import component_major
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
@@ -70,7 +69,7 @@ def random_coefficients(roughness: float) -> FloatArray:
     grid = np.stack([*np.meshgrid(np.arange(4) / 3, np.arange(4) / 3, indexing="ij"), np.zeros((4, 4))], axis=-1)
     flat = np.repeat(grid.reshape(16, 1, 3), 60, axis=1)
     waves = np.sin(np.einsum("npi,ipj->npj", flat[..., :2], generator.normal(size=(2, 60, 3))))
-    return component_major(flat + waves + roughness * generator.normal(size=flat.shape))
+    return flat + waves + roughness * generator.normal(size=flat.shape)
 
 
 @pytest.mark.parametrize("roughness", [0.0, 0.01, 1.0])
@@ -102,7 +101,7 @@ def first_children(coefficients: FloatArray) -> FloatArray:
     """Of the children at corner 0, by blossoms: half the steps of de Casteljau in each direction."""
     halves = np.array([binom.pmf(np.arange(4), degree, 0.5) for degree in range(4)])
     found = np.einsum("ai,bj,ijpk->abpk", halves, halves, coefficients.reshape(4, 4, -1, 3))
-    return component_major(found.reshape(16, -1, 3))
+    return found.reshape(16, -1, 3)
 
 
 @pytest.mark.parametrize("roughness", [0.0, 0.01, 1.0])

@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 
 from ccdepth_addon.core.arrays.vectors import (
-    component_major,
     cross_products,
     dot_products,
     selected_vectors,
@@ -18,6 +17,11 @@ from ccdepth_addon.core.arrays.vectors import (
 
 # Sums of a few products of numbers below 1, each rounded by 2⁻⁵³ of it at most.
 ROUNDING = 2.0**-49
+
+
+def component_major(vectors: np.ndarray) -> np.ndarray:
+    """The same vectors, lying in memory as (…, 3, P)."""
+    return np.ascontiguousarray(vectors.swapaxes(-1, -2)).swapaxes(-1, -2)
 
 
 def nets(seed: int) -> np.ndarray:

@@ -3,8 +3,8 @@
 
 An array of vectors is *component-major* when it lies in memory as (…, 3, P): all x, then all y, then all z. Indexing,
 shapes and results are the same as in any other layout; only the time differs, because numpy works along whole runs of
-one component. ``component_major`` makes such arrays; ``selected_vectors``, ``transformed_nets``, ``cross_products`` and
-elementwise arithmetic on them keep the layout. No function requires it.
+one component. ``selected_vectors`` and ``transformed_nets`` make such arrays; ``cross_products`` and elementwise
+arithmetic keep the layout. No function requires it.
 """
 
 from __future__ import annotations
@@ -13,11 +13,6 @@ import numpy as np
 
 from .matrix_products import matrix_product
 from .types import FloatArray, IndexArray
-
-
-def component_major(vectors: FloatArray) -> FloatArray:
-    """The same vectors (…, P, 3), component-major; copied unless they are so already."""
-    return np.ascontiguousarray(vectors.swapaxes(-1, -2)).swapaxes(-1, -2)
 
 
 def selected_vectors(vectors: FloatArray, indices: IndexArray) -> FloatArray:

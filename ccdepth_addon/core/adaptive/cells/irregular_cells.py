@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from ...arrays.types import FloatArray, IndexArray
-from ...arrays.vectors import component_major, selected_vectors
+from ...arrays.vectors import selected_vectors
 from ...surface.patches import classify_patches
 from ...surface.refinement import Refinement
 from ...surface.stencils import by_valence, by_valences
@@ -100,4 +100,4 @@ def _points_of_quads(refinement: Refinement, corners: FloatArray) -> FloatArray:
     """(9, P, 3): the points of quads and their centres, from the limits at their corners (4P, 3)."""
     middles, centres = refinement.limits_inside()
     by_quad = [corners.reshape(-1, 4, 3), middles.reshape(-1, 4, 3), centres.reshape(-1, 4, 3)[:, :1]]
-    return component_major(np.concatenate(by_quad, axis=1).swapaxes(0, 1))
+    return np.concatenate(by_quad, axis=1).swapaxes(0, 1)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ...arrays.vectors import component_major, selected_vectors, transformed_nets
+from ...arrays.vectors import selected_vectors, transformed_nets
 from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, patch_coefficients, tensor
 from ...surface.patches import regular_nets
@@ -158,7 +158,7 @@ class BicubicCells(NetCells):
     def of_faces(mesh: PolygonMesh, faces: IndexArray, nodes: IndexArray) -> BicubicCells:
         """From regular faces of a mesh."""
         coefficients = patch_coefficients(regular_nets(mesh, faces)).reshape(16, -1, 3)
-        return BicubicCells(nodes, np.zeros_like(nodes), component_major(coefficients))
+        return BicubicCells(nodes, np.zeros_like(nodes), coefficients)
 
     def children(self, tree: Quadtree, wanted: BoolArray | None = None) -> Iterator[NetCells]:
         first, everything = tree.first_child[self.nodes], np.arange(len(self.nodes))
@@ -289,7 +289,7 @@ class ExtraordinaryCells(NetCells):
     @staticmethod
     def of_faces(mesh: PolygonMesh, valences: Valences, corners: IndexArray, nodes: IndexArray) -> ExtraordinaryCells:
         """From faces of a mesh, by the corners (P,) from which they have these valences."""
-        nets = component_major(quad_nets(mesh, corners, valences))
+        nets = quad_nets(mesh, corners, valences)
         return ExtraordinaryCells(nodes, corners - mesh.face_starts[mesh.corner_faces[corners]], nets, valences)
 
     def children(self, tree: Quadtree, wanted: BoolArray | None = None) -> Iterator[NetCells]:

@@ -14,7 +14,6 @@ import numpy as np
 
 from ...arrays.ranks import ranks_among_equal
 from ...arrays.types import FloatArray, IndexArray
-from ...arrays.vectors import component_major
 from ..quadtree import NONE
 from .descent import Descent, Squares
 from .irregular_bounds import NEAR_FACET
@@ -149,4 +148,4 @@ def _padded(pieces: _Pieces, corners: FloatArray) -> Hull:
         sides[half_side // 2].append(np.arange(first, first + 8 * longest))
         first += 8 * longest
     parts = np.arange(16 * most).reshape(-1, 16)
-    return Hull(component_major(np.concatenate(rows)), parts, sides, np.zeros((0, count, 3)))
+    return Hull(np.concatenate(rows), parts, sides, np.zeros((0, count, 3)))
