@@ -242,9 +242,9 @@ def extraordinary_nets(mesh: PolygonMesh, corners: IndexArray, valence: int) -> 
 def nets_inside(mesh: PolygonMesh, corners: IndexArray, valences: Sequence[int]) -> FloatArray:
     """(2 Σn - 16, P, 3) float64: nets of quads with corners of these four valences n, from the given corners (P,) on.
 
-    First the quad's corners. Then, corner by corner, the points around it beyond the quad: the other ends of its
-    edges, clockwise from the one beside the quad's side, and between two of these the points
-    diagonal from the corner that belong to no other corner's edges.
+    First the quad's corners. Then, corner by corner, the points around it beyond the quad: the other ends of its edges,
+    clockwise from the one beside the quad's side, and between two of these the points diagonal from the corner that
+    belong to no other corner's edges.
     """
     numbers = []
     first = corners

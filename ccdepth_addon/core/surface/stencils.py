@@ -23,6 +23,9 @@ from .patches import PatchKind, PatchKinds, extraordinary_nets, nets_inside, reg
 # Computing the stencils of a valence takes time proportional to its cube; beyond this, refining the mesh is faster.
 LARGEST_STENCIL_VALENCE = 64
 
+# Matrices take the more memory the more points a net has: not more than for one corner of the largest valence.
+MOST_POINTS = 2 * LARGEST_STENCIL_VALENCE + 8
+
 
 def stencil_patch(valence: int) -> PolygonMesh:
     """The faces of an extraordinary net of 2n + 8 points, vertex i at the i-th unit vector.
@@ -106,7 +109,7 @@ def quad_nets(mesh: PolygonMesh, corners: IndexArray, valences: Valences) -> Flo
     )
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=256)
 def quad_stencils(valences: Valences) -> QuadStencils:
     """The matrices for nets as ``quad_nets`` has them."""
     if is_extraordinary(valences):
@@ -144,8 +147,8 @@ def _patch_inside(valences: Valences) -> PolygonMesh:
 def by_valences(
     mesh: PolygonMesh, kinds: PatchKinds, faces: IndexArray, least: int
 ) -> tuple[list[tuple[Valences, IndexArray]], IndexArray]:
-    """Faces by the valences of their corners: where stencils are at hand and at least so many faces alike, the valences
-    and the first corners (P,); and the rest."""
+    """Faces by the valences of their corners: where stencils are at hand, of nets of ``MOST_POINTS`` at most, and at
+    least so many faces alike, the valences and the first corners (P,); and the rest."""
     inside = faces[kinds.inside[faces]]
     corners = mesh.face_starts[inside][:, None] + np.arange(4)
     valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
@@ -154,10 +157,11 @@ def by_valences(
     turned = np.stack([np.roll(valences, -turn, axis=1) for turn in range(4)])
     turns = (turned @ digits).argmax(axis=0)
     valences, first = turned[turns, np.arange(len(inside))], corners[np.arange(len(inside)), turns]
-    keys, own, counts = np.unique(valences @ digits, return_inverse=True, return_counts=True)
-    chosen = (counts[own] >= least) & np.all(valences <= LARGEST_STENCIL_VALENCE, axis=1)
-    groups = [np.flatnonzero((own == key) & chosen) for key in range(len(keys))]
-    found = [((*valences[group[0]].tolist(),), first[group]) for group in groups if len(group)]
+    _, own, counts = np.unique(valences @ digits, return_inverse=True, return_counts=True)
+    small = np.all(valences <= LARGEST_STENCIL_VALENCE, axis=1) & (2 * valences.sum(axis=1) - 16 <= MOST_POINTS)
+    chosen = (counts[own] >= least) & small
+    groups = [np.flatnonzero(own == key) for key in np.unique(own[chosen])]
+    found = [((*valences[group[0]].tolist(),), first[group]) for group in groups]
     return found, np.setdiff1d(faces, inside[chosen])
 
 

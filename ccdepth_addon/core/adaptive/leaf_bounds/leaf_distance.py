@@ -137,7 +137,7 @@ class ExtraordinaryHullRows:
     spread: FloatArray
 
 
-@lru_cache(maxsize=1024)
+@lru_cache(maxsize=256)
 def _extraordinary_rows(valences: Valences) -> ExtraordinaryHullRows:
     """Corner by corner the coefficients of the bicubic pieces of some levels, and the corners of a last square."""
     to_bernstein, children = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN), quad_stencils(valences).children

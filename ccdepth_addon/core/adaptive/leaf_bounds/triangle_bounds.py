@@ -429,7 +429,7 @@ class ExtraordinaryRows:
     last: Sequence[LastSquare]
 
 
-@lru_cache(maxsize=2048)
+@lru_cache(maxsize=512)
 def extraordinary_rows(valences: Valences, pattern: int, alternative: int) -> ExtraordinaryRows:
     """The rows for valences of 3 or more; the pattern is counted from the first corner on."""
     nets = [*quad_stencils(valences).children]
