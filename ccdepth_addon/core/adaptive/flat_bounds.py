@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays.ranges import ranges
 from ..arrays.ranks import ranks_among_equal
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, squared_norms
@@ -273,8 +274,7 @@ class _Grid:
         own, cells = _cells_of(*self._ranges(lows[near], highs[near]), len(self.most))
         first, last = (np.searchsorted(self.cells, cells, side) for side in ("left", "right"))
         counts = last - first
-        places = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-        others = self.boxes[np.repeat(first, counts) + places]
+        others = self.boxes[ranges(first, counts)]
         size = int(self.boxes.max(initial=0)) + 1
         found, others = np.divmod(np.unique(np.repeat(near[own], counts) * size + others), size)
         return found, others
@@ -309,6 +309,5 @@ def _cells_of(first: IndexArray, last: IndexArray, size: int) -> tuple[IndexArra
     rows, columns = np.maximum(last - first, 0).T
     counts = rows * columns
     boxes = np.repeat(np.arange(len(counts)), counts)
-    places = np.arange(counts.sum()) - np.repeat(np.cumsum(counts) - counts, counts)
-    row, column = np.divmod(places, columns[boxes])
+    row, column = np.divmod(ranges(np.zeros_like(counts), counts), columns[boxes])
     return boxes, (first[boxes, 0] + row) * size + first[boxes, 1] + column

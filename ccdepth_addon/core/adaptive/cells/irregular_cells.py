@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
+from ...arrays.ranges import ranges
 from ...arrays.types import FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors
 from ...surface.patches import classify_patches
@@ -73,8 +74,7 @@ class RefinedCells(QuadCells):
 
 def refined_children(tree: Quadtree, nodes: IndexArray, refinement: Refinement) -> Iterator[Cells]:
     sizes = refinement.mesh.face_sizes[: len(nodes)]
-    places = np.arange(sizes.sum()) - np.repeat(np.cumsum(sizes) - sizes, sizes)
-    children = np.repeat(tree.first_child[nodes], sizes) + places
+    children = ranges(tree.first_child[nodes], sizes)
     return cells_of_refinement(children, refinement.refined().numbered())
 
 
