@@ -80,6 +80,15 @@ def outline_of(points: FloatArray, pattern: int, template: Template) -> Outline:
     return Outline(points, template, range(4), [4 + side if pattern >> side & 1 else -1 for side in range(4)])
 
 
+def bounds_of(coefficients: FloatArray, pattern: int, alternative: int, limit: float) -> FloatArray:
+    """Of bicubic leaves (16, P, 3)."""
+    template = templates(pattern)[alternative]
+    points = of_rows(triangle_bounds.BICUBIC_POINTS, coefficients)
+    rows, normals = triangle_bounds.bicubic_rows(pattern, alternative), triangle_normals(points, template)
+    normal = triangle_bounds.bicubic_error_bounds(rows, coefficients, normals).normal
+    return leaf_distances(outline_of(points, pattern, template), bicubic_hull(coefficients), normal, limit)
+
+
 def distances_to_triangles(points: FloatArray, triangles: FloatArray) -> FloatArray:
     """(N,): of points (N, 3) to the nearest of triangles (T, 3, 3)."""
     a, b, c = (corner[None] for corner in triangles.swapaxes(0, 1))
@@ -132,11 +141,8 @@ def test_bicubic_leaves_are_within_their_bounds(kind: str) -> None:
     facets, found = grid_facets(), 0
     for pattern, alternative in CHOICES:
         template, coefficients = templates(pattern)[alternative], random_coefficients(kind, generator)
-        points = np.einsum("rk,kpi->rpi", triangle_bounds.BICUBIC_POINTS, coefficients)
-        rows, normals = triangle_bounds.bicubic_rows(pattern, alternative), triangle_normals(points, template)
-        normal = triangle_bounds.bicubic_error_bounds(rows, coefficients, normals).normal
-        outline, hull = outline_of(points, pattern, template), bicubic_hull(coefficients)
-        bounds = leaf_distances(outline, hull, normal, np.inf)
+        points = of_rows(triangle_bounds.BICUBIC_POINTS, coefficients)
+        bounds = bounds_of(coefficients, pattern, alternative, np.inf)
         for leaf in np.flatnonzero(np.isfinite(bounds)).tolist():
             surface, triangles = basis @ coefficients[:, leaf], points[[list(own) for own in template], leaf]
             missed = most_missed(surface.reshape(STEPS + 1, STEPS + 1, 3))
@@ -144,7 +150,7 @@ def test_bicubic_leaves_are_within_their_bounds(kind: str) -> None:
         found += np.count_nonzero(np.isfinite(bounds))
         # A limit takes away the bounds above it, and changes no others.
         limit = float(np.median(bounds))
-        limited = leaf_distances(outline, hull, normal, limit)
+        limited = bounds_of(coefficients, pattern, alternative, limit)
         np.testing.assert_array_equal(limited, np.where(bounds <= limit, bounds, np.inf))
     assert found > 0
 
@@ -165,11 +171,7 @@ def test_parabolas_are_bounded_exactly() -> None:
     coefficients = np.zeros((16, 1, 3))
     coefficients[:, 0, :2] = GRID
     coefficients[:, 0, 2] = np.repeat([0.0, 0.0, 1 / 3, 1.0], 4) * 0.02
-    points = np.einsum("rk,kpi->rpi", triangle_bounds.BICUBIC_POINTS, coefficients)
-    template = templates(0)[0]
-    normals = triangle_normals(points, template)
-    normal = triangle_bounds.bicubic_error_bounds(triangle_bounds.bicubic_rows(0, 0), coefficients, normals).normal
-    bound = leaf_distances(outline_of(points, 0, template), bicubic_hull(coefficients), normal, np.inf)[0]
+    bound = bounds_of(coefficients, 0, 0, np.inf)[0]
     assert 0.02 / 4 * 0.999 < bound < 0.02 / 4 * 1.001
 
 
@@ -180,11 +182,7 @@ def test_what_reaches_beyond_the_outline_adds_little() -> None:
     coefficients[:, 0, :2] = GRID * [1.0, 0.5]
     coefficients[:, 0, 2] = 0.02 * (np.array([0.0, 0.0, 1 / 3, 1.0])[i] + 2 * i * j / 9)
     coefficients[[7, 11], 0, 1] += 4 / 3 * 1e-4
-    points = np.einsum("rk,kpi->rpi", triangle_bounds.BICUBIC_POINTS, coefficients)
-    template = templates(0)[1]
-    normals = triangle_normals(points, template)
-    normal = triangle_bounds.bicubic_error_bounds(triangle_bounds.bicubic_rows(0, 1), coefficients, normals).normal
-    bound = leaf_distances(outline_of(points, 0, template), bicubic_hull(coefficients), normal, np.inf)[0]
+    bound = bounds_of(coefficients, 0, 1, np.inf)[0]
     # Off by 0.02 / 4 along the normals, but for their tilt, and beyond the outline by 1e-4.
     assert 0.02 / 4 * 0.999 < bound < 0.02 / 4 * 1.01
 

@@ -125,6 +125,8 @@ def bounds_of(valence: int, pattern: int, alternative: int, nets: FloatArray, *,
             closer = triangle_bounds.bicubic_rows(pattern, alternative)
             found = triangle_bounds.bicubic_error_bounds(closer, coefficients, normals)
             in_all = triangle_bounds.bicubic_distances(closer, coefficients, every)
+            along = triangle_bounds.bicubic_errors_along(closer, coefficients, normals)
+            np.testing.assert_allclose(along, found.normal, rtol=0, atol=ROUNDING)
         else:
             rows = triangle_bounds.quadratic_rows(pattern, alternative)
             quadratic, rest = triangle_bounds.quadratic_error_bounds(rows, coefficients, normals)
