@@ -83,6 +83,24 @@ def grid(columns: int, rows: int) -> MeshData:
     return MeshData(positions, np.full(columns * rows, 4), quads.reshape(-1))
 
 
+def hexagons(columns: int, rows: int, noise: float = 0.0, seed: int = 1) -> MeshData:
+    """A honeycomb in the plane z = 0, its vertices moved about within the plane. By more than 0.15 some hexagons are
+    dented."""
+    data = grid(2 * columns + 1, rows)
+    x, y, _ = data.positions.T
+    lifted = y + np.where((x + y) % 2 == 0, 0.15, -0.15)
+    own = np.stack([x, lifted, np.zeros_like(x)], axis=1)
+    own[:, :2] += np.random.default_rng(seed).uniform(-noise, noise, (len(own), 2))
+    index = np.arange(len(own)).reshape(rows + 1, -1)
+    faces = []
+    for row in range(rows):
+        for first in range(row % 2, row % 2 + 2 * columns, 2):
+            along = [first, first + 1, first + 2]
+            faces.append([*index[row, along].tolist(), *index[row + 1, along[::-1]].tolist()])
+    used, corners = np.unique(np.array(faces), return_inverse=True)
+    return MeshData(own[used], np.full(len(faces), 6), corners.reshape(-1))
+
+
 def landscape(columns: int, rows: int, seed: int = 1) -> MeshData:
     """A grid with hills and some noise on them."""
     data = grid(columns, rows)

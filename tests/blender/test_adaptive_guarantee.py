@@ -61,6 +61,13 @@ def flattened(data: meshes.MeshData) -> meshes.MeshData:
     return replace(data, positions=(data.positions + noise) * (1.0, 1.0, 0.05))
 
 
+def hexagons_with_a_bump() -> meshes.MeshData:
+    """Flat but for a bump near the border."""
+    data = meshes.hexagons(6, 11, 0.12)
+    away = np.linalg.norm(data.positions[:, :2] - (4.0, 3.0), axis=1)
+    return replace(data, positions=data.positions + np.maximum(2.0 - away, 0.0)[:, None] * (0.0, 0.0, 0.5))
+
+
 # Blender's triangles and its modifier are another version's elsewhere: on these they are measured in every Blender.
 EVERYWHERE: dict[str, Callable[[], meshes.MeshData]] = {
     name: NAMED[name] for name in ("cube", "valence 2", "valences 3 and 9", "n-gons")
@@ -69,6 +76,8 @@ EVERYWHERE: dict[str, Callable[[], meshes.MeshData]] = {
     "triangles": lambda: meshes.bumpy(meshes.bipyramid(6), 0.05),
     "concave faces": meshes.concave_faces,
     "nearly flat around a pole": lambda: flattened(meshes.fan(5, 3)),
+    "flat hexagons": lambda: meshes.hexagons(4, 7, 0.12),
+    "hexagons with a bump": hexagons_with_a_bump,
 }
 CASES: dict[str, Callable[[], meshes.MeshData]] = (
     EVERYWHERE
@@ -245,7 +254,9 @@ WORLDS: dict[str, FloatArray] = {
 
 
 @pytest.mark.parametrize("world", WORLDS)
-@pytest.mark.parametrize("name", ["n-gons", "n-gons with creases", "triangles", "valence 7", "concave faces"])
+@pytest.mark.parametrize(
+    "name", ["n-gons", "n-gons with creases", "triangles", "valence 7", "concave faces", "flat hexagons"]
+)
 def test_polygons_of_uneven_objects_are_within_the_tolerance(name: str, world: str) -> None:
     data = CASES[name]()
     diagonal = float(np.linalg.norm(np.ptp(data.positions, axis=0)))

@@ -37,9 +37,8 @@ def random_approximation(generator: np.random.Generator, count: int) -> LeafAppr
     normal, tangential = (np.where(known, generator.random(count), np.inf) for _ in range(2))
     alone = np.isfinite(bounds) & (generator.random(count) < 0.3)
     small = [generator.integers(0, 4, count).astype(np.int8) for _ in range(3)]
-    return LeafApproximation(
-        accepted, bounds, alone, normal, tangential, *small, generator.random(count) < 0.5, generator.random(count)
-    )
+    folded, thickness, least = generator.random(count) < 0.5, *generator.random((2, count))
+    return LeafApproximation(accepted, bounds, alone, normal, tangential, *small, folded, thickness, least)
 
 
 def some(generator: np.random.Generator, nodes: IndexArray) -> IndexArray:

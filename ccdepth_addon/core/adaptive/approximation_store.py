@@ -16,7 +16,7 @@ from .leaf_approximation import LeafApproximation
 from .leaf_bounds.triangle_bounds import ErrorBounds
 from .quadtree import NONE, Column, Quadtree
 
-OF_ALL_NODES = ("accepted", "bounds", "alone", "patterns", "alternatives", "turns", "folded", "least")
+OF_ALL_NODES = ("accepted", "bounds", "alone", "patterns", "alternatives", "turns", "folded", "thickness", "least")
 
 
 class ApproximationStore:
@@ -32,6 +32,7 @@ class ApproximationStore:
         self._normal, self._tangential, self._star_bounds = (Column(np.zeros(0)) for _ in range(3))
 
     least = property(lambda self: self._columns["least"].values)
+    thickness = property(lambda self: self._columns["thickness"].values)
 
     def put(self, nodes: IndexArray, approximation: LeafApproximation) -> None:
         """Replace the approximation of nodes, each once, and discard their star bounds."""

@@ -15,6 +15,7 @@ from ..arrays.ranges import ranges
 from ..arrays.ranks import ranks_among_equal
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, squared_norms
+from .flat_parts import THICKEST
 from .leaf_bounds.leaf_distance import Hull, off_sides
 from .plan import Plan
 from .quadtree import NONE
@@ -73,24 +74,38 @@ def _bounds_of_part(plan: Plan, part: int, members: IndexArray, leaves: IndexArr
     if len(chosen):
         frame = _frame(normal)
         border = _border(plan, members, _border_edges(plan, members), frame)
-        found.put(chosen, _near_border(plan, leaves[chosen], border, frame, thickness))
+        near = _near_border(plan, leaves[chosen], border, frame, thickness)
+        # The polygons are so far from the triangles that the bounds are of.
+        of_polygons = plan.approximations.thickness[members].max()
+        found.put(chosen, FlatBounds(near.bounds + of_polygons, near.own + of_polygons))
     return found
 
 
 def _face_up(plan: Plan, members: IndexArray, normal: FloatArray, thickness: float) -> BoolArray:
-    """(members,): the leaves all of whose triangles go round counter-clockwise, seen along the normal, and surely."""
-    tree = plan.tree
-    drawn = triangles_around(tree, members, plan.approximations.without_neighbours(members), plan.request.transitions)
-    points = plan.positions.of(drawn.used)[drawn.corners]
-    sides = np.roll(points, -1, axis=1) - points
-    areas = cross_products(sides[:, 0], sides[:, 1]) @ normal
-    longest = np.sqrt(squared_norms(sides).max(axis=1))
-    allowed = thickness + plan.request.rounding
-    fine = areas > LEAST_HEIGHT * allowed * longest
+    """(members,): the leaves all of whose triangles go round counter-clockwise, seen along the normal, and surely. For
+    polygons that are thin enough these lie around the mean of their corners."""
+    tree, approximation = plan.tree, plan.approximations.without_neighbours(members)
+    drawn = triangles_around(tree, members, approximation, plan.request.transitions)
     found = np.zeros(len(members), dtype=bool)
     found[drawn.leaves] = True
-    found[drawn.leaves[~fine]] = False
+    allowed = LEAST_HEIGHT * (thickness + plan.request.rounding)
+    found[drawn.leaves[~_turn_left(plan.positions.of(drawn.used)[drawn.corners], normal, allowed)]] = False
+    for vertices, leaves in drawn.polygons:
+        corners = tree.slot_vertices[tree.slots(members[leaves])].reshape(len(leaves), -1)
+        around, corners = (plan.positions.of(own.ravel()).reshape(*own.shape, 3) for own in (vertices, corners))
+        middle = np.broadcast_to(corners.mean(axis=1, keepdims=True), around.shape)
+        triangles = np.stack([around, np.roll(around, -1, axis=1), middle], axis=2)
+        fine = _turn_left(triangles.reshape(-1, 3, 3), normal, allowed).reshape(vertices.shape).all(axis=1)
+        found[leaves] = fine & (approximation.thickness[leaves] <= THICKEST * plan.request.limit)
     return found
+
+
+def _turn_left(triangles: FloatArray, normal: FloatArray, height: float) -> BoolArray:
+    """(T,): whether triangles (T, 3, 3) go round counter-clockwise, seen along the normal, and are higher than some
+    height."""
+    sides = np.roll(triangles, -1, axis=1) - triangles
+    areas = cross_products(sides[:, 0], sides[:, 1]) @ normal
+    return np.asarray(areas > height * np.sqrt(squared_norms(sides).max(axis=1)))
 
 
 def _sides(plan: Plan, members: IndexArray) -> tuple[IndexArray, IndexArray]:

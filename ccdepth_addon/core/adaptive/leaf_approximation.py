@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
+from .flat_parts import THICKEST
 from .leaf_bounds.leaf_distance import Hull, Outline
 from .leaf_bounds.triangle_bounds import ErrorBounds
 from .quadtree import Quadtree
@@ -27,7 +28,9 @@ class LeafApproximation:
     the error at equal parameters, along the triangles' normals and across them; inf where not computed. patterns and
     alternatives: int8, the template (``templates``), counted from slot ``turns`` on. folded: bool, whether the
     triangles of a whole quad face away from each other, here or where Blender triangulates it, so that it has to become
-    triangles. least: float64, an estimate from below of the error of a cell whose sides are whole.
+    triangles. thickness: float64, over a flat part how far the polygon that is drawn is from all triangles between its
+    vertices that cover the same, seen along the part's normal; 0 where no polygon is drawn, and elsewhere. least:
+    float64, an estimate from below of the error of a cell whose sides are whole.
     """
 
     accepted: BoolArray
@@ -39,6 +42,7 @@ class LeafApproximation:
     alternatives: NDArray[np.int8]
     turns: NDArray[np.int8]
     folded: BoolArray
+    thickness: FloatArray
     least: FloatArray
 
     @staticmethod
@@ -47,9 +51,15 @@ class LeafApproximation:
         accepted, alone, folded = np.zeros((3, count), dtype=bool)
         patterns, alternatives, turns = np.zeros((3, count), dtype=np.int8)
         bounds, normal, tangential = np.full((3, count), np.inf)
+        thickness, least = np.zeros((2, count))
         return LeafApproximation(
-            accepted, bounds, alone, normal, tangential, patterns, alternatives, turns, folded, np.zeros(count)
+            accepted, bounds, alone, normal, tangential, patterns, alternatives, turns, folded, thickness, least
         )
+
+    def accept_over_flat_parts(self, chosen: IndexArray, limit: float) -> None:
+        """Accept chosen ones, but for polygons that are too thick: for the function that puts an approximation
+        together."""
+        self.accepted[chosen] |= self.thickness[chosen] <= THICKEST * limit
 
     def at(self, chosen: IndexArray) -> LeafApproximation:
         """Those of some cells."""
@@ -80,16 +90,16 @@ class Cells(Protocol):
         known: LeafApproximation | None = None,
     ) -> LeafApproximation:
         """How to approximate them within the limit of a request; hanging: (slots of the nodes,) bool, which sides are
-        split. flat: (P,) which to accept in any case, unless all their sides are split or they are polygons. known: how
-        they are approximated, with these sides split, by star bounds that turned out to exceed the limit; now nothing
-        is accepted that needs neighbours."""
+        split. flat: (P,) which lie over flat parts, and are accepted unless all their sides are split or they are too
+        thick as polygons. known: how they are approximated, with these sides split, by star bounds that turned out to
+        exceed the limit; now nothing is accepted that needs neighbours."""
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """Error bounds along and across the normals of the triangles by which they are approximated."""
 
     def outlines(self, hanging: BoolArray, limit: float) -> Iterator[tuple[IndexArray, IndexArray, Outline, Hull]]:
         """In blocks of cells with sides split alike: their indices (n,); the slots from which the sides are counted
-        (n,); outlines and hulls. None where all sides are split, or of cells that are drawn as polygons."""
+        (n,); outlines and hulls. None where all sides are split."""
 
     def children(self, tree: Quadtree) -> Iterator[Cells]:
         """The cells of their children; the tree's nodes have been split."""

@@ -39,13 +39,14 @@ class OutlineStore:
     def __init__(self, tree: Quadtree, cells: CellStore, split_sides: Column) -> None:
         """split_sides: (nodes,) the number of a leaf's split sides."""
         self._tree, self._cells, self._split_sides = tree, cells, split_sides
+        # A quad has four sides, whatever the faces of the control mesh.
+        self._most_sides = int(tree.mesh.face_sizes.max(initial=4))
         self._blocks: list[OutlineBlock] = []
         self._keys, self._numbers, self._places = np.zeros((3, 0), dtype=np.intp)
 
     def of(self, leaves: IndexArray, limit: float) -> Iterator[OutlineBlock]:
         """In blocks, those of some leaves that have outlines (``Cells.outlines``)."""
-        # A quad has three split sides at most, and polygons have no outlines.
-        keys = 4 * leaves + np.minimum(self._split_sides.values[leaves], 3)
+        keys = self._most_sides * leaves + np.minimum(self._split_sides.values[leaves], self._most_sides - 1)
         is_new = ~np.isin(keys, self._keys)
         if np.any(is_new):
             self._put(leaves[is_new], keys[is_new], limit)

@@ -151,12 +151,14 @@ def _base_vertices(tree: Quadtree, used: IndexArray) -> ShortIndexArray:
 class Triangles:
     """T triangles of leaves. used: (U,) vertices of the tree, ascending; corners: (T, 3) indices into these; leaves:
     (T,) the leaf of each, as an index into the leaves. closed: (U,) whether the faces around a vertex are triangles and
-    quads that close up to a disc: not so on boundaries and infinitely sharp creases."""
+    quads that close up to a disc: not so on boundaries and infinitely sharp creases. polygons: of the leaves that are
+    drawn as polygons, in blocks, the vertices of the tree around them (P, k), and the leaves (P,)."""
 
     used: IndexArray
     corners: ShortIndexArray
     leaves: IndexArray
     closed: BoolArray
+    polygons: list[tuple[IndexArray, IndexArray]]
 
 
 def triangles_around(
@@ -164,7 +166,7 @@ def triangles_around(
 ) -> Triangles:
     """The triangles that tessellate leaves (L,)."""
     at_polygons = np.zeros(len(tree.vertex_edges), dtype=bool)
-    triangles, drawn = [np.zeros((0, 3), dtype=np.int32)], [np.zeros(0, dtype=np.intp)]
+    triangles, drawn, polygons = [np.zeros((0, 3), dtype=np.int32)], [np.zeros(0, dtype=np.intp)], []
     others = _polygons_of_faces(tree, leaves, transitions)
     of_faces = ((np.stack([*block.vertices(tree, leaves)], axis=1), block.leaves) for block in others)
     of_quads = (
@@ -176,9 +178,11 @@ def triangles_around(
             drawn.append(of_leaves)
         else:
             at_polygons[vertices] = True
+            polygons.append((vertices, of_leaves))
     corners = np.concatenate(triangles)
     used = compact(corners, len(tree.vertex_edges))
-    return Triangles(used, corners, np.concatenate(drawn), _are_inside(tree, used) & ~at_polygons[used])
+    closed = _are_inside(tree, used) & ~at_polygons[used]
+    return Triangles(used, corners, np.concatenate(drawn), closed, polygons)
 
 
 def _are_inside(tree: Quadtree, vertices: IndexArray) -> BoolArray:

@@ -17,7 +17,7 @@ from typing import Self
 import numpy as np
 
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ...arrays.vectors import squared_norms
+from ...arrays.vectors import selected_vectors, squared_norms
 from ...mesh.submesh import corners_of_faces
 from ...surface.refinement import Refinement
 from ..leaf_approximation import Cells, LeafApproximation
@@ -98,18 +98,30 @@ class PolygonCells:
         facets[3] = facets[1][self.refinement.mesh.previous_corner[: len(corners)]]
         starts = self.refinement.mesh.face_starts[: len(self.nodes)]
         found.least[:] = np.maximum.reduceat(np.sqrt(squared_norms(middles - facets[1])), starts)
-        chosen = np.flatnonzero((found.least <= limit) & ~np.logical_and.reduceat(hanging, starts))
+        over_flat = np.zeros(len(self.nodes), dtype=bool) if flat is None else flat
+        is_split = np.logical_and.reduceat(hanging, starts)
+        chosen = np.flatnonzero((over_flat | (found.least <= limit)) & ~is_split)
+        thickness = np.full(len(self.nodes), np.inf)
         if len(chosen):
-            kept = corners_of_faces(self.refinement.mesh, chosen)
+            kept, starts = self._corners_of(chosen)
+            thickness[chosen] = polygon_thickness(facets[:, kept], hanging[kept], starts, request.axes)
+        chosen = chosen[found.least[chosen] <= limit]
+        if len(chosen):
+            kept, starts = self._corners_of(chosen)
             normals = np.zeros((1, len(kept), 3))
             own = fan_error_bounds(replace(self).descent, chosen, kept, facets[:, kept], normals, limit)
-            sizes = self.refinement.mesh.face_sizes[chosen]
-            starts = np.cumsum(sizes) - sizes
-            bounds = np.maximum.reduceat(own.whole, starts)
-            bounds += polygon_thickness(facets[:, kept], hanging[kept], starts, request.axes)
+            bounds = np.maximum.reduceat(own.whole, starts) + thickness[chosen]
             found.accepted[chosen] = bounds <= limit
             found.bounds[chosen] = np.where(bounds <= limit, bounds, np.inf)
+        chosen = np.flatnonzero(over_flat)
+        found.thickness[chosen] = thickness[chosen]
+        found.accept_over_flat_parts(chosen, limit)
         return found
+
+    def _corners_of(self, chosen: IndexArray) -> tuple[IndexArray, IndexArray]:
+        """The corners of chosen faces, and where each face's begin among these."""
+        sizes = self.refinement.mesh.face_sizes[chosen]
+        return corners_of_faces(self.refinement.mesh, chosen), np.cumsum(sizes) - sizes
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """As in ``Cells``: both are at most the bounds of the whole distance, if these are at equal parameters."""
@@ -117,8 +129,28 @@ class PolygonCells:
         return ErrorBounds(bounds, bounds, bounds)
 
     def outlines(self, hanging: BoolArray, limit: float) -> Iterator[tuple[IndexArray, IndexArray, Outline, Hull]]:
-        """As in ``Cells``: none."""
-        return iter(())
+        """As in ``Cells``."""
+        sizes = self.refinement.mesh.face_sizes[: len(self.nodes)]
+        drawn = ~np.logical_and.reduceat(hanging, self.refinement.mesh.face_starts[: len(self.nodes)])
+        for size in np.unique(sizes[drawn]).tolist():
+            chosen = np.flatnonzero(drawn & (sizes == size))
+            points, hull = self.at(chosen)._hull(size, limit)
+            sides = hanging[self._corners_of(chosen)[0]].reshape(-1, size)
+            patterns, groups = np.unique(sides, axis=0, return_inverse=True)
+            for number, split in enumerate(patterns.tolist()):
+                own = np.flatnonzero(groups.reshape(-1) == number)
+                middles = [size + side if split[side] else -1 for side in range(size)]
+                outline = Outline(selected_vectors(points, own), (), range(size), middles)
+                yield chosen[own], np.zeros_like(own), outline, hull.at(own)
+
+    def _hull(self, size: int, limit: float) -> tuple[FloatArray, Hull]:
+        """(2n, P, 3), the corners of faces of n corners and the middles of their sides on the surface; and a hull."""
+        middles, _ = self.refinement.limits_inside()
+        corners, middles = (
+            points.reshape(-1, size, 3).swapaxes(0, 1) for points in (self.refinement.limits_at_corners(), middles)
+        )
+        hull = hull_of_fans(self.descent, np.arange(len(self.nodes)), corners, limit)
+        return np.concatenate([corners, middles]), hull
 
 
 @dataclass(frozen=True)
@@ -143,10 +175,11 @@ class TriangleCells(PolygonCells):
                 own_known = None if known is None else known.at(chosen)
                 found.put(chosen, part._approximate_template(pattern, request, own_known))
                 if flat is not None:
-                    found.accepted[chosen[flat[chosen]]] = True
+                    found.accept_over_flat_parts(chosen[flat[chosen]], request.limit)
             else:
                 sides = np.tile((pattern & PATTERN_BITS) > 0, len(chosen))
-                found.put(chosen, super(TriangleCells, part).approximate(sides, request))
+                own_flat = None if flat is None else flat[chosen]
+                found.put(chosen, super(TriangleCells, part).approximate(sides, request, flat=own_flat))
         return found
 
     def _approximate_template(
@@ -190,16 +223,6 @@ class TriangleCells(PolygonCells):
         corners = self.refinement.limits_at_corners().reshape(-1, 3, 3)
         by_triangle = [corners, middles.reshape(-1, 3, 3), centres.reshape(-1, 3, 3)[:, :1]]
         return np.ascontiguousarray(np.concatenate(by_triangle, axis=1).swapaxes(0, 1))
-
-    def outlines(self, hanging: BoolArray, limit: float) -> Iterator[tuple[IndexArray, IndexArray, Outline, Hull]]:
-        """As in ``Cells``."""
-        patterns = hanging.reshape(-1, 3) @ PATTERN_BITS
-        for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
-            chosen = np.flatnonzero(patterns == pattern)
-            part = self.at(chosen)
-            points = part._points()
-            hull = hull_of_fans(part.descent, np.arange(len(chosen)), points[CORNERS], limit)
-            yield chosen, np.zeros_like(chosen), _outline(points, pattern), hull
 
     def _leaf_distances(
         self, chosen: IndexArray, pattern: int, points: FloatArray, normal: FloatArray, request: AdaptiveRequest

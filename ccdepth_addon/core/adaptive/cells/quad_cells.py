@@ -99,7 +99,9 @@ class QuadCells(ABC):
             quads = QuadsByPattern(self.scratch(), chosen, patterns[chosen], self.points(), request)
             own = quads.approximate() if known is None else quads.approximate_alone()
             if flat is not None:
-                own.accepted[flat[chosen] & ~quads.as_polygons()] = True
+                over_flat = np.flatnonzero(flat[chosen])
+                own.thickness[over_flat] = quads.at(over_flat).thickness(own.alternatives[over_flat])
+                own.accept_over_flat_parts(over_flat, request.limit)
             own.folded[:] = quads.folded(own)
             found.put(chosen, replace(own, patterns=patterns[chosen], turns=turns[chosen]))
         return found
@@ -108,10 +110,12 @@ class QuadCells(ABC):
         """As in ``Cells``."""
         cells, points = self.scratch(), self.points()
         patterns = patterns_of(hanging, self.turns())
-        for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
-            chosen = np.flatnonzero(patterns == pattern)
-            outline = _outline(selected_vectors(points, chosen), pattern, 0)
-            yield chosen, self.turns()[chosen], outline, cells.hull_of(chosen, points, limit)
+        drawn = np.flatnonzero(patterns != ALL_SPLIT)
+        hull = cells.hull_of(drawn, points, limit)
+        for pattern in np.unique(patterns[drawn]).tolist():
+            own = np.flatnonzero(patterns[drawn] == pattern)
+            chosen = drawn[own]
+            yield chosen, self.turns()[chosen], _outline(selected_vectors(points, chosen), pattern, 0), hull.at(own)
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """As in ``Cells``."""
@@ -206,10 +210,22 @@ class QuadsByPattern:
         if self.request.transitions is not Transitions.NGONS:
             return distances
         found, within = distances.copy(), np.flatnonzero(distances <= self.request.limit)
-        for pattern, alternative, own in template_groups(numbers[within]):
+        found[within] += self.at(chosen[within])._thickness(numbers[within])
+        return found
+
+    def thickness(self, alternatives: NDArray[np.int8]) -> FloatArray:
+        """(n,): how far those that are drawn as polygons are from the triangles of alternatives (n,); 0 elsewhere."""
+        if self.request.transitions is not Transitions.NGONS:
+            return np.zeros(len(self.places))
+        return self._thickness(template_numbers(self.patterns, alternatives))
+
+    def _thickness(self, numbers: IndexArray) -> FloatArray:
+        """(n,): the same with N-gons, for numbers of templates (n,)."""
+        found = np.zeros(len(self.places))
+        for pattern, alternative, own in template_groups(numbers):
             if pattern != WHOLE:
-                points = selected_vectors(self.points, self.places[chosen[within[own]]])
-                found[within[own]] += thickness_of_quads(points, pattern, alternative, self.request.axes)
+                points = selected_vectors(self.points, self.places[own])
+                found[own] = thickness_of_quads(points, pattern, alternative, self.request.axes)
         return found
 
     def at(self, chosen: IndexArray) -> QuadsByPattern:
