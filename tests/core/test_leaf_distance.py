@@ -271,20 +271,19 @@ class Face:
         return np.stack(corners + [self.point(quarter, (1, 0)) for quarter in range(self.size)])
 
 
-def is_beyond(points: FloatArray, hull: FloatArray, spread: FloatArray, directions: FloatArray) -> bool:
-    """Whether points (N, 3) stand out from a hull (R, 3) with a spread (D, 3) in one of the directions (K, 3)."""
-    room = np.abs(spread @ directions.T).max(axis=0, initial=0.0)
-    return bool(np.any((points @ directions.T).max(axis=0) > (hull @ directions.T).max(axis=0) + room + ROUNDING))
+def is_beyond(points: FloatArray, hull: Hull, rows: IndexArray, directions: FloatArray) -> bool:
+    """Whether points (N, 3) stand out from rows of the first leaf's hull in one of the directions (K, 3)."""
+    room = np.abs(hull.spread[:, 0] @ directions.T).max(axis=0, initial=0.0)
+    reached = hull.points[rows, 0] @ directions.T + np.where(hull.is_near[rows, None], room, 0.0)
+    return bool(np.any((points @ directions.T).max(axis=0) > reached.max(axis=0) + ROUNDING))
 
 
 def assert_holds(hull: Hull, face: Face) -> None:
     directions = np.random.default_rng(1).normal(size=(200, 3))
-    parts = np.concatenate([np.asarray(part) for part in hull.parts])
-    assert not is_beyond(face.surface, hull.points[parts, 0], hull.spread[:, 0], directions)
+    assert not is_beyond(face.surface, hull, hull.parts.ravel(), directions)
     for side in range(face.size):
         for half in range(2):
-            rows = hull.points[hull.sides[side][half], 0]
-            assert not is_beyond(face.curve(side, half), rows, hull.spread[:, 0], directions)
+            assert not is_beyond(face.curve(side, half), hull, hull.sides[side][half], directions)
 
 
 def displaced(data: meshes.MeshData, seed: int, size: float) -> PolygonMesh:
@@ -338,6 +337,19 @@ def test_hulls_of_triangles(valence: int) -> None:
     hull = hull_of_fans(Descent.of_fans(Refinement.start(face.mesh, FIRST)), FIRST, corners, 0.01)
     assert_holds(hull, face)
     assert_bounded(face, hull, ((0, 1, 2),))
+
+
+@pytest.mark.parametrize("valence", [3, 5, 8])
+def test_last_squares_alone_are_off_their_hulls(valence: int) -> None:
+    """What lies over another part of a quad is in the hull of that part's own points."""
+    face = Face(displaced(meshes.fan(valence, 2), valence, 0.2))
+    nets = extraordinary_nets(face.mesh, np.array([0]), valence).reshape(2 * valence + 8, 1, 3)
+    hull = extraordinary_hull(nets, (valence, 4, 4, 4))
+    # Beside the extraordinary corner, the quarters at the others are the last parts.
+    directions = np.random.default_rng(1).normal(size=(200, 3))
+    for quarter, part in zip((1, 2, 3), hull.parts[-3:], strict=True):
+        assert not np.any(hull.is_near[part])
+        assert not is_beyond(face.surface[face.quarters == quarter], hull, part, directions)
 
 
 def assert_bounded(face: Face, hull: Hull, template: Template) -> None:

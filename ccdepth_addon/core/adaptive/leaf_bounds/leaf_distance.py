@@ -18,7 +18,7 @@ from functools import lru_cache
 import numpy as np
 
 from ...arrays.chunks import chunks
-from ...arrays.types import FloatArray, IndexArray
+from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...arrays.vectors import cross_products, dot_products, selected_vectors, squared_norms, transformed_nets
 from ...bounds.norm_bounds import certified_limit_factor
 from ...bounds.norms import second_differences
@@ -78,27 +78,32 @@ class Outline:
 class Hull:
     """Hull points of P leaves. points: (R, P, 3). parts: (parts, rows), which of them have convex hulls that hold the
     surface together; a part of fewer has some twice. sides: for each side of a leaf and each half of it, (rows,) those
-    for the curve over it. spread: (D, P, 3): the surface may be off the hulls by a vector in the convex hull of these
-    and their opposites.
+    for the curve over it. is_near: (R,) bool, the rows of parts that hold the surface nearly: there it may be off by a
+    vector in the convex hull of spread (D, P, 3) and the opposites of these; and so may the curve along these rows.
     """
 
     points: FloatArray
     parts: IndexArray
     sides: Sequence[Sequence[IndexArray]]
+    is_near: BoolArray
     spread: FloatArray
 
     def at(self, chosen: IndexArray) -> Hull:
         """Those of some leaves, by index."""
         return Hull(
-            selected_vectors(self.points, chosen), self.parts, self.sides, selected_vectors(self.spread, chosen)
+            selected_vectors(self.points, chosen),
+            self.parts,
+            self.sides,
+            self.is_near,
+            selected_vectors(self.spread, chosen),
         )
 
     def part(self, block: slice) -> Hull:
         """Those of some leaves, side by side."""
-        return Hull(self.points[:, block], self.parts, self.sides, self.spread[:, block])
+        return Hull(self.points[:, block], self.parts, self.sides, self.is_near, self.spread[:, block])
 
     def reach(self) -> FloatArray:
-        """(P,): how far from the hulls the surface may be."""
+        """(P,): how far from the hulls the surface may be, at most."""
         return np.sqrt(squared_norms(self.spread).max(axis=0, initial=0.0))
 
     def reach_along(self, directions: FloatArray) -> FloatArray:
@@ -123,27 +128,28 @@ def _bicubic_parts() -> tuple[IndexArray, Sequence[Sequence[IndexArray]]]:
 def bicubic_hull(coefficients: FloatArray) -> Hull:
     """Of bicubic quads with Bernstein coefficients (16, P, 3), [i, j] → 4i + j, u along i: those of their quarters."""
     points = transformed_nets(_bicubic_rows(), coefficients)
-    return Hull(points, *_bicubic_parts(), points[:0])
+    return Hull(points, *_bicubic_parts(), np.zeros(len(points), dtype=bool), points[:0])
 
 
 @dataclass(frozen=True)
 class ExtraordinaryHullRows:
-    """Functionals of a net of N points. points: (R, N), hull points; parts and sides: as in ``Hull``. spread: (D, N),
-    as in ``Hull``."""
+    """Functionals of a net of N points. points: (R, N), hull points; spread: (D, N), and the rest: as in ``Hull``."""
 
     points: FloatArray
     parts: IndexArray
     sides: Sequence[Sequence[IndexArray]]
+    is_near: BoolArray
     spread: FloatArray
 
 
 @lru_cache(maxsize=256)
-def _extraordinary_rows(valences: Valences) -> ExtraordinaryHullRows:
+def extraordinary_hull_rows(valences: Valences) -> ExtraordinaryHullRows:
     """Corner by corner the coefficients of the bicubic pieces of some levels, and the corners of a last square."""
     to_bernstein, children = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN), quad_stencils(valences).children
     after, before, facet = np.array([0, 4, 8, 12]), np.array([3, 2, 1, 0]), np.arange(4)
     rows: list[FloatArray] = []
     parts: list[IndexArray] = []
+    near: list[IndexArray] = []
     spread = [np.zeros((0, children[0].shape[1]))]
     # For each corner, the curves over the halves of the sides from there and to there.
     first, last = [], []
@@ -165,6 +171,7 @@ def _extraordinary_rows(valences: Valences) -> ExtraordinaryHullRows:
         rows.append(stencils.limits @ net)
         own = start + 48 * levels + facet
         parts += [*(start + np.arange(48 * levels)).reshape(-1, 16), np.resize(own, 16)]
+        near.append(own)
         first.append(np.concatenate([(starts + before).ravel(), own[[0, 1]]]))
         last.append(np.concatenate([(starts + 32 + after).ravel(), own[[3, 0]]]))
         start += 48 * levels + 4
@@ -173,7 +180,8 @@ def _extraordinary_rows(valences: Valences) -> ExtraordinaryHullRows:
         middles, ones, others = second_differences(valence)
         spread.append(certified_limit_factor(valence) * (2 * net[middles] - net[ones] - net[others]))
     sides = [[first[side], last[(side + 1) % 4]] for side in range(4)]
-    return ExtraordinaryHullRows(np.concatenate(rows), np.stack(parts), sides, np.concatenate(spread))
+    is_near = np.isin(np.arange(start), np.concatenate(near))
+    return ExtraordinaryHullRows(np.concatenate(rows), np.stack(parts), sides, is_near, np.concatenate(spread))
 
 
 def _levels_at_vertex(valence: int) -> int:
@@ -185,9 +193,9 @@ def _levels_at_vertex(valence: int) -> int:
 
 def extraordinary_hull(nets: FloatArray, valences: Valences) -> Hull:
     """Of quads with corners of these valences, by nets (N, P, 3)."""
-    rows = _extraordinary_rows(valences)
+    rows = extraordinary_hull_rows(valences)
     points, spread = transformed_nets(rows.points, nets), transformed_nets(rows.spread, nets)
-    return Hull(points, rows.parts, rows.sides, spread)
+    return Hull(points, rows.parts, rows.sides, rows.is_near, spread)
 
 
 def leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: float, rounding: float = 0.0) -> FloatArray:
@@ -228,9 +236,10 @@ def _leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: flo
 class _Roofs:
     """Over P leaves, the greatest of the heights of the triangles' planes, or the least of them.
 
-    heights: (T, R, P) of hull points over the planes, turned round where it is the least. reach: (P,) what the surface
-    may be off more. gaps: (P,) how far the triangles are off this function. nearest: (P,) how far the surface over the
-    triangles is from them at most, along the axes; inf where the planes are too steep.
+    heights: (T, R, P) of hull points over the planes, turned round where it is the least. reach: (P,) by how much more
+    the surface may be off where hulls hold it nearly. gaps: (P,) how far the triangles are off this function. nearest:
+    (P,) how far the surface over the triangles is from them at most, along the axes; inf where the planes are too
+    steep.
     """
 
     planes: _Planes
@@ -246,14 +255,16 @@ class _Roofs:
         heights -= planes.levels[:, None]
         reach = np.max([hull.reach_along(scaled) for scaled in planes.scaled], axis=0)
         vertical = normal / planes.cosines
-        as_greatest = np.maximum(vertical + planes.below, reach - heights.min(axis=(0, 1)))
-        as_least = np.maximum(vertical + planes.above, reach + heights.max(axis=(0, 1)))
+        near = heights[:, hull.is_near]
+        low = np.minimum(heights.min(axis=(0, 1)), near.min(axis=(0, 1), initial=np.inf) - reach)
+        high = np.maximum(heights.max(axis=(0, 1)), near.max(axis=(0, 1), initial=-np.inf) + reach)
+        as_greatest, as_least = np.maximum(vertical + planes.below, -low), np.maximum(vertical + planes.above, high)
         is_least = as_least < as_greatest
-        heights[:, :, is_least] *= -1
+        heights *= np.where(is_least, -1.0, 1.0)
         nearest = np.minimum(as_greatest, as_least) + 2 * planes.residues
         nearest = np.where(planes.cosines > LEAST_COSINE, nearest, np.inf)
         gaps = np.where(is_least, planes.above, planes.below) + planes.residues
-        return _Roofs(planes, heights, reach + 2 * planes.residues, gaps, nearest)
+        return _Roofs(planes, heights, reach, gaps, nearest)
 
 
 def _from_surface(outline: Outline, hull: Hull, roofs: _Roofs, rounding: float) -> FloatArray:
@@ -262,14 +273,15 @@ def _from_surface(outline: Outline, hull: Hull, roofs: _Roofs, rounding: float) 
     beyond, dents = overshoot(outline, hull.points, roofs.planes.axes)
     dents += rounding
     found = np.hypot(dents, roofs.nearest + slopes * dents)
-    across = hull.reach()
-    parts, leaves = np.nonzero(np.any((beyond + across > 0)[hull.parts], axis=1))
+    across = np.where(hull.is_near[hull.parts[:, :1]], hull.reach(), 0.0)
+    parts, leaves = np.nonzero(np.any((beyond > 0)[hull.parts], axis=1) | (across > 0))
     rows = hull.parts[parts].T
-    away = beyond[rows, leaves] + (across + dents)[leaves]
+    away = beyond[rows, leaves] + (across[parts, leaves] + dents[leaves])
     heights = roofs.heights[:, rows, leaves]
     lowest = heights.max(axis=1).argmin(axis=0)
     over = np.take_along_axis(heights, lowest[None, None], axis=0)[0] + roofs.gaps[leaves]
-    off = np.maximum(over, -heights.min(axis=0)) + roofs.reach[leaves]
+    off = np.maximum(over, -heights.min(axis=0)) + 2 * roofs.planes.residues[leaves]
+    off += np.where(hull.is_near[rows], roofs.reach[leaves], 0.0)
     # By the heights of hull points, or by what holds for all heights.
     bounds = np.hypot(away, off + slopes[leaves] * away).max(axis=0)
     farthest = away.max(axis=0)
@@ -361,8 +373,10 @@ def off_sides(outline: Outline, hull: Hull) -> list[Side]:
     found, reach = [], hull.reach()
     for start, end, number, is_first, is_second in outline.sides():
         rows = np.concatenate(hull.sides[number][0 if is_first else 1 : 2 if is_second else 1])
-        squares = _squares_off(hull.points[rows], outline.points[start], outline.points[end]).max(axis=0)
-        found.append(Side(start, end, number, is_first, is_second, np.sqrt(squares) + reach))
+        squares = _squares_off(hull.points[rows], outline.points[start], outline.points[end])
+        nearly = squares[hull.is_near[rows]].max(axis=0, initial=0.0)
+        off = np.maximum(np.sqrt(squares.max(axis=0)), np.sqrt(nearly) + reach)
+        found.append(Side(start, end, number, is_first, is_second, off))
     return found
 
 

@@ -148,4 +148,4 @@ def _padded(pieces: _Pieces, corners: FloatArray) -> Hull:
         sides[half_side // 2].append(np.arange(first, first + 8 * longest))
         first += 8 * longest
     parts = np.arange(16 * most).reshape(-1, 16)
-    return Hull(np.concatenate(rows), parts, sides, np.zeros((0, count, 3)))
+    return Hull(np.concatenate(rows), parts, sides, np.zeros(first, dtype=bool), np.zeros((0, count, 3)))
