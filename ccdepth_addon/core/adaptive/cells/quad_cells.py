@@ -97,7 +97,7 @@ class QuadCells(ABC):
         chosen = np.flatnonzero(patterns != ALL_SPLIT)
         if len(chosen):
             quads = QuadsByPattern(self.scratch(), chosen, patterns[chosen], self.points(), request)
-            own = quads.approximate() if known is None else quads.approximate_alone()
+            own = quads.approximate() if known is None else quads.approximate_alone(known.at(chosen))
             if flat is not None:
                 over_flat = np.flatnonzero(flat[chosen])
                 own.thickness[over_flat] = quads.at(over_flat).thickness(own.alternatives[over_flat])
@@ -150,18 +150,23 @@ class QuadsByPattern:
             tried = np.flatnonzero(~quads.as_polygons())
             found.put(left[tried], choose_along_surface(quads.at(tried), samples.at(tried), limit))
             last = np.flatnonzero(~found.accepted[left])
-            found.put(left[last], choose_alone(QuadsAlone(quads.at(last)), samples.at(last), limit))
+            nothing = LeafApproximation.none(len(last))
+            found.put(left[last], choose_alone(QuadsAlone(quads.at(last), nothing), samples.at(last), limit))
         return replace(found, least=least)
 
-    def approximate_alone(self) -> LeafApproximation:
-        """Of each alone, without its neighbours."""
+    def approximate_alone(self, known: LeafApproximation) -> LeafApproximation:
+        """Of each alone, without its neighbours. known: (n,), as in ``Cells``; those accepted there exceed the limit at
+        equal parameters."""
         limit, least = self.request.limit, np.zeros(len(self.places))
-        found = choose_within_limit(self, sampled_distances(self.own_points(), self.patterns), limit)
+        found, new = LeafApproximation.none(len(self.places)), np.flatnonzero(~known.accepted)
+        if len(new):
+            quads = self.at(new)
+            found.put(new, choose_within_limit(quads, sampled_distances(quads.own_points(), quads.patterns), limit))
         left = np.flatnonzero(~found.accepted)
         if len(left):
             samples = self.samples(left)
             least[left] = samples.alone().min(axis=0)
-            found.put(left, choose_alone(QuadsAlone(self.at(left)), samples, limit))
+            found.put(left, choose_alone(QuadsAlone(self.at(left), known.at(left)), samples, limit))
         return replace(found, least=least)
 
     def samples(self, chosen: IndexArray) -> Samples:
@@ -190,11 +195,14 @@ class QuadsByPattern:
         distances = self.cells.distances_of(self.places[chosen], numbers, self.points, self.request.limit)
         return self.with_thickness(distances, chosen, numbers)
 
-    def leaf_distances(self, chosen: IndexArray, alternatives: IndexArray) -> FloatArray:
-        """(n,): the same of each leaf alone (``leaf_distance``)."""
-        limit, places = self.request.limit, self.places[chosen]
+    def leaf_distances(self, chosen: IndexArray, alternatives: IndexArray, normal: FloatArray) -> FloatArray:
+        """(n,): the same of each leaf alone (``leaf_distance``). normal: (n,) error bounds along the normals, inf where
+        they are not known."""
+        limit, places, unknown = self.request.limit, self.places[chosen], np.flatnonzero(np.isinf(normal))
         numbers = template_numbers(self.patterns[chosen], alternatives)
-        normal = self.cells.errors_along_normals_of(places, numbers, self.points, limit)
+        if len(unknown):
+            of_unknown = places[unknown], numbers[unknown], self.points, limit
+            normal[unknown] = self.cells.errors_along_normals_of(*of_unknown)
         distances, tried = np.full(len(chosen), np.inf), np.flatnonzero(normal <= limit)
         if len(tried):
             hull = self.cells.hull_of(places[tried], self.points, limit)
@@ -240,13 +248,17 @@ class QuadsByPattern:
 
 @dataclass(frozen=True)
 class QuadsAlone:
-    """The same quads, whose distances are bounded without their neighbours, wherever parameters lie."""
+    """The same quads, whose distances are bounded without their neighbours, wherever parameters lie. known: (n,) how
+    they are approximated, some with error bounds along the normals."""
 
     quads: QuadsByPattern
+    known: LeafApproximation
 
     def distances(self, chosen: IndexArray, alternatives: IndexArray) -> FloatArray:
         """As in ``template_choice.WithDistances``."""
-        return self.quads.leaf_distances(chosen, alternatives)
+        is_known = self.known.alternatives[chosen] == alternatives
+        normal = np.where(is_known, self.known.normal[chosen], np.inf)
+        return self.quads.leaf_distances(chosen, alternatives, normal)
 
 
 def _outline(points: FloatArray, pattern: int, alternative: int) -> Outline:
