@@ -1023,6 +1023,7 @@ CACHES = {
             LEAVES + "triangle_bounds.quadratic_rows",
             LEAVES + "triangle_bounds.extraordinary_rows",
             LEAVES + "leaf_distance.extraordinary_hull_rows",
+            LEAVES + "fan_bounds._quarter_rows",
             SURFACE + "stencils.quad_stencils",
             DEVIATION + "bezier_pieces.BezierPieces.edge_units",
             "exchange.control_mesh.MeshAsRead.key",

@@ -11,6 +11,7 @@ import pytest
 
 from ccdepth_addon.core.adaptive.leaf_bounds import triangle_bounds
 from ccdepth_addon.core.adaptive.leaf_bounds.descent import Descent
+from ccdepth_addon.core.adaptive.leaf_bounds.fan_bounds import QuarterNets
 from ccdepth_addon.core.adaptive.leaf_bounds.leaf_distance import (
     Hull,
     Outline,
@@ -336,6 +337,17 @@ def test_hulls_of_triangles(valence: int) -> None:
     corners = face.points()[:3]
     hull = hull_of_fans(Descent.of_fans(Refinement.start(face.mesh, FIRST)), FIRST, corners, 0.01)
     assert_holds(hull, face)
+    assert_bounded(face, hull, ((0, 1, 2),))
+
+
+@pytest.mark.parametrize("valence", [3, 4, 5, 7, 24])
+def test_hulls_of_triangles_by_nets(valence: int) -> None:
+    # At the first face, corners of this valence and of valence 4.
+    face = Face(displaced(meshes.bipyramid(valence), valence, 0.05))
+    nets = QuarterNets.of(Refinement.start(face.mesh, FIRST).refined().numbered())
+    hull = nets.hull(FIRST)
+    assert_holds(hull, face)
+    assert hull.reach()[0] < 0.03 * np.ptp(face.surface, axis=0).max()
     assert_bounded(face, hull, ((0, 1, 2),))
 
 

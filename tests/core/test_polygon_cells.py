@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.adaptive.cells.polygon_cells import HALVINGS, TriangleCells, fan_of_template
+from ccdepth_addon.core.adaptive.leaf_bounds.fan_bounds import QuarterNets
 from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.templates import Template, Transitions, triangle_template
 from ccdepth_addon.core.arrays.types import FloatArray
@@ -95,6 +96,56 @@ def test_no_triangle_is_farther_than_its_bound(name: str) -> None:
                 bounds = np.concatenate([approximation.bounds, approximation.normal, approximation.tangential])
                 assert np.all(found <= bounds + ROUNDING), (pattern, face)
                 assert bounds[0] <= room * found[0], (pattern, face)
+
+
+@pytest.mark.parametrize("valence", [3, 4, 5, 7, 24])
+def test_no_facet_is_farther_than_nets_tell(valence: int) -> None:
+    """Of wild surfaces, at the quarters of a triangle at vertices of this valence and of valence 4."""
+    data, generator = meshes.bipyramid(valence), np.random.default_rng(valence)
+    excess = []
+    for _ in range(20):
+        noise = generator.normal(size=data.positions.shape)
+        mesh = apply_boundary_rule(
+            meshes.to_polygon_mesh(data).changed(positions=data.positions + noise), smooth_corners=True
+        )
+        surface, _ = sampled(mesh, 0)
+        facets, normals = generator.normal(size=(4, 3, 3)), generator.normal(size=(2, 3, 3))
+        normals /= np.linalg.norm(normals, axis=2, keepdims=True)
+        nets = QuarterNets.of(Refinement.start(mesh, np.array([0])).refined().numbered())
+        assert np.all(nets.is_known)
+        found = np.stack(nets.error_bounds(np.arange(3), facets, normals).columns())
+        over = np.einsum("kn,kqi->qni", bilinear_weights(), facets)
+        off = surface.reshape(3, -1, 3) - over
+        along = np.einsum("qni,tqi->tqn", off, normals)
+        whole = np.linalg.norm(off, axis=2)
+        across = np.sqrt(np.maximum(whole**2 - along**2, 0.0)).max(axis=(0, 2))
+        reached = np.stack([whole.max(axis=1), np.abs(along).max(axis=(0, 2)), across])
+        assert np.all(reached <= found + ROUNDING)
+        excess.append(found / reached)
+    # Bernstein coefficients of such wild pieces are not much longer than what is reached at some samples.
+    assert np.median(excess) < 1.3
+
+
+def bilinear_weights() -> FloatArray:
+    """(4, N): of the corners of a quarter, at the samples of ``sampled``."""
+    steps = np.linspace(0, 1, STEPS + 1)
+    u, v = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2).T
+    return np.stack([(1 - u) * (1 - v), u * (1 - v), u * v, (1 - u) * v])
+
+
+def test_triangles_have_nets_where_all_is_smooth_around_them() -> None:
+    quads = meshes.landscape(4, 4)
+    triangles = quads.corner_vertices.reshape(-1, 4)[:, [0, 1, 2, 0, 2, 3]].reshape(-1, 3)
+    data = meshes.MeshData(quads.positions, np.full(len(triangles), 3), triangles.ravel())
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
+    faces = np.arange(mesh.face_count)
+    nets = QuarterNets.of(Refinement.start(mesh, faces).refined().numbered())
+    is_boundary = np.bincount(mesh.corner_edges, minlength=mesh.edge_count) == 1
+    at_boundary = np.zeros(mesh.vertex_count, dtype=bool)
+    at_boundary[mesh.edge_vertices[is_boundary]] = True
+    expected = ~at_boundary[triangles].any(axis=1)
+    assert 0 < np.count_nonzero(expected) < len(faces)
+    assert np.array_equal(nets.is_known, expected)
 
 
 @pytest.mark.parametrize("pattern", PATTERNS[1:])

@@ -48,7 +48,7 @@ class RefinedCells(QuadCells):
         return RefinedCells(self.nodes[places], self.refinement.keep(wanted).numbered())
 
     def children(self, tree: Quadtree) -> Iterator[Cells]:
-        return refined_children(tree, self.nodes, self.refinement)
+        return refined_children(tree, self.nodes, self.refinement, LEAST_OF_A_KIND)
 
     def turns(self) -> IndexArray:
         return np.zeros_like(self.nodes)
@@ -72,14 +72,18 @@ class RefinedCells(QuadCells):
         return template_error_bounds(self.descent, chosen, selected_vectors(points, chosen), numbers, limit, room)
 
 
-def refined_children(tree: Quadtree, nodes: IndexArray, refinement: Refinement) -> Iterator[Cells]:
+def refined_children(
+    tree: Quadtree, nodes: IndexArray, refinement: Refinement, least_of_a_kind: int
+) -> Iterator[Cells]:
+    """The cells of the children of nodes; least_of_a_kind: as in ``cells_of_refinement``."""
     sizes = refinement.mesh.face_sizes[: len(nodes)]
     children = ranges(tree.first_child[nodes], sizes)
-    return cells_of_refinement(children, refinement.refined().numbered())
+    return cells_of_refinement(children, refinement.refined().numbered(), least_of_a_kind)
 
 
-def cells_of_refinement(nodes: IndexArray, refinement: Refinement) -> Iterator[Cells]:
-    """Descendants, all quads, as cells: descendant i is ``nodes[i]``."""
+def cells_of_refinement(nodes: IndexArray, refinement: Refinement, least_of_a_kind: int) -> Iterator[Cells]:
+    """Descendants, all quads, as cells: descendant i is ``nodes[i]``. Of quads with several extraordinary corners at
+    least so many of a kind have nets."""
     mesh = refinement.mesh
     kinds = classify_patches(mesh)
     regular, extraordinary, rest = by_valence(mesh, kinds, len(nodes))
@@ -87,7 +91,7 @@ def cells_of_refinement(nodes: IndexArray, refinement: Refinement) -> Iterator[C
         yield BicubicCells.of_faces(mesh, regular, nodes[regular])
     for valence, faces in extraordinary:
         yield ExtraordinaryCells.of_faces(mesh, (valence, 4, 4, 4), kinds.extraordinary_corners[faces], nodes[faces])
-    inside, rest = by_valences(mesh, kinds, rest, LEAST_OF_A_KIND)
+    inside, rest = by_valences(mesh, kinds, rest, least_of_a_kind)
     for valences, corners in inside:
         yield ExtraordinaryCells.of_faces(mesh, valences, corners, nodes[mesh.corner_faces[corners]])
     if len(rest):

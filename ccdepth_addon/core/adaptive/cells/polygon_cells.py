@@ -16,14 +16,16 @@ from typing import Self
 
 import numpy as np
 
+from ...arrays.chunks import index_chunks
 from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors, squared_norms
 from ...mesh.submesh import corners_of_faces
 from ...surface.refinement import Refinement
 from ..leaf_approximation import Cells, LeafApproximation
 from ..leaf_bounds.descent import Descent
+from ..leaf_bounds.fan_bounds import QuarterNets
 from ..leaf_bounds.irregular_bounds import fan_error_bounds
-from ..leaf_bounds.leaf_distance import Hull, Outline, leaf_distances
+from ..leaf_bounds.leaf_distance import LEAVES_AT_ONCE, Hull, Outline, leaf_distances
 from ..leaf_bounds.polygon_bounds import polygon_thickness
 from ..leaf_bounds.refined_hulls import hull_of_fans
 from ..leaf_bounds.triangle_bounds import ErrorBounds
@@ -33,6 +35,7 @@ from ..request import AdaptiveRequest
 from ..template_choice import PROMISING, Samples, off_lines
 from ..templates import QUAD_POINTS, WHOLE, Template, Transitions, Triangle, triangle_template
 from .irregular_cells import refined_children
+from .patch_cells import LEAST_OF_A_KIND
 
 PATTERN_BITS = np.array([1, 2, 4])
 ALL_SPLIT = 7
@@ -78,7 +81,7 @@ class PolygonCells:
 
     def children(self, tree: Quadtree) -> Iterator[Cells]:
         """As in ``Cells``."""
-        return refined_children(tree, self.nodes, self.refinement)
+        return refined_children(tree, self.nodes, self.refinement, LEAST_OF_A_KIND)
 
     def approximate(
         self,
@@ -157,6 +160,19 @@ class PolygonCells:
 class TriangleCells(PolygonCells):
     """P triangles of the control mesh."""
 
+    def children(self, tree: Quadtree) -> Iterator[Cells]:
+        # Of few kinds, by the valence of the triangle's corner: all have nets.
+        return refined_children(tree, self.nodes, self.refinement, least_of_a_kind=1)
+
+    @cached_property
+    def _quarters(self) -> Refinement:
+        """With the faces around them, triangle by triangle."""
+        return self.refinement.refined().numbered()
+
+    @cached_property
+    def _nets(self) -> QuarterNets:
+        return QuarterNets.of(self._quarters)
+
     def approximate(
         self,
         hanging: BoolArray,
@@ -219,10 +235,18 @@ class TriangleCells(PolygonCells):
 
     def _points(self) -> FloatArray:
         """(7, P, 3): the triangles' points on the surface, and their centres."""
-        middles, centres = self.refinement.limits_inside()
+        limits = self._quarters.limits_at_corners().reshape(-1, 3, 4, 3)
         corners = self.refinement.limits_at_corners().reshape(-1, 3, 3)
-        by_triangle = [corners, middles.reshape(-1, 3, 3), centres.reshape(-1, 3, 3)[:, :1]]
+        by_triangle = [corners, limits[:, :, 1], limits[:, :1, 2]]
         return np.ascontiguousarray(np.concatenate(by_triangle, axis=1).swapaxes(0, 1))
+
+    def _hulls(self, chosen: IndexArray, points: FloatArray, limit: float) -> Iterator[tuple[IndexArray, Hull]]:
+        """In blocks, of chosen triangles (n,): which of these, and their hull points; points: those of all."""
+        is_known = self._nets.is_known[chosen]
+        for own in index_chunks(np.flatnonzero(is_known), LEAVES_AT_ONCE):
+            yield own, self._nets.hull(chosen[own])
+        if len(rest := np.flatnonzero(~is_known)):
+            yield rest, hull_of_fans(self.descent, chosen[rest], points[CORNERS][:, chosen[rest]], limit)
 
     def _leaf_distances(
         self, chosen: IndexArray, pattern: int, points: FloatArray, normal: FloatArray, request: AdaptiveRequest
@@ -235,10 +259,10 @@ class TriangleCells(PolygonCells):
             normal[unknown] = self._error_bounds(chosen[unknown], pattern, template, points, limit, room).normal
         near = np.flatnonzero(normal <= limit)
         found = np.full(len(normal), np.inf)
-        if len(near):
-            own = points[:, chosen[near]]
-            hull = hull_of_fans(self.descent, chosen[near], own[CORNERS], limit)
-            found[near] = leaf_distances(_outline(own, pattern), hull, normal[near], limit, request.rounding)
+        for own, hull in self._hulls(chosen[near], points, limit):
+            places = near[own]
+            outline = _outline(points[:, chosen[places]], pattern)
+            found[places] = leaf_distances(outline, hull, normal[places], limit, request.rounding)
         return found
 
     def _error_bounds(
@@ -262,20 +286,30 @@ class TriangleCells(PolygonCells):
         facets = np.stack([points[CORNERS], middles, np.stack([centroids] * 3), np.roll(middles, 1, axis=0)])
         normals = triangle_normals(points, template)
         # The quarters are in the order of the triangles.
-        own = fan_error_bounds(
-            self.descent,
-            chosen,
-            (3 * chosen[:, None] + np.arange(3)).ravel(),
-            facets.transpose(0, 2, 1, 3).reshape(4, -1, 3),
-            np.repeat(normals, 3, axis=1),
-            limit,
-            None if room is None else np.repeat(room, 3),
-        )
+        own = self._fan_error_bounds(chosen, facets.transpose(0, 2, 1, 3).reshape(4, -1, 3), normals, limit, room)
         found = ErrorBounds(*(np.maximum.reduceat(each, 3 * np.arange(points.shape[1])) for each in own.columns()))
         for gap, sagitta in zip(gaps.tolist(), sagittas, strict=True):
             off = [along_and_across(sagitta[None], normal) for normal in normals]
             normal, tangential = (np.max(each, axis=0)[0] for each in zip(*off, strict=True))
             found = found + ErrorBounds(np.sqrt(squared_norms(sagitta)), normal, tangential).times(gap)
+        return found
+
+    def _fan_error_bounds(
+        self, chosen: IndexArray, facets: FloatArray, normals: FloatArray, limit: float, room: FloatArray | None
+    ) -> ErrorBounds:
+        """(3n,) error bounds of bilinear facets over the corners (4, 3n, 3) of the quarters of chosen triangles (n,).
+        normals: (T, n, 3), of the triangles of the template."""
+        found, is_known = ErrorBounds(*(np.empty(3 * len(chosen)) for _ in range(3))), self._nets.is_known[chosen]
+        for own in (known := np.flatnonzero(is_known)), np.flatnonzero(~is_known):
+            if not len(own):
+                continue
+            places, quarters = ((3 * each[:, None] + np.arange(3)).ravel() for each in (own, chosen[own]))
+            given = selected_vectors(facets, places), np.repeat(selected_vectors(normals, own), 3, axis=1)
+            if own is known:
+                found.put(places, self._nets.error_bounds(quarters, *given))
+            else:
+                own_room = None if room is None else np.repeat(room[own], 3)
+                found.put(places, fan_error_bounds(self.descent, chosen[own], quarters, *given, limit, own_room))
         return found
 
 

@@ -337,7 +337,7 @@ def _quartered(triangle: FloatArray) -> list[FloatArray]:
     return [np.array(part) for part in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))]
 
 
-def _square_at(path: int) -> Square:
+def square_at(path: int) -> Square:
     """The square that a path of children leads to, digits of base 4 after a leading 1."""
     square = WHOLE_QUAD
     for digit in np.base_repr(path, 4)[1:]:
@@ -352,7 +352,7 @@ def template_rows(pattern: int, alternative: int, path: int, *, fine: bool = Fal
 
     path: to the square, digits of base 4 after a leading 1. fine: over the quarters of each part.
     """
-    square = _square_at(path)
+    square = square_at(path)
     rows = [Rows(np.zeros((0, 24)), np.zeros(0, dtype=np.intp), np.zeros((0, 12)))]
     for number, triangle in enumerate(templates(pattern)[alternative]):
         for part in _clipped(QUAD_POINTS[list(triangle)], square):
@@ -432,29 +432,49 @@ class ExtraordinaryRows:
 @lru_cache(maxsize=512)
 def extraordinary_rows(valences: Valences, pattern: int, alternative: int) -> ExtraordinaryRows:
     """The rows for valences of 3 or more; the pattern is counted from the first corner on."""
-    nets = [*quad_stencils(valences).children]
-    points = extraordinary_points(valences)
-    to_bernstein, rows = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN), []
-    extraordinary = [corner for corner, valence in enumerate(valences) if valence != 4]
-    for corner in sorted({0, 1, 2, 3} - set(extraordinary)):
-        rows.append(template_rows(pattern, alternative, 4 + corner).of(to_bernstein @ nets[corner], points))
-    for level in range(1, LEVELS_AT_VERTEX):
-        for corner in extraordinary:
-            stencils = patch_stencils(valences[corner])
-            for child in (1, 2, 3):
-                surface = to_bernstein @ stencils.regular[16 * (child - 1) : 16 * child] @ nets[corner]
-                rows.append(template_rows(pattern, alternative, 4**level * (4 + corner) + child).of(surface, points))
-            nets[corner] = stencils.refined @ nets[corner]
+    points, pieces = extraordinary_points(valences), quad_pieces(valences)
+    rows = [template_rows(pattern, alternative, path).of(surface, points) for path, surface in pieces.bicubic]
     last = []
-    for corner in extraordinary:
-        valence, net = valences[corner], nets[corner]
+    for path, valence, net in pieces.last:
         facet = bilinear_coefficients(patch_stencils(valence).limits @ net).reshape(16, -1)
-        path = 4 ** (LEVELS_AT_VERTEX - 1) * (4 + corner)
         of_facet = Rows.joined([template_rows(pattern, alternative, path).of(facet, points)])
-        middles, ones, others = second_differences(valence)
-        differences = 2 * net[middles] - net[ones] - net[others]
-        last.append(LastSquare(of_facet, differences, certified_limit_factor(valence)))
+        last.append(LastSquare(of_facet, differences_at_vertex(valence, net), certified_limit_factor(valence)))
     return ExtraordinaryRows(Rows.joined(rows), last)
+
+
+@dataclass(frozen=True)
+class QuadPieces:
+    """The parts of a quad with extraordinary corners, as functionals of its net of N points, with the paths to their
+    squares. bicubic: (16, N), Bernstein coefficients; last: at each extraordinary corner its valence n and the net of
+    the last square there, (2n + 8, N)."""
+
+    bicubic: Sequence[tuple[int, FloatArray]]
+    last: Sequence[tuple[int, int, FloatArray]]
+
+
+def quad_pieces(valences: Valences) -> QuadPieces:
+    """Of a quad with corners of these valences, on ``LEVELS_AT_VERTEX`` levels."""
+    to_bernstein = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
+    bicubic: list[tuple[int, FloatArray]] = []
+    last: list[tuple[int, int, FloatArray]] = []
+    for corner, (valence, net) in enumerate(zip(valences, quad_stencils(valences).children, strict=True)):
+        if valence == 4:
+            bicubic.append((4 + corner, to_bernstein @ net))
+            continue
+        stencils, path, smaller = patch_stencils(valence), 4 + corner, net
+        for _ in range(1, LEVELS_AT_VERTEX):
+            path *= 4
+            for child, regular in enumerate(np.split(stencils.regular, 3), 1):
+                bicubic.append((path + child, to_bernstein @ regular @ smaller))
+            smaller = stencils.refined @ smaller
+        last.append((path, valence, smaller))
+    return QuadPieces(bicubic, last)
+
+
+def differences_at_vertex(valence: int, net: FloatArray) -> FloatArray:
+    """(2n + 10, …): the second differences of a net (2n + 8, …) at a vertex of valence n."""
+    middles, ones, others = second_differences(valence)
+    return 2 * net[middles] - net[ones] - net[others]
 
 
 def extraordinary_points(valences: Valences) -> FloatArray:
