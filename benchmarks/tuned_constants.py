@@ -51,7 +51,10 @@ UNLIMITED = 1 << 40
 NEVER, ALWAYS = 0.0, float("inf")
 
 # Workloads that work with Blender.
-IN_BLENDER = {"writing", "reduced", "reduced, uneven", "frames", "staleness", "objects", "objects with modifiers"}
+IN_BLENDER = {
+    *("writing", "reduced", "reduced, uneven", "frames", "staleness"),
+    *("computed", "objects", "objects with modifiers"),
+}
 
 # So many things are switched off between two runs with everything on.
 RUNS_BETWEEN = 3
@@ -450,6 +453,24 @@ def operators(count: int, *, with_modifiers: bool) -> Callable[[], Any]:
     return work
 
 
+def computed(side: int) -> Callable[[], Any]:
+    """Compute Depth on a grid of regular faces, from the button to the attributes."""
+    import bpy
+
+    import ccdepth_addon
+    from benchmarks import compute_depth
+
+    ccdepth_addon.register()
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    grid = compute_depth.add_grid(side, 0)
+
+    def work() -> float:
+        compute_depth.compute_depth("CERTIFIED")
+        return float(grid.data.ccdepth.deepest)
+
+    return work
+
+
 def staleness(count: int) -> Callable[[], Any]:
     """The test whether a result is stale, of many objects with a group of geometry nodes each."""
     import bpy
@@ -527,6 +548,7 @@ WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     "reduced, uneven": lambda: reduced("torus", 3e-3),
     "frames": lambda: frames(20),
     "staleness": lambda: staleness(60),
+    "computed": lambda: computed(500),
     "objects": lambda: operators(300, with_modifiers=False),
     "objects with modifiers": lambda: operators(200, with_modifiers=True),
 }
@@ -868,6 +890,7 @@ ENTRIES = [
         ("depths, extraordinary", "depths, creases", "level"),
     ),
     Entry(CERTIFIED + "_CertifiedSearch._settle_early", "not tried", by(nothing), ("level", "deep level")),
+    Entry(CERTIFIED + "_CertifiedSearch._note_lasting", "all faces evaluated again", by(nothing), ("computed",)),
     at_once(DEPTH + "norm_depth.EXTRAORDINARY_POINTS_AT_ONCE", "depths by norms, poles"),
     Entry(DEPTH + "pose_depths.POSES_BY_A_KEY", "every pose is a key pose", set_to(1), POSES),
     Entry(DEPTH + "pose_depths.FACES_TOGETHER", "each pose on its own", set_to(1), POSES),

@@ -390,6 +390,8 @@ def _undominated(requests: list[DepthRequest]) -> list[DepthRequest]:
     A dominated surface has the same control mesh, and every vector of it is at most as long, in units of the tolerance:
     its distances are no larger, and neither are its depths.
     """
+    if len(requests) < 2:
+        return requests
     alike: dict[bytes, list[DepthRequest]] = {}
     for request in requests:
         alike.setdefault(control_mesh_key(request.surface.control), []).append(request)

@@ -75,6 +75,25 @@ def test_all_faces_are_near_enough_at_the_uniform_level(name: str, method: str, 
             assert np.all(distances[level] <= tolerance)
 
 
+@pytest.mark.parametrize("name", NAMES)
+@every_method
+@both_vertices
+def test_lasting_faces_are_near_enough_at_every_later_level(name: str, method: str, vertices: str) -> None:
+    mesh, distances = sampled(name, vertices)
+    for tolerance in (2.0, 0.5, 0.1):
+        found = face_depths(mesh, tolerance, method, vertices)
+        for level in range(LEVELS):
+            due = found.lasting & (found.depths <= level)
+            assert np.all(distances[level][due] <= tolerance)
+            assert np.all(np.isfinite(level_bounds(mesh, tolerance, method, vertices, level)[due]))
+
+
+@every_method
+def test_most_regular_faces_are_lasting(method: str) -> None:
+    found = face_depths(build(meshes.landscape(12, 12)), 1e-3, method, "CONTROL")
+    assert np.count_nonzero(found.lasting) > 0.8 * len(found.lasting)
+
+
 EPSILON = 1.1
 
 
@@ -151,16 +170,15 @@ def test_bounds_that_are_said_to_fall_do(method: str, vertices: str) -> None:
 
 def test_which_bounds_fall() -> None:
     mesh = build(AWKWARD["valences 2 and 12"](), smooth_corners=False)
-    kinds = classify_patches(mesh).kinds
+    patches = classify_patches(mesh)
+    kinds = patches.kinds
     assert set(kinds.tolist()) == {PatchKind.REGULAR, PatchKind.EXTRAORDINARY, PatchKind.IRREGULAR}
-    for method in Method:
-        falling = {kind for kind in PatchKind if bounds_fall(mesh, method)[kinds == kind].any()}
-        assert all(bounds_fall(mesh, method)[kinds == kind].all() for kind in falling)
-        expected = {
-            Method.CERTIFIED: set(),
-            Method.SHARP: {PatchKind.REGULAR},
-        }
-        assert falling == expected.get(method, {PatchKind.REGULAR, PatchKind.EXTRAORDINARY})
+    for method, rules in PATCH_METHODS.items():
+        falls = bounds_fall(patches, rules)
+        falling = {kind for kind in PatchKind if falls[kinds == kind].any()}
+        assert all(falls[kinds == kind].all() for kind in falling)
+        sharp = {PatchKind.REGULAR}
+        assert falling == (sharp if method is Method.SHARP else {PatchKind.REGULAR, PatchKind.EXTRAORDINARY})
 
 
 @every_method

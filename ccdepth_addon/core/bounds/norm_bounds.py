@@ -18,7 +18,7 @@ import numpy as np
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.bicubic import largest_norm
-from ..surface.patches import faces_on_grids, regular_nets
+from ..surface.patches import PatchKind, faces_on_grids, regular_nets
 from . import sharp_constants
 from .norms import (
     first_order_norm_extraordinary,
@@ -194,16 +194,22 @@ def first_order_extraordinary(net: FloatArray, vertices: Vertices) -> PatchBound
 
 @dataclass(frozen=True)
 class PatchMethod:
-    """A method: its bounds of regular nets (4, 4, P, 3) and of extraordinary ones (2n + 8, P, 3)."""
+    """A method: its bounds of regular nets (4, 4, P, 3) and of extraordinary ones (2n + 8, P, 3).
+
+    falling: the kinds of patches whose bounds fall by one rate with each level. The sharp factors rise a little where
+    their period begins anew.
+    """
 
     regular: Callable[[FloatArray, Vertices], PatchBounds]
     extraordinary: Callable[[FloatArray, Vertices], PatchBounds]
+    falling: tuple[PatchKind, ...]
 
 
+BOTH_KINDS = (PatchKind.REGULAR, PatchKind.EXTRAORDINARY)
 PATCH_METHODS = {
-    Method.SHARP: PatchMethod(second_order_regular, sharp_extraordinary),
-    Method.SECOND_ORDER: PatchMethod(second_order_regular, second_order_extraordinary),
-    Method.FIRST_ORDER: PatchMethod(first_order_regular, first_order_extraordinary),
+    Method.SHARP: PatchMethod(second_order_regular, sharp_extraordinary, (PatchKind.REGULAR,)),
+    Method.SECOND_ORDER: PatchMethod(second_order_regular, second_order_extraordinary, BOTH_KINDS),
+    Method.FIRST_ORDER: PatchMethod(first_order_regular, first_order_extraordinary, BOTH_KINDS),
 }
 
 

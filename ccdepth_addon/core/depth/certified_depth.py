@@ -215,18 +215,21 @@ class _LevelDecision:
     """Bounds of the level-k facets of B base faces so far.
 
     wanted: (B,) bool, faces that are not disproved. upper, lower: (B,) float64, distances at most and at least over the
-    decided parts. open_differences: S - L where it is still undecided.
+    decided parts. lasting: (B,) bool, proved faces that are so at all later levels, too. open_differences: S - L where
+    it is still undecided.
     """
 
     test: ToleranceTest
     wanted: BoolArray
     upper: FloatArray
     lower: FloatArray
+    lasting: BoolArray
     open_differences: list[BasePatches] = field(default_factory=list)
 
     @staticmethod
     def of(test: ToleranceTest, wanted: BoolArray) -> _LevelDecision:
-        return _LevelDecision(test, wanted.copy(), np.zeros(len(wanted)), np.zeros(len(wanted)))
+        count = len(wanted)
+        return _LevelDecision(test, wanted.copy(), np.zeros(count), np.zeros(count), np.zeros(count, dtype=bool))
 
     def update(self, bases: IndexArray, upper: FloatArray, lower: FloatArray) -> BoolArray:
         """Record the bounds of some parts of base faces; (parts,) bool, which of them are still undecided."""
@@ -277,6 +280,7 @@ class _CertifiedSearch:
             decision = _LevelDecision.of(self.test, wanted)
             settled = self._evaluate_level(decision, level)
             depths.settle(settled, level, decision.bounds(), decision.lower)
+            depths.lasting[settled] = decision.lasting[settled]
             # After a level that was neither proved nor disproved, no later depth is proved to be the least.
             depths.exact[decision.wanted & ~settled] = False
             wanted &= ~settled
@@ -314,10 +318,11 @@ class _CertifiedSearch:
         """Evaluate the search's current level; (B,) bool, the base faces proved to be within the tolerance."""
         self._collect_patches(level)
         self._evaluate_corners(decision)
-        evaluated = self._evaluate_patches(decision, level)
+        # First what converges slowest: it disproves most levels, and the many regular patches need not be evaluated.
         for patches in self.extraordinary:
             patches = patches.at(np.flatnonzero(decision.wanted[patches.bases]))
             self._evaluate_extraordinary(decision, patches, patches.corners(self.vertices))
+        evaluated = self._evaluate_patches(decision, level)
         self._evaluate_refinement(decision)
         if decision.open_differences:
             self._evaluate_differences(decision, *_joined(decision.open_differences))
@@ -402,7 +407,11 @@ class _CertifiedSearch:
 
     def _evaluate_nets(self, decision: _LevelDecision, patches: _Patches, levels: int) -> None:
         """Evaluate regular patches for the facets so many levels after their own, with the cheapest bounds first."""
-        undecided = np.flatnonzero(decision.update(patches.bases, *self._first_bounds(patches, levels)))
+        is_undecided = decision.update(patches.bases, *self._first_bounds(patches, levels))
+        if self.refinement is None:
+            proved = np.flatnonzero(decision.wanted[patches.bases] & ~is_undecided)
+            self._note_lasting(decision, patches, proved, levels)
+        undecided = np.flatnonzero(is_undecided)
         bases, nets = patches.bases[undecided], patches.nets_of(undecided)
         for remaining in range(levels, max(levels - NET_SPLITS, 0) - 1, -1):
             if not len(bases):
@@ -414,6 +423,16 @@ class _CertifiedSearch:
                 return
             bases, nets = np.tile(bases, 4), both_ways(SPLINE_HALVES, nets)
         decision.give_up(bases)
+
+    def _note_lasting(self, decision: _LevelDecision, patches: _Patches, proved: IndexArray, levels: int) -> None:
+        """Record faces that are one patch each, those proved by its first bounds, by index.
+
+        These fall with every level, but for those of control facets of its own level: there the norm has to tell.
+        """
+        if not self._has_later_bounds(levels):
+            norms = second_order_regular(patches.nets_of(proved), self.vertices)
+            proved = proved[self.test.within(norms.at(1))]
+        decision.lasting[patches.bases[proved]] = True
 
     def _has_later_bounds(self, levels: int) -> bool:
         """Whether ``later_bounds`` are the ones to use: a control facet of the patch's own level has better bounds."""

@@ -20,7 +20,7 @@ from ..mesh.validation import has_good_positions, validate
 from ..progress import Progress, no_report, part_of
 from .certified_depth import certified_depths, certified_level_bounds
 from .modifier_quality import unmet_corners
-from .norm_depth import bounds_fall, norm_depths, norm_level_bounds
+from .norm_depth import norm_depths, norm_level_bounds
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
 METHODS = tuple(method.value for method in Method)
@@ -36,13 +36,15 @@ class DepthResult:
     """The depths of all faces, (F,) each; distances are in the unit of the positions.
 
     depths: int32. bounds: float64, the proved distance at that depth. distances: float64, a distance reached there (0
-    for methods that compute none). exact: bool, whether every lesser depth is disproved.
+    for methods that compute none). exact: bool, whether every lesser depth is disproved. lasting: bool, whether the
+    face is proved to be within the tolerance at every later level, too.
     """
 
     depths: NDArray[np.int32]
     bounds: FloatArray
     distances: FloatArray
     exact: BoolArray
+    lasting: BoolArray
 
 
 def face_depths(
@@ -70,7 +72,7 @@ def face_depths(
     for part in depths_in_chunks(mesh, test, Method(method), Vertices(vertices), every, counter.tick):
         whole.update(part)
         counter.add(len(part.faces))
-    return DepthResult(whole.depths, whole.bounds, whole.distances, whole.exact)
+    return DepthResult(whole.depths, whole.bounds, whole.distances, whole.exact, whole.lasting)
 
 
 def check_input(mesh: PolygonMesh, tolerance: float) -> None:
@@ -126,6 +128,8 @@ def uniform_level(
     depths: NDArray[np.int32] | None = None,
     least: int = 0,
     progress: Progress = no_report,
+    *,
+    lasting: BoolArray | None = None,
 ) -> int:
     """The first level, from the deepest depth on, at which all faces are proved to be within the tolerance.
 
@@ -133,13 +137,15 @@ def uniform_level(
     With limit vertices, a margin is left at corners that Blender does not show quite on the surface
     (``modifier_quality``), and level 1 is the first: a modifier at level 0 leaves every vertex where it is.
 
-    mesh, tolerance, method, vertices, progress, and errors: as of ``face_depths``. depths: (F,) what it found with the
-    same arguments, where that is known; these are proved at their own level, and where bounds only fall, at all later
+    mesh, tolerance, method, vertices, progress, and errors: as of ``face_depths``. depths, lasting: (F,) each, what it
+    found with the same arguments, where that is known: depths are proved at their own level, lasting ones at all later
     ones; all others are evaluated. least: no level before this one is wanted.
     """
     if depths is None:
-        depths = face_depths(mesh, tolerance, method, vertices).depths
-    falls = bounds_fall(mesh, Method(method))
+        found = face_depths(mesh, tolerance, method, vertices)
+        depths, lasting = found.depths, found.lasting
+    if lasting is None:
+        lasting = np.zeros(mesh.face_count, dtype=bool)
     with_margin, margin = np.zeros(mesh.face_count, dtype=bool), 0.0
     if Vertices(vertices) is Vertices.LIMIT:
         unmet = unmet_corners(mesh)
@@ -150,7 +156,7 @@ def uniform_level(
     # How many levels there will be is not known: each has half of what is left.
     begun = 0.0
     while True:
-        parts = [(np.flatnonzero((depths != level) & ~falls & ~with_margin), tolerance)]
+        parts = [(np.flatnonzero((depths != level) & ~lasting & ~with_margin), tolerance)]
         if np.any(with_margin):
             parts.append((np.flatnonzero(with_margin), tolerance - margin))
         share = part_of(progress, begun, (1 - begun) / 2)
@@ -173,6 +179,8 @@ def all_within(
     counter = _Counter(progress, sum(len(faces) for faces, _ in parts))
     counter.tick()
     for faces, tolerance in parts:
+        if not len(faces):
+            continue
         test = ToleranceTest(tolerance, rounding_allowance(mesh))
         for block in level_bounds_in_chunks(mesh, faces, test, method, vertices, level, counter.tick):
             counter.add(len(block.faces))

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..bounds.norm_bounds import Method, PatchBounds, PatchMethod, Vertices, support_bounds
+from ..bounds.norm_bounds import PatchBounds, PatchMethod, Vertices, support_bounds
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
@@ -39,8 +39,11 @@ def norm_depths(
     """The depths of some faces, in chunks. tick: called meanwhile, and may raise to stop."""
     evaluation = _NormEvaluation(test, method, vertices, tick)
     patches = classify_patches(mesh)
+    falling = bounds_fall(patches, method)
     for some, bounds in evaluation.patch_bounds(mesh, patches, faces):
-        yield evaluation.first_levels(some, bounds)
+        found = evaluation.first_levels(some, bounds)
+        found.lasting[:] = falling[some]
+        yield found
     irregular = faces[patches.kinds[faces] == PatchKind.IRREGULAR]
     for some in index_chunks(irregular, FEW_AT_ONCE):
         yield evaluation.irregular_depths(mesh, some)
@@ -74,19 +77,12 @@ def patch_bounds(
     return _NormEvaluation(test, method, vertices, lambda: None).patch_bounds(mesh, patches, faces)
 
 
-def bounds_fall(mesh: PolygonMesh, method: Method) -> BoolArray:
+def bounds_fall(patches: PatchKinds, method: PatchMethod) -> BoolArray:
     """(F,) bool: the faces that are within a tolerance at every level after one at which they are proved to be.
 
-    Patches whose bound falls by one rate with each level. The sharp factors rise a little where their period begins
-    anew, and irregular faces have other bounds at other levels. No certified distance is known to fall.
+    Irregular faces have other bounds at other levels.
     """
-    kinds = classify_patches(mesh).kinds
-    if method is Method.CERTIFIED:
-        return np.zeros(len(kinds), dtype=bool)
-    one_rate = kinds == PatchKind.REGULAR
-    if method is not Method.SHARP:
-        one_rate |= kinds == PatchKind.EXTRAORDINARY
-    return one_rate
+    return np.isin(patches.kinds, method.falling)
 
 
 @dataclass(frozen=True)

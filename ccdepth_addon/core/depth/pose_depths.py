@@ -33,7 +33,7 @@ from ..surface.patches import PatchKind, PatchKinds, classify_patches
 from .certified_depth import certified_bounds_at
 from .face_depths import all_within, depths_in_chunks, face_depths, level_bounds_in_chunks, uniform_level
 from .modifier_quality import unmet_corners
-from .norm_depth import bounds_fall, patch_bounds
+from .norm_depth import patch_bounds
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
 # Faces of all poses evaluated together.
@@ -76,14 +76,16 @@ class PoseDepths:
     """The depths of all faces over all poses, (F,) each; distances are in the unit of the positions.
 
     depths: int32. bounds: float64, the largest distance proved at that depth in any pose. exact: bool, whether every
-    lesser depth is disproved in a pose. peaks: float64, for faces whose patch has a norm, the largest value of its
-    bounds (``PatchBounds``) in units of the tolerance, where it is known; inf for others. allowance: the largest one
-    for rounding, in the same units.
+    lesser depth is disproved in a pose. lasting: bool, whether the face is proved to be within the tolerance in all
+    poses at every later level, too. peaks: float64, for faces whose patch has a norm, the largest value of its bounds
+    (``PatchBounds``) in units of the tolerance, where it is known; inf for others. allowance: the largest one for
+    rounding, in the same units.
     """
 
     depths: NDArray[np.int32]
     bounds: FloatArray
     exact: BoolArray
+    lasting: BoolArray
     peaks: FloatArray
     allowance: float
 
@@ -109,10 +111,14 @@ def pose_depths(poses: Sequence[Pose], method: str, vertices: str, progress: Pro
     share = FIRST_POSE / (FIRST_POSE + len(poses) - 1)
     mesh, tolerance = poses[0].make(), poses[0].tolerance
     first = face_depths(mesh, tolerance, method, vertices, part_of(progress, 0.0, share), is_checked=True)
-    found = PoseDepths(first.depths, first.bounds, first.exact, np.full(mesh.face_count, np.inf), 0.0)
+    unknown = np.full(mesh.face_count, np.inf)
+    found = PoseDepths(first.depths, first.bounds, first.exact, first.lasting, unknown, 0.0)
     if len(poses) == 1:
         return found
     prepared = _Prepared.of(mesh, Method(method), Vertices(vertices))
+    if prepared.method is Method.CERTIFIED:
+        # What is certified of a pose says nothing of others; which norms fall depends on the faces alone.
+        found.lasting[:] = False
     search = _PoseSearch.of(prepared, poses, found, progress, share)
     search.test_all()
     search.test_raised()
@@ -305,6 +311,7 @@ class _PoseSearch:
     depths: NDArray[np.int32]
     bounds: FloatArray
     exact: BoolArray
+    lasting: BoolArray
     peaks: FloatArray
     raised: IndexArray
     tested: IndexArray
@@ -322,13 +329,12 @@ class _PoseSearch:
         key = _KeyPose(scaled, bounds / poses[0].tolerance * (1.0 + ROUNDING), norms)
         raised = np.full(len(depths), -1, dtype=np.intp)
         tested = np.zeros(len(poses), dtype=np.intp)
-        return _PoseSearch(
-            prepared, poses, progress, done, depths, bounds, exact, norms, raised, tested, key, scaled.allowance
-        )
+        begun = depths, bounds, exact, found.lasting, norms
+        return _PoseSearch(prepared, poses, progress, done, *begun, raised, tested, key, scaled.allowance)
 
     @property
     def found(self) -> PoseDepths:
-        return PoseDepths(self.depths, self.bounds, self.exact, self.peaks, self.allowance)
+        return PoseDepths(self.depths, self.bounds, self.exact, self.lasting, self.peaks, self.allowance)
 
     def test_all(self) -> None:
         """Test all poses but the first, one stretch after the other."""
@@ -539,14 +545,16 @@ def common_level(
     """
     mesh = poses[0].make()
     if len(poses) == 1:
-        return uniform_level(mesh, poses[0].tolerance, method, vertices, found.depths, least, progress)
+        return uniform_level(
+            mesh, poses[0].tolerance, method, vertices, found.depths, least, progress, lasting=found.lasting
+        )
     prepared = _Prepared.of(mesh, Method(method), Vertices(vertices))
     with_margin = np.zeros(mesh.face_count, dtype=bool)
     if prepared.vertices is Vertices.LIMIT:
         with_margin[mesh.corner_faces[unmet_corners(mesh).corners]] = True
         least = max(least, 1)
     level = max(least, int(found.depths.max(initial=0)))
-    settled = bounds_fall(mesh, prepared.method) | with_margin
+    settled = found.lasting | with_margin
     begun = 0.0
     while True:
         # How many levels there will be is not known: each has half of what is left.

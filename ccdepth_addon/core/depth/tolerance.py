@@ -32,7 +32,8 @@ class FaceDepths:
     """Some faces of the mesh and their depths: (P,) each.
 
     depths: int32, -1 while undecided. bounds: the proved distance at that depth. distances: a distance reached there.
-    exact: whether every lesser depth is disproved.
+    exact: whether every lesser depth is disproved. lasting: whether the face is proved to be within the tolerance at
+    every later level, too.
     """
 
     faces: IndexArray
@@ -40,13 +41,20 @@ class FaceDepths:
     bounds: FloatArray
     distances: FloatArray
     exact: BoolArray
+    lasting: BoolArray
 
     @staticmethod
     def undecided(faces: IndexArray) -> FaceDepths:
         """The faces before anything is known."""
         count = len(faces)
-        zeros = np.zeros(count)
-        return FaceDepths(faces, np.full(count, -1, dtype=np.int32), zeros, zeros.copy(), np.ones(count, dtype=bool))
+        return FaceDepths(
+            faces=faces,
+            depths=np.full(count, -1, dtype=np.int32),
+            bounds=np.zeros(count),
+            distances=np.zeros(count),
+            exact=np.ones(count, dtype=bool),
+            lasting=np.zeros(count, dtype=bool),
+        )
 
     def settle(self, chosen: BoolArray, depth: int, bounds: FloatArray, distances: FloatArray | None = None) -> None:
         """Set the depth of the chosen faces; of the arrays (P,) only their entries are used.
@@ -66,6 +74,7 @@ class FaceDepths:
         self.bounds[part.faces] = part.bounds
         self.distances[part.faces] = part.distances
         self.exact[part.faces] = part.exact
+        self.lasting[part.faces] = part.lasting
 
 
 @dataclass(frozen=True)
