@@ -165,6 +165,11 @@ class ControlMesh:
         return self._arrays.corner_count
 
     @property
+    def own_arrays(self) -> PolygonMesh | None:
+        """Those of the object's own mesh, as it was read; None when its modifiers made another one."""
+        return self._arrays if self.base_faces is None else None
+
+    @property
     def _arrays(self) -> PolygonMesh:
         return (self.read if isinstance(self.read, MeshAsRead) else self.read.first).arrays
 

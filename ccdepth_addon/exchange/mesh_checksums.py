@@ -11,6 +11,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import PolygonMesh
 from .bulk_writing import TYPES
 from .control_mesh import EDGE_CREASE, VERTEX_CREASE, read_built_in, read_creases, read_values
 
@@ -24,6 +25,12 @@ class Topology(NamedTuple):
     face_starts: NDArray[np.int32]
     corner_vertices: NDArray[np.int32]
     edge_vertices: NDArray[np.int32]
+
+    @staticmethod
+    def of(arrays: PolygonMesh) -> Topology:
+        """That of a mesh that was read."""
+        columns = arrays.face_starts[:-1], arrays.corner_vertices, arrays.edge_vertices
+        return Topology(*(values.astype(np.int32) for values in columns))
 
 
 def geometry_checksum(mesh: bpy.types.Mesh, topology: Topology | None = None) -> int:

@@ -12,6 +12,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import IndexArray
 from .bulk_writing import TYPES, ValueType, write_attribute
 from .control_mesh import read_values
 
@@ -67,12 +68,16 @@ def conflict(blender_object: bpy.types.Object) -> str | None:
 
 
 def write_face_values(
-    mesh: bpy.types.Mesh, columns: Mapping[AttributeKind, NDArray[Any]], undo: ExitStack | None = None
+    mesh: bpy.types.Mesh,
+    columns: Mapping[AttributeKind, NDArray[Any]],
+    undo: ExitStack | None = None,
+    face_sizes: IndexArray | None = None,
 ) -> None:
     """Write attributes in Object Mode or in Edit Mode, all or none.
 
     columns: (F,) or (F, 4), one value for each face; on CORNER, for all corners of the face alike. undo: when it is
     closed, the mesh has its old attributes again; in Edit Mode, where Blender keeps what is written, it does nothing.
+    face_sizes: (F,) the corners of each face, where they are known, as it takes long to read them.
     Raises WriteError, with nothing changed, when Blender does not keep them.
     """
     if mesh.is_editmode:
@@ -83,7 +88,9 @@ def write_face_values(
         with _choices_kept(mesh):
             for kind, values in columns.items():
                 before[kind] = _stored(mesh, kind)
-                write_attribute(mesh, kind.name, kind.data_type, kind.domain, _at_elements(mesh, kind, values))
+                write_attribute(
+                    mesh, kind.name, kind.data_type, kind.domain, _at_elements(mesh, kind, values, face_sizes)
+                )
     except BaseException:
         _put_back(mesh, before)
         raise
@@ -92,12 +99,16 @@ def write_face_values(
         undo.callback(_put_back, mesh, before)
 
 
-def _at_elements(mesh: bpy.types.Mesh, kind: AttributeKind, values: NDArray[Any]) -> NDArray[Any]:
+def _at_elements(
+    mesh: bpy.types.Mesh, kind: AttributeKind, values: NDArray[Any], face_sizes: IndexArray | None
+) -> NDArray[Any]:
     """Values of faces at the elements of the attribute's domain."""
     if kind.domain == "FACE":
         return values
-    sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
-    return np.repeat(values, sizes, axis=0)
+    # The mesh may have changed since its sizes were read.
+    if face_sizes is None or face_sizes.sum() != len(mesh.loops):
+        face_sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
+    return np.repeat(values, face_sizes, axis=0)
 
 
 def _stored(mesh: bpy.types.Mesh, kind: AttributeKind) -> NDArray[Any] | None:

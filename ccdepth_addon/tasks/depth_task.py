@@ -48,7 +48,7 @@ from ..exchange.control_mesh import (
     own_mesh,
     read_control_mesh,
 )
-from ..exchange.mesh_checksums import geometry_checksum
+from ..exchange.mesh_checksums import Topology, geometry_checksum
 from ..exchange.object_state import KnownDescriptions, StateAtFrame, object_state
 from .frames import frame_restored, typed_frames
 from .stepwise import Stage
@@ -174,14 +174,15 @@ class ReadMesh(NamedTuple):
 class MeshTask:
     """What to compute for one mesh. It keeps no reference to Blender's data, which may move while it runs.
 
-    geometry: the checksum of the mesh, and states: what its objects were like, as they were read. read: the control
-    meshes of the objects, on each frame. tolerances: of all of them, and groups: of those that no other dominates,
-    once it is decided.
+    geometry: the checksum of the mesh, face_sizes: (F,) the corners of its faces, where they were read, and states:
+    what its objects were like. read: the control meshes of the objects, on each frame. tolerances: of all of them, and
+    groups: of those that no other dominates, once it is decided.
     """
 
     mesh_uid: int
     face_count: int
     geometry: int
+    face_sizes: IndexArray | None = None
     object_names: list[str] = field(default_factory=list)
     states: list[StateAtFrame] = field(default_factory=list)
     read: list[ReadMesh] = field(default_factory=list)
@@ -318,7 +319,7 @@ def _read_objects(
             for blender_object in batch:
                 with faults.of(blender_object.name, frame):
                     control = read_control_mesh(context, blender_object, **modifiers, shared=shared, copies=copies)
-                    task = _task_of(blender_object, tasks)
+                    task = _task_of(blender_object, control, tasks)
                     task.add(ReadMesh(blender_object.name, frame, control))
                     task.states.append(StateAtFrame(object_state(blender_object, **modifiers, known=known), frame))
 
@@ -334,8 +335,11 @@ def _note_states(
             tasks[blender_object.data.session_uid].states.append(StateAtFrame(state, frame))
 
 
-def _task_of(blender_object: bpy.types.Object, tasks: dict[int, MeshTask]) -> MeshTask:
-    """The task of the object's mesh. Raises ControlMeshError when the object had another one on an earlier frame."""
+def _task_of(blender_object: bpy.types.Object, control: ControlMesh, tasks: dict[int, MeshTask]) -> MeshTask:
+    """The task of the object's mesh, of which a control mesh was just read.
+
+    Raises ControlMeshError when the object had another mesh on an earlier frame.
+    """
     mesh = blender_object.data
     for task in tasks.values():
         if blender_object.name in task.object_names and (
@@ -343,8 +347,11 @@ def _task_of(blender_object: bpy.types.Object, tasks: dict[int, MeshTask]) -> Me
         ):
             raise ControlMeshError("it does not keep its mesh over the frames, so depths of its faces cannot be told")
     if mesh.session_uid not in tasks:
+        arrays = control.own_arrays
         with own_mesh(blender_object) as own:
-            tasks[mesh.session_uid] = MeshTask(mesh.session_uid, mesh_face_count(mesh), geometry_checksum(own))
+            geometry = geometry_checksum(own, None if arrays is None else Topology.of(arrays))
+        sizes = None if arrays is None else arrays.face_sizes
+        tasks[mesh.session_uid] = MeshTask(mesh.session_uid, mesh_face_count(mesh), geometry, sizes)
     task = tasks[mesh.session_uid]
     if blender_object.name not in task.object_names:
         task.object_names.append(blender_object.name)

@@ -160,6 +160,18 @@ def test_one_colour_for_each_depth_and_for_all_corners_of_a_face() -> None:
         assert_colored(holder, 0, 8)
 
 
+@pytest.mark.parametrize("known", [None, 4, 3])
+def test_corners_that_are_not_as_many_as_when_they_were_read(known: int | None) -> None:
+    """Somebody may edit a mesh while its depths are being computed."""
+    mesh = scene.add_object(meshes.cube()).data
+    written = np.random.default_rng(7).random((6, 4)).astype(np.float32)
+    attributes = addon.module("exchange.result_attributes")
+    sizes = None if known is None else np.full(6, known)
+    attributes.write_face_values(mesh, {attributes.COLOR_KIND: written}, face_sizes=sizes)
+    found = [item.color[:] for item in mesh.attributes["ccdepth_color"].data]
+    np.testing.assert_array_equal(found, np.repeat(written, 4, axis=0))
+
+
 def assert_colored(holder: bpy.types.Object, first: int, last: int) -> None:
     """The faces have the colours of their depths between these two, which are written down here once more."""
     stops = np.array([[0x3B, 0x52, 0x8B], [0x21, 0x90, 0x8C], [0x5D, 0xC9, 0x63], [0xFD, 0xE7, 0x25]]) / 255.0

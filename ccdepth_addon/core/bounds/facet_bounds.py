@@ -57,14 +57,18 @@ CORNER_ROWS = [0, 3, 12, 15]
 SIDE_ROWS = [1, 2, 4, 7, 8, 11, 13, 14]
 
 
-def control_facet_bounds(net: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(P,) float64 each: ‖L - S‖ over the patches' own facets with control vertices, at most and at least.
+def control_corner_errors(net: FloatArray) -> FloatArray:
+    """(P,) float64: the largest ‖L - S‖ at the corners of the patches' own facets with control vertices."""
+    return largest_norm(apply(FACET_ERRORS[Vertices.CONTROL][CORNER_ROWS], net))
 
-    Of the 16 coefficients the four in the middle are 0, and those at the corners are values.
+
+def control_facet_bounds(net: FloatArray, at_corners: FloatArray) -> FloatArray:
+    """(P,) float64: ‖L - S‖ at most over the patches' own facets with control vertices.
+
+    at_corners: ``control_corner_errors``. Of the 16 coefficients the four in the middle are 0, and those at the corners
+    are values.
     """
-    squares = squared_norms(apply(FACET_ERRORS[Vertices.CONTROL][CORNER_ROWS + SIDE_ROWS], net))
-    at_corners = squares[:4].max(axis=0)
-    return np.sqrt(np.maximum(at_corners, squares[4:].max(axis=0))), np.sqrt(at_corners)
+    return np.maximum(at_corners, largest_norm(apply(FACET_ERRORS[Vertices.CONTROL][SIDE_ROWS], net)))
 
 
 @dataclass(frozen=True)

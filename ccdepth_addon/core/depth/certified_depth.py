@@ -24,6 +24,7 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.facet_bounds import (
     CORNER_ROWS,
     LaterBounds,
+    control_corner_errors,
     control_facet_bounds,
     facet_error,
     later_bounds,
@@ -441,15 +442,23 @@ class _CertifiedSearch:
     def _first_bounds(self, patches: _Patches, levels: int) -> tuple[FloatArray, FloatArray]:
         """(P,) each: distances at most and at least, so many levels after the patches' own."""
         if not self._has_later_bounds(levels):
-            return control_facet_bounds(patches.compact())
+            return self._control_bounds(patches.compact())
         later = patches.later_bounds(self.vertices)
         return later.at(levels), later.least(levels)
 
     def _closer_bounds(self, nets: FloatArray, levels: int) -> tuple[FloatArray, FloatArray]:
         """(P,) each: the same from the nets (4, 4, P, 3), with sampled distances."""
         if not self._has_later_bounds(levels):
-            return control_facet_bounds(nets)
+            return self._control_bounds(nets)
         return later_bounds(nets, self.vertices).at(levels), sampled_error(nets, self.vertices, levels)
+
+    def _control_bounds(self, nets: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(P,) each: the same of the control facets of the nets' own level. Corners alone disprove most of them."""
+        lower = control_corner_errors(nets)
+        upper = np.full(len(lower), np.inf)
+        open_ = np.flatnonzero(~self.test.exceeds(lower))
+        upper[open_] = control_facet_bounds(nets.take(open_, axis=2), lower[open_])
+        return upper, lower
 
     def _tighten_bounds(self, decision: _LevelDecision, patches: _Patches, level: int) -> None:
         """Record better bounds of settled faces' patches where they may hold the face's largest distance."""
@@ -457,6 +466,9 @@ class _CertifiedSearch:
         if patches.rough is not None:
             within_reach = patches.rough.at(levels) > decision.lower[patches.bases]
             patches = patches.at(np.flatnonzero(within_reach))
+        elif not self._has_later_bounds(levels):
+            # These bounds were recorded when the patches were evaluated.
+            return
         if len(patches.bases):
             upper, lower = self._first_bounds(patches, levels)
             if self._has_later_bounds(levels):

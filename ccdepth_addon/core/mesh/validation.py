@@ -32,7 +32,7 @@ def validate(mesh: PolygonMesh) -> None:
     visits a vertex twice."""
     if mesh.face_count == 0:
         raise InvalidMeshError("the mesh has no faces")
-    nowhere = ~np.isfinite(mesh.positions).all(axis=1) & (mesh.vertex_face_counts > 0)
+    nowhere = _is_nowhere(mesh)
     bad_edges, bad_vertices = np.isnan(mesh.edge_sharpness), np.isnan(mesh.vertex_sharpness)
     repeated = _faces_with_repeated_vertices(mesh)
     faults = [
@@ -61,9 +61,19 @@ def _fault(bad: BoolArray, one: str, many: str, fault: str) -> str:
     return f"{len(found):,} {one if len(found) == 1 else many} {fault} (first: {one} {found[0]})" if len(found) else ""
 
 
+def _is_nowhere(mesh: PolygonMesh) -> BoolArray:
+    """(V,) bool: the vertices with faces at no finite position."""
+    finite = np.isfinite(mesh.positions)
+    if finite.all():
+        return np.zeros(mesh.vertex_count, dtype=bool)
+    return ~finite.all(axis=1) & (mesh.vertex_face_counts > 0)
+
+
 def _is_one_point(mesh: PolygonMesh) -> bool:
-    """Whether no vertex with faces is apart from the others."""
+    """Whether no vertex with faces is apart from the others. Mostly the first edge tells."""
     first = mesh.positions[mesh.corner_vertices[0]]
+    if np.any(mesh.positions[mesh.corner_vertices[1:2]] != first):
+        return False
     return not np.any((mesh.positions != first).any(axis=1) & (mesh.vertex_face_counts > 0))
 
 
