@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.mesh.submesh import corners_of_faces, submesh
+from ccdepth_addon.core.mesh.submesh import corners_of_faces, faces_alone, submesh
 from ccdepth_addon.core.surface.catmull_clark import CatmullClarkStep, subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.sharpness import (
@@ -286,6 +286,23 @@ def test_a_part_refines_like_the_whole(name: str) -> None:
         at_corners(part_step, vertex_rules(part_step.mesh), children),
         at_corners(whole_step, vertex_rules(whole_step.mesh), same_child[children]),
     )
+
+
+@every_mesh
+def test_the_faces_around_vertices_are_enough_for_their_points(name: str) -> None:
+    mesh = build(name)
+    chosen = np.zeros(mesh.vertex_count, dtype=bool)
+    chosen[mesh.corner_vertices[:: max(1, mesh.corner_count // 7)]] = True
+    faces = np.unique(mesh.corner_faces[chosen[mesh.corner_vertices]])
+    part = faces_alone(mesh, faces)
+    same_vertex = np.zeros(part.vertex_count, dtype=np.intp)
+    same_vertex[part.corner_vertices] = mesh.corner_vertices[corners_of_faces(mesh, faces)]
+    own = chosen[same_vertex]
+    assert np.count_nonzero(own) == np.count_nonzero(chosen)
+    of_part, of_whole = subdivide(part).mesh, subdivide(mesh).mesh
+    np.testing.assert_array_equal(of_part.positions[: len(own)][own], of_whole.positions[same_vertex[own]])
+    np.testing.assert_array_equal(limit_positions(part)[own], limit_positions(mesh)[same_vertex[own]])
+    np.testing.assert_array_equal(limit_positions(mesh, chosen)[chosen], limit_positions(mesh)[chosen])
 
 
 def test_part_of_no_faces_is_empty() -> None:

@@ -27,14 +27,24 @@ def submesh(mesh: PolygonMesh, faces: IndexArray) -> tuple[PolygonMesh, IndexArr
     in_ring[mesh.corner_faces[touched[mesh.corner_vertices]]] = True
     in_ring[faces] = False
     kept_faces = np.concatenate([np.asarray(faces, dtype=np.intp), np.flatnonzero(in_ring)])
-    kept_corners = corners_of_faces(mesh, kept_faces)
+    return faces_alone(mesh, kept_faces), kept_faces
+
+
+def faces_alone(mesh: PolygonMesh, faces: IndexArray) -> PolygonMesh:
+    """The given faces (n,), each once, as a mesh of its own, without any around them.
+
+    Vertices and edges keep their order; those of no given face are dropped. Sharpness is copied unchanged. Of a
+    Catmull-Clark step the points of the faces, and of vertices and edges all of whose faces are given, are those of
+    the whole mesh.
+    """
+    kept_corners = corners_of_faces(mesh, faces)
     corner_vertices, corner_edges = mesh.corner_vertices[kept_corners], mesh.corner_edges[kept_corners]
     kept_vertices, kept_edges = compact(corner_vertices, mesh.vertex_count), compact(corner_edges, mesh.edge_count)
     new_vertex = np.zeros(mesh.vertex_count, dtype=np.intp)
     new_vertex[kept_vertices] = np.arange(len(kept_vertices))
-    part = PolygonMesh(
+    return PolygonMesh(
         positions=mesh.positions[kept_vertices],
-        face_starts=np.concatenate([[0], np.cumsum(mesh.face_sizes[kept_faces])]).astype(np.intp),
+        face_starts=np.concatenate([[0], np.cumsum(mesh.face_sizes[faces])]).astype(np.intp),
         corner_vertices=corner_vertices,
         corner_edges=corner_edges,
         edge_vertices=new_vertex[mesh.edge_vertices[kept_edges]],
@@ -42,7 +52,6 @@ def submesh(mesh: PolygonMesh, faces: IndexArray) -> tuple[PolygonMesh, IndexArr
         vertex_sharpness=mesh.vertex_sharpness[kept_vertices],
         sharpness_is_explicit=mesh.sharpness_is_explicit,
     )
-    return part, kept_faces
 
 
 def corners_of_faces(mesh: PolygonMesh, faces: IndexArray) -> IndexArray:

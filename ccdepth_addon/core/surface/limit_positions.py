@@ -8,7 +8,7 @@ import numpy as np
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import sums_by_index
 from ..mesh.polygon_mesh import PolygonMesh
-from ..mesh.submesh import corners_of_faces, submesh
+from ..mesh.submesh import corners_of_faces, faces_alone
 from .catmull_clark import refined_points, subdivide
 from .sharpness import VertexRule, has_finite_sharpness_above, rules_of
 
@@ -32,15 +32,16 @@ def limit_positions(mesh: PolygonMesh, wanted: BoolArray | None = None) -> Float
         return limits
     at_undecided = np.zeros(mesh.face_count, dtype=bool)
     at_undecided[mesh.corner_faces[undecided[mesh.corner_vertices]]] = True
-    part, faces = submesh(mesh, np.flatnonzero(at_undecided))
-    # Vertex points come first among the vertices of a step, and have the limits of their vertices.
+    faces = np.flatnonzero(at_undecided)
+    part = faces_alone(mesh, faces)
     vertices = np.zeros(part.vertex_count, dtype=np.intp)
     vertices[part.corner_vertices] = mesh.corner_vertices[corners_of_faces(mesh, faces)]
-    refined = subdivide(part).mesh
-    wanted_points = np.zeros(refined.vertex_count, dtype=bool)
-    wanted_points[: part.vertex_count] = undecided[vertices]
-    found = limit_positions(refined, wanted_points)
-    limits[vertices[undecided[vertices]]] = found[wanted_points]
+    own = undecided[vertices]
+    # A step makes a face of each corner. Of those at undecided vertices the vertex points come first among the
+    # vertices, and have the limits of their vertices.
+    around = faces_alone(subdivide(part).mesh, np.flatnonzero(own[part.corner_vertices]))
+    is_own_point = np.arange(around.vertex_count) < np.count_nonzero(own)
+    limits[vertices[own]] = limit_positions(around, is_own_point)[is_own_point]
     return limits
 
 
