@@ -71,13 +71,14 @@ def write_face_values(
     mesh: bpy.types.Mesh,
     columns: Mapping[AttributeKind, NDArray[Any]],
     undo: ExitStack | None = None,
-    face_sizes: IndexArray | None = None,
+    face_starts: IndexArray | None = None,
 ) -> None:
     """Write attributes in Object Mode or in Edit Mode, all or none.
 
     columns: (F,) or (F, 4), one value for each face; on CORNER, for all corners of the face alike. undo: when it is
     closed, the mesh has its old attributes again; in Edit Mode, where Blender keeps what is written, it does nothing.
-    face_sizes: (F,) the corners of each face, where they are known, as it takes long to read them.
+    face_starts: (F + 1,) the first corners of the faces, and the number of corners, as they were read, as it takes long
+    to read them again.
     Raises WriteError, with nothing changed, when Blender does not keep them.
     """
     if mesh.is_editmode:
@@ -89,7 +90,7 @@ def write_face_values(
             for kind, values in columns.items():
                 before[kind] = _stored(mesh, kind)
                 write_attribute(
-                    mesh, kind.name, kind.data_type, kind.domain, _at_elements(mesh, kind, values, face_sizes)
+                    mesh, kind.name, kind.data_type, kind.domain, _at_elements(mesh, kind, values, face_starts)
                 )
     except BaseException:
         _put_back(mesh, before)
@@ -100,15 +101,15 @@ def write_face_values(
 
 
 def _at_elements(
-    mesh: bpy.types.Mesh, kind: AttributeKind, values: NDArray[Any], face_sizes: IndexArray | None
+    mesh: bpy.types.Mesh, kind: AttributeKind, values: NDArray[Any], face_starts: IndexArray | None
 ) -> NDArray[Any]:
     """Values of faces at the elements of the attribute's domain."""
     if kind.domain == "FACE":
         return values
-    # The mesh may have changed since its sizes were read.
-    if face_sizes is None or face_sizes.sum() != len(mesh.loops):
-        face_sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
-    return np.repeat(values, face_sizes, axis=0)
+    # The mesh may have changed since they were read.
+    if face_starts is None or face_starts[-1] != len(mesh.loops):
+        face_starts = np.append(read_values(mesh.polygons, "loop_start", np.int32), len(mesh.loops))
+    return np.repeat(values, np.diff(face_starts), axis=0)
 
 
 def _stored(mesh: bpy.types.Mesh, kind: AttributeKind) -> NDArray[Any] | None:

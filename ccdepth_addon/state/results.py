@@ -96,7 +96,7 @@ def write_depths(mesh: bpy.types.Mesh, answer: MeshDepths, color_depths: tuple[i
     """
     colors = face_depth_colors(answer.depths, color_depths)
     columns = {DEPTH_KIND: answer.depths, BOUND_KIND: rounded_up(answer.bounds), COLOR_KIND: colors}
-    write_face_values(mesh, columns, undo, answer.task.face_sizes)
+    write_face_values(mesh, columns, undo, answer.task.face_starts)
 
 
 def face_depth_colors(depths: NDArray[np.int32], color_depths: tuple[int, int]) -> NDArray[np.float32]:

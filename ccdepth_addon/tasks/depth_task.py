@@ -174,20 +174,25 @@ class ReadMesh(NamedTuple):
 class MeshTask:
     """What to compute for one mesh. It keeps no reference to Blender's data, which may move while it runs.
 
-    geometry: the checksum of the mesh, face_sizes: (F,) the corners of its faces, where they were read, and states:
-    what its objects were like. read: the control meshes of the objects, on each frame. tolerances: of all of them, and
-    groups: of those that no other dominates, once it is decided.
+    geometry: the checksum of the mesh, arrays: the mesh itself, where it is the control mesh, and states: what its
+    objects were like, as they were read. read: the control meshes of the objects, on each frame. tolerances: of all of
+    them, and groups: of those that no other dominates, once it is decided.
     """
 
     mesh_uid: int
     face_count: int
     geometry: int
-    face_sizes: IndexArray | None = None
+    arrays: PolygonMesh | None = None
     object_names: list[str] = field(default_factory=list)
     states: list[StateAtFrame] = field(default_factory=list)
     read: list[ReadMesh] = field(default_factory=list)
     tolerances: list[float] = field(default_factory=list)
     groups: list[PoseGroup] = field(default_factory=list)
+
+    @property
+    def face_starts(self) -> IndexArray | None:
+        """(F + 1,): the first corners of the mesh's faces, and the number of corners, where they were read."""
+        return None if self.arrays is None else self.arrays.face_starts
 
     @property
     def requests(self) -> list[DepthRequest]:
@@ -350,8 +355,7 @@ def _task_of(blender_object: bpy.types.Object, control: ControlMesh, tasks: dict
         arrays = control.own_arrays
         with own_mesh(blender_object) as own:
             geometry = geometry_checksum(own, None if arrays is None else Topology.of(arrays))
-        sizes = None if arrays is None else arrays.face_sizes
-        tasks[mesh.session_uid] = MeshTask(mesh.session_uid, mesh_face_count(mesh), geometry, sizes)
+        tasks[mesh.session_uid] = MeshTask(mesh.session_uid, mesh_face_count(mesh), geometry, arrays)
     task = tasks[mesh.session_uid]
     if blender_object.name not in task.object_names:
         task.object_names.append(blender_object.name)

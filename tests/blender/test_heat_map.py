@@ -166,8 +166,8 @@ def test_corners_that_are_not_as_many_as_when_they_were_read(known: int | None) 
     mesh = scene.add_object(meshes.cube()).data
     written = np.random.default_rng(7).random((6, 4)).astype(np.float32)
     attributes = addon.module("exchange.result_attributes")
-    sizes = None if known is None else np.full(6, known)
-    attributes.write_face_values(mesh, {attributes.COLOR_KIND: written}, face_sizes=sizes)
+    starts = None if known is None else known * np.arange(7)
+    attributes.write_face_values(mesh, {attributes.COLOR_KIND: written}, face_starts=starts)
     found = [item.color[:] for item in mesh.attributes["ccdepth_color"].data]
     np.testing.assert_array_equal(found, np.repeat(written, 4, axis=0))
 
