@@ -283,6 +283,20 @@ def test_levels_are_set(tmp_path: Path) -> None:
     assert len(cube.data.polygons) == 6 * 4 ** modifier_level(tmp_path / "out.blend")
 
 
+def test_levels_of_a_result_are_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    """They would subdivide a mesh that is fine enough already."""
+    path, made, output = save_cubes(tmp_path / "cube.blend", "Cube"), tmp_path / "made.blend", tmp_path / "out.blend"
+    assert run(path, "--subdivide", *LIMIT, "--output", made) == 0
+    before = made.read_bytes()
+    capfd.readouterr()
+    assert run(made, "--levels", *LIMIT, "--output", output) == 1
+    [error] = [line for line in capfd.readouterr().err.splitlines() if line.startswith("ccdepth: ")]
+    assert error.startswith(f"ccdepth: {made}: ")
+    assert error.endswith("Levels would subdivide the result itself: set those of its source")
+    assert not output.exists()
+    assert made.read_bytes() == before
+
+
 def modifier_level(path: Path) -> int:
     bpy.ops.wm.open_mainfile(filepath=str(path))
     return int(bpy.data.objects["Cube"].modifiers[0].levels)
