@@ -14,6 +14,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from time import process_time
+from types import ModuleType
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -21,7 +22,7 @@ import bpy
 import numpy as np
 
 import ccdepth_addon
-from ccdepth_addon.core.depth import pose_depths
+from ccdepth_addon.core.depth import joined_faces, key_poses
 from tests.blender import addon, scene
 
 FRAMES = 100
@@ -97,13 +98,13 @@ def further(step: int, tolerance: float, one: float) -> float:
     return (milliseconds(f"1-{FRAMES}/{step}", tolerance) - one) / (count - 1)
 
 
-def with_constant(name: str, value: int, work: Callable[[], float]) -> float:
-    before = getattr(pose_depths, name)
-    setattr(pose_depths, name, value)
+def with_constant(module: ModuleType, name: str, value: int, work: Callable[[], float]) -> float:
+    before = getattr(module, name)
+    setattr(module, name, value)
     try:
         return work()
     finally:
-        setattr(pose_depths, name, before)
+        setattr(module, name, before)
 
 
 def main(arguments: list[str]) -> None:
@@ -118,8 +119,8 @@ def main(arguments: list[str]) -> None:
             for step in (1, 5):
                 each = further(step, tolerance, one)
                 anew = [
-                    with_constant(constant, 1, lambda: further(step, tolerance, one))  # noqa: B023
-                    for constant in ("POSES_BY_A_KEY", "FACES_TOGETHER")
+                    with_constant(module, constant, 1, lambda: further(step, tolerance, one))  # noqa: B023
+                    for module, constant in ((key_poses, "POSES_BY_A_KEY"), (joined_faces, "FACES_TOGETHER"))
                 ]
                 count = len(range(1, FRAMES + 1, step))
                 ratios = " | ".join(f"{time / one:.2f}" for time in (each, *anew))

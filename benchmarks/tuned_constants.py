@@ -277,11 +277,11 @@ def posed(make: Callable[[], list[Any]], tolerance: float = 1e-3) -> Callable[[]
 
 def posed_level(make: Callable[[], list[Any]], tolerance: float = 1e-3) -> Callable[[], Any]:
     """The first level that holds for all faces in all poses."""
-    from ccdepth_addon.core.depth import pose_depths
+    from ccdepth_addon.core.depth import common_level, pose_depths
 
     poses = within(make(), tolerance)
     found = pose_depths.pose_depths(poses, "CERTIFIED", "CONTROL")
-    return lambda: float(4.0 ** pose_depths.common_level(poses, "CERTIFIED", "CONTROL", found))
+    return lambda: float(4.0 ** common_level.common_level(poses, "CERTIFIED", "CONTROL", found))
 
 
 def within(poses: list[Any], tolerance: float) -> list[Any]:
@@ -773,6 +773,10 @@ def all_faces(_: Any) -> Any:
     return lambda mesh, change: np.ones(mesh.face_count, dtype=bool)
 
 
+def norms_of_nets(_: Any) -> Any:
+    return property(lambda prepared: None)
+
+
 def all_of_them(_: Any) -> Any:
     return lambda search, scaled, faces: faces
 
@@ -785,7 +789,7 @@ def without_peaks(_: str) -> None:
             poses, method, vertices, replace(found, peaks=np.full_like(found.peaks, np.inf)), *given
         )
 
-    by(forgotten)(DEPTH + "pose_depths.common_level")
+    by(forgotten)(DEPTH + "common_level.common_level")
 
 
 def made_anew(cached: Any) -> Any:
@@ -892,11 +896,12 @@ ENTRIES = [
     Entry(CERTIFIED + "_CertifiedSearch._settle_early", "not tried", by(nothing), ("level", "deep level")),
     Entry(CERTIFIED + "_CertifiedSearch._note_lasting", "all faces evaluated again", by(nothing), ("computed",)),
     at_once(DEPTH + "norm_depth.EXTRAORDINARY_POINTS_AT_ONCE", "depths by norms, poles"),
-    Entry(DEPTH + "pose_depths.POSES_BY_A_KEY", "every pose is a key pose", set_to(1), POSES),
-    Entry(DEPTH + "pose_depths.FACES_TOGETHER", "each pose on its own", set_to(1), POSES),
-    at_once(DEPTH + "pose_depths.FACES_TOGETHER", "poses, large"),
-    Entry(DEPTH + "pose_depths.NEGLIGIBLE", "norms always computed", set_to(-1.0), POSES),
-    Entry(DEPTH + "pose_depths._faces_near", "all faces taken to move", by(all_faces), POSES),
+    Entry(DEPTH + "key_poses.POSES_BY_A_KEY", "every pose is a key pose", set_to(1), POSES),
+    Entry(DEPTH + "joined_faces.FACES_TOGETHER", "each pose on its own", set_to(1), POSES),
+    at_once(DEPTH + "joined_faces.FACES_TOGETHER", "poses, large"),
+    at_once(DEPTH + "pose_depths.POSES_HELD", "poses, large"),
+    Entry(DEPTH + "poses.faces_near", "all faces taken to move", by(all_faces), POSES),
+    Entry(DEPTH + "poses.PreparedMesh.shared", "norms of each net", by(norms_of_nets), POSES),
     Entry(
         DEPTH + "pose_depths._PoseSearch._not_proved_by_norms",
         "all faces evaluated again",
@@ -1033,6 +1038,8 @@ CACHES = {
         for place in (
             SURFACE + "stencils.patch_stencils",
             BOUNDS + "facet_bounds._samples",
+            DEPTH + "poses.PreparedMesh.shared",
+            DEPTH + "poses.PreparedMesh.others",
             ADAPTIVE + "subdivided_mesh.SubdividedMesh.corner_points",
             CELLS + "polygon_cells.fan_of_template",
             LEAVES + "child_bounds._rows",

@@ -24,6 +24,7 @@ from .attributes.interpolation import (
     to_rotation_vectors,
 )
 from .bounds.rounding import rounding_allowance, smallest_step
+from .depth.common_level import common_level
 from .depth.face_depths import (
     METHODS,
     VERTICES,
@@ -36,7 +37,9 @@ from .depth.face_depths import (
     uniform_level,
 )
 from .depth.modifier_quality import needed_quality
-from .depth.pose_depths import Pose, PoseDepths, WorstPose, common_level, pose_depths, raised_depths, worst_pose
+from .depth.pose_depths import PoseDepths, pose_depths, raised_depths
+from .depth.poses import Pose
+from .depth.worst_pose import WorstPose, worst_pose
 from .deviation import Deviation, measure_deviation
 from .mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from .mesh.validation import InvalidMeshError, validate

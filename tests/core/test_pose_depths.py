@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.arrays.types import FloatArray
-from ccdepth_addon.core.bounds.norm_bounds import PATCH_METHODS, Method, Vertices
+from ccdepth_addon.core.depth.common_level import common_level
 from ccdepth_addon.core.depth.face_depths import (
     METHODS,
     VERTICES,
@@ -17,14 +17,10 @@ from ccdepth_addon.core.depth.face_depths import (
     level_bounds,
     uniform_level,
 )
-from ccdepth_addon.core.depth.pose_depths import (
-    LARGEST_NORM,
-    Pose,
-    common_level,
-    pose_depths,
-    raised_depths,
-    worst_pose,
-)
+from ccdepth_addon.core.depth.key_poses import POSES_BY_A_KEY, key_places
+from ccdepth_addon.core.depth.pose_depths import pose_depths, raised_depths
+from ccdepth_addon.core.depth.poses import Pose
+from ccdepth_addon.core.depth.worst_pose import worst_pose
 from ccdepth_addon.core.mesh.copies import side_by_side
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
@@ -265,16 +261,11 @@ def test_copies_side_by_side_are_subdivided_like_one(name: str) -> None:
     np.testing.assert_array_equal(three.edge_face_counts.sum(), 3 * one.edge_face_counts.sum())
 
 
-@every_method
-@both_vertices
-@pytest.mark.parametrize("valence", [3, 5, 6, 9, 40])
-def test_no_norm_is_larger_than_the_longest_vector_allows(method: str, vertices: str, valence: int) -> None:
-    bounds = PATCH_METHODS[Method.SHARP if method == "CERTIFIED" else Method(method)]
-    rng = np.random.default_rng(valence)
-    # Unit vectors at random, and those of two signs, which make differences long.
-    for shape, bound in (((4, 4, 500, 3), bounds.regular), ((2 * valence + 8, 500, 3), bounds.extraordinary)):
-        for net in (rng.standard_normal(shape), np.sign(rng.standard_normal((*shape[:-1], 1))) * [1.0, 0.0, 0.0]):
-            found = bound(net / np.linalg.norm(net, axis=-1, keepdims=True), Vertices(vertices))
-            for levels in range(12):
-                assert found.at(levels).max() <= LARGEST_NORM
-            assert found.value.max() <= LARGEST_NORM
+@pytest.mark.parametrize("count", [1, 2, 11, 12, 13, 19, 99, 1000])
+def test_key_poses_are_as_few_as_allowed_and_the_last_is_one(count: int) -> None:
+    places = key_places(count)
+    steps = np.diff([0, *places])
+    assert places[-1] == count
+    assert len(places) == -(-count // POSES_BY_A_KEY)
+    assert steps.min() >= 1
+    assert steps.max() <= POSES_BY_A_KEY

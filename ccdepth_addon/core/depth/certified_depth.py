@@ -68,63 +68,84 @@ MOST_PIECES = 1 << 13
 BasePatches = tuple[IndexArray, FloatArray]
 
 
+@dataclass(frozen=True)
+class FacesToSearch:
+    """Faces of a mesh, or of several poses of one.
+
+    faces: (P,) intp, by which results name them. regular: (R,) intp, places of the regular ones among them; nets: gives
+    the nets (4, 4, n, 3) of those at n such places. others: (P - R,) intp, places of all others; others_mesh: a mesh
+    that has these, and others_faces: (P - R,) intp, its faces.
+    """
+
+    faces: IndexArray
+    regular: IndexArray
+    nets: Callable[[IndexArray], FloatArray]
+    others: IndexArray
+    others_mesh: PolygonMesh
+    others_faces: IndexArray
+
+    @staticmethod
+    def of(mesh: PolygonMesh, faces: IndexArray) -> FacesToSearch:
+        """Faces of one mesh, by their own numbers."""
+        is_regular = classify_patches(mesh).kinds[faces] == PatchKind.REGULAR
+        others = np.flatnonzero(~is_regular)
+        return FacesToSearch(
+            faces,
+            np.flatnonzero(is_regular),
+            lambda places: regular_nets(mesh, faces[places]),
+            others,
+            mesh,
+            faces[others],
+        )
+
+
 def certified_depths(
-    mesh: PolygonMesh, test: ToleranceTest, vertices: Vertices, faces: IndexArray, tick: Callable[[], None]
+    wanted: FacesToSearch, test: ToleranceTest, vertices: Vertices, tick: Callable[[], None]
 ) -> Iterator[FaceDepths]:
     """The certified depths of some faces, in chunks. tick: called while they compute, and may raise."""
-    searches = _searches(mesh, test, vertices, faces)
-    return map_in_threads(lambda begin: begin().run(), searches, tick)
+    return map_in_threads(lambda begin: begin().run(), _searches(wanted, test, vertices), tick)
 
 
 def certified_bounds_at(
-    mesh: PolygonMesh,
+    wanted: FacesToSearch,
     test: ToleranceTest,
     vertices: Vertices,
-    faces: IndexArray,
     levels: NDArray[np.int32],
     tick: Callable[[], None],
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces, each at its own level, in chunks; as near as those of ``certified_depths``.
 
-    levels: (F,) int32, of all faces of the mesh. tick: called while they compute, and may raise.
+    levels: int32, by the names of the faces. tick: called while they compute, and may raise.
     """
-    searches = _searches(mesh, test, vertices, faces)
-    return map_in_threads(lambda begin: begin().at_each(levels), searches, tick)
+    return map_in_threads(lambda begin: begin().at_each(levels), _searches(wanted, test, vertices), tick)
 
 
 def certified_level_bounds(
-    mesh: PolygonMesh,
-    test: ToleranceTest,
-    vertices: Vertices,
-    faces: IndexArray,
-    level: int,
-    tick: Callable[[], None],
+    wanted: FacesToSearch, test: ToleranceTest, vertices: Vertices, level: int, tick: Callable[[], None]
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces at one level, in chunks. tick: called while they compute, and may raise."""
-    searches = _searches(mesh, test, vertices, faces)
-    return map_in_threads(lambda begin: begin().at(level), searches, tick)
+    return map_in_threads(lambda begin: begin().at(level), _searches(wanted, test, vertices), tick)
 
 
 def _searches(
-    mesh: PolygonMesh, test: ToleranceTest, vertices: Vertices, faces: IndexArray
+    wanted: FacesToSearch, test: ToleranceTest, vertices: Vertices
 ) -> Iterator[Callable[[], _CertifiedSearch]]:
     """Functions that start the search of a chunk of the faces each."""
-    is_regular = classify_patches(mesh).kinds[faces] == PatchKind.REGULAR
 
-    def begin_regular(some: IndexArray) -> _CertifiedSearch:
-        nets = [(np.arange(len(some)), regular_nets(mesh, some))]
-        return _CertifiedSearch(test, vertices, some, nets, None)
+    def begin_regular(places: IndexArray) -> _CertifiedSearch:
+        nets = [(np.arange(len(places)), wanted.nets(places))]
+        return _CertifiedSearch(test, vertices, wanted.faces[places], nets, None)
 
-    def begin_other(part: PolygonMesh, own: IndexArray, some: IndexArray) -> _CertifiedSearch:
-        return _CertifiedSearch(test, vertices, some, [], Refinement.start(part, own))
+    def begin_other(part: PolygonMesh, own: IndexArray, places: IndexArray) -> _CertifiedSearch:
+        return _CertifiedSearch(test, vertices, wanted.faces[places], [], Refinement.start(part, own))
 
     # The slowest first, so that none of them runs alone at the end.
-    for together in index_chunks(faces[~is_regular], OTHER_FACES_TOGETHER):
-        part = submesh(mesh, together)[0]
+    for together in index_chunks(np.arange(len(wanted.others)), OTHER_FACES_TOGETHER):
+        part = submesh(wanted.others_mesh, wanted.others_faces[together])[0]
         for own in index_chunks(np.arange(len(together)), OTHER_FACES_AT_ONCE):
-            yield partial(begin_other, part, own, together[own])
-    for some in index_chunks(faces[is_regular], AT_ONCE):
-        yield partial(begin_regular, some)
+            yield partial(begin_other, part, own, wanted.others[together[own]])
+    for places in index_chunks(wanted.regular, AT_ONCE):
+        yield partial(begin_regular, places)
 
 
 @dataclass
@@ -279,7 +300,7 @@ class _CertifiedSearch:
         level = 0
         while np.any(wanted):
             decision = _LevelDecision.of(self.test, wanted)
-            settled = self._evaluate_level(decision, level)
+            settled = self._evaluate_level(decision, level, with_distances=True)
             depths.settle(settled, level, decision.bounds(), decision.lower)
             depths.lasting[settled] = decision.lasting[settled]
             # After a level that was neither proved nor disproved, no later depth is proved to be the least.
@@ -315,8 +336,11 @@ class _CertifiedSearch:
             self._descend(wanted_at > level)
         return LevelBounds(self.faces, bounds)
 
-    def _evaluate_level(self, decision: _LevelDecision, level: int) -> BoolArray:
-        """Evaluate the search's current level; (B,) bool, the base faces proved to be within the tolerance."""
+    def _evaluate_level(self, decision: _LevelDecision, level: int, *, with_distances: bool = False) -> BoolArray:
+        """Evaluate the search's current level; (B,) bool, the base faces proved to be within the tolerance.
+
+        with_distances: whether to look for the largest distances that are reached.
+        """
         self._collect_patches(level)
         self._evaluate_corners(decision)
         # First what converges slowest: it disproves most levels, and the many regular patches need not be evaluated.
@@ -329,7 +353,9 @@ class _CertifiedSearch:
             self._evaluate_differences(decision, *_joined(decision.open_differences))
         settled = decision.wanted & np.isfinite(decision.upper)
         for regular in evaluated:
-            self._tighten_bounds(decision, regular.of(settled), level)
+            # Without bounds by the norm alone, those from the nets are recorded already.
+            if with_distances or regular.rough is not None:
+                self._tighten_bounds(decision, regular.of(settled), level)
         return settled
 
     def _settle_early(self, decision: _LevelDecision, own: int, level: int) -> None:

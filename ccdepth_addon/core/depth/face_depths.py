@@ -18,7 +18,7 @@ from ..bounds.rounding import rounding_allowance, smallest_tolerance
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.validation import has_good_positions, validate
 from ..progress import Progress, no_report, part_of
-from .certified_depth import certified_depths, certified_level_bounds
+from .certified_depth import FacesToSearch, certified_depths, certified_level_bounds
 from .modifier_quality import unmet_corners
 from .norm_depth import norm_depths, norm_level_bounds
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
@@ -200,7 +200,7 @@ def level_bounds_in_chunks(
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces at one level, in chunks. tick: called meanwhile, and may raise to stop."""
     if method is Method.CERTIFIED:
-        return certified_level_bounds(mesh, test, vertices, faces, level, tick)
+        return certified_level_bounds(FacesToSearch.of(mesh, faces), test, vertices, level, tick)
     return norm_level_bounds(mesh, test, PATCH_METHODS[method], vertices, faces, level, tick)
 
 
@@ -214,7 +214,7 @@ def depths_in_chunks(
 ) -> Iterator[FaceDepths]:
     """The depths of some faces, in chunks. tick: called meanwhile, and may raise to stop."""
     if method is Method.CERTIFIED:
-        return certified_depths(mesh, test, vertices, faces, tick)
+        return certified_depths(FacesToSearch.of(mesh, faces), test, vertices, tick)
     return norm_depths(mesh, test, PATCH_METHODS[method], vertices, faces, tick)
 
 
