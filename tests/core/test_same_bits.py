@@ -20,6 +20,8 @@ from ccdepth_addon.core.adaptive.planner import AdaptiveRequest, Mode, subdivide
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.depth.face_depths import face_depths
 from ccdepth_addon.core.adaptive.templates import Transitions
+from ccdepth_addon.core.deviation import measure_deviation
+from tests.core.test_halves import triangles_of
 from tests import meshes
 
 MESHES = {
@@ -36,6 +38,9 @@ for name, made in MESHES.items():
         request = AdaptiveRequest(1e-2 * diagonal, Mode.ADAPTIVE, transitions, 10**6)
         adaptive = subdivide_adaptively(mesh, request, mesh.positions)
         arrays += [adaptive.mesh.positions, adaptive.mesh.corner_vertices, adaptive.bounds, adaptive.depths]
+        if transitions is Transitions.TRIANGLES and name != "landscape":
+            measured = measure_deviation(mesh, adaptive.mesh.positions, triangles_of(adaptive), accuracy=1.0)
+            arrays += [measured.face_bounds, measured.triangle_bounds, np.array([measured.proved, measured.reached])]
     print(name, sha256(b"".join(np.ascontiguousarray(array).tobytes() for array in arrays)).hexdigest())
 """
 

@@ -50,7 +50,7 @@ class Regions:
     def of(corners: FloatArray, normals: FloatArray, margin: float) -> Regions:
         """The parts alone, not moved."""
         axes = axes_across(normals, corners[1] - corners[0])
-        places = np.tensordot(PLACE_IN_TRIANGLE, corners, axes=1)
+        places = np.einsum("c,cdn->dn", PLACE_IN_TRIANGLE, corners)
         sides = SideViews.of(corners, normals, margin)
         count = corners.shape[2]
         return Regions(corners, normals, sides, axes, places, np.zeros((2, count)), np.zeros(count))

@@ -85,7 +85,7 @@ def over_triangles(
     seen = Seen.of(pieces, block, directions, margin)
     found, covered = _triangles_under(seen, mesh, first, margin)
     owners = np.concatenate([part.owners for part in found])
-    inside = np.concatenate([PLACE_IN_QUAD @ part.values[:3, CORNERS] for part in found], axis=1)
+    inside = np.concatenate([np.einsum("c,scn->sn", PLACE_IN_QUAD, part.values[:3, CORNERS]) for part in found], axis=1)
     covered &= _are_odd(owners, inside, count, margin)
     upper[covered] = 0.0
     # What is not covered needs no clipping.

@@ -110,7 +110,7 @@ class SurfaceToMesh:
     def _look(self, block: IndexArray) -> None:
         """How far the middles are."""
         pieces = self.pieces
-        middles = pieces.coefficients[block] @ MIDDLE
+        middles = np.einsum("pdc,c->pd", pieces.coefficients[block], MIDDLE)
         nearest = nearest_triangles(self.mesh, middles)
         self.nearest[block] = nearest.which
         np.maximum.at(self.findings.in_faces, pieces.faces[block], nearest.distances - pieces.excess[block])
