@@ -1018,7 +1018,7 @@ ENTRIES = [
     Entry("operators.reduced_meshes.ROUNDS_FOR_LINES", "none", set_to(0), REDUCED),
     Entry("operators.reduced_meshes.ROUNDS_FOR_LINES", "1", set_to(1), REDUCED),
     # Blender's side.
-    at_once("exchange.control_mesh.OBJECTS_AT_ONCE", "objects with modifiers"),
+    at_once("exchange.frozen_copies.OBJECTS_AT_ONCE", "objects with modifiers"),
     Entry("exchange.control_mesh.read_control_mesh", "shared meshes read each time", by(not_shared), ("objects",)),
     Entry(
         "exchange.object_state.object_state",

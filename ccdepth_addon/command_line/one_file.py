@@ -15,7 +15,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..exchange.control_mesh import read_values
+from ..exchange.bulk_reading import read_values
 from ..exchange.result_attributes import BOUND_KIND
 from ..state.deviation_results import Verdict, verdict
 from ..state.properties import tolerance_name

@@ -20,7 +20,8 @@ import numpy as np
 from mathutils import Matrix
 
 from ..core import FloatArray
-from ..exchange.control_mesh import counted_modifiers, read_values
+from ..exchange.bulk_reading import read_values
+from ..exchange.modifiers import counted_modifiers
 from ..exchange.result_attributes import COLOR
 from ..state import results, shown_colors
 from ..state.colors import BEYOND, scale_colors, to_linear

@@ -12,7 +12,8 @@ import bpy
 import numpy as np
 
 from ..core import InvalidMeshError, no_report
-from ..exchange.control_mesh import ControlMeshError, mesh_face_count
+from ..exchange.control_mesh import ControlMeshError
+from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.shown_mesh import ShownMesh, Triangles, read_shown_mesh
 from ..state.deviation_results import Verdict, verdict
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, measure

@@ -1,11 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender object → control mesh: the polygon mesh whose Catmull-Clark surface is used.
-
-That is the surface the object's Subdivision Surface modifier makes at its place in the stack. With several such
-modifiers it is the first of type Catmull-Clark that shows in the viewport, or else the first of that type; one of type
-Simple is a modifier like any other. Without one, all modifiers that show in the viewport stand above it, and its
-settings are the modifier's defaults.
-"""
+"""Blender object → control mesh: the polygon mesh whose Catmull-Clark surface is used (``modifiers``)."""
 
 from __future__ import annotations
 
@@ -14,57 +8,26 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from hashlib import blake2b
-from itertools import count
-from typing import Any
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import FloatArray, IndexArray, InvalidMeshError, PolygonMesh, apply_boundary_rule, crease_to_sharpness
-from .attribute_conversion import convert_attribute
-from .bulk_writing import copy_without_keys, own_copy, write_values
-
-ORIGIN_ATTRIBUTE = "ccdepth_origin"
-EDGE_CREASE, VERTEX_CREASE = "crease_edge", "crease_vert"
-CREASE_DOMAINS = {EDGE_CREASE: "EDGE", VERTEX_CREASE: "POINT"}
-NO_ORIGIN = -1
+from ..core import FloatArray, IndexArray, InvalidMeshError, PolygonMesh, apply_boundary_rule
+from .frozen_copies import FrozenCopies, copies_to_measure, copies_to_subdivide, present_faces
+from .mesh_arrays import CREASE_DOMAINS, mesh_arrays, own_mesh
+from .modifiers import SIMULATIONS, SurfaceRule, base_modifiers, counted_modifiers, is_evaluated, surface_rule
 
 # What meshes have in common whose vertices alone have moved.
 SHARPNESS = {"edge_sharpness", "vertex_sharpness"}
 LIKE = ("face_starts", "corner_vertices", "corner_edges", "edge_vertices", *sorted(SHARPNESS))
 
-# The second number of an origin is the square of the first modulo this prime. Averaged origins of several faces do not
-# fit together, which shows that a modifier has merged these faces.
-ORIGIN_PRIME = 2**31 - 1
-
 # The least scale of an object along any direction, as a fraction of the largest.
 LEAST_STRETCH = 1e-6
-
-# Objects evaluated at once, and vertices of their own meshes: few enough to keep the window responsive.
-OBJECTS_AT_ONCE = 128
-VERTICES_AT_ONCE = 1 << 18
-
-# These remove faces. Faces that other modifiers lose are merged into faces that keep one origin alone.
-REMOVING_FACES = {"BOOLEAN", "BUILD", "MASK", "NODES", "WELD"}
-
-# These leave the mesh as it is.
-NOT_SHAPING = {"COLLISION", "PARTICLE_SYSTEM"}
-
-# Their cache belongs to the object itself: a copy has none.
-SIMULATIONS = {"CLOTH", "EXPLODE", "FLUID", "SOFT_BODY"}
 
 
 class ControlMeshError(ValueError):
     """The object's control mesh cannot be read; the message says why in a modeller's words."""
-
-
-@dataclass(frozen=True)
-class SurfaceRule:
-    """The settings of a Subdivision Surface modifier that shape its surface, with its defaults."""
-
-    smooth_corners: bool = True
-    use_creases: bool = True
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,36 +183,6 @@ def gram_matrix(world: FloatArray) -> FloatArray:
 SharedMeshes = dict[tuple[int, SurfaceRule], MeshAsRead]
 
 
-def subdivision_modifier(blender_object: bpy.types.Object) -> bpy.types.Modifier | None:
-    """The modifier whose surface is used, if there is one."""
-    found = [
-        modifier
-        for modifier in blender_object.modifiers
-        if modifier.type == "SUBSURF" and modifier.subdivision_type == "CATMULL_CLARK"
-    ]
-    return next((modifier for modifier in found if modifier.show_viewport), found[0] if found else None)
-
-
-def surface_rule(blender_object: bpy.types.Object) -> SurfaceRule:
-    """The rule of the object's Subdivision Surface modifier."""
-    modifier = subdivision_modifier(blender_object)
-    if modifier is None:
-        return SurfaceRule()
-    return SurfaceRule(smooth_corners=modifier.boundary_smooth == "ALL", use_creases=modifier.use_creases)
-
-
-def counted_modifiers(blender_object: bpy.types.Object) -> list[bpy.types.Modifier]:
-    """The modifiers above the Subdivision Surface modifier that show in the viewport."""
-    last = subdivision_modifier(blender_object)
-    counted = []
-    for modifier in blender_object.modifiers:
-        if last is not None and modifier.name == last.name:
-            break
-        if modifier.show_viewport:
-            counted.append(modifier)
-    return counted
-
-
 def read_control_mesh(
     context: bpy.types.Context,
     blender_object: bpy.types.Object,
@@ -283,33 +216,6 @@ def read_control_mesh(
         with own_mesh(blender_object) as own:
             shared[data.session_uid, rule] = _with_faces(mesh_arrays(own, rule), rule)
     return ControlMesh(shared[data.session_uid, rule], None, world)
-
-
-def is_evaluated(blender_object: bpy.types.Object, counted: Sequence[bpy.types.Modifier]) -> bool:
-    """Whether the control mesh is not the object's own mesh, but one that Blender makes of it."""
-    data = blender_object.data
-    # What Edit Mode shows is the shape key being edited, and that is what it holds; elsewhere keys are mixed.
-    return bool(counted) or (data.shape_keys is not None and not data.is_editmode)
-
-
-def applied_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
-    """The modifiers that an adaptive mesh replaces: the Subdivision Surface modifier, and those that are counted in."""
-    counted = counted_modifiers(blender_object) if use_modifiers else []
-    subdivision = subdivision_modifier(blender_object)
-    applied = [modifier for modifier in counted if modifier.type not in NOT_SHAPING]
-    return applied if subdivision is None else [*applied, subdivision]
-
-
-def base_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
-    """Those of the applied modifiers that make the base mesh: all but the Subdivision Surface modifier."""
-    subdivision = subdivision_modifier(blender_object)
-    return [m for m in applied_modifiers(blender_object, use_modifiers=use_modifiers) if m != subdivision]
-
-
-def has_own_keys(blender_object: bpy.types.Object, *, use_modifiers: bool) -> bool:
-    """Whether the base mesh has shape keys: they are applied where modifiers make it."""
-    has_keys = blender_object.data.shape_keys is not None
-    return has_keys and not base_modifiers(blender_object, use_modifiers=use_modifiers)
 
 
 @contextmanager
@@ -369,101 +275,6 @@ def _with_faces(mesh: PolygonMesh, rule: SurfaceRule) -> MeshAsRead:
     return MeshAsRead(mesh, rule)
 
 
-@contextmanager
-def own_mesh(blender_object: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
-    """The object's mesh, or in Edit Mode a temporary copy of what is being edited."""
-    if not blender_object.data.is_editmode:
-        yield blender_object.data
-        return
-    import bmesh
-
-    scratch = bpy.data.meshes.new(ORIGIN_ATTRIBUTE)
-    try:
-        bmesh.from_edit_mesh(blender_object.data).to_mesh(scratch)
-        _copy_lists(blender_object, scratch)
-        yield scratch
-    finally:
-        bpy.data.meshes.remove(scratch)
-
-
-def mesh_face_count(mesh: bpy.types.Mesh) -> int:
-    """How many faces a mesh has; in Edit Mode those being edited."""
-    if not mesh.is_editmode:
-        return len(mesh.polygons)
-    import bmesh
-
-    return len(bmesh.from_edit_mesh(mesh).faces)
-
-
-def _copy_lists(blender_object: bpy.types.Object, scratch: bpy.types.Mesh) -> None:
-    """Give a mesh the object's vertex groups and materials: its vertices and faces refer to them by index, modifiers by
-    name."""
-    for material in blender_object.data.materials:
-        scratch.materials.append(material)
-    if not blender_object.vertex_groups:
-        return
-    # Only objects can make vertex groups.
-    holder = bpy.data.objects.new(scratch.name, scratch)
-    for group in blender_object.vertex_groups:
-        holder.vertex_groups.new(name=group.name)
-    bpy.data.objects.remove(holder)
-
-
-def mesh_arrays(mesh: bpy.types.Mesh, rule: SurfaceRule) -> PolygonMesh:
-    """A Blender mesh, not in Edit Mode, as arrays. Sharpness is that of its creases alone."""
-    face_starts = np.empty(len(mesh.polygons) + 1, dtype=np.intp)
-    face_starts[:-1] = read_values(mesh.polygons, "loop_start", np.int32)
-    face_starts[-1] = len(mesh.loops)
-    attributes = mesh.attributes
-    return PolygonMesh(
-        positions=read_built_in(attributes, "position", "vector", np.float32, 3).astype(np.float64),
-        face_starts=face_starts,
-        corner_vertices=read_built_in(attributes, ".corner_vert", "value", np.int32).astype(np.intp),
-        corner_edges=read_built_in(attributes, ".corner_edge", "value", np.int32).astype(np.intp),
-        edge_vertices=read_built_in(attributes, ".edge_verts", "value", np.int32, 2).astype(np.intp),
-        edge_sharpness=_sharpness(mesh, EDGE_CREASE, len(mesh.edges), rule),
-        vertex_sharpness=_sharpness(mesh, VERTEX_CREASE, len(mesh.vertices), rule),
-    )
-
-
-def read_values(items: Any, name: str, dtype: type, width: int = 1) -> NDArray[Any]:
-    """(items,) or (items, width): a property of every item of a collection, read in one go."""
-    values: NDArray[Any] = np.empty(len(items) * width, dtype=dtype)
-    if len(items):
-        items.foreach_get(name, values)
-    return values if width == 1 else values.reshape(-1, width)
-
-
-def read_built_in(attributes: Any, name: str, value: str, dtype: type, width: int = 1) -> NDArray[Any]:
-    """The same for a built-in attribute, which a mesh without vertices, edges or corners need not have."""
-    return read_values(attributes[name].data if name in attributes else (), value, dtype, width)
-
-
-def _sharpness(mesh: bpy.types.Mesh, name: str, number: int, rule: SurfaceRule) -> FloatArray:
-    creases = read_creases(mesh, name) if rule.use_creases else None
-    return np.zeros(number) if creases is None else crease_to_sharpness(creases)
-
-
-def read_creases(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
-    """(E,) or (V,): the creases that the Subdivision Surface modifier takes from an attribute, None without one.
-
-    The modifier converts an attribute of another type or domain, and so does Blender's own operator, on a copy.
-    """
-    attribute = mesh.attributes.get(name)
-    if attribute is None:
-        return None
-    if (attribute.data_type, attribute.domain) == ("FLOAT", CREASE_DOMAINS[name]):
-        return read_values(attribute.data, "value", np.float32)
-    copy = copy_without_keys(mesh)
-    holder = bpy.data.objects.new(copy.name, copy)
-    try:
-        convert_attribute(holder, name, mode="GENERIC", domain=CREASE_DOMAINS[name], data_type="FLOAT")
-        return read_values(copy.attributes[name].data, "value", np.float32)
-    finally:
-        bpy.data.objects.remove(holder)
-        bpy.data.meshes.remove(copy)
-
-
 def _refuse_crease_groups(blender_object: bpy.types.Object, rule: SurfaceRule) -> None:
     """The modifier takes creases from vertex groups of these names, too."""
     for name in CREASE_DOMAINS if rule.use_creases else ():
@@ -474,195 +285,13 @@ def _refuse_crease_groups(blender_object: bpy.types.Object, rule: SurfaceRule) -
             )
 
 
-def in_batches(objects: Sequence[bpy.types.Object]) -> Iterator[list[bpy.types.Object]]:
-    """The objects in groups that are few and small enough to be evaluated at once."""
-    batch: list[bpy.types.Object] = []
-    vertices = 0
-    for blender_object in objects:
-        batch.append(blender_object)
-        vertices += len(blender_object.data.vertices)
-        if len(batch) == OBJECTS_AT_ONCE or vertices >= VERTICES_AT_ONCE:
-            yield batch
-            batch, vertices = [], 0
-    if batch:
-        yield batch
-
-
-@contextmanager
-def copies_to_measure(
-    context: bpy.types.Context, objects: Sequence[bpy.types.Object], *, use_modifiers: bool
-) -> Iterator[FrozenCopies]:
-    """For ``read_control_mesh``: copies of those of the objects that must be evaluated."""
-    wanted = {}
-    for blender_object in objects:
-        counted = counted_modifiers(blender_object) if use_modifiers else []
-        if is_evaluated(blender_object, counted):
-            wanted[blender_object] = counted
-    with _frozen_copies(context, wanted, with_origins=set(wanted)) as copies:
-        yield copies
-
-
-@contextmanager
-def copies_to_subdivide(
-    context: bpy.types.Context, objects: Sequence[bpy.types.Object], *, use_modifiers: bool
-) -> Iterator[FrozenCopies]:
-    """For ``base_mesh``: copies of those of the objects that must be evaluated."""
-    wanted = {}
-    for blender_object in objects:
-        applied = base_modifiers(blender_object, use_modifiers=use_modifiers)
-        if is_evaluated(blender_object, applied):
-            wanted[blender_object] = applied
-    # Without modifiers, those with shape keys are read like any other control mesh.
-    with_origins = {holder for holder, applied in wanted.items() if not applied}
-    with _frozen_copies(context, wanted, with_origins=with_origins) as copies:
-        yield copies
-
-
-@contextmanager
-def copies_with(
-    context: bpy.types.Context, wanted: dict[bpy.types.Object, list[bpy.types.Modifier]]
-) -> Iterator[FrozenCopies]:
-    """Copies of these objects, each with the modifiers given and with origins on its faces."""
-    with _frozen_copies(context, wanted, with_origins=set(wanted)) as copies:
-        yield copies
-
-
-class FrozenCopies:
-    """Temporary copies of objects in the scene, with some of their modifiers.
-
-    Their values are those the objects have now, keyed or not, so they must not be animated again. The scene is
-    evaluated once for all of them: each time takes as long as there are objects.
-    """
-
-    def __init__(self, context: bpy.types.Context) -> None:
-        self._context = context
-        self._copies: dict[int, bpy.types.Object] = {}
-        self._face_counts: dict[int, int] = {}
-        self._own_copies: dict[tuple[int, bool], bpy.types.Mesh] = {}
-        # The attribute with the origins, by copied meshes and by objects.
-        self._origins: dict[int, str] = {}
-        self._names: dict[int, str] = {}
-        self._made: dict[int, bpy.types.Mesh] = {}
-        self._losing: dict[int, bpy.types.Modifier | None] | None = None
-
-    def add(
-        self, blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier], *, with_origins: bool
-    ) -> None:
-        """Copy an object, with these of its modifiers, and with origins on its faces where they are needed."""
-        uid = blender_object.session_uid
-        mesh = self._own_copy(blender_object, with_origins)
-        names = {modifier.name for modifier in modifiers}
-        copy = self._copies[uid] = own_copy(blender_object)
-        self._face_counts[uid] = len(mesh.polygons)
-        copy.data = mesh
-        copy.animation_data_clear()
-        # What is hidden in all viewports is not evaluated.
-        copy.hide_viewport = False
-        for modifier in [m for m in copy.modifiers if m.name not in names]:
-            copy.modifiers.remove(modifier)
-        self._context.scene.collection.objects.link(copy)
-        if with_origins:
-            if mesh.session_uid not in self._origins:
-                self._origins[mesh.session_uid] = _write_origins(copy, mesh)
-            self._names[uid] = self._origins[mesh.session_uid]
-
-    def _own_copy(self, blender_object: bpy.types.Object, with_origins: bool) -> bpy.types.Mesh:
-        """A copy of the object's mesh, made once for all objects that use it."""
-        key = blender_object.data.session_uid, with_origins
-        if key not in self._own_copies:
-            with own_mesh(blender_object) as own:
-                mesh = self._own_copies[key] = own_copy(own)
-            if mesh.shape_keys is not None:
-                mesh.shape_keys.animation_data_clear()
-        return self._own_copies[key]
-
-    def evaluated(self, blender_object: bpy.types.Object) -> tuple[bpy.types.Mesh, IndexArray]:
-        """What the modifiers have made, and the face of the object's own mesh that each face comes from."""
-        uid = blender_object.session_uid
-        return self._evaluated(self._copies[uid]), self._read_origins(uid)
-
-    def _read_origins(self, uid: int) -> IndexArray:
-        return _read_origins(self._evaluated(self._copies[uid]), self._names[uid], self._face_counts[uid])
-
-    def face_count(self, blender_object: bpy.types.Object) -> int:
-        """Of the object's own mesh."""
-        return self._face_counts[blender_object.session_uid]
-
-    def new_mesh(self, blender_object: bpy.types.Object) -> bpy.types.Mesh:
-        """What the modifiers have made, as a mesh that lasts as long as the copies do."""
-        if not self._made:
-            # All at once: each new mesh would have the scene evaluated again for the next.
-            depsgraph = self._context.evaluated_depsgraph_get()
-            for uid, copy in self._copies.items():
-                self._made[uid] = bpy.data.meshes.new_from_object(
-                    copy.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
-                )
-        return self._made[blender_object.session_uid]
-
-    def made(self, blender_object: bpy.types.Object) -> tuple[bpy.types.Mesh, IndexArray]:
-        """``new_mesh``, and the face of the object's own mesh that each face comes from.
-
-        Unlike what Blender evaluates for itself, it has the last levels that the graphics card makes in the viewport.
-        """
-        uid, mesh = blender_object.session_uid, self.new_mesh(blender_object)
-        return mesh, _read_origins(mesh, self._names[uid], self._face_counts[uid])
-
-    def losing_modifier(self, blender_object: bpy.types.Object) -> str | None:
-        """The modifier that merges faces of the object, if there is one."""
-        if self._losing is None:
-            self._losing = self._find_losing()
-        modifier = self._losing.get(blender_object.session_uid)
-        return None if modifier is None else modifier.name
-
-    def _find_losing(self) -> dict[int, bpy.types.Modifier | None]:
-        """Show one more modifier of all copies at a time."""
-        stacks = {uid: list(copy.modifiers) for uid, copy in self._copies.items()}
-        for modifier in [modifier for stack in stacks.values() for modifier in stack]:
-            modifier.show_viewport = False
-        present = dict(self._face_counts)
-        losing: dict[int, bpy.types.Modifier | None] = {}
-        for place in range(max(map(len, stacks.values()))):
-            shown = {uid: stack[place] for uid, stack in stacks.items() if place < len(stack)}
-            for modifier in shown.values():
-                modifier.show_viewport = True
-            for uid, modifier in shown.items():
-                before, present[uid] = present[uid], len(_present(self._read_origins(uid)))
-                if present[uid] < before and (present[uid] == 0 or modifier.type not in REMOVING_FACES):
-                    losing.setdefault(uid, modifier)
-        return losing
-
-    def _evaluated(self, copy: bpy.types.Object) -> bpy.types.Mesh:
-        return copy.evaluated_get(self._context.evaluated_depsgraph_get()).data
-
-    def remove(self) -> None:
-        bpy.data.batch_remove([*self._copies.values(), *self._own_copies.values(), *self._made.values()])
-
-
-@contextmanager
-def _frozen_copies(
-    context: bpy.types.Context,
-    wanted: dict[bpy.types.Object, list[bpy.types.Modifier]],
-    *,
-    with_origins: set[bpy.types.Object],
-) -> Iterator[FrozenCopies]:
-    copies = FrozenCopies(context)
-    try:
-        for blender_object, modifiers in wanted.items():
-            # Simulations will be refused, and must not begin to run.
-            if not any(modifier.type in SIMULATIONS for modifier in modifiers):
-                copies.add(blender_object, modifiers, with_origins=blender_object in with_origins)
-        yield copies
-    finally:
-        copies.remove()
-
-
 def _read_evaluated(
     copies: FrozenCopies, blender_object: bpy.types.Object, rule: SurfaceRule
 ) -> tuple[PolygonMesh, IndexArray]:
     """The mesh as the counted modifiers make it, and the face of the object's own that each of its faces comes from."""
     evaluated, base_faces = copies.evaluated(blender_object)
     mesh = mesh_arrays(evaluated, rule)
-    if mesh.face_count and len(_present(base_faces)) < copies.face_count(blender_object):
+    if mesh.face_count and len(present_faces(base_faces)) < copies.face_count(blender_object):
         losing = copies.losing_modifier(blender_object)
         if losing is not None:
             raise ControlMeshError(
@@ -679,28 +308,3 @@ def _refuse_simulations(modifiers: Sequence[bpy.types.Modifier]) -> None:
                 f"the modifier “{modifier.name}” is a simulation, which cannot be counted in: apply it, or turn "
                 "Include Modifiers off"
             )
-
-
-def _write_origins(holder: bpy.types.Object, mesh: bpy.types.Mesh) -> str:
-    """Write its number on every face of a mesh, and return the name it has there, which nothing else has."""
-    used = {*holder.vertex_groups.keys(), *mesh.attributes.keys()}
-    name = next(name for number in count() if (name := f"{ORIGIN_ATTRIBUTE}_{number}") not in used)
-    origins = np.arange(1, len(mesh.polygons) + 1)
-    pairs = np.stack([origins, origins * origins % ORIGIN_PRIME], axis=1).astype(np.int32)
-    write_values(mesh.attributes.new(name, "INT32_2D", "FACE").data, "value", pairs)
-    return name
-
-
-def _read_origins(mesh: bpy.types.Mesh, name: str, base_face_count: int) -> IndexArray:
-    """(F,) intp: the face each face of an evaluated mesh comes from, or NO_ORIGIN."""
-    attribute = mesh.attributes.get(name)
-    if attribute is None or (attribute.data_type, attribute.domain) != ("INT32_2D", "FACE"):
-        return np.full(len(mesh.polygons), NO_ORIGIN, dtype=np.intp)
-    pairs = read_values(attribute.data, "value", np.int32, 2).astype(np.intp)
-    origins = pairs[:, 0]
-    known = (origins >= 1) & (origins <= base_face_count) & (origins * origins % ORIGIN_PRIME == pairs[:, 1])
-    return np.where(known, origins - 1, NO_ORIGIN)
-
-
-def _present(base_faces: IndexArray) -> IndexArray:
-    return np.unique(base_faces[base_faces != NO_ORIGIN])

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from ..core import PolygonMesh, SubdividedMesh, at_corners, limit_normals
 from .attributes import CUSTOM_NORMAL, FREE_NORMALS
+from .bulk_reading import read_values
 from .bulk_writing import WriteError, write_attribute
-from .control_mesh import read_values
 
 # How the names of attributes begin that hold custom normals for a while.
 CARRIED_NORMAL = "ccdepth_normal"

@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import PolygonMesh
+from .bulk_reading import read_built_in, read_values
 from .bulk_writing import TYPES
-from .control_mesh import EDGE_CREASE, VERTEX_CREASE, read_built_in, read_creases, read_values
+from .mesh_arrays import EDGE_CREASE, VERTEX_CREASE, read_creases
 
 # Attributes that the checksum of the geometry has already.
 IN_GEOMETRY = {"position", EDGE_CREASE, VERTEX_CREASE}

@@ -18,8 +18,10 @@ import bpy
 import numpy as np
 
 from ..core import FloatArray
-from .control_mesh import CREASE_DOMAINS, NOT_SHAPING, SIMULATIONS, counted_modifiers, gram_matrix, surface_rule
+from .control_mesh import gram_matrix
+from .mesh_arrays import CREASE_DOMAINS
 from .mesh_checksums import checksum_of_points, geometry_checksum
+from .modifiers import NOT_SHAPING, SIMULATIONS, counted_modifiers, surface_rule
 
 # Places of other objects are rounded: objects that are turned together keep them but for rounding.
 DECIMALS = 5

@@ -10,8 +10,8 @@ import bpy
 import numpy as np
 
 from ..core import Places
+from .bulk_reading import read_built_in, read_values
 from .bulk_writing import TYPES, write_values
-from .control_mesh import read_built_in, read_values
 from .custom_normals import CARRIED_NORMAL
 from .kept_lines import changes_along_lines, line_edges
 

@@ -13,8 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import IndexArray
+from .bulk_reading import read_values
 from .bulk_writing import TYPES, ValueType, write_attribute
-from .control_mesh import read_values
 
 DEPTH = "ccdepth"
 BOUND = "ccdepth_bound"

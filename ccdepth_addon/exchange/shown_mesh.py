@@ -10,15 +10,11 @@ import bpy
 import numpy as np
 
 from ..core import FloatArray, IndexArray, InvalidMeshError
-from .control_mesh import (
-    NOT_SHAPING,
-    SIMULATIONS,
-    ControlMeshError,
-    copies_with,
-    own_mesh,
-    read_built_in,
-    read_values,
-)
+from .bulk_reading import read_built_in, read_values
+from .control_mesh import ControlMeshError
+from .frozen_copies import copies_with
+from .mesh_arrays import own_mesh
+from .modifiers import NOT_SHAPING, SIMULATIONS
 
 
 @dataclass(frozen=True)

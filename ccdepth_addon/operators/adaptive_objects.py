@@ -13,15 +13,10 @@ from numpy.typing import NDArray
 
 from ..exchange.adaptive_mesh import TransferOptions, new_mesh
 from ..exchange.bulk_writing import WriteError, own_copy
-from ..exchange.control_mesh import (
-    OBJECTS_AT_ONCE,
-    FrozenCopies,
-    applied_modifiers,
-    base_mesh,
-    copies_to_subdivide,
-    subdivision_modifier,
-)
+from ..exchange.control_mesh import base_mesh
+from ..exchange.frozen_copies import OBJECTS_AT_ONCE, FrozenCopies, copies_to_subdivide
 from ..exchange.mesh_checksums import Topology, geometry_checksum
+from ..exchange.modifiers import applied_modifiers, subdivision_modifier
 from ..exchange.object_state import StateAtFrame, object_state
 from ..state import fingerprint, results, staleness
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..exchange.control_mesh import applied_modifiers, has_own_keys, subdivision_modifier
+from ..exchange.modifiers import applied_modifiers, has_own_keys, subdivision_modifier
 from ..state import face_counts, properties, viewports
 from ..tasks.adaptive_task import (
     AdaptiveSettings,

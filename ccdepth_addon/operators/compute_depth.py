@@ -10,7 +10,8 @@ import bpy
 
 from ..core import needed_quality
 from ..exchange.bulk_writing import WriteError
-from ..exchange.control_mesh import mesh_face_count, subdivision_modifier
+from ..exchange.mesh_arrays import mesh_face_count
+from ..exchange.modifiers import subdivision_modifier
 from ..state import fingerprint, properties, results, staleness
 from ..state.shown_colors import color_depths
 from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths

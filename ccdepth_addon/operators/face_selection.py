@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import BoolArray, IndexArray
-from ..exchange.control_mesh import read_values
+from ..exchange.bulk_reading import read_values
 from ..exchange.result_attributes import DEPTH
 from ..tasks.surfaces import ComputeError
 

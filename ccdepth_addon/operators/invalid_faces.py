@@ -9,7 +9,8 @@ import bpy
 import numpy as np
 
 from ..core import IndexArray, InvalidMeshError, validate
-from ..exchange.control_mesh import NO_ORIGIN, read_control_mesh
+from ..exchange.control_mesh import read_control_mesh
+from ..exchange.frozen_copies import NO_ORIGIN
 from ..state import refusals
 from ..tasks.surfaces import ComputeError, Faults
 from ..ui.printable import printable_lines

@@ -12,7 +12,7 @@ import bpy
 
 from ..core import InvalidMeshError
 from ..exchange.bulk_writing import WriteError
-from ..exchange.control_mesh import mesh_face_count
+from ..exchange.mesh_arrays import mesh_face_count
 from ..state import deviation_results, measured_state, properties, result_record, staleness
 from ..state.deviation_results import Verdict
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, measure, prepare_measurement

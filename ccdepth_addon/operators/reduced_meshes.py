@@ -11,8 +11,8 @@ import bpy
 import numpy as np
 
 from ..core import FloatArray, Progress, Proof, Reduction
+from ..exchange.bulk_reading import read_values
 from ..exchange.bulk_writing import WriteError
-from ..exchange.control_mesh import read_values
 from ..exchange.custom_normals import CarriedNormals
 from ..exchange.decimation import Decimation
 from ..exchange.mesh_checksums import geometry_checksum

@@ -12,7 +12,7 @@ from bpy.props import BoolProperty
 from mathutils import Vector
 from numpy.typing import NDArray
 
-from ..exchange.control_mesh import mesh_face_count
+from ..exchange.mesh_arrays import mesh_face_count
 from ..state import results
 from ..tasks.surfaces import ComputeError
 from ..ui.printable import printable, printable_lines

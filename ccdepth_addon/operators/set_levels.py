@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..exchange.control_mesh import subdivision_modifier
+from ..exchange.modifiers import subdivision_modifier
 from ..state import result_record, results, staleness
 from ..ui.printable import printable_lines
 from .selected_meshes import count_text, poll_meshes, selected_meshes

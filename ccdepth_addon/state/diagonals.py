@@ -14,13 +14,9 @@ import bpy
 import numpy as np
 from bpy.app.handlers import persistent
 
-from ..exchange.control_mesh import (
-    ControlMeshError,
-    counted_modifiers,
-    is_evaluated,
-    mesh_face_count,
-    read_control_mesh,
-)
+from ..exchange.control_mesh import ControlMeshError, read_control_mesh
+from ..exchange.mesh_arrays import mesh_face_count
+from ..exchange.modifiers import counted_modifiers, is_evaluated
 from ..registration import add_handlers, call_soon, do_not_call, remove_handlers
 from . import results, staleness, viewports
 from .result_record import control_object

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import BoolArray, FloatArray
-from ..exchange.control_mesh import mesh_face_count, own_mesh, read_values
+from ..exchange.bulk_reading import read_values
+from ..exchange.mesh_arrays import mesh_face_count, own_mesh
 from ..exchange.mesh_checksums import continued, geometry_checksum
 from ..exchange.object_state import KnownDescriptions, ObjectState, StateAtFrame, object_state
 from ..exchange.result_attributes import DEPTH

@@ -7,7 +7,8 @@ import bpy
 import numpy as np
 
 from ..core import FloatArray
-from ..exchange.control_mesh import mesh_face_count, own_mesh, read_values
+from ..exchange.bulk_reading import read_values
+from ..exchange.mesh_arrays import mesh_face_count, own_mesh
 from ..exchange.mesh_checksums import continued, geometry_checksum
 from ..exchange.object_state import object_state, shown_checksum
 from ..exchange.result_attributes import DEVIATION

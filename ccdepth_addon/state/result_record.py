@@ -13,8 +13,8 @@ from zlib import crc32
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, PointerProperty, StringProperty
 
-from ..exchange.control_mesh import applied_modifiers, base_modifiers
 from ..exchange.mesh_checksums import content_checksum
+from ..exchange.modifiers import applied_modifiers, base_modifiers
 from ..exchange.object_state import object_state
 from ..exchange.result_attributes import ATTRIBUTES
 from ..tasks.surfaces import as_typed

@@ -14,7 +14,7 @@ from typing import Any
 import bpy
 from bpy.app.handlers import persistent
 
-from ..exchange.control_mesh import mesh_face_count
+from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.object_state import KnownDescriptions
 from ..registration import add_handlers, call_soon, do_not_call, remove_handlers
 from . import fingerprint, measured_state, results, viewports

@@ -31,18 +31,10 @@ from ..core import (
     subdivide_adaptively,
     validate,
 )
-from ..exchange.control_mesh import (
-    ControlMesh,
-    ControlMeshError,
-    FrozenCopies,
-    SharedMeshes,
-    applied_modifiers,
-    base_mesh,
-    copies_to_subdivide,
-    in_batches,
-    read_values,
-    subdivision_modifier,
-)
+from ..exchange.bulk_reading import read_values
+from ..exchange.control_mesh import ControlMesh, ControlMeshError, SharedMeshes, base_mesh
+from ..exchange.frozen_copies import FrozenCopies, copies_to_subdivide, in_batches
+from ..exchange.modifiers import applied_modifiers, subdivision_modifier
 from .stepwise import Stage
 from .surfaces import (
     ComputeError,

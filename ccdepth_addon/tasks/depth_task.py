@@ -35,19 +35,16 @@ from ..core import (
     worst_pose,
 )
 from ..exchange.control_mesh import (
-    NO_ORIGIN,
     ControlMesh,
     ControlMeshError,
     MeshAsRead,
     MovedMesh,
     SharedMeshes,
-    copies_to_measure,
-    in_batches,
-    mesh_face_count,
     moved_mesh,
-    own_mesh,
     read_control_mesh,
 )
+from ..exchange.frozen_copies import NO_ORIGIN, copies_to_measure, in_batches
+from ..exchange.mesh_arrays import mesh_face_count, own_mesh
 from ..exchange.mesh_checksums import Topology, geometry_checksum
 from ..exchange.object_state import KnownDescriptions, StateAtFrame, object_state
 from .frames import frame_restored, typed_frames

@@ -14,7 +14,10 @@ import bpy
 import numpy as np
 
 from ..core import Deviation, FloatArray, IndexArray, InvalidMeshError, Progress, measure_deviation, part_of, validate
-from ..exchange.control_mesh import NO_ORIGIN, mesh_face_count, read_control_mesh, subdivision_modifier
+from ..exchange.control_mesh import read_control_mesh
+from ..exchange.frozen_copies import NO_ORIGIN
+from ..exchange.mesh_arrays import mesh_face_count
+from ..exchange.modifiers import subdivision_modifier
 from ..exchange.shown_mesh import ShownMesh, read_shown_mesh
 from .surfaces import ComputeError, Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of
 

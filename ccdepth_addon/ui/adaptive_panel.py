@@ -7,7 +7,7 @@ from typing import ClassVar
 import bpy
 import numpy as np
 
-from ..exchange.control_mesh import has_own_keys
+from ..exchange.modifiers import has_own_keys
 from ..state import result_record, sources
 from ..state.face_counts import known_count
 from ..state.properties import tolerance_name

@@ -14,7 +14,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..exchange.bulk_writing import WriteError, is_writable
-from ..exchange.control_mesh import mesh_face_count
+from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.result_attributes import COLOR
 from ..registration import add_handlers, call_soon, do_not_call, remove_handlers
 from ..state import results, shown_colors, staleness, viewports

@@ -95,7 +95,7 @@ def other_value(field: bpy.types.Property, value: Any) -> Any:
 
 def test_every_simple_setting_of_every_modifier_is_noticed() -> None:
     state = addon.module("exchange.object_state").object_state
-    refused = addon.module("exchange.control_mesh").SIMULATIONS | addon.module("exchange.control_mesh").NOT_SHAPING
+    refused = addon.module("exchange.modifiers").SIMULATIONS | addon.module("exchange.modifiers").NOT_SHAPING
     interface = addon.module("exchange.object_state").DISPLAY_FIELDS
     settings = 0
     for kind in mesh_types():

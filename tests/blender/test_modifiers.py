@@ -240,16 +240,16 @@ def test_faces_that_come_from_no_face_are_not_mistaken_for_copies() -> None:
 
 
 def test_origins_that_were_averaged_are_not_taken_for_origins() -> None:
-    control_mesh = addon.module("exchange.control_mesh")
+    frozen_copies = addon.module("exchange.frozen_copies")
     holder = scene.add_object(meshes.landscape(8, 8))
     mesh = holder.data
-    name = control_mesh._write_origins(holder, mesh)
+    name = frozen_copies._write_origins(holder, mesh)
     attribute = mesh.attributes[name]
     pairs = np.empty(2 * len(mesh.polygons), dtype=np.int32)
     attribute.data.foreach_get("value", pairs)
     averaged = pairs.reshape(-1, 2).copy()
     averaged[0] = (averaged[2] + averaged[4]) // 2
     attribute.data.foreach_set("value", averaged.ravel())
-    origins = control_mesh._read_origins(mesh, name, len(mesh.polygons))
-    assert origins[0] == control_mesh.NO_ORIGIN
+    origins = frozen_copies._read_origins(mesh, name, len(mesh.polygons))
+    assert origins[0] == frozen_copies.NO_ORIGIN
     np.testing.assert_array_equal(origins[1:], np.arange(1, len(mesh.polygons)))

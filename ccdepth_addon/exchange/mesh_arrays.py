@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Blender mesh → ``PolygonMesh``, with its creases as sharpness."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import FloatArray, PolygonMesh, crease_to_sharpness
+from .attribute_conversion import convert_attribute
+from .bulk_reading import read_built_in, read_values
+from .bulk_writing import copy_without_keys
+from .modifiers import SurfaceRule
+
+EDGE_CREASE, VERTEX_CREASE = "crease_edge", "crease_vert"
+CREASE_DOMAINS = {EDGE_CREASE: "EDGE", VERTEX_CREASE: "POINT"}
+
+
+@contextmanager
+def own_mesh(blender_object: bpy.types.Object) -> Iterator[bpy.types.Mesh]:
+    """The object's mesh, or in Edit Mode a temporary copy of what is being edited."""
+    if not blender_object.data.is_editmode:
+        yield blender_object.data
+        return
+    import bmesh
+
+    scratch = bpy.data.meshes.new(blender_object.data.name)
+    try:
+        bmesh.from_edit_mesh(blender_object.data).to_mesh(scratch)
+        _copy_lists(blender_object, scratch)
+        yield scratch
+    finally:
+        bpy.data.meshes.remove(scratch)
+
+
+def mesh_face_count(mesh: bpy.types.Mesh) -> int:
+    """How many faces a mesh has; in Edit Mode those being edited."""
+    if not mesh.is_editmode:
+        return len(mesh.polygons)
+    import bmesh
+
+    return len(bmesh.from_edit_mesh(mesh).faces)
+
+
+def _copy_lists(blender_object: bpy.types.Object, scratch: bpy.types.Mesh) -> None:
+    """Give a mesh the object's vertex groups and materials: its vertices and faces refer to them by index, modifiers by
+    name."""
+    for material in blender_object.data.materials:
+        scratch.materials.append(material)
+    if not blender_object.vertex_groups:
+        return
+    # Only objects can make vertex groups.
+    holder = bpy.data.objects.new(scratch.name, scratch)
+    for group in blender_object.vertex_groups:
+        holder.vertex_groups.new(name=group.name)
+    bpy.data.objects.remove(holder)
+
+
+def mesh_arrays(mesh: bpy.types.Mesh, rule: SurfaceRule) -> PolygonMesh:
+    """A Blender mesh, not in Edit Mode, as arrays. Sharpness is that of its creases alone."""
+    face_starts = np.empty(len(mesh.polygons) + 1, dtype=np.intp)
+    face_starts[:-1] = read_values(mesh.polygons, "loop_start", np.int32)
+    face_starts[-1] = len(mesh.loops)
+    attributes = mesh.attributes
+    return PolygonMesh(
+        positions=read_built_in(attributes, "position", "vector", np.float32, 3).astype(np.float64),
+        face_starts=face_starts,
+        corner_vertices=read_built_in(attributes, ".corner_vert", "value", np.int32).astype(np.intp),
+        corner_edges=read_built_in(attributes, ".corner_edge", "value", np.int32).astype(np.intp),
+        edge_vertices=read_built_in(attributes, ".edge_verts", "value", np.int32, 2).astype(np.intp),
+        edge_sharpness=_sharpness(mesh, EDGE_CREASE, len(mesh.edges), rule),
+        vertex_sharpness=_sharpness(mesh, VERTEX_CREASE, len(mesh.vertices), rule),
+    )
+
+
+def _sharpness(mesh: bpy.types.Mesh, name: str, number: int, rule: SurfaceRule) -> FloatArray:
+    creases = read_creases(mesh, name) if rule.use_creases else None
+    return np.zeros(number) if creases is None else crease_to_sharpness(creases)
+
+
+def read_creases(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
+    """(E,) or (V,): the creases that the Subdivision Surface modifier takes from an attribute, None without one.
+
+    The modifier converts an attribute of another type or domain, and so does Blender's own operator, on a copy.
+    """
+    attribute = mesh.attributes.get(name)
+    if attribute is None:
+        return None
+    if (attribute.data_type, attribute.domain) == ("FLOAT", CREASE_DOMAINS[name]):
+        return read_values(attribute.data, "value", np.float32)
+    copy = copy_without_keys(mesh)
+    holder = bpy.data.objects.new(copy.name, copy)
+    try:
+        convert_attribute(holder, name, mode="GENERIC", domain=CREASE_DOMAINS[name], data_type="FLOAT")
+        return read_values(copy.attributes[name].data, "value", np.float32)
+    finally:
+        bpy.data.objects.remove(holder)
+        bpy.data.meshes.remove(copy)

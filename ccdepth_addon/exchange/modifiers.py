@@ -1,0 +1,86 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The modifiers of an object: which shape its control mesh, and which one the surface over it.
+
+The surface is the one that the object's Subdivision Surface modifier makes at its place in the stack. With several such
+modifiers it is the first of type Catmull-Clark that shows in the viewport, or else the first of that type; one of type
+Simple is a modifier like any other. Without one, all modifiers that show in the viewport stand above it, and its
+settings are the modifier's defaults.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import bpy
+
+# These leave the mesh as it is.
+NOT_SHAPING = {"COLLISION", "PARTICLE_SYSTEM"}
+
+# Their cache belongs to the object itself: a copy has none.
+SIMULATIONS = {"CLOTH", "EXPLODE", "FLUID", "SOFT_BODY"}
+
+
+@dataclass(frozen=True)
+class SurfaceRule:
+    """The settings of a Subdivision Surface modifier that shape its surface, with its defaults."""
+
+    smooth_corners: bool = True
+    use_creases: bool = True
+
+
+def subdivision_modifier(blender_object: bpy.types.Object) -> bpy.types.Modifier | None:
+    """The modifier whose surface is used, if there is one."""
+    found = [
+        modifier
+        for modifier in blender_object.modifiers
+        if modifier.type == "SUBSURF" and modifier.subdivision_type == "CATMULL_CLARK"
+    ]
+    return next((modifier for modifier in found if modifier.show_viewport), found[0] if found else None)
+
+
+def surface_rule(blender_object: bpy.types.Object) -> SurfaceRule:
+    """The rule of the object's Subdivision Surface modifier."""
+    modifier = subdivision_modifier(blender_object)
+    if modifier is None:
+        return SurfaceRule()
+    return SurfaceRule(smooth_corners=modifier.boundary_smooth == "ALL", use_creases=modifier.use_creases)
+
+
+def counted_modifiers(blender_object: bpy.types.Object) -> list[bpy.types.Modifier]:
+    """The modifiers above the Subdivision Surface modifier that show in the viewport."""
+    last = subdivision_modifier(blender_object)
+    counted = []
+    for modifier in blender_object.modifiers:
+        if last is not None and modifier.name == last.name:
+            break
+        if modifier.show_viewport:
+            counted.append(modifier)
+    return counted
+
+
+def is_evaluated(blender_object: bpy.types.Object, counted: Sequence[bpy.types.Modifier]) -> bool:
+    """Whether the control mesh is not the object's own mesh, but one that Blender makes of it."""
+    data = blender_object.data
+    # What Edit Mode shows is the shape key being edited, and that is what it holds; elsewhere keys are mixed.
+    return bool(counted) or (data.shape_keys is not None and not data.is_editmode)
+
+
+def applied_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
+    """The modifiers that an adaptive mesh replaces: the Subdivision Surface modifier, and those that are counted in."""
+    counted = counted_modifiers(blender_object) if use_modifiers else []
+    subdivision = subdivision_modifier(blender_object)
+    applied = [modifier for modifier in counted if modifier.type not in NOT_SHAPING]
+    return applied if subdivision is None else [*applied, subdivision]
+
+
+def base_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
+    """Those of the applied modifiers that make the base mesh: all but the Subdivision Surface modifier."""
+    subdivision = subdivision_modifier(blender_object)
+    return [m for m in applied_modifiers(blender_object, use_modifiers=use_modifiers) if m != subdivision]
+
+
+def has_own_keys(blender_object: bpy.types.Object, *, use_modifiers: bool) -> bool:
+    """Whether the base mesh has shape keys: they are applied where modifiers make it."""
+    has_keys = blender_object.data.shape_keys is not None
+    return has_keys and not base_modifiers(blender_object, use_modifiers=use_modifiers)
