@@ -105,8 +105,8 @@ def raised_depths(
 class _PoseSearch:
     """The depths over the poses so far, (F,) each.
 
-    raised: the round in which the depth of each face was raised last. tested: the one in which each pose was tested
-    last. key: the last key pose tested.
+    raised: the round in which the depth of each face was raised last. tested: for each pose the round before which it
+    was tested at all depths there were. key: the last key pose tested.
     """
 
     prepared: PreparedMesh
@@ -146,9 +146,10 @@ class _PoseSearch:
         share = (1.0 - self.done) / len(self.poses)
         keys = key_places(len(self.poses) - 1)
         before = 0
+        # Two rounds each: the key poses until all depths hold in them, then the poses between.
         for number, some in enumerate(in_groups(keys, poses_together(len(self.depths))), start=1):
-            self._test_stretch(before, some, number, share)
-            self.tested[before + 1 : some[-1] + 1] = number
+            self._test_stretch(before, some, 2 * number, share)
+            self.tested[before : some[-1] + 1] = 2 * number
             before = some[-1]
 
     def test_raised(self) -> None:
@@ -166,9 +167,9 @@ class _PoseSearch:
             number += 1
 
     def _test_stretch(self, first: int, places: Sequence[int], number: int, share: float) -> None:
-        """Test all faces of the poses after the first one, up to the last of these key poses. share: of the progress,
-        for each."""
-        keys = self._test_keys(places, number)
+        """Test all faces of the poses after the first one, up to the last of these key poses. number: of the round for
+        poses between key poses. share: of the progress, for each."""
+        keys = self._test_keys(places, number - 1)
         self.done += share * len(places)
         at_keys = self.depths.copy()
         at_once = POSES_HELD * poses_together(len(self.depths))
@@ -216,8 +217,9 @@ class _PoseSearch:
         return np.flatnonzero(~is_near)
 
     def _test_keys(self, poses: Sequence[int], number: int) -> list[KeyPose]:
-        """The key pose before, and these as key poses: all faces are evaluated, but for those that did not move."""
-        keys, left = [self.key], [np.zeros(0, dtype=np.intp)]
+        """The key pose before, where nothing is proved in it, and these as key poses: all faces are evaluated, but for
+        those that did not move."""
+        keys, left = [self.key], [np.flatnonzero(np.isinf(self.key.near))]
         for pose in poses:
             self._tick()
             scaled = ScaledPose.of(self.poses[pose])
