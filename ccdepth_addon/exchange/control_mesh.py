@@ -113,11 +113,15 @@ class ControlMesh:
         """The mesh with the object's rotation, scale and shear applied, and without its location."""
         # Positions that are not finite are found and refused later.
         with np.errstate(invalid="ignore"):
-            x, y, z = self.mesh.positions.T
-            positions = np.empty_like(self.mesh.positions)
+            mesh = self.mesh
+            x, y, z = np.ascontiguousarray(mesh.positions.T)
+            positions = np.empty_like(mesh.positions)
             for axis, weights in enumerate(self.world):
-                positions[:, axis] = x * weights[0] + y * weights[1] + z * weights[2]
-            return self.mesh.changed(positions=positions)
+                along = x * weights[0]
+                along += y * weights[1]
+                along += z * weights[2]
+                positions[:, axis] = along
+            return mesh.changed(positions=positions)
 
     @property
     def face_count(self) -> int:
@@ -162,8 +166,9 @@ class ControlMesh:
         The box lies along the object's axes and holds every vertex that has a face; its eight corners are moved to
         the scene, and the longest of its four diagonals counts. So turning the object changes nothing.
         """
-        has_faces = self.mesh.vertex_face_counts > 0
-        used = self.mesh.positions if np.all(has_faces) else self.mesh.positions[has_faces]
+        mesh = self.mesh
+        has_faces = mesh.vertex_face_counts > 0
+        used = mesh.positions if np.all(has_faces) else mesh.positions[has_faces]
         if not len(used):
             return 0.0
         # Positions that are not finite are found and refused later.

@@ -237,4 +237,6 @@ def _read_origins(mesh: bpy.types.Mesh, name: str, base_face_count: int) -> Inde
 
 def present_faces(base_faces: IndexArray) -> IndexArray:
     """The faces of an object's own mesh, each once, that faces (F,) of the evaluated one come from."""
-    return np.unique(base_faces[base_faces != NO_ORIGIN])
+    is_present = np.zeros(int(base_faces.max(initial=NO_ORIGIN)) + 1, dtype=bool)
+    is_present[base_faces[base_faces != NO_ORIGIN]] = True
+    return np.flatnonzero(is_present)

@@ -45,13 +45,13 @@ class Way:
     def between(before: KeyPose, after: KeyPose) -> Way:
         """From one key pose to the next."""
         vectors = after.scaled.mesh.positions - before.scaled.mesh.positions
-        return Way(before, after, vectors, float(np.vdot(vectors, vectors)))
+        return Way(before, after, vectors, _dot_product(vectors, vectors))
 
     def _rest(self, positions: FloatArray) -> tuple[float, FloatArray]:
         """The share of the way, from 0 to 1, after which it comes nearest to other positions; and what is left to them
         (V, 3), 0 for vertices that do not move."""
         rest = positions - self.before.scaled.mesh.positions
-        share = min(max(float(np.vdot(rest, self.vectors)) / self.square, 0.0), 1.0) if self.square else 0.0
+        share = min(max(_dot_product(rest, self.vectors) / self.square, 0.0), 1.0) if self.square else 0.0
         rest -= share * self.vectors
         return share, rest
 
@@ -76,6 +76,11 @@ class Way:
         # Of the rest, a sum of three rounded ones.
         near += 4 * max(before.scaled.allowance, scaled.allowance, after.scaled.allowance)
         return near, norms
+
+
+def _dot_product(a: FloatArray, b: FloatArray) -> float:
+    """Of two arrays of the same shape, on the calling thread (``matrix_products``)."""
+    return float(np.einsum("ij,ij->", a, b))
 
 
 def key_places(count: int) -> list[int]:
