@@ -213,7 +213,7 @@ class _PoseSearch:
         self.peaks = np.maximum(self.peaks, norms)
         self.allowance = max(self.allowance, 4 * scaled.allowance)
         is_near = near <= 1.0
-        self._note(scaled, np.flatnonzero(is_near), near)
+        self._note(scaled, is_near, near)
         return np.flatnonzero(~is_near)
 
     def _test_keys(self, poses: Sequence[int], number: int) -> list[KeyPose]:
@@ -237,7 +237,7 @@ class _PoseSearch:
             raised = self._find_near(keys, left, number)
         for key in keys[1:]:
             # Those that did not move, too: the tolerance need not be the same length.
-            self._note(key.scaled, np.flatnonzero(key.near <= 1.0), key.near)
+            self._note(key.scaled, key.near <= 1.0, key.near)
         return keys
 
     def _find_near(self, keys: Sequence[KeyPose], wanted: Sequence[IndexArray], number: int) -> BoolArray:
@@ -254,10 +254,10 @@ class _PoseSearch:
             key.near[faces] = found[joined.poses == place]
         return raised
 
-    def _note(self, scaled: ScaledPose, faces: IndexArray, near: FloatArray) -> None:
-        """Record that some faces are so near (F,), in units of the tolerance, at their depth in a pose."""
-        lengths = np.minimum(near[faces] * (scaled.tolerance * (1.0 + ROUNDING)), scaled.tolerance)
-        self.bounds[faces] = np.maximum(self.bounds[faces], lengths)
+    def _note(self, scaled: ScaledPose, chosen: BoolArray, near: FloatArray) -> None:
+        """Record that the chosen faces (F,) are so near (F,), in units of the tolerance, at their depth in a pose."""
+        lengths = np.minimum(near * (scaled.tolerance * (1.0 + ROUNDING)), scaled.tolerance)
+        np.maximum(self.bounds, lengths, out=self.bounds, where=chosen)
 
     def _test(self, batch: Sequence[int], wanted: Sequence[IndexArray], number: int) -> None:
         """Test some faces of some poses: of each the wanted ones, rising."""
@@ -273,9 +273,9 @@ class _PoseSearch:
         """Those of the faces whose norm does not prove them to be within the tolerance at their depth; the bounds of
         others are recorded."""
         near = self.prepared.norm_bounds(scaled.mesh, faces, self.depths) + scaled.allowance
-        is_near = near[faces] <= 1.0
-        self._note(scaled, faces[is_near], near)
-        return faces[~is_near]
+        is_near = near <= 1.0
+        self._note(scaled, is_near, near)
+        return faces[~is_near[faces]]
 
     def _evaluate(self, joined: JoinedFaces, number: int) -> FloatArray:
         """(P,): the bounds of the joined faces at the depths so far, in units of the tolerance.

@@ -57,17 +57,18 @@ def _farthest(
 ) -> WorstPose | None:
     """The pose in which one of the faces is the farthest off at a level; is_own_depth: of those in which that is its
     depth."""
-    levels = np.full(prepared.mesh.face_count, level, dtype=np.int32)
     worst: WorstPose | None = None
     for batch in in_groups(range(len(poses)), poses_together(len(faces))):
         done = batch[0] / len(poses)
         scaled = [ScaledPose.of(poses[pose]) for pose in batch]
         left = []
         for each in scaled:
-            allowance = each.allowance
-            wanted = prepared.norm_bounds(each.mesh, faces, levels)[faces] + allowance > (worst.share if worst else 0.0)
+            near, before = np.full((2, prepared.mesh.face_count), np.inf)
+            for some, norms in prepared.norms(each.mesh, faces):
+                near[some], before[some] = norms.at(level), norms.at(max(level - 1, 0))
+            wanted = near[faces] + each.allowance > (worst.share if worst else 0.0)
             if is_own_depth and level > 0:
-                wanted &= prepared.norm_bounds(each.mesh, faces, levels - 1)[faces] + allowance > 1.0
+                wanted &= before[faces] + each.allowance > 1.0
             left.append(faces[wanted])
         if not any(map(len, left)):
             continue
