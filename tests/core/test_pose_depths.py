@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.depth import pose_depths as depth_search
 from ccdepth_addon.core.depth.common_level import common_level
 from ccdepth_addon.core.depth.face_depths import (
     METHODS,
@@ -100,6 +101,18 @@ def test_no_face_is_farther_in_any_pose_than_proved(name: str, vertices: str) ->
             for each in levels if np.any(at) else ():
                 distances = each.distances(level, vertices, 2)
                 assert np.all(distances[at] <= found.bounds[at] + ROUNDING)
+
+
+def test_poses_between_key_poses_are_tested_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Heights grow evenly, so only the last pose, a key pose, makes faces deeper."""
+    mesh = build(meshes.landscape(6, 6), smooth_corners=True)
+    growth = mesh.positions * [0.0, 0.0, 1.0]
+    poses = [pose_of(mesh, mesh.positions + number / 4 * growth, 0.05) for number in range(POSES_BY_A_KEY)]
+    alone = [face_depths(pose.make(), pose.tolerance, "CERTIFIED", "CONTROL").depths for pose in (poses[0], poses[-1])]
+    monkeypatch.delattr(depth_search._PoseSearch, "_test")
+    found = pose_depths(poses, "CERTIFIED", "CONTROL")
+    np.testing.assert_array_equal(found.depths, alone[1])
+    assert np.any(alone[0] < alone[1])
 
 
 @both_vertices
