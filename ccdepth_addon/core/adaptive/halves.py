@@ -18,7 +18,6 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays.ranges import ranges
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import squared_norms
 from .cells.cell_store import in_blocks
@@ -96,7 +95,7 @@ def _settle(plan: Plan, possible: _Halves, chosen: IndexArray, others: _Others) 
                 return np.flatnonzero(is_chosen)
         is_chosen[failed] = False
         others.put_children(possible.quads[failed])
-        changed = possible.at_vertices(others.take_new_corners())
+        changed = possible.beside(others.take_new_corners())
         changed = changed[is_chosen[changed]]
         unbounded = np.union1d(unbounded[is_chosen[unbounded]], changed)
 
@@ -133,18 +132,22 @@ class _Halves:
         slots = [tree.first_slots(quads) + (sides + turn) % 4 for turn in range(4)]
         first = tree.first_child[quads]
         of_children = [tree.first_slots(first + (sides + turn) % 4) for turn in range(4)]
+        self._tree, self._edges = tree, tree.edges_by_midpoint()
+        self._numbers = np.full(len(tree.first_child), NONE, dtype=np.int32)
+        self._numbers[quads] = self._numbers[first] = np.arange(len(quads))
+        for turn in (1, 2, 3):
+            self._numbers[first + turn] = self._numbers[first]
         self._middles = tree.midpoints[tree.slot_edges[np.stack([slots[0], slots[2]])]]
         self.ends = tree.midpoints[tree.slot_edges[np.stack([slots[1], slots[3]])]]
         outer = [slot + side for slot in of_children for side in (0, 3)]
         self._finer = tree.midpoints[tree.slot_edges[np.stack(outer)]]
-        tested = np.concatenate([self._middles, self._finer])
-        self._in_order = np.argsort(tested, axis=None)
-        self._vertices = tested.ravel()[self._in_order]
 
-    def at_vertices(self, vertices: IndexArray) -> IndexArray:
-        """Those that may be refused, or exceed the limit, as some vertices are corners now."""
-        first, last = (np.searchsorted(self._vertices, vertices, side) for side in ("left", "right"))
-        return np.unique(self._in_order[ranges(first, last - first)] % len(self.quads))
+    def beside(self, vertices: IndexArray) -> IndexArray:
+        """Those with a side of theirs or of their children that has one of these vertices at its middle, ascending:
+        only these may be refused, or exceed the limit, as the vertices are corners now."""
+        edges = self._edges[vertices]
+        numbers = self._numbers[self._tree.nodes_along(edges[edges != NONE])]
+        return np.unique(numbers[numbers != NONE])
 
     def are_refused(self, chosen: IndexArray, corners: BoolArray) -> BoolArray:
         """(chosen,) where a long side would be split more than once; where a short side is split, as triangles there
@@ -266,7 +269,7 @@ class _Others:
         self._put_corners(np.concatenate([np.flatnonzero(is_leaf), quads]))
         self.corners[ends] = True
         self._keep_sides(np.flatnonzero(stays))
-        self.take_new_corners()
+        self._new_corners = []
         self._beside = self._changed(np.flatnonzero(is_leaf))[0]
         self._split_sides = np.full(len(tree.first_child), NONE, dtype=np.int32)
         self._found: list[tuple[IndexArray, LeafApproximation]] = []
@@ -278,9 +281,9 @@ class _Others:
         self._beside = np.concatenate([self._beside, children])
 
     def take_new_corners(self) -> IndexArray:
-        """The vertices that have become corners since the last call."""
+        """The vertices that have become corners since the last call; some may be there several times."""
         new, self._new_corners = self._new_corners, []
-        return np.unique(np.concatenate([np.zeros(0, dtype=np.intp), *new]))
+        return np.concatenate([np.zeros(0, dtype=np.intp), *new])
 
     def _put_corners(self, nodes: IndexArray) -> None:
         self._put(self._tree.slot_vertices[self._tree.slots(nodes)])

@@ -256,14 +256,24 @@ class Quadtree:
         for part in chunks(len(nodes), AT_ONCE):
             edges = self.slot_edges[self.slots(nodes[part])]
             parents = self._edge_parents.values[edges]
-            beside[self._owners(self._slots_along(edges))] = True
-            beside[self._owners(self._slots_along(parents[parents != NONE]))] = True
+            beside[self.nodes_along(edges)] = True
+            beside[self.nodes_along(parents[parents != NONE])] = True
             beside[self._children(nodes[part])] = True
         found = np.flatnonzero(beside)
         return found[self.first_child[found] == NONE]
 
+    def edges_by_midpoint(self) -> NDArray[np.int32]:
+        """(V,) the edge that each vertex is the midpoint of, or NONE."""
+        found, split = _numbers(NONE, len(self.vertex_edges)), np.flatnonzero(self.midpoints != NONE)
+        found[self.midpoints[split]] = split
+        return found
+
+    def nodes_along(self, edges: IndexArray) -> IndexArray:
+        """The nodes with these edges for sides, but for halves; some may be there several times."""
+        return self._owners(self._slots_along(edges))
+
     def _slots_along(self, edges: IndexArray) -> IndexArray:
-        """All the slots whose sides are these edges."""
+        """All the slots whose sides are these edges, but for those of halves."""
         found = [np.zeros(0, dtype=np.int32)]
         slots = self._last_slots.values[edges]
         while len(slots := slots[slots != NONE]):
@@ -389,7 +399,8 @@ class Quadtree:
             frames.append(frames.values[one])
         for column, default in self._added_columns:
             column.extend(2 * count, default)
-        self._append_slots(vertices.ravel(), edges.ravel())
+        # No split has to find them.
+        self._append_unchained_slots(vertices.ravel(), edges.ravel())
         self.covered = np.concatenate([self.covered, covered])
         self.leaf_count -= 2 * count
         self._split_before = (whole, self.edge_children[whole], self.midpoints[whole])
@@ -449,12 +460,8 @@ class Quadtree:
         return self.edge_children[edges] + (self.edge_vertices.take(edges, axis=0)[:, 1] == vertices)
 
     def _append_slots(self, vertices: IndexArray, edges: IndexArray) -> None:
-        if len(self.slot_edges) + len(edges) > MOST_SLOTS:
-            raise MemoryError("the quadtree is too large")
         waiting = np.arange(len(edges)) + len(self.slot_edges)
-        self._slot_vertices.append(vertices)
-        self._slot_edges.append(edges)
-        self._slots_before.extend(len(edges), NONE)
+        self._append_unchained_slots(vertices, edges)
         # Of several slots along an edge the last one written remains; the next rounds chain the others before it.
         while len(waiting):
             edges = self.slot_edges[waiting]
@@ -463,6 +470,13 @@ class Quadtree:
             written = self._last_slots.values[edges] == waiting
             self._slots_before.values[waiting[written]] = before[written]
             waiting = waiting[~written]
+
+    def _append_unchained_slots(self, vertices: IndexArray, edges: IndexArray) -> None:
+        if len(self.slot_edges) + len(edges) > MOST_SLOTS:
+            raise MemoryError("the quadtree is too large")
+        self._slot_vertices.append(vertices)
+        self._slot_edges.append(edges)
+        self._slots_before.extend(len(edges), NONE)
 
     def _append_vertices(
         self, corners: IndexArray, parameters: NDArray[np.complex128], edges: IndexArray | int
