@@ -70,6 +70,23 @@ def choose_alone(cells: WithDistances, samples: Samples, limit: float) -> LeafAp
     return replace(found, alone=found.accepted.copy())
 
 
+def choose_shifted(cells: WithDistances, samples: Samples, limit: float) -> LeafApproximation:
+    """The template that is sampled to be the best along the surface, where it is within the limit at shifted parameters
+    (``shifted_bounds``), which bound the distances: what is proved so needs no neighbours, and these are bounded by the
+    template that is best for them too."""
+    found = LeafApproximation.none(len(samples.slopes))
+    best = samples.predicted_bounds().argmin(axis=0)
+    tried = np.flatnonzero(np.take_along_axis(samples.alone(), best[None], axis=0)[0] <= limit)
+    if len(tried):
+        distances = cells.distances(tried, best[tried])
+        within = distances <= limit
+        accepted = tried[within]
+        found.accepted[accepted] = found.alone[accepted] = True
+        found.alternatives[accepted] = best[accepted]
+        found.bounds[accepted] = distances[within]
+    return found
+
+
 def choose_along_surface(cells: WithErrorBounds, samples: Samples, limit: float) -> LeafApproximation:
     """The first template that is predicted to be within the limit along the surface, by the cells' own samples."""
     found = LeafApproximation.none(len(samples.slopes))

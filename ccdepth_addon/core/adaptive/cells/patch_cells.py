@@ -24,12 +24,13 @@ from ..leaf_approximation import LeafApproximation
 from ..leaf_bounds import triangle_bounds
 from ..leaf_bounds.child_bounds import ChildSamples, child_distances, corners_of_children
 from ..leaf_bounds.leaf_distance import Hull, bicubic_hull, extraordinary_hull
+from ..leaf_bounds.shifted_bounds import shifted_distances
 from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..leaf_bounds.triangle_shapes import triangle_normals
 from ..quadtree import Quadtree
 from ..request import AdaptiveRequest
-from ..template_choice import PROMISING, Samples, choose_along_surface, folded_quads
-from ..templates import TURNS, WHOLE, template_groups, templates
+from ..template_choice import PROMISING, Samples, choose_along_surface, choose_shifted, folded_quads
+from ..templates import TURNS, WHOLE, template_groups, template_numbers, templates
 from .quad_cells import QuadCells, patterns_of
 
 # Finer bounds save nearly all of the part that is not quadratic, and sometimes a little more. They are computed where
@@ -143,7 +144,8 @@ class NetCells(QuadCells):
 @dataclass(frozen=True)
 class ChildApproximations:
     """The 4P children of P bicubic quads, those at slot 0 first. approximation: with whole sides, of the children that
-    their parents' coefficients show to be within the limit, or predict to be along the surface. out_of_reach: (4P,)
+    their parents' coefficients show to be within the limit, or predict to be along the surface, and of those that are
+    within it at shifted parameters. out_of_reach: (4P,)
     bool, which are shown to be neither. points: (9, P, 3), those of the quads themselves and their centres."""
 
     approximation: LeafApproximation
@@ -164,14 +166,17 @@ class BicubicCells(NetCells):
         first, everything = tree.first_child[self.nodes], np.arange(len(self.nodes))
         families = [everything if wanted is None else np.flatnonzero(wanted[slot]) for slot in range(4)]
         nodes = np.concatenate([first[chosen] + slot for slot, chosen in enumerate(families)])
-        if not len(nodes):
-            return
-        nets, start = np.empty((16, 3, len(nodes))), 0
+        if len(nodes):
+            yield BicubicCells(nodes, np.zeros_like(nodes), self.coefficients_of_children(families))
+
+    def coefficients_of_children(self, families: Sequence[IndexArray]) -> FloatArray:
+        """(16, n, 3): for each slot those of the children there of quads (n,) by ascending index."""
+        nets, start = np.empty((16, 3, sum(map(len, families)))), 0
         for matrix, chosen in zip(CHILD_MATRICES, families, strict=True):
-            own = self.nets if wanted is None else selected_vectors(self.nets, chosen)
+            own = self.nets if len(chosen) == len(self.nodes) else selected_vectors(self.nets, chosen)
             nets[:, :, start : start + len(chosen)] = transformed_nets(matrix, own).swapaxes(1, 2)
             start += len(chosen)
-        yield BicubicCells(nodes, np.zeros_like(nodes), nets.swapaxes(1, 2))
+        return nets.swapaxes(1, 2)
 
     def halves(self, side: int, nodes: IndexArray) -> BicubicCells:
         """Their halves along the side at this slot, counted from there, as cells of nodes (P,)."""
@@ -196,9 +201,11 @@ class BicubicCells(NetCells):
         out_of_reach = np.zeros(best.size, dtype=bool)
         nearest = samples.alone().min(axis=0)
         out_of_reach[chosen] = (samples.predicted_bounds().min(axis=0) > PROMISING * limit) & (nearest > limit)
-        along_surface = choose_along_surface(_FarChildren(far), samples, limit)
-        promising = np.flatnonzero(along_surface.accepted)
-        found.put(chosen, along_surface)
+        of_far = choose_shifted(_ShiftedChildren(self, far), samples, limit)
+        left = np.flatnonzero(~of_far.accepted)
+        of_far.put(left, choose_along_surface(_FarChildren(far.at(left)), samples.at(left), limit))
+        promising = np.flatnonzero(of_far.accepted)
+        found.put(chosen, of_far)
         folded |= folded_quads(found, chosen[promising], selected_vectors(far.corners, promising), axes)
         least = distances.sampled.min(axis=1).ravel()
         least[chosen] = nearest
@@ -257,6 +264,9 @@ class BicubicCells(NetCells):
             found[own] = triangle_bounds.bicubic_errors_along(rows, nets, normals)
         return found
 
+    def shifted_distances_of(self, chosen: IndexArray, numbers: IndexArray, points: FloatArray) -> FloatArray:
+        return shifted_distances(selected_vectors(self.nets, chosen), selected_vectors(points, chosen), numbers)
+
     def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
         return bicubic_hull(selected_vectors(self.nets, chosen))
 
@@ -266,6 +276,22 @@ class BicubicCells(NetCells):
         nets = selected_vectors(self.nets, chosen)
         normals = triangle_normals(selected_vectors(points, chosen), templates(pattern)[alternative])
         return triangle_bounds.bicubic_error_bounds(triangle_bounds.bicubic_rows(pattern, alternative), nets, normals)
+
+
+@dataclass(frozen=True)
+class _ShiftedChildren:
+    """Children of bicubic quads, bounded at shifted parameters by coefficients of their own."""
+
+    parents: BicubicCells
+    samples: ChildSamples
+
+    def distances(self, chosen: IndexArray, alternatives: IndexArray) -> FloatArray:
+        """As in ``template_choice.WithDistances``."""
+        own = self.samples.at(chosen)
+        families = [own.of_quads[own.at_corners == corner] for corner in range(4)]
+        whole = np.full(len(chosen), WHOLE, dtype=np.int8)
+        numbers = template_numbers(whole, alternatives)
+        return shifted_distances(self.parents.coefficients_of_children(families), own.points(), numbers)
 
 
 @dataclass(frozen=True)

@@ -26,6 +26,7 @@ from ..template_choice import (
     Samples,
     choose_alone,
     choose_along_surface,
+    choose_shifted,
     choose_within_limit,
     folded_quads,
     off_sides_and_diagonals,
@@ -72,6 +73,10 @@ class QuadCells(ABC):
     ) -> FloatArray:
         """(n,): the error bounds along the normals alone."""
         return self.error_bounds_of(chosen, numbers, points, limit).normal
+
+    def shifted_distances_of(self, chosen: IndexArray, numbers: IndexArray, points: FloatArray) -> FloatArray:
+        """(n,): the same at shifted parameters; inf where there are no such bounds."""
+        return np.full(len(chosen), np.inf)
 
     @abstractmethod
     def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
@@ -145,8 +150,12 @@ class QuadsByPattern:
         least = sampled.min(axis=0)
         left = np.flatnonzero(~found.accepted)
         if len(left):
-            quads, samples = self.at(left), self.samples(left)
+            samples = self.samples(left)
             least[left] = np.where(least[left] > limit, samples.alone().min(axis=0), least[left])
+            found.put(left, choose_shifted(ShiftedQuads(self.at(left)), samples, limit))
+            others = np.flatnonzero(~found.accepted[left])
+            left, samples = left[others], samples.at(others)
+            quads = self.at(left)
             tried = np.flatnonzero(~quads.as_polygons())
             found.put(left[tried], choose_along_surface(quads.at(tried), samples.at(tried), limit))
             last = np.flatnonzero(~found.accepted[left])
@@ -162,6 +171,8 @@ class QuadsByPattern:
         if len(new):
             quads = self.at(new)
             found.put(new, choose_within_limit(quads, sampled_distances(quads.own_points(), quads.patterns), limit))
+            new = new[~found.accepted[new]]
+            found.put(new, choose_shifted(ShiftedQuads(self.at(new)), self.samples(new), limit))
         left = np.flatnonzero(~found.accepted)
         if len(left):
             samples = self.samples(left)
@@ -244,6 +255,19 @@ class QuadsByPattern:
         """As in ``template_choice.WithErrorBounds``."""
         places, numbers = self.places[chosen], template_numbers(self.patterns[chosen], alternatives)
         return self.cells.error_bounds_of(places, numbers, self.points, self.request.limit)
+
+
+@dataclass(frozen=True)
+class ShiftedQuads:
+    """The same quads, whose distances are bounded at shifted parameters."""
+
+    quads: QuadsByPattern
+
+    def distances(self, chosen: IndexArray, alternatives: IndexArray) -> FloatArray:
+        """As in ``template_choice.WithDistances``."""
+        quads, numbers = self.quads, template_numbers(self.quads.patterns[chosen], alternatives)
+        distances = quads.cells.shifted_distances_of(quads.places[chosen], numbers, quads.points)
+        return quads.with_thickness(distances, chosen, numbers)
 
 
 @dataclass(frozen=True)

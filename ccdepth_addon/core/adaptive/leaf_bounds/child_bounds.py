@@ -62,6 +62,18 @@ class ChildSamples:
     sums: FloatArray
     monomials: FloatArray
 
+    def at(self, chosen: IndexArray) -> ChildSamples:
+        """Some of them, by index."""
+        of_vectors = (self.corners, self.off, self.sums, self.monomials)
+        return ChildSamples(
+            self.at_corners[chosen], self.of_quads[chosen], *(selected_vectors(each, chosen) for each in of_vectors)
+        )
+
+    def points(self) -> FloatArray:
+        """(9, n, 3): their own points and centres."""
+        ends = self.corners[[0, 1, 2, 3, 0]] + self.corners[[1, 2, 3, 0, 2]]
+        return np.concatenate([self.corners, ends / 2 + self.off[:5]])
+
     def error_bounds(self, chosen: IndexArray, diagonal: int) -> tuple[ErrorBounds, ErrorBounds]:
         """Error bounds of some, split along a diagonal, along the triangles' normals and across: those of the quadratic
         parts, and those of the rest, to be added."""
