@@ -931,6 +931,12 @@ ENTRIES = [
         ("adaptive, large",),
     ),
     Entry(ADAPTIVE + "neighbour_bounds._are_at_vertices", "all star bounds anew", by(everywhere), ALL_ADAPTIVE),
+    Entry(
+        ADAPTIVE + "neighbour_bounds.MORE_RINGS",
+        "one ring",
+        set_to((1,)),
+        (*ALL_ADAPTIVE, "adaptive, coarse triangles"),
+    ),
     Entry(ADAPTIVE + "plan.SURELY_TOO_MANY", "not refused early", set_to(ALWAYS), ("adaptive, refused",)),
     Entry(ADAPTIVE + "template_choice.PROMISING", "no star bounds", set_to(NEVER), ALL_ADAPTIVE),
     Entry(ADAPTIVE + "template_choice.PROMISING", "1", set_to(1.0), ALL_ADAPTIVE),

@@ -18,6 +18,7 @@ from ccdepth_addon.core.adaptive.cells.control_faces import cells_of_faces
 from ccdepth_addon.core.adaptive.cells.patch_cells import BicubicCells
 from ccdepth_addon.core.adaptive.leaf_approximation import LeafApproximation
 from ccdepth_addon.core.adaptive.leaf_bounds.star_bounds import star_bounds
+from ccdepth_addon.core.adaptive.neighbour_bounds import MORE_RINGS
 from ccdepth_addon.core.adaptive.plan import TooManyFacesError
 from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, count_faces, subdivide_adaptively
 from ccdepth_addon.core.adaptive.quadtree import NONE, Quadtree
@@ -341,10 +342,13 @@ def assert_bounded_as_it_is(
         np.testing.assert_array_equal(getattr(approximation, name), getattr(anew, name))
     drawn = triangles_around(tree, leaves, anew, Transitions.TRIANGLES)
     points = limit_values(tree.mesh, tree.mesh.positions, tree.vertex_points(drawn.used))
-    along, of_leaves = np.zeros(len(leaves)), drawn.leaves
+    along, of_leaves = np.full(len(leaves), np.inf), drawn.leaves
     normal, tangential = anew.normal[of_leaves], anew.tangential[of_leaves]
-    found = star_bounds(points, drawn.corners, normal, tangential, drawn.closed, of_leaves >= 0)
-    np.maximum.at(along, of_leaves, found)
+    for rings in (1, *MORE_RINGS):
+        found = star_bounds(points, drawn.corners, normal, tangential, drawn.closed, of_leaves >= 0, rings=rings)
+        largest = np.zeros(len(leaves))
+        np.maximum.at(largest, of_leaves, found.bounds)
+        along = np.where(along > request.limit, largest, along)
     np.testing.assert_allclose(
         approximation.bounds, np.where(np.isinf(anew.bounds), along, anew.bounds), rtol=SAME, atol=0
     )

@@ -7,7 +7,7 @@ quad, and the midpoints of the sides that its halves lie along, where no other l
 these sides have fewer split sides.
 
 Leaves that have a bound by their neighbours alone (``star_bounds``) are bounded anew beside halves. Where they exceed
-the limit they stay as they are, and so do all leaves at their vertices; and so do leaves over flat parts, which have
+the limit they stay as they are, and so do all leaves in their stars; and so do leaves over flat parts, which have
 one bound together (docs/adaptive.md, Halves).
 """
 
@@ -23,7 +23,7 @@ from ..arrays.vectors import squared_norms
 from .cells.cell_store import in_blocks
 from .cells.patch_cells import BicubicCells
 from .leaf_approximation import LeafApproximation
-from .neighbour_bounds import approximate_alone, find_changed_star_bounds
+from .neighbour_bounds import MORE_RINGS, approximate_alone, find_changed_star_bounds
 from .plan import Plan
 from .quadtree import NONE, Quadtree
 from .request import Mode
@@ -44,10 +44,10 @@ def halve(plan: Plan) -> None:
         return
     stays = _leaves_over_flat_parts(plan)
     possible = _halves_alone(plan, _quads_of_leaves(plan, ~stays))
-    chosen = np.arange(len(possible.quads))
+    chosen, by_rings = np.arange(len(possible.quads)), plan.by_rings.values.copy()
     for attempt in range(ATTEMPTS):
         if attempt == ATTEMPTS - 1:
-            _add_with_neighbours(plan, stays, plan.approximations.unbounded())
+            _add_stars(plan, stays, plan.approximations.unbounded(), by_rings)
         chosen, exceeding = _halve_beside(plan, possible, chosen, stays)
         if not len(exceeding):
             return
@@ -214,6 +214,15 @@ def _add_with_neighbours(plan: Plan, stays: BoolArray, leaves: IndexArray) -> In
     stays[leaves] = True
     stays[added] = True
     return added
+
+
+def _add_stars(plan: Plan, stays: BoolArray, leaves: IndexArray, by_rings: BoolArray) -> None:
+    """Add some leaves, and all in their stars, to those that stay. by_rings: (nodes,) as in ``Plan``, before any were
+    halved."""
+    _add_with_neighbours(plan, stays, leaves)
+    reached = leaves[by_rings[leaves]]
+    for _ in range(MORE_RINGS[-1]):
+        reached = _add_with_neighbours(plan, stays, reached)
 
 
 def _quads_of_leaves(plan: Plan, may_go: BoolArray) -> IndexArray:

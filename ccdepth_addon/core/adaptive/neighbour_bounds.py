@@ -13,14 +13,16 @@ from .plan import Plan
 from .quadtree import NONE, Quadtree
 from .tessellation import triangles_around
 
+# How many rings stars have where one is not wide enough, and where those are not.
+MORE_RINGS = (2, 4)
+
 
 def bound_along_surface(plan: Plan) -> IndexArray:
     """Bound the leaves that exceed the limit at equal parameters by their neighbours. Returns those that still exceed
     it.
 
-    A star bound depends on the approximations of the leaf and of the leaves that share a vertex with it. Where that has
-    changed, one of them was approximated since: its sides were split, or it is new and has the vertices of the leaf
-    before.
+    A star bound depends on the approximations of the leaf and of the leaves in its star. Where that has changed, one of
+    them was approximated since: its sides were split, or it is new and has the vertices of the leaf before.
     """
     limit = plan.request.limit
     while True:
@@ -39,10 +41,29 @@ def bound_along_surface(plan: Plan) -> IndexArray:
 
 def find_changed_star_bounds(plan: Plan, unbounded: IndexArray) -> IndexArray:
     """Compute and record anew those star bounds of unbounded leaves that may have changed. Returns these leaves."""
-    wanted = unbounded[_are_at_vertices(plan.tree, unbounded, plan.approximated.take_leaves())]
-    if len(wanted):
-        _find_star_bounds(plan, wanted)
+    wanted = unbounded[_may_have_changed(plan, unbounded, plan.approximated.take_leaves())]
+    narrow = _find_star_bounds(plan, wanted, 1)
+    plan.by_rings.values[wanted] = False
+    plan.by_rings.values[narrow] = True
+    for rings in MORE_RINGS:
+        narrow = _find_star_bounds(plan, narrow, rings)
     return wanted
+
+
+def _may_have_changed(plan: Plan, leaves: IndexArray, changed: IndexArray) -> BoolArray:
+    """(leaves,) whether a star of theirs has changed with some leaves.
+
+    If one was drawn otherwise before, so was the nearest of those in between that has changed, as that has kept the
+    vertex it shares with the one before: so it is as near as that was.
+    """
+    tree = plan.tree
+    found = _are_at_vertices(tree, leaves, changed)
+    others = np.flatnonzero(plan.by_rings.values[leaves] & ~found)
+    if len(others):
+        for _ in range(MORE_RINGS[-1] - 1):
+            changed = _with_neighbours(tree, changed)
+        found[others] = _are_at_vertices(tree, leaves[others], changed)
+    return found
 
 
 def _not_flat_enough(plan: Plan, leaves: IndexArray) -> IndexArray:
@@ -81,6 +102,12 @@ def _are_at_vertices(tree: Quadtree, leaves: IndexArray, others: IndexArray) -> 
     return found
 
 
+def _with_neighbours(tree: Quadtree, leaves: IndexArray) -> IndexArray:
+    """Some leaves, and all at their vertices, in ascending order."""
+    around = np.flatnonzero(_faces_around(tree, leaves)[tree.base_faces] & (tree.first_child == NONE))
+    return around[tree.share_a_vertex(around, leaves)]
+
+
 def _faces_around(tree: Quadtree, nodes: IndexArray) -> BoolArray:
     """(faces of the control mesh,) those that share a vertex with a face of the nodes. All nodes that share a vertex
     with them lie on these."""
@@ -92,14 +119,18 @@ def _faces_around(tree: Quadtree, nodes: IndexArray) -> BoolArray:
     return np.logical_or.reduceat(at_vertices[mesh.corner_vertices], mesh.face_starts[:-1])
 
 
-def _find_star_bounds(plan: Plan, wanted: IndexArray) -> None:
-    """Compute and record those of the wanted leaves."""
-    tree, approximations = plan.tree, plan.approximations
-    leaves = np.flatnonzero(_faces_around(tree, wanted)[tree.base_faces] & (tree.first_child == NONE))
-    leaves = leaves[tree.share_a_vertex(leaves, wanted)]
+def _find_star_bounds(plan: Plan, wanted: IndexArray, rings: int) -> IndexArray:
+    """Compute and record those of the wanted leaves, by stars of so many rings at most. Returns the leaves that exceed
+    the limit only because these are not wide enough."""
+    if not len(wanted):
+        return wanted
+    tree, approximations, limit = plan.tree, plan.approximations, plan.request.limit
+    leaves = wanted
+    for _ in range(rings):
+        leaves = _with_neighbours(tree, leaves)
     for cells in in_blocks(plan.cells.of(leaves[np.isinf(approximations.error_bounds(leaves)[0])])):
         approximations.put_error_bounds(
-            cells.nodes, cells.error_bounds(approximations.without_neighbours(cells.nodes), plan.request.limit)
+            cells.nodes, cells.error_bounds(approximations.without_neighbours(cells.nodes), limit)
         )
         plan.report()
     drawn = triangles_around(tree, leaves, approximations.without_neighbours(leaves), plan.request.transitions)
@@ -113,5 +144,9 @@ def _find_star_bounds(plan: Plan, wanted: IndexArray) -> None:
         drawn.closed,
         is_wanted[nodes],
         plan.request.rounding,
+        rings,
     )
-    approximations.put_star_bounds(wanted, nodes[is_wanted[nodes]], found)
+    owners = nodes[is_wanted[nodes]]
+    approximations.put_star_bounds(wanted, owners, found.bounds)
+    is_wanted[owners[found.with_room > limit]] = False
+    return wanted[is_wanted[wanted] & (approximations.star_bounds(wanted) > limit)]

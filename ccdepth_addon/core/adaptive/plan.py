@@ -71,6 +71,7 @@ class Plan:
     """tree; the flat parts of the control mesh; the cells and approximations of its nodes; the positions of its
     vertices. split_sides: (nodes,) how many of a leaf's sides were split at its last approximation; the number never
     falls. by_flat_part: (nodes,) whether a leaf's bound is that of its flat part (``flat_bounds``), and only that.
+    by_rings: (nodes,) whether stars of one ring are too narrow to bound a leaf, and it depends on more leaves around.
 
     Three queues hold what a split may have changed, so that only this is evaluated again. split_nodes: nodes split
     since the last test of balance. beside_split: leaves whose sides may have been split since their approximation.
@@ -91,6 +92,7 @@ class Plan:
         self.split_sides = self.tree.add_column(np.int32(0))
         self.outlines = OutlineStore(self.tree, self.cells, self.split_sides)
         self.by_flat_part = self.tree.add_column(np.bool_(False))
+        self.by_rings = self.tree.add_column(np.bool_(False))
         self.split_nodes, self.beside_split, self.approximated = (NodeQueue(self.tree) for _ in range(3))
         self._least_levels = least_levels
 

@@ -11,6 +11,10 @@ the surface and from the surface over τ to the mesh, are at most
 
 provided that the triangles around the vertex close up to a disc, go round it once as seen along τ's normal, and are
 wide enough: T + N is less than a third of cos Θ times the least of their heights over the vertex.
+
+Where the stars are not wide enough, as around poles in nearly flat places, those of the vertices beside may be added,
+and so on, ring by ring: then the conditions have to hold for each of these stars, Θ, N and T are the largest of all,
+and each ring adds half the least height over one of its vertices (docs/adaptive.md, Wider stars).
 """
 
 from __future__ import annotations
@@ -47,12 +51,14 @@ def star_bounds(
     closed: BoolArray,
     wanted: BoolArray,
     rounding: float = 0.0,
-) -> FloatArray:
-    """(wanted triangles,) float64: upper bounds of the distance in both directions; inf where the conditions fail.
+    rings: int = 1,
+) -> StarBounds:
+    """Of the wanted triangles.
 
     positions: (V, 3); triangles: (T, 3); normal, tangential: (T,), error bounds at equal parameters. closed: (V,)
     whether all the triangles around a vertex are there and close up to a disc. wanted: (T,) bool. rounding: the
-    allowance for error bounds and positions (docs/adaptive.md, Rounding).
+    allowance for error bounds and positions (docs/adaptive.md, Rounding). rings: how many the stars have at most; the
+    best bound counts.
     """
     count = len(positions)
     corners, columns = np.ascontiguousarray(triangles.T), np.ascontiguousarray(positions.T)
@@ -72,37 +78,68 @@ def star_bounds(
         directions[:, block] = _angles(directions[:, None, block], axes[:, own])
         for vertices, of_corner in zip(own, directions[:, block], strict=True):
             np.maximum.at(tilts, vertices, of_corner)
-    around = _Stars(
+    stars = _Stars(
         tilts=tilts,
-        turns=turns,
+        turns=np.where(closed, turns, np.inf),
         widths=widths,
+        beside=np.zeros(count),
         normal=_largest_at(corners, normal, count) + TURNED * rounding,
         tangential=_largest_at(corners, tangential, count) + TURNED * rounding,
-        closed=closed,
     )
+    edges = _edges(corners) if rings > 1 else np.zeros((2, 0), dtype=np.intp)
+    between = _angles(axes[:, edges[0]], axes[:, edges[1]])
     chosen = np.flatnonzero(wanted)
-    found = np.empty(len(chosen))
-    for block in chunks(len(chosen), AT_ONCE):
-        own = chosen[block]
-        found[block] = around.bounds(corners[:, own], directions[:, own])
-    return found
+    found = np.full((2, 3, len(chosen)), np.inf)
+    for ring in range(rings):
+        stars = stars.wider(edges, between) if ring else stars
+        for block in chunks(len(chosen), AT_ONCE):
+            own = chosen[block]
+            of_stars = stars.bounds(corners[:, own], directions[:, own])
+            np.minimum(found[:, :, block], of_stars, out=found[:, :, block])
+    return StarBounds(*found.max(axis=1))
+
+
+@dataclass(frozen=True)
+class StarBounds:
+    """(triangles,) float64 each: upper bounds of the distance in both directions, inf where the conditions fail; and
+    what they would be if all stars were wide enough."""
+
+    bounds: FloatArray
+    with_room: FloatArray
 
 
 @dataclass(frozen=True)
 class _Stars:
-    """The stars of V vertices, (V,) each: the largest tilt of the triangles against the mean of their normals, the sum
-    of their angles, the least of their heights, their error bounds along their normals and across, and whether they
-    close up to a disc."""
+    """The stars of V vertices, of one ring of triangles or several. (V,) each: the largest tilt of triangles against
+    the mean of the normals at the vertex; the largest sum of angles at a vertex inside, inf if some do not close up to
+    a disc; the largest error bounds along the triangles' normals and across. widths: the least height over the vertex.
+    beside: half the least heights over vertices of further rings, in sum, on the shortest way to the border."""
 
     tilts: FloatArray
     turns: FloatArray
     widths: FloatArray
+    beside: FloatArray
     normal: FloatArray
     tangential: FloatArray
-    closed: BoolArray
+
+    def wider(self, edges: IndexArray, between: FloatArray) -> _Stars:
+        """With one ring more. edges: (2, E), of all triangles; between: (E,) the angles between the mean normals at
+        their ends."""
+        ways = self.widths / 2 + self.beside
+        beside = np.full(len(ways), np.inf)
+        tilts, turns, normal, tangential = (
+            of_stars.copy() for of_stars in (self.tilts, self.turns, self.normal, self.tangential)
+        )
+        for start, end in (edges, edges[::-1]):
+            np.minimum.at(beside, start, ways[end])
+            np.maximum.at(tilts, start, self.tilts[end] + between)
+            np.maximum.at(turns, start, self.turns[end])
+            np.maximum.at(normal, start, self.normal[end])
+            np.maximum.at(tangential, start, self.tangential[end])
+        return _Stars(tilts, turns, self.widths, beside, normal, tangential)
 
     def bounds(self, corners: IndexArray, tilts: FloatArray) -> FloatArray:
-        """(n,) the bounds of triangles with corners (3, n), tilted by (3, n) at each.
+        """(2, 3, n): those of triangles with corners (3, n), tilted by (3, n) at each, as in ``StarBounds``.
 
         NaN meets no condition.
         """
@@ -110,20 +147,27 @@ class _Stars:
         off_across = off_across + ROUNDING_ACROSS * (off_normal + off_across)
         angles = np.minimum(self.tilts[corners] + tilts + ROUNDING, np.pi / 2)
         cosines, sines = np.cos(angles), np.sin(angles)
-        holds = (cosines > LEAST_COSINE) & self.closed[corners]
-        holds &= self.turns[corners] < 4 * np.pi * cosines * (1 - ROUNDING)
-        holds &= off_across + off_normal < cosines * self.widths[corners] / 3 * (1 - ROUNDING)
-        cosines = np.where(holds, cosines, 1.0)
-        bounds = off_normal / cosines + 2 * sines / cosines * (off_across + off_normal * sines)
-        return np.where(holds, bounds * (1 + ROUNDING), np.inf).max(axis=0)
+        flat = (cosines > LEAST_COSINE) & (self.turns[corners] < 4 * np.pi * cosines * (1 - ROUNDING))
+        room = (self.widths[corners] / 3 + self.beside[corners]) * (1 - ROUNDING)
+        wide = off_across + off_normal < cosines * room
+        cosines = np.where(flat, cosines, 1.0)
+        bounds = (off_normal / cosines + 2 * sines / cosines * (off_across + off_normal * sines)) * (1 + ROUNDING)
+        return np.stack([np.where(flat & wide, bounds, np.inf), np.where(flat, bounds, np.inf)])
 
 
 def _angles(directions: FloatArray, axes: FloatArray) -> FloatArray:
-    """(3, T): between unit vectors (3, 1, T) and (3, 3, T). By the chords, as cosines cannot resolve small angles."""
+    """(…): between unit vectors (3, …). By the chords, as cosines cannot resolve small angles."""
     chords = axes - directions
     chords *= chords
     halves = np.sqrt(chords.sum(axis=0)) / 2
     return 2 * np.arcsin(np.minimum(halves, 1.0))
+
+
+def _edges(corners: IndexArray) -> IndexArray:
+    """(2, E): the edges of triangles with corners (3, T), each once."""
+    ends = np.stack([corners.ravel(), np.roll(corners, -1, axis=0).ravel()]).astype(np.intp)
+    count = int(ends.max(initial=0)) + 1
+    return np.stack(np.divmod(np.unique(ends.min(axis=0) * count + ends.max(axis=0)), count))
 
 
 def _shapes(points: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
