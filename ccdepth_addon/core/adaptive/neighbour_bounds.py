@@ -58,7 +58,8 @@ def _may_have_changed(plan: Plan, leaves: IndexArray, changed: IndexArray) -> Bo
     """
     tree = plan.tree
     found = _are_at_vertices(tree, leaves, changed)
-    others = np.flatnonzero(plan.by_rings.values[leaves] & ~found)
+    # Over a flat part another bound is found, which stars that are too narrow do not change.
+    others = np.flatnonzero(plan.by_rings.values[leaves] & ~plan.by_flat_part.values[leaves] & ~found)
     if len(others):
         for _ in range(MORE_RINGS[-1] - 1):
             changed = _with_neighbours(tree, changed)
