@@ -126,15 +126,19 @@ def folded_quads(
 
 
 def sampled_distances(points: FloatArray, patterns: NDArray[np.int8]) -> FloatArray:
-    """(alternatives, P): the distances of quads at the middles of their sides and diagonals, from their points and
-    centres (9, P, 3); 0 where sides are split, and inf where a pattern (P,) has fewer alternatives."""
-    sampled = np.where(_is_alternative(patterns), 0.0, np.inf)
+    """(alternatives, P): the distances of quads at the middles of their whole sides and, where all are whole, of their
+    diagonals, from their points and centres (9, P, 3); inf where a pattern (P,) has fewer alternatives."""
+    squares = squared_norms(off_sides_and_diagonals(points))
+    sides = np.where(_is_split(patterns), 0.0, squares[:4]).max(axis=0)
+    sampled = np.where(_is_alternative(patterns), np.sqrt(sides), np.inf)
     whole = np.flatnonzero(patterns == WHOLE)
-    if len(whole):
-        own = points if len(whole) == len(patterns) else selected_vectors(points, whole)
-        squares = squared_norms(off_sides_and_diagonals(own))
-        sampled[:2, whole] = np.sqrt(np.maximum(squares[:4].max(axis=0), squares[4:]))
+    sampled[:2, whole] = np.sqrt(np.maximum(sides[whole], squares[4:, whole]))
     return sampled
+
+
+def _is_split(patterns: NDArray[np.int8]) -> BoolArray:
+    """(4, P): which sides are split in patterns (P,)."""
+    return (patterns >> np.arange(4)[:, None] & 1).astype(bool)
 
 
 def _is_alternative(patterns: NDArray[np.int8]) -> BoolArray:
@@ -185,8 +189,7 @@ class Samples:
         sides = corners[ENDS] - corners[STARTS]
         squares = squared_norms(sides)
         lengths = np.sqrt(squares.min(axis=0))
-        is_split = (patterns >> np.arange(4)[:, None] & 1).astype(bool)
-        beside = off_lines(off[:4], sides, squares, is_split)
+        beside = off_lines(off[:4], sides, squares, _is_split(patterns))
         heights, across = along_and_across(off, normals)
         slopes = Samples.slopes_of(heights[:4].max(axis=0), lengths)
         normal, tangential = (np.where(_is_alternative(patterns), 0.0, np.inf) for _ in range(2))
