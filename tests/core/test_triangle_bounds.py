@@ -137,6 +137,8 @@ def bounds_of(valence: int, pattern: int, alternative: int, nets: FloatArray, *,
         net = extraordinary_nets(mesh, np.array([0]), valence).reshape(2 * valence + 8, -1, 3)
         matrices = triangle_bounds.extraordinary_rows((valence, 4, 4, 4), pattern, alternative)
         found = triangle_bounds.extraordinary_error_bounds(matrices, net, normals)
+        along = triangle_bounds.extraordinary_errors_along(matrices, net, normals)
+        np.testing.assert_allclose(along, found.normal, rtol=ROUNDING)
     return np.stack([found.whole, found.normal, found.tangential])
 
 
@@ -356,6 +358,8 @@ def test_no_triangle_over_several_extraordinary_corners_is_farther_than_its_boun
         # As near as at one extraordinary vertex: wild nets bend most there.
         assert np.median(bounds[0] / distances[0]) < 1.6
         np.testing.assert_allclose(triangle_bounds.extraordinary_distances(rows, own), bounds[0], rtol=ROUNDING)
+        along = triangle_bounds.extraordinary_errors_along(rows, own, normals)
+        np.testing.assert_allclose(along, bounds[1], rtol=ROUNDING)
 
 
 OTHER_QUADS = {

@@ -126,6 +126,15 @@ class NetCells(QuadCells):
             found.put(own, self._error_bounds_of_template(chosen[own], pattern, alternative, points))
         return found
 
+    def errors_along_normals_of(
+        self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float
+    ) -> FloatArray:
+        found = np.empty(len(chosen))
+        for pattern, alternative, own in template_groups(numbers):
+            normals = triangle_normals(selected_vectors(points, chosen[own]), templates(pattern)[alternative])
+            found[own] = self._errors_along_normals(chosen[own], pattern, alternative, normals)
+        return found
+
     @abstractmethod
     def _distances_of_template(self, chosen: IndexArray, pattern: int, alternative: int, limit: float) -> FloatArray:
         """``distances_of`` for one template."""
@@ -135,6 +144,12 @@ class NetCells(QuadCells):
         self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray
     ) -> ErrorBounds:
         """``error_bounds_of`` for one template."""
+
+    @abstractmethod
+    def _errors_along_normals(
+        self, chosen: IndexArray, pattern: int, alternative: int, normals: FloatArray
+    ) -> FloatArray:
+        """``errors_along_normals_of`` for one template, whose triangles have unit normals (T, n, 3)."""
 
     @abstractmethod
     def _to_points(self) -> FloatArray:
@@ -254,15 +269,11 @@ class BicubicCells(NetCells):
     def _to_points(self) -> FloatArray:
         return triangle_bounds.BICUBIC_POINTS
 
-    def errors_along_normals_of(
-        self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float
+    def _errors_along_normals(
+        self, chosen: IndexArray, pattern: int, alternative: int, normals: FloatArray
     ) -> FloatArray:
-        found = np.empty(len(chosen))
-        for pattern, alternative, own in template_groups(numbers):
-            normals = triangle_normals(selected_vectors(points, chosen[own]), templates(pattern)[alternative])
-            rows, nets = triangle_bounds.bicubic_rows(pattern, alternative), selected_vectors(self.nets, chosen[own])
-            found[own] = triangle_bounds.bicubic_errors_along(rows, nets, normals)
-        return found
+        rows = triangle_bounds.bicubic_rows(pattern, alternative)
+        return triangle_bounds.bicubic_errors_along(rows, selected_vectors(self.nets, chosen), normals)
 
     def shifted_distances_of(self, chosen: IndexArray, numbers: IndexArray, points: FloatArray) -> FloatArray:
         return shifted_distances(selected_vectors(self.nets, chosen), selected_vectors(points, chosen), numbers)
@@ -346,6 +357,12 @@ class ExtraordinaryCells(NetCells):
         rows = triangle_bounds.extraordinary_rows(self.valences, pattern, alternative)
         normals = triangle_normals(selected_vectors(points, chosen), templates(pattern)[alternative])
         return triangle_bounds.extraordinary_error_bounds(rows, selected_vectors(self.nets, chosen), normals)
+
+    def _errors_along_normals(
+        self, chosen: IndexArray, pattern: int, alternative: int, normals: FloatArray
+    ) -> FloatArray:
+        rows = triangle_bounds.extraordinary_rows(self.valences, pattern, alternative)
+        return triangle_bounds.extraordinary_errors_along(rows, selected_vectors(self.nets, chosen), normals)
 
     def _to_points(self) -> FloatArray:
         return triangle_bounds.extraordinary_points(self.valences)

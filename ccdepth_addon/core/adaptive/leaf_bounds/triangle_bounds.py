@@ -502,10 +502,15 @@ def bicubic_error_bounds(rows: Rows, coefficients: FloatArray, normals: FloatArr
 
 def bicubic_errors_along(rows: Rows, coefficients: FloatArray, normals: FloatArray) -> FloatArray:
     """(P,): those along the normals alone, by the coefficients' heights, which are a third of the numbers."""
-    largest, starts = np.zeros(coefficients.shape[1]), np.searchsorted(rows.triangles, np.arange(len(normals) + 1))
-    for normal, (start, end) in zip(normals, pairwise(starts.tolist()), strict=True):
-        heights = matrix_product(rows.matrix[start:end], dot_products(coefficients, normal))
-        for off in (heights.max(axis=0, initial=0.0), -heights.min(axis=0, initial=0.0)):
+    return _highest(rows, [dot_products(coefficients, normal) for normal in normals])
+
+
+def _highest(rows: Rows, heights: Sequence[FloatArray]) -> FloatArray:
+    """(P,): the largest of the rows' values, either sign, for the heights (N, P) of nets over each of T triangles."""
+    largest, starts = np.zeros(heights[0].shape[1]), np.searchsorted(rows.triangles, np.arange(len(heights) + 1))
+    for own, (start, end) in zip(heights, pairwise(starts.tolist()), strict=True):
+        values = matrix_product(rows.matrix[start:end], own)
+        for off in (values.max(axis=0, initial=0.0), -values.min(axis=0, initial=0.0)):
             np.maximum(largest, off, out=largest)
     return largest
 
@@ -573,6 +578,17 @@ def extraordinary_error_bounds(rows: ExtraordinaryRows, nets: FloatArray, normal
             own = np.full(len(differences), triangle)
             at_vertex = at_vertex.or_more(ErrorBounds.of(differences, own, normals).times(last.factor))
         found = found.or_more(left + at_vertex)
+    return found
+
+
+def extraordinary_errors_along(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> FloatArray:
+    """(P,): those along the normals alone, by the heights of the nets' points."""
+    heights = [dot_products(nets, normal) for normal in normals]
+    found = _highest(rows.pieces, heights)
+    for last in rows.last:
+        triangles = np.unique(last.rows.triangles).tolist()
+        off = np.max([np.abs(matrix_product(last.differences, heights[own])).max(axis=0) for own in triangles], axis=0)
+        np.maximum(found, _highest(last.rows, heights) + last.factor * off, out=found)
     return found
 
 
