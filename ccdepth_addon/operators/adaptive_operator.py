@@ -25,7 +25,7 @@ from . import edit_mode
 from .adaptive_objects import Made, make_meshes
 from .long_operator import LongOperator
 from .reduced_meshes import Reducer
-from .selected_meshes import count_text, name_fault, refuse, selected_meshes
+from .selected_meshes import LINKED, count_text, name_fault, refuse, selected_meshes
 
 
 class AdaptiveOperator(LongOperator):
@@ -68,7 +68,7 @@ class AdaptiveOperator(LongOperator):
     def fault(self, blender_object: bpy.types.Object) -> str | None:
         """Why the object cannot have a result. Its mesh may be linked: nothing is written to it."""
         if not blender_object.is_editable:
-            return "the object is linked from another file; make it local first"
+            return LINKED
         return name_fault(self.source(blender_object))
 
     def leave(self, context: bpy.types.Context) -> None:

@@ -8,21 +8,18 @@ import bpy
 from ..exchange.bulk_writing import is_writable
 from ..state import results
 from ..ui import heat_map
-from .selected_meshes import poll_meshes, selected_meshes
+from .quick_operator import QuickOperator
+from .selected_meshes import selected_meshes
 
 
-class CCDEPTH_OT_clear(bpy.types.Operator):
+class CCDEPTH_OT_clear(QuickOperator):
     """Remove depths and deviations from the mesh, and display it as before"""
 
     bl_idname = "ccdepth.clear"
     bl_label = "Clear"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return poll_meshes(cls, context)
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> set[str]:
         meshes = {obj.data for obj in selected_meshes(context) if is_writable(obj.data)}
         cleared = [mesh for mesh in meshes if results.has_traces(mesh)]
         if not cleared:

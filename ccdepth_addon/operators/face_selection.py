@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from operator import eq, ge, le
 
 import bpy
@@ -13,7 +12,6 @@ from numpy.typing import NDArray
 from ..core import BoolArray, IndexArray
 from ..exchange.bulk_reading import read_values
 from ..exchange.result_attributes import DEPTH
-from ..tasks.surfaces import ComputeError
 
 COMPARISONS = {"EQUAL": eq, "AT_LEAST": ge, "AT_MOST": le}
 
@@ -21,24 +19,15 @@ COMPARISONS = {"EQUAL": eq, "AT_LEAST": ge, "AT_MOST": le}
 SELECTIONS = {"POINT": ".select_vert", "EDGE": ".select_edge", "FACE": ".select_poly"}
 
 
-def refuse_conflicts(meshes: Iterable[bpy.types.Mesh]) -> None:
-    """Raise ComputeError naming every mesh with an attribute that has the name of Blender's selection and is none."""
-    faults = [
-        f"{mesh.name}: the mesh has an attribute called “{name}” that is no selection; remove it first"
-        for mesh in meshes
-        if (name := _conflict(mesh))
-    ]
-    if faults:
-        raise ComputeError("\n".join(sorted(faults)))
+def selection_fault(mesh: bpy.types.Mesh) -> str | None:
+    """Why the faces of a mesh cannot be selected: another attribute has the name of Blender's selection.
 
-
-def _conflict(mesh: bpy.types.Mesh) -> str | None:
-    """The name of such an attribute. Writing a selection over it crashes Blender; Edit Mode keeps its selection
-    elsewhere."""
+    Writing a selection over it crashes Blender; Edit Mode keeps its selection elsewhere.
+    """
     for domain, name in SELECTIONS.items():
         attribute = None if mesh.is_editmode else mesh.attributes.get(name)
         if attribute is not None and (attribute.data_type, attribute.domain) != ("BOOLEAN", domain):
-            return name
+            return f"the mesh has an attribute called “{name}” that is no selection; remove it first"
     return None
 
 

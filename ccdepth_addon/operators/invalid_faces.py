@@ -12,30 +12,22 @@ from ..core import IndexArray, InvalidMeshError, validate
 from ..exchange.control_mesh import read_control_mesh
 from ..exchange.frozen_copies import NO_ORIGIN
 from ..state import refusals
-from ..tasks.surfaces import ComputeError, Faults
-from ..ui.printable import printable_lines
+from ..tasks.surfaces import Faults
 from . import face_selection
-from .selected_meshes import count_text, poll_meshes, refuse_meshes, selected_meshes
+from .quick_operator import QuickOperator
+from .selected_meshes import count_text, mesh_fault, refuse, selected_meshes
 
 
-class CCDEPTH_OT_select_invalid(bpy.types.Operator):
+class CCDEPTH_OT_select_invalid(QuickOperator):
     """Select the faces that leave a mesh without a surface: with a repeated vertex or one at no finite position"""
 
     bl_idname = "ccdepth.select_invalid"
     bl_label = "Select Invalid Faces"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return poll_meshes(cls, context)
-
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            invalid = _invalid_faces(context)
-            face_selection.refuse_conflicts(invalid)
-        except ComputeError as fault:
-            self.report({"ERROR"}, printable_lines(str(fault)))
-            return {"CANCELLED"}
+    def act(self, context: bpy.types.Context) -> set[str]:
+        invalid = _invalid_faces(context)
+        refuse(invalid, face_selection.selection_fault)
         if not invalid:
             refusals.note({})
             self.report({"INFO"}, "No face is invalid")
@@ -52,7 +44,7 @@ class CCDEPTH_OT_select_invalid(bpy.types.Operator):
         return {"FINISHED"}
 
 
-class CCDEPTH_OT_repair(bpy.types.Operator):
+class CCDEPTH_OT_repair(QuickOperator):
     """From meshes with invalid faces, have Blender remove these and faces that are there twice; vertices at no finite
     position are put to the origin"""
 
@@ -65,15 +57,11 @@ class CCDEPTH_OT_repair(bpy.types.Operator):
         if context.mode != "OBJECT":
             cls.poll_message_set("Works in Object Mode; in Edit Mode, delete the faces")
             return False
-        return poll_meshes(cls, context)
+        return super().poll(context)
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        try:
-            meshes = list(_invalid_faces(context))
-            refuse_meshes(meshes)
-        except ComputeError as fault:
-            self.report({"ERROR"}, printable_lines(str(fault)))
-            return {"CANCELLED"}
+    def act(self, context: bpy.types.Context) -> set[str]:
+        meshes = list(_invalid_faces(context))
+        refuse(meshes, mesh_fault)
         before = sum(len(mesh.polygons) for mesh in meshes)
         # Edit Mode is no way to do it: Blender 5 does not come back from there with triangles that are none.
         repaired = [mesh for mesh in meshes if mesh.validate(clean_customdata=False)]

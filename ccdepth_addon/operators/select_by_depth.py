@@ -8,13 +8,12 @@ import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty
 
 from ..state import results
-from ..tasks.surfaces import ComputeError
-from ..ui.printable import printable_lines
 from . import face_selection
-from .selected_meshes import count_text, poll_meshes, selected_meshes
+from .quick_operator import QuickOperator
+from .selected_meshes import count_text, refuse, selected_meshes
 
 
-class CCDEPTH_OT_select(bpy.types.Operator):
+class CCDEPTH_OT_select(QuickOperator):
     """Select the faces of a depth"""
 
     bl_idname = "ccdepth.select"
@@ -36,20 +35,16 @@ class CCDEPTH_OT_select(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not poll_meshes(cls, context):
+        if not super().poll(context):
             return False
         if not any(results.has_result(obj.data) for obj in selected_meshes(context)):
             cls.poll_message_set("Compute Depth first")
             return False
         return True
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        meshes = {obj.data for obj in selected_meshes(context) if results.has_result(obj.data)}
-        try:
-            face_selection.refuse_conflicts(meshes)
-        except ComputeError as fault:
-            self.report({"ERROR"}, printable_lines(str(fault)))
-            return {"CANCELLED"}
+    def act(self, context: bpy.types.Context) -> set[str]:
+        meshes = dict.fromkeys(obj.data for obj in selected_meshes(context) if results.has_result(obj.data))
+        refuse(meshes, face_selection.selection_fault)
         if not self.properties.is_property_set("depth"):
             self.depth = max(mesh.ccdepth.deepest for mesh in meshes)
         selected = 0

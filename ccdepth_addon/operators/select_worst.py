@@ -15,9 +15,10 @@ from numpy.typing import NDArray
 from ..exchange.mesh_arrays import mesh_face_count
 from ..state import results
 from ..tasks.surfaces import ComputeError
-from ..ui.printable import printable, printable_lines
+from ..ui.printable import printable
 from . import face_selection
-from .selected_meshes import poll_meshes, selected_meshes
+from .quick_operator import QuickOperator
+from .selected_meshes import refuse, selected_meshes
 
 # A framed face is shown with its surroundings: so many times its own size.
 SURROUNDINGS = 6.0
@@ -26,7 +27,7 @@ SURROUNDINGS = 6.0
 LEAST_SHOWN = 0.2
 
 
-class CCDEPTH_OT_select_worst(bpy.types.Operator):
+class CCDEPTH_OT_select_worst(QuickOperator):
     """Select the face where the measured deviation is largest"""
 
     bl_idname = "ccdepth.select_worst"
@@ -41,14 +42,14 @@ class CCDEPTH_OT_select_worst(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not poll_meshes(cls, context):
+        if not super().poll(context):
             return False
         if not _measured_objects(context):
             cls.poll_message_set("Measure Deviation first")
             return False
         return True
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> set[str]:
         worst = max(_measured_objects(context), key=lambda each: each.data.ccdepth.deviation_reached)
         mesh, found = worst.data, worst.data.ccdepth.measurement
         if self.frame:
@@ -60,13 +61,8 @@ class CCDEPTH_OT_select_worst(bpy.types.Operator):
             )
             return {"FINISHED"} if self.frame else {"CANCELLED"}
         if mesh_face_count(mesh) != found.faces:
-            self.report({"ERROR"}, f"{printable(worst.name)}: the mesh has changed; measure it again")
-            return {"CANCELLED"}
-        try:
-            face_selection.refuse_conflicts([mesh])
-        except ComputeError as fault:
-            self.report({"ERROR"}, printable_lines(str(fault)))
-            return {"CANCELLED"}
+            raise ComputeError(f"{worst.name}: the mesh has changed; measure it again")
+        refuse([mesh], face_selection.selection_fault)
         if not face_selection.select_these(mesh, np.array([found.worst_face])):
             self.report({"WARNING"}, f"{printable(worst.name)}: the face where it is worst is hidden")
             return {"FINISHED"} if self.frame else {"CANCELLED"}

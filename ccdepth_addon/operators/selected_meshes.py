@@ -3,13 +3,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
 
 import bpy
 
 from ..exchange.result_attributes import conflict
 from ..tasks.surfaces import ComputeError
+
+Holder = TypeVar("Holder", bpy.types.Object, bpy.types.Mesh)
+
+LINKED = "the object is linked from another file; make it local first"
 
 
 def selected_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
@@ -47,19 +51,12 @@ def without_mesh_text(context: bpy.types.Context) -> str:
 
 def refuse_what_cannot_be_written(objects: list[bpy.types.Object]) -> None:
     """Raise ComputeError naming every object that is hidden, or whose mesh cannot hold a result."""
-    refuse(objects, lambda obj: hidden_fault(obj) or _mesh_fault(obj.data) or name_fault(obj))
+    refuse(objects, lambda obj: hidden_fault(obj) or mesh_fault(obj.data) or name_fault(obj))
 
 
-def refuse_meshes(meshes: list[bpy.types.Mesh]) -> None:
-    """Raise ComputeError naming every mesh that cannot be written to."""
-    faults = [f"{mesh.name}: {fault}" for mesh in meshes if (fault := _mesh_fault(mesh))]
-    if faults:
-        raise ComputeError("\n".join(faults))
-
-
-def refuse(objects: list[bpy.types.Object], fault_of: Callable[[bpy.types.Object], str | None]) -> None:
-    """Raise ComputeError naming every object with a fault."""
-    faults = [f"{obj.name}: {fault}" for obj in objects if (fault := fault_of(obj))]
+def refuse(holders: Iterable[Holder], fault_of: Callable[[Holder], str | None]) -> None:
+    """Raise ComputeError naming every object or mesh with a fault."""
+    faults = [f"{holder.name}: {fault}" for holder in holders if (fault := fault_of(holder))]
     if faults:
         raise ComputeError("\n".join(faults))
 
@@ -68,7 +65,8 @@ def hidden_fault(blender_object: bpy.types.Object) -> str | None:
     return None if blender_object.visible_get() else "the object is hidden; show it first"
 
 
-def _mesh_fault(mesh: bpy.types.Mesh) -> str | None:
+def mesh_fault(mesh: bpy.types.Mesh) -> str | None:
+    """Why the mesh cannot be written to."""
     if not mesh.is_editable:
         return "the mesh is linked from another file and cannot be written to; make it local first"
     if mesh.override_library is not None:

@@ -7,11 +7,11 @@ import bpy
 
 from ..exchange.modifiers import subdivision_modifier
 from ..state import result_record, results, staleness
-from ..ui.printable import printable_lines
-from .selected_meshes import count_text, poll_meshes, selected_meshes
+from .quick_operator import QuickOperator
+from .selected_meshes import LINKED, count_text, refuse, selected_meshes
 
 
-class CCDEPTH_OT_set_levels(bpy.types.Operator):
+class CCDEPTH_OT_set_levels(QuickOperator):
     """Set the Subdivision Surface modifiers to the first level at which every face is near enough, and their Quality"""
 
     bl_idname = "ccdepth.set_levels"
@@ -20,7 +20,7 @@ class CCDEPTH_OT_set_levels(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if not poll_meshes(cls, context):
+        if not super().poll(context):
             return False
         with_depths = [obj for obj in selected_meshes(context) if _has_depths(obj)]
         if not with_depths:
@@ -31,13 +31,10 @@ class CCDEPTH_OT_set_levels(bpy.types.Operator):
             return False
         return True
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> set[str]:
         objects, settings = selected_meshes(context), context.scene.ccdepth
         stale = set(staleness.out_of_date(context, objects))
-        faults = [f"{obj.name}: {fault}" for obj in objects if (fault := _levels_fault(obj, obj in stale, settings))]
-        if faults:
-            self.report({"ERROR"}, printable_lines("\n".join(faults)))
-            return {"CANCELLED"}
+        refuse(objects, lambda obj: _levels_fault(obj, obj in stale, settings))
         for blender_object in objects:
             _set_levels(blender_object)
         levels = ", ".join(sorted({str(obj.data.ccdepth.uniform_level) for obj in objects}))
@@ -65,7 +62,7 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bp
             "Subdivide Results on to subdivide the result itself"
         )
     if not blender_object.is_editable:
-        return "the object is linked from another file; make it local first"
+        return LINKED
     if is_stale:
         return "its depths are out of date; compute them again"
     record, limits = blender_object.data.ccdepth, bpy.types.SubsurfModifier.bl_rna.properties

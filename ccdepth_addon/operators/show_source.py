@@ -7,11 +7,11 @@ import bpy
 
 from ..state import result_record, sources
 from ..tasks.surfaces import ComputeError
-from ..ui.printable import printable_lines
-from .selected_meshes import count_text, selected_meshes
+from .quick_operator import QuickOperator
+from .selected_meshes import count_text, refuse, selected_meshes
 
 
-class _SwappingOperator(bpy.types.Operator):
+class _SwappingOperator(QuickOperator):
     """Hides selected objects, and shows and selects what belongs to them."""
 
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
@@ -26,16 +26,12 @@ class _SwappingOperator(bpy.types.Operator):
             return False
         return True
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
+    def act(self, context: bpy.types.Context) -> set[str]:
         active = context.view_layer.objects.active
-        try:
-            hidden = [each for each in selected_meshes(context) if self.has_counterparts(each)]
-            swapped = {each: self.counterparts(each) for each in hidden}
-            shown = list(dict.fromkeys(other for others in swapped.values() for other in others))
-            _swap(context, hidden, shown)
-        except ComputeError as fault:
-            self.report({"ERROR"}, printable_lines(str(fault)))
-            return {"CANCELLED"}
+        hidden = [each for each in selected_meshes(context) if self.has_counterparts(each)]
+        swapped = {each: self.counterparts(each) for each in hidden}
+        shown = list(dict.fromkeys(other for others in swapped.values() for other in others))
+        _swap(context, hidden, shown)
         context.view_layer.objects.active = swapped[active][0] if active in swapped else shown[0]
         if len(shown) > 1:
             self.report({"INFO"}, count_text(len(shown), "object", "objects"))
@@ -88,9 +84,7 @@ def _swap(context: bpy.types.Context, hidden: list[bpy.types.Object], shown: lis
             # It was deleted, and is in the file because its result needs it.
             _link_beside(hidden[0], each)
     layer.update()
-    faults = [f"{each.name}: {fault}" for each in shown if (fault := _showing_fault(context, each))]
-    if faults:
-        raise ComputeError("\n".join(faults))
+    refuse(shown, lambda each: _showing_fault(context, each))
     for each in shown:
         each.hide_set(False)
         each.hide_render = False

@@ -12,7 +12,7 @@ from ..ui.printable import printable, printable_lines
 from .adaptive_objects import Made
 from .adaptive_operator import MakingOperator
 from .long_operator import NAVIGATION_EVENTS
-from .selected_meshes import selected_meshes
+from .selected_meshes import LINKED, refuse, selected_meshes
 from .updated_results import place_in_results
 
 # While one of these runs, results that are kept updated wait: their names begin so.
@@ -31,7 +31,7 @@ class UpdatingOperator(MakingOperator):
 
     def fault(self, blender_object: bpy.types.Object) -> str | None:
         if not blender_object.is_editable:
-            return "the object is linked from another file; make it local first"
+            return LINKED
         if blender_object.override_library is not None:
             return "the object is a library override; make it local first"
         return _source_fault(blender_object, self._results, self.use_modifiers) or super().fault(blender_object)
@@ -43,9 +43,7 @@ class UpdatingOperator(MakingOperator):
         sharing = [each for each in bpy.data.objects if each.data in shared and result_record.is_result(each)]
         depsgraph = context.evaluated_depsgraph_get()
         self._results = list(dict.fromkeys([*chosen, *(each for each in sharing if _is_evaluated(each, depsgraph))]))
-        unknown = [each.name for each in chosen if not _is_evaluated(each, depsgraph)]
-        if unknown:
-            raise ComputeError("\n".join(f"{name}: {NOT_EVALUATED}" for name in unknown))
+        refuse(chosen, lambda each: None if _is_evaluated(each, depsgraph) else NOT_EVALUATED)
         return self._results
 
     def chosen(self, context: bpy.types.Context) -> list[bpy.types.Object]:

@@ -227,7 +227,7 @@ def test_a_result_in_a_library_is_left_alone(tmp_path: Path, kind: Kind) -> None
 @pytest.fixture
 def unprotected(monkeypatch: pytest.MonkeyPatch) -> None:
     """Overrides are neither refused nor made local, so that Blender drops what is written to them."""
-    monkeypatch.setattr(addon.module("operators.selected_meshes"), "_mesh_fault", lambda mesh: None)
+    monkeypatch.setattr(addon.module("operators.selected_meshes"), "mesh_fault", lambda mesh: None)
     monkeypatch.setattr(addon.module("exchange.adaptive_mesh"), "own_copy", lambda data: data.copy())
 
 
