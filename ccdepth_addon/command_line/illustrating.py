@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -11,10 +12,10 @@ import bpy
 import numpy as np
 
 from ..core import METHODS
-from ..state.properties import tolerance_name
-from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
+from ..state.properties import scene_tolerance
+from ..tasks.depth_task import MeshDepths, compute_depths, depth_settings, prepare_depths
 from ..tasks.stepwise import Stepwise
-from ..tasks.surfaces import ComputeError, as_typed
+from ..tasks.surfaces import ComputeError
 from . import picture
 from .blender_calls import CommandError
 from .illustration import Illustration, Levels, MethodLevel
@@ -41,11 +42,8 @@ def levels_of(blender_object: bpy.types.Object) -> Levels:
 
 def _depths(blender_object: bpy.types.Object, method: str) -> MeshDepths:
     settings = bpy.context.scene.ccdepth
-    tolerance = as_typed(getattr(settings, tolerance_name(settings.tolerance_mode)))
-    depth_settings = DepthSettings(
-        tolerance, settings.tolerance_mode, settings.use_modifiers, method, settings.vertices
-    )
-    reading = Stepwise(prepare_depths(bpy.context, [blender_object], depth_settings))
+    by_method = replace(depth_settings(settings, scene_tolerance(settings), frames=""), method=method)
+    reading = Stepwise(prepare_depths(bpy.context, [blender_object], by_method))
     try:
         reading.work()
         assert reading.answer is not None

@@ -18,7 +18,7 @@ import numpy as np
 from ..exchange.bulk_reading import read_values
 from ..exchange.result_attributes import BOUND_KIND
 from ..state.deviation_results import Verdict, verdict
-from ..state.properties import tolerance_name
+from ..state.properties import scene_tolerance, set_scene_tolerance
 from ..tasks.deviation_task import MeasureSettings, MeasureTask, MeshDeviation, prepare_targets
 from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError, as_typed
 from ..ui.printable import printable
@@ -177,7 +177,7 @@ def change_settings(settings: bpy.types.PropertyGroup, options: Namespace) -> No
     if options.tolerance is not None:
         tolerance = options.tolerance.in_scene(scene_unit(bpy.context.scene))
         refuse_impossible_tolerance(tolerance)
-        setattr(settings, tolerance_name(settings.tolerance_mode), tolerance)
+        set_scene_tolerance(settings, tolerance)
 
 
 def refuse_impossible_tolerance(tolerance: float) -> None:
@@ -191,7 +191,7 @@ def settings_of(action: str) -> dict[str, Any]:
     settings = bpy.context.scene.ccdepth
     values = {name: getattr(settings, name) for name in SETTINGS[action]}
     typed = {name: as_typed(value) if isinstance(value, float) else value for name, value in values.items()}
-    return {"tolerance": as_typed(getattr(settings, tolerance_name(settings.tolerance_mode))), **typed}
+    return {"tolerance": scene_tolerance(settings), **typed}
 
 
 def measure_settings(time_limit: float | None) -> MeasureSettings:

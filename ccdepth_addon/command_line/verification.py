@@ -10,7 +10,7 @@ from pathlib import Path
 
 import bpy
 
-from ..state.properties import tolerance_name
+from ..state.properties import set_scene_tolerance
 from ..ui.printable import printable_lines
 from .arguments import MAKING, SUBDIVIDE
 from .blender_calls import CommandError
@@ -125,7 +125,7 @@ def _take_settings(action: str, entries: Sequence[ObjectEntry]) -> None:
     try:
         for name in SETTINGS[action]:
             setattr(holder, name, settings[name])
-        setattr(holder, tolerance_name(holder.tolerance_mode), settings["tolerance"])
+        set_scene_tolerance(holder, settings["tolerance"])
     except (TypeError, ValueError) as fault:
         raise CommandError(f"the settings in the report cannot be used: {fault}") from fault
 

@@ -14,10 +14,10 @@ from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import subdivision_modifier
 from ..state import fingerprint, properties, results, staleness
 from ..state.shown_colors import color_depths
-from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
+from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, depth_settings, prepare_depths
 from ..tasks.frames import chosen_frames, typed_frames
 from ..tasks.stepwise import Stage
-from ..tasks.surfaces import ComputeError, Surface, as_typed
+from ..tasks.surfaces import ComputeError, Surface
 from ..ui import heat_map
 from ..ui.printable import printable
 from .long_operator import LongOperator
@@ -75,14 +75,7 @@ class CCDEPTH_OT_compute(LongOperator):
         return {"FINISHED"}
 
     def _settings(self, context: bpy.types.Context) -> DepthSettings:
-        return DepthSettings(
-            as_typed(self.tolerance),
-            self.tolerance_mode,
-            self.use_modifiers,
-            self.method,
-            self.vertices,
-            chosen_frames(context.scene, self.frames, self.frame_list),
-        )
+        return depth_settings(self, self.tolerance, chosen_frames(context.scene, self.frames, self.frame_list))
 
     def _report(self, context: bpy.types.Context, answers: list[MeshDepths]) -> None:
         skipped = without_mesh_text(context)

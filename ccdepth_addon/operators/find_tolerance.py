@@ -9,7 +9,6 @@ from typing import ClassVar
 import bpy
 
 from ..state import face_counts, properties, viewports
-from ..state.properties import tolerance_name
 from ..tasks.adaptive_task import AdaptiveTask, FaceCount
 from ..tasks.face_budget import Fit, best_tolerance
 from ..tasks.stepwise import Stage
@@ -43,7 +42,7 @@ class CCDEPTH_OT_find_tolerance(CountingOperator):
         tasks, fit = answer
         self.leave(context)
         context.scene.ccdepth.tolerance_mode = self.tolerance_mode
-        setattr(context.scene.ccdepth, tolerance_name(self.tolerance_mode), fit.tolerance)
+        properties.set_scene_tolerance(context.scene.ccdepth, fit.tolerance)
         # What was evaluated for counting must not look like a change of the objects.
         context.view_layer.update()
         settings = replace(self.settings(), tolerance=fit.tolerance)

@@ -208,4 +208,4 @@ class LongOperator(bpy.types.Operator):
         """Write to the scene what was chosen in the redo panel."""
         for name in self.SETTINGS:
             setattr(settings, name, getattr(self, name))
-        setattr(settings, properties.tolerance_name(self.tolerance_mode), self.tolerance)
+        properties.set_scene_tolerance(settings, self.tolerance)

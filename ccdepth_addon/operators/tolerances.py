@@ -9,7 +9,6 @@ from bl_operators.presets import AddPresetBase
 from bpy.props import FloatProperty
 
 from ..state import properties
-from ..state.properties import tolerance_name
 from ..tasks.surfaces import ComputeError, refuse_bad_tolerance
 
 
@@ -28,13 +27,12 @@ class CCDEPTH_OT_use_tolerance(bpy.types.Operator):
     )
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        settings = context.scene.ccdepth
         try:
             refuse_bad_tolerance(self.tolerance)
         except ComputeError as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
-        setattr(settings, tolerance_name(settings.tolerance_mode), self.tolerance)
+        properties.set_scene_tolerance(context.scene.ccdepth, self.tolerance)
         return {"FINISHED"}
 
 

@@ -6,6 +6,7 @@ from typing import Any
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ..core import METHODS
+from ..tasks.surfaces import as_typed
 
 # A thousandth of the bounding box is about one pixel when the object fills the screen, whatever its size.
 DEFAULT_RELATIVE_TOLERANCE = 0.001
@@ -91,6 +92,16 @@ LARGEST_COLOR_DEPTH = 32
 def tolerance_name(tolerance_mode: str) -> str:
     """The name of the scene's setting that holds the tolerance."""
     return "relative_tolerance" if tolerance_mode == "RELATIVE" else "tolerance"
+
+
+def scene_tolerance(settings: Any) -> float:
+    """The tolerance of the scene's settings in their mode, as it is typed."""
+    return as_typed(getattr(settings, tolerance_name(settings.tolerance_mode)))
+
+
+def set_scene_tolerance(settings: Any, tolerance: float) -> None:
+    """Set the tolerance of the scene's settings in their mode."""
+    setattr(settings, tolerance_name(settings.tolerance_mode), tolerance)
 
 
 def absolute_tolerance_property() -> Any:

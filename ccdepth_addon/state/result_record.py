@@ -107,9 +107,8 @@ def made_with(holder: Any, tolerance: float) -> MadeWith:
 
 def settings_have_changed(result: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:
     """Whether the scene's settings are others than those the result was made with."""
-    tolerance = getattr(settings, properties.tolerance_name(settings.tolerance_mode))
     record = result.ccdepth
-    made, now = made_with(record, record.tolerance), made_with(settings, tolerance)
+    made, now = made_with(record, record.tolerance), made_with(settings, properties.scene_tolerance(settings))
     if made.tolerance != now.tolerance:
         return True
     unread = WITHOUT_REDUCE if record.reduce and settings.reduce else set()

@@ -7,7 +7,6 @@ from collections.abc import Callable
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
 
-from ..tasks.surfaces import as_typed
 from . import diagonals, properties, viewports
 from .colors import FIRST_DEPTH, LAST_DEPTH
 
@@ -56,7 +55,7 @@ def _switch_mode(settings: bpy.types.PropertyGroup, chosen: int) -> None:
 
 
 def _carry_over(settings: bpy.types.PropertyGroup, mode: str, diagonal: float) -> None:
-    before = as_typed(getattr(settings, properties.tolerance_name(settings.tolerance_mode)))
+    before = properties.scene_tolerance(settings)
     tolerance = before / diagonal if mode == "RELATIVE" else before * diagonal
     # Back and forth makes no noise in the last digits.
     setattr(settings, properties.tolerance_name(mode), float(f"{tolerance:.6g}"))

@@ -49,7 +49,16 @@ from ..exchange.mesh_checksums import Topology, geometry_checksum
 from ..exchange.object_state import KnownDescriptions, StateAtFrame, object_state
 from .frames import frame_restored, typed_frames
 from .stepwise import Stage
-from .surfaces import Faults, Surface, SurfaceSettings, control_mesh_key, refuse_bad_tolerance, surface_of, undominated
+from .surfaces import (
+    Faults,
+    Surface,
+    SurfaceSettings,
+    as_typed,
+    control_mesh_key,
+    refuse_bad_tolerance,
+    surface_of,
+    undominated,
+)
 
 # The depths' part of the time; the rest is for the level that holds for all faces. Measured: 40 s and 12 s on 90,000
 # faces with creases at random.
@@ -66,6 +75,13 @@ class DepthSettings(SurfaceSettings):
     method: str
     vertices: str
     frames: str = ""
+
+
+def depth_settings(holder: Any, tolerance: float, frames: str) -> DepthSettings:
+    """The settings that an operator, a scene or a record holds, but for the tolerance and the frames."""
+    return DepthSettings(
+        as_typed(tolerance), holder.tolerance_mode, holder.use_modifiers, holder.method, holder.vertices, frames
+    )
 
 
 @dataclass(frozen=True)

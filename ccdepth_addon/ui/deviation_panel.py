@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 
 from ..state import deviation_results, results, staleness
-from ..state.properties import tolerance_name
+from ..state.properties import scene_tolerance
 from ..tasks.surfaces import as_typed
 from .lengths import Rounding, bound_text, common_unit, length_text
 from .panels import ORDER_OF_DEVIATION, draw_display, draw_main_button, draw_state_line
@@ -79,8 +79,7 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
     if staleness.is_deviation_stale(mesh):
         return "Out of date: objects changed"
     found = mesh.ccdepth.measurement
-    tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
-    current = (as_typed(tolerance), settings.tolerance_mode, as_typed(settings.accuracy), settings.use_modifiers)
+    current = (scene_tolerance(settings), settings.tolerance_mode, as_typed(settings.accuracy), settings.use_modifiers)
     measured = (as_typed(found.tolerance), found.tolerance_mode, as_typed(found.accuracy), found.use_modifiers)
     return "" if current == measured else "Out of date: settings changed"
 

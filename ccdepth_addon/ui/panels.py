@@ -10,9 +10,9 @@ import numpy as np
 from ..core import FloatArray
 from ..state import refusals, result_record, results, sources, staleness
 from ..state.colors import depth_colors
-from ..state.properties import tolerance_name
+from ..state.properties import scene_tolerance
+from ..tasks.depth_task import depth_settings
 from ..tasks.frames import chosen_frames
-from ..tasks.surfaces import as_typed
 from .lengths import bound_text, common_unit, length_text
 from .manual import draw_manual_button
 from .selected_results import faces_by_depth, lengths_text, refused_objects, selected_results
@@ -149,24 +149,9 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: 
     record = mesh.ccdepth
     if record.subdivision:
         return "" if holder is None else _changed_since_made(settings, holder)
-    tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
-    # As typed decimals: the two differ by a rounding to single precision.
-    current = (
-        as_typed(tolerance),
-        settings.tolerance_mode,
-        settings.method,
-        settings.vertices,
-        settings.use_modifiers,
-        chosen_frames(settings.id_data, settings.frames, settings.frame_list),
-    )
-    computed = (
-        as_typed(record.tolerance),
-        record.tolerance_mode,
-        record.method,
-        record.vertices,
-        record.use_modifiers,
-        record.frames,
-    )
+    frames = chosen_frames(settings.id_data, settings.frames, settings.frame_list)
+    current = depth_settings(settings, scene_tolerance(settings), frames)
+    computed = depth_settings(record, record.tolerance, record.frames)
     return "" if current == computed else "Out of date: settings changed"
 
 

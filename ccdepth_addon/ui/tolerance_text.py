@@ -9,8 +9,7 @@ from decimal import Decimal
 import bpy
 
 from ..state.diagonals import known_diagonal, measured_objects
-from ..state.properties import tolerance_name
-from ..tasks.surfaces import as_typed
+from ..state.properties import scene_tolerance
 from .lengths import length_text, number_text
 from .selected_results import lengths_text
 
@@ -29,7 +28,7 @@ def tolerance_text(context: bpy.types.Context) -> str:
     that is known; empty when there is nothing to add to its field."""
     scene, settings = context.scene, context.scene.ccdepth
     relative = settings.tolerance_mode == "RELATIVE"
-    tolerance = as_typed(getattr(settings, tolerance_name(settings.tolerance_mode)))
+    tolerance = scene_tolerance(settings)
     texts = []
     if abs(round(tolerance, DECIMALS) - tolerance) > LARGEST_ERROR * abs(tolerance):
         texts.append(f"{tolerance:.6g}" if relative else length_text(scene, tolerance, digits=6))
