@@ -72,8 +72,3 @@ def face_budget(text: str) -> int:
     if not 1 <= faces <= LARGEST_FACE_COUNT:
         raise ArgumentTypeError(f"“{text}” is no number of faces, like 50000, 50k or 1.5M")
     return faces
-
-
-def unit_symbol(metres: float) -> str:
-    """The symbol of a unit that has one, else its length."""
-    return next((symbol for symbol, length in UNITS.items() if length == metres), f"{metres:g} m")
