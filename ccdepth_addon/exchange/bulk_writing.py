@@ -6,7 +6,9 @@ Blender silently drops what is written in bulk to a library override, and a copy
 
 from __future__ import annotations
 
+from collections.abc import Container
 from dataclasses import dataclass
+from itertools import count
 from typing import Any, TypeVar
 
 import bpy
@@ -88,6 +90,11 @@ def write_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str
     if attribute is None:
         attribute = mesh.attributes.new(name, data_type, domain)
     write_values(attribute.data, kind.value, np.asarray(values, dtype=kind.dtype), kind.step)
+
+
+def unused_name(prefix: str, taken: Container[str]) -> str:
+    """A name for something temporary: the prefix and a number, which is none of those taken."""
+    return next(name for number in count() if (name := f"{prefix}_{number}") not in taken)
 
 
 def is_writable(mesh: bpy.types.Mesh) -> bool:

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from itertools import count
-
 import bpy
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +10,7 @@ from numpy.typing import NDArray
 from ..core import PolygonMesh, SubdividedMesh, at_corners, limit_normals
 from .attributes import CUSTOM_NORMAL, FREE_NORMALS
 from .bulk_reading import read_values
-from .bulk_writing import WriteError, write_attribute
+from .bulk_writing import WriteError, unused_name, write_attribute
 
 # How the names of attributes begin that hold custom normals for a while.
 CARRIED_NORMAL = "ccdepth_normal"
@@ -51,7 +49,7 @@ class CarriedNormals:
 
     def __init__(self, mesh: bpy.types.Mesh) -> None:
         """Write the attribute."""
-        self._name = next(name for number in count() if (name := f"{CARRIED_NORMAL}_{number}") not in mesh.attributes)
+        self._name = unused_name(CARRIED_NORMAL, mesh.attributes)
         normals = read_values(mesh.corner_normals, "vector", np.float32, 3)
         write_attribute(mesh, self._name, "FLOAT_VECTOR", "CORNER", normals)
 

@@ -4,14 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import count
 
 import bpy
 import numpy as np
 
 from ..core import BoolArray, FloatArray, Places, ShortIndexArray, TriangleMesh
 from .bulk_reading import read_built_in, read_values
-from .bulk_writing import own_copy, write_values
+from .bulk_writing import own_copy, unused_name, write_values
 from .kept_lines import border_edges, line_edges
 from .line_thinning import thin_lines
 from .places import interpolate_at
@@ -83,8 +82,7 @@ class Decimation:
             modifier.use_collapse_triangulate = True
             if is_fixed.any():
                 names = {*holder.vertex_groups.keys(), *mesh.attributes.keys()}
-                name = next(name for number in count() if (name := f"ccdepth_may_move_{number}") not in names)
-                group = holder.vertex_groups.new(name=name)
+                group = holder.vertex_groups.new(name=unused_name("ccdepth_may_move", names))
                 group.add(np.flatnonzero(~is_fixed).tolist(), MAY_MOVE, "REPLACE")
                 modifier.vertex_group = group.name
 

@@ -4,18 +4,20 @@ that evaluated faces come from."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from itertools import count
+from typing import TypeVar
 
 import bpy
 import numpy as np
 
 from ..core import IndexArray
 from .bulk_reading import read_values
-from .bulk_writing import own_copy, write_values
+from .bulk_writing import own_copy, unused_name, write_values
 from .mesh_arrays import own_mesh
 from .modifiers import SIMULATIONS, base_modifiers, counted_modifiers, is_evaluated
+
+Item = TypeVar("Item")
 
 ORIGIN_ATTRIBUTE = "ccdepth_origin"
 NO_ORIGIN = -1
@@ -34,14 +36,19 @@ REMOVING_FACES = {"BOOLEAN", "BUILD", "MASK", "NODES", "WELD"}
 
 def in_batches(objects: Sequence[bpy.types.Object]) -> Iterator[list[bpy.types.Object]]:
     """The objects in groups that are few and small enough to be evaluated at once."""
-    batch: list[bpy.types.Object] = []
-    vertices = 0
-    for blender_object in objects:
-        batch.append(blender_object)
-        vertices += len(blender_object.data.vertices)
-        if len(batch) == OBJECTS_AT_ONCE or vertices >= VERTICES_AT_ONCE:
+    return batches(objects, lambda each: len(each.data.vertices), VERTICES_AT_ONCE)
+
+
+def batches(items: Iterable[Item], size_of: Callable[[Item], int], most: int) -> Iterator[list[Item]]:
+    """Items in groups of as many as are evaluated at once; a group ends with the item that makes its size the most."""
+    batch: list[Item] = []
+    size = 0
+    for item in items:
+        batch.append(item)
+        size += size_of(item)
+        if len(batch) == OBJECTS_AT_ONCE or size >= most:
             yield batch
-            batch, vertices = [], 0
+            batch, size = [], 0
     if batch:
         yield batch
 
@@ -216,8 +223,7 @@ def _frozen_copies(
 
 def _write_origins(holder: bpy.types.Object, mesh: bpy.types.Mesh) -> str:
     """Write its number on every face of a mesh, and return the name it has there, which nothing else has."""
-    used = {*holder.vertex_groups.keys(), *mesh.attributes.keys()}
-    name = next(name for number in count() if (name := f"{ORIGIN_ATTRIBUTE}_{number}") not in used)
+    name = unused_name(ORIGIN_ATTRIBUTE, {*holder.vertex_groups.keys(), *mesh.attributes.keys()})
     origins = np.arange(1, len(mesh.polygons) + 1)
     pairs = np.stack([origins, origins * origins % ORIGIN_PRIME], axis=1).astype(np.int32)
     write_values(mesh.attributes.new(name, "INT32_2D", "FACE").data, "value", pairs)

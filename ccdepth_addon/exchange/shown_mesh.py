@@ -14,7 +14,7 @@ from .bulk_reading import read_built_in, read_values
 from .control_mesh import ControlMeshError
 from .frozen_copies import copies_with
 from .mesh_arrays import own_mesh
-from .modifiers import NOT_SHAPING, SIMULATIONS
+from .modifiers import NOT_SHAPING, SIMULATIONS, is_evaluated
 
 
 @dataclass(frozen=True)
@@ -74,8 +74,7 @@ def read_shown_mesh(context: bpy.types.Context, blender_object: bpy.types.Object
             raise ControlMeshError(
                 f"the modifier “{modifier.name}” is a simulation, which cannot be measured: apply it, or hide it"
             )
-    data = blender_object.data
-    if shown or (data.shape_keys is not None and not data.is_editmode):
+    if is_evaluated(blender_object, shown):
         with copies_with(context, {blender_object: shown}) as copies:
             triangles = _triangles(*copies.made(blender_object))
     else:

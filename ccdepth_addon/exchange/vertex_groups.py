@@ -8,7 +8,6 @@ an attribute, which Blender's own operator turns into a vertex group.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import count
 
 import bpy
 import numpy as np
@@ -16,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..core import BoolArray, PolygonMesh, SubdividedMesh, interpolated_at_vertices
 from .attribute_conversion import convert_attribute
-from .bulk_writing import write_attribute
+from .bulk_writing import unused_name, write_attribute
 
 WEIGHTS = "ccdepth_weights"
 
@@ -61,7 +60,7 @@ def write_groups(
         return
     mesh = holder.data
     taken = {*groups.names, *(attribute.name for attribute in mesh.attributes)}
-    temporary = next(name for number in count() if (name := f"{WEIGHTS}_{number}") not in taken)
+    temporary = unused_name(WEIGHTS, taken)
     members, numbers, weights = _read_weights(base)
     for number, (name, lock) in enumerate(zip(groups.names, groups.locks, strict=True)):
         chosen = numbers == number

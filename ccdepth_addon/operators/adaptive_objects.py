@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterator
+from collections.abc import Callable, Generator
 from contextlib import ExitStack
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..exchange.adaptive_mesh import TransferOptions, new_mesh
 from ..exchange.bulk_writing import WriteError, own_copy
 from ..exchange.control_mesh import base_mesh
-from ..exchange.frozen_copies import OBJECTS_AT_ONCE, FrozenCopies, copies_to_subdivide
+from ..exchange.frozen_copies import FrozenCopies, batches, copies_to_subdivide
 from ..exchange.mesh_checksums import Topology, geometry_checksum
 from ..exchange.modifiers import applied_modifiers, subdivision_modifier
 from ..exchange.object_state import StateAtFrame, object_state
@@ -24,7 +24,7 @@ from ..tasks.stepwise import Stage
 from ..tasks.surfaces import ComputeError, same_control_mesh
 from ..ui import heat_map
 
-# Faces written in one go.
+# Faces written in one go: few enough to keep the window responsive.
 FACES_AT_ONCE = 1 << 17
 
 NAME_SUFFIX = " Adaptive"
@@ -57,7 +57,7 @@ def make_meshes(
     """
     made: list[Made] = []
     try:
-        for batch in _batches(answers):
+        for batch in batches(answers, lambda answer: len(answer.adaptive.mesh.base_faces), FACES_AT_ONCE):
             yield Stage(f"Writing meshes: {len(made):,} of {len(answers):,}")
             context.view_layer.update()
             holders = [_sources(answer)[0] for answer in batch]
@@ -113,20 +113,6 @@ def place(context: bpy.types.Context, made: list[Made], placing: Placing) -> lis
         staleness.note_write(mesh)
     heat_map.synchronise(context)
     return [user for placed in users for user in placed]
-
-
-def _batches(answers: list[AdaptiveResult]) -> Iterator[list[AdaptiveResult]]:
-    """Batches of as many objects as are evaluated at once, with few enough faces to keep the window responsive."""
-    batch: list[AdaptiveResult] = []
-    faces = 0
-    for answer in answers:
-        batch.append(answer)
-        faces += len(answer.adaptive.mesh.base_faces)
-        if len(batch) == OBJECTS_AT_ONCE or faces >= FACES_AT_ONCE:
-            yield batch
-            batch, faces = [], 0
-    if batch:
-        yield batch
 
 
 def _meshes(made: list[Made]) -> list[bpy.types.Mesh]:
