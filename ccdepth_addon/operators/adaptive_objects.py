@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exchange.adaptive_mesh import TransferOptions, new_mesh
-from ..exchange.bulk_writing import WriteError, own_copy
+from ..exchange.bulk_writing import own_copy
 from ..exchange.control_mesh import base_mesh
 from ..exchange.frozen_copies import FrozenCopies, batches, copies_to_subdivide
 from ..exchange.mesh_checksums import Topology, geometry_checksum
@@ -21,15 +21,14 @@ from ..exchange.object_state import StateAtFrame, object_state
 from ..state import fingerprint, results, staleness
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.stepwise import Stage
-from ..tasks.surfaces import ComputeError, same_control_mesh
+from ..tasks.surfaces import ComputeError, naming, same_control_mesh
 from ..ui import heat_map
+from .selected_meshes import CHANGED
 
 # Faces written in one go: few enough to keep the window responsive.
 FACES_AT_ONCE = 1 << 17
 
 NAME_SUFFIX = " Adaptive"
-
-CHANGED = "The objects were changed in the meantime: nothing was written"
 
 
 @dataclass(frozen=True)
@@ -63,10 +62,8 @@ def make_meshes(
             holders = [_sources(answer)[0] for answer in batch]
             with copies_to_subdivide(context, holders, use_modifiers=settings.use_modifiers) as copies:
                 for answer, holder in zip(batch, holders, strict=True):
-                    try:
+                    with naming(holder.name):
                         made.append(_make_mesh(context, answer, holder, settings, exact_normals, copies))
-                    except WriteError as fault:
-                        raise ComputeError(f"{holder.name}: {fault}") from fault
     except BaseException:
         bpy.data.batch_remove(_meshes(made))
         raise

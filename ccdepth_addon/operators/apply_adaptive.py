@@ -9,7 +9,7 @@ import bpy
 from ..state import properties, result_record, sources
 from .adaptive_objects import Made, place_meshes
 from .adaptive_operator import MakingOperator
-from .selected_meshes import hidden_fault, without_mesh_text
+from .selected_meshes import hidden_fault
 
 
 class CCDEPTH_OT_subdivide(MakingOperator):
@@ -46,9 +46,7 @@ class CCDEPTH_OT_subdivide(MakingOperator):
                 sources.note_made(result, source)
         if self._goes_on_editing:
             self._edited = [placed.session_uid for placed in objects]
-        skipped = without_mesh_text(context)
-        if skipped:
-            self.report({"INFO"}, skipped)
+        self.report_skipped(context)
         self.report_made(answer, objects)
         return {"FINISHED"}
 

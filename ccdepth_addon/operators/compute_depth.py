@@ -9,7 +9,6 @@ from typing import ClassVar
 import bpy
 
 from ..core import needed_quality
-from ..exchange.bulk_writing import WriteError
 from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import subdivision_modifier
 from ..state import fingerprint, properties, results, staleness
@@ -17,11 +16,11 @@ from ..state.shown_colors import color_depths
 from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, depth_settings, prepare_depths
 from ..tasks.frames import chosen_frames, typed_frames
 from ..tasks.stepwise import Stage
-from ..tasks.surfaces import ComputeError, Surface
+from ..tasks.surfaces import ComputeError, Surface, naming
 from ..ui import heat_map
 from ..ui.printable import printable
 from .long_operator import LongOperator
-from .selected_meshes import count_text, refuse_what_cannot_be_written, selected_meshes, without_mesh_text
+from .selected_meshes import CHANGED, count_text, refuse_what_cannot_be_written, selected_meshes
 
 
 class CCDEPTH_OT_compute(LongOperator):
@@ -53,18 +52,13 @@ class CCDEPTH_OT_compute(LongOperator):
     def progress_text(self, progress: float) -> str:
         return f"Computing depth: {progress:.0%}"
 
-    def fraction_done(self, progress: float) -> float | None:
-        return progress
-
     def finish(self, context: bpy.types.Context, answer: list[MeshDepths]) -> set[str]:
         meshes = _meshes_still_there(answer)
         first_and_last = color_depths(context.scene.ccdepth)
         with ExitStack() as undo:
             for each, mesh in zip(answer, meshes, strict=True):
-                try:
+                with naming(each.task.object_names[0]):
                     results.write_depths(mesh, each, first_and_last, undo)
-                except WriteError as fault:
-                    raise ComputeError(f"{each.task.object_names[0]}: {fault}") from fault
             undo.pop_all()
         for each, mesh in zip(answer, meshes, strict=True):
             results.write_record(mesh, each, self._settings(context), first_and_last)
@@ -78,9 +72,7 @@ class CCDEPTH_OT_compute(LongOperator):
         return depth_settings(self, self.tolerance, chosen_frames(context.scene, self.frames, self.frame_list))
 
     def _report(self, context: bpy.types.Context, answers: list[MeshDepths]) -> None:
-        skipped = without_mesh_text(context)
-        if skipped:
-            self.report({"INFO"}, skipped)
+        self.report_skipped(context)
         for answer in answers:
             for note in _modifier_notes(answer):
                 self.report({"WARNING"}, f"{printable(answer.task.object_names[0])}: {note}")
@@ -106,7 +98,7 @@ def _meshes_still_there(answers: list[MeshDepths]) -> list[bpy.types.Mesh]:
             or mesh_face_count(mesh) != answer.task.face_count
             or not all(user is not None and user.data == mesh for user in users)
         ):
-            raise ComputeError("The meshes were changed in the meantime: nothing was written")
+            raise ComputeError(CHANGED)
         found.append(mesh)
     return found
 

@@ -18,7 +18,7 @@ from ..tasks.surfaces import ComputeError
 from ..ui import progress_bar
 from ..ui.printable import printable_lines
 from . import worker
-from .selected_meshes import poll_meshes
+from .selected_meshes import count_text, poll_meshes
 
 Answer = TypeVar("Answer")
 
@@ -93,8 +93,16 @@ class LongOperator(bpy.types.Operator):
         raise NotImplementedError
 
     def fraction_done(self, progress: Any) -> float | None:
-        """The part of the work that is done; None where nobody knows how much there is."""
-        return None
+        """The part of the work that is done: the progress itself, unless that is something else; None where nobody
+        knows how much work there is."""
+        return float(progress)
+
+    def report_skipped(self, context: bpy.types.Context) -> None:
+        """Report how many selected objects have no mesh, if there are any."""
+        skipped = sum(obj.type != "MESH" for obj in context.selected_objects)
+        if skipped:
+            objects = count_text(skipped, "selected object", "selected objects")
+            self.report({"INFO"}, f"Skipped {objects} without a mesh")
 
     def leave(self, context: bpy.types.Context) -> None:
         """Put back what ``start`` changed while it runs; called however it ends."""

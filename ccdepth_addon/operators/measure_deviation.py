@@ -10,20 +10,16 @@ from typing import ClassVar
 
 import bpy
 
-from ..core import InvalidMeshError
-from ..exchange.bulk_writing import WriteError
 from ..exchange.mesh_arrays import mesh_face_count
 from ..state import deviation_results, measured_state, properties, result_record, staleness
 from ..state.deviation_results import Verdict
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, measure, prepare_measurement
-from ..tasks.surfaces import ComputeError, as_typed
+from ..tasks.surfaces import ComputeError, as_typed, naming
 from ..ui import heat_map
 from ..ui.lengths import Rounding, common_unit, length_text
 from ..ui.printable import printable
 from .long_operator import LongOperator
-from .selected_meshes import refuse_what_cannot_be_written, selected_meshes, without_mesh_text
-
-CHANGED = "The objects were changed in the meantime: nothing was written"
+from .selected_meshes import CHANGED, refuse_what_cannot_be_written, selected_meshes
 
 
 class CCDEPTH_OT_measure(LongOperator):
@@ -45,16 +41,11 @@ class CCDEPTH_OT_measure(LongOperator):
         settings = self._settings()
         task = prepare_measurement(context, objects, target, settings)
         self._is_own = task.own
-        try:
+        with naming(task.surface.object_name):
             return (yield from self.computed(lambda progress: measure(task, settings, progress)))
-        except InvalidMeshError as fault:
-            raise ComputeError(f"{task.surface.object_name}: {fault}") from fault
 
     def progress_text(self, progress: float) -> str:
         return f"Measuring deviation: {progress:.0%}"
-
-    def fraction_done(self, progress: float) -> float | None:
-        return progress
 
     def finish(self, context: bpy.types.Context, answer: list[MeshDeviation]) -> set[str]:
         settings = self._settings()
@@ -63,10 +54,8 @@ class CCDEPTH_OT_measure(LongOperator):
         tops = [deviation_results.distance_top(context.scene.ccdepth, each.tolerance, largest) for each in answer]
         with ExitStack() as undo:
             for each, measured, top in zip(answer, objects, tops, strict=True):
-                try:
+                with naming(measured.name):
                     deviation_results.write_deviations(measured.data, each, top, undo)
-                except WriteError as fault:
-                    raise ComputeError(f"{measured.name}: {fault}") from fault
             undo.pop_all()
         for each, measured, top in zip(answer, objects, tops, strict=True):
             deviation_results.write_record(measured.data, each, settings, largest, top)
@@ -86,9 +75,7 @@ class CCDEPTH_OT_measure(LongOperator):
         )
 
     def _report(self, context: bpy.types.Context, answer: list[MeshDeviation]) -> None:
-        skipped = without_mesh_text(context)
-        if skipped:
-            self.report({"INFO"}, skipped)
+        self.report_skipped(context)
         for each in answer:
             name = "" if self._is_own or len(answer) == 1 else f"{printable(each.measured)}: "
             if not each.accuracy_met:

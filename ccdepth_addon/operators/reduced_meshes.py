@@ -12,7 +12,6 @@ import numpy as np
 
 from ..core import FloatArray, Progress, Proof, Reduction
 from ..exchange.bulk_reading import read_values
-from ..exchange.bulk_writing import WriteError
 from ..exchange.custom_normals import CarriedNormals
 from ..exchange.decimation import Decimation
 from ..exchange.mesh_checksums import geometry_checksum
@@ -22,7 +21,7 @@ from ..state import results
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.reduce_task import ReducedResult, depths_of_faces, finer_result, reduction_of, triangle_count
 from ..tasks.stepwise import Stage
-from ..tasks.surfaces import ComputeError
+from ..tasks.surfaces import naming
 from .adaptive_objects import Made, make_meshes
 
 # Where thinner lines are too far off at some places, these places are tried without, so often.
@@ -74,19 +73,17 @@ class Reducer:
         )
         (made,) = yield from self._unreduced(start)
         try:
-            mesh = _mesh(made.mesh_uid)
-            write_face_values(mesh, {DEPTH_KIND: depths_of_faces(answer, start.adaptive)})
-            bounds = yield from self._reduce(answer, mesh)
-            if bounds is None or len(bounds) >= triangle_count(answer):
-                _remove([made.mesh_uid])
-                return None
-            depths = read_values(mesh.attributes[DEPTH].data, "value", np.int32)
-            reduced = ReducedResult(answer, bounds, depths)
-            results.write_reduced(mesh, reduced, self._settings)
-            return Made(answer, mesh.session_uid, geometry_checksum(mesh), depths)
-        except WriteError as fault:
-            _remove([made.mesh_uid])
-            raise ComputeError(f"{answer.task.object_names[0]}: {fault}") from fault
+            with naming(answer.task.object_names[0]):
+                mesh = _mesh(made.mesh_uid)
+                write_face_values(mesh, {DEPTH_KIND: depths_of_faces(answer, start.adaptive)})
+                bounds = yield from self._reduce(answer, mesh)
+                if bounds is None or len(bounds) >= triangle_count(answer):
+                    _remove([made.mesh_uid])
+                    return None
+                depths = read_values(mesh.attributes[DEPTH].data, "value", np.int32)
+                reduced = ReducedResult(answer, bounds, depths)
+                results.write_reduced(mesh, reduced, self._settings)
+                return Made(answer, mesh.session_uid, geometry_checksum(mesh), depths)
         except BaseException:
             _remove([made.mesh_uid])
             raise

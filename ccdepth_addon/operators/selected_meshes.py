@@ -13,6 +13,8 @@ from ..tasks.surfaces import ComputeError
 
 Holder = TypeVar("Holder", bpy.types.Object, bpy.types.Mesh)
 
+CHANGED = "The objects were changed in the meantime: nothing was written"
+
 LINKED = "the object is linked from another file; make it local first"
 
 
@@ -41,12 +43,6 @@ def poll_meshes(cls: Any, context: bpy.types.Context) -> bool:
 
 def count_text(number: int, one: str, many: str) -> str:
     return f"{number:,} {one if number == 1 else many}"
-
-
-def without_mesh_text(context: bpy.types.Context) -> str:
-    """A report about selected objects that are no meshes; empty when there are none."""
-    skipped = sum(obj.type != "MESH" for obj in context.selected_objects)
-    return f"Skipped {count_text(skipped, 'selected object', 'selected objects')} without a mesh" if skipped else ""
 
 
 def refuse_what_cannot_be_written(objects: list[bpy.types.Object]) -> None:

@@ -12,7 +12,8 @@ from ..exchange.bulk_writing import is_writable
 from ..state import result_record, sources
 from ..state.result_record import MadeWith
 from ..tasks.surfaces import ComputeError
-from .adaptive_objects import CHANGED, Made, ObjectGroups, place
+from .adaptive_objects import Made, ObjectGroups, place
+from .selected_meshes import CHANGED
 
 Materials = Sequence[bpy.types.Material | None]
 

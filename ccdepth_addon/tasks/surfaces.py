@@ -60,6 +60,19 @@ class Surface:
         return gram_matrix(self.control.world) / self.tolerance**2
 
 
+# What can be wrong with an object, in words that its name goes before.
+OBJECT_FAULTS = (ControlMeshError, InvalidMeshError, ToleranceError, WriteError)
+
+
+@contextmanager
+def naming(object_name: str) -> Iterator[None]:
+    """Raise what is found to be wrong with the object as a ComputeError that names it."""
+    try:
+        yield
+    except OBJECT_FAULTS as fault:
+        raise ComputeError(f"{object_name}: {fault}") from fault
+
+
 class Faults:
     """The objects at fault, and why."""
 
@@ -74,7 +87,7 @@ class Faults:
         first frame that has any."""
         try:
             yield
-        except (ControlMeshError, InvalidMeshError, ToleranceError, WriteError) as fault:
+        except OBJECT_FAULTS as fault:
             if self._frames.setdefault(name, frame) == frame:
                 self._found[name] = fault
 
