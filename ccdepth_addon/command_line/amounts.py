@@ -48,7 +48,7 @@ def typed_tolerance(text: str) -> TypedTolerance:
         value = float(number)
     except ValueError as fault:
         raise ArgumentTypeError(
-            f"“{text}” is no tolerance: a number, one with a unit like 0.1mm or 0.01in, or 0.1%"
+            f"“{text}” is not a tolerance: give a number, a length like 0.1mm or 0.01in, or a part like 0.1%"
         ) from fault
     if unit is None:
         return TypedTolerance(text, value)
@@ -70,5 +70,5 @@ def face_budget(text: str) -> int:
     found = re.fullmatch(r"(\d+(?:\.\d+)?)([km]?)", text.strip().lower())
     faces = round(float(found[1]) * MULTIPLES[found[2]]) if found else 0
     if not 1 <= faces <= LARGEST_FACE_COUNT:
-        raise ArgumentTypeError(f"“{text}” is no number of faces, like 50000, 50k or 1.5M")
+        raise ArgumentTypeError(f"“{text}” is not a number of faces: give one like 50000, 50k or 1.5M")
     return faces

@@ -33,7 +33,7 @@ DESCRIPTION = (
 EPILOG = (
     "Without a file, Blender's Suzanne is used. Options that are not given come from the scene of a .blend file, or "
     "have the panel's defaults. Exit status: 0 when all is done and every tolerance met, 1 when something failed or a "
-    "tolerance is not met, 2 when the line makes no sense."
+    "tolerance is not met, 2 when the command line is wrong."
 )
 
 
@@ -50,7 +50,7 @@ class Parser(argparse.ArgumentParser):
         _add_runs(self)
 
     def parsed(self, arguments: Sequence[str]) -> argparse.Namespace:
-        """The options. Raises SystemExit, with status 2 for a line that makes no sense, which is explained."""
+        """The options. Raises SystemExit, with status 2 and an explanation when the command line is wrong."""
         options = self.parse_intermixed_args(_without_separator(arguments))
         if options.tolerance is not None and options.tolerance.mode is not None:
             if options.tolerance_mode not in (None, options.tolerance.mode):
@@ -251,21 +251,21 @@ def _writes_meshes(options: argparse.Namespace) -> bool:
 
 
 def _fault(options: argparse.Namespace) -> str | None:
-    """Why the line makes no sense, if it does not."""
+    """What is wrong with the command line, if anything is."""
     sources: list[Path | None] = options.files or [None]
     outputs = [output_of(source, options) for source in sources]
     if options.verify is not None and (options.files or outputs[0] or is_measured(options) or options.picture):
-        return "--verify takes a report alone"
+        return "--verify takes a report and nothing else"
     if options.gather is not None:
         return _gathering_fault(options)
     if options.draw:
         return "--draw is for --gather with --html"
     if options.levels and options.subdivide:
-        return "--levels and --subdivide exclude each other"
+        return "--levels and --subdivide cannot be used together"
     if options.frames is not None and action_of(options) not in (DEPTHS, LEVELS):
         return "--frames is for depths and --levels"
     if options.output is not None and options.output_folder is not None:
-        return "--output and --output-folder exclude each other"
+        return "--output and --output-folder cannot be used together"
     if options.format is not None and options.output_folder is None:
         return "--format is for --output-folder"
     if len(sources) > 1 and (options.output is not None or options.picture is not None):
@@ -279,7 +279,7 @@ def _fault(options: argparse.Namespace) -> str | None:
 
 def _gathering_fault(options: argparse.Namespace) -> str | None:
     if options.files or options.output or options.output_folder or options.picture or options.verify:
-        return "--gather takes a folder of reports alone"
+        return "--gather takes a folder of reports and nothing else"
     if not (options.json or options.csv or options.html):
         return "--gather writes a report: use --json, --csv or --html as well"
     if options.draw and not options.html:
@@ -330,7 +330,7 @@ def _suffix(text: str) -> str:
 
 def _job_count(text: str) -> int:
     if not text.isdecimal() or int(text) < 1:
-        raise argparse.ArgumentTypeError(f"“{text}” is no whole number from 1 on")
+        raise argparse.ArgumentTypeError(f"“{text}” is not a whole number of at least 1")
     return int(text)
 
 
@@ -344,7 +344,7 @@ def _accuracy(text: str) -> float:
 def _seconds(text: str) -> float:
     number = _number(text)
     if not number >= 0:
-        raise argparse.ArgumentTypeError(f"“{text}” is no number of seconds")
+        raise argparse.ArgumentTypeError(f"“{text}” is not a number of seconds")
     return number
 
 

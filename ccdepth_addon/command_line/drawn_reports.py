@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The pictures of a report that was read: drawn of the files that it tells of, where these are as they were."""
+"""Draw the pictures of a report that was read, from the files that it names, where these have not changed."""
 
 from __future__ import annotations
 

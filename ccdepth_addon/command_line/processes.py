@@ -211,4 +211,4 @@ def _as_given(entry: FileEntry, source: Path, options: Namespace) -> FileEntry:
 
 def _last(text: str) -> str:
     lines = text.split("\n")
-    return next((line.strip() for line in reversed(lines) if line.strip()), "it has said nothing")
+    return next((line.strip() for line in reversed(lines) if line.strip()), "it printed nothing")

@@ -35,7 +35,7 @@ Frame = NewType("Frame", int)
 
 
 class ReportError(ValueError):
-    """A file is no report that can be read; the message says why."""
+    """A file cannot be read as a report; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -189,7 +189,7 @@ def gathered_reports(folder: Path) -> Report:
     """One report of all JSON reports in a folder, in the order of their names.
 
     Raises ReportError where they do not make one: there are none, one is of another action, program or Blender, or two
-    tell of the same file; and OSError.
+    have the same file; and OSError.
     """
     paths = sorted(folder.glob("*.json"))
     if not paths:
@@ -204,7 +204,7 @@ def gathered_reports(folder: Path) -> Report:
             raise ReportError(f"{path}: its action is {report.action}, and that of others {reports[0].action}")
         for entry in report.files:
             if entry.name in seen:
-                raise ReportError(f"{path}: it tells of {entry.name}, and so does {seen[entry.name]}")
+                raise ReportError(f"{path}: it has {entry.name}, and so has {seen[entry.name]}")
             seen[entry.name] = path
     return Report(reports[0].action, tuple(entry for report in reports for entry in report.files))
 
@@ -214,7 +214,7 @@ def read_report(path: Path) -> Report:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         if content["format"] != FORMAT:
-            raise ReportError(f"{path}: it is no report of CC Depth")
+            raise ReportError(f"{path}: it is not a CC Depth report")
         if content["version"] != FORMAT_VERSION:
             raise ReportError(f"{path}: a report of version {content['version']} cannot be read, only {FORMAT_VERSION}")
         report = Report(content["action"], tuple(_file_entry(each, path.parent) for each in content["files"]))
@@ -222,11 +222,11 @@ def read_report(path: Path) -> Report:
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as fault:
         if isinstance(fault, ReportError):
             raise
-        raise ReportError(f"{path}: it is no report of CC Depth: {fault}") from fault
+        raise ReportError(f"{path}: it is not a CC Depth report: {fault}") from fault
     if report.action not in (DEPTHS, LEVELS, SUBDIVIDE, MEASURE):
-        raise ReportError(f"{path}: it is no report of CC Depth: there is no action {report.action!r}")
+        raise ReportError(f"{path}: it is not a CC Depth report: there is no action {report.action!r}")
     if not report.files:
-        raise ReportError(f"{path}: it tells of no files")
+        raise ReportError(f"{path}: it names no files")
     if verdicts != [report.is_good, *(each.is_good for each in report.files)]:
         raise ReportError(f"{path}: what it says of its files and of their objects does not agree")
     return report

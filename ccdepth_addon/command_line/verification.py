@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A report checked again: whether the files are those it tells of, and all that it says is found anew."""
+"""Check a report again: that its files have not changed, and that all it says is found once more."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def _faults(action: str, entry: FileEntry) -> Iterator[str]:
         yield f"it failed: {entry.error}"
         return
     if not entry.objects:
-        yield "the report tells of no objects"
+        yield "the report names no objects"
         return
     if action == SUBDIVIDE and entry.output is None:
         yield "the adaptive mesh was not written, so that it cannot be checked"
@@ -64,14 +64,14 @@ def _faults(action: str, entry: FileEntry) -> Iterator[str]:
 
 
 def other_file(stamped: FileStamp | None) -> Iterator[str]:
-    """What makes a file another one than a report tells of, if anything."""
+    """Why a file is not the one that a report names, if it is not."""
     if stamped is None:
         return
     checksum = stamp(stamped.path, None).sha256
     if checksum is None:
         yield f"{stamped.path} cannot be read"
     elif checksum != stamped.sha256:
-        yield f"{stamped.path} is not the file that the report tells of: its SHA-256 is {checksum}"
+        yield f"{stamped.path} is not the file that the report names: its SHA-256 is {checksum}"
 
 
 def _found_anew(action: str, entry: FileEntry) -> list[ObjectEntry]:
@@ -98,7 +98,7 @@ def _found_anew(action: str, entry: FileEntry) -> list[ObjectEntry]:
 
 
 def reopened(action: str, entry: FileEntry) -> list[bpy.types.Object]:
-    """Open the file that an entry tells of, with its settings in the scene: the objects of the entry. Raises
+    """Open the file of an entry, with its settings in the scene: the objects of the entry. Raises
     CommandError."""
     source = entry.source
     path, unit = (None, None) if source is None else (source.path, source.metres_per_unit)
@@ -114,7 +114,7 @@ def _refuse_other_unit(source: FileStamp) -> None:
     """Raise CommandError when the open file's unit is not the one in the report."""
     unit = scene_unit(bpy.context.scene)
     if source.metres_per_unit is None or not isclose(source.metres_per_unit, unit, rel_tol=ROUNDING):
-        raise CommandError(f"the report says that a unit of it is {source.metres_per_unit} m, and it is {unit} m")
+        raise CommandError(f"the report says that a unit of it is {source.metres_per_unit} m, but it is {unit} m")
 
 
 def _take_settings(action: str, entries: Sequence[ObjectEntry]) -> None:
@@ -133,21 +133,21 @@ def _take_settings(action: str, entries: Sequence[ObjectEntry]) -> None:
 def _differences(said: ObjectEntry, found: ObjectEntry) -> Iterator[str]:
     for name in EXACT:
         if getattr(said, name) != getattr(found, name):
-            yield f"the report says {name} {getattr(said, name)}, and it is {getattr(found, name)}"
+            yield f"the report says {name} {getattr(said, name)}, but it is {getattr(found, name)}"
     for name in ("tolerance", "proved"):
         one, other = getattr(said, name), getattr(found, name)
         if (one is None) != (other is None) or (one is not None and not isclose(one, other, rel_tol=ROUNDING)):
-            yield f"the report says {name} {one} m, and it is {other} m"
+            yield f"the report says {name} {one} m, but it is {other} m"
     one, other = said.measured, found.measured
     # Each pair holds the true distance, so both have a part in common.
     if one is not None and other is not None and (one.proved < other.reached or other.proved < one.reached):
         yield (
-            f"the report says a distance from {one.reached} m to {one.proved} m, and it is from {other.reached} m "
+            f"the report says a distance from {one.reached} m to {one.proved} m, but it is from {other.reached} m "
             f"to {other.proved} m"
         )
     if found.met is False:
         yield "it is not proved to be within the tolerance"
     elif found.met is None and (said.met is not None or said.measured is not None):
-        yield "the report tells of a distance that was measured, and of no file in which it can be measured again"
+        yield "the report gives a measured distance, but no file in which to measure it again"
     elif said.met is False:
-        yield "the report says that it is not within the tolerance, and it is"
+        yield "the report says that it is not within the tolerance, but it is"

@@ -15,7 +15,7 @@ from .selected_meshes import count_text, hidden_fault
 
 
 class CountingOperator(AdaptiveOperator):
-    """An operator that tells of adaptive meshes, and makes none."""
+    """An operator that says what adaptive meshes would be like, and makes none."""
 
     def source(self, blender_object: bpy.types.Object) -> bpy.types.Object:
         """Of a result, what Update Result would make it from."""

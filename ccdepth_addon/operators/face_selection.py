@@ -27,7 +27,7 @@ def selection_fault(mesh: bpy.types.Mesh) -> str | None:
     for domain, name in SELECTIONS.items():
         attribute = None if mesh.is_editmode else mesh.attributes.get(name)
         if attribute is not None and (attribute.data_type, attribute.domain) != ("BOOLEAN", domain):
-            return f"the mesh has an attribute called “{name}” that is no selection; remove it first"
+            return f"the mesh has an attribute called “{name}” that is not a selection; remove it first"
     return None
 
 

@@ -229,8 +229,8 @@ def subdivide_results_property() -> Any:
 def max_faces_property() -> Any:
     return IntProperty(
         name="Face Limit",
-        description="Refuse to make more faces than this, of all selected objects together, and tell a tolerance that "
-        "would fit",
+        description="Refuse to make more faces than this, of all selected objects together, and suggest a "
+        "tolerance that would fit",
         default=5_000_000,
         min=1,
         soft_min=1000,

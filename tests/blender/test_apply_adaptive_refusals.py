@@ -114,6 +114,6 @@ def test_shape_keys_at_no_finite_position_are_refused(value: float) -> None:
 def test_creases_that_are_no_numbers_are_refused(name: str, domain: str) -> None:
     holder = scene.add_suzanne()
     holder.data.attributes.new(name, "FLOAT", domain).data[5].value = np.nan
-    refused(holder, match=r"1 (edge|vertex) with a crease that is no number \(first: (edge|vertex) 5\)")
-    with pytest.raises(RuntimeError, match="with a crease that is no number"):
+    refused(holder, match=r"1 (edge|vertex) with a crease that is not a number \(first: (edge|vertex) 5\)")
+    with pytest.raises(RuntimeError, match="with a crease that is not a number"):
         bpy.ops.ccdepth.compute()

@@ -49,10 +49,10 @@ def test_the_parts_make_the_report_of_one_run(tmp_path: Path, parts: Path, capfd
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda content: None, "and so does"),
+        (lambda content: None, "and so has"),
         (lambda content: content.update(action="measure"), "its action is measure"),
         (lambda content: content.update(blender="1.0"), "another version"),
-        (lambda content: content.update(format="other"), "no report of CC Depth"),
+        (lambda content: content.update(format="other"), "not a CC Depth report"),
     ],
 )
 def test_reports_that_make_no_whole(
@@ -78,7 +78,7 @@ def test_an_empty_folder_has_no_report(tmp_path: Path, capfd: pytest.CaptureFixt
 
 def test_lines_that_make_no_sense(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     for line, message in (
-        (["part.blend", "--gather", tmp_path, "--json", "-"], "takes a folder of reports alone"),
+        (["part.blend", "--gather", tmp_path, "--json", "-"], "takes a folder of reports and nothing else"),
         (["--gather", tmp_path], "--gather writes a report"),
         (["--gather", tmp_path, "--json", "-", "--draw"], "--draw is for --gather with --html"),
         (["--html", "-", "--draw"], "--draw is for --gather with --html"),
@@ -132,4 +132,4 @@ def test_pictures_of_a_gathered_page_are_those_of_its_files(
     assert run(*gather, "--draw") == 0
     changed = (tmp_path / "page.html").read_text(encoding="utf-8")
     assert changed.count("<img") == 2
-    assert "One.blend is not the file that the report tells of" in changed
+    assert "One.blend is not the file that the report names" in changed

@@ -154,7 +154,7 @@ def test_a_certificate_holds_until_something_is_changed(
         assert message in capfd.readouterr().out
     output.write_bytes(output.read_bytes() + b"\0")
     assert run("--verify", report) == 1
-    assert "is not the file that the report tells of" in capfd.readouterr().out
+    assert "is not the file that the report names" in capfd.readouterr().out
     output.unlink()
     assert run("--verify", report) == 1
     assert "cannot be read" in capfd.readouterr().out
@@ -215,7 +215,7 @@ def test_what_is_not_made_adaptively_is_checked_again_as_well(
     report.write_text(json.dumps(claimed), encoding="utf-8")
     capfd.readouterr()
     assert run("--verify", report) == 1
-    assert "Two: the report says faces 5, and it is 6" in capfd.readouterr().out
+    assert "Two: the report says faces 5, but it is 6" in capfd.readouterr().out
 
 
 def at(content: Any, *place: str | int) -> Any:
@@ -227,8 +227,8 @@ def at(content: Any, *place: str | int) -> Any:
 @pytest.mark.parametrize(
     ("place", "value", "message"),
     [
-        (("files",), [], "it tells of no files"),
-        (("files", 0, "objects"), [], "tells of no objects"),
+        (("files",), [], "it names no files"),
+        (("files", 0, "objects"), [], "names no objects"),
         (("files", 0, "output"), None, "was not written"),
         (("met",), False, "does not agree"),
         (("files", 0, "met"), False, "does not agree"),
@@ -272,7 +272,7 @@ def test_distances_of_no_file_do_not_pass(tmp_path: Path, capfd: pytest.CaptureF
     claimed["files"][0]["objects"][0].update(measured={"proved": 1e-3, "reached": 1e-4}, met=True)
     report.write_text(json.dumps(claimed), encoding="utf-8")
     assert run("--verify", report) == 1
-    assert "no file in which it can be measured again" in capfd.readouterr().out
+    assert "no file in which to measure it again" in capfd.readouterr().out
 
 
 def test_failures_are_in_the_reports(tmp_path: Path) -> None:
@@ -304,11 +304,11 @@ def test_the_standard_output_holds_the_report_alone(tmp_path: Path, capfd: pytes
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("{}", "no report of CC Depth"),
-        ("no JSON", "no report of CC Depth"),
-        ("[]", "no report of CC Depth"),
+        ("{}", "not a CC Depth report"),
+        ("no JSON", "not a CC Depth report"),
+        ("[]", "not a CC Depth report"),
         ('{"format": "ccdepth-report", "version": 2}', "version 2"),
-        ('{"format": "ccdepth-report", "version": 1, "action": "depths", "files": [{}]}', "no report of CC Depth"),
+        ('{"format": "ccdepth-report", "version": 1, "action": "depths", "files": [{}]}', "not a CC Depth report"),
     ],
 )
 def test_what_is_no_report(tmp_path: Path, text: str, message: str, capfd: pytest.CaptureFixture[str]) -> None:

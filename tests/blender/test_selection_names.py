@@ -19,6 +19,6 @@ def test_attribute_where_blender_keeps_the_selection(name: str, data_type: str, 
     if name in holder.data.attributes:
         holder.data.attributes.remove(holder.data.attributes[name])
     holder.data.attributes.new(name, data_type, domain)
-    with pytest.raises(RuntimeError, match=f"Cube: .* “{name}” that is no selection"):
+    with pytest.raises(RuntimeError, match=f"Cube: .* “{name}” that is not a selection"):
         bpy.ops.ccdepth.select(depth=0)
     assert holder.data.attributes[name].data_type == data_type

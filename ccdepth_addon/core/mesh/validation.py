@@ -37,8 +37,8 @@ def validate(mesh: PolygonMesh) -> None:
     repeated = _faces_with_repeated_vertices(mesh)
     faults = [
         _fault(nowhere, "vertex", "vertices", "at no finite position"),
-        _fault(bad_edges, "edge", "edges", "with a crease that is no number"),
-        _fault(bad_vertices, "vertex", "vertices", "with a crease that is no number"),
+        _fault(bad_edges, "edge", "edges", "with a crease that is not a number"),
+        _fault(bad_vertices, "vertex", "vertices", "with a crease that is not a number"),
         _fault(repeated, "face", "faces", "with a repeated vertex"),
     ]
     if any(faults):
