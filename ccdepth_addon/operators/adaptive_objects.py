@@ -23,6 +23,7 @@ from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.stepwise import Stage
 from ..tasks.surfaces import ComputeError, naming, same_control_mesh
 from ..ui import heat_map
+from .scene_objects import hide, link_beside, show_in_local_view
 from .selected_meshes import CHANGED
 
 # Faces written in one go: few enough to keep the window responsive.
@@ -223,17 +224,13 @@ def _place_beside(
     copy.name = original.name + NAME_SUFFIX
     _remove_applied_modifiers(copy, settings)
     copy.data = mesh
-    _link_beside(context, original, copy)
-    space = context.space_data
-    if space is not None and space.type == "VIEW_3D" and space.local_view:
-        copy.local_view_set(space, True)
+    link_beside(context, original, copy)
+    show_in_local_view(context, copy)
     copy.select_set(original.select_get())
     if context.view_layer.objects.active == original:
         context.view_layer.objects.active = copy
     undo.callback(_show_again, original, selected=original.select_get(), render_hidden=original.hide_render)
-    original.select_set(False)
-    original.hide_set(True)
-    original.hide_render = True
+    hide(original)
     return copy
 
 
@@ -242,15 +239,6 @@ def _show_again(original: bpy.types.Object, *, selected: bool, render_hidden: bo
     original.hide_render = render_hidden
     original.hide_set(False)
     original.select_set(selected)
-
-
-def _link_beside(context: bpy.types.Context, original: bpy.types.Object, copy: bpy.types.Object) -> None:
-    """Link the copy to the original's collections, or to the scene's when all of them are linked or overrides, which
-    accept no objects."""
-    collections = original.users_collection
-    own = [collection for collection in collections if collection.is_editable and not collection.override_library]
-    for collection in own or [context.scene.collection]:
-        collection.objects.link(copy)
 
 
 def _remove_applied_modifiers(blender_object: bpy.types.Object, settings: AdaptiveSettings) -> None:

@@ -8,6 +8,7 @@ import bpy
 from ..state import result_record, sources
 from ..tasks.surfaces import ComputeError
 from .quick_operator import QuickOperator
+from .scene_objects import hide, link_beside, show_in_local_view
 from .selected_meshes import count_text, refuse, selected_meshes
 
 
@@ -82,28 +83,18 @@ def _swap(context: bpy.types.Context, hidden: list[bpy.types.Object], shown: lis
     for each in shown:
         if not each.users_scene and each.library is None:
             # It was deleted, and is in the file because its result needs it.
-            _link_beside(hidden[0], each)
+            link_beside(context, hidden[0], each)
     layer.update()
     refuse(shown, lambda each: _showing_fault(context, each))
     for each in shown:
         each.hide_set(False)
         each.hide_render = False
-        space = context.space_data
-        if space is not None and space.type == "VIEW_3D" and space.local_view:
-            each.local_view_set(space, True)
+        show_in_local_view(context, each)
     for each in shown:
         each.select_set(True)
     for each in hidden:
         if each not in shown:
-            each.select_set(False)
-            each.hide_set(True)
-            each.hide_render = True
-
-
-def _link_beside(other: bpy.types.Object, deleted: bpy.types.Object) -> None:
-    """Link an object to the collections of another."""
-    for collection in other.users_collection:
-        collection.objects.link(deleted)
+            hide(each)
 
 
 def _showing_fault(context: bpy.types.Context, blender_object: bpy.types.Object) -> str | None:

@@ -76,7 +76,7 @@ def test_whatever_goes_wrong_beside_leaves_all_as_it_was(failing: int, monkeypat
     before, active = everything_in_the_file(), bpy.context.view_layer.objects.active
     made, settings = made_meshes(objects)
     placing = addon.module("operators.adaptive_objects")
-    link, calls = placing._link_beside, []
+    link, calls = placing.link_beside, []
 
     def odd(*arguments: object) -> None:
         calls.append(arguments)
@@ -84,7 +84,7 @@ def test_whatever_goes_wrong_beside_leaves_all_as_it_was(failing: int, monkeypat
             raise LookupError("odd")
         link(*arguments)
 
-    monkeypatch.setattr(placing, "_link_beside", odd)
+    monkeypatch.setattr(placing, "link_beside", odd)
     with pytest.raises(LookupError, match="odd"):
         placing.place_meshes(bpy.context, made, settings, in_place=False)
     assert everything_in_the_file() == before

@@ -1,0 +1,29 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Objects in the scene: linked beside others, shown in local view, and hidden."""
+
+from __future__ import annotations
+
+import bpy
+
+
+def link_beside(context: bpy.types.Context, other: bpy.types.Object, added: bpy.types.Object) -> None:
+    """Link an object to the collections of another, or to the scene's when all of those are linked or overrides, which
+    accept no objects."""
+    collections = other.users_collection
+    own = [collection for collection in collections if collection.is_editable and not collection.override_library]
+    for collection in own or [context.scene.collection]:
+        collection.objects.link(added)
+
+
+def show_in_local_view(context: bpy.types.Context, blender_object: bpy.types.Object) -> None:
+    """Show the object in the 3D View that the operator was called from, if that is in local view."""
+    space = context.space_data
+    if space is not None and space.type == "VIEW_3D" and space.local_view:
+        blender_object.local_view_set(space, True)
+
+
+def hide(blender_object: bpy.types.Object) -> None:
+    """Deselect an object, and hide it, from the render as well."""
+    blender_object.select_set(False)
+    blender_object.hide_set(True)
+    blender_object.hide_render = True
