@@ -10,7 +10,7 @@ from typing import Any
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from ..core import IndexArray
 from .bulk_reading import read_values
@@ -48,6 +48,13 @@ BOUND_KIND = AttributeKind(BOUND, "FLOAT", "FACE")
 COLOR_KIND = AttributeKind(COLOR, "FLOAT_COLOR", "CORNER")
 DEVIATION_KIND = AttributeKind(DEVIATION, "FLOAT", "FACE")
 ATTRIBUTES = (DEPTH_KIND, BOUND_KIND, COLOR_KIND, DEVIATION_KIND)
+
+
+def rounded_up(bounds: ArrayLike) -> NDArray[np.float32]:
+    """Bounds as attributes and records hold them, in single precision, rounded up: a bound stays a bound."""
+    exact = np.asarray(bounds, dtype=np.float64)
+    single = exact.astype(np.float32)
+    return np.where(single < exact, np.nextafter(single, np.float32(np.inf)), single)
 
 
 def has_values(mesh: bpy.types.Mesh, kind: AttributeKind) -> bool:

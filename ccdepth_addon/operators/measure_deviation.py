@@ -13,6 +13,7 @@ import bpy
 from ..exchange.mesh_arrays import mesh_face_count
 from ..state import deviation_results, measured_state, properties, result_record, staleness
 from ..state.deviation_results import Verdict
+from ..state.shown_colors import distance_top
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, measure, prepare_measurement
 from ..tasks.surfaces import ComputeError, as_typed, naming
 from ..ui import heat_map
@@ -51,7 +52,7 @@ class CCDEPTH_OT_measure(LongOperator):
         settings = self._settings()
         objects = [_still_there(each) for each in answer]
         largest = max(each.proved for each in answer)
-        tops = [deviation_results.distance_top(context.scene.ccdepth, each.tolerance, largest) for each in answer]
+        tops = [distance_top(context.scene.ccdepth, each.tolerance, largest) for each in answer]
         with ExitStack() as undo:
             for each, measured, top in zip(answer, objects, tops, strict=True):
                 with naming(measured.name):

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ..core import FloatArray
+from ..exchange.result_attributes import rounded_up
 
 # Evenly spaced colours of the map, in sRGB; those between are found by linear interpolation. The darkest quarter is
 # left out: what is nearly black shows neither edges nor form, and in a dark theme is nearly the background.
@@ -40,6 +41,17 @@ def _interpolated(fractions: FloatArray) -> FloatArray:
 def depth_colors(depths: ArrayLike, first: int = FIRST_DEPTH, last: int = LAST_DEPTH) -> FloatArray:
     """(depths, 3) sRGB: the first colour up to ``first``, the last one from ``last`` on, even steps between."""
     return _interpolated((np.asarray(depths) - first) / max(1, last - first))
+
+
+def face_depth_colors(depths: NDArray[np.int32], color_depths: tuple[int, int]) -> NDArray[np.float32]:
+    """(F, 4) linear: the colours of these depths (F,), which are not negative."""
+    return as_attribute(depth_colors(range(int(depths.max(initial=0)) + 1), *color_depths)).take(depths, axis=0)
+
+
+def distance_colors(values: NDArray[np.float32], top: float) -> NDArray[np.float32]:
+    """(F, 4) linear: the colours of these distances (F,), on a scale up to ``top``."""
+    # The largest one, rounded up to single precision, is not beyond it.
+    return as_attribute(scale_colors(values / rounded_up(top)))
 
 
 def as_attribute(srgb: FloatArray) -> NDArray[np.float32]:

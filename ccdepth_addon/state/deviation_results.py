@@ -7,14 +7,12 @@ from contextlib import ExitStack
 from enum import Enum
 
 import bpy
-import numpy as np
-from numpy.typing import NDArray
 
 from .. import version
-from ..exchange.result_attributes import COLOR_KIND, DEVIATION_KIND, write_face_values
+from ..exchange.result_attributes import COLOR_KIND, DEVIATION_KIND, rounded_up, write_face_values
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation
 from . import results
-from .colors import as_attribute, scale_colors
+from .colors import distance_colors
 
 
 class Verdict(Enum):
@@ -38,7 +36,7 @@ def write_deviations(mesh: bpy.types.Mesh, answer: MeshDeviation, top: float, un
     top: the deviation that has the last colour. undo: when it is closed, the mesh has its old attributes again. Raises
     WriteError, with nothing changed, when Blender does not keep them.
     """
-    values = results.rounded_up(answer.deviations)
+    values = rounded_up(answer.deviations)
     write_face_values(mesh, {DEVIATION_KIND: values, COLOR_KIND: distance_colors(values, top)}, undo)
 
 
@@ -51,10 +49,10 @@ def write_record(
     """
     record = mesh.ccdepth
     record.has_deviation = record.shows_deviation = True
-    record.color_kind, record.color_range = results.Shown.DEVIATION.name, (0.0, _rounded_up(top))
-    record.deviation = _rounded_up(answer.proved)
+    record.color_kind, record.color_range = results.Shown.DEVIATION.name, (0.0, float(rounded_up(top)))
+    record.deviation = float(rounded_up(answer.proved))
     # Rounded down: the distance is really there.
-    record.deviation_reached = -_rounded_up(-answer.reached)
+    record.deviation_reached = -float(rounded_up(-answer.reached))
     found = record.measurement
     found.measured, found.against = answer.measured, answer.against
     found.tolerance, found.tolerance_mode = settings.tolerance, settings.tolerance_mode
@@ -66,13 +64,7 @@ def write_record(
     found.faces = len(answer.deviations)
     found.worst_face = answer.worst_face
     found.worst_point = answer.worst_point
-    found.largest_shown = _rounded_up(largest_shown)
-
-
-def distance_top(settings: bpy.types.PropertyGroup, tolerance: float, largest: float) -> float:
-    """The distance that has the last colour by the scene's settings; never 0."""
-    tops = {"TOLERANCE": tolerance, "LARGEST": largest, "FIXED": settings.distance_top}
-    return tops[settings.distance_range] or 1.0
+    found.largest_shown = float(rounded_up(largest_shown))
 
 
 def shown_object(context: bpy.types.Context) -> bpy.types.Object | None:
@@ -86,13 +78,3 @@ def shown_object(context: bpy.types.Context) -> bpy.types.Object | None:
             return active
         measured = others or measured
     return max(measured, key=lambda each: each.data.ccdepth.deviation, default=None)
-
-
-def distance_colors(values: NDArray[np.float32], top: float) -> NDArray[np.float32]:
-    """(F, 4): linear, on a scale up to ``top``."""
-    # The largest one, rounded up to single precision, is not beyond it.
-    return as_attribute(scale_colors(values / np.float32(_rounded_up(top))))
-
-
-def _rounded_up(distance: float) -> float:
-    return float(results.rounded_up(np.array([distance]))[0])

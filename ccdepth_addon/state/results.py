@@ -22,13 +22,14 @@ from ..exchange.result_attributes import (
     color_of_user,
     has_values,
     remove_all,
+    rounded_up,
     write_face_values,
 )
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.depth_task import DepthSettings, MeshDepths
 from ..tasks.reduce_task import ReducedResult, triangle_count
 from ..tasks.surfaces import SurfaceSettings
-from .colors import as_attribute, depth_colors
+from .colors import face_depth_colors
 
 
 class Shown(Enum):
@@ -99,11 +100,6 @@ def write_depths(mesh: bpy.types.Mesh, answer: MeshDepths, color_depths: tuple[i
     write_face_values(mesh, columns, undo, answer.task.face_starts)
 
 
-def face_depth_colors(depths: NDArray[np.int32], color_depths: tuple[int, int]) -> NDArray[np.float32]:
-    """(F, 4) linear: the colours of these depths (F,), which are not negative."""
-    return as_attribute(depth_colors(range(int(depths.max(initial=0)) + 1), *color_depths)).take(depths, axis=0)
-
-
 def write_record(
     mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSettings, color_depths: tuple[int, int]
 ) -> None:
@@ -170,12 +166,6 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
         row = record.rows.add()
         row.depth, row.faces = depth, int(counts[depth])
     return record
-
-
-def rounded_up(bounds: FloatArray) -> NDArray[np.float32]:
-    """In single precision, rounded up: a bound stays a bound."""
-    single = bounds.astype(np.float32)
-    return np.nextafter(single, np.float32(np.inf), out=single, where=single < bounds)
 
 
 def show_color(mesh: bpy.types.Mesh, show: bool) -> None:

@@ -17,13 +17,19 @@ from ..exchange.result_attributes import (
     read_face_values,
     write_face_values,
 )
-from .deviation_results import distance_colors, distance_top
-from .results import Shown, face_depth_colors, shown
+from .colors import distance_colors, face_depth_colors
+from .results import Shown, shown
 
 
 def color_depths(settings: bpy.types.PropertyGroup) -> tuple[int, int]:
     """The depths that have the first and the last colour."""
     return settings.first_color_depth, settings.last_color_depth
+
+
+def distance_top(settings: bpy.types.PropertyGroup, tolerance: float, largest: float) -> float:
+    """The distance that has the last colour by the scene's settings; never 0."""
+    tops = {"TOLERANCE": tolerance, "LARGEST": largest, "FIXED": settings.distance_top}
+    return tops[settings.distance_range] or 1.0
 
 
 def wanted_range(mesh: bpy.types.Mesh, kind: Shown, settings: bpy.types.PropertyGroup) -> tuple[float, float]:
