@@ -8,6 +8,9 @@ from typing import Any
 
 import bpy
 
+# Seconds without a change before what has changed is examined.
+PATIENCE = 0.3
+
 # The name of a list in ``bpy.app.handlers``, and what is called from there.
 Handlers = tuple[tuple[str, Callable[..., Any]], ...]
 
@@ -24,10 +27,10 @@ def remove_handlers(handlers: Handlers) -> None:
         getattr(bpy.app.handlers, name).remove(handler)
 
 
-def call_soon(function: Callable[[], None], seconds: float) -> None:
-    """Have Blender call the function when it has not been asked to for so long."""
+def call_soon(function: Callable[[], None]) -> None:
+    """Have Blender call the function when it has not been asked to for a while."""
     do_not_call(function)
-    bpy.app.timers.register(function, first_interval=seconds)
+    bpy.app.timers.register(function, first_interval=PATIENCE)
 
 
 def do_not_call(function: Callable[[], None]) -> None:

@@ -21,9 +21,6 @@ from ..registration import add_handlers, call_soon, do_not_call, remove_handlers
 from . import results, staleness, viewports
 from .result_record import control_object
 
-# Seconds without a change before anything is measured.
-PATIENCE = 0.3
-
 # A larger mesh is not read for this alone.
 LARGEST_FACE_COUNT = 200_000
 
@@ -105,7 +102,7 @@ def _recorded(record: bpy.types.PropertyGroup, holder: bpy.types.Object) -> floa
 
 def _want(keys: set[_Key]) -> None:
     _wanted.update(keys)
-    call_soon(measure_wanted, PATIENCE)
+    call_soon(measure_wanted)
 
 
 @persistent

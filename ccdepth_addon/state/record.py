@@ -106,16 +106,16 @@ class MeshRecord(bpy.types.PropertyGroup):
     previous_active_color: StringProperty()
 
 
-CLASSES = (DepthRow, Contributor, Measurement, MeshRecord)
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(
+    (DepthRow, Contributor, Measurement, MeshRecord)
+)
 
 
 def register() -> None:
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register_classes()
     bpy.types.Mesh.ccdepth = PointerProperty(type=MeshRecord)
 
 
 def unregister() -> None:
     del bpy.types.Mesh.ccdepth
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister_classes()

@@ -188,16 +188,16 @@ def modifier_fault(result: bpy.types.Object, source: bpy.types.Object, *, use_mo
     return None
 
 
-CLASSES = (AppliedModifier, SourceMaterial, ResultRecord)
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(
+    (AppliedModifier, SourceMaterial, ResultRecord)
+)
 
 
 def register() -> None:
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register_classes()
     bpy.types.Object.ccdepth = PointerProperty(type=ResultRecord)
 
 
 def unregister() -> None:
     del bpy.types.Object.ccdepth
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister_classes()

@@ -18,9 +18,6 @@ from bpy.app.handlers import persistent
 from ..registration import add_handlers, call_soon, do_not_call, remove_handlers
 from . import result_record, viewports
 
-# Seconds without a change before checksums are compared.
-PATIENCE = 0.3
-
 # Called when the source of a result that is to be kept updated has left Edit Mode changed; operators register here.
 edited_source_listeners: list[Callable[[], None]] = []
 
@@ -126,7 +123,7 @@ def _touch(uids: set[int]) -> None:
 
 def examine_soon() -> None:
     """Examine what was touched, and tell the listeners again, when nothing has changed for a while."""
-    call_soon(check_touched, PATIENCE)
+    call_soon(check_touched)
 
 
 @persistent

@@ -19,9 +19,6 @@ from ..exchange.object_state import KnownDescriptions
 from ..registration import add_handlers, call_soon, do_not_call, remove_handlers
 from . import fingerprint, measured_state, results, viewports
 
-# Seconds without a change before checksums are compared.
-PATIENCE = 0.3
-
 # In Edit Mode a larger mesh is not read again after every change: any change of its geometry makes its result stale.
 LARGEST_EDITED_FACE_COUNT = 200_000
 
@@ -142,7 +139,7 @@ def touch(mesh: bpy.types.Mesh) -> None:
 
 def _touch(uids: set[int]) -> None:
     _touched.update(uids)
-    call_soon(check_touched, PATIENCE)
+    call_soon(check_touched)
 
 
 @persistent

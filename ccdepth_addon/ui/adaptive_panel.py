@@ -112,14 +112,4 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
     split.operator("ccdepth.use_tolerance", text=f"Use {fitting}").tolerance = count.fitting
 
 
-CLASSES = (CCDEPTH_PT_subdivision, CCDEPTH_PT_subdivision_options)
-
-
-def register() -> None:
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
-
-
-def unregister() -> None:
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_subdivision, CCDEPTH_PT_subdivision_options))

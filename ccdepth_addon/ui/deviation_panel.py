@@ -84,9 +84,4 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
     return "" if current == measured else "Out of date: settings changed"
 
 
-def register() -> None:
-    bpy.utils.register_class(CCDEPTH_PT_deviation)
-
-
-def unregister() -> None:
-    bpy.utils.unregister_class(CCDEPTH_PT_deviation)
+register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_deviation,))

@@ -22,9 +22,6 @@ from ..state.settings import heat_map_listeners
 
 PAINTING_MODES = {"SCULPT", "VERTEX_PAINT", "TEXTURE_PAINT"}
 
-# Seconds without a change before viewports are put right after objects have gone.
-PATIENCE = 0.3
-
 # Edges of more faces than this hide the colours, and take long to draw.
 LARGEST_FACE_COUNT_WITH_EDGES = 200_000
 
@@ -128,7 +125,7 @@ def _notice_removal(scene: bpy.types.Scene, _depsgraph: bpy.types.Depsgraph) -> 
     global _object_count
     before, _object_count = _object_count, len(scene.objects)
     if _object_count < before and any(space.shading.ccdepth.is_switched for space in viewports.spaces()):
-        call_soon(_synchronise, PATIENCE)
+        call_soon(_synchronise)
 
 
 def _notice_mode(blender_object: bpy.types.Object) -> bool:

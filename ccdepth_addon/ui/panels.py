@@ -320,19 +320,19 @@ def _swatch(color: FloatArray) -> int:
     return _swatches[name].icon_id
 
 
-CLASSES = (CCDEPTH_PT_settings, CCDEPTH_PT_advanced, CCDEPTH_PT_results)
+_register_classes, _unregister_classes = bpy.utils.register_classes_factory(
+    (CCDEPTH_PT_settings, CCDEPTH_PT_advanced, CCDEPTH_PT_results)
+)
 
 
 def register() -> None:
     global _swatches
     _swatches = bpy.utils.previews.new()
-    for cls in CLASSES:
-        bpy.utils.register_class(cls)
+    _register_classes()
 
 
 def unregister() -> None:
     global _swatches
-    for cls in reversed(CLASSES):
-        bpy.utils.unregister_class(cls)
+    _unregister_classes()
     bpy.utils.previews.remove(_swatches)
     _swatches = None
