@@ -198,7 +198,7 @@ def gathered_reports(folder: Path) -> Report:
     seen: dict[str, Path] = {}
     for path, report in zip(paths, reports, strict=True):
         content = json.loads(path.read_text(encoding="utf-8"))
-        if (content["program"], content["blender"]) != (PROGRAM, bpy.app.version_string):
+        if (content.get("program"), content.get("blender")) != (PROGRAM, bpy.app.version_string):
             raise ReportError(f"{path}: it was made by another version of CC Depth or of Blender")
         if report.action != reports[0].action:
             raise ReportError(f"{path}: its action is {report.action}, and that of others {reports[0].action}")

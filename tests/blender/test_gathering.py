@@ -52,6 +52,7 @@ def test_the_parts_make_the_report_of_one_run(tmp_path: Path, parts: Path, capfd
         (lambda content: None, "and so has"),
         (lambda content: content.update(action="measure"), "its action is measure"),
         (lambda content: content.update(blender="1.0"), "another version"),
+        (lambda content: content.pop("program"), "another version"),
         (lambda content: content.update(format="other"), "not a CC Depth report"),
     ],
 )
