@@ -19,7 +19,7 @@ from .selected_meshes import count_text, mesh_fault, refuse, selected_meshes
 
 
 class CCDEPTH_OT_select_invalid(QuickOperator):
-    """Select the faces that leave a mesh without a surface: with a repeated vertex or one at no finite position"""
+    """Select the faces that have no limit surface: they repeat a vertex, or have one at no finite position"""
 
     bl_idname = "ccdepth.select_invalid"
     bl_label = "Select Invalid Faces"
@@ -45,8 +45,8 @@ class CCDEPTH_OT_select_invalid(QuickOperator):
 
 
 class CCDEPTH_OT_repair(QuickOperator):
-    """From meshes with invalid faces, have Blender remove these and faces that are there twice; vertices at no finite
-    position are put to the origin"""
+    """Have Blender repair meshes with invalid faces: it removes these and duplicate faces, and moves vertices at no
+    finite position to the origin"""
 
     bl_idname = "ccdepth.repair"
     bl_label = "Repair Mesh"

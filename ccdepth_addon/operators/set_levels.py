@@ -12,7 +12,8 @@ from .selected_meshes import LINKED, count_text, refuse, selected_meshes
 
 
 class CCDEPTH_OT_set_levels(QuickOperator):
-    """Set the Subdivision Surface modifiers to the first level at which every face is near enough, and their Quality"""
+    """Set the Subdivision Surface modifiers to the first level at which every face is within the tolerance, with the
+    Quality that it needs"""
 
     bl_idname = "ccdepth.set_levels"
     bl_label = "Set Subdivision Levels"

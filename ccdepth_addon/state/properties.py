@@ -175,7 +175,7 @@ def use_modifiers_property() -> Any:
     return BoolProperty(
         name="Include Modifiers",
         description="Count in the modifiers above the Subdivision Surface modifier, or all of them when there is none. "
-        "A subdivision has those counted in applied, and keeps all others",
+        "Apply Adaptive Subdivision applies those that are counted in, and keeps all others",
         default=True,
     )
 
@@ -220,8 +220,8 @@ def reduce_property() -> Any:
 def subdivide_results_property() -> Any:
     return BoolProperty(
         name="Subdivide Results",
-        description="Take results of adaptive subdivision for control meshes like any other, and subdivide them once "
-        "more: their limit surface is another one. Update Result makes them anew from the objects they came from",
+        description="Treat results of adaptive subdivision as control meshes, and subdivide them once more: their "
+        "limit surface is another one. Update Result makes them anew from the objects they came from",
         default=False,
     )
 
@@ -253,8 +253,7 @@ def accuracy_property() -> Any:
     """A fraction without a hard minimum, so that a bad one can be refused with a report."""
     return FloatProperty(
         name="Accuracy",
-        description="How far apart the distance that is proved and the one that is reached may be, as a part of the "
-        "reached one",
+        description="How far apart the proved and the reached distance may be, as a part of the reached one",
         default=DEFAULT_ACCURACY,
         soft_min=0.01,
         soft_max=1.0,
