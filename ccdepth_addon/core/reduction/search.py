@@ -29,7 +29,7 @@ LARGE_SHARE, NEXT_SHARE = 0.3, 0.7
 MOST_REFUSALS = 2
 
 # The search ends where all the triangles to merge are a smaller part of the mesh.
-LEAST_GAIN = 0.05
+LEAST_GAIN = 0.03
 
 # Where samples are within this part of the limit, there is no proof until one is needed.
 SURELY_WITHIN = 0.6
