@@ -877,6 +877,12 @@ ENTRIES = [
         ("adaptive, large pole", "depths, pole"),
     ),
     Entry(SURFACE + "stencils.LARGEST_STENCIL_VALENCE", "none by stencils", set_to(0), EXTRAORDINARY),
+    Entry(
+        SURFACE + "refinement.Refinement._known_limits",
+        "limits of descendants found anew",
+        by(nothing),
+        ("depths, creases", "adaptive, creases"),
+    ),
     # Depths.
     at_once(CERTIFIED + "OTHER_FACES_AT_ONCE", "depths, extraordinary", "depths, creases"),
     Entry(CERTIFIED + "OTHER_FACES_TOGETHER", "each chunk on its own", set_to(1 << 10), ("depths, large",)),

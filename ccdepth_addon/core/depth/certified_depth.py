@@ -530,13 +530,16 @@ class _CertifiedSearch:
         """Evaluate the faces that are neither regular nor extraordinary, refining them while undecided."""
         if self.refinement is None:
             return
+        if self.refinement.are_quads:
+            # Found for all of them, those of their children at the next level are known as well.
+            _ = self.refinement.limits_at_corners
         refinement = self.refinement.of(decision.wanted)
         facets = self._vertices_of(refinement)
         for _ in range(REFINEMENTS):
             if not len(refinement.bases):
                 return
             if np.all(refinement.mesh.face_sizes == 4):
-                gaps = largest_norm(_quads(facets) - _quads(refinement.limits_at_corners()))
+                gaps = largest_norm(_quads(facets) - _quads(refinement.limits_at_corners))
                 last = support_bounds(refinement.mesh, Vertices.LIMIT)[: len(refinement.bases)]
                 undecided = decision.update(refinement.bases, gaps + last, gaps)
                 refinement, facets = refinement.keep(undecided), facets[np.repeat(undecided, 4)]
@@ -546,7 +549,7 @@ class _CertifiedSearch:
     def _vertices_of(self, refinement: Refinement) -> FloatArray:
         """(C, 3): where the vertices at the descendants' corners lie."""
         if self.vertices is Vertices.LIMIT:
-            return refinement.limits_at_corners()
+            return refinement.limits_at_corners
         return refinement.mesh.positions[refinement.corner_vertices()]
 
     def _refine(

@@ -170,7 +170,7 @@ class BezierPieces:
         rows[others] = np.arange(len(others))
         if len(others):
             rest = refinement.keep(~is_regular)
-            coefficients[others] = bilinear_pieces(rest.limits_at_corners().reshape(-1, 4, 3))
+            coefficients[others] = bilinear_pieces(rest.limits_at_corners.reshape(-1, 4, 3))
             excess[others] = support_bounds(rest.mesh, Vertices.LIMIT)[: len(others)]
             self._refinements.append(rest)
             self._tick()

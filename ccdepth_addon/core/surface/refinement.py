@@ -9,9 +9,10 @@ import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
-from ..mesh.submesh import submesh
+from ..mesh.submesh import corners_of_faces, submesh
 from .catmull_clark import subdivide
 from .limit_positions import limit_positions
+from .new_vertices import limits_of_new_vertices
 
 
 @dataclass(frozen=True)
@@ -20,10 +21,13 @@ class Refinement:
 
     mesh: the descendants, its first faces, then all the other faces around their corners.
     bases: (descendants,) intp, the base face of each.
+    origins: (descendants, 3) float64, the limit positions at their corners 0; None where they are not known, or where
+    some come from n-gons.
     """
 
     mesh: PolygonMesh
     bases: IndexArray
+    origins: FloatArray | None = None
 
     @staticmethod
     def start(mesh: PolygonMesh, faces: IndexArray) -> Refinement:
@@ -35,7 +39,9 @@ class Refinement:
         if np.all(wanted):
             return self
         kept = np.flatnonzero(wanted)
-        return Refinement(submesh(self.mesh, kept)[0], self.bases[kept])
+        origins = None if self.origins is None else self.origins[kept]
+        part = Refinement(submesh(self.mesh, kept)[0], self.bases[kept], origins)
+        return part._with_limits(self._known_limits(), corners_of_faces(self.mesh, kept))
 
     def of(self, wanted: BoolArray) -> Refinement:
         """The descendants of wanted base faces: (base faces,) bool."""
@@ -46,26 +52,58 @@ class Refinement:
         if not len(self.bases):
             return self
         bases = np.repeat(self.bases, self.mesh.face_sizes[: len(self.bases)])
-        return Refinement(subdivide(self.mesh).mesh, bases)
+        return Refinement(subdivide(self.mesh).mesh, bases, self._known_limits() if self.are_quads else None)
 
     def numbered(self) -> Refinement:
         """The same, each descendant its own base."""
-        return Refinement(self.mesh, np.arange(len(self.bases)))
+        same = Refinement(self.mesh, np.arange(len(self.bases)), self.origins)
+        return same._with_limits(self._known_limits(), slice(None))
 
     def corner_vertices(self) -> IndexArray:
         """(C,) intp, the vertices at the corners of the descendants, face by face."""
         return self.mesh.corner_vertices[: self.mesh.face_starts[len(self.bases)]]
 
+    @property
     def limits_at_corners(self) -> FloatArray:
-        """(C, 3) float64, the limit positions of those vertices."""
+        """(C, 3) float64, the limit positions of those vertices; computed once."""
+        limits = self._known_limits()
+        if limits is None:
+            limits = self._find_limits()
+            # No cached_property: before Python 3.12 one thread would wait for the other's.
+            vars(self)["limits"] = limits
+        return limits
+
+    def _find_limits(self) -> FloatArray:
+        if self.origins is not None:
+            new = limits_of_new_vertices(self.mesh, len(self.bases))
+            return np.concatenate([self.origins[:, None], new], axis=1).reshape(-1, 3)
         vertices = self.corner_vertices()
         wanted = np.zeros(self.mesh.vertex_count, dtype=bool)
         wanted[vertices] = True
         return limit_positions(self.mesh, wanted)[vertices]
 
+    def _known_limits(self) -> FloatArray | None:
+        """``limits_at_corners``, if they have been computed."""
+        return vars(self).get("limits")
+
+    def _with_limits(self, limits: FloatArray | None, corners: IndexArray | slice) -> Refinement:
+        """The same, with limits at the corners that are known: some of those of another refinement."""
+        if limits is not None:
+            vars(self)["limits"] = limits[corners]
+        return self
+
+    @property
+    def are_quads(self) -> bool:
+        """Whether all descendants are."""
+        return bool(np.all(self.mesh.face_sizes[: len(self.bases)] == 4))
+
     def limits_inside(self) -> tuple[FloatArray, FloatArray]:
         """(C, 3) twice: the limit positions of the middle of each side and of the centre of its face."""
-        corners = self.refined().limits_at_corners().reshape(-1, 4, 3)
+        children = self.refined()
+        if self.are_quads:
+            new = limits_of_new_vertices(children.mesh, len(children.bases))
+            return new[:, 0], new[:, 1]
+        corners = children.limits_at_corners.reshape(-1, 4, 3)
         return corners[:, 1], corners[:, 2]
 
     def control_facets(self) -> FloatArray:

@@ -54,7 +54,7 @@ class RefinedCells(QuadCells):
         return np.zeros_like(self.nodes)
 
     def points(self) -> FloatArray:
-        return _points_of_quads(self.refinement, self.refinement.limits_at_corners())
+        return _points_of_quads(self.refinement, self.refinement.limits_at_corners)
 
     def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
         return hull_of_quads(self.descent, chosen, selected_vectors(points, chosen), limit)

@@ -94,7 +94,7 @@ class PolygonCells:
         """As in ``Cells``: by way of fans that bend at the middles of split sides."""
         limit = request.limit
         found = LeafApproximation.none(len(self.nodes))
-        corners = self.refinement.limits_at_corners()
+        corners = self.refinement.limits_at_corners
         middles, _ = self.refinement.limits_inside()
         facets = self.refinement.facets_of_children(corners)
         facets[1] = np.where(hanging[:, None], middles, facets[1])
@@ -150,7 +150,7 @@ class PolygonCells:
         """(2n, P, 3), the corners of faces of n corners and the middles of their sides on the surface; and a hull."""
         middles, _ = self.refinement.limits_inside()
         corners, middles = (
-            points.reshape(-1, size, 3).swapaxes(0, 1) for points in (self.refinement.limits_at_corners(), middles)
+            points.reshape(-1, size, 3).swapaxes(0, 1) for points in (self.refinement.limits_at_corners, middles)
         )
         hull = hull_of_fans(self.descent, np.arange(len(self.nodes)), corners, limit)
         return np.concatenate([corners, middles]), hull
@@ -235,8 +235,8 @@ class TriangleCells(PolygonCells):
 
     def _points(self) -> FloatArray:
         """(7, P, 3): the triangles' points on the surface, and their centres."""
-        limits = self._quarters.limits_at_corners().reshape(-1, 3, 4, 3)
-        corners = self.refinement.limits_at_corners().reshape(-1, 3, 3)
+        limits = self._quarters.limits_at_corners.reshape(-1, 3, 4, 3)
+        corners = self.refinement.limits_at_corners.reshape(-1, 3, 3)
         by_triangle = [corners, limits[:, :, 1], limits[:, :1, 2]]
         return np.ascontiguousarray(np.concatenate(by_triangle, axis=1).swapaxes(0, 1))
 
