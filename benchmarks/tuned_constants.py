@@ -116,6 +116,14 @@ def creased_landscape(side: int, share: float = 0.1) -> Any:
     return control_of(meshes.with_random_creases(meshes.landscape(side, side), share=share))
 
 
+def creased_suzanne(share: float = 0.1) -> Any:
+    """A dense mesh, some of its edges semi-sharp."""
+    mesh, rng = refined(saved_suzanne(), 3), np.random.default_rng(1)
+    semi_sharp = 10 * rng.uniform(0.1, 0.9, mesh.edge_count) ** 2
+    chosen = (rng.random(mesh.edge_count) < share) & (mesh.edge_sharpness == 0)
+    return mesh.changed(edge_sharpness=np.where(chosen, semi_sharp, mesh.edge_sharpness))
+
+
 def triangulated(side: int) -> Any:
     """A landscape of triangles, each quad of a grid cut along one diagonal or the other."""
     from tests import meshes
@@ -246,6 +254,20 @@ def level(make: Callable[[], Any], tolerance: float) -> Callable[[], Any]:
     mesh = make()
     limit = tolerance * diagonal(mesh)
     return lambda: float(4.0 ** uniform_level(mesh, limit, "CERTIFIED", "LIMIT"))
+
+
+def depths_and_level(make: Callable[[], Any], tolerance: float) -> Callable[[], Any]:
+    """The depths of all faces, then the first level that holds for all of them."""
+    from ccdepth_addon.core import face_depths, uniform_level
+
+    mesh = make()
+    given = tolerance * diagonal(mesh), "CERTIFIED", "CONTROL"
+
+    def work() -> float:
+        found = face_depths(mesh, *given)
+        return float(4.0 ** uniform_level(mesh, *given, found.depths, lasting=found.lasting))
+
+    return work
 
 
 def bending(mesh: Any, count: int, from_height: float = -np.inf) -> list[Any]:
@@ -524,6 +546,7 @@ WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     "poses, large": lambda: posed(lambda: bending(noisy_grid(150), 33), 1e-4),
     "poses, level": lambda: posed_level(lambda: bending(refined(saved_suzanne(), 2), 64)),
     "deep level": lambda: bounds_at(lambda: noisy_grid(60, 100), 1e-5, 8),
+    "depths and level": lambda: depths_and_level(creased_suzanne, 1e-3),
     "level": lambda: level(lambda: creased_landscape(16), 1e-3),
     "adaptive": lambda: adaptive(lambda: refined(saved_suzanne(), 2), 8e-5),
     "adaptive, large": lambda: adaptive(lambda: refined(saved_suzanne(), 3), 3e-5),
@@ -781,6 +804,10 @@ def all_of_them(_: Any) -> Any:
     return lambda search, scaled, faces: faces
 
 
+def all_that_are_wanted(_: Any) -> Any:
+    return lambda search, decision, *_given: np.ones_like(decision.wanted)
+
+
 def without_peaks(_: str) -> None:
     """Levels over poses without what is known of their largest norms."""
 
@@ -901,6 +928,12 @@ ENTRIES = [
     ),
     Entry(CERTIFIED + "_CertifiedSearch._settle_early", "not tried", by(nothing), ("level", "deep level")),
     Entry(CERTIFIED + "_CertifiedSearch._note_lasting", "all faces evaluated again", by(nothing), ("computed",)),
+    Entry(
+        CERTIFIED + "_CertifiedSearch._may_rise",
+        "faces not regular evaluated again",
+        by(all_that_are_wanted),
+        ("depths and level",),
+    ),
     at_once(DEPTH + "norm_depth.EXTRAORDINARY_POINTS_AT_ONCE", "depths by norms, poles"),
     Entry(DEPTH + "key_poses.POSES_BY_A_KEY", "every pose is a key pose", set_to(1), POSES),
     Entry(DEPTH + "joined_faces.FACES_TOGETHER", "each pose on its own", set_to(1), POSES),

@@ -348,7 +348,7 @@ class _CertifiedSearch:
             patches = patches.at(np.flatnonzero(decision.wanted[patches.bases]))
             self._evaluate_extraordinary(decision, patches, patches.corners(self.vertices))
         evaluated = self._evaluate_patches(decision, level)
-        self._evaluate_refinement(decision)
+        self._evaluate_refinement(decision, level)
         if decision.open_differences:
             self._evaluate_differences(decision, *_joined(decision.open_differences))
         settled = decision.wanted & np.isfinite(decision.upper)
@@ -526,7 +526,7 @@ class _CertifiedSearch:
             decision.open_differences.append((bases, patch_coefficients(nets) - bilinear_coefficients(regular_facets)))
         decision.give_up(patches.bases)
 
-    def _evaluate_refinement(self, decision: _LevelDecision) -> None:
+    def _evaluate_refinement(self, decision: _LevelDecision, level: int) -> None:
         """Evaluate the faces that are neither regular nor extraordinary, refining them while undecided."""
         if self.refinement is None:
             return
@@ -535,15 +535,18 @@ class _CertifiedSearch:
             _ = self.refinement.limits_at_corners
         refinement = self.refinement.of(decision.wanted)
         facets = self._vertices_of(refinement)
-        for _ in range(REFINEMENTS):
+        for later in range(REFINEMENTS):
             if not len(refinement.bases):
                 return
             if np.all(refinement.mesh.face_sizes == 4):
                 gaps = largest_norm(_quads(facets) - _quads(refinement.limits_at_corners))
                 last = support_bounds(refinement.mesh, Vertices.LIMIT)[: len(refinement.bases)]
                 undecided = decision.update(refinement.bases, gaps + last, gaps)
+                if level == later == 0:
+                    # Of the faces themselves these bounds hold at all later levels.
+                    decision.lasting[refinement.bases[self.test.within(last)]] = True
                 refinement, facets = refinement.keep(undecided), facets[np.repeat(undecided, 4)]
-            refinement, facets = self._refine(decision, refinement, facets)
+            refinement, facets = self._refine(decision, refinement, facets, of_faces=level == later == 0)
         decision.give_up(refinement.bases)
 
     def _vertices_of(self, refinement: Refinement) -> FloatArray:
@@ -553,21 +556,50 @@ class _CertifiedSearch:
         return refinement.mesh.positions[refinement.corner_vertices()]
 
     def _refine(
-        self, decision: _LevelDecision, refinement: Refinement, facets: FloatArray
+        self, decision: _LevelDecision, refinement: Refinement, facets: FloatArray, *, of_faces: bool
     ) -> tuple[Refinement, FloatArray]:
-        """The children that are no patches, with the facets over them; children that are patches are evaluated."""
+        """The children that are no patches, with the facets over them; children that are patches are evaluated.
+
+        of_faces: whether the children are those of the base faces themselves.
+        """
         if not len(refinement.bases):
             return refinement, facets
-        facets = refinement.facets_of_children(facets)
+        parents, facets = refinement.bases, refinement.facets_of_children(facets)
         refinement = refinement.refined()
         classified = _classify(refinement)
-        differences = patch_coefficients(classified.regular_nets())
+        nets, extraordinary = classified.regular_nets(), list(classified.extraordinary())
+        rest = refinement.keep(classified.rest)
+        if of_faces:
+            own = [own for own, _ in extraordinary]
+            rising = self._may_rise(decision, classified.regular_bases, nets, own, rest)
+            decision.lasting[parents] |= ~rising[parents]
+        differences = patch_coefficients(nets)
         differences -= bilinear_coefficients(facets.take(classified.regular, axis=1))
         decision.open_differences.append((classified.regular_bases, differences))
-        for patches, faces in classified.extraordinary():
+        for patches, faces in extraordinary:
             self._evaluate_extraordinary(decision, patches, facets[classified.corners_from_extraordinary(faces), faces])
-        rest = facets.compress(classified.rest, axis=1)
-        return refinement.keep(classified.rest), rest.swapaxes(0, 1).reshape(-1, 3)
+        return rest, facets.compress(classified.rest, axis=1).swapaxes(0, 1).reshape(-1, 3)
+
+    def _may_rise(
+        self,
+        decision: _LevelDecision,
+        bases: IndexArray,
+        nets: FloatArray,
+        extraordinary: list[_ExtraordinaryPatches],
+        rest: Refinement,
+    ) -> BoolArray:
+        """(B,) bool: base faces with a descendant that may be farther than the tolerance at its level or a later one.
+
+        bases, nets: of the regular descendants; extraordinary, rest: all others. Their bounds never rise.
+        """
+        bounds = [(bases, second_order_regular(nets, self.vertices).value)]
+        for patches in extraordinary:
+            bounds.append((patches.bases, second_order_extraordinary(patches.nets, self.vertices).value))
+        bounds.append((rest.bases, support_bounds(rest.mesh, Vertices.LIMIT)[: len(rest.bases)]))
+        rising = np.zeros(len(decision.wanted), dtype=bool)
+        for own, upper in bounds:
+            rising[own[~self.test.within(upper)]] = True
+        return rising
 
     def _evaluate_differences(
         self, decision: _LevelDecision, bases: IndexArray, values: FloatArray, splits: int = DIFFERENCE_SPLITS
