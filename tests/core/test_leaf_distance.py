@@ -14,7 +14,7 @@ from ccdepth_addon.core.adaptive.leaf_bounds.descent import Descent
 from ccdepth_addon.core.adaptive.leaf_bounds.fan_bounds import QuarterNets
 from ccdepth_addon.core.adaptive.leaf_bounds.leaf_distance import (
     Hull,
-    Outline,
+    Leaves,
     _bicubic_rows,
     bicubic_hull,
     extraordinary_hull,
@@ -77,8 +77,8 @@ def random_coefficients(kind: str, generator: np.random.Generator) -> FloatArray
     return points
 
 
-def outline_of(points: FloatArray, pattern: int, template: Template) -> Outline:
-    return Outline(points, template, range(4), [4 + side if pattern >> side & 1 else -1 for side in range(4)])
+def leaves_of(points: FloatArray, pattern: int, template: Template) -> Leaves:
+    return Leaves.alike(points, [bool(pattern >> side & 1) for side in range(4)], template)
 
 
 def bounds_of(coefficients: FloatArray, pattern: int, alternative: int, limit: float) -> FloatArray:
@@ -87,7 +87,7 @@ def bounds_of(coefficients: FloatArray, pattern: int, alternative: int, limit: f
     points = of_rows(triangle_bounds.BICUBIC_POINTS, coefficients)
     rows, normals = triangle_bounds.bicubic_rows(pattern, alternative), triangle_normals(points, template)
     normal = triangle_bounds.bicubic_error_bounds(rows, coefficients, normals).normal
-    return leaf_distances(outline_of(points, pattern, template), bicubic_hull(coefficients), normal, limit)
+    return leaf_distances(leaves_of(points, pattern, template), bicubic_hull(coefficients), normal, limit)
 
 
 def distances_to_triangles(points: FloatArray, triangles: FloatArray) -> FloatArray:
@@ -162,8 +162,8 @@ def test_what_is_off_within_the_plane_costs_nothing() -> None:
     coefficients[:, 0, :2] = GRID**3
     points = np.einsum("rk,kpi->rpi", triangle_bounds.BICUBIC_POINTS, coefficients)
     for alternative in (0, 1):
-        outline = outline_of(points, 0, templates(0)[alternative])
-        assert leaf_distances(outline, bicubic_hull(coefficients), np.zeros(1), np.inf)[0] < ROUNDING
+        leaves = leaves_of(points, 0, templates(0)[alternative])
+        assert leaf_distances(leaves, bicubic_hull(coefficients), np.zeros(1), np.inf)[0] < ROUNDING
 
 
 def test_parabolas_are_bounded_exactly() -> None:
@@ -208,7 +208,7 @@ def test_rounding_takes_nothing_off_bounds(kind: str, size: float) -> None:
         rounding = 128 * 26 * 2.0**-53 * np.abs(coefficients).max()
         bounds, exact = (
             leaf_distances(
-                outline_of(points.astype(precision), pattern, templates(pattern)[alternative]),
+                leaves_of(points.astype(precision), pattern, templates(pattern)[alternative]),
                 hull_in(precision, coefficients),
                 np.full(NETS, 0.0 if kind == "plane" else 0.1 * size),
                 np.inf,
@@ -367,10 +367,10 @@ def test_last_squares_alone_are_off_their_hulls(valence: int) -> None:
 def assert_bounded(face: Face, hull: Hull, template: Template) -> None:
     """With what is sampled along the normals."""
     points = face.points()
-    outline = Outline(points, template, range(face.size), [-1] * face.size)
+    leaves = Leaves.alike(points, [False] * face.size, template)
     normals = triangle_normals(points, template)[:, 0]
     off = [np.abs((face.surface - points[own[0], 0]) @ normal) for own, normal in zip(template, normals, strict=True)]
-    bound = leaf_distances(outline, hull, np.max(off, axis=(0, 1))[None], np.inf)[0]
+    bound = leaf_distances(leaves, hull, np.max(off, axis=(0, 1))[None], np.inf)[0]
     triangles = points[[list(own) for own in template], 0]
     facets = np.concatenate([face.quads[:, [0, 1, 2]], face.quads[:, [0, 2, 3]]])
     middles = face.surface[face.quads].mean(axis=1)

@@ -7,7 +7,7 @@ side s is split. The four triangles or fewer of a template have no angle below 2
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from enum import StrEnum
 
 import numpy as np
@@ -84,6 +84,25 @@ def template_groups(numbers: IndexArray) -> Iterator[tuple[int, int, IndexArray]
     """Each pattern and alternative among template numbers (P,), and the indices where it is."""
     for number in np.unique(numbers).tolist():
         yield number % 16, number // 16, np.flatnonzero(numbers == number)
+
+
+def triangle_table(each: Sequence[Template]) -> tuple[IndexArray, IndexArray]:
+    """The vertices of the triangles of templates (n, T, 3), and their numbers (n,): what a template has less of is
+    repeated."""
+    counts = np.array([len(template) for template in each])
+    repeated = [[*template, *[template[0]] * (counts.max() - len(template))] for template in each]
+    return np.array(repeated, dtype=np.intp), counts
+
+
+def _all_templates() -> list[Template]:
+    """By their numbers; those that there are not as another."""
+    patterns = [templates(pattern) for pattern in range(ALL_SPLIT)]
+    rows = [[own[min(alternative, len(own) - 1)] for own in (*patterns, PLAIN)] for alternative in range(COUNTS.max())]
+    return [template for row in rows for template in row]
+
+
+# By the number of a template, as in ``triangle_table``; where all sides are whole there are fewer triangles.
+TRIANGLES, TRIANGLE_COUNTS = triangle_table(_all_templates())
 
 
 # The same for a triangle of the control mesh: corners 0 to 2, middles 3 to 5.

@@ -25,7 +25,7 @@ from ..leaf_approximation import Cells, LeafApproximation
 from ..leaf_bounds.descent import Descent
 from ..leaf_bounds.fan_bounds import QuarterNets
 from ..leaf_bounds.irregular_bounds import fan_error_bounds
-from ..leaf_bounds.leaf_distance import LEAVES_AT_ONCE, Hull, Outline, leaf_distances
+from ..leaf_bounds.leaf_distance import LEAVES_AT_ONCE, Hull, Leaves, Outline, leaf_distances
 from ..leaf_bounds.polygon_bounds import polygon_thickness
 from ..leaf_bounds.refined_hulls import hull_of_fans
 from ..leaf_bounds.triangle_bounds import ErrorBounds
@@ -143,7 +143,7 @@ class PolygonCells:
             for number, split in enumerate(patterns.tolist()):
                 own = np.flatnonzero(groups.reshape(-1) == number)
                 middles = [size + side if split[side] else -1 for side in range(size)]
-                outline = Outline(selected_vectors(points, own), (), range(size), middles)
+                outline = Outline(selected_vectors(points, own), range(size), middles)
                 yield chosen[own], np.zeros_like(own), outline, hull.at(own)
 
     def _hull(self, size: int, limit: float) -> tuple[FloatArray, Hull]:
@@ -261,8 +261,9 @@ class TriangleCells(PolygonCells):
         found = np.full(len(normal), np.inf)
         for own, hull in self._hulls(chosen[near], points, limit):
             places = near[own]
-            outline = _outline(points[:, chosen[places]], pattern)
-            found[places] = leaf_distances(outline, hull, normal[places], limit, request.rounding)
+            is_split = ((pattern & PATTERN_BITS) > 0).tolist()
+            leaves = Leaves.alike(points[:, chosen[places]], is_split, _template_of(pattern))
+            found[places] = leaf_distances(leaves, hull, normal[places], limit, request.rounding)
         return found
 
     def _error_bounds(
@@ -315,12 +316,6 @@ class TriangleCells(PolygonCells):
 
 def _template_of(pattern: int) -> Template:
     return ((0, 1, 2),) if pattern == WHOLE else triangle_template(pattern)
-
-
-def _outline(points: FloatArray, pattern: int) -> Outline:
-    """Of triangles with points (7, P, 3)."""
-    middles = [MIDDLES[side] if pattern >> side & 1 else -1 for side in CORNERS]
-    return Outline(points, _template_of(pattern), CORNERS, middles)
 
 
 def _accept(found: LeafApproximation, tried: IndexArray, accepted: BoolArray, error_bounds: ErrorBounds) -> None:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors
 from ..leaf_approximation import Cells, LeafApproximation
-from ..leaf_bounds.leaf_distance import Hull, Outline, leaf_distances
+from ..leaf_bounds.leaf_distance import Hull, Leaves, Outline, leaf_distances
 from ..leaf_bounds.polygon_bounds import thickness_of_quads
 from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..quadtree import Quadtree
@@ -32,7 +32,15 @@ from ..template_choice import (
     off_sides_and_diagonals,
     sampled_distances,
 )
-from ..templates import ALL_SPLIT, WHOLE, Transitions, template_groups, template_numbers, templates
+from ..templates import (
+    ALL_SPLIT,
+    TRIANGLE_COUNTS,
+    TRIANGLES,
+    WHOLE,
+    Transitions,
+    template_groups,
+    template_numbers,
+)
 
 PATTERN_BITS = np.array([1, 2, 4, 8])
 
@@ -120,7 +128,9 @@ class QuadCells(ABC):
         for pattern in np.unique(patterns[drawn]).tolist():
             own = np.flatnonzero(patterns[drawn] == pattern)
             chosen = drawn[own]
-            yield chosen, self.turns()[chosen], _outline(selected_vectors(points, chosen), pattern, 0), hull.at(own)
+            middles = [4 + side if pattern >> side & 1 else -1 for side in range(4)]
+            outline = Outline(selected_vectors(points, chosen), range(4), middles)
+            yield chosen, self.turns()[chosen], outline, hull.at(own)
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """As in ``Cells``."""
@@ -217,10 +227,11 @@ class QuadsByPattern:
         distances, tried = np.full(len(chosen), np.inf), np.flatnonzero(normal <= limit)
         if len(tried):
             hull = self.cells.hull_of(places[tried], self.points, limit)
-            for pattern, alternative, near in template_groups(numbers[tried]):
+            is_whole = self.patterns[chosen[tried]] == WHOLE
+            for near in filter(len, (np.flatnonzero(is_whole), np.flatnonzero(~is_whole))):
                 own = tried[near]
-                outline = _outline(selected_vectors(self.points, places[own]), pattern, alternative)
-                distances[own] = leaf_distances(outline, hull.at(near), normal[own], limit, self.request.rounding)
+                leaves = _leaves(selected_vectors(self.points, places[own]), numbers[own])
+                distances[own] = leaf_distances(leaves, hull.at(near), normal[own], limit, self.request.rounding)
         return self.with_thickness(distances, chosen, numbers)
 
     def with_thickness(self, distances: FloatArray, chosen: IndexArray, numbers: IndexArray) -> FloatArray:
@@ -285,10 +296,11 @@ class QuadsAlone:
         return self.quads.leaf_distances(chosen, alternatives, normal)
 
 
-def _outline(points: FloatArray, pattern: int, alternative: int) -> Outline:
-    """Of quads with points (8 or more, P, 3)."""
-    middles = [4 + side if pattern >> side & 1 else -1 for side in range(4)]
-    return Outline(points, templates(pattern)[alternative], range(4), middles)
+def _leaves(points: FloatArray, numbers: IndexArray) -> Leaves:
+    """Of quads with points (8 or more, P, 3), and numbers of templates (P,)."""
+    is_split = numbers % 16 >> np.arange(4)[:, None] & 1 > 0
+    counts = TRIANGLE_COUNTS[numbers]
+    return Leaves.of(points, is_split, TRIANGLES[numbers, : counts.max()].transpose(1, 2, 0), counts)
 
 
 def patterns_of(hanging: BoolArray, turns: IndexArray) -> NDArray[np.int8]:

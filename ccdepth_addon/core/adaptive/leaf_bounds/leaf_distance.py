@@ -25,7 +25,7 @@ from ...bounds.norms import second_differences
 from ...surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, tensor
 from ...surface.stencils import Valences, patch_stencils, quad_stencils
 from ..templates import Template
-from .triangle_shapes import triangle_normals
+from .triangle_shapes import normals_of
 
 # The bound is of no use between steeper triangles.
 LEAST_COSINE = 0.25
@@ -41,25 +41,88 @@ ROUNDING = 1e-9
 
 
 @dataclass(frozen=True)
-class Outline:
-    """Triangles over P leaves, as ``leaf_distances`` sees them.
+class Leaves:
+    """P leaves of S sides and the triangles over them, whose vertices lie on the surface.
 
-    points: (V, P, 3), all lying on the surface; triangles: vertices of each, counter-clockwise; corners: the corners
-    of the leaves, in order; middles: for each side from a corner the vertex at its middle if it is split, otherwise -1.
+    corners: (S, P, 3), in order; middles: (S, P, 3), of the sides from there; is_split: (S, P) bool, which of these are
+    vertices. triangles: (T, 3, P, 3), the vertices of each, counter-clockwise; counts: (P,) of how many triangles; what
+    a leaf has less of is repeated.
+    """
+
+    corners: FloatArray
+    middles: FloatArray
+    is_split: BoolArray
+    triangles: FloatArray
+    counts: IndexArray
+
+    @staticmethod
+    def of(points: FloatArray, is_split: BoolArray, vertices: IndexArray, counts: IndexArray) -> Leaves:
+        """From points (2S or more, P, 3), the corners and then the middles of sides, some of which are split, (S, P);
+        and the vertices (T, 3, P) of triangles among these."""
+        size, components = len(is_split), points.swapaxes(1, 2)
+        of_leaves = np.arange(points.shape[1])
+        triangles = components[vertices[:, :, None], np.arange(3)[:, None], of_leaves].swapaxes(2, 3)
+        return Leaves(points[:size], points[size : 2 * size], is_split, triangles, counts)
+
+    @staticmethod
+    def alike(points: FloatArray, is_split: Sequence[bool], template: Template) -> Leaves:
+        """All with these sides split, and one template."""
+        count = points.shape[1]
+        vertices = np.broadcast_to(np.array(template)[:, :, None], (len(template), 3, count))
+        split = np.broadcast_to(np.array(is_split)[:, None], (len(is_split), count))
+        return Leaves.of(points, split, vertices, np.full(count, len(template)))
+
+    def at(self, chosen: IndexArray) -> Leaves:
+        """Some of them, by index."""
+        corners, middles, triangles = (
+            selected_vectors(each, chosen) for each in (self.corners, self.middles, self.triangles)
+        )
+        return Leaves(corners, middles, self.is_split[:, chosen], triangles, self.counts[chosen])
+
+    def part(self, block: slice) -> Leaves:
+        """Some of them, side by side."""
+        corners, middles, is_split = (each[:, block] for each in (self.corners, self.middles, self.is_split))
+        return Leaves(corners, middles, is_split, self.triangles[:, :, block], self.counts[block])
+
+    def vertices(self) -> FloatArray:
+        """(V, P, 3): the corners and, where any leaf has sides split, after each the middle of its side; the corner
+        again where that is whole."""
+        if not np.any(self.is_split):
+            return self.corners
+        return _side_by_side(self.corners, np.where(self.is_split[..., None], self.middles, self.corners))
+
+    def off_sides(self, hull: Hull) -> FloatArray:
+        """(P,): how far the curves over the sides are off these at most."""
+        ends, found, reach = np.roll(self.corners, -1, axis=0), np.zeros(len(self.counts)), hull.reach()
+        for side, halves in enumerate(hull.sides):
+            split, middles = self.is_split[side, :, None], self.middles[side]
+            first = self.corners[side], np.where(split, middles, ends[side])
+            second = np.where(split, middles, self.corners[side]), ends[side]
+            for rows, segment in zip(halves, (first, second), strict=True):
+                np.maximum(found, _off_segments(hull, reach, rows, *segment), out=found)
+        return found
+
+
+def _side_by_side(first: FloatArray, second: FloatArray) -> FloatArray:
+    """(2S, P, 3): one of (S, P, 3) after the other by turns."""
+    return np.stack([first, second], axis=1).reshape(-1, *first.shape[1:])
+
+
+@dataclass(frozen=True)
+class Outline:
+    """The sides of P leaves.
+
+    points: (V, P, 3), all lying on the surface; corners: the corners of the leaves, in order; middles: for each side
+    from a corner the vertex at its middle if it is split, otherwise -1.
     """
 
     points: FloatArray
-    triangles: Template
     corners: Sequence[int]
     middles: Sequence[int]
 
     def at(self, chosen: IndexArray) -> Outline:
         """Some of the leaves, by index."""
-        return Outline(selected_vectors(self.points, chosen), self.triangles, self.corners, self.middles)
-
-    def part(self, block: slice) -> Outline:
-        """Some of the leaves, side by side."""
-        return Outline(self.points[:, block], self.triangles, self.corners, self.middles)
+        return Outline(selected_vectors(self.points, chosen), self.corners, self.middles)
 
     def sides(self) -> list[tuple[int, int, int, bool, bool]]:
         """The sides of triangles along the border, from one vertex to the next: the number of the leaf's side, and
@@ -198,36 +261,36 @@ def extraordinary_hull(nets: FloatArray, valences: Valences) -> Hull:
     return Hull(points, rows.parts, rows.sides, rows.is_near, spread)
 
 
-def leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: float, rounding: float = 0.0) -> FloatArray:
+def leaf_distances(leaves: Leaves, hull: Hull, normal: FloatArray, limit: float, rounding: float = 0.0) -> FloatArray:
     """(P,) float64: upper bounds of the distance in both directions between the surface of a leaf and its triangles;
     inf where there is no proof, or where the bound would exceed the limit.
 
     normal: (P,) float64, upper bounds of the error at equal parameters along the normals of the triangles. rounding:
     the allowance for these, hull points and vertices (docs/adaptive.md, Rounding).
     """
-    count = outline.points.shape[1]
+    count = len(leaves.counts)
     found = np.empty(count)
     for block in chunks(count, LEAVES_AT_ONCE):
-        found[block] = _leaf_distances(outline.part(block), hull.part(block), normal[block], limit, rounding)
+        found[block] = _leaf_distances(leaves.part(block), hull.part(block), normal[block], limit, rounding)
     return found
 
 
 # Degenerate triangles have no normals, and nothing is proved then.
 @np.errstate(divide="ignore", invalid="ignore", over="ignore")
-def _leaf_distances(outline: Outline, hull: Hull, normal: FloatArray, limit: float, rounding: float) -> FloatArray:
+def _leaf_distances(leaves: Leaves, hull: Hull, normal: FloatArray, limit: float, rounding: float) -> FloatArray:
     """Test by test, each for the leaves that are within the limit by those before."""
     found = np.full(len(normal), np.inf)
     normal = normal + rounding
-    sides = np.max([side.off for side in off_sides(outline, hull)], axis=0) + rounding
-    planes = _Planes.of(outline, rounding)
+    sides = leaves.off_sides(hull) + rounding
+    planes = _Planes.of(leaves, rounding)
     chosen = np.flatnonzero((normal <= limit) & (sides <= limit) & (planes.least(normal) <= limit))
     if not len(chosen):
         return found
     if len(chosen) < len(found):
-        outline, hull, planes = outline.at(chosen), hull.at(chosen), planes.at(chosen)
+        leaves, hull, planes = leaves.at(chosen), hull.at(chosen), planes.at(chosen)
     roofs = _Roofs.of(planes, hull, normal[chosen])
     from_triangles = np.maximum(roofs.nearest, sides[chosen] / planes.cosines + roofs.gaps)
-    bounds = np.maximum(from_triangles, _from_surface(outline, hull, roofs, rounding)) * (1 + ROUNDING)
+    bounds = np.maximum(from_triangles, _from_surface(leaves, hull, roofs, rounding)) * (1 + ROUNDING)
     found[chosen] = np.where(bounds <= limit, bounds, np.inf)
     return found
 
@@ -267,26 +330,26 @@ class _Roofs:
         return _Roofs(planes, heights, reach, gaps, nearest)
 
 
-def _from_surface(outline: Outline, hull: Hull, roofs: _Roofs, rounding: float) -> FloatArray:
+def _from_surface(leaves: Leaves, hull: Hull, roofs: _Roofs, rounding: float) -> FloatArray:
     """(P,): how far the surface is from the triangles at most."""
     slopes = roofs.planes.slopes
-    beyond, dents = overshoot(outline, hull.points, roofs.planes.axes)
+    beyond, dents = overshoot(leaves, hull.points, roofs.planes.axes)
     dents += rounding
     found = np.hypot(dents, roofs.nearest + slopes * dents)
     across = np.where(hull.is_near[hull.parts[:, :1]], hull.reach(), 0.0)
-    parts, leaves = np.nonzero(np.any((beyond > 0)[hull.parts], axis=1) | (across > 0))
+    parts, own = np.nonzero(np.any((beyond > 0)[hull.parts], axis=1) | (across > 0))
     rows = hull.parts[parts].T
-    away = beyond[rows, leaves] + (across[parts, leaves] + dents[leaves])
-    heights = roofs.heights[:, rows, leaves]
+    away = beyond[rows, own] + (across[parts, own] + dents[own])
+    heights = roofs.heights[:, rows, own]
     lowest = heights.max(axis=1).argmin(axis=0)
-    over = np.take_along_axis(heights, lowest[None, None], axis=0)[0] + roofs.gaps[leaves]
-    off = np.maximum(over, -heights.min(axis=0)) + 2 * roofs.planes.residues[leaves]
-    off += np.where(hull.is_near[rows], roofs.reach[leaves], 0.0)
+    over = np.take_along_axis(heights, lowest[None, None], axis=0)[0] + roofs.gaps[own]
+    off = np.maximum(over, -heights.min(axis=0)) + 2 * roofs.planes.residues[own]
+    off += np.where(hull.is_near[rows], roofs.reach[own], 0.0)
     # By the heights of hull points, or by what holds for all heights.
-    bounds = np.hypot(away, off + slopes[leaves] * away).max(axis=0)
+    bounds = np.hypot(away, off + slopes[own] * away).max(axis=0)
     farthest = away.max(axis=0)
-    bounds = np.minimum(bounds, np.hypot(farthest, roofs.nearest[leaves] + slopes[leaves] * farthest))
-    np.maximum.at(found, leaves, bounds)
+    bounds = np.minimum(bounds, np.hypot(farthest, roofs.nearest[own] + slopes[own] * farthest))
+    np.maximum.at(found, own, bounds)
     return found
 
 
@@ -320,29 +383,25 @@ class _Planes:
         )
 
     @staticmethod
-    def of(outline: Outline, rounding: float) -> _Planes:
+    def of(leaves: Leaves, rounding: float) -> _Planes:
         """rounding: as in ``leaf_distances``."""
-        normals = triangle_normals(outline.points, outline.triangles)
-        axes = normals.sum(axis=0)
+        normals = normals_of(leaves.triangles)
+        is_own = np.arange(len(normals))[:, None, None] < leaves.counts[:, None]
+        axes = np.where(is_own, normals, 0.0).sum(axis=0)
         axes /= np.sqrt(squared_norms(axes))[:, None]
-        cosines = np.stack([dot_products(own, axes) for own in normals])
+        cosines = dot_products(normals, axes)
         scaled = normals / cosines[..., None]
-        levels = dot_products(outline.points[[triangle[0] for triangle in outline.triangles]], scaled)
+        levels = dot_products(leaves.triangles[:, 0], scaled)
         # By the chords, as cosines cannot resolve small angles.
-        chords = np.max([squared_norms(own - axes) for own in normals], axis=0)
+        chords = squared_norms(normals - axes).max(axis=0)
         sines = np.sqrt(chords * np.maximum(1 - chords / 4, 0.0))
         least = cosines.min(axis=0)
         slopes = sines / least + ROUNDING
-        above, below, residues = (np.zeros(len(axes)) for _ in range(3))
-        vertices = sorted({vertex for triangle in outline.triangles for vertex in triangle})
-        for plane, level, triangle in zip(scaled, levels, outline.triangles, strict=True):
-            heights = dot_products(outline.points[vertices], plane) - level
-            np.maximum(above, heights.max(axis=0), out=above)
-            np.maximum(below, -heights.min(axis=0), out=below)
-            own = heights[[vertices.index(vertex) for vertex in triangle]]
-            np.maximum(residues, np.abs(own).max(axis=0), out=residues)
+        heights = dot_products(leaves.vertices(), scaled[:, None]) - levels[:, None]
+        above, below = (np.maximum(each.max(axis=(0, 1)), 0.0) for each in (heights, -heights))
+        own = dot_products(leaves.triangles, scaled[:, None]) - levels[:, None]
         # Along the axes rounding counts for more.
-        residues += rounding / least
+        residues = np.abs(own).max(axis=(0, 1)) + rounding / least
         return _Planes(axes, scaled, levels, least, slopes, above, below, residues)
 
     def least(self, normal: FloatArray) -> FloatArray:
@@ -370,14 +429,20 @@ class Side:
 
 def off_sides(outline: Outline, hull: Hull) -> list[Side]:
     """All around, in order: at most so far."""
-    found, reach = [], hull.reach()
+    found, reach = list[Side](), hull.reach()
     for start, end, number, is_first, is_second in outline.sides():
         rows = np.concatenate(hull.sides[number][0 if is_first else 1 : 2 if is_second else 1])
-        squares = _squares_off(hull.points[rows], outline.points[start], outline.points[end])
-        nearly = squares[hull.is_near[rows]].max(axis=0, initial=0.0)
-        off = np.maximum(np.sqrt(squares.max(axis=0)), np.sqrt(nearly) + reach)
+        off = _off_segments(hull, reach, rows, outline.points[start], outline.points[end])
         found.append(Side(start, end, number, is_first, is_second, off))
     return found
+
+
+def _off_segments(hull: Hull, reach: FloatArray, rows: IndexArray, a: FloatArray, b: FloatArray) -> FloatArray:
+    """(P,): how far the curves along some rows of a hull are off the segments between a and b, (P, 3) each. reach: that
+    of the hull."""
+    squares = _squares_off(hull.points[rows], a, b)
+    nearly = squares[hull.is_near[rows]].max(axis=0, initial=0.0)
+    return np.maximum(np.sqrt(squares.max(axis=0)), np.sqrt(nearly) + reach)
 
 
 def _squares_off(points: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
@@ -398,15 +463,14 @@ def _products(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.asarray(found)
 
 
-def overshoot(outline: Outline, points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
+def overshoot(leaves: Leaves, points: FloatArray, axes: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Seen along axes (P, 3): (R, P), how far points (R, P, 3) are from the convex outline of the triangles; and (P,)
     how deep this is dented, inf where it is not convex but for the middles of sides."""
     second = cross_products(axes, np.eye(3)[np.abs(axes).argmin(axis=1)])
     second /= np.sqrt(squared_norms(second))[:, None]
     frame = np.stack([cross_products(second, axes), second])
-    origin = outline.points[outline.corners[0]]
-    corners, dents = _border(outline, origin, frame)
-    border = np.stack(corners)
+    origin = leaves.corners[0]
+    border, dents = _border(leaves, origin, frame)
     sides = np.roll(border, -1, axis=0) - border
     lengths = sides[:, 0] ** 2 + sides[:, 1] ** 2
     lengths[lengths == 0] = 1.0
@@ -420,15 +484,15 @@ def overshoot(outline: Outline, points: FloatArray, axes: FloatArray) -> tuple[F
     for (x, y), (along_x, along_y) in zip(border, sides, strict=True):
         inside &= along_x * places[1] - along_y * places[0] >= along_x * y - along_y * x
     # Most hull points are inside.
-    rows, leaves = np.nonzero(~inside)
-    (seen_x, seen_y), squares = places[:, rows, leaves], np.full(len(rows), np.inf)
+    rows, own = np.nonzero(~inside)
+    (seen_x, seen_y), squares = places[:, rows, own], np.full(len(rows), np.inf)
     for start, side, square in zip(border, sides, lengths, strict=True):
-        (x, y), (along_x, along_y) = start[:, leaves], side[:, leaves]
+        (x, y), (along_x, along_y) = start[:, own], side[:, own]
         x, y = seen_x - x, seen_y - y
-        part = np.clip((along_x * x + along_y * y) / square[leaves], 0.0, 1.0)
+        part = np.clip((along_x * x + along_y * y) / square[own], 0.0, 1.0)
         np.minimum(squares, (x - part * along_x) ** 2 + (y - part * along_y) ** 2, out=squares)
     found = np.zeros(places.shape[1:])
-    found[rows, leaves] = np.sqrt(squares)
+    found[rows, own] = np.sqrt(squares)
     return found, dents
 
 
@@ -438,22 +502,17 @@ def _seen(points: FloatArray, origin: FloatArray, frame: FloatArray) -> FloatArr
     return np.stack([dot_products(off, frame[0]), dot_products(off, frame[1])])
 
 
-def _border(outline: Outline, origin: FloatArray, frame: FloatArray) -> tuple[list[FloatArray], FloatArray]:
-    """The vertices around the leaves, seen in frames, (2, P) each, those that dent a side moved onto it; and (P,) the
-    deepest dent."""
-    border, dents = [], np.zeros(len(origin))
-    for side, (start, middle) in enumerate(zip(outline.corners, outline.middles, strict=True)):
-        a = _seen(outline.points[start], origin, frame)
-        border.append(a)
-        if middle < 0:
-            continue
-        b = _seen(outline.points[outline.corners[(side + 1) % len(outline.corners)]], origin, frame)
-        m = _seen(outline.points[middle], origin, frame)
-        along, off = b - a, m - a
-        is_dent = along[0] * off[1] - along[1] * off[0] > 0
-        on_side = (a + b) / 2
-        # All of the dent is within the longer of its sides' distances from its deepest point.
-        deep = np.sqrt(_squares_off(m.T[None], a.T, b.T)[0])
-        np.maximum(dents, np.where(is_dent, deep, 0.0), out=dents)
-        border.append(np.where(is_dent, on_side, m))
-    return border, dents
+def _border(leaves: Leaves, origin: FloatArray, frame: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """The vertices around the leaves (``Leaves.vertices``), seen in frames, (V, 2, P), those that dent a side moved
+    onto it; and (P,) the deepest dent."""
+    corners = _seen(leaves.corners, origin, frame)
+    if not np.any(leaves.is_split):
+        return corners.swapaxes(0, 1), np.zeros(len(origin))
+    ends, middles = np.roll(corners, -1, axis=1), _seen(leaves.middles, origin, frame)
+    along, off = ends - corners, middles - corners
+    is_dent = leaves.is_split & (along[0] * off[1] - along[1] * off[0] > 0)
+    # All of the dent is within the longer of its sides' distances from its deepest point.
+    squares = _squares_off(*(np.moveaxis(each, 0, -1) for each in (middles, corners, ends)))
+    dents = np.where(is_dent, np.sqrt(squares), 0.0).max(axis=0)
+    border = np.where(is_dent, (corners + ends) / 2, np.where(leaves.is_split, middles, corners))
+    return np.stack([corners, border], axis=2).reshape(2, -1, len(origin)).swapaxes(0, 1), dents

@@ -12,7 +12,13 @@ from ..templates import Template
 
 def triangle_normals(points: FloatArray, template: Template) -> FloatArray:
     """(T, P, 3): unit normals of the triangles over quads' points (8 or more, P, 3); zero where there is no area."""
-    crosses = np.stack([cross_products(points[b] - points[a], points[c] - points[a]) for a, b, c in template])
+    return normals_of(np.stack([points[list(triangle)] for triangle in template]))
+
+
+def normals_of(triangles: FloatArray) -> FloatArray:
+    """(T, P, 3): unit normals of triangles with vertices (T, 3, P, 3); zero where there is no area."""
+    a, b, c = triangles.swapaxes(0, 1)
+    crosses = cross_products(b - a, c - a)
     lengths = np.sqrt(squared_norms(crosses))[..., None]
     return crosses / np.where(lengths > 0, lengths, 1.0)
 
