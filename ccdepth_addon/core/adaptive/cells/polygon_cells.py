@@ -29,11 +29,11 @@ from ..leaf_bounds.leaf_distance import LEAVES_AT_ONCE, Hull, Leaves, Outline, l
 from ..leaf_bounds.polygon_bounds import polygon_thickness
 from ..leaf_bounds.refined_hulls import hull_of_fans
 from ..leaf_bounds.triangle_bounds import ErrorBounds
-from ..leaf_bounds.triangle_shapes import along_and_across, least_heights, triangle_normals
+from ..leaf_bounds.triangle_shapes import along_and_across, least_heights, normals_of, triangle_normals
 from ..quadtree import Quadtree
 from ..request import AdaptiveRequest
 from ..template_choice import PROMISING, Samples, off_lines
-from ..templates import QUAD_POINTS, WHOLE, Template, Transitions, Triangle, triangle_template
+from ..templates import QUAD_POINTS, WHOLE, Template, Transitions, Triangle, triangle_table, triangle_template
 from .irregular_cells import refined_children
 from .patch_cells import LEAST_OF_A_KIND
 
@@ -184,53 +184,47 @@ class TriangleCells(PolygonCells):
         """As in ``Cells``; as polygons where sides are split and transitions are N-gons."""
         found = LeafApproximation.none(len(self.nodes))
         patterns = hanging.reshape(-1, 3) @ PATTERN_BITS
-        for pattern in np.unique(patterns[patterns != ALL_SPLIT]).tolist():
-            chosen = np.flatnonzero(patterns == pattern)
+        whole, split = np.flatnonzero(patterns == WHOLE), np.flatnonzero((patterns != WHOLE) & (patterns != ALL_SPLIT))
+        for chosen in filter(len, (whole, split)):
             part = self.at(chosen)
-            if pattern == WHOLE or request.transitions is Transitions.TRIANGLES:
+            if chosen is whole or request.transitions is Transitions.TRIANGLES:
                 own_known = None if known is None else known.at(chosen)
-                found.put(chosen, part._approximate_template(pattern, request, own_known))
+                found.put(chosen, part._approximate_templates(patterns[chosen], request, own_known))
                 if flat is not None:
                     found.accept_over_flat_parts(chosen[flat[chosen]], request.limit)
             else:
-                sides = np.tile((pattern & PATTERN_BITS) > 0, len(chosen))
-                own_flat = None if flat is None else flat[chosen]
+                sides, own_flat = hanging.reshape(-1, 3)[chosen].ravel(), None if flat is None else flat[chosen]
                 found.put(chosen, super(TriangleCells, part).approximate(sides, request, flat=own_flat))
         return found
 
-    def _approximate_template(
-        self, pattern: int, request: AdaptiveRequest, known: LeafApproximation | None
+    def _approximate_templates(
+        self, patterns: IndexArray, request: AdaptiveRequest, known: LeafApproximation | None
     ) -> LeafApproximation:
-        template, limit = _template_of(pattern), request.limit
-        points = self._points()
-        sampled = off_sides_and_centre(points, pattern)
-        least = np.sqrt(squared_norms(sampled)).max(axis=0)
-        found = replace(LeafApproximation.none(len(self.nodes)), least=least)
-        tried = np.flatnonzero(least <= limit)
-        if known is None and len(tried):
-            # Where sides are split the fan's distance is only a part of the error, so its bound has to be tight.
-            room = None if pattern == WHOLE else np.full(len(tried), np.inf)
-            error_bounds = self._error_bounds(tried, pattern, template, points, limit, room)
-            within = error_bounds.whole <= limit
-            found.bounds[tried[within]] = error_bounds.whole[within]
-            _accept(found, tried, within, error_bounds)
-        samples = samples_of_triangles(points, sampled, pattern)
-        nearest = samples.alone()[0]
-        found.least[found.least > limit] = nearest[found.least > limit]
-        tried = np.flatnonzero(~found.accepted & (samples.predicted_bounds()[0] <= PROMISING * limit))
-        if known is None and len(tried):
-            room = LARGEST_OFFSET * least_heights(points[:, tried], template)
-            error_bounds = self._error_bounds(tried, pattern, template, points, limit, room)
-            predicted = samples.at(tried).predict(error_bounds.normal, error_bounds.tangential)[0]
-            promising = (predicted <= PROMISING * limit) & (error_bounds.normal + error_bounds.tangential <= room)
-            _accept(found, tried, promising, error_bounds)
-        tried = np.flatnonzero(~found.accepted & (nearest <= limit))
+        """With sides split in patterns (P,), either in none or in all of these."""
+        limit, drawn = request.limit, TrianglesByPattern(self._points(), patterns)
+        sampled = drawn.off_sides_and_centre()
+        samples, least = drawn.samples(sampled), np.sqrt(squared_norms(sampled)).max(axis=0)
+        nearest, predicted = samples.alone()[0], samples.predicted_bounds()[0]
+        likely, near = least <= limit, nearest <= limit
+        # Where sides are split, most predictions turn out to be wrong.
+        promising = (predicted <= PROMISING * limit) & (patterns == WHOLE)
+        found = replace(LeafApproximation.none(len(self.nodes)), least=np.where(likely, least, nearest))
+        if known is None:
+            errors = _Errors.of(self, drawn, np.flatnonzero(likely | promising | near))
+            errors.accept_within_limit(found, np.flatnonzero(likely), limit)
+            errors.accept_along_surface(found, np.flatnonzero(promising & ~found.accepted), samples, limit)
+            normal = np.full(len(self.nodes), np.inf)
+        else:
+            normal = known.normal.copy()
+            errors = _Errors.of(self, drawn, np.flatnonzero(near & np.isinf(normal)))
+        tried = np.flatnonzero(near & ~found.accepted)
         if len(tried):
-            normal = np.full(len(tried), np.inf) if known is None else known.normal[tried]
-            distances = self._leaf_distances(tried, pattern, points, normal, request)
-            near = tried[distances <= limit]
-            found.accepted[near], found.alone[near] = True, True
-            found.bounds[near] = distances[distances <= limit]
+            unknown = tried[np.isinf(normal[tried])]
+            normal[unknown] = errors.at(unknown, limit, np.full(len(unknown), np.inf)).normal
+            distances = self._leaf_distances(tried, drawn.at(tried), normal[tried], request)
+            within = distances <= limit
+            found.accepted[tried[within]] = found.alone[tried[within]] = True
+            found.bounds[tried[within]] = distances[within]
         return found
 
     def _points(self) -> FloatArray:
@@ -240,78 +234,182 @@ class TriangleCells(PolygonCells):
         by_triangle = [corners, limits[:, :, 1], limits[:, :1, 2]]
         return np.ascontiguousarray(np.concatenate(by_triangle, axis=1).swapaxes(0, 1))
 
-    def _hulls(self, chosen: IndexArray, points: FloatArray, limit: float) -> Iterator[tuple[IndexArray, Hull]]:
-        """In blocks, of chosen triangles (n,): which of these, and their hull points; points: those of all."""
+    def _hulls(self, chosen: IndexArray, corners: FloatArray, limit: float) -> Iterator[tuple[IndexArray, Hull]]:
+        """In blocks, of chosen triangles (n,): which of these, and their hull points; corners: (3, n, 3) on the
+        surface."""
         is_known = self._nets.is_known[chosen]
         for own in index_chunks(np.flatnonzero(is_known), LEAVES_AT_ONCE):
             yield own, self._nets.hull(chosen[own])
         if len(rest := np.flatnonzero(~is_known)):
-            yield rest, hull_of_fans(self.descent, chosen[rest], points[CORNERS][:, chosen[rest]], limit)
+            yield rest, hull_of_fans(self.descent, chosen[rest], corners[:, rest], limit)
 
     def _leaf_distances(
-        self, chosen: IndexArray, pattern: int, points: FloatArray, normal: FloatArray, request: AdaptiveRequest
+        self, chosen: IndexArray, drawn: TrianglesByPattern, normal: FloatArray, request: AdaptiveRequest
     ) -> FloatArray:
-        """(n,): as ``leaf_distance.leaf_distances``, for chosen triangles; points: those of all; normal: (n,) error
-        bounds along the normals, inf where they are not known."""
-        limit, unknown = request.limit, np.flatnonzero(np.isinf(normal))
-        if len(unknown):
-            template, room = _template_of(pattern), np.full(len(unknown), np.inf)
-            normal[unknown] = self._error_bounds(chosen[unknown], pattern, template, points, limit, room).normal
-        near = np.flatnonzero(normal <= limit)
+        """(n,): as ``leaf_distance.leaf_distances``, for chosen triangles, as they are drawn; normal: (n,) error
+        bounds along the normals."""
+        near = np.flatnonzero(normal <= request.limit)
         found = np.full(len(normal), np.inf)
-        for own, hull in self._hulls(chosen[near], points, limit):
-            places = near[own]
-            is_split = ((pattern & PATTERN_BITS) > 0).tolist()
-            leaves = Leaves.alike(points[:, chosen[places]], is_split, _template_of(pattern))
-            found[places] = leaf_distances(leaves, hull, normal[places], limit, request.rounding)
+        for own, hull in self._hulls(chosen[near], drawn.points[CORNERS][:, near], request.limit):
+            leaves = drawn.at(near[own]).leaves()
+            found[near[own]] = leaf_distances(leaves, hull, normal[near[own]], request.limit, request.rounding)
         return found
 
-    def _error_bounds(
-        self,
-        chosen: IndexArray,
-        pattern: int,
-        template: Template,
-        points: FloatArray,
-        limit: float,
-        room: FloatArray | None,
+    def error_bounds_of(
+        self, chosen: IndexArray, drawn: TrianglesByPattern, limit: float, room: FloatArray | None
     ) -> ErrorBounds:
-        """(n,) each: error bounds of a template's triangles, those of their fan plus their own distance from it, for
-        chosen triangles; points: those of all."""
-        points = points[:, chosen]
-        split_sides = (pattern & PATTERN_BITS) > 0
-        chords = (points[CORNERS] + points[FOLLOWING]) / 2
-        sagittas = np.where(split_sides[:, None, None], points[MIDDLES] - chords, 0.0)
-        lifts, gaps = fan_of_template(pattern)
-        middles = chords + sagittas
-        centroids = points[CORNERS].mean(axis=0) + np.einsum("s,spi->pi", lifts, sagittas)
-        facets = np.stack([points[CORNERS], middles, np.stack([centroids] * 3), np.roll(middles, 1, axis=0)])
-        normals = triangle_normals(points, template)
+        """(n,) each: error bounds of the triangles of templates, those of their fans plus their own distances from
+        these, for chosen triangles, as they are drawn. Either all of them have nets or none; without, for limit and
+        room see ``fan_error_bounds``."""
+        fan, normals = drawn.fan(), normals_of(drawn.triangles())
         # The quarters are in the order of the triangles.
-        own = self._fan_error_bounds(chosen, facets.transpose(0, 2, 1, 3).reshape(4, -1, 3), normals, limit, room)
-        found = ErrorBounds(*(np.maximum.reduceat(each, 3 * np.arange(points.shape[1])) for each in own.columns()))
-        for gap, sagitta in zip(gaps.tolist(), sagittas, strict=True):
-            off = [along_and_across(sagitta[None], normal) for normal in normals]
-            normal, tangential = (np.max(each, axis=0)[0] for each in zip(*off, strict=True))
-            found = found + ErrorBounds(np.sqrt(squared_norms(sagitta)), normal, tangential).times(gap)
+        quarters = (3 * chosen[:, None] + np.arange(3)).ravel()
+        facets = fan.facets.transpose(0, 2, 1, 3).reshape(4, -1, 3)
+        given = facets, np.repeat(normals, 3, axis=1)
+        if self._nets.is_known[chosen[0]]:
+            own = self._nets.error_bounds(quarters, *given)
+        else:
+            own_room = None if room is None else np.repeat(room, 3)
+            own = fan_error_bounds(self.descent, chosen, quarters, *given, limit, own_room)
+        found = ErrorBounds(*(np.maximum.reduceat(each, 3 * np.arange(len(chosen))) for each in own.columns()))
+        return found + fan.gaps_along(normals)
+
+
+@dataclass(frozen=True)
+class _Errors:
+    """Error bounds of the triangles of some cells, as they are drawn; those with nets are all evaluated together."""
+
+    cells: TriangleCells
+    drawn: TrianglesByPattern
+    is_known: BoolArray
+    found: ErrorBounds
+
+    @staticmethod
+    def of(cells: TriangleCells, drawn: TrianglesByPattern, chosen: IndexArray) -> _Errors:
+        """Ready for chosen cells."""
+        is_known, found = cells._nets.is_known, ErrorBounds(*np.full((3, len(cells.nodes)), np.inf))
+        with_nets = chosen[is_known[chosen]]
+        if len(with_nets):
+            found.put(with_nets, cells.error_bounds_of(with_nets, drawn.at(with_nets), np.inf, None))
+        return _Errors(cells, drawn, is_known, found)
+
+    def at(self, chosen: IndexArray, limit: float, room: FloatArray | None) -> ErrorBounds:
+        """(n,): of chosen cells, those with nets among the cells these are ready for; for limit and room see
+        ``fan_error_bounds``."""
+        found, rest = self.found.at(chosen), np.flatnonzero(~self.is_known[chosen])
+        if len(rest):
+            own, own_room = chosen[rest], None if room is None else room[rest]
+            found.put(rest, self.cells.error_bounds_of(own, self.drawn.at(own), limit, own_room))
         return found
 
-    def _fan_error_bounds(
-        self, chosen: IndexArray, facets: FloatArray, normals: FloatArray, limit: float, room: FloatArray | None
-    ) -> ErrorBounds:
-        """(3n,) error bounds of bilinear facets over the corners (4, 3n, 3) of the quarters of chosen triangles (n,).
-        normals: (T, n, 3), of the triangles of the template."""
-        found, is_known = ErrorBounds(*(np.empty(3 * len(chosen)) for _ in range(3))), self._nets.is_known[chosen]
-        for own in (known := np.flatnonzero(is_known)), np.flatnonzero(~is_known):
-            if not len(own):
-                continue
-            places, quarters = ((3 * each[:, None] + np.arange(3)).ravel() for each in (own, chosen[own]))
-            given = selected_vectors(facets, places), np.repeat(selected_vectors(normals, own), 3, axis=1)
-            if own is known:
-                found.put(places, self._nets.error_bounds(quarters, *given))
-            else:
-                own_room = None if room is None else np.repeat(room[own], 3)
-                found.put(places, fan_error_bounds(self.descent, chosen[own], quarters, *given, limit, own_room))
-        return found
+    def accept_within_limit(self, found: LeafApproximation, tried: IndexArray, limit: float) -> None:
+        """Accept those of some cells that are within the limit at equal parameters."""
+        if not len(tried):
+            return
+        # Where sides are split the fan's distance is only a part of the error, so its bound has to be tight.
+        room = None if np.all(self.drawn.patterns == WHOLE) else np.full(len(tried), np.inf)
+        error_bounds = self.at(tried, limit, room)
+        within = error_bounds.whole <= limit
+        found.bounds[tried[within]] = error_bounds.whole[within]
+        _accept(found, tried, within, error_bounds)
+
+    def accept_along_surface(self, found: LeafApproximation, tried: IndexArray, samples: Samples, limit: float) -> None:
+        """Accept those of some cells that are predicted to be within the limit along the surface. samples: of all."""
+        if not len(tried):
+            return
+        room = LARGEST_OFFSET * least_heights(self.drawn.at(tried).triangles())
+        error_bounds = self.at(tried, limit, room)
+        predicted = samples.at(tried).predict(error_bounds.normal, error_bounds.tangential)
+        is_wide = error_bounds.normal + error_bounds.tangential <= room
+        _accept(found, tried, (predicted <= PROMISING * limit) & is_wide, error_bounds)
+
+
+@dataclass(frozen=True)
+class _Fans:
+    """The fans beside the templates of n triangles (docs/adaptive.md, Triangles on the surface): the corners of their
+    quarters' facets (4, 3, n, 3), and how far the middles of split sides are off these, (3, n, 3), with factors
+    (3, n)."""
+
+    facets: FloatArray
+    sagittas: FloatArray
+    gaps: FloatArray
+
+    def gaps_along(self, normals: FloatArray) -> ErrorBounds:
+        """(n,): bounds of what is between templates and fans, with unit normals (T, n, 3)."""
+        off = [along_and_across(self.sagittas, normal) for normal in normals]
+        normal, tangential = (np.max(each, axis=0) for each in zip(*off, strict=True))
+        whole = np.sqrt(squared_norms(self.sagittas))
+        return ErrorBounds(*((self.gaps * each).sum(axis=0) for each in (whole, normal, tangential)))
+
+
+@dataclass(frozen=True)
+class TrianglesByPattern:
+    """n triangles of the control mesh by their points and centres on the surface (7, n, 3), drawn by the templates for
+    their patterns of split sides (n,)."""
+
+    points: FloatArray
+    patterns: IndexArray
+
+    def at(self, chosen: IndexArray) -> TrianglesByPattern:
+        """Some of them, by index."""
+        return TrianglesByPattern(selected_vectors(self.points, chosen), self.patterns[chosen])
+
+    def is_split(self) -> BoolArray:
+        """(3, n) which sides are."""
+        return (self.patterns & PATTERN_BITS[:, None]) > 0
+
+    def leaves(self) -> Leaves:
+        """As ``leaf_distances`` sees them."""
+        vertices, counts = _triangle_tables()
+        counts = counts[self.patterns]
+        own = vertices[self.patterns, : counts.max()].transpose(1, 2, 0)
+        return Leaves.of(self.points, self.is_split(), own, counts)
+
+    def triangles(self) -> FloatArray:
+        """(T, 3, n, 3): the vertices of those that are drawn; what a template has less of is repeated."""
+        return self.leaves().triangles
+
+    def fan(self) -> _Fans:
+        corners, lifts_and_gaps = self.points[CORNERS], _fans_of_templates()[:, self.patterns]
+        chords = (corners + self.points[FOLLOWING]) / 2
+        sagittas = np.where(self.is_split()[:, :, None], self.points[MIDDLES] - chords, 0.0)
+        middles, (lifts, gaps) = chords + sagittas, lifts_and_gaps.swapaxes(1, 2)
+        centroids = corners.mean(axis=0) + np.einsum("sp,spi->pi", lifts, sagittas)
+        facets = np.stack([corners, middles, np.stack([centroids] * 3), np.roll(middles, 1, axis=0)])
+        return _Fans(facets, sagittas, gaps)
+
+    def off_sides_and_centre(self) -> FloatArray:
+        """(4, n, 3): S - T where nothing is split: at the middles of the sides, and at the centre if all are whole; 0
+        elsewhere."""
+        points = self.points
+        sides = points[MIDDLES] - (points[CORNERS] + points[FOLLOWING]) / 2
+        centre = points[CENTRE] - points[CORNERS].mean(axis=0)
+        is_whole = np.concatenate([~self.is_split(), [self.patterns == WHOLE]])
+        return np.where(is_whole[..., None], np.concatenate([sides, centre[None]]), 0.0)
+
+    def samples(self, sampled: FloatArray) -> Samples:
+        """From S - T at some places (…, n, 3)."""
+        points = self.points
+        off = points[MIDDLES] - (points[CORNERS] + points[FOLLOWING]) / 2
+        normals = triangle_normals(points, ((0, 1, 2),))[0]
+        sides = points[FOLLOWING] - points[CORNERS]
+        squares = squared_norms(sides)
+        slopes = Samples.slopes_of(along_and_across(off, normals)[0].max(axis=0), np.sqrt(squares.min(axis=0)))
+        beside = off_lines(off, sides, squares, self.is_split())
+        normal, tangential = (each.max(axis=0, keepdims=True) for each in along_and_across(sampled, normals))
+        return Samples(normal, tangential, slopes, beside)
+
+
+@cache
+def _triangle_tables() -> tuple[IndexArray, IndexArray]:
+    """``triangle_table`` by patterns."""
+    return triangle_table([_template_of(pattern) for pattern in range(ALL_SPLIT)])
+
+
+@cache
+def _fans_of_templates() -> FloatArray:
+    """(2, patterns, 3): ``fan_of_template`` by patterns."""
+    return np.stack([np.stack(fan_of_template(pattern)) for pattern in range(ALL_SPLIT)], axis=1)
 
 
 def _template_of(pattern: int) -> Template:
@@ -323,28 +421,6 @@ def _accept(found: LeafApproximation, tried: IndexArray, accepted: BoolArray, er
     found.accepted[tried[accepted]] = True
     found.normal[tried[accepted]] = error_bounds.normal[accepted]
     found.tangential[tried[accepted]] = error_bounds.tangential[accepted]
-
-
-def off_sides_and_centre(points: FloatArray, pattern: int) -> FloatArray:
-    """(…, P, 3): S - T where nothing is split, from the triangles' points and centres (7, P, 3): at the middles of the
-    sides, and at the centre if all are whole."""
-    sides = points[MIDDLES] - (points[CORNERS] + points[FOLLOWING]) / 2
-    sampled = sides[[side for side in range(3) if not pattern >> side & 1]]
-    if pattern == WHOLE:
-        return np.concatenate([sampled, [points[CENTRE] - points[CORNERS].mean(axis=0)]])
-    return sampled
-
-
-def samples_of_triangles(points: FloatArray, sampled: FloatArray, pattern: int) -> Samples:
-    """Of triangles by their points and centres (7, P, 3), and S - T at some places (…, P, 3)."""
-    off = points[MIDDLES] - (points[CORNERS] + points[FOLLOWING]) / 2
-    normals = triangle_normals(points, ((0, 1, 2),))[0]
-    sides = points[FOLLOWING] - points[CORNERS]
-    squares = squared_norms(sides)
-    slopes = Samples.slopes_of(along_and_across(off, normals)[0].max(axis=0), np.sqrt(squares.min(axis=0)))
-    beside = off_lines(off, sides, squares, ((pattern & PATTERN_BITS) > 0)[:, None])
-    normal, tangential = (each.max(axis=0, keepdims=True) for each in along_and_across(sampled, normals))
-    return Samples(normal, tangential, slopes, beside)
 
 
 @cache

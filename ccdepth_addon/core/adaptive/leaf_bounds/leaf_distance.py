@@ -81,8 +81,8 @@ class Leaves:
 
     def part(self, block: slice) -> Leaves:
         """Some of them, side by side."""
-        corners, middles, is_split = (each[:, block] for each in (self.corners, self.middles, self.is_split))
-        return Leaves(corners, middles, is_split, self.triangles[:, :, block], self.counts[block])
+        corners, middles = self.corners[:, block], self.middles[:, block]
+        return Leaves(corners, middles, self.is_split[:, block], self.triangles[:, :, block], self.counts[block])
 
     def vertices(self) -> FloatArray:
         """(V, P, 3): the corners and, where any leaf has sides split, after each the middle of its side; the corner

@@ -23,15 +23,12 @@ def normals_of(triangles: FloatArray) -> FloatArray:
     return crosses / np.where(lengths > 0, lengths, 1.0)
 
 
-def least_heights(points: FloatArray, template: Template) -> FloatArray:
-    """(P,): the least height of the triangles over quads' points (8 or more, P, 3)."""
-    heights = np.full(points.shape[1], np.inf)
-    for triangle in template:
-        corners = points[list(triangle)]
-        areas = np.sqrt(squared_norms(cross_products(corners[1] - corners[0], corners[2] - corners[0])))
-        longest = np.sqrt(squared_norms(np.roll(corners, -1, axis=0) - corners)).max(axis=0)
-        heights = np.minimum(heights, areas / np.where(longest > 0, longest, 1.0))
-    return heights
+def least_heights(triangles: FloatArray) -> FloatArray:
+    """(P,): the least height of triangles with vertices (T, 3, P, 3)."""
+    a, b, c = triangles.swapaxes(0, 1)
+    areas = np.sqrt(squared_norms(cross_products(b - a, c - a)))
+    longest = np.sqrt(np.max([squared_norms(each) for each in (b - a, c - b, a - c)], axis=0))
+    return (areas / np.where(longest > 0, longest, 1.0)).min(axis=0)
 
 
 def along_and_across(vectors: FloatArray, normals: FloatArray) -> tuple[FloatArray, FloatArray]:
