@@ -1097,6 +1097,7 @@ CACHES = {
             LEAVES + "triangle_bounds.bicubic_rows",
             LEAVES + "triangle_bounds.quadratic_rows",
             LEAVES + "triangle_bounds.extraordinary_rows",
+            LEAVES + "triangle_bounds._rows_of_pieces",
             LEAVES + "leaf_distance.extraordinary_hull_rows",
             LEAVES + "fan_bounds._quarter_rows",
             SURFACE + "stencils.quad_stencils",

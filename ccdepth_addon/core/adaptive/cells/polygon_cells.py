@@ -360,10 +360,9 @@ class TrianglesByPattern:
 
     def leaves(self) -> Leaves:
         """As ``leaf_distances`` sees them."""
-        vertices, counts = _triangle_tables()
-        counts = counts[self.patterns]
-        own = vertices[self.patterns, : counts.max()].transpose(1, 2, 0)
-        return Leaves.of(self.points, self.is_split(), own, counts)
+        counts = TRIANGLE_COUNTS[self.patterns]
+        vertices = TRIANGLES[self.patterns, : counts.max()].transpose(1, 2, 0)
+        return Leaves.of(self.points, self.is_split(), vertices, counts)
 
     def triangles(self) -> FloatArray:
         """(T, 3, n, 3): the vertices of those that are drawn; what a template has less of is repeated."""
@@ -400,18 +399,6 @@ class TrianglesByPattern:
         return Samples(normal, tangential, slopes, beside)
 
 
-@cache
-def _triangle_tables() -> tuple[IndexArray, IndexArray]:
-    """``triangle_table`` by patterns."""
-    return triangle_table([_template_of(pattern) for pattern in range(ALL_SPLIT)])
-
-
-@cache
-def _fans_of_templates() -> FloatArray:
-    """(2, patterns, 3): ``fan_of_template`` by patterns."""
-    return np.stack([np.stack(fan_of_template(pattern)) for pattern in range(ALL_SPLIT)], axis=1)
-
-
 def _template_of(pattern: int) -> Template:
     return ((0, 1, 2),) if pattern == WHOLE else triangle_template(pattern)
 
@@ -421,6 +408,15 @@ def _accept(found: LeafApproximation, tried: IndexArray, accepted: BoolArray, er
     found.accepted[tried[accepted]] = True
     found.normal[tried[accepted]] = error_bounds.normal[accepted]
     found.tangential[tried[accepted]] = error_bounds.tangential[accepted]
+
+
+# By patterns, as in ``triangle_table``.
+TRIANGLES, TRIANGLE_COUNTS = triangle_table([_template_of(pattern) for pattern in range(ALL_SPLIT)])
+
+
+def _fans_of_templates() -> FloatArray:
+    """(2, patterns, 3): ``fan_of_template`` by patterns."""
+    return np.stack([np.stack(fan_of_template(pattern)) for pattern in range(ALL_SPLIT)], axis=1)
 
 
 @cache

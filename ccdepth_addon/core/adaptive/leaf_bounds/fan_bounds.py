@@ -20,7 +20,7 @@ import numpy as np
 
 from ...arrays.chunks import index_chunks
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ...arrays.vectors import selected_vectors, squared_dots, squared_norms, transformed_nets
+from ...arrays.vectors import selected_vectors, transformed_nets
 from ...bounds.norm_bounds import certified_limit_factor
 from ...surface.bicubic import FACET_ROWS
 from ...surface.patches import classify_patches
@@ -181,20 +181,10 @@ def _parts_and_curves(rows: ExtraordinaryHullRows, *, is_near: bool) -> list[Ind
 
 def _error_bounds(rows: _QuarterRows, given: FloatArray, normals: FloatArray) -> ErrorBounds:
     """(m,): for nets and facets (N + 4, m, 3), and all normals (T, m, 3) each."""
-    found = _largest(transformed_nets(rows.bicubic, given), normals)
+    found = ErrorBounds.over_all(transformed_nets(rows.bicubic, given), normals)
     for last in rows.last:
-        left, off = (_largest(transformed_nets(each, given), normals) for each in (last.corners, last.differences))
+        left, off = (
+            ErrorBounds.over_all(transformed_nets(each, given), normals) for each in (last.corners, last.differences)
+        )
         found = found.or_more(left + off.times(last.factor))
     return found
-
-
-def _largest(vectors: FloatArray, normals: FloatArray) -> ErrorBounds:
-    """(m,): the largest of vectors (R, m, 3), and along and across each of the normals (T, m, 3)."""
-    squares = squared_norms(vectors)
-    largest = np.zeros((3, vectors.shape[1]))
-    squares.max(axis=0, out=largest[0])
-    for normal in normals:
-        along = squared_dots(vectors, normal)
-        np.maximum(largest[1], along.max(axis=0), out=largest[1])
-        np.maximum(largest[2], np.subtract(squares, along, out=along).max(axis=0), out=largest[2])
-    return ErrorBounds(*np.sqrt(largest))

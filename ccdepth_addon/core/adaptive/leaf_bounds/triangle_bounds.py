@@ -36,7 +36,7 @@ from math import comb
 import numpy as np
 
 from ...arrays.matrix_products import matrix_product
-from ...arrays.types import FloatArray, IndexArray
+from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...arrays.vectors import dot_products, selected_vectors, squared_dots, squared_norms, transformed_nets
 from ...bounds.norm_bounds import certified_limit_factor
 from ...bounds.norms import second_differences
@@ -240,17 +240,33 @@ class Rows:
         as functionals of N numbers."""
         return replace(self, matrix=self.matrix[:, :16] @ surface + self.matrix[:, 16:] @ points[:8])
 
+    def at(self, kept: BoolArray | IndexArray) -> Rows:
+        """Some of them."""
+        return Rows(np.ascontiguousarray(self.matrix[kept]), self.triangles[kept], self.places[kept])
+
     @staticmethod
     def joined(parts: list[Rows]) -> Rows:
         """All of them, triangle by triangle, each once.
 
         Parts that share a side have the same coefficients on it: S - T is continuous, and a polynomial there.
         """
+        return Rows.by_triangles(parts, Rows.is_first(parts))
+
+    @staticmethod
+    def is_first(parts: list[Rows]) -> BoolArray:
+        """(all of them,) which are no repetitions of others before."""
+        keys = np.concatenate([np.column_stack([part.triangles, part.places]) for part in parts])
+        found = np.zeros(len(keys), dtype=bool)
+        found[np.unique(keys, axis=0, return_index=True)[1]] = True
+        return found
+
+    @staticmethod
+    def by_triangles(parts: list[Rows], kept: BoolArray | None = None) -> Rows:
+        """All of them, or those that are kept, triangle by triangle."""
         triangles = np.concatenate([part.triangles for part in parts])
-        places = np.concatenate([part.places for part in parts])
-        _, kept = np.unique(np.column_stack([triangles, places]), axis=0, return_index=True)
-        matrix = np.concatenate([part.matrix for part in parts])
-        return Rows(np.ascontiguousarray(matrix[kept]), triangles[kept], places[kept])
+        matrix, places = (np.concatenate(each) for each in zip(*((p.matrix, p.places) for p in parts), strict=True))
+        order = np.argsort(triangles, kind="stable")
+        return Rows(matrix, triangles, places).at(order if kept is None else order[kept[order]])
 
 
 @dataclass(frozen=True)
@@ -274,6 +290,18 @@ class ErrorBounds:
             along, squares = squared_dots(own, normals[triangle]), squared_norms(own)
             for most, values in zip(largest, (squares, along, squares - along), strict=True):
                 np.maximum(most, values.max(axis=0), out=most)
+        return ErrorBounds(*np.sqrt(largest))
+
+    @staticmethod
+    def over_all(vectors: FloatArray, normals: FloatArray) -> ErrorBounds:
+        """Of vectors (R, P, 3) that belong to all triangles, with unit normals (T, P, 3)."""
+        squares = squared_norms(vectors)
+        largest = np.zeros((3, vectors.shape[1]))
+        squares.max(axis=0, out=largest[0])
+        for normal in normals:
+            along = squared_dots(vectors, normal)
+            np.maximum(largest[1], along.max(axis=0), out=largest[1])
+            np.maximum(largest[2], np.subtract(squares, along, out=along).max(axis=0), out=largest[2])
         return ErrorBounds(*np.sqrt(largest))
 
     def __add__(self, other: ErrorBounds) -> ErrorBounds:
@@ -433,13 +461,24 @@ class ExtraordinaryRows:
 def extraordinary_rows(valences: Valences, pattern: int, alternative: int) -> ExtraordinaryRows:
     """The rows for valences of 3 or more; the pattern is counted from the first corner on."""
     points, pieces = extraordinary_points(valences), quad_pieces(valences)
-    rows = [template_rows(pattern, alternative, path).of(surface, points) for path, surface in pieces.bicubic]
+    each = _rows_of_pieces(pattern, alternative, tuple(path for path, _ in pieces.bicubic))
+    rows = [own.of(surface, points) for own, (_, surface) in zip(each, pieces.bicubic, strict=True)]
     last = []
     for path, valence, net in pieces.last:
         facet = bilinear_coefficients(patch_stencils(valence).limits @ net).reshape(16, -1)
-        of_facet = Rows.joined([template_rows(pattern, alternative, path).of(facet, points)])
+        of_facet = template_rows(pattern, alternative, path).of(facet, points)
         last.append(LastSquare(of_facet, differences_at_vertex(valence, net), certified_limit_factor(valence)))
-    return ExtraordinaryRows(Rows.joined(rows), last)
+    return ExtraordinaryRows(Rows.by_triangles(rows), last)
+
+
+@lru_cache(maxsize=512)
+def _rows_of_pieces(pattern: int, alternative: int, paths: tuple[int, ...]) -> Sequence[Rows]:
+    """``template_rows`` over the squares at some paths, what several of them share but once: the same for all valences
+    that have these."""
+    rows = [template_rows(pattern, alternative, path) for path in paths]
+    is_kept = Rows.is_first(rows)
+    starts = np.cumsum([len(own.triangles) for own in rows])[:-1]
+    return [own.at(kept) for own, kept in zip(rows, np.split(is_kept, starts), strict=True)]
 
 
 @dataclass(frozen=True)
@@ -570,14 +609,11 @@ def extraordinary_error_bounds(rows: ExtraordinaryRows, nets: FloatArray, normal
     """For nets (N, P, 3) and the triangles' normals (T, P, 3)."""
     found = ErrorBounds.of(transformed_nets(rows.pieces.matrix, nets), rows.pieces.triangles, normals)
     for last in rows.last:
-        differences = transformed_nets(last.differences, nets)
         left = ErrorBounds.of(transformed_nets(last.rows.matrix, nets), last.rows.triangles, normals)
         # S - B is within a factor of the second differences; so is each component of it within theirs.
-        at_vertex = ErrorBounds(*(np.zeros(nets.shape[1]) for _ in range(3)))
-        for triangle in np.unique(last.rows.triangles).tolist():
-            own = np.full(len(differences), triangle)
-            at_vertex = at_vertex.or_more(ErrorBounds.of(differences, own, normals).times(last.factor))
-        found = found.or_more(left + at_vertex)
+        own = normals[np.unique(last.rows.triangles)]
+        at_vertex = ErrorBounds.over_all(transformed_nets(last.differences, nets), own)
+        found = found.or_more(left + at_vertex.times(last.factor))
     return found
 
 
