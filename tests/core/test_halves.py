@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.adaptive import halves, planner
-from ccdepth_addon.core.adaptive.plan import Plan
 from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, subdivide_adaptively
 from ccdepth_addon.core.adaptive.quadtree import NONE, Quadtree
 from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
@@ -116,17 +115,18 @@ def test_leaves_that_exceed_the_limit_beside_halves_stay(name: str, monkeypatch:
     mesh = build(name)
     request = request_of(mesh, 3e-3, Transitions.TRIANGLES)
     stayed: list[tuple[Quadtree, IndexArray]] = []
-    bound_beside = halves._bound_beside
+    bound_beside = halves._Drawn.bound_beside
 
-    def exceeding(plan: Plan, before: object) -> IndexArray:
-        found = bound_beside(plan, before)  # type: ignore[arg-type]
+    def exceeding(drawn: halves._Drawn) -> IndexArray:
+        found = bound_beside(drawn)
         if len(stayed) < halves.ATTEMPTS - 1:
-            leaves = plan.tree.leaves()
-            found = leaves[(leaves < plan.tree.first_half) & (leaves % 7 == len(stayed))]
-            stayed.append((plan.tree, found))
+            tree = drawn._plan.tree
+            leaves = tree.leaves()
+            found = leaves[(leaves < tree.first_half) & (leaves % 7 == len(stayed))]
+            stayed.append((tree, found))
         return found
 
-    monkeypatch.setattr(halves, "_bound_beside", exceeding)
+    monkeypatch.setattr(halves._Drawn, "bound_beside", exceeding)
     found = subdivide_adaptively(mesh, request, mesh.positions)
     assert len(stayed) == halves.ATTEMPTS - 1
     for tree, leaves in stayed:
@@ -145,7 +145,9 @@ def test_a_halved_tree_can_be_made_as_it_was() -> None:
     leaves, slots = tree.leaves(), tree.slots(tree.leaves())
     before = tree.hanging(slots), tree.midpoints[tree.slot_edges[slots]], tree.leaf_count
     turns = generator.integers(0, 2, len(quads))
-    nodes = tree.halve(quads, turns, tree.slot_edges[tree.first_slots(quads) + turns])
+    nodes = tree.halves(quads, turns)
+    assert np.array_equal(tree.leaves(), leaves)
+    tree.halve(nodes, tree.slot_edges[tree.first_slots(quads) + turns])
     assert np.array_equal(np.sort(nodes.ravel()), np.setdiff1d(tree.leaves(), leaves))
     assert tree.leaf_count == len(tree.leaves()) == len(leaves) - 2 * len(quads)
     tree.undo_halves(nodes)

@@ -23,9 +23,9 @@ from ..arrays.vectors import squared_norms
 from .cells.cell_store import in_blocks
 from .cells.patch_cells import BicubicCells
 from .leaf_approximation import LeafApproximation
-from .neighbour_bounds import MORE_RINGS, approximate_alone, find_changed_star_bounds
+from .neighbour_bounds import MORE_RINGS, bound_changed
 from .plan import Plan
-from .quadtree import NONE, Quadtree
+from .quadtree import NONE, Quadtree, any_of_slots
 from .request import Mode
 from .template_choice import off_lines
 
@@ -44,38 +44,103 @@ def halve(plan: Plan) -> None:
         return
     stays = _leaves_over_flat_parts(plan)
     possible = _halves_alone(plan, _quads_of_leaves(plan, ~stays))
-    chosen, by_rings = np.arange(len(possible.quads)), plan.by_rings.values.copy()
+    if not len(possible.quads):
+        return
+    drawn, by_rings = _Drawn(plan, possible), plan.by_rings.values.copy()
+    chosen = np.arange(len(possible.quads))
     for attempt in range(ATTEMPTS):
         if attempt == ATTEMPTS - 1:
+            drawn.forget()
             _add_stars(plan, stays, plan.approximations.unbounded(), by_rings)
-        chosen, exceeding = _halve_beside(plan, possible, chosen, stays)
+        chosen = chosen[~stays[plan.tree.children_of_quads(possible.quads[chosen])].any(axis=0)]
+        others = _Others(plan, stays, possible.quads[chosen], possible.ends[:, chosen])
+        chosen = _settle(plan, possible, chosen, others)
+        drawn.draw(chosen, others, stays)
+        exceeding = drawn.bound_beside()
         if not len(exceeding):
             return
+        drawn.erase()
         for _ in range(1 << attempt):
             exceeding = _add_with_neighbours(plan, stays, exceeding)
 
 
-def _halve_beside(plan: Plan, possible: _Halves, chosen: IndexArray, stays: BoolArray) -> tuple[IndexArray, IndexArray]:
-    """Halve those of the chosen quads that can be, but for leaves that stay, (nodes,). Returns these quads, and leaves
-    that exceed the limit beside halves; if there are any, nothing has been done."""
-    tree = plan.tree
-    chosen = chosen[~stays[tree.children_of_quads(possible.quads[chosen])].any(axis=0)]
-    others = _Others(plan, stays, possible.quads[chosen], possible.ends[:, chosen])
-    chosen = _settle(plan, possible, chosen, others)
-    changed = others.changed()
-    before = [(changed, plan.approximations.without_star_bounds(changed))]
-    others.record()
-    whole = np.flatnonzero(~others.corners[tree.midpoints] & (tree.midpoints != NONE))
-    nodes = tree.halve(possible.quads[chosen], possible.sides[chosen], whole)
-    for own, approximation in zip(nodes, possible.approximations(chosen, others.corners), strict=True):
-        plan.record(own, approximation)
-    exceeding = _bound_beside(plan, before)
-    if len(exceeding):
-        tree.undo_halves(nodes)
-        for leaves, approximation in reversed(before):
-            plan.record(leaves, approximation)
-        plan.approximated.put(tree.children_of_quads(possible.quads[chosen]).ravel())
-    return chosen, exceeding
+class _Drawn:
+    """Which halves have been drawn in a tree, and how the leaves beside them were approximated before.
+
+    An attempt changes little of the one before. So halves, and leaves that do not stay, keep their approximations where
+    their sides are split as they were then, and their star bounds where nothing in their stars changes.
+    """
+
+    def __init__(self, plan: Plan, possible: _Halves) -> None:
+        self._plan, self._possible = plan, possible
+        self._halves = plan.tree.halves(possible.quads, possible.sides)
+        self._before: list[tuple[IndexArray, LeafApproximation]] = []
+        self._start()
+
+    def _start(self) -> None:
+        """With none drawn: all vertices are corners, as in ``_Others``."""
+        tree = self._plan.tree
+        self._chosen, self._beside, self._redrawn = np.zeros((3, 0), dtype=np.intp)
+        self._corners = np.ones(len(tree.vertex_edges) + 1, dtype=bool)
+        self._corners[NONE] = False
+
+    def erase(self) -> None:
+        """Make the tree as it was; approximations stay."""
+        self._plan.tree.undo_halves(self._halves[:, self._chosen])
+
+    def forget(self) -> None:
+        """The same of all approximations."""
+        self._record_before(np.concatenate([nodes for nodes, _ in self._before]))
+        self._plan.approximated.put(self._children(self._chosen))
+        self._start()
+
+    def draw(self, chosen: IndexArray, others: _Others, stays: BoolArray) -> None:
+        """Draw the halves of chosen quads, and approximate what changes by that, but leaves that stay, (nodes,), as
+        before any were drawn. Only the first call may choose quads that the one before did not."""
+        plan, tree, is_first = self._plan, self._plan.tree, not len(self._chosen)
+        gone = self._children(np.setdiff1d(self._chosen, chosen, assume_unique=True))
+        beside = others.changed()
+        is_restored = stays[self._redrawn]
+        self._record_before(np.union1d(np.setdiff1d(self._beside, beside), self._redrawn[is_restored]))
+        self._redrawn = self._redrawn[~is_restored]
+        new = np.setdiff1d(beside, self._beside, assume_unique=True)
+        self._before.append((new, plan.approximations.without_star_bounds(new)))
+        others.record(self._corners, new)
+        plan.approximated.put(gone)
+        whole = np.flatnonzero(~others.corners[tree.midpoints] & (tree.midpoints != NONE))
+        now, then = (self._possible.are_split(chosen, corners) for corners in (others.corners, self._corners))
+        halves = self._halves[:, chosen]
+        tree.halve(halves, whole)
+        for own, approximation, differ in zip(
+            halves, self._possible.approximations(chosen, now), is_first | (now != then), strict=True
+        ):
+            plan.record(own[differ], approximation.at(np.flatnonzero(differ)))
+        self._chosen, self._beside, self._corners = chosen, beside, others.corners
+
+    def bound_beside(self) -> IndexArray:
+        """Bound the leaves anew that have a bound by their neighbours alone, where these have changed; alone where they
+        exceed the limit. Returns those that still exceed it."""
+        plan = self._plan
+        while True:
+            plan.report()
+            found = bound_changed(plan)
+            self._before.append((found.exceeding, found.before))
+            self._redrawn = np.union1d(self._redrawn, found.redrawn)
+            if not len(found.redrawn):
+                unbounded = plan.approximations.unbounded()
+                exceeding = unbounded[plan.approximations.star_bounds(unbounded) > plan.request.limit]
+                # In the next attempt as well, even if nothing changes around them.
+                plan.approximated.put(exceeding)
+                return exceeding
+
+    def _children(self, chosen: IndexArray) -> IndexArray:
+        return self._plan.tree.children_of_quads(self._possible.quads[chosen]).ravel()
+
+    def _record_before(self, leaves: IndexArray) -> None:
+        """Record how leaves were approximated before any halves were drawn."""
+        for nodes, approximation in reversed(self._before):
+            chosen = np.flatnonzero(np.isin(nodes, leaves))
+            self._plan.record(nodes[chosen], approximation.at(chosen))
 
 
 def _settle(plan: Plan, possible: _Halves, chosen: IndexArray, others: _Others) -> IndexArray:
@@ -98,21 +163,6 @@ def _settle(plan: Plan, possible: _Halves, chosen: IndexArray, others: _Others) 
         changed = possible.beside(others.take_new_corners())
         changed = changed[is_chosen[changed]]
         unbounded = np.union1d(unbounded[is_chosen[unbounded]], changed)
-
-
-def _bound_beside(plan: Plan, before: list[tuple[IndexArray, LeafApproximation]]) -> IndexArray:
-    """Bound the leaves anew that have a bound by their neighbours alone, where these have changed; alone where they
-    exceed the limit. Adds leaves, and how they were approximated before; returns those that still exceed it."""
-    failed = [np.zeros(0, dtype=np.intp)]
-    while True:
-        plan.report()
-        wanted = find_changed_star_bounds(plan, plan.approximations.unbounded())
-        exceeding = wanted[plan.approximations.star_bounds(wanted) > plan.request.limit]
-        before.append((exceeding, plan.approximations.without_star_bounds(exceeding)))
-        alone = approximate_alone(plan, exceeding)
-        failed.append(exceeding[~alone])
-        if not np.any(alone):
-            return np.unique(np.concatenate(failed))
 
 
 class _Halves:
@@ -157,7 +207,7 @@ class _Halves:
 
     def exceed(self, plan: Plan, chosen: IndexArray, corners: BoolArray) -> BoolArray:
         """(chosen,) where a half exceeds the limit with its long side split. At most one of the two has it split."""
-        split = corners[self._middles[:, chosen]]
+        split = self.are_split(chosen, corners)
         halves, places = np.nonzero(split & ~self._is_found[:, chosen])
         new = chosen[places]
         found = _approximate(plan, self.quads[new], self.sides[new] + 2 * halves, is_split=True)
@@ -168,9 +218,13 @@ class _Halves:
         accepted = np.stack([found.accepted[chosen] for found in self._split])
         return np.any(split & ~accepted, axis=0)
 
-    def approximations(self, chosen: IndexArray, corners: BoolArray) -> Iterator[LeafApproximation]:
+    def are_split(self, chosen: IndexArray, corners: BoolArray) -> BoolArray:
+        """(2, chosen): whether the outer long side is split, of the first halves and of the second."""
+        return corners[self._middles[:, chosen]]
+
+    def approximations(self, chosen: IndexArray, are_split: BoolArray) -> Iterator[LeafApproximation]:
         """(chosen,) of the first halves, and of the second."""
-        for whole, split, is_split in zip(self._whole, self._split, corners[self._middles[:, chosen]], strict=True):
+        for whole, split, is_split in zip(self._whole, self._split, are_split, strict=True):
             found = whole.at(chosen)
             found.put(np.flatnonzero(is_split), split.at(chosen[is_split]))
             yield found
@@ -345,9 +399,17 @@ class _Others:
         """Those that have fewer split sides than in the tree."""
         return self._changed(self._beside)[0]
 
-    def record(self) -> None:
-        """Record the last approximations of those that have fewer split sides than in the tree."""
+    def record(self, before: BoolArray, new: IndexArray) -> None:
+        """Record the last approximations of those that have fewer split sides than in the tree, where these are not
+        those they had with other corners before, or where they are new."""
+        changed = self.changed()
         for nodes, approximation in self._found:
-            changed, _ = self._changed(nodes)
-            chosen = np.flatnonzero(np.isin(nodes, changed))
+            differ = self._differ(nodes, before) | np.isin(nodes, new)
+            chosen = np.flatnonzero(np.isin(nodes, changed) & differ)
             self._plan.record(nodes[chosen], approximation.at(chosen))
+
+    def _differ(self, leaves: IndexArray, before: BoolArray) -> BoolArray:
+        """(leaves,) whether other sides of theirs are split than with the corners before."""
+        tree, counts = self._tree, self._tree.slot_counts(leaves)
+        middles = tree.midpoints.take(tree.slot_edges.take(tree.slots(leaves)))
+        return any_of_slots(self.corners.take(middles) != before.take(middles), counts)

@@ -3,14 +3,17 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from ..arrays.types import BoolArray, IndexArray
 from .cells.cell_store import in_blocks
 from .flat_bounds import flat_bounds
+from .leaf_approximation import LeafApproximation
 from .leaf_bounds.star_bounds import star_bounds
 from .plan import Plan
-from .quadtree import NONE, Quadtree
+from .quadtree import NONE, Quadtree, any_of_slots
 from .tessellation import triangles_around
 
 # How many rings stars have where one is not wide enough, and where those are not.
@@ -24,30 +27,58 @@ def bound_along_surface(plan: Plan) -> IndexArray:
     A star bound depends on the approximations of the leaf and of the leaves in its star. Where that has changed, one of
     them was approximated since: its sides were split, or it is new and has the vertices of the leaf before.
     """
-    limit = plan.request.limit
     while True:
+        found = bound_changed(plan)
+        plan.by_flat_part.values[np.setdiff1d(found.wanted, found.failed, assume_unique=True)] = False
         unbounded = plan.approximations.unbounded()
-        wanted = find_changed_star_bounds(plan, unbounded)
-        exceeding = plan.approximations.star_bounds(wanted) > limit
-        plan.by_flat_part.values[wanted[~exceeding]] = False
-        failed = wanted[exceeding]
-        alone = approximate_alone(plan, failed)
         by_flat_part = unbounded[plan.by_flat_part.values[unbounded]]
-        failed = _not_flat_enough(plan, np.union1d(failed[~alone], by_flat_part))
-        # Those alone may be drawn otherwise now, which the star bounds around have to know, now or after the splits.
-        if len(failed) or not np.any(alone):
+        failed = _not_flat_enough(plan, np.union1d(found.failed, by_flat_part))
+        # The star bounds around have to know what is drawn otherwise, now or after the splits.
+        if len(failed) or not len(found.redrawn):
             return failed
 
 
-def find_changed_star_bounds(plan: Plan, unbounded: IndexArray) -> IndexArray:
-    """Compute and record anew those star bounds of unbounded leaves that may have changed. Returns these leaves."""
+@dataclass(frozen=True)
+class ChangedBounds:
+    """wanted: the leaves whose star bounds may have changed, in ascending order. exceeding: those that exceeded the
+    limit by these, and before: how they were approximated then. redrawn: those of them that have bounds of their own
+    now. failed: the others.
+    """
+
+    wanted: IndexArray
+    exceeding: IndexArray
+    before: LeafApproximation
+    redrawn: IndexArray
+    failed: IndexArray
+
+
+def bound_changed(plan: Plan) -> ChangedBounds:
+    """Compute and record anew those star bounds that may have changed; where these exceed the limit, bounds of the
+    leaves alone, which may be drawn otherwise then."""
+    approximations = plan.approximations
+    unbounded = approximations.unbounded()
     wanted = unbounded[_may_have_changed(plan, unbounded, plan.approximated.take_leaves())]
     narrow = _find_star_bounds(plan, wanted, 1)
     plan.by_rings.values[wanted] = False
     plan.by_rings.values[narrow] = True
     for rings in MORE_RINGS:
         narrow = _find_star_bounds(plan, narrow, rings)
-    return wanted
+    exceeding = wanted[approximations.star_bounds(wanted) > plan.request.limit]
+    before, alone = approximations.without_star_bounds(exceeding), _alone(plan, exceeding)
+    plan.record(exceeding[alone.accepted], alone.at(np.flatnonzero(alone.accepted)))
+    return ChangedBounds(wanted, exceeding, before, exceeding[alone.accepted], exceeding[~alone.accepted])
+
+
+def _alone(plan: Plan, leaves: IndexArray) -> LeafApproximation:
+    """How leaves in ascending order, drawn as they are by star bounds that exceed the limit, are approximated without
+    their neighbours; accepted where they have a bound."""
+    tree, found = plan.tree, LeafApproximation.none(len(leaves))
+    for cells in in_blocks(plan.cells.of(leaves)) if len(leaves) else ():
+        known = plan.approximations.without_star_bounds(cells.nodes)
+        own = plan.approximate(cells, tree.hanging(tree.slots(cells.nodes)), known)
+        found.put(np.searchsorted(leaves, cells.nodes), own)
+        plan.report()
+    return found
 
 
 def _may_have_changed(plan: Plan, leaves: IndexArray, changed: IndexArray) -> BoolArray:
@@ -61,6 +92,10 @@ def _may_have_changed(plan: Plan, leaves: IndexArray, changed: IndexArray) -> Bo
     # Over a flat part another bound is found, which stars that are too narrow do not change.
     others = np.flatnonzero(plan.by_rings.values[leaves] & ~plan.by_flat_part.values[leaves] & ~found)
     if len(others):
+        near = leaves[others]
+        for _ in range(MORE_RINGS[-1]):
+            near = _with_neighbours(tree, near)
+        changed = np.intersect1d(changed, near, assume_unique=True)
         for _ in range(MORE_RINGS[-1] - 1):
             changed = _with_neighbours(tree, changed)
         found[others] = _are_at_vertices(tree, leaves[others], changed)
@@ -81,19 +116,6 @@ def _not_flat_enough(plan: Plan, leaves: IndexArray) -> IndexArray:
     return leaves[failed]
 
 
-def approximate_alone(plan: Plan, leaves: IndexArray) -> BoolArray:
-    """(leaves,) which have bounds of their own after all. Records them."""
-    tree, found = plan.tree, np.zeros(len(plan.tree.first_child), dtype=bool)
-    for cells in in_blocks(plan.cells.of(leaves)) if len(leaves) else ():
-        known = plan.approximations.without_star_bounds(cells.nodes)
-        approximation = plan.approximate(cells, tree.hanging(tree.slots(cells.nodes)), known)
-        chosen = np.flatnonzero(np.isfinite(approximation.bounds))
-        found[cells.nodes[chosen]] = True
-        plan.record(cells.nodes[chosen], approximation.at(chosen))
-        plan.report()
-    return found[leaves]
-
-
 def _are_at_vertices(tree: Quadtree, leaves: IndexArray, others: IndexArray) -> BoolArray:
     """(leaves,) those that share a vertex with one of the others, or are one."""
     if not len(leaves):
@@ -105,7 +127,7 @@ def _are_at_vertices(tree: Quadtree, leaves: IndexArray, others: IndexArray) -> 
 
 def _with_neighbours(tree: Quadtree, leaves: IndexArray) -> IndexArray:
     """Some leaves, and all at their vertices, in ascending order."""
-    around = np.flatnonzero(_faces_around(tree, leaves)[tree.base_faces] & (tree.first_child == NONE))
+    around = np.flatnonzero(_faces_around(tree, leaves).take(tree.base_faces) & (tree.first_child == NONE))
     return around[tree.share_a_vertex(around, leaves)]
 
 
@@ -116,32 +138,60 @@ def _faces_around(tree: Quadtree, nodes: IndexArray) -> BoolArray:
     marked = np.zeros(mesh.face_count, dtype=bool)
     marked[tree.base_faces[nodes]] = True
     at_vertices = np.zeros(mesh.vertex_count, dtype=bool)
-    at_vertices[mesh.corner_vertices[marked[mesh.corner_faces]]] = True
-    return np.logical_or.reduceat(at_vertices[mesh.corner_vertices], mesh.face_starts[:-1])
+    at_vertices[mesh.corner_vertices[marked.take(mesh.corner_faces)]] = True
+    return any_of_slots(at_vertices.take(mesh.corner_vertices), mesh.face_sizes)
 
 
 def _find_star_bounds(plan: Plan, wanted: IndexArray, rings: int) -> IndexArray:
     """Compute and record those of the wanted leaves, by stars of so many rings at most. Returns the leaves that exceed
-    the limit only because these are not wide enough."""
+    the limit only because these are not wide enough.
+
+    Error bounds of the leaves around take most of the time. So those that are not known are taken to be 0 first, and
+    are only found where that is within the limit.
+    """
     if not len(wanted):
         return wanted
-    tree, approximations, limit = plan.tree, plan.approximations, plan.request.limit
-    leaves = wanted
-    for _ in range(rings):
-        leaves = _with_neighbours(tree, leaves)
-    for cells in in_blocks(plan.cells.of(leaves[np.isinf(approximations.error_bounds(leaves)[0])])):
-        approximations.put_error_bounds(
-            cells.nodes, cells.error_bounds(approximations.without_neighbours(cells.nodes), limit)
-        )
+    approximations, around = plan.approximations, _around(plan, wanted, rings)
+    if not len(_without_error_bounds(plan, around)):
+        return _put_star_bounds(plan, wanted, around, rings, np.inf)
+    narrow = _put_star_bounds(plan, wanted, around, rings, 0.0)
+    left = wanted[approximations.star_bounds(wanted) <= plan.request.limit]
+    if not len(left):
+        return narrow
+    around = _around(plan, left, rings)
+    for cells in in_blocks(plan.cells.of(_without_error_bounds(plan, around))):
+        error_bounds = cells.error_bounds(approximations.without_neighbours(cells.nodes), plan.request.limit)
+        approximations.put_error_bounds(cells.nodes, error_bounds)
         plan.report()
-    drawn = triangles_around(tree, leaves, approximations.without_neighbours(leaves), plan.request.transitions)
-    nodes = leaves[drawn.leaves]
+    return np.union1d(narrow, _put_star_bounds(plan, left, around, rings, np.inf))
+
+
+def _around(plan: Plan, leaves: IndexArray, rings: int) -> IndexArray:
+    """Some leaves and so many rings around them, in ascending order."""
+    for _ in range(rings):
+        leaves = _with_neighbours(plan.tree, leaves)
+    return leaves
+
+
+def _without_error_bounds(plan: Plan, leaves: IndexArray) -> IndexArray:
+    """Those of some leaves without error bounds."""
+    return leaves[np.isinf(plan.approximations.error_bounds(leaves)[0])]
+
+
+def _put_star_bounds(plan: Plan, wanted: IndexArray, around: IndexArray, rings: int, unknown: float) -> IndexArray:
+    """Record the star bounds of the wanted leaves, where these and so many rings around them are drawn. unknown: what
+    stands for error bounds that are not known. Returns leaves as ``_find_star_bounds`` does."""
+    tree, approximations, limit = plan.tree, plan.approximations, plan.request.limit
+    drawn = triangles_around(tree, around, approximations.without_neighbours(around), plan.request.transitions)
+    nodes = around[drawn.leaves]
     is_wanted = np.zeros(len(tree.first_child), dtype=bool)
     is_wanted[wanted] = True
+    normal, tangential = (np.where(np.isinf(each), unknown, each) for each in approximations.error_bounds(nodes))
     found = star_bounds(
         plan.positions.of(drawn.used),
         drawn.corners,
-        *approximations.error_bounds(nodes),
+        normal,
+        tangential,
         drawn.closed,
         is_wanted[nodes],
         plan.request.rounding,
