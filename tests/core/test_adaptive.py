@@ -384,12 +384,13 @@ def approximated_anew(tree: Quadtree, request: AdaptiveRequest, *, alone: bool =
 
 
 def halves_of(tree: Quadtree, parents: BicubicCells) -> Iterator[BicubicCells]:
-    """The cells of the halves of quads, where these are halved."""
-    for half, (first, _) in enumerate(tree.covered.tolist()):
-        chosen = np.flatnonzero(parents.nodes == tree.parents[first])
+    """The cells of the halves of quads, where these are halved: halves that were not drawn in the end are no leaves."""
+    halves = tree.first_half + np.arange(len(tree.covered))
+    for half in halves[tree.first_child[halves] == NONE].tolist():
+        chosen = np.flatnonzero(parents.nodes == tree.parents[half])
         if len(chosen):
-            side = first - tree.first_child[parents.nodes[chosen[0]]]
-            yield parents.at(chosen).halves(int(side), tree.first_half + np.array([half]))
+            side = tree.covered[half - tree.first_half, 0] - tree.first_child[parents.nodes[chosen[0]]]
+            yield parents.at(chosen).halves(int(side), np.array([half]))
 
 
 @pytest.mark.parametrize("exponent", [-40, 40])
