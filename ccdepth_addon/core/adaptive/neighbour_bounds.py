@@ -144,54 +144,26 @@ def _faces_around(tree: Quadtree, nodes: IndexArray) -> BoolArray:
 
 def _find_star_bounds(plan: Plan, wanted: IndexArray, rings: int) -> IndexArray:
     """Compute and record those of the wanted leaves, by stars of so many rings at most. Returns the leaves that exceed
-    the limit only because these are not wide enough.
-
-    Error bounds of the leaves around take most of the time. So those that are not known are taken to be 0 first, and
-    are only found where that is within the limit.
-    """
+    the limit only because these are not wide enough."""
     if not len(wanted):
         return wanted
-    approximations, around = plan.approximations, _around(plan, wanted, rings)
-    if not len(_without_error_bounds(plan, around)):
-        return _put_star_bounds(plan, wanted, around, rings, np.inf)
-    narrow = _put_star_bounds(plan, wanted, around, rings, 0.0)
-    left = wanted[approximations.star_bounds(wanted) <= plan.request.limit]
-    if not len(left):
-        return narrow
-    around = _around(plan, left, rings)
-    for cells in in_blocks(plan.cells.of(_without_error_bounds(plan, around))):
-        error_bounds = cells.error_bounds(approximations.without_neighbours(cells.nodes), plan.request.limit)
-        approximations.put_error_bounds(cells.nodes, error_bounds)
-        plan.report()
-    return np.union1d(narrow, _put_star_bounds(plan, left, around, rings, np.inf))
-
-
-def _around(plan: Plan, leaves: IndexArray, rings: int) -> IndexArray:
-    """Some leaves and so many rings around them, in ascending order."""
-    for _ in range(rings):
-        leaves = _with_neighbours(plan.tree, leaves)
-    return leaves
-
-
-def _without_error_bounds(plan: Plan, leaves: IndexArray) -> IndexArray:
-    """Those of some leaves without error bounds."""
-    return leaves[np.isinf(plan.approximations.error_bounds(leaves)[0])]
-
-
-def _put_star_bounds(plan: Plan, wanted: IndexArray, around: IndexArray, rings: int, unknown: float) -> IndexArray:
-    """Record the star bounds of the wanted leaves, where these and so many rings around them are drawn. unknown: what
-    stands for error bounds that are not known. Returns leaves as ``_find_star_bounds`` does."""
     tree, approximations, limit = plan.tree, plan.approximations, plan.request.limit
-    drawn = triangles_around(tree, around, approximations.without_neighbours(around), plan.request.transitions)
-    nodes = around[drawn.leaves]
+    leaves = wanted
+    for _ in range(rings):
+        leaves = _with_neighbours(tree, leaves)
+    for cells in in_blocks(plan.cells.of(leaves[np.isinf(approximations.error_bounds(leaves)[0])])):
+        approximations.put_error_bounds(
+            cells.nodes, cells.error_bounds(approximations.without_neighbours(cells.nodes), limit)
+        )
+        plan.report()
+    drawn = triangles_around(tree, leaves, approximations.without_neighbours(leaves), plan.request.transitions)
+    nodes = leaves[drawn.leaves]
     is_wanted = np.zeros(len(tree.first_child), dtype=bool)
     is_wanted[wanted] = True
-    normal, tangential = (np.where(np.isinf(each), unknown, each) for each in approximations.error_bounds(nodes))
     found = star_bounds(
         plan.positions.of(drawn.used),
         drawn.corners,
-        normal,
-        tangential,
+        *approximations.error_bounds(nodes),
         drawn.closed,
         is_wanted[nodes],
         plan.request.rounding,
