@@ -1099,6 +1099,8 @@ CACHES = {
             LEAVES + "triangle_bounds.extraordinary_rows",
             LEAVES + "triangle_bounds._rows_of_pieces",
             LEAVES + "leaf_distance.extraordinary_hull_rows",
+            LEAVES + "shifted_bounds._centre_and_derivatives",
+            LEAVES + "shifted_bounds._rows",
             LEAVES + "fan_bounds._quarter_rows",
             SURFACE + "stencils.quad_stencils",
             DEVIATION + "bezier_pieces.BezierPieces.edge_units",
