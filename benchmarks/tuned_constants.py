@@ -722,6 +722,16 @@ def nothing(_: Any) -> Any:
     return lambda *_args, **_named: None
 
 
+def forgetting(erase: Any) -> Any:
+    """The next attempt at halves finds everything anew."""
+
+    def erased(drawn: Any) -> None:
+        erase(drawn)
+        drawn.forget()
+
+    return erased
+
+
 def no_norms(rough_bounds: Any) -> Any:
     """Bounds by the norm alone that say nothing."""
 
@@ -1007,6 +1017,7 @@ ENTRIES = [
     ),
     Entry(ADAPTIVE + "planner.halve", "no halves", by(nothing), (*SUZANNE, "adaptive, large")),
     Entry(ADAPTIVE + "halves.ATTEMPTS", "2", set_to(2), (*SUZANNE, "adaptive, large")),
+    Entry(ADAPTIVE + "halves._Drawn.erase", "attempts begin anew", by(forgetting), (*SUZANNE, "adaptive, large")),
     at_once(LEAVES + "leaf_distance.LEAVES_AT_ONCE", *NETS),
     Entry(LEAVES + "leaf_distance.SMALL_SQUARE", "1/8", set_to(1 / 8), EXTRAORDINARY),
     Entry(LEAVES + "leaf_distance.SMALL_SQUARE", "1/2048", set_to(1 / 2048), EXTRAORDINARY),
