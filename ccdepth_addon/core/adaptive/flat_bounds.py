@@ -241,7 +241,8 @@ def _beyond_border(
         past = ((starts[chosen] - moved[:, own]) * inward[chosen]).sum(axis=2) + reach[own] + slack[chosen]
         past = np.maximum(past, 0.0)
         part[:, own] = np.maximum(part[:, own], past / (past + depths[chosen]))
-    distances = (over + part * _lengths(moved - middle)).max(axis=0)
+    # The surface is off hull points by so much: as far past lines, and as much farther from the middle.
+    distances = (over + part * (_lengths(moved - middle) + reach + request.rounding)).max(axis=0)
     distances *= 1 + ROUNDING
     distances[leaves[~(depths > 0)]] = np.inf
     along, off = np.roll(points, -1, axis=0) - points, middle - points
