@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
+from typing import Any
 
 import numpy as np
 import pytest
@@ -155,3 +156,65 @@ def test_a_halved_tree_can_be_made_as_it_was() -> None:
     after = tree.hanging(slots), tree.midpoints[tree.slot_edges[slots]], tree.leaf_count
     for one, other in zip(before, after, strict=True):
         assert np.array_equal(one, other)
+
+
+def uneven_ramp() -> meshes.MeshData:
+    """A ramp that winds round, with uneven heights: 20 rows of three vertices."""
+    heights = np.random.default_rng(5051).choice([1.0, 0.1], size=(20, 3))
+    angles, radii = np.linspace(0, 8.4, 20)[:, None], np.linspace(0.05, 1, 3)
+    positions = np.stack([radii * np.cos(angles), radii * np.sin(angles), 0.02 * angles * heights], axis=-1)
+    return replace(meshes.grid(2, 19), positions=positions.reshape(-1, 3))
+
+
+def test_the_last_attempt_leaves_nothing_to_new_neighbours(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Here a leaf that was within the limit by itself has lost a vertex in its side, and would need its neighbours."""
+    monkeypatch.setattr(halves, "ATTEMPTS", 2)
+    exceeding: list[int] = []
+    bound_beside = halves._Drawn.bound_beside
+
+    def counted(drawn: halves._Drawn) -> IndexArray:
+        found = bound_beside(drawn)
+        exceeding.append(len(found))
+        return found
+
+    monkeypatch.setattr(halves._Drawn, "bound_beside", counted)
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(uneven_ramp()), smooth_corners=True)
+    request = request_of(mesh, 1.4e-4, Transitions.TRIANGLES)
+    found = subdivide_adaptively(mesh, request, mesh.positions)
+    first, last = exceeding
+    assert first > 0 == last
+    assert np.all(found.bounds <= request.limit)
+    soundness.assert_sound(mesh, found.mesh)
+    assert len(found.bounds) <= len(without_halves(mesh, request).bounds)
+
+
+def bent_plate() -> meshes.MeshData:
+    """A plate with an uneven grid, flat but for an end, where it is bent down."""
+    data = meshes.grid(10, 5)
+    x, y, _ = data.positions.T - [[5], [0], [0]]
+    angles, is_flat = np.clip(x - 1, 0, None) / 3, x <= 1
+    off = np.random.default_rng(1).uniform(-0.3, 0.3, (2, len(x))) * is_flat
+    z = np.where(is_flat, 0, 3 * np.cos(angles) - 3)
+    positions = np.stack([np.where(is_flat, x, 1 + 3 * np.sin(angles)) + off[0], y + off[1], z], axis=1)
+    return meshes.single_precision(replace(data, positions=positions))
+
+
+def test_leaves_keep_the_bounds_of_their_flat_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever changes around them: here all their neighbours are said to be drawn otherwise."""
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(bent_plate()), smooth_corners=True)
+    request = request_of(mesh, 3e-4, Transitions.TRIANGLES)
+    flat_leaves: list[IndexArray] = []
+    draw = halves._Drawn.draw
+
+    def drawn(self: halves._Drawn, *given: Any) -> None:
+        draw(self, *given)
+        plan = self._plan
+        flat_leaves.append(np.flatnonzero(plan.by_flat_part.values & (plan.tree.first_child == NONE)))
+        plan.approximated.put(plan.tree.leaves())
+
+    monkeypatch.setattr(halves._Drawn, "draw", drawn)
+    found = subdivide_adaptively(mesh, request, mesh.positions)
+    assert len(flat_leaves[-1])
+    assert np.all(found.bounds <= request.limit)
+    soundness.assert_sound(mesh, found.mesh)
+    assert len(found.bounds) < len(without_halves(mesh, request).bounds)

@@ -34,7 +34,8 @@ from .template_choice import off_lines
 CHORDS = (([4, 8, 6], [0, 7, 3], [1, 5, 2]), ([5, 8, 7], [1, 4, 0], [2, 6, 3]))
 
 # So many times quads are halved, without those around leaves that exceeded the limit before, farther and farther around
-# these; the last time without all beside leaves whose bounds depend on their neighbours, by which many are lost.
+# these; the last time without all beside leaves whose bounds depend on their neighbours, or would, by which many are
+# lost.
 ATTEMPTS = 6
 
 
@@ -49,11 +50,12 @@ def halve(plan: Plan) -> None:
     drawn, by_rings = _Drawn(plan, possible), plan.by_rings.values.copy()
     chosen = np.arange(len(possible.quads))
     for attempt in range(ATTEMPTS):
-        if attempt == ATTEMPTS - 1:
+        is_last = attempt == ATTEMPTS - 1
+        if is_last:
             drawn.forget()
             _add_stars(plan, stays, plan.approximations.unbounded(), by_rings)
         chosen = chosen[~stays[plan.tree.children_of_quads(possible.quads[chosen])].any(axis=0)]
-        others = _Others(plan, stays, possible.quads[chosen], possible.ends[:, chosen])
+        others = _Others(plan, stays, possible.quads[chosen], possible.ends[:, chosen], alone=is_last)
         chosen = _settle(plan, possible, chosen, others)
         drawn.draw(chosen, others, stays)
         exceeding = drawn.bound_beside()
@@ -75,6 +77,8 @@ class _Drawn:
         self._plan, self._possible = plan, possible
         self._halves = plan.tree.halves(possible.quads, possible.sides)
         self._before: list[tuple[IndexArray, LeafApproximation]] = []
+        # The bounds of flat parts depend on how all leaves over these are drawn.
+        self._settled = plan.flat_parts.is_flat(plan.tree.base_faces)
         self._start()
 
     def _start(self) -> None:
@@ -123,7 +127,7 @@ class _Drawn:
         plan = self._plan
         while True:
             plan.report()
-            found = bound_changed(plan)
+            found = bound_changed(plan, self._settled)
             self._before.append((found.exceeding, found.before))
             self._redrawn = np.union1d(self._redrawn, found.redrawn)
             if not len(found.redrawn):
@@ -322,9 +326,10 @@ class _Others:
     (V + 1,) the vertices at which some leaf has a corner, or where one may stay; the last stands for NONE.
     """
 
-    def __init__(self, plan: Plan, stays: BoolArray, quads: IndexArray, ends: IndexArray) -> None:
-        """quads: those to be halved, and ends: as in ``_Halves``, of these."""
-        self._plan, self._tree = plan, plan.tree
+    def __init__(self, plan: Plan, stays: BoolArray, quads: IndexArray, ends: IndexArray, *, alone: bool) -> None:
+        """quads: those to be halved, and ends: as in ``_Halves``, of these. alone: whether leaves with fewer split
+        sides have to be within the limit without their neighbours."""
+        self._plan, self._tree, self._alone = plan, plan.tree, alone
         tree, is_leaf = self._tree, self._tree.first_child == NONE
         is_leaf[tree.children_of_quads(quads)] = False
         self.corners = np.zeros(len(tree.vertex_edges) + 1, dtype=bool)
@@ -387,7 +392,8 @@ class _Others:
         self._split_sides[changed] = counts
         exceeding = []
         for cells in in_blocks(plan.cells.of(new)) if len(new) else ():
-            own = plan.approximate(cells, self._hanging(cells.nodes))
+            known = LeafApproximation.none(len(cells.nodes)) if self._alone else None
+            own = plan.approximate(cells, self._hanging(cells.nodes), known)
             self._found.append((cells.nodes, own))
             exceeding.append(cells.nodes[~own.accepted])
             plan.report()

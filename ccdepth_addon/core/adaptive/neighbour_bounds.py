@@ -52,12 +52,17 @@ class ChangedBounds:
     failed: IndexArray
 
 
-def bound_changed(plan: Plan) -> ChangedBounds:
+def bound_changed(plan: Plan, settled: BoolArray | None = None) -> ChangedBounds:
     """Compute and record anew those star bounds that may have changed; where these exceed the limit, bounds of the
-    leaves alone, which may be drawn otherwise then."""
+    leaves alone, which may be drawn otherwise then.
+
+    settled: (nodes,) leaves that have to be drawn as they are, and keep the bounds of their flat parts.
+    """
     approximations = plan.approximations
     unbounded = approximations.unbounded()
     wanted = unbounded[_may_have_changed(plan, unbounded, plan.approximated.take_leaves())]
+    if settled is not None:
+        wanted = wanted[~(settled[wanted] & plan.by_flat_part.values[wanted])]
     narrow = _find_star_bounds(plan, wanted, 1)
     plan.by_rings.values[wanted] = False
     plan.by_rings.values[narrow] = True
@@ -65,8 +70,9 @@ def bound_changed(plan: Plan) -> ChangedBounds:
         narrow = _find_star_bounds(plan, narrow, rings)
     exceeding = wanted[approximations.star_bounds(wanted) > plan.request.limit]
     before, alone = approximations.without_star_bounds(exceeding), _alone(plan, exceeding)
-    plan.record(exceeding[alone.accepted], alone.at(np.flatnonzero(alone.accepted)))
-    return ChangedBounds(wanted, exceeding, before, exceeding[alone.accepted], exceeding[~alone.accepted])
+    accepted = alone.accepted if settled is None else alone.accepted & ~settled[exceeding]
+    plan.record(exceeding[accepted], alone.at(np.flatnonzero(accepted)))
+    return ChangedBounds(wanted, exceeding, before, exceeding[accepted], exceeding[~accepted])
 
 
 def _alone(plan: Plan, leaves: IndexArray) -> LeafApproximation:
