@@ -110,6 +110,17 @@ def landscape(columns: int, rows: int, seed: int = 1) -> MeshData:
     return replace(data, positions=np.stack([x, y, heights], axis=1))
 
 
+def bent_plate() -> MeshData:
+    """A plate with an uneven grid, flat but for an end, where it is bent down."""
+    data = grid(10, 5)
+    x, y, _ = data.positions.T - [[5], [0], [0]]
+    angles, is_flat = np.clip(x - 1, 0, None) / 3, x <= 1
+    off = np.random.default_rng(1).uniform(-0.3, 0.3, (2, len(x))) * is_flat
+    z = np.where(is_flat, 0, 3 * np.cos(angles) - 3)
+    positions = np.stack([np.where(is_flat, x, 1 + 3 * np.sin(angles)) + off[0], y + off[1], z], axis=1)
+    return single_precision(replace(data, positions=positions))
+
+
 def torus(major: int, minor: int) -> MeshData:
     """major × minor quads, all vertices regular; radii 2 and 0.75."""
     i, j = np.mgrid[:major, :minor]

@@ -3,16 +3,22 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from ccdepth_addon.core.adaptive import neighbour_bounds, planner
 from ccdepth_addon.core.adaptive.flat_parts import NONE, FlatParts
+from ccdepth_addon.core.adaptive.leaf_approximation import LeafApproximation
+from ccdepth_addon.core.adaptive.plan import Plan
 from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, subdivide_adaptively
 from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import measure_deviation
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.progress import no_report
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 
@@ -154,3 +160,24 @@ def fine_cube() -> meshes.MeshData:
                     faces.append([points.setdefault(place, len(points)) for place in places[:: int(side)]])
     corner_vertices = np.array(faces).ravel()
     return meshes.MeshData(np.array(list(points)), np.full(len(faces), 4), corner_vertices)
+
+
+def test_a_leaf_that_gets_a_bound_of_its_own_is_no_longer_bounded_by_its_flat_part(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    mesh = explicit(meshes.bent_plate())
+    request = AdaptiveRequest(3e-4 * diagonal_of(mesh), Mode.ADAPTIVE, Transitions.TRIANGLES, 10_000)
+    plan = Plan(mesh, request, np.zeros(mesh.face_count, dtype=np.int8), no_report)
+    planner._settle(plan)
+    leaves = np.flatnonzero(plan.by_flat_part.values & (plan.tree.first_child == NONE))
+    assert len(leaves)
+
+    def alone(plan: Plan, exceeding: IndexArray) -> LeafApproximation:
+        known = plan.approximations.without_star_bounds(exceeding)
+        return replace(known, bounds=np.full(len(exceeding), request.limit), alone=np.ones(len(exceeding), dtype=bool))
+
+    monkeypatch.setattr(neighbour_bounds, "_alone", alone)
+    plan.approximated.put(leaves)
+    assert not len(neighbour_bounds.bound_along_surface(plan))
+    assert np.all(plan.approximations.of(leaves).bounds == request.limit)
+    assert not np.any(plan.by_flat_part.values[leaves])

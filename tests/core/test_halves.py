@@ -188,20 +188,9 @@ def test_the_last_attempt_leaves_nothing_to_new_neighbours(monkeypatch: pytest.M
     assert len(found.bounds) <= len(without_halves(mesh, request).bounds)
 
 
-def bent_plate() -> meshes.MeshData:
-    """A plate with an uneven grid, flat but for an end, where it is bent down."""
-    data = meshes.grid(10, 5)
-    x, y, _ = data.positions.T - [[5], [0], [0]]
-    angles, is_flat = np.clip(x - 1, 0, None) / 3, x <= 1
-    off = np.random.default_rng(1).uniform(-0.3, 0.3, (2, len(x))) * is_flat
-    z = np.where(is_flat, 0, 3 * np.cos(angles) - 3)
-    positions = np.stack([np.where(is_flat, x, 1 + 3 * np.sin(angles)) + off[0], y + off[1], z], axis=1)
-    return meshes.single_precision(replace(data, positions=positions))
-
-
 def test_leaves_keep_the_bounds_of_their_flat_parts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Whatever changes around them: here all their neighbours are said to be drawn otherwise."""
-    mesh = apply_boundary_rule(meshes.to_polygon_mesh(bent_plate()), smooth_corners=True)
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.bent_plate()), smooth_corners=True)
     request = request_of(mesh, 3e-4, Transitions.TRIANGLES)
     flat_leaves: list[IndexArray] = []
     draw = halves._Drawn.draw
