@@ -20,6 +20,9 @@ DEPTHS, LEVELS, SUBDIVIDE, MEASURE = "depths", "levels", "subdivide", "measure"
 # What makes meshes that other formats can hold.
 MAKING = {LEVELS, SUBDIVIDE}
 
+# What is done on several frames.
+OVER_FRAMES = {DEPTHS, LEVELS}
+
 STANDARD_OUTPUT = "-"
 
 # Instead of a list of frames.
@@ -262,7 +265,7 @@ def _fault(options: argparse.Namespace) -> str | None:
         return "--draw is for --gather with --html"
     if options.levels and options.subdivide:
         return "--levels and --subdivide cannot be used together"
-    if options.frames is not None and action_of(options) not in (DEPTHS, LEVELS):
+    if options.frames is not None and action_of(options) not in OVER_FRAMES:
         return "--frames is for depths and --levels"
     if options.output is not None and options.output_folder is not None:
         return "--output and --output-folder cannot be used together"

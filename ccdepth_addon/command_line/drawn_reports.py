@@ -21,7 +21,7 @@ def drawn(action: str, entry: FileEntry) -> FileEntry:
         return replace(entry, undrawn=fault)
     try:
         objects = reopened(action, entry)
-        levels = [levels_of(each) for each in objects]
+        levels = levels_of(objects, action)
         shown = [each.shown for each in ACTIONS[action](objects, settings_of(action))]
         return replace(entry, illustrations=illustrations(shown, levels))
     except (CommandError, PictureError, OSError, ValueError) as fault:

@@ -14,9 +14,11 @@ import numpy as np
 from ..core import METHODS
 from ..state.properties import scene_tolerance
 from ..tasks.depth_task import MeshDepths, compute_depths, depth_settings, prepare_depths
+from ..tasks.frames import chosen_frames
 from ..tasks.stepwise import Stepwise
 from ..tasks.surfaces import ComputeError
 from . import picture
+from .arguments import OVER_FRAMES
 from .blender_calls import CommandError
 from .illustration import Illustration, Levels, MethodLevel
 from .report_text import settings_text
@@ -25,32 +27,40 @@ from .report_text import settings_text
 PICTURE_SIZE = 0.65
 
 
-def levels_of(blender_object: bpy.types.Object) -> Levels:
-    """The levels of an object by the scene's settings; nothing is written to its mesh. Raises CommandError."""
+def levels_of(objects: Sequence[bpy.types.Object], action: str) -> list[Levels]:
+    """The levels of objects by the scene's settings, on the frames that the action takes; nothing is written to their
+    meshes. Raises CommandError."""
     chosen = bpy.context.scene.ccdepth.method
-    answers = {method: _depths(blender_object, method) for method in METHODS}
-    counts = np.bincount(answers[chosen].depths)
+    answers = {method: _depths(objects, action, method) for method in METHODS}
+    return [_levels(chosen, {method: by_name[each.name] for method, by_name in answers.items()}) for each in objects]
+
+
+def _levels(chosen: str, by_method: dict[str, MeshDepths]) -> Levels:
+    counts = np.bincount(by_method[chosen].depths)
     return Levels(
         chosen,
         tuple((depth, int(counts[depth])) for depth in np.flatnonzero(counts).tolist()),
         tuple(
             MethodLevel(method, max(each.deepest, each.added_deepest), each.uniform_level, each.uniform_faces)
-            for method, each in answers.items()
+            for method, each in by_method.items()
         ),
     )
 
 
-def _depths(blender_object: bpy.types.Object, method: str) -> MeshDepths:
-    settings = bpy.context.scene.ccdepth
-    by_method = replace(depth_settings(settings, scene_tolerance(settings), frames=""), method=method)
-    reading = Stepwise(prepare_depths(bpy.context, [blender_object], by_method))
+def _depths(objects: Sequence[bpy.types.Object], action: str, method: str) -> dict[str, MeshDepths]:
+    """The depths of the objects' meshes, by the names of the objects: they may share one."""
+    scene = bpy.context.scene
+    settings = scene.ccdepth
+    frames = chosen_frames(scene, settings.frames, settings.frame_list) if action in OVER_FRAMES else ""
+    by_method = replace(depth_settings(settings, scene_tolerance(settings), frames), method=method)
+    reading = Stepwise(prepare_depths(bpy.context, objects, by_method))
     try:
         reading.work()
         assert reading.answer is not None
-        [answer] = compute_depths(reading.answer)
+        answers = compute_depths(reading.answer)
     except ComputeError as fault:
         raise CommandError(str(fault)) from fault
-    return answer
+    return {name: each for each in answers for name in each.task.object_names}
 
 
 def illustrations(shown: Sequence[bpy.types.Object], levels: Sequence[Levels]) -> tuple[Illustration, ...]:

@@ -89,7 +89,7 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     unit = scene_unit(bpy.context.scene)
     is_checked = action in MAKING and output is not None and is_measured(options)
     targets = surfaces_of(objects) if is_checked else []
-    levels = [levels_of(each) for each in objects] if options.illustrations else []
+    levels = levels_of(objects, action) if options.illustrations else []
     outcomes = ACTIONS[action](objects, settings_of(action))
     shown = [each.shown for each in outcomes]
     entry = FileEntry(None if source is None else stamp(source, unit), tuple(each.entry for each in outcomes))

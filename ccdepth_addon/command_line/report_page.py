@@ -216,6 +216,8 @@ def _facts(entry: ObjectEntry) -> list[tuple[str, str]]:
         facts.append(("Deepest depth", str(entry.deepest)))
     if entry.level is not None:
         facts.append(("Level for all faces", str(entry.level)))
+    if entry.worst_frame is not None:
+        facts.append(("Worst frame", str(entry.worst_frame)))
     if entry.result_faces is not None:
         facts.append(("Faces at that level" if entry.result is None else "Faces made", f"{entry.result_faces:,}"))
     if entry.triangles is not None:

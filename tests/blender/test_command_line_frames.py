@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import csv
+import re
 from pathlib import Path
 
 import bpy
@@ -68,6 +69,20 @@ def test_the_level_over_frames_is_set_in_the_file(animated: Path, tmp_path: Path
     addon.compute(holder, tolerance=0.004, method="CERTIFIED", frames="CURRENT")
     assert np.all(addon.depths(holder) <= over_frames)
     assert np.any(addon.depths(holder) < over_frames)
+
+
+def test_the_page_is_about_the_same_frames(animated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Numbers, histogram and methods alike. At the frame of the file the cube is less deep."""
+    monkeypatch.setattr(addon.module("command_line.picture"), "SAMPLES", 1)
+    html = tmp_path / "report.html"
+    assert run(animated, *LINE, "--frames", "scene", "--html", html) == 0
+    text = re.sub(r"<[^>]*>", "|", html.read_text(encoding="utf-8"))
+    deepest, worst = expected()
+    record = next(each.data for each in bpy.data.objects if each.type == "MESH").ccdepth
+    assert f"|Worst frame||{worst}|" in text
+    assert f"|Certified||{deepest}||{record.uniform_level}||{int(record.uniform_faces):,}|" in text
+    for row in record.rows:
+        assert f"|{row.depth}|||{row.faces:,} ({row.faces / record.faces:.1%})|" in text
 
 
 def test_without_frames_none_is_named(animated: Path, tmp_path: Path) -> None:

@@ -140,6 +140,22 @@ def test_the_numbers_of_a_page_are_those_of_compute_depth(tmp_path: Path) -> Non
                 assert f"{depth}{faces:,} ({faces / sum(counts.values()):.1%})" in page.text
 
 
+def test_objects_that_share_a_mesh_have_its_numbers(tmp_path: Path) -> None:
+    """Its depths are those that the larger one needs."""
+    small = scene.add_object(meshes.cube(), "Small")
+    large = bpy.data.objects.new("Large", small.data)
+    bpy.context.scene.collection.objects.link(large)
+    large.scale = (4.0, 4.0, 4.0)
+    large.location.x = 10.0
+    source, json_file = save(tmp_path / "cubes.blend"), tmp_path / "report.json"
+    assert run(source, *LINE, "--html", tmp_path / "report.html", "--json", json_file) == 0
+    page = parsed((tmp_path / "report.html").read_text(encoding="utf-8"))
+    deepest = {each.deepest for each in report.read_report(json_file).files[0].objects}
+    assert len(deepest) == 1
+    # Method, deepest depth and level: the faces of a cube are alike.
+    assert page.text.count("Certified{0}{0}".format(*deepest)) == 2
+
+
 def test_other_processes_make_the_same_page(tmp_path: Path) -> None:
     scene.add_object(meshes.cube())
     save(tmp_path / "one.blend")
