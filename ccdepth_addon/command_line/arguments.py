@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from collections.abc import Callable, Sequence
 from math import isfinite, nan
 from pathlib import Path
@@ -13,7 +14,7 @@ from ..core import METHODS, VERTICES, Mode, Transitions
 from ..tasks.frames import typed_frames
 from ..tasks.surfaces import ComputeError
 from .amounts import UNITS, face_budget, face_limit, typed_tolerance
-from .mesh_files import BLEND, INPUTS, OUTPUTS, names_of
+from .mesh_files import BLEND, COMPANIONS, INPUTS, OUTPUTS, names_of
 
 DEPTHS, LEVELS, SUBDIVIDE, MEASURE = "depths", "levels", "subdivide", "measure"
 
@@ -24,6 +25,9 @@ MAKING = {LEVELS, SUBDIVIDE}
 OVER_FRAMES = {DEPTHS, LEVELS}
 
 STANDARD_OUTPUT = "-"
+
+# What --gather goes with.
+GATHERING = {"gather", "json", "csv", "html", "illustrations", "draw", "overwrite"}
 
 # Instead of a list of frames.
 SCENE_RANGE = "scene"
@@ -60,10 +64,15 @@ class Parser(argparse.ArgumentParser):
                 self.error(f"a tolerance of {options.tolerance} is not {options.tolerance_mode.lower()}")
             options.tolerance_mode = options.tolerance.mode
         options.illustrations |= options.html is not None
-        fault = _fault(options)
+        fault = _fault(options, self._given(options))
         if fault is not None:
             self.error(fault)
         return options
+
+    def _given(self, options: argparse.Namespace) -> set[str]:
+        """What was given, by the names that the options have here."""
+        values = {each.dest: (getattr(options, each.dest, each.default), each.default) for each in self._actions}
+        return {name for name, (value, default) in values.items() if value not in (default, [])}
 
     def arguments_for_others(self, options: argparse.Namespace) -> list[str]:
         """The arguments of a process that does the same, but for the files and the reports."""
@@ -253,16 +262,20 @@ def _writes_meshes(options: argparse.Namespace) -> bool:
     return action_of(options) in MAKING and (options.output or options.output_folder) is not None
 
 
-def _fault(options: argparse.Namespace) -> str | None:
-    """What is wrong with the command line, if anything is."""
+def _fault(options: argparse.Namespace, given: set[str]) -> str | None:
+    """What is wrong with the command line, if anything is. given: the names of the options that are there."""
     sources: list[Path | None] = options.files or [None]
     outputs = [output_of(source, options) for source in sources]
-    if options.verify is not None and (options.files or outputs[0] or is_measured(options) or options.picture):
+    if options.verify is not None and given != {"verify"}:
         return "--verify takes a report and nothing else"
     if options.gather is not None:
-        return _gathering_fault(options)
+        return _gathering_fault(options, given)
     if options.draw:
         return "--draw is for --gather with --html"
+    # Other processes are given their files later.
+    names = [] if options.files or options.worker else options.objects or []
+    if any(Path(name).suffix.lower() in INPUTS for name in names):
+        return "--objects takes all that follows it for names: put the files before it"
     if options.levels and options.subdivide:
         return "--levels and --subdivide cannot be used together"
     if options.frames is not None and action_of(options) not in OVER_FRAMES:
@@ -280,9 +293,9 @@ def _fault(options: argparse.Namespace) -> str | None:
     return _output_fault(options, outputs)
 
 
-def _gathering_fault(options: argparse.Namespace) -> str | None:
-    if options.files or options.output or options.output_folder or options.picture or options.verify:
-        return "--gather takes a folder of reports and nothing else"
+def _gathering_fault(options: argparse.Namespace, given: set[str]) -> str | None:
+    if given - GATHERING:
+        return "--gather takes a folder of reports and nothing else but --json, --csv, --html, --draw and --overwrite"
     if not (options.json or options.csv or options.html):
         return "--gather writes a report: use --json, --csv or --html as well"
     if options.draw and not options.html:
@@ -301,14 +314,21 @@ def _output_fault(options: argparse.Namespace, outputs: list[Path | None]) -> st
     if makes and options.measure and not suffixes:
         return "--measure measures what was written: use --output as well"
     reports = [Path(name) for name in (options.json, options.csv, options.html) if name not in (None, STANDARD_OUTPUT)]
-    others = [path.absolute() for path in (*reports, options.picture) if path is not None]
-    places = [*(output.absolute() for output in outputs if output is not None), *others]
+    others = [_place(path) for path in (*reports, options.picture) if path is not None]
+    written = [output for output in outputs if output is not None]
+    belonging = [output.with_suffix(each) for output in written for each in COMPANIONS.get(output.suffix.lower(), ())]
+    places = [*map(_place, (*written, *belonging)), *others]
     twice = next((place for place in places if places.count(place) > 1), None)
     if twice is not None:
         return f"several files would be written to {twice}"
-    sources = {source.absolute() for source in options.files}
+    sources = {_place(source) for source in options.files}
     replaced = next((place for place in others if place in sources), None)
     return None if replaced is None else f"{replaced} is read, and would be replaced"
+
+
+def _place(path: Path) -> Path:
+    """Where a file really is: there may be several ways to it."""
+    return Path(os.path.realpath(path))
 
 
 def _name(text: str) -> str:

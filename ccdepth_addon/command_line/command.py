@@ -136,6 +136,8 @@ def _one_after_the_other(
             print(f"{printable(str(source))}:", flush=True)
         try:
             entry = process_file(source, options)
+            # Before the line that says it is done.
+            sys.stdout.flush()
         except FAULTS as fault:
             entry = _failed(source, str(fault))
         except Exception as fault:

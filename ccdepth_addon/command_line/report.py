@@ -102,7 +102,7 @@ class FileEntry:
 
     @property
     def name(self) -> str:
-        return "Suzanne" if self.source is None else str(self.source.path)
+        return name_of(None if self.source is None else self.source.path)
 
 
 @dataclass(frozen=True)
@@ -115,6 +115,11 @@ class Report:
     @property
     def is_good(self) -> bool:
         return all(each.is_good for each in self.files)
+
+
+def name_of(source: Path | None) -> str:
+    """What a file is called: as it was given, and Blender's Suzanne, which is none, by its name."""
+    return "Suzanne" if source is None else str(source)
 
 
 def up_to(length: float, metres_per_unit: float) -> float:
@@ -192,6 +197,8 @@ def gathered_reports(folder: Path) -> Report:
     have the same file; and OSError.
     """
     paths = sorted(folder.glob("*.json"))
+    if not folder.is_dir():
+        raise ReportError(f"{folder}: there is no such folder")
     if not paths:
         raise ReportError(f"{folder}: there are no reports in it")
     reports = [read_report(path) for path in paths]
@@ -210,7 +217,7 @@ def gathered_reports(folder: Path) -> Report:
 
 
 def read_report(path: Path) -> Report:
-    """The report in a JSON file. Raises ReportError and OSError."""
+    """The report in a JSON file. Raises ReportError."""
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
         if content["format"] != FORMAT:
@@ -219,6 +226,8 @@ def read_report(path: Path) -> Report:
             raise ReportError(f"{path}: a report of version {content['version']} cannot be read, only {FORMAT_VERSION}")
         report = Report(content["action"], tuple(_file_entry(each, path.parent) for each in content["files"]))
         verdicts = [content["met"], *(each["met"] for each in content["files"])]
+    except OSError as fault:
+        raise ReportError(f"{path}: it cannot be read: {fault.strerror}") from fault
     except (AttributeError, KeyError, TypeError, ValueError, RecursionError) as fault:
         if isinstance(fault, ReportError):
             raise

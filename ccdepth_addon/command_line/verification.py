@@ -28,7 +28,7 @@ EXACT = ("faces", "deepest", "level", "result_faces", "worst_frame")
 def verify(path: Path) -> bool:
     """Check all that a report says, and print it; returns whether all of it is so and every tolerance is met.
 
-    Raises ReportError and OSError when it cannot be read.
+    Raises ReportError when it cannot be read.
     """
     report = read_report(path)
     are_good = []

@@ -122,6 +122,8 @@ def test_the_settings_of_a_file_are_used_unless_others_are_given(tmp_path: Path)
         (["--tolerance", "1e39"], "The tolerance is too large a number"),
         (["--tolerance", "1e-12"], "single-precision"),
         (["nowhere.obj"], "there is no such file"),
+        (["--objects", "Cube"], "ccdepth: Suzanne: there is no mesh object “Cube” in it"),
+        (["--collection", "Some"], "ccdepth: Suzanne: there is no collection “Some” in it"),
         (["mesh.xyz"], "not a .blend, .obj, .ply, .stl,"),
         (["--picture", "picture.jpg"], "its name must end in .png"),
         (["--picture", "nowhere/picture.png"], "there is no folder"),
@@ -182,11 +184,36 @@ def test_a_file_that_holds_no_mesh_is_refused(tmp_path: Path, capfd: pytest.Capt
         ["mesh.obj", "--json", "mesh.obj", "--overwrite"],
         ["mesh.png", "--picture", "mesh.png", "--overwrite"],
         ["mesh.obj", "--verify", "report.json"],
+        # What would be taken no notice of.
+        ["--verify", "report.json", "--tolerance", "1mm"],
+        ["--verify", "report.json", "--levels"],
+        ["--verify", "report.json", "--overwrite"],
+        # Another way to the same place.
+        ["mesh.obj", "--json", "./nowhere/../mesh.obj", "--overwrite"],
+        ["--json", "same", "--csv", "./nowhere/../same", "--overwrite"],
+        # The materials of an .obj file go there.
+        ["--subdivide", "--output", "same.obj", "--json", "same.mtl", "--overwrite"],
+        ["--objects", "Cube", "mesh.blend"],
     ],
 )
 def test_a_line_that_makes_no_sense_is_refused(capfd: pytest.CaptureFixture[str], arguments: list[str]) -> None:
     assert run(*arguments) == 2
     assert "usage: ccdepth" in capfd.readouterr().err
+
+
+def test_a_report_does_not_follow_a_link_to_a_file_that_is_read(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    mesh, link = tmp_path / "mesh.obj", tmp_path / "report.json"
+    mesh.write_text("precious")
+    try:
+        link.symlink_to(mesh)
+    except OSError:
+        pytest.skip("no links can be made here")
+    for line in ([mesh, "--json", link], [link, "--csv", mesh]):
+        assert run(*line, "--overwrite") == 2
+        assert "mesh.obj is read, and would be replaced" in capfd.readouterr().err
+    assert mesh.read_text() == "precious"
 
 
 def test_help_is_no_failure(capfd: pytest.CaptureFixture[str]) -> None:

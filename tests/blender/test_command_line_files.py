@@ -193,6 +193,11 @@ def test_chosen_objects_alone(tmp_path: Path, capfd: pytest.CaptureFixture[str])
     bpy.context.scene.collection.children.link(collection)
     for name in ("One", "-Two"):
         collection.objects.link(bpy.data.objects[name])
+    for name in ("Empty", "Excluded"):
+        bpy.context.scene.collection.children.link(bpy.data.collections.new(name))
+    bpy.data.collections["Excluded"].objects.link(scene.add_object(meshes.cube(), "Four"))
+    bpy.context.scene.collection.objects.unlink(bpy.data.objects["Four"])
+    bpy.context.view_layer.layer_collection.children["Excluded"].exclude = True
     save(path)
     for line, expected in (
         (["--objects", "One", "Three"], {"One", "Three"}),
@@ -207,7 +212,9 @@ def test_chosen_objects_alone(tmp_path: Path, capfd: pytest.CaptureFixture[str])
     for line, message in (
         (["--objects", "Four"], "no mesh object “Four”"),
         (["--collection", "None"], "no collection “None”"),
-        (["--collection", "Some", "--objects", "Three"], "no mesh object “Three”"),
+        (["--collection", "Some", "--objects", "Three"], "no mesh object “Three” in its collection “Some”"),
+        (["--collection", "Empty"], "no mesh object in its collection “Empty”\n"),
+        (["--collection", "Excluded"], "no mesh object in its collection “Excluded” that is not hidden"),
     ):
         assert run(path, *line) == 1
         assert message in capfd.readouterr().err

@@ -75,11 +75,15 @@ def test_reports_that_make_no_whole(
 def test_an_empty_folder_has_no_report(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     assert run("--gather", tmp_path, "--csv", tmp_path / "all.csv") == 1
     assert "there are no reports in it" in capfd.readouterr().err
+    assert run("--gather", tmp_path / "nowhere", "--csv", tmp_path / "all.csv") == 1
+    assert "there is no such folder" in capfd.readouterr().err
 
 
 def test_lines_that_make_no_sense(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     for line, message in (
         (["part.blend", "--gather", tmp_path, "--json", "-"], "takes a folder of reports and nothing else"),
+        (["--gather", tmp_path, "--json", "-", "--tolerance", "1mm"], "takes a folder of reports and nothing else"),
+        (["--gather", tmp_path, "--json", "-", "--jobs", "2"], "takes a folder of reports and nothing else"),
         (["--gather", tmp_path], "--gather writes a report"),
         (["--gather", tmp_path, "--json", "-", "--draw"], "--draw is for --gather with --html"),
         (["--html", "-", "--draw"], "--draw is for --gather with --html"),

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -114,6 +115,26 @@ done, command.process_file = command.process_file, deadly_or_done
         text += f"runpy.run_path({str(CHECKOUT / 'scripts' / 'heat_map.py')!r})"
     script.write_text(text, encoding="utf-8")
     return command
+
+
+def test_what_is_told_of_a_file_is_in_order(tmp_path: Path) -> None:
+    """In one log of the standard output and the standard error, as farms keep it; objects may have a file's name."""
+    buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
+    names = ["one", "two"]
+    for name in names:
+        scene.clear()
+        scene.add_object(meshes.cube(), f"{name}.obj")
+        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "cubes.blend"), copy=True)
+        (tmp_path / "cubes.blend").rename(tmp_path / f"{name}.blend")
+    for jobs in ([], ["--jobs", "1"]):
+        line = [*program(), "one.blend", "two.blend", *jobs]
+        to_one = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+        log = subprocess.run(line, timeout=300, cwd=tmp_path, env=buffered, check=True, **to_one).stdout
+        order = [log.index("\none.obj\n"), log.index("1 of 2 files done"), log.index("\ntwo.obj\n")]
+        assert order == sorted(order)
+        assert log.index("2 of 2 files done") > order[-1]
+    run = ended(tmp_path, "one.blend", "--jobs", "1", "--objects", "one.obj")
+    assert run.returncode == 0, run.stderr
 
 
 def test_a_process_that_ends_before_its_file_is_done_is_the_failure_of_that_file(

@@ -315,7 +315,9 @@ def test_what_is_no_report(tmp_path: Path, text: str, message: str, capfd: pytes
     (tmp_path / "report.json").write_text(text)
     assert run("--verify", tmp_path / "report.json") == 1
     assert message in capfd.readouterr().err
-    assert run("--verify", tmp_path / "nowhere.json") == 1
+    for name in ("nowhere.json", "."):
+        assert run("--verify", tmp_path / name) == 1
+        assert f"ccdepth: {tmp_path / name}: it cannot be read: " in capfd.readouterr().err
 
 
 def test_names_that_are_not_unicode_stand_in_the_reports(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
