@@ -113,15 +113,20 @@ def _split(whole: Measured, written: Sequence[WrittenObject]) -> list[Measured]:
 
 def _matched(found: list[Measured], written: Sequence[WrittenObject]) -> list[Measured]:
     """The objects of a file by their names, as far as the format keeps them."""
-    for kept in (str, _letters_and_digits, _ascii):
+    for kept in (str, _without_spaces, _letters_and_digits, _ascii):
         by_name = {kept(each.object_name): each for each in found}
         if len(by_name) == len(found) and by_name.keys() == {kept(each.name) for each in written}:
             return [by_name[kept(each.name)] for each in written]
     raise CommandError("its objects are not those that were written, or cannot be told by their names")
 
 
+def _without_spaces(name: str) -> str:
+    """What .obj files keep of a name."""
+    return name.replace(" ", "_")
+
+
 def _letters_and_digits(name: str) -> str:
-    """What .obj and .usd files keep of a name."""
+    """What .usd files keep of a name."""
     return re.sub(r"[\W_]+", "_", name).strip("_")
 
 

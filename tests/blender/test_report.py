@@ -160,6 +160,14 @@ def test_a_certificate_holds_until_something_is_changed(
     assert "cannot be read" in capfd.readouterr().out
 
 
+@pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply", ".glb"])
+def test_objects_are_told_by_names_that_are_much_alike(tmp_path: Path, suffix: str) -> None:
+    source, report = save_cubes(tmp_path / "cubes.blend", "Cube.001", "Cube_001", "cube.001"), tmp_path / "report.json"
+    assert run(source, "--subdivide", *LINE, "--output", tmp_path / f"out{suffix}", "--json", report) == 0
+    assert [each["met"] for each in report_in(report)["files"][0]["objects"]] == [True] * 3
+    assert run("--verify", report) == 0
+
+
 @pytest.mark.mathematics
 @pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply", ".glb", ".usdc"])
 def test_a_tolerance_that_is_nearly_reached_is_shown_to_be_met(tmp_path: Path, suffix: str) -> None:
