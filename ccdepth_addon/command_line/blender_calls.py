@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from typing import Any
 
 import bpy
@@ -24,7 +25,7 @@ def call(operator: Any, **properties: Any) -> None:
 
 def _report_in(message: str) -> str:
     """What an operator reported; of one that is written in Python and went wrong, what it raised."""
-    text = message.replace("Error: ", "").strip()
+    text = re.sub(r"^Error: ", "", message, flags=re.MULTILINE).strip()
     if "Traceback (most recent call last)" not in text:
         return text
     raised = [line for line in text.splitlines() if line and not line.startswith((" ", "Location:"))]

@@ -136,8 +136,9 @@ def _one_after_the_other(
             print(f"{printable(str(source))}:", flush=True)
         try:
             entry = process_file(source, options)
-            # Before the line that says it is done.
-            sys.stdout.flush()
+            # Before the line that says it is done; what cannot be printed is told at the end.
+            with suppress(OSError):
+                sys.stdout.flush()
         except FAULTS as fault:
             entry = _failed(source, str(fault))
         except Exception as fault:

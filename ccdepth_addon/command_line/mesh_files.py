@@ -164,8 +164,12 @@ def _weld(mesh: bpy.types.Mesh) -> None:
 
 
 def write_blend(path: Path) -> None:
-    """Save a copy of what is open."""
-    call(bpy.ops.wm.save_as_mainfile, filepath=str(path), copy=True, check_existing=False)
+    """Save a copy of what is open. Raises CommandError."""
+    try:
+        call(bpy.ops.wm.save_as_mainfile, filepath=str(path), copy=True, check_existing=False)
+    except CommandError as fault:
+        # Blender has removed what it could not finish, and may tell of that alone.
+        raise CommandError(f"Blender could not save it: {fault}; is the disk full?") from fault
 
 
 def write_meshes(objects: Sequence[bpy.types.Object], path: Path, unit: float) -> None:

@@ -42,7 +42,7 @@ from .mesh_files import (
 )
 from .report import Distances, FileEntry, Frame, ObjectEntry, down_to, name_of, stamp, up_to
 from .report_text import print_adaptive_meshes, print_depths, print_levels, print_measured, settings_text
-from .whole_files import UnwrittenError, refuse_existing, written_whole
+from .whole_files import UnwrittenError, check_whole, refuse_existing, written_whole
 from .written_meshes import WrittenObject, measured_distances, nearer_accuracy, read_written, shown_triangles
 
 # The options that are settings of the scene under the same names.
@@ -313,6 +313,7 @@ def _write(
             write_blend(path)
         else:
             write_meshes(shown, path, unit)
+        check_whole(path)
         if targets or not is_blend:
             written = [WrittenObject(each.name, shown_triangles(each)) for each in shown]
             parts = read_written(path, unit / scene, written)

@@ -25,6 +25,9 @@ SEEK_TABLE_MARK = 0x8F92EAB1
 SEEK_TABLE_HEADER_SIZE = 8
 HAS_CHECKSUMS = 0x80
 
+# In bytes: with less than this the next thing that is written does not fit.
+LEAST_FREE = 1 << 16
+
 # The headers of a .blend file's blocks: of files up to version 4 and since version 5.
 BLOCK_HEADER = struct.Struct("<4siQii")
 LARGE_BLOCK_HEADER = struct.Struct("<4siQqq")
@@ -65,9 +68,15 @@ def written_whole(
             folder = beside.with_suffix("")
             folder.mkdir()
             beside = folder / target.name
-        yield beside
         try:
-            _check(beside)
+            yield beside
+        except Exception as fault:
+            if isinstance(fault, UnwrittenError) or not _is_full(target.parent):
+                raise
+            # Whatever went wrong, and whatever was made of it.
+            raise UnwrittenError(f"it could not be written: {fault}; the disk is full") from fault
+        try:
+            check_whole(beside)
             if not overwrite:
                 refuse_existing(target, companions)
             for suffix in companions:
@@ -116,8 +125,12 @@ def _keep(target: Path, backups: int) -> None:
             os.replace(newer, older)
 
 
-def _check(path: Path) -> None:
-    """Raise OSError unless the disk holds the file to its end."""
+def _is_full(folder: Path) -> bool:
+    return shutil.disk_usage(folder).free < LEAST_FREE
+
+
+def check_whole(path: Path) -> None:
+    """Raise UnwrittenError unless the disk holds the file to its end, as far as can be told, and OSError."""
     with path.open("r+b") as file:
         # Some file systems report only now that the disk is full.
         os.fsync(file.fileno())
@@ -127,7 +140,7 @@ def _check(path: Path) -> None:
         except struct.error:
             whole = False
     if not whole:
-        raise OSError("it was cut off; is the disk full?")
+        raise UnwrittenError("it could not be written: it was cut off; is the disk full?")
 
 
 def _is_whole_png(file: BinaryIO, size: int) -> bool:

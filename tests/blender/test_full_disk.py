@@ -7,7 +7,9 @@ The limit of a process on the size of its files stands in for a full disk: writi
 from __future__ import annotations
 
 import os
+import re
 import resource
+import shutil
 import signal
 import subprocess
 import sys
@@ -20,6 +22,7 @@ from tests.blender import addon
 
 CHECKOUT = Path(__file__).resolve().parents[2]
 whole_files = addon.module("command_line.whole_files")
+command = addon.module("command_line.command")
 
 # Less than any .blend file and any picture have.
 ROOM = 16 * 1024
@@ -50,7 +53,12 @@ def run(*arguments: object, room: int | None = None, **options: object) -> subpr
 
 @pytest.mark.parametrize(
     ("option", "name"),
-    [("--output", "out.blend"), ("--picture", "out.png"), ("--subdivide --output", "out.stl")],
+    [
+        ("--output", "out.blend"),
+        ("--picture", "out.png"),
+        ("--subdivide --output", "out.stl"),
+        ("--subdivide --output", "out.glb"),
+    ],
 )
 @pytest.mark.parametrize("existing", [b"", b"something precious"])
 def test_a_file_that_does_not_fit(tmp_path: Path, option: str, name: str, existing: bytes) -> None:
@@ -60,7 +68,8 @@ def test_a_file_that_does_not_fit(tmp_path: Path, option: str, name: str, existi
     ended = run(*LINE, *option.split(), path, room=ROOM)
     assert ended.returncode == 1, ended.stdout + ended.stderr
     assert "Written" not in ended.stdout
-    assert name in ended.stderr
+    # Python says itself of a file of its own that it is too large.
+    assert re.search(rf"{name}: .*(is the disk full|too large)", ended.stderr), ended.stderr
     assert [each.name for each in tmp_path.iterdir()] == ([name] if existing else [])
     assert not existing or path.read_bytes() == existing
 
@@ -188,6 +197,28 @@ def test_an_error_on_the_way_leaves_everything(tmp_path: Path) -> None:
         half_written()
     assert [each.name for each in tmp_path.iterdir()] == ["out.blend"]
     assert path.read_bytes() == b"before"
+
+
+@pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb"])
+def test_a_full_disk_is_told_whatever_was_made_of_it(
+    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A file that was cut off cannot be read back, or holds less; here all but its first line is lost."""
+    mesh_files, one_file = addon.module("command_line.mesh_files"), addon.module("command_line.one_file")
+
+    def cut_off(*arguments: object) -> None:
+        mesh_files.write_meshes(*arguments)
+        path = arguments[1]
+        assert isinstance(path, Path)
+        os.truncate(path, 40)
+
+    monkeypatch.setattr(one_file, "write_meshes", cut_off)
+    monkeypatch.setattr(shutil, "disk_usage", lambda _folder: type("", (), {"free": 0}))
+    assert command.run([*LINE, "--subdivide", "--output", str(tmp_path / f"out{suffix}")], program="ccdepth") == 1
+    [error] = [line for line in capfd.readouterr().err.splitlines() if line.startswith("ccdepth: ")]
+    assert f"out{suffix}: it could not be written: " in error
+    assert error.endswith(("the disk is full", "is the disk full?"))
+    assert not list(tmp_path.iterdir())
 
 
 def test_earlier_versions_move_on(tmp_path: Path) -> None:
