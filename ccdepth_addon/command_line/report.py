@@ -172,8 +172,15 @@ def _stamp_content(stamped: FileStamp, folder: Path | None) -> dict[str, Any]:
     if folder is not None:
         # To another drive there is no way from there.
         with suppress(ValueError):
-            path = Path(os.path.relpath(path, folder.absolute()))
+            path = Path(os.path.relpath(_without_links(path.parent) / path.name, _without_links(folder)))
     return {"path": path.as_posix(), "sha256": stamped.sha256, "metres_per_unit": stamped.metres_per_unit}
+
+
+def _without_links(folder: Path) -> Path:
+    """The folder as it is, or by another way if there are links on this one: from these the way up is another than it
+    looks, and not the same for Python and for Blender."""
+    real = os.path.realpath(folder)
+    return folder if real == os.path.abspath(folder) else Path(real)
 
 
 def entry_line(entry: FileEntry) -> str:
@@ -224,7 +231,8 @@ def read_report(path: Path) -> Report:
             raise ReportError(f"{path}: it is not a CC Depth report")
         if content["version"] != FORMAT_VERSION:
             raise ReportError(f"{path}: a report of version {content['version']} cannot be read, only {FORMAT_VERSION}")
-        report = Report(content["action"], tuple(_file_entry(each, path.parent) for each in content["files"]))
+        folder = _without_links(path.parent)
+        report = Report(content["action"], tuple(_file_entry(each, folder) for each in content["files"]))
         verdicts = [content["met"], *(each["met"] for each in content["files"])]
     except OSError as fault:
         raise ReportError(f"{path}: it cannot be read: {fault.strerror}") from fault

@@ -182,6 +182,20 @@ def test_a_tolerance_that_is_nearly_reached_is_shown_to_be_met(tmp_path: Path, s
     assert run("--verify", report) == 0
 
 
+def test_a_report_in_a_folder_that_is_a_link_finds_its_files(tmp_path: Path) -> None:
+    """From there the way up is another than it looks."""
+    source = save_cubes(tmp_path / "cube.blend", "One")
+    real, link = tmp_path / "somewhere" / "deeper", tmp_path / "link"
+    real.mkdir(parents=True)
+    try:
+        link.symlink_to(real, target_is_directory=True)
+    except OSError:
+        pytest.skip("no links can be made here")
+    assert run(source, *LINE, "--json", link / "report.json") == 0
+    assert run("--verify", link / "report.json") == 0
+    assert run("--verify", real / "report.json") == 0
+
+
 def test_a_file_that_was_moved_away_from_the_surface_is_found_out(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
