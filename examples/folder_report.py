@@ -30,7 +30,8 @@ def main(folder: Path) -> None:
                 table.writerow([path.name, obj.name, "", "", str(fault).strip()])
                 continue
             record = obj.data.ccdepth
-            table.writerow([path.name, obj.name, f"{record.deviation:.4g}", f"{record.deviation_reached:.4g}", ""])
+            # In full: rounded to the nearest they would promise too much.
+            table.writerow([path.name, obj.name, record.deviation, record.deviation_reached, ""])
         sys.stdout.flush()
 
 

@@ -19,7 +19,7 @@ def main(millimetres: float, output: str) -> None:
     # The results are selected, and the originals are hidden.
     for result in bpy.context.selected_objects:
         record = result.data.ccdepth
-        print(f"{result.name}: {record.faces} triangles, proved to be within {record.largest_bound * unit:.4g} mm")
+        print(f"{result.name}: {record.faces} triangles, proved to be within {record.largest_bound * unit} mm")
     bpy.ops.wm.stl_export(filepath=output, export_selected_objects=True, global_scale=unit, check_existing=False)
 
 

@@ -10,7 +10,7 @@ import bpy
 
 from ..state import deviation_results, results
 from ..state.properties import METHOD_TEXTS, VERTEX_ITEMS
-from ..ui.lengths import METRIC, Rounding, number_text
+from ..ui.lengths import METRIC, PLAIN, Rounding, bound_text, number_text
 from ..ui.panels import exact_text
 from ..ui.printable import printable
 from .report import FileEntry
@@ -31,7 +31,8 @@ def print_adaptive_meshes(objects: Sequence[bpy.types.Object]) -> None:
         record = mesh.ccdepth
         reduced = f"; {record.unreduced_triangles:,} triangles without Reduce" if record.unreduced_triangles else ""
         print(f"{names}: {record.faces:,} faces made from {record.base_faces:,}{reduced}")
-        print(f"  largest distance proved: {record.largest_bound:.4g}; tolerance: {record.world_tolerance:.4g}")
+        proved = _proved_text(record.largest_bound, record.world_tolerance)
+        print(f"  largest distance proved: {proved}; tolerance: {record.world_tolerance:.4g}")
         print(f"  all of it at depth {record.deepest}: {int(record.uniform_faces):,} faces")
 
 
@@ -52,6 +53,11 @@ def print_measured(entry: FileEntry) -> None:
             tolerance = metres_text(each.tolerance)
             name = printable(each.result or each.name)
             print(f"{name}: deviation at most {most}, at least {least}: {verdict.value}; the tolerance is {tolerance}")
+
+
+def _proved_text(length: float, tolerance: float) -> str:
+    """A proved length of the scene, rounded up."""
+    return bound_text(bpy.context.scene, length, tolerance, PLAIN)
 
 
 def metres_text(length: float, rounding: Rounding = Rounding.NEAREST) -> str:
@@ -81,8 +87,8 @@ def settings_text(objects: Sequence[bpy.types.Object]) -> str:
     """The settings of the results, in a line."""
     record = objects[0].data.ccdepth
     if results.shows_deviation(objects[0].data):
-        largest = max(obj.data.ccdepth.deviation for obj in objects)
-        return f"Tolerance {record.measurement.world_tolerance:.4g} · Largest deviation proved: {largest:.4g}"
+        proved = _proved_text(max(obj.data.ccdepth.deviation for obj in objects), record.measurement.world_tolerance)
+        return f"Tolerance {record.measurement.world_tolerance:.4g} · Largest deviation proved: {proved}"
     tolerance = f"{record.tolerance:.4g}"
     if record.tolerance_mode == "RELATIVE":
         tolerance += " of the diagonal"
@@ -90,9 +96,10 @@ def settings_text(objects: Sequence[bpy.types.Object]) -> str:
         if len(lengths) == 1:
             tolerance += f" ({record.world_tolerance:.4g})"
     if record.subdivision:
-        largest = max(obj.data.ccdepth.largest_bound for obj in objects)
+        records = [obj.data.ccdepth for obj in objects]
+        proved = _proved_text(*max((each.largest_bound, each.world_tolerance) for each in records))
         faces = sum(mesh.ccdepth.faces for mesh in {obj.data for obj in objects})
-        return f"Tolerance {tolerance} · {faces:,} faces · Largest distance proved: {largest:.4g}"
+        return f"Tolerance {tolerance} · {faces:,} faces · Largest distance proved: {proved}"
     return f"Tolerance {tolerance} · {METHOD_TEXTS[record.method][0]} · Vertices: {VERTEX_TEXTS[record.vertices]}"
 
 

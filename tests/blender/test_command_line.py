@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 import subprocess
 from pathlib import Path
 
@@ -236,6 +237,16 @@ def test_it_subdivides_adaptively(tmp_path: Path, capfd: pytest.CaptureFixture[s
     bpy.ops.ccdepth.subdivide(tolerance=0.01, tolerance_mode="ABSOLUTE", mode="PER_FACE", transitions="NGONS")
     [result] = bpy.context.selected_objects
     assert written == addon.depths(result).tolist()
+
+
+def test_proved_distances_are_rounded_up(capfd: pytest.CaptureFixture[str]) -> None:
+    """The first six tolerances of a row, of whose distances some would be rounded down."""
+    for number in range(6):
+        assert run("--subdivide", "--absolute", "--tolerance", 0.03 + 0.001 * number) == 0
+        [printed] = re.findall(r"largest distance proved: (\S+);", capfd.readouterr().out)
+        [result] = [each for each in bpy.data.objects if each.name == "Suzanne Adaptive"]
+        record = result.data.ccdepth
+        assert record.largest_bound <= float(printed) <= record.largest_bound * 1.001 + 1e-9
 
 
 @pytest.mark.parametrize("in_place", [False, True])
