@@ -23,15 +23,19 @@ from pathlib import Path
 def main() -> int:
     """The exit status of the task."""
     arguments = _arguments()
-    first, _, last = arguments.numbers.partition("-")
-    numbers = range(int(first), int(last or first) + 1)
-    files = _lines(arguments.list, numbers)
+    try:
+        first, _, last = arguments.numbers.partition("-")
+        numbers = range(int(first), int(last or first) + 1)
+        files = _lines(arguments.list, numbers)
+        given = shlex.split(arguments.options)
+    except (OSError, ValueError) as fault:
+        raise SystemExit(f"run_files.py: {fault}") from fault
     # Names in the order of the numbers, as reports are gathered in that of their names.
     report = arguments.reports.absolute() / f"{numbers[0]:08}-{numbers[-1]:08}.json"
     report.parent.mkdir(parents=True, exist_ok=True)
     report.unlink(missing_ok=True)
     # Another Blender does the files, so that one that ends it is no more than a failure in the report.
-    options = [*shlex.split(arguments.options), "--jobs", "1", "--json", str(report), "--", *files]
+    options = [*given, "--jobs", "1", "--json", str(report), "--", *files]
     command = [arguments.blender, "-b", "--command", "ccdepth", *options]
     status = subprocess.run(command, cwd=arguments.list.absolute().parent, check=False).returncode
     if not report.is_file():
@@ -52,7 +56,8 @@ def _arguments() -> argparse.Namespace:
 
 def _lines(path: Path, numbers: range) -> list[str]:
     """These lines of a text file. Raises SystemExit when there are not so many."""
-    lines = path.read_text(encoding="utf-8").splitlines()
+    # Some editors write a mark before UTF-8.
+    lines = path.read_text(encoding="utf-8-sig").splitlines()
     if numbers.start < 1 or numbers.stop > len(lines) + 1 or not numbers:
         raise SystemExit(f"{path} has {len(lines)} lines, not {numbers.start} to {numbers.stop - 1}")
     return [lines[number - 1] for number in numbers]

@@ -57,6 +57,14 @@ def test_a_job_makes_the_report_of_one_command(tmp_path: Path, broken: int | Non
     assert "<h1>CC Depth Report</h1>" in (reports / "report.html").read_text(encoding="utf-8")
 
 
+def test_lists_of_other_editors(tmp_path: Path) -> None:
+    """With a mark before UTF-8, and other ends of lines."""
+    files, program = write_files(tmp_path / "files", 2), blender(tmp_path)
+    files.write_text(files.read_text(encoding="utf-8"), encoding="utf-8-sig", newline="\r\n")
+    ended = run(files, program, "1-2", tmp_path / "reports")
+    assert ended.returncode == 0, ended.stdout
+
+
 def test_a_task_without_a_report_fails(tmp_path: Path) -> None:
     files = write_files(tmp_path / "files", 2)
     assert run(files, Path("/bin/false"), "1-2", tmp_path / "reports").returncode != 0
