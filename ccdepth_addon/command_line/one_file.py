@@ -26,6 +26,7 @@ from . import picture
 from .amounts import UNITS
 from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SCENE_RANGE, SUBDIVIDE, action_of, is_measured, output_of
 from .blender_calls import CommandError, call
+from .chosen_objects import chosen_objects
 from .illustrating import illustrations, levels_of
 from .mesh_files import (
     BLEND,
@@ -40,7 +41,7 @@ from .mesh_files import (
     write_meshes,
     writer,
 )
-from .report import Distances, FileEntry, Frame, ObjectEntry, down_to, name_of, stamp, up_to
+from .report import Distances, FileEntry, Frame, ObjectEntry, down_to, stamp, up_to
 from .report_text import print_adaptive_meshes, print_depths, print_levels, print_measured, settings_text
 from .whole_files import UnwrittenError, check_whole, refuse_existing, written_whole
 from .written_meshes import WrittenObject, measured_distances, nearer_accuracy, read_written, shown_triangles
@@ -136,32 +137,6 @@ def refuse_unwritable(path: Path, overwrite: bool, companions: Sequence[str] = (
             refuse_existing(path, companions)
         except UnwrittenError as fault:
             raise CommandError(f"{path}: {fault}") from fault
-
-
-def chosen_objects(
-    source: Path | None, names: Sequence[str] | None = None, collection: str | None = None
-) -> list[bpy.types.Object]:
-    """The mesh objects of what is open that are not hidden; those of these names and of this collection alone, if any
-    are given. Raises CommandError when there are none, or one of the names is missing."""
-    file, place, there = name_of(source), "it", set(bpy.data.objects)
-    if collection is not None:
-        if collection not in bpy.data.collections:
-            raise CommandError(f"{file}: there is no collection “{collection}” in it")
-        place, there = f"its collection “{collection}”", set(bpy.data.collections[collection].all_objects)
-    found = [obj for obj in bpy.context.view_layer.objects if obj.type == "MESH" and obj in there]
-    if names is not None:
-        shown = {obj.name for obj in found if obj.visible_get()}
-        missing = [name for name in names if name not in shown]
-        if missing:
-            raise CommandError(f"{file}: there is no mesh object “{missing[0]}” in {place} that is not hidden")
-        found = [obj for obj in found if obj.name in names]
-    visible = [obj for obj in found if obj.visible_get()]
-    for hidden in [obj for obj in found if not obj.visible_get()]:
-        print(f"Left out because it is hidden: {printable(hidden.name)}")
-    if not visible:
-        which = " that is not hidden" if any(obj.type == "MESH" for obj in there) else ""
-        raise CommandError(f"{file}: there is no mesh object in {place}{which}")
-    return visible
 
 
 def change_settings(settings: bpy.types.PropertyGroup, options: Namespace) -> None:

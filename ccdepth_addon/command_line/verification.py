@@ -14,8 +14,9 @@ from ..state.properties import set_scene_tolerance
 from ..ui.printable import printable_lines
 from .arguments import MAKING, SUBDIVIDE
 from .blender_calls import CommandError
+from .chosen_objects import chosen_objects
 from .mesh_files import load, scene_unit
-from .one_file import ACTIONS, SETTINGS, chosen_objects, measure_settings, settings_of, surfaces_of, with_answer
+from .one_file import ACTIONS, SETTINGS, measure_settings, settings_of, surfaces_of, with_answer
 from .report import FileEntry, FileStamp, ObjectEntry, read_report, stamp
 from .written_meshes import WrittenObject, measured_distances, read_written
 

@@ -220,6 +220,38 @@ def test_chosen_objects_alone(tmp_path: Path, capfd: pytest.CaptureFixture[str])
         assert message in capfd.readouterr().err
 
 
+@pytest.mark.parametrize("kind", ["objects", "meshes", "collections"])
+def test_what_is_linked_from_a_missing_file_is_missed(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], kind: str
+) -> None:
+    """Blender opens such a file with something empty in its place."""
+    library, path = tmp_path / "library.blend", tmp_path / "cubes.blend"
+    scene.clear()
+    lent = scene.add_object(meshes.cube(), "Lent")
+    collection = bpy.data.collections.new("Lent")
+    bpy.context.scene.collection.children.link(collection)
+    collection.objects.link(lent)
+    lent.data.name = "Lent"
+    save(library)
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    with bpy.data.libraries.load(str(library), link=True) as (_, wanted):
+        setattr(wanted, kind, ["Lent"])
+    linked = getattr(bpy.data, kind)["Lent"]
+    root = bpy.context.scene.collection
+    if kind == "collections":
+        root.children.link(linked)
+    else:
+        root.objects.link(linked if kind == "objects" else bpy.data.objects.new("Own", linked))
+    scene.add_object(meshes.cube(), "Here")
+    save(path)
+    library.unlink()
+    output = tmp_path / "out.blend"
+    assert run(path, *LIMIT, "--output", output) == 1
+    assert f"“Lent” is missing: it is linked from {library}" in capfd.readouterr().err
+    assert not output.exists()
+    assert run(path, *LIMIT, "--objects", "Here", "--output", output) == 0
+
+
 def test_nothing_that_exists_is_touched(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     names = ("out.blend", "out.obj", "out.png", "out.json", "out.csv")
     for name in names:
