@@ -14,7 +14,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
-from ccdepth_addon.core.deviation import Deviation, measure_deviation
+from ccdepth_addon.core.deviation import Deviation, covering_pieces, measure_deviation
 from ccdepth_addon.core.deviation.surface_to_mesh import nearest_triangles
 from ccdepth_addon.core.deviation.triangles import NEEDLE, Triangles, needle_thickness, to_triangles
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
@@ -327,6 +327,25 @@ def test_progress_is_told_often() -> None:
     assert any(0.5 < fraction < 1 for fraction in told)
     # A fifth of a second is meant; a machine with much else to do counts up to twice as much for the same work.
     assert np.diff([*times, thread_time()]).max() < 0.4
+
+
+def test_many_pieces_over_triangles_are_looked_at_a_few_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Which says the same, and is told of and stopped in between. Above a collinear triangle the surface is folded."""
+    corners = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0.2], [1, 1, 0], [2, 1, 0.3]]
+    control = control_of(meshes.from_faces(corners, [[0, 1, 2], [0, 1, 4, 3], [1, 2, 5, 4]]))
+    positions, triangles = result(control, 2, limit=True)
+
+    def measured() -> tuple[Deviation, int]:
+        told: list[float] = []
+        found = measure_deviation(control, positions, triangles, max_pieces=1000, progress=told.append)
+        return found, len(told)
+
+    together, seldom = measured()
+    monkeypatch.setattr(covering_pieces, "LEAVES_OVER_AT_ONCE", 200)
+    apart, often = measured()
+    assert often > 2 * seldom
+    assert (apart.proved, apart.reached) == (together.proved, together.reached)
+    assert np.array_equal(apart.triangle_bounds, together.triangle_bounds)
 
 
 def test_nearest_triangles_of_near_and_far_points() -> None:

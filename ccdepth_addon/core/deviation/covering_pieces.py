@@ -28,6 +28,9 @@ LEAST_STRAIGHTNESS = 0.8
 # Regions are found not to be covered where units would have to be looked at farther than so many from the first.
 MOST_UNITS_ACROSS = 8
 
+# Where more leaves than this lie over several regions, these are too many to be looked at together.
+LEAVES_OVER_AT_ONCE = 1 << 16
+
 # Parts are moved this much more than the border that was seen first demands.
 MOVED_MORE = 1.02
 
@@ -124,15 +127,18 @@ def over_pieces(
     first: IndexArray,
     goals: FloatArray,
     margin: float,
-) -> tuple[FloatArray, IndexArray, IndexArray]:
+) -> tuple[FloatArray, IndexArray, IndexArray] | None:
     """(n,) how far parts of triangles are from the surface at most, infinite where it may not cover them; (n,) the leaf
-    that was found with; and (m,) leaves whose excess stands in the way.
+    that was found with; and (m,) leaves whose excess stands in the way. None where several parts have too many leaves
+    over them, ``LEAVES_OVER_AT_ONCE``.
 
     corners: (n, 3, 3); normals: (n, 3), of their triangles; first: (n,) intp, a unit near each. goals: (n,), bounds
     below these are as good. margin: what rounding can hide.
     """
     regions = Regions.of(columns(corners), columns(normals), margin)
     covering = _covering(pieces, regions, first, margin)
+    if covering is None:
+        return None
     at_border = np.zeros(len(corners), dtype=bool)
     at_border[covering.over.owners[covering.border[0]]] = True
     covered = covering.has_partners & ~at_border & _winds_once(covering.over, len(corners), margin)
@@ -142,6 +148,8 @@ def over_pieces(
         chosen, moved = _moved_inwards(regions, covering, chosen, goals, margin)
     if len(chosen):
         covering = _covering(pieces, moved, first[chosen], margin)
+        if covering is None:
+            return None
         covered = covering.has_partners & _winds_once(covering.over, len(chosen), margin)
         covered &= _is_beyond_border(moved, covering, margin)
         found, leaves, more = _heights(moved, covering.over, covered, goals[chosen], margin)
@@ -150,8 +158,9 @@ def over_pieces(
     return upper, worst, np.unique(blamed)
 
 
-def _covering(pieces: BezierPieces, regions: Regions, first: IndexArray, margin: float) -> Covering:
-    """What lies over the regions of the units (n,) where looking begins, of those that meet them there, and so on."""
+def _covering(pieces: BezierPieces, regions: Regions, first: IndexArray, margin: float) -> Covering | None:
+    """What lies over the regions of the units (n,) where looking begins, of those that meet them there, and so on. None
+    as in ``over_pieces``."""
     plane, offsets, _, _ = plane_functionals(regions.normals, regions.corners, regions.normals)
     functionals = np.concatenate([regions.sides.inward, plane[None], regions.axes])
     constants = np.concatenate([regions.sides.offsets, offsets[None], -products(regions.axes, regions.places)])
@@ -162,6 +171,8 @@ def _covering(pieces: BezierPieces, regions: Regions, first: IndexArray, margin:
         owners, leaves = _leaves_over(
             pieces, regions.sides, keys // pieces.unit_count, keys % pieces.unit_count, margin
         )
+        if regions.count > 1 and at + len(owners) > LEAVES_OVER_AT_ONCE:
+            return None
         over = _seen(pieces, owners, leaves, functionals, constants, margin)
         over = over.at(np.flatnonzero(_may_overlap(over, outline, margin)))
         rows, which = _unit_sides_over(pieces, over, outline, margin)

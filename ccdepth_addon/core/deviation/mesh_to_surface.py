@@ -216,7 +216,6 @@ class MeshToSurface:
         faces = self.surface.pieces.faces[nearest.pieces]
         np.maximum.at(self.findings.in_faces, faces, near - nearest.off)
         self._bound_by_heights(parts, block)
-        self.findings.tick()
         left = block[parts.bounds[block] > self._goals(parts.at(block))]
         place = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
         bounds = self._by_one_piece(nearest.at(place), parts.corners[left]) + self.findings.allowance
@@ -260,11 +259,19 @@ class MeshToSurface:
         self.findings.note(found, places, points[first], faces, owners, surface_to_mesh=False)
 
     def _bound_by_heights(self, parts: Parts, block: IndexArray) -> None:
+        if self.findings.is_late():
+            return
         corners = parts.corners[block]
         normals = self.mesh.normals[parts.owners[block]]
         goals = self._goals(parts.at(block)) - self.findings.allowance
         units = self.surface.pieces.units[parts.leaves[block]]
-        found, leaves, blamed = over_pieces(self.surface.pieces, corners, normals, units, goals, self.findings.margin)
+        over = over_pieces(self.surface.pieces, corners, normals, units, goals, self.findings.margin)
+        self.findings.tick()
+        if over is None:
+            for half in np.array_split(block, 2):
+                self._bound_by_heights(parts, half)
+            return
+        found, leaves, blamed = over
         self.blamed = np.union1d(self.blamed, blamed)
         found += self.findings.allowance
         better = np.flatnonzero(found < parts.bounds[block])
