@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.adaptive import neighbour_bounds, planner
+from ccdepth_addon.core.adaptive.cells.cell_store import in_blocks
 from ccdepth_addon.core.adaptive.flat_parts import NONE, FlatParts
 from ccdepth_addon.core.adaptive.leaf_approximation import LeafApproximation
 from ccdepth_addon.core.adaptive.plan import Plan
@@ -181,3 +182,23 @@ def test_a_leaf_that_gets_a_bound_of_its_own_is_no_longer_bounded_by_its_flat_pa
     assert not len(neighbour_bounds.bound_along_surface(plan))
     assert np.all(plan.approximations.of(leaves).bounds == request.limit)
     assert not np.any(plan.by_flat_part.values[leaves])
+
+
+@pytest.mark.parametrize("name", ["hexagons", "dented hexagons"])
+def test_polygons_over_flat_parts_are_as_thick_without_their_neighbours(name: str) -> None:
+    """The bounds of all others in their parts have to count it, however they are accepted."""
+    mesh = explicit(SHEETS[name]())
+    request = AdaptiveRequest(3e-3 * diagonal_of(mesh), Mode.ADAPTIVE, Transitions.NGONS, 10_000)
+    plan = Plan(mesh, request, np.zeros(mesh.face_count, dtype=np.int8), no_report)
+    planner._settle(plan)
+    tree, count = plan.tree, 0
+    leaves = np.flatnonzero(plan.by_flat_part.values & (tree.first_child == NONE))
+    for cells in in_blocks(plan.cells.of(leaves)):
+        known = plan.approximations.without_star_bounds(cells.nodes)
+        alone = plan.approximate(cells, tree.hanging(tree.slots(cells.nodes)), known)
+        same = alone.alternatives == known.alternatives
+        assert np.array_equal(alone.thickness[same], plan.approximations.thickness[cells.nodes][same])
+        # None is accepted because it lies over a flat part.
+        assert np.all(alone.bounds[alone.accepted] <= request.limit)
+        count += np.count_nonzero(alone.thickness[same])
+    assert count

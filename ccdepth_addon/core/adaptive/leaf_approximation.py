@@ -90,9 +90,9 @@ class Cells(Protocol):
         known: LeafApproximation | None = None,
     ) -> LeafApproximation:
         """How to approximate them within the limit of a request; hanging: (slots of the nodes,) bool, which sides are
-        split. flat: (P,) which lie over flat parts, and are accepted unless all their sides are split or they are too
-        thick as polygons. known: how they are approximated, with these sides split, by star bounds that turned out to
-        exceed the limit; now nothing is accepted that needs neighbours."""
+        split. flat: (P,) which lie over flat parts; they have a thickness, and are accepted unless all their sides are
+        split or they are too thick as polygons. known: how they are approximated, with these sides split, by star
+        bounds that turned out to exceed the limit; now nothing is accepted that needs neighbours, or its flat part."""
 
     def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
         """Error bounds along and across the normals of the triangles by which they are approximated."""

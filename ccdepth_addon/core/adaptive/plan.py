@@ -109,7 +109,7 @@ class Plan:
         self, cells: Cells, hanging: BoolArray, known: LeafApproximation | None = None
     ) -> LeafApproximation:
         """How to approximate cells with these sides split, (slots of the cells,); known: as in ``Cells``."""
-        flat = self.flat_parts.is_flat(self.tree.base_faces[cells.nodes]) if known is None else None
+        flat = self.flat_parts.is_flat(self.tree.base_faces[cells.nodes])
         return cells.approximate(hanging, self.request, flat=flat, known=known)
 
     def record(self, nodes: IndexArray, approximation: LeafApproximation) -> None:

@@ -118,7 +118,8 @@ class PolygonCells:
             found.bounds[chosen] = np.where(bounds <= limit, bounds, np.inf)
         chosen = np.flatnonzero(over_flat)
         found.thickness[chosen] = thickness[chosen]
-        found.accept_over_flat_parts(chosen, limit)
+        if known is None:
+            found.accept_over_flat_parts(chosen, limit)
         return found
 
     def _corners_of(self, chosen: IndexArray) -> tuple[IndexArray, IndexArray]:
@@ -186,15 +187,15 @@ class TriangleCells(PolygonCells):
         patterns = hanging.reshape(-1, 3) @ PATTERN_BITS
         whole, split = np.flatnonzero(patterns == WHOLE), np.flatnonzero((patterns != WHOLE) & (patterns != ALL_SPLIT))
         for chosen in filter(len, (whole, split)):
-            part = self.at(chosen)
+            part, own_known = self.at(chosen), None if known is None else known.at(chosen)
             if chosen is whole or request.transitions is Transitions.TRIANGLES:
-                own_known = None if known is None else known.at(chosen)
                 found.put(chosen, part._approximate_templates(patterns[chosen], request, own_known))
-                if flat is not None:
+                if flat is not None and known is None:
                     found.accept_over_flat_parts(chosen[flat[chosen]], request.limit)
             else:
                 sides, own_flat = hanging.reshape(-1, 3)[chosen].ravel(), None if flat is None else flat[chosen]
-                found.put(chosen, super(TriangleCells, part).approximate(sides, request, flat=own_flat))
+                own = super(TriangleCells, part).approximate(sides, request, flat=own_flat, known=own_known)
+                found.put(chosen, own)
         return found
 
     def _approximate_templates(

@@ -114,7 +114,8 @@ class QuadCells(ABC):
             if flat is not None:
                 over_flat = np.flatnonzero(flat[chosen])
                 own.thickness[over_flat] = quads.at(over_flat).thickness(own.alternatives[over_flat])
-                own.accept_over_flat_parts(over_flat, request.limit)
+                if known is None:
+                    own.accept_over_flat_parts(over_flat, request.limit)
             own.folded[:] = quads.folded(own)
             found.put(chosen, replace(own, patterns=patterns[chosen], turns=turns[chosen]))
         return found
