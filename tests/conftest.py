@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The short suite, and with ``--thorough`` all combinations, dense oracles, linear programs and random scenes as well.
 
-A slice of the thorough tests (``--slice SEED``) runs them alone, in an order that the seed decides, and begins none after
-two minutes.
+A slice of the thorough tests (``--slice SEED``) runs them alone, in an order that the seed decides, and begins none
+after two minutes.
 """
 
 from __future__ import annotations
 
 import random
+import shlex
 import time
 
 import pytest
@@ -16,7 +17,7 @@ SLICE_SECONDS = 120.0
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--thorough", action="store_true", help="also what a release needs: all combinations, dense oracles")
+    parser.addoption("--thorough", action="store_true", help="also all combinations and dense oracles")
     parser.addoption("--slice", metavar="SEED", help="two minutes of the thorough tests, chosen by this text")
 
 
@@ -26,7 +27,7 @@ def pytest_configure(config: pytest.Config) -> None:
     except ModuleNotFoundError:  # Inside a real Blender there is pytest alone.
         return
     settings.register_profile("short", derandomize=True, database=None, deadline=None, max_examples=30)
-    settings.register_profile("thorough", database=None, deadline=None, max_examples=500, print_blob=True)
+    settings.register_profile("thorough", derandomize=True, database=None, deadline=None, max_examples=500)
     settings.load_profile("thorough" if config.getoption("--thorough") else "short")
 
 
@@ -51,3 +52,10 @@ _END = pytest.StashKey[float]()
 def pytest_runtest_setup(item: pytest.Item) -> None:
     if time.monotonic() > item.config.stash.get(_END, float("inf")):
         pytest.skip("the time for this slice is over")
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    if config.getoption("--slice") is None:
+        return
+    for report in terminalreporter.getreports("failed") + terminalreporter.getreports("error"):
+        terminalreporter.write_line(f"Repeat it with: scripts/test.sh --thorough -n 0 {shlex.quote(report.nodeid)}")

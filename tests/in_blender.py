@@ -15,6 +15,16 @@ from pathlib import Path
 import bpy
 
 CHECKOUT = Path(__file__).resolve().parent.parent
+OPTIONS = [
+    "tests/blender",
+    "-q",
+    "-p",
+    "no:cacheprovider",
+    "-p",
+    "tests.progress",
+    "-o",
+    "console_output_style=classic",
+]
 
 
 def run(options: list[str]) -> None:
@@ -26,9 +36,10 @@ def run(options: list[str]) -> None:
     if not module.startswith("bl_ext."):
         raise SystemExit(f"the add-on under test is {module}, and not an installed extension")
     os.chdir(CHECKOUT)
+    sys.path.append(str(CHECKOUT))
     # Nothing may be written into the checkout, nor read from what another Python left there.
     sys.dont_write_bytecode = True
-    raise SystemExit(int(pytest.main(["tests/blender", "-p", "no:cacheprovider", *options])))
+    raise SystemExit(int(pytest.main([*OPTIONS, *options])))
 
 
 if __name__ == "__main__":

@@ -30,6 +30,4 @@ def combinations(*factors: Iterable[Any]) -> list[Any]:
     lists = [list(factor) for factor in factors]
     longest = max(map(len, lists))
     short = [tuple(values[i % len(values)] for values in lists) for i in range(longest)]
-    return [
-        pytest.param(*values, marks=() if values in short else pytest.mark.thorough) for values in product(*lists)
-    ]
+    return [pytest.param(*values, marks=() if values in short else pytest.mark.thorough) for values in product(*lists)]

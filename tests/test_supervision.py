@@ -1,0 +1,57 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""`scripts/supervise_tests.py`: what hangs is ended and named, what fails fails, and the rest of a run goes on."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+CHECKOUT = Path(__file__).resolve().parent.parent
+TESTS = """
+import os, time
+def test_that_passes(): pass
+def test_that_fails(): assert False
+def test_that_hangs(): time.sleep(120)
+def test_that_crashes(): os.kill(os.getpid(), 11)
+"""
+# A hook of the folder: Blender as a module can hang when the process winds up.
+HANGS_AT_EXIT = "import atexit, time\natexit.register(time.sleep, 120)\n"
+SHORT_LIMITS = "import scripts.supervise_tests as s; s.TEST_SECONDS = s.EXIT_SECONDS = 3.0; "
+
+
+def supervised(folder: Path, *options: str, exit_hangs: bool = False) -> subprocess.CompletedProcess[str]:
+    """Output and status of a supervised run of the four tests above, with limits of three seconds."""
+    (folder / "test_four.py").write_text(TESTS)
+    (folder / "conftest.py").write_text(HANGS_AT_EXIT if exit_hangs else "")
+    command = [sys.executable, "-m", "pytest", "-p", "tests.progress", "-p", "no:cacheprovider", "-q", *options]
+    call = f"{SHORT_LIMITS}raise SystemExit(s.supervise({[*command, str(folder)]!r}))"
+    return subprocess.run([sys.executable, "-c", call], cwd=CHECKOUT, capture_output=True, text=True, timeout=100)
+
+
+@pytest.mark.parametrize(
+    ("options", "exit_hangs", "status", "said"),
+    [
+        (("-n", "0", "-k", "passes"), False, 0, "1 passed"),
+        (("-n", "0", "-k", "fails"), False, 1, "FAILED"),
+        (("-n", "0", "-k", "nothing"), False, 5, "4 deselected"),
+        (("-n", "0", "-k", "hangs"), False, 137, "test_four.py::test_that_hangs"),
+        (("-n", "0", "-k", "crashes"), False, 139, "test_four.py::test_that_crashes"),
+        (("-n", "0", "-k", "passes"), True, 0, "nothing was heard for 3 s after"),
+    ],
+)
+def test_the_outcome_of_each_kind_of_end(
+    tmp_path: Path, options: tuple[str, ...], exit_hangs: bool, status: int, said: str
+) -> None:
+    run = supervised(tmp_path, *options, exit_hangs=exit_hangs)
+    assert (run.returncode, said in run.stdout) == (status, True), run.stdout + run.stderr
+
+
+def test_the_other_processes_go_on_when_a_test_hangs(tmp_path: Path) -> None:
+    run = supervised(tmp_path, "-n", "2", "-k", "passes or fails or hangs")
+    assert run.returncode == 1
+    assert "ENDED after" in run.stdout
+    assert "2 failed, 1 passed" in run.stdout
+    assert "crashed while running" in run.stdout
