@@ -13,6 +13,8 @@ from ccdepth_addon.core.adaptive.quadtree import NONE, Quadtree
 from ccdepth_addon.core.arrays.types import IndexArray
 from tests.meshes import cube, to_polygon_mesh
 
+pytestmark = pytest.mark.thorough
+
 ROUNDS = 40
 
 

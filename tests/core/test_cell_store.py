@@ -27,6 +27,8 @@ from ccdepth_addon.core.surface.patches import (
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 
+pytestmark = pytest.mark.thorough
+
 VALENCE = 5
 DEEPEST = 4
 

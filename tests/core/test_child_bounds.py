@@ -22,6 +22,8 @@ from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 
+pytestmark = pytest.mark.thorough
+
 # Corners of a quad, counter-clockwise, and the triangles along its first and its second diagonal.
 CORNERS = np.array([[0, 0], [1, 0], [1, 1], [0, 1]])
 TRIANGLES = [[(0, 1, 2), (0, 2, 3)], [(1, 2, 3), (1, 3, 0)]]

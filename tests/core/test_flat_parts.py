@@ -23,6 +23,8 @@ from ccdepth_addon.core.progress import no_report
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 
+pytestmark = pytest.mark.thorough
+
 # The deviation is proved to a twentieth, with an allowance for rounding.
 ACCURACY = 0.05
 

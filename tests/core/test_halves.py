@@ -23,6 +23,8 @@ from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, soundness
 
+pytestmark = pytest.mark.thorough
+
 
 def tube() -> meshes.MeshData:
     """A grid bent to half a tube."""
@@ -98,7 +100,6 @@ def test_a_tube_takes_about_half_the_triangles(tolerance: float) -> None:
     assert measured.reached <= request.limit
 
 
-@pytest.mark.mathematics
 @pytest.mark.parametrize("name", ["tube", "cube", "torus", "landscape", "n-gons", "creased cube"])
 def test_what_is_measured_is_within_what_is_proved(name: str) -> None:
     """By Measure Deviation, which knows nothing of leaves."""

@@ -35,6 +35,8 @@ from ccdepth_addon.core.surface.stencils import Valences, quad_nets
 from tests import meshes
 from tests.brute_force import linear_children
 
+pytestmark = pytest.mark.thorough
+
 CHOICES = [(pattern, number) for pattern in range(ALL_SPLIT) for number in range(len(templates(pattern)))]
 KINDS = ("wild", "flat", "uneven", "bent", "folded", "sheared", "line")
 NETS = 2

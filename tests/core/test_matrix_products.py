@@ -8,6 +8,8 @@ import pytest
 
 from ccdepth_addon.core.arrays.matrix_products import COLUMNS_AT_ONCE, matrix_product
 
+pytestmark = pytest.mark.thorough
+
 SHAPES = [
     (1, 1, 1),
     (9, 16, 24576),

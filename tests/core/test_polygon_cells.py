@@ -18,6 +18,8 @@ from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes
 
+pytestmark = pytest.mark.thorough
+
 MESHES = {
     "bipyramid": lambda: meshes.bumpy(meshes.bipyramid(6), 0.1),
     "tetrahedron": meshes.tetrahedron,

@@ -24,6 +24,8 @@ from tests.core.test_leaf_distance import (
     random_coefficients,
 )
 
+pytestmark = pytest.mark.thorough
+
 
 def bounds_of(coefficients: FloatArray, pattern: int, alternative: int) -> FloatArray:
     """(P,) of quads (16, P, 3)."""

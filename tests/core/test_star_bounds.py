@@ -20,6 +20,8 @@ from tests import meshes
 from tests.core.test_halves import triangles_of
 from tests.triangle_distances import distances
 
+pytestmark = pytest.mark.thorough
+
 SIDES = 6
 TRIANGLES = np.array([(0, 1 + i, 1 + (i + 1) % SIDES) for i in range(SIDES)])
 
