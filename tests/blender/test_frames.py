@@ -3,7 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import bpy
@@ -16,6 +17,7 @@ from tests.blender.measuring import add_part, part_of, rounding
 from tests.blender.test_animation import FIRST, key, told_by_the_panel
 from tests.blender.test_guarantee import LEVELS_DEEPER, faces_to_measure, measured
 from tests.blender.test_staleness import MESH_LINE
+from tests.thorough import combinations
 
 LAST = 11
 FRAMES = f"{FIRST}-{LAST}"
@@ -49,8 +51,7 @@ def with_a_shape_key() -> bpy.types.Object:
     shape = holder.shape_key_add(name="Key")
     for vertex in shape.data:
         vertex.co.z += 0.15 * np.sin(9 * vertex.co.x)
-    for frame, value in ((FIRST, 0.0), (8, 1.0), (LAST, 0.3)):
-        shape.value = value
+    for frame, shape.value in ((FIRST, 0.0), (8, 1.0), (LAST, 0.3)):
         shape.keyframe_insert("value", frame=frame)
     return holder
 
@@ -70,8 +71,7 @@ def with_an_armature() -> bpy.types.Object:
     holder.modifiers.new("Armature", "ARMATURE").object = rig
     pose = rig.pose.bones["Upper"]
     pose.rotation_mode = "XYZ"
-    for frame, angle in ((FIRST, 0.0), (8, 1.2), (LAST, 0.5)):
-        pose.rotation_euler.x = angle
+    for frame, pose.rotation_euler.x in ((FIRST, 0.0), (8, 1.2), (LAST, 0.5)):
         pose.keyframe_insert("rotation_euler", frame=frame)
     return holder
 
@@ -85,12 +85,8 @@ def with_a_growing_scale() -> bpy.types.Object:
 
 def with_an_animated_array() -> bpy.types.Object:
     holder = scene.add_object(meshes.landscape(4, 4))
-    array = holder.modifiers.new("Array", "ARRAY")
-    for frame, count in ((FIRST, 1), (LAST, 3)):
-        array.count = count
-        array.keyframe_insert("count", frame=frame)
-    cast = holder.modifiers.new("Cast", "CAST")
-    key(cast, "factor", 0.0, 0.8)
+    key(holder.modifiers.new("Array", "ARRAY"), "count", 1, 3)
+    key(holder.modifiers.new("Cast", "CAST"), "factor", 0.0, 0.8)
     return holder
 
 
@@ -117,6 +113,7 @@ def single_frames(holder: bpy.types.Object, **settings: object) -> dict[int, tup
     return found
 
 
+@pytest.mark.every_blender
 @pytest.mark.parametrize("vertices", ["CONTROL", "LIMIT"])
 @pytest.mark.parametrize("name", ANIMATED)
 def test_each_face_has_the_deepest_depth_of_the_frames(name: str, vertices: str) -> None:
@@ -133,6 +130,10 @@ def test_each_face_has_the_deepest_depth_of_the_frames(name: str, vertices: str)
     record = holder.data.ccdepth
     assert record.frames == FRAMES
     assert record.deepest == deepest.max()
+    assert record.faces == len(holder.data.polygons)
+    # The array has most copies on the last frame, and all its faces are quads.
+    copies = 3 if name == "array" else 1
+    assert int(record.uniform_faces) == copies * record.faces * 4**record.uniform_level
     # The worst frame alone needs that depth, and no other has a face that is farther off there. Of frames with larger
     # distances all over, which alone are computed, a bound may be nearer to what is true; and in a single frame those
     # of all copies of a face count at its depth.
@@ -148,8 +149,6 @@ def shown_on(holder: bpy.types.Object, frame: int) -> meshes.MeshData:
     for modifier in subdivisions:
         modifier.show_viewport = False
     data = scene.evaluated_mesh_data(holder)
-    for modifier in subdivisions:
-        modifier.show_viewport = True
     world = np.array(holder.matrix_world, dtype=np.float64)[:3, :3]
     return replace(data, positions=data.positions @ world.T)
 
@@ -169,8 +168,7 @@ def distances_on(data: meshes.MeshData, wanted: np.ndarray, level: int, vertices
     return faces, found.control if is_control else found.limit, slack
 
 
-@pytest.mark.parametrize("vertices", ["CONTROL", "LIMIT"])
-@pytest.mark.parametrize("name", ["shape key", "armature", "scale"])
+@pytest.mark.parametrize(("name", "vertices"), combinations(COARSE, ["LIMIT", "CONTROL"]))
 def test_depths_and_the_level_set_hold_on_every_frame(name: str, vertices: str) -> None:
     """Measured with Blender's own modifier on what each frame shows, and with nothing of the add-on's."""
     holder = ANIMATED[name]()
@@ -200,31 +198,29 @@ def test_the_worst_frame_needs_the_deepest_depth() -> None:
     assert np.any(distances > COARSE["shape key"] + slack)
 
 
-def test_a_modifier_that_changes_the_faces() -> None:
-    """The array has more copies on later frames; the faces of the mesh have the deepest depth of all their copies."""
-    holder = with_an_animated_array()
-    compute(holder)
-    record = holder.data.ccdepth
-    bpy.context.scene.frame_set(LAST)
-    assert record.faces == len(holder.data.polygons)
-    assert int(record.uniform_faces) == 3 * record.faces * 4**record.uniform_level
-
-
 def test_frames_are_named_and_listed() -> None:
-    holder = with_a_shape_key()
-    addon.select(holder)
-    for frames, expected in (("3", "3"), ("1-9/4", "1-9/4"), (" 9, 1 ,5 ", "9,1,5"), ("-3--1,7", "-3--1,7")):
+    holder = scene.add_object(meshes.landscape(4, 4))
+    typed = addon.module("tasks.frames").typed_frames
+    for frames, expected, numbers in (
+        ("3", "3", (3,)),
+        ("1-9/4", "1-9/4", (1, 5, 9)),
+        (" 9, 1 ,5 ", "9,1,5", (1, 5, 9)),
+        ("-3--1,7", "-3--1,7", (-3, -2, -1, 7)),
+        ("1-9/4, 2,5", "1-9/4,2,5", (1, 2, 5, 9)),
+    ):
         compute(holder, frames=frames)
         assert holder.data.ccdepth.frames == expected
-        assert holder.data.ccdepth.worst_frame in addon.module("tasks.frames").typed_frames(frames)
-    typed = addon.module("tasks.frames").typed_frames
-    assert typed("1-9/4, 2,5") == (1, 2, 5, 9)
-    assert typed("-3--1") == (-3, -2, -1)
+        assert typed(frames) == numbers
+        assert holder.data.ccdepth.worst_frame in numbers
 
 
-@pytest.mark.parametrize("frames", ["", ",", "1-", "9-1", "1-5/0", "a", "1.5", "1-5/2/2", "1-2000000"])
+NO_FRAMES = ("", ",", "1-", "9-1", "1-5/0", "a", "1.5", "1-5/2/2")
+BEYOND = ("1-2000000", "-1048575", "1048575", "1-100001", "1-60000,70001-120000")
+
+
+@pytest.mark.parametrize("frames", [*NO_FRAMES, *BEYOND])
 def test_what_are_no_frames_is_refused(frames: str) -> None:
-    holder = with_a_shape_key()
+    holder = scene.add_object(meshes.landscape(4, 4))
     bpy.context.scene.frame_set(4)
     with pytest.raises(RuntimeError, match="frames"):
         compute(holder, frames=frames)
@@ -273,9 +269,13 @@ def test_what_only_turns_needs_nothing_more() -> None:
     assert holder.data.ccdepth.worst_frame == FIRST
 
 
-# Results that stay, and those that do not
+def set_frames(frames: str) -> None:
+    settings = bpy.context.scene.ccdepth
+    settings.frames, settings.frame_list = "CUSTOM", frames
+    settings.relative_tolerance = 0.01
 
 
+@pytest.mark.every_blender
 def test_a_result_over_frames_stays_current_on_every_frame() -> None:
     holder = with_a_shape_key()
     bpy.context.scene.frame_set(3)
@@ -287,35 +287,29 @@ def test_a_result_over_frames_stays_current_on_every_frame() -> None:
     assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
 
 
-def set_frames(frames: str) -> None:
-    settings = bpy.context.scene.ccdepth
-    settings.frames, settings.frame_list = "CUSTOM", frames
-    settings.relative_tolerance = 0.01
-
-
-def change_a_key(holder: bpy.types.Object) -> None:
-    holder.data.shape_keys.key_blocks["Key"].data[0].co.x += 1.0
-
-
 def change_the_mesh(holder: bpy.types.Object) -> None:
     holder.data.vertices[0].co.x += 1.0
     holder.data.update()
 
 
-def change_the_scale(holder: bpy.types.Object) -> None:
-    holder.scale.x = 2.0
+CHANGES: dict[str, Callable[[bpy.types.Object], None]] = {
+    "key": lambda holder: setattr(holder.data.shape_keys.key_blocks["Key"].data[0].co, "x", 9.0),
+    "mesh": change_the_mesh,
+    "scale": lambda holder: setattr(holder.scale, "x", 2.0),
+}
 
 
-@pytest.mark.parametrize("change", [change_a_key, change_the_mesh, change_the_scale])
+@pytest.mark.every_blender
+@pytest.mark.parametrize("change", CHANGES)
 @pytest.mark.parametrize("frame", [FIRST, 20])
-def test_changes_make_it_out_of_date(change: Callable[[bpy.types.Object], None], frame: int) -> None:
+def test_changes_make_it_out_of_date(change: str, frame: int) -> None:
     """On a computed frame, and on the one that was current, which need not be computed."""
     holder = with_a_shape_key()
     bpy.context.scene.frame_set(frame)
     set_frames("1-12/3")
     addon.compute(holder)
     assert told_by_the_panel(holder) == ""
-    change(holder)
+    CHANGES[change](holder)
     bpy.context.view_layer.update()
     assert told_by_the_panel(holder) == MESH_LINE
 
@@ -337,7 +331,14 @@ def test_other_frames_are_other_settings() -> None:
     assert told_by_the_panel(holder) == MESH_LINE
 
 
-# Runs that do not end well
+@contextmanager
+def at_every_frame(handler: Callable[..., None]) -> Iterator[None]:
+    """The handler called after every change of the frame."""
+    bpy.app.handlers.frame_change_post.append(handler)
+    try:
+        yield
+    finally:
+        bpy.app.handlers.frame_change_post.remove(handler)
 
 
 def stepwise(holder: bpy.types.Object) -> object:
@@ -352,19 +353,15 @@ def test_the_frame_is_restored_when_it_is_cancelled() -> None:
     bpy.context.scene.frame_set(3, subframe=0.5)
     objects = set(bpy.data.objects)
     run = stepwise(holder)
-    texts = set()
     while bpy.context.scene.frame_current != 6:
-        run.work(0)
         run._steps.send(None)
-        texts.add(bpy.context.scene.frame_current)
     run.give_up()
     assert (bpy.context.scene.frame_current, bpy.context.scene.frame_subframe) == (3, 0.5)
     assert set(bpy.data.objects) == objects
 
 
 def test_progress_names_the_frame() -> None:
-    run = stepwise(with_a_shape_key())
-    stages = [stage.text for stage in run._steps]
+    stages = [stage.text for stage in stepwise(with_a_shape_key())._steps]
     assert stages == [f"Frame {number} of {LAST}" for number in range(1, LAST + 1)]
 
 
@@ -376,13 +373,10 @@ def test_a_mesh_that_is_swapped_on_a_frame_is_refused() -> None:
     def swap(changed: bpy.types.Scene, *_: object) -> None:
         holder.data = meshes_before[changed.frame_current > 5]
 
-    bpy.app.handlers.frame_change_post.append(swap)
-    try:
+    with at_every_frame(swap):
         bpy.context.scene.frame_set(2)
         with pytest.raises(RuntimeError, match=f"{holder.name}, on frame 6: it does not keep its mesh"):
             compute(holder, bystander)
-    finally:
-        bpy.app.handlers.frame_change_post.remove(swap)
     assert bpy.context.scene.frame_current == 2
     assert holder.data == meshes_before[0]
     assert not bystander.data.ccdepth.has_result
@@ -394,11 +388,8 @@ def test_a_handler_that_fails_changes_nothing(capfd: pytest.CaptureFixture[str])
     def fail(changed: bpy.types.Scene, *_: object) -> None:
         raise LookupError("odd")
 
-    bpy.app.handlers.frame_change_post.append(fail)
-    try:
+    with at_every_frame(fail):
         compute(holder)
-    finally:
-        bpy.app.handlers.frame_change_post.remove(fail)
     capfd.readouterr()
     assert bpy.context.scene.frame_current == FIRST
     assert holder.data.ccdepth.frames == FRAMES
@@ -414,6 +405,7 @@ def test_a_frame_without_a_surface_is_named() -> None:
     assert not holder.data.ccdepth.has_result
 
 
+@pytest.mark.every_blender
 def test_undo_brings_back_what_was_before() -> None:
     holder = with_a_shape_key()
     name = holder.name
