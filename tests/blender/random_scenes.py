@@ -1,807 +1,494 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Random scenes: steps that each put something into the file, as a user or a script of his might.
+"""Random scenes, random operators on them, and what must be so after each: the plan of a seed, run and checked.
 
-A step takes a random generator and looks for what it can work on; where there is nothing, or Blender refuses, it does
-nothing. So any step can be left out, and the others still do what they did: that is how faults are reduced.
+One seed with its steps as they come, or some of the steps alone:
+
+    python -m tests.blender.random_scenes 17
+    python -m tests.blender.random_scenes 17 0,3,8
+
+Any range of seeds, each a test; a process that crashes is replaced by another:
+
+    CCDEPTH_SEEDS=300:2000 scripts/test.sh --thorough tests/blender/test_random_scenes.py
 """
 
 from __future__ import annotations
 
 import os
+import sys
 import tempfile
-from collections.abc import Callable
-from contextlib import suppress
+import traceback
+import warnings
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass, field
 from typing import Any
 
 import bpy
 import numpy as np
-from numpy.typing import NDArray
 
-from tests import meshes
-from tests.blender.snapshot import VALUES
+from tests.blender import addon, random_steps, scene, snapshot
+from tests.blender.addon import ATTRIBUTES
+from tests.blender.random_steps import REFUSALS, Random, chance, one
+from tests.blender.snapshot import OURS, Snapshot
 
-Random = np.random.Generator
-Step = Callable[[Random], None]
-# Positions, edges and faces as Blender takes them.
-Parts = tuple[list[Any], list[Any], list[Any]]
-Maker = Callable[[Random], Parts]
+KINDS = {"ccdepth": ("INT", "FACE"), "ccdepth_bound": ("FLOAT", "FACE"), "ccdepth_color": ("FLOAT_COLOR", "CORNER")}
 
-# What Blender raises when it does not want to.
-REFUSALS = (RuntimeError, TypeError, ValueError, AttributeError, KeyError, OverflowError, ReferenceError)
+# Bounds are rounded up to single precision, and tolerances are kept in it: half a step each.
+SINGLE = 2.0**-23
 
-# Evaluated on every update: more would test the patience of whoever waits, and nothing else.
-MOST_FACES = 400
+# What Select by Depth may change.
+SELECTION = {
+    ".select_vert", ".select_edge", ".select_poly", "select mode", "select history", "total_vert_sel", "total_edge_sel",
+    "total_face_sel", "active attribute",
+}  # fmt: skip
 
-NAMES = (
-    "id", "Weight", "UVMap", "Color", "crease_edge", "crease_vert", "sharp_edge", "sharp_face", "material_index",
-    "custom_normal", "position", ".select_vert", ".select_poly", ".hide_poly", ".hide_vert", ".hide_edge", "uv_seam",
-    "bevel_weight_edge", "bevel_weight_vert", ".sculpt_mask", ".sculpt_face_set", "freestyle_edge", "freestyle_face",
-    "normal", "velocity", "ccdepth_origin", "ccdepth_weights_0", ".corner_vert", ".edge_verts", "shade_smooth", "Größe",
-    "a name as long as Blender keeps them, or even longer than that it is",
-)  # fmt: skip
-PAINTING = ("SCULPT", "VERTEX_PAINT", "WEIGHT_PAINT", "TEXTURE_PAINT")
-OUR_NAMES = ("ccdepth", "ccdepth_bound", "ccdepth_color")
+# What a mesh says while it is edited alone. Edit Mode goes on with the result.
+EDITING = {"select history", "is_editmode", "active attribute", "has_custom_normals"}
+
+OUT_OF_DATE = "set_levels: its depths are out of date; compute them again"
 
 
-def one(rng: Random, items: Any) -> Any:
-    """One of the items, or None when there are none."""
-    items = list(items)
-    return items[int(rng.integers(len(items)))] if items else None
+class Fault(AssertionError):
+    """Something that must not be."""
 
 
-def some(rng: Random, items: Any, share: float = 0.5) -> list[Any]:
-    return [item for item in items if rng.random() < share]
+@dataclass
+class Run:
+    """One run of a plan, and what later steps look back at.
+
+    before_result: what was there before there was any result, as long as nobody has changed anything else since.
+    before_last: what was there before the last operator. last_computed: all settings that Compute Depth was called with
+    last, in Object Mode, and the names of the mesh objects that were selected.
+    """
+
+    random: Random
+    tally: Counter[str] = field(default_factory=Counter)
+    before_result: Snapshot | None = None
+    before_last: Snapshot = field(default_factory=dict)
+    last_computed: tuple[dict[str, Any], list[str]] | None = None
 
 
-def chance(rng: Random, probability: float) -> bool:
-    return bool(rng.random() < probability)
+def plan(seed: int) -> list[str]:
+    """The names of the steps of a seed."""
+    rng = np.random.default_rng(seed)
+    steps = ["add_mesh", *(one(rng, random_steps.ADDED_FIRST).__name__ for _ in range(rng.integers(0, 5)))]
+    steps += [one(rng, random_steps.BUILDING).__name__ for _ in range(rng.integers(2, 14))]
+    for name, share in (("choose_objects", 0.7), ("set_mode", 0.3), ("compute", 0.7)):
+        steps += [name] if chance(rng, share) else []
+    for _ in range(rng.integers(2, 7)):
+        steps.append(one(rng, ACTIONS).__name__)
+        if chance(rng, 0.3):
+            steps.append(one(rng, random_steps.BETWEEN).__name__)
+    return steps
 
 
-def local_meshes() -> list[bpy.types.Mesh]:
-    """The meshes that can be written to in bulk."""
-    return [mesh for mesh in bpy.data.meshes if mesh.is_editable and not mesh.is_editmode and len(mesh.vertices)]
+def run(seed: int, kept: Sequence[int] | None = None, tell: Callable[[str], None] = lambda text: None) -> Counter[str]:
+    """Carry out the plan of a seed, or only some of its steps, and count how the operators ended. Raises Fault."""
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    scene.clear()
+    this = Run(np.random.default_rng(seed))
+    with warnings.catch_warnings(), tempfile.TemporaryDirectory(prefix="random_scenes") as folder:
+        warnings.simplefilter("error", RuntimeWarning)
+        tempfile.tempdir = folder
+        try:
+            for number, name in enumerate(plan(seed)):
+                if kept is not None and number not in kept:
+                    continue
+                this.random = np.random.default_rng([seed, number])
+                tell(f"{number} {name}")
+                with _errors_heard() as heard:
+                    _carry_out(name, this)
+                    _check_touched()
+                if "Traceback" in heard():
+                    raise Fault(f"a traceback was printed: {heard()}")
+        finally:
+            tempfile.tempdir = None
+    return this.tally
 
 
-def mesh_objects() -> list[bpy.types.Object]:
-    return [each for each in bpy.data.objects if each.type == "MESH"]
+def _check_touched() -> None:
+    for module in ("state.staleness", "state.sources"):
+        addon.module(module).check_touched()
 
 
-def editable_objects() -> list[bpy.types.Object]:
-    return [each for each in mesh_objects() if each.is_editable and not each.data.is_editmode]
-
-
-# Meshes
-
-
-def add_mesh(rng: Random, make: Maker | None = None) -> None:
-    """An object with a random mesh."""
-    make = make or one(rng, MESHES)
-    mesh = bpy.data.meshes.new(str(one(rng, ("Mesh", "Cube", "Ärger", "Mesh Adaptive", "ccdepth"))))
-    positions, edges, faces = make(rng)
-    if positions and chance(rng, 0.25):
-        first = len(positions)
-        positions = [*positions, *rng.normal(size=(4, 3)).tolist()]
-        edges = [*edges, (first, first + 1), (0, first + 2)]
-    mesh.from_pydata(positions, edges, faces)
-    holder = bpy.data.objects.new(mesh.name, mesh)
-    bpy.context.scene.collection.objects.link(holder)
-    _choose(rng, holder)
-
-
-def _choose(rng: Random, holder: bpy.types.Object) -> None:
+def _carry_out(name: str, this: Run) -> None:
+    action = next((action for action in ACTIONS if action.__name__ == name), None)
+    if action is not None:
+        action(this)
+        return
     with suppress(*REFUSALS):
-        holder.select_set(True)
-        bpy.context.view_layer.objects.active = holder
+        getattr(random_steps, name)(this.random)
+    bpy.context.view_layer.update()
+    this.before_result = None
 
 
-def _of(data: meshes.MeshData) -> Parts:
-    return data.positions.tolist(), list(data.loose_edges), data.faces
+@contextmanager
+def _errors_heard() -> Iterator[Callable[[], str]]:
+    """Everything printed to the standard error meanwhile, by whomever: handlers and timers print their tracebacks."""
+    sys.stderr.flush()
+    python, saved = sys.stderr, os.dup(2)
+    with tempfile.TemporaryFile() as file:
+        os.dup2(file.fileno(), 2)
+        sys.stderr = os.fdopen(os.dup(2), "w", buffering=1)
+        text = ""
+        try:
+            yield lambda: text
+        finally:
+            sys.stderr.close()
+            sys.stderr = python
+            os.dup2(saved, 2)
+            os.close(saved)
+            file.seek(0)
+            text = file.read().decode(errors="replace")
 
 
-def _grid(rng: Random) -> Parts:
-    columns, rows = (int(number) for number in rng.integers(1, 6, 2))
-    points = [(x, y, float(rng.normal(0, 0.3))) for y in range(rows + 1) for x in range(columns + 1)]
-    faces = []
-    for y in range(rows):
-        for x in range(columns):
-            corner = y * (columns + 1) + x
-            quad = (corner, corner + 1, corner + columns + 2, corner + columns + 1)
-            faces += [quad] if chance(rng, 0.8) else [quad[:3], (quad[0], quad[2], quad[3])]
-    return points, [], faces
+# Actions: operators with random settings, and what must be so afterwards.
 
 
-def _pole(rng: Random) -> Parts:
-    """Quads or triangles around a vertex."""
-    valence, step = int(rng.integers(3, 13)), int(rng.integers(1, 3))
-    angles = 2 * np.pi * np.arange(step * valence) / (step * valence)
-    ring = np.stack([np.cos(angles), np.sin(angles), rng.normal(0, 0.1, len(angles))], axis=1)
-    around = [step * number for number in range(valence)]
-    count = len(angles)
-    faces = [(0, *(1 + (start + offset) % count for offset in range(step + 1))) for start in around]
-    return [(0.0, 0.0, float(rng.normal())), *ring.tolist()], [], faces
+def _call(this: Run, name: str, **settings: Any) -> bool:
+    """Call an operator of ours; True when it finished. A refusal must have changed nothing."""
+    bpy.ops.ed.undo_push(message="Before")
+    this.before_last = snapshot.take()
+    try:
+        outcome = getattr(bpy.ops.ccdepth, name)(**settings)
+    except RuntimeError as refusal:
+        if "Traceback" in str(refusal) or not str(refusal).strip():
+            raise Fault(f"{name} {settings}: refused with “{refusal}”") from None
+        outcome = {"CANCELLED"}
+        this.tally[f"{name}: {_reason(str(refusal))}"] += 1
+    bpy.context.view_layer.update()
+    finished = outcome == {"FINISHED"}
+    this.tally[f"{name} {'finished' if finished else 'refused'}"] += 1
+    if not finished:
+        _only_changed(this, f"{name} {settings} refused")
+    _nothing_temporary()
+    _results_sound(f"{name} {settings}")
+    bpy.ops.ed.undo_push(message=name)
+    return finished
 
 
-def _prism(rng: Random) -> Parts:
-    """Two n-gons and quads between them."""
-    sides = int(rng.integers(3, 9))
-    angles = 2 * np.pi * np.arange(sides) / sides
-    ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
-    points = [(*point, height) for height in (0.0, 1.0) for point in ring.tolist()]
-    around = [(n, (n + 1) % sides, sides + (n + 1) % sides, sides + n) for n in range(sides)]
-    return points, [], [tuple(reversed(range(sides))), tuple(range(sides, 2 * sides)), *around]
+def _reason(text: str) -> str:
+    """What is said, without names and numbers."""
+    words = text.splitlines()[0].removeprefix("Error: ").rpartition(": ")[2]
+    return "".join("#" if letter.isdigit() else letter for letter in words)[:70]
 
 
-def _soup(rng: Random) -> Parts:
-    """Polygons over random vertices, with edges of one, two and more faces."""
-    count = int(rng.integers(5, 14))
-    faces = [
-        tuple(rng.choice(count, size=int(rng.integers(3, 6)), replace=False).tolist())
-        for _ in range(int(rng.integers(1, 9)))
-    ]
-    return rng.normal(size=(count, 3)).tolist(), [], faces
+def _only_changed(this: Run, what: str, allowed: Callable[[snapshot.Path], bool] = lambda path: False) -> None:
+    """Raise Fault where the last operator changed anything but what is allowed."""
+    _same(what, this.before_last, allowed)
 
 
-def _sphere(rng: Random) -> Parts:
-    import bmesh
+def _same(what: str, before: Snapshot, allowed: Callable[[snapshot.Path], bool] = lambda path: False) -> None:
+    found = snapshot.differences(before, snapshot.take(), allowed)
+    if found:
+        raise Fault(f"{what}, and this was changed:\n" + "\n".join(found[:12]))
 
-    shape = bmesh.new()
+
+def _tolerance(rng: Random) -> dict[str, Any]:
+    if chance(rng, 0.15):
+        return {}
+    settings: dict[str, Any] = {"tolerance_mode": one(rng, ("RELATIVE", "RELATIVE", "ABSOLUTE"))}
+    settings["tolerance"] = float(10.0 ** rng.uniform(-1.5, 0))
+    if chance(rng, 0.06):
+        settings["tolerance"] = one(rng, (0.0, -1.0, 1e-12, 1e30, 1e39, float("inf"), float("nan")))
     if chance(rng, 0.5):
-        bmesh.ops.create_uvsphere(
-            shape, u_segments=int(rng.integers(3, 9)), v_segments=int(rng.integers(3, 6)), radius=1
-        )
-    elif chance(rng, 0.8):
-        bmesh.ops.create_icosphere(shape, subdivisions=1, radius=1)
-    else:
-        bmesh.ops.create_monkey(shape)
-    shape.verts.index_update()
-    made = [tuple(v.co) for v in shape.verts], [], [tuple(v.index for v in face.verts) for face in shape.faces]
-    shape.free()
-    return made
+        settings["use_modifiers"] = chance(rng, 0.7)
+    return settings
 
 
-def _without_faces(rng: Random) -> Parts:
-    count = int(rng.integers(0, 4))
-    return rng.normal(size=(count, 3)).tolist(), [(0, 1)] if count > 1 else [], []
+def compute(this: Run) -> None:
+    rng = this.random
+    settings = _tolerance(rng)
+    settings["method"] = one(rng, ("CERTIFIED", "CERTIFIED", "SHARP", "SECOND_ORDER", "FIRST_ORDER"))
+    settings["vertices"] = one(rng, ("CONTROL", "LIMIT"))
+    clean = not any(map(addon.module("state.results").has_traces, bpy.data.meshes))
+    if _call(this, "compute", **settings):
+        _only_changed(this, f"compute {settings} finished", snapshot.is_ours)
+        if clean:
+            this.before_result = this.before_last
+        this.last_computed = (_filled_in(settings), _meant()) if bpy.context.mode == "OBJECT" else None
+        _results_current()
 
 
-MESHES: tuple[Maker, ...] = (
-    _grid,
-    _grid,
-    _grid,
-    _pole,
-    _pole,
-    _prism,
-    _prism,
-    _soup,
-    _sphere,
-    _sphere,
-    lambda rng: _of(meshes.cube()),
-    lambda rng: _of(meshes.creased_cube()),
-    lambda rng: _of(meshes.triangles_and_quads()),
-    lambda rng: _of(meshes.triangles_and_quads()),
-    lambda rng: _of(meshes.cube()),
-)
+def _filled_in(settings: dict[str, Any]) -> dict[str, Any]:
+    """The settings with those that come from the scene."""
+    present = bpy.context.scene.ccdepth
+    names = ("tolerance_mode", "use_modifiers", "method", "vertices")
+    filled = {**{name: getattr(present, name) for name in names}, **settings}
+    relative = filled["tolerance_mode"] == "RELATIVE"
+    return {"tolerance": present.relative_tolerance if relative else present.tolerance, **filled}
 
 
-def add_wire(rng: Random) -> None:
-    """An object without faces, perhaps without vertices."""
-    if chance(rng, 0.4):
-        add_mesh(rng, _without_faces)
+def _meant() -> list[str]:
+    active = bpy.context.active_object
+    chosen = bpy.context.selected_objects or ([active] if active else [])
+    return [each.name for each in chosen if each.type == "MESH" and each.library is None]
 
 
-def spoil_mesh(rng: Random) -> None:
-    """Repeated vertices, faces without area, no finite position, a wrong size: what is refused."""
-    mesh = one(rng, local_meshes())
-    if mesh is None or chance(rng, 0.5):
-        return
-    positions = np.zeros(3 * len(mesh.vertices), dtype=np.float32)
-    data = mesh.attributes["position"].data
-    data.foreach_get("vector", positions)
-    way = int(rng.integers(6))
-    if way == 0 and len(mesh.loops) > 1:
-        mesh.loops[1].vertex_index = mesh.loops[0].vertex_index
-        return
-    if way == 1:
-        positions[rng.integers(len(positions))] = one(rng, (np.nan, np.inf, -np.inf))
-    elif way == 2:
-        positions[3 : 3 * len(positions) // 4] = np.tile(positions[:3], len(positions))[: 3 * len(positions) // 4 - 3]
-    elif way == 3:
-        with np.errstate(over="ignore"):
-            positions *= np.float32(10.0 ** rng.uniform(-30, 30))
-    elif way == 4:
-        positions += np.float32(10.0 ** rng.uniform(0, 8))
-    else:
-        positions[2::3] = 0
-    data.foreach_set("vector", positions)
-    mesh.update()
-
-
-def resize_mesh(rng: Random) -> None:
-    mesh = one(rng, local_meshes())
-    if mesh is not None:
-        mesh.transform(_matrix(np.eye(3) * 10.0 ** rng.uniform(-4, 4)))
-
-
-def _matrix(linear: NDArray[np.float64]) -> Any:
-    from mathutils import Matrix
-
-    return Matrix(linear.tolist()).to_4x4()
-
-
-# Objects
-
-
-def add_user(rng: Random) -> None:
-    """One more object with a mesh that is there, at a size of its own."""
-    mesh = one(rng, bpy.data.meshes)
-    if mesh is None:
-        return
-    holder = bpy.data.objects.new("User", mesh)
-    bpy.context.scene.collection.objects.link(holder)
-    holder.scale = rng.uniform(0.3, 2.0, 3).tolist() if chance(rng, 0.5) else (1, 1, 1)
-    _choose(rng, holder)
-
-
-def add_other(rng: Random) -> None:
-    """An object that is no mesh."""
-    makers: tuple[Callable[[], Any], ...] = (
-        lambda: None,
-        lambda: bpy.data.lights.new("Light", "POINT"),
-        lambda: bpy.data.curves.new("Curve", "CURVE"),
-        lambda: bpy.data.curves.new("Text", "FONT"),
-        lambda: bpy.data.cameras.new("Camera"),
-        lambda: bpy.data.lattices.new("Lattice"),
-        lambda: bpy.data.armatures.new("Armature"),
-        lambda: bpy.data.metaballs.new("Ball"),
-    )
-    holder = bpy.data.objects.new("Other", one(rng, makers)())
-    bpy.context.scene.collection.objects.link(holder)
-    _choose(rng, holder)
-
-
-def place(rng: Random) -> None:
-    """Location, rotation and scale: negative, zero, uneven."""
-    holder = one(rng, [each for each in bpy.data.objects if each.is_editable])
-    if holder is None:
-        return
-    holder.location = rng.normal(0, 3, 3).tolist()
-    holder.rotation_euler = rng.uniform(-3, 3, 3).tolist()
-    scale = rng.uniform(0.2, 3.0, 3) * rng.choice([-1, 1, 1], 3)
-    if chance(rng, 0.1):
-        scale[rng.integers(3)] = 0
-    if chance(rng, 0.1):
-        scale *= 10.0 ** rng.uniform(-9, 9)
-    holder.scale = scale.tolist()
-
-
-def give_parent(rng: Random) -> None:
-    """A parent with an uneven scale, which shears."""
-    child, parent = one(rng, bpy.data.objects), one(rng, bpy.data.objects)
-    if child is None or child == parent or not child.is_editable:
-        return
-    child.parent = parent
-    child.matrix_parent_inverse = _matrix(rng.normal(size=(3, 3)))
-
-
-def hide(rng: Random) -> None:
-    holder = one(rng, bpy.data.objects)
-    if holder is None or chance(rng, 0.5):
+def compute_again(this: Run) -> None:
+    """A result that is said to be current is what would be computed now."""
+    settings, names = this.last_computed or ({}, [])
+    objects = [bpy.data.objects.get(name) for name in names]
+    if not objects or bpy.context.mode != "OBJECT" or not all(objects):
         return
     with suppress(*REFUSALS):
-        name = one(
-            rng, ("hide_viewport", "hide_render", "hide_select", "show_only_shape_key", "use_shape_key_edit_mode")
-        )
-        setattr(holder, name, True)
-    if chance(rng, 0.5):
-        with suppress(*REFUSALS):
-            holder.hide_set(True)
-
-
-def use_collections(rng: Random) -> None:
-    """A collection with some of the objects, perhaps excluded, hidden, or instanced."""
-    group = bpy.data.collections.new("Group")
-    bpy.context.scene.collection.children.link(group)
-    for each in some(rng, bpy.data.objects):
-        group.objects.link(each)
-        if chance(rng, 0.5):
-            with suppress(*REFUSALS):
-                bpy.context.scene.collection.objects.unlink(each)
-    layer = bpy.context.view_layer.layer_collection.children[group.name]
-    layer.exclude = chance(rng, 0.15)
-    layer.hide_viewport = chance(rng, 0.1)
-    group.hide_viewport = chance(rng, 0.1)
-    if chance(rng, 0.2):
-        empty = bpy.data.objects.new("Instance", None)
-        empty.instance_type = "COLLECTION"
-        empty.instance_collection = group
-        bpy.context.scene.collection.objects.link(empty)
-
-
-def choose_objects(rng: Random) -> None:
-    """What is selected, and what is active."""
-    share = one(rng, (0.1, 0.5, 1.0, 1.0, 1.0, 1.0))
-    # Selecting may bring the list up to date, which crashes Blender while it is read.
-    for each in list(bpy.context.view_layer.objects):
-        with suppress(*REFUSALS):
-            each.select_set(bool(rng.random() < share))
-    bpy.context.view_layer.objects.active = one(rng, [*bpy.context.view_layer.objects, *mesh_objects()[:4]])
-
-
-def link_library(rng: Random) -> None:
-    """Some objects go to a file of their own and come back linked, perhaps overridden."""
-    chosen = [each for each in some(rng, editable_objects(), 0.6) if each.library is None and not each.override_library]
-    if not chosen or chance(rng, 0.4) or bpy.context.mode != "OBJECT":
-        return
-    names = [each.name for each in chosen]
-    file = os.path.join(tempfile.mkdtemp(prefix="library"), "library.blend")
-    bpy.data.libraries.write(file, set(chosen))
-    bpy.data.batch_remove(list({*chosen, *(each.data for each in chosen if each.data.users == 1)}))
-    with bpy.data.libraries.load(file, link=True) as (_, wanted):
-        wanted.objects = names
-    for linked in wanted.objects:
-        if linked is None:
-            continue
-        bpy.context.scene.collection.objects.link(linked)
-        way = int(rng.integers(4))
-        if way == 1:
-            linked.override_create(remap_local_usages=True)
-        elif way == 2:
-            overridden = linked.override_create(remap_local_usages=True)
-            overridden.data.override_create(remap_local_usages=True)
-        elif way == 3:
-            linked.data.override_create(remap_local_usages=True)
-    choose_objects(rng)
-    # Blender itself crashes when undo goes back over objects that a script has removed without a step of undo.
-    bpy.ops.ed.undo_push(message="Link Library")
-
-
-# What meshes carry
-
-
-def add_attributes(rng: Random) -> None:
-    """Attributes of any type on any domain, also under names that Blender or CC Depth uses."""
-    mesh = one(rng, local_meshes())
-    if mesh is None:
-        return
-    types = [*bpy.types.Attribute.bl_rna.properties["data_type"].enum_items.keys()]
-    for _ in range(int(rng.integers(1, 7))):
-        name = one(rng, NAMES) if chance(rng, 0.5) else f"attribute {rng.integers(100)}"
-        name = one(rng, OUR_NAMES) if chance(rng, 0.02) else name
-        with suppress(*REFUSALS):
-            made = mesh.attributes.new(name, one(rng, types), one(rng, ("POINT", "EDGE", "FACE", "CORNER")))
-            fill(rng, mesh.attributes[made.name])
-    if chance(rng, 0.5):
-        with suppress(*REFUSALS):
-            mesh.attributes.active = one(rng, mesh.attributes)
-
-
-def fill(rng: Random, attribute: bpy.types.Attribute) -> None:
-    """Random values, as wild as the type allows."""
-    count = len(attribute.data)
-    if attribute.data_type == "STRING":
-        for item in attribute.data:
-            item.value = one(rng, (b"", b"text", "ü".encode(), b"\xff\xfe"))
-        return
-    value, dtype, width = VALUES[attribute.data_type]
-    if np.issubdtype(dtype, np.integer):
-        limits = np.iinfo(dtype)
-        least, most = (limits.min, limits.max) if chance(rng, 0.1) else (-3, 100)
-        values = rng.integers(least, most, count * width)
-    elif dtype is np.bool_:
-        values = rng.random(count * width) < 0.4
-    else:
-        values = rng.normal(0.5, 0.5, count * width)
-        if chance(rng, 0.1) and count:
-            values[rng.integers(len(values))] = one(rng, (np.nan, np.inf, 1e38))
-    attribute.data.foreach_set(value, values.astype(dtype))
-
-
-def set_flags(mesh: bpy.types.Mesh, name: str, domain: str, values: NDArray[np.bool_]) -> None:
-    """Write one of Blender's own flags, unless something else has its name: then Blender's own access would crash."""
-    attribute = mesh.attributes.get(name) or mesh.attributes.new(name, "BOOLEAN", domain)
-    if attribute is not None and (attribute.data_type, attribute.domain) == ("BOOLEAN", domain):
-        attribute.data.foreach_set("value", values)
-
-
-def add_uv_maps(rng: Random) -> None:
-    mesh = one(rng, local_meshes())
-    if mesh is None:
-        return
-    for _ in range(int(rng.integers(1, 4))):
-        layer = mesh.uv_layers.new(name=one(rng, ("UVMap", "Lightmap", "ccdepth_uv", "")), do_init=chance(rng, 0.5))
-        if layer is not None and chance(rng, 0.6):
-            # Whole numbers and halves: corners of several faces often meet.
-            values = rng.integers(0, 5, 2 * len(mesh.loops)).astype(np.float32) / 2
-            mesh.uv_layers[layer.name].uv.foreach_set("vector", values)
-    for name in ("active", "active_render", "active_clone"):
-        layer = one(rng, mesh.uv_layers)
-        if layer is not None:
-            setattr(layer, name, True)
-
-
-def add_colors(rng: Random) -> None:
-    mesh = one(rng, local_meshes())
-    if mesh is None:
-        return
-    for _ in range(int(rng.integers(1, 3))):
-        name, kind = one(rng, ("Color", "Paint", "Color.001")), one(rng, ("FLOAT_COLOR", "BYTE_COLOR"))
-        with suppress(*REFUSALS):
-            fill(rng, mesh.attributes[mesh.color_attributes.new(name, kind, one(rng, ("POINT", "CORNER"))).name])
-    for name in ("active_color_name", "default_color_name"):
-        if chance(rng, 0.5):
-            setattr(mesh.attributes, name, one(rng, ["", *(color.name for color in mesh.color_attributes)]))
-
-
-def add_groups(rng: Random) -> None:
-    holder = one(rng, [each for each in editable_objects() if each.data.is_editable])
-    if holder is None:
-        return
-    for _ in range(int(rng.integers(1, 5))):
-        group = holder.vertex_groups.new(name=one(rng, ("Group", "Weight", "id", "ccdepth_weights_0", "Bone")))
-        members = np.flatnonzero(rng.random(len(holder.data.vertices)) < rng.random()).tolist()
-        for member in members:
-            group.add([member], float(rng.choice([0.0, 0.3, 1.0])), "REPLACE")
-        group.lock_weight = chance(rng, 0.2)
-    holder.vertex_groups.active_index = int(rng.integers(len(holder.vertex_groups)))
-
-
-def add_shape_keys(rng: Random) -> None:
-    """Keys, relative or not, some muted, some driven or animated."""
-    holder = one(rng, [each for each in editable_objects() if each.data.is_editable and len(each.data.vertices)])
-    if holder is None or bpy.context.mode != "OBJECT":
-        return
-    for number in range(int(rng.integers(1, 4))):
-        key = holder.shape_key_add(name=one(rng, ("Key", "Smile", "Basis")), from_mix=False)
-        coordinates = np.zeros(3 * len(holder.data.vertices), dtype=np.float32)
-        holder.data.vertices.foreach_get("co", coordinates)
-        if number:
-            coordinates += rng.normal(0, 0.2, len(coordinates)).astype(np.float32)
-        if chance(rng, 0.03):
-            coordinates[0] = np.nan
-        key.points.foreach_set("co", coordinates)
-        key.value, key.mute = float(rng.choice([0.0, 0.5, 1.0])), chance(rng, 0.2)
-        if holder.vertex_groups and chance(rng, 0.3):
-            key.vertex_group = one(rng, holder.vertex_groups).name
-        key.relative_key = one(rng, holder.data.shape_keys.key_blocks)
-    keys = holder.data.shape_keys
-    keys.use_relative = not chance(rng, 0.2)
-    keys.eval_time = float(rng.uniform(0, 20))
-    holder.active_shape_key_index = int(rng.integers(len(keys.key_blocks)))
-    key = one(rng, keys.key_blocks)
-    way = int(rng.integers(6))
-    if way == 0:
-        key.driver_add("value").driver.expression = "frame / 10"
-    elif way == 1:
-        key.driver_add("value").driver.expression = "no_such_name"
-    elif way == 2:
-        key.keyframe_insert("value", frame=1)
-        key.value = 0.9
-        key.keyframe_insert("value", frame=10)
-    elif way == 3:
-        track = keys.animation_data_create().nla_tracks.new()
-        track.strips.new("Strip", 1, bpy.data.actions.new("Action"))
-
-
-def add_creases(rng: Random) -> None:
-    """Creases at edges and vertices, seams, sharp edges."""
-    mesh = one(rng, local_meshes())
-    if mesh is None:
-        return
-    for name, domain, count in (("crease_edge", "EDGE", len(mesh.edges)), ("crease_vert", "POINT", len(mesh.vertices))):
-        if chance(rng, 0.6) and name not in mesh.attributes:
-            values = rng.choice([0.0, 0.0, 0.3, 0.7, 1.0], count)
-            if chance(rng, 0.1):
-                values = rng.normal(0.5, 1.0, count)
-            mesh.attributes.new(name, "FLOAT", domain).data.foreach_set("value", values.astype(np.float32))
-    for name in ("uv_seam", "sharp_edge"):
-        if chance(rng, 0.5):
-            set_flags(mesh, name, "EDGE", rng.random(len(mesh.edges)) < 0.3)
-
-
-def add_materials(rng: Random) -> None:
-    """Materials, empty slots, indices without a slot."""
-    mesh = one(rng, local_meshes())
-    if mesh is None:
-        return
-    for _ in range(int(rng.integers(1, 4))):
-        mesh.materials.append(one(rng, (None, bpy.data.materials.new("Material"))))
-    for polygon in mesh.polygons:
-        polygon.material_index = int(rng.integers(0, 6))
-    set_flags(mesh, "sharp_face", "FACE", rng.random(len(mesh.polygons)) < 0.5)
-    holder = one(rng, [each for each in editable_objects() if each.data == mesh])
-    if holder is not None and chance(rng, 0.3):
-        holder.material_slots[0].link = "OBJECT"
-        holder.material_slots[0].material = bpy.data.materials.new("Own")
-
-
-def add_normals(rng: Random) -> None:
-    mesh = one(rng, [each for each in local_meshes() if "custom_normal" not in each.attributes])
-    # Blender itself crashes where something else has the name of its sharp edges, and now and then when it looks for
-    # the corners around a vertex of a face that has it twice.
-    if mesh is None or any(len({*face.vertices}) < len(face.vertices) for face in mesh.polygons):
-        return
-    sharp = mesh.attributes.get("sharp_edge")
-    if sharp is not None and (sharp.data_type, sharp.domain) != ("BOOLEAN", "EDGE"):
-        return
-    with suppress(*REFUSALS):
-        mesh.normals_split_custom_set(rng.normal(size=(len(mesh.loops), 3)).tolist())
-
-
-def mark_elements(rng: Random) -> None:
-    """Hidden and selected elements, and face sets."""
-    mesh = one(rng, local_meshes())
-    if mesh is None:
-        return
-    for kind, domain, elements in (
-        ("vert", "POINT", mesh.vertices),
-        ("edge", "EDGE", mesh.edges),
-        ("poly", "FACE", mesh.polygons),
-    ):
-        for name in (".hide", ".select"):
-            if chance(rng, 0.4):
-                values = rng.random(len(elements)) < rng.choice([0.0, 0.3, 1.0])
-                set_flags(mesh, f"{name}_{kind}", domain, values)
-    if chance(rng, 0.3) and ".sculpt_face_set" not in mesh.attributes:
-        fill(rng, mesh.attributes.new(".sculpt_face_set", "INT", "FACE"))
-    if chance(rng, 0.3) and ".sculpt_mask" not in mesh.attributes:
-        fill(rng, mesh.attributes.new(".sculpt_mask", "FLOAT", "POINT"))
-    mesh.use_mirror_x, mesh["custom"] = chance(rng, 0.5), 12.5
-
-
-# Modifiers
-
-
-# Blender itself crashes when it evaluates Bevel on a mesh with attributes of some types on its edges, with no operator
-# of ours; fluids run scripts of their own, which print tracebacks, and caches want files.
-LEFT_OUT_MODIFIERS = {"BEVEL", "FLUID", "MESH_SEQUENCE_CACHE"}
-
-
-def add_modifiers(rng: Random) -> None:
-    """Modifiers of any type, as they come or with random settings."""
-    for _ in range(int(rng.integers(1, 4))):
-        holder = one(rng, editable_objects())
-        if holder is None:
-            return
-        types = [*bpy.types.Modifier.bl_rna.properties["type"].enum_items.keys()]
-        kind = one(rng, [name for name in types if not name.startswith("GREASE") and name not in LEFT_OUT_MODIFIERS])
-        with suppress(*REFUSALS):
-            modifier = holder.modifiers.new(kind.title(), kind)
-            if modifier is not None and chance(rng, 0.6):
-                randomise(rng, holder, modifier)
-            keep_small(holder, modifier)
-            if chance(rng, 0.5):
-                holder.modifiers.move(len(holder.modifiers) - 1, 0)
-
-
-def randomise(rng: Random, holder: bpy.types.Object, modifier: Any) -> None:
-    """Set some settings to something in the range that Blender suggests."""
-    for field in modifier.bl_rna.properties:
-        if field.is_readonly or field.identifier in {"name", "filepath", "rna_type"} or chance(rng, 0.5):
-            continue
-        with suppress(*REFUSALS):
-            setattr(modifier, field.identifier, _random_setting(rng, holder, field))
-
-
-def _random_setting(rng: Random, holder: bpy.types.Object, field: Any) -> Any:
-    if field.type == "BOOLEAN":
-        return [chance(rng, 0.5) for _ in range(field.array_length)] if field.is_array else chance(rng, 0.5)
-    if field.type in {"INT", "FLOAT"}:
-        least, most = max(field.soft_min, -4), min(field.soft_max, 4)
-        numbers = rng.uniform(least, max(most, least), max(field.array_length, 1))
-        numbers = np.rint(numbers).astype(int) if field.type == "INT" else numbers
-        return numbers.tolist() if field.is_array else numbers.tolist()[0]
-    if field.type == "ENUM":
-        names = [item.identifier for item in field.enum_items]
-        return set(some(rng, names)) if field.is_enum_flag else one(rng, names)
-    if field.type == "STRING":
-        mesh = holder.data
-        names = [*holder.vertex_groups.keys(), *mesh.attributes.keys(), *mesh.uv_layers.keys()]
-        return one(rng, ["", "no such name", *names])
-    if isinstance(field.fixed_type, bpy.types.Object.__class__) and field.fixed_type.identifier == "Object":
-        return one(rng, bpy.data.objects)
-    if field.fixed_type.identifier == "Object":
-        return one(rng, bpy.data.objects)
-    if field.fixed_type.identifier == "Collection":
-        return one(rng, bpy.data.collections)
-    return None
-
-
-def keep_small(holder: bpy.types.Object, modifier: Any) -> None:
-    """Settings with which Blender takes seconds or gigabytes for itself."""
-    extent = max(holder.dimensions) if len(holder.data.vertices) else 1.0
-    for name, value in (
-        ("fit_type", "FIXED_COUNT"),
-        ("count", 2),
-        ("levels", 1),
-        ("render_levels", 1),
-        ("octree_depth", 3),
-        ("voxel_size", max(extent / 8 if np.isfinite(extent) else 1.0, 0.1)),
-        ("steps", 4),
-        ("render_steps", 4),
-        ("resolution", 1),
-        ("viewport_resolution", 1),
-        ("segments", 2),
-        ("iterations", 2),
-        ("repeat_u", 1),
-        ("repeat_v", 1),
-    ):
-        if hasattr(modifier, name):
-            with suppress(*REFUSALS):
-                setattr(modifier, name, min(getattr(modifier, name), value) if isinstance(value, int) else value)
-
-
-def add_subdivision(rng: Random) -> None:
-    """A Subdivision Surface modifier, somewhere in the stack."""
-    holder = one(rng, editable_objects())
-    if holder is None:
-        return
-    modifier = holder.modifiers.new("Subdivision", "SUBSURF")
-    modifier.levels, modifier.render_levels = int(rng.integers(0, 3)), 1
-    modifier.subdivision_type = one(rng, ("CATMULL_CLARK", "CATMULL_CLARK", "SIMPLE"))
-    modifier.boundary_smooth = one(rng, ("ALL", "PRESERVE_CORNERS"))
-    modifier.uv_smooth = one(rng, [item.identifier for item in modifier.bl_rna.properties["uv_smooth"].enum_items])
-    modifier.use_creases, modifier.use_limit_surface = chance(rng, 0.7), chance(rng, 0.5)
-    modifier.use_custom_normals, modifier.show_viewport = chance(rng, 0.2), chance(rng, 0.8)
-    if chance(rng, 0.4):
-        holder.modifiers.move(len(holder.modifiers) - 1, int(rng.integers(len(holder.modifiers))))
-
-
-def add_nodes(rng: Random) -> None:
-    """Geometry Nodes: without a group, with an empty one, and with one that does something."""
-    holder = one(rng, editable_objects())
-    if holder is None:
-        return
-    modifier = holder.modifiers.new("Nodes", "NODES")
-    way = int(rng.integers(4))
-    if way == 0:
-        return
-    tree = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
-    modifier.node_group = tree
-    if way == 1:
-        return
-    tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
-    tree.interface.new_socket("Factor", in_out="INPUT", socket_type="NodeSocketFloat")
-    tree.interface.new_socket("Object", in_out="INPUT", socket_type="NodeSocketObject")
-    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    inside, outside = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
-    if way == 2:
-        kind = one(rng, ("GeometryNodeMeshCube", "GeometryNodeMeshToCurve", "GeometryNodeMeshToPoints"))
-        node = tree.nodes.new(kind)
-        if kind != "GeometryNodeMeshCube":
-            tree.links.new(inside.outputs[0], node.inputs[0])
-    else:
-        kinds = ("GeometryNodeSetPosition", "GeometryNodeDualMesh", "GeometryNodeFlipFaces", "GeometryNodeTriangulate",
-                 "GeometryNodeSubdivideMesh", "GeometryNodeScaleElements", "GeometryNodeJoinGeometry")  # fmt: skip
-        node = tree.nodes.new(one(rng, kinds))
-        tree.links.new(inside.outputs[0], node.inputs[0])
-    tree.links.new(node.outputs[0], outside.inputs[0])
-
-
-def add_multires(rng: Random) -> None:
-    holder = one(rng, [each for each in editable_objects() if each.visible_get()])
-    if holder is None or bpy.context.mode != "OBJECT" or len(holder.data.polygons) > MOST_FACES // 16:
-        return
-    bpy.context.view_layer.objects.active = holder
-    with suppress(*REFUSALS):
-        modifier = holder.modifiers.new("Multires", "MULTIRES")
-        bpy.ops.object.multires_subdivide(modifier=modifier.name, mode="CATMULL_CLARK")
-        modifier.levels = int(rng.integers(0, 2))
-
-
-def add_constraint(rng: Random) -> None:
-    holder = one(rng, [each for each in bpy.data.objects if each.is_editable])
-    if holder is not None:
-        with suppress(*REFUSALS):
-            holder.constraints.new(one(rng, ("COPY_SCALE", "LIMIT_SCALE", "TRACK_TO"))).target = one(
-                rng, bpy.data.objects
-            )
-
-
-# Scenes and modes
-
-
-def animate(rng: Random) -> None:
-    """Keyed objects and modifiers, and another frame."""
-    holder = one(rng, [each for each in bpy.data.objects if each.is_editable])
-    if holder is not None:
-        with suppress(*REFUSALS):
-            holder.keyframe_insert("scale", frame=1)
-            holder.scale = rng.uniform(0.5, 2, 3).tolist()
-            holder.keyframe_insert("scale", frame=20)
-        modifier = one(rng, holder.modifiers)
-        if modifier is not None:
-            with suppress(*REFUSALS):
-                modifier.keyframe_insert(one(rng, ("levels", "strength", "show_viewport", "thickness")), frame=1)
-    bpy.context.scene.frame_set(int(rng.integers(1, 30)))
-
-
-def step_frame(rng: Random) -> None:
-    bpy.context.scene.frame_set(int(rng.integers(1, 30)))
-
-
-def set_scene(rng: Random) -> None:
-    """Units, and the scene's own settings of CC Depth."""
-    units = bpy.context.scene.unit_settings
-    units.system = one(rng, ("NONE", "METRIC", "IMPERIAL"))
-    units.scale_length = float(10.0 ** rng.uniform(-3, 3))
-    settings = bpy.context.scene.ccdepth
-    settings.show_heat_map, settings.show_legend = chance(rng, 0.7), chance(rng, 0.5)
-    settings.use_modifiers = chance(rng, 0.7)
-    settings.first_color_depth, settings.last_color_depth = (int(depth) for depth in rng.integers(0, 12, 2))
-    settings.distance_range = one(rng, ("LARGEST", "TOLERANCE", "FIXED"))
-
-
-def add_scene(rng: Random) -> None:
-    """Another scene, with some of the objects, and perhaps the one that is worked in."""
-    scene = bpy.data.scenes.new("Scene")
-    for each in some(rng, bpy.data.objects):
-        scene.collection.objects.link(each)
-    if chance(rng, 0.2) and bpy.context.window is not None and bpy.context.mode == "OBJECT":
-        bpy.context.window.scene = scene
-
-
-def set_mode(rng: Random) -> None:
-    """Edit Mode mostly, and those in which one paints."""
-    mode = one(rng, ("EDIT",) * 6 + ("OBJECT",) * 3 + PAINTING)
-    with suppress(*REFUSALS):
-        bpy.ops.object.mode_set(mode=mode)
-    if bpy.context.mode == "EDIT_MESH":
-        kinds = [chance(rng, 0.4), chance(rng, 0.4), chance(rng, 0.4)]
-        bpy.context.tool_settings.mesh_select_mode = kinds if any(kinds) else (True, False, False)
-        with suppress(*REFUSALS):
-            bpy.ops.mesh.select_random(ratio=float(rng.random()), seed=int(rng.integers(1, 1000)))
-
-
-def leave_mode(rng: Random) -> None:
-    with suppress(*REFUSALS):
-        bpy.ops.object.mode_set(mode="OBJECT")
-
-
-def edit_mesh(rng: Random) -> None:
-    """A vertex moves, or a face is gone."""
-    mesh = one(rng, [each for each in bpy.data.meshes if each.is_editable])
-    if mesh is None:
-        return
-    if not mesh.is_editmode:
-        if len(mesh.vertices):
-            one(rng, mesh.vertices).co.x += 0.1
-            mesh.update()
-        return
-    import bmesh
-
-    edited = bmesh.from_edit_mesh(mesh)
-    if len(edited.faces) and chance(rng, 0.4):
-        bmesh.ops.delete(edited, geom=[one(rng, edited.faces)], context="FACES")
-    elif len(edited.verts):
-        one(rng, edited.verts).co.x += 0.1
-    bmesh.update_edit_mesh(mesh)
-
-
-def remove_something(rng: Random) -> None:
-    """An object goes, or its mesh, or a modifier."""
-    holder = one(rng, [each for each in mesh_objects() if not each.data.is_editmode])
-    if holder is None or bpy.context.mode != "OBJECT":
-        return
-    way = int(rng.integers(3))
-    if way == 0 and len(mesh_objects()) > 1:
-        bpy.data.objects.remove(holder)
-    elif way == 1 and len(bpy.data.meshes) > 1 and holder.data.library is None:
-        bpy.data.meshes.remove(holder.data)
-    elif holder.modifiers:
-        with suppress(*REFUSALS):
-            holder.modifiers.remove(one(rng, holder.modifiers))
-
-
-ADDED_FIRST: tuple[Step, ...] = (add_mesh, add_mesh, add_mesh, add_user, add_other)
+        addon.select(*objects)
+    staleness = addon.module("state.staleness")
+    staleness.check_touched()
+    with_depths = [each.data for each in objects if each.type == "MESH" and _has_depths(each.data)]
+    current = {mesh.name: _depths(mesh) for mesh in with_depths if not staleness.is_stale(mesh)}
+    if len(bpy.context.selected_objects) == len(objects) and _call(this, "compute", **settings):
+        for name, depths in current.items():
+            if _depths(bpy.data.meshes[name]) != depths:
+                raise Fault(f"the result on {name} was said to be current and was not")
+    this.before_result = None
+
+
+def _has_depths(mesh: bpy.types.Mesh) -> bool:
+    return mesh.ccdepth.has_result and not mesh.ccdepth.subdivision and "ccdepth" in mesh.attributes
+
+
+def _depths(mesh: bpy.types.Mesh) -> list[int]:
+    return [each.value for each in mesh.attributes["ccdepth"].data]
+
+
+def clear(this: Run) -> None:
+    if _call(this, "clear"):
+        if this.before_result is not None and not any(map(addon.module("state.results").has_traces, bpy.data.meshes)):
+            _same("compute and clear", this.before_result)
+        chosen = {"active attribute", "rendered color"}
+        gone = {path for path, value in this.before_last.items() if path[-1] in chosen and value in OURS}
+        _only_changed(this, "clear finished", lambda path: snapshot.is_ours(path) or path in gone)
+
+
+def count_faces(this: Run) -> None:
+    settings = _subdivision(this.random)
+    if _call(this, "count_faces", **settings):
+        _only_changed(this, f"count_faces {settings}")
+
+
+def subdivide(this: Run) -> None:
+    rng = this.random
+    settings = _subdivision(rng)
+    settings["output"] = one(rng, ("NEW_OBJECT", "IN_PLACE"))
+    settings["subdivide_results"] = chance(rng, 0.7)
+    if not _make(this, "subdivide", settings):
+        raise Fault(f"subdivide {settings} finished and made nothing")
+
+
+def update(this: Run) -> None:
+    _make(this, "update", _subdivision(this.random))
+
+
+def _make(this: Run, name: str, settings: dict[str, Any]) -> bool:
+    """Call an operator that makes meshes; whether it did, or refused."""
+    settings["exact_normals"], settings["reduce"] = chance(this.random, 0.3), chance(this.random, 0.3)
+    present = {mesh.session_uid for mesh in bpy.data.meshes}
+    if not _call(this, name, **settings):
+        return True
+    made = [mesh for mesh in bpy.data.meshes if mesh.session_uid not in present]
+    # Meshes of results that had been edited are kept under other names.
+    edited = [mesh for mesh in bpy.data.meshes if mesh.name.startswith("Edited ")]
+    _originals_kept(this, f"{name} {settings} finished", [*made, *edited])
+    for mesh in made:
+        if not mesh.is_editmode:
+            _sound_mesh(mesh)
+    _results_current()
+    this.before_result = None
+    return bool(made)
+
+
+def _originals_kept(this: Run, what: str, made: list[bpy.types.Mesh]) -> None:
+    """Meshes that are still there are as they were; results take over names."""
+    present = {mesh.name_full for mesh in bpy.data.meshes} - {mesh.name_full for mesh in made}
+    edited = this.before_last["mode",] == "EDIT_MESH"
+    # Leaving Edit Mode writes what was edited to a key, and the basis to the mesh.
+    with_keys = {mesh.name_full for mesh in bpy.data.meshes if mesh.shape_keys}
+
+    def may_differ(path: snapshot.Path) -> bool:
+        if edited and (path[-1].startswith("total_") or path[-1] in EDITING):
+            return True
+        if edited and path[-1] == "position" and path[1] in with_keys:
+            return True
+        return path[0] != "meshes" or path[1] not in present
+
+    _only_changed(this, what, may_differ)
+
+
+def _subdivision(rng: Random) -> dict[str, Any]:
+    settings = _tolerance(rng)
+    settings["mode"] = one(rng, ("ADAPTIVE", "PER_FACE"))
+    settings["transitions"] = one(rng, ("TRIANGLES", "NGONS"))
+    settings["max_faces"] = int(one(rng, (1, 20, 300, 1000, 1000)))
+    return settings
+
+
+def set_levels(this: Run) -> None:
+    bpy.context.scene.ccdepth.max_faces = int(one(this.random, (10, 2000, 2000)))
+    this.before_result = None
+    staleness = addon.module("state.staleness")
+    meshes = [bpy.data.objects[name].data for name in _meant()]
+    # A result may be current and yet not be about another user of its mesh.
+    current = all(mesh.users == 1 and not staleness.is_stale(mesh) for mesh in meshes)
+    refused = this.tally[OUT_OF_DATE]
+    if _call(this, "set_levels"):
+        _only_changed(this, "set_levels", lambda path: path[2:3] == ("modifiers",))
+    if current and this.tally[OUT_OF_DATE] > refused:
+        raise Fault("set_levels says that a result is out of date, and the panel does not")
+
+
+def select(this: Run) -> None:
+    rng = this.random
+    settings: dict[str, Any] = {"extend": chance(rng, 0.3)}
+    if chance(rng, 0.7):
+        settings["depth"] = int(rng.integers(0, 4))
+        settings["comparison"] = one(rng, ("EQUAL", "AT_LEAST", "AT_MOST"))
+    if _call(this, "select", **settings):
+        _only_changed(this, f"select {settings}", lambda path: path[-1] in SELECTION)
+        this.before_result = None
+
+
+def undo(this: Run) -> None:
+    """Undo takes the last operator of ours back."""
+    with suppress(RuntimeError):
+        bpy.ops.ed.undo()
+    bpy.context.view_layer.update()
+    this.before_result = None
+    if chance(this.random, 0.3):
+        with suppress(RuntimeError):
+            bpy.ops.ed.redo()
+
+
+def save_and_load(this: Run) -> None:
+    """Results come back from the file as they were saved."""
+    before = _results()
+    file = os.path.join(tempfile.mkdtemp(prefix="saved"), "scene.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=file)
+    bpy.ops.wm.open_mainfile(filepath=file)
+    if before != (after := _results()):
+        raise Fault(f"saving and loading: {before} became {after}")
+    this.before_result = None
+
+
+def _results() -> dict[str, list[Any]]:
+    """The results on meshes that are saved: not those of overrides, whose attributes Blender does not save."""
+    found: dict[str, list[Any]] = {}
+    for mesh in bpy.data.meshes:
+        if mesh.users and mesh.library is None and mesh.override_library is None and mesh.ccdepth.has_result:
+            ours = [each for each in snapshot.mesh_paths(mesh) if snapshot.is_ours(("meshes", "", *each[0]))]
+            found[mesh.name] = sorted(each for each in ours if each[0][0] != "displayed color")
+    return found
+
+
+def measure(this: Run) -> None:
+    # Whether it is near enough by then does not matter here.
+    if _call(this, "measure", time_limit=0.2):
+        _only_changed(this, "measure finished", snapshot.is_ours)
+        this.before_result = None
+
+
 # Repeated ones are likelier.
-BUILDING: tuple[Step, ...] = (
-    spoil_mesh, resize_mesh, place, place, give_parent, hide, use_collections, link_library, add_attributes,
-    add_attributes, add_attributes, add_uv_maps, add_uv_maps, add_colors, add_colors, add_groups, add_groups,
-    add_shape_keys, add_shape_keys, add_creases, add_creases, add_materials, add_normals, mark_elements, mark_elements,
-    add_modifiers, add_modifiers, add_modifiers, add_subdivision, add_subdivision, add_nodes, add_multires,
-    add_constraint, animate, set_scene, add_scene, add_user, add_wire,
+ACTIONS: tuple[Callable[[Run], None], ...] = (
+    compute, compute, compute, compute, clear, clear, subdivide, subdivide, subdivide, count_faces, set_levels, select,
+    undo, save_and_load, update, measure, compute_again, compute_again,
 )  # fmt: skip
-BETWEEN: tuple[Step, ...] = (
-    choose_objects, choose_objects, set_mode, set_mode, leave_mode, edit_mesh, step_frame, set_scene, remove_something,
-    place, add_attributes, add_modifiers, hide, mark_elements, add_colors, link_library,
-)  # fmt: skip
+
+
+# What must be so whatever has happened.
+
+
+def _nothing_temporary() -> None:
+    for collection in ("objects", "meshes", "shape_keys", "collections", "node_groups"):
+        for block in getattr(bpy.data, collection):
+            if block.name.startswith(("ccdepth_", "Snapshot")):
+                raise Fault(f"left behind in bpy.data.{collection}: {block.name}")
+    if stray := [keys.name for keys in bpy.data.shape_keys if keys.library is None and not keys.users]:
+        raise Fault(f"shape keys without a mesh: {stray}")
+
+
+def _results_sound(what: str) -> None:
+    """Attributes of the right kind and length, and bounds that are numbers within the tolerance."""
+    for mesh in bpy.data.meshes:
+        record = mesh.ccdepth
+        if not record.has_result or mesh.is_editmode or "ccdepth" not in mesh.attributes:
+            continue
+        lengths = _lengths(mesh)
+        for name in ATTRIBUTES[: 2 if record.subdivision else 3]:
+            attribute = mesh.attributes.get(name)
+            if attribute is None or (attribute.data_type, attribute.domain) != KINDS[name]:
+                raise Fault(f"{what}: {mesh.name} has no {name} of its kind")
+            if len(attribute.data) != lengths[attribute.domain]:
+                raise Fault(f"{what}: {name} on {mesh.name} has {len(attribute.data)} values")
+        bounds = np.array([each.value for each in mesh.attributes["ccdepth_bound"].data])
+        # Several users may have several tolerances, and only the least of them is known.
+        most = record.world_tolerance * (1 + SINGLE) if len(record.contributors) <= 1 else np.inf
+        if not (np.isfinite(bounds).all() and (bounds >= 0).all() and (bounds <= most).all()):
+            raise Fault(f"{what}: bounds from {bounds.min()} to {bounds.max()} on {mesh.name}, tolerance {most}")
+        if (least := min(_depths(mesh), default=0)) < 0:
+            raise Fault(f"{what}: depth {least} on {mesh.name}")
+
+
+def _results_current() -> None:
+    """What was just made is not out of date."""
+    staleness = addon.module("state.staleness")
+    staleness.check_touched()
+    for holder in bpy.context.selected_objects:
+        # Edit Mode shows one key by itself, which is another shape than that of the result.
+        if holder.type != "MESH" or (holder.data.is_editmode and holder.data.shape_keys):
+            continue
+        if holder.data.ccdepth.has_result and staleness.is_stale(holder.data):
+            raise Fault(f"the new result on {holder.name} is out of date")
+
+
+def _sound_mesh(mesh: bpy.types.Mesh) -> None:
+    """Its attributes are whole, the colour it shows is one of them, and Blender finds nothing to mend."""
+    for path, value in snapshot.mesh_content(mesh):
+        if path[0] == "attribute" and value[2] != _lengths(mesh)[value[1]]:
+            raise Fault(f"{path[1]} on the result {mesh.name} has {value[2]} values")
+    active = mesh.attributes.active_color_name
+    if active and active not in mesh.attributes:
+        raise Fault(f"the result {mesh.name} shows a color attribute “{active}” that it does not have")
+    # Blender finds fault with what is no number, also where the base mesh has it.
+    if _is_finite(mesh) and mesh.validate(verbose=True):
+        raise Fault(f"the result {mesh.name} was not valid")
+
+
+def _is_finite(mesh: bpy.types.Mesh) -> bool:
+    """Whether all values of its attributes are numbers."""
+    for attribute in mesh.attributes:
+        value, dtype, width = snapshot.VALUES.get(attribute.data_type, ("", bool, 1))
+        if np.issubdtype(dtype, np.floating):
+            values = np.zeros(len(attribute.data) * width, dtype)
+            attribute.data.foreach_get(value, values)
+            if not np.isfinite(values).all():
+                return False
+    return True
+
+
+def _lengths(mesh: bpy.types.Mesh) -> dict[str, int]:
+    elements = {"POINT": mesh.vertices, "EDGE": mesh.edges, "FACE": mesh.polygons, "CORNER": mesh.loops}
+    return {domain: len(items) for domain, items in elements.items()}
+
+
+def main() -> None:
+    seed, *steps = sys.argv[1:] or sys.exit(__doc__)
+    import ccdepth_addon
+
+    if not hasattr(bpy.types.Scene, "ccdepth"):
+        ccdepth_addon.register()
+    status = 0
+    try:
+        kept = [int(number) for number in steps[0].split(",")] if steps else None
+        print(run(int(seed), kept, tell=lambda text: print(text, flush=True)))
+    except Exception:
+        traceback.print_exc()
+        status = 1
+    sys.stdout.flush()
+    sys.stderr.flush()
+    # The bpy module can hang when the interpreter winds up.
+    os._exit(status)
+
+
+if __name__ == "__main__":
+    main()

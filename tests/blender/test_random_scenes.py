@@ -1,24 +1,41 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Random scenes and random operators on them end without a traceback, and keep what is the user's.
 
-These are some tens of seeds. Any others, in processes that may crash, with every fault reduced to the steps it needs:
-
-    python -m tests.blender.random_runs FIRST LAST
-
-or here, in this process: ``CCDEPTH_SEEDS=FIRST:LAST pytest tests/blender/test_random_scenes.py``.
+How to repeat a seed alone, and how to run others than these, `random_scenes` says.
 """
 
 from __future__ import annotations
 
 import os
+from typing import Any
 
 import pytest
 
-from tests.blender import random_runs
+from tests.blender import random_scenes
 
-FIRST, LAST = (int(number) for number in os.environ.get("CCDEPTH_SEEDS", "0:40").split(":"))
+FIRST, LAST = (int(number) for number in os.environ.get("CCDEPTH_SEEDS", "0:300").split(":"))
+
+# Those of the first 300 that together reach all operators, with every way they end, and the most lines of ours.
+IN_EVERY_BLENDER = (89, 183, 244, 268)
+SHORT = (*IN_EVERY_BLENDER, 4, 23, 60, 144, 160, 186, 188, 198)
+
+# Blender itself crashes when it enters Sculpt Mode there.
+CRASHES = (185,)
+
+# Faults of ours that are known, and what each is.
+KNOWN = {
+    102: "Set Levels raises where its new modifier cannot be first, before one that requires original data",
+    131: "a refusal in Edit Mode raises where the edited object is hidden, as it cannot be edited again",
+}
 
 
-@pytest.mark.parametrize("seed", range(FIRST, LAST))
+def seed_with_marks(seed: int) -> Any:
+    marks: list[Any] = [] if seed in SHORT else [pytest.mark.thorough]
+    marks += [pytest.mark.every_blender] if seed in IN_EVERY_BLENDER else []
+    marks += [pytest.mark.xfail(reason=KNOWN[seed], raises=random_scenes.Fault, strict=True)] if seed in KNOWN else []
+    return pytest.param(seed, marks=marks)
+
+
+@pytest.mark.parametrize("seed", [seed_with_marks(seed) for seed in range(FIRST, LAST) if seed not in CRASHES])
 def test_random_scene(seed: int) -> None:
-    random_runs.run(seed)
+    random_scenes.run(seed)
