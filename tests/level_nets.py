@@ -63,19 +63,11 @@ def worse_later(
 
 def _distances(mesh: PolygonMesh, level: int, vertices: str) -> FloatArray:
     """(F, places, V): Lᵏ - S at places in each face, as functionals of one coordinate of the vertices."""
-    columns = []
-    identity = np.eye(mesh.vertex_count)
-    for vertex in range(0, mesh.vertex_count, 3):
-        positions = np.zeros((mesh.vertex_count, 3))
-        some = identity[:, vertex : vertex + 3]
-        positions[:, : some.shape[1]] = some
-        levels = Levels(mesh.changed(positions=positions))
-        fine = levels.mesh(level + DEEPER)
-        corners = levels.mesh(level)
-        points = corners.positions if vertices == "CONTROL" else limit_positions(corners)
-        values = points[corners.corner_vertices]
-        for finer in range(level, level + DEEPER):
-            values = linear_children(levels.mesh(finer), values)
-        gaps = values - limit_positions(fine)[fine.corner_vertices]
-        columns.append(gaps.reshape(mesh.face_count, -1, 3)[..., : some.shape[1]])
-    return np.concatenate(columns, axis=-1)
+    levels = Levels(mesh.changed(positions=np.eye(mesh.vertex_count)))
+    corners, fine = levels.mesh(level), levels.mesh(level + DEEPER)
+    points = corners.positions if vertices == "CONTROL" else limit_positions(corners)
+    values = points[corners.corner_vertices]
+    for finer in range(level, level + DEEPER):
+        values = linear_children(levels.mesh(finer), values)
+    gaps = values - limit_positions(fine)[fine.corner_vertices]
+    return gaps.reshape(mesh.face_count, -1, mesh.vertex_count)

@@ -8,12 +8,13 @@ from dataclasses import replace
 import numpy as np
 
 from ccdepth_addon.core.adaptive.subdivided_mesh import SubdividedMesh
-from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
+from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests.brute_force import linear_children
+from tests.nets import refined
 
 QUARTER = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
@@ -60,24 +61,13 @@ def uniform_points(mesh: PolygonMesh, level: int) -> SurfacePoints:
 
 def refined_values(mesh: PolygonMesh, values: FloatArray, level: int, *, limit: bool) -> FloatArray:
     """(C, D): values (V, D) at the vertices after so many levels, or their limits there, at the fine corners."""
-    return fine_values(mesh, values, level, limit=limit)[corner_vertices(mesh, level)]
+    return fine_values(mesh, values, level, limit=limit)[refined(mesh, level).corner_vertices]
 
 
 def fine_values(mesh: PolygonMesh, values: FloatArray, level: int, *, limit: bool) -> FloatArray:
     """(fine V, D) the same at the fine vertices."""
-    columns = []
-    for column in values.T:
-        fine = mesh.changed(positions=np.repeat(column[:, None], 3, axis=1))
-        for _ in range(level):
-            fine = subdivide(fine).mesh
-        columns.append((limit_positions(fine) if limit else fine.positions)[:, 0])
-    return np.stack(columns, axis=1)
-
-
-def corner_vertices(mesh: PolygonMesh, level: int) -> IndexArray:
-    for _ in range(level):
-        mesh = subdivide(mesh).mesh
-    return mesh.corner_vertices
+    fine = refined(mesh.changed(positions=values), level)
+    return limit_positions(fine) if limit else fine.positions
 
 
 def with_loose_parts(mesh: PolygonMesh, subdivided: SubdividedMesh) -> SubdividedMesh:
