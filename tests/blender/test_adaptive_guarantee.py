@@ -29,6 +29,7 @@ from tests.blender import addon, scene
 from tests.blender.measuring import BlenderLevels, part_of, rounding
 from tests.blender.named_meshes import NAMED
 from tests.brute_force import linear_children
+from tests.thorough import combinations
 
 FloatArray = NDArray[np.float64]
 
@@ -68,62 +69,66 @@ def hexagons_with_a_bump() -> meshes.MeshData:
     return replace(data, positions=data.positions + np.maximum(2.0 - away, 0.0)[:, None] * (0.0, 0.0, 0.5))
 
 
-# Blender's triangles and its modifier are another version's elsewhere: on these they are measured in every Blender.
-EVERYWHERE: dict[str, Callable[[], meshes.MeshData]] = {
-    name: NAMED[name] for name in ("cube", "valence 2", "valences 3 and 9", "n-gons")
-} | {
-    "landscape with boundary": lambda: meshes.landscape(6, 5),
-    "triangles": lambda: meshes.bumpy(meshes.bipyramid(6), 0.05),
-    "concave faces": meshes.concave_faces,
-    "nearly flat around a pole": lambda: flattened(meshes.fan(5, 3)),
-    "flat hexagons": lambda: meshes.hexagons(4, 7, 0.12),
-    "hexagons with a bump": hexagons_with_a_bump,
+# Tolerances in parts of the diagonal: the deep level, and the transitions.
+COARSE, MIDDLE, FINE, FINEST = 3e-2, 1e-2, 1e-3, 1e-4
+TOLERANCES = {COARSE: (4, "TRIANGLES"), MIDDLE: (5, "NGONS"), FINE: (5, "TRIANGLES"), FINEST: (6, "TRIANGLES")}
+
+
+@dataclass(frozen=True)
+class Case:
+    """A mesh, and the tolerances that the short suite has. The others are thorough, down to `least`.
+
+    At smaller ones these become too many faces for a test, or the deep level is not deep enough.
+    """
+
+    build: Callable[[], meshes.MeshData]
+    short: tuple[float, ...] = ()
+    least: float = FINE
+
+
+CASES = {
+    "cube": Case(NAMED["cube"], (COARSE, FINE)),
+    "valence 2": Case(NAMED["valence 2"], (COARSE, MIDDLE), FINEST),
+    "valences 3 and 9": Case(NAMED["valences 3 and 9"], (COARSE, MIDDLE)),
+    "n-gons": Case(NAMED["n-gons"], (COARSE, MIDDLE, FINE)),
+    "landscape with boundary": Case(lambda: meshes.landscape(6, 5), (COARSE, FINE), FINEST),
+    "triangles": Case(lambda: meshes.bumpy(meshes.bipyramid(6), 0.05), (COARSE, FINE)),
+    "concave faces": Case(meshes.concave_faces, (COARSE, MIDDLE)),
+    "nearly flat around a pole": Case(lambda: flattened(meshes.fan(5, 3)), (COARSE, FINE), FINEST),
+    "flat hexagons": Case(lambda: meshes.hexagons(4, 7, 0.12), (COARSE, MIDDLE, FINE), FINEST),
+    "hexagons with a bump": Case(hexagons_with_a_bump, (COARSE, MIDDLE, FINE), FINEST),
+    "Suzanne": Case(NAMED["Suzanne"], (COARSE, FINE)),
+    "Suzanne after one step": Case(NAMED["Suzanne after one step"], least=FINEST),
+    "Suzanne with random creases": Case(
+        lambda: softened(meshes.with_random_creases(scene.suzanne(), share=0.1)), (COARSE,)
+    ),
+    "valence 3": Case(NAMED["valence 3"], (COARSE, FINE), FINEST),
+    "valence 5": Case(NAMED["valence 5"], (FINEST,), FINEST),
+    "valence 6": Case(NAMED["valence 6"], least=FINEST),
+    "valence 7": Case(NAMED["valence 7"], (MIDDLE,), FINEST),
+    "valence 8": Case(NAMED["valence 8"], least=FINEST),
+    "valence 12": Case(NAMED["valence 12"], (MIDDLE,)),
+    "valence 64": Case(NAMED["valence 64"]),
+    # More than the core has tables for.
+    "valence 72": Case(lambda: meshes.fan(72, 1), (COARSE,), MIDDLE),
+    "valence 360": Case(NAMED["valence 360"], least=MIDDLE),
+    "triangles, quads, valence 12": Case(NAMED["triangles, quads, valence 12"], (MIDDLE,)),
+    "icosphere": Case(lambda: scene.icosphere(3), (MIDDLE,), FINEST),
+    "fine icosphere": Case(lambda: scene.icosphere(5)),
+    "valence 2 with creases": Case(
+        lambda: softened(NAMED["valence 2 with random creases"]()), (COARSE, MIDDLE), FINEST
+    ),
+    "house with creases": Case(lambda: softened(NAMED["house with random creases"]()), (COARSE, MIDDLE)),
+    "not manifold": Case(lambda: softened(NAMED["not manifold"]()), (COARSE, FINE), FINEST),
+    "torus": Case(lambda: meshes.torus(9, 6), (MIDDLE, FINE), FINEST),
+    "landscape with creases": Case(
+        lambda: softened(meshes.with_random_creases(meshes.landscape(5, 5))), (COARSE, FINEST), FINEST
+    ),
+    "n-gons with creases": Case(lambda: softened(meshes.with_random_creases(meshes.cylinder(8), share=0.5)), (MIDDLE,)),
 }
-CASES: dict[str, Callable[[], meshes.MeshData]] = (
-    EVERYWHERE
-    | {
-        name: NAMED[name]
-        for name in (
-            *("Suzanne", "Suzanne after one step", "valence 3", "valence 5", "valence 6", "valence 7", "valence 8"),
-            *("valence 12", "valence 64", "valence 360", "triangles, quads, valence 12"),
-        )
-    }
-    | {
-        "icosphere": lambda: scene.icosphere(3),
-        "fine icosphere": lambda: scene.icosphere(5),
-        "valence 2 with creases": lambda: softened(NAMED["valence 2 with random creases"]()),
-        "house with creases": lambda: softened(NAMED["house with random creases"]()),
-        "not manifold": lambda: softened(NAMED["not manifold"]()),
-        "Suzanne with random creases": lambda: softened(meshes.with_random_creases(scene.suzanne(), share=0.1)),
-        "torus": lambda: meshes.torus(9, 6),
-        "landscape with creases": lambda: softened(meshes.with_random_creases(meshes.landscape(5, 5))),
-        "n-gons with creases": lambda: softened(meshes.with_random_creases(meshes.cylinder(8), share=0.5)),
-    }
-)
 
-# In parts of the diagonal: the deep level, and the transitions.
-TOLERANCES = {3e-2: (4, "TRIANGLES"), 1e-2: (5, "NGONS"), 1e-3: (5, "TRIANGLES"), 1e-4: (6, "TRIANGLES")}
-
-# One more where the finer ones cannot be measured.
-MORE_TOLERANCES = {"valence 360": {5e-3: (5, "TRIANGLES")}}
-
-# At smaller ones these become too many faces for a test, or the deep level is not deep enough.
-LEAST_TOLERANCES = {
-    "valence 360": 5e-3,
-    "fine icosphere": 1e-3,
-    "triangles, quads, valence 12": 1e-3,
-    "house with creases": 1e-3,
-    "valence 64": 1e-3,
-    "valence 12": 1e-3,
-    "Suzanne": 1e-3,
-    "Suzanne with random creases": 1e-3,
-    "cube": 1e-3,
-    "valences 3 and 9": 1e-3,
-    "triangles": 1e-3,
-    "n-gons": 1e-3,
-    "n-gons with creases": 1e-3,
-    "concave faces": 1e-3,
-}
+# Blender's triangles and its modifier are another version's elsewhere: there the first of them are measured.
+EVERYWHERE = list(CASES)[:10]
 
 
 @dataclass(frozen=True)
@@ -138,10 +143,7 @@ class Drawn:
 
 
 def drawn(data: meshes.MeshData, tolerance: float, transitions: str, world: FloatArray | None = None) -> Drawn:
-    """tolerance: in the unit of the positions. world: (3, 3), the matrix of the object that has the data in the scene.
-
-    Counting the faces beforehand finds as many.
-    """
+    """tolerance: in the unit of the positions. world: (3, 3), of the object that has the data in the scene."""
     world = np.eye(3) if world is None else world
     adaptive, rules = addon.module("core.adaptive.planner"), addon.module("core.surface.sharpness")
     templates, request = addon.module("core.adaptive.templates"), addon.module("core.adaptive.request")
@@ -153,7 +155,6 @@ def drawn(data: meshes.MeshData, tolerance: float, transitions: str, world: Floa
     found = adaptive.subdivide_adaptively(base, asked, positions)
     assert np.all(found.bounds <= tolerance)
     made = found.mesh
-    assert adaptive.count_faces(base, asked) == len(made.base_faces)
     mesh = bpy.data.meshes.new("Adaptive")
     faces = np.split(made.corner_vertices, made.face_starts[1:-1])
     mesh.from_pydata(made.positions.tolist(), [], [face.tolist() for face in faces])
@@ -223,24 +224,38 @@ def points_of_triangles(points: FloatArray) -> FloatArray:
     return np.einsum("sc,tcd->tsd", weights, points)
 
 
-@pytest.mark.parametrize(
-    "name", [name if name in EVERYWHERE else pytest.param(name, marks=pytest.mark.mathematics) for name in CASES]
-)
-def test_within_the_tolerance_both_ways(name: str) -> None:
-    data = meshes.single_precision(CASES[name]())
+def assert_within(
+    data: meshes.MeshData, level: int, relative: dict[float, str], slack: float, world: FloatArray | None = None
+) -> None:
+    """Both ways at each of these tolerances, with these transitions."""
     diagonal = float(np.linalg.norm(np.ptp(data.positions, axis=0)))
-    for relative, (level, transitions) in (TOLERANCES | MORE_TOLERANCES.get(name, {})).items():
-        if relative < LEAST_TOLERANCES.get(name, 0):
-            continue
-        while data.face_sizes.sum() * 4**level <= MOST_QUADS:
-            level += 1
-        faces = faces_to_measure(data, level)
-        surface = surface_of(data, faces, level)
-        mesh = drawn(data, relative * diagonal, transitions)
-        # Blender's trees compute in single precision as well.
-        slack = 2 * rounding(data, level)
-        assert_mesh_near_surface(mesh, faces, surface, relative * diagonal, slack)
-        assert_surface_near_mesh(mesh, surface, relative * diagonal, slack)
+    while data.face_sizes.sum() * 4**level <= MOST_QUADS:
+        level += 1
+    faces = faces_to_measure(data, level)
+    surface = surface_of(data, faces, level)
+    # Blender's trees compute in single precision as well.
+    slack *= rounding(data, level)
+    for tolerance, transitions in relative.items():
+        mesh = drawn(data, tolerance * diagonal, transitions, world)
+        assert_mesh_near_surface(mesh, faces, surface, tolerance * diagonal, slack)
+        assert_surface_near_mesh(mesh, surface, tolerance * diagonal, slack)
+
+
+def marked() -> list[object]:
+    """Each case with each of its tolerances."""
+    found = []
+    for name, case in CASES.items():
+        for tolerance in [each for each in TOLERANCES if each >= case.least]:
+            marks = [] if tolerance in case.short else [pytest.mark.thorough]
+            marks += [pytest.mark.every_blender] * (name in EVERYWHERE and tolerance == COARSE)
+            found.append(pytest.param(name, tolerance, marks=marks))
+    return found
+
+
+@pytest.mark.parametrize(("name", "relative"), marked())
+def test_within_the_tolerance_both_ways(name: str, relative: float) -> None:
+    level, transitions = TOLERANCES[relative]
+    assert_within(meshes.single_precision(CASES[name].build()), level, {relative: transitions}, slack=2)
 
 
 # Of objects: what they do to their meshes, so unevenly that Blender does not see the polygons as they are in the scene.
@@ -253,24 +268,14 @@ WORLDS: dict[str, FloatArray] = {
 }
 
 
-@pytest.mark.parametrize("world", WORLDS)
+@pytest.mark.every_blender
 @pytest.mark.parametrize(
-    "name", ["n-gons", "n-gons with creases", "triangles", "valence 7", "concave faces", "flat hexagons"]
+    ("name", "world"),
+    combinations(["n-gons", "n-gons with creases", "triangles", "valence 7", "concave faces", "flat hexagons"], WORLDS),
 )
 def test_polygons_of_uneven_objects_are_within_the_tolerance(name: str, world: str) -> None:
-    data = CASES[name]()
-    diagonal = float(np.linalg.norm(np.ptp(data.positions, axis=0)))
-    level = 4
-    while data.face_sizes.sum() * 4**level <= MOST_QUADS:
-        level += 1
-    faces = faces_to_measure(data, level)
-    surface = surface_of(data, faces, level)
     # The nearest points of a mesh that is stored in another space.
-    slack = 4 * rounding(data, level)
-    for relative in (3e-2, 1e-2):
-        mesh = drawn(data, relative * diagonal, "NGONS", WORLDS[world])
-        assert_mesh_near_surface(mesh, faces, surface, relative * diagonal, slack)
-        assert_surface_near_mesh(mesh, surface, relative * diagonal, slack)
+    assert_within(CASES[name].build(), 4, {COARSE: "NGONS", MIDDLE: "NGONS"}, slack=4, world=WORLDS[world])
 
 
 def faces_to_measure(data: meshes.MeshData, level: int) -> NDArray[np.intp]:
