@@ -7,6 +7,7 @@ The reference is the same modifier with Use Limit Surface off, some levels deepe
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import product
 
 import bpy
 import numpy as np
@@ -18,6 +19,7 @@ from tests.blender import addon
 from tests.blender.measuring import BlenderLevels, rounding
 from tests.blender.named_meshes import NAMED
 from tests.brute_force import Levels, linear_children
+from tests.thorough import each
 
 # Levels between those of the facets and of the reference, as far as quads of the reference allow, and one at least.
 MOST_DEEPER = 3
@@ -47,30 +49,35 @@ CREASED: dict[str, Callable[[], meshes.MeshData]] = {
     "vertex creases": meshes.corner_creased_cube,
     "vertex creases on corners": lambda: meshes.creased(meshes.landscape(4, 4), {}, {0: 0.9, 4: 0.3, 12: 0.7}),
     "open and closed creases": meshes.creased_cube,
+    # More than the core has tables for.
+    "valence 72": lambda: meshes.fan(72, 1),
 }
 MESHES = NAMED | CREASED
 
 
-def diagonal(data: meshes.MeshData) -> float:
-    return float(np.linalg.norm(np.ptp(data.positions, axis=0)))
+def cases() -> list[object]:
+    """Every mesh with every setting; in the short suite once, or not where it takes long."""
+    settings = list(product(("CONTROL", "LIMIT"), ("ALL", "PRESERVE_CORNERS")))
+    found = []
+    for number, name in enumerate(MESHES):
+        for vertices, boundary in settings:
+            is_short = name != "valence 360" and (vertices, boundary) == settings[number % len(settings)]
+            marks = [] if is_short else [pytest.mark.thorough]
+            found.append(
+                pytest.param(name, vertices, boundary, marks=[*marks, *[pytest.mark.every_blender] * (name in CREASED)])
+            )
+    return found
 
 
-# These are measured in every Blender, the rest in one.
-EVERYWHERE = [*CREASED, "Suzanne", "valence 12", "n-gons", "landscape with boundary"]
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in EVERYWHERE else pytest.mark.mathematics) for name in MESHES]
-)
-@pytest.mark.parametrize("boundary", ["ALL", "PRESERVE_CORNERS"])
-@pytest.mark.parametrize("vertices", ["CONTROL", "LIMIT"])
-def test_what_is_shown_is_within_the_tolerance(name: str, boundary: str, vertices: str) -> None:
+@pytest.mark.parametrize(("name", "vertices", "boundary"), cases())
+def test_what_is_shown_is_within_the_tolerance(name: str, vertices: str, boundary: str) -> None:
     data = meshes.single_precision(MESHES[name]())
+    diagonal = float(np.linalg.norm(np.ptp(data.positions, axis=0)))
     shown, reference = BlenderLevels(data, boundary), BlenderLevels(data, boundary)
     modifier, measured = shown.object.modifiers[0], 0
     rounding_bounds = addon.module("core.bounds.rounding")
     for share in TOLERANCES:
-        tolerance = share * diagonal(data)
+        tolerance = share * diagonal
         addon.compute(shown.object, tolerance=tolerance, method="CERTIFIED", vertices=vertices, use_modifiers=False)
         modifier.use_limit_surface, modifier.quality = vertices == "CONTROL", 1
         # Whoever asks for it sets what is finer than is measured here.
@@ -106,16 +113,17 @@ def farthest(points: np.ndarray, reference: BlenderLevels, level: int, deeper: i
 
 # Single precision
 
-FANS = (3, 4, 5, 16, 64, 128)
+# Valence, offset, Use Limit Surface.
+FANS = each(
+    list(product((3, 4, 5, 16, 64, 128), (0.0, 1000.0), (False, True))),
+    short=[(3, 1000.0, True), (4, 0.0, False), (5, 0.0, True), (16, 1000.0, False), (64, 1000.0, True)],
+)
 
 
-@pytest.mark.parametrize("valence", FANS)
-@pytest.mark.parametrize("offset", [0.0, 1000.0])
-@pytest.mark.parametrize("shows_limits", [False, True])
-def test_single_precision_puts_nothing_further_off_than_allowed_for(
-    valence: int, offset: float, shows_limits: bool
-) -> None:
+@pytest.mark.parametrize("fan", FANS)
+def test_single_precision_puts_nothing_further_off_than_allowed_for(fan: tuple[int, float, bool]) -> None:
     """Against the same levels in double precision. Far from the origin all roundings add up."""
+    valence, offset, shows_limits = fan
     data = meshes.moved(meshes.fan(valence, 1), offset, -0.7 * offset, 0.5 * offset)
     data = meshes.single_precision(data)
     shown, exact = (
