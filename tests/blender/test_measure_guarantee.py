@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.thorough import each
 
 FloatArray = NDArray[np.float64]
 
@@ -104,25 +105,20 @@ def assert_between(measured: bpy.types.Object, source: bpy.types.Object, levels:
     assert addon.deviations(measured).max() <= upper
 
 
-def subdivided_suzanne(levels: int, *, limit: bool) -> bpy.types.Object:
+@pytest.mark.parametrize("limit", [False, True])
+@pytest.mark.parametrize("levels", each([1, 2, 3, 4], short=[1, 2]))
+def test_suzanne_at_levels(levels: int, limit: bool) -> None:
     holder = scene.add_suzanne()
     scene.add_subdivision(holder, levels).use_limit_surface = limit
-    return holder
-
-
-@pytest.mark.mathematics
-@pytest.mark.parametrize("limit", [False, True])
-@pytest.mark.parametrize("levels", [1, 2, 3, 4])
-def test_suzanne_at_levels(levels: int, limit: bool) -> None:
-    holder = subdivided_suzanne(levels, limit=limit)
     addon.measure(holder, time_limit=0.0)
     assert_between(holder, holder, min(levels + 2, 5))
 
 
 @pytest.mark.parametrize("limit", [False, True])
-def test_cube_at_levels(limit: bool) -> None:
-    holder = scene.add_object(meshes.cube())
-    scene.add_subdivision(holder, 1).use_limit_surface = limit
+@pytest.mark.parametrize(("levels", "data"), [(1, meshes.cube()), (3, meshes.triangles_and_quads())])
+def test_small_meshes_at_levels(levels: int, data: meshes.MeshData, limit: bool) -> None:
+    holder = scene.add_object(data)
+    scene.add_subdivision(holder, levels).use_limit_surface = limit
     addon.measure(holder, time_limit=0.0)
     assert_between(holder, holder, 5)
 

@@ -1,48 +1,141 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The panel shows that a result is out of date when its mesh or the settings have changed, and only then."""
+"""The panels show that depths, deviations and adaptive results are out of date when what they depend on has changed,
+and only then."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
 
+import bmesh
 import bpy
-import numpy as np
 import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.subdividing import subdivide
+from tests.blender.updating import set_scene
+
+pytestmark = pytest.mark.every_blender
 
 MESH_LINE = "Out of date: mesh changed"
+OBJECTS_LINE = "Out of date: objects changed"
+SOURCE_LINE = "Out of date: source changed"
 SETTINGS_LINE = "Out of date: settings changed"
+
+# What the panels show of each kind when something was changed.
+LINES = {"depths": MESH_LINE, "own": OBJECTS_LINE, "other": OBJECTS_LINE, "result": SOURCE_LINE}
+ALL = "depths own other result"
+
+
+def check_touched() -> None:
+    """Let Blender pass on its updates, and the timers run."""
+    bpy.context.view_layer.update()
+    for module in ("state.staleness", "state.sources"):
+        addon.module(module).check_touched()
 
 
 def stale_line(holder: bpy.types.Object) -> str:
-    """What the panel shows, once Blender has passed on its updates and the timer has run."""
-    bpy.context.view_layer.update()
-    addon.module("state.staleness").check_touched()
+    """What the panel shows of depths on the object's mesh."""
+    check_touched()
     return addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, holder.data)
 
 
-def computed() -> bpy.types.Object:
+@dataclass
+class Made:
+    """A source with depths, and with its deviation from its own limit surface; another object that was measured against
+    that surface; and an adaptive result of the source."""
+
+    source: bpy.types.Object
+    other: bpy.types.Object
+    result: bpy.types.Object
+
+    def lines(self) -> dict[str, str]:
+        """What the panels show of each kind that is out of date."""
+        check_touched()
+        settings = bpy.context.scene.ccdepth
+        depths, deviations = addon.module("ui.panels").stale_line, addon.module("ui.deviation_panel").stale_line
+        lines = {
+            "depths": depths(settings, self.source.data),
+            "own": deviations(settings, self.source.data),
+            "other": deviations(settings, self.other.data),
+            "result": depths(settings, self.result.data, self.result),
+        }
+        return {kind: line for kind, line in lines.items() if line}
+
+    def found_again(self) -> Made:
+        """The same, by name, after Blender has read them anew."""
+        return Made(*(bpy.data.objects[name] for name in ("Source", "Other", "Source Adaptive")))
+
+
+def stale(kinds: str, line: str = "") -> dict[str, str]:
+    return {kind: line or LINES[kind] for kind in kinds.split()}
+
+
+def made_of(source: bpy.types.Object, **settings: object) -> Made:
+    """Everything about a source, made with the scene's settings."""
+    source.name = "Source"
+    set_scene(**{"tolerance": 0.05, "relative_tolerance": 0.01, "accuracy": 0.5, "time_limit": 0.1, **settings})
+    now = bpy.context.scene.ccdepth
+    names = {"RELATIVE": "relative_tolerance", "ABSOLUTE": "tolerance"}
+    tolerance = getattr(now, names[now.tolerance_mode])
+    [result] = subdivide(source, tolerance=tolerance, tolerance_mode=now.tolerance_mode)
+    result.name = "Source Adaptive"
+    source.hide_set(False)
+    other = scene.add_object(scene.evaluated_mesh_data(source), "Other")
+    other.modifiers.new("Triangulate", "TRIANGULATE")
+    addon.select(source)
+    bpy.ops.ccdepth.compute()
+    bpy.ops.ccdepth.measure()
+    addon.select(other, source)
+    bpy.ops.ccdepth.measure()
+    made = Made(source, other, result)
+    assert made.lines() == {}
+    return made
+
+
+def creased_source() -> bpy.types.Object:
     holder = scene.add_object(meshes.creased_cube())
-    scene.add_subdivision(holder, 2)
     mirror = holder.modifiers.new("Mirror", "MIRROR")
-    holder.modifiers.move(1, 0)
     mirror.use_mirror_merge = False
+    scene.add_subdivision(holder, 2)
     holder.vertex_groups.new(name="Group")
-    addon.compute(holder)
-    assert stale_line(holder) == ""
     return holder
 
 
-def move_a_vertex(holder: bpy.types.Object) -> None:
-    holder.data.vertices[0].co.x += 0.01
+# Changes of objects and their meshes.
+
+
+def move_a_vertex(holder: bpy.types.Object, distance: float = 0.01) -> None:
+    holder.data.vertices[0].co.x += distance
     holder.data.update()
 
 
-def change_a_crease(holder: bpy.types.Object) -> None:
-    holder.data.attributes["crease_edge"].data[0].value = 0.9
+def fill(holder: bpy.types.Object, name: str, values: float, kind: tuple[str, str] | None = None) -> None:
+    """Set all values of an attribute, which is new when its type and domain are given."""
+    attribute = holder.data.attributes.new(name, *kind) if kind else holder.data.attributes[name]
+    attribute.data.foreach_set("value", [values] * len(attribute.data))
     holder.data.update()
+
+
+def set_on(*holders: Any, **values: object) -> None:
+    for holder in holders:
+        for name, value in values.items():
+            setattr(holder, name, value)
+
+
+def edit(holder: bpy.types.Object, *operators: Callable[..., object]) -> None:
+    """Call operators of Edit Mode on all that is selected."""
+    with addon.edit_mode(holder):
+        bpy.ops.mesh.select_all(action="SELECT")
+        for operator in operators:
+            operator()
+
+
+def add_a_uv_map(made: Made) -> None:
+    made.source.data.uv_layers.new(name="Map")
+    made.source.data.update()
 
 
 def add_a_crease_group(holder: bpy.types.Object) -> None:
@@ -52,119 +145,188 @@ def add_a_crease_group(holder: bpy.types.Object) -> None:
     holder.vertex_groups[-1].name = "crease_edge"
 
 
-def name_a_group_like_creases(holder: bpy.types.Object) -> None:
-    holder.vertex_groups["Group"].name = "crease_vert"
+def add_a_face_and_take_one_away(made: Made) -> None:
+    """Nothing but the faces differ."""
+    edited = bmesh.new()
+    edited.from_mesh(made.source.data)
+    edited.faces.ensure_lookup_table()
+    bmesh.ops.reverse_faces(edited, faces=[edited.faces[0]])
+    edited.to_mesh(made.source.data)
+    edited.free()
+    made.source.data.update()
 
 
-def add_vertex_creases(holder: bpy.types.Object) -> None:
-    creases = holder.data.attributes.new("crease_vert", "FLOAT", "POINT")
-    creases.data.foreach_set("value", np.full(len(holder.data.vertices), 0.5, dtype=np.float32))
-    holder.data.update()
+def compute_again(made: Made) -> None:
+    addon.select(made.source)
+    bpy.ops.ccdepth.compute()
 
 
-def add_creases_of_another_kind(holder: bpy.types.Object) -> None:
-    creases = holder.data.attributes.new("crease_vert", "INT", "FACE")
-    creases.data.foreach_set("value", np.ones(len(holder.data.polygons), dtype=np.int32))
-    holder.data.update()
+def keep_in_place(made: Made) -> None:
+    """Both objects move together."""
+    set_on(made.source, made.other, location=(5.0, 1.0, 2.0), rotation_euler=(0.4, 1.0, -0.3))
 
 
-@pytest.mark.parametrize("change", [add_a_crease_group, name_a_group_like_creases])
-def test_groups_that_are_taken_for_creases_are_noticed(change: Callable[[bpy.types.Object], None]) -> None:
-    """Compute Depth refuses them, so that what it found before does not hold either."""
-    holder = computed()
-    change(holder)
-    assert stale_line(holder) == MESH_LINE
-    with pytest.raises(RuntimeError, match="takes for creases"):
-        bpy.ops.ccdepth.compute()
-    with pytest.raises(RuntimeError, match="out of date"):
-        bpy.ops.ccdepth.set_levels()
-    for name in {"crease_edge", "crease_vert"} & {*holder.vertex_groups.keys()}:
-        holder.vertex_groups[name].name = "Other"
-    assert stale_line(holder) == ""
+# What is out of date afterwards.
+CHANGES: dict[str, tuple[Callable[[Made], object], str]] = {
+    "a vertex of the source": (lambda made: move_a_vertex(made.source), ALL),
+    "a vertex of the other object": (lambda made: move_a_vertex(made.other), "other"),
+    "creases of edges": (lambda made: fill(made.source, "crease_edge", 0.9), ALL),
+    "creases of vertices": (lambda made: fill(made.source, "crease_vert", 0.5, ("FLOAT", "POINT")), ALL),
+    "creases of another kind": (lambda made: fill(made.source, "crease_vert", 1, ("INT", "FACE")), ALL),
+    "creases of zero": (lambda made: fill(made.source, "crease_vert", 0, ("FLOAT", "POINT")), ""),
+    "a group like creases": (lambda made: add_a_crease_group(made.source), ALL),
+    "a renamed group": (lambda made: set_on(made.source.vertex_groups["Group"], name="crease_vert"), ALL),
+    "all faces turned over": (lambda made: made.source.data.flip_normals(), ALL),
+    "one face turned over": (add_a_face_and_take_one_away, ALL),
+    "new faces": (lambda made: edit(made.source, bpy.ops.mesh.subdivide), ALL),
+    "the scale of the source": (lambda made: set_on(made.source, scale=(1.5, 1.0, 1.0)), "depths own other"),
+    "the scale of both": (lambda made: set_on(made.source, made.other, scale=(2, 2, 2)), "depths own other"),
+    "a modifier": (lambda made: set_on(made.source.modifiers["Mirror"], use_axis=(True, True, False)), ALL),
+    "no modifier": (lambda made: made.source.modifiers.remove(made.source.modifiers["Mirror"]), ALL),
+    "a modifier of the other object": (lambda made: made.other.modifiers.new("Solidify", "SOLIDIFY"), "other"),
+    "no creases": (lambda made: set_on(made.source.modifiers["Subdivision"], use_creases=False), ALL),
+    "corners": (lambda made: set_on(made.source.modifiers["Subdivision"], boundary_smooth="PRESERVE_CORNERS"), ALL),
+    "levels": (lambda made: set_on(made.source.modifiers["Subdivision"], levels=1), "own"),
+    "depths": (lambda made: fill(made.source, "ccdepth", 9), "depths"),
+    "deviations of the source": (lambda made: fill(made.source, "ccdepth_deviation", 0.0), "own"),
+    "deviations of the other object": (lambda made: fill(made.other, "ccdepth_deviation", 0.0), "other"),
+    "depths computed again": (compute_again, ""),
+    "the place of the source": (lambda made: set_on(made.source, location=(0, 0.001, 0)), "other"),
+    "the place of the other object": (lambda made: set_on(made.other, location=(0, 0.001, 0)), "other"),
+    "the place of both": (keep_in_place, ""),
+    "selection": (lambda made: edit(made.source, bpy.ops.mesh.hide), ""),
+    "attributes of zeros": (lambda made: made.source.data.attributes.new("Zeros", "FLOAT", "POINT"), ""),
+    "a UV map": (add_a_uv_map, "result"),
+    "an attribute": (lambda made: fill(made.source, "Paint", 0.5, ("FLOAT", "FACE")), "result"),
+}
 
 
-def test_set_levels_notices_a_group_that_a_script_has_made() -> None:
-    """Although Blender tells nobody of it: results that are relied on are examined."""
-    holder = computed()
+@pytest.mark.parametrize("change", CHANGES)
+def test_changes_are_noticed_where_they_matter(change: str) -> None:
+    made = made_of(creased_source())
+    act, kinds = CHANGES[change]
+    act(made)
+    assert made.lines() == stale(kinds)
+
+
+def test_changes_back_are_followed() -> None:
+    made = made_of(creased_source())
+    x = made.source.data.vertices[0].co.x
+    move_a_vertex(made.source)
+    assert made.lines() == stale(ALL)
+    made.source.data.vertices[0].co.x = x
+    made.source.data.update()
+    assert made.lines() == {}
+
+
+def test_what_was_changed_is_computed_anew() -> None:
+    made = made_of(creased_source())
+    move_a_vertex(made.source)
+    assert made.lines() == stale(ALL)
+    addon.select(made.source)
+    bpy.ops.ccdepth.compute()
+    assert made.lines() == stale("own other result")
+    bpy.ops.ccdepth.measure()
+    assert made.lines() == stale("other result")
+    addon.select(made.other, made.source)
+    bpy.ops.ccdepth.measure()
+    assert made.lines() == stale("result")
+    bpy.ops.ccdepth.update()
+    assert made.lines() == {}
+
+
+def test_a_result_that_was_edited_itself_is_told_apart() -> None:
+    made = made_of(creased_source())
+    move_a_vertex(made.result)
+    assert made.lines() == stale("result", MESH_LINE)
+
+
+def test_what_was_measured_against_an_object_that_is_gone_is_out_of_date() -> None:
+    made = made_of(creased_source())
+    bpy.data.objects.remove(made.source)
+    addon.module("state.staleness").touch(made.other.data)
+    check_touched()
+    assert addon.module("ui.deviation_panel").stale_line(bpy.context.scene.ccdepth, made.other.data) == OBJECTS_LINE
+    assert addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, made.result.data, made.result) == ""
+
+
+def test_groups_that_are_taken_for_creases_are_noticed_by_operators() -> None:
+    """Compute Depth refuses them, so that what it found before does not hold either; and operators that rely on results
+    examine them, as Blender tells nobody of groups that scripts make."""
+    holder = creased_source()
+    addon.compute(holder)
     holder.vertex_groups.new(name="crease_edge")
     with pytest.raises(RuntimeError, match="out of date"):
         bpy.ops.ccdepth.set_levels()
+    assert stale_line(holder) == MESH_LINE
+    with pytest.raises(RuntimeError, match="takes for creases"):
+        bpy.ops.ccdepth.compute()
+    holder.vertex_groups["crease_edge"].name = "Other"
+    assert stale_line(holder) == ""
 
 
 def test_without_creases_groups_of_their_names_do_not_matter() -> None:
-    holder = scene.add_object(meshes.creased_cube())
-    scene.add_subdivision(holder, 2).use_creases = False
-    addon.compute(holder)
-    add_a_crease_group(holder)
-    assert stale_line(holder) == ""
-
-
-def test_what_is_measured_notices_groups_that_are_taken_for_creases() -> None:
-    holder = scene.add_object(meshes.creased_cube())
-    scene.add_subdivision(holder, 2)
-    addon.measure(holder)
-    staleness = addon.module("state.staleness")
-    for groups, is_stale in (([], False), (["crease_vert"], True)):
-        for name in groups:
-            holder.vertex_groups.new(name="Group").name = name
-        bpy.context.view_layer.update()
-        staleness.check_touched()
-        assert staleness.is_deviation_stale(holder.data) == is_stale
-
-
-def flip_the_faces(holder: bpy.types.Object) -> None:
-    holder.data.flip_normals()
-
-
-def scale_the_object(holder: bpy.types.Object) -> None:
-    holder.scale.x = 1.5
-
-
-def change_the_modifier(holder: bpy.types.Object) -> None:
-    holder.modifiers["Mirror"].use_axis[1] = True
-
-
-def remove_the_modifier(holder: bpy.types.Object) -> None:
-    holder.modifiers.remove(holder.modifiers["Mirror"])
-
-
-def turn_creases_off(holder: bpy.types.Object) -> None:
+    """But to what the modifier itself shows."""
+    holder = creased_source()
     holder.modifiers["Subdivision"].use_creases = False
+    made = made_of(holder)
+    add_a_crease_group(made.source)
+    assert made.lines() == stale("own")
 
 
-def subdivide_in_edit_mode(holder: bpy.types.Object) -> None:
-    with addon.edit_mode(holder):
-        bpy.ops.mesh.select_all(action="SELECT")
-        bpy.ops.mesh.subdivide()
-
-
-def change_the_depths(holder: bpy.types.Object) -> None:
-    holder.data.attributes["ccdepth"].data[0].value += 1
-    holder.data.update()
-
-
-@pytest.mark.parametrize(
-    "change",
-    [
-        move_a_vertex,
-        change_a_crease,
-        add_vertex_creases,
-        add_creases_of_another_kind,
-        flip_the_faces,
-        scale_the_object,
-        change_the_modifier,
-        remove_the_modifier,
-        turn_creases_off,
-        subdivide_in_edit_mode,
-        change_the_depths,
-    ],
+SETTINGS: tuple[tuple[str, object, str], ...] = (
+    ("tolerance_mode", None, ALL),
+    ("method", "FIRST_ORDER", "depths"),
+    ("vertices", "LIMIT", "depths"),
+    ("use_modifiers", False, ALL),
+    ("accuracy", 0.2, "own other"),
+    ("mode", "PER_FACE", "result"),
+    ("transitions", "NGONS", "result"),
+    ("exact_normals", True, "result"),
+    ("reduce", True, "result"),
+    ("max_faces", 1234, ""),
+    ("output", "IN_PLACE", ""),
+    ("time_limit", 9.0, ""),
 )
-def test_changes_of_the_mesh_are_noticed(change: Callable[[bpy.types.Object], None]) -> None:
-    holder = computed()
-    change(holder)
-    assert stale_line(holder) == MESH_LINE
+
+
+@pytest.mark.parametrize(("mode", "other"), [("ABSOLUTE", "RELATIVE"), ("RELATIVE", "ABSOLUTE")])
+def test_settings_are_noticed_where_they_matter(mode: str, other: str) -> None:
+    made = made_of(creased_source(), tolerance_mode=mode)
+    relative = mode == "RELATIVE"
+    tolerances = (("tolerance", 0.06, "" if relative else ALL), ("relative_tolerance", 0.02, ALL if relative else ""))
+    settings = bpy.context.scene.ccdepth
+    for name, value, kinds in (*SETTINGS, *tolerances):
+        before = getattr(settings, name)
+        setattr(settings, name, other if name == "tolerance_mode" else value)
+        assert made.lines() == stale(kinds, SETTINGS_LINE), name
+        setattr(settings, name, before)
+        assert made.lines() == {}, name
+
+
+def test_depths_of_a_result_do_not_tell_whether_it_is_out_of_date() -> None:
+    """Neither those computed of the result itself, nor their removal."""
+    result = made_of(creased_source()).result
+    line, settings = addon.module("ui.panels").result_line, bpy.context.scene.ccdepth
+    addon.select(result)
+    assert line(settings, result) == ""
+    settings.tolerance *= 2
+    assert line(settings, result) == SETTINGS_LINE
     bpy.ops.ccdepth.compute()
-    assert stale_line(holder) == ""
+    assert line(settings, result) == SETTINGS_LINE
+    settings.tolerance /= 2
+    bpy.ops.ccdepth.clear()
+    assert line(settings, result) == ""
+
+
+def test_edit_mode_without_edits_changes_nothing() -> None:
+    source = creased_source()
+    source.data.uv_layers.new(name="Map")
+    source.data.materials.append(bpy.data.materials.new("Red"))
+    made = made_of(source)
+    with addon.edit_mode(source):
+        assert made.lines() == {}
+    assert made.lines() == {}
 
 
 def test_depths_of_zero_that_are_taken_away_are_noticed() -> None:
@@ -176,97 +338,37 @@ def test_depths_of_zero_that_are_taken_away_are_noticed() -> None:
     assert addon.module("state.fingerprint").mesh_checksum(holder) != checksum
 
 
-def move_and_turn(holder: bpy.types.Object) -> None:
-    holder.location = (5.0, 1.0, 2.0)
-    holder.rotation_euler = (0.4, 1.0, -0.3)
+# What modifiers depend on.
 
 
-def change_the_levels(holder: bpy.types.Object) -> None:
-    holder.modifiers["Subdivision"].levels = 1
+def with_a_mirror_object() -> tuple[bpy.types.Object, Callable[[], object]]:
+    holder, axis = scene.add_object(meshes.cube()), bpy.data.objects.new("Axis", None)
+    bpy.context.scene.collection.objects.link(axis)
+    holder.modifiers.new("Mirror", "MIRROR").mirror_object = axis
+    return holder, lambda: set_on(axis, location=(0.5, 0.0, 0.0))
 
 
-def select_in_edit_mode(holder: bpy.types.Object) -> None:
-    with addon.edit_mode(holder):
-        bpy.ops.mesh.select_all(action="INVERT")
-        bpy.ops.mesh.hide()
-
-
-def paint(holder: bpy.types.Object) -> None:
-    holder.data.attributes.new("Paint", "BYTE_COLOR", "CORNER")
-    holder.data.update()
-
-
-def move_and_move_back(holder: bpy.types.Object) -> None:
-    x = holder.data.vertices[0].co.x
-    move_a_vertex(holder)
-    assert stale_line(holder) == MESH_LINE
-    holder.data.vertices[0].co.x = x
-    holder.data.update()
-
-
-@pytest.mark.parametrize("change", [move_and_turn, change_the_levels, select_in_edit_mode, paint, move_and_move_back])
-def test_changes_that_do_not_matter_are_not_reported(change: Callable[[bpy.types.Object], None]) -> None:
-    holder = computed()
-    change(holder)
-    assert stale_line(holder) == ""
-
-
-@pytest.mark.parametrize(
-    ("name", "value"),
-    [
-        ("tolerance_mode", "ABSOLUTE"),
-        ("relative_tolerance", 0.01),
-        ("method", "FIRST_ORDER"),
-        ("vertices", "LIMIT"),
-        ("use_modifiers", False),
-    ],
-)
-def test_changes_of_the_settings_are_noticed(name: str, value: object) -> None:
-    holder = computed()
-    settings = bpy.context.scene.ccdepth
-    before = getattr(settings, name)
-    setattr(settings, name, value)
-    assert stale_line(holder) == SETTINGS_LINE
-    setattr(settings, name, before)
-    assert stale_line(holder) == ""
-
-
-def test_a_distance_does_not_matter_to_a_relative_tolerance() -> None:
-    holder = computed()
-    bpy.context.scene.ccdepth.tolerance = 0.5
-    assert stale_line(holder) == ""
-
-
-def test_an_object_a_modifier_depends_on() -> None:
-    holder = scene.add_suzanne()
-    target = bpy.data.objects.new("Axis", None)
-    bpy.context.scene.collection.objects.link(target)
-    holder.modifiers.new("Mirror", "MIRROR").mirror_object = target
-    addon.compute(holder)
-    assert stale_line(holder) == ""
-    target.location.x = 0.5
-    assert stale_line(holder) == MESH_LINE
-
-
-def test_a_pose_a_modifier_depends_on() -> None:
+def with_an_armature() -> tuple[bpy.types.Object, Callable[[], object]]:
     armature = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
     bpy.context.scene.collection.objects.link(armature)
     with addon.edit_mode(armature):
-        bone = armature.data.edit_bones.new("Bone")
-        bone.tail = (0.0, 0.0, 1.0)
-    holder = scene.add_suzanne()
-    group = holder.vertex_groups.new(name="Bone")
-    group.add(range(100), 1.0, "REPLACE")
+        armature.data.edit_bones.new("Bone").tail = (0.0, 0.0, 1.0)
+    holder = scene.add_object(meshes.cube())
+    holder.vertex_groups.new(name="Bone").add(range(3), 1.0, "REPLACE")
     holder.modifiers.new("Armature", "ARMATURE").object = armature
-    addon.compute(holder)
-    assert stale_line(holder) == ""
-    armature.pose.bones["Bone"].location.x = 0.5
-    assert stale_line(holder) == MESH_LINE
+    return holder, lambda: set_on(armature.pose.bones["Bone"], location=(0.5, 0.0, 0.0))
 
 
-@pytest.fixture
-def stretched() -> bpy.types.Object:
-    """Suzanne with Geometry Nodes that scale it by their input, within a node group of its own."""
+def with_a_shape_key() -> tuple[bpy.types.Object, Callable[[], object]]:
+    holder = scene.add_object(meshes.cube())
+    holder.shape_key_add(name="Basis")
+    key = holder.shape_key_add(name="Key")
+    key.data[0].co.x += 1.0
+    return holder, lambda: set_on(key, value=0.5)
+
+
+def with_nodes() -> bpy.types.Object:
+    """A cube with Geometry Nodes that scale it by their input, within a node group of its own."""
     inner = bpy.data.node_groups.new("Inner", "GeometryNodeTree")
     outer = bpy.data.node_groups.new("Outer", "GeometryNodeTree")
     for tree, make in ((inner, "GeometryNodeTransform"), (outer, "GeometryNodeGroup")):
@@ -279,69 +381,80 @@ def stretched() -> bpy.types.Object:
         tree.links.new(start.outputs["Geometry"], node.inputs["Geometry"])
         tree.links.new(start.outputs["Scale"], node.inputs["Scale"])
         tree.links.new(node.outputs["Geometry"], end.inputs["Geometry"])
-    holder = scene.add_suzanne()
+    holder = scene.add_object(meshes.cube())
     holder.modifiers.new("Nodes", "NODES").node_group = outer
-    addon.compute(holder)
-    assert stale_line(holder) == ""
     return holder
 
 
-def test_inputs_of_geometry_nodes(stretched: bpy.types.Object) -> None:
-    modifier = stretched.modifiers["Nodes"]
-    if hasattr(modifier, "properties"):
-        modifier.properties.inputs.Socket_1.value = (1.0, 2.0, 1.0)
-    else:
-        modifier["Socket_1"] = (1.0, 2.0, 1.0)
-    stretched.update_tag()
-    assert stale_line(stretched) == MESH_LINE
+def with_an_input_of_nodes() -> tuple[bpy.types.Object, Callable[[], object]]:
+    holder = with_nodes()
+
+    def change() -> None:
+        modifier = holder.modifiers["Nodes"]
+        if hasattr(modifier, "properties"):
+            modifier.properties.inputs.Socket_1.value = (1.0, 2.0, 1.0)
+        else:
+            modifier["Socket_1"] = (1.0, 2.0, 1.0)
+        holder.update_tag()
+
+    return holder, change
 
 
-def test_geometry_nodes_within_a_group(stretched: bpy.types.Object) -> None:
-    inner = bpy.data.node_groups["Inner"]
-    transform = next(node for node in inner.nodes if node.bl_idname == "GeometryNodeTransform")
-    transform.location.x += 100.0
-    assert stale_line(stretched) == ""
-    transform.inputs["Translation"].default_value = (0.0, 0.0, 1.0)
-    assert stale_line(stretched) == MESH_LINE
+def with_a_group_of_nodes() -> tuple[bpy.types.Object, Callable[[], object]]:
+    nodes = bpy.data.node_groups
+    holder = with_nodes()
+    transform = next(node for node in nodes["Inner"].nodes if node.bl_idname == "GeometryNodeTransform")
+    return holder, lambda: set_on(transform.inputs["Translation"], default_value=(0.0, 0.0, 1.0))
 
 
-def test_shape_keys() -> None:
-    holder = scene.add_suzanne()
-    holder.shape_key_add(name="Basis")
-    key = holder.shape_key_add(name="Key")
-    key.data[0].co.x += 1.0
-    addon.compute(holder)
-    assert stale_line(holder) == ""
-    key.value = 0.5
-    assert stale_line(holder) == MESH_LINE
+SHAPED = [with_a_mirror_object, with_an_armature, with_a_shape_key, with_an_input_of_nodes, with_a_group_of_nodes]
+
+
+@pytest.mark.parametrize("make", SHAPED)
+def test_what_shapes_the_source_is_noticed(make: Callable[[], tuple[bpy.types.Object, Callable[[], object]]]) -> None:
+    holder, change = make()
+    made = made_of(holder)
+    change()
+    assert made.lines() == stale(ALL)
+
+
+def test_where_nodes_are_drawn_does_not_matter() -> None:
+    made = made_of(with_nodes())
+    for node in bpy.data.node_groups["Inner"].nodes:
+        node.location.x += 100.0
+    assert made.lines() == {}
+
+
+# Edit Mode, files and undo.
 
 
 def test_edit_mode_is_followed() -> None:
-    import bmesh
-
-    holder = scene.add_suzanne()
-    with addon.edit_mode(holder):
+    """The sources of results are examined when they leave it."""
+    made = made_of(creased_source())
+    with addon.edit_mode(made.source):
         bpy.ops.ccdepth.compute()
-        assert stale_line(holder) == ""
-        edited = bmesh.from_edit_mesh(holder.data)
+        bpy.ops.ccdepth.measure()
+        assert made.lines() == {}
+        edited = bmesh.from_edit_mesh(made.source.data)
         edited.verts.ensure_lookup_table()
         edited.verts[0].co.x += 0.1
-        bmesh.update_edit_mesh(holder.data)
-        assert stale_line(holder) == MESH_LINE
-    assert stale_line(holder) == MESH_LINE
+        bmesh.update_edit_mesh(made.source.data)
+        assert made.lines() == stale("depths own other")
+    assert made.lines() == stale(ALL)
 
 
 def test_large_meshes_in_edit_mode_are_not_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(addon.module("state.staleness"), "LARGEST_EDITED_FACE_COUNT", 100)
-    holder = scene.add_suzanne()
-    with addon.edit_mode(holder):
+    monkeypatch.setattr(addon.module("state.staleness"), "LARGEST_EDITED_FACE_COUNT", 5)
+    made = made_of(creased_source())
+    with addon.edit_mode(made.source):
         bpy.context.view_layer.update()
         bpy.ops.ccdepth.compute()
-        assert stale_line(holder) == ""
+        bpy.ops.ccdepth.measure()
+        assert made.lines() == {}
         bpy.ops.mesh.select_all(action="SELECT")
-        assert stale_line(holder) == ""
+        assert made.lines() == {}
         bpy.ops.transform.translate(value=(1.0, 0.0, 0.0))
-        assert stale_line(holder) == MESH_LINE
+        assert made.lines().keys() >= {"depths", "own"}
 
 
 def test_a_duplicate_that_goes_away() -> None:
@@ -351,32 +464,33 @@ def test_a_duplicate_that_goes_away() -> None:
     addon.compute(first, second)
     assert stale_line(first) == ""
     bpy.data.objects.remove(second)
-    move_and_turn(first)
+    first.rotation_euler.x = 0.4
     assert stale_line(first) == MESH_LINE
 
 
-def test_a_result_loaded_from_a_file_is_checked(tmp_path: object) -> None:
-    holder = computed()
-    name = holder.name
+def test_files_are_examined_when_they_are_loaded(tmp_path: object) -> None:
+    made = made_of(creased_source())
     path = f"{tmp_path}/saved.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.open_mainfile(filepath=path)
-    assert stale_line(bpy.data.objects[name]) == ""
-    move_a_vertex(bpy.data.objects[name])
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.open_mainfile(filepath=path)
-    assert stale_line(bpy.data.objects[name]) == MESH_LINE
+    for kinds in ("", ALL):
+        bpy.ops.wm.save_as_mainfile(filepath=path)
+        bpy.ops.wm.open_mainfile(filepath=path)
+        made = made.found_again()
+        made.source.name = "Renamed"
+        made.source.name = "Source"
+        assert made.lines() == stale(kinds)
+        move_a_vertex(made.source)
 
 
 def test_undo_is_followed() -> None:
-    holder = computed()
-    name = holder.name
+    made = made_of(creased_source())
     bpy.ops.ed.undo_push(message="before")
-    move_a_vertex(holder)
+    move_a_vertex(made.source)
     bpy.ops.ed.undo_push(message="moved")
-    assert stale_line(holder) == MESH_LINE
+    assert made.lines() == stale(ALL)
     bpy.ops.ed.undo()
-    assert stale_line(bpy.data.objects[name]) == ""
+    assert made.found_again().lines() == {}
+    bpy.ops.ed.redo()
+    assert made.found_again().lines() == stale(ALL)
 
 
 def test_undo_in_edit_mode_is_followed() -> None:
@@ -391,7 +505,7 @@ def test_undo_in_edit_mode_is_followed() -> None:
     assert addon.histogram(holder) != first
     bpy.ops.ed.undo_push(message="Compute Depth")
     bpy.ops.ed.undo()
-    stale_line(bpy.context.object)
+    check_touched()
     assert addon.histogram(bpy.context.object) == first
     bpy.ops.ed.undo()
     assert not addon.module("state.results").has_result(bpy.context.object.data)
@@ -399,9 +513,10 @@ def test_undo_in_edit_mode_is_followed() -> None:
 
 
 def test_nothing_is_left_running() -> None:
-    staleness = addon.module("state.staleness")
-    holder = computed()
+    check = addon.module("state.staleness").check_touched
+    holder = creased_source()
+    addon.compute(holder)
     move_a_vertex(holder)
     bpy.context.view_layer.update()
-    assert bpy.app.timers.is_registered(staleness.check_touched)
-    np.testing.assert_equal(staleness.check_touched(), None)
+    assert bpy.app.timers.is_registered(check)
+    assert check() is None

@@ -1,8 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Update Result: results are made anew from the objects they came from, and keep everything but their mesh."""
+"""Update Result: results are made anew from the objects they came from, and keep everything but their mesh.
+
+test_staleness tests when results are out of date.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import bpy
@@ -13,7 +17,33 @@ from mathutils import Matrix
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.subdividing import TOLERANCE, faces, known_count, refused, shape, subdivide
-from tests.blender.updating import made_result, move_vertex, set_scene, stale_line, update, update_refused
+from tests.blender.updating import made_result, move_vertex, refuses, set_scene, stale_line, update
+
+pytestmark = pytest.mark.every_blender
+
+FINER = {"tolerance": TOLERANCE / 4, "tolerance_mode": "ABSOLUTE"}
+
+
+def linked_copy(holder: bpy.types.Object, into: bpy.types.Scene | None = None) -> bpy.types.Object:
+    """Another object with the same mesh, in a scene."""
+    copy = holder.copy()
+    (into or bpy.context.scene).collection.objects.link(copy)
+    return copy
+
+
+def move_to_another_scene(holder: bpy.types.Object) -> None:
+    bpy.data.scenes.new("Other").collection.objects.link(holder)
+    bpy.context.scene.collection.objects.unlink(holder)
+
+
+def saved(tmp_path: Path) -> str:
+    """A file with a cage and its result; the present one is empty."""
+    made_result()
+    path = str(tmp_path / "library.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    return path
+
 
 # What is made.
 
@@ -37,7 +67,7 @@ def test_a_finer_tolerance_makes_the_mesh_of_the_result_anew() -> None:
         {"mode": "PER_FACE"},
         {"transitions": "NGONS"},
         {"exact_normals": True},
-        {"tolerance": 0.002, "tolerance_mode": "RELATIVE"},
+        {"relative_tolerance": 0.002, "tolerance_mode": "RELATIVE"},
         {"reduce": True, "tolerance": 0.05},
     ],
 )
@@ -48,8 +78,6 @@ def test_it_is_what_applying_anew_would_make(settings: dict[str, object]) -> Non
     source.hide_set(False)
     now = bpy.context.scene.ccdepth
     tolerance = now.relative_tolerance if now.tolerance_mode == "RELATIVE" else now.tolerance
-    if now.tolerance_mode == "RELATIVE":
-        now.relative_tolerance = tolerance
     [anew] = subdivide(source, tolerance=tolerance, tolerance_mode=now.tolerance_mode)
     assert np.array_equal(shape(anew), shape(result))
     assert addon.histogram(anew) == addon.histogram(result)
@@ -69,11 +97,10 @@ def test_everything_but_the_mesh_stays() -> None:
     source, result = made_result()
     source.data.materials.append(bpy.data.materials.new("Of the source"))
     update(result)
-    collection = bpy.data.collections.new("Results")
+    collection, parent = bpy.data.collections.new("Results"), bpy.data.objects.new("Parent", None)
     bpy.context.scene.collection.children.link(collection)
     collection.objects.link(result)
     bpy.context.scene.collection.objects.unlink(result)
-    parent = bpy.data.objects.new("Parent", None)
     collection.objects.link(parent)
     result.parent, result.name, result.data.name = parent, "Hero", "Hero Mesh"
     result.location, result.rotation_euler, result.scale = (1, 2, 3), (0.1, 0.2, 0.3), (0.5, 0.5, 0.5)
@@ -81,9 +108,8 @@ def test_everything_but_the_mesh_stays() -> None:
     result.constraints.new("COPY_LOCATION").target = parent
     result.data.materials[0] = bpy.data.materials.new("Of the result")
     result["note"] = "kept"
-    set_scene(tolerance=TOLERANCE / 4)
     before = result.matrix_basis.copy(), result.session_uid
-    update(result)
+    update(result, **FINER)
     assert (result.matrix_basis, result.session_uid) == before
     assert (result.name, result.data.name, result.parent, result["note"]) == ("Hero", "Hero Mesh", parent, "kept")
     assert [modifier.thickness for modifier in result.modifiers] == [0.25]
@@ -110,6 +136,10 @@ def test_materials_of_the_source_come_along_where_the_result_has_none_of_its_own
     source.data.materials.pop()
     update(result)
     assert list(result.data.materials) == [second, own]
+    # One more than the source ever had.
+    result.data.materials.append(late)
+    update(result)
+    assert list(result.data.materials) == [second, own, late]
 
 
 def test_slots_of_the_object_stay() -> None:
@@ -137,6 +167,7 @@ def test_the_tolerance_holds_where_the_result_is() -> None:
 
 
 def test_an_edited_result_is_kept_beside_the_new_one() -> None:
+    """Also where colours were painted on it."""
     _, result = made_result()
     name = result.data.name
     move_vertex(result.data, 5.0)
@@ -144,18 +175,13 @@ def test_an_edited_result_is_kept_beside_the_new_one() -> None:
     update(result)
     assert result.data.name == name
     assert shape(result)[:, 0].max() < 2.0
-    [kept] = [mesh for mesh in bpy.data.meshes if mesh.use_fake_user]
-    assert kept.name == f"Edited {name}"
-    assert kept.vertices[0].co.x == pytest.approx(edited[0, 0])
-
-
-def test_colours_painted_on_a_result_count_as_edits() -> None:
-    _, result = made_result()
     painted = result.data.color_attributes.new("Painted", "FLOAT_COLOR", "POINT")
     painted.data[3].color = (1.0, 0.0, 0.0, 1.0)
     update(result)
-    [kept] = [mesh for mesh in bpy.data.meshes if mesh.use_fake_user]
-    assert tuple(kept.color_attributes["Painted"].data[3].color) == (1.0, 0.0, 0.0, 1.0)
+    moved, colored = (mesh for mesh in bpy.data.meshes if mesh.use_fake_user)
+    assert [moved.name, colored.name] == [f"Edited {name}", f"Edited {name}.001"]
+    assert moved.vertices[0].co.x == pytest.approx(edited[0, 0])
+    assert tuple(colored.color_attributes["Painted"].data[3].color) == (1.0, 0.0, 0.0, 1.0)
 
 
 def test_shape_keys_of_the_source_come_along() -> None:
@@ -164,7 +190,7 @@ def test_shape_keys_of_the_source_come_along() -> None:
     source.shape_key_add(name="Smile").value = 0.5
     update(result)
     assert [key.name for key in result.data.shape_keys.key_blocks] == ["Basis", "Smile"]
-    update_refused(result, reduce=True, match="shape keys")
+    refuses("update", "shape keys", reduce=True)
 
 
 # Which results.
@@ -174,19 +200,17 @@ def test_several_results_are_updated_together() -> None:
     sources = [scene.add_object(meshes.cube(), "One"), scene.add_object(meshes.landscape(4, 4), "Two")]
     results = subdivide(*sources)
     before = [faces(result) for result in results]
-    update(*results, tolerance=TOLERANCE / 10, tolerance_mode="ABSOLUTE")
+    update(*results, **FINER)
     assert all(faces(result) > count for result, count in zip(results, before, strict=True))
     assert [result.ccdepth.source for result in results] == sources
 
 
 def test_a_duplicate_of_a_result_goes_on_working() -> None:
     source, result = made_result()
-    copy = result.copy()
+    copy = linked_copy(result)
     copy.data = result.data.copy()
-    bpy.context.scene.collection.objects.link(copy)
-    set_scene(tolerance=TOLERANCE / 4)
     before = faces(result)
-    update(copy)
+    update(copy, **FINER)
     assert faces(copy) > faces(result) == before
     assert copy.ccdepth.source == source
 
@@ -194,10 +218,8 @@ def test_a_duplicate_of_a_result_goes_on_working() -> None:
 def test_objects_that_share_the_mesh_go_on_sharing_it() -> None:
     """One is a linked duplicate, and one has had the mesh linked to it."""
     _, result = made_result()
-    duplicate = result.copy()
-    plain = scene.add_mesh(result.data)
-    bpy.context.scene.collection.objects.link(duplicate)
-    update(duplicate, tolerance=TOLERANCE / 4, tolerance_mode="ABSOLUTE")
+    duplicate, plain = linked_copy(result), scene.add_mesh(result.data)
+    update(duplicate, **FINER)
     assert result.data == duplicate.data == plain.data
     assert len(bpy.data.meshes) == 2
     assert stale_line(result) == stale_line(duplicate)
@@ -205,8 +227,7 @@ def test_objects_that_share_the_mesh_go_on_sharing_it() -> None:
 
 def test_linked_duplicates_of_other_scales_are_all_within_the_tolerance() -> None:
     _, result = made_result()
-    duplicate = result.copy()
-    bpy.context.scene.collection.objects.link(duplicate)
+    duplicate = linked_copy(result)
     duplicate.scale = (4.0, 0.25, 1.0)
     update(result)
     for each in (result, duplicate):
@@ -217,9 +238,7 @@ def test_linked_duplicates_of_other_scales_are_all_within_the_tolerance() -> Non
 def test_nothing_is_claimed_of_objects_of_other_scales_that_share_the_mesh() -> None:
     """Neither of one that is no result, nor of one whose scale Blender does not know here."""
     _, result = made_result()
-    plain = scene.add_mesh(result.data)
-    elsewhere = result.copy()
-    bpy.data.scenes.new("Other").collection.objects.link(elsewhere)
+    plain, elsewhere = scene.add_mesh(result.data), linked_copy(result, bpy.data.scenes.new("Other"))
     plain.scale = elsewhere.scale = (10.0, 10.0, 10.0)
     update(result)
     assert result.data == plain.data == elsewhere.data
@@ -227,56 +246,38 @@ def test_nothing_is_claimed_of_objects_of_other_scales_that_share_the_mesh() -> 
     assert stale_line(plain) == "Not computed for this object"
 
 
-def test_a_result_elsewhere_is_not_updated_from_here() -> None:
-    """Blender does not tell how large it is there."""
-    source, result = made_result()
-    source.hide_set(False)
-    bpy.data.scenes.new("Other").collection.objects.link(result)
-    bpy.context.scene.collection.objects.unlink(result)
-    addon.select(source)
-    with pytest.raises(RuntimeError, match="none of its results is shown here"):
-        bpy.ops.ccdepth.update()
-
-
 def test_results_of_a_selected_source_are_updated() -> None:
     source, result = made_result()
     source.hide_set(False)
     before = faces(result)
-    update(source, tolerance=TOLERANCE / 4, tolerance_mode="ABSOLUTE")
+    update(source, **FINER)
     assert faces(result) > before
 
 
-def test_a_source_in_edit_mode_goes_on_being_edited() -> None:
+def test_what_is_in_edit_mode_goes_on_being_edited() -> None:
     source, result = made_result()
+    before = faces(result)
+    with addon.edit_mode(result):
+        assert bpy.ops.ccdepth.update(**FINER) == {"FINISHED"}
+        assert result.mode == "EDIT"
+    assert faces(result) > before
     source.hide_set(False)
     source.modifiers.new("Mirror", "MIRROR")
     with addon.edit_mode(source):
         bpy.ops.mesh.select_all(action="SELECT")
         bpy.ops.transform.translate(value=(3.0, 0.0, 0.0))
         assert bpy.ops.ccdepth.update() == {"FINISHED"}
-        assert bpy.context.mode == "EDIT_MESH"
-        assert source.mode == "EDIT"
+        assert (bpy.context.mode, source.mode) == ("EDIT_MESH", "EDIT")
     assert shape(result)[:, 0].max() > 3.0
     assert shape(result)[:, 0].min() < -3.0
 
 
-def test_a_result_in_edit_mode_goes_on_being_edited() -> None:
-    _, result = made_result()
-    before = faces(result)
-    with addon.edit_mode(result):
-        assert bpy.ops.ccdepth.update(tolerance=TOLERANCE / 4, tolerance_mode="ABSOLUTE") == {"FINISHED"}
-        assert result.mode == "EDIT"
-    assert faces(result) > before
-
-
 def test_a_source_in_another_scene_can_be_read() -> None:
     source, result = made_result()
-    other = bpy.data.scenes.new("Other")
-    other.collection.objects.link(source)
-    bpy.context.scene.collection.objects.unlink(source)
+    move_to_another_scene(source)
     source.modifiers.new("Mirror", "MIRROR").use_axis = (False, True, False)
     source.hide_viewport = True
-    update(result, tolerance=TOLERANCE / 4, tolerance_mode="ABSOLUTE")
+    update(result, **FINER)
     assert result.data.ccdepth.base_faces == 12
 
 
@@ -287,7 +288,7 @@ def test_a_deleted_source_is_in_the_file_as_long_as_its_result_is() -> None:
     bpy.ops.object.delete()
     assert not result.ccdepth.source.users_scene
     before = faces(result)
-    update(result, tolerance=TOLERANCE / 4, tolerance_mode="ABSOLUTE")
+    update(result, **FINER)
     assert faces(result) > before
     addon.select(result)
     assert bpy.ops.ccdepth.show_source() == {"FINISHED"}
@@ -298,44 +299,54 @@ def test_a_deleted_source_is_in_the_file_as_long_as_its_result_is() -> None:
 
 
 def test_without_results_there_is_nothing_to_update() -> None:
-    source = scene.add_suzanne()
+    source = scene.add_object(meshes.cube())
     addon.select(source)
     assert not bpy.ops.ccdepth.update.poll()
     subdivide(source, output="IN_PLACE")
     assert not bpy.ops.ccdepth.update.poll()
     assert not bpy.ops.ccdepth.show_source.poll()
+    # What was subdivided in place is not subdivided again without asking.
+    refused(source, match="subdivided in place already")
+    before = faces(source)
+    subdivide(source, tolerance=TOLERANCE / 10, output="IN_PLACE", subdivide_results=True)
+    assert faces(source) > before
 
 
-def test_a_removed_source_is_told() -> None:
-    source, result = made_result()
-    bpy.data.objects.remove(source)
-    update_refused(result, match="“Cage”, which it came from, has been removed from the file")
-    with pytest.raises(RuntimeError, match="removed from the file"):
-        bpy.ops.ccdepth.show_source()
-
-
-def test_a_source_that_is_no_mesh_any_more_is_told() -> None:
-    source, result = made_result()
-    source.hide_set(False)
-    # Faces would keep it from becoming a curve.
+def become_a_curve(source: bpy.types.Object, _result: bpy.types.Object) -> None:
+    # Faces would keep it from becoming one.
     source.data.clear_geometry()
     source.data.from_pydata([(0.0, 0.0, 0.0), (1.0, 0.0, 0.0)], [(0, 1)], [])
     addon.select(source)
     bpy.ops.object.convert(target="CURVE")
-    update_refused(result, match="“Cage”, which it came from, is not a mesh any more")
 
 
-def test_a_source_that_was_subdivided_in_place_is_told() -> None:
+def share_the_mesh(source: bpy.types.Object, result: bpy.types.Object) -> None:
+    source.data = result.data
+
+
+# What becomes of a source and its result, which of them is selected then, settings, and what Update Result says.
+Change = Callable[[bpy.types.Object, bpy.types.Object], object]
+REFUSALS: tuple[tuple[Change, str, dict[str, object], str], ...] = (
+    (lambda source, _: bpy.data.objects.remove(source), "Cage Adaptive", {}, "“Cage”, which .* has been removed"),
+    (become_a_curve, "Cage Adaptive", {}, "“Cage”, which it came from, is not a mesh any more"),
+    (lambda source, _: subdivide(source, output="IN_PLACE"), "Cage Adaptive", {}, "was subdivided in place since"),
+    (share_the_mesh, "Cage Adaptive", {}, "has the same mesh"),
+    (lambda *_: None, "Cage Adaptive", {**FINER, "tolerance": 1e-6, "max_faces": 10_000}, "10,000 are allowed"),
+    (lambda *_: None, "Cage Adaptive", {"tolerance": -1.0}, "greater than zero"),
+    # Blender does not tell how large it is there.
+    (lambda _, result: move_to_another_scene(result), "Cage", {}, "none of its results is shown here"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "chosen", "settings", "match"), REFUSALS)
+def test_what_cannot_be_updated_is_told(change: Change, chosen: str, settings: dict[str, object], match: str) -> None:
     source, result = made_result()
     source.hide_set(False)
-    subdivide(source, output="IN_PLACE")
-    update_refused(result, match="was subdivided in place since")
-
-
-def test_a_source_that_shares_its_mesh_with_the_result_is_told() -> None:
-    source, result = made_result()
-    source.data = result.data
-    update_refused(result, match="has the same mesh")
+    change(source, result)
+    addon.select(bpy.data.objects[chosen])
+    refuses("update", match, **settings)
+    if "been removed" in match:
+        refuses("show_source", "removed from the file")
 
 
 def test_modifiers_count_once() -> None:
@@ -346,54 +357,33 @@ def test_modifiers_count_once() -> None:
     [with_it] = subdivide(source)
     source.hide_set(False)
     [without] = subdivide(source, use_modifiers=False)
-    update_refused(without, match="“Mirror” of “Cage” is counted in now, and the result has it as well")
-    update_refused(with_it, use_modifiers=False, match="“Mirror” of “Cage” was counted in and is not any more")
+    refuses("update", "“Mirror” of “Cage” is counted in now, and the result has it as well")
+    addon.select(with_it)
+    refuses("update", "“Mirror” of “Cage” was counted in and is not any more", use_modifiers=False)
     update(with_it)
     update(without, use_modifiers=False)
     source.modifiers.new("Bevel", "BEVEL")
     update(with_it)
 
 
-def test_the_face_limit_is_kept_and_nothing_is_changed() -> None:
-    _, result = made_result()
-    update_refused(result, tolerance=1e-6, tolerance_mode="ABSOLUTE", max_faces=10_000, match="10,000 are allowed")
-
-
-def test_a_bad_tolerance_is_refused() -> None:
-    _, result = made_result()
-    update_refused(result, tolerance=-1.0, match="greater than zero")
-
-
-def test_a_linked_result_is_refused(tmp_path: Path) -> None:
-    made_result()
-    path = tmp_path / "library.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    bpy.ops.wm.read_homefile(use_factory_startup=True)
-    with bpy.data.libraries.load(str(path), link=True) as (_, wanted):
-        wanted.objects = ["Cage Adaptive"]
-    [linked] = wanted.objects
-    bpy.context.scene.collection.objects.link(linked)
-    update_refused(linked, match="linked from another file")
-
-
-def test_an_appended_result_brings_its_source(tmp_path: Path) -> None:
-    made_result()
-    path = tmp_path / "library.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path))
-    bpy.ops.wm.read_homefile(use_factory_startup=True)
+def test_a_linked_result_is_refused_and_an_appended_one_brings_its_source(tmp_path: Path) -> None:
+    path = saved(tmp_path)
     bpy.ops.wm.append(directory=f"{path}/Object/", filename="Cage Adaptive")
     result = bpy.data.objects["Cage Adaptive"]
     assert result.ccdepth.source.library is None
     before = faces(result)
-    update(result, tolerance=TOLERANCE / 4, tolerance_mode="ABSOLUTE")
+    update(result, **FINER)
     assert faces(result) > before
+    with bpy.data.libraries.load(path, link=True) as (_, wanted):
+        wanted.objects = ["Cage Adaptive"]
+    [linked] = wanted.objects
+    bpy.context.scene.collection.objects.link(linked)
+    addon.select(linked)
+    refuses("update", "linked from another file")
 
 
 def test_results_survive_saving_and_loading(tmp_path: Path) -> None:
-    made_result()
-    path = str(tmp_path / "saved.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.open_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=saved(tmp_path))
     source, result = bpy.data.objects["Cage"], bpy.data.objects["Cage Adaptive"]
     source.name = "Renamed"
     assert stale_line(result) == ""
@@ -415,16 +405,8 @@ def test_a_result_is_not_subdivided_without_asking() -> None:
     assert again.data.ccdepth.base_faces == faces(result)
     update(again)
     result.hide_set(False)
-    update_refused(result, again, match="is a result as well; update that one first")
-
-
-def test_what_was_subdivided_in_place_is_not_subdivided_again_without_asking() -> None:
-    holder = scene.add_suzanne()
-    subdivide(holder, output="IN_PLACE")
-    refused(holder, match="subdivided in place already")
-    before = faces(holder)
-    subdivide(holder, output="IN_PLACE", subdivide_results=True)
-    assert faces(holder) > before
+    addon.select(result, again)
+    refuses("update", "is a result as well; update that one first")
 
 
 def test_a_result_that_was_subdivided_in_place_has_no_source_any_more() -> None:
@@ -437,60 +419,11 @@ def test_a_result_that_was_subdivided_in_place_has_no_source_any_more() -> None:
 def test_counting_faces_of_a_result_counts_those_of_its_update() -> None:
     _, result = made_result()
     addon.select(result)
-    set_scene(tolerance=TOLERANCE / 4)
+    set_scene(**FINER)
     assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
     counted = known_count(result)
     update(result)
     assert counted.faces == faces(result)
-
-
-# What is out of date.
-
-
-def test_changed_settings_make_a_result_out_of_date() -> None:
-    _, result = made_result()
-    assert stale_line(result) == ""
-    for name, value in (("tolerance", 0.02), ("mode", "PER_FACE"), ("exact_normals", True), ("reduce", True)):
-        before = getattr(bpy.context.scene.ccdepth, name)
-        set_scene(**{name: value})
-        assert stale_line(result) == "Out of date: settings changed"
-        set_scene(**{name: before})
-        assert stale_line(result) == ""
-    set_scene(max_faces=1234, output="IN_PLACE")
-    assert stale_line(result) == ""
-
-
-def test_a_changed_source_makes_a_result_out_of_date_until_it_is_updated() -> None:
-    source, result = made_result()
-    source.hide_set(False)
-    move_vertex(source.data)
-    assert stale_line(result) == "Out of date: source changed"
-    update(result)
-    assert stale_line(result) == ""
-    source.modifiers.new("Mirror", "MIRROR")
-    assert stale_line(result) == "Out of date: source changed"
-    update(result)
-    source.data.uv_layers.new(name="Map")
-    source.data.update()
-    assert stale_line(result) == "Out of date: source changed"
-
-
-def test_edit_mode_without_edits_changes_nothing() -> None:
-    source, result = made_result()
-    source.hide_set(False)
-    source.data.uv_layers.new(name="Map")
-    source.data.materials.append(bpy.data.materials.new("Red"))
-    update(result)
-    with addon.edit_mode(source):
-        assert stale_line(result) == ""
-    assert stale_line(result) == ""
-
-
-def test_depths_of_the_source_make_nothing_out_of_date() -> None:
-    source, result = made_result()
-    source.hide_set(False)
-    addon.compute(source, tolerance=TOLERANCE)
-    assert stale_line(result) == ""
 
 
 def test_undo_takes_an_update_back() -> None:
@@ -499,26 +432,10 @@ def test_undo_takes_an_update_back() -> None:
     name, before = result.name, faces(result)
     addon.select(result)
     bpy.ops.ed.undo_push(message="made")
-    assert bpy.ops.ccdepth.update("EXEC_DEFAULT", True, tolerance=TOLERANCE / 4, tolerance_mode="ABSOLUTE")
+    assert bpy.ops.ccdepth.update("EXEC_DEFAULT", True, **FINER)
     assert faces(bpy.data.objects[name]) > before
     bpy.ops.ed.undo()
     assert faces(bpy.data.objects[name]) == before
     assert bpy.data.objects[name].ccdepth.source == bpy.data.objects["Cage"]
     bpy.ops.ed.redo()
     assert faces(bpy.data.objects[name]) > before
-
-
-def test_depths_of_a_result_do_not_tell_whether_it_is_out_of_date() -> None:
-    """Neither those computed of the result itself, nor their removal."""
-    _, result = made_result()
-    set_scene(tolerance=TOLERANCE)
-    panels, settings = addon.module("ui.panels"), bpy.context.scene.ccdepth
-    addon.select(result)
-    assert panels.result_line(settings, result) == ""
-    set_scene(tolerance=2 * TOLERANCE)
-    assert panels.result_line(settings, result) == "Out of date: settings changed"
-    bpy.ops.ccdepth.compute()
-    assert panels.result_line(settings, result) == "Out of date: settings changed"
-    set_scene(tolerance=TOLERANCE)
-    bpy.ops.ccdepth.clear()
-    assert panels.result_line(settings, result) == ""

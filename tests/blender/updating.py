@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Update Result called in tests, and what it is tested on."""
+"""Update Result called in tests, and what it is tested on; and what any operator that refuses must leave as it is."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ import bpy
 import pytest
 
 from tests import meshes
-from tests.blender import addon, scene
-from tests.blender.subdividing import TOLERANCE, everything_in_the_file, subdivide
+from tests.blender import addon, scene, snapshot
+from tests.blender.subdividing import TOLERANCE, subdivide
 
 
 def set_scene(**settings: object) -> None:
@@ -32,13 +32,13 @@ def update(*objects: bpy.types.Object, **settings: object) -> None:
     assert bpy.ops.ccdepth.update(**settings) == {"FINISHED"}
 
 
-def update_refused(*objects: bpy.types.Object, match: str, **settings: object) -> None:
-    """The operator reports an error, and nothing is changed."""
-    addon.select(*objects)
-    before = everything_in_the_file()
+def refuses(operator: str, match: str, **settings: object) -> None:
+    """The operator reports an error about what is selected, and nothing is changed."""
+    bpy.context.view_layer.update()
+    before = snapshot.take()
     with pytest.raises(RuntimeError, match=match):
-        bpy.ops.ccdepth.update(**settings)
-    assert everything_in_the_file() == before
+        getattr(bpy.ops.ccdepth, operator)(**settings)
+    assert snapshot.differences(before, snapshot.take()) == []
 
 
 def stale_line(result: bpy.types.Object) -> str:
