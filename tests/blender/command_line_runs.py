@@ -1,8 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Runs of the command line within this process, and files for them."""
+"""Runs of the command line, within this process and in others, and files for them."""
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 import bpy
@@ -11,21 +13,35 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene
 
+CHECKOUT = Path(__file__).resolve().parents[2]
 
-def run(*arguments: object) -> int:
-    """The exit status of the command with these arguments."""
-    return addon.module("command_line.command").run([str(argument) for argument in arguments], program="ccdepth")
+
+def run(*arguments: object, process: Sequence[str] | None = None) -> int:
+    """The exit status of the command with these arguments. process: what does the files of ``--jobs``."""
+    words = [str(argument) for argument in arguments]
+    return addon.module("command_line.command").run(words, program="ccdepth", process=process)
+
+
+def program() -> list[str]:
+    """The command line, in a process of its own."""
+    if bpy.app.binary_path:
+        return [bpy.app.binary_path, "-b", "--command", "ccdepth"]
+    return [sys.executable, str(CHECKOUT / "scripts" / "heat_map.py")]
+
+
+def writable(suffix: str) -> bool:
+    """Whether this Blender can write such files."""
+    calls, files = addon.module("command_line.blender_calls"), addon.module("command_line.mesh_files")
+    return suffix == ".blend" or calls.available(files.WRITERS[suffix]) is not None
 
 
 def skip_unless_written(suffix: str) -> None:
-    """Skip the test where this Blender cannot write such files."""
-    calls, files = addon.module("command_line.blender_calls"), addon.module("command_line.mesh_files")
-    if suffix != ".blend" and calls.available(files.WRITERS[suffix]) is None:
+    if not writable(suffix):
         pytest.skip(f"this Blender cannot write {suffix} files")
 
 
-def save(path: Path) -> Path:
-    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+def save(path: Path, **options: bool) -> Path:
+    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, **options)
     return path
 
 
@@ -37,3 +53,15 @@ def save_cubes(path: Path, *names: str) -> Path:
         cube.location.x = 10.0 * index
         cube.scale = (1.0 + index,) * 3
     return save(path)
+
+
+def mesh_objects(path: Path) -> dict[str, bpy.types.Object]:
+    """The mesh objects of a .blend file, which is open afterwards, by name."""
+    bpy.ops.wm.open_mainfile(filepath=str(path))
+    return {each.name: each for each in bpy.data.objects if each.type == "MESH"}
+
+
+def depths_in(path: Path) -> dict[str, list[int]]:
+    """The depths on the meshes of a .blend file, which is open afterwards, by object."""
+    found = mesh_objects(path)
+    return {name: addon.depths(each).tolist() for name, each in found.items() if "ccdepth" in each.data.attributes}

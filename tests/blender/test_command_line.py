@@ -13,16 +13,11 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.command_line_runs import run
+from tests.blender.command_line_runs import depths_in, program, run, save
 
 SUZANNE_FACES = 500
 
-
-def depths_in(path: Path) -> dict[str, list[int]]:
-    """The depths on the meshes of a .blend file, by object."""
-    bpy.ops.wm.open_mainfile(filepath=str(path))
-    meshes = [holder for holder in bpy.data.objects if holder.type == "MESH"]
-    return {holder.name: addon.depths(holder).tolist() for holder in meshes if "ccdepth" in holder.data.attributes}
+FORMATS = (".blend", ".obj", ".ply", ".stl")
 
 
 def write_mesh_file(path: Path) -> None:
@@ -30,7 +25,7 @@ def write_mesh_file(path: Path) -> None:
     scene.clear()
     addon.select(scene.add_suzanne())
     if path.suffix == ".blend":
-        bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
+        save(path)
     else:
         getattr(bpy.ops.wm, f"{path.suffix[1:]}_export")(filepath=str(path))
 
@@ -64,21 +59,16 @@ def test_a_level_that_is_not_known_is_no_level() -> None:
     assert "-1" not in table(holder.data.ccdepth)
 
 
-@pytest.mark.parametrize("suffix", [".blend", ".obj", ".ply", ".stl"])
-def test_every_format_can_be_read(tmp_path: Path, suffix: str) -> None:
+@pytest.mark.every_blender
+@pytest.mark.parametrize("suffix", FORMATS)
+def test_every_format_can_be_read_and_stays_as_it_is(tmp_path: Path, suffix: str) -> None:
     mesh = tmp_path / f"mesh{suffix}"
     write_mesh_file(mesh)
+    before = mesh.read_bytes()
     assert run(mesh, "--output", tmp_path / "out.blend") == 0
     [depths] = depths_in(tmp_path / "out.blend").values()
     # An STL file holds triangles alone.
     assert len(depths) == (SUZANNE_FACES if suffix != ".stl" else 968)
-
-
-def test_the_mesh_file_itself_stays_as_it_is(tmp_path: Path) -> None:
-    mesh = tmp_path / "mesh.blend"
-    write_mesh_file(mesh)
-    before = mesh.read_bytes()
-    assert run(mesh) == 0
     assert mesh.read_bytes() == before
 
 
@@ -88,15 +78,16 @@ def test_all_visible_meshes_of_a_file_are_measured(tmp_path: Path, capfd: pytest
         holder.name = name
         holder.hide_select = index == 1
         holder.hide_set(index == 2)
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mesh.blend"), copy=True)
+    save(tmp_path / "mesh.blend")
     assert run(tmp_path / "mesh.blend", "--output", tmp_path / "out.blend") == 0
     assert "Left out because it is hidden: Hidden" in capfd.readouterr().out
     assert set(depths_in(tmp_path / "out.blend")) == {"Shown", "Unselectable"}
 
 
+@pytest.mark.every_blender
 def test_a_file_saved_in_edit_mode_is_measured(tmp_path: Path) -> None:
     with addon.edit_mode(scene.add_suzanne()):
-        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mesh.blend"), copy=True)
+        save(tmp_path / "mesh.blend")
     assert run(tmp_path / "mesh.blend", "--output", tmp_path / "out.blend") == 0
     assert len(depths_in(tmp_path / "out.blend")["Suzanne"]) == SUZANNE_FACES
 
@@ -105,7 +96,7 @@ def test_the_settings_of_a_file_are_used_unless_others_are_given(tmp_path: Path)
     scene.add_suzanne()
     settings = bpy.context.scene.ccdepth
     settings.tolerance_mode, settings.tolerance, settings.vertices = "ABSOLUTE", 0.125, "LIMIT"
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "mesh.blend"), copy=True)
+    save(tmp_path / "mesh.blend")
     assert run(tmp_path / "mesh.blend", "--vertices", "control", "--output", tmp_path / "out.blend") == 0
     assert depths_in(tmp_path / "out.blend")
     settings, record = bpy.context.scene.ccdepth, bpy.data.objects["Suzanne"].data.ccdepth
@@ -114,92 +105,105 @@ def test_the_settings_of_a_file_are_used_unless_others_are_given(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("arguments", "message"),
+    ("line", "message"),
     [
-        (["--tolerance", "0"], "The tolerance must be greater than zero"),
-        (["--tolerance", "-1"], "The tolerance must be greater than zero"),
-        (["--tolerance", "nan"], "The tolerance is not a finite number"),
-        (["--tolerance", "inf"], "The tolerance is not a finite number"),
-        (["--tolerance", "1e39"], "The tolerance is too large a number"),
-        (["--tolerance", "1e-12"], "single-precision"),
-        (["nowhere.obj"], "there is no such file"),
-        (["--objects", "Cube"], "ccdepth: Suzanne: there is no mesh object “Cube” in it"),
-        (["--collection", "Some"], "ccdepth: Suzanne: there is no collection “Some” in it"),
-        (["mesh.xyz"], "not a .blend, .obj, .ply, .stl,"),
-        (["--picture", "picture.jpg"], "its name must end in .png"),
-        (["--picture", "nowhere/picture.png"], "there is no folder"),
+        ("--tolerance 0", "The tolerance must be greater than zero"),
+        ("--tolerance -1", "The tolerance must be greater than zero"),
+        ("--tolerance nan", "The tolerance is not a finite number"),
+        ("--tolerance inf", "The tolerance is not a finite number"),
+        ("--tolerance 1e39", "The tolerance is too large a number"),
+        ("--tolerance 1e-12", "single-precision"),
+        ("nowhere.obj", "there is no such file"),
+        ("--objects Cube", "ccdepth: Suzanne: there is no mesh object “Cube” in it"),
+        ("--collection Some", "ccdepth: Suzanne: there is no collection “Some” in it"),
+        ("mesh.xyz", "not a .blend, .obj, .ply, .stl,"),
+        ("--picture picture.jpg", "its name must end in .png"),
+        ("--picture nowhere/picture.png", "there is no folder"),
+        ("--subdivide --max-faces 1000", "1,000 are allowed"),
+        ("--subdivide --tolerance nan", "The tolerance is not a finite number"),
     ],
 )
 def test_what_cannot_be_done_is_said_and_nothing_is_written(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], arguments: list[str], message: str
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], line: str, message: str
 ) -> None:
-    assert run(*arguments, "--output", tmp_path / "out.blend") == 1
+    assert run(*line.split(), "--output", tmp_path / "out.blend") == 1
     assert message in capfd.readouterr().err
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("suffix", [".blend", ".obj", ".ply", ".stl"])
+@pytest.mark.parametrize("suffix", FORMATS)
 def test_a_file_that_holds_no_mesh_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str], suffix: str) -> None:
     (tmp_path / f"broken{suffix}").write_text("this is no mesh\n")
     assert run(tmp_path / f"broken{suffix}") == 1
     assert "ccdepth: " in capfd.readouterr().err
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["--tolerance", "fine"],
-        ["--method", "guess"],
-        ["--unknown"],
-        ["--max-faces", "99999999999999"],
-        ["--max-faces", "0"],
-        ["--max-faces", "-5"],
-        ["--max-faces", "many"],
-        ["--tolerance", "1 cubit"],
-        ["--tolerance", "0.1mm", "--relative"],
-        ["--tolerance", "0.1%", "--absolute"],
-        ["--tolerance", "0.1", "--faces", "50k"],
-        ["--faces", "none"],
-        ["--faces", "0"],
-        ["--unit", "cubit"],
-        ["--jobs", "0"],
-        ["--jobs", "1.5"],
-        ["--measure", "--accuracy", "nan"],
-        ["--measure", "--accuracy", "0"],
-        ["--measure", "--time-limit=-1"],
-        ["--measure", "--time-limit", "1e400"],
-        ["--levels", "--subdivide"],
-        ["--subdivide", "--output", "mesh.xyz"],
-        ["--output", "mesh.stl"],
-        ["--measure", "--output-folder", ".", "--format", "stl"],
-        ["--subdivide", "--measure"],
-        ["--measure", "--picture", "out.png"],
-        ["--format", "stl"],
-        ["--output", "out.blend", "--output-folder", "."],
-        ["one.obj", "two.obj", "--output", "out.blend"],
-        ["one.obj", "two.obj", "--picture", "out.png"],
-        ["one.obj", "folder/one.ply", "--output-folder", "."],
-        ["--json", "-", "--csv", "-"],
-        ["--json", "same", "--csv", "same", "--overwrite"],
-        ["--subdivide", "--output", "same.stl", "--json", "same.stl", "--overwrite"],
-        ["mesh.obj", "--json", "mesh.obj", "--overwrite"],
-        ["mesh.png", "--picture", "mesh.png", "--overwrite"],
-        ["mesh.obj", "--verify", "report.json"],
-        # What would be taken no notice of.
-        ["--verify", "report.json", "--tolerance", "1mm"],
-        ["--verify", "report.json", "--levels"],
-        ["--verify", "report.json", "--overwrite"],
-        # Another way to the same place.
-        ["mesh.obj", "--json", "./nowhere/../mesh.obj", "--overwrite"],
-        ["--json", "same", "--csv", "./nowhere/../same", "--overwrite"],
-        # The materials of an .obj file go there.
-        ["--subdivide", "--output", "same.obj", "--json", "same.mtl", "--overwrite"],
-        ["--objects", "Cube", "mesh.blend"],
-    ],
-)
-def test_a_line_that_makes_no_sense_is_refused(capfd: pytest.CaptureFixture[str], arguments: list[str]) -> None:
-    assert run(*arguments) == 2
-    assert "usage: ccdepth" in capfd.readouterr().err
+# Lines that make no sense, with a part of what is said of each; an underscore stands for a space within a word.
+WRONG_LINES = """
+--tolerance fine | is not a tolerance
+--method guess | invalid choice
+--unknown | unrecognized arguments
+--max-faces 99999999999999 | is not between 1 and
+--max-faces 0 | is not between 1 and
+--max-faces -5 | is not between 1 and
+--max-faces many | invalid
+--tolerance 1_cubit | is not a tolerance
+--tolerance 0.1mm --relative | a tolerance of 0.1mm is not relative
+--tolerance 0.1% --absolute | a tolerance of 0.1% is not absolute
+--tolerance 0.1 --faces 50k | not allowed with argument
+--faces none | is not a number of faces
+--faces 0 | is not a number of faces
+--unit cubit | invalid choice
+--jobs 0 | is not a whole number of at least 1
+--jobs 1.5 | is not a whole number of at least 1
+--measure --accuracy nan | is not a number greater than zero
+--measure --accuracy 0 | is not a number greater than zero
+--measure --time-limit=-1 | is not a number of seconds
+--measure --time-limit 1e400 | is not a number of seconds
+--frames 1- | are no frames
+--frames 9-1 | the first comes before the last
+--frames 1-9 --subdivide | --frames is for depths and --levels
+--frames 1-9 --measure | --frames is for depths and --levels
+--levels --subdivide | cannot be used together
+--subdivide --output mesh.xyz | its name must end in
+--output mesh.stl | .stl files hold meshes that are made
+--measure --output-folder . --format stl | .stl files hold meshes that are made
+--subdivide --measure | --measure measures what was written
+--measure --picture out.png | --measure makes none
+--format stl | --format is for --output-folder
+--output out.blend --output-folder . | cannot be used together
+one.obj two.obj --output out.blend | are for a single file
+one.obj two.obj --picture out.png | are for a single file
+one.obj folder/one.ply --output-folder . | several files would be written to
+--json - --csv - | only one report can go to the standard output
+--json same --csv same --overwrite | several files would be written to
+--subdivide --output same.stl --json same.stl --overwrite | several files would be written to
+mesh.obj --json mesh.obj --overwrite | is read, and would be replaced
+mesh.png --picture mesh.png --overwrite | is read, and would be replaced
+mesh.obj --verify report.json | --verify takes a report and nothing else
+--verify report.json --tolerance 1mm | --verify takes a report and nothing else
+--verify report.json --levels | --verify takes a report and nothing else
+--verify report.json --overwrite | --verify takes a report and nothing else
+mesh.obj --json ./nowhere/../mesh.obj --overwrite | is read, and would be replaced
+--json same --csv ./nowhere/../same --overwrite | several files would be written to
+--subdivide --output same.obj --json same.mtl --overwrite | several files would be written to
+--objects Cube mesh.blend | put the files before it
+part.blend --gather . --json - | takes a folder of reports and nothing else
+--gather . --json - --tolerance 1mm | takes a folder of reports and nothing else
+--gather . --json - --jobs 2 | takes a folder of reports and nothing else
+--gather . | --gather writes a report
+--gather . --json - --draw | --draw is for --gather with --html
+--html - --draw | --draw is for --gather with --html
+"""
+
+
+@pytest.mark.parametrize("case", WRONG_LINES.strip().splitlines())
+def test_a_line_that_makes_no_sense_is_refused(capfd: pytest.CaptureFixture[str], case: str) -> None:
+    line, _, message = case.partition(" | ")
+    assert run(*(word.replace("_", " ") for word in line.split())) == 2
+    printed = " ".join(capfd.readouterr().err.split())
+    assert "usage: ccdepth" in printed
+    assert message in printed
 
 
 def test_a_report_does_not_follow_a_link_to_a_file_that_is_read(
@@ -222,11 +226,20 @@ def test_help_is_no_failure(capfd: pytest.CaptureFixture[str]) -> None:
     assert "--tolerance" in capfd.readouterr().out
 
 
+@pytest.mark.every_blender
 @pytest.mark.parametrize("in_place", [False, True])
-def test_it_subdivides_adaptively(tmp_path: Path, capfd: pytest.CaptureFixture[str], in_place: bool) -> None:
+def test_it_subdivides_adaptively(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], in_place: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The picture shows the distances."""
+    monkeypatch.setattr(addon.module("command_line.picture"), "SAMPLES", 1)
+    path = tmp_path / "picture.png"
     line = ["--subdivide", "--tolerance", "0.01", "--absolute", "--mode", "per-face", "--transitions", "ngons"]
-    assert run(*line, *(["--in-place"] if in_place else []), "--output", tmp_path / "out.blend") == 0
+    files = ["--picture", path, "--output", tmp_path / "out.blend"]
+    assert run(*line, *(["--in-place"] if in_place else []), *files) == 0
     printed = capfd.readouterr().out
+    assert f"Written: {path}" in printed
+    assert path.read_bytes().startswith(b"\x89PNG")
     [(name, written)] = depths_in(tmp_path / "out.blend").items()
     assert name == ("Suzanne" if in_place else "Suzanne Adaptive")
     assert bpy.data.objects[name].visible_get()
@@ -244,43 +257,15 @@ def test_proved_distances_are_rounded_up(capfd: pytest.CaptureFixture[str]) -> N
     for number in range(6):
         assert run("--subdivide", "--absolute", "--tolerance", 0.03 + 0.001 * number) == 0
         [printed] = re.findall(r"largest distance proved: (\S+);", capfd.readouterr().out)
-        [result] = [each for each in bpy.data.objects if each.name == "Suzanne Adaptive"]
-        record = result.data.ccdepth
+        record = bpy.data.objects["Suzanne Adaptive"].data.ccdepth
         assert record.largest_bound <= float(printed) <= record.largest_bound * 1.001 + 1e-9
 
 
-@pytest.mark.parametrize("in_place", [False, True])
-def test_a_picture_of_adaptive_meshes_shows_their_distances(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], in_place: bool, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(addon.module("command_line.picture"), "SAMPLES", 1)
-    path = tmp_path / "picture.png"
-    line = ["--subdivide", "--tolerance", "0.01", *(["--in-place"] if in_place else []), "--picture", path]
-    assert run(*line) == 0
-    assert f"Written: {path}" in capfd.readouterr().out
-    assert path.read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--max-faces", "1000"], "1,000 are allowed"),
-        (["--tolerance", "nan"], "The tolerance is not a finite number"),
-    ],
-)
-def test_what_cannot_be_subdivided_is_said_and_nothing_is_written(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], arguments: list[str], message: str
-) -> None:
-    assert run("--subdivide", *arguments, "--output", tmp_path / "out.blend") == 1
-    assert message in capfd.readouterr().err
-    assert not list(tmp_path.iterdir())
-
-
+@pytest.mark.every_blender
 @pytest.mark.skipif(not bpy.app.binary_path, reason="needs Blender's own program")
 @pytest.mark.parametrize(("arguments", "status"), [([], 0), (["--tolerance", "0"], 1), (["--unknown"], 2)])
 def test_blender_passes_the_exit_status_on(arguments: list[str], status: int) -> None:
-    command = [bpy.app.binary_path, "-b", "--command", "ccdepth", *arguments]
-    assert subprocess.run(command, timeout=120, capture_output=True).returncode == status
+    assert subprocess.run([*program(), *arguments], timeout=120, capture_output=True).returncode == status
 
 
 def test_names_cannot_command_the_terminal(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
@@ -290,24 +275,19 @@ def test_names_cannot_command_the_terminal(tmp_path: Path, capfd: pytest.Capture
         holder.name = name
         holder.hide_set(hidden)
         holder.modifiers.new("Cloth\x1b]0;title\x07", "CLOTH")
-    mesh = tmp_path / "mesh\x1b[2J.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(mesh), copy=True)
+    mesh = save(tmp_path / "mesh\x1b[2J.blend")
     capfd.readouterr()
     assert run(mesh, "--no-modifiers", "--output", tmp_path / "out\x1b[1m.blend") == 0
     assert run(mesh) == 1
     assert run(mesh, "--output", tmp_path / "nowhere\x1b" / "out.blend") == 1
     printed = capfd.readouterr()
     # Blender itself prints which files it reads and writes.
-    own = [
-        line
-        for line in (printed.out + printed.err).splitlines()
-        if "Read blend: " not in line and "Info: Saved" not in line
+    lines = [
+        line for line in (printed.out + printed.err).splitlines() if not re.search("Read blend: |Info: Saved", line)
     ]
-    text = "\n".join(own)
-    assert not [line for line in own if any(mark in line for mark in "\x1b\x07\x9b\u202e")]
-    assert "Red\\x1b[31m\\u202e" in text
-    assert "Bell\\x07\\x9b2J" in text
-    assert "Cloth\\x1b]0;title\\x07" in text
+    assert not [line for line in lines if any(mark in line for mark in "\x1b\x07\x9b\u202e")]
+    for escaped in ("Red\\x1b[31m\\u202e", "Bell\\x07\\x9b2J", "Cloth\\x1b]0;title\\x07"):
+        assert escaped in "\n".join(lines)
 
 
 @pytest.mark.parametrize("tolerance", [float("inf"), 1e39])

@@ -14,9 +14,8 @@ import numpy as np
 import pytest
 
 from tests import meshes
-from tests.blender import scene
-
-CHECKOUT = Path(__file__).resolve().parents[2]
+from tests.blender import addon, scene
+from tests.blender.command_line_runs import CHECKOUT, mesh_objects, save
 
 # What stands in for Blender's own program where there is none.
 STAND_IN = """
@@ -37,15 +36,19 @@ os._exit(0)
 """
 
 
-def run(name: str, file: Path | None, *arguments: object) -> str:
-    """What the example prints."""
+def example_command(name: str, file: Path | None, *arguments: object) -> list[str]:
+    """What runs an example with a file open."""
     script, given = str(CHECKOUT / "examples" / name), [str(argument) for argument in arguments]
     opened = [] if file is None else [str(file)]
     if bpy.app.binary_path:
-        command = [bpy.app.binary_path, "-b", *opened, "--python-exit-code", "1", "--python", script, "--", *given]
-    else:
-        text = STAND_IN.format(checkout=str(CHECKOUT), file="".join(opened), arguments=given, script=script)
-        command = [sys.executable, "-c", text]
+        return [bpy.app.binary_path, "-b", *opened, "--python-exit-code", "1", "--python", script, "--", *given]
+    text = STAND_IN.format(checkout=str(CHECKOUT), file="".join(opened), arguments=given, script=script)
+    return [sys.executable, "-c", text]
+
+
+def run(name: str, file: Path | None, *arguments: object) -> str:
+    """What the example prints."""
+    command = example_command(name, file, *arguments)
     ended = subprocess.run(command, timeout=120, capture_output=True, text=True, check=False)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     return ended.stdout
@@ -54,27 +57,22 @@ def run(name: str, file: Path | None, *arguments: object) -> str:
 @pytest.fixture
 def cube_file(tmp_path: Path) -> Path:
     """A cube of 2 m."""
-    scene.clear()
     bpy.context.scene.ccdepth.method = "CERTIFIED"
     scene.add_object(meshes.cube(), "Cube")
-    path = tmp_path / "cube.blend"
-    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True)
-    return path
+    return save(tmp_path / "cube.blend")
 
 
 def test_set_levels(cube_file: Path, tmp_path: Path) -> None:
     run("set_levels.py", cube_file, 0.05, tmp_path / "out.blend")
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "out.blend"))
-    [modifier] = bpy.data.objects["Cube"].modifiers
+    [modifier] = mesh_objects(tmp_path / "out.blend")["Cube"].modifiers
     assert modifier.levels == modifier.render_levels > 0
     assert modifier.use_limit_surface
 
 
 def test_print_stl(cube_file: Path, tmp_path: Path) -> None:
     printed = run("print_stl.py", cube_file, 50, tmp_path / "out.stl")
-    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     bpy.ops.wm.stl_import(filepath=str(tmp_path / "out.stl"))
-    [cube] = bpy.data.objects
+    [cube] = bpy.context.selected_objects
     assert f"{len(cube.data.polygons)} triangles, proved to be within" in printed
     # The middles of a cube's limit surface are a third inwards, and it touches its box there.
     sides = np.array(cube.dimensions)
@@ -100,11 +98,9 @@ def test_folder_report(cube_file: Path) -> None:
     _, name, most, least, error = by_file["cube.blend"]
     assert (name, error) == ("Cube", "")
     assert float(least) <= 0.75**0.5 <= float(most)
-    bpy.ops.wm.open_mainfile(filepath=str(cube_file))
-    with bpy.context.temp_override(selected_objects=[bpy.data.objects["Cube"]]):
-        bpy.ops.ccdepth.measure(time_limit=10)
-    record = bpy.data.objects["Cube"].data.ccdepth
+    cube = mesh_objects(cube_file)["Cube"]
+    addon.measure(cube, time_limit=10)
     # Rounded to the nearest, the one would be too little or the other too much.
-    assert (float(most), float(least)) == (record.deviation, record.deviation_reached)
+    assert (float(most), float(least)) == (cube.data.ccdepth.deviation, cube.data.ccdepth.deviation_reached)
     assert float(most) < 0.95
     assert by_file["bad.blend"][4]

@@ -45,8 +45,9 @@ def refined_suzanne() -> bpy.types.Object:
     return holder
 
 
-def with_a_shape_key() -> bpy.types.Object:
-    holder = refined_suzanne()
+def with_a_shape_key(plain: bpy.types.Object | None = None) -> bpy.types.Object:
+    """The object with a key that is worst on frame 8; without one, Suzanne."""
+    holder = plain or refined_suzanne()
     holder.shape_key_add(name="Basis")
     shape = holder.shape_key_add(name="Key")
     for vertex in shape.data:

@@ -12,17 +12,18 @@ import resource
 import shutil
 import signal
 import subprocess
-import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import bpy
 import pytest
 
 from tests.blender import addon
+from tests.blender.command_line_runs import mesh_objects, program, run, save
+from tests.blender.test_examples import example_command
 
-CHECKOUT = Path(__file__).resolve().parents[2]
 whole_files = addon.module("command_line.whole_files")
-command = addon.module("command_line.command")
 
 # Less than any .blend file and any picture have.
 ROOM = 16 * 1024
@@ -30,27 +31,26 @@ ROOM = 16 * 1024
 LINE = ["--relative", "--tolerance", "0.01", "--method", "second-order", "--overwrite"]
 
 
-def program() -> list[str]:
-    """The command line, in a process of its own."""
-    if bpy.app.binary_path:
-        return [bpy.app.binary_path, "-b", "--command", "ccdepth"]
-    return [sys.executable, str(CHECKOUT / "scripts" / "heat_map.py")]
+@contextmanager
+def little_room() -> Iterator[None]:
+    """No file of this process can be longer than ROOM."""
+    # Python ignores this signal, and Blender does not.
+    before, limits = signal.signal(signal.SIGXFSZ, signal.SIG_IGN), resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (ROOM, limits[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, before)
 
 
-def run(*arguments: object, room: int | None = None, **options: object) -> subprocess.CompletedProcess[str]:
-    def limit() -> None:
-        if room is not None:
-            # Python ignores this signal, and Blender does not.
-            signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-            resource.setrlimit(resource.RLIMIT_FSIZE, (room, room))
-
-    command = [*program(), *map(str, arguments)]
-    options.setdefault("stdout", subprocess.PIPE)
-    return subprocess.run(
-        command, timeout=300, preexec_fn=limit, text=True, stderr=subprocess.PIPE, check=False, **options
-    )
+@pytest.fixture
+def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(addon.module("command_line.picture"), "SAMPLES", 1)
 
 
+@pytest.mark.every_blender
+@pytest.mark.usefixtures("few_samples")
 @pytest.mark.parametrize(
     ("option", "name"),
     [
@@ -61,74 +61,60 @@ def run(*arguments: object, room: int | None = None, **options: object) -> subpr
     ],
 )
 @pytest.mark.parametrize("existing", [b"", b"something precious"])
-def test_a_file_that_does_not_fit(tmp_path: Path, option: str, name: str, existing: bytes) -> None:
+def test_a_file_that_does_not_fit(
+    tmp_path: Path, option: str, name: str, existing: bytes, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What is printed meanwhile is kept in memory: pytest's own files would be as short."""
     path = tmp_path / name
     if existing:
         path.write_bytes(existing)
-    ended = run(*LINE, *option.split(), path, room=ROOM)
-    assert ended.returncode == 1, ended.stdout + ended.stderr
-    assert "Written" not in ended.stdout
+    with little_room():
+        assert run(*LINE, *option.split(), path) == 1
+    printed = capsys.readouterr()
+    assert "Written" not in printed.out
     # Python says itself of a file of its own that it is too large.
-    assert re.search(rf"{name}: .*(is the disk full|too large)", ended.stderr), ended.stderr
+    assert re.search(rf"ccdepth: .*{name}: .*(is the disk full|too large)", printed.err), printed.err
     assert [each.name for each in tmp_path.iterdir()] == ([name] if existing else [])
     assert not existing or path.read_bytes() == existing
 
 
-def test_files_that_fit(tmp_path: Path) -> None:
+@pytest.mark.every_blender
+@pytest.mark.usefixtures("few_samples")
+def test_files_that_fit(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     blend, png = tmp_path / "out.blend", tmp_path / "out.png"
     blend.write_bytes(b"an earlier version")
     png.write_bytes(b"an earlier version")
-    ended = run(*LINE, "--output", blend, "--picture", png)
-    assert ended.returncode == 0, ended.stderr
-    assert f"Written: {blend}" in ended.stdout
-    assert f"Written: {png}" in ended.stdout
+    assert run(*LINE, "--output", blend, "--picture", png) == 0
+    printed = capfd.readouterr().out
+    assert f"Written: {blend}" in printed
+    assert f"Written: {png}" in printed
     # Blender keeps as many earlier versions as the preferences say: one.
     assert sorted(each.name for each in tmp_path.iterdir()) == ["out.blend", "out.blend1", "out.png"]
     assert (tmp_path / "out.blend1").read_bytes() == b"an earlier version"
-    bpy.ops.wm.open_mainfile(filepath=str(blend))
-    assert "ccdepth" in bpy.data.objects["Suzanne"].data.attributes
+    assert "ccdepth" in mesh_objects(blend)["Suzanne"].data.attributes
     assert bpy.data.images.load(str(png)).size[0] > 0
 
 
 @pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
-def test_output_that_cannot_be_printed() -> None:
+@pytest.mark.parametrize("command", ["ccdepth", "batch_depth.py"])
+def test_output_that_cannot_be_printed(tmp_path: Path, command: str) -> None:
+    """In other processes, of the command and of an example."""
+    line = [*program(), *LINE]
+    if command != "ccdepth":
+        if bpy.app.binary_path:
+            pytest.skip("with the bpy module only")
+        bpy.ops.mesh.primitive_cube_add()
+        line = example_command(command, save(tmp_path / "cube.blend"), 0.01)
     with open("/dev/full", "w") as full:
-        ended = run(*LINE, stdout=full)
+        ended = subprocess.run(line, timeout=120, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
     assert ended.returncode == 1
-    assert "Traceback" not in ended.stderr
+    assert ("Traceback" in ended.stderr) == (command != "ccdepth")
+    assert command == "ccdepth" or "No space left" in ended.stderr
 
 
-@pytest.mark.skipif(not os.path.exists("/dev/full"), reason="needs a device that is always full")
-def test_the_table_of_the_example_that_cannot_be_printed(tmp_path: Path) -> None:
-    bpy.ops.mesh.primitive_cube_add()
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "cube.blend"), copy=True)
-    script = tmp_path / "run.py"
-    script.write_text(
-        f"import sys; sys.path.insert(0, {str(CHECKOUT)!r})\n"
-        "import bpy, ccdepth_addon\n"
-        "ccdepth_addon.register()\n"
-        f"bpy.ops.wm.open_mainfile(filepath={str(tmp_path / 'cube.blend')!r})\n"
-        "sys.argv = ['blender', '--', '0.01']\n"
-        "import os, runpy, traceback\n"
-        "try:\n"
-        f"    runpy.run_path({str(CHECKOUT / 'examples' / 'batch_depth.py')!r})\n"
-        "except BaseException:\n"
-        "    traceback.print_exc()\n"
-        "    os._exit(1)\n"
-        "os._exit(0)\n"
-    )
-    if bpy.app.binary_path:
-        pytest.skip("with the bpy module only")
-    with open("/dev/full", "w") as full:
-        ended = subprocess.run([sys.executable, script], timeout=120, stdout=full, stderr=subprocess.PIPE, text=True)
-    assert ended.returncode == 1
-    assert "No space left" in ended.stderr
-
-
-def save(path: Path, *, compress: bool) -> bytes:
+def save_suzanne(path: Path, *, compress: bool = True) -> bytes:
     bpy.ops.mesh.primitive_monkey_add()
-    bpy.ops.wm.save_as_mainfile(filepath=str(path), copy=True, compress=compress)
-    return path.read_bytes()
+    return save(path, compress=compress).read_bytes()
 
 
 def is_taken(path: Path, content: bytes) -> bool:
@@ -144,9 +130,10 @@ def is_taken(path: Path, content: bytes) -> bool:
     return True
 
 
+@pytest.mark.every_blender
 @pytest.mark.parametrize("compress", [False, True])
 def test_a_blend_file_that_is_cut_is_recognised(tmp_path: Path, compress: bool) -> None:
-    content = save(tmp_path / "saved.blend", compress=compress)
+    content = save_suzanne(tmp_path / "saved.blend", compress=compress)
     path = tmp_path / "out.blend"
     assert is_taken(path, content)
     for size in (0, 5, 12, 20, 64 * 1024, len(content) // 2, len(content) - 30, len(content) - 1):
@@ -172,7 +159,7 @@ def test_a_picture_that_is_cut_is_recognised(tmp_path: Path) -> None:
 
 
 def test_a_link_stays_a_link_and_permissions_stay(tmp_path: Path) -> None:
-    content = save(tmp_path / "saved.blend", compress=True)
+    content = save_suzanne(tmp_path / "saved.blend")
     target, link = tmp_path / "target.blend", tmp_path / "link.blend"
     target.write_bytes(b"before")
     target.chmod(0o640)
@@ -187,14 +174,9 @@ def test_a_link_stays_a_link_and_permissions_stay(tmp_path: Path) -> None:
 def test_an_error_on_the_way_leaves_everything(tmp_path: Path) -> None:
     path = tmp_path / "out.blend"
     path.write_bytes(b"before")
-
-    def half_written() -> None:
-        with whole_files.written_whole(path) as beside:
-            beside.write_bytes(b"half")
-            raise LookupError
-
-    with pytest.raises(LookupError):
-        half_written()
+    with pytest.raises(LookupError), whole_files.written_whole(path) as beside:  # noqa: PT012
+        beside.write_bytes(b"half")
+        raise LookupError
     assert [each.name for each in tmp_path.iterdir()] == ["out.blend"]
     assert path.read_bytes() == b"before"
 
@@ -214,7 +196,7 @@ def test_a_full_disk_is_told_whatever_was_made_of_it(
 
     monkeypatch.setattr(one_file, "write_meshes", cut_off)
     monkeypatch.setattr(shutil, "disk_usage", lambda _folder: type("", (), {"free": 0}))
-    assert command.run([*LINE, "--subdivide", "--output", str(tmp_path / f"out{suffix}")], program="ccdepth") == 1
+    assert run(*LINE, "--subdivide", "--output", tmp_path / f"out{suffix}") == 1
     [error] = [line for line in capfd.readouterr().err.splitlines() if line.startswith("ccdepth: ")]
     assert f"out{suffix}: it could not be written: " in error
     assert error.endswith(("the disk is full", "is the disk full?"))
@@ -222,7 +204,7 @@ def test_a_full_disk_is_told_whatever_was_made_of_it(
 
 
 def test_earlier_versions_move_on(tmp_path: Path) -> None:
-    content = save(tmp_path / "saved.blend", compress=True)
+    content = save_suzanne(tmp_path / "saved.blend")
     path = tmp_path / "out.blend"
     for number in range(4):
         path.write_bytes(f"version {number}".encode())
@@ -231,12 +213,6 @@ def test_earlier_versions_move_on(tmp_path: Path) -> None:
     assert (tmp_path / "out.blend1").read_bytes() == b"version 3"
     assert (tmp_path / "out.blend2").read_bytes() == b"version 2"
     assert not (tmp_path / "out.blend3").exists()
-
-
-def write_while_another_does(path: Path) -> None:
-    with whole_files.written_whole(path, overwrite=False) as beside:
-        beside.write_text("second")
-        path.write_text("first")
 
 
 @pytest.mark.parametrize("hindered", ["", "os.link", "whole_files.refuse_existing"])
@@ -252,12 +228,18 @@ def test_a_file_that_comes_meanwhile_stays(tmp_path: Path, hindered: str, monkey
     elif hindered:
         monkeypatch.setattr(whole_files, "refuse_existing", lambda *_arguments: None)
     path = tmp_path / "made.obj"
+
+    def write(meanwhile: bool) -> str:
+        with whole_files.written_whole(path, overwrite=False) as beside:
+            beside.write_text("second")
+            if meanwhile:
+                path.write_text("first")
+        return path.read_text()
+
     with pytest.raises(whole_files.UnwrittenError, match="it exists already"):
-        write_while_another_does(path)
+        write(meanwhile=True)
     assert [each.name for each in tmp_path.iterdir()] == ["made.obj"]
     assert path.read_text() == "first"
     path.unlink()
-    with whole_files.written_whole(path, overwrite=False) as beside:
-        beside.write_text("second")
+    assert write(meanwhile=False) == "second"
     assert [each.name for each in tmp_path.iterdir()] == ["made.obj"]
-    assert path.read_text() == "second"

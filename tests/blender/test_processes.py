@@ -15,7 +15,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.test_full_disk import CHECKOUT, program
+from tests.blender.command_line_runs import CHECKOUT, program, run, save, save_cubes
 
 command_line = addon.module("command_line.command")
 
@@ -34,58 +34,64 @@ def files_of(printed: str) -> list[dict[str, Any]]:
     return [{**each, "output": each["output"] and {**each["output"], "path": None}} for each in files]
 
 
-def test_jobs_report_the_same_and_in_the_same_order(tmp_path: Path) -> None:
+def test_jobs_report_the_same_and_in_the_same_order(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Names with spaces, quotes, line breaks and a leading dash, and a file that is broken."""
+    monkeypatch.chdir(tmp_path)
     names = ("-one", "th'r\"ee four", "fünf\n")
     for name in names:
-        scene.clear()
-        scene.add_object(meshes.cube(), f"Cube of {name}")
-        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / f"{name}.blend"), copy=True)
+        save_cubes(tmp_path / f"{name}.blend", f"Cube of {name}")
     (tmp_path / "bad.glb").write_bytes(b"glTF but not more")
     sources = ["bad.glb", *(f"{name}.blend" for name in names)]
     line = ["--subdivide", "--tolerance", "50mm", "--format", "stl", "--json", "-"]
-    printed = {}
-    for jobs in (0, 1, 2):
+    reports = []
+    for jobs in (0, 2):
         folder = tmp_path / f"out{jobs}"
         folder.mkdir()
-        others = ["--jobs", jobs] if jobs else []
-        run = ended(tmp_path, *line, *others, "--output-folder", folder, "--", *sources)
-        assert run.returncode == 1, run.stderr
+        capfd.readouterr()
+        words = [*line, *(["--jobs", jobs] if jobs else []), "--output-folder", folder, "--", *sources]
+        if jobs:
+            process = ended(tmp_path, *words)
+            status, printed, told = process.returncode, process.stdout, process.stderr
+        else:
+            status = run(*words)
+            printed, told = capfd.readouterr()
+        assert status == 1, told
         assert sorted(each.name for each in folder.iterdir()) == sorted(f"{name}.stl" for name in names)
-        printed[jobs] = files_of(run.stdout)
-        assert "4 of 4 files done, 0 left" in run.stderr
-        assert "bad.glb" in run.stderr
-    assert [each["error"] is None for each in printed[0]] == [False, True, True, True]
-    assert [each["input"]["path"] for each in printed[0]] == [(tmp_path / source).as_posix() for source in sources]
-    assert printed[0] == printed[1] == printed[2]
+        assert "4 of 4 files done, 0 left" in told
+        assert "bad.glb" in told
+        reports.append(files_of(printed))
+    assert [each["error"] is None for each in reports[0]] == [False, True, True, True]
+    assert [each["input"]["path"] for each in reports[0]] == [(tmp_path / source).as_posix() for source in sources]
+    assert reports[0] == reports[1]
 
 
-@pytest.mark.parametrize("jobs", [1, 2])
+@pytest.mark.every_blender
+@pytest.mark.parametrize(
+    ("jobs", "names"),
+    [(1, ["one", "deadly", "deadly too", "two"]), (2, ["one", "two", "deadly", "three", "deadly too", "four"])],
+)
 def test_a_file_that_ends_its_process_takes_no_other_with_it(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], jobs: int
+    tmp_path: Path, capfd: pytest.CaptureFixture[str], jobs: int, names: list[str]
 ) -> None:
-    names = ["one.blend", "two.blend", "deadly.blend", "three.blend", "deadly too.blend", "four.blend"]
     scene.add_object(meshes.cube())
-    for name in names:
-        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / name), copy=True)
-    (tmp_path / "out").mkdir()
-    line = [*(str(tmp_path / name) for name in names), "--subdivide", "--tolerance", "50mm", "--format", "stl"]
-    files = ["--output-folder", str(tmp_path / "out"), "--json", str(tmp_path / "report.json"), "--jobs", str(jobs)]
-    assert command_line.run([*line, *files], program="ccdepth", process=deadly_program(tmp_path)) == 1
-    entries = json.loads((tmp_path / "report.json").read_text(encoding="utf-8"))["files"]
-    assert [each["input"]["path"] for each in entries] == names
+    sources, report, made = (
+        [save(tmp_path / f"{name}.blend") for name in names],
+        tmp_path / "report.json",
+        tmp_path / "out",
+    )
+    line = [*sources, "--subdivide", "--tolerance", "50mm", "--format", "stl", "--output-folder", made]
+    assert run(*line, "--json", report, "--jobs", jobs, process=deadly_program(tmp_path)) == 1
+    entries = json.loads(report.read_text(encoding="utf-8"))["files"]
+    assert [each["input"]["path"] for each in entries] == [source.name for source in sources]
     errors = {each["input"]["path"]: each["error"] for each in entries if each["error"] is not None}
     assert errors == dict.fromkeys(("deadly.blend", "deadly too.blend"), "Blender ended with status -9: the end")
-    assert sorted(each.name for each in (tmp_path / "out").iterdir()) == [
-        "four.stl",
-        "one.stl",
-        "three.stl",
-        "two.stl",
-    ]
+    assert {each.stem for each in made.iterdir()} == set(names) - {"deadly", "deadly too"}
     # Starting Blender is most of the time here: once for each job, and at most twice more for each that is deadly.
     starts = (tmp_path / "starts.txt").read_text().count("start")
     assert starts <= jobs + 2 * 2
-    assert "6 of 6 files done, 0 left" in capfd.readouterr().err
+    assert f"{len(names)} of {len(names)} files done, 0 left" in capfd.readouterr().err
 
 
 def deadly_program(folder: Path) -> list[str]:
@@ -117,35 +123,32 @@ done, command.process_file = command.process_file, deadly_or_done
     return command
 
 
-def test_what_is_told_of_a_file_is_in_order(tmp_path: Path) -> None:
+@pytest.mark.parametrize("jobs", [[], ["--jobs", "1"]])
+def test_what_is_told_of_a_file_is_in_order(tmp_path: Path, jobs: list[str]) -> None:
     """In one log of the standard output and the standard error, as farms keep it; objects may have a file's name."""
     buffered = {name: value for name, value in os.environ.items() if name != "PYTHONUNBUFFERED"}
-    names = ["one", "two"]
-    for name in names:
-        scene.clear()
-        scene.add_object(meshes.cube(), f"{name}.obj")
-        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "cubes.blend"), copy=True)
-        (tmp_path / "cubes.blend").rename(tmp_path / f"{name}.blend")
-    for jobs in ([], ["--jobs", "1"]):
-        line = [*program(), "one.blend", "two.blend", *jobs]
-        to_one = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
-        log = subprocess.run(line, timeout=300, cwd=tmp_path, env=buffered, check=True, **to_one).stdout
-        order = [log.index("\none.obj\n"), log.index("1 of 2 files done"), log.index("\ntwo.obj\n")]
-        assert order == sorted(order)
-        assert log.index("2 of 2 files done") > order[-1]
-    run = ended(tmp_path, "one.blend", "--jobs", "1", "--objects", "one.obj")
-    assert run.returncode == 0, run.stderr
+    for name in ("one", "two"):
+        save_cubes(tmp_path / f"{name}.blend", f"{name}.obj")
+    line = [*program(), "one.blend", "two.blend", *jobs]
+    to_one = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
+    log = subprocess.run(line, timeout=300, cwd=tmp_path, env=buffered, check=True, **to_one).stdout
+    order = [log.index("\none.obj\n"), log.index("1 of 2 files done"), log.index("\ntwo.obj\n")]
+    assert order == sorted(order)
+    assert log.index("2 of 2 files done") > order[-1]
+
+
+def test_names_of_objects_may_look_like_files_in_other_processes(tmp_path: Path) -> None:
+    source = save_cubes(tmp_path / "one.blend", "one.obj")
+    assert run(source, "--jobs", "1", "--objects", "one.obj", process=program()) == 0
 
 
 def test_a_process_that_ends_before_its_file_is_done_is_the_failure_of_that_file(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    for name in ("one.blend", "two.blend"):
-        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / name), copy=True)
-    line = [str(tmp_path / "one.blend"), str(tmp_path / "two.blend"), "--jobs", "2", "--csv", "-"]
+    sources = [save(tmp_path / name) for name in ("one.blend", "two.blend")]
     capfd.readouterr()
     # A program that ends with status 1, whatever it is given.
-    assert command_line.run(line, program="ccdepth", process=["false"]) == 1
+    assert run(*sources, "--jobs", "2", "--csv", "-", process=["false"]) == 1
     rows = capfd.readouterr().out.splitlines()[1:]
     assert len(rows) == 2
     assert all("Blender ended with status 1" in row for row in rows)
