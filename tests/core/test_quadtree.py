@@ -15,7 +15,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from ccdepth_addon.core.adaptive.quadtree import NONE, Quadtree
@@ -121,6 +121,7 @@ def numbered(tree: Quadtree, roots: list[Node]) -> dict[int, Node]:
         found[number] = node
         first = int(tree.first_child[number])
         assert (first == NONE) == (not node.children)
+        assert np.all(tree.parents[first + np.arange(len(node.children))] == number)
         waiting += [(first + slot, child) for slot, child in enumerate(node.children)]
     assert sorted(found) == list(range(len(tree.first_child)))
     return found
@@ -177,6 +178,8 @@ def assert_nodes(tree: Quadtree, nodes: dict[int, Node]) -> None:
     assert tree.levels.tolist() == [node.level for node in in_order]
     assert tree.base_faces.tolist() == [node.face for node in in_order]
     assert tree.leaves().tolist() == [number for number in numbers.tolist() if not nodes[number].children]
+    assert tree.leaf_count == len(tree.leaves())
+    assert np.all(tree.parents[: tree.mesh.face_count] == NONE)
     assert tree.slot_counts(numbers).tolist() == [len(node.corners) for node in in_order]
     assert tree.is_quad(numbers).tolist() == [len(node.corners) == 4 for node in in_order]
     # Every slot belongs to one node, and a node's slots follow each other, whichever nodes are asked for.
@@ -281,25 +284,21 @@ def assert_slot_points(tree: Quadtree, nodes: dict[int, Node]) -> None:
 # Tests
 
 
-@pytest.mark.parametrize("name", MESHES)
-def test_not_split(name: str) -> None:
-    mesh = build(name)
-    assert_same(Quadtree(mesh), roots_of(mesh))
+def picked(tree: Quadtree, seed: int, share: float) -> IndexArray:
+    """A share of the leaves of a tree that stays small, in some order, but at least one."""
+    leaves = np.random.default_rng(seed).permutation(tree.leaves())
+    room = max(1, (MOST_NODES - len(tree.first_child)) // 4)
+    return leaves[: min(room, max(1, round(share * len(leaves))))]
 
 
 @pytest.mark.parametrize("name", MESHES)
-def test_split_all_at_once(name: str) -> None:
-    """Every edge is split from all its faces in the same call."""
+def test_faces_split_all_at_once_or_one_by_one(name: str) -> None:
+    """In whatever order, from all faces of an edge in one call or not, what there is in the end is the same."""
     mesh = build(name)
     tree, roots = Quadtree(mesh), roots_of(mesh)
+    assert_same(tree, roots)
     split_both(tree, roots, tree.leaves())
     assert_same(tree, roots)
-
-
-@pytest.mark.parametrize("name", MESHES)
-def test_split_one_by_one(name: str) -> None:
-    """In whatever order, what there is in the end is the same."""
-    mesh = build(name)
     tree, roots = Quadtree(mesh), roots_of(mesh)
     for face in np.random.default_rng(2).permutation(mesh.face_count).tolist():
         split_both(tree, roots, np.array([face]))
@@ -307,21 +306,17 @@ def test_split_one_by_one(name: str) -> None:
     assert np.all(tree.hanging(tree.slots(np.arange(mesh.face_count))))
 
 
-@settings(max_examples=50, deadline=None)
-@given(
-    name=st.sampled_from(list(MESHES)),
-    seed=st.integers(0, 2**32 - 1),
-    shares=st.lists(st.sampled_from([0.05, 0.2, 0.5, 1.0]), min_size=1, max_size=5),
-)
-def test_random_splits(name: str, seed: int, shares: list[float]) -> None:
+names, seeds = st.sampled_from(list(MESHES)), st.integers(0, 2**32 - 1)
+sequences = st.lists(st.tuples(seeds, st.sampled_from([0.05, 0.2, 0.5, 1.0])), min_size=1, max_size=5)
+
+
+@given(name=names, sequence=sequences)
+def test_random_splits(name: str, sequence: list[tuple[int, float]]) -> None:
     """Some of the leaves again and again, balanced or not, in any order."""
     mesh = build(name)
     tree, roots = Quadtree(mesh), roots_of(mesh)
-    generator = np.random.default_rng(seed)
-    for share in shares:
-        leaves = generator.permutation(tree.leaves())
-        room = max(1, (MOST_NODES - len(tree.first_child)) // 4)
-        split_both(tree, roots, leaves[: min(room, max(1, round(share * len(leaves))))])
+    for seed, share in sequence:
+        split_both(tree, roots, picked(tree, seed, share))
     assert_same(tree, roots)
 
 
@@ -339,30 +334,56 @@ def test_deep_at_a_corner_and_beside_the_centre(name: str) -> None:
         assert_same(tree, roots)
 
 
-def test_an_edge_with_three_faces_is_split_for_all_of_them() -> None:
-    """Whichever of them is split, all three see it; split again, they see that half a side is split."""
-    mesh = build("three faces on an edge")
-    [edge] = np.flatnonzero(mesh.edge_face_counts == 3).tolist()
-    corners = np.flatnonzero(mesh.corner_edges == edge)
-    faces = mesh.corner_faces[corners]
-    for first in faces.tolist():
-        tree = Quadtree(mesh)
-        tree.split(np.array([first]))
-        assert np.all(tree.hanging(corners))
-        others = np.setdiff1d(faces, [first])
-        assert tree.sides(others)[0].tolist() == [1, 1]
-        assert not np.any(tree.sides(others)[1])
-        slot = int(corners[faces == first][0] - mesh.face_starts[first])
-        tree.split(np.array([tree.first_child[first] + slot]))
-        assert np.all(tree.sides(others)[1])
-        assert tree.sides(others)[0].tolist() == [1, 1]
-        # Splitting the others as well makes no second midpoint.
-        before = len(tree.vertex_edges)
-        tree.split(others)
-        assert np.count_nonzero(tree.vertex_edges[before:] == edge) == 0
+@given(name=names, sequence=sequences, seed=seeds, share=st.sampled_from([0.0, 0.1, 0.5, 1.0]))
+def test_leaves_share_a_vertex_as_their_sets_of_vertices_do(
+    name: str, sequence: list[tuple[int, float]], seed: int, share: float
+) -> None:
+    tree = Quadtree(build(name))
+    for each in sequence:
+        tree.split(picked(tree, *each))
+    generator = np.random.default_rng(seed)
+    leaves = generator.permutation(tree.leaves())
+    others = leaves[generator.random(len(leaves)) < share]
+    marked: set[int] = set().union(*(vertices_of(tree, node) for node in others.tolist()))
+    expected = [bool(vertices_of(tree, node) & marked) for node in leaves.tolist()]
+    assert tree.share_a_vertex(leaves, others).tolist() == expected
 
 
-# Which leaves a split concerns
+def vertices_of(tree: Quadtree, node: int) -> set[int]:
+    """Those of a node, with the middles of its split sides."""
+    slots = tree.slots(np.array([node]))
+    return {*tree.slot_vertices[slots].tolist(), *tree.midpoints[tree.slot_edges[slots]].tolist()} - {NONE}
+
+
+@given(
+    name=names,
+    sequence=sequences,
+    default=st.sampled_from([np.int8(-1), np.int32(7), np.float64(np.inf), np.bool_(True)]),
+    reserved=st.integers(0, 2000),
+)
+def test_columns_grow_with_the_tree(
+    name: str, sequence: list[tuple[int, float]], default: np.generic, reserved: int
+) -> None:
+    """Values that were written stay, and new nodes and vertices have the default, with memory reserved or without."""
+    tree = Quadtree(build(name))
+    of_nodes, of_vertices = tree.add_column(default), tree.add_vertex_column(default)
+    expected_nodes, expected_vertices = of_nodes.values.copy(), of_vertices.values.copy()
+    for seed, share in sequence:
+        generator = np.random.default_rng(seed)
+        for column, expected in ((of_nodes, expected_nodes), (of_vertices, expected_vertices)):
+            chosen = generator.random(len(expected)) < 0.5
+            values = generator.integers(0, 2, len(expected)).astype(default.dtype)
+            column.values[chosen] = expected[chosen] = values[chosen]
+        tree.reserve(reserved)
+        tree.split(picked(tree, seed, share))
+        late = tree.add_column(default)
+        expected_nodes = np.append(expected_nodes, np.full(len(tree.first_child) - len(expected_nodes), default))
+        more = len(tree.vertex_edges) - len(expected_vertices)
+        expected_vertices = np.append(expected_vertices, np.full(more, default))
+        assert of_nodes.values.dtype == of_vertices.values.dtype == default.dtype
+        np.testing.assert_array_equal(of_nodes.values, expected_nodes)
+        np.testing.assert_array_equal(of_vertices.values, expected_vertices)
+        np.testing.assert_array_equal(late.values, np.full(len(expected_nodes), default))
 
 
 ROUNDS = 8
@@ -377,38 +398,25 @@ def test_only_leaves_beside_change_their_sides(name: str) -> None:
         leaves = tree.leaves()
         chosen = np.sort(generator.choice(leaves, 1 + len(leaves) // (2 + 3 * (turn % 3)), replace=False))
         kept = np.setdiff1d(leaves, chosen)
-        before = sides_by_brute_force(tree, kept)
+        before = np.stack(tree.sides(kept))
         tree.split(chosen)
         beside = tree.leaves_beside(chosen)
-        changed = np.any(sides_by_brute_force(tree, kept) != before, axis=1)
-        assert np.all(np.isin(kept[changed], beside))
-        assert np.all(np.isin(np.setdiff1d(tree.leaves(), leaves), beside))
-        np.testing.assert_array_equal(beside, beside_by_brute_force(tree, chosen, leaves))
-        for nodes in (tree.leaves(), np.arange(len(tree.first_child))):
-            np.testing.assert_array_equal(np.stack(tree.sides(nodes), axis=1), sides_by_brute_force(tree, nodes))
+        after = np.stack(tree.sides(kept))
+        np.testing.assert_array_equal(after, np.stack(tree.sides(np.arange(len(tree.first_child))))[:, kept])
+        # Splits are never undone.
+        assert np.all(after >= before)
+        assert np.all(np.isin(kept[np.any(after > before, axis=0)], beside))
+        assert beside.tolist() == beside_by_brute_force(tree, chosen, leaves)
 
 
-def sides_by_brute_force(tree: Quadtree, nodes: IndexArray) -> IndexArray:
-    """(nodes, 2): how many sides are split, and whether half of one is split again."""
-    found = np.zeros((len(nodes), 2), dtype=np.intp)
-    for place, node in enumerate(nodes.tolist()):
-        halves = tree.edge_children[tree.slot_edges[tree.slots(np.array([node]))]]
-        halves = halves[halves != NONE]
-        again = tree.edge_children[np.concatenate([halves, halves + 1])] != NONE
-        found[place] = len(halves), np.any(again)
-    return found
-
-
-def beside_by_brute_force(tree: Quadtree, nodes: IndexArray, leaves_before: IndexArray) -> IndexArray:
+def beside_by_brute_force(tree: Quadtree, nodes: IndexArray, leaves_before: IndexArray) -> list[int]:
     """New leaves, and those with a side that is a side of the nodes or has one for a half."""
     edges = tree.slot_edges[tree.slots(nodes)]
     halves = tree.edge_children
     wholes = np.flatnonzero(np.isin(halves, edges) | np.isin(np.where(halves == NONE, NONE, halves + 1), edges))
     concerned = np.concatenate([edges, wholes])
-    return np.array(
-        [
-            leaf
-            for leaf in tree.leaves().tolist()
-            if leaf not in leaves_before or np.any(np.isin(tree.slot_edges[tree.slots(np.array([leaf]))], concerned))
-        ]
-    )
+    return [
+        leaf
+        for leaf in tree.leaves().tolist()
+        if leaf not in leaves_before or np.any(np.isin(tree.slot_edges[tree.slots(np.array([leaf]))], concerned))
+    ]
