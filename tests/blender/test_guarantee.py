@@ -11,22 +11,27 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import product
 
-import bmesh
 import bpy
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from benchmarks import tightness
 from tests import meshes, nets
 from tests.blender import addon, scene
 from tests.blender.measuring import Positions, add_part, level_of, part_of, rounding
+from tests.blender.named_meshes import NAMED
+from tests.brute_force import Comparison
 
 FloatArray = NDArray[np.float64]
 
-# The surface is refined so many levels below the facets, and up to two more where these are cheap.
+# The surface is refined so many levels below the facets, and up to two more where these are cheap; in the short suite
+# one level less.
 LEVELS_DEEPER = 5
+DEEPER = [LEVELS_DEEPER - 1, pytest.param(LEVELS_DEEPER, marks=pytest.mark.thorough)]
 
 # Most quads of a deep level, which is what the time goes into. As many faces of a depth are measured as this allows.
+# All numbers of quads are a quarter of these where the surface is refined a level less.
 MOST_QUADS = 700_000
 CHEAP_QUADS = 200_000
 
@@ -48,7 +53,9 @@ class Distances:
     uncertainty: FloatArray
 
 
-def measured(part: bpy.types.Object, faces: NDArray[np.intp], depth: int, deepest: int) -> Distances:
+def measured(
+    part: bpy.types.Object, faces: NDArray[np.intp], depth: int, deepest: int, deeper: int = LEVELS_DEEPER
+) -> Distances:
     """The distances of the faces' facets at that depth from the surface at the same parameters.
 
     The deepest level stands in for the surface. A step moves a point by less than 0.655 of what the step before did,
@@ -61,7 +68,7 @@ def measured(part: bpy.types.Object, faces: NDArray[np.intp], depth: int, deepes
 
     facets = level_of(part, depth, faces)
     # The quads of a fan are a level down already.
-    steps = 2 ** (LEVELS_DEEPER if facets.all_quads else LEVELS_DEEPER - 1)
+    steps = 2 ** (deeper if facets.all_quads else deeper - 1)
     parameters = bilinear(facets.quads(facets.parameters), steps)
     surface = deep.at(facets.quad_faces[:, None, None], parameters)
     limits = deep.at(facets.faces, facets.parameters)
@@ -110,13 +117,15 @@ def quad_count(data: meshes.MeshData, level: int) -> int:
     return int(data.face_sizes.sum()) * 4 ** (level - 1)
 
 
-def faces_to_measure(data: meshes.MeshData, wanted: NDArray[np.intp], depth: int, quads: int) -> NDArray[np.intp]:
+def faces_to_measure(
+    data: meshes.MeshData, wanted: NDArray[np.intp], depth: int, quads: int, deeper: int = LEVELS_DEEPER
+) -> NDArray[np.intp]:
     """As many of the wanted faces, in random order, as fit in so many quads of the deep level with their neighbours."""
     order = np.random.default_rng(depth).permutation(wanted)
     count, least, most = 0, 1, len(order)
     while least <= most:
         middle = (least + most) // 2
-        if quad_count(part_of(data, order[:middle])[0], depth + LEVELS_DEEPER) <= quads:
+        if quad_count(part_of(data, order[:middle])[0], depth + deeper) <= quads:
             count, least = middle, middle + 1
         else:
             most = middle - 1
@@ -124,14 +133,6 @@ def faces_to_measure(data: meshes.MeshData, wanted: NDArray[np.intp], depth: int
 
 
 # The meshes
-
-
-def icosphere() -> meshes.MeshData:
-    mesh, shape = bpy.data.meshes.new("Icosphere"), bmesh.new()
-    bmesh.ops.create_icosphere(shape, subdivisions=1, radius=1.0)
-    shape.to_mesh(mesh)
-    shape.free()
-    return meshes.bumpy(scene.mesh_data(mesh), 0.1)
 
 
 def softened(data: meshes.MeshData) -> meshes.MeshData:
@@ -167,7 +168,7 @@ CASES: dict[str, Case] = {
         lambda: meshes.landscape(5, 4), (0.5, 0.08, 0.02), {0, 1, 2, 3}, boundaries=BOTH, everywhere=True
     ),
     "cylinder": Case(lambda: meshes.cylinder(7), (0.3, 0.03), {0, 1, 2, 3}, everywhere=True),
-    "icosphere": Case(icosphere, (0.3, 0.03), {0, 1, 2, 3}),
+    "icosphere": Case(lambda: meshes.bumpy(scene.icosphere(1), 0.1), (0.3, 0.03), {0, 1, 2, 3}),
     "valence 2": Case(meshes.valence_two, (0.5, 0.1), {0, 1, 2, 3}, boundaries=BOTH),
     "valence 12": Case(lambda: meshes.fan(12, 2), (1.0, 0.2), {0, 1, 2}, boundaries=BOTH),
     "creases": Case(
@@ -189,30 +190,31 @@ CASES: dict[str, Case] = {
 @pytest.mark.parametrize(
     ("name", "boundary"),
     [
-        pytest.param(name, boundary, marks=() if case.everywhere else pytest.mark.mathematics)
+        pytest.param(name, boundary, marks=[pytest.mark.every_blender] * case.everywhere)
         for name, case in CASES.items()
         for boundary in case.boundaries
     ],
 )
-def test_no_face_at_its_depth_is_farther_than_promised(name: str, boundary: str) -> None:
+@pytest.mark.parametrize("deeper", DEEPER)
+def test_no_face_at_its_depth_is_farther_than_promised(name: str, boundary: str, deeper: int) -> None:
     case = CASES[name]
     data = case.build()
     holder = scene.add_object(data)
     scene.add_subdivision(holder, 1, boundary)
     given = list(answers(holder, case.tolerances))
-    seen = set()
+    seen, fewer = set(), 4 ** (LEVELS_DEEPER - deeper)
     for depth in range(5):
         wanted = np.flatnonzero(np.any([answer.depths == depth for answer in given], axis=0))
-        faces = faces_to_measure(data, wanted, depth, case.quads)
+        faces = faces_to_measure(data, wanted, depth, case.quads // fewer, deeper)
         if not len(faces):
             continue
         seen.add(depth)
         part_data, numbers = part_of(data, faces)
-        deepest = depth + LEVELS_DEEPER
-        deepest += sum(quad_count(part_data, deepest + more) <= CHEAP_QUADS for more in (1, 2))
+        deepest = depth + deeper
+        deepest += sum(quad_count(part_data, deepest + more) <= CHEAP_QUADS // fewer for more in (1, 2))
         part = add_part(part_data, numbers)
         scene.add_subdivision(part, 1, boundary).uv_smooth = "NONE"
-        distances = measured(part, faces, depth, deepest)
+        distances = measured(part, faces, depth, deepest, deeper)
         bpy.data.meshes.remove(part.data)
         for answer in given:
             assert_within(answer, distances, faces, depth, rounding(data, deepest))
@@ -232,6 +234,27 @@ def assert_within(answer: Answer, found: Distances, faces: NDArray[np.intp], dep
     bounds = answer.bounds[faces][here]
     assert np.all(bounds <= np.float32(answer.tolerance))
     assert np.all(distances <= bounds + slacks), (answer.method, answer.vertices, answer.tolerance, depth)
+
+
+# The other way round: certified depths are the least ones
+
+TIGHT = ("cube", "torus", "Suzanne", "landscape with random creases", "valence 2", "valence 5", "valence 12", "n-gons")
+
+
+@pytest.mark.parametrize("boundary", [pytest.param("ALL", marks=pytest.mark.thorough), "PRESERVE_CORNERS"])
+def test_depths_are_the_least_ones(boundary: str) -> None:
+    """A small part of benchmarks/tightness.py."""
+    total = Comparison()
+    for name in TIGHT:
+        found, apart, _ = tightness.compare_mesh(NAMED[name](), boundary, 100_000, (3e-2, 1e-2, 3e-3, 1e-3))
+        # The core's own surface is Blender's, but for rounding.
+        assert apart < 1, name
+        for compared in found.values():
+            assert compared.below == 0, name
+            assert compared.wrongly_exact == 0, name
+            total += compared
+    assert total.faces > 1000
+    assert total.equal_share >= tightness.LEAST_EQUAL_SHARE
 
 
 # The published formulas on Suzanne
