@@ -28,21 +28,19 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve()
-FAULTS = HERE.with_name("faults.toml")
 PYTEST = (".venv/bin/python", "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider")
 WHOLE = "-n 2 --maxprocesses 2 --ignore tests/window"
 
 # Seconds that the first files may take, and how many times that the whole suite may.
 FIRST_LIMIT, TIMES_AS_LONG = 1800.0, 4.0
-
-# What pytest returns where all have passed, and where there were none.
-PASSED, NOTHING_TO_RUN = 0, 5
+# What pytest returns: all passed; it could not run, by its own fault or its command line's; there were no tests.
+PASSED, CANNOT_RUN, NOTHING_TO_RUN = 0, (3, 4), 5
 
 Answer = dict[str, Any] | None
 
 
-class GoneError(Exception):
-    """A fault cannot be planted: its line is not there, or several times."""
+class UntriedError(Exception):
+    """A fault cannot be tried; the message says why."""
 
 
 @dataclass(frozen=True)
@@ -56,18 +54,19 @@ class Fault:
     tests: list[str]
 
     def plant(self, copy: Path) -> None:
-        """Write the fault into a copy. Raises GoneError."""
+        """Write the fault into a copy. Raises UntriedError."""
         path = copy / self.file
         text = path.read_text(encoding="utf-8") if path.is_file() else ""
         if text.count(self.old) != 1:
-            raise GoneError
+            raise UntriedError(f"the fault's line has gone: {self.name}")
         path.write_text(text.replace(self.old, self.new), encoding="utf-8")
 
 
 def copy_of(checkout: Path, folder: Path) -> Path:
     """A copy of the files of a checkout that git knows, with the same virtual environment."""
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=checkout, capture_output=True, check=True, text=True).stdout
-    copy = folder / "copy"
+    # pytest takes it for a package of that name, as it has an __init__.py: a module's name would hide the module.
+    copy = folder / "planted_checkout"
     for name in filter(None, listed.split("\0")):
         source, target = checkout / name, copy / name
         # Git still lists what was removed since the last commit.
@@ -99,6 +98,8 @@ def failing(copy: Path, arguments: Sequence[str], seconds: float) -> str | None:
         # Its own processes go with it.
         _end(process)
         _running.discard(process)
+    if process.returncode in CANNOT_RUN:
+        raise UntriedError(f"pytest cannot run: {output[-1000:]}")
     if process.returncode in (PASSED, NOTHING_TO_RUN):
         return None
     found = re.search(r"^(?:FAILED|ERROR) (tests/\S+(?: \S+)*?)(?: - .*)?$", output, re.MULTILINE)
@@ -108,11 +109,10 @@ def failing(copy: Path, arguments: Sequence[str], seconds: float) -> str | None:
 def _end(process: subprocess.Popen[str]) -> None:
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
 
 
 def tried(fault: Fault, options: argparse.Namespace) -> dict[str, Any]:
-    """What became of a fault. Raises GoneError."""
+    """What became of a fault. Raises UntriedError."""
     began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="planted_", ignore_cleanup_errors=True) as folder:
         copy = copy_of(options.checkout, Path(folder))
@@ -128,7 +128,7 @@ def tried(fault: Fault, options: argparse.Namespace) -> dict[str, Any]:
 def try_all(faults: list[Fault], options: argparse.Namespace, answers: dict[str, Answer]) -> None:
     """Try the faults that have no answer, and write the answers after every one."""
     # Where a line had gone, or the first files alone were run, there is no answer yet.
-    final = ("whole", "first") if options.first_only else ("whole",)
+    final = "first whole" if options.first_only else "whole"
     answered = {name for name, answer in answers.items() if answer and (answer["caught"] or answer["stage"] in final)}
     left = [fault for fault in faults if fault.name not in answered]
     pool = ThreadPoolExecutor(options.jobs)
@@ -139,8 +139,8 @@ def try_all(faults: list[Fault], options: argparse.Namespace, answers: dict[str,
             try:
                 answer = answers[name] = ended.result()
                 text = f"{name}: {answer['stage']}: {answer['by'] or 'NOT CAUGHT'} ({answer['seconds']} s)"
-            except GoneError:
-                answers[name], text = None, f"the fault's line has gone: {name}"
+            except UntriedError as fault:
+                answers[name], text = None, str(fault)
             print(f"{done} of {len(left)}: {text}", flush=True)
             if options.answers is not None:
                 beside = options.answers.with_name(f"{options.answers.name}.new")
@@ -182,13 +182,13 @@ def main() -> int:
     parser.add_argument("--unplanted", action="store_true", help="run the same without the faults: all has to pass")
     parser.add_argument("--compare", type=Path, metavar="BEFORE.json", help="run nothing: compare with --answers")
     options = parser.parse_args()
-    # Ends its runs, too.
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-    listed = [Fault(**each) for each in tomllib.loads(FAULTS.read_text(encoding="utf-8"))["fault"]]
+    listed = [
+        Fault(**each) for each in tomllib.loads(HERE.with_name("faults.toml").read_text(encoding="utf-8"))["fault"]
+    ]
     faults = [each for each in listed if options.only in each.name or options.only in each.file]
-    answers: dict[str, Answer] = {}
-    if options.answers and options.answers.is_file():
-        answers = json.loads(options.answers.read_text(encoding="utf-8"))
+    is_known = options.answers is not None and options.answers.is_file()
+    answers = json.loads(options.answers.read_text(encoding="utf-8")) if is_known else {}
     if options.compare is not None:
         return 0 if compare(faults, json.loads(options.compare.read_text(encoding="utf-8")), answers) else 1
     try_all(faults, options, answers)
