@@ -109,6 +109,7 @@ def failing(copy: Path, arguments: Sequence[str], seconds: float) -> str | None:
 def _end(process: subprocess.Popen[str]) -> None:
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
 
 
 def tried(fault: Fault, options: argparse.Namespace) -> dict[str, Any]:
@@ -142,7 +143,7 @@ def try_all(faults: list[Fault], options: argparse.Namespace, answers: dict[str,
             except UntriedError as fault:
                 answers[name], text = None, str(fault)
             print(f"{done} of {len(left)}: {text}", flush=True)
-            if options.answers is not None:
+            if options.answers:
                 beside = options.answers.with_name(f"{options.answers.name}.new")
                 beside.write_text(json.dumps(answers, indent=1, ensure_ascii=False) + "\n", encoding="utf-8")
                 beside.replace(options.answers)
@@ -183,9 +184,8 @@ def main() -> int:
     parser.add_argument("--compare", type=Path, metavar="BEFORE.json", help="run nothing: compare with --answers")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
-    listed = [
-        Fault(**each) for each in tomllib.loads(HERE.with_name("faults.toml").read_text(encoding="utf-8"))["fault"]
-    ]
+    text = HERE.with_name("faults.toml").read_text(encoding="utf-8")
+    listed = [Fault(**each) for each in tomllib.loads(text)["fault"]]
     faults = [each for each in listed if options.only in each.name or options.only in each.file]
     is_known = options.answers is not None and options.answers.is_file()
     answers = json.loads(options.answers.read_text(encoding="utf-8")) if is_known else {}
