@@ -23,6 +23,7 @@ from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
+from tests.thorough import combinations
 from tests.triangle_distances import distances, point_to_triangles
 
 ACCURACY = 0.05
@@ -47,11 +48,6 @@ MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     "not manifold": meshes.three_faces_on_an_edge,
     "Möbius": meshes.mobius_strip,
 }
-
-
-# The others are looked at once, not with every version of Blender.
-EVERYWHERE = {"cube", "landscape", "creases", "not manifold"}
-NAMES = [pytest.param(name, marks=() if name in EVERYWHERE else pytest.mark.mathematics) for name in MESHES]
 
 
 def control_of(data: meshes.MeshData) -> PolygonMesh:
@@ -93,11 +89,16 @@ def sampled(name: str, positions: FloatArray, triangles: IndexArray) -> tuple[fl
 
 @cache
 def surface_is_off(name: str) -> float:
-    """How far the fine triangles are off the surface, about: what another level changes."""
-    control = control_of(MESHES[name]())
-    surface, triangles = fine(name)
-    finer, _ = result(control, 5 if control.face_count < 30 else 4, limit=True)
-    return 2 * float(distances(finer, surface, triangles).max())
+    """How far the fine triangles are off the surface, about."""
+    return off_surface(control_of(MESHES[name]()), *fine(name))
+
+
+def off_surface(control: PolygonMesh, surface: FloatArray, triangles: IndexArray) -> float:
+    """How far triangles of a level with corners on the surface are off it, about: what another level changes."""
+    level = 1
+    while 2 * control.corner_count * 4 ** (level - 1) < len(triangles):
+        level += 1
+    return 2 * float(distances(result(control, level + 1, limit=True)[0], surface, triangles).max())
 
 
 def assert_sound(found: Deviation) -> None:
@@ -109,12 +110,9 @@ def assert_sound(found: Deviation) -> None:
     assert between == pytest.approx(found.reached, rel=0.011, abs=1e-9)
 
 
-@pytest.mark.parametrize("limit", [False, True])
-@pytest.mark.parametrize("name", NAMES)
-def test_deviation_lies_where_samples_say(name: str, limit: bool) -> None:
-    control = control_of(MESHES[name]())
-    positions, triangles = result(control, 1, limit=limit)
-    found = measure_deviation(control, positions, triangles, accuracy=ACCURACY)
+def measured_as_sampled(name: str, positions: FloatArray, triangles: IndexArray) -> Deviation:
+    """The deviation, which lies where samples say."""
+    found = measure_deviation(control_of(MESHES[name]()), positions, triangles, accuracy=ACCURACY)
     assert_sound(found)
     assert found.accuracy_met
     assert found.proved <= (1 + ACCURACY) * found.reached
@@ -124,24 +122,27 @@ def test_deviation_lies_where_samples_say(name: str, limit: bool) -> None:
     assert found.proved >= both_ways - surface_is_off(name)
     # Samples this dense reach nearly everything.
     assert found.reached <= 1.02 * both_ways + surface_is_off(name)
+    return found
 
 
-@pytest.mark.parametrize("name", ["torus", "landscape", "poles", "creased cube"])
-@pytest.mark.parametrize("length", [1e-4, 1e-2, 0.3])
+@pytest.mark.parametrize(("name", "limit"), combinations(MESHES, [False, True]))
+def test_deviation_lies_where_samples_say(name: str, limit: bool) -> None:
+    measured_as_sampled(name, *result(control_of(MESHES[name]()), 1, limit=limit))
+
+
+@pytest.mark.parametrize(
+    ("name", "length"), combinations(["creased cube", "landscape", "poles", "torus"], [1e-4, 1e-2, 0.3])
+)
 def test_moved_meshes(name: str, length: float) -> None:
     control = control_of(MESHES[name]())
     positions, triangles = result(control, 2, limit=True)
-    moved = positions + length * np.array([0.6, 0.64, 0.48])
-    found = measure_deviation(control, moved, triangles, accuracy=ACCURACY)
-    assert_sound(found)
-    assert found.accuracy_met
-    reached, both_ways = sampled(name, moved, triangles)
-    off = surface_is_off(name)
-    assert found.proved >= max(reached - 1e-12, both_ways - off)
-    assert found.reached <= 1.02 * both_ways + off
+    found = measured_as_sampled(name, positions + length * np.array([0.6, 0.64, 0.48]), triangles)
     # Every point has one of the mesh before it was moved, so far away.
     before = measure_deviation(control, positions, triangles, accuracy=ACCURACY)
     assert found.reached <= before.proved + length
+
+
+# Distances that are known
 
 
 def flat(columns: int, rows: int, uneven: float) -> meshes.MeshData:
@@ -154,7 +155,7 @@ def flat(columns: int, rows: int, uneven: float) -> meshes.MeshData:
 @pytest.mark.parametrize("height", [1e-6, 0.01, 3.0])
 def test_lifted_plane(height: float) -> None:
     """Every point of either is so far from the other, and none farther."""
-    control = control_of(flat(5, 4, 2.5))
+    control = control_of(flat(3, 2, 2.5))
     positions, triangles = result(control, 3, limit=True)
     found = measure_deviation(control, positions + np.array([0, 0, height]), triangles, accuracy=0.2)
     at_border = measure_deviation(control, positions, triangles, accuracy=0.2).proved
@@ -163,46 +164,31 @@ def test_lifted_plane(height: float) -> None:
     assert found.reached <= np.hypot(height, at_border) + 1e-12
 
 
-@pytest.mark.mathematics
 def test_plane_with_uneven_spacing_inside_is_off_by_nothing() -> None:
     """With sharp corners a rectangle's surface is the rectangle, however its inside is spaced."""
-    data = flat(5, 4, 2.5)
-    control = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=False)
-    corners = np.array([[0.0, 0, 0], [5**2.5, 0, 0], [5**2.5, 4, 0], [0, 4, 0]])
+    control = apply_boundary_rule(meshes.to_polygon_mesh(flat(3, 2, 2.5)), smooth_corners=False)
+    corners = np.array([[0.0, 0, 0], [3**2.5, 0, 0], [3**2.5, 2, 0], [0, 2, 0]])
     found = measure_deviation(control, corners, np.array([[0, 1, 2], [0, 2, 3]]))
     assert found.accuracy_met
     assert found.proved < 1e-9
 
 
-def test_spike_of_the_mesh_is_reached() -> None:
-    """What only the mesh has counts as much."""
-    data = meshes.grid(4, 4)
-    control = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=False)
+def test_a_spike_of_the_mesh_and_a_part_missing_from_it_are_reached() -> None:
+    """What only one of the two has counts as much: a hole, whose border is as far off as its middle is from it."""
+    control = apply_boundary_rule(meshes.to_polygon_mesh(meshes.grid(4, 4)), smooth_corners=False)
     positions, triangles = result(control, 1, limit=True)
-    top = np.argmin(np.linalg.norm(positions - [2, 2, 0], axis=1))
-    positions = positions.copy()
-    positions[top, 2] = 0.7
-    found = measure_deviation(control, positions, triangles)
-    assert_sound(found)
-    assert not found.surface_to_mesh
-    assert found.reached == pytest.approx(0.7, rel=0.01)
-    assert found.proved >= 0.7
-    assert found.accuracy_met
-
-
-def test_missing_part_is_reached() -> None:
-    """Where the mesh has a hole, the surface is as far off as the hole's border."""
-    data = meshes.grid(4, 4)
-    control = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=False)
-    positions, triangles = result(control, 1, limit=True)
-    middles = positions[triangles].mean(axis=1)
-    kept = (np.abs(middles - [2, 2, 0]) > 1).any(axis=1)
-    found = measure_deviation(control, positions, triangles[kept])
-    assert_sound(found)
-    assert found.surface_to_mesh
-    assert found.proved >= 1.0 - 1e-9
-    assert found.reached <= 1.0 + 1e-9
-    assert found.accuracy_met
+    spiked = positions.copy()
+    spiked[np.argmin(np.linalg.norm(positions - [2, 2, 0], axis=1)), 2] = 0.7
+    outside = (np.abs(positions[triangles].mean(axis=1) - [2, 2, 0]) > 1).any(axis=1)
+    spike = measure_deviation(control, spiked, triangles)
+    hole = measure_deviation(control, positions, triangles[outside])
+    for found, distance, rounding, from_surface in ((spike, 0.7, 0.0, False), (hole, 1.0, 1e-9, True)):
+        assert_sound(found)
+        assert found.accuracy_met
+        assert found.surface_to_mesh == from_surface
+        assert found.reached <= distance + 1e-9
+        assert found.proved >= distance - rounding
+    assert spike.reached == pytest.approx(0.7, rel=0.01)
 
 
 def test_sphere_moved() -> None:
@@ -215,29 +201,25 @@ def test_sphere_moved() -> None:
     assert 0.2 - off <= found.proved <= 1.05 * (0.2 + off)
 
 
-@pytest.mark.mathematics
+# Each measures a surface and samples it densely: so a third as many as elsewhere.
+@settings(max_examples=settings.default.max_examples // 3)
 @given(seed=st.integers(0, 10_000), level=st.integers(0, 1), noise=st.sampled_from([0.0, 0.01, 0.2]))
-@settings(max_examples=12, deadline=None)
 def test_any_triangles_next_to_any_surface(seed: int, level: int, noise: float) -> None:
     """The bounds hold for what has nothing to do with the surface's parameters."""
     generator = np.random.default_rng(seed)
-    data = meshes.with_random_creases(meshes.bumpy(meshes.landscape(3, 2), 0.2, seed), seed)
-    control = control_of(data)
+    control = control_of(meshes.with_random_creases(meshes.bumpy(meshes.landscape(3, 2), 0.2, seed), seed))
     positions, triangles = result(control, level + 1, limit=bool(seed % 2))
     positions = positions + generator.normal(size=positions.shape) * noise
     triangles = triangles[generator.random(len(triangles)) < 0.95]
     found = measure_deviation(control, positions, triangles, accuracy=0.2, max_pieces=60_000)
     assert found.proved >= found.reached
-    fine_positions, fine_triangles = result(control, 4, limit=True)
-    to_mesh = distances_to_all(fine_positions[:: max(1, len(fine_positions) // 1000)], positions, triangles)
+    surface = result(control, 4, limit=True)
+    to_mesh = distances_to_all(surface[0][:: max(1, len(surface[0]) // 1000)], positions, triangles)
     assert found.proved >= to_mesh.max() - 1e-12
-    assert (
-        not found.surface_to_mesh
-        or found.reached <= distances_to_all(found.worst_point[None], positions, triangles) + 1e-12
-    )
-    back = distances(samples(positions, triangles), fine_positions, fine_triangles)
-    finer, _ = result(control, 5, limit=True)
-    assert found.proved >= back.max() - 2 * distances(finer, fine_positions, fine_triangles).max()
+    worst = distances_to_all(found.worst_point[None], positions, triangles)
+    assert not found.surface_to_mesh or found.reached <= worst + 1e-12
+    back = distances(samples(positions, triangles), *surface)
+    assert found.proved >= back.max() - off_surface(control, *surface)
 
 
 def distances_to_all(points: FloatArray, positions: FloatArray, triangles: IndexArray) -> FloatArray:
@@ -248,49 +230,47 @@ def distances_to_all(points: FloatArray, positions: FloatArray, triangles: Index
     return found
 
 
-def test_limits_leave_a_valid_bound() -> None:
+# Limits and progress
+
+
+@cache
+def hills(level: int) -> tuple[PolygonMesh, FloatArray, IndexArray]:
+    """A landscape, and a mesh of it."""
     control = control_of(meshes.landscape(4, 3))
-    positions, triangles = result(control, 3, limit=True)
-    exact = measure_deviation(control, positions, triangles)
+    return control, *result(control, level, limit=True)
+
+
+def test_limits_leave_a_valid_bound() -> None:
+    exact = measure_deviation(*hills(3))
     for limits in ({"max_pieces": 1}, {"max_pieces": 2000}, {"time_limit": 0.0}):
-        found = measure_deviation(control, positions, triangles, **limits)
+        found = measure_deviation(*hills(3), **limits)
         assert found.proved >= exact.reached
         assert not found.accuracy_met
         assert found.face_bounds.max() == found.triangle_bounds.max() == found.proved
 
 
 def test_tolerance_far_above_stops_early() -> None:
-    control = control_of(meshes.landscape(4, 3))
-    positions, triangles = result(control, 3, limit=True)
-    found = measure_deviation(control, positions, triangles, tolerance=1000.0)
+    found = measure_deviation(*hills(3), tolerance=1000.0)
     assert found.accuracy_met
     assert found.proved <= 1.0
 
 
 def test_a_limit_just_beyond_the_distance_is_decided() -> None:
     """Nearer than the accuracy would tell, and on either side of the distance, which is known to a millionth."""
-    control = control_of(meshes.landscape(4, 3))
-    positions, triangles = result(control, 3, limit=True)
-    known = measure_deviation(control, positions, triangles, accuracy=1e-6)
+    known = measure_deviation(*hills(3), accuracy=1e-6)
     assert known.accuracy_met
     beyond, short = known.proved * (1 + 1e-5), known.reached * (1 - 1e-5)
     decided = {"accuracy": ACCURACY, "accuracy_within": 1e-6}
-    assert measure_deviation(control, positions, triangles, enough=beyond, **decided).proved <= beyond
-    too_far = measure_deviation(control, positions, triangles, enough=short, **decided)
+    assert measure_deviation(*hills(3), enough=beyond, **decided).proved <= beyond
+    too_far = measure_deviation(*hills(3), enough=short, **decided)
     assert too_far.accuracy_met
     assert short < too_far.reached <= known.proved
-    for found in (too_far, measure_deviation(control, positions, triangles, enough=beyond, accuracy=ACCURACY)):
+    for found in (too_far, measure_deviation(*hills(3), enough=beyond, accuracy=ACCURACY)):
         assert known.reached <= found.proved <= (1 + ACCURACY) * known.proved
 
 
-def test_progress_is_told_and_may_stop() -> None:
-    control = control_of(meshes.landscape(4, 3))
-    positions, triangles = result(control, 2, limit=True)
-    told: list[float] = []
-    measure_deviation(control, positions, triangles, progress=told.append)
-    assert told
-    assert all(0 <= fraction <= 1 for fraction in told)
-    assert told == sorted(told)
+def test_progress_is_told_often_and_may_stop() -> None:
+    """Whoever presses Esc is heard soon, while pieces and trees are made as well."""
 
     class StoppedError(Exception):
         pass
@@ -299,13 +279,8 @@ def test_progress_is_told_and_may_stop() -> None:
         raise StoppedError
 
     with pytest.raises(StoppedError):
-        measure_deviation(control, positions, triangles, progress=stop)
-
-
-def test_progress_is_told_often() -> None:
-    """Whoever presses Esc is heard soon, while pieces and trees are made as well."""
-    control = control_of(meshes.landscape(4, 3))
-    positions, triangles = result(control, 5, limit=True)
+        measure_deviation(*hills(2), progress=stop)
+    landscape = hills(5)
     told: list[float] = []
     times: list[float] = []
 
@@ -318,10 +293,11 @@ def test_progress_is_told_often() -> None:
     gc.disable()
     times.append(thread_time())
     try:
-        measure_deviation(control, positions, triangles, accuracy=1.0, progress=listen)
+        measure_deviation(*landscape, accuracy=1.0, progress=listen)
     finally:
         gc.enable()
     assert told == sorted(told)
+    assert 0 <= told[0] <= told[-1] <= 1
     assert sum(fraction == 0 for fraction in told) > 5
     assert any(0 < fraction < 0.5 for fraction in told)
     assert any(0.5 < fraction < 1 for fraction in told)
@@ -348,6 +324,9 @@ def test_many_pieces_over_triangles_are_looked_at_a_few_at_a_time(monkeypatch: p
     assert np.array_equal(apart.triangle_bounds, together.triangle_bounds)
 
 
+# Nearest triangles
+
+
 def test_nearest_triangles_of_near_and_far_points() -> None:
     """Against the distances to all triangles."""
     positions, triangles = result(control_of(meshes.torus(8, 6)), 2, limit=True)
@@ -362,8 +341,7 @@ def test_nearest_triangles_of_near_and_far_points() -> None:
 
 
 def test_degenerate_triangles_change_nothing() -> None:
-    control = control_of(meshes.torus(8, 6))
-    positions, triangles = result(control, 1, limit=True)
+    control, positions, triangles = hills(1)
     folded = np.concatenate([triangles, triangles[:5][:, [0, 1, 1]], triangles[:3][:, [0, 0, 0]]])
     plain = measure_deviation(control, positions, triangles)
     found = measure_deviation(control, positions, folded)
