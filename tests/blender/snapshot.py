@@ -64,10 +64,7 @@ _known_fields: dict[type, list[tuple[str, str]]] = {}
 
 def take() -> Snapshot:
     """The whole file as it is now. It changes nothing."""
-    found: Snapshot = {}
-    for path, value in _everything():
-        found[path] = value
-    return found
+    return dict(_everything())
 
 
 def differences(before: Snapshot, after: Snapshot, but: Callable[[Path], bool] = lambda path: False) -> list[str]:
