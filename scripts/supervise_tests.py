@@ -3,10 +3,10 @@
 
     python scripts/supervise_tests.py COMMAND [ARGUMENT…]
 
-The command loads `tests.progress`, which tells what each process does. The whole run has no limit, as a busy machine needs
-longer. A process that has been at one test for ten minutes is ended, and so is a command that does not exit a minute
-after its last test: Blender as a module can hang on its way out, and a test can hang in C, where no thread can end it.
-The status is that of pytest, or 128 and the signal where a crash or this program ended it.
+The command loads `tests.progress`, which tells what each process does. The whole run has no limit, as a busy machine
+needs longer. A process that has been at one test for ten minutes is ended, and so is a command that does not exit a
+minute after its last test: Blender as a module can hang on its way out, and a test can hang in C, where no thread can
+end it. The status is that of pytest, or 128 and the signal where a crash or this program ended it.
 """
 
 from __future__ import annotations

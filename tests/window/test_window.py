@@ -38,8 +38,8 @@ SECONDS_TO_MEASURE = 90.0
 
 INSIDE_BLENDER = Path(__file__).with_name("inside_blender.py")
 
-# How far a button is from the next, in pixels; the mouse looks for it in smaller steps.
-SEARCH_STEP = 8
+# The mouse looks for buttons in steps of so many pixels; a button is 20 high.
+SEARCH_STEP = 14
 
 pytestmark = pytest.mark.skipif(
     not (BLENDER and EXTENSION), reason="needs CCDEPTH_BLENDER and CCDEPTH_EXTENSION: a real Blender, and the built zip"
@@ -128,21 +128,28 @@ class Window:
         return subprocess.run(command, check=True, env=environment, stdout=subprocess.PIPE, timeout=60).stdout
 
 
-@pytest.fixture
-def window(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Window]:
-    """The window; a parameter says what the scene is to begin with, by the names of the variables for it."""
-    settings = {f"CCDEPTH_WINDOW_{name}": value for name, value in getattr(request, "param", {}).items()}
+@pytest.fixture(scope="module")
+def resources(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A user's folder with the extension installed."""
     for program in ("Xvfb", "xdotool", "import", "convert"):
         assert shutil.which(program), f"{program} is missing: install xvfb, xdotool and imagemagick"
+    folder = tmp_path_factory.mktemp("resources")
+    install = [BLENDER, "--command", "extension", "install-file", "-e", "-r", "user_default", EXTENSION]
+    subprocess.run(install, check=True, env={**os.environ, "BLENDER_USER_RESOURCES": str(folder)}, timeout=120)
+    return folder
+
+
+@pytest.fixture
+def window(request: pytest.FixtureRequest, resources: Path, tmp_path: Path) -> Iterator[Window]:
+    """The window; a parameter says what the scene is to begin with, by the names of the variables for it."""
+    settings = {f"CCDEPTH_WINDOW_{name}": value for name, value in getattr(request, "param", {}).items()}
     environment = {
         **os.environ,
-        "BLENDER_USER_RESOURCES": str(tmp_path / "resources"),
+        "BLENDER_USER_RESOURCES": str(resources),
         "CCDEPTH_WINDOW_REPORT": str(tmp_path / "report.json"),
         **settings,
         "LIBGL_ALWAYS_SOFTWARE": "1",
     }
-    install = [BLENDER, "--command", "extension", "install-file", "-e", "-r", "user_default", EXTENSION]
-    subprocess.run(install, check=True, env=environment, timeout=120)
     with virtual_display(WIDTH, HEIGHT) as display, (tmp_path / "blender.log").open("wb") as log:
         command = [BLENDER, "-p", "0", "0", str(WIDTH), str(HEIGHT), "--python", str(INSIDE_BLENDER)]
         process = subprocess.Popen(command, env={**environment, "DISPLAY": display}, stdout=log, stderr=log)
@@ -186,10 +193,22 @@ def part_in_colors(image: Image, colors: Sequence[Sequence[float]]) -> float:
     return float((differences <= TRUE_COLOR_TOLERANCE).mean())
 
 
-def test_a_click_on_compute_depth_shows_the_heat_map(window: Window, tmp_path: Path) -> None:
+def find_first(window: Window, command: str, across: float = 0.6) -> dict[str, Any]:
+    """Wait for the tab and put the mouse over that button; what Blender told at the beginning."""
     started = window.wait_for(lambda report: report["category"] == "CC Depth", SECONDS_TO_START, "the CC Depth tab")
+    find_button(window, started["sidebar"], command, across)
+    return started
+
+
+def leave_sidebar(window: Window, started: dict[str, Any], seconds: float) -> None:
+    """Put the mouse into the viewport, and let Blender draw."""
+    window.move_mouse(started["viewport"][0] + 300, started["viewport"][1] + 300)
+    time.sleep(seconds)
+
+
+def test_a_click_on_compute_depth_shows_the_heat_map(window: Window, tmp_path: Path) -> None:
+    started = find_first(window, "bpy.ops.ccdepth.compute")
     assert not started["has_result"]
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.compute")
     before = window.look(tmp_path / "before.png")
 
     window.click()
@@ -198,8 +217,7 @@ def test_a_click_on_compute_depth_shows_the_heat_map(window: Window, tmp_path: P
     assert "bpy.ops.ccdepth.compute" in window.report()["hovered"], "the button has moved away from under the mouse"
     # The next button is there without scrolling.
     find_button(window, started["sidebar"], "bpy.ops.ccdepth.subdivide")
-    window.move_mouse(started["viewport"][0] + 300, started["viewport"][3] - 100)
-    time.sleep(2.0)
+    leave_sidebar(window, started, 2.0)
     picture = Path(SCREENSHOT or tmp_path / "after.png")
     after = window.look(picture)
 
@@ -235,14 +253,12 @@ def test_a_click_on_compute_depth_shows_the_heat_map(window: Window, tmp_path: P
 
 
 def test_legend_and_results_are_of_what_is_selected_whatever_is_active(window: Window, tmp_path: Path) -> None:
-    started = window.wait_for(lambda report: report["category"] == "CC Depth", SECONDS_TO_START, "the CC Depth tab")
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.compute")
+    started = find_first(window, "bpy.ops.ccdepth.compute")
     window.click()
     report = window.wait_for(lambda report: report["has_result"], SECONDS_TO_ANSWER, "a result")
     window.select_light()
     window.wait_for(lambda report: report["active"] == "Light", SECONDS_TO_ANSWER, "the light being active")
-    window.move_mouse(started["viewport"][0] + 300, started["viewport"][3] - 100)
-    time.sleep(2.0)
+    leave_sidebar(window, started, 2.0)
     left, top, _, bottom = report["viewport"]
     seen = window.look(tmp_path / "light.png")[top:bottom, left : report["sidebar"][0]]
     depths = np.unique(report["depths"])
@@ -254,14 +270,12 @@ def test_legend_and_results_are_of_what_is_selected_whatever_is_active(window: W
 
 
 def test_a_click_on_measure_deviation_shows_a_heat_map_and_its_scale(window: Window, tmp_path: Path) -> None:
-    started = window.wait_for(lambda report: report["category"] == "CC Depth", SECONDS_TO_START, "the CC Depth tab")
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.measure")
+    started = find_first(window, "bpy.ops.ccdepth.measure")
     before = window.look(tmp_path / "before.png")
 
     window.click()
     report = window.wait_for(lambda report: report["deviation"][1] > 0, SECONDS_TO_MEASURE, "a measurement")
-    window.move_mouse(started["viewport"][0] + 300, started["viewport"][3] - 100)
-    time.sleep(2.0)
+    leave_sidebar(window, started, 2.0)
     after = window.look(tmp_path / "after.png")
 
     assert report["deviation"][0] <= report["deviation"][1]
@@ -277,17 +291,10 @@ def test_a_click_on_measure_deviation_shows_a_heat_map_and_its_scale(window: Win
         assert count_color(seen[:, -LEGEND_WIDTH:], tuple(color)) > 20, "not all colours of the scale are there"
 
 
-def find_apply(window: Window) -> dict[str, Any]:
-    """Put the mouse over Apply Adaptive Subdivision; what Blender told at the beginning."""
-    started = window.wait_for(lambda report: report["category"] == "CC Depth", SECONDS_TO_START, "the CC Depth tab")
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.subdivide")
-    return started
-
-
 def test_a_click_on_apply_adaptive_subdivision_makes_an_object_and_undo_takes_it_back(
     window: Window, tmp_path: Path
 ) -> None:
-    started = find_apply(window)
+    started = find_first(window, "bpy.ops.ccdepth.subdivide")
     window.click()
     made = window.wait_for(lambda report: len(report["objects"]) == 2, SECONDS_TO_ANSWER, "a second object")["objects"]
     original, result = made["Suzanne"], made["Suzanne Adaptive"]
@@ -303,15 +310,14 @@ def test_a_click_on_apply_adaptive_subdivision_makes_an_object_and_undo_takes_it
     # The edges of so many faces take much of it.
     assert part_in_colors(seen[:, :-LEGEND_WIDTH], scale_colors(np.linspace(0.0, 1.0, 50))) > 0.25
 
-    window.move_mouse(started["viewport"][0] + 300, started["viewport"][1] + 300)
-    time.sleep(0.5)
+    leave_sidebar(window, started, 0.5)
     window.press("ctrl+z")
     undone = window.wait_for(lambda report: len(report["objects"]) == 1, SECONDS_TO_ANSWER, "the undoing")
     assert undone["objects"] == started["objects"]
 
 
 def test_another_tolerance_in_adjust_last_operation_makes_the_result_anew(window: Window) -> None:
-    started = find_apply(window)
+    started = find_first(window, "bpy.ops.ccdepth.subdivide")
     window.click()
     made = window.wait_for(lambda report: len(report["objects"]) == 2, SECONDS_TO_ANSWER, "a second object")["objects"]
     faces = made["Suzanne Adaptive"]["faces"]
@@ -326,8 +332,7 @@ def test_another_tolerance_in_adjust_last_operation_makes_the_result_anew(window
     assert coarser["Suzanne Adaptive"]["attributes"] == made["Suzanne Adaptive"]["attributes"]
     assert coarser["Suzanne Adaptive"]["faces"] >= started["objects"]["Suzanne"]["faces"]
 
-    window.move_mouse(started["viewport"][0] + 300, started["viewport"][1] + 300)
-    time.sleep(0.5)
+    leave_sidebar(window, started, 0.5)
     window.press("ctrl+z")
     undone = window.wait_for(lambda report: len(report["objects"]) == 1, SECONDS_TO_ANSWER, "the undoing")
     assert undone["objects"] == started["objects"]
@@ -344,16 +349,17 @@ def wait_for_object(window: Window, name: str, what: str, condition: Callable[[d
 
 def made_by_mouse(window: Window) -> dict[str, Any]:
     """Press Apply Adaptive Subdivision; what Blender told at the beginning."""
-    started = find_apply(window)
+    started = find_first(window, "bpy.ops.ccdepth.subdivide")
     window.click()
     window.wait_for(lambda report: "Suzanne Adaptive" in report["objects"], SECONDS_TO_ANSWER, "a result")
-    window.move_mouse(started["viewport"][0] + 300, started["viewport"][1] + 300)
-    time.sleep(1.0)
+    leave_sidebar(window, started, 1.0)
     return started
 
 
-def test_a_click_on_update_result_makes_the_result_anew_and_undo_takes_it_back(window: Window) -> None:
+def test_update_result_stands_in_place_of_apply_makes_the_result_anew_and_is_undone(window: Window) -> None:
     started = made_by_mouse(window)
+    with pytest.raises(AssertionError, match="no button"):
+        find_button(window, started["sidebar"], "bpy.ops.ccdepth.subdivide")
     before = window.report()["objects"]
     window.change_settings(0.0002)
     find_button(window, started["sidebar"], "bpy.ops.ccdepth.update(")
@@ -362,16 +368,9 @@ def test_a_click_on_update_result_makes_the_result_anew_and_undo_takes_it_back(w
     updated = wait_for_object(window, "Suzanne Adaptive", "a finer result", lambda found: found["faces"] > 2 * faces)
     assert (updated["visible"], updated["selected"]) == (True, True)
     assert set(window.report()["objects"]) == set(before)
-    window.move_mouse(started["viewport"][0] + 300, started["viewport"][1] + 300)
-    time.sleep(0.5)
+    leave_sidebar(window, started, 0.5)
     window.press("ctrl+z")
     wait_for_object(window, "Suzanne Adaptive", "the undoing", lambda found: found["faces"] == faces)
-
-
-def test_with_a_result_selected_there_is_no_button_that_subdivides_it(window: Window) -> None:
-    started = made_by_mouse(window)
-    with pytest.raises(AssertionError, match="no button"):
-        find_button(window, started["sidebar"], "bpy.ops.ccdepth.subdivide")
 
 
 def test_a_source_is_shown_and_edited_and_its_result_follows(window: Window) -> None:
@@ -401,7 +400,7 @@ def test_a_source_is_shown_and_edited_and_its_result_follows(window: Window) -> 
 
 @pytest.mark.parametrize("window", [{"TOLERANCE": "1e-4", "FACE_LIMIT": "20000"}], indirect=True)
 def test_a_click_on_the_tolerance_offered_after_a_refusal_sets_it(window: Window) -> None:
-    started = find_apply(window)
+    started = find_first(window, "bpy.ops.ccdepth.subdivide")
     window.click()
     # Until the refusal there is no such button, and its message is in the way of the mouse.
     time.sleep(SECONDS_TO_BEGIN)
@@ -421,8 +420,7 @@ def test_a_click_on_the_tolerance_offered_after_a_refusal_sets_it(window: Window
 
 @pytest.mark.parametrize("window", [{"TOLERANCE": "1e-4"}], indirect=True)
 def test_find_tolerance_sets_the_tolerance_for_a_number_of_faces_that_was_typed(window: Window) -> None:
-    started = window.wait_for(lambda report: report["category"] == "CC Depth", SECONDS_TO_START, "the CC Depth tab")
-    find_button(window, started["sidebar"], ".face_budget", across=0.25)
+    started = find_first(window, ".face_budget", across=0.25)
     window.type_number(9000)
     window.wait_for(lambda report: report["face_budget"] == 9000, SECONDS_TO_ANSWER, "the number of faces")
     find_button(window, started["sidebar"], "bpy.ops.ccdepth.find_tolerance(", across=0.75)
@@ -452,7 +450,7 @@ def status_bar(image: Image) -> Image:
 def test_escape_stops_a_long_run_that_shows_how_far_it_is_and_nothing_is_changed(
     window: Window, tmp_path: Path
 ) -> None:
-    started = find_apply(window)
+    started = find_first(window, "bpy.ops.ccdepth.subdivide")
     before = window.look(tmp_path / "before.png")
     window.click()
     window.wait_for(lambda report: "CCDEPTH_OT_subdivide" in report["running"], SECONDS_TO_ANSWER, "work in steps")
@@ -469,8 +467,7 @@ def test_escape_stops_a_long_run_that_shows_how_far_it_is_and_nothing_is_changed
 
 @pytest.mark.parametrize("window", [{"LAST_FRAME": "2000"}], indirect=True)
 def test_escape_stops_a_run_over_frames_and_the_scene_is_as_it_was(window: Window) -> None:
-    started = window.wait_for(lambda report: report["category"] == "CC Depth", SECONDS_TO_START, "the CC Depth tab")
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.compute")
+    started = find_first(window, "bpy.ops.ccdepth.compute")
     window.click()
     away = window.wait_for(lambda report: report["frame"] != started["frame"], SECONDS_TO_ANSWER, "another frame")
     assert away["running"] == ["CCDEPTH_OT_compute"]
