@@ -14,9 +14,13 @@ from tests.blender import addon
 from tests.blender.subdividing import TOLERANCE, faces, shape
 from tests.blender.updating import made_result, move_vertex, set_scene
 
+pytestmark = pytest.mark.every_blender
+
+Kept = tuple[bpy.types.Object, bpy.types.Object]
+
 
 @pytest.fixture
-def kept() -> tuple[bpy.types.Object, bpy.types.Object]:
+def kept() -> Kept:
     """Suzanne, shown beside her result, which is kept updated."""
     source, result = made_result()
     source.hide_set(False)
@@ -45,7 +49,7 @@ def make_due() -> None:
     assert bpy.ops.ccdepth.update_kept() == {"FINISHED"}
 
 
-def test_an_edit_is_followed(kept: tuple[bpy.types.Object, bpy.types.Object]) -> None:
+def test_an_edit_is_followed(kept: Kept) -> None:
     source, result = kept
     edit(source)
     assert due() == [result]
@@ -64,7 +68,7 @@ def test_it_is_off_by_default() -> None:
     assert not bpy.ops.ccdepth.update_kept.poll()
 
 
-def test_nothing_else_is_followed(kept: tuple[bpy.types.Object, bpy.types.Object]) -> None:
+def test_nothing_else_is_followed(kept: Kept) -> None:
     """Edit Mode without edits, changes outside of it, and undo."""
     source, _ = kept
     with addon.edit_mode(source):
@@ -80,7 +84,7 @@ def test_nothing_else_is_followed(kept: tuple[bpy.types.Object, bpy.types.Object
     assert not due()
 
 
-def test_it_is_made_with_its_own_settings(kept: tuple[bpy.types.Object, bpy.types.Object]) -> None:
+def test_it_is_made_with_its_own_settings(kept: Kept) -> None:
     source, result = kept
     set_scene(tolerance=TOLERANCE / 10, mode="PER_FACE", exact_normals=True)
     before = faces(result)
@@ -93,7 +97,7 @@ def test_it_is_made_with_its_own_settings(kept: tuple[bpy.types.Object, bpy.type
     assert bpy.context.scene.ccdepth.mode == "PER_FACE"
 
 
-def test_results_with_other_settings_have_their_turn(kept: tuple[bpy.types.Object, bpy.types.Object]) -> None:
+def test_results_with_other_settings_have_their_turn(kept: Kept) -> None:
     source, result = kept
     coarse = result.copy()
     coarse.data = result.data.copy()
@@ -111,14 +115,14 @@ def test_results_with_other_settings_have_their_turn(kept: tuple[bpy.types.Objec
     assert faces(coarse) < faces(result)
 
 
-def test_a_result_that_was_edited_itself_is_left_alone(kept: tuple[bpy.types.Object, bpy.types.Object]) -> None:
+def test_a_result_that_was_edited_itself_is_left_alone(kept: Kept) -> None:
     source, result = kept
     move_vertex(result.data)
     edit(source)
     assert not due()
 
 
-def test_what_fails_is_not_tried_again(kept: tuple[bpy.types.Object, bpy.types.Object]) -> None:
+def test_what_fails_is_not_tried_again(kept: Kept) -> None:
     source, result = kept
     set_scene(max_faces=10)
     edit(source)

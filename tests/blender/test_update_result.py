@@ -84,15 +84,6 @@ def test_it_is_what_applying_anew_would_make(settings: dict[str, object]) -> Non
     assert anew.data.has_custom_normals == result.data.has_custom_normals
 
 
-def test_an_edited_source_is_what_it_is_made_from() -> None:
-    source, result = made_result()
-    source.data.transform(Matrix.Scale(2.0, 4))
-    source.data.update()
-    before = np.ptp(shape(result), axis=0)
-    update(result)
-    assert np.ptp(shape(result), axis=0) == pytest.approx(2 * before, rel=0.01)
-
-
 def test_everything_but_the_mesh_stays() -> None:
     source, result = made_result()
     source.data.materials.append(bpy.data.materials.new("Of the source"))
@@ -140,17 +131,12 @@ def test_materials_of_the_source_come_along_where_the_result_has_none_of_its_own
     result.data.materials.append(late)
     update(result)
     assert list(result.data.materials) == [second, own, late]
-
-
-def test_slots_of_the_object_stay() -> None:
-    source, result = made_result()
-    source.data.materials.append(None)
-    update(result)
-    own = bpy.data.materials.new("Own")
-    result.material_slots[0].link, result.material_slots[0].material = "OBJECT", own
+    # Slots of the object stay.
+    result.material_slots[0].link, result.material_slots[0].material = "OBJECT", first
     source.data.materials.clear()
     update(result)
-    assert [(slot.link, slot.material) for slot in result.material_slots] == [("OBJECT", own)]
+    slots = [(slot.link, slot.material) for slot in result.material_slots]
+    assert slots == [("OBJECT", first), ("DATA", own), ("DATA", late)]
 
 
 def test_the_tolerance_holds_where_the_result_is() -> None:
@@ -215,24 +201,17 @@ def test_a_duplicate_of_a_result_goes_on_working() -> None:
     assert copy.ccdepth.source == source
 
 
-def test_objects_that_share_the_mesh_go_on_sharing_it() -> None:
-    """One is a linked duplicate, and one has had the mesh linked to it."""
-    _, result = made_result()
-    duplicate, plain = linked_copy(result), scene.add_mesh(result.data)
-    update(duplicate, **FINER)
-    assert result.data == duplicate.data == plain.data
-    assert len(bpy.data.meshes) == 2
-    assert stale_line(result) == stale_line(duplicate)
-
-
-def test_linked_duplicates_of_other_scales_are_all_within_the_tolerance() -> None:
+def test_linked_duplicates_go_on_sharing_the_mesh_unless_their_scales_differ() -> None:
+    """Whichever is updated, they are all within the tolerance."""
     _, result = made_result()
     duplicate = linked_copy(result)
-    duplicate.scale = (4.0, 0.25, 1.0)
-    update(result)
-    for each in (result, duplicate):
-        assert addon.bounds(each).max() <= np.float32(TOLERANCE)
-        assert stale_line(each) == ""
+    for chosen, scale, count in ((duplicate, (1.0, 1.0, 1.0), 2), (result, (4.0, 0.25, 1.0), 3)):
+        duplicate.scale = scale
+        update(chosen)
+        assert (len(bpy.data.meshes), result.data == duplicate.data) == (count, count == 2)
+        for each in (result, duplicate):
+            assert addon.bounds(each).max() <= np.float32(TOLERANCE)
+            assert stale_line(each) == ""
 
 
 def test_nothing_is_claimed_of_objects_of_other_scales_that_share_the_mesh() -> None:
@@ -242,16 +221,20 @@ def test_nothing_is_claimed_of_objects_of_other_scales_that_share_the_mesh() -> 
     plain.scale = elsewhere.scale = (10.0, 10.0, 10.0)
     update(result)
     assert result.data == plain.data == elsewhere.data
+    assert len(bpy.data.meshes) == 2
     assert stale_line(result) == ""
     assert stale_line(plain) == "Not computed for this object"
 
 
-def test_results_of_a_selected_source_are_updated() -> None:
+def test_results_of_a_selected_source_are_made_from_it_as_it_is() -> None:
     source, result = made_result()
     source.hide_set(False)
-    before = faces(result)
+    source.data.transform(Matrix.Scale(2.0, 4))
+    source.data.update()
+    before, size = faces(result), np.ptp(shape(result), axis=0)
     update(source, **FINER)
     assert faces(result) > before
+    assert np.ptp(shape(result), axis=0) == pytest.approx(2 * size, rel=0.01)
 
 
 def test_what_is_in_edit_mode_goes_on_being_edited() -> None:
@@ -407,12 +390,9 @@ def test_a_result_is_not_subdivided_without_asking() -> None:
     result.hide_set(False)
     addon.select(result, again)
     refuses("update", "is a result as well; update that one first")
-
-
-def test_a_result_that_was_subdivided_in_place_has_no_source_any_more() -> None:
-    _, result = made_result()
-    subdivide(result, output="IN_PLACE", subdivide_results=True)
-    assert result.ccdepth.source is None
+    # What is subdivided in place has no source any more.
+    subdivide(again, output="IN_PLACE", subdivide_results=True)
+    assert again.ccdepth.source is None
     assert not bpy.ops.ccdepth.update.poll()
 
 
