@@ -21,6 +21,8 @@ TITLE, TOLERANCE = "Levels Needed", "for 3.64 mm"
 # A viewport of the default window, one of a small screen, a quarter of each, a low one, and a narrow one.
 REGIONS = [(1180, 786), (800, 500), (590, 393), (400, 250), (1180, 160), (260, 786)]
 
+BEYOND = (1.0, 0.0, 0.0, 1.0)
+
 FACES = [3, 125_000, 14, 2_700, 1, 0, 40_000, 12, 7]
 
 
@@ -52,26 +54,22 @@ def distances(largest: float = 0.5) -> Any:
     )
 
 
-def rectangle(*edges: float) -> Any:
-    return layout.Rectangle(*edges)
-
-
 def obstacles(region: tuple[int, int], scale: float, *names: str) -> list[Any]:
     """The sidebar, the header, the gizmo and the panel Adjust Last Operation, where Blender has them."""
     across, up = region
     places = {
-        "sidebar": rectangle(across - 260 * scale, 0, across, up),
-        "header": rectangle(0, up - 54 * scale, across, up),
-        "gizmo": rectangle(across - 100 * scale, up - 250 * scale, across, up),
-        "adjust": rectangle(60 * scale, 0, 360 * scale, 200 * scale),
-        "tools": rectangle(0, 0, 58 * scale, up),
+        "sidebar": layout.Rectangle(across - 260 * scale, 0, across, up),
+        "header": layout.Rectangle(0, up - 54 * scale, across, up),
+        "gizmo": layout.Rectangle(across - 100 * scale, up - 250 * scale, across, up),
+        "adjust": layout.Rectangle(60 * scale, 0, 360 * scale, 200 * scale),
+        "tools": layout.Rectangle(0, 0, 58 * scale, up),
     }
     return [places[name] for name in names]
 
 
 def place(legend: Any, region: tuple[int, int], scale: float = 1.0, *names: str) -> Any:
     room = layout.Room(region, obstacles(region, scale, *names))
-    return layout.placed(legend, room, scale, width, (1.0, 0.0, 0.0, 1.0))
+    return layout.placed(legend, room, scale, width, BEYOND)
 
 
 def texts(found: Any) -> list[str]:
@@ -94,37 +92,33 @@ HIDDEN_BY = [(), ("header", "gizmo", "tools"), ("header", "gizmo", "tools", "sid
 
 
 @pytest.mark.parametrize("legend", LEGENDS.values(), ids=LEGENDS)
-@pytest.mark.parametrize("region", REGIONS)
-@pytest.mark.parametrize("scale", [1.0, 1.5, 2.0])
-@pytest.mark.parametrize("names", HIDDEN_BY)
-def test_everything_is_inside_and_nothing_is_over_anything_else(
-    legend: Any, region: tuple[int, int], scale: float, names: tuple[str, ...]
-) -> None:
-    answer = place(legend, region, scale, *names)
-    if answer is None:
-        return
-    found, where = answer
-    assert (where.right - where.left, where.top - where.bottom) == pytest.approx((found.width, found.height))
-    assert min(where.left, where.bottom) >= 0
-    assert (where.right, where.top) <= region
-    assert not any(where.overlaps(each) for each in obstacles(region, scale, *names))
-    places = [each for each, _ in found.swatches] + ([] if found.ramp is None else [found.ramp])
-    for one in places:
-        assert 0 <= one.left < one.right <= found.width
-        assert 0 <= one.bottom < one.top <= found.height
-    assert not any(one.overlaps(other) for one, other in combinations(places, 2))
-    written = [(text, extent(text, found.font_size)) for text in found.texts if text.text]
-    for text, (left, right) in written:
-        assert left >= 0
-        assert right <= found.width + 1e-9
-        assert 0 <= text.y <= found.height - found.font_size
-    for (one, ends), (other, others) in combinations(written, 2):
-        if abs(one.y - other.y) < found.font_size:
-            assert ends[1] <= others[0] or others[1] <= ends[0], (one, other)
-    for text, (left, right) in written:
-        for swatch, _ in found.swatches:
-            if swatch.bottom <= text.y < swatch.top:
-                assert right <= swatch.left or left >= swatch.right, text
+def test_everything_is_inside_and_nothing_is_over_anything_else(legend: Any) -> None:
+    for region, scale, names in product(REGIONS, (1.0, 1.5, 2.0), HIDDEN_BY):
+        answer = place(legend, region, scale, *names)
+        if answer is None:
+            continue
+        found, where = answer
+        assert (where.right - where.left, where.top - where.bottom) == pytest.approx((found.width, found.height))
+        assert is_inside(where, *region)
+        assert not any(where.overlaps(each) for each in obstacles(region, scale, *names))
+        places = [each for each, _ in found.swatches] + ([] if found.ramp is None else [found.ramp])
+        assert all(is_inside(each, found.width, found.height) for each in places)
+        assert not any(one.overlaps(other) for one, other in combinations(places, 2))
+        written = [(text, extent(text, found.font_size)) for text in found.texts if text.text]
+        for text, (left, right) in written:
+            assert left >= 0
+            # Widths are sums in another order.
+            assert right <= found.width + 1e-9
+            assert 0 <= text.y <= found.height - found.font_size
+            beside = [swatch for swatch, _ in found.swatches if swatch.bottom <= text.y < swatch.top]
+            assert all(right <= swatch.left or left >= swatch.right for swatch in beside), text
+        for (one, ends), (other, others) in combinations(written, 2):
+            if abs(one.y - other.y) < found.font_size:
+                assert ends[1] <= others[0] or others[1] <= ends[0], (one, other)
+
+
+def is_inside(place: Any, width: float, height: float) -> bool:
+    return 0 <= place.left < place.right <= width and 0 <= place.bottom < place.top <= height
 
 
 def test_with_room_it_is_a_column_in_the_corner_with_everything() -> None:
@@ -133,6 +127,10 @@ def test_with_room_it_is_a_column_in_the_corner_with_everything() -> None:
     assert found.font_size == layout.FONT_SIZE
     assert {TITLE, TOLERANCE, "Suzanne", "Out of date", "Depth", "Faces", "Suzanne.003"} <= {*texts(found)}
     assert [color for _, color in found.swatches] == [row.color for row in reversed(depths(5).rows)]
+    # It grows with the interface; lengths are rounded to pixels.
+    one, two = (place(depths(), (2400, 1600), scale)[0] for scale in (1.0, 2.0))
+    assert two.font_size == 2 * one.font_size
+    assert (two.width, two.height) == pytest.approx((2 * one.width, 2 * one.height), rel=0.02)
 
 
 def test_colours_stand_beside_their_depths() -> None:
@@ -147,49 +145,43 @@ def test_colours_stand_beside_their_depths() -> None:
             assert label.text == rows[color].label
 
 
-def test_it_grows_with_the_interface() -> None:
-    sizes = [place(depths(), (2400, 1600), scale)[0] for scale in (1.0, 2.0)]
-    assert sizes[1].font_size == 2 * sizes[0].font_size
-    assert (sizes[1].width, sizes[1].height) == pytest.approx((2 * sizes[0].width, 2 * sizes[0].height), rel=0.02)
-
-
-@pytest.mark.parametrize(("region", "scale"), [((590, 393), 2.0), ((590, 393), 1.0), ((400, 250), 1.0)])
-def test_in_quad_view_all_depths_are_there(region: tuple[int, int], scale: float) -> None:
-    found, _ = place(depths(), region, scale)
-    assert {str(depth) for depth in range(9)} <= {*texts(found)}
-
-
-def test_in_a_low_viewport_it_lies_down() -> None:
+def test_as_room_gets_less_it_lies_down_then_leaves_out_the_objects_and_then_is_not_there() -> None:
     found, _ = place(depths(), (1180, 160))
     assert found.width > 2 * found.height
     assert len(found.swatches) == 9
     scale, _ = place(distances(), (1180, 160))
     assert scale.ramp.right - scale.ramp.left > scale.ramp.top - scale.ramp.bottom
+    without, _ = place(depths(5, objects=5), (1180, 250))
+    assert len(without.swatches) == 5
+    assert "Suzanne.000" not in texts(without)
+    # The views of Quad View, the first at two interface scales, have all depths.
+    for region, size in (((590, 393), 2.0), ((590, 393), 1.0), ((400, 250), 1.0)):
+        assert {str(depth) for depth in range(9)} <= {*texts(place(depths(), region, size)[0])}
+    assert place(depths(), (60, 40)) is None
 
 
 @pytest.mark.parametrize("legend", LEGENDS.values(), ids=LEGENDS)
 def test_it_is_beside_or_above_the_panel_that_adjusts_the_last_operation(legend: Any) -> None:
-    for across in range(420, 1200, 60):
-        for up in range(300, 800, 100):
-            answer = place(legend, (across, up), 1.0, "adjust")
-            assert answer is None or not answer[1].overlaps(obstacles((across, up), 1.0, "adjust")[0])
+    for region in product(range(420, 1200, 60), range(300, 800, 100)):
+        answer = place(legend, region, 1.0, "adjust")
+        assert answer is None or not answer[1].overlaps(obstacles(region, 1.0, "adjust")[0])
     assert place(legend, (700, 500), 1.0, "adjust") is not None
 
 
 @pytest.mark.parametrize("scale", [1.0, 2.0])
 def test_rows_that_go_are_those_of_fewest_faces(scale: float) -> None:
     """However little room there is, and no row goes to make room for one line that counts the rest."""
-    numbers = {str(depth): faces for depth, faces in enumerate(FACES)}
     kept_counts = set()
-    for across, up in product(range(80, 700, 20), range(60, 400, 20)):
-        answer = place(depths(), (across, up), scale)
+    for region in product(range(80, 700, 20), range(60, 400, 20)):
+        answer = place(depths(), region, scale)
         if answer is None:
             continue
         # Swatches are in the rows' colours, and depths have different ones.
-        kept = [row for row in depths().rows if row.color in [color for _, color in answer[0].swatches]]
+        colors = [color for _, color in answer[0].swatches]
+        kept = [row.faces for row in depths().rows if row.color in colors]
+        left_out = [row.faces for row in depths().rows if row.color not in colors]
         kept_counts.add(len(kept))
-        left_out = [faces for label, faces in numbers.items() if label not in [row.label for row in kept]]
-        assert min(row.faces for row in kept) >= max(left_out, default=0)
+        assert min(kept) >= max(left_out, default=0)
         if left_out:
             assert len(left_out) > 1
             assert f"{sum(left_out):,}" in texts(answer[0])
@@ -197,10 +189,9 @@ def test_rows_that_go_are_those_of_fewest_faces(scale: float) -> None:
 
 
 def test_something_that_is_only_avoided_is_covered_before_a_row_goes() -> None:
-    region, text = (260, 300), rectangle(0, 80, 260, 300)
+    region, text = (260, 300), layout.Rectangle(0, 80, 260, 300)
     free, covering = (
-        layout.placed(legend, layout.Room(region, [], [text]), 1.0, width, (1.0, 0.0, 0.0, 1.0))
-        for legend in (depths(2), depths(9))
+        layout.placed(legend, layout.Room(region, [], [text]), 1.0, width, BEYOND) for legend in (depths(2), depths(9))
     )
     assert not free[1].overlaps(text)
     assert covering[1].overlaps(text)
@@ -211,23 +202,11 @@ def test_something_that_is_only_avoided_is_covered_before_a_row_goes() -> None:
 def test_however_little_room_there_is_the_tolerance_stays(scale: float) -> None:
     """Depths have it after their title, a scale of distances beside its colours or, as a strip, in its title."""
     shapes = set()
-    for across, up in product(range(80, 700, 20), range(60, 500, 20)):
-        for legend in (depths(), distances(), distances(1.0)):
-            answer = place(legend, (across, up), scale)
-            if answer is None:
-                continue
-            told = [TOLERANCE] if legend.rows else ["tolerance", "Tolerance 0.3"]
-            assert any(each in text for text in texts(answer[0]) for each in told)
-            shapes.add((bool(legend.rows), answer[0].width > answer[0].height))
+    for *region, legend in product(range(80, 700, 40), range(60, 500, 40), (depths(), distances(), distances(1.0))):
+        answer = place(legend, tuple(region), scale)
+        if answer is None:
+            continue
+        told = [TOLERANCE] if legend.rows else ["tolerance", "Tolerance 0.3"]
+        assert any(each in text for text in texts(answer[0]) for each in told)
+        shapes.add((bool(legend.rows), answer[0].width > answer[0].height))
     assert len(shapes) == 4
-
-
-def test_the_list_of_objects_goes_before_any_depth() -> None:
-    region = (1180, 250)
-    found, _ = place(depths(5, objects=5), region)
-    assert len(found.swatches) == 5
-    assert "Suzanne.000" not in texts(found)
-
-
-def test_without_room_there_is_none() -> None:
-    assert place(depths(), (60, 40)) is None
