@@ -4,6 +4,7 @@ Texture Paint paint on. There the user's own colours have to be the active ones 
 
 from __future__ import annotations
 
+from itertools import product
 from pathlib import Path
 
 import bpy
@@ -14,6 +15,9 @@ from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.subdividing import subdivide
 from tests.blender.test_heat_map import color_types, shadings
+from tests.thorough import combinations, each
+
+pytestmark = pytest.mark.every_blender
 
 COLOR = "ccdepth_color"
 MODES = ["SCULPT", "VERTEX_PAINT", "TEXTURE_PAINT"]
@@ -43,8 +47,7 @@ def enter(mode: str) -> None:
     assert bpy.ops.object.mode_set(mode=mode) == {"FINISHED"}
 
 
-@pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("colors", [(), ("Paint",), ("First", "Second")])
+@pytest.mark.parametrize(("mode", "colors"), combinations(MODES, [(), ("Paint",), ("First", "Second")]))
 def test_colours_are_put_back_for_painting_and_shown_again_afterwards(mode: str, colors: tuple[str, ...]) -> None:
     holder = computed(*colors)
     enter(mode)
@@ -80,27 +83,26 @@ def test_what_is_painted_is_not_the_heat_map(colors: tuple[str, ...]) -> None:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_from_one_painting_mode_to_another(mode: str) -> None:
-    holder = computed("Paint")
-    for other in (mode, *MODES, mode):
-        enter(other)
+def test_whatever_happens_while_painting_the_user_s_colours_stay(mode: str) -> None:
+    """Other modes, the switch of the heat map, a choice of its colours, and other users of the mesh."""
+    holder, settings = computed("Paint"), bpy.context.scene.ccdepth
+    other = scene.add_mesh(holder.data)
+    for painting in (mode, *MODES, mode):
+        enter(painting)
         assert active(holder) == "Paint"
     enter("EDIT")
     assert active(holder) == COLOR
     enter(mode)
-    assert active(holder) == "Paint"
-    enter("OBJECT")
-    assert active(holder) == COLOR
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_the_heat_map_can_be_switched_off_and_on_meanwhile(mode: str) -> None:
-    holder = computed("Paint")
-    settings = bpy.context.scene.ccdepth
-    enter(mode)
     for shown in (False, True):
         settings.show_heat_map = shown
         assert active(holder) == "Paint"
+    holder.data.attributes.active_color_name = COLOR
+    holder.data.update_tag()
+    bpy.context.view_layer.update()
+    assert active(holder) == "Paint"
+    other.location.x = 3.0
+    bpy.context.view_layer.update()
+    assert active(holder) == "Paint"
     enter("OBJECT")
     assert active(holder) == COLOR
     enter(mode)
@@ -122,49 +124,22 @@ def test_colours_that_go_while_painting_do_not_make_way_for_the_heat_map(mode: s
     assert active(holder) == COLOR
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_the_heat_map_cannot_be_chosen_for_painting(mode: str) -> None:
-    holder = computed("Paint")
-    enter(mode)
-    holder.data.attributes.active_color_name = COLOR
-    holder.data.update_tag()
-    bpy.context.view_layer.update()
-    assert active(holder) == "Paint"
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_other_users_of_the_mesh_show_it_with_the_user_s_colours_meanwhile(mode: str) -> None:
-    holder = computed("Paint")
-    other = scene.add_mesh(holder.data)
-    addon.select(holder)
-    enter(mode)
-    assert active(holder) == "Paint"
-    other.location.x = 3.0
-    bpy.context.view_layer.update()
-    assert active(holder) == "Paint"
-    enter("OBJECT")
-    assert active(holder) == COLOR
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_other_heat_maps_stay(mode: str) -> None:
-    first, second = computed("Paint"), scene.add_suzanne()
-    addon.compute(second)
-    addon.select(first)
-    enter(mode)
-    assert active(first) == "Paint"
-    assert active(second) == COLOR
-    assert set(color_types()) == {"VERTEX"}
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_viewports_are_put_back_meanwhile(mode: str) -> None:
+@pytest.mark.parametrize("mode", each(MODES, MODES[:1]))
+def test_viewports_are_put_back_meanwhile_unless_they_show_other_heat_maps(mode: str) -> None:
     before = color_types()
-    computed("Paint")
+    holder = computed("Paint")
     enter(mode)
     assert color_types() == before
     enter("OBJECT")
     assert set(color_types()) == {"VERTEX"}
+    second = scene.add_suzanne()
+    addon.compute(second)
+    addon.select(holder)
+    enter(mode)
+    assert (active(holder), active(second)) == ("Paint", COLOR)
+    assert set(color_types()) == {"VERTEX"}
+    enter("OBJECT")
+    bpy.data.objects.remove(second)
     shadings()[0].color_type = "OBJECT"
     enter(mode)
     enter("OBJECT")
@@ -211,19 +186,15 @@ def test_a_file_saved_while_painting_shows_the_heat_map_afterwards(tmp_path: Pat
 # Results.
 
 
-def colors(holder: bpy.types.Object) -> list[str]:
-    return [attribute.name for attribute in holder.data.color_attributes]
+# Each two of these, in the short suite.
+HALF = [(False, False, "NEW_OBJECT"), (False, True, "IN_PLACE"), (True, False, "IN_PLACE"), (True, True, "NEW_OBJECT")]
 
 
-@pytest.mark.parametrize("switched", [False, True])
-@pytest.mark.parametrize("names", [(), ("Paint",), ("First", "Second")])
-@pytest.mark.parametrize("modifier", [False, True])
-@pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
-def test_a_result_names_no_colours_it_does_not_have(
-    names: tuple[str, ...], switched: bool, modifier: bool, output: str
-) -> None:
+@pytest.mark.parametrize("names", each([(), ("Paint",), ("First", "Second")], [(), ("First", "Second")]))
+@pytest.mark.parametrize("way", each(product([False, True], [False, True], ["NEW_OBJECT", "IN_PLACE"]), HALF))
+def test_a_result_names_no_colours_it_does_not_have(names: tuple[str, ...], way: tuple[bool, bool, str]) -> None:
     """Whether the heat map is displayed by its switch, or because the user chose it."""
-    holder = computed(*names)
+    holder, (switched, modifier, output) = computed(*names), way
     if modifier:
         holder.modifiers.new("Bevel", "BEVEL")
     if not switched:
@@ -236,7 +207,7 @@ def test_a_result_names_no_colours_it_does_not_have(
         assert rendered(result) != COLOR
         addon.select(result)
         bpy.ops.ccdepth.clear()
-    assert colors(result) == list(names)
+    assert [attribute.name for attribute in result.data.color_attributes] == list(names)
     assert active(result) in names or (not names and active(result) == "")
     assert rendered(result) in names or (not names and rendered(result) == "")
     if switched and names:
