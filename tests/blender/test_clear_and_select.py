@@ -10,6 +10,8 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene
 
+pytestmark = pytest.mark.every_blender
+
 
 def attributes_of(mesh: bpy.types.Mesh) -> list[tuple[str, str, str]]:
     return sorted((attribute.name, attribute.data_type, attribute.domain) for attribute in mesh.attributes)
@@ -45,45 +47,33 @@ def test_clear_leaves_the_mesh_as_it_was(colors: tuple[str, ...], editing: bool)
     assert record.uniform_faces == ""
 
 
-def test_colours_chosen_since_are_left_alone() -> None:
-    holder = scene.add_suzanne()
-    holder.data.attributes.new("Paint", "BYTE_COLOR", "CORNER")
-    holder.data.attributes.new("Other", "BYTE_COLOR", "CORNER")
-    addon.compute(holder)
-    holder.data.attributes.active_color_name = "Other"
-    bpy.ops.ccdepth.clear()
-    assert holder.data.attributes.active_color_name == "Other"
-
-
-def test_colours_removed_since_do_not_come_back() -> None:
-    holder = scene.add_suzanne()
-    holder.data.attributes.new("Paint", "BYTE_COLOR", "CORNER")
-    addon.compute(holder)
-    holder.data.attributes.remove(holder.data.attributes["Paint"])
-    bpy.ops.ccdepth.clear()
-    assert holder.data.attributes.active_color_name == ""
+def test_colours_chosen_or_removed_since_are_left_alone() -> None:
+    for displayed in ("Other", ""):
+        holder = scene.add_object(meshes.cube())
+        attributes = holder.data.attributes
+        for name in ("Paint", "Other"):
+            attributes.new(name, "BYTE_COLOR", "CORNER")
+        attributes.active_color_name = "Paint"
+        addon.compute(holder)
+        if displayed:
+            attributes.active_color_name = displayed
+        else:
+            attributes.remove(attributes["Other"])
+            attributes.remove(attributes["Paint"])
+        bpy.ops.ccdepth.clear()
+        assert attributes.active_color_name == displayed
 
 
 def test_clear_works_on_all_selected() -> None:
     first, second, other = scene.add_suzanne(), scene.add_object(meshes.cube()), scene.add_object(meshes.cube())
     addon.compute(first, second, other)
+    # Attributes without a record are cleared as well.
+    second.data.property_unset("ccdepth")
     addon.select(first, second)
-    bpy.ops.ccdepth.clear()
+    assert bpy.ops.ccdepth.clear() == {"FINISHED"}
     assert addon.is_untouched([first, second])
     assert other.data.ccdepth.has_result
-
-
-def test_clear_with_nothing_to_clear() -> None:
-    addon.select(scene.add_suzanne())
     assert bpy.ops.ccdepth.clear() == {"CANCELLED"}
-
-
-def test_clear_removes_attributes_without_a_record() -> None:
-    holder = scene.add_suzanne()
-    addon.compute(holder)
-    holder.data.property_unset("ccdepth")
-    assert bpy.ops.ccdepth.clear() == {"FINISHED"}
-    assert addon.is_untouched([holder])
 
 
 def test_undo_brings_a_cleared_result_back() -> None:
@@ -100,66 +90,53 @@ def test_undo_brings_a_cleared_result_back() -> None:
     assert "ccdepth" in holder.data.attributes
 
 
-def selected(mesh: bpy.types.Mesh) -> np.ndarray:
-    faces = np.empty(len(mesh.polygons), dtype=bool)
-    mesh.polygons.foreach_get("select", faces)
-    return faces
-
-
-@pytest.mark.parametrize(
-    ("comparison", "compare"), [("EQUAL", np.equal), ("AT_LEAST", np.greater_equal), ("AT_MOST", np.less_equal)]
-)
 @pytest.mark.parametrize("editing", [False, True])
-def test_select(comparison: str, compare: np.ufunc, editing: bool) -> None:
+def test_select(editing: bool) -> None:
+    """Each time what was selected before is no longer, unless it is extended."""
     holder = scene.add_suzanne()
     addon.compute(holder)
     depths = addon.depths(holder)
-    depth = int(np.median(depths))
-    if editing:
+    least, middle, deepest = int(depths.min()), int(np.median(depths)), int(depths.max())
+    assert least < middle < deepest
+
+    def selected(*calls: dict[str, object]) -> np.ndarray:
+        if editing:
+            bpy.ops.object.mode_set(mode="EDIT")
+        for call in calls:
+            assert bpy.ops.ccdepth.select(**call) == {"FINISHED"}
+        # Whatever mode it ran in, Edit Mode must show this selection and no more.
         bpy.ops.object.mode_set(mode="EDIT")
-    bpy.ops.ccdepth.select(depth=depth, comparison=comparison)
-    # Whatever mode it ran in, Edit Mode must show this selection and no more.
-    bpy.ops.object.mode_set(mode="EDIT")
-    bpy.ops.object.mode_set(mode="OBJECT")
-    np.testing.assert_array_equal(selected(holder.data), compare(depths, depth))
+        bpy.ops.object.mode_set(mode="OBJECT")
+        faces = np.empty(len(holder.data.polygons), dtype=bool)
+        holder.data.polygons.foreach_get("select", faces)
+        return faces
 
-
-@pytest.mark.parametrize("editing", [False, True])
-def test_select_can_extend(editing: bool) -> None:
-    holder = scene.add_suzanne()
-    addon.compute(holder)
-    depths = addon.depths(holder)
-    least, deepest = int(depths.min()), int(depths.max())
-    if editing:
-        bpy.ops.object.mode_set(mode="EDIT")
-    bpy.ops.ccdepth.select(depth=least)
-    bpy.ops.ccdepth.select(depth=deepest, extend=True)
-    bpy.ops.object.mode_set(mode="OBJECT")
-    np.testing.assert_array_equal(selected(holder.data), (depths == least) | (depths == deepest))
-
-
-def test_select_starts_from_the_deepest() -> None:
-    holder = scene.add_suzanne()
-    addon.compute(holder)
-    bpy.ops.ccdepth.select()
-    np.testing.assert_array_equal(selected(holder.data), addon.depths(holder) == addon.depths(holder).max())
-
-
-@pytest.mark.parametrize("editing", [False, True])
-def test_hidden_faces_are_not_selected(editing: bool) -> None:
-    holder = scene.add_suzanne()
-    addon.compute(holder)
-    hidden = np.zeros(len(holder.data.polygons), dtype=bool)
-    hidden[::2] = True
-    holder.data.polygons.foreach_set("hide", hidden)
-    if editing:
-        bpy.ops.object.mode_set(mode="EDIT")
-    bpy.ops.ccdepth.select(depth=0, comparison="AT_LEAST")
-    bpy.ops.object.mode_set(mode="OBJECT")
-    np.testing.assert_array_equal(selected(holder.data), ~hidden)
+    assert_equal, visible = np.testing.assert_array_equal, np.arange(len(depths)) % 2 == 1
+    for comparison, compare in (("EQUAL", np.equal), ("AT_LEAST", np.greater_equal), ("AT_MOST", np.less_equal)):
+        assert_equal(selected({"depth": middle, "comparison": comparison}), compare(depths, middle))
+    # It starts from the deepest.
+    assert_equal(selected({}), depths == deepest)
+    extended = selected({"depth": least}, {"depth": deepest, "extend": True})
+    assert_equal(extended, (depths == least) | (depths == deepest))
+    holder.data.polygons.foreach_set("hide", ~visible)
+    assert_equal(selected({"depth": 0, "comparison": "AT_LEAST"}), visible)
 
 
 def test_select_needs_a_result() -> None:
     addon.select(scene.add_suzanne())
     with pytest.raises(RuntimeError, match="Compute Depth first"):
         bpy.ops.ccdepth.select(depth=1)
+
+
+@pytest.mark.parametrize("name", [".select_vert", ".select_edge", ".select_poly"])
+def test_attribute_where_blender_keeps_the_selection(name: str) -> None:
+    """It is named and kept: Blender itself crashes when a selection is written over it."""
+    for data_type, domain in (("BOOLEAN", "CORNER"), ("FLOAT", "FACE")):
+        holder = scene.add_object(meshes.cube(), "Cube")
+        addon.compute(holder)
+        if name in holder.data.attributes:
+            holder.data.attributes.remove(holder.data.attributes[name])
+        holder.data.attributes.new(name, data_type, domain)
+        with pytest.raises(RuntimeError, match=f"Cube.*: .* “{name}” that is not a selection"):
+            bpy.ops.ccdepth.select(depth=0)
+        assert holder.data.attributes[name].data_type == data_type

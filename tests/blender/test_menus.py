@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Found where people look: menus, search, and tooltips of the values that panels tell."""
+"""Found where people look: menus, search, the manual, and tooltips of the values that panels tell."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import pytest
 
 from tests.blender import addon, scene
 
-
-@pytest.mark.parametrize("menu", ["VIEW3D_MT_object", "VIEW3D_MT_edit_mesh"])
-def test_the_menu_is_in_blenders_menus_once(menu: str) -> None:
-    package = bpy.types.CCDEPTH_OT_compute.__module__.rpartition(".operators.")[0]
-    drawn = [draw.__module__ for draw in getattr(bpy.types, menu).draw._draw_funcs]
-    assert [name for name in drawn if name.startswith(f"{package}.")] == [f"{package}.ui.menus"]
+# The manual's sections of buttons and settings.
+SECTIONS = {
+    "bpy.ops.ccdepth.compute": "compute-depth",
+    "bpy.ops.ccdepth.subdivide": "adaptive-subdivision",
+    "bpy.ops.ccdepth.show_source": "results",
+    "bpy.types.scenesettings.relative_tolerance": "tolerance",
+}
 
 
 def test_the_menu_has_every_operator_that_people_start() -> None:
@@ -46,35 +47,19 @@ def test_tooltips_and_copies_of_values() -> None:
     assert bpy.ops.ccdepth.copy_value(value="5,800") == {"FINISHED"}
 
 
-@pytest.mark.parametrize(
-    ("button", "section"),
-    [
-        ("bpy.ops.ccdepth.compute", "compute-depth"),
-        ("bpy.ops.ccdepth.subdivide", "adaptive-subdivision"),
-        ("bpy.ops.ccdepth.show_source", "results"),
-        ("bpy.types.scenesettings.relative_tolerance", "tolerance"),
-    ],
-)
-def test_online_manual_of_a_button_is_our_own(button: str, section: str) -> None:
-    url = bpy.types.WM_OT_doc_view_manual._lookup_rna_url(button, verbose=False)
-    assert url.startswith("file://")
-    assert url.endswith(f"index.html#{section}")
-
-
-def test_the_button_opens_the_manual_and_its_tooltip_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    opened: list[str] = []
-    monkeypatch.setattr("webbrowser.open", opened.append)
-    assert bpy.ops.ccdepth.open_manual() == {"FINISHED"}
-    assert opened == [addon.module("ui.manual").PAGE.as_uri()]
-    assert "manual of CC Depth" in bpy.ops.ccdepth.open_manual.get_rna_type().description
-
-
-def test_every_section_is_in_the_manual() -> None:
-    manual = addon.module("ui.manual")
+@pytest.mark.every_blender
+def test_online_manual_of_a_button_is_our_own_and_has_every_section(monkeypatch: pytest.MonkeyPatch) -> None:
+    manual, opened = addon.module("ui.manual"), []
+    for button, section in SECTIONS.items():
+        url = bpy.types.WM_OT_doc_view_manual._lookup_rna_url(button, verbose=False)
+        assert url.startswith("file://")
+        assert url.endswith(f"index.html#{section}")
     page = manual.PAGE.read_text(encoding="utf-8")
     assert all(f'id="{section}"' in page for _, section in manual.SECTIONS)
-
-
-def test_the_preferences_belong_to_the_add_on() -> None:
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    assert bpy.ops.ccdepth.open_manual() == {"FINISHED"}
+    assert opened == [manual.PAGE.as_uri()]
+    assert "manual of CC Depth" in bpy.ops.ccdepth.open_manual.get_rna_type().description
+    # The preferences belong to the add-on.
     package = bpy.types.CCDEPTH_OT_compute.__module__.rpartition(".operators.")[0]
-    assert package.removesuffix(".ccdepth_addon") == addon.module("ui.manual").CCDEPTH_AP_preferences.bl_idname
+    assert package.removesuffix(".ccdepth_addon") == manual.CCDEPTH_AP_preferences.bl_idname
