@@ -7,21 +7,16 @@ from dataclasses import replace
 
 import bpy
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from ccdepth_addon.core import SubdividedMesh, apply_boundary_rule
 from tests import meshes, uniform
 from tests.blender import addon, scene
-from tests.blender.full_mesh import (
-    LEVEL,
-    Comparison,
-    compare,
-    counts,
-    read,
-    weights_of,
-    write,
-)
+from tests.blender.full_mesh import LEVEL, Comparison, compare, counts, read, weights_of, write
 from tests.blender.subdividing import shape, subdivide
+
+pytestmark = pytest.mark.every_blender
 
 
 def test_the_new_mesh_is_sound(comparison: Comparison) -> None:
@@ -35,10 +30,9 @@ def test_the_new_mesh_is_sound(comparison: Comparison) -> None:
 
 
 def test_materials_and_settings_stay(comparison: Comparison) -> None:
-    assert [material.name for material in comparison.mesh.materials] == ["Red", "Green", "Blue"]
-    assert comparison.mesh["custom"] == 12.5
-    assert comparison.mesh.use_mirror_x
-    assert comparison.mesh.remesh_voxel_size == 0.125
+    mesh = comparison.mesh
+    assert [material.name for material in mesh.materials] == ["Red", "Green", "Blue"]
+    assert (mesh["custom"], mesh.use_mirror_x, mesh.remesh_voxel_size) == (12.5, True, 0.125)
 
 
 def test_hidden_and_selected_parts_stay_whole() -> None:

@@ -14,6 +14,8 @@ from tests import meshes
 from tests.blender import addon, scene
 from tests.steps import result_of
 
+pytestmark = pytest.mark.every_blender
+
 TOLERANCE = 0.01
 
 

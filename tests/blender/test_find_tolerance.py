@@ -10,6 +10,7 @@ from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.subdividing import everything_in_the_file, faces, known_count, subdivide
 from tests.blender.updating import made_result, set_scene
+from tests.thorough import combinations
 
 
 def add_hills(name: str = "Hills") -> bpy.types.Object:
@@ -35,50 +36,49 @@ def made_with(tolerance: float, *objects: bpy.types.Object) -> int:
     return sum(faces(each) for each in made)
 
 
-@pytest.mark.parametrize("mode", ["RELATIVE", "ABSOLUTE"])
-@pytest.mark.parametrize("start", [1e-5, 1.0])
+@pytest.mark.parametrize(("mode", "start"), combinations(["RELATIVE", "ABSOLUTE"], [1e-5, 1.0]))
 def test_it_fits_and_a_finer_one_does_not(mode: str, start: float) -> None:
     """Whatever the tolerance was before."""
     set_scene(tolerance_mode=mode, tolerance=start, relative_tolerance=start)
     holder = add_hills()
-    tolerance = find(holder, face_budget=2000)
+    tolerance = find(holder, face_budget=800)
     counted = known_count(holder)
     assert counted.fitting is None
-    assert counted.faces == made_with(tolerance, holder) <= 2000
-    assert made_with(tolerance / 1.1, holder) > 2000
+    assert counted.faces == made_with(tolerance, holder) <= 800
+    assert made_with(tolerance / 1.1, holder) > 800
 
 
 def test_faces_of_several_objects_count_together() -> None:
     objects = [scene.add_object(meshes.cube(), "Cube"), add_hills()]
     objects[1].scale = (5.0, 5.0, 5.0)
-    tolerance = find(*objects, face_budget=3000)
-    assert 2500 < made_with(tolerance, *objects) <= 3000
+    tolerance = find(*objects, face_budget=1500)
+    assert 1250 < made_with(tolerance, *objects) <= 1500
 
 
 def test_settings_are_counted_in() -> None:
     holder = add_hills()
     set_scene(mode="PER_FACE", transitions="NGONS")
-    tolerance = find(holder, face_budget=2000)
-    assert made_with(tolerance, holder) <= 2000
-    assert made_with(tolerance / 1.1, holder) > 2000
+    tolerance = find(holder, face_budget=600)
+    assert made_with(tolerance, holder) <= 600
+    assert made_with(tolerance / 1.1, holder) > 600
 
 
 def test_for_a_result_it_is_found_for_its_update() -> None:
     _, result = made_result()
-    find(result, face_budget=2000)
+    find(result, face_budget=1000)
     assert bpy.ops.ccdepth.update() == {"FINISHED"}
-    assert 1500 < faces(result) <= 2000
+    assert 750 < faces(result) <= 1000
 
 
 def test_a_flat_mesh_gets_the_least_tolerance_that_is_taken() -> None:
     """It is curved along its boundary alone."""
-    holder = add_hills()
+    holder = scene.add_object(meshes.landscape(2, 2))
     for vertex in holder.data.vertices:
         vertex.co.z = 0.0
     holder.data.update()
-    tolerance = find(holder, face_budget=20_000)
+    tolerance = find(holder, face_budget=10_000)
     assert tolerance < 1e-4
-    assert made_with(tolerance, holder) <= 20_000
+    assert made_with(tolerance, holder) <= 10_000
 
 
 def test_too_few_faces_are_refused() -> None:

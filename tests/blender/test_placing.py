@@ -11,6 +11,8 @@ from tests.blender import addon, scene
 from tests.blender.subdividing import TOLERANCE, everything_in_the_file
 from tests.steps import result_of
 
+pytestmark = pytest.mark.every_blender
+
 
 def made_meshes(objects: list[bpy.types.Object]) -> tuple[object, object]:
     """Their results before they are placed, and the settings."""

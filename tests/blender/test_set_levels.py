@@ -12,6 +12,8 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene
 
+pytestmark = pytest.mark.every_blender
+
 TOLERANCE = 0.05
 
 

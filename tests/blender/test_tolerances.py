@@ -17,10 +17,10 @@ from tests.blender.updating import made_result, set_scene
 def test_a_refusal_offers_a_tolerance_that_fits(mode: str) -> None:
     settings = bpy.context.scene.ccdepth
     holder = scene.add_suzanne()
-    settings.tolerance_mode, settings.max_faces = mode, 20_000
+    settings.tolerance_mode, settings.max_faces = mode, 4_000
     settings.tolerance = settings.relative_tolerance = 1e-6
     addon.select(holder)
-    with pytest.raises(RuntimeError, match=r"20,000 are allowed; a tolerance of .* would fit"):
+    with pytest.raises(RuntimeError, match=r"4,000 are allowed; a tolerance of .* would fit"):
         bpy.ops.ccdepth.subdivide()
     bpy.context.view_layer.update()
     fitting = known_count(holder).fitting
@@ -29,19 +29,19 @@ def test_a_refusal_offers_a_tolerance_that_fits(mode: str) -> None:
     assert known_count(holder) is None
     assert other == (settings.relative_tolerance if mode == "ABSOLUTE" else settings.tolerance)
     assert bpy.ops.ccdepth.subdivide() == {"FINISHED"}
-    assert 5_000 < faces(bpy.context.active_object) <= 20_000
+    assert 1_000 < faces(bpy.context.active_object) <= 4_000
 
 
 def test_a_refused_update_offers_one_as_well() -> None:
     _, result = made_result()
-    set_scene(tolerance=1e-5, max_faces=20_000)
+    set_scene(tolerance=1e-5, max_faces=2_000)
     addon.select(result)
     with pytest.raises(RuntimeError, match="would fit"):
         bpy.ops.ccdepth.update()
     bpy.context.view_layer.update()
     bpy.ops.ccdepth.use_tolerance(tolerance=known_count(result).fitting)
     assert bpy.ops.ccdepth.update() == {"FINISHED"}
-    assert faces(result) <= 20_000
+    assert faces(result) <= 2_000
 
 
 def test_a_count_of_a_result_is_forgotten_when_its_source_changes() -> None:
@@ -75,6 +75,7 @@ def choose(path: str) -> None:
     bpy.ops.script.execute_preset(filepath=path, menu_idname="CCDEPTH_PT_tolerance_presets")
 
 
+@pytest.mark.every_blender
 def test_there_are_presets_from_coarse_to_fine() -> None:
     settings = bpy.context.scene.ccdepth
     found = presets()
@@ -97,6 +98,7 @@ def test_the_preset_for_printing_is_a_tenth_of_a_millimetre_in_any_unit(scale: f
     assert (settings.tolerance_mode, settings.tolerance) == ("ABSOLUTE", pytest.approx(tolerance))
 
 
+@pytest.mark.every_blender
 def test_presets_of_ones_own_are_added_and_removed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(bpy.utils, "user_resource", lambda *_, path="", **__: str(tmp_path / path))
     monkeypatch.setattr(bpy.utils, "preset_paths", lambda folder: [str(tmp_path / "presets" / folder)])

@@ -12,6 +12,8 @@ from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.subdividing import TOLERANCE, faces, known_count, subdivide
 
+pytestmark = pytest.mark.every_blender
+
 
 def folded_unless_flattened(data: meshes.MeshData, name: str = "Mesh") -> bpy.types.Object:
     """Flattened, the object is smooth where its mesh is folded, and Blender triangulates the mesh."""
