@@ -16,7 +16,8 @@ from ccdepth_addon.core.surface.patches import classify_patches
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.surface.stencils import LARGEST_STENCIL_VALENCE, Valences, by_valences
 from tests import meshes, soundness
-from tests.core.test_halves import triangles_of
+from tests.core.test_adaptive import drawn
+from tests.thorough import combinations
 
 COPIES = 8
 
@@ -75,18 +76,16 @@ def cut_torus() -> meshes.MeshData:
 
 ODD_MESHES: dict[str, Callable[[], meshes.MeshData]] = {
     "valences 3 and 5": lambda: meshes.trapezohedron(5),
-    "valences 3 and 9": lambda: meshes.trapezohedron(9),
     "triangles of any valences": cut_torus,
     "tetrahedra": meshes.tetrahedron,
-    "n-gons": lambda: meshes.cylinder(5),
     "valences 2 and 12": meshes.valences_two_and_twelve,
     "neighbours of 6, 3, 5 and 7": lambda: meshes.around_quad((6, 3, 5, 7)),
+    "valences 3 and 9": lambda: meshes.trapezohedron(9),
+    "n-gons": lambda: meshes.cylinder(5),
 }
 
 
-@pytest.mark.mathematics
-@pytest.mark.parametrize("noise", [0.02, 0.1])
-@pytest.mark.parametrize("name", ODD_MESHES)
+@pytest.mark.parametrize(("name", "noise"), combinations(ODD_MESHES, [0.1, 0.02]))
 def test_results_are_within_the_tolerance_where_many_quads_are_alike(name: str, noise: float) -> None:
     """As measured by ``measure_deviation``, which knows nothing of stencils of several corners."""
     data = ODD_MESHES[name]()
@@ -96,5 +95,5 @@ def test_results_are_within_the_tolerance_where_many_quads_are_alike(name: str, 
     request = AdaptiveRequest(limit, Mode.ADAPTIVE, Transitions.TRIANGLES, 400_000)
     found = subdivide_adaptively(mesh, request, mesh.positions)
     soundness.assert_sound(mesh, found.mesh)
-    measured = measure_deviation(mesh, found.mesh.positions, triangles_of(found), accuracy=0.05)
+    measured = measure_deviation(mesh, found.mesh.positions, drawn(found), accuracy=0.05)
     assert measured.reached <= float(found.bounds.max()) <= limit
