@@ -177,6 +177,10 @@ def from_an_earlier_version(holder: bpy.types.Object) -> None:
     holder.data.ccdepth.property_unset("uniform_level")
 
 
+def too_many_faces(_holder: bpy.types.Object) -> None:
+    bpy.context.scene.ccdepth.max_faces = 1000
+
+
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
@@ -186,6 +190,7 @@ def from_an_earlier_version(holder: bpy.types.Object) -> None:
         (changed, "its depths are out of date"),
         (made_larger, "its depths are out of date"),
         (too_deep, "it needs 12 levels, and a Subdivision Surface modifier has 11 at most"),
+        (too_many_faces, ".* faces, and the Face Limit is 1,000"),
     ],
 )
 def test_what_cannot_be_set_is_refused(spoil: Callable[[bpy.types.Object], None], message: str) -> None:
@@ -198,15 +203,6 @@ def test_what_cannot_be_set_is_refused(spoil: Callable[[bpy.types.Object], None]
         bpy.ops.ccdepth.set_levels()
     assert not good.modifiers
     assert not bad.modifiers
-
-
-def test_levels_that_make_too_many_faces_are_refused() -> None:
-    holder = scene.add_suzanne()
-    addon.compute(holder, tolerance=TOLERANCE)
-    bpy.context.scene.ccdepth.max_faces = 1000
-    with pytest.raises(RuntimeError, match="faces, and the Face Limit is 1,000"):
-        bpy.ops.ccdepth.set_levels()
-    assert not holder.modifiers
 
 
 def test_a_duplicate_that_was_not_measured_is_refused() -> None:
