@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -11,7 +13,7 @@ from ccdepth_addon.core.depth import pose_depths as depth_search
 from ccdepth_addon.core.depth.common_level import common_level
 from ccdepth_addon.core.depth.face_depths import (
     METHODS,
-    VERTICES,
+    DepthResult,
     ToleranceError,
     check_pose,
     face_depths,
@@ -28,18 +30,10 @@ from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from tests import meshes
 from tests.brute_force import Levels
-from tests.core.test_face_depths import AWKWARD, build, every_method
-from tests.level_nets import worse_later
+from tests.core.test_face_depths import AWKWARD, LEVELS, both_vertices, build, every_method
+from tests.core.test_uniform_level import EPSILON, NAMES, ROUNDING, grid_counter_example
 
-both_vertices = pytest.mark.parametrize("vertices", VERTICES)
-
-NAMES = ["triangles and quads", "valences 2 and 12", "landscape with random creases", "soup"]
-
-# Brute force looks at these levels.
-LEVELS = 4
-
-# Sampled distances are true ones up to rounding in double precision, at coordinates of some ten.
-ROUNDING = 1e-12
+every_name = pytest.mark.parametrize("name", NAMES)
 
 # Single poses are bounded without scaling them by the tolerance, which rounds otherwise.
 SCALING = 1e-9
@@ -58,19 +52,24 @@ def posed(mesh: PolygonMesh, count: int, tolerance: float, *, jumps: bool = Fals
     return poses
 
 
+def posed_landscape(side: int, count: int, tolerance: float) -> list[Pose]:
+    return posed(build(meshes.landscape(side, side)), count, tolerance)
+
+
 def pose_of(mesh: PolygonMesh, positions: FloatArray, tolerance: float) -> Pose:
     return Pose(lambda: mesh.changed(positions=positions), tolerance)
 
 
-def singles(poses: list[Pose], method: str, vertices: str) -> list[object]:
+def singles(poses: list[Pose], method: str, vertices: str) -> list[DepthResult]:
     return [face_depths(pose.make(), pose.tolerance, method, vertices) for pose in poses]
 
 
 @pytest.mark.parametrize("jumps", [False, True])
-@pytest.mark.parametrize("name", NAMES)
+@every_name
 @every_method
 @both_vertices
 def test_the_depths_are_the_deepest_of_single_poses(name: str, method: str, vertices: str, jumps: bool) -> None:
+    """And the common level holds in every pose."""
     mesh = build(AWKWARD[name](), smooth_corners=False)
     poses = posed(mesh, 11, 0.5, jumps=jumps)
     found = pose_depths(poses, method, vertices)
@@ -86,69 +85,54 @@ def test_the_depths_are_the_deepest_of_single_poses(name: str, method: str, vert
     exact = np.any([each.exact & (each.depths == found.depths) for each in alone], axis=0)
     assert np.all(exact | ~found.exact)
     assert np.all(found.bounds <= max(pose.tolerance for pose in poses))
+    if jumps:
+        return
+    level = common_level(poses, method, vertices, found)
+    least = max(uniform_level(pose.make(), pose.tolerance, method, vertices) for pose in poses)
+    # No face needs a level that none of the poses needs, but where one is not enough after another.
+    assert max(least - 1, found.depths.max()) <= level <= max(least, found.depths.max()) + 1
+    if method == "CERTIFIED" and level < LEVELS:
+        for pose in poses:
+            assert np.all(Levels(pose.make()).distances(level, vertices, 2) <= pose.tolerance + ROUNDING)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@every_name
 @both_vertices
 def test_no_face_is_farther_in_any_pose_than_proved(name: str, vertices: str) -> None:
-    mesh = build(AWKWARD[name](), smooth_corners=False)
-    poses = posed(mesh, 11, 1.0)
+    poses = posed(build(AWKWARD[name](), smooth_corners=False), 11, 1.0)
     levels = [Levels(pose.make()) for pose in poses]
+    sampled = [np.max([each.distances(level, vertices, 2) for each in levels], axis=0) for level in range(LEVELS)]
     for method in METHODS:
         found = pose_depths(poses, method, vertices)
         for level in range(LEVELS):
             at = found.depths == level
-            for each in levels if np.any(at) else ():
-                distances = each.distances(level, vertices, 2)
-                assert np.all(distances[at] <= found.bounds[at] + ROUNDING)
+            assert np.all(sampled[level][at] <= found.bounds[at] + ROUNDING)
 
 
 def test_poses_between_key_poses_are_tested_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Heights grow evenly, so only the last pose, a key pose, makes faces deeper."""
-    mesh = build(meshes.landscape(6, 6), smooth_corners=True)
+    mesh = build(meshes.landscape(6, 6))
     growth = mesh.positions * [0.0, 0.0, 1.0]
     poses = [pose_of(mesh, mesh.positions + number / 4 * growth, 0.05) for number in range(POSES_BY_A_KEY)]
-    alone = [face_depths(pose.make(), pose.tolerance, "CERTIFIED", "CONTROL").depths for pose in (poses[0], poses[-1])]
+    first, last = (each.depths for each in singles([poses[0], poses[-1]], "CERTIFIED", "CONTROL"))
     monkeypatch.delattr(depth_search._PoseSearch, "_test")
-    found = pose_depths(poses, "CERTIFIED", "CONTROL")
-    np.testing.assert_array_equal(found.depths, alone[1])
-    assert np.any(alone[0] < alone[1])
+    np.testing.assert_array_equal(pose_depths(poses, "CERTIFIED", "CONTROL").depths, last)
+    assert np.any(first < last)
 
 
 @both_vertices
 def test_bounds_are_those_of_single_poses_where_a_pose_is_alone(vertices: str) -> None:
-    mesh = build(meshes.landscape(8, 8), smooth_corners=True)
-    [pose] = posed(mesh, 1, 0.05)
-    found, alone = pose_depths([pose], "CERTIFIED", vertices), face_depths(mesh, 0.05, "CERTIFIED", vertices)
+    [pose] = poses = posed_landscape(8, 1, 0.05)
+    found, [alone] = pose_depths(poses, "CERTIFIED", vertices), singles(poses, "CERTIFIED", vertices)
     for name in ("depths", "bounds", "exact"):
         np.testing.assert_array_equal(getattr(found, name), getattr(alone, name))
-    assert common_level([pose], "CERTIFIED", vertices, found) == uniform_level(mesh, 0.05, "CERTIFIED", vertices)
+    assert common_level(poses, "CERTIFIED", vertices, found) == uniform_level(pose.make(), 0.05, "CERTIFIED", vertices)
 
 
-@pytest.mark.parametrize("name", NAMES)
-@every_method
-@both_vertices
-def test_the_common_level_holds_in_every_pose(name: str, method: str, vertices: str) -> None:
-    mesh = build(AWKWARD[name](), smooth_corners=False)
-    poses = posed(mesh, 10, 0.5)
-    found = pose_depths(poses, method, vertices)
-    level = common_level(poses, method, vertices, found)
-    least = max(uniform_level(pose.make(), pose.tolerance, method, vertices) for pose in poses)
-    assert level >= found.depths.max()
-    assert level >= least - 1
-    # No face needs a level that none of the poses needs, but where one is not enough after another.
-    assert level <= max(least, int(found.depths.max())) + 1
-    if method == "CERTIFIED":
-        for pose in poses:
-            distances = Levels(pose.make()).distances(level, vertices, 2) if level < LEVELS else np.zeros(1)
-            assert np.all(distances <= pose.tolerance + ROUNDING)
-
-
-@pytest.mark.parametrize("name", NAMES)
+@every_name
 @both_vertices
 def test_the_worst_pose_alone_has_the_deepest_depth(name: str, vertices: str) -> None:
-    mesh = build(AWKWARD[name](), smooth_corners=False)
-    poses = posed(mesh, 12, 0.5, jumps=True)
+    poses = posed(build(AWKWARD[name](), smooth_corners=False), 12, 0.5, jumps=True)
     found = pose_depths(poses, "CERTIFIED", vertices)
     worst = worst_pose(poses, "CERTIFIED", vertices, found)
     assert worst.depth == found.depths.max()
@@ -156,67 +140,58 @@ def test_the_worst_pose_alone_has_the_deepest_depth(name: str, vertices: str) ->
     for pose, alone in zip(poses, singles(poses, "CERTIFIED", vertices), strict=True):
         deepest = (alone.depths == worst.depth) & (found.depths == worst.depth)
         shares.append(np.max(alone.bounds[deepest] / pose.tolerance, initial=-np.inf))
-    assert shares[worst.pose] == pytest.approx(max(shares), rel=SCALING)
-    assert worst.share == pytest.approx(max(shares), rel=SCALING)
+    assert [shares[worst.pose], worst.share] == pytest.approx([max(shares)] * 2, rel=SCALING)
 
 
 def test_of_poses_alike_the_first_is_the_worst() -> None:
-    mesh = build(meshes.landscape(4, 4), smooth_corners=True)
-    poses = [pose_of(mesh, mesh.positions, 0.05)] * 5
+    poses = posed_landscape(4, 1, 0.05) * 5
     assert worst_pose(poses, "CERTIFIED", "CONTROL", pose_depths(poses, "CERTIFIED", "CONTROL")).pose == 0
 
 
 def test_bounds_are_lengths_in_the_pose_where_they_are_longest() -> None:
     """The same shape four times as large, with a tolerance as much larger: in units of that nothing has moved."""
-    mesh = build(meshes.landscape(4, 4), smooth_corners=True)
+    mesh = build(meshes.landscape(4, 4))
     poses = [pose_of(mesh, mesh.positions, 0.05), pose_of(mesh, 4 * mesh.positions, 0.2)]
     alone = face_depths(mesh, 0.05, "CERTIFIED", "CONTROL")
+    levels = Levels(mesh.changed(positions=4 * mesh.positions))
+    distances = np.array([levels.distances(level, "CONTROL", 2) for level in range(LEVELS)])
     for order in (poses, poses[::-1], [poses[0], *poses]):
         found = pose_depths(order, "CERTIFIED", "CONTROL")
         np.testing.assert_array_equal(found.depths, alone.depths)
         np.testing.assert_allclose(found.bounds, 4 * alone.bounds, rtol=SCALING)
-        for pose in order:
-            at_depth = [Levels(pose.make()).distances(level, "CONTROL", 2) for level in range(LEVELS)]
-            shallow = found.depths < LEVELS
-            distances = np.array(at_depth)[np.minimum(found.depths, LEVELS - 1), np.arange(mesh.face_count)]
-            assert np.all(distances[shallow] <= found.bounds[shallow] + ROUNDING)
+        shallow = np.flatnonzero(found.depths < LEVELS)
+        assert np.all(distances[found.depths[shallow], shallow] <= found.bounds[shallow] + ROUNDING)
 
 
 def test_a_level_is_not_enough_because_an_earlier_one_is() -> None:
     """In one pose the middle face of 3 × 3 is near enough at levels 0 and 3 alone, and another one needs level 1."""
-    grid, tolerance = meshes.grid(3, 3), 1.1
-    tilted = worse_later(grid, 4, "CONTROL", tolerance, 1, others_near=False)
-    mesh = build(grid, smooth_corners=False)
-    heights = tilted.positions - grid.positions
-    # The program knew level 0 at some places only; distances go with the heights, the grid itself being even and flat.
-    whole = mesh.changed(positions=grid.positions + heights)
-    share = 1.07 / Levels(whole).distances(0, "CONTROL", 5)[4]
-    odd = pose_of(mesh, grid.positions + share * heights, tolerance)
-    bump = np.zeros_like(grid.positions)
+    whole = grid_counter_example()
+    grid = meshes.grid(3, 3).positions
+    odd = pose_of(whole, whole.positions, EPSILON)
+    bump = np.zeros_like(grid)
     bump[5, 2] = 1.0
-    scale = 2.0 * tolerance / Levels(mesh.changed(positions=grid.positions + bump)).distances(0, "CONTROL", 3)[4]
-    plain = pose_of(mesh, grid.positions + scale * bump, tolerance)
+    scale = 2.0 * EPSILON / Levels(whole.changed(positions=grid + bump)).distances(0, "CONTROL", 3)[4]
+    plain = pose_of(whole, grid + scale * bump, EPSILON)
     assert [int(each.depths[4]) for each in singles([odd, plain], "CERTIFIED", "CONTROL")] == [0, 1]
+    distances = [Levels(pose.make()).distances(3, "CONTROL", 4)[4] for pose in (odd, plain)]
     for poses in ([odd, plain], [plain, odd], [odd, odd, plain, odd]):
         found = pose_depths(poses, "CERTIFIED", "CONTROL")
         assert found.depths[4] == 3
         assert not found.exact[4]
-        for pose in poses:
-            assert Levels(pose.make()).distances(3, "CONTROL", 4)[4] <= found.bounds[4] + ROUNDING <= tolerance
+        assert max(distances) <= found.bounds[4] + ROUNDING <= EPSILON
         assert common_level(poses, "CERTIFIED", "CONTROL", found) >= 3
 
 
 @every_method
 def test_no_lesser_depths_than_the_floors(method: str) -> None:
-    mesh = build(meshes.landscape(6, 6), smooth_corners=True)
-    poses = posed(mesh, 5, 0.1)
+    poses = posed_landscape(6, 5, 0.1)
     found = pose_depths(poses, method, "CONTROL")
-    floors = np.zeros(mesh.face_count, dtype=np.int32)
+    floors = np.zeros_like(found.depths)
     floors[::3] = found.depths[::3] + 1
     raised = raised_depths(poses, method, "CONTROL", found, floors)
     assert np.all(raised.depths >= np.maximum(found.depths, floors))
     same = raised.depths == found.depths
-    assert np.count_nonzero(~same) >= mesh.face_count // 3
+    assert np.count_nonzero(~same) >= len(same) // 3
     np.testing.assert_array_equal(raised.bounds[same], found.bounds[same])
     for level in np.unique(raised.depths).tolist():
         for pose in poses:
@@ -226,33 +201,27 @@ def test_no_lesser_depths_than_the_floors(method: str) -> None:
 
 
 def test_progress_rises_and_stops() -> None:
-    mesh = build(meshes.landscape(12, 12), smooth_corners=True)
-    poses = posed(mesh, 40, 0.05)
+    poses = posed_landscape(12, 40, 0.05)
     fractions: list[float] = []
     pose_depths(poses, "CERTIFIED", "CONTROL", fractions.append)
-    assert fractions == sorted(fractions)
-    assert fractions[0] >= 0
-    assert fractions[-1] <= 1
+    assert all(one <= other for one, other in pairwise([0, *fractions, 1]))
     assert len(set(fractions)) > 10
-
-    class StopError(Exception):
-        pass
 
     def stop(fraction: float) -> None:
         if fraction > 0.5:
-            raise StopError
+            raise LookupError
 
-    with pytest.raises(StopError):
+    with pytest.raises(LookupError):
         pose_depths(poses, "CERTIFIED", "CONTROL", stop)
 
 
 def test_poses_are_checked() -> None:
-    mesh = build(meshes.landscape(3, 3), smooth_corners=True)
+    mesh = build(meshes.landscape(3, 3))
     check_pose(mesh, 0.1)
-    for value, message in ((np.nan, "finite"), (np.inf, "finite")):
+    for value in (np.nan, np.inf):
         positions = mesh.positions.copy()
         positions[0, 0] = value
-        with pytest.raises(InvalidMeshError, match=message):
+        with pytest.raises(InvalidMeshError, match="finite"):
             check_pose(mesh.changed(positions=positions), 0.1)
     with pytest.raises(InvalidMeshError, match="one point"):
         check_pose(mesh.changed(positions=np.zeros_like(mesh.positions)), 0.1)
@@ -260,18 +229,15 @@ def test_poses_are_checked() -> None:
         check_pose(mesh, 1e-12)
 
 
-@pytest.mark.parametrize("name", NAMES)
+@every_name
 def test_copies_side_by_side_are_subdivided_like_one(name: str) -> None:
     mesh = build(AWKWARD[name](), smooth_corners=False)
     one, three = subdivide(mesh).mesh, subdivide(side_by_side(mesh, 3)).mesh
-    facets = one.positions[one.corner_vertices]
-    np.testing.assert_allclose(
-        three.positions[three.corner_vertices].reshape(3, -1, 3),
-        np.broadcast_to(facets, (3, *facets.shape)),
-        atol=1e-13,
-    )
+    facets, expected = three.positions[three.corner_vertices], one.positions[one.corner_vertices]
+    # The copies are the same but for the order of sums, at coordinates of some ten.
+    np.testing.assert_allclose(facets, np.tile(expected, (3, 1)), atol=1e-13)
     np.testing.assert_array_equal(three.face_sizes, np.tile(one.face_sizes, 3))
-    np.testing.assert_array_equal(three.edge_face_counts.sum(), 3 * one.edge_face_counts.sum())
+    assert three.edge_face_counts.sum() == 3 * one.edge_face_counts.sum()
 
 
 @pytest.mark.parametrize("count", [1, 2, 11, 12, 13, 19, 99, 1000])
@@ -280,5 +246,4 @@ def test_key_poses_are_as_few_as_allowed_and_the_last_is_one(count: int) -> None
     steps = np.diff([0, *places])
     assert places[-1] == count
     assert len(places) == -(-count // POSES_BY_A_KEY)
-    assert steps.min() >= 1
-    assert steps.max() <= POSES_BY_A_KEY
+    assert 1 <= steps.min() <= steps.max() <= POSES_BY_A_KEY

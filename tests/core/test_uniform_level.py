@@ -8,28 +8,16 @@ from functools import cache
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import PATCH_METHODS, Method, Vertices
-from ccdepth_addon.core.depth.face_depths import (
-    METHODS,
-    VERTICES,
-    ToleranceError,
-    face_depths,
-    level_bounds,
-    uniform_level,
-)
+from ccdepth_addon.core.depth.face_depths import METHODS, ToleranceError, face_depths, level_bounds, uniform_level
 from ccdepth_addon.core.depth.modifier_quality import MOST_QUALITY, needed_quality, unmet_corners
 from ccdepth_addon.core.depth.norm_depth import bounds_fall
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches
 from tests import meshes
 from tests.brute_force import Levels
-from tests.core.test_face_depths import AWKWARD, build, every_method
+from tests.core.test_face_depths import AWKWARD, LEVELS, both_vertices, build, every_method, sampled
 from tests.level_nets import worse_later
-
-both_vertices = pytest.mark.parametrize("vertices", VERTICES)
-
-LEVELS = 4
 
 # Sampled distances are true ones up to rounding in double precision, at coordinates of some ten.
 ROUNDING = 1e-12
@@ -37,55 +25,41 @@ ROUNDING = 1e-12
 NAMES = ["triangles and quads", "valences 2 and 12", "landscape with random creases", "soup"]
 
 
-@cache
-def sampled(name: str, vertices: str) -> tuple[PolygonMesh, FloatArray]:
-    """The mesh, and (levels, F) distances by brute force."""
-    mesh = build(AWKWARD[name](), smooth_corners=False)
-    levels = Levels(mesh)
-    return mesh, np.array([levels.distances(level, vertices, 2) for level in range(LEVELS)])
-
-
 @pytest.mark.parametrize("name", NAMES)
 @every_method
 @both_vertices
-def test_no_face_is_farther_at_any_level_than_proved(name: str, method: str, vertices: str) -> None:
+def test_faces_are_near_enough_where_that_is_proved(name: str, method: str, vertices: str) -> None:
+    """At any level, at the uniform level, and lasting ones at every later level."""
     mesh, distances = sampled(name, vertices)
     proved = 0
-    for tolerance in (0.5, 0.1):
-        depths = face_depths(mesh, tolerance, method, vertices).depths
+    for tolerance in (2.0, 0.5, 0.1):
+        found = face_depths(mesh, tolerance, method, vertices)
         for level in range(LEVELS):
             bounds = level_bounds(mesh, tolerance, method, vertices, level)
             assert np.all(distances[level] <= bounds + ROUNDING)
             assert np.all((bounds <= tolerance) | np.isinf(bounds))
-            assert np.all(np.isfinite(bounds[depths == level]))
-            proved += np.count_nonzero(np.isfinite(bounds) & (depths != level))
+            assert np.all(np.isfinite(bounds[found.depths == level]))
+            proved += np.count_nonzero(np.isfinite(bounds) & (found.depths != level))
+            due = found.lasting & (found.depths <= level)
+            assert np.all(distances[level][due] <= tolerance)
+            assert np.all(np.isfinite(bounds[due]))
+        level = uniform_level(mesh, tolerance, method, vertices)
+        assert level >= found.depths.max()
+        assert level >= LEVELS or np.all(distances[level] <= tolerance)
     # The methods by norms are too coarse for some of these meshes to prove more at these levels.
     assert proved or method != "CERTIFIED"
 
 
 @pytest.mark.parametrize("name", NAMES)
 @every_method
-@both_vertices
-def test_all_faces_are_near_enough_at_the_uniform_level(name: str, method: str, vertices: str) -> None:
-    mesh, distances = sampled(name, vertices)
-    for tolerance in (2.0, 0.5):
-        level = uniform_level(mesh, tolerance, method, vertices)
-        assert level >= face_depths(mesh, tolerance, method, vertices).depths.max()
-        if level < LEVELS:
-            assert np.all(distances[level] <= tolerance)
-
-
-@pytest.mark.parametrize("name", NAMES)
-@every_method
-@both_vertices
-def test_lasting_faces_are_near_enough_at_every_later_level(name: str, method: str, vertices: str) -> None:
-    mesh, distances = sampled(name, vertices)
-    for tolerance in (2.0, 0.5, 0.1):
-        found = face_depths(mesh, tolerance, method, vertices)
-        for level in range(LEVELS):
-            due = found.lasting & (found.depths <= level)
-            assert np.all(distances[level][due] <= tolerance)
-            assert np.all(np.isfinite(level_bounds(mesh, tolerance, method, vertices, level)[due]))
+@pytest.mark.parametrize("tolerance", [2.0, 0.5, 0.1, 0.02])
+def test_the_uniform_level_is_the_first_with_bounds_of_all_faces(name: str, method: str, tolerance: float) -> None:
+    """Whatever is not evaluated again would have been found to hold."""
+    mesh = build(AWKWARD[name](), smooth_corners=False)
+    found = uniform_level(mesh, tolerance, method, "CONTROL")
+    depths = face_depths(mesh, tolerance, method, "CONTROL").depths
+    for level in range(int(depths.max()), found + 1):
+        assert np.isfinite(level_bounds(mesh, tolerance, method, "CONTROL", level)).all() == (level == found)
 
 
 @every_method
@@ -108,13 +82,23 @@ EPSILON = 1.1
 
 
 @cache
-def torus_counter_example() -> meshes.MeshData:
-    return worse_later(meshes.torus(5, 5), 12, "LIMIT", EPSILON, 1, others_near=True)
+def torus_counter_example() -> PolygonMesh:
+    return build(worse_later(meshes.torus(5, 5), 12, "LIMIT", EPSILON, 1, others_near=True))
+
+
+@cache
+def grid_counter_example() -> PolygonMesh:
+    """3 × 3 faces. The middle one is near enough at levels 0 and 3, and not between."""
+    flat = meshes.grid(3, 3)
+    mesh = build(worse_later(flat, 4, "CONTROL", EPSILON, 1, others_near=False), smooth_corners=False)
+    # The program knew level 0 at some places only; distances go with the heights, the grid itself being even and flat.
+    share = 1.07 / Levels(mesh).distances(0, "CONTROL", 5)[4]
+    return mesh.changed(positions=flat.positions + share * (mesh.positions - flat.positions))
 
 
 def test_the_deepest_depth_is_not_enough_for_all_faces() -> None:
     """On a torus a face of depth 0 is off at level 1, which is the deepest depth: level 2 it has to be."""
-    mesh = build(torus_counter_example())
+    mesh = torus_counter_example()
     levels = Levels(mesh)
     distances = [levels.distances(level, "LIMIT", 4) for level in range(3)]
     assert distances[0][12] <= EPSILON < 1.1 * EPSILON < distances[1][12]
@@ -128,11 +112,7 @@ def test_the_deepest_depth_is_not_enough_for_all_faces() -> None:
 
 def test_a_face_may_be_farther_at_the_next_two_levels() -> None:
     """The middle face of 3 × 3, whose depth is 0, is off at level 1 by several times the tolerance, and at level 2."""
-    found = worse_later(meshes.grid(3, 3), 4, "CONTROL", EPSILON, 1, others_near=False)
-    flat, mesh = meshes.grid(3, 3), build(found, smooth_corners=False)
-    # The program knew level 0 at some places only; distances go with the heights, the grid itself being even and flat.
-    share = 1.07 / Levels(mesh).distances(0, "CONTROL", 5)[4]
-    mesh = mesh.changed(positions=flat.positions + share * (found.positions - flat.positions))
+    mesh = grid_counter_example()
     levels = Levels(mesh)
     distances = [levels.distances(level, "CONTROL", 4)[4] for level in range(4)]
     assert distances[0] <= EPSILON
@@ -143,64 +123,39 @@ def test_a_face_may_be_farther_at_the_next_two_levels() -> None:
     assert np.isfinite(bounds).tolist() == [True, False, False, True]
 
 
-@every_method
-def test_no_level_below_the_least_one_is_returned(method: str) -> None:
-    mesh = build(AWKWARD["cylinder"]())
-    depths = face_depths(mesh, 0.1, method, "LIMIT").depths
-    least = int(depths.max()) + 2
-    assert uniform_level(mesh, 0.1, method, "LIMIT", depths, least) == least
-
-
-@pytest.mark.parametrize("name", NAMES)
-@every_method
-@pytest.mark.parametrize("tolerance", [2.0, 0.5, 0.1, 0.02])
-def test_the_uniform_level_is_the_first_with_bounds_of_all_faces(name: str, method: str, tolerance: float) -> None:
-    """Whatever is not evaluated again would have been found to hold."""
-    mesh = build(AWKWARD[name](), smooth_corners=False)
-    found = uniform_level(mesh, tolerance, method, "CONTROL")
-    deepest = int(face_depths(mesh, tolerance, method, "CONTROL").depths.max())
-    for level in range(deepest, found + 1):
-        assert np.isfinite(level_bounds(mesh, tolerance, method, "CONTROL", level)).all() == (level == found)
-
-
-VALENCES = [3, *range(5, 130), 400, 401, 1000, 5000]
-
-
 @pytest.mark.parametrize("method", ["SHARP", "SECOND_ORDER", "FIRST_ORDER"])
 @both_vertices
 def test_bounds_that_are_said_to_fall_do(method: str, vertices: str) -> None:
     generator, rules = np.random.default_rng(5), PATCH_METHODS[Method(method)]
     bounds = [rules.regular(generator.normal(size=(4, 4, 8, 3)), Vertices(vertices))]
     if method != "SHARP":
-        nets = (generator.normal(size=(2 * valence + 8, 8, 3)) for valence in VALENCES)
+        nets = (generator.normal(size=(2 * n + 8, 8, 3)) for n in [3, *range(5, 130), 400, 401, 1000, 5000])
         bounds += [rules.extraordinary(net, Vertices(vertices)) for net in nets]
     for each in bounds:
         assert np.all(np.diff([each.at(level) for level in range(60)], axis=0) <= 0)
 
 
 def test_which_bounds_fall() -> None:
-    mesh = build(AWKWARD["valences 2 and 12"](), smooth_corners=False)
-    patches = classify_patches(mesh)
+    patches = classify_patches(build(AWKWARD["valences 2 and 12"](), smooth_corners=False))
     kinds = patches.kinds
     assert set(kinds.tolist()) == {PatchKind.REGULAR, PatchKind.EXTRAORDINARY, PatchKind.IRREGULAR}
     for method, rules in PATCH_METHODS.items():
-        falls = bounds_fall(patches, rules)
-        falling = {kind for kind in PatchKind if falls[kinds == kind].any()}
-        assert all(falls[kinds == kind].all() for kind in falling)
-        sharp = {PatchKind.REGULAR}
-        assert falling == (sharp if method is Method.SHARP else {PatchKind.REGULAR, PatchKind.EXTRAORDINARY})
+        expected = [PatchKind.REGULAR] if method is Method.SHARP else [PatchKind.REGULAR, PatchKind.EXTRAORDINARY]
+        np.testing.assert_array_equal(bounds_fall(patches, rules), np.isin(kinds, expected))
 
 
 @every_method
 @both_vertices
 def test_progress_rises_over_several_levels(method: str, vertices: str) -> None:
-    for mesh in (build(torus_counter_example()), build(AWKWARD["soup"](), smooth_corners=False)):
+    for mesh in (torus_counter_example(), build(AWKWARD["soup"](), smooth_corners=False)):
         depths = face_depths(mesh, EPSILON, method, vertices).depths
         fractions: list[float] = []
         uniform_level(mesh, EPSILON, method, vertices, depths, progress=fractions.append)
         assert fractions == sorted(fractions)
         assert fractions[0] >= 0
         assert fractions[-1] < 1
+        least = int(depths.max()) + 2
+        assert uniform_level(mesh, EPSILON, method, vertices, depths, least) == least
 
 
 def test_limit_vertices_take_a_level_at_least() -> None:
@@ -225,11 +180,11 @@ def test_quality_reaches_the_level_and_the_end_of_the_sharpness(crease: float, s
 
 def test_corners_of_an_open_mesh_need_more() -> None:
     """A smooth corner of one face is off by a sixth of its second difference, and a quarter of that with each level."""
-    flat = meshes.grid(3, 3)
-    unmet = unmet_corners(build(flat, smooth_corners=True))
-    assert set(build(flat).corner_vertices[unmet.corners].tolist()) == {0, 3, 12, 15}
+    smooth, kept = (build(meshes.grid(3, 3), smooth_corners=smooth) for smooth in (True, False))
+    unmet = unmet_corners(smooth)
+    assert set(smooth.corner_vertices[unmet.corners].tolist()) == {0, 3, 12, 15}
     # 2V - V₋₁ - V₁ is (1, 1) at the corner.
     np.testing.assert_allclose(unmet.gaps, np.sqrt(2) / 6 * 0.25 ** np.arange(MOST_QUALITY + 1), rtol=1e-9)
-    assert needed_quality(build(flat, smooth_corners=True), 1, 0.01) == 6
-    assert needed_quality(build(flat, smooth_corners=False), 1, 0.01) == 1
-    assert needed_quality(build(flat, smooth_corners=True), 1, 1e-7) > MOST_QUALITY
+    assert needed_quality(smooth, 1, 0.01) == 6
+    assert needed_quality(kept, 1, 0.01) == 1
+    assert needed_quality(smooth, 1, 1e-7) > MOST_QUALITY
