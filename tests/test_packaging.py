@@ -63,12 +63,10 @@ def test_nothing_but_the_add_on_is_packed(manifest: dict[str, Any]) -> None:
     assert packed == PACKED
 
 
-def test_the_page_about_the_core_is_made_from_its_docstrings() -> None:
-    subprocess.run([sys.executable, "scripts/api_docs.py", "--check"], cwd=CHECKOUT, check=True, timeout=60)
-
-
-def test_the_manual_is_made_from_its_source() -> None:
-    subprocess.run([sys.executable, "scripts/manual_page.py", "--check"], cwd=CHECKOUT, check=True, timeout=60)
+@pytest.mark.parametrize("script", ["api_docs.py", "manual_page.py"])
+def test_pages_that_are_made_are_those_that_their_sources_make(script: str) -> None:
+    """The page about the core is made from its docstrings, and the manual from its own source."""
+    subprocess.run([sys.executable, f"scripts/{script}", "--check"], cwd=CHECKOUT, check=True, timeout=60)
 
 
 def test_the_manual_has_its_pictures_and_links() -> None:

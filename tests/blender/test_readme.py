@@ -7,7 +7,6 @@ import re
 from pathlib import Path
 
 import bpy
-import pytest
 
 from tests.blender import addon, scene
 
@@ -17,23 +16,16 @@ README = Path(__file__).resolve().parent.parent.parent / "README.md"
 TOLERANCE = 1e-3
 
 
-@pytest.fixture(scope="module")
-def numbers_of_faces() -> list[int]:
+def test_numbers_of_faces_are_what_is_made() -> None:
     """With subdivision levels, with CC Depth, in the picture of both, and with the limit surface, in README's order."""
     text = re.sub(r"\s+", " ", README.read_text(encoding="utf-8"))
-    return [int(number.replace(",", "")) for number in re.findall(r"([\d,]+)(?: faces| with CC Depth)", text)]
-
-
-def test_the_levels_it_compares_with_are_those_that_are_set(numbers_of_faces: list[int]) -> None:
+    found = re.findall(r"([\d,]+)(?: faces| with CC Depth)", text)
     suzanne = scene.add_suzanne()
-    for vertices, faces in (("CONTROL", numbers_of_faces[0]), ("LIMIT", numbers_of_faces[-1])):
+    uniform = []
+    for vertices in ("CONTROL", "LIMIT"):
         addon.compute(suzanne, tolerance=TOLERANCE, tolerance_mode="RELATIVE", vertices=vertices, method="CERTIFIED")
         # Of a triangle three quads are made first, of a quad four, and of each of these four at every later level.
-        assert faces == len(suzanne.data.loops) * 4 ** (suzanne.data.ccdepth.uniform_level - 1)
-
-
-def test_adaptive_subdivision_makes_as_many_as_it_says(numbers_of_faces: list[int]) -> None:
-    addon.select(scene.add_suzanne())
+        uniform.append(len(suzanne.data.loops) * 4 ** (suzanne.data.ccdepth.uniform_level - 1))
     bpy.ops.ccdepth.subdivide(tolerance=TOLERANCE, tolerance_mode="RELATIVE", output="IN_PLACE")
     made = len(bpy.context.object.data.polygons)
-    assert numbers_of_faces == [numbers_of_faces[0], made, numbers_of_faces[0], made, numbers_of_faces[-1]]
+    assert [int(number.replace(",", "")) for number in found] == [uniform[0], made, uniform[0], made, uniform[1]]
