@@ -15,6 +15,8 @@ from ccdepth_addon.core.arrays.types import FloatArray
 
 Triangle = tuple[int, int, int]
 
+IDENTITY = np.eye(3)
+
 # Steps along a side where a facet or a triangle is sampled.
 STEPS = 6
 
@@ -41,9 +43,9 @@ class Loop:
         centroid = np.broadcast_to(self.corners.mean(axis=0), self.corners.shape)
         return np.stack([self.corners, self.middles, centroid, np.roll(self.middles, 1, axis=0)])
 
-    def thickness(self) -> tuple[float, FloatArray]:
-        """As the core has it, where Blender sees it in the same space; and the normal."""
-        [thickness] = polygon_thickness(self.facets, self.bent, np.array([0]), np.eye(3))
+    def thickness(self, axes: FloatArray = IDENTITY) -> tuple[float, FloatArray]:
+        """As the core has it, where Blender sees it in the same space or in that of the axes; and the normal."""
+        [thickness] = polygon_thickness(self.facets, self.bent, np.array([0]), axes)
         return float(thickness), self.normal()
 
     def dent(self, normal: FloatArray) -> float:

@@ -10,11 +10,17 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from ccdepth_addon.core.adaptive.leaf_bounds.polygon_bounds import polygon_thickness, thickness_of_quads
+from ccdepth_addon.core.adaptive.leaf_bounds.polygon_bounds import (
+    HEIGHT_ROUNDING,
+    is_folded,
+    polygon_thickness,
+    thickness_of_quads,
+)
 from ccdepth_addon.core.adaptive.templates import ALL_SPLIT, WHOLE, templates, triangle_template
 from ccdepth_addon.core.arrays.types import FloatArray
 from tests import polygon_loops as loops
 from tests.polygon_loops import Loop
+from tests.thorough import each
 
 ROUNDING = 1e-12
 
@@ -22,6 +28,8 @@ ROUNDING = 1e-12
 WAYS = 5
 
 seeds = st.integers(0, 2**32 - 1)
+# Quick, and few of the loops are nearly refused or nearly taken.
+often, twice = (settings(max_examples=times * settings.default.max_examples) for times in (5, 2))
 shapes = {
     "unevenness": st.sampled_from([0.0, 0.05, 0.2, 0.6]),
     "height": st.sampled_from([0.0, 0.05, 0.3, 1.0]),
@@ -38,7 +46,7 @@ def assert_near(drawn: FloatArray, other: FloatArray, thickness: float) -> None:
 # Whether it is a region
 
 
-@settings(max_examples=150, deadline=None)
+@often
 @given(seed=seeds, size=st.integers(3, 9), **shapes)
 @example(seed=5704, size=3, unevenness=0.2, height=1.0, bent_share=0.4)
 def test_a_region_is_a_polygon_that_never_meets_itself(
@@ -60,7 +68,7 @@ def test_a_region_is_a_polygon_that_never_meets_itself(
         assert np.abs(thickness - np.array(expected)).min() <= ROUNDING
 
 
-@settings(max_examples=150, deadline=None)
+@often
 @given(
     seed=seeds,
     size=st.integers(3, 12),
@@ -114,7 +122,6 @@ def test_refused_where_a_bent_side_reaches_beyond_the_centroid() -> None:
 # How thick
 
 
-@settings(max_examples=25, deadline=None)
 @given(seed=seeds, size=st.integers(3, 7), **shapes)
 def test_no_way_to_draw_it_is_farther_from_the_fan_than_it_is_thick(
     seed: int, size: int, unevenness: float, height: float, bent_share: float
@@ -166,7 +173,7 @@ def test_many_at_once_are_as_each_by_itself() -> None:
 # Triangles and quads with split sides
 
 
-@settings(max_examples=60, deadline=None)
+@twice
 @given(
     seed=seeds,
     unevenness=st.sampled_from([0.0, 0.2, 0.6, 1.0]),
@@ -189,16 +196,10 @@ def test_templates_of_triangles_face_the_normal(seed: int, unevenness: float, he
             assert_near(loop.vertices[np.array(way)], template, thickness + ROUNDING)
 
 
-def quad_points(seed: int, unevenness: float, height: float) -> FloatArray:
-    """(8, 3), in the order of ``templates.QUAD_POINTS``: a square's, each of them off."""
-    loop = loops.random_loop(seed, 4, unevenness, height, bent_share=1.0)
-    return np.concatenate([loop.corners, loop.middles])
-
-
 PATTERNS = list(range(WHOLE, ALL_SPLIT))
 
 
-@settings(max_examples=60, deadline=None)
+@twice
 @given(
     seed=seeds,
     unevenness=st.sampled_from([0.0, 0.1, 0.3, 0.6]),
@@ -208,7 +209,8 @@ PATTERNS = list(range(WHOLE, ALL_SPLIT))
 def test_quads_with_split_sides_are_as_near_to_their_template_as_they_are_thick(
     seed: int, unevenness: float, height: float, pattern: int
 ) -> None:
-    points = quad_points(seed, unevenness, height)
+    square = loops.random_loop(seed, 4, unevenness, height, bent_share=1.0)
+    points = np.concatenate([square.corners, square.middles])
     split = np.array([pattern >> side & 1 for side in range(4)], dtype=bool)
     middles = np.where(split[:, None], points[4:], (points[:4] + np.roll(points[:4], -1, axis=0)) / 2)
     loop = Loop(points[:4], middles, split)
@@ -227,21 +229,76 @@ def test_quads_with_split_sides_are_as_near_to_their_template_as_they_are_thick(
                 assert_near(loop.vertices[np.array(way)], points[np.array(template)], thickness + ROUNDING)
 
 
-def test_all_patterns_are_regions_on_a_square_and_none_is_thick() -> None:
-    square = turned(np.concatenate([loops.regular(4), loops.plain(loops.regular(4)).middles]))
-    for pattern in PATTERNS:
-        for alternative in range(len(templates(pattern))):
-            found = thickness_of_quads(np.repeat(square[:, None], 3, axis=1), pattern, alternative, np.eye(3))
-            np.testing.assert_allclose(found, np.zeros(3), atol=ROUNDING)
+SQUARE = np.concatenate([loops.regular(4), loops.plain(loops.regular(4)).middles])
 
 
 @pytest.mark.parametrize("pattern", PATTERNS)
-def test_folded_quads_are_refused(pattern: int) -> None:
+def test_all_patterns_are_flat_regions_on_a_square_and_refused_on_folded_ones(pattern: int) -> None:
     """A corner drawn in beyond the middle, which leaves a dart; and two corners changed, which leaves a bow tie."""
-    square = np.concatenate([loops.regular(4), loops.plain(loops.regular(4)).middles])
-    dart, bow_tie = square.copy(), square.copy()
+    dart, bow_tie = SQUARE.copy(), SQUARE.copy()
     dart[0] *= -0.5
     bow_tie[[0, 1]] = bow_tie[[1, 0]]
-    for points in (dart, bow_tie):
-        for alternative in range(len(templates(pattern))):
-            assert thickness_of_quads(turned(points)[:, None], pattern, alternative, np.eye(3))[0] == np.inf
+    points = np.stack([turned(each) for each in (SQUARE, dart, bow_tie)], axis=1)
+    for alternative in range(len(templates(pattern))):
+        found = thickness_of_quads(points, pattern, alternative, np.eye(3))
+        np.testing.assert_allclose(found, [0, np.inf, np.inf], atol=ROUNDING)
+
+
+# In other spaces
+
+UNEVEN = np.array([[1.0, 0.0, 30.0], [0.0, 1.0, -20.0], [0.0, 0.0, 1.0]])
+
+# Too uneven for Blender's triangles to be known.
+TOO_UNEVEN = np.diag([1.0, 1.0, 1e-5])
+
+
+@pytest.mark.parametrize("seed", each(range(60), range(20)))
+def test_whatever_triangles_are_drawn(seed: int) -> None:
+    """Between the vertices of a polygon: one ear after another is cut off, wherever it is."""
+    generator = np.random.default_rng(seed)
+    loop = loops.random_loop(seed, 3 + seed % 5, 0.1, 0.05, bent_share=0.5)
+    bound, _ = loop.thickness(TOO_UNEVEN)
+    left, triangles = list(range(len(loop.vertices))), []
+    while len(left) >= 3:
+        at = int(generator.integers(len(left)))
+        triangles.append((left[at - 1], left[at], left[(at + 1) % len(left)]))
+        del left[at]
+    assert_near(
+        loop.vertices[np.array(triangles)],
+        loops.facet_triangles(loop.facets),
+        bound + loops.twist_error(loop.facets) + ROUNDING,
+    )
+    assert np.isfinite(bound) or np.any(loop.bent)
+
+
+def dented(*offset: float) -> Loop:
+    """The unit square, the middle of its first side moved by so much."""
+    square = loops.plain(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]))
+    square.middles[0] += offset
+    return Loop(square.corners, square.middles, np.arange(4) == 0)
+
+
+def test_a_dent_counts_unless_blender_is_known_to_see_it() -> None:
+    loop, reach = dented(0.0, 0.1, 0.0), np.hypot(0.5, 0.5)
+    line = UNEVEN @ UNEVEN.T @ [0, 0, 1]
+    cosine = line[2] / np.linalg.norm(line)
+    # A flat polygon has no thickness but its rounding, which grows where Blender's line of sight is tilted.
+    assert loop.thickness()[0] == pytest.approx(HEIGHT_ROUNDING * reach, rel=1e-9, abs=0)
+    assert loop.thickness(UNEVEN)[0] == pytest.approx(HEIGHT_ROUNDING * reach / cosine, rel=1e-9, abs=0)
+    assert loop.thickness(TOO_UNEVEN)[0] == pytest.approx(0.1)
+
+
+def test_along_the_line_that_blender_looks_along() -> None:
+    """The middle is seen within its side from above, and beyond it from where Blender looks."""
+    loop = dented(0.0, 0.1, 0.01)
+    even, _ = loop.thickness()
+    assert 0.005 < even < 0.015
+    assert loop.thickness(7 * np.diag([1.0, -1.0, 1.0]))[0] == pytest.approx(even)
+    assert loop.thickness(UNEVEN)[0] == pytest.approx(np.hypot(even, 0.1), rel=1e-2)
+
+
+def test_folded_where_blender_draws() -> None:
+    quad = np.array([[0.0, 0, 0], [1, 0, 0.05], [1, 1, 0], [0, 1, 0.05]])[:, None]
+    assert not is_folded(quad, np.eye(3))[0]
+    assert is_folded(quad, np.diag([1.0, 1.0, 0.01]))[0]
+    assert not is_folded(quad, np.diag([0.01, 0.01, 1.0]))[0]
