@@ -1,0 +1,126 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Operations on arrays of vectors against numpy's own, in either memory layout; chunks; tasks on several threads."""
+
+from __future__ import annotations
+
+import time
+from itertools import count, pairwise
+
+import numpy as np
+import pytest
+
+from ccdepth_addon.core.arrays.chunks import chunks, index_chunks
+from ccdepth_addon.core.arrays.threads import SECONDS_BETWEEN_TICKS, map_in_threads
+from ccdepth_addon.core.arrays.vectors import (
+    cross_products,
+    dot_products,
+    selected_vectors,
+    squared_dots,
+    squared_norms,
+    sums_by_index,
+    transformed_nets,
+)
+
+# Sums of a few products of numbers below 1, each rounded by 2⁻⁵³ of it at most.
+ROUNDING = 2.0**-49
+
+
+# Vectors
+
+
+def component_major(vectors: np.ndarray) -> np.ndarray:
+    """The same vectors, lying in memory as (…, 3, P)."""
+    return np.ascontiguousarray(vectors.swapaxes(-1, -2)).swapaxes(-1, -2)
+
+
+def nets(seed: int) -> np.ndarray:
+    return np.random.default_rng(seed).random((5, 7, 3))
+
+
+def test_results_do_not_depend_on_the_layout() -> None:
+    a, b, indices, matrix = nets(1), nets(2), np.array([6, 0, 0, 3]), np.random.default_rng(4).random((4, 5))
+    for one, other in ((a, b), (component_major(a), component_major(b)), (component_major(a), b)):
+        np.testing.assert_array_equal(one, a)
+        np.testing.assert_array_equal(selected_vectors(one, indices), a[:, indices])
+        np.testing.assert_allclose(cross_products(one, other), np.cross(a, b), rtol=0, atol=ROUNDING)
+        np.testing.assert_allclose(dot_products(one, other), (a * b).sum(axis=2), rtol=ROUNDING)
+        np.testing.assert_allclose(squared_norms(one), (a * a).sum(axis=2), rtol=ROUNDING)
+        np.testing.assert_allclose(squared_dots(one, other[0]), (a * b[0]).sum(axis=2) ** 2, rtol=2 * ROUNDING)
+        np.testing.assert_allclose(transformed_nets(matrix, one), np.einsum("rn,npi->rpi", matrix, a), rtol=ROUNDING)
+
+
+def test_the_layout_is_kept() -> None:
+    """Results stay component-major, as the module promises: what follows would be slower otherwise."""
+    a = component_major(nets(5))
+    results = [a + a, selected_vectors(a, np.array([1, 4])), transformed_nets(np.ones((2, 5)), a), cross_products(a, a)]
+    for vectors in results:
+        assert vectors.swapaxes(1, 2).flags.c_contiguous
+
+
+def test_sums_by_index() -> None:
+    vectors = np.arange(12.0).reshape(4, 3)
+    found = sums_by_index(np.array([2, 0, 2, 2]), vectors, 4)
+    np.testing.assert_array_equal(found, [vectors[1], np.zeros(3), vectors[0] + vectors[2] + vectors[3], np.zeros(3)])
+
+
+# Chunks
+
+
+@pytest.mark.parametrize(("total", "size"), [(0, 3), (1, 3), (3, 3), (7, 3), (9, 1)])
+def test_chunks_cover_everything_once_and_in_order(total: int, size: int) -> None:
+    indices = np.random.default_rng(total).permutation(total)
+    for parts in ([indices[chunk] for chunk in chunks(total, size)], [*index_chunks(indices, size)]):
+        assert [entry for part in parts for entry in part.tolist()] == indices.tolist()
+        assert all(0 < len(part) <= size for part in parts)
+
+
+# Threads
+
+
+def test_results_come_in_order() -> None:
+    def slower_first(number: int) -> int:
+        time.sleep(0.01 * (3 - number % 4))
+        return number
+
+    assert [*map_in_threads(slower_first, range(50), lambda: None)] == [*range(50)]
+    assert [*map_in_threads(str, (), lambda: None)] == []
+
+
+@pytest.mark.parametrize("tasks", [1, 2, 9])
+def test_progress_while_a_task_runs(tasks: int) -> None:
+    """However few tasks there are."""
+
+    def slow(number: int) -> int:
+        time.sleep(6 * SECONDS_BETWEEN_TICKS)
+        return number
+
+    ticks = [time.perf_counter()]
+    assert [*map_in_threads(slow, range(tasks), lambda: ticks.append(time.perf_counter()))] == [*range(tasks)]
+    assert len(ticks) > 3
+    pauses = [after - before for before, after in pairwise(ticks)]
+    # Twice as long, for a machine that is busy.
+    assert sorted(pauses)[len(pauses) // 2] < 2 * SECONDS_BETWEEN_TICKS
+
+
+def test_tasks_that_have_not_begun_are_cancelled() -> None:
+    begun = []
+
+    def begin(number: int) -> int:
+        begun.append(number)
+        return number
+
+    results = map_in_threads(begin, count(), lambda: None)
+    assert next(results) == 0
+    results.close()
+    time.sleep(SECONDS_BETWEEN_TICKS)
+    after = len(begun)
+    time.sleep(4 * SECONDS_BETWEEN_TICKS)
+    assert len(begun) == after
+
+
+def test_errors_reach_the_caller() -> None:
+    def failing(number: int) -> int:
+        raise ValueError(number)
+
+    with pytest.raises(ValueError, match="7"):
+        list(map_in_threads(failing, [7], lambda: None))
