@@ -19,8 +19,12 @@ from tests.blender.updating import refuses
 pytestmark = pytest.mark.every_blender
 
 
-def cube(name: str = "Cube") -> bpy.types.Object:
-    return scene.add_object(meshes.cube(), name)
+def cube(name: str = "Cube", modifier: str = "", size: float = 1.0) -> bpy.types.Object:
+    holder = scene.add_object(meshes.cube(), name)
+    holder.scale = (size, size, size)
+    if modifier:
+        holder.modifiers.new(modifier.title(), modifier)
+    return holder
 
 
 def empty(name: str = "Empty") -> bpy.types.Object:
@@ -38,20 +42,8 @@ def nowhere(value: float) -> bpy.types.Object:
 
 
 def hollow() -> bpy.types.Object:
-    holder = cube("Hollow")
-    holder.modifiers.new("Mask", "MASK").vertex_group = holder.vertex_groups.new(name="Nothing").name
-    return holder
-
-
-def flat() -> bpy.types.Object:
-    holder = cube("Flat")
-    holder.scale = (0.0, 0.0, 0.0)
-    return holder
-
-
-def cloth() -> bpy.types.Object:
-    holder = cube()
-    holder.modifiers.new("Cloth", "CLOTH")
+    holder = cube("Hollow", "MASK")
+    holder.modifiers[0].vertex_group = holder.vertex_groups.new(name="Nothing").name
     return holder
 
 
@@ -119,8 +111,13 @@ REFUSALS: dict[str, Refusal] = {
     "not a number": (lambda: nowhere(NAN), "measure", {}, NOWHERE),
     "infinite": (lambda: [nowhere(INF), cube()], "measure", {}, NOWHERE),
     "infinite surface": (lambda: [cube(), nowhere(-INF)], "measure", {}, "Suzanne: 1 vertex at no finite position"),
-    "no extent": (lambda: [cube(), flat()], "measure", {}, "Flat: all its faces are at one point"),
-    "simulation": (cloth, "measure", {}, "the modifier “Cloth” is a simulation, which cannot be measured"),
+    "no extent": (lambda: [cube(), cube("Flat", size=0.0)], "measure", {}, "Flat: all its faces are at one point"),
+    "simulation": (
+        lambda: cube(modifier="CLOTH"),
+        "measure",
+        {},
+        "the modifier “Cloth” is a simulation, which cannot be measured",
+    ),
     "every bad object": (lambda: [empty("First"), empty("Second"), cube()], "measure", {}, "(?s)First: .*Second: "),
     "attribute of another type": (lambda: attribute("INT", "FACE"), "measure", {}, SAME_NAME),
     "attribute of another domain": (lambda: attribute("FLOAT", "POINT"), "measure", {}, SAME_NAME),
