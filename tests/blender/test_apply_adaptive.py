@@ -306,19 +306,14 @@ def test_modifiers_that_merge_faces_can_be_counted_in() -> None:
     assert faces(result) > 100
 
 
-def test_materials_of_the_object_stay_with_it() -> None:
+def test_materials_of_the_object_and_its_particles_stay_with_it() -> None:
     holder = scene.add_suzanne()
     holder.data.materials.append(bpy.data.materials.new("Red"))
     holder.material_slots[0].link = "OBJECT"
     holder.material_slots[0].material = bpy.data.materials.new("Blue")
-    [result] = subdivide(holder, tolerance=ROUGH)
-    assert [(slot.link, slot.material.name) for slot in result.material_slots] == [("OBJECT", "Blue")]
-
-
-def test_particles_are_kept() -> None:
-    holder = scene.add_suzanne()
     holder.modifiers.new("Hair", "PARTICLE_SYSTEM")
     [result] = subdivide(holder, tolerance=ROUGH)
+    assert [(slot.link, slot.material.name) for slot in result.material_slots] == [("OBJECT", "Blue")]
     assert [modifier.name for modifier in result.modifiers] == ["Hair"]
 
 

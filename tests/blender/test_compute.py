@@ -32,15 +32,10 @@ def test_it_writes_what_the_core_finds(method: str, vertices: str) -> None:
     holder = scene.add_suzanne()
     addon.compute(holder, tolerance=TOLERANCE, method=method, vertices=vertices)
     mesh = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
-    result = face_depths(mesh, TOLERANCE, method, vertices)
-    np.testing.assert_array_equal(addon.depths(holder), result.depths)
+    result, depths = face_depths(mesh, TOLERANCE, method, vertices), addon.depths(holder)
+    np.testing.assert_array_equal(depths, result.depths)
     np.testing.assert_allclose(addon.bounds(holder), result.bounds, rtol=1e-6)
     assert addon.bounds(holder).max() <= np.float32(TOLERANCE)
-
-
-def test_attributes_and_the_record_tell_what_was_computed() -> None:
-    holder = scene.add_suzanne()
-    addon.compute(holder, tolerance=TOLERANCE, method="FIRST_ORDER", vertices="LIMIT")
     kinds = [holder.data.attributes[name] for name in ("ccdepth", "ccdepth_bound", "ccdepth_color")]
     assert [(kind.domain, kind.data_type) for kind in kinds] == [
         ("FACE", "INT"),
@@ -48,14 +43,12 @@ def test_attributes_and_the_record_tell_what_was_computed() -> None:
         ("CORNER", "FLOAT_COLOR"),
     ]
     record = holder.data.ccdepth
-    depths = addon.depths(holder)
     assert record.has_result
-    assert record.tolerance == pytest.approx(TOLERANCE)
-    assert record.world_tolerance == pytest.approx(TOLERANCE)
-    assert (record.tolerance_mode, record.method, record.vertices) == ("ABSOLUTE", "FIRST_ORDER", "LIMIT")
+    assert (record.tolerance, record.world_tolerance) == (pytest.approx(TOLERANCE), pytest.approx(TOLERANCE))
+    assert (record.tolerance_mode, record.method, record.vertices) == ("ABSOLUTE", method, vertices)
     assert (record.faces, record.deepest) == (len(depths), depths.max())
     assert addon.histogram(holder) == dict(zip(*np.unique(depths, return_counts=True), strict=True))
-    assert int(record.uniform_faces) == len(holder.data.loops) * 4 ** (int(depths.max()) - 1)
+    assert int(record.uniform_faces) == len(holder.data.loops) * 4 ** (record.uniform_level - 1)
 
 
 def test_a_relative_tolerance_is_a_part_of_the_dimensions_which_turning_does_not_change() -> None:
@@ -130,24 +123,21 @@ def test_progress_rises_over_depths_and_the_level_of_all_meshes() -> None:
     assert len({fraction for fraction in fractions if fraction >= last - 1e-9}) > 1
 
 
-def test_all_selected_objects_are_computed_and_others_are_not() -> None:
+def test_all_selected_objects_are_computed_and_others_are_not_unless_active_alone() -> None:
     first, second = scene.add_suzanne(), scene.add_object(meshes.landscape(5, 5))
     other = scene.add_object(meshes.cube())
     addon.compute(first, second, tolerance=TOLERANCE)
     np.testing.assert_array_equal(addon.depths(first), expected(first))
     np.testing.assert_array_equal(addon.depths(second), expected(second))
     assert addon.is_untouched([other])
-
-
-def test_the_active_object_is_computed_when_none_is_selected() -> None:
-    holder = scene.add_suzanne()
-    addon.select(holder)
-    holder.select_set(False)
+    # Where none is selected, the active one is.
+    addon.select(other)
+    other.select_set(False)
     assert bpy.ops.ccdepth.compute() == {"FINISHED"}
-    assert holder.data.ccdepth.has_result
+    assert other.data.ccdepth.has_result
 
 
-def test_edit_mode_sees_what_is_being_edited_and_stays() -> None:
+def test_edit_mode_stays_and_writes_what_object_mode_writes_of_what_is_being_edited() -> None:
     import bmesh
 
     first, second = scene.add_suzanne(), scene.add_object(meshes.creased_cube())
@@ -160,10 +150,17 @@ def test_edit_mode_sees_what_is_being_edited_and_stays() -> None:
         bmesh.update_edit_mesh(first.data)
         assert bpy.ops.ccdepth.compute(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE") == {"FINISHED"}
         assert bpy.context.mode == "EDIT_MESH"
+        fingerprint = first.data.ccdepth.fingerprint
     for holder in (first, second):
         np.testing.assert_array_equal(addon.depths(holder), expected(holder))
         assert holder.data.ccdepth.faces == len(holder.data.polygons)
     assert not [mesh for mesh in bpy.data.meshes if mesh not in (first.data, second.data)]
+    written = addon.depths(first), addon.bounds(first), addon.colors(first)
+    bpy.ops.ccdepth.clear()
+    addon.compute(first, second, tolerance=TOLERANCE)
+    assert first.data.ccdepth.fingerprint == fingerprint
+    for before, after in zip(written, (addon.depths(first), addon.bounds(first), addon.colors(first)), strict=True):
+        np.testing.assert_array_equal(before, after)
 
 
 def test_edit_mode_counts_in_duplicates_of_what_is_being_edited() -> None:
@@ -176,19 +173,6 @@ def test_edit_mode_counts_in_duplicates_of_what_is_being_edited() -> None:
     with addon.edit_mode(large, first):
         bpy.ops.ccdepth.compute(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE")
     np.testing.assert_array_equal(addon.depths(first), found)
-
-
-def test_edit_mode_and_object_mode_write_the_same() -> None:
-    holder = scene.add_suzanne()
-    addon.compute(holder, tolerance=TOLERANCE)
-    written = addon.depths(holder), addon.bounds(holder), addon.colors(holder)
-    fingerprint = holder.data.ccdepth.fingerprint
-    bpy.ops.ccdepth.clear()
-    with addon.edit_mode(holder):
-        bpy.ops.ccdepth.compute(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE")
-        assert holder.data.ccdepth.fingerprint == fingerprint
-    for before, after in zip(written, (addon.depths(holder), addon.bounds(holder), addon.colors(holder)), strict=True):
-        np.testing.assert_array_equal(before, after)
 
 
 def test_settings_of_the_scene_hold_unless_given() -> None:
@@ -204,14 +188,6 @@ def test_settings_of_the_scene_hold_unless_given() -> None:
     bpy.ops.ccdepth.compute(vertices="CONTROL")
     assert (record.tolerance, record.vertices) == (pytest.approx(0.05), "CONTROL")
     assert settings.vertices == "LIMIT"
-
-
-def test_computing_again_replaces_the_result() -> None:
-    holder = scene.add_suzanne()
-    addon.compute(holder, tolerance=TOLERANCE)
-    addon.compute(holder, tolerance=10 * TOLERANCE)
-    np.testing.assert_array_equal(addon.depths(holder), expected(holder, 10 * TOLERANCE))
-    assert len([name for name in holder.data.attributes.keys() if name.startswith("ccdepth")]) == 3  # noqa: SIM118
 
 
 def test_a_number_typed_is_the_number_meant() -> None:
@@ -256,12 +232,14 @@ def test_settings_and_results_are_saved_with_the_file(tmp_path: object) -> None:
     assert bpy.context.scene.ccdepth.relative_tolerance == pytest.approx(0.003)
 
 
-def test_the_record_says_on_how_many_faces_the_depth_is_the_least() -> None:
+def test_another_result_takes_the_place_of_the_first_and_says_which_depths_are_the_least() -> None:
     holder = scene.add_object(meshes.cube())
-    addon.compute(holder, tolerance=0.01, method="CERTIFIED")
+    addon.compute(holder, tolerance=TOLERANCE, method="CERTIFIED")
     assert holder.data.ccdepth.exact_faces == len(holder.data.polygons)
-    addon.compute(holder, tolerance=0.01, method="SECOND_ORDER")
+    addon.compute(holder, tolerance=10 * TOLERANCE, method="SECOND_ORDER")
     assert holder.data.ccdepth.exact_faces == 0
+    np.testing.assert_array_equal(addon.depths(holder), expected(holder, 10 * TOLERANCE))
+    assert len([name for name in holder.data.attributes.keys() if name.startswith("ccdepth")]) == 3  # noqa: SIM118
 
 
 def test_bounds_are_never_rounded_down() -> None:

@@ -65,14 +65,9 @@ def surface_points(data: meshes.MeshData, world: np.ndarray) -> tuple[np.ndarray
         level -= 1
     modifier = scene.add_subdivision(added, level)
     modifier.use_limit_surface, modifier.quality = True, 10
-    evaluated = added.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    mesh = evaluated.to_mesh()
-    points = np.empty(3 * len(mesh.vertices), dtype=np.float32)
-    mesh.vertices.foreach_get("co", points)
-    triangles = triangles_of(mesh)
-    evaluated.to_mesh_clear()
+    surface = scene.evaluated_mesh_data(added)
     bpy.data.meshes.remove(added.data)
-    return points.reshape(-1, 3) @ world.T, triangles
+    return surface.positions @ world.T, surface.corner_vertices.reshape(-1, 4)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
 
 
 def distances(points: np.ndarray, positions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -336,24 +331,20 @@ def test_several_objects_and_shared_meshes() -> None:
         assert addon.bounds(result).max() <= result.data.ccdepth.world_tolerance * (1 + 1e-6)
 
 
-def test_in_place_and_the_scenes_setting() -> None:
+@pytest.mark.every_blender
+@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
+def test_in_place_in_both_modes_with_the_scenes_setting(mode: str) -> None:
     original = scene.add_object(bevelled("cube"))
     bpy.context.scene.ccdepth.reduce = True
-    (result,) = subdivide(original, output="IN_PLACE")
-    assert result == original
-    assert result.data.ccdepth.unreduced_triangles > faces(result)
-    record = result.data.ccdepth
-    assert record.faces == faces(result)
-    assert not addon.module("state.staleness").is_stale(result.data)
-
-
-@pytest.mark.every_blender
-def test_in_edit_mode() -> None:
-    original = scene.add_object(bevelled("cube"))
-    with addon.edit_mode(original):
-        assert bpy.ops.ccdepth.subdivide(tolerance=0.01, tolerance_mode="ABSOLUTE", reduce=True) == {"FINISHED"}
-        assert bpy.context.mode == "EDIT_MESH"
-    assert bpy.context.object.data.ccdepth.unreduced_triangles > 0
+    addon.select(original)
+    bpy.ops.object.mode_set(mode=mode)
+    settings = {"tolerance": 0.01, "tolerance_mode": "ABSOLUTE", "output": "IN_PLACE"}
+    assert bpy.ops.ccdepth.subdivide(**settings) == {"FINISHED"}
+    assert original.mode == mode
+    bpy.ops.object.mode_set(mode="OBJECT")
+    record = original.data.ccdepth
+    assert record.unreduced_triangles > record.faces == faces(original)
+    assert not addon.module("state.staleness").is_stale(original.data)
 
 
 def test_where_nothing_is_gained_the_adaptive_mesh_is_made() -> None:

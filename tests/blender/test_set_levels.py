@@ -151,11 +151,11 @@ def test_several_objects_and_edit_mode() -> None:
     assert [levels(holder)[0][0] for holder in (first, second)] == wanted
 
 
-def not_computed(_holder: bpy.types.Object) -> None:
-    bpy.ops.ccdepth.clear()
+def recorded(name: str, value: int) -> Callable[[bpy.types.Object], None]:
+    return lambda holder: setattr(holder.data.ccdepth, name, value)
 
 
-def changed(holder: bpy.types.Object) -> None:
+def moved(holder: bpy.types.Object) -> None:
     holder.data.vertices[0].co.x += 1.0
     holder.data.update()
 
@@ -165,32 +165,19 @@ def made_larger(holder: bpy.types.Object) -> None:
     bpy.context.view_layer.update()
 
 
-def too_deep(holder: bpy.types.Object) -> None:
-    holder.data.ccdepth.uniform_level = 12
-
-
-def too_coarse(holder: bpy.types.Object) -> None:
-    holder.data.ccdepth.quality = 11
-
-
-def from_an_earlier_version(holder: bpy.types.Object) -> None:
-    holder.data.ccdepth.property_unset("uniform_level")
-
-
-def too_many_faces(_holder: bpy.types.Object) -> None:
-    bpy.context.scene.ccdepth.max_faces = 1000
-
-
 @pytest.mark.parametrize(
     ("spoil", "message"),
     [
-        (too_coarse, "with Use Limit Surface it needs a higher Quality than the 10"),
-        (from_an_earlier_version, "its depths are from an earlier version"),
-        (not_computed, "it has no depths"),
-        (changed, "its depths are out of date"),
+        (recorded("quality", 11), "with Use Limit Surface it needs a higher Quality than the 10"),
+        (lambda holder: holder.data.ccdepth.property_unset("uniform_level"), "its depths are from an earlier version"),
+        (lambda _: bpy.ops.ccdepth.clear(), "it has no depths"),
+        (moved, "its depths are out of date"),
         (made_larger, "its depths are out of date"),
-        (too_deep, "it needs 12 levels, and a Subdivision Surface modifier has 11 at most"),
-        (too_many_faces, ".* faces, and the Face Limit is 1,000"),
+        (recorded("uniform_level", 12), "it needs 12 levels, and a Subdivision Surface modifier has 11 at most"),
+        (
+            lambda _: setattr(bpy.context.scene.ccdepth, "max_faces", 1000),
+            ".* levels would make .* faces, and the Face Limit is 1,000",
+        ),
     ],
 )
 def test_what_cannot_be_set_is_refused(spoil: Callable[[bpy.types.Object], None], message: str) -> None:
