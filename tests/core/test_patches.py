@@ -39,16 +39,6 @@ def with_faces_turned(data: meshes.MeshData, seed: int = 1) -> meshes.MeshData:
 # Which points
 
 
-def test_regular_nets_of_a_torus() -> None:
-    columns, rows = 9, 7
-    mesh = with_numbers(build(meshes.torus(columns, rows)))
-    found = regular_nets(mesh, np.arange(mesh.face_count))[..., 0]
-    numbers = np.arange(columns * rows).reshape(columns, rows)
-    for i in range(4):
-        for j in range(4):
-            np.testing.assert_array_equal(found[i, j], np.roll(numbers, (1 - i, 1 - j), axis=(0, 1)).reshape(-1))
-
-
 def test_regular_nets_begin_at_the_first_corner() -> None:
     mesh = with_numbers(build(with_faces_turned(meshes.torus(9, 7))))
     walk = nets.Walk(mesh)
@@ -66,85 +56,81 @@ def test_extraordinary_nets_have_the_points_of_stams_order(valence: int) -> None
     closed = nets.refined(build(meshes.trapezohedron(valence)), 1)
     quads = with_faces_turned(meshes.from_faces(closed.positions, closed.corner_vertices.reshape(-1, 4).tolist()))
     mesh = with_numbers(build(quads))
-    patches = classify_patches(mesh)
-    walk = nets.Walk(mesh)
-    counts = mesh.vertex_face_counts
-    seen = set()
+    patches, walk = classify_patches(mesh), nets.Walk(mesh)
+    corners = patches.extraordinary_corners[patches.kinds == PatchKind.EXTRAORDINARY]
+    # Every quad here has just one extraordinary corner.
+    np.testing.assert_array_equal(mesh.corner_faces[corners], np.arange(mesh.face_count))
+    valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
+    assert set(valences.tolist()) == {3, valence}
     for n in (3, valence):
-        faces = np.flatnonzero(patches.kinds == PatchKind.EXTRAORDINARY)
-        corners = patches.extraordinary_corners[faces]
-        corners = corners[counts[mesh.corner_vertices[corners]] == n]
-        found = extraordinary_nets(mesh, corners, n)[..., 0].astype(int)
-        assert found.shape == (2 * n + 8, len(corners))
-        for patch, corner in enumerate(corners.tolist()):
+        found = extraordinary_nets(mesh, corners[valences == n], n)[..., 0].astype(int)
+        assert found.shape == (2 * n + 8, np.count_nonzero(valences == n))
+        for patch, corner in enumerate(corners[valences == n].tolist()):
             v1, v6 = mesh.corner_vertices[[corner, mesh.next_corner[corner]]].tolist()
             expected = walk.stam_points(v1, v6, n)
             assert {number: found[number - 1, patch] for number in expected} == expected
             assert len(expected) == 2 * n + 8
-            seen.add(int(mesh.corner_faces[corner]))
-    # Every quad here has just one extraordinary corner.
-    assert seen == set(range(mesh.face_count))
-
-
-@pytest.mark.parametrize("valence", [3, 5, 8])
-def test_the_net_of_a_net_is_the_net(valence: int) -> None:
+    # The net of a net is the net.
     points = np.random.default_rng(1).normal(size=(2 * valence + 8, 3))
-    mesh = nets.net_mesh(points)
-    patches = classify_patches(mesh)
-    assert patches.kinds[0] == PatchKind.EXTRAORDINARY
-    assert patches.extraordinary_corners[0] == 0
-    np.testing.assert_array_equal(extraordinary_nets(mesh, np.array([0]), valence)[:, 0], points)
+    alone = nets.net_mesh(points)
+    patches = classify_patches(alone)
+    assert (patches.kinds[0], patches.extraordinary_corners[0]) == (PatchKind.EXTRAORDINARY, 0)
+    np.testing.assert_array_equal(extraordinary_nets(alone, np.array([0]), valence)[:, 0], points)
 
 
 # Which kind
 
 
-def test_kinds_inside_closed_meshes() -> None:
-    assert np.all(classify_patches(build(meshes.torus(7, 5))).kinds == PatchKind.REGULAR)
-    assert np.all(classify_patches(build(meshes.cube())).kinds == PatchKind.IRREGULAR)
-    once, twice = (classify_patches(nets.refined(build(meshes.cube()), levels)) for levels in (1, 2))
-    assert np.all(once.kinds == PatchKind.EXTRAORDINARY)
-    assert np.bincount(twice.kinds).tolist() == [96 - 24, 24]
-
-
-def test_kinds_at_boundaries() -> None:
-    flat = meshes.landscape(5, 4)
-    assert np.all(classify_patches(build(flat, smooth_corners=False)).kinds == PatchKind.REGULAR)
-    smooth = classify_patches(build(flat)).kinds
-    np.testing.assert_array_equal(np.flatnonzero(smooth == PatchKind.IRREGULAR), [0, 4, 15, 19])
-    assert np.all(np.delete(smooth, [0, 4, 15, 19]) == PatchKind.REGULAR)
-
-
-def test_kinds_by_independent_count() -> None:
+@pytest.mark.parametrize(
+    "data",
+    [
+        meshes.cube(),
+        meshes.torus(7, 5),
+        meshes.triangles_and_quads(),
+        meshes.cylinder(9),
+        meshes.trapezohedron(5),
+        meshes.bipyramid(5),
+    ],
+    ids=["cube", "torus", "triangles and quads", "cylinder", "trapezohedron", "bipyramid"],
+)
+def test_kinds_by_independent_count(data: meshes.MeshData) -> None:
     """Closed meshes of all sorts: a quad is regular or extraordinary by the valences and faces at its corners."""
-    for data in (meshes.triangles_and_quads(), meshes.cylinder(9), meshes.trapezohedron(5), meshes.bipyramid(5)):
-        for levels in range(3):
-            mesh = nets.refined(build(data), levels)
-            faces = np.split(mesh.corner_vertices, mesh.face_starts[1:-1])
-            around = {v: [f for f in faces if v in f] for v in range(mesh.vertex_count)}
-            kinds = classify_patches(mesh).kinds
-            for kind, face in zip(kinds.tolist(), faces, strict=True):
-                quads = len(face) == 4 and all(len(other) == 4 for v in face for other in around[v])
-                valences = sorted(len(around[v]) for v in face)
-                extraordinary = [n for n in valences if n != 4]
-                expected = PatchKind(min(len(extraordinary), 2)) if quads else PatchKind.IRREGULAR
-                assert kind == expected
+    for levels in range(3):
+        mesh = nets.refined(build(data), levels)
+        faces = np.split(mesh.corner_vertices, mesh.face_starts[1:-1])
+        around: dict[int, list[np.ndarray]] = {}
+        for face in faces:
+            for v in face:
+                around.setdefault(v, []).append(face)
+        for kind, face in zip(classify_patches(mesh).kinds.tolist(), faces, strict=True):
+            quads = len(face) == 4 and all(len(other) == 4 for v in face for other in around[v])
+            extraordinary = [v for v in face if len(around[v]) != 4]
+            assert kind == (PatchKind(min(len(extraordinary), 2)) if quads else PatchKind.IRREGULAR)
 
 
-def test_features_make_faces_irregular() -> None:
-    """A semi-sharp edge, a crease's end, a semi-sharp vertex, and a fixed one, each spoil the faces at its vertices."""
-    size, middle = 6, 3 * 7 + 3
-    at_middle = [2 * size + 2, 2 * size + 3, 3 * size + 2, 3 * size + 3]
-    features: list[tuple[meshes.EdgeCreases, dict[int, float]]] = [({}, {middle: 0.3}), ({}, {middle: 1.0})]
-    for edges, vertices in features:
-        data = meshes.creased(meshes.landscape(size, size), edges, vertices)
-        kinds = classify_patches(build(data, smooth_corners=False)).kinds
-        np.testing.assert_array_equal(np.flatnonzero(kinds != PatchKind.REGULAR), at_middle)
-    for crease in (0.3, 1.0):
-        data = meshes.creased(meshes.landscape(size, size), {(middle, middle + 1): crease})
-        kinds = classify_patches(build(data, smooth_corners=False)).kinds
-        at_edge = sorted({*at_middle, *(face + 1 for face in at_middle)})
-        np.testing.assert_array_equal(np.flatnonzero(kinds != PatchKind.REGULAR), at_edge)
+MIDDLE, AT_MIDDLE, AT_EDGE = 24, [14, 15, 20, 21], [14, 15, 16, 20, 21, 22]
+
+
+@pytest.mark.parametrize(
+    ("edges", "vertices", "smooth_corners", "irregular"),
+    [
+        ({}, {}, False, []),
+        ({}, {}, True, [0, 5, 30, 35]),
+        ({}, {MIDDLE: 0.3}, False, AT_MIDDLE),
+        ({}, {MIDDLE: 1.0}, False, AT_MIDDLE),
+        ({(MIDDLE, MIDDLE + 1): 0.3}, {}, False, AT_EDGE),
+        ({(MIDDLE, MIDDLE + 1): 1.0}, {}, False, AT_EDGE),
+    ],
+)
+def test_features_make_faces_irregular(
+    edges: meshes.EdgeCreases, vertices: dict[int, float], smooth_corners: bool, irregular: list[int]
+) -> None:
+    """A round corner, a semi-sharp or fixed vertex, a semi-sharp edge and a crease's end each spoil the faces at their
+    vertices; all others of a grid are regular."""
+    data = meshes.creased(meshes.landscape(6, 6), edges, vertices)
+    kinds = classify_patches(build(data, smooth_corners=smooth_corners)).kinds
+    expected = np.where(np.isin(np.arange(36), irregular), PatchKind.IRREGULAR, PatchKind.REGULAR)
+    np.testing.assert_array_equal(kinds, expected)
 
 
 # Phantom points: the net of a boundary, crease or corner face is the surface's
@@ -157,17 +143,12 @@ def spline_points(net: np.ndarray, steps: int) -> np.ndarray:
     return np.einsum("iu,jv,ijpx->puvx", basis, basis, net)
 
 
-def creased_across(crease: float = 1.0) -> meshes.MeshData:
-    """A landscape with a sharp line right across."""
-    row = {(3 * 7 + x, 3 * 7 + x + 1): crease for x in range(6)}
-    return meshes.creased(meshes.landscape(6, 6), row)
-
-
-def creased_crossing() -> meshes.MeshData:
-    """Two sharp lines across a landscape; a corner in each sector where they meet."""
+def creased_lines() -> tuple[meshes.MeshData, meshes.MeshData]:
+    """A landscape with a sharp line right across, and with two; there a corner in each sector where they meet."""
+    row = {(3 * 7 + x, 3 * 7 + x + 1): 1.0 for x in range(6)}
     column = {(7 * y + 2, 7 * y + 9): 1.0 for y in range(6)}
-    across = creased_across()
-    return meshes.creased(across, across.edge_creases | column)
+    landscape = meshes.landscape(6, 6)
+    return meshes.creased(landscape, row), meshes.creased(landscape, row | column)
 
 
 def creased_around_a_pole() -> meshes.MeshData:
@@ -182,8 +163,8 @@ FEATURES: dict[str, Callable[[], PolygonMesh]] = {
     "kept corners": lambda: build(meshes.landscape(4, 3), smooth_corners=False),
     "one row": lambda: build(meshes.landscape(4, 1), smooth_corners=False),
     "single quad": lambda: build(meshes.bumpy(meshes.grid(1, 1), 0.3), smooth_corners=False),
-    "crease": lambda: build(creased_across()),
-    "crossing creases": lambda: build(creased_crossing(), smooth_corners=False),
+    "crease": lambda: build(creased_lines()[0]),
+    "crossing creases": lambda: build(creased_lines()[1], smooth_corners=False),
     "creased valence 6": lambda: build(creased_around_a_pole()),
     "fin": lambda: build(meshes.fin_through()),
     "soup": lambda: build(meshes.face_soup(), smooth_corners=False),
@@ -201,21 +182,13 @@ def test_nets_are_the_surface(name: str) -> None:
     mesh = FEATURES[name]()
     faces = np.flatnonzero(classify_patches(mesh).kinds == PatchKind.REGULAR)
     assert len(faces)
-    spline = spline_points(regular_nets(mesh, faces), 8)
-    np.testing.assert_allclose(nets.limit_grids(mesh, faces, 3), spline, rtol=0, atol=ROUNDING)
-
-
-@pytest.mark.parametrize("name", ["boundary", "kept corners", "single quad", "crossing creases", "creased valence 6"])
-def test_nets_are_the_surface_by_plain_subdivision(name: str) -> None:
-    """Six steps leave every vertex within M/3 · 4⁻⁶ of the surface, with no formula for limits involved."""
-    mesh, levels = FEATURES[name](), 6
-    faces = np.flatnonzero(classify_patches(mesh).kinds == PatchKind.REGULAR)
     net = regular_nets(mesh, faces)
-    spline = spline_points(net, 2**levels)
-    fine = nets.refined(mesh, levels)
-    distances = np.linalg.norm(fine.positions[nets.vertex_grids(fine, faces, levels)] - spline, axis=-1)
-    norm = second_order_norm_regular(net)[:, None, None]
-    assert np.all(distances <= norm / 3 / 4**levels + ROUNDING)
+    np.testing.assert_allclose(nets.limit_grids(mesh, faces, 3), spline_points(net, 8), rtol=0, atol=ROUNDING)
+    if name in ("boundary", "kept corners", "single quad", "crossing creases", "creased valence 6"):
+        # Six plain steps leave every vertex within M/3 · 4⁻⁶ of the surface, with no formula for limits involved.
+        fine, norm = nets.refined(mesh, 6), second_order_norm_regular(net)[:, None, None]
+        off = fine.positions[nets.vertex_grids(fine, faces, 6)] - spline_points(net, 2**6)
+        assert np.all(np.linalg.norm(off, axis=-1) <= norm / 3 / 4**6 + ROUNDING)
 
 
 def test_phantom_points_of_a_kept_corner() -> None:
