@@ -13,6 +13,8 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene
 
+Capture = pytest.CaptureFixture[str]
+
 CHECKOUT = Path(__file__).resolve().parents[2]
 
 
@@ -20,6 +22,13 @@ def run(*arguments: object, process: Sequence[str] | None = None) -> int:
     """The exit status of the command with these arguments. process: what does the files of ``--jobs``."""
     words = [str(argument) for argument in arguments]
     return addon.module("command_line.command").run(words, program="ccdepth", process=process)
+
+
+def said(capfd: Capture, *arguments: object, status: int = 1) -> str:
+    """What the command says on the standard error, where it ends with this status."""
+    capfd.readouterr()
+    assert run(*arguments) == status
+    return capfd.readouterr().err
 
 
 def program() -> list[str]:
@@ -33,6 +42,11 @@ def writable(suffix: str) -> bool:
     """Whether this Blender can write such files."""
     calls, files = addon.module("command_line.blender_calls"), addon.module("command_line.mesh_files")
     return suffix == ".blend" or calls.available(files.WRITERS[suffix]) is not None
+
+
+def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let pictures be rendered quickly."""
+    monkeypatch.setattr(addon.module("command_line.picture"), "SAMPLES", 1)
 
 
 def skip_unless_written(suffix: str) -> None:

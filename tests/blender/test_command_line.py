@@ -13,7 +13,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.command_line_runs import depths_in, program, run, save
+from tests.blender.command_line_runs import Capture, depths_in, few_samples, program, run, said, save
 
 SUZANNE_FACES = 500
 
@@ -30,22 +30,22 @@ def write_mesh_file(path: Path) -> None:
         getattr(bpy.ops.wm, f"{path.suffix[1:]}_export")(filepath=str(path))
 
 
-def test_without_a_mesh_it_measures_suzanne(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
-    assert run("--output", tmp_path / "suzanne.blend") == 0
-    printed = capfd.readouterr().out
-    written = depths_in(tmp_path / "suzanne.blend")["Suzanne"]
-    assert len(written) == SUZANNE_FACES
-    for depth, count in zip(*np.unique(written, return_counts=True), strict=True):
-        assert f"{depth:>8}{count:>14,}" in printed
-
-
-def test_the_depths_are_those_of_the_operator(tmp_path: Path) -> None:
-    assert run("--tolerance", "0.01", "--absolute", "--vertices", "limit", "--output", tmp_path / "out.blend") == 0
-    written = depths_in(tmp_path / "out.blend")["Suzanne"]
-    scene.clear()
-    suzanne = scene.add_suzanne()
-    addon.compute(suzanne, tolerance=0.01, vertices="LIMIT")
-    assert written == addon.depths(suzanne).tolist()
+def test_without_a_mesh_it_measures_suzanne_as_the_operator_does(tmp_path: Path, capfd: Capture) -> None:
+    output = tmp_path / "suzanne.blend"
+    for options, settings in (
+        ([], {}),
+        (["--tolerance", "0.01", "--absolute", "--vertices", "limit"], {"tolerance": 0.01, "vertices": "LIMIT"}),
+    ):
+        assert run(*options, "--output", output, "--overwrite") == 0
+        printed = capfd.readouterr().out
+        [(name, written)] = depths_in(output).items()
+        assert (name, len(written)) == ("Suzanne", SUZANNE_FACES)
+        for depth, count in zip(*np.unique(written, return_counts=True), strict=True):
+            assert f"{depth:>8}{count:>14,}" in printed
+        scene.clear()
+        suzanne = scene.add_suzanne()
+        addon.compute(suzanne, **settings)
+        assert written == addon.depths(suzanne).tolist()
 
 
 def test_a_level_that_is_not_known_is_no_level() -> None:
@@ -72,7 +72,7 @@ def test_every_format_can_be_read_and_stays_as_it_is(tmp_path: Path, suffix: str
     assert mesh.read_bytes() == before
 
 
-def test_all_visible_meshes_of_a_file_are_measured(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_all_visible_meshes_of_a_file_are_measured(tmp_path: Path, capfd: Capture) -> None:
     for index, name in enumerate(("Shown", "Unselectable", "Hidden")):
         holder = scene.add_suzanne()
         holder.name = name
@@ -124,18 +124,16 @@ def test_the_settings_of_a_file_are_used_unless_others_are_given(tmp_path: Path)
     ],
 )
 def test_what_cannot_be_done_is_said_and_nothing_is_written(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], line: str, message: str
+    tmp_path: Path, capfd: Capture, line: str, message: str
 ) -> None:
-    assert run(*line.split(), "--output", tmp_path / "out.blend") == 1
-    assert message in capfd.readouterr().err
+    assert message in said(capfd, *line.split(), "--output", tmp_path / "out.blend")
     assert not list(tmp_path.iterdir())
 
 
-@pytest.mark.parametrize("suffix", FORMATS)
-def test_a_file_that_holds_no_mesh_is_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str], suffix: str) -> None:
-    (tmp_path / f"broken{suffix}").write_text("this is no mesh\n")
-    assert run(tmp_path / f"broken{suffix}") == 1
-    assert "ccdepth: " in capfd.readouterr().err
+def test_a_file_that_holds_no_mesh_is_refused(tmp_path: Path, capfd: Capture) -> None:
+    for suffix in FORMATS:
+        (tmp_path / f"broken{suffix}").write_text("this is no mesh\n")
+        assert "ccdepth: " in said(capfd, tmp_path / f"broken{suffix}")
 
 
 # Lines that make no sense, with a part of what is said of each; an underscore stands for a space within a word.
@@ -198,7 +196,7 @@ part.blend --gather . --json - | takes a folder of reports and nothing else
 
 
 @pytest.mark.parametrize("case", WRONG_LINES.strip().splitlines())
-def test_a_line_that_makes_no_sense_is_refused(capfd: pytest.CaptureFixture[str], case: str) -> None:
+def test_a_line_that_makes_no_sense_is_refused(capfd: Capture, case: str) -> None:
     line, _, message = case.partition(" | ")
     assert run(*(word.replace("_", " ") for word in line.split())) == 2
     printed = " ".join(capfd.readouterr().err.split())
@@ -206,9 +204,7 @@ def test_a_line_that_makes_no_sense_is_refused(capfd: pytest.CaptureFixture[str]
     assert message in printed
 
 
-def test_a_report_does_not_follow_a_link_to_a_file_that_is_read(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_report_does_not_follow_a_link_to_a_file_that_is_read(tmp_path: Path, capfd: Capture) -> None:
     mesh, link = tmp_path / "mesh.obj", tmp_path / "report.json"
     mesh.write_text("precious")
     try:
@@ -216,12 +212,11 @@ def test_a_report_does_not_follow_a_link_to_a_file_that_is_read(
     except OSError:
         pytest.skip("no links can be made here")
     for line in ([mesh, "--json", link], [link, "--csv", mesh]):
-        assert run(*line, "--overwrite") == 2
-        assert "mesh.obj is read, and would be replaced" in capfd.readouterr().err
+        assert "mesh.obj is read, and would be replaced" in said(capfd, *line, "--overwrite", status=2)
     assert mesh.read_text() == "precious"
 
 
-def test_help_is_no_failure(capfd: pytest.CaptureFixture[str]) -> None:
+def test_help_is_no_failure(capfd: Capture) -> None:
     assert run("--help") == 0
     assert "--tolerance" in capfd.readouterr().out
 
@@ -229,10 +224,10 @@ def test_help_is_no_failure(capfd: pytest.CaptureFixture[str]) -> None:
 @pytest.mark.every_blender
 @pytest.mark.parametrize("in_place", [False, True])
 def test_it_subdivides_adaptively(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], in_place: bool, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capfd: Capture, in_place: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The picture shows the distances."""
-    monkeypatch.setattr(addon.module("command_line.picture"), "SAMPLES", 1)
+    few_samples(monkeypatch)
     path = tmp_path / "picture.png"
     line = ["--subdivide", "--tolerance", "0.01", "--absolute", "--mode", "per-face", "--transitions", "ngons"]
     files = ["--picture", path, "--output", tmp_path / "out.blend"]
@@ -252,7 +247,7 @@ def test_it_subdivides_adaptively(
     assert written == addon.depths(result).tolist()
 
 
-def test_proved_distances_are_rounded_up(capfd: pytest.CaptureFixture[str]) -> None:
+def test_proved_distances_are_rounded_up(capfd: Capture) -> None:
     """The first six tolerances of a row, of whose distances some would be rounded down."""
     for number in range(6):
         assert run("--subdivide", "--absolute", "--tolerance", 0.03 + 0.001 * number) == 0
@@ -268,7 +263,7 @@ def test_blender_passes_the_exit_status_on(arguments: list[str], status: int) ->
     assert subprocess.run([*program(), *arguments], timeout=120, capture_output=True).returncode == status
 
 
-def test_names_cannot_command_the_terminal(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_names_cannot_command_the_terminal(tmp_path: Path, capfd: Capture) -> None:
     """Names of objects, shown and hidden, of modifiers and of files."""
     for name, hidden in (("Red\x1b[31m\u202e", False), ("Bell\x07\x9b2J", True)):
         holder = scene.add_suzanne()

@@ -12,7 +12,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.command_line_runs import depths_in, mesh_objects, run, save, save_cubes, writable
+from tests.blender.command_line_runs import Capture, depths_in, mesh_objects, run, said, save, save_cubes, writable
 
 amounts = addon.module("command_line.amounts")
 blender_calls = addon.module("command_line.blender_calls")
@@ -109,12 +109,11 @@ def test_a_file_in_millimetres_keeps_its_numbers_and_knows_their_length(tmp_path
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".stl", ".glb", ".usdc"])
 @pytest.mark.parametrize("scale", [1.0, 0.01])
 def test_what_is_written_has_the_size_and_the_place_of_the_scene(
-    tmp_path: Path, suffix: str, scale: float, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, suffix: str, scale: float, capfd: Capture
 ) -> None:
     path, report = tmp_path / f"out{suffix}", tmp_path / "report.json"
     if not writable(suffix):
-        assert run("--subdivide", "--output", path) == 1
-        assert f"this Blender cannot write {suffix} files" in capfd.readouterr().err
+        assert f"this Blender cannot write {suffix} files" in said(capfd, "--subdivide", "--output", path)
         return
     bpy.context.scene.unit_settings.scale_length = scale
     # Mirrored, sheared and beside another one with a name that not every format takes.
@@ -179,7 +178,7 @@ def test_formats_that_are_read_alone_give_the_depths_of_the_blend_file(
     assert len(set(depths[0])) > 2
 
 
-def test_chosen_objects_alone(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_chosen_objects_alone(tmp_path: Path, capfd: Capture) -> None:
     path, output = save_cubes(tmp_path / "cubes.blend", "One", "-Two", "Three"), tmp_path / "out.blend"
     link_collection("Some", bpy.data.objects["One"], bpy.data.objects["-Two"])
     link_collection("Empty")
@@ -203,15 +202,12 @@ def test_chosen_objects_alone(tmp_path: Path, capfd: pytest.CaptureFixture[str])
         (["--collection", "Empty"], "no mesh object in its collection “Empty”\n"),
         (["--collection", "Excluded"], "no mesh object in its collection “Excluded” that is not hidden"),
     ):
-        assert run(path, *line) == 1
-        assert message in capfd.readouterr().err
+        assert message in said(capfd, path, *line)
 
 
 @pytest.mark.every_blender
 @pytest.mark.parametrize("kind", ["objects", "meshes", "collections"])
-def test_what_is_linked_from_a_missing_file_is_missed(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], kind: str
-) -> None:
+def test_what_is_linked_from_a_missing_file_is_missed(tmp_path: Path, capfd: Capture, kind: str) -> None:
     """Blender opens such a file with something empty in its place."""
     library, path, output = tmp_path / "library.blend", tmp_path / "cubes.blend", tmp_path / "out.blend"
     link_collection("Lent", scene.add_object(meshes.cube(), "Lent"))
@@ -228,31 +224,28 @@ def test_what_is_linked_from_a_missing_file_is_missed(
     scene.add_object(meshes.cube(), "Here")
     save(path)
     library.unlink()
-    assert run(path, *LIMIT, "--output", output) == 1
-    assert f"“Lent” is missing: it is linked from {library}" in capfd.readouterr().err
+    assert f"“Lent” is missing: it is linked from {library}" in said(capfd, path, *LIMIT, "--output", output)
     assert not output.exists()
     assert run(path, *LIMIT, "--objects", "Here", "--output", output) == 0
 
 
-def test_nothing_that_exists_is_touched(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_nothing_that_exists_is_touched(tmp_path: Path, capfd: Capture) -> None:
     lines = ("--output out.blend", "--subdivide --output out.obj", "--picture out.png", "--json out.json")
     for line in (*lines, "--csv out.csv", "--html out.html"):
         *options, name = line.split()
         (tmp_path / name).write_text("precious")
-        assert run(*LIMIT, *options, tmp_path / name) == 1
-        assert "it exists already; use --overwrite" in capfd.readouterr().err
+        assert "it exists already; use --overwrite" in said(capfd, *LIMIT, *options, tmp_path / name)
         assert (tmp_path / name).read_text() == "precious"
     assert len(list(tmp_path.iterdir())) == 6
 
 
-def test_materials_of_an_obj_file_lie_beside_it(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_materials_of_an_obj_file_lie_beside_it(tmp_path: Path, capfd: Capture) -> None:
     path = save_cubes(tmp_path / "cube.blend", "Cube")
     bpy.data.objects["Cube"].data.materials.append(bpy.data.materials.new("Paint"))
     save(path)
     line = [path, "--subdivide", *LIMIT, "--output", tmp_path / "out.obj"]
     (tmp_path / "out.mtl").write_text("precious")
-    assert run(*line) == 1
-    assert "out.mtl, which belongs to it, exists already" in capfd.readouterr().err
+    assert "out.mtl, which belongs to it, exists already" in said(capfd, *line)
     assert (tmp_path / "out.mtl").read_text() == "precious"
     assert run(*line, "--overwrite") == 0
     assert "mtllib out.mtl" in (tmp_path / "out.obj").read_text()
@@ -260,7 +253,7 @@ def test_materials_of_an_obj_file_lie_beside_it(tmp_path: Path, capfd: pytest.Ca
     assert {each.name for each in tmp_path.glob("*out*")} == {"out.obj", "out.mtl"}
 
 
-def test_several_files(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_several_files(tmp_path: Path, capfd: Capture) -> None:
     """A bad one is named, and the others are done; options may stand between files."""
     save_cubes(tmp_path / "one.blend", "Cube")
     save_cubes(tmp_path / "-two.blend", "Cube")
@@ -291,7 +284,7 @@ def test_levels_are_set(tmp_path: Path) -> None:
     assert len(cube.data.polygons) == 6 * 4**level
 
 
-def test_levels_of_a_result_are_refused(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_levels_of_a_result_are_refused(tmp_path: Path, capfd: Capture) -> None:
     """They would subdivide a mesh that is fine enough already."""
     path, made, output = save_cubes(tmp_path / "cube.blend", "Cube"), tmp_path / "made.blend", tmp_path / "out.blend"
     assert run(path, "--subdivide", *LIMIT, "--output", made) == 0
@@ -311,7 +304,7 @@ def test_a_number_of_faces(tmp_path: Path) -> None:
     assert 250 < len(mesh_objects(output)["Cube Adaptive"].data.polygons) <= 500
 
 
-def test_measuring_says_whether_the_tolerance_is_met(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_measuring_says_whether_the_tolerance_is_met(tmp_path: Path, capfd: Capture) -> None:
     """The limit surface of a cube of 2 m passes √3/2 m inside of its corners."""
     path, output = save_cubes(tmp_path / "cube.blend", "Cube"), tmp_path / "out.blend"
     assert run(path, "--measure", "--absolute", "--tolerance", "1.1") == 0

@@ -13,7 +13,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.command_line_runs import mesh_objects, run, save
+from tests.blender.command_line_runs import Capture, few_samples, mesh_objects, run, save
 from tests.blender.test_frames import LAST, with_a_shape_key
 from tests.blender.test_report import report_in
 
@@ -40,11 +40,11 @@ def expected() -> bpy.types.PropertyGroup:
 
 @pytest.mark.parametrize("frames", [f"1-{LAST}", "scene"])
 def test_depths_over_frames_are_reported(
-    animated: Path, tmp_path: Path, frames: str, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    animated: Path, tmp_path: Path, frames: str, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Numbers, histogram and methods of the page are about the same frames. At the frame of the file the cube is less
     deep."""
-    monkeypatch.setattr(addon.module("command_line.picture"), "SAMPLES", 1)
+    few_samples(monkeypatch)
     report, table, html = (tmp_path / f"report.{kind}" for kind in ("json", "csv", "html"))
     assert run(animated, *LINE, "--frames", frames, "--json", report, "--csv", table, "--html", html) == 0
     printed = capfd.readouterr().out

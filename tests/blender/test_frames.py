@@ -150,8 +150,7 @@ def shown_on(holder: bpy.types.Object, frame: int) -> meshes.MeshData:
     for modifier in subdivisions:
         modifier.show_viewport = False
     data = scene.evaluated_mesh_data(holder)
-    world = np.array(holder.matrix_world, dtype=np.float64)[:3, :3]
-    return replace(data, positions=data.positions @ world.T)
+    return replace(data, positions=data.positions @ np.array(holder.matrix_world, dtype=np.float64)[:3, :3].T)
 
 
 def distances_on(data: meshes.MeshData, wanted: np.ndarray, level: int, vertices: str) -> tuple[np.ndarray, ...]:
@@ -169,7 +168,7 @@ def distances_on(data: meshes.MeshData, wanted: np.ndarray, level: int, vertices
     return faces, found.control if is_control else found.limit, slack
 
 
-@pytest.mark.parametrize(("name", "vertices"), combinations(COARSE, ["LIMIT", "CONTROL"]))
+@pytest.mark.parametrize(("name", "vertices"), combinations(COARSE, ["CONTROL", "LIMIT"]))
 def test_depths_and_the_level_set_hold_on_every_frame(name: str, vertices: str) -> None:
     """Measured with Blender's own modifier on what each frame shows, and with nothing of the add-on's."""
     holder = ANIMATED[name]()
@@ -187,30 +186,25 @@ def test_depths_and_the_level_set_hold_on_every_frame(name: str, vertices: str) 
             assert np.all(distances <= bounds[faces] + slack)
         _, distances, slack = distances_on(data, np.arange(len(depths)), level, vertices)
         assert np.all(distances <= COARSE[name] + slack)
-
-
-def test_the_worst_frame_needs_the_deepest_depth() -> None:
-    holder = with_a_shape_key()
-    compute(holder, tolerance=COARSE["shape key"])
-    depths, worst = addon.depths(holder), holder.data.ccdepth.worst_frame
-    data = shown_on(holder, worst)
-    deepest = depths.max()
-    _, distances, slack = distances_on(data, np.flatnonzero(depths == deepest), deepest - 1, "CONTROL")
-    assert np.any(distances > COARSE["shape key"] + slack)
+    if (name, vertices) == ("shape key", "CONTROL"):
+        # The worst frame needs the deepest depth.
+        data, deepest = shown_on(holder, holder.data.ccdepth.worst_frame), np.flatnonzero(depths == depths.max())
+        _, distances, slack = distances_on(data, deepest, depths.max() - 1, vertices)
+        assert np.any(distances > COARSE[name] + slack)
 
 
 def test_frames_are_named_and_listed() -> None:
     holder = scene.add_object(meshes.landscape(4, 4))
     typed = addon.module("tasks.frames").typed_frames
-    for frames, expected, numbers in (
-        ("3", "3", (3,)),
-        ("1-9/4", "1-9/4", (1, 5, 9)),
-        (" 9, 1 ,5 ", "9,1,5", (1, 5, 9)),
-        ("-3--1,7", "-3--1,7", (-3, -2, -1, 7)),
-        ("1-9/4, 2,5", "1-9/4,2,5", (1, 2, 5, 9)),
+    for frames, numbers in (
+        ("3", (3,)),
+        ("1-9/4", (1, 5, 9)),
+        (" 9, 1 ,5 ", (1, 5, 9)),
+        ("-3--1,7", (-3, -2, -1, 7)),
+        ("1-9/4, 2,5", (1, 2, 5, 9)),
     ):
         compute(holder, frames=frames)
-        assert holder.data.ccdepth.frames == expected
+        assert holder.data.ccdepth.frames == frames.replace(" ", "")
         assert typed(frames) == numbers
         assert holder.data.ccdepth.worst_frame in numbers
 

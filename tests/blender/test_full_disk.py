@@ -20,7 +20,7 @@ import bpy
 import pytest
 
 from tests.blender import addon
-from tests.blender.command_line_runs import mesh_objects, program, run, save
+from tests.blender.command_line_runs import Capture, few_samples, mesh_objects, program, run, save
 from tests.blender.test_examples import example_command
 
 whole_files = addon.module("command_line.whole_files")
@@ -44,13 +44,12 @@ def little_room() -> Iterator[None]:
         signal.signal(signal.SIGXFSZ, before)
 
 
-@pytest.fixture
-def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(addon.module("command_line.picture"), "SAMPLES", 1)
+@pytest.fixture(autouse=True)
+def quick_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    few_samples(monkeypatch)
 
 
 @pytest.mark.every_blender
-@pytest.mark.usefixtures("few_samples")
 @pytest.mark.parametrize(
     ("option", "name"),
     [
@@ -61,9 +60,7 @@ def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
     ],
 )
 @pytest.mark.parametrize("existing", [b"", b"something precious"])
-def test_a_file_that_does_not_fit(
-    tmp_path: Path, option: str, name: str, existing: bytes, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_file_that_does_not_fit(tmp_path: Path, option: str, name: str, existing: bytes, capsys: Capture) -> None:
     """What is printed meanwhile is kept in memory: pytest's own files would be as short."""
     path = tmp_path / name
     if existing:
@@ -79,8 +76,7 @@ def test_a_file_that_does_not_fit(
 
 
 @pytest.mark.every_blender
-@pytest.mark.usefixtures("few_samples")
-def test_files_that_fit(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_files_that_fit(tmp_path: Path, capfd: Capture) -> None:
     blend, png = tmp_path / "out.blend", tmp_path / "out.png"
     blend.write_bytes(b"an earlier version")
     png.write_bytes(b"an earlier version")
@@ -131,44 +127,44 @@ def is_taken(path: Path, content: bytes) -> bool:
 
 
 @pytest.mark.every_blender
-@pytest.mark.parametrize("compress", [False, True])
-def test_a_blend_file_that_is_cut_is_recognised(tmp_path: Path, compress: bool) -> None:
-    content = save_suzanne(tmp_path / "saved.blend", compress=compress)
-    path = tmp_path / "out.blend"
+@pytest.mark.parametrize("kind", ["plain .blend", "compressed .blend", ".png"])
+def test_a_file_that_is_cut_is_recognised(tmp_path: Path, kind: str) -> None:
+    if kind == ".png":
+        image = bpy.data.images.new("Image", 64, 64)
+        image.filepath_raw, image.file_format = str(tmp_path / "saved.png"), "PNG"
+        image.save()
+        content = (tmp_path / "saved.png").read_bytes()
+        half = len(content) // 2
+        damaged = content[:half] + bytes([content[half] ^ 1]) + content[half + 1 :]
+    else:
+        content = save_suzanne(tmp_path / "saved.blend", compress=kind.startswith("compressed"))
+        # A hole where a part could not be written, with the end in its place again. Blocks have even sizes: the hole's
+        # is odd, as a hole that holds whole blocks and nothing else is not seen.
+        damaged = content[: len(content) // 3] + content[len(content) // 3 + 4097 :]
+    path = tmp_path / f"out.{kind.partition('.')[2]}"
     assert is_taken(path, content)
-    for size in (0, 5, 12, 20, 64 * 1024, len(content) // 2, len(content) - 30, len(content) - 1):
+    length = len(content)
+    for size in {0, 5, 12, 20, 40, min(64 * 1024, length - 1), length // 2, length - 30, length - 1}:
         assert not is_taken(path, content[:size]), size
-    # A hole where a part could not be written, with the end in its place again. Blocks have even sizes: the hole's is
-    # odd, as a hole that holds whole blocks and nothing else is not seen.
-    assert not is_taken(path, content[: len(content) // 3] + content[len(content) // 3 + 4097 :])
-    assert sorted(each.name for each in tmp_path.iterdir()) == ["out.blend", "saved.blend"]
+    assert not is_taken(path, damaged)
+    assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_a_picture_that_is_cut_is_recognised(tmp_path: Path) -> None:
-    image = bpy.data.images.new("Image", 64, 64)
-    image.filepath_raw, image.file_format = str(tmp_path / "saved.png"), "PNG"
-    image.save()
-    content = (tmp_path / "saved.png").read_bytes()
-    path = tmp_path / "out.png"
-    assert is_taken(path, content)
-    for size in (0, 5, 40, len(content) // 2, len(content) - 1):
-        assert not is_taken(path, content[:size]), size
-    damaged = bytearray(content)
-    damaged[len(content) // 2] ^= 1
-    assert not is_taken(path, bytes(damaged))
-
-
-def test_a_link_stays_a_link_and_permissions_stay(tmp_path: Path) -> None:
+def test_links_permissions_and_earlier_versions_stay(tmp_path: Path) -> None:
     content = save_suzanne(tmp_path / "saved.blend")
-    target, link = tmp_path / "target.blend", tmp_path / "link.blend"
-    target.write_bytes(b"before")
-    target.chmod(0o640)
-    link.symlink_to(target)
-    with whole_files.written_whole(link) as beside:
-        beside.write_bytes(content)
-    assert link.is_symlink()
-    assert target.read_bytes() == content
-    assert target.stat().st_mode & 0o777 == 0o640
+    path, link = tmp_path / "out.blend", tmp_path / "link.blend"
+    link.symlink_to(path)
+    for number in range(4):
+        path.write_bytes(f"version {number}".encode())
+        path.chmod(0o640)
+        with whole_files.written_whole(link, backups=2) as beside:
+            beside.write_bytes(content)
+        assert link.is_symlink()
+        assert path.read_bytes() == content
+        assert path.stat().st_mode & 0o777 == 0o640
+    assert (tmp_path / "out.blend1").read_bytes() == b"version 3"
+    assert (tmp_path / "out.blend2").read_bytes() == b"version 2"
+    assert not (tmp_path / "out.blend3").exists()
 
 
 def test_an_error_on_the_way_leaves_everything(tmp_path: Path) -> None:
@@ -183,7 +179,7 @@ def test_an_error_on_the_way_leaves_everything(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("suffix", [".ply", ".obj", ".glb"])
 def test_a_full_disk_is_told_whatever_was_made_of_it(
-    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch, capfd: Capture
 ) -> None:
     """A file that was cut off cannot be read back, or holds less; here all but its first line is lost."""
     mesh_files, one_file = addon.module("command_line.mesh_files"), addon.module("command_line.one_file")
@@ -201,18 +197,6 @@ def test_a_full_disk_is_told_whatever_was_made_of_it(
     assert f"out{suffix}: it could not be written: " in error
     assert error.endswith(("the disk is full", "is the disk full?"))
     assert not list(tmp_path.iterdir())
-
-
-def test_earlier_versions_move_on(tmp_path: Path) -> None:
-    content = save_suzanne(tmp_path / "saved.blend")
-    path = tmp_path / "out.blend"
-    for number in range(4):
-        path.write_bytes(f"version {number}".encode())
-        with whole_files.written_whole(path, backups=2) as beside:
-            beside.write_bytes(content)
-    assert (tmp_path / "out.blend1").read_bytes() == b"version 3"
-    assert (tmp_path / "out.blend2").read_bytes() == b"version 2"
-    assert not (tmp_path / "out.blend3").exists()
 
 
 @pytest.mark.parametrize("hindered", ["", "os.link", "whole_files.refuse_existing"])

@@ -11,8 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.blender import addon
-from tests.blender.command_line_runs import run, save_cubes
+from tests.blender.command_line_runs import Capture, few_samples, run, said, save_cubes
 
 LINE = ["--absolute", "--tolerance", "50mm", "--method", "certified"]
 
@@ -28,7 +27,7 @@ def parts(tmp_path: Path) -> Path:
     return folder
 
 
-def test_the_parts_make_the_report_of_one_run(tmp_path: Path, parts: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_parts_make_the_report_of_one_run(tmp_path: Path, parts: Path, capfd: Capture) -> None:
     whole, gathered = tmp_path / "whole.json", tmp_path / "gathered.json"
     assert run(tmp_path / "cubes.blend", tmp_path / "missing.obj", *LINE, "--json", whole) == 1
     capfd.readouterr()
@@ -54,24 +53,22 @@ def test_the_parts_make_the_report_of_one_run(tmp_path: Path, parts: Path, capfd
     ],
 )
 def test_reports_that_make_no_whole(
-    tmp_path: Path, parts: Path, capfd: pytest.CaptureFixture[str], change: dict[str, Any], message: str
+    tmp_path: Path, parts: Path, capfd: Capture, change: dict[str, Any], message: str
 ) -> None:
     content = json.loads((parts / "1.json").read_text(encoding="utf-8")) | change
     known = {name: value for name, value in content.items() if value is not None}
     (parts / "3.json").write_text(json.dumps(known), encoding="utf-8")
     capfd.readouterr()
-    assert run("--gather", parts, "--json", tmp_path / "all.json") == 1
-    assert message in capfd.readouterr().err
+    assert message in said(capfd, "--gather", parts, "--json", tmp_path / "all.json")
     assert not (tmp_path / "all.json").exists()
 
 
-def test_an_empty_folder_has_no_report(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_an_empty_folder_has_no_report(tmp_path: Path, capfd: Capture) -> None:
     for folder, message in (
         (tmp_path, "there are no reports in it"),
         (tmp_path / "nowhere", "there is no such folder"),
     ):
-        assert run("--gather", folder, "--csv", tmp_path / "all.csv") == 1
-        assert message in capfd.readouterr().err
+        assert message in said(capfd, "--gather", folder, "--csv", tmp_path / "all.csv")
 
 
 def texts_and_pixels(page: str) -> list[str | bytes]:
@@ -84,10 +81,10 @@ def texts_and_pixels(page: str) -> list[str | bytes]:
 
 
 def test_pictures_of_a_gathered_page_are_those_of_its_files(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Capture
 ) -> None:
     """The same as in the page of one run; none, and the reason, of a file that has changed since."""
-    monkeypatch.setattr(addon.module("command_line.picture"), "SAMPLES", 1)
+    few_samples(monkeypatch)
     folder, html = tmp_path / "parts", tmp_path / "page.html"
     folder.mkdir()
     line = [

@@ -15,7 +15,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.command_line_runs import CHECKOUT, program, run, save, save_cubes
+from tests.blender.command_line_runs import CHECKOUT, Capture, program, run, save, save_cubes
 
 command_line = addon.module("command_line.command")
 
@@ -35,7 +35,7 @@ def files_of(printed: str) -> list[dict[str, Any]]:
 
 
 def test_jobs_report_the_same_and_in_the_same_order(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Names with spaces, quotes, line breaks and a leading dash, and a file that is broken."""
     monkeypatch.chdir(tmp_path)
@@ -73,7 +73,7 @@ def test_jobs_report_the_same_and_in_the_same_order(
     [(1, ["one", "deadly", "deadly too", "two"]), (2, ["one", "two", "deadly", "three", "deadly too", "four"])],
 )
 def test_a_file_that_ends_its_process_takes_no_other_with_it(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], jobs: int, names: list[str]
+    tmp_path: Path, capfd: Capture, jobs: int, names: list[str]
 ) -> None:
     scene.add_object(meshes.cube())
     sources, report, made = (
@@ -143,7 +143,7 @@ def test_names_of_objects_may_look_like_files_in_other_processes(tmp_path: Path)
 
 
 def test_a_process_that_ends_before_its_file_is_done_is_the_failure_of_that_file(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, capfd: Capture
 ) -> None:
     sources = [save(tmp_path / name) for name in ("one.blend", "two.blend")]
     capfd.readouterr()

@@ -11,6 +11,7 @@ import os
 import re
 import shutil
 import struct
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,28 +21,17 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.command_line_runs import mesh_objects, run, save, save_cubes, skip_unless_written
+from tests.blender.command_line_runs import Capture, mesh_objects, run, said, save, save_cubes, skip_unless_written
 
 SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "report.schema.json"
 
-TYPES = {"object": dict, "array": list, "string": str, "integer": int, "number": (int, float), "boolean": bool}
-
-# The words of JSON Schema that are understood here, and those that say nothing about values.
-WORDS = {
-    *(
-        "type",
-        "const",
-        "enum",
-        "anyOf",
-        "properties",
-        "required",
-        "additionalProperties",
-        "items",
-        "minimum",
-        "pattern",
-    ),
-    *("$schema", "$defs", "title", "description"),
+TYPES = {
+    **{"object": dict, "array": list, "string": str, "integer": int, "number": (int, float), "boolean": bool},
+    "null": type(None),
 }
+
+# The words of JSON Schema that say nothing about values.
+COMMENTS = {"$schema", "$defs", "title", "description"}
 
 # The formats that are written, beside .blend.
 OTHERS = (".stl", ".obj", ".ply", ".glb", ".usdc")
@@ -49,45 +39,36 @@ OTHERS = (".stl", ".obj", ".ply", ".glb", ".usdc")
 LINE = ["--absolute", "--tolerance", "50mm", "--method", "certified"]
 
 
-def valid(value: Any, schema: dict[str, Any], definitions: dict[str, Any], place: str = "report") -> list[str]:
+def faults(value: Any, schema: dict[str, Any], definitions: dict[str, Any], place: str = "report") -> Iterator[str]:
     """What of a value is not as a JSON Schema says, for the words that ours uses."""
     if "$ref" in schema:
         schema = definitions[schema["$ref"].removeprefix("#/$defs/")]
-    assert schema.keys() <= WORDS
-    if "anyOf" in schema:
-        attempts = [valid(value, kind, definitions, place) for kind in schema["anyOf"]]
-        return [] if any(not attempt for attempt in attempts) else attempts[0]
-    faults = []
-    kinds = schema.get("type", [])
-    kinds = [kinds] if isinstance(kinds, str) else kinds
-    if kinds and not any(value is None if kind == "null" else isinstance(value, TYPES[kind]) for kind in kinds):
-        return [f"{place} is {value!r}, and not {kinds}"]
-    if "const" in schema and value != schema["const"]:
-        faults.append(f"{place} is not {schema['const']!r}")
-    if "enum" in schema and value not in schema["enum"]:
-        faults.append(f"{place} is {value!r}")
-    if isinstance(value, (int, float)) and value < schema.get("minimum", value):
-        faults.append(f"{place} is {value}")
-    if isinstance(value, str) and not re.search(schema.get("pattern", ""), value):
-        faults.append(f"{place} is {value!r}")
-    if isinstance(value, dict):
-        properties = schema.get("properties", {})
-        faults += [f"{place} has no {name}" for name in schema.get("required", []) if name not in value]
-        if schema.get("additionalProperties") is False:
-            faults += [f"{place} has {name}" for name in value if name not in properties]
-        for name in properties.keys() & value.keys():
-            faults += valid(value[name], properties[name], definitions, f"{place}.{name}")
-    if isinstance(value, list):
-        for index, item in enumerate(value):
-            faults += valid(item, schema["items"], definitions, f"{place}[{index}]")
-    return faults
+    fields, items = value if isinstance(value, dict) else {}, value if isinstance(value, list) else []
+    properties = schema.get("properties", {})
+    holds: dict[str, Callable[[Any], object]] = {
+        "type": lambda kinds: any(isinstance(value, TYPES[kind]) for kind in np.atleast_1d(kinds)),
+        "const": lambda only: value == only,
+        "enum": lambda choices: value in choices,
+        "anyOf": lambda others: any(not list(faults(value, other, definitions)) for other in others),
+        "minimum": lambda least: not isinstance(value, (int, float)) or value >= least,
+        "pattern": lambda pattern: not isinstance(value, str) or re.search(pattern, value),
+        "required": lambda names: not isinstance(value, dict) or fields.keys() >= set(names),
+        "additionalProperties": lambda others: others or fields.keys() <= properties.keys(),
+        "properties": lambda _: True,
+        "items": lambda _: True,
+    }
+    yield from (f"{place}: {value!r}, {word}" for word in schema.keys() - COMMENTS if not holds[word](schema[word]))
+    for name in properties.keys() & fields.keys():
+        yield from faults(fields[name], properties[name], definitions, f"{place}.{name}")
+    for index, item in enumerate(items):
+        yield from faults(item, schema["items"], definitions, f"{place}[{index}]")
 
 
 def report_in(path: Path) -> dict[str, Any]:
     """A report, which must be as the schema says."""
     content = json.loads(path.read_text(encoding="utf-8"))
     schema = json.loads(SCHEMA.read_text(encoding="utf-8"))
-    assert not valid(content, schema, schema["$defs"])
+    assert not list(faults(content, schema, schema["$defs"]))
     return content
 
 
@@ -111,14 +92,14 @@ def test_the_report_of_depths(tmp_path: Path) -> None:
     assert entry["input"] == {"path": "cubes.blend", "sha256": sha256(source), "metres_per_unit": 1.0}
     assert entry["output"]["sha256"] == sha256(output)
     holders = mesh_objects(output)
-    assert [said["name"] for said in entry["objects"]] == ["One", "Two"]
-    for said in entry["objects"]:
-        holder = holders[said["name"]]
-        assert said["deepest"] == addon.depths(holder).max()
-        assert said["level"] == holder.data.ccdepth.uniform_level
-        assert said["proved"] == pytest.approx(addon.bounds(holder).max())
-        assert (said["tolerance"], said["faces"], said["met"]) == (pytest.approx(0.05), 6, None)
-        assert said["settings"]["method"] == "CERTIFIED"
+    assert [each["name"] for each in entry["objects"]] == ["One", "Two"]
+    for each in entry["objects"]:
+        holder = holders[each["name"]]
+        assert each["deepest"] == addon.depths(holder).max()
+        assert each["level"] == holder.data.ccdepth.uniform_level
+        assert each["proved"] == pytest.approx(addon.bounds(holder).max())
+        assert (each["tolerance"], each["faces"], each["met"]) == (pytest.approx(0.05), 6, None)
+        assert each["settings"]["method"] == "CERTIFIED"
 
 
 @pytest.fixture(scope="module")
@@ -133,9 +114,7 @@ def cube_report(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.mark.every_blender
 @pytest.mark.parametrize("suffix", [".blend", *OTHERS])
-def test_a_certificate_holds_until_something_is_changed(
-    tmp_path: Path, suffix: str, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_a_certificate_holds_until_something_is_changed(tmp_path: Path, suffix: str, capfd: Capture) -> None:
     source, report = save_cubes(tmp_path / "cubes.blend", "One", "Two"), tmp_path / "report.json"
     output = tmp_path / f"out{suffix}"
     skip_unless_written(suffix)
@@ -143,17 +122,17 @@ def test_a_certificate_holds_until_something_is_changed(
     content = report_in(report)
     [entry] = content["files"]
     assert entry["output"]["sha256"] == sha256(output)
-    for said in entry["objects"]:
-        distances = said["measured"]
-        assert 0 < distances["reached"] <= distances["proved"] <= said["tolerance"] == pytest.approx(0.05)
+    for each in entry["objects"]:
+        distances = each["measured"]
+        assert 0 < distances["reached"] <= distances["proved"] <= each["tolerance"] == pytest.approx(0.05)
         # What is really there is not more than what was proved before anything was written.
-        assert distances["reached"] <= said["proved"] * (1 + 1e-5)
-        assert said["result"] == f"{said['name']} Adaptive"
-        assert said["met"] is True
+        assert distances["reached"] <= each["proved"] * (1 + 1e-5)
+        assert each["result"] == f"{each['name']} Adaptive"
+        assert each["met"] is True
     assert run("--verify", report) == 0
     assert "all that the report says holds" in capfd.readouterr().out
-    for said in entry["objects"]:
-        said["measured"] = {"proved": 1e-4, "reached": 1e-5}
+    for each in entry["objects"]:
+        each["measured"] = {"proved": 1e-4, "reached": 1e-5}
     assert run("--verify", claim(tmp_path / "claimed.json", content)) == 1
     assert "the report says a distance" in capfd.readouterr().out
     output.write_bytes(output.read_bytes() + b"\0")
@@ -169,7 +148,7 @@ def test_a_certificate_holds_until_something_is_changed(
 def test_objects_are_told_by_names_that_are_much_alike(tmp_path: Path, suffix: str) -> None:
     source, report = save_cubes(tmp_path / "cubes.blend", "Cube.001", "Cube_001", "cube.001"), tmp_path / "report.json"
     assert run(source, "--subdivide", *LINE, "--output", tmp_path / f"out{suffix}", "--json", report) == 0
-    assert [said["met"] for said in report_in(report)["files"][0]["objects"]] == [True] * 3
+    assert [each["met"] for each in report_in(report)["files"][0]["objects"]] == [True] * 3
     assert run("--verify", report) == 0
 
 
@@ -188,9 +167,9 @@ def test_a_tolerance_that_is_nearly_reached_is_shown_to_be_met(tmp_path: Path, s
         scene.add_object(meshes.landscape(4, 3, seed=5))
         line, share = [save(tmp_path / "landscape.blend"), "--tolerance", "10mm"], 0.98
     assert run(*line, "--subdivide", "--output", tmp_path / f"out{suffix}", "--json", report) == 0
-    [said] = report_in(report)["files"][0]["objects"]
-    assert said["met"] is True
-    assert share * said["tolerance"] < said["measured"]["reached"] <= said["measured"]["proved"] <= said["tolerance"]
+    [each] = report_in(report)["files"][0]["objects"]
+    assert each["met"] is True
+    assert share * each["tolerance"] < each["measured"]["reached"] <= each["measured"]["proved"] <= each["tolerance"]
     assert run("--verify", report) == 0
 
 
@@ -209,7 +188,7 @@ def test_a_report_in_a_folder_that_is_a_link_finds_its_files(tmp_path: Path) -> 
 
 
 def test_a_file_that_was_moved_away_from_the_surface_is_found_out(
-    cube_report: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+    cube_report: Path, tmp_path: Path, capfd: Capture
 ) -> None:
     """Although its SHA-256 is put into the report."""
     shutil.copytree(cube_report.parent, tmp_path, dirs_exist_ok=True)
@@ -228,9 +207,7 @@ def test_a_file_that_was_moved_away_from_the_surface_is_found_out(
 
 
 @pytest.mark.parametrize("action", ["depths", "levels", "measure"])
-def test_what_is_not_made_adaptively_is_checked_again_as_well(
-    tmp_path: Path, action: str, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_what_is_not_made_adaptively_is_checked_again_as_well(tmp_path: Path, action: str, capfd: Capture) -> None:
     source, report = save_cubes(tmp_path / "cubes.blend", "One", "Two"), tmp_path / "report.json"
     line = {"depths": [], "levels": ["--levels", "--output", tmp_path / "out.ply"], "measure": ["--measure"]}[action]
     tolerance = ["--absolute", "--tolerance", "2m" if action == "measure" else "0.2m"]
@@ -240,7 +217,7 @@ def test_what_is_not_made_adaptively_is_checked_again_as_well(
     # Depths and levels are about quads, and files hold triangles: whether these are within it, measuring says.
     assert status == (0 if content["met"] else 1)
     if action != "depths":
-        assert all(said["measured"]["proved"] <= said["tolerance"] for said in entry["objects"] if said["met"])
+        assert all(each["measured"]["proved"] <= each["tolerance"] for each in entry["objects"] if each["met"])
     assert run("--verify", report) == status
     entry["objects"][1]["faces"] = 5
     capfd.readouterr()
@@ -281,7 +258,7 @@ def test_what_is_not_made_adaptively_is_checked_again_as_well(
     ],
 )
 def test_what_cannot_be_checked_does_not_pass(
-    cube_report: Path, place: str, value: Any, message: str, capfd: pytest.CaptureFixture[str]
+    cube_report: Path, place: str, value: Any, message: str, capfd: Capture
 ) -> None:
     content = holder = report_in(cube_report)
     *way, name = place.split()
@@ -294,7 +271,7 @@ def test_what_cannot_be_checked_does_not_pass(
     assert message in printed.out + printed.err
 
 
-def test_distances_of_no_file_do_not_pass(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_distances_of_no_file_do_not_pass(tmp_path: Path, capfd: Capture) -> None:
     source, report = save_cubes(tmp_path / "cube.blend", "One"), tmp_path / "report.json"
     assert run(source, *LINE, "--json", report) == 0
     content = report_in(report)
@@ -309,7 +286,7 @@ def test_failures_are_in_the_reports(tmp_path: Path) -> None:
     line = [source, tmp_path / "bad.ply", tmp_path / "nowhere.obj", *LINE]
     assert run(*line, "--json", tmp_path / "report.json", "--csv", tmp_path / "report.csv") == 1
     content = report_in(tmp_path / "report.json")
-    assert [said["error"] is None for said in content["files"]] == [True, False, False]
+    assert [each["error"] is None for each in content["files"]] == [True, False, False]
     assert content["files"][1]["input"]["sha256"] == sha256(tmp_path / "bad.ply")
     assert content["files"][2]["input"]["sha256"] is None
     rows = list(csv.DictReader(io.StringIO((tmp_path / "report.csv").read_text(encoding="utf-8"))))
@@ -319,7 +296,7 @@ def test_failures_are_in_the_reports(tmp_path: Path) -> None:
     assert run("--verify", tmp_path / "report.json") == 1
 
 
-def test_the_standard_output_holds_the_report_alone(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_the_standard_output_holds_the_report_alone(tmp_path: Path, capfd: Capture) -> None:
     source = save_cubes(tmp_path / "cube.blend", "One")
     capfd.readouterr()
     assert run(source, *LINE, "--json", "-") == 0
@@ -339,16 +316,14 @@ def test_the_standard_output_holds_the_report_alone(tmp_path: Path, capfd: pytes
         ('{"format": "ccdepth-report", "version": 1, "action": "depths", "files": [{}]}', "not a CC Depth report"),
     ],
 )
-def test_what_is_no_report(tmp_path: Path, text: str, message: str, capfd: pytest.CaptureFixture[str]) -> None:
+def test_what_is_no_report(tmp_path: Path, text: str, message: str, capfd: Capture) -> None:
     (tmp_path / "report.json").write_text(text)
-    assert run("--verify", tmp_path / "report.json") == 1
-    assert message in capfd.readouterr().err
+    assert message in said(capfd, "--verify", tmp_path / "report.json")
     for name in ("nowhere.json", "."):
-        assert run("--verify", tmp_path / name) == 1
-        assert f"ccdepth: {tmp_path / name}: it cannot be read: " in capfd.readouterr().err
+        assert f"ccdepth: {tmp_path / name}: it cannot be read: " in said(capfd, "--verify", tmp_path / name)
 
 
-def test_names_that_are_not_unicode_stand_in_the_reports(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_names_that_are_not_unicode_stand_in_the_reports(tmp_path: Path, capfd: Capture) -> None:
     """Python has a lone surrogate in place of each byte; JSON escapes it, and the file is found again."""
     source = tmp_path / os.fsdecode(b"cube \xff.obj")
     try:
@@ -368,7 +343,7 @@ def test_names_that_are_not_unicode_stand_in_the_reports(tmp_path: Path, capfd: 
 
 
 def test_folders_that_cannot_be_written_to_are_told_before_the_work(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Capture
 ) -> None:
     """As on a file system that is mounted for reading alone; what runs as root may write into any other folder."""
     monkeypatch.setattr(os, "access", lambda path, mode: not (Path(path) == tmp_path and mode == os.W_OK))
@@ -380,8 +355,7 @@ def test_folders_that_cannot_be_written_to_are_told_before_the_work(
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names")
-def test_a_pipe_is_not_waited_for(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+def test_a_pipe_is_not_waited_for(tmp_path: Path, capfd: Capture) -> None:
     pipe = tmp_path / "pipe.obj"
     os.mkfifo(pipe)
-    assert run(pipe, "--json", tmp_path / "report.json") == 1
-    assert "pipe.obj: there is no such file" in capfd.readouterr().err
+    assert "pipe.obj: there is no such file" in said(capfd, pipe, "--json", tmp_path / "report.json")
