@@ -15,6 +15,7 @@ from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.new_vertices import limits_of_new_vertices
 from ccdepth_addon.core.surface.refinement import Refinement
 from tests import meshes
+from tests.thorough import combinations
 
 # Sums of some twenty terms in double precision, of coordinates up to about 10.
 ROUNDING = 1e-13
@@ -29,8 +30,7 @@ def limits_by_refinement(mesh: PolygonMesh) -> FloatArray:
     return limit_positions(mesh)[mesh.corner_vertices].reshape(-1, 4, 3)
 
 
-@pytest.mark.parametrize("smooth_corners", [True, False])
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize(("seed", "smooth_corners"), combinations(range(6), [True, False]))
 def test_limits_from_rings_are_those_by_refinement(seed: int, smooth_corners: bool) -> None:
     mesh = creased(seed, smooth_corners=smooth_corners)
     for _ in range(3):

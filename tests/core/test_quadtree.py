@@ -332,6 +332,11 @@ def test_deep_at_a_corner_and_beside_the_centre(name: str) -> None:
             node = int(tree.first_child[node]) + slot
         assert tree.levels.max() == len(path)
         assert_same(tree, roots)
+        # Of a whole face and a far smaller one beside it, only the whole one's split side knows the vertex they share.
+        for level in (0, 1, 3):
+            others = tree.leaves()[tree.levels[tree.leaves()] == level]
+            assert_share_vertices(tree, tree.leaves(), others)
+            assert_share_vertices(tree, others, tree.leaves()[tree.levels[tree.leaves()] > level + 1])
 
 
 @given(name=names, sequence=sequences, seed=seeds, share=st.sampled_from([0.0, 0.1, 0.5, 1.0]))
@@ -343,7 +348,10 @@ def test_leaves_share_a_vertex_as_their_sets_of_vertices_do(
         tree.split(picked(tree, *each))
     generator = np.random.default_rng(seed)
     leaves = generator.permutation(tree.leaves())
-    others = leaves[generator.random(len(leaves)) < share]
+    assert_share_vertices(tree, leaves, leaves[generator.random(len(leaves)) < share])
+
+
+def assert_share_vertices(tree: Quadtree, leaves: IndexArray, others: IndexArray) -> None:
     marked: set[int] = set().union(*(vertices_of(tree, node) for node in others.tolist()))
     expected = [bool(vertices_of(tree, node) & marked) for node in leaves.tolist()]
     assert tree.share_a_vertex(leaves, others).tolist() == expected
