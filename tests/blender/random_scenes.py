@@ -99,17 +99,13 @@ def run(seed: int, kept: Sequence[int] | None = None, tell: Callable[[str], None
                 tell(f"{number} {name}")
                 with _errors_heard() as heard:
                     _carry_out(name, this)
-                    _check_touched()
+                    addon.module("state.staleness").check_touched()
+                    addon.module("state.sources").check_touched()
                 if "Traceback" in heard():
                     raise Fault(f"a traceback was printed: {heard()}")
         finally:
             tempfile.tempdir = None
     return this.tally
-
-
-def _check_touched() -> None:
-    for module in ("state.staleness", "state.sources"):
-        addon.module(module).check_touched()
 
 
 def _carry_out(name: str, this: Run) -> None:
@@ -161,7 +157,7 @@ def _call(this: Run, name: str, **settings: Any) -> bool:
     finished = outcome == {"FINISHED"}
     this.tally[f"{name} {'finished' if finished else 'refused'}"] += 1
     if not finished:
-        _only_changed(this, f"{name} {settings} refused")
+        _same(f"{name} {settings} refused", this.before_last)
     _nothing_temporary()
     _results_sound(f"{name} {settings}")
     bpy.ops.ed.undo_push(message=name)
@@ -174,14 +170,9 @@ def _reason(text: str) -> str:
     return "".join("#" if letter.isdigit() else letter for letter in words)[:70]
 
 
-def _only_changed(this: Run, what: str, allowed: Callable[[snapshot.Path], bool] = lambda path: False) -> None:
-    """Raise Fault where the last operator changed anything but what is allowed."""
-    _same(what, this.before_last, allowed)
-
-
 def _same(what: str, before: Snapshot, allowed: Callable[[snapshot.Path], bool] = lambda path: False) -> None:
-    found = snapshot.differences(before, snapshot.take(), allowed)
-    if found:
+    """Raise Fault where anything but what is allowed has been changed since."""
+    if found := snapshot.differences(before, snapshot.take(), allowed):
         raise Fault(f"{what}, and this was changed:\n" + "\n".join(found[:12]))
 
 
@@ -204,7 +195,7 @@ def compute(this: Run) -> None:
     settings["vertices"] = one(rng, ("CONTROL", "LIMIT"))
     clean = not any(map(addon.module("state.results").has_traces, bpy.data.meshes))
     if _call(this, "compute", **settings):
-        _only_changed(this, f"compute {settings} finished", snapshot.is_ours)
+        _same(f"compute {settings} finished", this.before_last, snapshot.is_ours)
         if clean:
             this.before_result = this.before_last
         this.last_computed = (_filled_in(settings), _meant()) if bpy.context.mode == "OBJECT" else None
@@ -259,13 +250,13 @@ def clear(this: Run) -> None:
             _same("compute and clear", this.before_result)
         chosen = {"active attribute", "rendered color"}
         gone = {path for path, value in this.before_last.items() if path[-1] in chosen and value in OURS}
-        _only_changed(this, "clear finished", lambda path: snapshot.is_ours(path) or path in gone)
+        _same("clear finished", this.before_last, lambda path: snapshot.is_ours(path) or path in gone)
 
 
 def count_faces(this: Run) -> None:
     settings = _subdivision(this.random)
     if _call(this, "count_faces", **settings):
-        _only_changed(this, f"count_faces {settings}")
+        _same(f"count_faces {settings}", this.before_last)
 
 
 def subdivide(this: Run) -> None:
@@ -313,7 +304,7 @@ def _originals_kept(this: Run, what: str, made: list[bpy.types.Mesh]) -> None:
             return True
         return path[0] != "meshes" or path[1] not in present
 
-    _only_changed(this, what, may_differ)
+    _same(what, this.before_last, may_differ)
 
 
 def _subdivision(rng: Random) -> dict[str, Any]:
@@ -333,7 +324,7 @@ def set_levels(this: Run) -> None:
     current = all(mesh.users == 1 and not staleness.is_stale(mesh) for mesh in meshes)
     refused = this.tally[OUT_OF_DATE]
     if _call(this, "set_levels"):
-        _only_changed(this, "set_levels", lambda path: path[2:3] == ("modifiers",))
+        _same("set_levels", this.before_last, lambda path: path[2:3] == ("modifiers",))
     if current and this.tally[OUT_OF_DATE] > refused:
         raise Fault("set_levels says that a result is out of date, and the panel does not")
 
@@ -345,7 +336,7 @@ def select(this: Run) -> None:
         settings["depth"] = int(rng.integers(0, 4))
         settings["comparison"] = one(rng, ("EQUAL", "AT_LEAST", "AT_MOST"))
     if _call(this, "select", **settings):
-        _only_changed(this, f"select {settings}", lambda path: path[-1] in SELECTION)
+        _same(f"select {settings}", this.before_last, lambda path: path[-1] in SELECTION)
         this.before_result = None
 
 
@@ -384,7 +375,7 @@ def _results() -> dict[str, list[Any]]:
 def measure(this: Run) -> None:
     # Whether it is near enough by then does not matter here.
     if _call(this, "measure", time_limit=0.2):
-        _only_changed(this, "measure finished", snapshot.is_ours)
+        _same("measure finished", this.before_last, snapshot.is_ours)
         this.before_result = None
 
 
@@ -415,11 +406,10 @@ def _results_sound(what: str) -> None:
             continue
         lengths = _lengths(mesh)
         for name in ATTRIBUTES[: 2 if record.subdivision else 3]:
-            attribute = mesh.attributes.get(name)
-            if attribute is None or (attribute.data_type, attribute.domain) != KINDS[name]:
-                raise Fault(f"{what}: {mesh.name} has no {name} of its kind")
-            if len(attribute.data) != lengths[attribute.domain]:
-                raise Fault(f"{what}: {name} on {mesh.name} has {len(attribute.data)} values")
+            attribute, (data_type, domain) = mesh.attributes.get(name), KINDS[name]
+            found = attribute and (attribute.data_type, attribute.domain, len(attribute.data))
+            if found != (data_type, domain, lengths[domain]):
+                raise Fault(f"{what}: {name} on {mesh.name} is {found}")
         bounds = np.array([each.value for each in mesh.attributes["ccdepth_bound"].data])
         # Several users may have several tolerances, and only the least of them is known.
         most = record.world_tolerance * (1 + SINGLE) if len(record.contributors) <= 1 else np.inf
@@ -457,12 +447,10 @@ def _sound_mesh(mesh: bpy.types.Mesh) -> None:
 def _is_finite(mesh: bpy.types.Mesh) -> bool:
     """Whether all values of its attributes are numbers."""
     for attribute in mesh.attributes:
-        value, dtype, width = snapshot.VALUES.get(attribute.data_type, ("", bool, 1))
-        if np.issubdtype(dtype, np.floating):
-            values = np.zeros(len(attribute.data) * width, dtype)
-            attribute.data.foreach_get(value, values)
-            if not np.isfinite(values).all():
-                return False
+        value, dtype, _ = snapshot.VALUES.get(attribute.data_type, ("", bool, 1))
+        floating = np.issubdtype(dtype, np.floating)
+        if floating and not all(np.isfinite(getattr(each, value)).all() for each in attribute.data):
+            return False
     return True
 
 

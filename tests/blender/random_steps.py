@@ -11,21 +11,19 @@ import os
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import replace
 from typing import Any
 
 import bpy
 import numpy as np
 from mathutils import Matrix
-from numpy.typing import NDArray
 
 from tests import meshes
+from tests.blender import scene
 from tests.blender.snapshot import VALUES
 
 Random = np.random.Generator
 Step = Callable[[Random], None]
-# Positions, edges and faces as Blender takes them.
-Parts = tuple[list[Any], list[Any], list[Any]]
-Maker = Callable[[Random], Parts]
 
 # What Blender raises when it does not want to, and `one` where there is nothing.
 REFUSALS = (RuntimeError, TypeError, ValueError, AttributeError, KeyError, OverflowError, ReferenceError)
@@ -78,101 +76,54 @@ def editable_of_any_type() -> list[bpy.types.Object]:
 # Meshes
 
 
-def add_mesh(rng: Random, make: Maker | None = None) -> None:
-    """An object with a random mesh."""
-    mesh = bpy.data.meshes.new(one(rng, ("Mesh", "Cube", "Ärger", "Mesh Adaptive", "ccdepth")))
-    positions, edges, faces = (make or one(rng, MESHES))(rng)
-    if positions and chance(rng, 0.25):
-        first = len(positions)
-        positions = [*positions, *rng.normal(size=(4, 3)).tolist()]
-        edges = [*edges, (first, first + 1), (0, first + 2)]
-    mesh.from_pydata(positions, edges, faces)
-    _add(bpy.data.objects.new(mesh.name, mesh))
+def add_mesh(rng: Random) -> None:
+    """An object with a random mesh, perhaps with loose edges and a loose vertex."""
+    data = one(rng, MESHES)(rng)
+    if len(data.positions) and chance(rng, 0.25):
+        first = len(data.positions)
+        loose = [(first, first + 1), (0, first + 2)]
+        data = replace(data, positions=np.concatenate([data.positions, rng.normal(size=(4, 3))]), loose_edges=loose)
+    _choose(scene.add_object(data, one(rng, ("Mesh", "Cube", "Ärger", "Mesh Adaptive", "ccdepth"))))
 
 
-def _add(holder: bpy.types.Object) -> None:
-    """Put a new object into the scene, selected and active where that is possible."""
-    bpy.context.scene.collection.objects.link(holder)
+def _choose(holder: bpy.types.Object) -> None:
+    """Select a new object and make it active, where that is possible."""
     with suppress(*REFUSALS):
         holder.select_set(True)
         bpy.context.view_layer.objects.active = holder
 
 
-def _grid(rng: Random) -> Parts:
-    columns, rows = (int(number) for number in rng.integers(1, 6, 2))
-    points = [(x, y, float(rng.normal(0, 0.3))) for y in range(rows + 1) for x in range(columns + 1)]
-    faces = []
-    for y in range(rows):
-        for x in range(columns):
-            corner = y * (columns + 1) + x
-            quad = (corner, corner + 1, corner + columns + 2, corner + columns + 1)
-            faces += [quad] if chance(rng, 0.8) else [quad[:3], (quad[0], quad[2], quad[3])]
-    return points, [], faces
+def _grid(rng: Random) -> meshes.MeshData:
+    """Quads, some of them as two triangles."""
+    data = meshes.landscape(*rng.integers(1, 6, 2).tolist())
+    faces = [[quad] if chance(rng, 0.8) else [quad[:3], [quad[0], *quad[2:]]] for quad in map(list, data.faces)]
+    return meshes.from_faces(data.positions, [face for parts in faces for face in parts])
 
 
-def _pole(rng: Random) -> Parts:
-    """Quads or triangles around a vertex."""
-    valence, step = int(rng.integers(3, 13)), int(rng.integers(1, 3))
-    count = step * valence
-    angles = 2 * np.pi * np.arange(count) / count
-    ring = np.stack([np.cos(angles), np.sin(angles), rng.normal(0, 0.1, count)], axis=1)
-    faces = [(0, *(1 + (start + each) % count for each in range(step + 1))) for start in range(0, count, step)]
-    return [(0.0, 0.0, float(rng.normal())), *ring.tolist()], [], faces
-
-
-def _prism(rng: Random) -> Parts:
-    """Two n-gons and quads between them."""
-    data = meshes.cylinder(int(rng.integers(3, 9)))
-    return data.positions.tolist(), [], data.faces
-
-
-def _soup(rng: Random) -> Parts:
-    """Polygons over random vertices, with edges of one, two and more faces."""
-    count, sizes = int(rng.integers(5, 14)), rng.integers(3, 6, int(rng.integers(1, 9)))
-    return rng.normal(size=(count, 3)).tolist(), [], [tuple(rng.permutation(count)[:size].tolist()) for size in sizes]
-
-
-def _sphere(rng: Random) -> Parts:
-    import bmesh
-
-    shape = bmesh.new()
-    if chance(rng, 0.5):
-        segments, rings = (int(rng.integers(3, most)) for most in (9, 6))
-        bmesh.ops.create_uvsphere(shape, u_segments=segments, v_segments=rings, radius=1)
-    elif chance(rng, 0.8):
-        bmesh.ops.create_icosphere(shape, subdivisions=1, radius=1)
-    else:
-        bmesh.ops.create_monkey(shape)
-    shape.verts.index_update()
-    made = [tuple(v.co) for v in shape.verts], [], [tuple(v.index for v in face.verts) for face in shape.faces]
-    shape.free()
-    return made
-
-
-def _known(rng: Random) -> Parts:
-    data = one(rng, (meshes.cube, meshes.triangles_and_quads))()
-    return data.positions.tolist(), list(data.loose_edges), data.faces
-
-
-def _without_faces(rng: Random) -> Parts:
-    count = int(rng.integers(0, 4))
-    return rng.normal(size=(count, 3)).tolist(), [(0, 1)] if count > 1 else [], []
+def _without_faces(rng: Random) -> meshes.MeshData:
+    return meshes.from_faces(rng.normal(size=(int(rng.integers(0, 4)), 3)), [])
 
 
 # Repeated ones are likelier.
-MESHES: tuple[Maker, ...] = (
-    _grid, _grid, _grid, _pole, _pole, _prism, _prism, _soup, _sphere, _sphere, _known, _known, _known, _known
-)  # fmt: skip
-
-
-def add_wire(rng: Random) -> None:
-    """An object without faces, perhaps without vertices."""
-    if chance(rng, 0.4):
-        add_mesh(rng, _without_faces)
+MESHES: tuple[Callable[[Random], meshes.MeshData], ...] = (
+    _grid,
+    _grid,
+    _grid,
+    lambda rng: meshes.fan(int(rng.integers(3, 13)), 1),
+    lambda rng: meshes.bumpy(meshes.bipyramid(int(rng.integers(3, 13))), 0.1),
+    lambda rng: meshes.bumpy(meshes.cylinder(int(rng.integers(3, 9))), 0.1),
+    lambda rng: meshes.torus(*rng.integers(3, 7, 2).tolist()),
+    lambda rng: one(rng, (meshes.cube, meshes.creased_cube, meshes.valence_two))(),
+    lambda rng: meshes.triangles_and_quads(),
+    lambda rng: meshes.with_random_creases(meshes.triangles_and_quads(), seed=int(rng.integers(99))),
+    lambda rng: scene.suzanne() if chance(rng, 0.2) else scene.icosphere(1),
+    lambda rng: meshes.face_soup(int(rng.integers(99))),
+    _without_faces,
+)
 
 
 def spoil_mesh(rng: Random) -> None:
-    """Repeated vertices, faces without area, no finite position, a wrong size: what is refused."""
+    """Repeated vertices, faces without area, no finite position, a wrong size: what is refused; or another size."""
     mesh, way = one(rng, local_meshes()), int(rng.integers(12))
     positions = np.zeros(3 * len(mesh.vertices), dtype=np.float32)
     data = mesh.attributes["position"].data
@@ -184,48 +135,39 @@ def spoil_mesh(rng: Random) -> None:
     elif way == 2:
         positions.reshape(-1, 3)[: max(1, len(mesh.vertices) // 4 * 3)] = positions[:3]
     elif way == 3:
-        with np.errstate(over="ignore"):
-            positions *= np.float32(10.0 ** rng.uniform(-30, 30))
-    elif way == 4:
         positions += np.float32(10.0 ** rng.uniform(0, 8))
-    elif way == 5:
+    elif way == 4:
         positions[2::3] = 0
-    # In the other half of all cases it stays as it is.
+    elif way < 9:
+        most = 30 if way == 5 else 4
+        with np.errstate(over="ignore"):
+            positions *= np.float32(10.0 ** rng.uniform(-most, most))
     data.foreach_set("vector", positions)
     mesh.update()
-
-
-def resize_mesh(rng: Random) -> None:
-    one(rng, local_meshes()).transform(Matrix(np.eye(3) * 10.0 ** rng.uniform(-4, 4)).to_4x4())
 
 
 # Objects
 
 
+def _add(name: str, data: bpy.types.ID | None) -> bpy.types.Object:
+    holder = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(holder)
+    _choose(holder)
+    return holder
+
+
 def add_user(rng: Random) -> None:
     """One more object with a mesh that is there, at a size of its own."""
-    holder = bpy.data.objects.new("User", one(rng, bpy.data.meshes))
+    holder = _add("User", one(rng, bpy.data.meshes))
     if chance(rng, 0.5):
         holder.scale = rng.uniform(0.3, 2.0, 3).tolist()
-    _add(holder)
 
 
 def add_other(rng: Random) -> None:
     """An object that is no mesh."""
-    made: Callable[[], Any] = one(
-        rng,
-        (
-            lambda: None,
-            lambda: bpy.data.lights.new("Light", "POINT"),
-            lambda: bpy.data.curves.new("Curve", "CURVE"),
-            lambda: bpy.data.curves.new("Text", "FONT"),
-            lambda: bpy.data.cameras.new("Camera"),
-            lambda: bpy.data.lattices.new("Lattice"),
-            lambda: bpy.data.armatures.new("Armature"),
-            lambda: bpy.data.metaballs.new("Ball"),
-        ),
-    )
-    _add(bpy.data.objects.new("Other", made()))
+    kinds = (("lights", "POINT"), ("curves", "CURVE"), ("curves", "FONT"), ("cameras",), ("lattices",), ("armatures",))
+    collection, *kind = one(rng, (*kinds, ("metaballs",), ("",)))
+    _add("Other", getattr(bpy.data, collection).new("Other", *kind) if collection else None)
 
 
 def place(rng: Random) -> None:
@@ -308,6 +250,11 @@ def link_library(rng: Random) -> None:
 # What meshes carry
 
 
+def _add_attribute(rng: Random, mesh: bpy.types.Mesh, name: str, types: Any, domains: Any) -> None:
+    with suppress(*REFUSALS):
+        fill(rng, mesh.attributes[mesh.attributes.new(name, one(rng, types), one(rng, domains)).name])
+
+
 def add_attributes(rng: Random) -> None:
     """Attributes of any type on any domain, also under names that Blender or CC Depth uses."""
     mesh = one(rng, local_meshes())
@@ -315,11 +262,17 @@ def add_attributes(rng: Random) -> None:
     for _ in range(int(rng.integers(1, 7))):
         name = one(rng, NAMES) if chance(rng, 0.5) else f"attribute {rng.integers(100)}"
         name = one(rng, OUR_NAMES) if chance(rng, 0.02) else name
-        with suppress(*REFUSALS):
-            made = mesh.attributes.new(name, one(rng, types), one(rng, ("POINT", "EDGE", "FACE", "CORNER")))
-            fill(rng, mesh.attributes[made.name])
+        _add_attribute(rng, mesh, name, types, ("POINT", "EDGE", "FACE", "CORNER"))
     if chance(rng, 0.5):
         mesh.attributes.active = one(rng, mesh.attributes)
+
+
+def add_colors(rng: Random) -> None:
+    mesh = one(rng, local_meshes())
+    for name in some(rng, ("Color", "Paint", "Color.001")):
+        _add_attribute(rng, mesh, name, ("FLOAT_COLOR", "BYTE_COLOR"), ("POINT", "CORNER"))
+    for name in some(rng, ("active_color_name", "default_color_name")):
+        setattr(mesh.attributes, name, one(rng, ["", *(color.name for color in mesh.color_attributes)]))
 
 
 def fill(rng: Random, attribute: bpy.types.Attribute) -> None:
@@ -343,13 +296,6 @@ def fill(rng: Random, attribute: bpy.types.Attribute) -> None:
     attribute.data.foreach_set(value, values.astype(dtype))
 
 
-def set_flags(mesh: bpy.types.Mesh, name: str, domain: str, values: NDArray[np.bool_]) -> None:
-    """Write one of Blender's own flags, unless something else has its name: then Blender's own access would crash."""
-    attribute = mesh.attributes.get(name) or mesh.attributes.new(name, "BOOLEAN", domain)
-    if attribute is not None and (attribute.data_type, attribute.domain) == ("BOOLEAN", domain):
-        attribute.data.foreach_set("value", values)
-
-
 def add_uv_maps(rng: Random) -> None:
     mesh = one(rng, local_meshes())
     for _ in range(int(rng.integers(1, 4))):
@@ -360,17 +306,6 @@ def add_uv_maps(rng: Random) -> None:
             mesh.uv_layers[layer.name].uv.foreach_set("vector", values)
     for name in ("active", "active_render", "active_clone"):
         setattr(one(rng, mesh.uv_layers), name, True)
-
-
-def add_colors(rng: Random) -> None:
-    mesh = one(rng, local_meshes())
-    for _ in range(int(rng.integers(1, 3))):
-        name, kind = one(rng, ("Color", "Paint", "Color.001")), one(rng, ("FLOAT_COLOR", "BYTE_COLOR"))
-        with suppress(*REFUSALS):
-            fill(rng, mesh.attributes[mesh.color_attributes.new(name, kind, one(rng, ("POINT", "CORNER"))).name])
-    for name in ("active_color_name", "default_color_name"):
-        if chance(rng, 0.5):
-            setattr(mesh.attributes, name, one(rng, ["", *(color.name for color in mesh.color_attributes)]))
 
 
 def add_groups(rng: Random) -> None:
@@ -392,14 +327,11 @@ def add_shape_keys(rng: Random) -> None:
         key = holder.shape_key_add(name=one(rng, ("Key", "Smile", "Basis")), from_mix=False)
         coordinates = np.zeros(3 * len(holder.data.vertices), dtype=np.float32)
         holder.data.vertices.foreach_get("co", coordinates)
-        if number:
-            coordinates += rng.normal(0, 0.2, len(coordinates)).astype(np.float32)
-        if chance(rng, 0.03):
-            coordinates[0] = np.nan
+        coordinates += rng.normal(0, 0.2, len(coordinates)).astype(np.float32) * bool(number)
+        coordinates[0] = np.nan if chance(rng, 0.03) else coordinates[0]
         key.points.foreach_set("co", coordinates)
         key.value, key.mute = float(rng.choice([0.0, 0.5, 1.0])), chance(rng, 0.2)
-        if holder.vertex_groups and chance(rng, 0.3):
-            key.vertex_group = one(rng, holder.vertex_groups).name
+        key.vertex_group = one(rng, ["", *holder.vertex_groups.keys()])
         key.relative_key = one(rng, holder.data.shape_keys.key_blocks)
     keys = holder.data.shape_keys
     keys.use_relative, keys.eval_time = not chance(rng, 0.2), float(rng.uniform(0, 20))
@@ -408,25 +340,26 @@ def add_shape_keys(rng: Random) -> None:
     if way < 2:
         key.driver_add("value").driver.expression = ("frame / 10", "no_such_name")[way]
     elif way == 2:
-        key.keyframe_insert("value", frame=1)
-        key.value = 0.9
-        key.keyframe_insert("value", frame=10)
+        _animate(key, "value", 0.9)
     elif way == 3:
         track = keys.animation_data_create().nla_tracks.new()
         track.strips.new("Strip", 1, bpy.data.actions.new("Action"))
 
 
+def _animate(holder: Any, name: str, last: Any) -> None:
+    """Let a setting go from what it is to another value."""
+    holder.keyframe_insert(name, frame=1)
+    setattr(holder, name, last)
+    holder.keyframe_insert(name, frame=20)
+
+
 def add_creases(rng: Random) -> None:
-    """Creases at edges and vertices, seams, sharp edges."""
     mesh = one(rng, local_meshes())
     for name, domain, count in (("crease_edge", "EDGE", len(mesh.edges)), ("crease_vert", "POINT", len(mesh.vertices))):
         if chance(rng, 0.6) and name not in mesh.attributes:
             wild, tame = rng.normal(0.5, 1.0, count), rng.choice([0.0, 0.0, 0.3, 0.7, 1.0], count)
             values = wild if chance(rng, 0.1) else tame
             mesh.attributes.new(name, "FLOAT", domain).data.foreach_set("value", values.astype(np.float32))
-    for name in ("uv_seam", "sharp_edge"):
-        if chance(rng, 0.5):
-            set_flags(mesh, name, "EDGE", rng.random(len(mesh.edges)) < 0.3)
 
 
 def add_materials(rng: Random) -> None:
@@ -436,7 +369,6 @@ def add_materials(rng: Random) -> None:
         mesh.materials.append(one(rng, (None, bpy.data.materials.new("Material"))))
     for polygon in mesh.polygons:
         polygon.material_index = int(rng.integers(0, 6))
-    set_flags(mesh, "sharp_face", "FACE", rng.random(len(mesh.polygons)) < 0.5)
     if chance(rng, 0.3):
         slot = one(rng, [each for each in editable_objects() if each.data == mesh]).material_slots[0]
         slot.link, slot.material = "OBJECT", bpy.data.materials.new("Own")
@@ -452,14 +384,23 @@ def add_normals(rng: Random) -> None:
         mesh.normals_split_custom_set(rng.normal(size=(len(mesh.loops), 3)).tolist())
 
 
+FLAGS = (
+    (".hide_vert", "POINT"), (".hide_edge", "EDGE"), (".hide_poly", "FACE"), (".select_vert", "POINT"),
+    (".select_edge", "EDGE"), (".select_poly", "FACE"), ("uv_seam", "EDGE"), ("sharp_edge", "EDGE"),
+    ("sharp_face", "FACE"),
+)  # fmt: skip
+
+
 def mark_elements(rng: Random) -> None:
-    """Hidden and selected elements, and face sets."""
+    """Hidden, selected and sharp elements, seams, and face sets.
+
+    Where something else has the name of one of Blender's own flags, Blender's access would crash.
+    """
     mesh = one(rng, local_meshes())
-    elements = (("vert", "POINT", mesh.vertices), ("edge", "EDGE", mesh.edges), ("poly", "FACE", mesh.polygons))
-    for kind, domain, items in elements:
-        for name in (".hide", ".select"):
-            if chance(rng, 0.4):
-                set_flags(mesh, f"{name}_{kind}", domain, rng.random(len(items)) < rng.choice([0.0, 0.3, 1.0]))
+    for name, domain in some(rng, FLAGS, 0.4):
+        attribute = mesh.attributes.get(name) or mesh.attributes.new(name, "BOOLEAN", domain)
+        if (attribute.data_type, attribute.domain) == ("BOOLEAN", domain):
+            attribute.data.foreach_set("value", rng.random(len(attribute.data)) < rng.choice([0.0, 0.3, 1.0]))
     for name, data_type, domain in ((".sculpt_face_set", "INT", "FACE"), (".sculpt_mask", "FLOAT", "POINT")):
         if chance(rng, 0.3) and name not in mesh.attributes:
             fill(rng, mesh.attributes.new(name, data_type, domain))
@@ -489,13 +430,12 @@ def add_modifiers(rng: Random) -> None:
                 holder.modifiers.move(len(holder.modifiers) - 1, 0)
 
 
-def randomise(rng: Random, holder: bpy.types.Object, modifier: Any) -> None:
+def randomise(rng: Random, holder: bpy.types.Object, modifier: Any, share: float = 0.5) -> None:
     """Set some settings to something in the range that Blender suggests."""
     for field in modifier.bl_rna.properties:
-        if field.is_readonly or field.identifier in {"name", "filepath", "rna_type"} or chance(rng, 0.5):
-            continue
-        with suppress(*REFUSALS):
-            setattr(modifier, field.identifier, _random_setting(rng, holder, field))
+        if not field.is_readonly and field.identifier not in {"name", "filepath", "rna_type"} and chance(rng, share):
+            with suppress(*REFUSALS):
+                setattr(modifier, field.identifier, _random_setting(rng, holder, field))
 
 
 def _random_setting(rng: Random, holder: bpy.types.Object, field: Any) -> Any:
@@ -538,12 +478,10 @@ def add_subdivision(rng: Random) -> None:
     """A Subdivision Surface modifier, somewhere in the stack."""
     holder = one(rng, editable_objects())
     modifier = holder.modifiers.new("Subdivision", "SUBSURF")
-    modifier.levels, modifier.render_levels = int(rng.integers(0, 3)), 1
+    randomise(rng, holder, modifier, 0.8)
+    keep_small(holder, modifier)
+    modifier.show_viewport, modifier.levels = chance(rng, 0.8), int(rng.integers(0, 3))
     modifier.subdivision_type = one(rng, ("CATMULL_CLARK", "CATMULL_CLARK", "SIMPLE"))
-    modifier.boundary_smooth = one(rng, ("ALL", "PRESERVE_CORNERS"))
-    modifier.uv_smooth = one(rng, modifier.bl_rna.properties["uv_smooth"].enum_items.keys())
-    modifier.use_creases, modifier.use_limit_surface = chance(rng, 0.7), chance(rng, 0.5)
-    modifier.use_custom_normals, modifier.show_viewport = chance(rng, 0.2), chance(rng, 0.8)
     if chance(rng, 0.4):
         holder.modifiers.move(len(holder.modifiers) - 1, int(rng.integers(len(holder.modifiers))))
 
@@ -594,12 +532,8 @@ def animate(rng: Random) -> None:
     """Another frame, keyed objects and modifiers."""
     step_frame(rng)
     holder = one(rng, editable_of_any_type())
-    with suppress(*REFUSALS):
-        holder.keyframe_insert("scale", frame=1)
-        holder.scale = rng.uniform(0.5, 2, 3).tolist()
-        holder.keyframe_insert("scale", frame=20)
-    modifier = one(rng, holder.modifiers)
-    modifier.keyframe_insert(one(rng, ("levels", "strength", "show_viewport", "thickness")), frame=1)
+    _animate(holder, "scale", rng.uniform(0.5, 2, 3).tolist())
+    one(rng, holder.modifiers).keyframe_insert(one(rng, ("levels", "strength", "show_viewport", "thickness")), frame=1)
 
 
 def step_frame(rng: Random) -> None:
@@ -619,24 +553,20 @@ def set_scene(rng: Random) -> None:
 
 def add_scene(rng: Random) -> None:
     """Another scene, with some of the objects, and perhaps the one that is worked in."""
-    scene = bpy.data.scenes.new("Scene")
+    other = bpy.data.scenes.new("Scene")
     for each in some(rng, bpy.data.objects):
-        scene.collection.objects.link(each)
+        other.collection.objects.link(each)
     if chance(rng, 0.2) and bpy.context.window is not None and bpy.context.mode == "OBJECT":
-        bpy.context.window.scene = scene
+        bpy.context.window.scene = other
 
 
 def set_mode(rng: Random) -> None:
     """Edit Mode mostly, and those in which one paints."""
-    bpy.ops.object.mode_set(mode=one(rng, ("EDIT",) * 6 + ("OBJECT",) * 3 + PAINTING))
+    bpy.ops.object.mode_set(mode=one(rng, ("EDIT",) * 6 + ("OBJECT",) * 5 + PAINTING))
     if bpy.context.mode == "EDIT_MESH":
         kinds = [chance(rng, 0.4), chance(rng, 0.4), chance(rng, 0.4)]
         bpy.context.tool_settings.mesh_select_mode = kinds if any(kinds) else (True, False, False)
         bpy.ops.mesh.select_random(ratio=float(rng.random()), seed=int(rng.integers(1, 1000)))
-
-
-def leave_mode(rng: Random) -> None:
-    bpy.ops.object.mode_set(mode="OBJECT")
 
 
 def edit_mesh(rng: Random) -> None:
@@ -672,13 +602,13 @@ def remove_something(rng: Random) -> None:
 ADDED_FIRST: tuple[Step, ...] = (add_mesh, add_mesh, add_mesh, add_user, add_other)
 # Repeated ones are likelier.
 BUILDING: tuple[Step, ...] = (
-    spoil_mesh, resize_mesh, place, place, give_parent, hide, use_collections, link_library, add_attributes,
+    spoil_mesh, spoil_mesh, place, place, give_parent, hide, use_collections, link_library, add_attributes,
     add_attributes, add_attributes, add_uv_maps, add_uv_maps, add_colors, add_colors, add_groups, add_groups,
     add_shape_keys, add_shape_keys, add_creases, add_creases, add_materials, add_normals, mark_elements, mark_elements,
     add_modifiers, add_modifiers, add_modifiers, add_subdivision, add_subdivision, add_nodes, add_multires,
-    add_constraint, animate, set_scene, add_scene, add_user, add_wire,
+    add_constraint, animate, set_scene, add_scene, add_user,
 )  # fmt: skip
 BETWEEN: tuple[Step, ...] = (
-    choose_objects, choose_objects, set_mode, set_mode, leave_mode, edit_mesh, step_frame, set_scene, remove_something,
+    choose_objects, choose_objects, set_mode, set_mode, set_mode, edit_mesh, step_frame, set_scene, remove_something,
     place, add_attributes, add_modifiers, hide, mark_elements, add_colors, link_library,
 )  # fmt: skip
