@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 import shutil
 import subprocess
+import sys
 from base64 import b64decode
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -18,8 +19,7 @@ from numpy.typing import NDArray
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.command_line_runs import run, save
-from tests.blender.test_processes import ended
+from tests.blender.command_line_runs import CHECKOUT, run, save
 
 picture = addon.module("command_line.picture")
 report = addon.module("command_line.report")
@@ -40,8 +40,9 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 
 
 @pytest.fixture(autouse=True)
-def few_samples(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(picture, "SAMPLES", 2)
+def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(picture, "SAMPLES", 1)
+    monkeypatch.setattr(addon.module("command_line.illustrating"), "PICTURE_SIZE", 0.2)
 
 
 class Parsed(HTMLParser):
@@ -156,13 +157,14 @@ def test_objects_that_share_a_mesh_have_its_numbers(tmp_path: Path) -> None:
     assert page.text.count("Certified{0}{0}".format(*deepest)) == 2
 
 
-def test_other_processes_make_the_same_page(tmp_path: Path) -> None:
+def test_other_processes_make_the_same_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene.add_object(meshes.cube())
     save(tmp_path / "one.blend")
+    monkeypatch.chdir(tmp_path)
     pages = []
-    for jobs in ([], ["--jobs", "2"]):
+    for jobs in ([], ["--jobs", "1"]):
         line = ["one.blend", "missing.obj", *LINE, *jobs, "--html", "report.html", "--overwrite"]
-        assert ended(tmp_path, *line).returncode == 1
+        assert run(*line, process=quick_program(tmp_path)) == 1
         pages.append((tmp_path / "report.html").read_text(encoding="utf-8"))
     # Pictures say how long they took.
     texts = [re.sub(r'src="[^"]*"', "", page) for page in pages]
@@ -171,6 +173,24 @@ def test_other_processes_make_the_same_page(tmp_path: Path) -> None:
     assert len(page.pictures()) == 2
     assert "there is no such file" in page.text
     assert "1 file failed" in page.text
+
+
+def quick_program(folder: Path) -> list[str]:
+    """The command line in another process, whose pictures are quick."""
+    script = folder / "quick.py"
+    lines = [
+        "import runpy, sys",
+        "from importlib import import_module",
+        "import bpy",
+        f"sys.path.insert(0, {str(CHECKOUT)!r})",
+        f"import_module({picture.__name__!r}).SAMPLES = 1",
+    ]
+    if bpy.app.binary_path:
+        script.write_text("\n".join(lines), encoding="utf-8")
+        return [bpy.app.binary_path, "-b", "--python", str(script), "--command", "ccdepth"]
+    lines.append(f"runpy.run_path({str(CHECKOUT / 'scripts' / 'heat_map.py')!r})")
+    script.write_text("\n".join(lines), encoding="utf-8")
+    return [sys.executable, str(script)]
 
 
 def test_a_page_without_pictures_tells_of_failures(tmp_path: Path) -> None:
