@@ -21,7 +21,10 @@ SHOWN, HIDDEN = (True, True, True), (False, False, False)
 
 
 def test_source_and_result_are_swapped_and_swapped_back() -> None:
+    """In Object Mode alone."""
     source, result = made_result()
+    with addon.edit_mode(result):
+        assert not bpy.ops.ccdepth.show_source.poll()
     assert visible(source, result) == [HIDDEN, SHOWN]
     assert bpy.ops.ccdepth.show_source() == {"FINISHED"}
     assert visible(source, result) == [SHOWN, HIDDEN]
@@ -29,9 +32,16 @@ def test_source_and_result_are_swapped_and_swapped_back() -> None:
     assert bpy.ops.ccdepth.show_result() == {"FINISHED"}
     assert visible(source, result) == [HIDDEN, SHOWN]
     assert bpy.context.view_layer.objects.active == result
+    # Removed results are no longer offered.
+    bpy.data.objects.remove(result)
+    source.hide_set(False)
+    addon.select(source)
+    assert not bpy.ops.ccdepth.show_result.poll()
+    assert not bpy.ops.ccdepth.update.poll()
 
 
 def test_several_are_swapped_together() -> None:
+    """And duplicates that the user made of results."""
     sources = [scene.add_object(meshes.cube(), "One"), scene.add_object(meshes.cube(), "Two")]
     results = subdivide(*sources)
     lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
@@ -41,51 +51,35 @@ def test_several_are_swapped_together() -> None:
     assert bpy.ops.ccdepth.show_source() == {"FINISHED"}
     assert visible(*sources, *results, lamp) == [SHOWN, SHOWN, HIDDEN, HIDDEN, SHOWN]
     assert bpy.context.view_layer.objects.active == sources[1]
-
-
-def test_a_source_in_another_scene_is_told() -> None:
-    source, result = made_result()
-    bpy.data.scenes.new("Other").collection.objects.link(source)
-    bpy.context.scene.collection.objects.unlink(source)
-    with pytest.raises(RuntimeError, match="is in the scene “Other”, and cannot be shown here"):
-        bpy.ops.ccdepth.show_source()
-    assert visible(result) == [SHOWN]
-
-
-def test_a_source_in_a_hidden_collection_is_told() -> None:
-    source, result = made_result()
-    collection = bpy.data.collections.new("Cages")
-    bpy.context.scene.collection.children.link(collection)
-    collection.objects.link(source)
-    bpy.context.scene.collection.objects.unlink(source)
-    collection.hide_viewport = True
-    with pytest.raises(RuntimeError, match="in a hidden collection"):
-        bpy.ops.ccdepth.show_source()
-    assert visible(result) == [SHOWN]
-    assert source.hide_get()
-
-
-def test_removed_results_are_no_longer_offered() -> None:
-    source, result = made_result()
-    bpy.data.objects.remove(result)
-    source.hide_set(False)
-    addon.select(source)
-    assert not bpy.ops.ccdepth.show_result.poll()
-    assert not bpy.ops.ccdepth.update.poll()
-
-
-def test_a_duplicate_made_by_the_user_is_shown_as_well() -> None:
-    source, result = made_result()
+    addon.select(sources[0])
+    bpy.ops.ccdepth.show_result()
     bpy.ops.object.duplicate()
     copy = bpy.context.view_layer.objects.active
     bpy.context.view_layer.update()
-    addon.select(result, copy)
+    addon.select(results[0], copy)
     bpy.ops.ccdepth.show_source()
     bpy.ops.ccdepth.show_result()
-    assert visible(source, result, copy) == [HIDDEN, SHOWN, SHOWN]
+    assert visible(sources[0], results[0], copy) == [HIDDEN, SHOWN, SHOWN]
 
 
-def test_it_works_in_object_mode_alone() -> None:
-    _, result = made_result()
-    with addon.edit_mode(result):
-        assert not bpy.ops.ccdepth.show_source.poll()
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        ("scene", "is in the scene “Other”, and cannot be shown here"),
+        ("collection", "in a hidden collection"),
+    ],
+)
+def test_a_source_that_cannot_be_shown_is_told(place: str, message: str) -> None:
+    source, result = made_result()
+    if place == "scene":
+        collection = bpy.data.scenes.new("Other").collection
+    else:
+        collection = bpy.data.collections.new("Cages")
+        bpy.context.scene.collection.children.link(collection)
+        collection.hide_viewport = True
+    collection.objects.link(source)
+    bpy.context.scene.collection.objects.unlink(source)
+    with pytest.raises(RuntimeError, match=message):
+        bpy.ops.ccdepth.show_source()
+    assert visible(result) == [SHOWN]
+    assert place == "scene" or source.hide_get()
