@@ -163,6 +163,18 @@ def test_non_manifold_features_are_infinitely_sharp() -> None:
     assert np.isinf(touching.vertex_sharpness[4])
 
 
+@pytest.mark.parametrize("steps", [1, 2])
+def test_whole_sharpness_is_infinite_for_so_many_steps(steps: int) -> None:
+    mesh = build("cube")
+    edges, vertices = mesh.edge_sharpness.copy(), mesh.vertex_sharpness.copy()
+    edges[[0, 1, 4, 7]], vertices[[2, 5]] = steps, steps
+    semi = replace(mesh, edge_sharpness=edges, vertex_sharpness=vertices)
+    sharp_edges, sharp_vertices = (np.where(each > 0, np.inf, 0.0) for each in (edges, vertices))
+    sharp = replace(mesh, edge_sharpness=sharp_edges, vertex_sharpness=sharp_vertices)
+    np.testing.assert_allclose(refined(semi, steps).positions, refined(sharp, steps).positions, rtol=0, atol=ROUNDING)
+    assert not has_semi_sharp(refined(semi, steps)).any()
+
+
 # Invariants
 
 
