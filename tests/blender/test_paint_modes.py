@@ -60,6 +60,10 @@ def test_colours_are_put_back_for_painting_and_shown_again_afterwards(mode: str,
     assert active(holder) == COLOR
     assert results.shows_heat_map(holder.data)
     assert rendered(holder) == (colors[0] if colors else "")
+    if colors == ("Paint",):
+        # They are put back under a new name.
+        colors = ("Painted",)
+        holder.data.attributes["Paint"].name = "Painted"
     bpy.ops.ccdepth.clear()
     assert active(holder) == (colors[-1] if colors else "")
     assert rendered(holder) == (colors[0] if colors else "")
@@ -83,7 +87,7 @@ def test_what_is_painted_is_not_the_heat_map(colors: tuple[str, ...]) -> None:
 
 
 @pytest.mark.parametrize("mode", MODES)
-def test_whatever_happens_while_painting_the_user_s_colours_stay(mode: str) -> None:
+def test_whatever_happens_while_painting_the_user_s_colours_stay(tmp_path: Path, mode: str) -> None:
     """Other modes, the switch of the heat map, a choice of its colours, and other users of the mesh."""
     holder, settings = computed("Paint"), bpy.context.scene.ccdepth
     other = scene.add_mesh(holder.data)
@@ -109,6 +113,17 @@ def test_whatever_happens_while_painting_the_user_s_colours_stay(mode: str) -> N
     settings.show_heat_map = False
     enter("OBJECT")
     assert active(holder) == "Paint"
+    # A file that was saved while painting shows the heat map afterwards.
+    settings.show_heat_map = True
+    enter(mode)
+    path = str(tmp_path / "saved.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    holder = bpy.data.objects["Cube"]
+    assert active(holder) == ("Paint" if holder.mode == mode else COLOR)
+    enter("OBJECT")
+    bpy.context.view_layer.update()
+    assert active(holder) == COLOR
 
 
 @pytest.mark.parametrize("mode", MODES)
@@ -169,20 +184,6 @@ def test_undo_and_redo_leave_the_user_s_colours_for_painting(mode: str) -> None:
         assert active(shown) == (COLOR if shown.mode == "OBJECT" else "Paint")
 
 
-@pytest.mark.parametrize("mode", MODES)
-def test_a_file_saved_while_painting_shows_the_heat_map_afterwards(tmp_path: Path, mode: str) -> None:
-    computed("Paint")
-    enter(mode)
-    path = str(tmp_path / "saved.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.open_mainfile(filepath=path)
-    holder = bpy.data.objects["Cube"]
-    assert active(holder) == ("Paint" if holder.mode == mode else COLOR)
-    enter("OBJECT")
-    bpy.context.view_layer.update()
-    assert active(holder) == COLOR
-
-
 # Results.
 
 
@@ -223,10 +224,3 @@ def test_a_result_of_a_mesh_without_active_colours_has_none() -> None:
     addon.select(result)
     bpy.ops.ccdepth.clear()
     assert (active(result), rendered(result)) == ("", "")
-
-
-def test_colours_renamed_meanwhile_are_put_back_under_their_new_name() -> None:
-    holder = computed("Paint")
-    holder.data.attributes["Paint"].name = "Painted"
-    bpy.ops.ccdepth.clear()
-    assert active(holder) == "Painted"

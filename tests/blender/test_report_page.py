@@ -106,6 +106,10 @@ def test_a_page_has_all_that_was_found(tmp_path: Path, action: str) -> None:
     # A tolerance at which a cube is far from its limit surface itself.
     run(source, *LINE, *action.split(), *writes, "--html", html, "--json", tmp_path / "report.json")
     page = parsed(html.read_text(encoding="utf-8"))
+    # A page that exists is not touched.
+    written = html.read_bytes()
+    assert run(source, *LINE, "--html", html) == 1
+    assert html.read_bytes() == written
     [entry] = report.read_report(tmp_path / "report.json").files
     for text in (NASTY, "cubes & <b>'bold'.blend", entry.source.sha256, "Levels by Method", "0.05"):
         assert text in page.text
@@ -157,6 +161,7 @@ def test_objects_that_share_a_mesh_have_its_numbers(tmp_path: Path) -> None:
     assert page.text.count("Certified{0}{0}".format(*deepest)) == 2
 
 
+@pytest.mark.skipif(bool(bpy.app.binary_path), reason="Blender is no module here")
 def test_other_processes_make_the_same_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene.add_object(meshes.cube())
     save(tmp_path / "one.blend")
@@ -176,20 +181,14 @@ def test_other_processes_make_the_same_page(tmp_path: Path, monkeypatch: pytest.
 
 
 def quick_program(folder: Path) -> list[str]:
-    """The command line in another process, whose pictures are quick."""
+    """The command line in another process, whose pictures are quick, where Blender is a module."""
     script = folder / "quick.py"
-    lines = [
-        "import runpy, sys",
-        "from importlib import import_module",
-        "import bpy",
-        f"sys.path.insert(0, {str(CHECKOUT)!r})",
-        f"import_module({picture.__name__!r}).SAMPLES = 1",
-    ]
-    if bpy.app.binary_path:
-        script.write_text("\n".join(lines), encoding="utf-8")
-        return [bpy.app.binary_path, "-b", "--python", str(script), "--command", "ccdepth"]
-    lines.append(f"runpy.run_path({str(CHECKOUT / 'scripts' / 'heat_map.py')!r})")
-    script.write_text("\n".join(lines), encoding="utf-8")
+    script.write_text(
+        f"import runpy, sys\nsys.path.insert(0, {str(CHECKOUT)!r})\n"
+        "from ccdepth_addon.command_line import picture\npicture.SAMPLES = 1\n"
+        f"runpy.run_path({str(CHECKOUT / 'scripts' / 'heat_map.py')!r})",
+        encoding="utf-8",
+    )
     return [sys.executable, str(script)]
 
 
@@ -204,12 +203,6 @@ def test_a_page_without_pictures_tells_of_failures(tmp_path: Path) -> None:
     for text in ("Tolerance not met", "Failed", "<script>alert(1)</script>", "\\x1b[31m", "none, as it cannot be read"):
         assert text in page.text
     assert not page.pictures()
-
-
-def test_a_page_that_exists_is_not_touched(tmp_path: Path) -> None:
-    (tmp_path / "report.html").write_text("precious")
-    assert run(save_nasty(tmp_path), "--html", tmp_path / "report.html") == 1
-    assert (tmp_path / "report.html").read_text() == "precious"
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
