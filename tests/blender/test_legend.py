@@ -31,12 +31,6 @@ def three_objects() -> list[bpy.types.Object]:
     return holders
 
 
-def add_light() -> bpy.types.Object:
-    light = bpy.data.objects.new("Light", bpy.data.lights.new("Light", "POINT"))
-    bpy.context.scene.collection.objects.link(light)
-    return light
-
-
 def test_it_tells_title_tolerance_and_what_it_counts() -> None:
     holder, settings = scene.add_suzanne(), bpy.context.scene.ccdepth
     settings.tolerance_mode, settings.tolerance, settings.last_color_depth = "ABSOLUTE", 0.0125, 20
@@ -70,33 +64,29 @@ def test_depths_that_share_a_colour_share_a_row() -> None:
     assert legend.rows[0].label == str(max(counts))
 
 
-@pytest.mark.parametrize("active", ["LIGHT", "NONE", "MESH"])
-def test_it_is_about_what_is_selected_whatever_is_active(active: str) -> None:
+def test_it_is_about_what_is_selected_whatever_is_active_or_about_the_active_one_or_all() -> None:
     holders = three_objects()
     others = scene.add_suzanne()
     addon.compute(others, tolerance=0.5)
-    light = add_light()
-    addon.select(*holders, light)
-    bpy.context.view_layer.objects.active = {"LIGHT": light, "NONE": None, "MESH": others}[active]
-    [legend] = legends()
-    together = sum((Counter(addon.histogram(holder)) for holder in holders), Counter())
-    assert {int(row.label): row.faces for row in legend.rows} == together
-    assert legend.objects == [("Suzanne", "500"), ("Cube", "6"), ("Small", "6")]
-    assert bpy.types.CCDEPTH_PT_results.poll(bpy.context)
-    assert selected.selected_results(bpy.context) == holders
-
-
-def test_without_a_selection_it_is_about_the_active_one_or_all() -> None:
-    holders = three_objects()
-    light = add_light()
+    light = bpy.data.objects.new("Light", bpy.data.lights.new("Light", "POINT"))
+    bpy.context.scene.collection.objects.link(light)
+    for active in (light, None, others):
+        addon.select(*holders, light)
+        bpy.context.view_layer.objects.active = active
+        [legend] = legends()
+        together = sum((Counter(addon.histogram(holder)) for holder in holders), Counter())
+        assert {int(row.label): row.faces for row in legend.rows} == together
+        assert legend.objects == [("Suzanne", "500"), ("Cube", "6"), ("Small", "6")]
+        assert bpy.types.CCDEPTH_PT_results.poll(bpy.context)
+        assert selected.selected_results(bpy.context) == holders
     addon.select()
     bpy.context.view_layer.objects.active = holders[1]
     assert selected.colored_objects(bpy.context) == [holders[1]]
     addon.select(light)
-    assert selected.colored_objects(bpy.context) == holders
+    assert selected.colored_objects(bpy.context) == [*holders, others]
     assert not bpy.types.CCDEPTH_PT_results.poll(bpy.context)
     holders[0].hide_set(True)
-    assert selected.colored_objects(bpy.context) == holders[1:]
+    assert selected.colored_objects(bpy.context) == [*holders[1:], others]
 
 
 def test_many_objects_are_counted_and_few_listed() -> None:

@@ -84,21 +84,18 @@ def test_where_there_is_no_size_the_mode_alone_is_switched(cube: bpy.types.Objec
 def test_the_other_one_is_told_for_the_active_object_as_it_is(cube: bpy.types.Object) -> None:
     assert addon.module("ui.tolerance_text").tolerance_text(bpy.context) == "", "nothing is measured while drawing"
     assert text() == "= 0.00346 m"
-    cube.scale = (2.0, 2.0, 2.0)
-    bpy.context.view_layer.update()
-    assert text() == "= 0.00693 m"
-    bpy.context.scene.ccdepth.tolerance_mode = "ABSOLUTE"
-    assert text() == "= 0.0722 of the size"
-
-
-def test_what_is_edited_is_measured_when_edit_mode_is_left(cube: bpy.types.Object) -> None:
-    assert text() == "= 0.00346 m"
+    # What is edited is measured when Edit Mode is left.
     with addon.edit_mode(cube):
         bpy.ops.mesh.select_all(action="SELECT")
         bpy.ops.transform.resize(value=(2.0, 2.0, 2.0))
         assert text() == "= 0.00346 m"
     bpy.context.view_layer.update()
     assert text() == "= 0.00693 m"
+    cube.scale = (2.0, 2.0, 2.0)
+    bpy.context.view_layer.update()
+    assert text() == "= 0.0139 m"
+    bpy.context.scene.ccdepth.tolerance_mode = "ABSOLUTE"
+    assert text() == "= 0.0361 of the size"
 
 
 def test_with_no_mesh_active_it_is_told_for_the_selected_meshes(cube: bpy.types.Object) -> None:
@@ -122,9 +119,7 @@ def test_with_no_mesh_active_it_is_told_for_the_selected_meshes(cube: bpy.types.
     other.select_set(False)
     settings.shown_tolerance_mode = "ABSOLUTE"
     assert settings.tolerance == about(0.001 * SIZE)
-
-
-def test_of_very_many_selected_objects_it_is_not_told(cube: bpy.types.Object) -> None:
+    # Of very many it is not told.
     addon.select(*[scene.add_mesh(cube.data) for _ in range(20)])
     bpy.context.view_layer.objects.active = None
     assert text() == ""
