@@ -139,6 +139,11 @@ def test_a_relative_tolerance_is_a_part_of_the_diagonal() -> None:
     holder.hide_set(False)
     [absolute] = subdivide(holder, tolerance=0.01 * diagonal)
     assert faces(relative) == faces(absolute)
+    holder.hide_set(False)
+    large = scene.add_mesh(holder.data)
+    large.scale = (3.0, 3.0, 3.0)
+    [shared, _] = subdivide(holder, large, tolerance=0.01, tolerance_mode="RELATIVE")
+    assert addon.bounds(shared).max() == pytest.approx(3 * addon.bounds(relative).max())
 
 
 def test_settings_come_from_the_scene_unless_given() -> None:

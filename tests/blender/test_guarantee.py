@@ -190,7 +190,13 @@ CASES: dict[str, Case] = {
 @pytest.mark.parametrize(
     ("name", "boundary"),
     [
-        pytest.param(name, boundary, marks=[pytest.mark.every_blender] * case.everywhere)
+        pytest.param(
+            name,
+            boundary,
+            # Sharp corners on one mesh will do.
+            marks=[pytest.mark.thorough] * (boundary != "ALL" and name != "landscape")
+            + [pytest.mark.every_blender] * case.everywhere,
+        )
         for name, case in CASES.items()
         for boundary in case.boundaries
     ],

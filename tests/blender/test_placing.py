@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from types import ModuleType
+
 import bpy
 import pytest
 
@@ -14,13 +16,17 @@ from tests.steps import result_of
 pytestmark = pytest.mark.every_blender
 
 
+def placing() -> ModuleType:
+    return addon.module("operators.adaptive_objects")
+
+
 def made_meshes(objects: list[bpy.types.Object]) -> tuple[object, object]:
     """Their results before they are placed, and the settings."""
-    task, made = addon.module("tasks.adaptive_task"), addon.module("operators.adaptive_objects")
+    task = addon.module("tasks.adaptive_task")
     settings = task.AdaptiveSettings(TOLERANCE, "ABSOLUTE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
     tasks = result_of(task.prepare_adaptive(bpy.context, objects, settings))
     answers = task.subdivide(tasks, settings)
-    return result_of(made.make_meshes(bpy.context, answers, settings, exact_normals=False)), settings
+    return result_of(placing().make_meshes(bpy.context, answers, settings, exact_normals=False)), settings
 
 
 def three_objects() -> list[bpy.types.Object]:
@@ -32,17 +38,15 @@ def three_objects() -> list[bpy.types.Object]:
     objects[1].scale = (3.0, 0.5, 1.0)
     for holder in objects:
         scene.add_subdivision(holder, 1)
-    objects[2].hide_render = True
+    objects[0].hide_render = objects[2].hide_render = True
     addon.select(*objects[:2])
     return objects
 
 
 @pytest.mark.parametrize("output", ["IN_PLACE", "NEW_OBJECT"])
 def test_all_is_placed(output: str) -> None:
-    objects = three_objects()
-    made, settings = made_meshes(objects)
-    place = addon.module("operators.adaptive_objects").place_meshes
-    placed = place(bpy.context, made, settings, in_place=output == "IN_PLACE")
+    made, settings = made_meshes(three_objects())
+    placed = placing().place_meshes(bpy.context, made, settings, in_place=output == "IN_PLACE")
     assert len(placed) == 3
     assert not any(holder.modifiers for holder in placed)
     assert all(holder.data.ccdepth.subdivision for holder in placed)
@@ -60,9 +64,8 @@ def test_objects_that_cannot_be_placed_beside_leave_all_as_they_were(failing: in
     collection.objects.link(objects[failing])
     bpy.context.scene.collection.objects.unlink(objects[failing])
     bpy.context.view_layer.layer_collection.children["Left out"].exclude = True
-    placing, surfaces = addon.module("operators.adaptive_objects"), addon.module("tasks.surfaces")
-    with pytest.raises(surfaces.ComputeError, match="nothing was written"):
-        placing.place_meshes(bpy.context, made, settings, in_place=False)
+    with pytest.raises(addon.module("tasks.surfaces").ComputeError, match="nothing was written"):
+        placing().place_meshes(bpy.context, made, settings, in_place=False)
     bpy.context.scene.collection.objects.link(objects[failing])
     bpy.data.collections.remove(collection)
     bpy.context.view_layer.update()
@@ -77,8 +80,7 @@ def test_whatever_goes_wrong_beside_leaves_all_as_it_was(failing: int, monkeypat
     objects = three_objects()
     before, active = everything_in_the_file(), bpy.context.view_layer.objects.active
     made, settings = made_meshes(objects)
-    placing = addon.module("operators.adaptive_objects")
-    link, calls = placing.link_beside, []
+    link, calls = placing().link_beside, []
 
     def odd(*arguments: object) -> None:
         calls.append(arguments)
@@ -86,9 +88,9 @@ def test_whatever_goes_wrong_beside_leaves_all_as_it_was(failing: int, monkeypat
             raise LookupError("odd")
         link(*arguments)
 
-    monkeypatch.setattr(placing, "link_beside", odd)
+    monkeypatch.setattr(placing(), "link_beside", odd)
     with pytest.raises(LookupError, match="odd"):
-        placing.place_meshes(bpy.context, made, settings, in_place=False)
+        placing().place_meshes(bpy.context, made, settings, in_place=False)
     assert everything_in_the_file() == before
     assert bpy.context.view_layer.objects.active == active
 
@@ -98,8 +100,8 @@ def test_objects_whose_mesh_cannot_be_replaced_leave_all_as_they_were() -> None:
     objects = three_objects()
     before = everything_in_the_file()
     made, settings = made_meshes(objects)
-    placing, surfaces = addon.module("operators.adaptive_objects"), addon.module("tasks.surfaces")
-    with addon.edit_mode(objects[2]), pytest.raises(surfaces.ComputeError, match="nothing was written"):
-        placing.place_meshes(bpy.context, made, settings, in_place=True)
+    error = addon.module("tasks.surfaces").ComputeError
+    with addon.edit_mode(objects[2]), pytest.raises(error, match="nothing was written"):
+        placing().place_meshes(bpy.context, made, settings, in_place=True)
     addon.select(*objects[:2])
     assert everything_in_the_file() == before

@@ -11,6 +11,7 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.subdividing import TOLERANCE, faces, known_count, subdivide
+from tests.blender.updating import set_scene
 
 pytestmark = pytest.mark.every_blender
 
@@ -43,31 +44,31 @@ def test_faces_of_uneven_objects_are_counted_as_they_are_made(transitions: str) 
     landscape = folded_unless_flattened(meshes.landscape(6, 5), "Landscape")
     fan = folded_unless_flattened(meshes.fan(5, 2), "Fan")
     sheared = scene.add_object(meshes.bumpy(meshes.cylinder(7), 0.2), "Sheared")
-    holders = landscape, fan, sheared
     parent = bpy.data.objects.new("Parent", None)
     bpy.context.scene.collection.objects.link(parent)
     parent.scale = (10.0, 1.0, 0.1)
     sheared.parent = parent
     sheared.rotation_euler = (0.5, 0.6, 0.7)
-    settings = bpy.context.scene.ccdepth
-    settings.tolerance_mode, settings.tolerance, settings.transitions = "ABSOLUTE", 0.1, transitions
+    subdivided_as_counted([landscape, fan, sheared], 0.1, transitions)
+
+
+def subdivided_as_counted(
+    holders: list[bpy.types.Object], tolerance: float, transitions: str
+) -> list[bpy.types.Object]:
+    """The results, whose faces are as many as were counted before."""
+    set_scene(tolerance=tolerance, transitions=transitions)
     addon.select(*holders)
     assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
     counts = {holder.name: known_count(holder).faces for holder in holders}
-    results = subdivide(*holders, tolerance=0.1, transitions=transitions)
+    results = subdivide(*holders, tolerance=tolerance, transitions=transitions)
     assert {result.name.removesuffix(" Adaptive"): faces(result) for result in results} == counts
+    return results
 
 
 @pytest.mark.parametrize("scale", [(1.0, 1.0, 0.0), (1.0, 1.0, -1e-12)])
 def test_objects_scaled_to_nothing_are_drawn_as_they_are_proved(scale: tuple[float, float, float]) -> None:
     holder = scene.add_object(meshes.landscape(6, 5))
     holder.scale = scale
-    addon.select(holder)
-    settings = bpy.context.scene.ccdepth
-    settings.tolerance_mode, settings.tolerance, settings.transitions = "ABSOLUTE", TOLERANCE, "NGONS"
-    assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
-    count = known_count(holder).faces
-    [result] = subdivide(holder, transitions="NGONS")
-    assert faces(result) == count
+    result = subdivided_as_counted([holder], TOLERANCE, "NGONS")[0]
     assert addon.bounds(result).max() <= TOLERANCE
     assert_quads_are_drawn_along_their_first_diagonal(result.data)
