@@ -192,7 +192,7 @@ def test_a_spike_of_the_mesh_and_a_part_missing_from_it_are_reached() -> None:
 
 
 # Each measures a surface and samples it densely: so a third as many as elsewhere.
-@settings(max_examples=settings.default.max_examples // 3)
+@settings(max_examples=settings().max_examples // 3)
 @given(seed=st.integers(0, 10_000), level=st.integers(0, 1), noise=st.sampled_from([0.0, 0.01, 0.2]))
 def test_any_triangles_next_to_any_surface(seed: int, level: int, noise: float) -> None:
     """The bounds hold for what has nothing to do with the surface's parameters."""

@@ -29,7 +29,7 @@ WAYS = 5
 
 seeds = st.integers(0, 2**32 - 1)
 # Quick, and few of the loops are nearly refused or nearly taken.
-often, twice = (settings(max_examples=times * settings.default.max_examples) for times in (5, 2))
+often, twice = (settings(max_examples=times * settings().max_examples) for times in (5, 2))
 shapes = {
     "unevenness": st.sampled_from([0.0, 0.05, 0.2, 0.6]),
     "height": st.sampled_from([0.0, 0.05, 0.3, 1.0]),
@@ -274,7 +274,7 @@ def test_whatever_triangles_are_drawn(seed: int) -> None:
 def dented(*offset: float) -> Loop:
     """The unit square, the middle of its first side moved by so much."""
     square = loops.plain(np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]))
-    square.middles[0] += offset
+    square.middles[0] += np.array(offset)
     return Loop(square.corners, square.middles, np.arange(4) == 0)
 
 
