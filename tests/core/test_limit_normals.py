@@ -10,19 +10,15 @@ from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.evaluation import limit_values
 from ccdepth_addon.core.surface.limit_normals import limit_normals
-from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes
 from tests.core.test_evaluation import build, every_mesh
+from tests.core.test_face_depths import build as smooth
 from tests.uniform import uniform_points
 
 # A step short enough for second derivatives to be worth 1e-5, and long enough for rounding to be worth less.
 STEP = 2.0**-18
 BY_DIFFERENCES = 1e-4
-
-
-def smooth(data: meshes.MeshData) -> PolygonMesh:
-    return apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
 
 
 def normals_by_differences(mesh: PolygonMesh, points: SurfacePoints) -> np.ndarray:

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,14 +13,10 @@ import pytest
 from ccdepth_addon.core.bounds.norms import second_order_norm_regular
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
-from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, nets
+from tests.core.test_face_depths import AWKWARD, build
 
 ROUNDING = 1e-13
-
-
-def build(data: meshes.MeshData, *, smooth_corners: bool = True) -> PolygonMesh:
-    return apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=smooth_corners)
 
 
 def with_numbers(mesh: PolygonMesh) -> PolygonMesh:
@@ -158,17 +155,21 @@ def creased_around_a_pole() -> meshes.MeshData:
     return meshes.creased(fan, {(0, sides[0][1]): 1.0, (0, sides[2][1]): 1.0})
 
 
+WITH_REGULAR_FACES = (
+    "landscape",
+    "single quad",
+    "fin through",
+    "flipped face",
+    "soup",
+    "soup with random creases",
+)
 FEATURES: dict[str, Callable[[], PolygonMesh]] = {
+    **{name: partial(build, AWKWARD[name](), smooth_corners=False) for name in WITH_REGULAR_FACES},
     "boundary": lambda: build(meshes.landscape(4, 3)),
-    "kept corners": lambda: build(meshes.landscape(4, 3), smooth_corners=False),
     "one row": lambda: build(meshes.landscape(4, 1), smooth_corners=False),
-    "single quad": lambda: build(meshes.bumpy(meshes.grid(1, 1), 0.3), smooth_corners=False),
     "crease": lambda: build(creased_lines()[0]),
     "crossing creases": lambda: build(creased_lines()[1], smooth_corners=False),
     "creased valence 6": lambda: build(creased_around_a_pole()),
-    "fin": lambda: build(meshes.fin_through()),
-    "soup": lambda: build(meshes.face_soup(), smooth_corners=False),
-    "creased soup": lambda: build(meshes.with_random_creases(meshes.face_soup(3), share=0.7), smooth_corners=False),
     "random creases": lambda: build(meshes.with_random_creases(meshes.landscape(8, 8), share=0.1)),
     "closed": lambda: nets.refined(build(meshes.trapezohedron(5)), 2),
     "all edges sharp": lambda: build(
@@ -184,7 +185,7 @@ def test_nets_are_the_surface(name: str) -> None:
     assert len(faces)
     net = regular_nets(mesh, faces)
     np.testing.assert_allclose(nets.limit_grids(mesh, faces, 3), spline_points(net, 8), rtol=0, atol=ROUNDING)
-    if name in ("boundary", "kept corners", "single quad", "crossing creases", "creased valence 6"):
+    if name in ("boundary", "landscape", "single quad", "crossing creases", "creased valence 6"):
         # Six plain steps leave every vertex within M/3 · 4⁻⁶ of the surface, with no formula for limits involved.
         fine, norm = nets.refined(mesh, 6), second_order_norm_regular(net)[:, None, None]
         off = fine.positions[nets.vertex_grids(fine, faces, 6)] - spline_points(net, 2**6)
