@@ -131,12 +131,17 @@ def test_materials_of_the_source_come_along_where_the_result_has_none_of_its_own
     result.data.materials.append(late)
     update(result)
     assert list(result.data.materials) == [second, own, late]
-    # Slots of the object stay.
-    result.material_slots[0].link, result.material_slots[0].material = "OBJECT", first
+
+
+def test_slots_of_the_object_stay() -> None:
+    source, result = made_result()
+    source.data.materials.append(None)
+    update(result)
+    own = bpy.data.materials.new("Own")
+    result.material_slots[0].link, result.material_slots[0].material = "OBJECT", own
     source.data.materials.clear()
     update(result)
-    slots = [(slot.link, slot.material) for slot in result.material_slots]
-    assert slots == [("OBJECT", first), ("DATA", own), ("DATA", late)]
+    assert [(slot.link, slot.material) for slot in result.material_slots] == [("OBJECT", own)]
 
 
 def test_the_tolerance_holds_where_the_result_is() -> None:
