@@ -206,6 +206,7 @@ PATTERNS = list(range(WHOLE, ALL_SPLIT))
     height=st.sampled_from([0.0, 0.1, 0.5]),
     pattern=st.sampled_from(PATTERNS),
 )
+@example(seed=400, unevenness=0.6, height=0.1, pattern=12)  # A region, but a triangle of its template is turned over.
 def test_quads_with_split_sides_are_as_near_to_their_template_as_they_are_thick(
     seed: int, unevenness: float, height: float, pattern: int
 ) -> None:
@@ -286,6 +287,17 @@ def test_a_dent_counts_unless_blender_is_known_to_see_it() -> None:
     assert loop.thickness()[0] == pytest.approx(HEIGHT_ROUNDING * reach, rel=1e-9, abs=0)
     assert loop.thickness(UNEVEN)[0] == pytest.approx(HEIGHT_ROUNDING * reach / cosine, rel=1e-9, abs=0)
     assert loop.thickness(TOO_UNEVEN)[0] == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(("height", "is_folded"), [(0.01, False), (1.0, True)])
+def test_a_dent_counts_where_a_triangle_may_be_folded_at_its_middle(height: float, is_folded: bool) -> None:
+    """Blender may cut a folded triangle along the diagonal that does not start at the middle."""
+    plain = loops.plain(np.array([[0.0, 0, 0], [1, 0, 0], [0.5, 1, 0]]))
+    plain.middles[0] += np.array([0.0, 0.1, height])
+    loop = Loop(plain.corners, plain.middles, np.arange(3) == 0)
+    thickness, normal = loop.thickness()
+    flat = np.ptp(loop.vertices @ normal)
+    assert thickness == pytest.approx(np.hypot(flat, loop.dent(normal)) if is_folded else flat, rel=1e-9)
 
 
 def test_along_the_line_that_blender_looks_along() -> None:
