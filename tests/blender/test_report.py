@@ -98,6 +98,8 @@ def test_the_report_of_depths(tmp_path: Path) -> None:
         assert each["deepest"] == addon.depths(holder).max()
         assert each["level"] == holder.data.ccdepth.uniform_level
         assert each["proved"] == pytest.approx(addon.bounds(holder).max())
+        # Rounded up.
+        assert each["proved"] > float(addon.bounds(holder).max())
         assert (each["tolerance"], each["faces"], each["met"]) == (pytest.approx(0.05), 6, None)
         assert each["settings"]["method"] == "CERTIFIED"
 
