@@ -197,11 +197,13 @@ def test_a_page_without_pictures_tells_of_failures(tmp_path: Path) -> None:
     missed = report.ObjectEntry("Part", settings, 0.05, 6, measured=report.Distances(0.06, 0.04), met=False)
     stamp = report.FileStamp(Path("part.blend"), None, 1.0)
     error = "<script>alert(1)</script>\n\x1b[31m second"
-    failed = report.FileEntry(replace(stamp, path=Path("bad.blend")), error=error)
+    failed = report.FileEntry(replace(stamp, path=Path("bad <b>.blend")), error=error)
     whole = report.Report("measure", (report.FileEntry(stamp, (missed,)), failed))
     page = parsed(report_page.page(whole))
     for text in ("Tolerance not met", "Failed", "<script>alert(1)</script>", "\\x1b[31m", "none, as it cannot be read"):
         assert text in page.text
+    # In the table of files, and above what is told of the file.
+    assert page.text.count("bad <b>.blend") == 2
     assert not page.pictures()
 
 
