@@ -180,6 +180,7 @@ def test_many_at_once_are_as_each_by_itself() -> None:
     height=st.sampled_from([0.0, 0.3]),
     pattern=st.integers(1, 6),
 )
+@example(seed=9, unevenness=0.6, height=0.0, pattern=6)  # Its fan covers it, and its template does not.
 def test_templates_of_triangles_face_the_normal(seed: int, unevenness: float, height: float, pattern: int) -> None:
     """Where a triangle with one or two bent sides is a region, its template covers it, as near as it is thick."""
     drawn = loops.random_loop(seed, 3, unevenness, height, bent_share=1.0)
