@@ -87,14 +87,14 @@ class Case:
 
 
 CASES = {
-    "cube": Case(NAMED["cube"], (COARSE, FINE)),
+    "cube": Case(NAMED["cube"], (COARSE, MIDDLE, FINE)),
     "valence 2": Case(NAMED["valence 2"], (COARSE, MIDDLE), FINEST),
     "valences 3 and 9": Case(NAMED["valences 3 and 9"], (COARSE, MIDDLE)),
     "n-gons": Case(NAMED["n-gons"], (COARSE, MIDDLE, FINE)),
-    "landscape with boundary": Case(lambda: meshes.landscape(6, 5), (COARSE, FINE), FINEST),
-    "triangles": Case(lambda: meshes.bumpy(meshes.bipyramid(6), 0.05), (COARSE, FINE)),
+    "landscape with boundary": Case(lambda: meshes.landscape(6, 5), (COARSE, MIDDLE, FINE), FINEST),
+    "triangles": Case(lambda: meshes.bumpy(meshes.bipyramid(6), 0.05), (COARSE, MIDDLE, FINE)),
     "concave faces": Case(meshes.concave_faces, (COARSE, MIDDLE)),
-    "nearly flat around a pole": Case(lambda: flattened(meshes.fan(5, 3)), (COARSE, FINE), FINEST),
+    "nearly flat around a pole": Case(lambda: flattened(meshes.fan(5, 3)), (COARSE, MIDDLE, FINE), FINEST),
     "flat hexagons": Case(lambda: meshes.hexagons(4, 7, 0.12), (COARSE, MIDDLE, FINE), FINEST),
     "hexagons with a bump": Case(hexagons_with_a_bump, (COARSE, MIDDLE, FINE), FINEST),
     "Suzanne": Case(NAMED["Suzanne"], (COARSE, FINE)),
@@ -119,10 +119,10 @@ CASES = {
         lambda: softened(NAMED["valence 2 with random creases"]()), (COARSE, MIDDLE), FINEST
     ),
     "house with creases": Case(lambda: softened(NAMED["house with random creases"]()), (COARSE, MIDDLE)),
-    "not manifold": Case(lambda: softened(NAMED["not manifold"]()), (COARSE, FINE), FINEST),
+    "not manifold": Case(lambda: softened(NAMED["not manifold"]()), (COARSE, MIDDLE, FINE), FINEST),
     "torus": Case(lambda: meshes.torus(9, 6), (MIDDLE, FINE), FINEST),
     "landscape with creases": Case(
-        lambda: softened(meshes.with_random_creases(meshes.landscape(5, 5))), (COARSE, FINEST), FINEST
+        lambda: softened(meshes.with_random_creases(meshes.landscape(5, 5))), (COARSE, MIDDLE, FINEST), FINEST
     ),
     "n-gons with creases": Case(lambda: softened(meshes.with_random_creases(meshes.cylinder(8), share=0.5)), (MIDDLE,)),
 }
