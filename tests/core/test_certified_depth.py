@@ -67,7 +67,6 @@ CASES = test_face_depths.AWKWARD | {
     "valence 12": lambda: meshes.fan(12),
     "valence 64": lambda: meshes.fan(64, 1),
     "valences 3 and 9": lambda: meshes.bumpy(meshes.trapezohedron(9), 0.05),
-    "soup with few creases": lambda: meshes.with_random_creases(meshes.face_soup(2), seed=2, share=0.1),
 }
 # Those that have corners to make round.
 OPEN = ("valence 5", "landscape", "landscape with random creases", "flipped face")
