@@ -119,6 +119,9 @@ def test_a_page_has_all_that_was_found(tmp_path: Path, action: str) -> None:
     assert len(pictures) == 4
     assert all(each.startswith(SIGNATURE) for each in pictures)
     assert len(set(pictures)) == 4
+    alts = {attributes["alt"] for tag, attributes in page.elements if tag == "img"}
+    shown = [each.result or each.name for each in entry.objects]
+    assert alts == {f"{look} of {name}" for look in ("Heat map", "Wireframe") for name in shown}
     words = {None: "Not measured", True: "Tolerance met", False: "Tolerance not met"}
     for each in entry.objects:
         assert words[each.met] in page.text
@@ -200,7 +203,14 @@ def test_a_page_without_pictures_tells_of_failures(tmp_path: Path) -> None:
     failed = report.FileEntry(replace(stamp, path=Path("bad <b>.blend")), error=error)
     whole = report.Report("measure", (report.FileEntry(stamp, (missed,)), failed))
     page = parsed(report_page.page(whole))
-    for text in ("Tolerance not met", "Failed", "<script>alert(1)</script>", "\\x1b[31m", "none, as it cannot be read"):
+    for text in (
+        "Tolerance not met",
+        "Not met",
+        "Failed",
+        "<script>alert(1)</script>",
+        "\\x1b[31m",
+        "none, as it cannot be read",
+    ):
         assert text in page.text
     # In the table of files, and above what is told of the file.
     assert page.text.count("bad <b>.blend") == 2
