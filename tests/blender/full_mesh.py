@@ -25,6 +25,7 @@ LEVEL = 2
 FACE_NUMBERS = "face_number"
 PARAMETERS = "corner_parameters"
 
+DOMAINS = ["POINT", "EDGE", "FACE", "CORNER"]
 INTEGERS = {"INT", "INT8", "INT16_2D", "INT32_2D"}
 
 # Parameters of size 2 at most in single precision, where points are a sixteenth apart and more.
@@ -128,9 +129,13 @@ def everything(seed: int = 1) -> bpy.types.Object:
     return holder
 
 
+def faces_of_corners(mesh: bpy.types.Mesh) -> NDArray[np.intp]:
+    """(C,): the face of each corner."""
+    return np.repeat(np.arange(len(mesh.polygons)), [polygon.loop_total for polygon in mesh.polygons])
+
+
 def add_uv_maps(mesh: bpy.types.Mesh, rng: np.random.Generator) -> None:
-    vertices = read(mesh, ".corner_vert")[:, 0]
-    faces = np.repeat(np.arange(len(mesh.polygons)), [polygon.loop_total for polygon in mesh.polygons])
+    vertices, faces = read(mesh, ".corner_vert")[:, 0], faces_of_corners(mesh)
     x, y, z = read(mesh, "position").T
     projected = np.stack([x + 0.3 * z, y + 0.2 * z], axis=1) / 4 + rng.uniform(0.0, 0.05, (len(x), 2))
     for number, name in enumerate(("First", "Second")):

@@ -11,24 +11,25 @@ import bpy
 import numpy as np
 import pytest
 
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.full_mesh import VALUES, counts, known_types, random_values, read
+from tests.blender.full_mesh import DOMAINS, VALUES, counts, known_types, random_values, read
 from tests.blender.subdividing import refused, subdivide
 
-DOMAINS = ["POINT", "EDGE", "FACE", "CORNER"]
+pytestmark = pytest.mark.every_blender
+
 TOLERANCE = 0.2
 
-# Names that stand for something in Blender, or here.
+# Names that stand for something in Blender, or here, some of them for a while.
 NAMES = [
     "crease_vert", "crease_edge", "custom_normal", "uv_seam", ".select_vert", ".select_poly", ".hide_edge",
     ".hide_poly", "sharp_edge", "sharp_face", "material_index", "freestyle_edge", ".sculpt_face_set",
-    "ccdepth_origin", "ccdepth_weights_0",
+    "ccdepth_origin_0", "ccdepth_weights_0",
 ]  # fmt: skip
+# Those that Blender's own modifiers do not take for something else.
+NAMES_BEHIND_MODIFIERS = ["crease_vert", "crease_edge", "ccdepth_origin_0", "custom_normal"]
 CREASES = {"crease_vert": "POINT", "crease_edge": "EDGE"}
-
-# One type that is interpolated, copied, joined, spread, kept in steps each, and those of Blender's own attributes.
-TELLING_TYPES = {"FLOAT", "INT", "BOOLEAN", "FLOAT_VECTOR", "BYTE_COLOR", "INT16_2D", "QUATERNION"}
 
 
 def uneven() -> bpy.types.Object:
@@ -40,19 +41,29 @@ def uneven() -> bpy.types.Object:
     return scene.add_object(meshes.from_faces(positions.tolist(), [*quads, [a, b, c], [a, c, d]]), "Mesh")
 
 
-def add(holder: bpy.types.Object, name: str, data_type: str, domain: str) -> np.ndarray | None:
-    """An attribute with values, (N, D); None where Blender allows none of the kind."""
+def add(holder: bpy.types.Object, name: str, data_type: str, domain: str) -> list | None:
+    """The values of a new attribute; None where Blender allows none of the kind."""
     if name in holder.data.attributes:
         holder.data.attributes.remove(holder.data.attributes[name])
     attribute = holder.data.attributes.new(name, data_type, domain)
     if attribute is None or attribute.name != name:
         return None
+    if data_type == "STRING":
+        attribute.data[0].value = b"text"
+        return values_of(holder, name)
     value, dtype, _ = VALUES[data_type]
     values = random_values(data_type, counts(holder.data)[domain], np.random.default_rng(5))
     if name in CREASES and np.issubdtype(dtype, np.integer):
         values = values % 2
     attribute.data.foreach_set(value, np.ascontiguousarray(values, dtype=dtype).ravel())
-    return read(holder.data, name)
+    return values_of(holder, name)
+
+
+def values_of(holder: bpy.types.Object, name: str) -> list:
+    attribute = holder.data.attributes[name]
+    if attribute.data_type == "STRING":
+        return [item.value for item in attribute.data]
+    return read(holder.data, name).tolist()
 
 
 def kind(holder: bpy.types.Object, name: str) -> tuple[str, str]:
@@ -60,26 +71,43 @@ def kind(holder: bpy.types.Object, name: str) -> tuple[str, str]:
     return attribute.data_type, attribute.domain
 
 
+def read_arrays(holder: bpy.types.Object, *, use_modifiers: bool = False) -> PolygonMesh:
+    module = addon.module("exchange.control_mesh")
+    return module.read_control_mesh(bpy.context, holder, use_modifiers=use_modifiers).read.arrays
+
+
 # Nothing fails, and nothing is lost.
 
 
-@pytest.mark.parametrize("domain", DOMAINS)
-@pytest.mark.parametrize("name", NAMES)
-def test_every_kind_of_attribute_is_carried_over(name: str, domain: str) -> None:
-    for data_type in known_types() if name in CREASES else TELLING_TYPES & {*known_types()}:
+@pytest.mark.parametrize("modifiers", [False, True])
+@pytest.mark.parametrize("turn", range(len(DOMAINS)))
+def test_every_kind_of_attribute_is_carried_over(turn: int, modifiers: bool) -> None:
+    """All names are on one mesh, of types and domains that differ; they change until each name has had each kind."""
+    types = [*known_types(), "STRING"]
+    for first in range(len(types)):
         scene.clear()
         holder = uneven()
-        values = add(holder, name, data_type, domain)
-        if values is None:
-            continue
+        kinds = {
+            name: (types[(first + number) % len(types)], DOMAINS[(turn + number) % len(DOMAINS)])
+            for number, name in enumerate(NAMES_BEHIND_MODIFIERS if modifiers else NAMES)
+        }
+        held = {name: values for name, chosen in kinds.items() if (values := add(holder, name, *chosen)) is not None}
+        if modifiers:
+            holder.modifiers.new("Triangulate", "TRIANGULATE")
+            addon.compute(holder, tolerance=TOLERANCE)
         [result] = subdivide(holder, tolerance=TOLERANCE)
-        np.testing.assert_array_equal(read(holder.data, name), values)
-        if is_kept_to_itself(name, data_type, domain):
-            continue
-        assert kind(result, name) == (data_type, domain), data_type
-        if domain == "POINT":
-            # The control mesh's vertices come first, and keep their values.
-            np.testing.assert_array_equal(read(result.data, name)[: len(values)], values, err_msg=data_type)
+        for name, values in held.items():
+            assert values_of(holder, name) == values
+            if is_kept_to_itself(name, *kinds[name]):
+                continue
+            assert kind(result, name) == kinds[name], name
+            if kinds[name][1] == "POINT":
+                # The control mesh's vertices come first, and keep their values.
+                assert values_of(result, name)[: len(values)] == values, (name, kinds[name])
+            elif kinds[name][0] == "STRING":
+                assert b"text" in values_of(result, name)
+        others = {name for name in result.data.attributes.keys() if name.startswith("ccdepth_")}  # noqa: SIM118
+        assert others <= {*held, *addon.ATTRIBUTES}
 
 
 def is_kept_to_itself(name: str, data_type: str, domain: str) -> bool:
@@ -90,36 +118,6 @@ def is_kept_to_itself(name: str, data_type: str, domain: str) -> bool:
     kinds = {"vert": "POINT", "edge": "EDGE", "poly": "FACE"}
     flag, _, element = name.rpartition("_")
     return flag in {".select", ".hide"} and (data_type, kinds[element]) == ("BOOLEAN", domain)
-
-
-@pytest.mark.parametrize("domain", DOMAINS)
-@pytest.mark.parametrize("name", NAMES)
-def test_texts_of_every_name_are_carried_over(name: str, domain: str) -> None:
-    holder = uneven()
-    if name in holder.data.attributes:
-        holder.data.attributes.remove(holder.data.attributes[name])
-    attribute = holder.data.attributes.new(name, "STRING", domain)
-    if attribute is None:
-        return
-    attribute.data[0].value = b"text"
-    [result] = subdivide(holder, tolerance=TOLERANCE)
-    assert kind(result, name) == ("STRING", domain)
-    assert b"text" in {item.value for item in result.data.attributes[name].data}
-
-
-@pytest.mark.parametrize("domain", DOMAINS)
-@pytest.mark.parametrize("name", ["crease_vert", "crease_edge", "ccdepth_origin", "custom_normal"])
-def test_modifiers_carry_every_kind_along(name: str, domain: str) -> None:
-    for data_type in known_types():
-        scene.clear()
-        holder = uneven()
-        if add(holder, name, data_type, domain) is None or is_kept_to_itself(name, data_type, domain):
-            continue
-        holder.modifiers.new("Triangulate", "TRIANGULATE")
-        addon.compute(holder, tolerance=TOLERANCE)
-        [result] = subdivide(holder, tolerance=TOLERANCE)
-        assert kind(result, name) == (data_type, domain), data_type
-        assert [other for other in result.data.attributes.keys() if "ccdepth_origin" in other and other != name] == []  # noqa: SIM118
 
 
 def test_flags_that_are_none_stay_beside_those_that_are() -> None:
@@ -143,11 +141,9 @@ def modified(holder: bpy.types.Object) -> np.ndarray:
     return positions
 
 
-def as_read(holder: bpy.types.Object, *, use_modifiers: bool = False) -> bpy.types.Object:
-    """A copy of the grid with the creases that are read from the object, as Blender itself stores them."""
-    control = addon.module("exchange.control_mesh").read_control_mesh(bpy.context, holder, use_modifiers=use_modifiers)
+def with_creases_of(arrays: PolygonMesh) -> bpy.types.Object:
+    """The grid with the creases that were read, as Blender itself stores them."""
     copy = uneven()
-    arrays = control.read.arrays
     for name, sharpness in (("crease_edge", arrays.edge_sharpness), ("crease_vert", arrays.vertex_sharpness)):
         creases = np.where(np.isinf(sharpness), 1.0, np.sqrt(np.minimum(sharpness, 10.0) / 10.0))
         copy.data.attributes.new(name, "FLOAT", CREASES[name]).data.foreach_set("value", creases.astype(np.float32))
@@ -160,8 +156,8 @@ SAME_SURFACE = 2e-6
 
 @pytest.mark.parametrize("domain", DOMAINS)
 @pytest.mark.parametrize("name", CREASES)
-@pytest.mark.parametrize("editing", [False, True])
-def test_creases_of_every_kind_are_those_of_the_modifier(name: str, domain: str, editing: bool) -> None:
+def test_creases_of_every_kind_are_those_of_the_modifier(name: str, domain: str) -> None:
+    """In Object Mode and in Edit Mode; behind modifiers as well."""
     plain = modified(uneven())
     effects = 0
     for data_type in known_types():
@@ -170,29 +166,20 @@ def test_creases_of_every_kind_are_those_of_the_modifier(name: str, domain: str,
         add(holder, name, data_type, domain)
         expected = modified(holder)
         names = {item.name_full for item in bpy.data.user_map()}
-        if editing:
-            with addon.edit_mode(holder):
-                copy = as_read(holder)
-        else:
-            copy = as_read(holder)
-        assert {item.name_full for item in bpy.data.user_map()} - names == {copy.name, copy.data.name}
+        found = read_arrays(holder)
+        with addon.edit_mode(holder):
+            edited = read_arrays(holder)
+        assert {item.name_full for item in bpy.data.user_map()} == names
+        holder.modifiers.new("Weld", "WELD").merge_threshold = 0.0
+        holder.shape_key_add(name="Basis")
+        evaluated = read_arrays(holder, use_modifiers=True)
+        for other in (edited, evaluated):
+            np.testing.assert_array_equal(other.edge_sharpness, found.edge_sharpness, err_msg=data_type)
+            np.testing.assert_array_equal(other.vertex_sharpness, found.vertex_sharpness, err_msg=data_type)
+        copy = with_creases_of(found)
         np.testing.assert_allclose(modified(copy), expected, atol=SAME_SURFACE, rtol=0, err_msg=data_type)
         effects += not np.allclose(expected, plain, atol=1e-3)
     assert effects >= 5
-
-
-@pytest.mark.parametrize("domain", DOMAINS)
-@pytest.mark.parametrize("name", CREASES)
-def test_creases_of_every_kind_are_read_behind_modifiers(name: str, domain: str) -> None:
-    for data_type in known_types():
-        scene.clear()
-        holder = uneven()
-        add(holder, name, data_type, domain)
-        holder.modifiers.new("Weld", "WELD").merge_threshold = 0.0
-        holder.shape_key_add(name="Basis")
-        expected = modified(holder)
-        copy = as_read(holder, use_modifiers=True)
-        np.testing.assert_allclose(modified(copy), expected, atol=SAME_SURFACE, rtol=0, err_msg=data_type)
 
 
 @pytest.mark.parametrize("domain", ["FACE", "CORNER"])
@@ -212,8 +199,7 @@ def test_creases_are_left_out_when_the_modifier_leaves_them_out() -> None:
     holder = uneven()
     add(holder, "crease_vert", "INT", "CORNER")
     scene.add_subdivision(holder, 1).use_creases = False
-    control = addon.module("exchange.control_mesh").read_control_mesh(bpy.context, holder, use_modifiers=False)
-    assert not control.read.arrays.vertex_sharpness.any()
+    assert not read_arrays(holder).vertex_sharpness.any()
 
 
 @pytest.mark.parametrize("name", CREASES)
@@ -235,32 +221,42 @@ def test_vertex_groups_that_the_modifier_takes_for_creases_are_refused(name: str
 # Names of ours.
 
 
-@pytest.mark.parametrize("name", ["ccdepth_origin", "ccdepth_origin.001", "ccdepth_weights_0"])
 @pytest.mark.parametrize("modifier", [False, True])
-def test_groups_may_have_names_that_are_used_for_a_while(name: str, modifier: bool) -> None:
+def test_groups_may_have_names_that_are_used_for_a_while(modifier: bool) -> None:
     holder = uneven()
-    for group in (name, "Other"):
-        holder.vertex_groups.new(name=group).add([0, 1, 5], 0.5, "REPLACE")
+    names = ["ccdepth_origin_0", "ccdepth_origin_1", "ccdepth_weights_0", "Other"]
+    for name in names:
+        holder.vertex_groups.new(name=name).add([0, 1, 5], 0.5, "REPLACE")
     if modifier:
         holder.modifiers.new("Triangulate", "TRIANGULATE")
     addon.compute(holder, tolerance=TOLERANCE)
     [result] = subdivide(holder, tolerance=TOLERANCE)
-    assert [group.name for group in result.vertex_groups] == [name, "Other"]
-    assert [round(entry.weight, 5) for entry in result.data.vertices[0].groups] == [0.5, 0.5]
+    assert [group.name for group in result.vertex_groups] == names
+    assert [round(entry.weight, 5) for entry in result.data.vertices[0].groups] == [0.5] * len(names)
     assert not any("ccdepth_origin" in other or "weights" in other for other in result.data.attributes.keys())  # noqa: SIM118
 
 
-OTHERS = [("ccdepth", "FLOAT", "POINT"), ("ccdepth_bound", "FLOAT", "CORNER"), ("ccdepth_color", "BYTE_COLOR", "POINT")]
+# Each differs from ours by its type or by its domain alone.
+OTHERS = [("ccdepth", "FLOAT", "FACE"), ("ccdepth_bound", "FLOAT", "POINT"), ("ccdepth_color", "BYTE_COLOR", "CORNER")]
 
 
 @pytest.mark.parametrize("other", OTHERS)
-def test_attributes_that_have_taken_our_names_are_named_and_kept(other: tuple[str, str, str]) -> None:
+@pytest.mark.parametrize("editing", [False, True])
+def test_attributes_that_have_taken_our_names_are_named_and_kept(other: tuple[str, str, str], editing: bool) -> None:
     holder = uneven()
     values = add(holder, *other)
-    refused(holder, match=f"Mesh: .*called “{other[0]}”; rename it first", tolerance=TOLERANCE)
-    with pytest.raises(RuntimeError, match=f"Mesh: .*called “{other[0]}”; rename it first"):
+    message = f"Mesh: .*called “{other[0]}”; rename it first"
+    refused(holder, match=message, tolerance=TOLERANCE)
+    if editing:
+        bpy.ops.object.mode_set(mode="EDIT")
+    with pytest.raises(RuntimeError, match=message):
         bpy.ops.ccdepth.compute(tolerance=TOLERANCE)
-    np.testing.assert_array_equal(read(holder.data, other[0]), values)
+    if editing:
+        bpy.ops.object.mode_set(mode="OBJECT")
+    assert values_of(holder, other[0]) == values
+    assert [name for name in addon.ATTRIBUTES if name in holder.data.attributes] == [other[0]]
+    assert kind(holder, other[0]) == other[1:]
+    assert not holder.data.ccdepth.has_result
 
 
 @pytest.mark.parametrize("other", OTHERS)
@@ -284,7 +280,7 @@ def test_attributes_that_take_our_names_later_are_not_taken_for_ours(
     assert bpy.ops.ccdepth.clear() == {"FINISHED"}
     if editing:
         bpy.ops.object.mode_set(mode="OBJECT")
-    np.testing.assert_array_equal(read(holder.data, other[0]), values)
+    assert values_of(holder, other[0]) == values
     assert [name for name in addon.ATTRIBUTES if name in holder.data.attributes] == [other[0]]
 
 
@@ -293,4 +289,4 @@ def test_exact_normals_take_the_place_of_no_other_attribute(domain: str) -> None
     holder = uneven()
     values = add(holder, "custom_normal", "FLOAT", domain)
     refused(holder, match="Mesh: .*called “custom_normal”.*rename it", exact_normals=True)
-    np.testing.assert_array_equal(read(holder.data, "custom_normal"), values)
+    assert values_of(holder, "custom_normal") == values

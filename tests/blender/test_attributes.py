@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every attribute of a mesh is on its subdivision: by value, next to what Blender's own modifier makes there."""
+"""Every attribute of a mesh is on its subdivision, by value, next to what Blender's own modifier makes there; so are
+vertex groups. Custom normals are left out, or made anew."""
 
 from __future__ import annotations
 
@@ -8,27 +9,16 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from ccdepth_addon.core import limit_normals
 from ccdepth_addon.core.attributes.face_varying import UV_SMOOTH, face_varying_surface
 from tests import meshes, uniform
-from tests.blender import addon, scene
-from tests.blender.full_mesh import (
-    BYTE,
-    INTEGERS,
-    LEVEL,
-    ROTATION_ROUNDING,
-    ROUNDING,
-    UV_ROUNDING,
-    VALUES,
-    Comparison,
-    compare,
-    everything,
-    known_types,
-    random_transformations,
-    random_values,
-    read,
-    write,
-)
+from tests.blender import addon, full_mesh, scene
+from tests.blender.full_mesh import Comparison, compare, everything, faces_of_corners, known_types, read, write
 from tests.blender.subdividing import subdivide
+
+pytestmark = pytest.mark.every_blender
+
+SPREAD = ["POINT", "CORNER"]
 
 
 def test_no_attribute_is_missing(comparison: Comparison) -> None:
@@ -36,25 +26,26 @@ def test_no_attribute_is_missing(comparison: Comparison) -> None:
     assert {attribute.name for attribute in comparison.mesh.attributes} >= names - {".select_vert", ".select_edge"}
 
 
-@pytest.mark.parametrize("domain", ["POINT", "CORNER"])
-@pytest.mark.parametrize("data_type", ["FLOAT", "FLOAT2", "FLOAT_VECTOR", "FLOAT_COLOR", "BYTE_COLOR", "FLOAT4"])
-def test_floats_and_colours_are_interpolated_like_the_modifiers(
-    comparison: Comparison, domain: str, data_type: str
-) -> None:
-    if f"{domain} {data_type}" not in comparison.base.attributes:
-        pytest.skip("this version of Blender has no such attribute")
-    own, blenders = comparison.pair(f"{domain} {data_type}")
-    np.testing.assert_allclose(own, blenders, atol=BYTE if data_type == "BYTE_COLOR" else ROUNDING, rtol=0)
+@pytest.mark.parametrize("domain", SPREAD)
+def test_numbers_are_interpolated_as_the_modifier_does(comparison: Comparison, domain: str) -> None:
+    for data_type in ("FLOAT", "FLOAT2", "FLOAT_VECTOR", "FLOAT_COLOR", "BYTE_COLOR", "FLOAT4"):
+        # Not every version of Blender has them all, and vectors at corners are UV maps.
+        if f"{domain} {data_type}" in comparison.base.attributes:
+            own, blenders = comparison.pair(f"{domain} {data_type}")
+            tolerance = full_mesh.BYTE if data_type == "BYTE_COLOR" else full_mesh.ROUNDING
+            np.testing.assert_allclose(own, blenders, atol=tolerance, rtol=0, err_msg=data_type)
+    own, blenders = comparison.pair(f"{domain} BOOLEAN")
+    np.testing.assert_array_equal(own, blenders)
 
 
-@pytest.mark.parametrize("domain", ["POINT", "CORNER"])
+@pytest.mark.parametrize("domain", SPREAD)
 def test_rotations_are_interpolated_as_the_modifier_does(comparison: Comparison, domain: str) -> None:
     own, blenders = comparison.pair(f"{domain} QUATERNION")
-    np.testing.assert_allclose(np.linalg.norm(own, axis=1), 1.0, atol=ROUNDING)
+    np.testing.assert_allclose(np.linalg.norm(own, axis=1), 1.0, atol=full_mesh.ROUNDING)
     signed = np.sign(np.sum(own * blenders, axis=1, keepdims=True)) * blenders
     # Since 5.2 the middle of a face that is no quad gets an average of another kind.
     compared = in_quads(comparison, domain) if bpy.app.version >= (5, 2) else np.ones(len(own), dtype=bool)
-    np.testing.assert_allclose(own[compared], signed[compared], atol=ROTATION_ROUNDING, rtol=0)
+    np.testing.assert_allclose(own[compared], signed[compared], atol=full_mesh.ROTATION_ROUNDING, rtol=0)
 
 
 def in_quads(comparison: Comparison, domain: str) -> NDArray[np.bool_]:
@@ -67,41 +58,35 @@ def in_quads(comparison: Comparison, domain: str) -> NDArray[np.bool_]:
     return touched
 
 
-@pytest.mark.parametrize("domain", ["POINT", "CORNER"])
+@pytest.mark.parametrize("domain", SPREAD)
 def test_locations_and_scales_are_interpolated_as_the_modifier_does(comparison: Comparison, domain: str) -> None:
     own, blenders = (matrices.reshape(-1, 4, 4) for matrices in comparison.pair(f"{domain} FLOAT4X4"))
     if np.all(blenders[own[:, 3, 0] != blenders[:, 3, 0]] == np.eye(4)):
         pytest.skip("the modifier of this version makes identities of transformations")
-    np.testing.assert_allclose(own[:, 3], blenders[:, 3], atol=ROUNDING, rtol=0)
+    np.testing.assert_allclose(own[:, 3], blenders[:, 3], atol=full_mesh.ROUNDING, rtol=0)
     # Its way to average rotations is another one; both keep them free of shear.
     scales, blender_scales = (np.linalg.norm(matrices[:, :3, :3], axis=2) for matrices in (own, blenders))
-    np.testing.assert_allclose(scales, blender_scales, atol=ROTATION_ROUNDING, rtol=0)
+    np.testing.assert_allclose(scales, blender_scales, atol=full_mesh.ROTATION_ROUNDING, rtol=0)
 
 
 def test_rotations_in_transformations_are_interpolated_like_rotations() -> None:
     values = addon.module("core.attributes.interpolation")
     rng = np.random.default_rng(3)
-    matrices = random_transformations(200, rng)
+    matrices = full_mesh.random_transformations(200, rng)
     parts = values.split_transformations(matrices)
     np.testing.assert_allclose(values.join_transformations(parts), matrices, atol=1e-6)
-    quaternions = random_values("QUATERNION", 200, rng)
+    quaternions = full_mesh.random_values("QUATERNION", 200, rng)
     again = values.to_quaternions(values.to_rotation_vectors(quaternions))
     np.testing.assert_allclose(again, quaternions, atol=1e-12)
 
 
-@pytest.mark.parametrize("domain", ["POINT", "CORNER"])
-def test_a_boolean_is_true_where_the_modifier_has_it(comparison: Comparison, domain: str) -> None:
-    own, blenders = comparison.pair(f"{domain} BOOLEAN")
-    np.testing.assert_array_equal(own, blenders)
-
-
-@pytest.mark.parametrize("domain", ["POINT", "CORNER"])
+@pytest.mark.parametrize("domain", SPREAD)
 def test_integers_are_those_of_the_nearest_vertex_or_corner(comparison: Comparison, domain: str) -> None:
     control, subdivided = comparison.control, comparison.subdivided
     points = subdivided.vertex_points if domain == "POINT" else subdivided.corner_points
     sources = control.corner_vertices[points.corners] if domain == "POINT" else points.corners
     staying = np.all(points.parameters == 0, axis=1)
-    for data_type in sorted(INTEGERS & set(known_types())):
+    for data_type in sorted(full_mesh.INTEGERS & set(known_types())):
         own, blenders = comparison.pair(f"{domain} {data_type}")
         np.testing.assert_array_equal(own, read(comparison.base, f"{domain} {data_type}")[sources])
         # Elsewhere the modifier averages them or leaves zeros; where a vertex stays it agrees.
@@ -111,17 +96,13 @@ def test_integers_are_those_of_the_nearest_vertex_or_corner(comparison: Comparis
 
 @pytest.mark.parametrize("domain", ["EDGE", "FACE"])
 def test_edges_and_faces_copy_every_type(comparison: Comparison, domain: str) -> None:
-    inside = (
-        comparison.subdivided.base_edges < 0
-        if domain == "EDGE"
-        else np.zeros(len(comparison.mesh.polygons), dtype=bool)
-    )
+    base = comparison.subdivided.base_edges if domain == "EDGE" else comparison.subdivided.base_faces
     for data_type in known_types():
         own, blenders = comparison.pair(f"{domain} {data_type}")
-        np.testing.assert_array_equal(own[~inside], blenders[~inside])
+        np.testing.assert_array_equal(own[base >= 0], blenders[base >= 0])
         # What new edges get differs by version for these: black or white, an identity or zeros.
         if data_type not in {"FLOAT_COLOR", "BYTE_COLOR", "FLOAT4X4"}:
-            np.testing.assert_array_equal(own[inside], blenders[inside])
+            np.testing.assert_array_equal(own[base < 0], blenders[base < 0])
 
 
 def test_texts_are_copied(comparison: Comparison) -> None:
@@ -136,14 +117,11 @@ def test_texts_are_copied(comparison: Comparison) -> None:
         assert texts == [f"text {number}".encode() if number >= 0 else b"" for number in numbers]
 
 
-@pytest.mark.parametrize("name", ["crease_edge", "material_index", "sharp_face"])
-def test_built_in_values_are_those_of_the_modifier(comparison: Comparison, name: str) -> None:
-    own, blenders = comparison.pair(name)
-    np.testing.assert_array_equal(own, blenders)
-    assert len(np.unique(own)) > 1
-
-
-def test_seams_are_those_of_the_modifier(comparison: Comparison) -> None:
+def test_built_in_values_are_those_of_the_modifier(comparison: Comparison) -> None:
+    for name in ("crease_edge", "material_index", "sharp_face"):
+        own, blenders = comparison.pair(name)
+        np.testing.assert_array_equal(own, blenders)
+        assert len(np.unique(own)) > 1
     own, blenders = (np.empty(len(comparison.mesh.edges), dtype=bool) for _ in range(2))
     comparison.mesh.edges.foreach_get("use_seam", own)
     comparison.blenders.edges.foreach_get("use_seam", blenders)
@@ -182,72 +160,160 @@ def test_uv_maps_are_smoothed_as_the_modifier_does(uv_smooth: str) -> None:
     for name in ("First", "Second"):
         own, blenders = comparison.pair(name)
         if uv_smooth == "NONE":
-            np.testing.assert_allclose(own, blenders, atol=UV_ROUNDING, rtol=0)
+            np.testing.assert_allclose(own, blenders, atol=full_mesh.UV_ROUNDING, rtol=0)
             continue
         surface = face_varying_surface(comparison.control, read(comparison.base, name), uv_smooth)
-        flat = surface.positions[:, :2]
-        np.testing.assert_allclose(
-            uniform.refined_values(surface, flat, LEVEL, limit=False), blenders, atol=UV_ROUNDING, rtol=0
+        level, limits = (
+            uniform.refined_values(surface, surface.positions[:, :2], full_mesh.LEVEL, limit=limit)
+            for limit in (False, True)
         )
-        limits = uniform.refined_values(surface, flat, LEVEL, limit=True)
-        np.testing.assert_allclose(own, limits, atol=UV_ROUNDING, rtol=0)
+        np.testing.assert_allclose(level, blenders, atol=full_mesh.UV_ROUNDING, rtol=0)
+        np.testing.assert_allclose(own, limits, atol=full_mesh.UV_ROUNDING, rtol=0)
         assert np.abs(limits - blenders).max() > 1e-3
 
 
 def test_freestyle_marks_stay() -> None:
     holder = scene.add_object(meshes.landscape(3, 3))
-    mesh = holder.data
-    edges = [edge.index % 3 == 0 for edge in mesh.edges]
-    if hasattr(mesh.edges[0], "use_freestyle_mark"):
-        mesh.edges.foreach_set("use_freestyle_mark", edges)
+    is_property = hasattr(holder.data.edges[0], "use_freestyle_mark")
+    marks = np.arange(len(holder.data.edges)) % 3 == 0
+    if is_property:
+        holder.data.edges.foreach_set("use_freestyle_mark", marks)
     else:
-        write(mesh, "freestyle_edge", "BOOLEAN", "EDGE", np.array(edges))
+        write(holder.data, "freestyle_edge", "BOOLEAN", "EDGE", marks)
     comparison = compare(holder)
-    if hasattr(mesh.edges[0], "use_freestyle_mark"):
-        found = np.empty(len(comparison.mesh.edges), dtype=bool)
+    found = np.empty(len(comparison.mesh.edges), dtype=bool)
+    if is_property:
         comparison.mesh.edges.foreach_get("use_freestyle_mark", found)
     else:
         found = read(comparison.mesh, "freestyle_edge")[:, 0]
     base = comparison.subdivided.base_edges
-    np.testing.assert_array_equal(found, (base >= 0) & np.array(edges)[base])
+    np.testing.assert_array_equal(found, (base >= 0) & marks[base])
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, 3e38])
-@pytest.mark.parametrize("data_type", ["FLOAT", "FLOAT2", "FLOAT_COLOR", "QUATERNION", "FLOAT4X4"])
-def test_attributes_may_have_any_values(data_type: str, value: float) -> None:
+def test_attributes_may_have_any_values(value: float) -> None:
     """They stay at their vertex or corner, and reach no further than the faces around.
 
     None of the warnings of numpy are printed, which pytest would take for errors.
     """
-    holder = scene.add_suzanne()
-    width = VALUES[data_type][2]
+    taken_apart = {"QUATERNION", "FLOAT4X4"}
+    types = ["FLOAT", "FLOAT2", "FLOAT_COLOR", *taken_apart]
+    holder = scene.add_object(meshes.triangles_and_quads())
     for domain, count in (("POINT", len(holder.data.vertices)), ("CORNER", len(holder.data.loops))):
-        values, near = np.zeros((count, width)), np.zeros(count)
-        values[3], near[3] = value, 1.0
-        write(holder.data, f"{domain} {data_type}", data_type, domain, values)
-        write(holder.data, f"{domain} near", "FLOAT", domain, near)
-    [result] = subdivide(holder)
-    for domain in ("POINT", "CORNER"):
-        found, near = read(result.data, f"{domain} {data_type}"), read(result.data, f"{domain} near")[:, 0]
+        place = np.arange(count) == 3
+        write(holder.data, f"{domain} near", "FLOAT", domain, place)
+        for data_type in types:
+            values = np.where(place[:, None], value, np.zeros(full_mesh.VALUES[data_type][2]))
+            write(holder.data, f"{domain} {data_type}", data_type, domain, values)
+    [result] = subdivide(holder, tolerance=0.001)
+    for domain in SPREAD:
+        near = read(result.data, f"{domain} near")[:, 0]
         # Weights are linear along every edge: they are 1 at the place itself alone.
         assert np.count_nonzero(near == 1.0) == 1
-        # Vertices that stay keep theirs. Corners are interpolated, where infinity times a weight of 0 is no number;
-        # rotations and transformations are taken apart for it and come back as something else.
-        if domain == "POINT" or (np.isfinite(value) and data_type not in {"QUATERNION", "FLOAT4X4"}):
-            np.testing.assert_array_equal(found[near == 1.0], np.float32(value))
-        elif data_type not in {"QUATERNION", "FLOAT4X4"}:
-            assert not np.isfinite(found[near == 1.0]).any()
-        assert np.isfinite(found[~touching(result.data, domain, near)]).all()
+        far = ~touching(result.data, domain, near)
+        assert far.any()
+        for data_type in types:
+            found = read(result.data, f"{domain} {data_type}")
+            # Vertices that stay keep theirs. Corners are interpolated, where infinity times a weight of 0 is no number;
+            # rotations and transformations are taken apart for it and come back as something else.
+            if domain == "POINT" or (np.isfinite(value) and data_type not in taken_apart):
+                np.testing.assert_array_equal(found[near == 1.0], np.float32(value))
+            elif data_type not in taken_apart:
+                assert not np.isfinite(found[near == 1.0]).any()
+            assert np.isfinite(found[far]).all()
 
 
 def touching(mesh: bpy.types.Mesh, domain: str, near: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Which vertices or corners are in a face with a weight at one of its corners."""
-    faces = np.repeat(np.arange(len(mesh.polygons)), [polygon.loop_total for polygon in mesh.polygons])
-    vertices = read(mesh, ".corner_vert")[:, 0]
+    faces, vertices = faces_of_corners(mesh), read(mesh, ".corner_vert")[:, 0]
     weights = near[vertices] if domain == "POINT" else near
     corners = np.isin(faces, faces[weights > 0])
-    if domain == "CORNER":
-        return corners
-    found = np.zeros(len(mesh.vertices), dtype=bool)
-    found[vertices[corners]] = True
-    return found
+    return corners if domain == "CORNER" else np.isin(np.arange(len(mesh.vertices)), vertices[corners])
+
+
+# Vertex groups.
+
+
+def test_vertex_groups_are_those_of_the_modifier(comparison: Comparison) -> None:
+    holder = scene.add_mesh(comparison.mesh)
+    assert [group.name for group in holder.vertex_groups] == ["All", "Some", "Zero", "Empty"]
+    assert [group.lock_weight for group in holder.vertex_groups] == [False, True, False, False]
+    assert holder.vertex_groups.active_index == 2
+    own, blenders = full_mesh.weights_of(comparison.mesh), full_mesh.weights_of(comparison.blenders)
+    assert 0 < sum(1 in weights for weights in own) < len(own)
+    for number, weights in enumerate(own):
+        expected = blenders[comparison.vertices[number]]
+        for group in range(4):
+            assert abs(weights.get(group, 0.0) - expected.get(group, 0.0)) <= full_mesh.ROUNDING
+    # Blender before 5.2 leaves vertices between weights of zero out of a group, and since then it takes in vertices of
+    # weight zero with nothing but members of the group across the face.
+    members = [{group for group in weights if group != 2 and weights[group] > 0} for weights in own]
+    assert members == [{group for group in weights if group != 2} for weights in own]
+    assert 3 < sum(2 in weights for weights in own) < len(own)
+
+
+def test_an_object_being_edited_is_not_in_the_way() -> None:
+    holder = everything()
+    with addon.edit_mode(scene.add_object(meshes.cube())):
+        comparison = compare(holder)
+    assert sum(0 in weights for weights in full_mesh.weights_of(comparison.mesh)) == len(comparison.mesh.vertices)
+
+
+def test_vertex_groups_may_have_the_names_of_attributes() -> None:
+    holder = scene.add_object(meshes.triangles_and_quads())
+    mesh = holder.data
+    mesh.uv_layers.new(name="UVMap")
+    mesh.attributes.new("Paint", "FLOAT_COLOR", "CORNER")
+    if "sharp_face" not in mesh.attributes:
+        mesh.attributes.new("sharp_face", "BOOLEAN", "FACE")
+    mesh.attributes.active = mesh.attributes["Paint"]
+    names = ["UVMap", "Paint", "sharp_face", "ccdepth_weights_0", "Other"]
+    for name in names:
+        holder.vertex_groups.new(name=name).add([*range(5)], 0.5, "REPLACE")
+    [result] = subdivide(holder)
+    assert [group.name for group in result.vertex_groups] == names
+    assert {"UVMap", "Paint", "sharp_face"} <= {*result.data.attributes.keys()}
+    assert not any(attribute.name.startswith("ccdepth_weights") for attribute in result.data.attributes)
+    assert holder.data.attributes.active.name == result.data.attributes.active.name == "Paint"
+    assert [round(entry.weight, 5) for entry in result.data.vertices[0].groups] == [0.5] * len(names)
+
+
+# Custom normals.
+
+
+def test_custom_normals_are_left_out() -> None:
+    holder = scene.add_object(meshes.creased_cube())
+    holder.data.normals_split_custom_set([(0.6, 0.0, 0.8)] * len(holder.data.loops))
+    assert not compare(holder).mesh.has_custom_normals
+
+
+@pytest.mark.parametrize("deformable", [False, True])
+def test_limit_normals_on_request(deformable: bool) -> None:
+    holder = scene.add_object(meshes.creased_cube())
+    holder.data.polygons[0].use_smooth = False
+    if deformable:
+        holder.vertex_groups.new(name="Group")
+    comparison = compare(holder, exact_normals=True)
+    mesh, subdivided = comparison.mesh, comparison.subdivided
+    expected = limit_normals(comparison.control, subdivided.corner_points)
+    found = np.empty(3 * len(mesh.loops), dtype=np.float32)
+    mesh.corner_normals.foreach_get("vector", found)
+    # As they are, or as angles in 16 bits: those are up to π, from normals that may be far off.
+    free = bpy.app.version >= (4, 5) and not deformable
+    np.testing.assert_allclose(found.reshape(-1, 3), expected, atol=full_mesh.ROUNDING if free else 1e-3, rtol=0)
+    by_vertex = np.zeros((len(mesh.vertices), 3))
+    by_vertex[subdivided.corner_vertices] = expected
+    assert np.abs(by_vertex[subdivided.corner_vertices] - expected).max() > 0.5
+
+
+@pytest.mark.parametrize(("data_type", "domain"), [("FLOAT", "FACE"), ("BOOLEAN", "POINT")])
+def test_exact_normals_take_flat_shading_off_and_nothing_else_of_its_name(data_type: str, domain: str) -> None:
+    holder = scene.add_object(meshes.cube())
+    attributes = holder.data.attributes
+    if "sharp_face" in attributes:
+        attributes.remove(attributes["sharp_face"])
+    if attributes.new("sharp_face", data_type, domain) is None:
+        pytest.skip("this Blender keeps the name for itself")
+    [result] = subdivide(holder, tolerance=0.1, exact_normals=True)
+    kept = result.data.attributes["sharp_face"]
+    assert (kept.data_type, kept.domain) == (data_type, domain)

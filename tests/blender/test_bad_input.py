@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import bpy
 import numpy as np
 import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
+
+pytestmark = pytest.mark.every_blender
 
 
 def refused(*objects: bpy.types.Object, match: str, **settings: object) -> None:
@@ -39,50 +43,56 @@ def test_tolerance_of_the_scene() -> None:
     refused(scene.add_suzanne(), match="greater than zero")
 
 
-def test_nothing_selected() -> None:
-    addon.select()
-    with pytest.raises(RuntimeError, match="Select a mesh object"):
-        bpy.ops.ccdepth.compute()
-
-
-def test_only_other_objects_selected() -> None:
+def add_camera() -> bpy.types.Object:
     camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
     bpy.context.scene.collection.objects.link(camera)
-    addon.select(camera)
-    with pytest.raises(RuntimeError, match="Select a mesh object"):
+    return camera
+
+
+def exclude(holder: bpy.types.Object) -> None:
+    collection = bpy.data.collections.new("Excluded")
+    bpy.context.scene.collection.children.link(collection)
+    collection.objects.link(holder)
+    bpy.context.scene.collection.objects.unlink(holder)
+    addon.select(holder)
+    bpy.context.view_layer.layer_collection.children["Excluded"].exclude = True
+
+
+@pytest.mark.parametrize(
+    ("put", "match"),
+    [
+        (lambda holder: addon.select(), "Select a mesh object"),
+        (lambda holder: addon.select(add_camera()), "Select a mesh object"),
+        (lambda holder: bpy.ops.object.mode_set(mode="SCULPT"), "Object Mode and in Edit Mode"),
+        (lambda holder: holder.hide_set(True), "Suzanne: the object is hidden"),
+        (lambda holder: setattr(holder, "hide_viewport", True), "Suzanne: the object is hidden|Select a mesh object"),
+        (exclude, "Select a mesh object"),
+    ],
+)
+def test_objects_out_of_reach(put: Callable[[bpy.types.Object], object], match: str) -> None:
+    holder = scene.add_suzanne()
+    addon.select(holder)
+    put(holder)
+    with pytest.raises(RuntimeError, match=match):
         bpy.ops.ccdepth.compute()
+    if holder.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+    assert addon.is_untouched([holder])
 
 
 def test_other_objects_among_the_selected_are_skipped() -> None:
-    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    bpy.context.scene.collection.objects.link(camera)
-    holder = scene.add_suzanne()
+    camera, holder = add_camera(), scene.add_suzanne()
     addon.compute(holder, camera)
     assert holder.data.ccdepth.has_result
 
 
-def test_other_modes() -> None:
-    holder = scene.add_suzanne()
-    addon.select(holder)
-    bpy.ops.object.mode_set(mode="SCULPT")
-    with pytest.raises(RuntimeError, match="Object Mode and in Edit Mode"):
-        bpy.ops.ccdepth.compute()
-    bpy.ops.object.mode_set(mode="OBJECT")
-    assert addon.is_untouched([holder])
-
-
-def test_empty_mesh() -> None:
-    refused(scene.add_mesh(bpy.data.meshes.new("Empty")), match="Empty: the mesh has no faces")
-
-
-def test_mesh_without_faces() -> None:
+def add_wire() -> bpy.types.Object:
     mesh = bpy.data.meshes.new("Wire")
     mesh.from_pydata([(0, 0, 0), (1, 0, 0)], [(0, 1)], [])
-    refused(scene.add_mesh(mesh), match="Wire: the mesh has no faces")
+    return scene.add_mesh(mesh)
 
 
-@pytest.mark.parametrize("value", [float("nan"), float("inf")])
-def test_vertices_nowhere(value: float) -> None:
+def with_a_vertex_at(value: float) -> bpy.types.Object:
     holder = scene.add_suzanne()
     # Blender's own access to vertices turns infinity into the largest number.
     positions = holder.data.attributes["position"].data
@@ -90,53 +100,46 @@ def test_vertices_nowhere(value: float) -> None:
     positions.foreach_get("vector", values)
     values[16] = value
     positions.foreach_set("vector", values)
-    refused(holder, match="Suzanne: 1 vertex at no finite position")
+    return holder
 
 
-def test_faces_with_repeated_vertices() -> None:
-    mesh = scene.add_object(meshes.cube()).data
-    mesh.name = "Repeated"
-    holder = scene.add_mesh(mesh)
-    corner = mesh.loops[1]
-    corner.vertex_index = mesh.loops[0].vertex_index
-    refused(holder, match="Repeated: 1 face with a repeated vertex")
+def with_a_repeated_vertex() -> bpy.types.Object:
+    holder = scene.add_object(meshes.cube(), "Repeated")
+    holder.data.loops[1].vertex_index = holder.data.loops[0].vertex_index
+    return holder
 
 
-def test_object_without_extent_by_its_scale() -> None:
+def scaled_to_a_point() -> bpy.types.Object:
     holder = scene.add_suzanne()
     holder.scale = (0.0, 0.0, 0.0)
-    refused(holder, match="Suzanne: all its faces are at one point")
+    return holder
 
 
-def test_hidden_object() -> None:
+def with_a_group() -> bpy.types.Object:
     holder = scene.add_suzanne()
-    addon.select(holder)
-    holder.hide_set(True)
-    with pytest.raises(RuntimeError, match="Suzanne: the object is hidden"):
-        bpy.ops.ccdepth.compute()
-    assert addon.is_untouched([holder])
+    holder.vertex_groups.new(name="ccdepth")
+    return holder
 
 
-def test_object_disabled_in_viewports() -> None:
-    holder = scene.add_suzanne()
-    addon.select(holder)
-    holder.hide_viewport = True
-    with pytest.raises(RuntimeError, match=r"Suzanne: the object is hidden|Select a mesh object"):
-        bpy.ops.ccdepth.compute()
-    assert addon.is_untouched([holder])
+@pytest.mark.parametrize(
+    ("make", "match"),
+    [
+        (lambda: scene.add_mesh(bpy.data.meshes.new("Empty")), "Empty: the mesh has no faces"),
+        (add_wire, "Wire: the mesh has no faces"),
+        (lambda: with_a_vertex_at(float("nan")), "Suzanne: 1 vertex at no finite position"),
+        (lambda: with_a_vertex_at(float("inf")), "Suzanne: 1 vertex at no finite position"),
+        (with_a_repeated_vertex, "Repeated: 1 face with a repeated vertex"),
+        (scaled_to_a_point, "Suzanne: all its faces are at one point"),
+        (with_a_group, "Suzanne: .*called “ccdepth”"),
+    ],
+)
+def test_bad_meshes(make: Callable[[], bpy.types.Object], match: str) -> None:
+    refused(make(), match=match)
 
 
-def test_object_in_an_excluded_collection() -> None:
-    holder = scene.add_suzanne()
-    collection = bpy.data.collections.new("Excluded")
-    bpy.context.scene.collection.children.link(collection)
-    collection.objects.link(holder)
-    bpy.context.scene.collection.objects.unlink(holder)
-    addon.select(holder)
-    bpy.context.view_layer.layer_collection.children["Excluded"].exclude = True
-    with pytest.raises(RuntimeError, match="Select a mesh object"):
-        bpy.ops.ccdepth.compute()
-    assert addon.is_untouched([holder])
+def test_every_bad_object_is_named() -> None:
+    first, second = with_a_vertex_at(float("nan")), scene.add_mesh(bpy.data.meshes.new("Empty"))
+    refused(first, second, match=r"(?s)Suzanne: 1 vertex.*Empty: the mesh has no faces")
 
 
 def linked_suzanne(tmp_path: object) -> bpy.types.Object:
@@ -151,46 +154,11 @@ def linked_suzanne(tmp_path: object) -> bpy.types.Object:
     return linked
 
 
-def test_linked_mesh(tmp_path: object) -> None:
-    refused(linked_suzanne(tmp_path), match="Suzanne: the mesh is linked from another file")
-
-
-def test_library_override_of_the_object_alone(tmp_path: object) -> None:
-    override = linked_suzanne(tmp_path).override_create(remap_local_usages=True)
-    refused(override, match="Suzanne: the mesh is linked from another file")
-
-
-@pytest.mark.parametrize(
-    ("name", "data_type", "domain"),
-    [("ccdepth", "FLOAT", "FACE"), ("ccdepth_bound", "FLOAT", "POINT"), ("ccdepth_color", "BYTE_COLOR", "CORNER")],
-)
-@pytest.mark.parametrize("editing", [False, True])
-def test_attributes_of_the_same_name(name: str, data_type: str, domain: str, editing: bool) -> None:
-    holder = scene.add_suzanne()
-    holder.data.attributes.new(name, data_type, domain)
-    addon.select(holder)
-    if editing:
-        bpy.ops.object.mode_set(mode="EDIT")
-    with pytest.raises(RuntimeError, match=f"Suzanne: .*called “{name}”"):
-        bpy.ops.ccdepth.compute()
-    if editing:
-        bpy.ops.object.mode_set(mode="OBJECT")
-    assert [kept for kept in addon.ATTRIBUTES if kept in holder.data.attributes] == [name]
-    kept = holder.data.attributes[name]
-    assert (kept.data_type, kept.domain) == (data_type, domain)
-    assert not holder.data.ccdepth.has_result
-
-
-def test_vertex_group_of_the_same_name() -> None:
-    holder = scene.add_suzanne()
-    holder.vertex_groups.new(name="ccdepth")
-    refused(holder, match="Suzanne: .*called “ccdepth”")
-
-
-def test_every_bad_object_is_named() -> None:
-    first, second = scene.add_suzanne(), scene.add_mesh(bpy.data.meshes.new("Empty"))
-    first.data.vertices[0].co.x = np.nan
-    refused(first, second, match=r"(?s)Suzanne: 1 vertex.*Empty: the mesh has no faces")
+@pytest.mark.parametrize("override", [False, True])
+def test_linked_mesh(tmp_path: object, override: bool) -> None:
+    linked = linked_suzanne(tmp_path)
+    holder = linked.override_create(remap_local_usages=True) if override else linked
+    refused(holder, match="Suzanne: the mesh is linked from another file")
 
 
 def test_bad_mesh_in_edit_mode() -> None:
@@ -219,8 +187,7 @@ def test_a_bad_run_leaves_an_earlier_result_alone() -> None:
 def test_meshes_without_extent_that_several_objects_use(operator: str) -> None:
     """With a relative tolerance theirs is none at all, and no warning of a division by it is printed."""
     mesh = scene.add_object(meshes.cube(), "Point").data
-    for vertex in mesh.vertices:
-        vertex.co = (1.0, 1.0, 1.0)
+    mesh.vertices.foreach_set("co", np.ones(3 * len(mesh.vertices), dtype=np.float32))
     addon.select(scene.add_mesh(mesh), scene.add_mesh(mesh))
     with pytest.raises(RuntimeError, match=r"Point.*all its faces are at one point"):
         getattr(bpy.ops.ccdepth, operator)(tolerance=0.1, tolerance_mode="RELATIVE")
