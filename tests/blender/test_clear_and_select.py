@@ -99,17 +99,23 @@ def test_select(editing: bool) -> None:
     least, middle, deepest = int(depths.min()), int(np.median(depths)), int(depths.max())
     assert least < middle < deepest
 
+    def faces() -> np.ndarray:
+        found = np.empty(len(holder.data.polygons), dtype=bool)
+        holder.data.polygons.foreach_get("select", found)
+        return found
+
     def selected(*calls: dict[str, object]) -> np.ndarray:
         if editing:
             bpy.ops.object.mode_set(mode="EDIT")
         for call in calls:
             assert bpy.ops.ccdepth.select(**call) == {"FINISHED"}
+        bpy.ops.object.mode_set(mode="OBJECT")
+        at_once = faces()
         # Whatever mode it ran in, Edit Mode must show this selection and no more.
         bpy.ops.object.mode_set(mode="EDIT")
         bpy.ops.object.mode_set(mode="OBJECT")
-        faces = np.empty(len(holder.data.polygons), dtype=bool)
-        holder.data.polygons.foreach_get("select", faces)
-        return faces
+        assert_equal(faces(), at_once)
+        return at_once
 
     assert_equal, visible = np.testing.assert_array_equal, np.arange(len(depths)) % 2 == 1
     for comparison, compare in (("EQUAL", np.equal), ("AT_LEAST", np.greater_equal), ("AT_MOST", np.less_equal)):
