@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Meshes with shape keys: loose parts keep their places in every key, and no key data-block is left behind.
+"""Shape keys of a mesh are on its subdivision, each as the limit surface of that key; loose parts keep their places in
+every key, and no key data-block is left behind.
 
 Before Blender 5.2 a copy of a mesh with keys counts one user of its Key too many, so that removing the keys leaves the
 Key in the file, and saving a file with such a Key fails.
@@ -14,23 +15,15 @@ import bpy
 import numpy as np
 import pytest
 
-from tests import meshes
+from tests import meshes, uniform
 from tests.blender import addon, scene
+from tests.blender.full_mesh import LEVEL, ROUNDING, Comparison, compare, everything
 from tests.blender.subdividing import refused, subdivide
+
+pytestmark = pytest.mark.every_blender
 
 LOOSE = (7.0, 8.0, 9.0)
 LOOSE_IN_KEY = (-7.0, 5.0, 3.0)
-
-
-def plane_with_loose_parts(loose_edge: bool = False) -> bpy.types.Object:
-    """6 × 6 quads, a loose vertex, the last one, or a loose edge with it, and two keys."""
-    data = meshes.grid(6, 6)
-    count = len(data.positions)
-    loose = [(6.0, 8.0, 9.0), LOOSE] if loose_edge else [LOOSE]
-    data = replace(data, positions=np.concatenate([data.positions, loose]))
-    if loose_edge:
-        data = replace(data, loose_edges=[(count, count + 1)])
-    return with_keys(scene.add_object(data))
 
 
 def with_keys(holder: bpy.types.Object) -> bpy.types.Object:
@@ -42,12 +35,88 @@ def with_keys(holder: bpy.types.Object) -> bpy.types.Object:
     return holder
 
 
-def points(holder: bpy.types.Object, name: str) -> np.ndarray:
+def points(mesh: bpy.types.Mesh, name: str) -> np.ndarray:
     """(V, 3): where a key has the vertices."""
-    key = holder.data.shape_keys.key_blocks[name]
+    key = mesh.shape_keys.key_blocks[name]
     found = np.empty(3 * len(key.points), dtype=np.float32)
     key.points.foreach_get("co", found)
     return found.reshape(-1, 3)
+
+
+# Values and settings.
+
+
+def test_shape_keys_stay_with_their_settings(comparison: Comparison) -> None:
+    old, new = comparison.base.shape_keys, comparison.mesh.shape_keys
+    assert new != old
+    assert [key.name for key in new.key_blocks] == ["Basis", "Wide", "Tall"]
+    for one, other in zip(old.key_blocks, new.key_blocks, strict=True):
+        for name in ("value", "slider_min", "slider_max", "mute", "vertex_group", "interpolation"):
+            assert getattr(one, name) == getattr(other, name)
+        assert one.relative_key.name == other.relative_key.name
+        # Every key is the limit surface of that key.
+        positions = points(comparison.base, one.name).astype(np.float64)
+        limits = uniform.fine_values(comparison.control, positions, LEVEL, limit=True)
+        np.testing.assert_allclose(points(comparison.mesh, one.name), limits, atol=ROUNDING, rtol=0)
+    assert [driver.data_path for driver in new.animation_data.drivers] == ['key_blocks["Wide"].value']
+
+
+def test_keys_mix_to_the_surface_of_the_mixed_mesh() -> None:
+    holder = everything()
+    keys = holder.data.shape_keys.key_blocks
+    # A vertex group weighs a key by vertex; its weights are not the surface's.
+    keys["Tall"].vertex_group, keys["Tall"].mute = "", False
+    comparison = compare(holder)
+    result = scene.add_mesh(comparison.mesh)
+    holder.modifiers.clear()
+    mixed, expected = (scene.evaluated_mesh_data(one).positions for one in (result, holder))
+    limits = uniform.fine_values(comparison.control, expected, LEVEL, limit=True)
+    np.testing.assert_allclose(mixed, limits, atol=2 * ROUNDING, rtol=0)
+
+
+def test_the_animation_of_keys_stays() -> None:
+    holder = everything()
+    keys = holder.data.shape_keys
+    keys.key_blocks["Tall"].keyframe_insert("value", frame=3)
+    action = keys.animation_data.action
+    track = keys.animation_data.nla_tracks.new()
+    strip = track.strips.new("Strip", 20, action)
+    strip.repeat, strip.blend_type, track.mute = 2.0, "ADD", True
+    new = compare(holder).mesh.shape_keys.animation_data
+    assert new.action == action
+    if hasattr(new, "action_slot"):
+        assert new.action_slot == keys.animation_data.action_slot
+    copied = new.nla_tracks[0].strips[0]
+    assert new.nla_tracks[0].mute
+    for name in ("name", "action", "frame_start", "frame_end", "repeat", "blend_type"):
+        assert getattr(copied, name) == getattr(strip, name)
+
+
+def test_absolute_keys_keep_their_frames() -> None:
+    holder = everything()
+    keys = holder.data.shape_keys
+    keys.use_relative = False
+    addon.select(holder)
+    bpy.ops.object.shape_key_retime()
+    frames = [key.frame for key in keys.key_blocks]
+    keys.eval_time = 14.0
+    new = compare(holder).mesh.shape_keys
+    assert not new.use_relative
+    assert new.eval_time == 14.0
+    assert [key.frame for key in new.key_blocks] == pytest.approx(frames)
+
+
+# Loose parts.
+
+
+def plane_with_loose_parts(loose_edge: bool = False) -> bpy.types.Object:
+    """6 × 6 quads, a loose vertex, the last one, or a loose edge with it, and two keys."""
+    data = meshes.grid(6, 6)
+    count = len(data.positions)
+    loose = [(6.0, 8.0, 9.0), LOOSE] if loose_edge else [LOOSE]
+    edges = [(count, count + 1)] if loose_edge else []
+    data = replace(data, positions=np.concatenate([data.positions, loose]), loose_edges=edges)
+    return with_keys(scene.add_object(data))
 
 
 def used(holder: bpy.types.Object) -> np.ndarray:
@@ -57,100 +126,101 @@ def used(holder: bpy.types.Object) -> np.ndarray:
     return found
 
 
-# Loose parts.
-
-
 @pytest.mark.parametrize("loose_edge", [False, True])
 @pytest.mark.parametrize("exact_normals", [False, True])
 def test_loose_parts_stay_where_every_key_has_them(loose_edge: bool, exact_normals: bool) -> None:
-    holder = plane_with_loose_parts(loose_edge)
-    [result] = subdivide(holder, exact_normals=exact_normals)
-    [loose] = np.flatnonzero(~used(result))[-1:]
-    assert tuple(points(result, "Basis")[loose]) == LOOSE
-    assert tuple(points(result, "Key")[loose]) == LOOSE_IN_KEY
-    assert np.count_nonzero(~used(result)) == 1 + loose_edge
+    [result] = subdivide(plane_with_loose_parts(loose_edge), exact_normals=exact_normals)
+    loose = np.flatnonzero(~used(result))
+    assert len(loose) == 1 + loose_edge
+    assert tuple(points(result.data, "Basis")[loose[-1]]) == LOOSE
+    assert tuple(points(result.data, "Key")[loose[-1]]) == LOOSE_IN_KEY
 
 
 def test_loose_parts_change_nothing_elsewhere() -> None:
     alone = with_keys(scene.add_object(meshes.grid(6, 6), "Alone"))
     # Its last vertex is one of the plane's, and no loose one.
-    alone.data.shape_keys.key_blocks["Key"].points[len(alone.data.vertices) - 1].co = points(alone, "Basis")[-1]
+    alone.data.shape_keys.key_blocks["Key"].points[len(alone.data.vertices) - 1].co = points(alone.data, "Basis")[-1]
     [plain] = subdivide(alone)
     [result] = subdivide(plane_with_loose_parts())
     for name in ("Basis", "Key"):
-        np.testing.assert_array_equal(points(result, name)[used(result)], points(plain, name))
+        np.testing.assert_array_equal(points(result.data, name)[used(result)], points(plain.data, name))
 
 
-@pytest.mark.parametrize(
-    "data_type", ["FLOAT", "FLOAT_VECTOR", "FLOAT_COLOR", "BYTE_COLOR", "INT", "BOOLEAN", "STRING"]
-)
-def test_loose_vertices_keep_their_values(data_type: str) -> None:
+def test_loose_vertices_keep_their_values() -> None:
     """Even where the last corner of the mesh, which a loose vertex does not have, holds no number."""
+    values = {
+        "FLOAT": ("value", 1.0),
+        "FLOAT_VECTOR": ("vector", (1, 2, 3)),
+        "FLOAT_COLOR": ("color", (1, 0, 1, 1)),
+        "BYTE_COLOR": ("color", (1, 0, 1, 1)),
+        "INT": ("value", 1),
+        "BOOLEAN": ("value", True),
+        "STRING": ("value", b"loose"),
+    }
     holder = plane_with_loose_parts()
-    items = holder.data.attributes.new("Values", data_type, "POINT").data
-    name = {"FLOAT_VECTOR": "vector", "FLOAT_COLOR": "color", "BYTE_COLOR": "color"}.get(data_type, "value")
-    value = {"vector": (1, 2, 3), "color": (1, 0, 1, 1)}.get(name, {"STRING": b"loose"}.get(data_type, 1))
-    setattr(items[len(items) - 1], name, value)
+    last = len(holder.data.vertices) - 1
+    for data_type, (name, value) in values.items():
+        setattr(holder.data.attributes.new(data_type, data_type, "POINT").data[last], name, value)
     [result] = subdivide(holder)
-    kept = getattr(result.data.attributes["Values"].data[int(np.flatnonzero(~used(result))[0])], name)
-    assert (tuple(kept) if name != "value" else kept) == value
+    [loose] = np.flatnonzero(~used(result)).tolist()
+    for data_type, (name, value) in values.items():
+        kept = getattr(result.data.attributes[data_type].data[loose], name)
+        assert (kept if name == "value" else tuple(kept)) == value, data_type
 
 
 # Key data-blocks.
 
 
-def save_twice(folder: Path) -> None:
-    """The second time there is a file to compare with and to back up."""
+def check_keys(folder: Path, owners: list[str] | int) -> None:
+    """The keys of the file belong to these meshes, or to so many, which hold them; and the file can be saved."""
+    for key in bpy.data.shape_keys:
+        assert key.user is not None, f"{key.name} belongs to no mesh"
+        assert key.user.shape_keys == key
+    found = sorted(key.user.name for key in bpy.data.shape_keys)
+    assert (len(found) if isinstance(owners, int) else found) == owners
+    # The second time there is a file to compare with and to back up.
     for _ in range(2):
         assert bpy.ops.wm.save_as_mainfile(filepath=str(folder / "saved.blend")) == {"FINISHED"}
 
 
-def key_owners() -> list[str]:
-    """The meshes that the keys of the file belong to; every key belongs to one, which holds it."""
-    for key in bpy.data.shape_keys:
-        assert key.user is not None, f"{key.name} belongs to no mesh"
-        assert key.user.shape_keys == key
-    return sorted(key.user.name for key in bpy.data.shape_keys)
-
-
-@pytest.mark.parametrize("times", [1, 3])
-def test_new_objects_leave_no_other_keys(tmp_path: Path, times: int) -> None:
+def cube_with_keys(modifier: bool = False) -> bpy.types.Object:
     holder = with_keys(scene.add_object(meshes.cube(), "Cube"))
-    for _ in range(times):
+    if modifier:
+        holder.modifiers.new("Bevel", "BEVEL")
+    return holder
+
+
+def test_new_objects_leave_no_other_keys(tmp_path: Path) -> None:
+    holder = cube_with_keys()
+    for times in (1, 2, 3):
         holder.hide_set(False)
         subdivide(holder)
-    assert len(key_owners()) == 1 + times
-    save_twice(tmp_path)
+        check_keys(tmp_path, 1 + times)
 
 
 def test_in_place_leaves_no_other_keys(tmp_path: Path) -> None:
-    holder = with_keys(scene.add_object(meshes.cube(), "Cube"))
+    holder = cube_with_keys()
     for tolerance in (0.1, 0.05):
         subdivide(holder, output="IN_PLACE", tolerance=tolerance, subdivide_results=True)
-    assert key_owners() == [holder.data.name]
-    save_twice(tmp_path)
+    check_keys(tmp_path, [holder.data.name])
 
 
 def test_in_place_keeps_the_keys_of_a_mesh_others_use(tmp_path: Path) -> None:
-    holder = with_keys(scene.add_object(meshes.cube(), "Cube"))
+    holder = cube_with_keys()
     other = scene.add_mesh(holder.data)
     subdivide(holder, output="IN_PLACE")
-    assert key_owners() == sorted([holder.data.name, other.data.name])
-    save_twice(tmp_path)
-
-
-def with_modifier(holder: bpy.types.Object) -> bpy.types.Object:
-    holder.modifiers.new("Bevel", "BEVEL")
-    return holder
+    check_keys(tmp_path, sorted([holder.data.name, other.data.name]))
 
 
 @pytest.mark.parametrize("operator", ["compute", "count_faces", "subdivide"])
 @pytest.mark.parametrize("modifier", [False, True])
 @pytest.mark.parametrize("editing", [False, True])
 def test_temporary_copies_leave_no_keys(tmp_path: Path, operator: str, modifier: bool, editing: bool) -> None:
-    holder = with_keys(scene.add_object(meshes.cube(), "Cube"))
-    if modifier:
-        with_modifier(holder)
+    """Creases of a kind that must be converted take copies of evaluated meshes, whose keys belong to no mesh, and crash
+    Blender once they are looked at."""
+    holder = cube_with_keys(modifier)
+    holder.data.attributes.new("crease_edge", "FLOAT", "POINT").data[0].value = 0.5
+    holder.data.attributes.new("crease_vert", "INT", "CORNER")
     addon.select(holder)
     if editing:
         bpy.ops.object.mode_set(mode="EDIT")
@@ -158,18 +228,18 @@ def test_temporary_copies_leave_no_keys(tmp_path: Path, operator: str, modifier:
     if bpy.context.mode == "EDIT_MESH":
         bpy.ops.object.mode_set(mode="OBJECT")
     # Modifiers that are counted in have the keys applied.
-    assert len(key_owners()) == 1 + (operator == "subdivide" and not modifier)
-    save_twice(tmp_path)
+    check_keys(tmp_path, 1 + (operator == "subdivide" and not modifier))
+    bpy.context.scene.frame_set(2)
+    assert all(key.points[0].co.length > 0 for keys in bpy.data.shape_keys for key in keys.key_blocks)
 
 
 def test_refused_runs_leave_no_keys(tmp_path: Path) -> None:
-    holder = with_modifier(with_keys(scene.add_object(meshes.cube(), "Cube")))
+    holder = cube_with_keys(modifier=True)
     refused(holder, match="are allowed", max_faces=7)
     holder.modifiers.clear()
     refused(holder, match="are allowed", max_faces=7)
     refused(holder, match="greater than zero", tolerance=0.0)
-    assert key_owners() == [holder.data.name]
-    save_twice(tmp_path)
+    check_keys(tmp_path, [holder.data.name])
 
 
 @pytest.mark.parametrize(
@@ -180,30 +250,18 @@ def test_refused_runs_leave_no_keys(tmp_path: Path) -> None:
         ("exchange.shape_keys", "_copy_animation"),
         ("operators.adaptive_objects", "_place_beside"),
         ("state.results", "write_adaptive"),
+        ("exchange.control_mesh", "mesh_arrays"),
     ],
 )
 def test_runs_that_fail_half_way_leave_no_keys(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, module: str, name: str
 ) -> None:
-    holder = with_keys(scene.add_object(meshes.cube(), "Cube"))
+    holder = cube_with_keys(modifier=name == "mesh_arrays")
 
     def fail(*_: object, **__: object) -> None:
         raise MemoryError
 
     monkeypatch.setattr(addon.module(module), name, fail)
     refused(holder, match="not enough memory")
-    assert key_owners() == [holder.data.name]
     assert [mesh.name for mesh in bpy.data.meshes] == [holder.data.name]
-    save_twice(tmp_path)
-
-
-def test_a_mesh_made_by_modifiers_leaves_no_keys_when_it_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    holder = with_modifier(with_keys(scene.add_object(meshes.cube(), "Cube")))
-
-    def fail(*_: object, **__: object) -> None:
-        raise MemoryError
-
-    monkeypatch.setattr(addon.module("exchange.control_mesh"), "mesh_arrays", fail)
-    refused(holder, match="not enough memory")
-    assert key_owners() == [holder.data.name]
-    save_twice(tmp_path)
+    check_keys(tmp_path, [holder.data.name])

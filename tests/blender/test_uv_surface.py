@@ -17,6 +17,8 @@ from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, uniform
 from tests.blender import scene
 
+pytestmark = pytest.mark.every_blender
+
 LEVEL = 2
 
 # Single precision: a level rounds weights, their products and the sum, each worth an ulp or so of the largest UV.
@@ -44,30 +46,31 @@ def maps(mesh: PolygonMesh) -> dict[str, NDArray[np.float32]]:
     rng = np.random.default_rng(5)
     x, y, z = mesh.positions.T
     whole = np.stack([x + 0.2 * z, y + 0.3 * z], axis=1)[mesh.corner_vertices]
-    islands = (mesh.corner_faces < mesh.face_count // 2)[:, None]
-    torn = (
-        whole + np.where(rng.random(mesh.corner_count) < 0.15, rng.uniform(0.1, 0.3, mesh.corner_count), 0.0)[:, None]
-    )
-    found = {
-        "whole": whole,
-        "islands": whole + 9.0 * islands,
-        "apart": whole + mesh.corner_faces[:, None],
-        "torn": torn,
+    is_torn, widths = rng.random(mesh.corner_count) < 0.15, rng.uniform(0.1, 0.3, mesh.corner_count)
+    moved = {
+        "whole": 0.0,
+        "islands": 9.0 * (mesh.corner_faces < mesh.face_count // 2)[:, None],
+        "apart": mesh.corner_faces[:, None],
+        "torn": np.where(is_torn, widths, 0.0)[:, None],
     }
     for count in (2, 2, 3):
-        islands = rng.integers(0, count, mesh.face_count)[mesh.corner_faces, None]
-        found[f"scattered {len(found)}"] = whole + 9.0 * islands
-    return {name: uvs.astype(np.float32) for name, uvs in found.items()}
+        moved[f"scattered {len(moved)}"] = 9.0 * rng.integers(0, count, mesh.face_count)[mesh.corner_faces, None]
+    return {name: (whole + by).astype(np.float32) for name, by in moved.items()}
 
 
-@pytest.mark.parametrize("creased", [False, True])
-@pytest.mark.parametrize("uv_smooth", UV_SMOOTH[1:])
-@pytest.mark.parametrize("name", MESHES)
+# In the short suite every mesh is smoothed in every way once, with creases or without.
+CASES = [
+    pytest.param(name, uv_smooth, creased, marks=pytest.mark.thorough if (i + j + creased) % 2 else ())
+    for i, name in enumerate(MESHES)
+    for j, uv_smooth in enumerate(UV_SMOOTH[1:])
+    for creased in (False, True)
+]
+
+
+@pytest.mark.parametrize(("name", "uv_smooth", "creased"), CASES)
 def test_levels_agree_with_the_modifier(name: str, uv_smooth: str, creased: bool) -> None:
     data = MESHES[name]()
-    if creased:
-        data = meshes.with_random_creases(data, seed=3, share=0.5)
-    assert_agreement(data, uv_smooth, maps)
+    assert_agreement(meshes.with_random_creases(data, seed=3, share=0.5) if creased else data, uv_smooth, maps)
 
 
 @pytest.mark.parametrize("uv_smooth", UV_SMOOTH[1:])
