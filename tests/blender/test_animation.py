@@ -4,14 +4,15 @@ operators alike, and holds again where it was computed."""
 
 from __future__ import annotations
 
-from contextlib import ExitStack
-
 import bpy
 import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.subdividing import known_count
 from tests.blender.test_staleness import MESH_LINE
+
+pytestmark = pytest.mark.every_blender
 
 FIRST, LATER = 1, 11
 
@@ -42,17 +43,6 @@ def expect(holder: bpy.types.Object, line: str) -> None:
     assert told_by_the_panel(holder) == line
 
 
-def expect_to_follow_the_frame(holder: bpy.types.Object) -> None:
-    """Out of date at a later frame, and current at the first."""
-    bpy.context.scene.frame_set(FIRST)
-    addon.compute(holder)
-    expect(holder, "")
-    bpy.context.scene.frame_set(LATER)
-    expect(holder, MESH_LINE)
-    bpy.context.scene.frame_set(FIRST)
-    expect(holder, "")
-
-
 def key(owner: bpy.types.bpy_struct, name: str, first: object, later: object) -> None:
     for frame, value in ((FIRST, first), (LATER, later)):
         setattr(owner, name, value)
@@ -67,58 +57,51 @@ def with_a_key() -> tuple[bpy.types.Object, bpy.types.ShapeKey]:
     return holder, shape
 
 
-def test_a_shape_key() -> None:
-    holder, shape = with_a_key()
+def add_object(name: str, data: bpy.types.ID | None = None) -> bpy.types.Object:
+    added = bpy.data.objects.new(name, data)
+    bpy.context.scene.collection.objects.link(added)
+    return added
+
+
+def moving_objects() -> dict[str, bpy.types.Object]:
+    """Objects that are shaped or scaled otherwise at the later frame."""
+    holders = {name: scene.add_suzanne() for name in ("keyed modifier", "wave", "scale", "child", "posed")}
+    holders["keyed shape"], shape = with_a_key()
     key(shape, "value", 0.0, 1.0)
-    expect_to_follow_the_frame(holder)
-
-
-def test_a_driven_shape_key() -> None:
-    holder, shape = with_a_key()
+    holders["driven shape"], shape = with_a_key()
     shape.driver_add("value").driver.expression = "frame / 20"
-    expect_to_follow_the_frame(holder)
+    key(holders["keyed modifier"].modifiers.new("Cast", "CAST"), "factor", 0.0, 1.0)
+    # It moves without keys.
+    holders["wave"].modifiers.new("Wave", "WAVE")
+    holders["child"].parent = add_object("Parent")
+    for scaled in (holders["scale"], holders["child"].parent):
+        key(scaled, "scale", (1.0, 1.0, 1.0), (2.0, 1.0, 1.0))
+    rig = add_object("Rig", bpy.data.armatures.new("Rig"))
+    with addon.edit_mode(rig):
+        rig.data.edit_bones.new("Bone").tail = (0.0, 0.0, 1.0)
+    holders["posed"].vertex_groups.new(name="Bone").add(range(100), 1.0, "REPLACE")
+    holders["posed"].modifiers.new("Armature", "ARMATURE").object = rig
+    key(rig.pose.bones["Bone"], "location", (0.0, 0.0, 0.0), (0.5, 0.0, 0.0))
+    return holders
 
 
-def test_a_modifier() -> None:
-    holder = scene.add_suzanne()
-    key(holder.modifiers.new("Cast", "CAST"), "factor", 0.0, 1.0)
-    expect_to_follow_the_frame(holder)
-
-
-def test_a_modifier_that_moves_without_keys() -> None:
-    holder = scene.add_suzanne()
-    holder.modifiers.new("Wave", "WAVE")
-    expect_to_follow_the_frame(holder)
-
-
-def test_a_scale() -> None:
-    holder = scene.add_suzanne()
-    key(holder, "scale", (1.0, 1.0, 1.0), (2.0, 1.0, 1.0))
-    expect_to_follow_the_frame(holder)
-
-
-def test_a_parent() -> None:
-    holder, parent = scene.add_suzanne(), bpy.data.objects.new("Parent", None)
-    bpy.context.scene.collection.objects.link(parent)
-    holder.parent = parent
-    key(parent, "scale", (1.0, 1.0, 1.0), (2.0, 1.0, 1.0))
-    expect_to_follow_the_frame(holder)
+def test_results_follow_the_frame() -> None:
+    """They are out of date at a later frame, and current at the first."""
+    holders = moving_objects()
+    bpy.context.scene.frame_set(FIRST)
+    for holder in holders.values():
+        addon.compute(holder)
+        expect(holder, "")
+    for frame, line in ((LATER, MESH_LINE), (FIRST, "")):
+        bpy.context.scene.frame_set(frame)
+        assert {name: told_by_the_panel(holder) for name, holder in holders.items()} == dict.fromkeys(holders, line)
+        for holder in holders.values():
+            expect(holder, line)
+    parent = holders["child"].parent
     parent.animation_data_clear()
     parent.scale.z = 3.0
     bpy.context.view_layer.update()
-    expect(holder, MESH_LINE)
-
-
-def test_a_pose() -> None:
-    rig = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
-    bpy.context.scene.collection.objects.link(rig)
-    with addon.edit_mode(rig):
-        rig.data.edit_bones.new("Bone").tail = (0.0, 0.0, 1.0)
-    holder = scene.add_suzanne()
-    holder.vertex_groups.new(name="Bone").add(range(100), 1.0, "REPLACE")
-    holder.modifiers.new("Armature", "ARMATURE").object = rig
-    key(rig.pose.bones["Bone"], "location", (0.0, 0.0, 0.0), (0.5, 0.0, 0.0))
-    expect_to_follow_the_frame(holder)
+    expect(holders["child"], MESH_LINE)
 
 
 def test_what_does_not_move_stays_current() -> None:
@@ -135,10 +118,9 @@ def test_a_count_of_faces_is_forgotten() -> None:
     bpy.context.scene.frame_set(FIRST)
     addon.select(holder)
     bpy.ops.ccdepth.count_faces()
-    counts = addon.module("state.face_counts")
-    assert counts._known
+    assert known_count(holder) is not None
     bpy.context.scene.frame_set(LATER)
-    assert not counts._known
+    assert known_count(holder) is None
 
 
 def test_what_cannot_be_examined_does_not_pass_for_current(
@@ -174,26 +156,18 @@ def test_an_object_that_the_result_was_not_computed_for() -> None:
     assert told_by_the_panel(other) == ""
 
 
-def test_a_change_while_depths_are_being_computed_is_noticed() -> None:
+def test_a_change_while_depths_are_being_computed_is_noticed(monkeypatch: pytest.MonkeyPatch) -> None:
     """The record has what was read at the beginning, not what is there at the end."""
     holder = scene.add_object(meshes.landscape(8, 8))
-    bpy.context.view_layer.update()
-    computation = addon.module("tasks.depth_task")
-    settings = computation.DepthSettings(0.01, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
-    run = addon.module("tasks.stepwise").Stepwise(computation.prepare_depths(bpy.context, [holder], settings))
-    run.work()
-    work = run.answer
-    holder.scale.x = 2.0
-    holder.data.vertices[0].co.z += 0.5
-    bpy.context.view_layer.update()
-    answers = computation.compute_depths(work)
-    [mesh] = addon.module("operators.compute_depth")._meshes_still_there(answers)
-    [answer] = answers
-    results = addon.module("state.results")
-    with ExitStack() as undo:
-        results.write_depths(mesh, answer, (0, 8), undo)
-        undo.pop_all()
-    results.write_record(mesh, answer, settings, (0, 8))
-    addon.module("state.fingerprint").remember(mesh, answer.task.geometry, answer.depths, answer.task.states)
-    addon.module("state.staleness").touch(mesh)
+    module = addon.module("operators.compute_depth")
+    write = module.results.write_depths
+
+    def change(*given: object) -> None:
+        holder.scale.x = 2.0
+        holder.data.vertices[0].co.z += 0.5
+        bpy.context.view_layer.update()
+        write(*given)
+
+    monkeypatch.setattr(module.results, "write_depths", change)
+    addon.compute(holder)
     assert told_by_the_panel(holder).startswith("Out of date: mesh")

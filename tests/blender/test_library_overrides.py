@@ -16,6 +16,9 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene, snapshot
 from tests.blender.subdividing import refused, shape, subdivide
+from tests.thorough import combinations
+
+pytestmark = pytest.mark.every_blender
 
 TOLERANCE = 0.01
 
@@ -36,22 +39,33 @@ def fill(holder: bpy.types.Object, *, keys: bool = False) -> None:
         holder.data.shape_keys.key_blocks["Key"].value = 0.5
 
 
+def link(tmp_path: Path, block: bpy.types.ID, kind: str = "objects") -> bpy.types.ID:
+    """The same in a new file, linked from a file with this alone."""
+    name = block.name
+    bpy.data.libraries.write(str(tmp_path / "library.blend"), {block})
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    scene.clear()
+    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, wanted):
+        setattr(wanted, kind, [name])
+    return getattr(wanted, kind)[0]
+
+
+def filled_cube(name: str, keys: bool, modifiers: tuple[str, ...]) -> bpy.types.Object:
+    holder = scene.add_object(meshes.cube(), name)
+    fill(holder, keys=keys)
+    for kind in modifiers:
+        holder.modifiers.new(kind.title(), kind)
+    return holder
+
+
 def linked(
     tmp_path: Path, *, keys: bool = False, modifiers: tuple[str, ...] = (), computed: bool = False
 ) -> bpy.types.Object:
     """A cube linked from another file."""
-    holder = scene.add_object(meshes.cube(), "Cube")
-    fill(holder, keys=keys)
-    for name in modifiers:
-        holder.modifiers.new(name.title(), name)
+    holder = filled_cube("Cube", keys, modifiers)
     if computed:
         addon.compute(holder)
-    bpy.data.libraries.write(str(tmp_path / "library.blend"), {holder})
-    bpy.ops.wm.read_homefile(use_factory_startup=True)
-    bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes])
-    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, wanted):
-        wanted.objects = ["Cube"]
-    [found] = wanted.objects
+    found = link(tmp_path, holder)
     bpy.context.scene.collection.objects.link(found)
     return found
 
@@ -84,26 +98,32 @@ def local_with_overridden_mesh(holder: bpy.types.Object) -> bpy.types.Object:
 KINDS = [override, override_with_mesh, local_with_linked_mesh, local_with_overridden_mesh]
 Kind = Callable[[bpy.types.Object], bpy.types.Object]
 
-
-def expected(*, keys: bool = False, modifiers: tuple[str, ...] = ()) -> tuple[np.ndarray, np.ndarray]:
-    """(V, 3) positions and (F,) first corners of the result of a cube of this file's own."""
-    holder = scene.add_object(meshes.cube(), "Own")
-    fill(holder, keys=keys)
-    for name in modifiers:
-        holder.modifiers.new(name.title(), name)
-    [result] = subdivide(holder)
-    starts = np.array([polygon.loop_start for polygon in result.data.polygons])
-    return shape(result), starts
+# (V, 3) and (F,): the positions, and the first corners of the faces.
+Shape = tuple[np.ndarray, list[int]]
 
 
-def check_result(result: bpy.types.Object, positions: np.ndarray, starts: np.ndarray, *, keys: bool) -> None:
+def expected(*, keys: bool = False, modifiers: tuple[str, ...] = ()) -> Shape:
+    """Positions and first corners of the result of a cube of this file's own."""
+    [result] = subdivide(filled_cube("Own", keys, modifiers))
+    return shape_and_starts(result)
+
+
+def shape_and_starts(result: bpy.types.Object) -> Shape:
+    return shape(result), [polygon.loop_start for polygon in result.data.polygons]
+
+
+def check_shape(result: bpy.types.Object, wanted: Shape) -> None:
+    for found, part in zip(shape_and_starts(result), wanted, strict=True):
+        np.testing.assert_array_equal(found, part)
+
+
+def check_result(result: bpy.types.Object, wanted: Shape, *, keys: bool) -> None:
     """The result is this file's own, sound, and what it is for a mesh of this file's own."""
     mesh = result.data
     for data in (result, mesh):
         assert data.library is None
         assert data.override_library is None
-    np.testing.assert_array_equal(shape(result), positions)
-    np.testing.assert_array_equal([polygon.loop_start for polygon in mesh.polygons], starts)
+    check_shape(result, wanted)
     assert not mesh.validate()
     assert [material.name.partition(".")[0] for material in mesh.materials] == ["Material"]
     assert mesh["own"] == 7
@@ -123,43 +143,41 @@ def reload(tmp_path: Path, name: str) -> bpy.types.Object:
 @pytest.mark.parametrize("keys", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_new_object_is_of_this_file_and_stays_in_it(tmp_path: Path, kind: Kind, keys: bool) -> None:
-    positions, starts = expected(keys=keys)
+    wanted = expected(keys=keys)
     holder = kind(linked(tmp_path, keys=keys))
     before = shape(holder)
     [result] = subdivide(holder)
-    check_result(result, positions, starts, keys=keys)
+    check_result(result, wanted, keys=keys)
     np.testing.assert_array_equal(shape(holder), before)
     assert addon.is_untouched([holder])
     name = result.name
-    check_result(reload(tmp_path, name), positions, starts, keys=keys)
+    check_result(reload(tmp_path, name), wanted, keys=keys)
     assert sorted(key.user.name for key in bpy.data.shape_keys if not key.library) == sorted(
         mesh.name for mesh in bpy.data.meshes if not mesh.library and mesh.shape_keys
     )
 
 
-@pytest.mark.parametrize("modifiers", [("SUBSURF",), ("BEVEL",), ("BEVEL", "SUBSURF")])
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(("kind", "modifiers"), combinations(KINDS, [("SUBSURF",), ("BEVEL",), ("BEVEL", "SUBSURF")]))
 def test_modifiers_of_the_library_are_counted_in_and_taken_off(
     tmp_path: Path, kind: Kind, modifiers: tuple[str, ...]
 ) -> None:
-    positions, starts = expected(modifiers=modifiers)
+    wanted = expected(modifiers=modifiers)
     holder = kind(linked(tmp_path, modifiers=modifiers))
     [result] = subdivide(holder)
     assert not result.modifiers
     assert len(holder.modifiers) == len(modifiers)
-    np.testing.assert_array_equal(shape(result), positions)
-    np.testing.assert_array_equal([polygon.loop_start for polygon in result.data.polygons], starts)
+    check_shape(result, wanted)
     assert result.data.override_library is None
 
 
 @pytest.mark.parametrize("keys", [False, True])
 @pytest.mark.parametrize("kind", [local_with_linked_mesh, local_with_overridden_mesh])
 def test_an_object_of_this_file_can_get_its_result_in_place(tmp_path: Path, kind: Kind, keys: bool) -> None:
-    positions, starts = expected(keys=keys)
+    wanted = expected(keys=keys)
     holder = kind(linked(tmp_path, keys=keys))
     subdivide(holder, output="IN_PLACE")
-    check_result(holder, positions, starts, keys=keys)
-    check_result(reload(tmp_path, "Local"), positions, starts, keys=keys)
+    check_result(holder, wanted, keys=keys)
+    check_result(reload(tmp_path, "Local"), wanted, keys=keys)
 
 
 @pytest.mark.parametrize("kind", [override, override_with_mesh])
@@ -174,24 +192,18 @@ def test_a_linked_object_gets_none(tmp_path: Path, output: str) -> None:
 
 
 def test_an_override_in_an_overridden_collection_gets_its_result_beside_it(tmp_path: Path) -> None:
-    holder = scene.add_object(meshes.cube(), "Cube")
     collection = bpy.data.collections.new("Cubes")
-    collection.objects.link(holder)
-    bpy.data.libraries.write(str(tmp_path / "library.blend"), {collection})
-    bpy.ops.wm.read_homefile(use_factory_startup=True)
-    bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes])
-    with bpy.data.libraries.load(str(tmp_path / "library.blend"), link=True) as (_, wanted):
-        wanted.collections = ["Cubes"]
-    bpy.context.scene.collection.children.link(wanted.collections[0])
-    wanted.collections[0].override_hierarchy_create(bpy.context.scene, bpy.context.view_layer)
+    collection.objects.link(scene.add_object(meshes.cube(), "Cube"))
+    collection = link(tmp_path, collection, "collections")
+    bpy.context.scene.collection.children.link(collection)
+    collection.override_hierarchy_create(bpy.context.scene, bpy.context.view_layer)
     [found] = [obj for obj in bpy.context.scene.objects if obj.override_library]
     [result] = subdivide(found)
     assert result.override_library is None
     assert len(result.data.polygons) > 6
 
 
-@pytest.mark.parametrize("kind", KINDS)
-@pytest.mark.parametrize("modifiers", [(), ("BEVEL",)])
+@pytest.mark.parametrize(("kind", "modifiers"), combinations(KINDS, [(), ("BEVEL",)]))
 def test_faces_are_counted(tmp_path: Path, kind: Kind, modifiers: tuple[str, ...]) -> None:
     holder = kind(linked(tmp_path, modifiers=modifiers))
     addon.select(holder)
@@ -240,50 +252,34 @@ def test_depths_that_are_not_kept_are_an_error(tmp_path: Path) -> None:
     assert addon.is_untouched([holder])
 
 
-def test_depths_that_are_not_kept_leave_an_earlier_result(monkeypatch: pytest.MonkeyPatch) -> None:
-    holder = scene.add_suzanne()
-    addon.compute(holder, tolerance=0.5)
-    before = addon.depths(holder), addon.bounds(holder), addon.colors(holder), holder.data.ccdepth.world_tolerance
-    module = addon.module("exchange.bulk_writing")
-
-    def forget(items: object, name: str, values: np.ndarray, _step: float) -> None:
-        if name == "color":
-            raise module.WriteError("Blender did not keep what was written to the mesh")
-        items.foreach_set(name, values.ravel())
-
-    monkeypatch.setattr(module, "write_values", forget)
-    addon.select(holder)
-    with pytest.raises(RuntimeError, match="Suzanne: Blender did not keep what was written"):
-        bpy.ops.ccdepth.compute(tolerance=0.01, tolerance_mode="ABSOLUTE")
-    after = addon.depths(holder), addon.bounds(holder), addon.colors(holder), holder.data.ccdepth.world_tolerance
-    for one, other in zip(before, after, strict=True):
-        np.testing.assert_array_equal(one, other)
+def result_of(holder: bpy.types.Object) -> list[object]:
+    arrays = (addon.depths(holder), addon.bounds(holder), addon.colors(holder))
+    return [*(array.tolist() for array in arrays), holder.data.ccdepth.world_tolerance]
 
 
-def test_depths_that_are_not_kept_on_a_later_mesh_leave_all_as_they_were(monkeypatch: pytest.MonkeyPatch) -> None:
-    """One with an earlier result, one without any, and one that Blender drops the values of."""
-    first, second, third = (scene.add_object(meshes.cube(), name) for name in ("First", "Second", "Third"))
+@pytest.mark.parametrize("dropped", [1, 3])
+def test_depths_that_are_not_kept_leave_all_as_it_was(monkeypatch: pytest.MonkeyPatch, dropped: int) -> None:
+    """One with an earlier result and two without any: Blender drops the colours of the first or of the last of them."""
+    names = ("First", "Second", "Third")
+    first, second, third = holders = [scene.add_object(meshes.cube(), name) for name in names]
     first.data.color_attributes.new("Own", "BYTE_COLOR", "CORNER")
     addon.compute(first, tolerance=0.5)
-    earlier = addon.depths(first), addon.bounds(first), addon.colors(first), first.data.ccdepth.world_tolerance
+    earlier = result_of(first)
     calls = []
-
     module = addon.module("exchange.bulk_writing")
 
     def forget(items: object, name: str, values: np.ndarray, _step: float) -> None:
         calls.append(name)
-        if calls.count("color") == 3:
+        if calls.count("color") == dropped:
             raise module.WriteError("Blender did not keep what was written to the mesh")
         items.foreach_set(name, values.ravel())
 
     monkeypatch.setattr(module, "write_values", forget)
-    addon.select(first, second, third)
+    addon.select(*holders)
     before = snapshot.take()
-    with pytest.raises(RuntimeError, match="Third: Blender did not keep what was written"):
+    with pytest.raises(RuntimeError, match=f"{names[dropped - 1]}: Blender did not keep what was written"):
         bpy.ops.ccdepth.compute(tolerance=0.01, tolerance_mode="ABSOLUTE")
-    later = addon.depths(first), addon.bounds(first), addon.colors(first), first.data.ccdepth.world_tolerance
-    for one, other in zip(earlier, later, strict=True):
-        np.testing.assert_array_equal(one, other)
+    assert result_of(first) == earlier
     assert addon.is_untouched([second, third])
     assert snapshot.differences(before, snapshot.take()) == []
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
 from typing import Any
 
 import bpy
@@ -10,7 +12,10 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.test_modifiers import node_group
 from tests.blender.test_staleness import MESH_LINE, stale_line
+
+pytestmark = pytest.mark.every_blender
 
 TYPES = [item.identifier for item in bpy.types.Modifier.bl_rna.properties["type"].enum_items]
 
@@ -25,57 +30,42 @@ def with_modifier(kind: str) -> bpy.types.Object | None:
     """A cube with a fresh modifier, unless Blender has none of this type for meshes."""
     holder = scene.add_object(meshes.creased_cube())
     holder.vertex_groups.new(name="Group")
-    try:
-        modifier = holder.modifiers.new(kind.title(), kind)
-    except (RuntimeError, TypeError):
-        modifier = None
-    if modifier is None:
-        bpy.data.objects.remove(holder)
-        return None
-    return holder
+    # An error for some types, nothing for others.
+    with suppress(RuntimeError, TypeError):
+        if holder.modifiers.new(kind.title(), kind) is not None:
+            return holder
+    bpy.data.objects.remove(holder)
+    return None
 
 
-MESH_TYPES: list[str] = []
-
-
-def mesh_types() -> list[str]:
-    """Found out once: collecting the tests must not make objects before there is a startup file."""
-    if not MESH_TYPES:
-        MESH_TYPES.extend(kind for kind in TYPES if with_modifier(kind) is not None)
-    return MESH_TYPES
-
-
-def test_fresh_modifiers_are_described() -> None:
-    assert len(mesh_types()) > 50
-    for kind in mesh_types():
+def fresh() -> Iterator[tuple[str, bpy.types.Object]]:
+    """An object with a modifier of each type, one after another."""
+    for kind in TYPES:
         holder = with_modifier(kind)
-        assert holder is not None
-        bpy.context.view_layer.update()
-        state = addon.module("exchange.object_state").object_state(holder, use_modifiers=True)
-        again = addon.module("exchange.object_state").object_state(holder, use_modifiers=True)
-        assert state.checksum == again.checksum, kind
-        bpy.data.objects.remove(holder)
+        if holder is not None:
+            yield kind, holder
+            bpy.data.objects.remove(holder)
 
 
 def test_every_operator_copes_with_fresh_modifiers(capfd: pytest.CaptureFixture[str]) -> None:
     """Either it is done, or it is refused with a reason; and what was done holds until something changes."""
     bpy.context.scene.ccdepth.relative_tolerance = 0.2
-    done, tracebacks = set(), 0
-    for kind in mesh_types():
-        holder = with_modifier(kind)
-        assert holder is not None
+    state = addon.module("exchange.object_state").object_state
+    done: set[str] = set()
+    refusals: list[str] = []
+    for kind, holder in fresh():
         addon.select(holder)
+        assert state(holder, use_modifiers=True).checksum == state(holder, use_modifiers=True).checksum, kind
         try:
             bpy.ops.ccdepth.compute()
         except RuntimeError as refusal:
-            tracebacks += "Traceback" in str(refusal)
-            bpy.data.objects.remove(holder)
+            refusals.append(str(refusal))
             continue
         done.add(kind)
         assert stale_line(holder) == "", kind
         assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}, kind
-        bpy.data.objects.remove(holder)
-    assert not tracebacks
+    assert len(done) + len(refusals) > 50
+    assert "Traceback" not in " ".join(refusals)
     assert {"NODES", "BEVEL", "WAVE", "HOOK", "WARP", "SUBSURF"} <= done
     assert "Traceback" not in capfd.readouterr().err
 
@@ -98,11 +88,9 @@ def test_every_simple_setting_of_every_modifier_is_noticed() -> None:
     refused = addon.module("exchange.modifiers").SIMULATIONS | addon.module("exchange.modifiers").NOT_SHAPING
     interface = addon.module("exchange.object_state").DISPLAY_FIELDS
     settings = 0
-    for kind in mesh_types():
+    for kind, holder in fresh():
         if kind in refused:
             continue
-        holder = with_modifier(kind)
-        assert holder is not None
         [modifier] = holder.modifiers
         for field in modifier.bl_rna.properties:
             name = field.identifier
@@ -125,7 +113,6 @@ def test_every_simple_setting_of_every_modifier_is_noticed() -> None:
             assert state(holder, use_modifiers=True).checksum != before, f"{kind}.{name}"
             if kind == "SUBSURF" and name == "subdivision_type":
                 break
-        bpy.data.objects.remove(holder)
     # So many that a walk which finds nothing would not do.
     assert settings > 300
 
@@ -140,77 +127,65 @@ def computed_with(kind: str, **settings: Any) -> tuple[bpy.types.Object, bpy.typ
     return holder, modifier
 
 
-def test_a_geometry_nodes_modifier_without_a_group() -> None:
-    holder, modifier = computed_with("NODES")
-    tree = bpy.data.node_groups.new("Group", "GeometryNodeTree")
-    tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
-    tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-    start, end = tree.nodes.new("NodeGroupInput"), tree.nodes.new("NodeGroupOutput")
-    tree.links.new(start.outputs[0], end.inputs[0])
-    modifier.node_group = tree
-    assert stale_line(holder) == MESH_LINE
-
-
-@pytest.mark.parametrize("name", ["height", "width"])
-def test_settings_that_are_called_like_something_of_a_node(name: str) -> None:
-    holder, wave = computed_with("WAVE")
-    setattr(wave, name, 0.125)
+def expect_change(holder: bpy.types.Object) -> None:
     assert stale_line(holder) == MESH_LINE
     with pytest.raises(RuntimeError, match="out of date"):
         bpy.ops.ccdepth.set_levels()
 
 
-def test_a_falloff_curve() -> None:
+def test_what_modifiers_hold_is_noticed() -> None:
+    holder, modifier = computed_with("NODES")
+    modifier.node_group = node_group()
+    expect_change(holder)
+    # These are called like something of a node.
+    for name in ("height", "width"):
+        holder, wave = computed_with("WAVE")
+        setattr(wave, name, 0.125)
+        expect_change(holder)
     holder, hook = computed_with("HOOK", falloff_type="CURVE")
     hook.falloff_curve.curves[0].points[0].location.y = 0.5
     hook.falloff_curve.update()
     holder.update_tag()
-    assert stale_line(holder) == MESH_LINE
-
-
-def test_a_bevel_profile() -> None:
+    expect_change(holder)
     holder, bevel = computed_with("BEVEL", profile_type="CUSTOM")
     bevel.custom_profile.preset = "STEPS"
     bevel.custom_profile.update()
     holder.update_tag()
-    assert stale_line(holder) == MESH_LINE
+    expect_change(holder)
 
 
-def test_a_texture() -> None:
+def linked(data: bpy.types.ID) -> bpy.types.Object:
+    found = bpy.data.objects.new(data.name, data)
+    bpy.context.scene.collection.objects.link(found)
+    return found
+
+
+def test_what_modifiers_refer_to_is_noticed() -> None:
+    """A texture, members of a collection, the modifiers of a target mesh, the points of a lattice and of a curve."""
     texture = bpy.data.textures.new("Clouds", "CLOUDS")
     holder, _ = computed_with("DISPLACE", texture=texture)
     texture.noise_scale = 2.0
     assert stale_line(holder) == MESH_LINE
-
-
-def test_members_of_a_collection() -> None:
     operand = scene.add_object(meshes.cube(), "Operand")
-    operand.hide_render = True
     cutters = bpy.data.collections.new("Cutters")
     bpy.context.scene.collection.children.link(cutters)
     cutters.objects.link(operand)
     holder, _ = computed_with("BOOLEAN", operand_type="COLLECTION", collection=cutters)
     operand.location.x = 0.5
     assert stale_line(holder) == MESH_LINE
-
-
-def test_what_another_object_is_like() -> None:
-    """A curve's points, a lattice's, and the modifiers of a target mesh."""
     target = scene.add_object(meshes.cube(), "Target")
     holder, _ = computed_with("BOOLEAN", object=target)
     target.modifiers.new("Cast", "CAST")
     assert stale_line(holder) == MESH_LINE
-    lattice = bpy.data.objects.new("Lattice", bpy.data.lattices.new("Lattice"))
-    bpy.context.scene.collection.objects.link(lattice)
+    lattice = linked(bpy.data.lattices.new("Lattice"))
     holder, _ = computed_with("LATTICE", object=lattice)
     lattice.data.points[0].co_deform.x -= 1.0
     lattice.data.update_tag()
     assert stale_line(holder) == MESH_LINE
-    path = bpy.data.objects.new("Path", bpy.data.curves.new("Path", "CURVE"))
+    path = linked(bpy.data.curves.new("Path", "CURVE"))
     path.data.splines.new("POLY").points.add(2)
     for index, point in enumerate(path.data.splines[0].points):
         point.co = (float(index), 0.0, 0.0, 1.0)
-    bpy.context.scene.collection.objects.link(path)
     holder, _ = computed_with("CURVE", object=path)
     path.data.splines[0].points[1].co = (1.0, 1.0, 0.0, 1.0)
     path.data.update_tag()
