@@ -200,7 +200,7 @@ class AttributeTransfer:
                 write_values(new_items, MARKS, (sources >= 0) & marks[sources])
 
     def _sharpen_creases(self, mesh: bpy.types.Mesh) -> None:
-        """Crease edges that stay sharp forever are shaded sharp."""
+        """Shade crease edges sharp that stay sharp forever, unless an attribute of the user's has that name."""
         creases = read_creases(self.base, EDGE_CREASE)
         if creases is None:
             return
@@ -211,6 +211,8 @@ class AttributeTransfer:
         if sharp.any():
             present = mesh.attributes.get("sharp_edge")
             if present is not None:
+                if (present.data_type, present.domain) != ("BOOLEAN", "EDGE"):
+                    return
                 sharp |= read_values(present.data, "value", np.bool_)
             write_attribute(mesh, "sharp_edge", "BOOLEAN", "EDGE", sharp)
 
