@@ -322,7 +322,9 @@ def _output_fault(options: argparse.Namespace, outputs: list[Path | None]) -> st
     if twice is not None:
         return f"several files would be written to {twice}"
     sources = {_place(source) for source in options.files}
-    replaced = next((place for place in others if place in sources), None)
+    # A report names what was read by its checksum.
+    kept = places if options.json or options.csv or options.html else others
+    replaced = next((place for place in kept if place in sources), None)
     return None if replaced is None else f"{replaced} is read, and would be replaced"
 
 

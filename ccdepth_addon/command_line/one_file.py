@@ -126,17 +126,16 @@ def refuse_impossible(source: Path | None, output: Path | None, options: Namespa
 
 
 def refuse_unwritable(path: Path, overwrite: bool, companions: Sequence[str] = ()) -> None:
-    """Raise CommandError when there is no folder for a file, or none that can be written to, or when the file is there
-    and is to stay."""
+    """Raise CommandError when there is no folder for a file, or none that can be written to, or when something is there
+    that stays."""
     if not path.absolute().parent.is_dir():
         raise CommandError(f"{path}: there is no folder {path.parent}")
     if not os.access(path.absolute().parent, os.W_OK):
         raise CommandError(f"{path}: the folder {path.parent} cannot be written to")
-    if not overwrite:
-        try:
-            refuse_existing(path, companions)
-        except UnwrittenError as fault:
-            raise CommandError(f"{path}: {fault}") from fault
+    try:
+        refuse_existing(path, overwrite, companions)
+    except UnwrittenError as fault:
+        raise CommandError(f"{path}: {fault}") from fault
 
 
 def change_settings(settings: bpy.types.PropertyGroup, options: Namespace) -> None:

@@ -201,7 +201,7 @@ def gathered_reports(folder: Path) -> Report:
     """One report of all JSON reports in a folder, in the order of their names.
 
     Raises ReportError where they do not make one: there are none, one is of another action, program or Blender, or two
-    have the same file; and OSError.
+    read or write the same file; and OSError.
     """
     paths = sorted(folder.glob("*.json"))
     if not folder.is_dir():
@@ -217,9 +217,11 @@ def gathered_reports(folder: Path) -> Report:
         if report.action != reports[0].action:
             raise ReportError(f"{path}: its action is {report.action}, and that of others {reports[0].action}")
         for entry in report.files:
-            if entry.name in seen:
-                raise ReportError(f"{path}: it has {entry.name}, and so has {seen[entry.name]}")
-            seen[entry.name] = path
+            written = () if entry.output is None else (f"written {os.path.realpath(entry.output.path)}",)
+            for name in (entry.name, *written):
+                if name in seen:
+                    raise ReportError(f"{path}: it has {name}, and so has {seen[name]}")
+                seen[name] = path
     return Report(reports[0].action, tuple(entry for report in reports for entry in report.files))
 
 

@@ -40,10 +40,15 @@ class UnwrittenError(OSError):
 EXISTS = "it exists already; use --overwrite to replace it"
 
 
-def refuse_existing(path: Path, companions: Sequence[str] = ()) -> None:
-    """Raise UnwrittenError if the file is there, or one of those with these suffixes that belong to it."""
+def refuse_existing(path: Path, overwrite: bool, companions: Sequence[str] = ()) -> None:
+    """Raise UnwrittenError if something is there that stays: a file without ``overwrite``, a device or a folder always.
+
+    companions: suffixes of files that belong to it, and are asked for as well.
+    """
     for each in (path, *(path.with_suffix(suffix) for suffix in companions)):
-        if each.exists():
+        if each.exists() and not each.is_file():
+            raise UnwrittenError(f"{each.name} is there, and is not a regular file")
+        if each.exists() and not overwrite:
             raise UnwrittenError(EXISTS if each == path else f"{each.name}, which belongs to it, exists already")
 
 
@@ -58,8 +63,7 @@ def written_whole(
     nothing behind, when it is not whole or cannot be put there.
     """
     target = path.resolve()
-    if not overwrite:
-        refuse_existing(target, companions)
+    refuse_existing(target, overwrite, companions)
     beside = target.with_name(f".{target.stem}-{os.getpid()}{target.suffix}")
     folder = None
     try:
@@ -77,8 +81,7 @@ def written_whole(
             raise UnwrittenError(f"it could not be written: {fault}; the disk is full") from fault
         try:
             check_whole(beside)
-            if not overwrite:
-                refuse_existing(target, companions)
+            refuse_existing(target, overwrite, companions)
             for suffix in companions:
                 if beside.with_suffix(suffix).exists():
                     os.replace(beside.with_suffix(suffix), target.with_suffix(suffix))
@@ -110,7 +113,7 @@ def _move(beside: Path, target: Path, overwrite: bool) -> None:
             raise UnwrittenError(EXISTS) from fault
         except OSError:
             # There are file systems without links.
-            refuse_existing(target)
+            refuse_existing(target, overwrite)
     os.replace(beside, target)
 
 
