@@ -24,6 +24,7 @@ from .one_file import process_file, refuse_unwritable
 from .processes import given_files, own_process, process_files
 from .report import FileEntry, Report, ReportError, csv_text, entry_line, gathered_reports, json_text, stamp
 from .report_page import page
+from .scripted_drivers import scripts_as_started
 from .verification import verify
 from .whole_files import UnwrittenError, written_whole
 
@@ -55,7 +56,7 @@ def run(arguments: Sequence[str], program: str = PROGRAM, process: Sequence[str]
     except SystemExit as finished:
         return int(finished.code or 0)
     try:
-        with _standard_output(options) as standard_output:
+        with scripts_as_started(), _standard_output(options) as standard_output:
             is_good = _execute(parser, options, process, standard_output)
             sys.stdout.flush()
             standard_output.flush()

@@ -18,6 +18,7 @@ from ..exchange.custom_normals import CarriedNormals
 from ..state import results
 from ..tasks.surfaces import as_typed
 from .blender_calls import CommandError, available, call, known_options
+from .scripted_drivers import scripts_allowed
 
 BLEND = ".blend"
 
@@ -115,7 +116,7 @@ def load(path: Path | None, unit: float | None = None) -> None:
     unit: in metres, of files that do not say it. The scene's unit becomes that of the file, so that its numbers stay.
     """
     if path is not None and path.suffix.lower() == BLEND:
-        call(bpy.ops.wm.open_mainfile, filepath=str(path.absolute()), use_scripts=False)
+        call(bpy.ops.wm.open_mainfile, filepath=str(path.absolute()), use_scripts=scripts_allowed())
         if bpy.context.mode != "OBJECT":
             call(bpy.ops.object.mode_set, mode="OBJECT")
         return

@@ -43,6 +43,7 @@ from .mesh_files import (
 )
 from .report import Distances, FileEntry, Frame, ObjectEntry, down_to, stamp, up_to
 from .report_text import print_adaptive_meshes, print_depths, print_levels, print_measured, settings_text
+from .scripted_drivers import scripts_allowed, without_drivers
 from .whole_files import UnwrittenError, check_whole, refuse_existing, written_whole
 from .written_meshes import WrittenObject, measured_distances, nearer_accuracy, read_written, shown_triangles
 
@@ -81,7 +82,7 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     output = output_of(source, options)
     refuse_impossible(source, output, options)
     load(source, UNITS.get(options.unit))
-    objects = chosen_objects(source, options.objects, options.collection)
+    objects, error = evaluated_objects(source, chosen_objects(source, options.objects, options.collection))
     settings = bpy.context.scene.ccdepth
     change_settings(settings, options)
     if options.faces is not None:
@@ -93,7 +94,8 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     levels = levels_of(objects, action) if options.illustrations else []
     outcomes = ACTIONS[action](objects, settings_of(action))
     shown = [each.shown for each in outcomes]
-    entry = FileEntry(None if source is None else stamp(source, unit), tuple(each.entry for each in outcomes))
+    stamped = None if source is None else stamp(source, unit)
+    entry = FileEntry(stamped, tuple(each.entry for each in outcomes), error=error)
     if options.picture is not None:
         title = shown[0].name if source is None else source.stem
         with _written(options.picture, options) as path:
@@ -104,6 +106,21 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
         entry = _write(output, shown, targets, entry, options)
     print_measured(entry)
     return entry
+
+
+def evaluated_objects(source: Path | None, objects: Sequence[bpy.types.Object]) -> tuple[list[bpy.types.Object], str | None]:
+    """The objects whose drivers evaluated, and what is wrong with the others. Raises CommandError without any left."""
+    failed = without_drivers(objects)
+    if not failed:
+        return list(objects), None
+    scripts = "" if scripts_allowed() else "; blender -y runs the scripts of files"
+    lines = [
+        f"“{each.name}” depends on a driver that did not run, “{cause}”{scripts}" for each, cause in failed.items()
+    ]
+    error = "\n".join(lines)
+    if len(failed) == len(objects):
+        raise CommandError(f"{source}: {error}")
+    return [each for each in objects if each not in failed], error
 
 
 def refuse_impossible(source: Path | None, output: Path | None, options: Namespace) -> None:

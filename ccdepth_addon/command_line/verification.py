@@ -16,7 +16,7 @@ from .arguments import MAKING, SUBDIVIDE
 from .blender_calls import CommandError
 from .chosen_objects import chosen_objects
 from .mesh_files import load, scene_unit
-from .one_file import ACTIONS, SETTINGS, measure_settings, settings_of, surfaces_of, with_answer
+from .one_file import ACTIONS, SETTINGS, evaluated_objects, measure_settings, settings_of, surfaces_of, with_answer
 from .report import FileEntry, FileStamp, ObjectEntry, read_report, stamp
 from .written_meshes import WrittenObject, measured_distances, read_written
 
@@ -106,7 +106,10 @@ def reopened(action: str, entry: FileEntry) -> list[bpy.types.Object]:
     load(path, unit)
     if source is not None:
         _refuse_other_unit(source)
-    by_name = {each.name: each for each in chosen_objects(path, [each.name for each in entry.objects])}
+    objects, error = evaluated_objects(path, chosen_objects(path, [each.name for each in entry.objects]))
+    if error is not None:
+        raise CommandError(error)
+    by_name = {each.name: each for each in objects}
     _take_settings(action, entry.objects)
     return [by_name[each.name] for each in entry.objects]
 

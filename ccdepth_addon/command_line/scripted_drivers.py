@@ -1,0 +1,72 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whether files may run scripts, and the objects whose shapes depend on drivers that did not run."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+import bpy
+
+# Blender's options that begin the arguments of somebody else, and those that switch scripts on and off.
+ENDS = ("-c", "--command", "--")
+ON, OFF = ("-y", "--enable-autoexec"), ("-Y", "--disable-autoexec")
+
+# What does not shape an object that uses it.
+NO_SHAPE = (bpy.types.Material, bpy.types.Scene, bpy.types.World)
+
+
+def scripts_allowed() -> bool:
+    """Whether Blender was started with ``-y``. The last of ``-y`` and ``-Y`` holds; without either, scripts are off."""
+    allowed = False
+    # The arguments of Blender as a module are those of another program.
+    for option in sys.argv[1:] if bpy.app.binary_path else ():
+        if option in ENDS:
+            break
+        allowed = option in ON or (allowed and option not in OFF)
+    return allowed
+
+
+@contextmanager
+def scripts_as_started() -> Iterator[None]:
+    """Run scripts of files as `scripts_allowed` says, whatever the preferences are.
+
+    Blender goes by the preference again whenever it opens its startup file or appends, so that the choice of a single
+    load does not last.
+    """
+    paths = bpy.context.preferences.filepaths
+    before = paths.use_scripts_auto_execute
+    paths.use_scripts_auto_execute = scripts_allowed()
+    try:
+        yield
+    finally:
+        paths.use_scripts_auto_execute = before
+
+
+def without_drivers(objects: Sequence[bpy.types.Object]) -> dict[bpy.types.Object, str]:
+    """The objects that depend on a driver that did not evaluate, and the expression of one such driver each.
+
+    An object depends on all that it uses: its mesh and shape keys, its parent, what its modifiers, constraints and
+    drivers name, and what these use.
+    """
+    bpy.context.view_layer.update()
+    users = bpy.data.user_map()
+    causes = {each: cause for each in users if (cause := _failed_driver(each)) is not None}
+    waiting = list(causes)
+    while waiting:
+        used = waiting.pop()
+        for user in users[used]:
+            if user not in causes and not isinstance(user, NO_SHAPE):
+                causes[user] = causes[used]
+                waiting.append(user)
+    return {each: causes[each] for each in objects if each in causes}
+
+
+def _failed_driver(holder: bpy.types.ID) -> str | None:
+    """The expression of a driver of this data-block that did not evaluate, if there is one."""
+    animation = None if isinstance(holder, bpy.types.Material) else getattr(holder, "animation_data", None)
+    for curve in animation.drivers if animation else ():
+        if not curve.mute and not (curve.is_valid and curve.driver.is_valid):
+            return curve.driver.expression or curve.data_path
+    return None
