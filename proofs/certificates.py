@@ -59,14 +59,17 @@ def difference_matrix(valence: int) -> FloatArray:
 
 @dataclass
 class _Solved:
-    """Solved programs: the least-squares weights of each functional, what was added to them, and its worst net."""
+    """Solved programs: the least-squares weights of each functional, what was added to them, how far what was added is
+    from changing no functional (`Certifier._off`), and the worst net."""
 
     weights: list[FloatArray] = field(default_factory=list)
     additions: list[FloatArray] = field(default_factory=list)
+    off: list[float] = field(default_factory=list)
     nets: list[FloatArray] = field(default_factory=list)
 
-    def add(self, weights: FloatArray, addition: FloatArray, net: FloatArray) -> None:
-        for entries, entry in ((self.weights, weights), (self.additions, addition), (self.nets, net)):
+    def add(self, weights: FloatArray, addition: FloatArray, off: float, net: FloatArray) -> None:
+        new = ((self.weights, weights), (self.additions, addition), (self.off, off), (self.nets, net))
+        for entries, entry in new:
             entries.append(entry)
             del entries[:-REMEMBERED]
 
@@ -98,42 +101,55 @@ class Certifier:
         weights += self.least_squares @ (functional - self.differences.T @ weights)
         self._check(weights[None], functional[None])
         net = found.eqlin.marginals / np.abs(self.differences @ found.eqlin.marginals).max()
-        self.solved.add(start, weights - start, net)
+        addition = weights - start
+        self.solved.add(start, addition, float(self._off(addition, np.zeros_like(functional))), net)
         return float(np.abs(weights).sum()) + ROUNDING
 
     def upper(self, functionals: FloatArray) -> FloatArray:
-        """(rows,): a bound on each functional, from least squares and what the solved programs added to it there.
-
-        What a program added, z, has Dᵀz = 0, so any multiple of it leaves a certificate a certificate.
-        """
+        """(rows,): a bound on each functional, from least squares and what the solved programs added to it there."""
         start = functionals @ self.least_squares.T
-        self._check(start, functionals)
+        off = self._check(start, functionals)
         bounds = np.abs(start).sum(axis=1)
-        for weights, addition in zip(self.solved.weights, self.solved.additions, strict=True):
-            bounds = np.minimum(bounds, self._with_addition(start, weights, addition))
+        for index in range(len(self.solved.weights)):
+            bounds = np.minimum(bounds, self._with_addition(start, off, index))
         return bounds + ROUNDING
 
-    def _check(self, weights: FloatArray, functionals: FloatArray) -> None:
-        """Raise NotCertifiedError unless weights y (rows, 2n + 10) make functionals c but for rounding.
+    def _off(self, weights: FloatArray, functionals: FloatArray) -> FloatArray:
+        """(rows,): by how much the least sum of absolute weights for functionals c may exceed that of weights y.
 
-        c - Dᵀy vanishes with the second differences as c does, so y + L(c - Dᵀy) makes c exactly, L being least
-        squares; and its sum of absolute weights is at most ‖L(c - Dᵀy)‖₁ above that of y. It is 10⁻¹² or so. What the
-        functionals themselves are off, by products of some ten matrices of averages, counts alike: hence a half.
+        c - Dᵀy vanishes with the second differences as c does, so y + L(c - Dᵀy) makes c, L being least squares,
+        with a sum of absolute weights at most ‖L(c - Dᵀy)‖₁ above that of y.
         """
-        off = np.abs(weights @ self.differences - functionals) @ np.abs(self.least_squares).sum(axis=0)
+        return np.abs(weights @ self.differences - functionals) @ np.abs(self.least_squares).sum(axis=0)
+
+    def _check(self, weights: FloatArray, functionals: FloatArray) -> FloatArray:
+        """(rows,): ``_off`` of weights (rows, 2n + 10). Raises NotCertifiedError where they do not make the functionals
+        but for rounding.
+
+        It is 10⁻¹² or so. What the functionals themselves are off, by products of some ten matrices of averages, counts
+        alike: hence a half.
+        """
+        off = self._off(weights, functionals)
         if off.max(initial=0.0) > ROUNDING / 2:
             raise NotCertifiedError("a functional does not vanish with the second differences")
+        return off
 
     def improved(self, bounds: FloatArray, functionals: FloatArray) -> FloatArray:
         """``upper`` bounds, with the program solved last taken into account."""
         start = functionals @ self.least_squares.T
-        latest = self._with_addition(start, self.solved.weights[-1], self.solved.additions[-1])
+        latest = self._with_addition(start, self._check(start, functionals), -1)
         return np.minimum(bounds, latest + ROUNDING)
 
-    @staticmethod
-    def _with_addition(start: FloatArray, weights: FloatArray, addition: FloatArray) -> FloatArray:
+    def _with_addition(self, start: FloatArray, off: FloatArray, index: int) -> FloatArray:
+        """(rows,): the sums of absolute weights of least squares with a multiple of what a program added.
+
+        What a program added, z, has Dᵀz = 0 but for rounding, so a multiple qz of it leaves a certificate one:
+        ``_off`` grows by |q| times that of z. Where the sum exceeds the rounding allowed for, the bound is infinite.
+        """
+        weights = self.solved.weights[index]
         likeness = start @ weights / (weights @ weights)
-        return np.abs(start + likeness[:, None] * addition).sum(axis=1)
+        sums = np.abs(start + likeness[:, None] * self.solved.additions[index]).sum(axis=1)
+        return np.where(off + np.abs(likeness) * self.solved.off[index] <= ROUNDING / 2, sums, np.inf)
 
     def lower(self, functionals: FloatArray) -> FloatArray:
         """(rows,): what the worst nets of the solved programs make of each functional."""

@@ -61,7 +61,7 @@ MOST_SPLITS = 8
 # What divides the second derivatives in the distance of a regular patch's facets (docs/methods.md).
 DIVISORS = {Vertices.CONTROL: 6, Vertices.LIMIT: 8}
 
-TABLES = Path(__file__).parents[1] / "ccdepth_addon" / "core" / "sharp_constants.py"
+TABLES = Path(__file__).parents[1] / "ccdepth_addon" / "core" / "bounds" / "sharp_constants.py"
 
 
 @dataclass(frozen=True)
