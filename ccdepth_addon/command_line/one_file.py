@@ -108,7 +108,9 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     return entry
 
 
-def evaluated_objects(source: Path | None, objects: Sequence[bpy.types.Object]) -> tuple[list[bpy.types.Object], str | None]:
+def evaluated_objects(
+    source: Path | None, objects: Sequence[bpy.types.Object]
+) -> tuple[list[bpy.types.Object], str | None]:
     """The objects whose drivers evaluated, and what is wrong with the others. Raises CommandError without any left."""
     failed = without_drivers(objects)
     if not failed:
