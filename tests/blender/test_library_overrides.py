@@ -6,7 +6,6 @@ Blender drops what is written in bulk to a library override, and says nothing.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import bpy
@@ -58,45 +57,29 @@ def filled_cube(name: str, keys: bool, modifiers: tuple[str, ...]) -> bpy.types.
     return holder
 
 
+KINDS = ["override", "override with overridden mesh", "local", "local with overridden mesh"]
+
+
 def linked(
-    tmp_path: Path, *, keys: bool = False, modifiers: tuple[str, ...] = (), computed: bool = False
+    tmp_path: Path, kind: str = "", *, keys: bool = False, modifiers: tuple[str, ...] = (), computed: bool = False
 ) -> bpy.types.Object:
-    """A cube linked from another file."""
+    """A cube linked from another file, an override of it, or an object of this file's own with its mesh."""
     holder = filled_cube("Cube", keys, modifiers)
     if computed:
         addon.compute(holder)
-    found = link(tmp_path, holder)
-    bpy.context.scene.collection.objects.link(found)
-    return found
-
-
-def override(holder: bpy.types.Object) -> bpy.types.Object:
-    return holder.override_create(remap_local_usages=True)
-
-
-def override_with_mesh(holder: bpy.types.Object) -> bpy.types.Object:
-    made = override(holder)
-    made.data = made.data.override_create()
+    source = made = link(tmp_path, holder)
+    if not kind.startswith("local"):
+        bpy.context.scene.collection.objects.link(source)
+    else:
+        made = scene.add_mesh(source.data)
+        for modifier in source.modifiers:
+            made.modifiers.new(modifier.name, modifier.type)
+    if kind.startswith("override"):
+        made = source.override_create(remap_local_usages=True)
+    if kind.endswith("overridden mesh"):
+        made.data = made.data.override_create()
     return made
 
-
-def local_with_linked_mesh(holder: bpy.types.Object) -> bpy.types.Object:
-    made = bpy.data.objects.new("Local", holder.data)
-    bpy.context.scene.collection.objects.link(made)
-    for modifier in holder.modifiers:
-        made.modifiers.new(modifier.name, modifier.type)
-    bpy.context.scene.collection.objects.unlink(holder)
-    return made
-
-
-def local_with_overridden_mesh(holder: bpy.types.Object) -> bpy.types.Object:
-    made = local_with_linked_mesh(holder)
-    made.data = made.data.override_create()
-    return made
-
-
-KINDS = [override, override_with_mesh, local_with_linked_mesh, local_with_overridden_mesh]
-Kind = Callable[[bpy.types.Object], bpy.types.Object]
 
 # (V, 3) and (F,): the positions, and the first corners of the faces.
 Shape = tuple[np.ndarray, list[int]]
@@ -134,6 +117,12 @@ def check_result(result: bpy.types.Object, wanted: Shape, *, keys: bool) -> None
     assert (mesh.shape_keys is not None) == keys
 
 
+def count_faces(holder: bpy.types.Object) -> None:
+    addon.select(holder)
+    assert bpy.ops.ccdepth.count_faces(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE") == {"FINISHED"}
+    assert addon.is_untouched([holder])
+
+
 def reload(tmp_path: Path, name: str) -> bpy.types.Object:
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
@@ -142,10 +131,11 @@ def reload(tmp_path: Path, name: str) -> bpy.types.Object:
 
 @pytest.mark.parametrize("keys", [False, True])
 @pytest.mark.parametrize("kind", KINDS)
-def test_a_new_object_is_of_this_file_and_stays_in_it(tmp_path: Path, kind: Kind, keys: bool) -> None:
+def test_a_new_object_is_of_this_file_and_stays_in_it(tmp_path: Path, kind: str, keys: bool) -> None:
     wanted = expected(keys=keys)
-    holder = kind(linked(tmp_path, keys=keys))
+    holder = linked(tmp_path, kind, keys=keys)
     before = shape(holder)
+    count_faces(holder)
     [result] = subdivide(holder)
     check_result(result, wanted, keys=keys)
     np.testing.assert_array_equal(shape(holder), before)
@@ -159,10 +149,11 @@ def test_a_new_object_is_of_this_file_and_stays_in_it(tmp_path: Path, kind: Kind
 
 @pytest.mark.parametrize(("kind", "modifiers"), combinations(KINDS, [("SUBSURF",), ("BEVEL",), ("BEVEL", "SUBSURF")]))
 def test_modifiers_of_the_library_are_counted_in_and_taken_off(
-    tmp_path: Path, kind: Kind, modifiers: tuple[str, ...]
+    tmp_path: Path, kind: str, modifiers: tuple[str, ...]
 ) -> None:
     wanted = expected(modifiers=modifiers)
-    holder = kind(linked(tmp_path, modifiers=modifiers))
+    holder = linked(tmp_path, kind, modifiers=modifiers)
+    count_faces(holder)
     [result] = subdivide(holder)
     assert not result.modifiers
     assert len(holder.modifiers) == len(modifiers)
@@ -171,24 +162,26 @@ def test_modifiers_of_the_library_are_counted_in_and_taken_off(
 
 
 @pytest.mark.parametrize("keys", [False, True])
-@pytest.mark.parametrize("kind", [local_with_linked_mesh, local_with_overridden_mesh])
-def test_an_object_of_this_file_can_get_its_result_in_place(tmp_path: Path, kind: Kind, keys: bool) -> None:
+@pytest.mark.parametrize("kind", KINDS[2:])
+def test_an_object_of_this_file_can_get_its_result_in_place(tmp_path: Path, kind: str, keys: bool) -> None:
     wanted = expected(keys=keys)
-    holder = kind(linked(tmp_path, keys=keys))
+    holder = linked(tmp_path, kind, keys=keys)
     subdivide(holder, output="IN_PLACE")
     check_result(holder, wanted, keys=keys)
-    check_result(reload(tmp_path, "Local"), wanted, keys=keys)
+    check_result(reload(tmp_path, holder.name), wanted, keys=keys)
 
 
-@pytest.mark.parametrize("kind", [override, override_with_mesh])
-def test_an_overridden_object_gets_none_in_place(tmp_path: Path, kind: Kind) -> None:
-    holder = kind(linked(tmp_path, modifiers=("SUBSURF",)))
-    refused(holder, match="Cube: the object is a library override; choose New Object", output="IN_PLACE")
-
-
-@pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
-def test_a_linked_object_gets_none(tmp_path: Path, output: str) -> None:
-    refused(linked(tmp_path), match="Cube: the object is linked from another file", output=output)
+@pytest.mark.parametrize(
+    ("kind", "output", "match"),
+    [
+        (KINDS[0], "IN_PLACE", "is a library override; choose New Object"),
+        (KINDS[1], "IN_PLACE", "is a library override; choose New Object"),
+        ("", "NEW_OBJECT", "is linked from another file"),
+        ("", "IN_PLACE", "is linked from another file"),
+    ],
+)
+def test_objects_that_get_no_result(tmp_path: Path, kind: str, output: str, match: str) -> None:
+    refused(linked(tmp_path, kind, modifiers=("SUBSURF",)), match=f"Cube: the object {match}", output=output)
 
 
 def test_an_override_in_an_overridden_collection_gets_its_result_beside_it(tmp_path: Path) -> None:
@@ -203,27 +196,19 @@ def test_an_override_in_an_overridden_collection_gets_its_result_beside_it(tmp_p
     assert len(result.data.polygons) > 6
 
 
-@pytest.mark.parametrize(("kind", "modifiers"), combinations(KINDS, [(), ("BEVEL",)]))
-def test_faces_are_counted(tmp_path: Path, kind: Kind, modifiers: tuple[str, ...]) -> None:
-    holder = kind(linked(tmp_path, modifiers=modifiers))
-    addon.select(holder)
-    assert bpy.ops.ccdepth.count_faces(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE") == {"FINISHED"}
-    assert addon.is_untouched([holder])
-
-
-@pytest.mark.parametrize("kind", [override_with_mesh, local_with_overridden_mesh])
-def test_depths_of_an_overridden_mesh_are_refused(tmp_path: Path, kind: Kind) -> None:
+@pytest.mark.parametrize("kind", KINDS[1::2])
+def test_depths_of_an_overridden_mesh_are_refused(tmp_path: Path, kind: str) -> None:
     """Blender would neither take their values nor keep them in the file."""
-    holder = kind(linked(tmp_path))
+    holder = linked(tmp_path, kind)
     addon.select(holder)
     with pytest.raises(RuntimeError, match="the mesh is a library override, on which Blender keeps no attributes"):
         bpy.ops.ccdepth.compute(tolerance=TOLERANCE)
     assert addon.is_untouched([holder])
 
 
-@pytest.mark.parametrize("kind", [lambda holder: holder, *KINDS])
-def test_a_result_in_a_library_is_left_alone(tmp_path: Path, kind: Kind) -> None:
-    holder = kind(linked(tmp_path, computed=True))
+@pytest.mark.parametrize("kind", ["", *KINDS])
+def test_a_result_in_a_library_is_left_alone(tmp_path: Path, kind: str) -> None:
+    holder = linked(tmp_path, kind, computed=True)
     addon.compute(scene.add_suzanne())
     bpy.context.scene.ccdepth.show_heat_map = False
     addon.select(holder)
@@ -244,12 +229,15 @@ def unprotected(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.mark.usefixtures("unprotected")
-def test_depths_that_are_not_kept_are_an_error(tmp_path: Path) -> None:
-    holder = override_with_mesh(linked(tmp_path))
+@pytest.mark.parametrize("operator", ["compute", "subdivide"])
+def test_results_that_are_not_kept_are_an_error(tmp_path: Path, operator: str) -> None:
+    holder = linked(tmp_path, KINDS[1], keys=True)
+    names = {item.name_full for item in bpy.data.user_map()}
     addon.select(holder)
     with pytest.raises(RuntimeError, match="Cube: Blender did not keep what was written"):
-        bpy.ops.ccdepth.compute(tolerance=0.01, tolerance_mode="ABSOLUTE")
+        getattr(bpy.ops.ccdepth, operator)(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE")
     assert addon.is_untouched([holder])
+    assert {item.name_full for item in bpy.data.user_map()} == names
 
 
 def result_of(holder: bpy.types.Object) -> list[object]:
@@ -282,13 +270,3 @@ def test_depths_that_are_not_kept_leave_all_as_it_was(monkeypatch: pytest.Monkey
     assert result_of(first) == earlier
     assert addon.is_untouched([second, third])
     assert snapshot.differences(before, snapshot.take()) == []
-
-
-@pytest.mark.usefixtures("unprotected")
-def test_subdivisions_that_are_not_kept_are_an_error(tmp_path: Path) -> None:
-    holder = override_with_mesh(linked(tmp_path, keys=True))
-    names = {item.name_full for item in bpy.data.user_map()}
-    addon.select(holder)
-    with pytest.raises(RuntimeError, match="Cube: Blender did not keep what was written"):
-        bpy.ops.ccdepth.subdivide(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE")
-    assert {item.name_full for item in bpy.data.user_map()} == names
