@@ -14,6 +14,9 @@ from ..arrays.types import FloatArray, IndexArray
 # Per-face distances are found to this part of the largest one.
 SHARE_OF_LARGEST = 0.2
 
+# The part of itself by which a distance can be too long. docs/deviation.md, Rounding.
+TOO_LONG = 2.0**-37
+
 
 @dataclass
 class Findings:
@@ -58,11 +61,11 @@ class Findings:
         *,
         surface_to_mesh: bool,
     ) -> None:
-        """(N,) distances that are there but for the allowance, from points (N, 3) to the nearest ones (N, 3)."""
+        """(N,) distances that are there but for TOO_LONG and the allowance, from points to nearest ones, (N, 3)."""
         if not len(distances):
             return
         best = int(distances.argmax())
-        reached = float(distances[best]) - self.allowance
+        reached = float(distances[best]) * (1 - TOO_LONG) - self.allowance
         if reached > self.reached or not self.is_placed:
             self.reached, self.is_placed = max(reached, 0.0), True
             self.point, self.nearest = points[best].copy(), nearest[best].copy()

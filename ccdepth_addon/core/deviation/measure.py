@@ -116,10 +116,11 @@ def measure_deviation(
 def rounding_allowance(control: PolygonMesh, size: float) -> float:
     """What double-precision rounding can hide, in the unit of the positions. docs/deviation.md, Rounding.
 
-    size: the largest coordinate, seen from the middle of both.
+    size: the largest coordinate, seen from the middle of both. What positions in the scene are off themselves: three
+    roundings, by ``rounded_size``.
     """
     terms = 2 * max(int(control.vertex_face_counts.max(initial=0)), int(control.face_sizes.max(initial=0))) + 1
-    return (128 * (2 * terms + 8) + 2**14) * 2.0**-53 * size
+    return (128 * (2 * terms + 8) + 2**14) * 2.0**-53 * size + 4 * 2.0**-53 * control.rounded_size
 
 
 def _check(positions: FloatArray, triangles: IndexArray) -> None:

@@ -18,7 +18,7 @@ from .box_tree import BoxTree
 from .columns import NONE, columns
 from .covering_pieces import over_pieces
 from .surface_to_mesh import SurfaceToMesh, first_of_each
-from .triangles import needle_thickness, to_triangles
+from .triangles import distance_slack, to_triangles
 
 # Parts whose corners are looked at for distances that are reached; corners whose distances are found to that share.
 LOOKED_AT, MEASURED, MEASURED_SHARE = 512, 16, 0.005
@@ -50,7 +50,7 @@ ROUNDS_FOR_FACES = 3
 @dataclass(frozen=True)
 class Facets:
     """Pieces, each as two triangles over its corners. pieces: (L,) intp; corners: (L, 4, 3); off: (L,) float64, how far
-    surface and triangles are apart at equal parameters, and how thick needles are. docs/deviation.md, Facets."""
+    surface and triangles are apart at equal parameters, and ``distance_slack``. docs/deviation.md, Facets."""
 
     pieces: IndexArray
     corners: FloatArray
@@ -69,7 +69,7 @@ class Facets:
         twist = corners[:, 0] - corners[:, 1] + corners[:, 2] - corners[:, 3]
         off += np.sqrt(squared_norms(twist)) / 4 + pieces.excess[chosen]
         points = corners.swapaxes(0, 1)
-        off += np.maximum(needle_thickness(points[[0, 1, 2]]), needle_thickness(points[[0, 2, 3]]))
+        off += np.maximum(distance_slack(points[[0, 1, 2]]), distance_slack(points[[0, 2, 3]]))
         return Facets(chosen, corners, off)
 
     def at(self, chosen: IndexArray) -> Facets:

@@ -44,12 +44,12 @@ class NearestTriangles:
 
 
 def nearest_triangles(triangles: Triangles, places: FloatArray) -> NearestTriangles:
-    """Of points (P, 3); no distance is longer than the true one, but for rounding (needles are taken off)."""
+    """Of points (P, 3); no distance is longer than the true one, but for a part of it that ``Findings`` takes off."""
     reach = triangles.distances(places, triangles.tree.beside(places))[0]
     reach = reach * (1 + 1e-12) + np.finfo(float).tiny
     owners, which = triangles.tree.near(places, reach)
     distances, points = triangles.distances(places[owners], which)
-    distances = np.maximum(distances - triangles.thickness[which], 0.0)
+    distances = np.maximum(distances - triangles.slack[which], 0.0)
     first = first_of_each(owners, distances, len(places))
     return NearestTriangles(distances[first], which[first], points[first])
 

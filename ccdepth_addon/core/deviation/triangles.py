@@ -22,12 +22,13 @@ class Triangles:
     """points: (3, T, 3) float64, the corners. beyond: (3, T) intp, the one other triangle at the edge from each corner
     to the next, NONE where there is none or more than one. normals: (T, 3), unit vectors, or zero where a triangle has
     no area. thickness: (T,), of needles that are so thin that rounding decides which way they face, how thick they are
-    at most; of others 0. tree: of their boxes."""
+    at most; of others 0. slack: (T,), ``distance_slack``. tree: of their boxes."""
 
     points: FloatArray
     beyond: IndexArray
     normals: FloatArray
     thickness: FloatArray
+    slack: FloatArray
     tree: BoxTree
 
     @staticmethod
@@ -41,7 +42,7 @@ class Triangles:
         tree = BoxTree.around(points.min(axis=0), points.max(axis=0))
         tick()
         normals = np.cross(points[1] - points[0], points[2] - points[0])
-        return Triangles(points, beyond, unit(normals), needle_thickness(points), tree)
+        return Triangles(points, beyond, unit(normals), needle_thickness(points), distance_slack(points), tree)
 
     @property
     def count(self) -> int:
@@ -59,10 +60,24 @@ class Triangles:
 
 def needle_thickness(points: FloatArray) -> FloatArray:
     """(T,): how thick triangles with corners (3, T, 3) are at most that are needles; 0 of others."""
+    longest, heights = _longest_and_heights(points)
+    return np.where(heights > NEEDLE * longest, 0.0, 2 * heights + NEEDLE**2 * longest)
+
+
+def distance_slack(points: FloatArray) -> FloatArray:
+    """(T,): how much too long ``to_triangles`` can find distances to triangles with corners (3, T, 3): the thickness of
+    needles, of others 4·2⁻⁵²·longest²/height (docs/deviation.md, Rounding)."""
+    longest, heights = _longest_and_heights(points)
+    is_plain = heights > NEEDLE * longest
+    of_plain = np.divide(4 * np.finfo(float).eps * longest**2, heights, out=np.zeros_like(heights), where=is_plain)
+    return np.where(is_plain, of_plain, needle_thickness(points))
+
+
+def _longest_and_heights(points: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(T,) the longest sides and (T,) the heights over them of triangles with corners (3, T, 3)."""
     normals = np.cross(points[1] - points[0], points[2] - points[0])
     longest = np.sqrt(squared_norms(points[[1, 2, 0]] - points).max(axis=0))
-    heights = np.divide(np.sqrt(squared_norms(normals)), longest, out=np.zeros_like(longest), where=longest > 0)
-    return np.where(heights > NEEDLE * longest, 0.0, 2 * heights + NEEDLE**2 * longest)
+    return longest, np.divide(np.sqrt(squared_norms(normals)), longest, out=np.zeros_like(longest), where=longest > 0)
 
 
 def _partners(corners: IndexArray, vertex_count: int) -> IndexArray:
@@ -89,10 +104,10 @@ def unit(vectors: FloatArray) -> FloatArray:
 def to_triangles(places: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(N,) distances from places (3, N) to triangles with corners (3, 3, N), and (3, N) the nearest points.
 
-    The nearest points are points of the triangles whatever rounding does: distances are not too short. They are not too
-    long either, but for the thickness of a needle (``needle_thickness``): the foot of the perpendicular is found from
-    cross products, whose relative error is the rounding over the sine of the angle at the first corner. Where that is
-    too small, the triangle is a needle, and its sides stand in for it.
+    The nearest points are points of the triangles whatever rounding does: distances are not too short. They are too
+    long by ``distance_slack`` at most, and 2⁻³⁷ of themselves: the foot of the perpendicular is found from cross
+    products, whose relative error is the rounding over the sine of the angle at the first corner. Where that is too
+    small, the triangle is a needle, and its sides stand in for it.
     """
     first = corners[0]
     ab, ac, ap = corners[1] - first, corners[2] - first, places - first

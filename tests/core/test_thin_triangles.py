@@ -1,0 +1,101 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Distances to thin triangles against rational numbers: what Measure Deviation reaches is really there."""
+
+from __future__ import annotations
+
+from decimal import Decimal, localcontext
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ccdepth_addon.core.deviation import measure_deviation
+from ccdepth_addon.core.deviation.findings import TOO_LONG
+from ccdepth_addon.core.deviation.triangles import NEEDLE, distance_slack, to_triangles
+from tests import meshes
+from tests.core.test_deviation import control_of
+
+Exact = list[Fraction]
+
+# Roundings of the largest coordinate, which the allowance for a whole measurement covers a thousand times.
+ROUNDINGS = 16 * 2.0**-53
+
+
+def cross(x: Exact, y: Exact) -> Exact:
+    return [x[i - 2] * y[i - 1] - x[i - 1] * y[i - 2] for i in range(3)]
+
+
+def dot(x: Exact, y: Exact) -> Fraction:
+    return sum((a * b for a, b in zip(x, y, strict=True)), Fraction())
+
+
+def from_plane(place: np.ndarray, corners: np.ndarray) -> tuple[float, bool]:
+    """The distance of a place (3,) from the plane of a triangle (3, 3), and whether its foot is inside."""
+    a, b, c, p = ([Fraction(value) for value in point] for point in (*corners.tolist(), place.tolist()))
+    sides = [[y - x for x, y in zip(*ends, strict=True)] for ends in ((a, b), (b, c), (c, a))]
+    normal = cross(sides[0], sides[1])
+    ways = [[y - x for x, y in zip(start, p, strict=True)] for start in (a, b, c)]
+    inside = all(dot(cross(side, way), normal) >= 0 for side, way in zip(sides, ways, strict=True))
+    squared = dot(ways[0], normal) ** 2 / dot(normal, normal)
+    with localcontext(prec=60):
+        return float((Decimal(squared.numerator) / Decimal(squared.denominator)).sqrt()), inside
+
+
+def thin_triangles(seed: int, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """(count, 3) places over triangles (count, 3, 3), of all heights down to a needle's and at all distances."""
+    random = np.random.default_rng(seed)
+    turns = np.linalg.qr(random.normal(size=(count, 3, 3)))[0]
+    flat = np.zeros((count, 3, 3))
+    flat[:, 1, 0] = 10 ** random.uniform(-3, 0, count)
+    flat[:, 2, 0] = random.uniform(0, 1, count) * flat[:, 1, 0]
+    flat[:, 2, 1] = NEEDLE * 10 ** random.uniform(0.01, 1, count) * flat[:, 1, 0]
+    flat = np.take_along_axis(flat, random.permuted(np.tile(np.arange(3), (count, 1)), axis=1)[:, :, None], axis=1)
+    shares = random.dirichlet(np.ones(3), count)
+    feet = np.einsum("ns,nsi->ni", shares, flat)
+    feet[:, 2] = random.choice([0.0, 1.0], count) * 10 ** random.uniform(-12, 0, count)
+    origin = random.uniform(-1, 1, (count, 3))
+    return (
+        np.einsum("nij,nj->ni", turns, feet) + origin,
+        np.einsum("nij,nkj->nki", turns, flat) + origin[:, None],
+    )
+
+
+def assert_not_too_long(seed: int, count: int) -> None:
+    places, corners = thin_triangles(seed, count)
+    found = to_triangles(places.T, corners.transpose(1, 2, 0))[0]
+    slack = distance_slack(corners.swapaxes(0, 1))
+    for place, triangle, distance, allowed in zip(places, corners, found, slack, strict=True):
+        true, inside = from_plane(place, triangle)
+        if inside:
+            assert distance * (1 - TOO_LONG) - allowed <= true + ROUNDINGS * max(1.0, np.abs(triangle).max())
+
+
+@given(st.integers(0, 2**32))
+def test_distances_are_not_too_long(seed: int) -> None:
+    assert_not_too_long(seed, 40)
+
+
+@pytest.mark.thorough
+def test_many_distances_are_not_too_long() -> None:
+    assert_not_too_long(0, 100_000)
+
+
+def square_with_thin_triangles(seed: int) -> tuple[meshes.MeshData, np.ndarray, np.ndarray]:
+    """A flat square, turned, and six triangles that cover it."""
+    random = np.random.default_rng(seed)
+    low, high = NEEDLE * random.uniform(1, 2) * np.array([1, 1 + 10 ** random.uniform(0, 1)])
+    corners = [[0, 0], [1, 0], [1, 1], [0, 1], [random.uniform(0.2, 0.8), low], [random.uniform(0.2, 0.8), high]]
+    flat = np.column_stack([corners, np.zeros(6)])
+    points = flat @ np.linalg.qr(random.normal(size=(3, 3)))[0].T
+    square = meshes.from_faces(points[:4], [[0, 1, 2, 3]])
+    edges = {(0, 1): 1.0, (1, 2): 1.0, (2, 3): 1.0, (0, 3): 1.0}
+    square = meshes.creased(square, edges, dict.fromkeys(range(4), 1.0))
+    return square, points, np.array([[0, 1, 4], [1, 5, 4], [1, 2, 5], [2, 3, 5], [3, 0, 5], [0, 4, 5]])
+
+
+@given(st.integers(0, 2**32))
+def test_nothing_is_reached_where_nothing_is_off(seed: int) -> None:
+    square, points, triangles = square_with_thin_triangles(seed)
+    assert measure_deviation(control_of(square), points, triangles, max_pieces=2000).reached <= ROUNDINGS
