@@ -23,7 +23,7 @@ from .attributes.interpolation import (
     to_quaternions,
     to_rotation_vectors,
 )
-from .bounds.rounding import rounding_allowance, smallest_step
+from .bounds.rounding import largest_coordinates, rounding_allowance, smallest_step
 from .depth.common_level import common_level
 from .depth.face_depths import (
     METHODS,
@@ -93,6 +93,7 @@ __all__ = [
     "interpolated",
     "interpolated_at_vertices",
     "join_transformations",
+    "largest_coordinates",
     "limit_normals",
     "limit_values",
     "measure_deviation",

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import FloatArray, IndexArray, InvalidMeshError, PolygonMesh, apply_boundary_rule
+from ..core import FloatArray, IndexArray, InvalidMeshError, PolygonMesh, apply_boundary_rule, largest_coordinates
 from .frozen_copies import FrozenCopies, copies_to_measure, copies_to_subdivide, present_faces
 from .mesh_arrays import CREASE_DOMAINS, mesh_arrays, own_mesh
 from .modifiers import SIMULATIONS, SurfaceRule, base_modifiers, counted_modifiers, is_evaluated, surface_rule
@@ -121,7 +121,8 @@ class ControlMesh:
                 along += y * weights[1]
                 along += z * weights[2]
                 positions[:, axis] = along
-            return mesh.changed(positions=positions)
+            rounded = float(np.linalg.norm(np.abs(self.world) @ largest_coordinates(mesh)))
+            return mesh.changed(positions=positions, rounded_size=rounded)
 
     @property
     def face_count(self) -> int:

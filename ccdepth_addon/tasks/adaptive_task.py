@@ -25,6 +25,7 @@ from ..core import (
     Transitions,
     check_tolerance,
     count_faces,
+    largest_coordinates,
     no_report,
     rounding_allowance,
     smallest_step,
@@ -273,12 +274,12 @@ def _task(
 def _largest_coordinates(control: ControlMesh, keys: bpy.types.Key | None) -> FloatArray:
     """(3,): the largest absolute coordinate along each axis of what the result stores; no point of the surface leaves
     the box of its control points. Raises ControlMeshError where a shape key has none."""
-    stored = [control.mesh.positions[control.mesh.vertex_face_counts > 0]]
+    largest = [largest_coordinates(control.mesh)]
     for key in () if keys is None else keys.key_blocks:
-        stored.append(read_values(key.points, "co", np.float32, 3))
-        if not np.isfinite(stored[-1]).all():
+        largest.append(np.abs(read_values(key.points, "co", np.float32, 3)).max(axis=0, initial=0.0))
+        if not np.isfinite(largest[-1]).all():
             raise ControlMeshError(f"the shape key “{key.name}” has a vertex at no finite position")
-    return np.max([np.abs(positions).max(axis=0, initial=0.0) for positions in stored], axis=0)
+    return np.max(largest, axis=0)
 
 
 def _mixing_steps(keys: bpy.types.Key | None) -> float:

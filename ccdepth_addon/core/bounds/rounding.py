@@ -5,14 +5,25 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arrays.types import FloatArray
 from ..mesh.polygon_mesh import PolygonMesh
 
 
-def largest_coordinate(mesh: PolygonMesh) -> float:
-    """The largest absolute coordinate of a vertex that has a face."""
+def largest_coordinates(mesh: PolygonMesh) -> FloatArray:
+    """(3,) float64: the largest absolute coordinate along each axis of the vertices that have a face."""
     has_faces = mesh.vertex_face_counts > 0
     used = mesh.positions if np.all(has_faces) else mesh.positions[has_faces]
-    return max(float(used.max(initial=0.0)), -float(used.min(initial=0.0)))
+    return np.maximum(used.max(axis=0, initial=0.0), -used.min(axis=0, initial=0.0))
+
+
+def rounded_size(mesh: PolygonMesh) -> float:
+    """R, of which every rounding of a position is a part: the length of ``largest_coordinates``, in the unit of the
+    positions, or of what they were computed from (``PolygonMesh.rounded_size``) where that is longer.
+
+    Blender rounds positions P in object space: a coordinate by a part u of the largest one along its axis, m. With the
+    linear part W of the object's matrix that is ‖W δ‖ ≤ u‖|W| m‖, however short W P is.
+    """
+    return max(float(np.linalg.norm(largest_coordinates(mesh))), mesh.rounded_size)
 
 
 def largest_valence(mesh: PolygonMesh) -> int:
@@ -23,15 +34,15 @@ def largest_valence(mesh: PolygonMesh) -> int:
 def modifier_rounding(mesh: PolygonMesh, level: int) -> float:
     """The error of a level's vertices in Blender's own single precision, in the unit of the positions.
 
-    (2n + 4k)uR, with n the largest valence or face size, k the level, u = 2⁻²⁴ and R the largest coordinate: at least
-    one and a half times the errors measured up to valence 128 (docs/methods.md, Single precision).
+    (4s/3 + 2k - 8)uR, with s = ``PolygonMesh.largest_surroundings``, 12 on a regular mesh, k the level, u = 2⁻²⁴ and R
+    the ``rounded_size``: at least one and a half times all errors measured (docs/methods.md, Single precision).
     """
-    return (2 * largest_valence(mesh) + 4 * level) * 2.0**-24 * largest_coordinate(mesh)
+    return (4 / 3 * mesh.largest_surroundings + 2 * level - 8) * 2.0**-24 * rounded_size(mesh)
 
 
 def smallest_step(mesh: PolygonMesh) -> float:
-    """Four steps of single precision at the largest coordinate: coordinates show nothing finer."""
-    return 2.0**-22 * largest_coordinate(mesh)
+    """Four steps of single precision of the ``rounded_size``: coordinates show nothing finer."""
+    return 2.0**-22 * rounded_size(mesh)
 
 
 def smallest_tolerance(mesh: PolygonMesh) -> float:
@@ -42,10 +53,10 @@ def smallest_tolerance(mesh: PolygonMesh) -> float:
 def rounding_allowance(mesh: PolygonMesh) -> float:
     """The most that double-precision rounding can take off a bound, in the unit of the positions.
 
-    A sum of s terms with non-negative weights that sum to 1 is off by at most (s + 2)uR, u = 2⁻⁵³ and R the largest
-    coordinate; s is at most twice the largest valence or face size, plus one, and 9 on a regular patch. A hundred
+    A sum of s terms with non-negative weights that sum to 1 is off by at most (s + 2)uR, u = 2⁻⁵³ and R the
+    ``rounded_size``; s is at most twice the largest valence or face size, plus one, and 9 on a regular patch. A hundred
     levels of such sums and a last difference of three points with its norm stay below 128(2s + 8)uR, some 10⁻⁶ of
     ``smallest_step``. What it covers in tessellations: docs/adaptive.md, Rounding.
     """
     terms = 2 * max(largest_valence(mesh), 4) + 1
-    return 128 * (2 * terms + 8) * 2.0**-53 * largest_coordinate(mesh)
+    return 128 * (2 * terms + 8) * 2.0**-53 * rounded_size(mesh)

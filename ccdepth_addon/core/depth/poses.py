@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.mesh_norms import MeshNorms
 from ..bounds.norm_bounds import PATCH_METHODS, Method, PatchBounds, PatchMethod, Vertices
-from ..bounds.rounding import largest_coordinate, rounding_allowance
+from ..bounds.rounding import rounded_size, rounding_allowance
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import corners_of_faces, submesh
 from ..surface.patches import PatchKinds, classify_patches
@@ -36,8 +36,8 @@ class Pose:
 class ScaledPose:
     """A pose in units of its tolerance.
 
-    allowance: for rounding. Each scaled coordinate is off by at most uR (``rounding``), each point by √3 uR, and the
-    difference of two averages of points by twice that.
+    allowance: for rounding. Each scaled point is off by at most uR (``rounding``), and the difference of two averages
+    of points by twice that.
     """
 
     mesh: PolygonMesh
@@ -47,8 +47,8 @@ class ScaledPose:
     @staticmethod
     def of(pose: Pose) -> ScaledPose:
         mesh = pose.make()
-        mesh = mesh.changed(positions=mesh.positions / pose.tolerance)
-        allowance = rounding_allowance(mesh) + 4 * 2.0**-53 * largest_coordinate(mesh)
+        mesh = mesh.changed(positions=mesh.positions / pose.tolerance, rounded_size=mesh.rounded_size / pose.tolerance)
+        allowance = rounding_allowance(mesh) + 2 * 2.0**-53 * rounded_size(mesh)
         return ScaledPose(mesh, pose.tolerance, allowance)
 
 

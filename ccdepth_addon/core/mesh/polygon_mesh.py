@@ -26,6 +26,7 @@ TOPOLOGY = (
     "previous_corner",
     "edge_face_counts",
     "vertex_face_counts",
+    "largest_surroundings",
     "_twins",
 )
 
@@ -42,6 +43,8 @@ class PolygonMesh:
     vertex_sharpness: (V,) float64, likewise.
     sharpness_is_explicit: whether the two arrays include the sharpness that follows from the topology (boundaries and
     the like), see ``sharpness.apply_boundary_rule``.
+    rounded_size: where the positions were computed from others, the length that their rounding is a part of; see
+    ``rounding.rounded_size``.
     """
 
     positions: FloatArray
@@ -52,6 +55,7 @@ class PolygonMesh:
     edge_sharpness: FloatArray
     vertex_sharpness: FloatArray
     sharpness_is_explicit: bool = False
+    rounded_size: float = 0.0
 
     def changed(self, **fields: Any) -> PolygonMesh:
         """The mesh with other positions or another sharpness; cached topology is kept."""
@@ -108,6 +112,16 @@ class PolygonMesh:
     def vertex_face_counts(self) -> IndexArray:
         """(V,) intp, how many corners stand at each vertex."""
         return np.bincount(self.corner_vertices, minlength=self.vertex_count)
+
+    @cached_property
+    def largest_surroundings(self) -> int:
+        """How many points a vertex of the next level is made of, at most: the largest sum of face sizes less one, of
+        the faces at a vertex or those beyond the edges of a face; quads stand in for what is not there, and 12 is the
+        least."""
+        sizes = self.face_sizes[self.corner_faces] - 1
+        beyond = np.where(self.edge_has_twins[self.corner_edges], sizes[self.twin], 3)
+        sums = (np.bincount(self.corner_vertices, sizes), np.bincount(self.corner_faces, beyond))
+        return int(max(total.max(initial=12) for total in sums))
 
     @property
     def twin(self) -> IndexArray:
