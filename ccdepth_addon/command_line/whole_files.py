@@ -123,7 +123,11 @@ def _keep(target: Path, backups: int) -> None:
     for older, newer in zip(versions[:0:-1], versions[-2::-1], strict=True):
         if newer == target:
             older.unlink(missing_ok=True)
-            os.link(target, older)
+            try:
+                os.link(target, older)
+            except OSError:
+                # There are file systems without links.
+                shutil.copy2(target, older)
         elif newer.exists():
             os.replace(newer, older)
 

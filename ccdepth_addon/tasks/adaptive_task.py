@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
-from math import ceil, floor, log10
+from decimal import ROUND_CEILING, Decimal
 from typing import Any
 
 import bpy
@@ -437,9 +437,9 @@ def _least_tolerance(control: ControlMesh, allowance: float) -> float:
 
 
 def with_digits(number: float, digits: int) -> float:
-    """The next larger decimal with so many digits."""
-    step = floor(log10(number)) - digits + 1
-    return float(f"{ceil(number * 10.0**-step)}e{step}")
+    """The least decimal with so many digits that is not smaller."""
+    exact = Decimal(str(number))
+    return float(exact.quantize(Decimal(1).scaleb(exact.adjusted() - digits + 1), rounding=ROUND_CEILING))
 
 
 def too_many_text(tasks: list[AdaptiveTask], count: FaceCount, settings: AdaptiveSettings) -> str:

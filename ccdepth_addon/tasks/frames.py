@@ -34,9 +34,9 @@ def typed_frames(text: str) -> tuple[int, ...]:
             )
         if first < FIRST_FRAME or last > LAST_FRAME:
             raise ComputeError(f"“{part.strip()}”: Blender has frames from {FIRST_FRAME:,} to {LAST_FRAME:,}")
-        if len(range(first, last + 1, step)) + len(frames) > MOST_FRAMES:
-            raise ComputeError(f"“{text}” are more than {MOST_FRAMES:,} frames")
         frames.update(range(first, last + 1, step))
+        if len(frames) > MOST_FRAMES:
+            raise ComputeError(f"“{text}” are more than {MOST_FRAMES:,} frames")
     return tuple(sorted(frames))
 
 

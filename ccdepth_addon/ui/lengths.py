@@ -10,6 +10,8 @@ from typing import NamedTuple
 
 import bpy
 
+from ..tasks.surfaces import as_typed
+
 DIGITS = 4
 
 # A number below this fraction of the scene's unit is easier to read in a smaller one.
@@ -123,4 +125,4 @@ def number_text(number: Decimal, rounding: Rounding = Rounding.NEAREST, digits: 
 
 def _metres(scene: bpy.types.Scene, length: float) -> Decimal:
     # Blender keeps the scale in single precision.
-    return Decimal(length) * Decimal(str(round(scene.unit_settings.scale_length, 7)))
+    return Decimal(length) * Decimal(str(as_typed(scene.unit_settings.scale_length)))

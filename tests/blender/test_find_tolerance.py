@@ -36,6 +36,13 @@ def made_with(tolerance: float, *objects: bpy.types.Object) -> int:
     return sum(faces(each) for each in made)
 
 
+@pytest.mark.parametrize(
+    ("number", "digits", "rounded"), [(0.07, 3, 0.07), (0.07001, 3, 0.0701), (9.99e-5, 2, 1e-4), (12345.0, 2, 13000.0)]
+)
+def test_tolerances_are_rounded_up_to_few_digits(number: float, digits: int, rounded: float) -> None:
+    assert addon.module("tasks.adaptive_task").with_digits(number, digits) == rounded
+
+
 @pytest.mark.parametrize(("mode", "start"), combinations(["RELATIVE", "ABSOLUTE"], [1e-5, 1.0]))
 def test_it_fits_and_a_finer_one_does_not(mode: str, start: float) -> None:
     """Whatever the tolerance was before."""

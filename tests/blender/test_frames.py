@@ -202,10 +202,14 @@ def test_frames_are_named_and_listed() -> None:
         (" 9, 1 ,5 ", (1, 5, 9)),
         ("-3--1,7", (-3, -2, -1, 7)),
         ("1-9/4, 2,5", (1, 2, 5, 9)),
+        # Frames that several parts name count once: these are not too many.
+        ("1-60000,1-60000,7", tuple(range(1, 60_001))),
     ):
+        assert typed(frames) == numbers
+        if len(numbers) > 10:
+            continue
         compute(holder, frames=frames)
         assert holder.data.ccdepth.frames == frames.replace(" ", "")
-        assert typed(frames) == numbers
         assert holder.data.ccdepth.worst_frame in numbers
 
 

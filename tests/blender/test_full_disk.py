@@ -151,7 +151,16 @@ def test_a_file_that_is_cut_is_recognised(tmp_path: Path, kind: str) -> None:
     assert len(list(tmp_path.iterdir())) == 2
 
 
-def test_links_permissions_and_earlier_versions_stay(tmp_path: Path) -> None:
+def no_links(*_arguments: object) -> None:
+    raise OSError("this file system has no links")
+
+
+@pytest.mark.parametrize("has_links", [True, False])
+def test_links_permissions_and_earlier_versions_stay(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_links: bool
+) -> None:
+    if not has_links:
+        monkeypatch.setattr(os, "link", no_links)
     content = save_suzanne(tmp_path / "saved.blend")
     path, link = tmp_path / "out.blend", tmp_path / "link.blend"
     link.symlink_to(path)

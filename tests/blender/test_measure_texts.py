@@ -32,6 +32,7 @@ def set_units(system: str, length_unit: str = "", scale: float = 1.0) -> None:
         (("METRIC", "METERS"), 1.23e-5, "12.3 µm"),
         (("METRIC", "MILLIMETERS"), 1.23e-5, "0.0123 mm"),
         (("METRIC", "MILLIMETERS", 0.001), 0.0123, "0.0123 mm"),
+        (("METRIC", "MICROMETERS", 1.26e-6), 1.0, "1.26 µm"),
         (("METRIC", "ADAPTIVE"), 0.0123, "1.23 cm"),
         (("METRIC", "ADAPTIVE"), 1e-9, "0.001 µm"),
         (("METRIC", "METERS"), 0.0, "0 m"),
