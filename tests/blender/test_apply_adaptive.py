@@ -315,13 +315,13 @@ def test_shape_keys_stay_and_their_mix_is_measured() -> None:
     for point in key.points:
         point.co.z *= 3.0
     key.value = 1.0
-    [result] = subdivide(holder, tolerance=0.03)
+    [result] = subdivide(holder)
     long = scene.add_suzanne()
     long.data.transform(Matrix.Diagonal((1.0, 1.0, 3.0, 1.0)))
-    [same] = subdivide(long, tolerance=0.03)
+    [same] = subdivide(long)
     assert [block.name for block in result.data.shape_keys.key_blocks] == ["Basis", "Long"]
     assert abs(faces(result) - faces(same)) <= 0.01 * faces(same)
-    assert addon.bounds(result).max() <= np.float32(0.03)
+    assert addon.bounds(result).max() <= np.float32(TOLERANCE)
 
 
 def test_shape_keys_are_applied_with_modifiers_and_that_is_said(capfd: pytest.CaptureFixture[str]) -> None:
