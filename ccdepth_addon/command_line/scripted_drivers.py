@@ -56,7 +56,7 @@ def without_drivers(objects: Sequence[bpy.types.Object]) -> dict[bpy.types.Objec
     waiting = list(causes)
     while waiting:
         used = waiting.pop()
-        for user in users[used]:
+        for user in users.get(used, ()):
             if user not in causes and not isinstance(user, NO_SHAPE):
                 causes[user] = causes[used]
                 waiting.append(user)

@@ -8,6 +8,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -46,6 +47,22 @@ def rig(path: Path, where: str = "shape key") -> Path:
         parent = bpy.data.objects.new("Parent", None)
         bpy.context.scene.collection.objects.link(parent)
         cube.parent, holder, name = parent, parent, "scale"
+    elif where == "another driver":
+        other = bpy.data.objects.new("Other", None)
+        bpy.context.scene.collection.objects.link(other)
+        driver = cube.driver_add("scale", 0).driver
+        target = driver.variables.new()
+        target.name, target.targets[0].id, target.targets[0].data_path = "moved", other, "location.x"
+        driver.expression, holder = "moved + 1", other
+    elif where == "node group":
+        tree = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
+        for direction in ("INPUT", "OUTPUT"):
+            tree.interface.new_socket("Geometry", in_out=direction, socket_type="NodeSocketGeometry")
+        ends = [tree.nodes.new(kind) for kind in ("NodeGroupInput", "GeometryNodeTransform", "NodeGroupOutput")]
+        for one, other in pairwise(ends):
+            tree.links.new(one.outputs[0], other.inputs[0])
+        cube.modifiers.new("Nodes", "NODES").node_group = tree
+        holder, name = ends[1].inputs["Scale"], "default_value"
     curves = holder.driver_add(name)
     for curve in curves if isinstance(curves, list) else [curves]:
         curve.driver.expression = EXPRESSION.format(str(path.with_suffix(".trace")))
@@ -58,7 +75,7 @@ def reported(path: Path) -> dict[str, Any]:
 
 @pytest.mark.every_blender
 @pytest.mark.parametrize("preference", [False, True])
-@pytest.mark.parametrize("where", ["shape key", "modifier", "parent"])
+@pytest.mark.parametrize("where", ["shape key", "modifier", "parent", "another driver", "node group"])
 def test_without_scripts_an_object_that_needs_them_fails_and_the_others_are_done(
     tmp_path: Path, where: str, preference: bool
 ) -> None:
