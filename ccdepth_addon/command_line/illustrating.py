@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -13,7 +12,7 @@ import numpy as np
 
 from ..core import METHODS
 from ..state.properties import scene_tolerance
-from ..tasks.depth_task import MeshDepths, compute_depths, depth_settings, prepare_depths
+from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
 from ..tasks.frames import chosen_frames
 from ..tasks.stepwise import Stepwise
 from ..tasks.surfaces import ComputeError
@@ -52,7 +51,7 @@ def _depths(objects: Sequence[bpy.types.Object], action: str, method: str) -> di
     scene = bpy.context.scene
     settings = scene.ccdepth
     frames = chosen_frames(scene, settings.frames, settings.frame_list) if action in OVER_FRAMES else ""
-    by_method = replace(depth_settings(settings, scene_tolerance(settings), frames), method=method)
+    by_method = DepthSettings.of(settings, scene_tolerance(settings), frames=frames, method=method)
     reading = Stepwise(prepare_depths(bpy.context, objects, by_method))
     try:
         reading.work()

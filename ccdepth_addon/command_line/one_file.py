@@ -17,8 +17,9 @@ import numpy as np
 
 from ..exchange.bulk_reading import read_values
 from ..exchange.result_attributes import BOUND_KIND
+from ..state import properties
 from ..state.deviation_results import Verdict, verdict
-from ..state.properties import scene_tolerance, set_scene_tolerance
+from ..state.properties import scene_tolerance, set_scene_tolerance, setting_names
 from ..tasks.deviation_task import MeasureSettings, MeasureTask, MeshDeviation, prepare_targets
 from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError, as_typed
 from ..ui.printable import printable
@@ -48,21 +49,15 @@ from .whole_files import UnwrittenError, check_whole, refuse_existing, written_w
 from .written_meshes import WrittenObject, measured_distances, nearer_accuracy, read_written, shown_triangles
 
 # The options that are settings of the scene under the same names.
-GIVEN = (
-    *("tolerance_mode", "method", "vertices", "use_modifiers", "mode", "transitions", "exact_normals", "reduce"),
-    *("max_faces", "accuracy", "time_limit"),
-)
-
-# On which frames depths are computed.
-FRAMES = ("frames", "frame_list")
+GIVEN = set(setting_names(*properties.GROUPS)) - {"frames", "frame_list", "output"}
 
 # The settings that what is done goes by, beside the tolerance.
-MEASURING = ("tolerance_mode", "use_modifiers", "accuracy")
+MEASURING = (*setting_names(properties.ToleranceProperties), "accuracy")
 SETTINGS = {
-    DEPTHS: ("tolerance_mode", "method", "vertices", "use_modifiers", *FRAMES),
-    LEVELS: ("method", "vertices", *FRAMES, *MEASURING),
-    SUBDIVIDE: ("mode", "transitions", "exact_normals", "reduce", *MEASURING),
-    MEASURE: (*MEASURING, "time_limit"),
+    DEPTHS: setting_names(properties.ToleranceProperties, properties.DepthProperties),
+    LEVELS: (*setting_names(properties.DepthProperties), *MEASURING),
+    SUBDIVIDE: (*setting_names(properties.DivisionProperties, properties.MakingProperties), *MEASURING),
+    MEASURE: setting_names(properties.ToleranceProperties, properties.MeasureProperties),
 }
 
 
@@ -160,7 +155,7 @@ def refuse_unwritable(path: Path, overwrite: bool, companions: Sequence[str] = (
 def change_settings(settings: bpy.types.PropertyGroup, options: Namespace) -> None:
     """Put what was given into the scene, so that a file written holds the settings of its results."""
     for name in GIVEN:
-        value = getattr(options, name)
+        value = getattr(options, name, None)
         if value is not None:
             setattr(settings, name, value)
     if options.output_kind is not None:

@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-# mypy: disable-error-code="valid-type"
 """What Apply Adaptive Subdivision, Update Result and Count Faces have in common."""
 
 from collections.abc import Generator
-from typing import ClassVar
 
 import bpy
 
@@ -13,7 +11,6 @@ from ..tasks.adaptive_task import (
     AdaptiveSettings,
     AdaptiveTask,
     TooManyError,
-    adaptive_settings,
     prepare_adaptive,
     subdivide,
 )
@@ -28,14 +25,8 @@ from .reduced_meshes import Reducer
 from .selected_meshes import LINKED, count_text, name_fault, refuse, selected_meshes
 
 
-class AdaptiveOperator(LongOperator):
+class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProperties, LongOperator):
     """An operator that makes adaptive meshes or counts their faces; it leaves Edit Mode while it runs."""
-
-    SETTINGS: ClassVar[tuple[str, ...]] = ("tolerance_mode", "mode", "transitions", "use_modifiers", "max_faces")
-
-    mode: properties.mode_property()
-    transitions: properties.transitions_property()
-    max_faces: properties.max_faces_property()
 
     # How many faces there will be, where they were counted before.
     _counted: int | None = None
@@ -86,16 +77,11 @@ class AdaptiveOperator(LongOperator):
         return outcome
 
     def settings(self) -> AdaptiveSettings:
-        return adaptive_settings(self, self.tolerance)
+        return AdaptiveSettings.of(self, self.tolerance)
 
 
-class MakingOperator(AdaptiveOperator):
+class MakingOperator(properties.MakingProperties, AdaptiveOperator):
     """An operator that makes adaptive meshes."""
-
-    SETTINGS: ClassVar[tuple[str, ...]] = (*AdaptiveOperator.SETTINGS, "exact_normals", "reduce")
-
-    exact_normals: properties.exact_normals_property()
-    reduce: properties.reduce_property()
 
     def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, list[Made]]:
         tasks = yield from self.prepared(context)

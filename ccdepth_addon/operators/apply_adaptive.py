@@ -1,5 +1,4 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-# mypy: disable-error-code="valid-type"
 """Apply Adaptive Subdivision."""
 
 from typing import ClassVar
@@ -12,17 +11,13 @@ from .adaptive_operator import MakingOperator
 from .selected_meshes import hidden_fault
 
 
-class CCDEPTH_OT_subdivide(MakingOperator):
+class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
     """Make the mesh that is within the tolerance of the limit surface with few faces, and without cracks.
     It takes the place of the Subdivision Surface modifier"""
 
     bl_idname = "ccdepth.subdivide"
     bl_label = "Apply Adaptive Subdivision"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
-    SETTINGS: ClassVar[tuple[str, ...]] = (*MakingOperator.SETTINGS, "output", "subdivide_results")
-
-    output: properties.output_property()
-    subdivide_results: properties.subdivide_results_property()
 
     def fault(self, blender_object: bpy.types.Object) -> str | None:
         if not self.subdivide_results and result_record.is_adaptive(blender_object):

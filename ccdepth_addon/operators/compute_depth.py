@@ -1,5 +1,4 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-# mypy: disable-error-code="valid-type"
 """Compute Depth."""
 
 from collections.abc import Generator
@@ -13,7 +12,7 @@ from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import subdivision_modifier
 from ..state import fingerprint, properties, results, staleness
 from ..state.shown_colors import color_depths
-from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, depth_settings, prepare_depths
+from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
 from ..tasks.frames import chosen_frames, typed_frames
 from ..tasks.stepwise import Stage
 from ..tasks.surfaces import ComputeError, Surface, naming
@@ -23,22 +22,12 @@ from .long_operator import LongOperator
 from .selected_meshes import CHANGED, count_text, refuse_what_cannot_be_written, selected_meshes
 
 
-class CCDEPTH_OT_compute(LongOperator):
+class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
     """Compute how many Catmull-Clark levels each face needs to be within the tolerance of the limit surface"""
 
     bl_idname = "ccdepth.compute"
     bl_label = "Compute Depth"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
-    SETTINGS: ClassVar[tuple[str, ...]] = (
-        *("tolerance_mode", "method", "vertices", "use_modifiers"),
-        *("frames", "frame_list"),
-    )
-
-    method: properties.method_property()
-    vertices: properties.vertices_property()
-    use_limit_surface: properties.use_limit_surface_property()
-    frames: properties.frames_property()
-    frame_list: properties.frame_list_property()
 
     def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, list[MeshDepths]]:
         objects = selected_meshes(context)
@@ -69,7 +58,8 @@ class CCDEPTH_OT_compute(LongOperator):
         return {"FINISHED"}
 
     def _settings(self, context: bpy.types.Context) -> DepthSettings:
-        return depth_settings(self, self.tolerance, chosen_frames(context.scene, self.frames, self.frame_list))
+        frames = chosen_frames(context.scene, self.frames, self.frame_list)
+        return DepthSettings.of(self, self.tolerance, frames=frames)
 
     def _report(self, context: bpy.types.Context, answers: list[MeshDepths]) -> None:
         self.report_skipped(context)

@@ -1,5 +1,4 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-# mypy: disable-error-code="valid-type"
 """Find Tolerance."""
 
 from collections.abc import Generator
@@ -17,16 +16,13 @@ from .count_faces import CountingOperator
 from .selected_meshes import count_text
 
 
-class CCDEPTH_OT_find_tolerance(CountingOperator):
+class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
     """Set the tolerance to the best one with which the adaptive meshes of the selected objects have no more faces than
     this, all together"""
 
     bl_idname = "ccdepth.find_tolerance"
     bl_label = "Find Tolerance"
     bl_options: ClassVar[set[str]] = {"UNDO"}
-    SETTINGS: ClassVar[tuple[str, ...]] = (*CountingOperator.SETTINGS, "face_budget")
-
-    face_budget: properties.face_budget_property()
 
     def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, tuple[list[AdaptiveTask], Fit]]:
         if self.face_budget > self.max_faces:

@@ -5,7 +5,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
-from typing import Any, ClassVar, TypeVar
+from typing import Any, TypeVar
 
 import bpy
 import numpy as np
@@ -28,16 +28,13 @@ PATIENCE_AT_START = 0.2
 PATIENCE_AT_EACH_TICK = worker.SECONDS_TO_WAIT
 SECONDS_BETWEEN_TICKS = 0.01
 
-# What the redo panel shows in the stead of settings that scripts write.
-SHOWN_AS = {"vertices": "use_limit_surface"}
-
 REMEDY = "Select Invalid Faces selects what is at fault, and Repair Mesh removes it"
 
 # While it runs, the view may be moved.
 NAVIGATION_EVENTS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MOUSEMOVE", "TRACKPADPAN", "TRACKPADZOOM"}
 
 
-class LongOperator(bpy.types.Operator):
+class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
     """An operator that works in steps: at once from a script; from the window with progress, and Esc cancels it.
 
     Steps read and write Blender's data; what is computed in between runs in a thread, so that the window stays free.
@@ -45,15 +42,10 @@ class LongOperator(bpy.types.Operator):
     Settings that the caller does not set come from the scene, which has them under the same names.
     """
 
-    # Beside the tolerance itself.
-    SETTINGS: ClassVar[tuple[str, ...]] = ("tolerance_mode", "use_modifiers")
-
     # None unless it runs: Blender keeps operators that have run, and would keep their work with them.
     _run: Stepwise[Any, Any] | None = None
 
     tolerance: properties.absolute_tolerance_property()
-    tolerance_mode: properties.tolerance_mode_property()
-    use_modifiers: properties.use_modifiers_property()
     # The same number for the redo panel, where a fraction of the diagonal must not be shown in metres.
     relative_tolerance: FloatProperty(
         name="Tolerance",
@@ -157,9 +149,9 @@ class LongOperator(bpy.types.Operator):
         layout.use_property_split = True
         layout.prop(self, "tolerance_mode")
         layout.prop(self, "relative_tolerance" if self.tolerance_mode == "RELATIVE" else "tolerance")
-        for name in self.SETTINGS:
+        for name in properties.setting_names(type(self)):
             if name != "tolerance_mode" and (name != "frame_list" or self.frames == "CUSTOM"):
-                layout.prop(self, SHOWN_AS.get(name, name))
+                layout.prop(self, properties.SHOWN_AS.get(name, name))
 
     def _begin(self, context: bpy.types.Context, seconds: float) -> set[str] | None:
         self._take_settings(context.scene.ccdepth)
@@ -206,7 +198,7 @@ class LongOperator(bpy.types.Operator):
 
     def _take_settings(self, settings: bpy.types.PropertyGroup) -> None:
         """Read from the scene what the caller did not set."""
-        for name in self.SETTINGS:
+        for name in properties.setting_names(type(self)):
             if not self.properties.is_property_set(name):
                 setattr(self, name, getattr(settings, name))
         if not self.properties.is_property_set("tolerance"):
@@ -214,6 +206,6 @@ class LongOperator(bpy.types.Operator):
 
     def _keep_settings(self, settings: bpy.types.PropertyGroup) -> None:
         """Write to the scene what was chosen in the redo panel."""
-        for name in self.SETTINGS:
+        for name in properties.setting_names(type(self)):
             setattr(settings, name, getattr(self, name))
         properties.set_scene_tolerance(settings, self.tolerance)

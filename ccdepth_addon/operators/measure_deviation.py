@@ -15,7 +15,7 @@ from ..state import deviation_results, measured_state, properties, result_record
 from ..state.deviation_results import Verdict
 from ..state.shown_colors import distance_top
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, measure, prepare_measurement
-from ..tasks.surfaces import ComputeError, as_typed, naming
+from ..tasks.surfaces import ComputeError, naming
 from ..ui import heat_map
 from ..ui.lengths import Rounding, common_unit, length_text
 from ..ui.printable import printable
@@ -23,7 +23,7 @@ from .long_operator import LongOperator
 from .selected_meshes import CHANGED, refuse_what_cannot_be_written, selected_meshes
 
 
-class CCDEPTH_OT_measure(LongOperator):
+class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
     """Measure how far what the object shows is from the limit surface of its control mesh, with a proof.
     A result of Apply Adaptive Subdivision is measured against the object it was made from; of several selected objects,
     the others against the active one"""
@@ -31,10 +31,6 @@ class CCDEPTH_OT_measure(LongOperator):
     bl_idname = "ccdepth.measure"
     bl_label = "Measure Deviation"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
-    SETTINGS: ClassVar[tuple[str, ...]] = ("tolerance_mode", "accuracy", "time_limit", "use_modifiers")
-
-    accuracy: properties.accuracy_property()
-    time_limit: properties.time_limit_property()
 
     def start(self, context: bpy.types.Context) -> Generator[float, None, list[MeshDeviation]]:
         target, objects = _target_and_measured(context)
@@ -67,13 +63,7 @@ class CCDEPTH_OT_measure(LongOperator):
         return {"FINISHED"}
 
     def _settings(self) -> MeasureSettings:
-        return MeasureSettings(
-            as_typed(self.tolerance),
-            self.tolerance_mode,
-            self.use_modifiers,
-            as_typed(self.accuracy),
-            as_typed(self.time_limit),
-        )
+        return MeasureSettings.of(self, self.tolerance)
 
     def _report(self, context: bpy.types.Context, answer: list[MeshDeviation]) -> None:
         self.report_skipped(context)

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Settings with their labels and tooltips, as scenes and operators have them under the same names."""
+# mypy: disable-error-code="valid-type"
+"""Settings with their labels and tooltips, each declared once: scenes, operators and records inherit them."""
 
 from typing import Any
 
@@ -88,6 +89,9 @@ COLOR_RANGE_ITEMS = (
 # Far more than any mesh needs.
 LARGEST_COLOR_DEPTH = 32
 
+# What the redo panel shows in the stead of settings that scripts write.
+SHOWN_AS = {"vertices": "use_limit_surface"}
+
 
 def tolerance_name(tolerance_mode: str) -> str:
     """The name of the scene's setting that holds the tolerance."""
@@ -118,61 +122,13 @@ def absolute_tolerance_property() -> Any:
     )
 
 
-def tolerance_mode_property() -> Any:
-    return EnumProperty(
+class ToleranceProperties:
+    """What all that is computed goes by, beside the tolerance itself."""
+
+    tolerance_mode: EnumProperty(
         name="Tolerance Mode", description="How the tolerance is given", items=TOLERANCE_MODES, default="RELATIVE"
     )
-
-
-def method_property() -> Any:
-    return EnumProperty(
-        name="Method",
-        description="How the distance to the limit surface is bounded",
-        items=METHOD_ITEMS,
-        default="CERTIFIED",
-    )
-
-
-def vertices_property() -> Any:
-    return EnumProperty(
-        name="Vertices",
-        description="Where the vertices of the subdivided mesh are",
-        items=VERTEX_ITEMS,
-        default="CONTROL",
-    )
-
-
-def use_limit_surface_property() -> Any:
-    """The same as ``vertices``, in Blender's words and as a check box."""
-    return BoolProperty(
-        name="Use Limit Surface",
-        description="Compute for a subdivided mesh whose vertices are moved to the limit surface, as those of the "
-        "Subdivision Surface modifier are with its own Use Limit Surface on",
-        get=lambda self: self.vertices == "LIMIT",
-        set=lambda self, value: setattr(self, "vertices", "LIMIT" if value else "CONTROL"),
-        options={"HIDDEN", "SKIP_SAVE"},
-    )
-
-
-def frames_property() -> Any:
-    return EnumProperty(
-        name="Frames",
-        description="On which frames depths are computed: each face gets the deepest one",
-        items=FRAMES_ITEMS,
-        default="CURRENT",
-    )
-
-
-def frame_list_property() -> Any:
-    return StringProperty(
-        name="Frame List",
-        description="Frames to compute depths on: 1-250, 1-250/5 for every fifth, or 1,5,9",
-        default="1-250",
-    )
-
-
-def use_modifiers_property() -> Any:
-    return BoolProperty(
+    use_modifiers: BoolProperty(
         name="Include Modifiers",
         description="Count in the modifiers above the Subdivision Surface modifier, or all of them when there is none. "
         "Apply Adaptive Subdivision applies those that are counted in, and keeps all others",
@@ -180,14 +136,50 @@ def use_modifiers_property() -> Any:
     )
 
 
-def mode_property() -> Any:
-    return EnumProperty(
-        name="Division", description="How the faces are divided", items=SUBDIVISION_MODES, default="ADAPTIVE"
+class DepthProperties:
+    """What Compute Depth goes by."""
+
+    method: EnumProperty(
+        name="Method",
+        description="How the distance to the limit surface is bounded",
+        items=METHOD_ITEMS,
+        default="CERTIFIED",
+    )
+    vertices: EnumProperty(
+        name="Vertices",
+        description="Where the vertices of the subdivided mesh are",
+        items=VERTEX_ITEMS,
+        default="CONTROL",
+    )
+    # The same as `vertices`, in Blender's words and as a check box.
+    use_limit_surface: BoolProperty(
+        name="Use Limit Surface",
+        description="Compute for a subdivided mesh whose vertices are moved to the limit surface, as those of the "
+        "Subdivision Surface modifier are with its own Use Limit Surface on",
+        get=lambda self: self.vertices == "LIMIT",
+        set=lambda self, value: setattr(self, "vertices", "LIMIT" if value else "CONTROL"),
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
+    frames: EnumProperty(
+        name="Frames",
+        description="On which frames depths are computed: each face gets the deepest one",
+        items=FRAMES_ITEMS,
+        default="CURRENT",
+    )
+    frame_list: StringProperty(
+        name="Frame List",
+        description="Frames to compute depths on: 1-250, 1-250/5 for every fifth, or 1,5,9",
+        default="1-250",
     )
 
 
-def transitions_property() -> Any:
-    return EnumProperty(
+class DivisionProperties:
+    """How faces are divided."""
+
+    mode: EnumProperty(
+        name="Division", description="How the faces are divided", items=SUBDIVISION_MODES, default="ADAPTIVE"
+    )
+    transitions: EnumProperty(
         name="Transitions",
         description="How a face beside finer ones is drawn",
         items=TRANSITION_ITEMS,
@@ -195,39 +187,10 @@ def transitions_property() -> Any:
     )
 
 
-def output_property() -> Any:
-    return EnumProperty(name="Output", description="Where the result goes", items=OUTPUT_ITEMS, default="NEW_OBJECT")
+class FaceLimitProperties:
+    """How many faces there may be."""
 
-
-def exact_normals_property() -> Any:
-    return BoolProperty(
-        name="Exact Normals",
-        description="Shade with the normals of the limit surface, as custom normals, however few faces there are",
-        default=False,
-    )
-
-
-def reduce_property() -> Any:
-    return BoolProperty(
-        name="Reduce",
-        description="Make the fewest triangles, where quads do not matter: a finer mesh goes through Blender's "
-        "Decimate as far as it is proved to stay within the tolerance. Seams, sharp edges, and borders of materials "
-        "and UV islands stay where they are; shape keys cannot be kept",
-        default=False,
-    )
-
-
-def subdivide_results_property() -> Any:
-    return BoolProperty(
-        name="Subdivide Results",
-        description="Treat results of adaptive subdivision as control meshes, and subdivide them once more: their "
-        "limit surface is another one. Update Result makes them anew from the objects they came from",
-        default=False,
-    )
-
-
-def max_faces_property() -> Any:
-    return IntProperty(
+    max_faces: IntProperty(
         name="Face Limit",
         description="Refuse to make more faces than this, of all selected objects together, and suggest a "
         "tolerance that would fit",
@@ -238,8 +201,39 @@ def max_faces_property() -> Any:
     )
 
 
-def face_budget_property() -> Any:
-    return IntProperty(
+class MakingProperties:
+    """What is made of a divided mesh."""
+
+    exact_normals: BoolProperty(
+        name="Exact Normals",
+        description="Shade with the normals of the limit surface, as custom normals, however few faces there are",
+        default=False,
+    )
+    reduce: BoolProperty(
+        name="Reduce",
+        description="Make the fewest triangles, where quads do not matter: a finer mesh goes through Blender's "
+        "Decimate as far as it is proved to stay within the tolerance. Seams, sharp edges, and borders of materials "
+        "and UV islands stay where they are; shape keys cannot be kept",
+        default=False,
+    )
+
+
+class OutputProperties:
+    """Which objects get results, and where these go."""
+
+    output: EnumProperty(name="Output", description="Where the result goes", items=OUTPUT_ITEMS, default="NEW_OBJECT")
+    subdivide_results: BoolProperty(
+        name="Subdivide Results",
+        description="Treat results of adaptive subdivision as control meshes, and subdivide them once more: their "
+        "limit surface is another one. Update Result makes them anew from the objects they came from",
+        default=False,
+    )
+
+
+class BudgetProperties:
+    """What Find Tolerance looks for."""
+
+    face_budget: IntProperty(
         name="Faces",
         description="How many faces the adaptive meshes of all selected objects may have together; Reduce makes fewer",
         default=50_000,
@@ -249,9 +243,11 @@ def face_budget_property() -> Any:
     )
 
 
-def accuracy_property() -> Any:
-    """A fraction without a hard minimum, so that a bad one can be refused with a report."""
-    return FloatProperty(
+class MeasureProperties:
+    """What Measure Deviation goes by."""
+
+    # A fraction without a hard minimum, so that a bad one can be refused with a report.
+    accuracy: FloatProperty(
         name="Accuracy",
         description="How far apart the proved and the reached distance may be, as a part of the reached one",
         default=DEFAULT_ACCURACY,
@@ -261,10 +257,7 @@ def accuracy_property() -> Any:
         precision=3,
         subtype="FACTOR",
     )
-
-
-def time_limit_property() -> Any:
-    return FloatProperty(
+    time_limit: FloatProperty(
         name="Time Limit",
         description="Seconds after which the measuring ends with what it has proved by then; 0 for no limit",
         default=DEFAULT_TIME_LIMIT,
@@ -274,3 +267,15 @@ def time_limit_property() -> Any:
         precision=0,
         unit="TIME_ABSOLUTE",
     )
+
+
+GROUPS = (
+    *(ToleranceProperties, DepthProperties, DivisionProperties, FaceLimitProperties, MakingProperties),
+    *(OutputProperties, BudgetProperties, MeasureProperties),
+)
+
+
+def setting_names(*holders: type) -> tuple[str, ...]:
+    """The names of the settings that classes inherit, without check boxes that show another setting."""
+    groups = [group for group in GROUPS if any(issubclass(holder, group) for holder in holders)]
+    return tuple(name for group in groups for name in group.__annotations__ if name not in SHOWN_AS.values())

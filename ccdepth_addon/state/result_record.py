@@ -11,7 +11,7 @@ from typing import Any
 from zlib import crc32
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, EnumProperty, FloatProperty, PointerProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, FloatProperty, PointerProperty, StringProperty
 
 from ..exchange.mesh_checksums import content_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers
@@ -20,11 +20,8 @@ from ..exchange.result_attributes import ATTRIBUTES
 from ..tasks.surfaces import as_typed
 from . import properties
 
-# The settings that a result is made with, beside the tolerance. The Face Limit changes no result.
-SETTINGS = ("tolerance_mode", "mode", "transitions", "use_modifiers", "exact_normals", "reduce")
-
 # Settings that do not matter where triangles are merged.
-WITHOUT_REDUCE = {"mode", "transitions"}
+WITHOUT_REDUCE = set(properties.setting_names(properties.DivisionProperties))
 
 
 class AppliedModifier(bpy.types.PropertyGroup):
@@ -37,7 +34,9 @@ class SourceMaterial(bpy.types.PropertyGroup):
     material: PointerProperty(type=bpy.types.Material)
 
 
-class ResultRecord(bpy.types.PropertyGroup):
+class ResultRecord(
+    properties.ToleranceProperties, properties.DivisionProperties, properties.MakingProperties, bpy.types.PropertyGroup
+):
     """Where a result came from, and what it was made with."""
 
     source: PointerProperty(type=bpy.types.Object, description="The object it was made from")
@@ -51,14 +50,12 @@ class ResultRecord(bpy.types.PropertyGroup):
         "Mode. Working on interrupts it, and Esc stops it",
     )
     tolerance: FloatProperty(description="The tolerance as it was given")
-    tolerance_mode: EnumProperty(items=properties.TOLERANCE_MODES)
-    mode: EnumProperty(items=properties.SUBDIVISION_MODES)
-    transitions: EnumProperty(items=properties.TRANSITION_ITEMS)
-    use_modifiers: BoolProperty()
-    exact_normals: BoolProperty()
-    reduce: BoolProperty()
     applied: CollectionProperty(type=AppliedModifier)
     materials: CollectionProperty(type=SourceMaterial)
+
+
+# The settings that a result is made with, beside the tolerance. The Face Limit changes no result.
+SETTINGS = properties.setting_names(ResultRecord)
 
 
 @dataclass(frozen=True)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-# mypy: disable-error-code="valid-type"
+# mypy: disable-error-code="valid-type, misc"
 """The settings on the scene, and what happens at once when one of them changes."""
 
 from collections.abc import Callable
@@ -61,7 +61,7 @@ def _carry_over(settings: bpy.types.PropertyGroup, mode: str, diagonal: float) -
     setattr(settings, properties.tolerance_name(mode), float(f"{tolerance:.6g}"))
 
 
-class SceneSettings(bpy.types.PropertyGroup):
+class SceneSettings(*properties.GROUPS, bpy.types.PropertyGroup):
     """The defaults of the operators' arguments, and how results are displayed."""
 
     tolerance: properties.absolute_tolerance_property()
@@ -74,7 +74,6 @@ class SceneSettings(bpy.types.PropertyGroup):
         step=0.01,
         precision=6,
     )
-    tolerance_mode: properties.tolerance_mode_property()
     shown_tolerance_mode: EnumProperty(
         name="Tolerance Mode",
         description="How the tolerance is given. The other one becomes the same distance on the active object, or "
@@ -84,22 +83,6 @@ class SceneSettings(bpy.types.PropertyGroup):
         set=_switch_mode,
         options={"HIDDEN", "SKIP_SAVE"},
     )
-    method: properties.method_property()
-    vertices: properties.vertices_property()
-    use_limit_surface: properties.use_limit_surface_property()
-    frames: properties.frames_property()
-    frame_list: properties.frame_list_property()
-    use_modifiers: properties.use_modifiers_property()
-    mode: properties.mode_property()
-    transitions: properties.transitions_property()
-    output: properties.output_property()
-    exact_normals: properties.exact_normals_property()
-    reduce: properties.reduce_property()
-    subdivide_results: properties.subdivide_results_property()
-    face_budget: properties.face_budget_property()
-    max_faces: properties.max_faces_property()
-    accuracy: properties.accuracy_property()
-    time_limit: properties.time_limit_property()
     first_color_depth: IntProperty(
         name="First Color",
         description="The depth shown in the first colour, and with it all lesser ones",

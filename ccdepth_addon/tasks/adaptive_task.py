@@ -42,7 +42,6 @@ from .surfaces import (
     Faults,
     Surface,
     SurfaceSettings,
-    as_typed,
     control_mesh_key,
     refuse_bad_tolerance,
     surface_of,
@@ -74,18 +73,6 @@ class AdaptiveSettings(SurfaceSettings):
     mode: str
     transitions: str
     max_faces: int
-
-
-def adaptive_settings(holder: Any, tolerance: float) -> AdaptiveSettings:
-    """The settings that an operator or the scene holds, but for the tolerance."""
-    return AdaptiveSettings(
-        as_typed(tolerance),
-        holder.tolerance_mode,
-        holder.use_modifiers,
-        holder.mode,
-        holder.transitions,
-        holder.max_faces,
-    )
 
 
 @dataclass(frozen=True)

@@ -53,7 +53,6 @@ from .surfaces import (
     Faults,
     Surface,
     SurfaceSettings,
-    as_typed,
     control_mesh_key,
     refuse_bad_tolerance,
     surface_of,
@@ -75,13 +74,6 @@ class DepthSettings(SurfaceSettings):
     method: str
     vertices: str
     frames: str = ""
-
-
-def depth_settings(holder: Any, tolerance: float, frames: str) -> DepthSettings:
-    """The settings that an operator, a scene or a record holds, but for the tolerance and the frames."""
-    return DepthSettings(
-        as_typed(tolerance), holder.tolerance_mode, holder.use_modifiers, holder.method, holder.vertices, frames
-    )
 
 
 @dataclass(frozen=True)

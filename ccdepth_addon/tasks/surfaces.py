@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from hashlib import blake2b
 from types import MappingProxyType
+from typing import Any, Self
 
 import bpy
 import numpy as np
@@ -45,6 +46,17 @@ class SurfaceSettings:
     tolerance: float
     tolerance_mode: str
     use_modifiers: bool
+
+    @classmethod
+    def of(cls, holder: Any, tolerance: float, **others: Any) -> Self:
+        """The settings that an operator, a scene or a record holds, with this tolerance and others that are given; all
+        numbers as they are typed."""
+        names = [each.name for each in fields(cls) if each.name not in {"tolerance", *others}]
+        values: dict[str, Any] = {name: getattr(holder, name) for name in names}
+        typed: dict[str, Any] = {
+            name: as_typed(value) if isinstance(value, float) else value for name, value in values.items()
+        }
+        return cls(as_typed(tolerance), **typed, **others)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from ..exchange.modifiers import has_own_keys
 from ..state import result_record, sources
 from ..state.face_counts import known_count
 from ..state.properties import scene_tolerance
-from ..tasks.adaptive_task import adaptive_settings
+from ..tasks.adaptive_task import AdaptiveSettings
 from .lengths import length_text
 from .panels import draw_main_button, draw_state_line, result_line, sidebar_count
 from .sidebar import SidebarPanel, settings_column
@@ -91,7 +91,7 @@ def _draw_keys_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> N
 
 def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     settings, active = context.scene.ccdepth, context.active_object
-    current = adaptive_settings(settings, scene_tolerance(settings))
+    current = AdaptiveSettings.of(settings, scene_tolerance(settings))
     count = None if active is None else known_count(active, current)
     if count is None:
         layout.operator("ccdepth.count_faces", icon="LINENUMBERS_ON")

@@ -11,7 +11,7 @@ from ..core import FloatArray
 from ..state import refusals, result_record, results, sources, staleness
 from ..state.colors import depth_colors
 from ..state.properties import scene_tolerance
-from ..tasks.depth_task import depth_settings
+from ..tasks.depth_task import DepthSettings
 from ..tasks.frames import chosen_frames
 from .lengths import bound_text, common_unit, length_text
 from .manual import draw_manual_button
@@ -150,8 +150,8 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: 
     if record.subdivision:
         return "" if holder is None else _changed_since_made(settings, holder)
     frames = chosen_frames(settings.id_data, settings.frames, settings.frame_list)
-    current = depth_settings(settings, scene_tolerance(settings), frames)
-    computed = depth_settings(record, record.tolerance, record.frames)
+    current = DepthSettings.of(settings, scene_tolerance(settings), frames=frames)
+    computed = DepthSettings.of(record, record.tolerance)
     return "" if current == computed else "Out of date: settings changed"
 
 

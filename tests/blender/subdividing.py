@@ -67,5 +67,5 @@ def shape(holder: bpy.types.Object) -> np.ndarray:
 def known_count(holder: bpy.types.Object) -> object:
     settings = bpy.context.scene.ccdepth
     tolerance = getattr(settings, "relative_tolerance" if settings.tolerance_mode == "RELATIVE" else "tolerance")
-    current = addon.module("tasks.adaptive_task").adaptive_settings(settings, tolerance)
+    current = addon.module("tasks.adaptive_task").AdaptiveSettings.of(settings, tolerance)
     return addon.module("state.face_counts").known_count(holder, current)
