@@ -87,8 +87,9 @@ def settings_text(objects: Sequence[bpy.types.Object]) -> str:
     """The settings of the results, in a line."""
     record = objects[0].data.ccdepth
     if results.shows_deviation(objects[0].data):
-        proved = _proved_text(max(obj.data.ccdepth.deviation for obj in objects), record.measurement.world_tolerance)
-        return f"Tolerance {record.measurement.world_tolerance:.4g} · Largest deviation proved: {proved}"
+        records = [obj.data.ccdepth for obj in objects]
+        deviation, length = max((each.deviation, each.measurement.world_tolerance) for each in records)
+        return f"Tolerance {length:.4g} · Largest deviation proved: {_proved_text(deviation, length)}"
     tolerance = f"{record.tolerance:.4g}"
     if record.tolerance_mode == "RELATIVE":
         tolerance += " of the diagonal"

@@ -7,15 +7,21 @@ from collections.abc import Iterable
 
 import bpy
 
+from .selected_meshes import refuse
+
+HIDDEN = "it is edited while it is hidden, and could not be edited again; show it first"
+
 
 def leave(context: bpy.types.Context) -> list[int]:
     """Leave the Edit Mode of meshes, if it is on; returns the session identifiers of the edited objects.
 
     It can be on without the active object: with Lock Object Modes off, another may become the active one meanwhile.
+    Raises ComputeError, with nothing changed, where an object could not be edited again.
     """
     layer = context.view_layer
     # Blender's own list lacks hidden ones.
     edited = [each for each in layer.objects if each.type == "MESH" and each.mode == "EDIT"]
+    refuse(edited, lambda each: None if _can_be_edited(each) else HIDDEN)
     if edited:
         _set_mode(layer, edited, "OBJECT")
     return [each.session_uid for each in edited]
@@ -46,6 +52,15 @@ def enter(context: bpy.types.Context, uids: Iterable[int]) -> None:
         each.select_set(was_selected)
     for each in hidden:
         each.hide_set(True)
+
+
+def _can_be_edited(blender_object: bpy.types.Object) -> bool:
+    """Whether Edit Mode can be entered with an object once the eye that hides it is open."""
+    is_hidden = blender_object.hide_get()
+    blender_object.hide_set(False)
+    is_shown = blender_object.visible_get()
+    blender_object.hide_set(is_hidden)
+    return bool(is_shown)
 
 
 def _set_mode(layer: bpy.types.ViewLayer, objects: list[bpy.types.Object], mode: str) -> None:

@@ -10,6 +10,9 @@ from ..state import result_record, results, staleness
 from .quick_operator import QuickOperator
 from .selected_meshes import LINKED, count_text, refuse, selected_meshes
 
+# Modifiers that no other one can be moved above; Blender says that they require original data.
+ALWAYS_FIRST = {"MULTIRES", "SOFT_BODY"}
+
 
 class CCDEPTH_OT_set_levels(QuickOperator):
     """Set the Subdivision Surface modifiers to the first level at which every face is within the tolerance, with the
@@ -67,6 +70,12 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bp
     if is_stale:
         return "its depths are out of date; compute them again"
     record, limits = blender_object.data.ccdepth, bpy.types.SubsurfModifier.bl_rna.properties
+    is_new = subdivision_modifier(blender_object) is None
+    if is_new and not record.use_modifiers and any(each.type in ALWAYS_FIRST for each in blender_object.modifiers):
+        return (
+            "Blender lets no Subdivision Surface modifier be above a Multiresolution or Soft Body one; turn Include "
+            "Modifiers on, and compute its depths again"
+        )
     needed, most = record.uniform_level, limits["levels"].hard_max
     if needed < 0:
         return "its depths are from an earlier version of CC Depth; compute them again"

@@ -83,6 +83,16 @@ def test_hidden_objects_are_refused() -> None:
     assert len(bpy.data.objects) == 2
 
 
+def test_an_object_that_could_not_be_edited_again_stays_in_edit_mode() -> None:
+    hidden, other = scene.add_object(meshes.cube(), "Hidden"), scene.add_object(meshes.cube(), "Other")
+    with addon.edit_mode(hidden, other):
+        hidden.hide_viewport = True
+        with pytest.raises(RuntimeError, match="Hidden: it is edited while it is hidden"):
+            bpy.ops.ccdepth.count_faces(tolerance=TOLERANCE)
+        assert (hidden.mode, other.mode) == ("EDIT", "EDIT")
+        hidden.hide_viewport = False
+
+
 @pytest.mark.every_blender
 def test_linked_objects_are_refused(tmp_path: Path) -> None:
     holder = scene.add_suzanne()

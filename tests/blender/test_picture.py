@@ -129,3 +129,15 @@ def test_without_depths_there_is_no_picture(tmp_path: Path) -> None:
     with pytest.raises(picture.PictureError):
         render(tmp_path / "picture.png", scene.add_suzanne())
     assert not list(tmp_path.iterdir())
+
+
+def test_the_line_under_several_measured_objects_has_the_tolerance_of_the_worst() -> None:
+    small, large = scene.add_object(meshes.cube(), "Small"), scene.add_object(meshes.cube(), "Large")
+    large.scale = (10.0,) * 3
+    bpy.context.view_layer.update()
+    for each_object in (small, large):
+        addon.measure(each_object, tolerance=0.5, tolerance_mode="RELATIVE")
+    record = large.data.ccdepth
+    text = addon.module("command_line.report_text").settings_text([small, large])
+    assert text.startswith(f"Tolerance {record.measurement.world_tolerance:.4g} · Largest deviation proved: ")
+    assert record.deviation > small.data.ccdepth.deviation

@@ -17,16 +17,12 @@ FIRST, LAST = (int(number) for number in os.environ.get("CCDEPTH_SEEDS", "0:300"
 
 # Those of the first 300 that together reach all operators, with every way they end, and the most lines of ours.
 IN_EVERY_BLENDER = (89, 90, 183, 202)
-SHORT = (*IN_EVERY_BLENDER, 3, 23, 46, 82, 94, 101, 188)
-
-# Faults of ours that are known, and what each is.
-KNOWN = {131: "a refusal in Edit Mode raises where the edited object is hidden, as it cannot be edited again"}
+SHORT = (*IN_EVERY_BLENDER, 3, 23, 46, 82, 94, 101, 131, 188)
 
 
 def seed_with_marks(seed: int) -> Any:
     marks: list[Any] = [] if seed in SHORT else [pytest.mark.thorough]
     marks += [pytest.mark.every_blender] if seed in IN_EVERY_BLENDER else []
-    marks += [pytest.mark.xfail(reason=KNOWN[seed], raises=random_scenes.Fault, strict=True)] if seed in KNOWN else []
     return pytest.param(seed, marks=marks)
 
 

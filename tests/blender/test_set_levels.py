@@ -49,6 +49,16 @@ def test_the_modifier_gets_the_uniform_level(vertices: str, present: bool) -> No
     assert not addon.module("state.staleness").is_stale(holder.data)
 
 
+@pytest.mark.parametrize("kind", ["MULTIRES", "SOFT_BODY"])
+def test_modifiers_that_stay_first_are_told(kind: str) -> None:
+    holder = scene.add_object(meshes.cube())
+    holder.modifiers.new("First", kind)
+    addon.compute(holder, tolerance=TOLERANCE, use_modifiers=False)
+    with pytest.raises(RuntimeError, match="above a Multiresolution or Soft Body one; turn Include Modifiers on"):
+        bpy.ops.ccdepth.set_levels()
+    assert [each.name for each in holder.modifiers] == ["First"]
+
+
 @pytest.mark.parametrize("use_modifiers", [False, True])
 def test_a_new_modifier_stands_where_the_surface_was_measured(use_modifiers: bool) -> None:
     holder = scene.add_object(meshes.landscape(4, 4))
