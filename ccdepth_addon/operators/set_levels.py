@@ -6,7 +6,10 @@ from typing import ClassVar
 import bpy
 
 from ..exchange.modifiers import subdivision_modifier
-from ..state import result_record, results, staleness
+from ..state import face_counts, result_record, results, staleness
+from ..state.levels import TooDeep, too_deep
+from ..state.properties import scene_tolerance
+from ..tasks.adaptive_task import AdaptiveSettings
 from .quick_operator import QuickOperator
 from .selected_meshes import LINKED, count_text, refuse, selected_meshes
 
@@ -76,20 +79,27 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bp
             "Blender lets no Subdivision Surface modifier be above a Multiresolution or Soft Body one; turn Include "
             "Modifiers on, and compute its depths again"
         )
-    needed, most = record.uniform_level, limits["levels"].hard_max
-    if needed < 0:
+    if record.uniform_level < 0:
         return "its depths are from an earlier version of CC Depth; compute them again"
-    if needed > most:
-        return f"it needs {needed} levels, and a Subdivision Surface modifier has {most} at most"
+    if deep := too_deep(record, settings.max_faces):
+        return f"{deep.reason}{_way_out(blender_object, deep, settings)}"
     if record.quality > limits["quality"].hard_max:
         return (
             f"with Use Limit Surface it needs a higher Quality than the {limits['quality'].hard_max} that a "
             "Subdivision Surface modifier has at most; compute its depths with it off"
         )
-    faces = int(record.uniform_faces)
-    if faces > settings.max_faces:
-        return f"{needed} levels would make {faces:,} faces, and the Face Limit is {settings.max_faces:,}"
     return None
+
+
+def _way_out(blender_object: bpy.types.Object, deep: TooDeep, settings: bpy.types.PropertyGroup) -> str:
+    """Which faces are the cause, and what divides the others less."""
+    if not deep.faces_beyond:
+        return ""
+    cause = count_text(deep.faces_beyond, "face needs", "faces need")
+    count = face_counts.known_count(blender_object, AdaptiveSettings.of(settings, scene_tolerance(settings)))
+    faces = "" if count is None else f", and makes {count.faces:,} faces"
+    fitting = count_text(deep.fitting, "level", "levels")
+    return f"; {cause} more than {fitting}: Apply Adaptive Subdivision divides the others less{faces}"
 
 
 def _set_levels(blender_object: bpy.types.Object) -> None:

@@ -10,7 +10,10 @@ import numpy as np
 from ..core import FloatArray
 from ..state import refusals, result_record, results, sources, staleness
 from ..state.colors import depth_colors
+from ..state.face_counts import known_count
+from ..state.levels import too_deep
 from ..state.properties import scene_tolerance
+from ..tasks.adaptive_task import AdaptiveSettings
 from ..tasks.depth_task import DepthSettings
 from ..tasks.frames import chosen_frames
 from .lengths import bound_text, common_unit, length_text
@@ -105,6 +108,7 @@ class CCDEPTH_PT_results(SidebarPanel, bpy.types.Panel):
         layout.operator("ccdepth.select", text="Select by Depth", icon="RESTRICT_SELECT_OFF")
         if not all(mesh.ccdepth.subdivision for mesh in meshes):
             layout.operator("ccdepth.set_levels", icon="MODIFIER")
+            _draw_too_deep(layout, settings, objects)
         if not all(map(results.shows_deviation, meshes)):
             kinds = set(map(results.shown, meshes))
             column = settings_column(layout, heading="Show")
@@ -122,6 +126,28 @@ def _draw_refusal(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         buttons = column.row(align=True)
         buttons.operator("ccdepth.select_invalid", text="Select Faces", icon="RESTRICT_SELECT_OFF")
         buttons.operator("ccdepth.repair", icon="TOOL_SETTINGS")
+
+
+def _draw_too_deep(
+    layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, objects: list[bpy.types.Object]
+) -> None:
+    """How many faces need more levels than can be set, with buttons that select these and divide the others less."""
+    deep = [found for each in objects if (found := too_deep(each.data.ccdepth, settings.max_faces))]
+    fitting = min((each.fitting for each in deep), default=0)
+    faces = sum(faces for depth, faces in faces_by_depth(objects).items() if depth > fitting) if deep else 0
+    if faces:
+        column = layout.column(align=True)
+        row = column.row()
+        row.alert = True
+        text = f"{faces:,} {'face needs' if faces == 1 else 'faces need'} more than {fitting}"
+        row.label(text=f"{text} {'level' if fitting == 1 else 'levels'}", icon="ERROR")
+        select = column.operator("ccdepth.select", text="Select These Faces", icon="RESTRICT_SELECT_OFF")
+        select.depth, select.comparison = fitting + 1, "AT_LEAST"
+        column.operator("ccdepth.subdivide", icon="MOD_MULTIRES")
+        current = AdaptiveSettings.of(settings, scene_tolerance(settings))
+        counts = [known_count(each, current) for each in objects]
+        if all(counts):
+            draw_rows(column, [("Will Make", f"{sum(count.faces for count in counts if count):,}")])
 
 
 def draw_display(

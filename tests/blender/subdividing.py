@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 import numpy as np
 import pytest
@@ -64,7 +66,7 @@ def shape(holder: bpy.types.Object) -> np.ndarray:
     return positions.reshape(-1, 3) @ world[:3, :3].T + world[:3, 3]
 
 
-def known_count(holder: bpy.types.Object) -> object:
+def known_count(holder: bpy.types.Object) -> Any:
     settings = bpy.context.scene.ccdepth
     tolerance = getattr(settings, "relative_tolerance" if settings.tolerance_mode == "RELATIVE" else "tolerance")
     current = addon.module("tasks.adaptive_task").AdaptiveSettings.of(settings, tolerance)

@@ -11,6 +11,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.subdividing import known_count
 
 pytestmark = pytest.mark.every_blender
 
@@ -236,3 +237,24 @@ def test_a_result_whose_own_depths_were_computed_gets_no_levels_unless_results_a
     bpy.context.scene.ccdepth.subdivide_results = True
     assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
     assert levels(result) == [(result.data.ccdepth.uniform_level,) * 2 + (False,)]
+
+
+def test_a_refusal_names_the_faces_that_are_the_cause_and_what_divides_the_others_less() -> None:
+    holder, settings = scene.add_suzanne(), bpy.context.scene.ccdepth
+    addon.select(holder)
+    bpy.ops.ccdepth.compute()
+    record, depths = holder.data.ccdepth, addon.depths(holder)
+    fitting = record.uniform_level - 2
+    settings.max_faces = int(record.uniform_faces) // 4**2
+    beyond = int((depths > fitting).sum())
+    assert 0 < beyond < len(depths)
+    cause = f"{beyond} faces need more than {fitting} levels: Apply Adaptive Subdivision divides the others less"
+    refusal = f"the Face Limit is {settings.max_faces:,}; {cause}"
+    with pytest.raises(RuntimeError, match=refusal):
+        bpy.ops.ccdepth.set_levels()
+    bpy.ops.ccdepth.count_faces()
+    with pytest.raises(RuntimeError, match=f"{refusal}, and makes {known_count(holder).faces:,} faces"):
+        bpy.ops.ccdepth.set_levels()
+    # What the button in the panel selects.
+    assert bpy.ops.ccdepth.select(depth=fitting + 1, comparison="AT_LEAST") == {"FINISHED"}
+    assert sum(face.select for face in holder.data.polygons) == beyond
