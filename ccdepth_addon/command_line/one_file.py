@@ -46,7 +46,7 @@ from .report import Distances, FileEntry, Frame, ObjectEntry, down_to, stamp, up
 from .report_text import print_adaptive_meshes, print_depths, print_levels, print_measured, settings_text
 from .scripted_drivers import scripts_allowed, without_drivers
 from .whole_files import UnwrittenError, check_whole, refuse_existing, written_whole
-from .written_meshes import WrittenObject, measured_distances, nearer_accuracy, read_written, shown_triangles
+from .written_meshes import WrittenObject, measured_distances, read_written, shown_triangles
 
 # The options that are settings of the scene under the same names.
 GIVEN = set(setting_names(*properties.GROUPS)) - {"frames", "frame_list", "output"}
@@ -271,16 +271,12 @@ def _measure(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> l
 
 
 def _measured_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> ObjectEntry:
-    """Measure an object against its own limit surface, twice where the first time does not tell."""
+    """Measure an object against its own limit surface."""
     _call_for([blender_object], bpy.ops.ccdepth.measure)
     record = blender_object.data.ccdepth
-    tolerance = record.measurement.world_tolerance
-    accuracy = nearer_accuracy(record.deviation, record.deviation_reached, tolerance)
-    if accuracy is not None and record.measurement.accuracy_met:
-        _call_for([blender_object], bpy.ops.ccdepth.measure, accuracy=accuracy)
     unit = scene_unit(bpy.context.scene)
     distances = Distances(up_to(record.deviation, unit), down_to(record.deviation_reached, unit))
-    entry = _entry(blender_object, settings, tolerance)
+    entry = _entry(blender_object, settings, record.measurement.world_tolerance)
     return replace(entry, measured=distances, met=record.measurement.verdict == Verdict.MET.name)
 
 

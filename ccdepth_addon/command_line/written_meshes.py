@@ -15,7 +15,6 @@ from ..core import InvalidMeshError, no_report
 from ..exchange.control_mesh import ControlMeshError
 from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.shown_mesh import ShownMesh, Triangles, read_shown_mesh
-from ..state.deviation_results import Verdict, verdict
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, measure
 from .blender_calls import CommandError
 from .mesh_files import BLEND, read_back
@@ -25,9 +24,6 @@ STL, PLY, GLB = ".stl", ".ply", ".glb"
 # A normal, three corners and two bytes for whatever one likes; before them, a text and the number of triangles.
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 STL_HEADER = 84
-
-# Bounds that are this much nearer than they need be to tell whether a tolerance is met.
-DECIDED = 0.5
 
 
 @dataclass(frozen=True)
@@ -140,11 +136,3 @@ def measured_distances(target: MeasureTask, part: Measured, settings: MeasureSet
     tolerance."""
     [answer] = measure(replace(target, measured=[part]), settings, no_report, is_tolerance_enough=True)
     return answer
-
-
-def nearer_accuracy(proved: float, reached: float, tolerance: float) -> float | None:
-    """The accuracy that tells whether a tolerance between these distances is met; None where it is told already, or by
-    none."""
-    if verdict(proved, reached, tolerance) is not Verdict.UNDECIDED or not 0 < reached < tolerance:
-        return None
-    return DECIDED * (tolerance / reached - 1)

@@ -22,6 +22,12 @@ from ..ui.printable import printable
 from .long_operator import LongOperator
 from .selected_meshes import CHANGED, refuse_what_cannot_be_written, selected_meshes
 
+# What ended a measurement before its time, by whether that was the Time Limit.
+ENDED = {
+    True: "the Time Limit ended it: raise it, or set it to 0 for none",
+    False: "it would take more memory than Measure Deviation uses: measure parts of the object, or a coarser mesh",
+}
+
 
 class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
     """Measure how far what the object shows is from the limit surface of its control mesh, with a proof.
@@ -69,10 +75,9 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
         self.report_skipped(context)
         for each in answer:
             name = "" if self._is_own or len(answer) == 1 else f"{printable(each.measured)}: "
-            if not each.accuracy_met:
-                self.report(
-                    {"WARNING"}, f"{name}stopped before the accuracy was reached; this is what is proved so far"
-                )
+            verdict = deviation_results.verdict(each.proved, each.reached, each.tolerance)
+            if verdict is Verdict.UNDECIDED or not each.accuracy_met:
+                self.report({"WARNING"}, f"{name}this is what is proved so far; {ENDED[each.out_of_time]}")
             self.report({"INFO"}, f"{name}{deviation_text(context.scene, each)}")
 
 

@@ -21,9 +21,6 @@ from ..exchange.modifiers import subdivision_modifier
 from ..exchange.shown_mesh import ShownMesh, read_shown_mesh
 from .surfaces import ComputeError, Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of
 
-# As near as this part of a tolerance it is decided whether a distance is within it.
-DECIDING = 1e-6
-
 # What rounding can take from a tolerance less a rounding, as a part of it.
 ROUNDED = 1e-15
 
@@ -64,7 +61,8 @@ class MeshDeviation:
     object_names: the measured objects that use it, the worst first. against: the object whose limit surface it is.
     tolerance: as a length. deviations: (F,) float64, proved for each face of the mesh; 0 where the object shows nothing
     of it. proved: of everything, the surface itself and faces that modifiers add too. reached: a distance that is
-    really there. worst_face: where that is, or ``NO_ORIGIN``. worst_point: (3,), in the scene.
+    really there. out_of_time: whether the time limit ended it. worst_face: where the reached distance is, or
+    ``NO_ORIGIN``. worst_point: (3,), in the scene.
     """
 
     mesh_uid: int
@@ -75,6 +73,7 @@ class MeshDeviation:
     proved: float
     reached: float
     accuracy_met: bool
+    out_of_time: bool
     worst_face: int
     worst_point: FloatArray
 
@@ -185,6 +184,8 @@ def _measure_one(
 ) -> MeshDeviation:
     shown, control = measured.shown, task.surface.control
     rounding = shown.rounding_from(task.location)
+    # With the rounding it is still within the tolerance.
+    limit = max(0.0, (1 - ROUNDED) * task.surface.tolerance - rounding)
     found = measure_deviation(
         control.in_world,
         shown.positions_from(task.location),
@@ -192,9 +193,8 @@ def _measure_one(
         accuracy=settings.accuracy,
         time_limit=seconds,
         tolerance=task.surface.tolerance,
-        # With the rounding it is still within the tolerance.
-        enough=max(0.0, (1 - ROUNDED) * task.surface.tolerance - rounding) if is_tolerance_enough else 0.0,
-        accuracy_within=min(DECIDING, settings.accuracy),
+        enough=limit if is_tolerance_enough else 0.0,
+        limit=limit,
         progress=progress,
     )
     sources = [(shown.triangles.faces, found.triangle_bounds)]
@@ -210,6 +210,7 @@ def _measure_one(
         proved=found.proved + rounding,
         reached=max(0.0, found.reached - rounding),
         accuracy_met=found.accuracy_met,
+        out_of_time=found.out_of_time,
         worst_face=_worst_face(task, measured, found),
         worst_point=found.worst_point + task.location,
     )
@@ -244,6 +245,7 @@ def _joined(one: MeshDeviation, other: MeshDeviation) -> MeshDeviation:
         proved=max(one.proved, other.proved),
         reached=worst.reached,
         accuracy_met=one.accuracy_met and other.accuracy_met,
+        out_of_time=one.out_of_time or other.out_of_time,
         worst_face=worst.worst_face,
         worst_point=worst.worst_point,
     )

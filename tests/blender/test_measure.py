@@ -97,6 +97,10 @@ def test_the_tolerance_is_met_or_not_or_nothing_is_decided(capfd: pytest.Capture
         printed = capfd.readouterr().out
         assert "Deviation at most " in printed
         assert f"{words} tolerance of {tolerance:g} m" in printed
+    # Nearer to what is reached than the accuracy would tell.
+    for part, verdict in ((1.01, "MET"), (0.99, "NOT_MET")):
+        addon.measure(holder, tolerance=holder.data.ccdepth.deviation_reached * part, accuracy=0.5)
+        assert holder.data.ccdepth.measurement.verdict == verdict
     decide = addon.module("state.deviation_results").verdict
     for tolerance, name in ((1.2, "MET"), (1.1, "UNDECIDED"), (1.0, "UNDECIDED"), (0.99, "NOT_MET")):
         assert decide(1.2, 1.0, tolerance).name == name
@@ -106,7 +110,7 @@ def test_what_is_proved_is_rounded_up_and_what_is_reached_down() -> None:
     """A third is between two numbers of single precision."""
     mesh, third = subdivided_cube().data, 1.0 / 3.0
     tasks, write = addon.module("tasks.deviation_task"), addon.module("state.deviation_results").write_record
-    answer = tasks.MeshDeviation(0, ["Cube"], "Cube", 1.0, np.zeros(6), third, third, True, 0, np.zeros(3))
+    answer = tasks.MeshDeviation(0, ["Cube"], "Cube", 1.0, np.zeros(6), third, third, True, False, 0, np.zeros(3))
     write(mesh, answer, tasks.MeasureSettings(1.0, "ABSOLUTE", True, 0.1, 1.0), third, third)
     record = mesh.ccdepth
     assert record.deviation_reached < third < record.deviation
@@ -134,7 +138,7 @@ def test_when_the_time_is_over_it_tells_what_is_proved(capfd: pytest.CaptureFixt
     record = holder.data.ccdepth
     assert not record.measurement.accuracy_met
     assert record.deviation > record.deviation_reached
-    assert "stopped before the accuracy was reached" in capfd.readouterr().out
+    assert "the Time Limit ended it: raise it" in capfd.readouterr().out
 
 
 @in_both_modes

@@ -245,14 +245,14 @@ def test_tolerance_far_above_stops_early() -> None:
     assert found.proved <= 1.0
 
 
-def test_a_limit_just_beyond_the_distance_is_decided() -> None:
+def test_a_limit_near_the_distance_is_decided() -> None:
     """Nearer than the accuracy would tell, and on either side of the distance, which is known to a millionth."""
     known = measure_deviation(*hills(3), accuracy=1e-6)
     assert known.accuracy_met
     beyond, short = known.proved * (1 + 1e-5), known.reached * (1 - 1e-5)
-    decided = {"accuracy": ACCURACY, "accuracy_within": 1e-6}
-    assert measure_deviation(*hills(3), enough=beyond, **decided).proved <= beyond
-    too_far = measure_deviation(*hills(3), enough=short, **decided)
+    for enough in (0.0, beyond):
+        assert measure_deviation(*hills(3), accuracy=ACCURACY, limit=beyond, enough=enough).proved <= beyond
+    too_far = measure_deviation(*hills(3), accuracy=ACCURACY, limit=short, enough=short)
     assert too_far.accuracy_met
     assert short < too_far.reached <= known.proved
     for found in (too_far, measure_deviation(*hills(3), enough=beyond, accuracy=ACCURACY)):

@@ -14,6 +14,9 @@ from ..arrays.types import FloatArray, IndexArray
 # Per-face distances are found to this part of the largest one.
 SHARE_OF_LARGEST = 0.2
 
+# As near as this part of it the limit is decided.
+DECIDING = 1e-6
+
 # The part of itself by which a distance can be too long. docs/deviation.md, Rounding.
 TOO_LONG = 2.0**-37
 
@@ -22,11 +25,10 @@ TOO_LONG = 2.0**-37
 class Findings:
     """reached: the longest distance that is known to be there, less the allowance; the pair it lies between, where, and
     which way. margin: what rounding can hide of a coordinate. floor: what is proved need not be less. accuracy: how
-    near to what is reached it shall be, and accuracy_within: while that is within ``enough``."""
+    near to what is reached it shall be. limit: a distance of which it is to be told whether all is within."""
 
     accuracy: float
-    accuracy_within: float
-    enough: float
+    limit: float
     floor: float
     allowance: float
     margin: float
@@ -48,8 +50,14 @@ class Findings:
     @property
     def target(self) -> float:
         """Bounds up to this one are good enough."""
-        accuracy = self.accuracy_within if self.reached <= self.enough else self.accuracy
-        return max((1 + accuracy) * self.reached, self.floor)
+        if self.reached > self.limit:
+            return self.accurate
+        return min(self.accurate, max(self.limit, (1 + DECIDING) * self.reached, self.floor))
+
+    @property
+    def accurate(self) -> float:
+        """Bounds up to this one have the accuracy."""
+        return max((1 + self.accuracy) * self.reached, self.floor)
 
     def note(
         self,

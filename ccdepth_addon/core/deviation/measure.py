@@ -44,7 +44,7 @@ class Deviation:
     worst_point, worst_nearest: (3,) float64, the pair that reaches ``reached``: a point of the surface and the nearest
     one of the mesh where surface_to_mesh, else the other way round. worst_face, worst_triangle: where they lie.
     accuracy_met: whether proved ≤ (1 + accuracy) · reached, or is enough, or so small that rounding, or the tolerance,
-    hides it.
+    hides it. out_of_time: whether the time limit ended it; where something was left to do, max_pieces did otherwise.
     """
 
     proved: float
@@ -57,6 +57,7 @@ class Deviation:
     worst_triangle: int
     surface_to_mesh: bool
     accuracy_met: bool
+    out_of_time: bool
 
 
 def measure_deviation(
@@ -70,7 +71,7 @@ def measure_deviation(
     time_limit: float | None = None,
     tolerance: float | None = None,
     enough: float = 0.0,
-    accuracy_within: float | None = None,
+    limit: float = 0.0,
     progress: Progress = no_report,
 ) -> Deviation:
     """The deviation of a mesh of triangles from the limit surface of ``control``, both ways.
@@ -80,8 +81,8 @@ def measure_deviation(
     distance then counts for that face. accuracy: how near ``proved`` shall be to ``reached``. max_pieces, time_limit
     (seconds): where these are used up the result is what is proved until then. tolerance: distances far below it need
     not be told apart. enough: what is proved need not be less than this, so that it is soon known whether all is
-    within it. accuracy_within: ``accuracy`` while what is reached is not more than ``enough``; a small one decides
-    whether all is within it. progress: is told the fraction done, every tenth of a second or so, and may raise to stop.
+    within it. limit: a distance of which it is to be told whether all is within, however
+    near that is. progress: is told the fraction done, every tenth of a second or so, and may raise to stop.
     Raises InvalidMeshError for the control mesh, ValueError for the other.
     """
     began = perf_counter()
@@ -91,8 +92,7 @@ def measure_deviation(
     allowance = rounding_allowance(control, size)
     findings = Findings(
         accuracy=accuracy,
-        accuracy_within=accuracy if accuracy_within is None else accuracy_within,
-        enough=enough,
+        limit=limit,
         floor=max(4 * allowance, PART_OF_TOLERANCE * (tolerance or 0.0), enough),
         allowance=allowance,
         margin=MARGIN * size,
@@ -160,5 +160,6 @@ def _deviation(
         worst_face=findings.face,
         worst_triangle=findings.triangle,
         surface_to_mesh=findings.surface_to_mesh,
-        accuracy_met=proved <= findings.target,
+        accuracy_met=proved <= findings.accurate,
+        out_of_time=findings.is_late(),
     )
