@@ -20,7 +20,7 @@ from ..exchange.result_attributes import BOUND_KIND
 from ..state import properties
 from ..state.deviation_results import Verdict, verdict
 from ..state.properties import scene_tolerance, set_scene_tolerance, setting_names
-from ..tasks.deviation_task import MeasureSettings, MeasureTask, MeshDeviation, prepare_targets
+from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, prepare_targets
 from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError, as_typed
 from ..ui.printable import printable
 from . import picture
@@ -42,21 +42,23 @@ from .mesh_files import (
     write_meshes,
     writer,
 )
-from .report import Distances, FileEntry, Frame, ObjectEntry, down_to, stamp, up_to
+from .report import Chosen, Distances, FileEntry, Frame, ObjectEntry, down_to, stamp, up_to
 from .report_text import print_adaptive_meshes, print_depths, print_levels, print_measured, settings_text
 from .scripted_drivers import scripts_allowed, without_drivers
 from .whole_files import UnwrittenError, check_whole, refuse_existing, written_whole
-from .written_meshes import WrittenObject, measured_distances, read_written, shown_triangles
+from .written_meshes import Edges, WrittenObject, measured_distances, read_written, shown_triangles
 
 # The options that are settings of the scene under the same names.
 GIVEN = set(setting_names(*properties.GROUPS)) - {"frames", "frame_list", "output"}
 
 # The settings that what is done goes by, beside the tolerance.
-MEASURING = (*setting_names(properties.ToleranceProperties), "accuracy")
+OF_DEPTHS = setting_names(properties.ToleranceProperties, properties.DepthProperties)
 SETTINGS = {
-    DEPTHS: setting_names(properties.ToleranceProperties, properties.DepthProperties),
-    LEVELS: (*setting_names(properties.DepthProperties), *MEASURING),
-    SUBDIVIDE: (*setting_names(properties.DivisionProperties, properties.MakingProperties), *MEASURING),
+    DEPTHS: OF_DEPTHS,
+    LEVELS: OF_DEPTHS,
+    SUBDIVIDE: setting_names(
+        properties.ToleranceProperties, properties.DivisionProperties, properties.MakingProperties
+    ),
     MEASURE: setting_names(properties.ToleranceProperties, properties.MeasureProperties),
 }
 
@@ -90,7 +92,8 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     outcomes = ACTIONS[action](objects, settings_of(action))
     shown = [each.shown for each in outcomes]
     stamped = None if source is None else stamp(source, unit)
-    entry = FileEntry(stamped, tuple(each.entry for each in outcomes), error=error)
+    chosen = Chosen(options.objects, options.collection)
+    entry = FileEntry(stamped, tuple(each.entry for each in outcomes), error=error, chosen=chosen)
     if options.picture is not None:
         title = shown[0].name if source is None else source.stem
         with _written(options.picture, options) as path:
@@ -304,19 +307,25 @@ def _write(
     entry = replace(entry, output=stamp(output, unit))
     if not targets:
         return entry
-    answers = [measured_distances(*pair, settings) for pair in zip(targets, parts, strict=True)]
     measured = [
-        replace(with_answer(each, answer, scene), triangles=one.triangles)
-        for each, answer, one in zip(entry.objects, answers, written, strict=True)
+        with_answer(each, measured_distances(target, part, settings), part, scene)
+        for each, target, part in zip(entry.objects, targets, parts, strict=True)
     ]
     return replace(entry, objects=tuple(measured))
 
 
-def with_answer(entry: ObjectEntry, answer: MeshDeviation, unit: float) -> ObjectEntry:
-    """The entry with what was measured. unit: that of the surface, in metres."""
-    distances = Distances(up_to(answer.proved, unit), down_to(answer.reached, unit))
-    is_met = verdict(answer.proved, answer.reached, answer.tolerance) is Verdict.MET
-    return replace(entry, tolerance=answer.tolerance * unit, measured=distances, met=is_met)
+def with_answer(entry: ObjectEntry, answer: MeshDeviation, part: Measured, unit: float) -> ObjectEntry:
+    """The entry with what was measured of a part of a file. unit: that of the surface, in metres."""
+    edges = Edges.of(part.shown.triangles)
+    return replace(
+        entry,
+        tolerance=answer.tolerance * unit,
+        triangles=len(part.shown.triangles.corners),
+        measured=Distances(up_to(answer.proved, unit), down_to(answer.reached, unit)),
+        met=verdict(answer.proved, answer.reached, answer.tolerance) is Verdict.MET,
+        closed=edges.are_closed,
+        oriented=edges.are_oriented,
+    )
 
 
 @contextmanager

@@ -19,11 +19,21 @@ from typing import Any, NewType, TypeVar, Union, get_args, get_origin, get_type_
 import bpy
 
 from .. import version
-from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
+from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SUBDIVIDE
 from .illustration import Illustration, as_content, of_content
 
-FORMAT, FORMAT_VERSION = "ccdepth-report", 1
+FORMAT, FORMAT_VERSION = "ccdepth-report", 2
+OLD_VERSION = 1
+FIELDS = {"format", "version", "program", "blender", "action", "met", "files"}
 PROGRAM = {"name": "CC Depth", "version": version()}
+
+# What reports of version 1 do not tell: which objects of a file were asked for, and two things of what was written.
+UNTOLD_OF_FILES: dict[str, Any] = {"chosen": None}
+UNTOLD_OF_OBJECTS: dict[str, Any] = {"closed": None, "oriented": None}
+
+# Relative. Blender keeps some lengths in single precision, whose roundings are 6e-8 of a number: a dozen of them, and
+# what another order of additions makes of double precision, which is far less, stay within this.
+ROUNDING = 1e-6
 
 
 # The kinds of entries that are read with their types checked.
@@ -55,7 +65,7 @@ class ObjectEntry:
     triangles: of what was written and measured. deepest: the deepest depth of a face; level: the first at which all
     faces are within the tolerance; worst_frame: of depths over frames. proved: the largest distance proved when it was
     made. measured: by Measure Deviation, on what was written. met: whether the tolerance is met; None where nothing was
-    measured.
+    measured. closed, oriented: of what was written and measured, as of ``written_meshes.Edges``.
     """
 
     name: str
@@ -71,6 +81,8 @@ class ObjectEntry:
     proved: float | None = None
     measured: Distances | None = None
     met: bool | None = None
+    closed: bool | None = None
+    oriented: bool | None = None
 
 
 @dataclass(frozen=True)
@@ -83,15 +95,24 @@ class FileStamp:
 
 
 @dataclass(frozen=True)
+class Chosen:
+    """Which objects of a file were asked for: those of these names and of this collection; all without any."""
+
+    objects: list[str] | None
+    collection: str | None
+
+
+@dataclass(frozen=True)
 class FileEntry:
     """What was done with a file. source: None for Blender's Suzanne. error: why it failed, if it did.
-    illustrations: one for each object where a page is to be written, else none; undrawn: why there are none, where that
-    is to be told."""
+    chosen: None where no object was done. illustrations: one for each object where a page is to be written, else none;
+    undrawn: why there are none, where that is to be told."""
 
     source: FileStamp | None
     objects: tuple[ObjectEntry, ...] = ()
     output: FileStamp | None = None
     error: str | None = None
+    chosen: Chosen | None = None
     illustrations: tuple[Illustration, ...] = ()
     undrawn: str | None = None
 
@@ -107,10 +128,11 @@ class FileEntry:
 
 @dataclass(frozen=True)
 class Report:
-    """What a run did: depths, levels, subdivide or measure."""
+    """What a run did: depths, levels, subdivide or measure. version: of the format that it was read from."""
 
     action: str
     files: tuple[FileEntry, ...]
+    version: int = FORMAT_VERSION
 
     @property
     def is_good(self) -> bool:
@@ -162,6 +184,7 @@ def _file_content(entry: FileEntry, folder: Path | None) -> dict[str, Any]:
         "input": None if entry.source is None else _stamp_content(entry.source, folder),
         "error": entry.error,
         "met": entry.is_good,
+        "chosen": None if entry.chosen is None else asdict(entry.chosen),
         "objects": [asdict(each) for each in entry.objects],
         "output": None if entry.output is None else _stamp_content(entry.output, folder),
     }
@@ -192,9 +215,8 @@ def entry_line(entry: FileEntry) -> str:
 def entry_of_line(text: str) -> FileEntry:
     """What such a line says."""
     content = json.loads(text)
-    return replace(
-        _file_entry(content, Path()), illustrations=tuple(of_content(each) for each in content["illustrations"])
-    )
+    illustrations = tuple(of_content(each) for each in content.pop("illustrations"))
+    return replace(_file_entry(content, Path()), illustrations=illustrations)
 
 
 def gathered_reports(folder: Path) -> Report:
@@ -212,7 +234,8 @@ def gathered_reports(folder: Path) -> Report:
     seen: dict[str, Path] = {}
     for path, report in zip(paths, reports, strict=True):
         content = json.loads(path.read_text(encoding="utf-8"))
-        if (content.get("program"), content.get("blender")) != (PROGRAM, bpy.app.version_string):
+        made_by = (content.get("program"), content.get("blender"), report.version)
+        if made_by != (PROGRAM, bpy.app.version_string, FORMAT_VERSION):
             raise ReportError(f"{path}: it was made by another version of CC Depth or of Blender")
         if report.action != reports[0].action:
             raise ReportError(f"{path}: its action is {report.action}, and that of others {reports[0].action}")
@@ -231,10 +254,18 @@ def read_report(path: Path) -> Report:
         content = json.loads(path.read_text(encoding="utf-8"))
         if content["format"] != FORMAT:
             raise ReportError(f"{path}: it is not a CC Depth report")
-        if content["version"] != FORMAT_VERSION:
-            raise ReportError(f"{path}: a report of version {content['version']} cannot be read, only {FORMAT_VERSION}")
+        number = content["version"]
+        if type(number) is not int or number not in (OLD_VERSION, FORMAT_VERSION):
+            raise ReportError(
+                f"{path}: it is a report of version {number}, and this version of CC Depth reads {OLD_VERSION} and "
+                f"{FORMAT_VERSION}"
+            )
+        if unknown := content.keys() - FIELDS:
+            raise ValueError(f"these fields are unknown: {', '.join(sorted(unknown))}")
+        if number == OLD_VERSION:
+            _take_for_new(content)
         folder = _without_links(path.parent)
-        report = Report(content["action"], tuple(_file_entry(each, folder) for each in content["files"]))
+        report = Report(content["action"], tuple(_file_entry(each, folder) for each in content["files"]), number)
         verdicts = [content["met"], *(each["met"] for each in content["files"])]
     except OSError as fault:
         raise ReportError(f"{path}: it cannot be read: {fault.strerror}") from fault
@@ -251,14 +282,27 @@ def read_report(path: Path) -> Report:
     return report
 
 
+def _take_for_new(content: dict[str, Any]) -> None:
+    """Turn the content of a report of version 1 into that of the newest, without what it does not tell."""
+    for entry in content["files"]:
+        entry.update(UNTOLD_OF_FILES)
+        for each in entry["objects"]:
+            each.update(UNTOLD_OF_OBJECTS)
+            if content["action"] in MAKING:
+                # Meshes that are made are measured until it is known whether they are within the tolerance.
+                each["settings"].pop("accuracy", None)
+
+
 def _file_entry(content: dict[str, Any], folder: Path) -> FileEntry:
+    chosen = content["chosen"]
     values = {
+        **{name: value for name, value in content.items() if name not in ("input", "met")},
         "source": _stamp_of(content["input"], folder),
         "objects": tuple(_object_entry(each) for each in content["objects"]),
         "output": _stamp_of(content["output"], folder),
-        "error": content["error"],
+        "chosen": None if chosen is None else _typed(Chosen, chosen),
     }
-    return _typed(FileEntry, values)
+    return _typed(FileEntry, values | {"illustrations": (), "undrawn": None})
 
 
 def _stamp_of(content: dict[str, Any] | None, folder: Path) -> FileStamp | None:
@@ -268,14 +312,26 @@ def _stamp_of(content: dict[str, Any] | None, folder: Path) -> FileStamp | None:
 def _object_entry(content: dict[str, Any]) -> ObjectEntry:
     measured = content["measured"]
     entry = _typed(ObjectEntry, {**content, "measured": None if measured is None else _typed(Distances, measured)})
-    if (entry.met is None) != (entry.measured is None):
+    if (entry.met is None) != (entry.measured is None) or (entry.measured is not None and not _agree(entry)):
         raise ValueError("met and measured do not agree")
     return entry
 
 
+def _agree(entry: ObjectEntry) -> bool:
+    """Whether the distances measured are in order, and the verdict is that of these distances."""
+    assert entry.measured is not None
+    if entry.measured.reached > entry.measured.proved:
+        return False
+    slack = 1 + ROUNDING if entry.met else 1 - ROUNDING
+    return entry.met == (entry.measured.proved <= entry.tolerance * slack)
+
+
 def _typed(kind: type[Entry], values: dict[str, Any]) -> Entry:
-    """An entry with these values. Raises ValueError or TypeError for values that are not of the types of its fields."""
+    """An entry with these values. Raises ValueError or TypeError where they are not those of its fields, or not of
+    their types."""
     hints = get_type_hints(kind)
+    if values.keys() != hints.keys():
+        raise ValueError(f"these fields are missing or unknown: {', '.join(sorted(values.keys() ^ hints.keys()))}")
     for name, value in values.items():
         if not _is_of(value, hints[name]):
             raise ValueError(f"{name} cannot be {value!r}")
@@ -293,10 +349,12 @@ def _is_of(value: Any, hint: Any) -> bool:
     return isinstance(value, get_origin(hint) or hint)
 
 
+YES_OR_NO = {None: "", True: "yes", False: "no"}
+
 COLUMNS = (
     *("file", "error", "object", "tolerance_m", "faces", "deepest", "level", "worst_frame"),
     *("result", "result_faces", "proved_m"),
-    *("measured_proved_m", "measured_reached_m", "met", "output"),
+    *("measured_proved_m", "measured_reached_m", "met", "closed", "oriented", "output"),
 )
 
 
@@ -328,5 +386,5 @@ def _row(entry: ObjectEntry) -> dict[str, Any]:
         "proved_m": entry.proved,
         "measured_proved_m": measured and measured.proved,
         "measured_reached_m": measured and measured.reached,
-        "met": {None: "", True: "yes", False: "no"}[entry.met],
+        **{name: YES_OR_NO[getattr(entry, name)] for name in ("met", "closed", "oriented")},
     }

@@ -16,7 +16,7 @@ from ..ui.lengths import Rounding
 from ..ui.printable import printable
 from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
 from .illustration import Illustration, Levels
-from .report import FileEntry, FileStamp, ObjectEntry, Report
+from .report import YES_OR_NO, FileEntry, FileStamp, ObjectEntry, Report
 from .report_text import metres_text
 from .whole_files import PNG_SIGNATURE
 
@@ -227,6 +227,9 @@ def _facts(entry: ObjectEntry) -> list[tuple[str, str]]:
     if entry.measured is not None:
         facts.append(("Measured, at most", _length(entry.measured.proved, Rounding.UP)))
         facts.append(("Measured, at least", _length(entry.measured.reached, Rounding.DOWN)))
+    for name, value in (("Closed", entry.closed), ("Oriented", entry.oriented)):
+        if value is not None:
+            facts.append((name, YES_OR_NO[value]))
     return facts
 
 

@@ -1,29 +1,59 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Check a report again: that its files have not changed, and that all it says is found once more."""
+"""Check a report again: that it does not contradict itself, that its files have not changed, and that its claims are
+proved once more. docs/report.md has a table of how each field is checked."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from math import isclose
+from math import inf, isclose
 from pathlib import Path
 
 import bpy
+import numpy as np
 
+from ..exchange.modifiers import applied_modifiers
+from ..exchange.shown_mesh import shown_modifiers
 from ..state.properties import set_scene_tolerance
+from ..tasks.deviation_task import Measured, MeasureTask
 from ..ui.printable import printable_lines
-from .arguments import MAKING, SUBDIVIDE
+from .arguments import MAKING, MEASURE, SUBDIVIDE
 from .blender_calls import CommandError
 from .chosen_objects import chosen_objects
-from .mesh_files import load, scene_unit
-from .one_file import ACTIONS, SETTINGS, evaluated_objects, measure_settings, settings_of, surfaces_of, with_answer
-from .report import FileEntry, FileStamp, ObjectEntry, read_report, stamp
-from .written_meshes import WrittenObject, measured_distances, read_written
+from .mesh_files import BLEND, load, scene_unit, unit_of
+from .one_file import (
+    ACTIONS,
+    SETTINGS,
+    evaluated_objects,
+    measure_settings,
+    measured_entry,
+    settings_of,
+    surfaces_of,
+    with_answer,
+)
+from .report import (
+    FORMAT_VERSION,
+    ROUNDING,
+    UNTOLD_OF_OBJECTS,
+    Chosen,
+    FileEntry,
+    FileStamp,
+    ObjectEntry,
+    Report,
+    read_report,
+    stamp,
+)
+from .written_meshes import GLB, STL, WrittenObject, measured_distances, read_written
 
-# Files hold some lengths in single precision.
-ROUNDING = 1e-6
+# Measure Deviation tells no distances apart that are within this part of the tolerance (docs/deviation.md).
+PART_OF_TOLERANCE = 1e-3
 
-EXACT = ("faces", "deepest", "level", "result_faces", "worst_frame")
+# A Subdivision Surface modifier has fewer levels.
+MOST_LEVELS = 16
+
+# What is as it was. Depths and levels may be larger than those that are proved now, and distances differ by ROUNDING.
+EXACT = ("faces", "result", "result_faces", "triangles", "closed", "oriented")
+AT_LEAST = ("deepest", "level")
 
 
 def verify(path: Path) -> bool:
@@ -35,7 +65,7 @@ def verify(path: Path) -> bool:
     are_good = []
     for entry in report.files:
         try:
-            faults = list(_faults(report.action, entry))
+            faults = list(_faults(report, entry))
         except (CommandError, OSError, ValueError) as fault:
             faults = [str(fault)]
         are_good.append(not faults)
@@ -44,24 +74,44 @@ def verify(path: Path) -> bool:
     return all(are_good)
 
 
-def _faults(action: str, entry: FileEntry) -> Iterator[str]:
+def _faults(report: Report, entry: FileEntry) -> Iterator[str]:
     """What does not hold of a file. Raises CommandError, OSError and ValueError when it cannot be checked."""
+    faults = [*_contradictions(report, entry), *other_file(entry.source), *other_file(entry.output)]
+    yield from faults
+    if faults:
+        return
+    largest = max(each.tolerance for each in entry.objects)
+    for said, found in zip(entry.objects, _found_anew(report.action, entry), strict=True):
+        told = found if report.version == FORMAT_VERSION else replace(found, **UNTOLD_OF_OBJECTS)
+        for difference in _differences(said, told, largest):
+            yield f"{said.name}: {difference}"
+
+
+def _contradictions(report: Report, entry: FileEntry) -> Iterator[str]:
+    """Why what is said of a file cannot be so, or cannot be checked, whatever is in its files."""
     if entry.error is not None:
         yield f"it failed: {entry.error}"
-        return
-    if not entry.objects:
+    elif not entry.objects:
         yield "the report names no objects"
-        return
-    if action == SUBDIVIDE and entry.output is None:
+    elif entry.chosen is None and report.version == FORMAT_VERSION:
+        yield "the report does not say which objects were asked for"
+    elif report.action == SUBDIVIDE and entry.output is None:
         yield "the adaptive mesh was not written, so that it cannot be checked"
-        return
-    others = [*other_file(entry.source), *other_file(entry.output)]
-    yield from others
-    if others:
-        return
-    for said, found in zip(entry.objects, _found_anew(action, entry), strict=True):
-        for difference in _differences(said, found):
-            yield f"{said.name}: {difference}"
+    for each in entry.objects:
+        if each.level is not None and each.level < (each.deepest or 0):
+            yield f"{each.name}: the report says deepest {each.deepest}, and level {each.level} for all faces"
+        if report.action == MEASURE and not _is_accurate(each):
+            yield f"{each.name}: the distances measured are not as near to each other as its accuracy says"
+
+
+def _is_accurate(entry: ObjectEntry) -> bool:
+    """Whether the distances of an object measured as it is are as near to each other as its settings say, or so small a
+    part of the tolerance that they need not be."""
+    accuracy = entry.settings.get("accuracy")
+    if entry.measured is None or not isinstance(accuracy, (int, float)):
+        return False
+    most = max((1 + accuracy) * entry.measured.reached, PART_OF_TOLERANCE * entry.tolerance)
+    return entry.measured.proved <= most * (1 + ROUNDING)
 
 
 def other_file(stamped: FileStamp | None) -> Iterator[str]:
@@ -78,47 +128,138 @@ def other_file(stamped: FileStamp | None) -> Iterator[str]:
 def _found_anew(action: str, entry: FileEntry) -> list[ObjectEntry]:
     """The entries of the objects, found anew: what was computed is computed again, and what was written measured."""
     objects = reopened(action, entry)
-    output = entry.output if action in MAKING else None
-    targets = [] if output is None else surfaces_of(objects)
-    if action == SUBDIVIDE:
-        found = [
-            replace(said, faces=len(each.data.polygons), measured=None, met=None)
-            for said, each in zip(entry.objects, objects, strict=True)
-        ]
-    else:
-        found = [each.entry for each in ACTIONS[action](objects, settings_of(action))]
-    if output is None:
+    output, scene = entry.output, scene_unit(bpy.context.scene)
+    if output is not None:
+        _refuse_other_output(output, scene)
+    targets = [] if output is None or action not in MAKING else surfaces_of(objects)
+    keep_modifiers = [_keeps_modifiers(each) for each in objects]
+    found = _computed_anew(action, entry.objects, objects)
+    if output is None or output.metres_per_unit is None or not targets:
         return found
-    if not output.metres_per_unit:
-        raise CommandError(f"the report does not say how long a unit of {output.path} is")
-    settings, scene = measure_settings(None), scene_unit(bpy.context.scene)
     written = [WrittenObject(each.result or each.name, each.triangles or 0) for each in entry.objects]
     parts = read_written(output.path, output.metres_per_unit / scene, written)
-    answers = [measured_distances(*pair, settings) for pair in zip(targets, parts, strict=True)]
-    return [with_answer(*pair, scene) for pair in zip(found, answers, strict=True)]
+    found = [_measured_anew(*each, scene) for each in zip(entry.objects, found, targets, parts, strict=True)]
+    if action == SUBDIVIDE:
+        found = [
+            each if keeps else _as_written(each, part, output, scene)
+            for each, part, keeps in zip(found, parts, keep_modifiers, strict=True)
+        ]
+    return found
+
+
+def _refuse_other_output(output: FileStamp, scene: float) -> None:
+    """Raise CommandError when a unit of a file that was written is not what it is in such a file."""
+    if not output.metres_per_unit:
+        raise CommandError(f"the report does not say how long a unit of {output.path} is")
+    is_blend = output.path.suffix.lower() == BLEND
+    _refuse_other_unit(output, scene if is_blend else unit_of(output.path, output.metres_per_unit))
+
+
+def _keeps_modifiers(blender_object: bpy.types.Object) -> bool:
+    """Whether an adaptive mesh of the object has modifiers that show, so that what is written is another mesh."""
+    use_modifiers = bpy.context.scene.ccdepth.use_modifiers
+    applied = applied_modifiers(blender_object, use_modifiers=use_modifiers)
+    return any(each not in applied for each in shown_modifiers(blender_object))
+
+
+def _computed_anew(
+    action: str, entries: Sequence[ObjectEntry], objects: Sequence[bpy.types.Object]
+) -> list[ObjectEntry]:
+    """The entries of what was not written, found anew. Of adaptive meshes, which are not made again, it has what the
+    report says of how they were made."""
+    settings, pairs = settings_of(action), list(zip(entries, objects, strict=True))
+    if action == SUBDIVIDE:
+        return [
+            ObjectEntry(
+                said.name,
+                settings,
+                said.tolerance,
+                len(each.data.polygons),
+                result=said.result or "",
+                result_faces=said.result_faces or 0,
+                deepest=said.deepest or 0,
+                proved=0.0,
+            )
+            for said, each in pairs
+        ]
+    if action == MEASURE:
+        # As long as it takes.
+        bpy.context.scene.ccdepth.time_limit = 0.0
+        return [measured_entry(each, settings, _told(said)) for said, each in pairs]
+    found = [each.entry for each in ACTIONS[action](objects, settings)]
+    return [_at_the_level(*pair) for pair in zip(entries, found, strict=True)]
+
+
+def _at_the_level(said: ObjectEntry, found: ObjectEntry) -> ObjectEntry:
+    """The entry found anew with the faces there are at the level that the report says, where a lower one is proved:
+    each level has four for one, and the first a face for each corner."""
+    more = min(said.level or 0, MOST_LEVELS) - (found.level or 0)
+    if more <= 0 or found.result_faces is None:
+        return found
+    return replace(found, result_faces=found.result_faces * 4**more if found.level else said.result_faces)
+
+
+def _measured_anew(
+    said: ObjectEntry, found: ObjectEntry, target: MeasureTask, part: Measured, unit: float
+) -> ObjectEntry:
+    """The entry with a part of a file measured: until it is known whether it is as near as the report says."""
+    tolerance = target.surface.tolerance
+    surface = replace(target.surface, tolerance=min(tolerance, _told(said) / unit))
+    answer = measured_distances(replace(target, surface=surface), part, measure_settings(None))
+    return with_answer(found, replace(answer, tolerance=tolerance), part, unit)
+
+
+def _as_written(found: ObjectEntry, part: Measured, output: FileStamp, scene: float) -> ObjectEntry:
+    """The entry of an adaptive mesh with its faces, as far as the file has them, and with the least distance that can
+    have been proved of it before it was written.
+
+    The file holds what was proved but for roundings. Writer and reader place it with matrices in single precision, at
+    most a dozen roundings of 2⁻²⁴ in each of three coordinates: √3 · 12 · 2⁻²⁴ < 1.3e-6 of the largest coordinate. .obj
+    files have six decimals: √3 / 2 · 1e-6 of a unit. Twice ROUNDING of both is more.
+    """
+    assert found.measured is not None
+    assert output.metres_per_unit is not None
+    size = float(np.abs(part.shown.positions_from(np.zeros(3))).max()) * scene
+    least = max(0.0, found.measured.reached - ROUNDING * 2 * (size + output.metres_per_unit))
+    # Other files hold triangles alone, of which there are no fewer than faces.
+    if output.path.suffix.lower() in (STL, GLB):
+        faces = min(found.result_faces or 0, len(part.shown.triangles.corners))
+    else:
+        faces = len(np.unique(part.shown.triangles.faces))
+    return replace(found, result_faces=faces, proved=least)
+
+
+def _told(said: ObjectEntry) -> float:
+    """The largest distance, in metres, that an entry tells of what was measured, but for rounding."""
+    return inf if said.measured is None else said.measured.proved * (1 + ROUNDING)
 
 
 def reopened(action: str, entry: FileEntry) -> list[bpy.types.Object]:
-    """Open the file of an entry, with its settings in the scene: the objects of the entry. Raises
-    CommandError."""
-    source = entry.source
+    """Open the file of an entry, with its settings in the scene: the objects of the entry. Raises CommandError, also
+    when these are not all that were asked for."""
+    source, names = entry.source, [each.name for each in entry.objects]
     path, unit = (None, None) if source is None else (source.path, source.metres_per_unit)
     load(path, unit)
     if source is not None:
-        _refuse_other_unit(source)
-    objects, error = evaluated_objects(path, chosen_objects(path, [each.name for each in entry.objects]))
+        _refuse_other_unit(source, scene_unit(bpy.context.scene))
+    chosen = entry.chosen or Chosen(names, None)
+    objects, error = evaluated_objects(path, chosen_objects(path, chosen.objects, chosen.collection))
     if error is not None:
         raise CommandError(error)
     by_name = {each.name: each for each in objects}
+    others = by_name.keys() ^ set(names)
+    if others or len(by_name) != len(names):
+        raise CommandError(f"its objects are not those that were asked for, each once: {', '.join(sorted(others))}")
     _take_settings(action, entry.objects)
-    return [by_name[each.name] for each in entry.objects]
+    return [by_name[name] for name in names]
 
 
-def _refuse_other_unit(source: FileStamp) -> None:
-    """Raise CommandError when the open file's unit is not the one in the report."""
-    unit = scene_unit(bpy.context.scene)
-    if source.metres_per_unit is None or not isclose(source.metres_per_unit, unit, rel_tol=ROUNDING):
-        raise CommandError(f"the report says that a unit of it is {source.metres_per_unit} m, but it is {unit} m")
+def _refuse_other_unit(stamped: FileStamp, unit: float) -> None:
+    """Raise CommandError when a unit of a file, in metres, is not the one in the report."""
+    if stamped.metres_per_unit is None or not isclose(stamped.metres_per_unit, unit, rel_tol=ROUNDING):
+        raise CommandError(
+            f"the report says that a unit of {stamped.path} is {stamped.metres_per_unit} m, but it is {unit} m"
+        )
 
 
 def _take_settings(action: str, entries: Sequence[ObjectEntry]) -> None:
@@ -134,21 +275,48 @@ def _take_settings(action: str, entries: Sequence[ObjectEntry]) -> None:
         raise CommandError(f"the settings in the report cannot be used: {fault}") from fault
 
 
-def _differences(said: ObjectEntry, found: ObjectEntry) -> Iterator[str]:
-    for name in EXACT:
-        if getattr(said, name) != getattr(found, name):
-            yield f"the report says {name} {getattr(said, name)}, but it is {getattr(found, name)}"
-    for name in ("tolerance", "proved"):
-        one, other = getattr(said, name), getattr(found, name)
-        if (one is None) != (other is None) or (one is not None and not isclose(one, other, rel_tol=ROUNDING)):
-            yield f"the report says {name} {one} m, but it is {other} m"
+def _differences(said: ObjectEntry, found: ObjectEntry, largest: float) -> Iterator[str]:
+    """What of an object is not as the report says. largest: the largest tolerance of the objects in its file."""
+    wrong = [name for name in EXACT if getattr(said, name) != getattr(found, name)]
+    wrong += [name for name in AT_LEAST if not _is_at_least(getattr(said, name), getattr(found, name))]
+    if not isclose(said.tolerance, found.tolerance, rel_tol=ROUNDING):
+        wrong.append("tolerance")
+    # A version that proves lower depths and levels tells of other distances and frames.
+    is_lower = any(getattr(said, name) != getattr(found, name) for name in AT_LEAST)
+    one, other = said.worst_frame, found.worst_frame
+    if (one is None) != (other is None) or (one != other and not is_lower):
+        wrong.append("worst_frame")
+    # Over frames the tolerance told is the smallest one, if they differ.
+    is_smallest = other is not None and said.settings["tolerance_mode"] == "RELATIVE"
+    most = inf if is_smallest or found.proved is None else max(largest, found.proved)
+    least = 0.0 if is_lower and found.proved is not None else found.proved
+    if not _is_at_least(said.proved, least) or (said.proved or 0.0) > most * (1 + ROUNDING):
+        wrong.append("proved")
+    for name in wrong:
+        yield f"the report says {name} {getattr(said, name)}, but it is {getattr(found, name)}"
+    yield from _measured_differences(said, found)
+
+
+def _is_at_least(one: float | None, other: float | None) -> bool:
+    """Whether a number is at least another one, but for rounding; or there is neither."""
+    if one is None or other is None:
+        return one is other
+    return one * (1 + ROUNDING) >= other
+
+
+def _measured_differences(said: ObjectEntry, found: ObjectEntry) -> Iterator[str]:
+    """What of the distances measured is not as the report says."""
     one, other = said.measured, found.measured
-    # Each pair holds the true distance, so both have a part in common.
-    if one is not None and other is not None and (one.proved < other.reached or other.proved < one.reached):
-        yield (
-            f"the report says a distance from {one.reached} m to {one.proved} m, but it is from {other.reached} m "
-            f"to {other.proved} m"
-        )
+    if one is None and other is not None:
+        yield "the report does not say how far what was written is from the limit surface"
+    elif one is not None and other is not None:
+        # Where it is not within the tolerance, it is measured no nearer than that.
+        is_proved = other.proved <= _told(said) or not said.met
+        if not is_proved or other.reached > _told(said) or one.reached > other.proved * (1 + ROUNDING):
+            yield (
+                f"the report says a distance from {one.reached} m to {one.proved} m, but it is from {other.reached} m "
+                f"to {other.proved} m"
+            )
     if found.met is False:
         yield "it is not proved to be within the tolerance"
     elif found.met is None and (said.met is not None or said.measured is not None):

@@ -34,6 +34,29 @@ class WrittenObject:
     triangles: int
 
 
+@dataclass(frozen=True)
+class Edges:
+    """How triangles lie around the edges of a mesh.
+
+    are_closed: whether each edge is one of two triangles, or of another even number: the mesh has no border.
+    are_oriented: whether at each edge as many triangles run along it one way as the other, or one more at most: those
+    beside each other have the same side outside.
+    """
+
+    are_closed: bool
+    are_oriented: bool
+
+    @classmethod
+    def of(cls, triangles: Triangles) -> Edges:
+        starts, ends = triangles.corners.ravel(), np.roll(triangles.corners, -1, axis=1).ravel()
+        # A triangle with two corners at one vertex has an edge there that is none, and passes the other one twice.
+        starts, ends = starts[starts != ends], ends[starts != ends]
+        pairs = np.minimum(starts, ends) * len(triangles.positions) + np.maximum(starts, ends)
+        _, edges = np.unique(pairs, return_inverse=True)
+        turns = np.bincount(edges, weights=np.where(starts < ends, 1.0, -1.0))
+        return cls(not np.any(np.bincount(edges) % 2), not np.any(np.abs(turns) > 1))
+
+
 def shown_triangles(blender_object: bpy.types.Object) -> int:
     """How many triangles the object shows. Raises CommandError."""
     return len(_shown(blender_object).triangles.corners)

@@ -235,7 +235,7 @@ def test_what_is_not_made_adaptively_is_checked_again_as_well(tmp_path: Path, ac
         ("file objects", [], "names no objects"),
         ("file output", None, "was not written"),
         ("file met", False, "does not agree"),
-        ("file input metres_per_unit", 0.001, "the report says that a unit of it is 0.001 m"),
+        ("file input metres_per_unit", 0.001, "cube.blend is 0.001 m, but it is 1.0 m"),
         ("file output metres_per_unit", 0, "how long a unit of"),
         ("file output metres_per_unit", 1.0, "not proved to be within the tolerance"),
         ("object measured", None, "do not agree"),
@@ -314,8 +314,14 @@ def test_the_standard_output_holds_the_report_alone(tmp_path: Path, capfd: Captu
         ("{}", "not a CC Depth report"),
         ("no JSON", "not a CC Depth report"),
         ("[]", "not a CC Depth report"),
-        ('{"format": "ccdepth-report", "version": 2}', "version 2"),
-        ('{"format": "ccdepth-report", "version": 1, "action": "depths", "files": [{}]}', "not a CC Depth report"),
+        *(
+            (f'{{"format": "ccdepth-report", "version": {number}}}', f"it is a report of version {said}, and this")
+            for number, said in (("3", 3), ("true", True), ("2.0", 2.0), ("0", 0), ('"2"', 2))
+        ),
+        *(
+            (f'{{"format": "ccdepth-report", "version": {number}, "action": "depths", "files": [{{}}]}}', "not a CC")
+            for number in (1, 2)
+        ),
     ],
 )
 def test_what_is_no_report(tmp_path: Path, text: str, message: str, capfd: Capture) -> None:

@@ -1,0 +1,365 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Reports of all kinds, in which one field after the other is forged."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+import shutil
+from collections.abc import Callable, Iterator, Set
+from copy import deepcopy
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+from tests import meshes
+from tests.blender import addon, scene
+from tests.blender.command_line_runs import Capture, run, said, save, skip_unless_written
+from tests.blender.test_frames import with_a_shape_key
+from tests.blender.test_report import OTHERS, SCHEMA, claim, report_in
+from tests.thorough import each
+
+DOCS = SCHEMA.with_name("report.md")
+
+ABSOLUTE = ("--absolute", "--tolerance", "250mm")
+# Levels and vertices that ask for more than others, so that what is forged asks for more.
+LOW = (*ABSOLUTE, "--method", "certified", "--vertices", "limit")
+
+ONE = ("--objects", "One")
+
+# Reports by kind: the file that is read, and what is done with it. {} is the folder.
+KINDS: dict[str, tuple[str, tuple[str, ...]]] = {
+    "depths": ("mirrored.blend", (*LOW, "--output", "{}/depths.blend")),
+    "frames": ("animated.blend", (*LOW, "--frames", "1,4,8")),
+    "levels": ("mirrored.blend", (*LOW, "--levels", "--collection", "Some", "--output", "{}/levels.ply")),
+    "subdivide": ("mirrored.blend", (*ABSOLUTE, "--subdivide", "--objects", "One", "Two", "--output", "{}/made.obj")),
+    "blend": ("mirrored.blend", ("--tolerance", "2%", "--subdivide", "--output", "{}/made.blend")),
+    "reduce": (
+        "mirrored.blend",
+        (*ABSOLUTE, "--subdivide", "--reduce", *ONE, "--output", "{}/reduced.stl", "--unit", "cm"),
+    ),
+    "measure": ("mirrored.blend", ("--absolute", "--tolerance", "2m", "--measure", *ONE, "--accuracy", "0.3")),
+}
+
+
+@cache
+def fields(schema_part: str = "") -> dict[str, list[str]]:
+    """The fields of the schema by their paths, with the types they can have."""
+    schema = json.loads(SCHEMA.read_text(encoding="utf-8"))
+
+    def walk(part: dict[str, Any], path: str) -> Iterator[tuple[str, list[str]]]:
+        types = list(np.atleast_1d(part.get("type", [])))
+        for other in [part, *part.get("anyOf", ())]:
+            types += ["null"] if other.get("type") == "null" else []
+            target = schema["$defs"][other["$ref"].removeprefix("#/$defs/")] if "$ref" in other else other
+            for name, field in target.get("properties", {}).items():
+                yield from walk(field, f"{path}.{name}".removeprefix("."))
+            if "items" in target:
+                yield from walk(target["items"], f"{path}[]")
+        yield path, types
+
+    return {path: types for path, types in walk(schema, schema_part) if path and not path.endswith("[]")}
+
+
+@cache
+def checked_how() -> dict[str, str]:
+    """How each field is checked, by its path, as the tables of docs/report.md say."""
+    found, prefix = {}, None
+    for line in DOCS.read_text(encoding="utf-8").splitlines():
+        cells = [cell.strip() for cell in line.strip().strip("|").split("|")]
+        if cells[1:] == ["says", "checked"]:
+            prefix = "" if cells[0] == "`report`" else cells[0].strip("`") + "."
+        elif not line.startswith("|"):
+            prefix = None
+        elif prefix is not None and not set(line) <= set("|-"):
+            found.update({prefix + name: cells[2] for name in re.findall(r"`([^`]*)`", cells[0])})
+    return found
+
+
+def test_the_tables_have_all_fields_of_the_schema() -> None:
+    assert sorted(checked_how()) == sorted(fields())
+
+
+@pytest.fixture(scope="module")
+def reports(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    """Makes the report of a kind, once, beside its files; nobody changes them."""
+    folder = tmp_path_factory.mktemp("reports")
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    scene.clear()
+    for index, name in enumerate(("One", "Two", "Other")):
+        cube = scene.add_object(meshes.cube(), name)
+        cube.location.x, cube.scale = 10.0 * index, (1.0, 1.0, 1.0 + index)
+        # Without it there are half as many faces.
+        cube.modifiers.new("Mirror", "MIRROR").use_axis = (False, False, True)
+        cube.modifiers["Mirror"].use_mirror_merge = False
+        cube.modifiers.new("Move", "DISPLACE").strength = 1.0
+    some = bpy.data.collections.new("Some")
+    bpy.context.scene.collection.children.link(some)
+    some.objects.link(bpy.data.objects["Two"])
+    save(folder / "mirrored.blend")
+    scene.clear()
+    cube = with_a_shape_key(scene.add_object(meshes.cube()))
+    cube.modifiers.new("Move", "DISPLACE").strength = -0.2
+    bpy.context.scene.frame_set(1)
+    save(folder / "animated.blend")
+
+    @cache
+    def made(kind: str) -> Path:
+        source, options = KINDS[kind]
+        report = folder / f"{kind}.json"
+        line = [each.format(folder) for each in options]
+        assert run(line[0], *line[1:], "--json", report, "--", folder / source) == 0
+        return report
+
+    return made
+
+
+def places(content: Any, path: str = "") -> Iterator[tuple[str, Any, str]]:
+    """The fields of a report: the path, and what holds it under which name. Of lists of entries the last one."""
+    for name, value in content.items():
+        here = f"{path}.{name}".removeprefix(".")
+        yield here, content, name
+        if isinstance(value, list) and value and isinstance(value[0], dict):
+            yield from places(value[-1], f"{here}[]")
+        elif isinstance(value, dict):
+            yield from places(value, here)
+
+
+OBJECT = "files[].objects[]."
+SETTINGS = f"{OBJECT}settings."
+
+# Other values, of those that are not true as well.
+FALSE: dict[str, Callable[[Any], list[Any]]] = {
+    "version": lambda _: [1.5, 3, True, "2"],
+    "action": lambda value: [each for each in ("depths", "levels", "subdivide", "measure") if each != value],
+    "files": lambda _: [[]],
+    "files[].objects": lambda value: [value[:-1], [*value, value[-1]], [*value, {**value[-1], "name": "Nobody"}]],
+    "files[].chosen.objects": lambda value: [["One"], ["Nobody"]] if value is None else [None, [], ["Two"]],
+    "files[].chosen.collection": lambda value: ["Nobody", "Some"] if value is None else [None, "Nobody"],
+    f"{OBJECT}deepest": lambda value: [3] if value is None else [None, value - 1],
+    f"{OBJECT}level": lambda value: [3] if value is None else [None, value - 1],
+    f"{OBJECT}worst_frame": lambda value: [3] if value is None else [None, 1, 9],
+    f"{OBJECT}measured.reached": lambda value: [1000 * value, -value],
+    f"{OBJECT}measured.proved": lambda value: [0.0, 1000 * value],
+    f"{SETTINGS}accuracy": lambda value: [value / 1000, -1.0, None],
+    f"{SETTINGS}method": lambda _: ["FIRST_ORDER", "GUESSED"],
+    f"{SETTINGS}vertices": lambda _: ["CONTROL", "NONE"],
+    f"{SETTINGS}tolerance_mode": lambda value: ["RELATIVE" if value == "ABSOLUTE" else "ABSOLUTE"],
+    f"{SETTINGS}frames": lambda value: ["CUSTOM", "NONE"] if value == "CURRENT" else ["CURRENT", "NONE"],
+    f"{SETTINGS}frame_list": lambda _: ["1-4", "no frames", "9-12"],
+}
+
+# What docs/report.md says of kinds.
+UNCHECKED = {
+    *((kind, f"{OBJECT}deepest") for kind in ("subdivide", "blend", "reduce")),
+    *((kind, f"{SETTINGS}frame_list") for kind in ("depths", "levels")),
+    *((kind, "files[].output") for kind in ("depths", "frames", "measure")),
+    # The name is not in the file.
+    ("reduce", f"{OBJECT}result"),
+}
+
+
+# What reports of all kinds have, and is checked in the same way.
+ALIKE = {
+    *(path for path in fields() if not path.startswith((OBJECT, "files[].output"))),
+    *(f"{SETTINGS}{name}" for name in ("tolerance", "tolerance_mode", "use_modifiers", "method", "vertices")),
+    *(f"{OBJECT}{name}" for name in ("name", "settings", "faces", "tolerance")),
+}
+
+
+def forgeries(kind: str, path: str, value: Any) -> list[Any]:
+    """Values that a field does not have."""
+    types = fields()[path]
+    if checked_how()[path].startswith("not checked") or (kind, path) in UNCHECKED:
+        return []
+    if path in FALSE:
+        return FALSE[path](value)
+    others: list[Any] = [None]
+    if value is None:
+        others = [{"string": "x", "integer": 3, "number": 0.01, "boolean": True}.get(each, {}) for each in types]
+        return [each for each, name in zip(others, types, strict=True) if name != "null"]
+    if isinstance(value, bool):
+        return [not value, None]
+    if isinstance(value, int):
+        # Of .stl files there are as many triangles as faces at least.
+        return [value + 1, None] if kind != "reduce" else [100 * value, None]
+    if isinstance(value, float):
+        return [value / 2, 1000 * value, None]
+    return [value + "x", None] if isinstance(value, str) else [{}, None]
+
+
+def all_forgeries(kind: str, content: dict[str, Any], alike: Set[str]) -> Iterator[tuple[str, Any, dict[str, Any]]]:
+    """The paths of fields but for those alike, other values of theirs, and reports that say so."""
+    for path, holder, name in places(content):
+        if path in alike:
+            continue
+        for other in forgeries(kind, path, holder[name]):
+            before, holder[name] = holder[name], other
+            yield path, other, deepcopy(content)
+            holder[name] = before
+
+
+def undetected(report: Path, kind: str, capfd: Capture, alike: Set[str] = frozenset()) -> list[tuple[str, Any]]:
+    """The fields of a report that can be forged, but for those alike, and the values that they can be given."""
+    assert run("--verify", report) == 0
+    passed = []
+    for path, other, forged in all_forgeries(kind, report_in(report), alike):
+        capfd.readouterr()
+        if run("--verify", claim(report.with_name("forged.json"), forged)) != 1:
+            passed.append((path, other))
+    return passed
+
+
+@pytest.mark.parametrize("kind", each(KINDS, short=KINDS.keys() - {"blend", "reduce"}))
+def test_what_is_forged_does_not_pass(kind: str, reports: Callable[[str], Path], capfd: Capture) -> None:
+    assert not undetected(reports(kind), kind, capfd, ALIKE if kind != "depths" else frozenset())
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "depths"])
+def test_what_all_reports_have_is_forged_in_each(kind: str, reports: Callable[[str], Path], capfd: Capture) -> None:
+    assert not undetected(reports(kind), kind, capfd)
+
+
+@pytest.mark.parametrize("kind", ["subdivide", "levels", "measure"])
+def test_distances_are_proved_again(kind: str, reports: Callable[[str], Path], capfd: Capture) -> None:
+    """Those told agree with each other and with the tolerance, and are smaller than those that are there."""
+    content = report_in(reports(kind))
+    entry = content["files"][0]["objects"][0]
+    reached = entry["measured"]["reached"]
+    for share, is_true in ((0.97, False), (1.3, True)):
+        entry["measured"] = {"proved": min(share * reached, entry["tolerance"]), "reached": 0.9 * reached}
+        if kind == "measure":
+            entry["settings"]["accuracy"] = 0.5
+        capfd.readouterr()
+        assert run("--verify", claim(reports(kind).with_name("claimed.json"), content)) == (0 if is_true else 1)
+        assert ("the report says a distance" in capfd.readouterr().out) == (not is_true)
+
+
+OLD = Path(__file__).with_name("version_1")
+
+
+@pytest.mark.parametrize("name", ["depths", "made", "measure"])
+def test_reports_of_version_1_are_read(name: str, tmp_path: Path, capfd: Capture) -> None:
+    """They were written by 308a89a; their kinds of faults are found."""
+    shutil.copytree(OLD, tmp_path, dirs_exist_ok=True)
+    assert run("--verify", tmp_path / f"{name}.json") == 0
+    content = json.loads((tmp_path / f"{name}.json").read_text(encoding="utf-8"))
+    assert content["version"] == 1
+    for field, value in (("faces", 7), ("worst_frame", 3), ("tolerance", 1e-4), ("closed", 7)):
+        forged = deepcopy(content)
+        forged["files"][0]["objects"][0][field] = value
+        # Of this field version 1 knows nothing.
+        assert run("--verify", claim(tmp_path / "forged.json", forged)) == (0 if field == "closed" else 1)
+    folder = tmp_path / "reports"
+    folder.mkdir()
+    shutil.copy(tmp_path / f"{name}.json", folder)
+    assert "another version" in said(capfd, "--gather", folder, "--json", tmp_path / "gathered.json")
+
+
+def test_what_a_report_says_of_old_files_holds_without_the_new_fields(
+    reports: Callable[[str], Path], capfd: Capture
+) -> None:
+    content = report_in(reports("subdivide"))
+    [entry] = content["files"]
+    content["version"] = 1
+    del entry["chosen"]
+    for each_object in entry["objects"]:
+        del each_object["closed"], each_object["oriented"]
+        each_object["settings"]["accuracy"] = 0.05
+    assert run("--verify", claim(reports("subdivide").with_name("old.json"), content)) == 0
+    content["version"] = 2
+    assert "not a CC Depth report" in said(
+        capfd, "--verify", claim(reports("subdivide").with_name("old.json"), content)
+    )
+    entry["chosen"] = {"objects": ["One", "Two"], "collection": None}
+    assert "fields are missing or unknown: closed, oriented" in said(
+        capfd, "--verify", claim(reports("subdivide").with_name("old.json"), content)
+    )
+
+
+@pytest.mark.parametrize("place", ["report", "file", "object", "input", "measured", "settings", "chosen"])
+def test_fields_that_no_report_has_do_not_pass(place: str, reports: Callable[[str], Path]) -> None:
+    content = report_in(reports("subdivide"))
+    [entry] = content["files"]
+    first = entry["objects"][0]
+    holders = {"report": content, "file": entry, "object": first}
+    holder = holders.get(place) or entry.get(place) or first[place]
+    holder["approved"] = True
+    assert run("--verify", claim(reports("subdivide").with_name("more.json"), content)) == 1
+
+
+def test_lower_levels_and_last_digits_are_no_failure(
+    reports: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A report of a program that knows no better than the first-order bound, and of one that rounds otherwise."""
+    report = reports("depths")
+    content = report_in(report)
+    entries = content["files"][0]["objects"]
+    source = report.with_name("mirrored.blend")
+    weak = report.with_name("weak.json")
+    assert run(source, *ABSOLUTE, "--method", "first-order", "--vertices", "limit", "--json", weak) == 0
+    weaker = report_in(weak)["files"][0]["objects"]
+    assert all(one["level"] > other["level"] for one, other in zip(weaker, entries, strict=True))
+    for one, other in zip(weaker, entries, strict=True):
+        other |= {name: one[name] for name in ("deepest", "level", "proved")}
+    assert run("--verify", claim(report.with_name("claimed.json"), content)) == 0
+    for kind in ("depths", "subdivide", "measure"):
+        for factor in (1 - 5e-7, 1 + 5e-7):
+            content = report_in(reports(kind))
+            for each_object in content["files"][0]["objects"]:
+                for holder in (each_object, each_object["measured"] or {}):
+                    for name in holder.keys() & {"tolerance", "proved", "reached"}:
+                        holder[name] = holder[name] and holder[name] * factor
+            assert run("--verify", claim(report.with_name("rounded.json"), content)) == 0, (kind, factor)
+
+
+@pytest.mark.parametrize("suffix", each([".blend", *OTHERS], short=[".stl", ".obj", ".glb"]))
+def test_closed_and_oriented_meshes_are_told(suffix: str, tmp_path: Path) -> None:
+    """One of each kind; files say so whatever else they keep."""
+    skip_unless_written(suffix)
+    scene.add_object(meshes.cube(), "Cube")
+    grid = scene.add_object(meshes.grid(3, 3), "Grid")
+    turned = scene.add_object(meshes.cube(), "Turned")
+    turned.data.polygons[0].flip()
+    for index, each_object in enumerate((grid, turned)):
+        each_object.location.x = 10.0 * (index + 1)
+    report, table = tmp_path / "report.json", tmp_path / "report.csv"
+    source = save(tmp_path / "kinds.blend")
+    line = [*ABSOLUTE, "--subdivide", "--output", tmp_path / f"made{suffix}", "--json", report, "--csv", table]
+    assert run(source, *line) == 0
+    kinds = {one["name"]: (one["closed"], one["oriented"]) for one in report_in(report)["files"][0]["objects"]}
+    assert kinds == {"Cube": (True, True), "Grid": (False, True), "Turned": (True, False)}
+    rows = list(csv.DictReader(table.open(encoding="utf-8")))
+    assert [(row["closed"], row["oriented"]) for row in rows] == [("yes", "yes"), ("no", "yes"), ("yes", "no")]
+    assert run("--verify", report) == 0
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_edges_are_counted_as_by_hand(seed: int) -> None:
+    module = addon.module("command_line.written_meshes")
+    shown = addon.module("exchange.shown_mesh")
+    generator = np.random.default_rng(seed)
+    # Few vertices, so that edges are shared in every way, and some triangles have two corners at one.
+    corners = generator.integers(0, 4, (int(generator.integers(1, 6)), 3))
+    passed: dict[tuple[int, int], list[int]] = {}
+    for triangle in corners.tolist():
+        for start, end in zip(triangle, [*triangle[1:], triangle[0]], strict=True):
+            if start != end:
+                passed.setdefault((min(start, end), max(start, end)), []).append(1 if start < end else -1)
+    edges = module.Edges.of(shown.Triangles(np.zeros((4, 3)), corners, np.arange(len(corners))))
+    assert edges.are_closed == all(len(each_edge) % 2 == 0 for each_edge in passed.values())
+    assert edges.are_oriented == all(abs(sum(each_edge)) <= 1 for each_edge in passed.values())
+
+
+def test_an_entry_in_a_line_is_the_same(reports: Callable[[str], Path]) -> None:
+    """What another process tells of a file, for --jobs."""
+    module = addon.module("command_line.report")
+    for kind in KINDS:
+        for entry in module.read_report(reports(kind)).files:
+            assert module.entry_of_line(module.entry_line(entry)) == entry
