@@ -22,6 +22,7 @@ from tests.blender import addon, scene
 from tests.blender.command_line_runs import Capture, run, said, save, skip_unless_written
 from tests.blender.test_frames import with_a_shape_key
 from tests.blender.test_report import OTHERS, SCHEMA, claim, report_in
+from tests.blender.test_scripted_drivers import rig
 from tests.thorough import each
 
 DOCS = SCHEMA.with_name("report.md")
@@ -241,6 +242,20 @@ def test_distances_are_proved_again(kind: str, reports: Callable[[str], Path], c
         assert ("the report says a distance" in capfd.readouterr().out) == (not is_true)
 
 
+def test_a_report_does_not_hide_what_failed(tmp_path: Path, capfd: Capture) -> None:
+    """An object whose driver did not run is not in the list; the others are."""
+    source, report = rig(tmp_path / "rig.blend"), tmp_path / "report.json"
+    assert run(source, *ABSOLUTE, "--json", report) == 1
+    content = report_in(report)
+    [entry] = content["files"]
+    assert [each_object["name"] for each_object in entry["objects"]] == ["Plain"]
+    # What says that all is well agrees with itself, and the object is not there.
+    content["met"], entry["met"], entry["error"] = True, True, None
+    capfd.readouterr()
+    assert run("--verify", claim(report, content)) == 1
+    assert "“Driven” depends on a driver" in capfd.readouterr().out
+
+
 OLD = Path(__file__).with_name("version_1")
 
 
@@ -319,6 +334,7 @@ def test_lower_levels_and_last_digits_are_no_failure(
             assert run("--verify", claim(report.with_name("rounded.json"), content)) == 0, (kind, factor)
 
 
+@pytest.mark.every_blender
 @pytest.mark.parametrize("suffix", each([".blend", *OTHERS], short=[".stl", ".obj", ".glb"]))
 def test_closed_and_oriented_meshes_are_told(suffix: str, tmp_path: Path) -> None:
     """One of each kind; files say so whatever else they keep."""

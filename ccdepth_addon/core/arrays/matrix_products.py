@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Matrix products on the calling thread, whose bits depend on the numbers alone.
+"""Matrix products on the calling thread, the same for a column whatever stands beside it.
 
 The libraries behind numpy's own products differ between Blender versions. Some spread a large product over threads of
 their own, which compete with those of ``threads``, and split it by the number of processors; some are slow. ``einsum``
