@@ -142,14 +142,16 @@ class Drawn:
     bounds: FloatArray
 
 
-def drawn(data: meshes.MeshData, tolerance: float, transitions: str, world: FloatArray | None = None) -> Drawn:
+def drawn(
+    data: meshes.MeshData, tolerance: float, transitions: str, world: FloatArray | None = None, mode: str = "ADAPTIVE"
+) -> Drawn:
     """tolerance: in the unit of the positions. world: (3, 3), of the object that has the data in the scene."""
     world = np.eye(3) if world is None else world
     adaptive, rules = addon.module("core.adaptive.planner"), addon.module("core.surface.sharpness")
     templates, request = addon.module("core.adaptive.templates"), addon.module("core.adaptive.request")
     base = rules.apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
     asked = request.AdaptiveRequest(
-        tolerance, request.Mode.ADAPTIVE, templates.Transitions(transitions), MOST_FACES, world
+        tolerance, request.Mode(mode), templates.Transitions(transitions), MOST_FACES, world
     )
     positions = base.positions @ np.linalg.inv(world).T
     found = adaptive.subdivide_adaptively(base, asked, positions)
@@ -225,7 +227,12 @@ def points_of_triangles(points: FloatArray) -> FloatArray:
 
 
 def assert_within(
-    data: meshes.MeshData, level: int, relative: dict[float, str], slack: float, world: FloatArray | None = None
+    data: meshes.MeshData,
+    level: int,
+    relative: dict[float, str],
+    slack: float,
+    world: FloatArray | None = None,
+    mode: str = "ADAPTIVE",
 ) -> None:
     """Both ways at each of these tolerances, with these transitions."""
     diagonal = float(np.linalg.norm(np.ptp(data.positions, axis=0)))
@@ -236,7 +243,7 @@ def assert_within(
     # Blender's trees compute in single precision as well.
     slack *= rounding(data, level)
     for tolerance, transitions in relative.items():
-        mesh = drawn(data, tolerance * diagonal, transitions, world)
+        mesh = drawn(data, tolerance * diagonal, transitions, world, mode)
         assert_mesh_near_surface(mesh, faces, surface, tolerance * diagonal, slack)
         assert_surface_near_mesh(mesh, surface, tolerance * diagonal, slack)
 
@@ -256,6 +263,12 @@ def marked() -> list[object]:
 def test_within_the_tolerance_both_ways(name: str, relative: float) -> None:
     level, transitions = TOLERANCES[relative]
     assert_within(meshes.single_precision(CASES[name].build()), level, {relative: transitions}, slack=2)
+
+
+@pytest.mark.parametrize("name", ["valences 3 and 9", "n-gons", "not manifold", "landscape with creases"])
+def test_faces_with_one_depth_are_within_the_tolerance_both_ways(name: str) -> None:
+    data = meshes.single_precision(CASES[name].build())
+    assert_within(data, 4, {COARSE: "TRIANGLES", MIDDLE: "NGONS"}, slack=2, mode="PER_FACE")
 
 
 # Of objects: what they do to their meshes, so unevenly that Blender does not see the polygons as they are in the scene.

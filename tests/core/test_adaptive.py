@@ -16,13 +16,12 @@ from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, count_faces, subdi
 from ccdepth_addon.core.adaptive.quadtree import NONE
 from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.templates import Transitions
-from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
+from ccdepth_addon.core.arrays.types import IndexArray
 from ccdepth_addon.core.deviation import measure_deviation
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.evaluation import limit_values
 from ccdepth_addon.core.surface.limit_normals import limit_normals
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
-from ccdepth_addon.core.surface.surface_points import SurfacePoints
 from tests import meshes, soundness
 from tests.thorough import combinations
 
@@ -194,95 +193,11 @@ def test_few_faces_are_as_near_as_proved(name: str) -> None:
 
 
 def drawn(found: AdaptiveMesh) -> IndexArray:
-    """(T, 3) the vertices of its triangles."""
-    return found.mesh.corner_vertices[triangles_of(found)[0]].astype(np.intp)
-
-
-def triangles_of(found: AdaptiveMesh) -> tuple[IndexArray, IndexArray]:
-    """(T, 3) corners of the mesh that faces are drawn as triangles between, as fans; and (T,) the face of each."""
+    """(T, 3) the vertices of the triangles that faces are drawn as, in fans."""
     starts, sizes = found.mesh.face_starts[:-1], soundness.sizes(found.mesh)
-    larger = [np.flatnonzero(sizes > place + 1) for place in range(1, sizes.max() - 1)]
-    corners = [starts[faces, None] + [0, place, place + 1] for place, faces in enumerate(larger, 1)]
-    return np.concatenate(corners), np.concatenate(larger)
-
-
-def from_square(mesh: PolygonMesh, faces: IndexArray, places: FloatArray) -> SurfacePoints:
-    """Points (N, 2) in the unit squares of quads as points of the surface; those on two quarters are in either."""
-    right, upper = places[:, 0] > 0.5, places[:, 1] > 0.5
-    corner = np.where(upper, np.where(right, 2, 3), np.where(right, 1, 0))
-    square = soundness.SQUARE
-    offsets = 2 * (places - square[corner])
-    along, across = square[(corner + 1) % 4] - square[corner], square[corner - 1] - square[corner]
-    parameters = np.stack([np.einsum("ij,ij->i", offsets, side) for side in (along, across)], axis=1)
-    return SurfacePoints(mesh.face_starts[faces] + corner, parameters)
-
-
-# Steps along the sides of triangles, and along those of quads, so many of which are starting points of a search.
-STEPS = 8
-SAMPLES = 32
-STARTS = 16
-
-
-@pytest.mark.parametrize("mode", Mode)
-@pytest.mark.parametrize(
-    "name",
-    [
-        "cube",
-        "n-gons",
-        "valences 3 and 7",
-        "valences 2 and 12",
-        "landscape",
-        "flipped face",
-        "fin through",
-        "bow tie inside",
-        "two cubes sharing a vertex",
-        "sharp vertices",
-        "Möbius strip",
-        "creased cube",
-    ],
-)
-def test_triangles_are_as_near_as_proved(name: str, mode: Mode) -> None:
-    """Distances from the surface of the same base face, at equal parameters or elsewhere, on quads."""
-    mesh = build(name)
-    found = subdivided(mesh, request_of(mesh, TOLERANCES[mode][0], mode))
-    corners, faces = triangles_of(found)
-    of_quads = mesh.face_sizes[found.mesh.base_faces[faces]] == 4
-    corners, faces = corners[of_quads], faces[of_quads]
-    i, j = np.divmod(np.arange((STEPS + 1) ** 2), STEPS + 1)
-    inside = i + j <= STEPS
-    weights = np.stack([i, j, STEPS - i - j], axis=1)[inside] / STEPS
-    places = weights @ soundness.in_square(mesh, found.mesh.corner_points)[corners]
-    drawn = weights @ found.mesh.positions[found.mesh.corner_vertices[corners]]
-    of_points = np.repeat(found.mesh.base_faces[faces], len(weights))
-    surface = limit_values(mesh, mesh.positions, from_square(mesh, of_points, places.reshape(-1, 2)))
-    distances = np.linalg.norm(drawn - surface.reshape(drawn.shape), axis=2)
-    # Rounding, of some dozens of products of coordinates.
-    bounds = found.bounds[faces] + 1e-13 * diagonal(mesh)
-    farther = np.nonzero(distances > bounds[:, None])
-    distances[farther] = nearest(mesh, found.mesh.base_faces[faces[farther[0]]], drawn[farther])
-    assert np.all(distances.max(axis=1) <= bounds)
-
-
-def nearest(mesh: PolygonMesh, faces: IndexArray, points: FloatArray) -> FloatArray:
-    """(N,) distances of points from the surface of their faces at most, which may be folded: found by looking around
-    the nearest samples of all of the face."""
-    distances = np.zeros(len(points))
-    along = np.linspace(0, 1, SAMPLES + 1)
-    grid = np.stack(np.meshgrid(along, along, indexing="ij"), axis=-1).reshape(-1, 2)
-    beside = np.stack(np.meshgrid([0, 1, -1], [0, 1, -1]), axis=-1).reshape(-1, 2)
-    for face in np.unique(faces).tolist():
-        own = np.flatnonzero(faces == face)
-        surface = limit_values(mesh, mesh.positions, from_square(mesh, np.full(len(grid), face), grid))
-        starts = np.linalg.norm(surface - points[own, None], axis=2).argsort(axis=1)[:, :STARTS]
-        places, wanted = grid[starts.ravel()], np.repeat(points[own], STARTS, axis=0)
-        for step in range(5, 20):
-            tried = np.clip(places[:, None] + np.ldexp(beside, -step), 0, 1)
-            on = from_square(mesh, np.full(9 * len(wanted), face), tried.reshape(-1, 2))
-            surface = limit_values(mesh, mesh.positions, on).reshape(-1, 9, 3)
-            away = np.linalg.norm(surface - wanted[:, None], axis=2)
-            places = np.take_along_axis(tried, away.argmin(axis=1)[:, None, None], axis=1)[:, 0]
-        distances[own] = away.min(axis=1).reshape(-1, STARTS).min(axis=1)
-    return distances
+    places = range(1, sizes.max() - 1)
+    corners = [starts[sizes > place + 1, None] + [0, place, place + 1] for place in places]
+    return found.mesh.corner_vertices[np.concatenate(corners)].astype(np.intp)
 
 
 # Exact
