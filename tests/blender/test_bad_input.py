@@ -11,36 +11,36 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.updating import refuses
 
 pytestmark = pytest.mark.every_blender
 
-
-def refused(*objects: bpy.types.Object, match: str, **settings: object) -> None:
-    """Compute Depth on these objects and a good one is refused with this report, and leaves no trace."""
-    good = scene.add_object(meshes.cube(), "Good")
-    addon.select(good, *objects)
-    with pytest.raises(RuntimeError, match=match):
-        bpy.ops.ccdepth.compute(**settings)
-    assert addon.is_untouched([good, *objects])
+each_operator = pytest.mark.parametrize("operator", ["compute", "subdivide", "count_faces"])
 
 
-@pytest.mark.parametrize("mode", ["ABSOLUTE", "RELATIVE"])
+def refused(operator: str, *objects: bpy.types.Object, match: str, **settings: object) -> None:
+    """The operator on these objects and a good one is refused with this report, and changes nothing."""
+    addon.select(scene.add_object(meshes.cube(), "Good"), *objects)
+    refuses(operator, match, **settings)
+
+
 @pytest.mark.parametrize(
     ("tolerance", "match"),
     [
         (0.0, "greater than zero"),
         (-0.1, "greater than zero"),
         (float("nan"), "not a finite number"),
-        (1e-9, "Suzanne.*finer than the mesh's single-precision coordinates"),
+        (1e-12, "Suzanne: the tolerance .* is finer than the mesh's single-precision coordinates can show"),
     ],
 )
-def test_tolerance(mode: str, tolerance: float, match: str) -> None:
-    refused(scene.add_suzanne(), match=match, tolerance=tolerance, tolerance_mode=mode)
-
-
-def test_tolerance_of_the_scene() -> None:
-    bpy.context.scene.ccdepth.relative_tolerance = 0.0
-    refused(scene.add_suzanne(), match="greater than zero")
+@each_operator
+def test_tolerance(operator: str, tolerance: float, match: str) -> None:
+    holder = scene.add_suzanne()
+    for mode in ("ABSOLUTE", "RELATIVE"):
+        refused(operator, holder, match=match, tolerance=tolerance, tolerance_mode=mode)
+    bpy.context.scene.ccdepth.relative_tolerance = tolerance
+    if tolerance == 0.0:
+        refused(operator, holder, match=match)
 
 
 def add_camera() -> bpy.types.Object:
@@ -64,20 +64,25 @@ def exclude(holder: bpy.types.Object) -> None:
         (lambda holder: addon.select(), "Select a mesh object"),
         (lambda holder: addon.select(add_camera()), "Select a mesh object"),
         (lambda holder: bpy.ops.object.mode_set(mode="SCULPT"), "Object Mode and in Edit Mode"),
-        (lambda holder: holder.hide_set(True), "Suzanne: the object is hidden"),
+        (lambda holder: holder.hide_set(True), "Suzanne: the object is hidden; show it first"),
         (lambda holder: setattr(holder, "hide_viewport", True), "Suzanne: the object is hidden|Select a mesh object"),
         (exclude, "Select a mesh object"),
     ],
 )
-def test_objects_out_of_reach(put: Callable[[bpy.types.Object], object], match: str) -> None:
+@each_operator
+def test_objects_out_of_reach(operator: str, put: Callable[[bpy.types.Object], object], match: str) -> None:
     holder = scene.add_suzanne()
     addon.select(holder)
     put(holder)
-    with pytest.raises(RuntimeError, match=match):
-        bpy.ops.ccdepth.compute()
-    if holder.mode != "OBJECT":
-        bpy.ops.object.mode_set(mode="OBJECT")
-    assert addon.is_untouched([holder])
+    refuses(operator, match)
+
+
+def test_hidden_objects_that_a_script_names() -> None:
+    shown, hidden = scene.add_object(meshes.cube(), "Shown"), scene.add_suzanne()
+    addon.select(shown)
+    hidden.hide_set(True)
+    with bpy.context.temp_override(selected_objects=[shown, hidden], active_object=shown):
+        refuses("subdivide", "Suzanne: the object is hidden; show it first")
 
 
 def test_other_objects_among_the_selected_are_skipped() -> None:
@@ -121,25 +126,53 @@ def with_a_group() -> bpy.types.Object:
     return holder
 
 
-@pytest.mark.parametrize(
-    ("make", "match"),
-    [
-        (lambda: scene.add_mesh(bpy.data.meshes.new("Empty")), "Empty: the mesh has no faces"),
-        (add_wire, "Wire: the mesh has no faces"),
-        (lambda: with_a_vertex_at(float("nan")), "Suzanne: 1 vertex at no finite position"),
-        (lambda: with_a_vertex_at(float("inf")), "Suzanne: 1 vertex at no finite position"),
-        (with_a_repeated_vertex, "Repeated: 1 face with a repeated vertex"),
-        (scaled_to_a_point, "Suzanne: all its faces are at one point"),
-        (with_a_group, "Suzanne: .*called “ccdepth”"),
-    ],
+def with_odd(name: str, domain: str) -> bpy.types.Object:
+    """With a fifth value that is no number."""
+    holder = scene.add_suzanne()
+    holder.data.attributes.new(name, "FLOAT", domain).data[5].value = np.nan
+    return holder
+
+
+def with_cloth() -> bpy.types.Object:
+    holder = scene.add_suzanne()
+    holder.modifiers.new("Cloth", "CLOTH")
+    return holder
+
+
+BAD_MESHES: tuple[tuple[Callable[[], bpy.types.Object], str], ...] = (
+    (lambda: scene.add_mesh(bpy.data.meshes.new("Empty")), "Empty: the mesh has no faces"),
+    (add_wire, "Wire: the mesh has no faces"),
+    (lambda: with_a_vertex_at(float("nan")), "Suzanne: 1 vertex at no finite position"),
+    (lambda: with_a_vertex_at(float("inf")), "Suzanne: 1 vertex at no finite position"),
+    (with_a_repeated_vertex, "Repeated: 1 face with a repeated vertex"),
+    (scaled_to_a_point, "Suzanne: all its faces are at one point"),
+    (with_a_group, "Suzanne: .*called “ccdepth”"),
+    (lambda: with_odd("ccdepth", "POINT"), "Suzanne: .*called “ccdepth”"),
+    (with_cloth, "Suzanne: .*“Cloth” is a simulation"),
+    (lambda: with_odd("crease_edge", "EDGE"), r"Suzanne: 1 edge with a crease that is not a number \(first: edge 5\)"),
+    (lambda: with_odd("crease_vert", "POINT"), r"Suzanne: 1 vertex .* not a number \(first: vertex 5\)"),
 )
-def test_bad_meshes(make: Callable[[], bpy.types.Object], match: str) -> None:
-    refused(make(), match=match)
+
+
+@pytest.mark.parametrize(("make", "match"), BAD_MESHES)
+@each_operator
+def test_bad_meshes(operator: str, make: Callable[[], bpy.types.Object], match: str) -> None:
+    refused(operator, make(), match=match)
+
+
+@pytest.mark.parametrize("value", [np.nan, np.inf])
+def test_shape_keys_are_looked_at_though_they_are_not_mixed_in(value: float) -> None:
+    holder = scene.add_suzanne()
+    holder.shape_key_add(name="Basis")
+    key = holder.shape_key_add(name="Odd")
+    key.value = 0.0
+    key.data.foreach_set("co", np.full(3 * len(key.data), value, dtype=np.float32))
+    refused("subdivide", holder, match="Suzanne: .*the shape key “Odd” has a vertex at no finite position")
 
 
 def test_every_bad_object_is_named() -> None:
     first, second = with_a_vertex_at(float("nan")), scene.add_mesh(bpy.data.meshes.new("Empty"))
-    refused(first, second, match=r"(?s)Suzanne: 1 vertex.*Empty: the mesh has no faces")
+    refused("compute", first, second, match=r"(?s)Suzanne: 1 vertex.*Empty: the mesh has no faces")
 
 
 def linked_suzanne(tmp_path: object) -> bpy.types.Object:
@@ -158,7 +191,7 @@ def linked_suzanne(tmp_path: object) -> bpy.types.Object:
 def test_linked_mesh(tmp_path: object, override: bool) -> None:
     linked = linked_suzanne(tmp_path)
     holder = linked.override_create(remap_local_usages=True) if override else linked
-    refused(holder, match="Suzanne: the mesh is linked from another file")
+    refused("compute", holder, match="Suzanne: the mesh is linked from another file")
 
 
 def test_bad_mesh_in_edit_mode() -> None:
@@ -176,18 +209,14 @@ def test_bad_mesh_in_edit_mode() -> None:
 def test_a_bad_run_leaves_an_earlier_result_alone() -> None:
     holder = scene.add_suzanne()
     addon.compute(holder)
-    before = addon.depths(holder)
-    with pytest.raises(RuntimeError, match="greater than zero"):
-        bpy.ops.ccdepth.compute(tolerance=0.0)
-    np.testing.assert_array_equal(addon.depths(holder), before)
+    refused("compute", holder, match="greater than zero", tolerance=0.0)
     assert holder.data.ccdepth.has_result
 
 
-@pytest.mark.parametrize("operator", ["compute", "subdivide", "count_faces"])
+@each_operator
 def test_meshes_without_extent_that_several_objects_use(operator: str) -> None:
     """With a relative tolerance theirs is none at all, and no warning of a division by it is printed."""
     mesh = scene.add_object(meshes.cube(), "Point").data
     mesh.vertices.foreach_set("co", np.ones(3 * len(mesh.vertices), dtype=np.float32))
     addon.select(scene.add_mesh(mesh), scene.add_mesh(mesh))
-    with pytest.raises(RuntimeError, match=r"Point.*all its faces are at one point"):
-        getattr(bpy.ops.ccdepth, operator)(tolerance=0.1, tolerance_mode="RELATIVE")
+    refuses(operator, r"Point.*all its faces are at one point", tolerance=0.1, tolerance_mode="RELATIVE")
