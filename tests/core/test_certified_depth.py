@@ -34,10 +34,6 @@ from ccdepth_addon.core.surface.bicubic import (
     both_ways,
     patch_coefficients,
 )
-from ccdepth_addon.core.surface.catmull_clark import subdivide
-from ccdepth_addon.core.surface.limit_positions import limit_positions
-from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
-from ccdepth_addon.core.surface.stencils import apply_stencils, patch_stencils
 from tests import brute_force, meshes, nets
 from tests.core import test_face_depths
 from tests.core.test_face_depths import both_vertices
@@ -56,7 +52,7 @@ def diagonal(mesh: PolygonMesh) -> float:
     return float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
 
 
-CASES = test_face_depths.AWKWARD | {
+CASES = meshes.AWKWARD | {
     "torus": lambda: meshes.torus(8, 5),
     "valence 2": lambda: meshes.fan(2),
     "valence 3": lambda: meshes.fan(3),
@@ -366,30 +362,3 @@ def test_coefficients_and_halves() -> None:
         of_quarter = bernstein(quarters[:, :, 7 * number : 7 * (number + 1)], u, v)
         expected = of_nets(spline((a + u) / 2), spline((b + v) / 2), net)
         np.testing.assert_allclose(of_quarter, expected, atol=1e-12)
-
-
-# Stencils
-
-
-@pytest.mark.parametrize("valence", [3, 5, 8, 64, 360])
-def test_stencils_are_one_subdivision(valence: int) -> None:
-    """The nets of the four children, and the corners' limits, against those read off the refined mesh."""
-    mesh = build(meshes.fan(valence, 3))
-    faces = np.flatnonzero(classify_patches(mesh).kinds == PatchKind.EXTRAORDINARY)
-    corners = classify_patches(mesh).extraordinary_corners[faces]
-    assert np.all(mesh.corner_vertices[corners] == 0)
-    around = corners[:, None] + np.arange(4)
-    fine = subdivide(mesh).mesh
-    net = extraordinary_nets(mesh, corners, valence)
-    stencils = patch_stencils(valence)
-    # The child at a corner has the corner's number.
-    refined = extraordinary_nets(fine, 4 * corners, valence)
-    np.testing.assert_allclose(apply_stencils(stencils.refined, net), refined, atol=1e-12)
-    regular = apply_stencils(stencils.regular, net).reshape(3, 4, 4, -1, 3)
-    for child in range(3):
-        np.testing.assert_allclose(regular[child], regular_nets(fine, around[:, child + 1]), atol=1e-12)
-    limits = limit_positions(mesh)[mesh.corner_vertices[around.T]]
-    np.testing.assert_allclose(apply_stencils(stencils.limits, net), limits, atol=1e-12)
-    for matrix in (stencils.refined, stencils.regular, stencils.limits):
-        assert matrix.min() > -1e-15
-        np.testing.assert_allclose(matrix.sum(axis=1), 1, atol=1e-12)

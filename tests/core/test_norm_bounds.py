@@ -42,7 +42,7 @@ from ccdepth_addon.core.surface.patches import (
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from proofs.certify_sharp_constants import sharp_constants
 from tests import meshes, nets
-from tests.core.test_face_depths import AWKWARD, QUADS, both_vertices, build, pole_mesh
+from tests.core.test_face_depths import QUADS, both_vertices, build, pole_mesh
 from tests.linear_programs import PROGRAM_TOLERANCE, largest_of, worst_of
 
 # Distances are sampled at steps of 2⁻³, of unrefined facets at 2⁻⁴.
@@ -110,59 +110,6 @@ def fan_positions(valence: int) -> FloatArray:
     return np.stack([radii * np.cos(angles), -radii * np.sin(angles), 0 * radii], axis=1)
 
 
-def hand_refined(valence: int) -> dict[int, FloatArray]:
-    """One step of a net by Catmull and Clark's masks, written out: some points by their number in the refined net."""
-    n = valence
-    v = {number + 1: row for number, row in enumerate(np.eye(2 * n + 8))}
-
-    def face(*numbers: int) -> FloatArray:
-        return sum(v[number] for number in numbers) / 4
-
-    spokes = sum(v[2 * i] for i in range(1, n + 1))
-    diagonals = sum(v[2 * i + 1] for i in range(1, n + 1))
-    v7, v8 = nets.ring(n, 7), nets.ring(n, 8)
-    middle = face(1, 6, 5, 4)
-    left, below = face(1, 4, 3, 2), face(1, 6, v7, v8)
-    above, right = face(4, 5, 2 * n + 6, 2 * n + 7), face(6, 5, 2 * n + 3, 2 * n + 4)
-    return {
-        1: (1 - 7 / (4 * n)) * v[1] + 3 / (2 * n * n) * spokes + 1 / (4 * n * n) * diagonals,
-        3: left,
-        4: (v[1] + v[4] + middle + left) / 4,
-        5: middle,
-        6: (v[1] + v[6] + middle + below) / 4,
-        v7: below,
-        2 * n + 2: (36 * v[5] + 6 * (v[4] + v[6] + v[2 * n + 3] + v[2 * n + 6])) / 64
-        + (v[1] + v[2 * n + 2] + v[2 * n + 4] + v[2 * n + 7]) / 64,
-        2 * n + 3: (v[6] + v[5] + middle + right) / 4,
-        2 * n + 4: (36 * v[6] + 6 * (v[1] + v[5] + v[v7] + v[2 * n + 4])) / 64
-        + (v[4] + v[v8] + v[2 * n + 3] + v[2 * n + 5]) / 64,
-        2 * n + 6: (v[4] + v[5] + middle + above) / 4,
-    }
-
-
-@every_valence
-def test_stencils_agree_with_masks_and_limits_with_plain_subdivision(valence: int) -> None:
-    """Limits at the corners and in the middle of the face and its edges, applied to a random net."""
-    extraordinary, regular = level_one(valence)
-    by_hand = hand_refined(valence)
-    for number, expected in by_hand.items():
-        np.testing.assert_allclose(extraordinary[number - 1], expected, rtol=0, atol=1e-15)
-    # The child opposite V₁ begins at V₅ and has the middle of the face diagonally across.
-    np.testing.assert_allclose(regular[1, 1, 1], by_hand[2 * valence + 2], rtol=0, atol=1e-15)
-    np.testing.assert_allclose(regular[2, 2, 1], by_hand[5], rtol=0, atol=1e-15)
-
-    points = np.random.default_rng(valence).normal(size=(2 * valence + 8, 3))
-    mesh, face, levels = nets.net_mesh(points), np.array([0]), 5
-    fine = nets.refined(mesh, levels)
-    deep = fine.positions[nets.vertex_grids(fine, face, levels)][0]
-    surface = (nets.limit_grids(nets.net_mesh(np.eye(len(points))), face, 1)[0]) @ points
-    # After k steps no more than M/z · rᵏ of the way remains.
-    rules = PATCH_METHODS[Method.SECOND_ORDER]
-    remaining = rules.extraordinary(points[:, None], Vertices.CONTROL).at(levels)[0]
-    offsets = np.linalg.norm(deep[:: 2 ** (levels - 1), :: 2 ** (levels - 1)] - surface, axis=-1)
-    assert offsets.max() <= remaining
-
-
 # Second order: Lemmas 1, 2, 4 and 7, and their limit-vertex forms
 
 
@@ -178,28 +125,6 @@ def test_second_order_norm_shrinks_as_published(valence: int) -> None:
     for vertices, divisor in (("CONTROL", 3), ("LIMIT", 4)):
         factor = bounds_of("SECOND_ORDER", valence, 1, vertices).at(1)[0]
         assert beside / divisor <= factor + PROGRAM_TOLERANCE
-
-
-@pytest.mark.parametrize(
-    ("valence", "rates"),
-    [
-        (3, (2 / 3, 0.2917, 0.1224, 0.0506)),
-        (5, (0.72, 0.4016, 0.2225, 0.1233)),
-        (6, (0.75, 0.4688, 0.2793, 0.1637)),
-        (7, (0.75 + 10 / 196, 0.5121, 0.3145, 0.1896)),
-        (8, (0.75, 0.4844, 0.3027, 0.1871)),
-        (10, (0.83, 0.5598, 0.3575, 0.2239)),
-        (12, (29 / 36, 0.5492, 0.3602, 0.2331)),
-    ],
-)
-def test_least_rates_over_several_levels(valence: int, rates: tuple[float, ...]) -> None:
-    """Over one level the published ones at 3, 5 and 7, which cannot be improved."""
-    differences = nets.difference_matrix(valence)
-    growths = [largest_of(differences @ steps(valence, levels), differences) for levels in (1, 2, 3, 4)]
-    assert growths[0] == pytest.approx(rates[0], abs=PROGRAM_TOLERANCE)
-    # Four digits are given.
-    assert growths == pytest.approx(rates, abs=5.001e-5)
-    assert (growths[0] == pytest.approx(published_rate(valence), abs=PROGRAM_TOLERANCE)) == (valence in (3, 5, 7))
 
 
 @every_valence
@@ -332,7 +257,7 @@ def test_random_nets_stay_within_their_bounds(
 @both_vertices
 @pytest.mark.parametrize("name", QUADS)
 def test_faces_stay_within_the_bound_of_their_support(name: str, vertices: str) -> None:
-    mesh = build(AWKWARD[name]())
+    mesh = build(meshes.AWKWARD[name]())
     distances = nets.largest_distances(mesh, np.arange(mesh.face_count), 0, vertices, 4)
     assert np.all(distances <= support_bounds(mesh, Vertices(vertices)) + ROUNDING)
 

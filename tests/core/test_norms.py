@@ -18,8 +18,8 @@ from ccdepth_addon.core.bounds.norms import (
     second_order_norm_regular,
 )
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
-from tests import nets
-from tests.core.test_face_depths import AWKWARD, build
+from tests import meshes, nets
+from tests.core.test_face_depths import build
 
 # Sums of three numbers of some ten, in any order.
 ROUNDING = 1e-14
@@ -86,11 +86,11 @@ def test_norms_of_moved_turned_scaled_and_coinciding_points(
     assert np.all(norm(np.ones(shape)) == 0)
 
 
-@pytest.mark.parametrize("name", AWKWARD)
+@pytest.mark.parametrize("name", meshes.AWKWARD)
 @pytest.mark.parametrize("smooth_corners", [False, True])
 def test_norms_of_meshes_are_those_of_nets(name: str, smooth_corners: bool) -> None:
     """At three levels, at random positions; on a plain mesh each difference is computed once."""
-    mesh = build(AWKWARD[name](), smooth_corners=smooth_corners)
+    mesh = build(meshes.AWKWARD[name](), smooth_corners=smooth_corners)
     for _ in range(3):
         kinds = classify_patches(mesh)
         norms = MeshNorms.of(mesh, kinds)

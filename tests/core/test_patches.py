@@ -14,7 +14,7 @@ from ccdepth_addon.core.bounds.norms import second_order_norm_regular
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
 from tests import meshes, nets
-from tests.core.test_face_depths import AWKWARD, build
+from tests.core.test_face_depths import build
 
 ROUNDING = 1e-13
 
@@ -164,7 +164,7 @@ WITH_REGULAR_FACES = (
     "soup with random creases",
 )
 FEATURES: dict[str, Callable[[], PolygonMesh]] = {
-    **{name: partial(build, AWKWARD[name](), smooth_corners=False) for name in WITH_REGULAR_FACES},
+    **{name: partial(build, meshes.AWKWARD[name](), smooth_corners=False) for name in WITH_REGULAR_FACES},
     "boundary": lambda: build(meshes.landscape(4, 3)),
     "one row": lambda: build(meshes.landscape(4, 1), smooth_corners=False),
     "crease": lambda: build(creased_lines()[0]),

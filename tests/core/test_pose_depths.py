@@ -20,17 +20,15 @@ from ccdepth_addon.core.depth.face_depths import (
     level_bounds,
     uniform_level,
 )
-from ccdepth_addon.core.depth.key_poses import POSES_BY_A_KEY, key_places
+from ccdepth_addon.core.depth.key_poses import POSES_BY_A_KEY
 from ccdepth_addon.core.depth.pose_depths import pose_depths, raised_depths
 from ccdepth_addon.core.depth.poses import Pose
 from ccdepth_addon.core.depth.worst_pose import worst_pose
-from ccdepth_addon.core.mesh.copies import side_by_side
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
-from ccdepth_addon.core.surface.catmull_clark import subdivide
 from tests import meshes
 from tests.brute_force import Levels
-from tests.core.test_face_depths import AWKWARD, LEVELS, both_vertices, build, every_method
+from tests.core.test_face_depths import LEVELS, both_vertices, build, every_method
 from tests.core.test_uniform_level import EPSILON, NAMES, ROUNDING, grid_counter_example
 
 every_name = pytest.mark.parametrize("name", NAMES)
@@ -77,7 +75,7 @@ def singles(poses: list[Pose], method: str, vertices: str) -> list[DepthResult]:
 @every_method
 def test_the_depths_are_the_deepest_of_single_poses(name: str, method: str, vertices: str, jumps: bool) -> None:
     """And the common level holds in every pose."""
-    mesh = build(AWKWARD[name](), smooth_corners=False)
+    mesh = build(meshes.AWKWARD[name](), smooth_corners=False)
     poses = posed(mesh, 11, 0.5, jumps=jumps)
     found = pose_depths(poses, method, vertices)
     alone = singles(poses, method, vertices)
@@ -104,7 +102,7 @@ def test_the_depths_are_the_deepest_of_single_poses(name: str, method: str, vert
 @every_name
 @both_vertices
 def test_no_face_is_farther_in_any_pose_than_proved(name: str, vertices: str) -> None:
-    poses = posed(build(AWKWARD[name](), smooth_corners=False), 11, 1.0)
+    poses = posed(build(meshes.AWKWARD[name](), smooth_corners=False), 11, 1.0)
     levels = [Levels(pose.make()) for pose in poses]
     sampled = [np.max([each.distances(level, vertices, 2) for each in levels], axis=0) for level in range(LEVELS)]
     for method in METHODS:
@@ -137,7 +135,7 @@ def test_bounds_are_those_of_single_poses_where_a_pose_is_alone(vertices: str) -
 @every_name
 @both_vertices
 def test_the_worst_pose_alone_has_the_deepest_depth(name: str, vertices: str) -> None:
-    poses = posed(build(AWKWARD[name](), smooth_corners=False), 12, 0.5, jumps=True)
+    poses = posed(build(meshes.AWKWARD[name](), smooth_corners=False), 12, 0.5, jumps=True)
     found = pose_depths(poses, "CERTIFIED", vertices)
     worst = worst_pose(poses, "CERTIFIED", vertices, found)
     assert worst.depth == found.depths.max()
@@ -232,23 +230,3 @@ def test_poses_are_checked() -> None:
         check_pose(mesh.changed(positions=np.zeros_like(mesh.positions)), 0.1)
     with pytest.raises(ToleranceError, match="finer"):
         check_pose(mesh, 1e-12)
-
-
-@every_name
-def test_copies_side_by_side_are_subdivided_like_one(name: str) -> None:
-    mesh = build(AWKWARD[name](), smooth_corners=False)
-    one, three = subdivide(mesh).mesh, subdivide(side_by_side(mesh, 3)).mesh
-    facets, expected = three.positions[three.corner_vertices], one.positions[one.corner_vertices]
-    # The copies are the same but for the order of sums, at coordinates of some ten.
-    np.testing.assert_allclose(facets, np.tile(expected, (3, 1)), atol=1e-13)
-    np.testing.assert_array_equal(three.face_sizes, np.tile(one.face_sizes, 3))
-    assert three.edge_face_counts.sum() == 3 * one.edge_face_counts.sum()
-
-
-@pytest.mark.parametrize("count", [1, 2, 11, 12, 13, 19, 99, 1000])
-def test_key_poses_are_as_few_as_allowed_and_the_last_is_one(count: int) -> None:
-    places = key_places(count)
-    steps = np.diff([0, *places])
-    assert places[-1] == count
-    assert len(places) == -(-count // POSES_BY_A_KEY)
-    assert 1 <= steps.min() <= steps.max() <= POSES_BY_A_KEY

@@ -16,7 +16,7 @@ from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches
 from tests import meshes
 from tests.brute_force import Levels
-from tests.core.test_face_depths import AWKWARD, LEVELS, both_vertices, build, every_method, sampled
+from tests.core.test_face_depths import LEVELS, both_vertices, build, every_method, sampled
 from tests.level_nets import worse_later
 
 # Sampled distances are true ones up to rounding in double precision, at coordinates of some ten.
@@ -55,7 +55,7 @@ def test_faces_are_near_enough_where_that_is_proved(name: str, method: str, vert
 @pytest.mark.parametrize("tolerance", [2.0, 0.5, 0.1, 0.02])
 def test_the_uniform_level_is_the_first_with_bounds_of_all_faces(name: str, method: str, tolerance: float) -> None:
     """Whatever is not evaluated again would have been found to hold."""
-    mesh = build(AWKWARD[name](), smooth_corners=False)
+    mesh = build(meshes.AWKWARD[name](), smooth_corners=False)
     found = uniform_level(mesh, tolerance, method, "CONTROL")
     depths = face_depths(mesh, tolerance, method, "CONTROL").depths
     for level in range(int(depths.max()), found + 1):
@@ -136,7 +136,7 @@ def test_bounds_that_are_said_to_fall_do(method: str, vertices: str) -> None:
 
 
 def test_which_bounds_fall() -> None:
-    patches = classify_patches(build(AWKWARD["valences 2 and 12"](), smooth_corners=False))
+    patches = classify_patches(build(meshes.AWKWARD["valences 2 and 12"](), smooth_corners=False))
     kinds = patches.kinds
     assert set(kinds.tolist()) == {PatchKind.REGULAR, PatchKind.EXTRAORDINARY, PatchKind.IRREGULAR}
     for method, rules in PATCH_METHODS.items():
@@ -147,7 +147,7 @@ def test_which_bounds_fall() -> None:
 @every_method
 @both_vertices
 def test_progress_rises_over_several_levels(method: str, vertices: str) -> None:
-    for mesh in (torus_counter_example(), build(AWKWARD["soup"](), smooth_corners=False)):
+    for mesh in (torus_counter_example(), build(meshes.AWKWARD["soup"](), smooth_corners=False)):
         depths = face_depths(mesh, EPSILON, method, vertices).depths
         fractions: list[float] = []
         uniform_level(mesh, EPSILON, method, vertices, depths, progress=fractions.append)
