@@ -3,10 +3,12 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 from functools import cache
 from itertools import product
 from math import ceil, log
+from time import process_time
 
 import numpy as np
 import pytest
@@ -376,3 +378,33 @@ def test_unknown_names_are_refused() -> None:
             face_depths(mesh, 0.1, *names)
     assert set(METHODS) >= {Method.SECOND_ORDER, Method.FIRST_ORDER}
     assert set(VERTICES) == {Vertices.CONTROL, Vertices.LIMIT}
+
+
+# Work on poles of very many faces can be stopped
+
+
+VALENCE = 5000
+
+# So many reports of progress are looked at.
+REPORTS = 60
+
+# Seconds of processor time: ten times what was measured, and a fifth of what it was with a report for each level.
+LONGEST = 1.0
+
+
+class Enough(Exception):
+    """So much has been seen."""
+
+
+def test_first_order_around_a_large_pole() -> None:
+    mesh = meshes.to_polygon_mesh(meshes.trapezohedron(VALENCE))
+    times: list[float] = []
+
+    def note(fraction: float) -> None:
+        times.append(process_time())
+        if len(times) > REPORTS:
+            raise Enough
+
+    with pytest.raises(Enough):
+        face_depths(mesh, 0.01, "FIRST_ORDER", "CONTROL", note)
+    assert max(after - before for before, after in itertools.pairwise(times)) < LONGEST
