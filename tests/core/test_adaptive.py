@@ -403,6 +403,7 @@ def test_leaves_beside_and_leaves_that_share_a_vertex(name: str) -> None:
         kept = np.setdiff1d(leaves, chosen)
         before = np.stack(tree.sides(kept))
         tree.split(chosen)
+        assert tree.leaf_count == len(tree.leaves())
         beside = tree.leaves_beside(chosen)
         after = np.stack(tree.sides(kept))
         np.testing.assert_array_equal(after, np.stack(tree.sides(np.arange(len(tree.first_child))))[:, kept])

@@ -193,23 +193,6 @@ def after_many_levels(mesh: PolygonMesh) -> np.ndarray:
     return positions
 
 
-@pytest.mark.parametrize("valence", [3, 4, 5, 6, 8, 12])
-@pytest.mark.parametrize("crease", [0.0, 1.0], ids=["smooth", "dart"])
-def test_inner_vertex_goes_to_its_limit(valence: int, crease: float) -> None:
-    data = meshes.creased(meshes.fan(valence, 3), {(0, 1): crease})
-    mesh = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
-    assert vertex_rules(mesh)[0] == (VertexRule.DART if crease else VertexRule.SMOOTH)
-    np.testing.assert_allclose(after_many_levels(mesh)[0], limit_positions(mesh)[0], rtol=0, atol=NEARLY_THERE)
-
-
-def test_limit_of_a_regular_mesh_is_the_spline() -> None:
-    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.torus(6, 6)), smooth_corners=True)
-    net = mesh.positions.reshape(6, 6, 3)
-    along = (np.roll(net, 1, 0) + 4 * net + np.roll(net, -1, 0)) / 6
-    spline = (np.roll(along, 1, 1) + 4 * along + np.roll(along, -1, 1)) / 6
-    np.testing.assert_allclose(limit_positions(mesh), spline.reshape(-1, 3), rtol=0, atol=ROUNDING)
-
-
 # Parts of meshes
 
 

@@ -18,7 +18,6 @@ from ccdepth_addon.core.bounds.facet_bounds import (
     LEAST_WEIGHT,
     MISMATCH,
     SCALE,
-    facet_error,
     later_bounds,
     sampled_error,
 )
@@ -27,13 +26,6 @@ from ccdepth_addon.core.bounds.rounding import smallest_tolerance
 from ccdepth_addon.core.depth.face_depths import DepthResult, face_depths
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
-from ccdepth_addon.core.surface.bicubic import (
-    HALVES,
-    SPLINE_HALVES,
-    bilinear_coefficients,
-    both_ways,
-    patch_coefficients,
-)
 from tests import brute_force, meshes, nets
 from tests.core import test_face_depths
 from tests.core.test_face_depths import both_vertices
@@ -337,28 +329,3 @@ def smooth_nets(count: int) -> FloatArray:
     heights = bent[0] * (i**2)[..., None] + bent[1] * (j**2)[..., None] + bent[2] * (i * j)[..., None]
     flat = [np.broadcast_to(x[..., None], heights.shape) for x in (i, j)]
     return np.stack([*flat, heights], axis=-1) + generator.uniform(-0.02, 0.02, (4, 4, count, 3))
-
-
-def bernstein(coefficients: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
-    """(u, v, P, 3): the values of (4, 4, P, 3) Bernstein coefficients."""
-    rows = [np.stack([(1 - x) ** 3, 3 * x * (1 - x) ** 2, 3 * x**2 * (1 - x), x**3], axis=1) for x in (u, v)]
-    return of_nets(*rows, coefficients)
-
-
-def test_coefficients_and_halves() -> None:
-    """Patches, bilinear facets and their differences in Bernstein form, and patches cut in four."""
-    net, (u, v) = random_nets(7), np.random.default_rng(6).uniform(0, 1, (2, 20))
-    coefficients, surface = patch_coefficients(net), of_nets(spline(u), spline(v), net)
-    np.testing.assert_allclose(bernstein(coefficients, u, v), surface, atol=1e-12)
-    for vertices in Vertices:
-        error = bernstein(facet_error(net, vertices), u, v)
-        np.testing.assert_allclose(error, -offsets(net, u, v, vertices), atol=1e-12)
-    corners = np.random.default_rng(5).uniform(-1, 1, (4, 7, 3))
-    facet = np.einsum("iu,jv,ijpc->uvpc", [1 - u, u], [1 - v, v], corners[[[0, 3], [1, 2]]])
-    np.testing.assert_allclose(bernstein(bilinear_coefficients(corners), u, v), facet, atol=1e-12)
-    quarters = both_ways(HALVES, coefficients)
-    np.testing.assert_allclose(patch_coefficients(both_ways(SPLINE_HALVES, net)), quarters, atol=1e-12)
-    for number, (a, b) in enumerate([(0, 0), (0, 1), (1, 0), (1, 1)]):
-        of_quarter = bernstein(quarters[:, :, 7 * number : 7 * (number + 1)], u, v)
-        expected = of_nets(spline((a + u) / 2), spline((b + v) / 2), net)
-        np.testing.assert_allclose(of_quarter, expected, atol=1e-12)

@@ -393,13 +393,6 @@ def test_sharp_has_the_published_bounds_of_regular_patches() -> None:
     assert PATCH_METHODS[Method.SHARP].regular is second_order_regular
 
 
-@pytest.mark.parametrize(("valence", "norm", "depths"), [(3, 0.16, (0, 2, 4, 7)), (5, 0.81 * 25 / 18, (2, 5, 9, 13))])
-def test_sharp_depths_of_printed_examples(valence: int, norm: float, depths: tuple[int, ...]) -> None:
-    bounds = bounds_of("SHARP", valence, norm, "CONTROL")
-    for tolerance, depth in zip((0.1, 0.01, 0.001, 0.0001), depths, strict=True):
-        assert next(level for level in range(100) if bounds.at(level)[0] <= tolerance) == depth
-
-
 @both_vertices
 @pytest.mark.parametrize("valence", [3, 5, 7, 12])
 def test_depths_rise_from_certified_to_sharp_to_published(valence: int, vertices: str) -> None:

@@ -23,7 +23,7 @@ from ccdepth_addon.core.depth.face_depths import (
     level_bounds,
     uniform_level,
 )
-from ccdepth_addon.core.depth.key_poses import POSES_BY_A_KEY
+from ccdepth_addon.core.depth.key_poses import POSES_BY_A_KEY, key_places
 from ccdepth_addon.core.depth.modifier_quality import MOST_QUALITY, needed_quality, unmet_corners
 from ccdepth_addon.core.depth.norm_depth import bounds_fall
 from ccdepth_addon.core.depth.pose_depths import pose_depths, raised_depths
@@ -410,3 +410,12 @@ def test_poses_are_checked() -> None:
         check_pose(mesh.changed(positions=np.zeros_like(mesh.positions)), 0.1)
     with pytest.raises(ToleranceError, match="finer"):
         check_pose(mesh, 1e-12)
+
+
+@pytest.mark.parametrize("count", [1, 2, 11, 12, 13, 19, 99, 1000])
+def test_key_poses_are_as_few_as_allowed_and_the_last_is_one(count: int) -> None:
+    places = key_places(count)
+    steps = np.diff([0, *places])
+    assert places[-1] == count
+    assert len(places) == -(-count // POSES_BY_A_KEY)
+    assert 1 <= steps.min() <= steps.max() <= POSES_BY_A_KEY
