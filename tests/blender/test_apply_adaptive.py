@@ -165,9 +165,7 @@ def test_the_result_has_the_shape_of_the_surface() -> None:
 
 def test_several_objects_get_a_result_each() -> None:
     first, second = scene.add_suzanne(), scene.add_object(meshes.landscape(5, 5), "Land")
-    light = bpy.data.objects.new("Light", bpy.data.lights.new("Light", "POINT"))
-    bpy.context.scene.collection.objects.link(light)
-    results = subdivide(light, first, second, tolerance=ROUGH)
+    results = subdivide(scene.add_light(), first, second, tolerance=ROUGH)
     assert [result.name for result in results] == ["Land Adaptive", "Light", "Suzanne Adaptive"]
     assert bpy.context.active_object == results[0]
 
@@ -378,11 +376,6 @@ def assert_nothing_is_done(editing: bool) -> None:
     assert (faces(holder), holder.visible_get(), holder.hide_render) == (500, True, False)
     assert [modifier.name for modifier in holder.modifiers] == ["Subdivision"]
     assert len(bpy.data.meshes) == 1
-
-
-def test_it_can_be_undone_and_repeated() -> None:
-    assert bpy.types.CCDEPTH_OT_subdivide.bl_options >= {"REGISTER", "UNDO"}
-    assert "UNDO" not in bpy.types.CCDEPTH_OT_count_faces.bl_options
 
 
 # Long runs.
@@ -621,10 +614,8 @@ def test_faces_of_uneven_objects_are_counted_as_they_are_made(transitions: str) 
     landscape = folded_unless_flattened(meshes.landscape(6, 5), "Landscape")
     fan = folded_unless_flattened(meshes.fan(5, 2), "Fan")
     sheared = scene.add_object(meshes.bumpy(meshes.cylinder(7), 0.2), "Sheared")
-    parent = bpy.data.objects.new("Parent", None)
-    bpy.context.scene.collection.objects.link(parent)
-    parent.scale = (10.0, 1.0, 0.1)
-    sheared.parent = parent
+    sheared.parent = scene.add("Parent")
+    sheared.parent.scale = (10.0, 1.0, 0.1)
     sheared.rotation_euler = (0.5, 0.6, 0.7)
     subdivided_as_counted([landscape, fan, sheared], 0.1, transitions)
 

@@ -46,12 +46,6 @@ def test_tolerance(operator: str, tolerance: float, match: str) -> None:
         refused(operator, holder, match=match)
 
 
-def add_camera() -> bpy.types.Object:
-    camera = bpy.data.objects.new("Camera", bpy.data.cameras.new("Camera"))
-    bpy.context.scene.collection.objects.link(camera)
-    return camera
-
-
 def exclude(holder: bpy.types.Object) -> None:
     collection = bpy.data.collections.new("Excluded")
     bpy.context.scene.collection.children.link(collection)
@@ -65,7 +59,7 @@ def exclude(holder: bpy.types.Object) -> None:
     ("put", "match"),
     [
         (lambda holder: addon.select(), "Select a mesh object"),
-        (lambda holder: addon.select(add_camera()), "Select a mesh object"),
+        (lambda holder: addon.select(scene.add_light()), "Select a mesh object"),
         (lambda holder: bpy.ops.object.mode_set(mode="SCULPT"), "Object Mode and in Edit Mode"),
         (lambda holder: holder.hide_set(True), "Suzanne: the object is hidden; show it first"),
         (lambda holder: setattr(holder, "hide_viewport", True), "Suzanne: the object is hidden|Select a mesh object"),
@@ -89,8 +83,8 @@ def test_hidden_objects_that_a_script_names() -> None:
 
 
 def test_other_objects_among_the_selected_are_skipped() -> None:
-    camera, holder = add_camera(), scene.add_suzanne()
-    addon.compute(holder, camera)
+    light, holder = scene.add_light(), scene.add_suzanne()
+    addon.compute(holder, light)
     assert holder.data.ccdepth.has_result
 
 

@@ -77,20 +77,6 @@ def test_clear_works_on_all_selected() -> None:
     assert bpy.ops.ccdepth.clear() == {"CANCELLED"}
 
 
-def test_undo_brings_a_cleared_result_back() -> None:
-    holder = scene.add_suzanne()
-    addon.compute(holder)
-    name, rows = holder.name, addon.histogram(holder)
-    bpy.ops.ed.undo_push(message="Compute Depth")
-    bpy.ops.ccdepth.clear()
-    bpy.ops.ed.undo_push(message="Clear")
-    bpy.ops.ed.undo()
-    holder = bpy.data.objects[name]
-    assert holder.data.ccdepth.has_result
-    assert addon.histogram(holder) == rows
-    assert "ccdepth" in holder.data.attributes
-
-
 @pytest.mark.parametrize("editing", [False, True])
 def test_select(editing: bool) -> None:
     """Each time what was selected before is no longer, unless it is extended."""

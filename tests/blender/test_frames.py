@@ -58,8 +58,7 @@ def with_a_shape_key(plain: bpy.types.Object | None = None) -> bpy.types.Object:
 
 
 def with_an_armature() -> bpy.types.Object:
-    rig = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
-    bpy.context.scene.collection.objects.link(rig)
+    rig = scene.add("Rig", bpy.data.armatures.new("Rig"))
     with addon.edit_mode(rig):
         for name, low in (("Lower", -1.0), ("Upper", 0.0)):
             bone = rig.data.edit_bones.new(name)
@@ -402,18 +401,3 @@ def test_a_frame_without_a_surface_is_named() -> None:
         compute(holder, tolerance=0.001, tolerance_mode="RELATIVE", frames=f"{FIRST}-{LAST}")
     assert bpy.context.scene.frame_current == 4
     assert not holder.data.ccdepth.has_result
-
-
-@pytest.mark.every_blender
-def test_undo_brings_back_what_was_before() -> None:
-    holder = with_a_shape_key()
-    name = holder.name
-    bpy.context.scene.frame_set(3)
-    addon.select(holder)
-    bpy.ops.ed.undo_push(message="before")
-    compute(holder)
-    bpy.ops.ed.undo_push(message="after")
-    bpy.ops.ed.undo()
-    holder = bpy.data.objects[name]
-    assert not holder.data.ccdepth.has_result
-    assert bpy.context.scene.frame_current == 3

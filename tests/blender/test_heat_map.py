@@ -118,18 +118,6 @@ def test_the_heat_map_can_be_switched_off_and_on() -> None:
     assert holder.data.attributes.active_color_name == "ccdepth_color"
 
 
-def test_undo_and_redo_take_the_viewports_along() -> None:
-    before = color_types()
-    addon.select(scene.add_suzanne())
-    bpy.ops.ed.undo_push(message="before")
-    bpy.ops.ccdepth.compute()
-    bpy.ops.ed.undo_push(message="Compute Depth")
-    bpy.ops.ed.undo()
-    assert color_types() == before
-    bpy.ops.ed.redo()
-    assert set(color_types()) == {"VERTEX"}
-
-
 def test_one_colour_for_each_depth_and_for_all_corners_of_a_face() -> None:
     first, second = scene.add_suzanne(), scene.add_object(meshes.cube())
     addon.compute(first)

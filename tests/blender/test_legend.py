@@ -71,8 +71,7 @@ def test_it_is_about_what_is_selected_whatever_is_active_or_about_the_active_one
     holders = three_objects()
     others = scene.add_suzanne()
     addon.compute(others, tolerance=0.5)
-    light = bpy.data.objects.new("Light", bpy.data.lights.new("Light", "POINT"))
-    bpy.context.scene.collection.objects.link(light)
+    light = scene.add_light()
     for active in (light, None, others):
         addon.select(*holders, light)
         bpy.context.view_layer.objects.active = active

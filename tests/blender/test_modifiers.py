@@ -407,12 +407,6 @@ def test_what_modifiers_hold_is_noticed() -> None:
     expect_change(holder)
 
 
-def linked(data: bpy.types.ID) -> bpy.types.Object:
-    found = bpy.data.objects.new(data.name, data)
-    bpy.context.scene.collection.objects.link(found)
-    return found
-
-
 def test_what_modifiers_refer_to_is_noticed() -> None:
     """A texture, members of a collection, the modifiers of a target mesh, the points of a lattice and of a curve."""
     texture = bpy.data.textures.new("Clouds", "CLOUDS")
@@ -430,12 +424,12 @@ def test_what_modifiers_refer_to_is_noticed() -> None:
     holder, _ = computed_with("BOOLEAN", object=target)
     target.modifiers.new("Cast", "CAST")
     assert stale_line(holder) == MESH_LINE
-    lattice = linked(bpy.data.lattices.new("Lattice"))
+    lattice = scene.add("Lattice", bpy.data.lattices.new("Lattice"))
     holder, _ = computed_with("LATTICE", object=lattice)
     lattice.data.points[0].co_deform.x -= 1.0
     lattice.data.update_tag()
     assert stale_line(holder) == MESH_LINE
-    path = linked(bpy.data.curves.new("Path", "CURVE"))
+    path = scene.add("Path", bpy.data.curves.new("Path", "CURVE"))
     path.data.splines.new("POLY").points.add(2)
     for index, point in enumerate(path.data.splines[0].points):
         point.co = (float(index), 0.0, 0.0, 1.0)

@@ -158,12 +158,6 @@ def text() -> str:
     return str(tolerance_text(bpy.context))
 
 
-def add(name: str, data: bpy.types.ID) -> bpy.types.Object:
-    holder = bpy.data.objects.new(name, data)
-    bpy.context.scene.collection.objects.link(holder)
-    return holder
-
-
 def test_switching_in_the_sidebar_carries_the_distance_over_and_back(cube: bpy.types.Object) -> None:
     settings = bpy.context.scene.ccdepth
     settings.tolerance_mode = "ABSOLUTE"
@@ -195,7 +189,7 @@ def test_modifiers_that_are_counted_in_are_carried_over_too(cube: bpy.types.Obje
 def test_where_there_is_no_size_the_mode_alone_is_switched(cube: bpy.types.Object, name: str | None) -> None:
     settings = bpy.context.scene.ccdepth
     data = {"Light": lambda: bpy.data.lights.new("Light", "POINT"), "Empty mesh": lambda: bpy.data.meshes.new("Empty")}
-    addon.select(*([] if name is None else [add(name, data[name]())]))
+    addon.select(*([] if name is None else [scene.add(name, data[name]())]))
     settings.shown_tolerance_mode = "ABSOLUTE"
     assert (settings.tolerance_mode, settings.tolerance) == ("ABSOLUTE", 0.5)
     assert text() == ""
@@ -221,7 +215,7 @@ def test_the_other_one_is_told_for_the_active_object_as_it_is(cube: bpy.types.Ob
 def test_with_no_mesh_active_it_is_told_for_the_selected_meshes(cube: bpy.types.Object) -> None:
     other = scene.add_object(meshes.cube(), "Other")
     other.scale = tuple(3.0 * each / size for each, size in zip(cube.dimensions, other.dimensions, strict=True))
-    light, settings = add("Light", bpy.data.lights.new("Light", "POINT")), bpy.context.scene.ccdepth
+    light, settings = scene.add_light(), bpy.context.scene.ccdepth
     for active in (light, None):
         addon.select(cube, light)
         bpy.context.view_layer.objects.active = active

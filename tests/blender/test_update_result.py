@@ -412,21 +412,6 @@ def test_counting_faces_of_a_result_counts_those_of_its_update() -> None:
     assert counted.faces == faces(result)
 
 
-def test_undo_takes_an_update_back() -> None:
-    assert bpy.types.CCDEPTH_OT_update.bl_options >= {"REGISTER", "UNDO"}
-    _, result = made_result()
-    name, before = result.name, faces(result)
-    addon.select(result)
-    bpy.ops.ed.undo_push(message="made")
-    assert bpy.ops.ccdepth.update("EXEC_DEFAULT", True, **FINER)
-    assert faces(bpy.data.objects[name]) > before
-    bpy.ops.ed.undo()
-    assert faces(bpy.data.objects[name]) == before
-    assert bpy.data.objects[name].ccdepth.source == bpy.data.objects["Cage"]
-    bpy.ops.ed.redo()
-    assert faces(bpy.data.objects[name]) > before
-
-
 # Show Source and Show Result swap what is hidden
 
 
@@ -462,8 +447,7 @@ def test_several_are_swapped_together() -> None:
     """And duplicates that the user made of results."""
     sources = [scene.add_object(meshes.cube(), "One"), scene.add_object(meshes.cube(), "Two")]
     results = subdivide(*sources)
-    lamp = bpy.data.objects.new("Lamp", bpy.data.lights.new("Lamp", "POINT"))
-    bpy.context.scene.collection.objects.link(lamp)
+    lamp = scene.add_light()
     lamp.select_set(True)
     bpy.context.view_layer.objects.active = results[1]
     assert bpy.ops.ccdepth.show_source() == {"FINISHED"}
