@@ -89,6 +89,10 @@ def test_it_is_about_what_is_selected_whatever_is_active_or_about_the_active_one
     assert not bpy.types.CCDEPTH_PT_results.poll(bpy.context)
     holders[0].hide_set(True)
     assert selected.colored_objects(bpy.context) == [*holders[1:], others]
+    # Clear goes by the selection too.
+    addon.select(*holders[1:], light)
+    assert bpy.ops.ccdepth.clear() == {"FINISHED"}
+    assert addon.is_untouched(holders[1:])
 
 
 def test_many_objects_are_counted_and_few_listed() -> None:
