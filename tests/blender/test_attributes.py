@@ -4,19 +4,16 @@ vertex groups. Custom normals are left out, or made anew."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import bpy
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from ccdepth_addon.core import SubdividedMesh, apply_boundary_rule, limit_normals
+from ccdepth_addon.core import limit_normals
 from ccdepth_addon.core.attributes.face_varying import UV_SMOOTH, face_varying_surface
 from tests import meshes, uniform
 from tests.blender import addon, full_mesh, scene
 from tests.blender.full_mesh import (
-    LEVEL,
     Comparison,
     compare,
     counts,
@@ -24,7 +21,6 @@ from tests.blender.full_mesh import (
     faces_of_corners,
     known_types,
     read,
-    weights_of,
     write,
 )
 from tests.blender.subdividing import shape, subdivide
@@ -376,57 +372,6 @@ def flush(mesh: bpy.types.Mesh, flag: str, faces: set[int]) -> None:
     for items, chosen in ((mesh.vertices, vertices), (mesh.edges, edges)):
         for item in items:
             setattr(item, flag, item.index in chosen)
-
-
-def test_loose_parts_stay_with_their_values() -> None:
-    cube = meshes.cube()
-    loose = replace(
-        cube,
-        positions=np.concatenate([cube.positions, [[3, 0, 0], [4, 0, 0], [5, 0, 0]]]),
-        loose_edges=[(8, 9), (0, 8)],
-    )
-    holder = scene.add_object(loose)
-    numbers = np.arange(11)
-    for data_type in ("FLOAT", "INT"):
-        write(holder.data, f"POINT {data_type}", data_type, "POINT", numbers)
-    holder.vertex_groups.new(name="Group").add([8, 10], 0.5, "REPLACE")
-    for name in ("Basis", "Key"):
-        holder.shape_key_add(name=name, from_mix=False).value = 1.0
-    holder.data.shape_keys.key_blocks["Key"].points[10].co = (5, 6, 7)
-    module = addon.module("exchange.adaptive_mesh")
-    control = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
-    subdivided = uniform.uniform(control, LEVEL)
-    used = np.unique(subdivided.corner_vertices)
-    mesh = module.new_mesh(
-        holder.data, control, uniform.with_loose_parts(control, without_loose_parts(subdivided, used))
-    )
-    assert not mesh.validate()
-    assert len(mesh.vertices) == len(used) + 3
-    assert len(mesh.edges) == len(np.unique(subdivided.corner_edges)) + 2
-    for data_type in ("FLOAT", "INT"):
-        np.testing.assert_array_equal(read(mesh, f"POINT {data_type}")[-3:, 0], [8, 9, 10])
-    np.testing.assert_array_equal(read(mesh, "position")[-3:], [[3, 0, 0], [4, 0, 0], [5, 0, 0]])
-    assert tuple(mesh.shape_keys.key_blocks["Key"].points[len(used) + 2].co) == (5, 6, 7)
-    assert weights_of(mesh)[-3:] == [{0: 0.5}, {}, {0: 0.5}]
-    ends = {tuple(sorted(edge.vertices)) for edge in list(mesh.edges)[-2:]}
-    assert (len(used), len(used) + 1) in ends
-
-
-def without_loose_parts(subdivided: SubdividedMesh, used: NDArray[np.intp]) -> SubdividedMesh:
-    """A subdivision with those vertices and edges alone that have faces."""
-    places = np.zeros(len(subdivided.positions), dtype=np.intp)
-    places[used] = np.arange(len(used))
-    edges, corner_edges = np.unique(subdivided.corner_edges, return_inverse=True)
-    return replace(
-        subdivided,
-        positions=subdivided.positions[used],
-        corner_vertices=places[subdivided.corner_vertices],
-        corner_edges=corner_edges.reshape(-1),
-        edge_vertices=places[subdivided.edge_vertices[edges]],
-        base_edges=subdivided.base_edges[edges],
-        base_vertices=subdivided.base_vertices[used],
-        vertex_edges=subdivided.vertex_edges[used],
-    )
 
 
 def test_results_of_ours_are_not_carried() -> None:

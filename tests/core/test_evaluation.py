@@ -86,19 +86,6 @@ def test_points_in_any_order_and_number(name: str) -> None:
     assert limit_values(mesh, mesh.positions, points.at(slice(0, 0))).shape == (0, 3)
 
 
-@every_mesh
-def test_faces_agree_where_they_meet(name: str) -> None:
-    """Both sides of an edge see the same points on it: twins run in opposite directions, half an edge to a quarter."""
-    mesh = build(name)
-    sides = np.flatnonzero(mesh.twin > np.arange(mesh.corner_count))
-    for distance in (2.0**-20, 0.25, 0.375, 1.0):
-        along = np.tile([distance, 0.0], (len(sides), 1))
-        back = np.tile([0.0, distance], (len(sides), 1))
-        one = limit_values(mesh, mesh.positions, SurfacePoints(sides, along))
-        other = limit_values(mesh, mesh.positions, SurfacePoints(mesh.next_corner[mesh.twin[sides]], back))
-        np.testing.assert_allclose(one, other, rtol=0, atol=rounding(mesh.positions, 20))
-
-
 @given(
     name=st.sampled_from(sorted(MESHES)),
     corner=st.integers(0, 10**6),

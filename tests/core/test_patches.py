@@ -21,33 +21,6 @@ ROUNDING = 1e-13
 # Which kind
 
 
-@pytest.mark.parametrize(
-    "data",
-    [
-        meshes.cube(),
-        meshes.torus(7, 5),
-        meshes.triangles_and_quads(),
-        meshes.cylinder(9),
-        meshes.trapezohedron(5),
-        meshes.bipyramid(5),
-    ],
-    ids=["cube", "torus", "triangles and quads", "cylinder", "trapezohedron", "bipyramid"],
-)
-def test_kinds_by_independent_count(data: meshes.MeshData) -> None:
-    """Closed meshes of all sorts: a quad is regular or extraordinary by the valences and faces at its corners."""
-    for levels in range(3):
-        mesh = nets.refined(build(data), levels)
-        faces = np.split(mesh.corner_vertices, mesh.face_starts[1:-1])
-        around: dict[int, list[np.ndarray]] = {}
-        for face in faces:
-            for v in face:
-                around.setdefault(v, []).append(face)
-        for kind, face in zip(classify_patches(mesh).kinds.tolist(), faces, strict=True):
-            quads = len(face) == 4 and all(len(other) == 4 for v in face for other in around[v])
-            extraordinary = [v for v in face if len(around[v]) != 4]
-            assert kind == (PatchKind(min(len(extraordinary), 2)) if quads else PatchKind.IRREGULAR)
-
-
 MIDDLE, AT_MIDDLE, AT_EDGE = 24, [14, 15, 20, 21], [14, 15, 16, 20, 21, 22]
 
 
@@ -71,6 +44,17 @@ def test_features_make_faces_irregular(
     kinds = classify_patches(build(data, smooth_corners=smooth_corners)).kinds
     expected = np.where(np.isin(np.arange(36), irregular), PatchKind.IRREGULAR, PatchKind.REGULAR)
     np.testing.assert_array_equal(kinds, expected)
+
+
+def test_quads_beside_triangles_are_irregular() -> None:
+    """Also where they meet the triangles in a vertex of four faces alone."""
+    data = meshes.landscape(6, 6)
+    faces = [face.copy() for face in data.faces]
+    a, b, c, d = faces.pop(14)
+    mesh = build(meshes.from_faces(data.positions, [*faces, [a, b, c], [a, c, d]]), smooth_corners=False)
+    beside = np.array([bool({a, b, c, d} & set(face)) for face in faces] + [True, True])
+    kinds = classify_patches(mesh).kinds
+    np.testing.assert_array_equal(kinds, np.where(beside, PatchKind.IRREGULAR, PatchKind.REGULAR))
 
 
 # Phantom points: the net of a boundary, crease or corner face is the surface's
