@@ -117,17 +117,6 @@ def test_presets_of_ones_own_are_added_and_removed(tmp_path: Path, monkeypatch: 
     assert not list((tmp_path / "presets/ccdepth/tolerance").iterdir())
 
 
-def test_a_preset_makes_a_result_out_of_date() -> None:
-    bpy.context.scene.ccdepth.tolerance_mode = "RELATIVE"
-    choose(presets()["Draft"])
-    settings = bpy.context.scene.ccdepth
-    [result] = subdivide(scene.add_suzanne(), tolerance=settings.relative_tolerance, tolerance_mode="RELATIVE")
-    changed = addon.module("state.result_record").settings_have_changed
-    assert not changed(result, settings)
-    choose(presets()["Fine"])
-    assert changed(result, settings)
-
-
 # The tolerance in the sidebar, in full and in the other mode
 
 

@@ -371,17 +371,6 @@ def test_a_linked_result_is_refused_and_an_appended_one_brings_its_source(tmp_pa
     refuses("update", "linked from another file")
 
 
-def test_results_survive_saving_and_loading(tmp_path: Path) -> None:
-    bpy.ops.wm.open_mainfile(filepath=saved(tmp_path))
-    source, result = bpy.data.objects["Cage"], bpy.data.objects["Cage Adaptive"]
-    source.name = "Renamed"
-    assert stale_line(result) == ""
-    move_vertex(source.data)
-    assert stale_line(result) == "Out of date: source changed"
-    update(result)
-    assert stale_line(result) == ""
-
-
 # Results as control meshes.
 
 

@@ -114,23 +114,6 @@ def assert_between_its_distances(
             assert np.all(found.distances[missed] <= closely * (1 + 1e-3) + 1e-12)
 
 
-@both_vertices
-@pytest.mark.parametrize("data", [meshes.fan(360, 1), meshes.bumpy(meshes.bipyramid(360), 1e-3)], ids=["fan", "poles"])
-def test_valence_360(data: meshes.MeshData, vertices: str) -> None:
-    """On the facets of each depth, closely measured; a few dozen of the faces stand for all."""
-    mesh = build(data)
-    tolerance = 0.01 * diagonal(mesh)
-    found = certified(mesh, tolerance, vertices)
-    some = np.arange(mesh.face_count) % 23 == 0
-    for level in np.unique(found.depths).tolist():
-        faces = np.flatnonzero(some & (found.depths == level))
-        if len(faces) and level < 5:
-            assert np.all(brute_force.reached(mesh, faces, level, vertices) <= found.bounds[faces])
-            disproved = faces[found.exact[faces]]
-            if level and len(disproved):
-                assert np.all(brute_force.reached(mesh, disproved, level - 1, vertices) > tolerance)
-
-
 # Single patches
 
 
@@ -187,16 +170,6 @@ def test_tolerances_next_to_the_distance(vertices: str) -> None:
 
 
 # Depth 0
-
-
-@both_vertices
-def test_planar_and_evenly_spaced_needs_nothing(vertices: str) -> None:
-    for smooth_corners in (False, True):
-        mesh = build(meshes.grid(7, 6), smooth_corners)
-        found = certified(mesh, smallest_tolerance(mesh), vertices)
-        round_corners = [0, 6, 35, 41] if smooth_corners else []
-        np.testing.assert_array_equal(np.flatnonzero(found.depths), round_corners)
-        assert np.all(found.exact[found.depths == 0])
 
 
 @both_vertices

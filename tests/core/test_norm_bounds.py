@@ -9,7 +9,6 @@ on the direction of the largest value.
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -187,29 +186,6 @@ def test_constants_as_printed() -> None:
     assert max(map(published_rate, valences)) < 0.84
     assert max(map(first_order_rate, valences)) < 0.85
     assert min(map(published_divisor, valences)) >= 1
-
-
-def test_lemma_7_as_printed_is_false_at_valence_32() -> None:
-    """A net whose facet is farther from the surface, at its regular corner V₅, than the printed bound allows.
-
-    For n > 8 Lemma 7 prints 1/z too small by a factor of 2.
-    """
-    valence = 32
-    printed = valence**2 / (4 * (valence**2 - 8 * valence + 46))
-    assert 2 * printed == pytest.approx(1 / published_divisor(valence))
-    corner = distance_stencils(valence, 0, "CONTROL")[-1, -1]
-    # Nearly a line, but not quite, since faces must have an area.
-    net = 1e-4 * fan_positions(valence)
-    net[:, 2] = worst_of(corner[None], nets.difference_matrix(valence))[1]
-    norm = np.linalg.norm(nets.difference_matrix(valence) @ net, axis=1).max()
-    assert norm == pytest.approx(1, abs=PROGRAM_TOLERANCE)
-
-    mesh, face = nets.net_mesh(net), np.array([0])
-    distance = nets.largest_distances(mesh, face, 0, "CONTROL", SAMPLES)[0]
-    assert printed * norm < 0.315 < 1 / 3 - PROGRAM_TOLERANCE <= distance
-    assert distance <= norm / published_divisor(valence)
-    # With a tolerance between the two the printed lemma would leave the face as it is.
-    assert face_depths(mesh, 0.32, "SECOND_ORDER", "CONTROL").depths[0] > 0
 
 
 # First order
@@ -448,29 +424,6 @@ def test_norms_of_extraordinary_nets(valence: int) -> None:
     assert len(set(listed)) == len(listed) == 2 * valence + 10
     core = [(a + 1, *sorted((b + 1, c + 1))) for a, b, c in second_differences(valence).T.tolist()]
     assert sorted(core) == sorted((a, *sorted((b, c))) for a, b, c in listed)
-
-
-def test_differences_of_valence_four_are_those_of_the_regular_net() -> None:
-    """At valence 4 the list has the two differences across V₁ twice, and is otherwise the 16 of a 4×4 net."""
-    assert len({(a, *sorted((b, c))) for a, b, c in nets.listed_differences(4)}) == 16
-
-
-@pytest.mark.parametrize(
-    ("norm", "shape"),
-    [
-        (second_order_norm_regular, (4, 4, 10, 3)),
-        (first_order_norm_regular, (4, 4, 10, 3)),
-        (second_order_norm_extraordinary, (18, 10, 3)),
-        (first_order_norm_extraordinary, (18, 10, 3)),
-    ],
-)
-def test_norms_of_moved_turned_scaled_and_coinciding_points(
-    norm: Callable[[FloatArray], FloatArray], shape: tuple[int, ...]
-) -> None:
-    net = random_net(*shape)
-    turn, _ = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))
-    np.testing.assert_allclose(norm(-3 * net @ turn + [5.0, -2.0, 1.0]), 3 * norm(net), rtol=1e-13)
-    assert np.all(norm(np.ones(shape)) == 0)
 
 
 @pytest.mark.parametrize("name", meshes.AWKWARD)
