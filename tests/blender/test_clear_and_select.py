@@ -10,6 +10,7 @@ import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.updating import refuses
 
 pytestmark = pytest.mark.every_blender
 
@@ -117,8 +118,7 @@ def test_select(editing: bool) -> None:
 
 def test_select_needs_a_result() -> None:
     addon.select(scene.add_suzanne())
-    with pytest.raises(RuntimeError, match="Compute Depth first"):
-        bpy.ops.ccdepth.select(depth=1)
+    refuses("select", "Compute Depth first", depth=1)
 
 
 @pytest.mark.parametrize("name", [".select_vert", ".select_edge", ".select_poly"])
@@ -130,9 +130,7 @@ def test_attribute_where_blender_keeps_the_selection(name: str) -> None:
         if name in holder.data.attributes:
             holder.data.attributes.remove(holder.data.attributes[name])
         holder.data.attributes.new(name, data_type, domain)
-        with pytest.raises(RuntimeError, match=f"Cube.*: .* “{name}” that is not a selection"):
-            bpy.ops.ccdepth.select(depth=0)
-        assert holder.data.attributes[name].data_type == data_type
+        refuses("select", f"Cube.*: .* “{name}” that is not a selection", depth=0)
 
 
 # What a user has chosen stays
@@ -200,8 +198,7 @@ def edit_others_than_selected() -> tuple[bpy.types.Object, bpy.types.Object, bpy
 def test_objects_that_are_edited_without_being_selected(refused: bool) -> None:
     _, second, _ = edit_others_than_selected()
     if refused:
-        with pytest.raises(RuntimeError, match="would have about"):
-            bpy.ops.ccdepth.subdivide(tolerance=0.001, max_faces=1)
+        refuses("subdivide", "would have about", tolerance=0.001, max_faces=1)
     else:
         assert bpy.ops.ccdepth.count_faces(tolerance=0.1) == {"FINISHED"}
     assert {each.name for each in bpy.context.objects_in_mode} == {"First", "Second"}
