@@ -135,6 +135,28 @@ def test_second_order_norm_shrinks_as_published(valence: int) -> None:
         assert beside / divisor <= factor + PROGRAM_TOLERANCE
 
 
+@pytest.mark.parametrize(
+    ("valence", "rates"),
+    [
+        (3, (2 / 3, 0.2917, 0.1224, 0.0506)),
+        (5, (0.72, 0.4016, 0.2225, 0.1233)),
+        (6, (0.75, 0.4688, 0.2793, 0.1637)),
+        (7, (0.75 + 10 / 196, 0.5121, 0.3145, 0.1896)),
+        (8, (0.75, 0.4844, 0.3027, 0.1871)),
+        (10, (0.83, 0.5598, 0.3575, 0.2239)),
+        (12, (29 / 36, 0.5492, 0.3602, 0.2331)),
+    ],
+)
+def test_least_rates_over_several_levels(valence: int, rates: tuple[float, ...]) -> None:
+    """Over one level the published ones at 3, 5 and 7, which cannot be improved."""
+    differences = nets.difference_matrix(valence)
+    growths = [largest_of(differences @ steps(valence, levels), differences) for levels in (1, 2, 3, 4)]
+    assert growths[0] == pytest.approx(rates[0], abs=PROGRAM_TOLERANCE)
+    # Four digits are given.
+    assert growths == pytest.approx(rates, abs=5.001e-5)
+    assert (growths[0] == pytest.approx(published_rate(valence), abs=PROGRAM_TOLERANCE)) == (valence in (3, 5, 7))
+
+
 @every_valence
 @both_vertices
 def test_facets_lie_within_the_second_order_distance(valence: int, vertices: str) -> None:
@@ -186,6 +208,29 @@ def test_constants_as_printed() -> None:
     assert max(map(published_rate, valences)) < 0.84
     assert max(map(first_order_rate, valences)) < 0.85
     assert min(map(published_divisor, valences)) >= 1
+
+
+def test_lemma_7_as_printed_is_false_at_valence_32() -> None:
+    """A net whose facet is farther from the surface, at its regular corner V₅, than the printed bound allows.
+
+    For n > 8 Lemma 7 prints 1/z too small by a factor of 2.
+    """
+    valence = 32
+    printed = valence**2 / (4 * (valence**2 - 8 * valence + 46))
+    assert 2 * printed == pytest.approx(1 / published_divisor(valence))
+    corner = distance_stencils(valence, 0, "CONTROL")[-1, -1]
+    # Nearly a line, but not quite, since faces must have an area.
+    net = 1e-4 * fan_positions(valence)
+    net[:, 2] = worst_of(corner[None], nets.difference_matrix(valence))[1]
+    norm = np.linalg.norm(nets.difference_matrix(valence) @ net, axis=1).max()
+    assert norm == pytest.approx(1, abs=PROGRAM_TOLERANCE)
+
+    mesh, face = nets.net_mesh(net), np.array([0])
+    distance = nets.largest_distances(mesh, face, 0, "CONTROL", SAMPLES)[0]
+    assert printed * norm < 0.315 < 1 / 3 - PROGRAM_TOLERANCE <= distance
+    assert distance <= norm / published_divisor(valence)
+    # With a tolerance between the two the printed lemma would leave the face as it is.
+    assert face_depths(mesh, 0.32, "SECOND_ORDER", "CONTROL").depths[0] > 0
 
 
 # First order
