@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -438,3 +439,33 @@ def with_random_creases(data: MeshData, seed: int = 1, share: float = 0.3) -> Me
         {(int(a), int(b)): crease for (a, b), crease in zip(edges, creases(len(edges)).tolist(), strict=True)},
         dict(zip(vertices.tolist(), creases(len(vertices)).tolist(), strict=True)),
     )
+
+
+# Every kind of face, by name
+
+AWKWARD: dict[str, Callable[[], MeshData]] = {
+    "cube": cube,
+    "triangles": lambda: bumpy(bipyramid(7), 0.1),
+    "triangles and quads": triangles_and_quads,
+    "cylinder": lambda: cylinder(9),
+    "landscape": lambda: landscape(5, 4),
+    "single quad": lambda: bumpy(grid(1, 1), 0.3),
+    "collapsed faces": lambda: with_collapsed_faces(landscape(5, 4)),
+    "collapsed n-gons": lambda: with_collapsed_faces(cylinder(7)),
+    "valences 2 and 12": valences_two_and_twelve,
+    "valence 2 creased": lambda: with_random_creases(valence_two(), seed=5, share=0.8),
+    "creased cube": creased_cube,
+    "corner creased cube": corner_creased_cube,
+    "landscape with random creases": lambda: with_random_creases(landscape(5, 5), share=0.5),
+    "cylinder with random creases": lambda: with_random_creases(cylinder(8), share=0.6),
+    "two cubes sharing an edge": two_cubes_sharing_an_edge,
+    "two cubes sharing a vertex": two_cubes_sharing_a_vertex,
+    "bow tie": bow_tie,
+    "bow tie inside": bow_tie_inside,
+    "three faces on an edge": three_faces_on_an_edge,
+    "fin through": fin_through,
+    "flipped face": flipped_face,
+    "soup": face_soup,
+    "soup with random creases": lambda: with_random_creases(face_soup(2), seed=2, share=0.4),
+    "boundary touching inside": boundary_touching_inside,
+}

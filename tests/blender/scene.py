@@ -60,9 +60,28 @@ def icosphere(subdivisions: int) -> MeshData:
 
 
 def add_mesh(mesh: bpy.types.Mesh) -> bpy.types.Object:
-    blender_object = bpy.data.objects.new(mesh.name, mesh)
+    return add(mesh.name, mesh)
+
+
+def add(name: str, data: bpy.types.ID | None = None) -> bpy.types.Object:
+    """An object of any type, an empty one without data."""
+    blender_object = bpy.data.objects.new(name, data)
     bpy.context.scene.collection.objects.link(blender_object)
     return blender_object
+
+
+def add_light() -> bpy.types.Object:
+    return add("Light", bpy.data.lights.new("Light", "POINT"))
+
+
+def add_rig(name: str = "Bone") -> bpy.types.Object:
+    """An armature with one bone."""
+    rig = add("Rig", bpy.data.armatures.new("Rig"))
+    bpy.context.view_layer.objects.active = rig
+    bpy.ops.object.mode_set(mode="EDIT")
+    rig.data.edit_bones.new(name).tail = (0.0, 0.0, 1.0)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    return rig
 
 
 def add_subdivision(blender_object: bpy.types.Object, levels: int, boundary: str = "ALL") -> bpy.types.Modifier:

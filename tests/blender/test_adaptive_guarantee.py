@@ -25,10 +25,12 @@ from mathutils.bvhtree import BVHTree
 from numpy.typing import NDArray
 
 from tests import meshes
+from tests import polygon_loops as loops
 from tests.blender import addon, scene
 from tests.blender.measuring import BlenderLevels, part_of, rounding
 from tests.blender.named_meshes import NAMED
 from tests.brute_force import linear_children
+from tests.polygon_loops import Loop
 from tests.thorough import combinations
 
 FloatArray = NDArray[np.float64]
@@ -142,14 +144,16 @@ class Drawn:
     bounds: FloatArray
 
 
-def drawn(data: meshes.MeshData, tolerance: float, transitions: str, world: FloatArray | None = None) -> Drawn:
+def drawn(
+    data: meshes.MeshData, tolerance: float, transitions: str, world: FloatArray | None = None, mode: str = "ADAPTIVE"
+) -> Drawn:
     """tolerance: in the unit of the positions. world: (3, 3), of the object that has the data in the scene."""
     world = np.eye(3) if world is None else world
     adaptive, rules = addon.module("core.adaptive.planner"), addon.module("core.surface.sharpness")
     templates, request = addon.module("core.adaptive.templates"), addon.module("core.adaptive.request")
     base = rules.apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
     asked = request.AdaptiveRequest(
-        tolerance, request.Mode.ADAPTIVE, templates.Transitions(transitions), MOST_FACES, world
+        tolerance, request.Mode(mode), templates.Transitions(transitions), MOST_FACES, world
     )
     positions = base.positions @ np.linalg.inv(world).T
     found = adaptive.subdivide_adaptively(base, asked, positions)
@@ -225,7 +229,12 @@ def points_of_triangles(points: FloatArray) -> FloatArray:
 
 
 def assert_within(
-    data: meshes.MeshData, level: int, relative: dict[float, str], slack: float, world: FloatArray | None = None
+    data: meshes.MeshData,
+    level: int,
+    relative: dict[float, str],
+    slack: float,
+    world: FloatArray | None = None,
+    mode: str = "ADAPTIVE",
 ) -> None:
     """Both ways at each of these tolerances, with these transitions."""
     diagonal = float(np.linalg.norm(np.ptp(data.positions, axis=0)))
@@ -236,7 +245,7 @@ def assert_within(
     # Blender's trees compute in single precision as well.
     slack *= rounding(data, level)
     for tolerance, transitions in relative.items():
-        mesh = drawn(data, tolerance * diagonal, transitions, world)
+        mesh = drawn(data, tolerance * diagonal, transitions, world, mode)
         assert_mesh_near_surface(mesh, faces, surface, tolerance * diagonal, slack)
         assert_surface_near_mesh(mesh, surface, tolerance * diagonal, slack)
 
@@ -256,6 +265,12 @@ def marked() -> list[object]:
 def test_within_the_tolerance_both_ways(name: str, relative: float) -> None:
     level, transitions = TOLERANCES[relative]
     assert_within(meshes.single_precision(CASES[name].build()), level, {relative: transitions}, slack=2)
+
+
+@pytest.mark.parametrize("name", ["valences 3 and 9", "n-gons", "not manifold", "landscape with creases"])
+def test_faces_with_one_depth_are_within_the_tolerance_both_ways(name: str) -> None:
+    data = meshes.single_precision(CASES[name].build())
+    assert_within(data, 4, {COARSE: "TRIANGLES", MIDDLE: "NGONS"}, slack=2, mode="PER_FACE")
 
 
 # Of objects: what they do to their meshes, so unevenly that Blender does not see the polygons as they are in the scene.
@@ -309,3 +324,61 @@ def assert_surface_near_mesh(mesh: Drawn, surface: Surface, tolerance: float, sl
     points = surface.points[measured[some(len(measured), MOST_POINTS)]]
     distances, _ = nearest(tree, points)
     assert np.all(distances <= tolerance + slack)
+
+
+# Polygons as Blender triangulates them, against what is promised of them
+
+
+# Coordinates of some units in single precision.
+POLYGON_ROUNDING = 2e-6
+
+# So many polygons that are regions, of so many drawn at random.
+REGIONS = 4
+SEEDS = range(200)
+
+# How uneven, and how high.
+SHAPES = [(0.05, 0.05), (0.2, 0.3), (0.3, 0.1)]
+
+
+def single(loop: Loop) -> Loop:
+    """The loop as Blender holds it; straight sides stay straight."""
+    corners = loop.corners.astype(np.float32).astype(np.float64)
+    straight = loops.plain(corners).middles
+    middles = np.where(loop.bent[:, None], loop.middles.astype(np.float32), straight)
+    return Loop(corners, middles, loop.bent)
+
+
+def triangles_drawn(vertices: np.ndarray) -> np.ndarray:
+    """(T, 3): what Blender draws the polygon as."""
+    mesh = bpy.data.meshes.new("Polygon")
+    mesh.from_pydata(vertices.tolist(), [], [list(range(len(vertices)))])
+    mesh.calc_loop_triangles()
+    return np.array([triangle.vertices[:] for triangle in mesh.loop_triangles])
+
+
+@pytest.mark.every_blender
+@pytest.mark.parametrize(("size", "shape"), combinations([3, 4, 5, 6, 8], SHAPES))
+def test_blender_draws_the_region_and_is_no_farther_than_it_is_thick(size: int, shape: tuple[float, float]) -> None:
+    regions = 0
+    for seed in SEEDS:
+        loop = single(loops.random_loop(seed, size, *shape, bent_share=0.4))
+        thickness, normal = loop.thickness()
+        if not np.isfinite(thickness):
+            continue
+        if regions == REGIONS:
+            break
+        regions += 1
+        vertices = loop.vertices
+        triangles = triangles_drawn(vertices)
+        flat = loops.seen_along(vertices, normal)
+        areas = [loops.doubled_area(flat[triangle]) for triangle in triangles]
+        # A vertex on a side of the triangles is on either side of it by rounding.
+        assert min(areas) > -POLYGON_ROUNDING
+        x, y = flat.T
+        assert sum(areas) == pytest.approx(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+        drawn = vertices[triangles]
+        fan = loops.facet_triangles(loop.facets)
+        allowed = thickness + loops.twist_error(loop.facets) + POLYGON_ROUNDING
+        assert loops.farthest(loops.samples_of(drawn), fan) <= allowed
+        assert loops.farthest(fan.reshape(-1, 3), drawn) <= allowed
+    assert regions == REGIONS

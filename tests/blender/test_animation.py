@@ -57,12 +57,6 @@ def with_a_key() -> tuple[bpy.types.Object, bpy.types.ShapeKey]:
     return holder, shape
 
 
-def add_object(name: str, data: bpy.types.ID | None = None) -> bpy.types.Object:
-    added = bpy.data.objects.new(name, data)
-    bpy.context.scene.collection.objects.link(added)
-    return added
-
-
 def moving_objects() -> dict[str, bpy.types.Object]:
     """Objects that are shaped or scaled otherwise at the later frame."""
     holders = {name: scene.add_suzanne() for name in ("keyed modifier", "wave", "scale", "child", "posed")}
@@ -73,12 +67,10 @@ def moving_objects() -> dict[str, bpy.types.Object]:
     key(holders["keyed modifier"].modifiers.new("Cast", "CAST"), "factor", 0.0, 1.0)
     # It moves without keys.
     holders["wave"].modifiers.new("Wave", "WAVE")
-    holders["child"].parent = add_object("Parent")
+    holders["child"].parent = scene.add("Parent")
     for scaled in (holders["scale"], holders["child"].parent):
         key(scaled, "scale", (1.0, 1.0, 1.0), (2.0, 1.0, 1.0))
-    rig = add_object("Rig", bpy.data.armatures.new("Rig"))
-    with addon.edit_mode(rig):
-        rig.data.edit_bones.new("Bone").tail = (0.0, 0.0, 1.0)
+    rig = scene.add_rig()
     holders["posed"].vertex_groups.new(name="Bone").add(range(100), 1.0, "REPLACE")
     holders["posed"].modifiers.new("Armature", "ARMATURE").object = rig
     key(rig.pose.bones["Bone"], "location", (0.0, 0.0, 0.0), (0.5, 0.0, 0.0))

@@ -1,10 +1,15 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Apply Adaptive Subdivision on selected objects: where the adaptive mesh goes and what it is, modifiers, Edit Mode and
-undo."""
+undo; of many objects, and of objects that are scaled unevenly."""
 
 from __future__ import annotations
 
 import gc
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import product
+from types import ModuleType
 
 import bpy
 import numpy as np
@@ -13,7 +18,8 @@ from mathutils import Matrix
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.subdividing import TOLERANCE, everything_in_the_file, faces, shape, subdivide
+from tests.blender.subdividing import TOLERANCE, everything_in_the_file, faces, known_count, shape, subdivide
+from tests.blender.updating import set_scene
 from tests.steps import result_of
 
 pytestmark = pytest.mark.every_blender
@@ -70,16 +76,6 @@ def test_attributes_and_the_record_tell_what_was_made() -> None:
     assert "mesh changed" in addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, result.data)
 
 
-def test_an_earlier_result_stays_with_the_original_alone() -> None:
-    holder = scene.add_suzanne()
-    addon.compute(holder)
-    bpy.context.scene.ccdepth.show_heat_map = False
-    [result] = subdivide(holder, tolerance=ROUGH)
-    assert "ccdepth_color" in holder.data.attributes
-    assert "ccdepth_color" not in result.data.attributes
-    assert result.data.attributes.active_color_name != "ccdepth_color"
-
-
 def test_each_mode_and_transition_makes_another_mesh() -> None:
     holder = scene.add_suzanne()
     sizes, corners = {}, {}
@@ -95,9 +91,13 @@ def test_each_mode_and_transition_makes_another_mesh() -> None:
         assert corners[mode, "TRIANGLES"] <= 4 < corners[mode, "NGONS"]
 
 
-def test_exact_normals_are_custom_normals() -> None:
+@pytest.mark.parametrize("has_modifier", [False, True])
+def test_exact_normals_are_custom_normals(has_modifier: bool) -> None:
     for exact_normals in (False, True):
-        [result] = subdivide(scene.add_suzanne(), tolerance=ROUGH, exact_normals=exact_normals)
+        holder = scene.add_suzanne()
+        if has_modifier:
+            scene.add_subdivision(holder, 1)
+        [result] = subdivide(holder, tolerance=ROUGH, exact_normals=exact_normals)
         assert result.data.has_custom_normals == exact_normals
 
 
@@ -144,24 +144,12 @@ def test_settings_come_from_the_scene_unless_given() -> None:
     assert faces(first) == faces(second) > 500
 
 
-def test_the_result_has_the_shape_of_the_surface() -> None:
-    holder = scene.add_suzanne()
-    [result] = subdivide(holder)
-    scene.add_subdivision(holder, 4).use_limit_surface = True
-    surface = scene.evaluated_mesh_data(holder).positions
-    found = shape(result)
-    nearest = [np.linalg.norm(surface - point, axis=1).min() for point in found[:: len(found) // 100]]
-    assert max(nearest) < 5 * TOLERANCE
-
-
 # Several objects, and Edit Mode.
 
 
 def test_several_objects_get_a_result_each() -> None:
     first, second = scene.add_suzanne(), scene.add_object(meshes.landscape(5, 5), "Land")
-    light = bpy.data.objects.new("Light", bpy.data.lights.new("Light", "POINT"))
-    bpy.context.scene.collection.objects.link(light)
-    results = subdivide(light, first, second, tolerance=ROUGH)
+    results = subdivide(scene.add_light(), first, second, tolerance=ROUGH)
     assert [result.name for result in results] == ["Land Adaptive", "Light", "Suzanne Adaptive"]
     assert bpy.context.active_object == results[0]
 
@@ -374,11 +362,6 @@ def assert_nothing_is_done(editing: bool) -> None:
     assert len(bpy.data.meshes) == 1
 
 
-def test_it_can_be_undone_and_repeated() -> None:
-    assert bpy.types.CCDEPTH_OT_subdivide.bl_options >= {"REGISTER", "UNDO"}
-    assert "UNDO" not in bpy.types.CCDEPTH_OT_count_faces.bl_options
-
-
 # Long runs.
 
 
@@ -398,3 +381,246 @@ def test_giving_up_leaves_everything_as_it_was() -> None:
     run.give_up()
     worker.stop_all()
     assert everything_in_the_file() == before
+
+
+# All results are placed, or none
+
+
+def placing() -> ModuleType:
+    return addon.module("operators.adaptive_objects")
+
+
+def made_meshes(objects: list[bpy.types.Object]) -> tuple[object, object]:
+    """Their results before they are placed, and the settings."""
+    task = addon.module("tasks.adaptive_task")
+    settings = task.AdaptiveSettings(TOLERANCE, "ABSOLUTE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
+    tasks = result_of(task.prepare_adaptive(bpy.context, objects, settings))
+    answers = task.subdivide(tasks, settings)
+    return result_of(placing().make_meshes(bpy.context, answers, settings, exact_normals=False)), settings
+
+
+def three_objects() -> list[bpy.types.Object]:
+    """Two of them share a mesh, one is not selected, and all have modifiers."""
+    first = scene.add_object(meshes.cube())
+    objects = [first, scene.add_mesh(first.data), scene.add_object(meshes.cube())]
+    for holder, name in zip(objects, ("First", "Second", "Third"), strict=True):
+        holder.name = name
+    objects[1].scale = (3.0, 0.5, 1.0)
+    for holder in objects:
+        scene.add_subdivision(holder, 1)
+    objects[0].hide_render = objects[2].hide_render = True
+    addon.select(*objects[:2])
+    return objects
+
+
+@pytest.mark.parametrize("output", ["IN_PLACE", "NEW_OBJECT"])
+def test_all_is_placed(output: str) -> None:
+    made, settings = made_meshes(three_objects())
+    placed = placing().place_meshes(bpy.context, made, settings, in_place=output == "IN_PLACE")
+    assert len(placed) == 3
+    assert not any(holder.modifiers for holder in placed)
+    assert all(holder.data.ccdepth.subdivision for holder in placed)
+
+
+@pytest.mark.parametrize("failing", [0, 1, 2])
+def test_objects_that_cannot_be_placed_beside_leave_all_as_they_were(failing: int) -> None:
+    """One has left the view layer meanwhile, which may be the first, or come after others."""
+    objects = three_objects()
+    before = everything_in_the_file()
+    collection = bpy.data.collections.new("Left out")
+    made, settings = made_meshes(objects)
+    bpy.context.scene.collection.children.link(collection)
+    active = bpy.context.view_layer.objects.active
+    collection.objects.link(objects[failing])
+    bpy.context.scene.collection.objects.unlink(objects[failing])
+    bpy.context.view_layer.layer_collection.children["Left out"].exclude = True
+    with pytest.raises(addon.module("tasks.surfaces").ComputeError, match="nothing was written"):
+        placing().place_meshes(bpy.context, made, settings, in_place=False)
+    bpy.context.scene.collection.objects.link(objects[failing])
+    bpy.data.collections.remove(collection)
+    bpy.context.view_layer.update()
+    objects[failing].select_set(before[objects[failing].name][3])
+    assert everything_in_the_file() == before
+    if failing != 1:
+        assert bpy.context.view_layer.objects.active == active
+
+
+@pytest.mark.parametrize("failing", [1, 2, 3])
+def test_whatever_goes_wrong_beside_leaves_all_as_it_was(failing: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    objects = three_objects()
+    before, active = everything_in_the_file(), bpy.context.view_layer.objects.active
+    made, settings = made_meshes(objects)
+    link, calls = placing().link_beside, []
+
+    def odd(*arguments: object) -> None:
+        calls.append(arguments)
+        if len(calls) == failing:
+            raise LookupError("odd")
+        link(*arguments)
+
+    monkeypatch.setattr(placing(), "link_beside", odd)
+    with pytest.raises(LookupError, match="odd"):
+        placing().place_meshes(bpy.context, made, settings, in_place=False)
+    assert everything_in_the_file() == before
+    assert bpy.context.view_layer.objects.active == active
+
+
+def test_objects_whose_mesh_cannot_be_replaced_leave_all_as_they_were() -> None:
+    """The last is in Edit Mode, where Blender drops the new mesh and says nothing."""
+    objects = three_objects()
+    before = everything_in_the_file()
+    made, settings = made_meshes(objects)
+    error = addon.module("tasks.surfaces").ComputeError
+    with addon.edit_mode(objects[2]), pytest.raises(error, match="nothing was written"):
+        placing().place_meshes(bpy.context, made, settings, in_place=True)
+    addon.select(*objects[:2])
+    assert everything_in_the_file() == before
+
+
+# Many objects at once
+
+
+# Of each kind, so that all together are more than are evaluated at once: in two groups.
+COUNT = 25
+BATCHES = 2
+
+# Blender evaluates the scene before and after each operator and at its end as well, however many objects there are.
+OTHER_EVALUATIONS = 8
+
+
+def many() -> list[bpy.types.Object]:
+    """Of other scales: without a modifier, with one that adds faces and with one that removes some; and of each such
+    kind some that share their mesh and some with meshes of their own."""
+    objects = []
+    for modifier, shared in product(("", "BEVEL", "MASK"), (False, True)):
+        first = scene.add_object(meshes.cube())
+        first.vertex_groups.new(name="Kept").add(first.data.polygons[0].vertices[:], 1.0, "REPLACE")
+        same = [first] + [scene.add_mesh(first.data if shared else first.data.copy()) for _ in range(COUNT - 1)]
+        for index, holder in enumerate(same):
+            holder.scale.x = 1.0 + index / COUNT
+            holder.scale.y = 1.0 / holder.scale.x
+            added = holder.modifiers.new(modifier.title(), modifier) if modifier else None
+            if modifier == "MASK":
+                added.vertex_group = "Kept"
+        objects += same
+    return objects
+
+
+@contextmanager
+def counted_evaluations() -> Iterator[list[int]]:
+    """Counts how often Blender evaluates a scene with objects in it: each time takes as long as there are objects."""
+    evaluations: list[int] = []
+
+    def count(evaluated: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+        if evaluated.objects:
+            evaluations.append(len(depsgraph.updates))
+
+    bpy.app.handlers.depsgraph_update_post.append(count)
+    try:
+        yield evaluations
+    finally:
+        bpy.app.handlers.depsgraph_update_post.remove(count)
+
+
+@pytest.mark.parametrize(("operator", "tolerance"), [("compute", 0.1), ("subdivide", 0.3)])
+def test_the_scene_is_evaluated_a_few_times_and_each_has_its_own_result(operator: str, tolerance: float) -> None:
+    objects = many()
+    other = objects[2 * COUNT + 7]
+    other.modifiers["Bevel"].segments = 4
+    addon.select(*objects)
+    with counted_evaluations() as evaluations:
+        assert getattr(bpy.ops.ccdepth, operator)(tolerance=tolerance) == {"FINISHED"}
+    assert len(evaluations) <= OTHER_EVALUATIONS + 6 * BATCHES
+    if operator == "compute":
+        assert other.data.ccdepth.added_deepest >= 0
+        expected, alone = addon.depths(other), scene.add_mesh(other.data.copy())
+        alone.matrix_world = other.matrix_world
+        alone.modifiers.new("Bevel", "BEVEL").segments = 4
+        addon.compute(alone, tolerance=0.1, tolerance_mode=bpy.context.scene.ccdepth.tolerance_mode)
+        assert addon.depths(alone).tolist() == expected.tolist()
+
+
+def test_giving_up_while_reading_or_writing_leaves_everything() -> None:
+    objects = many()
+    addon.select(*objects)
+    bpy.context.view_layer.update()
+    subdivision, made = addon.module("tasks.adaptive_task"), addon.module("operators.adaptive_objects")
+    settings = subdivision.AdaptiveSettings(0.3, "RELATIVE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
+    before = {kind: set(getattr(bpy.data, kind)) for kind in ("objects", "meshes")}
+
+    def is_as_before() -> bool:
+        return all(set(getattr(bpy.data, kind)) == found for kind, found in before.items())
+
+    reading = subdivision.prepare_adaptive(bpy.context, objects, settings)
+    next(reading)
+    next(reading)
+    reading.close()
+    assert is_as_before()
+    tasks = addon.module("tasks.stepwise").Stepwise(subdivision.prepare_adaptive(bpy.context, objects, settings))
+    tasks.work()
+    answers = subdivision.subdivide(tasks.answer, settings)
+    writing = made.make_meshes(bpy.context, answers, settings, exact_normals=False)
+    next(writing)
+    next(writing)
+    assert not is_as_before()
+    writing.close()
+    assert is_as_before()
+
+
+# Objects that are scaled unevenly, sheared or flattened
+
+
+def folded_unless_flattened(data: meshes.MeshData, name: str = "Mesh") -> bpy.types.Object:
+    """Flattened, the object is smooth where its mesh is folded, and Blender triangulates the mesh."""
+    holder = scene.add_object(replace(data, positions=data.positions * (1.0, 1.0, 200.0)), name)
+    holder.scale = (1.0, 1.0, 0.005)
+    return holder
+
+
+def test_quads_are_drawn_along_the_diagonal_that_was_proved_on_a_flattened_object() -> None:
+    holder = folded_unless_flattened(meshes.bumpy(meshes.torus(9, 6), 0.2))
+    [result] = subdivide(holder, tolerance=0.05)
+    assert_quads_are_drawn_along_their_first_diagonal(result.data)
+
+
+def assert_quads_are_drawn_along_their_first_diagonal(mesh: bpy.types.Mesh) -> None:
+    assert any(polygon.loop_total == 4 for polygon in mesh.polygons)
+    mesh.calc_loop_triangles()
+    for triangle in mesh.loop_triangles:
+        polygon = mesh.polygons[triangle.polygon_index]
+        if polygon.loop_total == 4:
+            places = sorted(loop - polygon.loop_start for loop in triangle.loops)
+            assert places in ([0, 1, 2], [0, 2, 3])
+
+
+@pytest.mark.parametrize("transitions", ["TRIANGLES", "NGONS"])
+def test_faces_of_uneven_objects_are_counted_as_they_are_made(transitions: str) -> None:
+    landscape = folded_unless_flattened(meshes.landscape(6, 5), "Landscape")
+    fan = folded_unless_flattened(meshes.fan(5, 2), "Fan")
+    sheared = scene.add_object(meshes.bumpy(meshes.cylinder(7), 0.2), "Sheared")
+    sheared.parent = scene.add("Parent")
+    sheared.parent.scale = (10.0, 1.0, 0.1)
+    sheared.rotation_euler = (0.5, 0.6, 0.7)
+    subdivided_as_counted([landscape, fan, sheared], 0.1, transitions)
+
+
+def subdivided_as_counted(
+    holders: list[bpy.types.Object], tolerance: float, transitions: str
+) -> list[bpy.types.Object]:
+    """The results, whose faces are as many as were counted before."""
+    set_scene(tolerance=tolerance, transitions=transitions)
+    addon.select(*holders)
+    assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
+    counts = {holder.name: known_count(holder).faces for holder in holders}
+    results = subdivide(*holders, tolerance=tolerance, transitions=transitions)
+    assert {result.name.removesuffix(" Adaptive"): faces(result) for result in results} == counts
+    return results
+
+
+@pytest.mark.parametrize("scale", [(1.0, 1.0, 0.0), (1.0, 1.0, -1e-12)])
+def test_objects_scaled_to_nothing_are_drawn_as_they_are_proved(scale: tuple[float, float, float]) -> None:
+    holder = scene.add_object(meshes.landscape(6, 5))
+    holder.scale = scale
+    result = subdivided_as_counted([holder], TOLERANCE, "NGONS")[0]
+    assert addon.bounds(result).max() <= TOLERANCE
+    assert_quads_are_drawn_along_their_first_diagonal(result.data)

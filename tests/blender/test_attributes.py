@@ -13,8 +13,17 @@ from ccdepth_addon.core import limit_normals
 from ccdepth_addon.core.attributes.face_varying import UV_SMOOTH, face_varying_surface
 from tests import meshes, uniform
 from tests.blender import addon, full_mesh, scene
-from tests.blender.full_mesh import Comparison, compare, everything, faces_of_corners, known_types, read, write
-from tests.blender.subdividing import subdivide
+from tests.blender.full_mesh import (
+    Comparison,
+    compare,
+    counts,
+    everything,
+    faces_of_corners,
+    known_types,
+    read,
+    write,
+)
+from tests.blender.subdividing import shape, subdivide
 
 pytestmark = pytest.mark.every_blender
 
@@ -317,3 +326,87 @@ def test_exact_normals_take_flat_shading_off_and_nothing_else_of_its_name(data_t
     [result] = subdivide(holder, tolerance=0.1, exact_normals=True)
     kept = result.data.attributes["sharp_face"]
     assert (kept.data_type, kept.domain) == (data_type, domain)
+
+
+# The mesh itself
+
+
+def test_the_new_mesh_is_sound(comparison: Comparison) -> None:
+    mesh = comparison.mesh
+    assert not mesh.validate(verbose=True)
+    assert counts(mesh) == counts(comparison.blenders)
+    # The matching itself: edges by their corners, both ways.
+    np.testing.assert_array_equal(np.sort(comparison.vertices), np.arange(len(mesh.vertices)))
+    np.testing.assert_array_equal(np.sort(comparison.edges), np.arange(len(mesh.edges)))
+    assert len(bpy.data.objects) == 1
+
+
+def test_materials_and_settings_stay(comparison: Comparison) -> None:
+    mesh = comparison.mesh
+    assert [material.name for material in mesh.materials] == ["Red", "Green", "Blue"]
+    assert (mesh["custom"], mesh.use_mirror_x, mesh.remesh_voxel_size) == (12.5, True, 0.125)
+
+
+def test_hidden_and_selected_parts_stay_whole() -> None:
+    holder = scene.add_object(meshes.landscape(4, 4))
+    mesh = holder.data
+    for polygon in mesh.polygons:
+        polygon.hide = polygon.index in {5, 6}
+        polygon.select = polygon.index in {0, 1}
+    flush(mesh, "select", {0, 1})
+    comparison = compare(holder)
+    faces = comparison.subdivided.base_faces
+    new = comparison.mesh
+    for name, chosen in ((".hide", {5, 6}), (".select", {0, 1})):
+        expected = np.isin(faces, sorted(chosen))
+        np.testing.assert_array_equal(read(new, f"{name}_poly")[:, 0], expected)
+    selected = read(new, ".select_vert")[:, 0]
+    of_selected = comparison.subdivided.corner_vertices.reshape(-1, 4)[np.isin(faces, [0, 1])]
+    np.testing.assert_array_equal(np.flatnonzero(selected), np.unique(of_selected))
+
+
+def flush(mesh: bpy.types.Mesh, flag: str, faces: set[int]) -> None:
+    """Select the vertices and edges of these faces alone."""
+    corners = [corner for face in faces for corner in mesh.polygons[face].loop_indices]
+    vertices, edges = {mesh.loops[c].vertex_index for c in corners}, {mesh.loops[c].edge_index for c in corners}
+    for items, chosen in ((mesh.vertices, vertices), (mesh.edges, edges)):
+        for item in items:
+            setattr(item, flag, item.index in chosen)
+
+
+def test_results_of_ours_are_not_carried() -> None:
+    holder = scene.add_suzanne()
+    holder.data.attributes.new("Paint", "FLOAT_COLOR", "CORNER")
+    holder.data.attributes.active_color_name = "Paint"
+    addon.compute(holder, tolerance=0.05)
+    assert holder.data.attributes.active_color_name == "ccdepth_color"
+    mesh = compare(holder).mesh
+    assert not any(attribute.name.startswith("ccdepth") for attribute in mesh.attributes)
+    assert not mesh.ccdepth.has_result
+    assert mesh.attributes.active_color_name == "Paint"
+    assert holder.data.ccdepth.has_result
+
+
+def test_custom_properties_stay_where_modifiers_are_counted_in() -> None:
+    holder = scene.add_object(meshes.cube())
+    holder.data["number"], holder.data["text"], holder.data["list"] = 0.5, "words", [1.0, 2.0]
+    holder.data["group"] = {"one": 1, "two": {"three": 3}}
+    holder.data["object"] = holder
+    holder.data.id_properties_ui("number").update(min=0.0, max=2.0, description="A number")
+    holder.modifiers.new("Bevel", "BEVEL")
+    addon.select(holder)
+    assert bpy.ops.ccdepth.subdivide(tolerance=0.1, tolerance_mode="ABSOLUTE") == {"FINISHED"}
+    mesh = bpy.context.object.data
+    assert mesh != holder.data
+    assert (mesh["number"], mesh["text"], list(mesh["list"])) == (0.5, "words", [1.0, 2.0])
+    assert mesh["group"].to_dict() == {"one": 1, "two": {"three": 3}}
+    assert mesh["object"] == holder
+    shown = mesh.id_properties_ui("number").as_dict()
+    assert (shown["max"], shown["description"]) == (2.0, "A number")
+
+
+def test_loose_vertices_may_be_anywhere() -> None:
+    mesh = bpy.data.meshes.new("Mesh")
+    mesh.from_pydata([(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0.5), (np.nan, 0, 0)], [], [(0, 1, 2, 3)])
+    [result] = subdivide(scene.add_mesh(mesh))
+    assert np.count_nonzero(np.isnan(shape(result)[:, 0])) == 1

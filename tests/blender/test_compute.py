@@ -202,22 +202,6 @@ def test_every_method_has_a_name_and_a_description() -> None:
     assert all(text for item in items for text in item[1:3])
 
 
-def test_undo_takes_the_result_away_and_redo_brings_it_back() -> None:
-    holder = scene.add_suzanne()
-    addon.select(holder)
-    bpy.ops.ed.undo_push(message="before")
-    bpy.ops.ccdepth.compute()
-    bpy.ops.ed.undo_push(message="Compute Depth")
-    name = holder.name
-    for operator in ("compute", "clear", "select"):
-        assert getattr(bpy.types, f"CCDEPTH_OT_{operator}").bl_options >= {"REGISTER", "UNDO"}
-    bpy.ops.ed.undo()
-    assert addon.is_untouched([bpy.data.objects[name]])
-    bpy.ops.ed.redo()
-    assert bpy.data.objects[name].data.ccdepth.has_result
-    assert "ccdepth" in bpy.data.objects[name].data.attributes
-
-
 def test_settings_and_results_are_saved_with_the_file(tmp_path: object) -> None:
     holder = scene.add_suzanne()
     bpy.context.scene.ccdepth.relative_tolerance = 0.003

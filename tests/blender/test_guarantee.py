@@ -17,7 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 from benchmarks import tightness
-from tests import meshes, nets
+from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.measuring import Positions, add_part, level_of, part_of, rounding
 from tests.blender.named_meshes import NAMED
@@ -261,21 +261,3 @@ def test_depths_are_the_least_ones(boundary: str) -> None:
             total += compared
     assert total.faces > 1000
     assert total.equal_share >= tightness.LEAST_EQUAL_SHARE
-
-
-# The published formulas on Suzanne
-
-
-@pytest.mark.parametrize("tolerance", [0.1, 0.01, 0.001, 0.0001])
-def test_published_depths_of_suzanne(tolerance: float) -> None:
-    """After one level every quad has one extraordinary corner at the most; inside, depths are the formulas'."""
-    base = scene.add_suzanne()
-    scene.add_subdivision(base, 1)
-    once = scene.add_object(scene.evaluated_mesh_data(base))
-    addon.compute(once, tolerance=tolerance, method="SECOND_ORDER", vertices="CONTROL")
-    depths = addon.depths(once)
-    norms = nets.published_norms(meshes.to_polygon_mesh(scene.mesh_data(once.data)))
-    assert len(norms) > 1700
-    assert {valence for valence, _ in norms.values()} >= {3, 4, 5, 6}
-    expected = {face: nets.published_depth(valence, norm, tolerance) for face, (valence, norm) in norms.items()}
-    assert {face: int(depths[face]) for face in norms} == expected

@@ -8,6 +8,8 @@ from importlib import import_module
 import bpy
 import pytest
 
+from tests.blender import addon, scene
+
 HOLDERS = (bpy.types.Scene, bpy.types.Mesh, bpy.types.Object, bpy.types.View3DShading)
 PACKAGE = bpy.types.CCDEPTH_OT_compute.__module__.rpartition(".operators.")[0]
 MENUS = ("VIEW3D_MT_object", "VIEW3D_MT_edit_mesh")
@@ -38,3 +40,63 @@ def test_nothing_is_left_behind_and_everything_comes_back_once() -> None:
     finally:
         package.register()
     assert of_the_add_on() == before
+
+
+# Menus
+
+
+# The manual's sections of buttons and settings.
+SECTIONS = {
+    "bpy.ops.ccdepth.compute": "compute-depth",
+    "bpy.ops.ccdepth.subdivide": "adaptive-subdivision",
+    "bpy.ops.ccdepth.show_source": "results",
+    "bpy.types.scenesettings.relative_tolerance": "tolerance",
+}
+
+
+def test_the_menu_has_every_operator_that_people_start() -> None:
+    entries = [entry[0] for entry in addon.module("ui.menus").ENTRIES if entry is not None]
+    assert len(set(entries)) == len(entries)
+    hidden = {"update_kept", "use_tolerance", "tolerance_preset_add", "copy_value", "open_manual"}
+    assert {name.partition(".")[2] for name in entries} == set(dir(bpy.ops.ccdepth)) - hidden
+    labels = [getattr(bpy.ops.ccdepth, name.partition(".")[2]).get_rna_type().name for name in entries]
+    assert any("Adaptive" in label for label in labels)
+    assert any("Tolerance" in label for label in labels)
+
+
+def test_every_value_in_a_panel_has_a_meaning() -> None:
+    holder = scene.add_suzanne()
+    addon.compute(holder, tolerance=0.05)
+    panels, meanings = addon.module("ui.panels"), addon.module("ui.value_rows").MEANINGS
+    record, current = holder.data.ccdepth, bpy.context.scene
+    rows = [*panels._numbers_of_depths(current, record), *panels._numbers_of_adaptive_mesh(current, record)]
+    addon.measure(holder)
+    rows += addon.module("ui.deviation_panel")._numbers(current, record)
+    assert len(rows) > 12
+    assert all(name.rstrip("0123456789").rstrip() in meanings for name, _ in rows)
+
+
+def test_tooltips_and_copies_of_values() -> None:
+    operator = bpy.types.CCDEPTH_OT_copy_value
+    properties = bpy.context.window_manager.operator_properties_last("ccdepth.copy_value")
+    properties.meaning = "How many faces there are"
+    assert operator.description(bpy.context, properties).startswith("How many faces there are.")
+    assert bpy.ops.ccdepth.copy_value(value="5,800") == {"FINISHED"}
+
+
+@pytest.mark.every_blender
+def test_online_manual_of_a_button_is_our_own_and_has_every_section(monkeypatch: pytest.MonkeyPatch) -> None:
+    manual, opened = addon.module("ui.manual"), []
+    for button, section in SECTIONS.items():
+        url = bpy.types.WM_OT_doc_view_manual._lookup_rna_url(button, verbose=False)
+        assert url.startswith("file://")
+        assert url.endswith(f"index.html#{section}")
+    page = manual.PAGE.read_text(encoding="utf-8")
+    assert all(f'id="{section}"' in page for _, section in manual.SECTIONS)
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    assert bpy.ops.ccdepth.open_manual() == {"FINISHED"}
+    assert opened == [manual.PAGE.as_uri()]
+    assert "manual of CC Depth" in bpy.ops.ccdepth.open_manual.get_rna_type().description
+    # The preferences belong to the add-on.
+    package = bpy.types.CCDEPTH_OT_compute.__module__.rpartition(".operators.")[0]
+    assert package.removesuffix(".ccdepth_addon") == manual.CCDEPTH_AP_preferences.bl_idname

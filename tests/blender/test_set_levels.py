@@ -12,6 +12,7 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.subdividing import known_count
+from tests.blender.updating import refuses
 
 pytestmark = pytest.mark.every_blender
 
@@ -197,10 +198,7 @@ def test_what_cannot_be_set_is_refused(spoil: Callable[[bpy.types.Object], None]
     addon.select(bad)
     spoil(bad)
     addon.select(good, bad)
-    with pytest.raises(RuntimeError, match=f"Suzanne: {message}"):
-        bpy.ops.ccdepth.set_levels()
-    assert not good.modifiers
-    assert not bad.modifiers
+    refuses("set_levels", f"Suzanne: {message}")
 
 
 def test_a_duplicate_that_was_not_measured_is_refused() -> None:
@@ -209,8 +207,7 @@ def test_a_duplicate_that_was_not_measured_is_refused() -> None:
     large = scene.add_mesh(holder.data)
     large.scale = (3.0, 3.0, 3.0)
     addon.select(large)
-    with pytest.raises(RuntimeError, match="its depths are out of date"):
-        bpy.ops.ccdepth.set_levels()
+    refuses("set_levels", "its depths are out of date")
     addon.select(holder)
     assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
 
@@ -228,12 +225,9 @@ def test_a_result_whose_own_depths_were_computed_gets_no_levels_unless_results_a
     bpy.ops.ccdepth.subdivide(tolerance=TOLERANCE)
     result = bpy.context.active_object
     addon.compute(result, other, tolerance=TOLERANCE)
-    with pytest.raises(RuntimeError, match=f"{result.name}: it is a result, made from “Cage”; set the levels of that"):
-        bpy.ops.ccdepth.set_levels()
-    assert levels(result) == levels(other) == []
+    refuses("set_levels", f"{result.name}: it is a result, made from “Cage”; set the levels of that")
     addon.select(result)
-    with pytest.raises(RuntimeError, match="set those of its source"):
-        bpy.ops.ccdepth.set_levels()
+    refuses("set_levels", "set those of its source")
     bpy.context.scene.ccdepth.subdivide_results = True
     assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
     assert levels(result) == [(result.data.ccdepth.uniform_level,) * 2 + (False,)]

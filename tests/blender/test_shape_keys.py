@@ -17,7 +17,7 @@ import pytest
 
 from tests import meshes, uniform
 from tests.blender import addon, scene
-from tests.blender.full_mesh import LEVEL, ROUNDING, Comparison, compare, everything
+from tests.blender.full_mesh import LEVEL, ROUNDING, Comparison, compare, everything, weights_of
 from tests.blender.subdividing import refused, subdivide
 
 pytestmark = pytest.mark.every_blender
@@ -129,9 +129,15 @@ def used(holder: bpy.types.Object) -> np.ndarray:
 @pytest.mark.parametrize("loose_edge", [False, True])
 @pytest.mark.parametrize("exact_normals", [False, True])
 def test_loose_parts_stay_where_every_key_has_them(loose_edge: bool, exact_normals: bool) -> None:
-    [result] = subdivide(plane_with_loose_parts(loose_edge), exact_normals=exact_normals)
+    holder = plane_with_loose_parts(loose_edge)
+    holder.vertex_groups.new(name="Group").add([len(holder.data.vertices) - 1], 0.5, "REPLACE")
+    [result] = subdivide(holder, exact_normals=exact_normals)
+    assert not result.data.validate()
     loose = np.flatnonzero(~used(result))
     assert len(loose) == 1 + loose_edge
+    wires = [tuple(edge.vertices) for edge in result.data.edges if edge.vertices[0] in loose]
+    assert wires == [tuple(loose)] * loose_edge
+    assert [weights for weights in weights_of(result.data) if weights] == [{0: 0.5}]
     assert tuple(points(result.data, "Basis")[loose[-1]]) == LOOSE
     assert tuple(points(result.data, "Key")[loose[-1]]) == LOOSE_IN_KEY
 

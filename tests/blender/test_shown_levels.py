@@ -2,6 +2,7 @@
 """What Blender shows after Set Subdivision Levels, with the modifier as it was set: within the tolerance everywhere.
 
 The reference is the same modifier with Use Limit Surface off, some levels deeper, and its vertices' limit positions.
+Blender's single precision is measured against the law for it (``rounding.modifier_rounding``).
 """
 
 from __future__ import annotations
@@ -12,10 +13,12 @@ from itertools import product
 import bpy
 import numpy as np
 import pytest
+from mathutils import Euler, Matrix
 
+from benchmarks.single_precision import MOST, SHAPES, random_offsets, ratios
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from tests import meshes
-from tests.blender import addon
+from tests.blender import addon, scene
 from tests.blender.measuring import BlenderLevels, rounding
 from tests.blender.named_meshes import NAMED
 from tests.brute_force import Levels, linear_children
@@ -136,3 +139,48 @@ def test_single_precision_puts_nothing_further_off_than_allowed_for(fan: tuple[i
         mesh = exact.mesh(level)
         off = shown.shown(level) - (limit_positions(mesh) if shows_limits else mesh.positions)
         assert np.abs(off).max() <= addon.module("core.bounds.rounding").modifier_rounding(exact.mesh(0), level)
+
+
+# The law of single precision, two thirds of which are never exceeded
+
+
+def placed(data: meshes.MeshData, stretch: float) -> bpy.types.Object:
+    """An object of it, turned under a parent that is stretched."""
+    child, parent = scene.add_object(data), scene.add_object(meshes.cube())
+    child.matrix_basis = Euler((0, 0, np.pi / 4)).to_matrix().to_4x4()
+    parent.matrix_basis = Matrix.Diagonal((stretch, 1, 1, 1))
+    child.parent = parent
+    bpy.context.view_layer.update()
+    return child
+
+
+@pytest.mark.every_blender
+@pytest.mark.parametrize("stretch", each((1.0, 20.0, 100.0, 1e4), short=(20.0, 100.0)))
+@pytest.mark.parametrize("offset", each(((300, 300, 300), (300, -300, 10)), short=[(300, 300, 300)]))
+def test_sheared_objects(offset: tuple[float, float, float], stretch: float) -> None:
+    """The scene may take away most of the coordinates that Blender rounds."""
+    data = meshes.single_precision(meshes.moved(scene.suzanne(), *offset))
+    shown = BlenderLevels(data, "ALL")
+    exact = Levels(shown.subdivided(0))
+    control = addon.module("exchange.control_mesh").read_control_mesh(
+        bpy.context, placed(data, stretch), use_modifiers=False
+    )
+    law = addon.module("core.bounds.rounding").modifier_rounding
+    for level in (1, 2):
+        off = (shown.shown(level) - exact.mesh(level).positions) @ control.world.T
+        assert np.linalg.norm(off, axis=1).max() <= MOST * law(control.in_world, level)
+
+
+# In the short suite the worst that were found.
+CASES = each(
+    [(name, size, level) for name in SHAPES for size in (3, 5, 23, 40, 48, 61, 96) for level in (1, 2)],
+    short=[("prism", 48, 1), ("prism", 40, 1), ("fan", 96, 2), ("bipyramid", 61, 2), ("wheel", 23, 1)],
+)
+
+
+@pytest.mark.every_blender
+@pytest.mark.parametrize("case", CASES)
+def test_errors_are_at_most_two_thirds_of_the_law(case: tuple[str, int, int]) -> None:
+    name, size, level = case
+    found = ratios(SHAPES[name](size), level, random_offsets(6, seed=size))
+    assert max(found.values()) <= MOST

@@ -324,17 +324,13 @@ def test_depths_of_zero_that_are_taken_away_are_noticed() -> None:
 
 
 def with_a_mirror_object() -> tuple[bpy.types.Object, Callable[[], object]]:
-    holder, axis = scene.add_object(meshes.cube()), bpy.data.objects.new("Axis", None)
-    bpy.context.scene.collection.objects.link(axis)
+    holder, axis = scene.add_object(meshes.cube()), scene.add("Axis")
     holder.modifiers.new("Mirror", "MIRROR").mirror_object = axis
     return holder, lambda: set_on(axis, location=(0.5, 0.0, 0.0))
 
 
 def with_an_armature() -> tuple[bpy.types.Object, Callable[[], object]]:
-    armature = bpy.data.objects.new("Rig", bpy.data.armatures.new("Rig"))
-    bpy.context.scene.collection.objects.link(armature)
-    with addon.edit_mode(armature):
-        armature.data.edit_bones.new("Bone").tail = (0.0, 0.0, 1.0)
+    armature = scene.add_rig()
     holder = scene.add_object(meshes.cube())
     holder.vertex_groups.new(name="Bone").add(range(3), 1.0, "REPLACE")
     holder.modifiers.new("Armature", "ARMATURE").object = armature

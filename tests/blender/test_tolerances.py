@@ -1,16 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tolerances at the press of a button: one that fits the Face Limit, and presets."""
+"""Tolerances at the press of a button, in the sidebar, and for so many faces; Count Faces, and the Face Limit."""
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import bpy
 import pytest
 
+from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.subdividing import faces, known_count, subdivide
-from tests.blender.updating import made_result, set_scene
+from tests.blender.subdividing import TOLERANCE, everything_in_the_file, faces, known_count, refused, subdivide
+from tests.blender.updating import made_result, refuses, set_scene
+from tests.thorough import combinations
 
 
 @pytest.mark.parametrize("mode", ["RELATIVE", "ABSOLUTE"])
@@ -20,8 +23,7 @@ def test_a_refusal_offers_a_tolerance_that_fits(mode: str) -> None:
     settings.tolerance_mode, settings.max_faces = mode, 4_000
     settings.tolerance = settings.relative_tolerance = 1e-6
     addon.select(holder)
-    with pytest.raises(RuntimeError, match=r"4,000 are allowed; a tolerance of .* would fit"):
-        bpy.ops.ccdepth.subdivide()
+    refuses("subdivide", r"4,000 are allowed; a tolerance of .* would fit")
     bpy.context.view_layer.update()
     fitting = known_count(holder).fitting
     other = settings.relative_tolerance if mode == "ABSOLUTE" else settings.tolerance
@@ -36,8 +38,7 @@ def test_a_refused_update_offers_one_as_well() -> None:
     _, result = made_result()
     set_scene(tolerance=1e-5, max_faces=2_000)
     addon.select(result)
-    with pytest.raises(RuntimeError, match="would fit"):
-        bpy.ops.ccdepth.update()
+    refuses("update", "would fit")
     bpy.context.view_layer.update()
     bpy.ops.ccdepth.use_tolerance(tolerance=known_count(result).fitting)
     assert bpy.ops.ccdepth.update() == {"FINISHED"}
@@ -57,11 +58,8 @@ def test_a_count_of_a_result_is_forgotten_when_its_source_changes() -> None:
 
 
 def test_a_bad_tolerance_is_not_taken() -> None:
-    before = bpy.context.scene.ccdepth.relative_tolerance
     for tolerance in (0.0, -1.0, float("nan")):
-        with pytest.raises(RuntimeError, match="tolerance"):
-            bpy.ops.ccdepth.use_tolerance(tolerance=tolerance)
-    assert bpy.context.scene.ccdepth.relative_tolerance == before
+        refuses("use_tolerance", "tolerance", tolerance=tolerance)
 
 
 def presets() -> dict[str, str]:
@@ -114,12 +112,333 @@ def test_presets_of_ones_own_are_added_and_removed(tmp_path: Path, monkeypatch: 
     assert not list((tmp_path / "presets/ccdepth/tolerance").iterdir())
 
 
-def test_a_preset_makes_a_result_out_of_date() -> None:
-    bpy.context.scene.ccdepth.tolerance_mode = "RELATIVE"
-    choose(presets()["Draft"])
+# The tolerance in the sidebar, in full and in the other mode
+
+
+SIZE = 2 * math.sqrt(3)
+
+
+def about(value: float) -> object:
+    """What is compared with this: settings are in single precision."""
+    return pytest.approx(value, rel=1e-5)
+
+
+@pytest.fixture
+def cube() -> bpy.types.Object:
+    holder = scene.add_object(meshes.cube())
+    for vertex in holder.data.vertices:
+        vertex.co = [math.copysign(1.0, each) for each in vertex.co]
+    addon.select(holder)
     settings = bpy.context.scene.ccdepth
-    [result] = subdivide(scene.add_suzanne(), tolerance=settings.relative_tolerance, tolerance_mode="RELATIVE")
-    changed = addon.module("state.result_record").settings_have_changed
-    assert not changed(result, settings)
-    choose(presets()["Fine"])
-    assert changed(result, settings)
+    settings.tolerance_mode, settings.relative_tolerance, settings.tolerance = "RELATIVE", 0.001, 0.5
+    return holder
+
+
+def text() -> str:
+    """What the sidebar says once everything it asks for is measured; nothing is measured while it is drawn."""
+    tolerance_text = addon.module("ui.tolerance_text").tolerance_text
+    tolerance_text(bpy.context)
+    addon.module("state.diagonals").measure_wanted()
+    return str(tolerance_text(bpy.context))
+
+
+def test_switching_in_the_sidebar_carries_the_distance_over_and_back(cube: bpy.types.Object) -> None:
+    settings = bpy.context.scene.ccdepth
+    settings.tolerance_mode = "ABSOLUTE"
+    assert (settings.tolerance, settings.relative_tolerance) == (0.5, about(0.001)), "scripts change the mode alone"
+    settings.tolerance_mode = "RELATIVE"
+    cube.scale = (3.0, 3.0, 3.0)
+    settings.shown_tolerance_mode = "ABSOLUTE"
+    assert settings.tolerance_mode == "ABSOLUTE"
+    assert settings.tolerance == about(0.003 * SIZE)
+    settings.shown_tolerance_mode = "RELATIVE"
+    assert settings.tolerance_mode == "RELATIVE"
+    assert settings.relative_tolerance == about(0.001)
+
+
+def test_modifiers_that_are_counted_in_are_carried_over_too(cube: bpy.types.Object) -> None:
+    """Only what was computed is told, as modifiers may take long."""
+    array = cube.modifiers.new("Array", "ARRAY")
+    array.count, array.use_relative_offset, array.use_constant_offset = 2, False, True
+    array.constant_offset_displace = (2.0, 0.0, 0.0)
+    assert text() == ""
+    assert bpy.ops.ccdepth.compute() == {"FINISHED"}
+    bpy.context.view_layer.update()
+    assert text() == "= 0.0049 m"
+    bpy.context.scene.ccdepth.shown_tolerance_mode = "ABSOLUTE"
+    assert bpy.context.scene.ccdepth.tolerance == about(0.001 * math.sqrt(16 + 4 + 4))
+
+
+@pytest.mark.parametrize("name", ["Light", "Empty mesh", None])
+def test_where_there_is_no_size_the_mode_alone_is_switched(cube: bpy.types.Object, name: str | None) -> None:
+    settings = bpy.context.scene.ccdepth
+    data = {"Light": lambda: bpy.data.lights.new("Light", "POINT"), "Empty mesh": lambda: bpy.data.meshes.new("Empty")}
+    addon.select(*([] if name is None else [scene.add(name, data[name]())]))
+    settings.shown_tolerance_mode = "ABSOLUTE"
+    assert (settings.tolerance_mode, settings.tolerance) == ("ABSOLUTE", 0.5)
+    assert text() == ""
+
+
+def test_the_other_one_is_told_for_the_active_object_as_it_is(cube: bpy.types.Object) -> None:
+    assert addon.module("ui.tolerance_text").tolerance_text(bpy.context) == "", "nothing is measured while drawing"
+    assert text() == "= 0.00346 m"
+    # What is edited is measured when Edit Mode is left.
+    with addon.edit_mode(cube):
+        bpy.ops.mesh.select_all(action="SELECT")
+        bpy.ops.transform.resize(value=(2.0, 2.0, 2.0))
+        assert text() == "= 0.00346 m"
+    bpy.context.view_layer.update()
+    assert text() == "= 0.00693 m"
+    cube.scale = (2.0, 2.0, 2.0)
+    bpy.context.view_layer.update()
+    assert text() == "= 0.0139 m"
+    bpy.context.scene.ccdepth.tolerance_mode = "ABSOLUTE"
+    assert text() == "= 0.0361 of the size"
+
+
+def test_with_no_mesh_active_it_is_told_for_the_selected_meshes(cube: bpy.types.Object) -> None:
+    other = scene.add_object(meshes.cube(), "Other")
+    other.scale = tuple(3.0 * each / size for each, size in zip(cube.dimensions, other.dimensions, strict=True))
+    light, settings = scene.add_light(), bpy.context.scene.ccdepth
+    for active in (light, None):
+        addon.select(cube, light)
+        bpy.context.view_layer.objects.active = active
+        assert text() == "= 0.00346 m"
+        addon.select(cube, other, light)
+        bpy.context.view_layer.objects.active = active
+        assert text() == "= 0.00346–0.0104 m"
+        settings.tolerance_mode = "ABSOLUTE"
+        assert text() == "= 0.0481–0.144 of the size"
+        settings.tolerance_mode = "RELATIVE"
+    # Of several meshes no distance is carried over, of one it is.
+    settings.shown_tolerance_mode = "ABSOLUTE"
+    assert settings.tolerance == 0.5
+    settings.tolerance_mode = "RELATIVE"
+    other.select_set(False)
+    settings.shown_tolerance_mode = "ABSOLUTE"
+    assert settings.tolerance == about(0.001 * SIZE)
+    # Of very many it is not told.
+    addon.select(*[scene.add_mesh(cube.data) for _ in range(20)])
+    bpy.context.view_layer.objects.active = None
+    assert text() == ""
+
+
+def test_on_a_result_its_source_counts(cube: bpy.types.Object) -> None:
+    assert bpy.ops.ccdepth.subdivide() == {"FINISHED"}
+    assert bpy.context.active_object != cube
+    assert text() == "= 0.00346 m"
+    bpy.context.scene.ccdepth.shown_tolerance_mode = "ABSOLUTE"
+    assert bpy.context.scene.ccdepth.tolerance == about(0.001 * SIZE)
+
+
+def test_a_fraction_with_too_many_digits_for_its_field_is_told_in_full(cube: bpy.types.Object) -> None:
+    for tolerance, begins in ((2e-6, "="), (2.5e-6, "2.5e-06 ="), (8.9e-7, "8.9e-07 ="), (0.001, "=")):
+        bpy.context.scene.ccdepth.relative_tolerance = tolerance
+        assert text().startswith(begins)
+
+
+# Find Tolerance
+
+
+def add_hills(name: str = "Hills") -> bpy.types.Object:
+    return scene.add_object(meshes.landscape(4, 4), name)
+
+
+def find(*objects: bpy.types.Object, face_budget: int) -> float:
+    """The tolerance found for these objects, which the scene has then."""
+    addon.select(*objects)
+    before = everything_in_the_file()
+    assert bpy.ops.ccdepth.find_tolerance(face_budget=face_budget) == {"FINISHED"}
+    assert everything_in_the_file() == before
+    settings = bpy.context.scene.ccdepth
+    return settings.relative_tolerance if settings.tolerance_mode == "RELATIVE" else settings.tolerance
+
+
+def made_with(tolerance: float, *objects: bpy.types.Object) -> int:
+    """How many faces the results of these objects have together."""
+    for each in objects:
+        each.hide_set(False)
+    mode = bpy.context.scene.ccdepth.tolerance_mode
+    made = subdivide(*objects, tolerance=tolerance, tolerance_mode=mode)
+    return sum(faces(each) for each in made)
+
+
+@pytest.mark.parametrize(
+    ("number", "digits", "rounded"), [(0.07, 3, 0.07), (0.07001, 3, 0.0701), (9.99e-5, 2, 1e-4), (12345.0, 2, 13000.0)]
+)
+def test_tolerances_are_rounded_up_to_few_digits(number: float, digits: int, rounded: float) -> None:
+    assert addon.module("tasks.adaptive_task").with_digits(number, digits) == rounded
+
+
+@pytest.mark.parametrize(("mode", "start"), combinations(["RELATIVE", "ABSOLUTE"], [1e-5, 1.0]))
+def test_it_fits_and_a_finer_one_does_not(mode: str, start: float) -> None:
+    """Whatever the tolerance was before."""
+    set_scene(tolerance_mode=mode, tolerance=start, relative_tolerance=start)
+    holder = add_hills()
+    tolerance = find(holder, face_budget=800)
+    counted = known_count(holder)
+    assert counted.fitting is None
+    assert counted.faces == made_with(tolerance, holder) <= 800
+    assert made_with(tolerance / 1.1, holder) > 800
+
+
+def test_faces_of_several_objects_count_together() -> None:
+    objects = [scene.add_object(meshes.cube(), "Cube"), add_hills()]
+    objects[1].scale = (5.0, 5.0, 5.0)
+    tolerance = find(*objects, face_budget=1500)
+    assert 1250 < made_with(tolerance, *objects) <= 1500
+
+
+def test_settings_are_counted_in() -> None:
+    holder = add_hills()
+    set_scene(mode="PER_FACE", transitions="NGONS")
+    tolerance = find(holder, face_budget=600)
+    assert made_with(tolerance, holder) <= 600
+    assert made_with(tolerance / 1.1, holder) > 600
+
+
+def test_for_a_result_it_is_found_for_its_update() -> None:
+    _, result = made_result()
+    find(result, face_budget=1000)
+    assert bpy.ops.ccdepth.update() == {"FINISHED"}
+    assert 750 < faces(result) <= 1000
+
+
+def test_a_flat_mesh_gets_the_least_tolerance_that_is_taken() -> None:
+    """It is curved along its boundary alone."""
+    holder = scene.add_object(meshes.landscape(2, 2))
+    for vertex in holder.data.vertices:
+        vertex.co.z = 0.0
+    holder.data.update()
+    tolerance = find(holder, face_budget=10_000)
+    assert tolerance < 1e-4
+    assert made_with(tolerance, holder) <= 10_000
+
+
+def test_too_few_faces_are_refused() -> None:
+    addon.select(scene.add_suzanne())
+    refuses("find_tolerance", "Even undivided there would be more than 100 faces", face_budget=100)
+    refuses("find_tolerance", "The Face Limit is 500; raise it first", face_budget=1000, max_faces=500)
+
+
+def test_edit_mode_stays() -> None:
+    holder = add_hills()
+    with addon.edit_mode(holder):
+        assert bpy.ops.ccdepth.find_tolerance(face_budget=1000) == {"FINISHED"}
+        assert holder.mode == "EDIT"
+
+
+# Count Faces, and the Face Limit
+
+
+def test_the_count_is_what_is_made_and_counting_changes_nothing() -> None:
+    first, second = scene.add_object(meshes.landscape(2, 2), "One"), scene.add_object(meshes.creased_cube(), "Two")
+    scene.add_subdivision(first, 1)
+    first.modifiers.new("Mirror", "MIRROR")
+    for mode, transitions in (("ADAPTIVE", "TRIANGLES"), ("PER_FACE", "NGONS")):
+        for obj in (first, second):
+            obj.hide_set(False)
+        addon.select(first, second)
+        before = everything_in_the_file()
+        set_scene(tolerance=0.03, mode=mode, transitions=transitions)
+        assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
+        assert everything_in_the_file() == before
+        counts = [known_count(obj).faces for obj in (first, second)]
+        results = subdivide(first, second, tolerance=0.03, mode=mode, transitions=transitions)
+        assert [faces(result) for result in results] == counts
+        bpy.data.batch_remove([result.data for result in results])
+        assert set(everything_in_the_file()) == set(before)
+
+
+@pytest.mark.parametrize("change", ["mesh", "scale", "settings"])
+def test_a_count_is_forgotten_when_something_changes(change: str) -> None:
+    holder = scene.add_object(meshes.cube())
+    set_scene(tolerance=TOLERANCE)
+    addon.select(holder)
+    bpy.ops.ccdepth.count_faces()
+    bpy.context.view_layer.update()
+    assert known_count(holder) is not None
+    if change == "mesh":
+        holder.data.vertices[0].co.x += 1.0
+        holder.data.update()
+    elif change == "scale":
+        holder.scale.x = 2.0
+    else:
+        bpy.context.scene.ccdepth.tolerance *= 2
+    bpy.context.view_layer.update()
+    assert known_count(holder) is None
+
+
+def named_tolerance(
+    *objects: bpy.types.Object, tolerance_mode: str = "RELATIVE", match: str = "", **settings: object
+) -> float:
+    """That which the refusal says would fit; nothing is changed."""
+    addon.select(*objects)
+    before = everything_in_the_file()
+    with pytest.raises(RuntimeError, match=f"{match}.* would fit") as caught:
+        bpy.ops.ccdepth.subdivide(tolerance_mode=tolerance_mode, **settings)
+    assert everything_in_the_file() == before
+    assert ("of the diagonal" in str(caught.value)) == (tolerance_mode == "RELATIVE")
+    return float(str(caught.value).partition("a tolerance of ")[2].split()[0])
+
+
+@pytest.mark.parametrize("tolerance_mode", ["ABSOLUTE", "RELATIVE"])
+def test_too_many_faces_are_refused_with_a_tolerance_that_fits(tolerance_mode: str) -> None:
+    holder = scene.add_object(meshes.landscape(3, 3), "Hills")
+    holder.scale = (3.0, 3.0, 3.0)
+    settings = {"tolerance_mode": tolerance_mode, "max_faces": 1000}
+    match = "Hills: the result would have about .* 1,000 are allowed"
+    tolerance = named_tolerance(holder, tolerance=0.0001, match=match, **settings)
+    [result] = subdivide(holder, tolerance=tolerance, **settings)
+    assert 500 <= faces(result) <= 1000
+
+
+@pytest.mark.parametrize(
+    ("name", "mode", "max_faces"),
+    [
+        ("pole", "PER_FACE", 8_000),
+        ("cylinder", "PER_FACE", 8_000),
+        ("cylinder", "ADAPTIVE", 8_000),
+        # Where the mesh itself has hardly fewer faces: Suzanne has 500.
+        ("Suzanne", "ADAPTIVE", 500),
+        ("Suzanne", "ADAPTIVE", 600),
+        *(
+            pytest.param(name, mode, 60_000, marks=pytest.mark.thorough)
+            for name in ("cylinder", "pole", "Suzanne")
+            for mode in ("ADAPTIVE", "PER_FACE")
+        ),
+    ],
+)
+def test_the_tolerance_named_fits_small_and_large_results(name: str, mode: str, max_faces: int) -> None:
+    """The large ones are too large to be tried from the start; a pole may be as deep as its whole face. At least half
+    of the faces allowed are made, where not whole faces are subdivided."""
+    data = {"cylinder": lambda: meshes.cylinder(32), "pole": lambda: meshes.fan(12, 2)}
+    holder = scene.add_object(data[name]()) if name in data else scene.add_suzanne()
+    settings = {"mode": mode, "max_faces": max_faces}
+    tolerance = named_tolerance(holder, tolerance=1e-6 if max_faces > 1000 else 1e-4, **settings)
+    [result] = subdivide(holder, tolerance=tolerance, tolerance_mode="RELATIVE", **settings)
+    least = max_faces / 2 if mode == "ADAPTIVE" else 1
+    assert least <= faces(result) <= max_faces
+
+
+def test_no_tolerance_fits_where_the_mesh_itself_has_too_many_faces() -> None:
+    refused(scene.add_suzanne(), match="no tolerance would fit", max_faces=100)
+
+
+def test_the_limit_is_for_all_objects_together(capfd: pytest.CaptureFixture[str]) -> None:
+    objects = [scene.add_object(meshes.cube()), scene.add_object(meshes.cube())]
+    [alone] = subdivide(objects[0])
+    objects[0].hide_set(False)
+    most = int(1.5 * faces(alone))
+    refused(*objects, match="The 2 results together .* are allowed", max_faces=most)
+    bpy.ops.ccdepth.count_faces(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE", max_faces=most)
+    assert f"The 2 results together would have about {2 * faces(alone):,} faces" in capfd.readouterr().out
+
+
+@pytest.mark.parametrize("max_faces", [20, 400])
+def test_the_tolerance_named_fits_all_objects_together(max_faces: int) -> None:
+    objects = [scene.add_object(meshes.landscape(3, 3), "Hills"), scene.add_object(meshes.creased_cube(), "Cube")]
+    objects[1].scale = (2.0, 2.0, 2.0)
+    tolerance = named_tolerance(*objects, tolerance=0.001, max_faces=max_faces)
+    results = subdivide(*objects, tolerance=tolerance, tolerance_mode="RELATIVE", max_faces=max_faces)
+    assert sum(map(faces, results)) <= max_faces

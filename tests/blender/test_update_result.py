@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Update Result: results are made anew from the objects they came from, and keep everything but their mesh.
 
-test_staleness tests when results are out of date.
+test_staleness tests when results are out of date. Timers, which keep results updated, do not run without a window, so
+what they call is called here.
 """
 
 from __future__ import annotations
@@ -370,17 +371,6 @@ def test_a_linked_result_is_refused_and_an_appended_one_brings_its_source(tmp_pa
     refuses("update", "linked from another file")
 
 
-def test_results_survive_saving_and_loading(tmp_path: Path) -> None:
-    bpy.ops.wm.open_mainfile(filepath=saved(tmp_path))
-    source, result = bpy.data.objects["Cage"], bpy.data.objects["Cage Adaptive"]
-    source.name = "Renamed"
-    assert stale_line(result) == ""
-    move_vertex(source.data)
-    assert stale_line(result) == "Out of date: source changed"
-    update(result)
-    assert stale_line(result) == ""
-
-
 # Results as control meshes.
 
 
@@ -411,16 +401,194 @@ def test_counting_faces_of_a_result_counts_those_of_its_update() -> None:
     assert counted.faces == faces(result)
 
 
-def test_undo_takes_an_update_back() -> None:
-    assert bpy.types.CCDEPTH_OT_update.bl_options >= {"REGISTER", "UNDO"}
-    _, result = made_result()
-    name, before = result.name, faces(result)
-    addon.select(result)
-    bpy.ops.ed.undo_push(message="made")
-    assert bpy.ops.ccdepth.update("EXEC_DEFAULT", True, **FINER)
-    assert faces(bpy.data.objects[name]) > before
+# Show Source and Show Result swap what is hidden
+
+
+def visible(*objects: bpy.types.Object) -> list[tuple[bool, bool, bool]]:
+    """Whether each is seen, rendered and selected."""
+    return [(each.visible_get(), not each.hide_render, each.select_get()) for each in objects]
+
+
+SHOWN, HIDDEN = (True, True, True), (False, False, False)
+
+
+def test_source_and_result_are_swapped_and_swapped_back() -> None:
+    """In Object Mode alone."""
+    source, result = made_result()
+    with addon.edit_mode(result):
+        assert not bpy.ops.ccdepth.show_source.poll()
+    assert visible(source, result) == [HIDDEN, SHOWN]
+    assert bpy.ops.ccdepth.show_source() == {"FINISHED"}
+    assert visible(source, result) == [SHOWN, HIDDEN]
+    assert bpy.context.view_layer.objects.active == source
+    assert bpy.ops.ccdepth.show_result() == {"FINISHED"}
+    assert visible(source, result) == [HIDDEN, SHOWN]
+    assert bpy.context.view_layer.objects.active == result
+    # Removed results are no longer offered.
+    bpy.data.objects.remove(result)
+    source.hide_set(False)
+    addon.select(source)
+    assert not bpy.ops.ccdepth.show_result.poll()
+    assert not bpy.ops.ccdepth.update.poll()
+
+
+def test_several_are_swapped_together() -> None:
+    """And duplicates that the user made of results."""
+    sources = [scene.add_object(meshes.cube(), "One"), scene.add_object(meshes.cube(), "Two")]
+    results = subdivide(*sources)
+    lamp = scene.add_light()
+    lamp.select_set(True)
+    bpy.context.view_layer.objects.active = results[1]
+    assert bpy.ops.ccdepth.show_source() == {"FINISHED"}
+    assert visible(*sources, *results, lamp) == [SHOWN, SHOWN, HIDDEN, HIDDEN, SHOWN]
+    assert bpy.context.view_layer.objects.active == sources[1]
+    addon.select(sources[0])
+    bpy.ops.ccdepth.show_result()
+    bpy.ops.object.duplicate()
+    copy = bpy.context.view_layer.objects.active
+    bpy.context.view_layer.update()
+    addon.select(results[0], copy)
+    bpy.ops.ccdepth.show_source()
+    bpy.ops.ccdepth.show_result()
+    assert visible(sources[0], results[0], copy) == [HIDDEN, SHOWN, SHOWN]
+
+
+@pytest.mark.parametrize(
+    ("place", "message"),
+    [
+        ("scene", "is in the scene “Other”, and cannot be shown here"),
+        ("collection", "in a hidden collection"),
+    ],
+)
+def test_a_source_that_cannot_be_shown_is_told(place: str, message: str) -> None:
+    source, _ = made_result()
+    if place == "scene":
+        collection = bpy.data.scenes.new("Other").collection
+    else:
+        collection = bpy.data.collections.new("Cages")
+        bpy.context.scene.collection.children.link(collection)
+        collection.hide_viewport = True
+    collection.objects.link(source)
+    bpy.context.scene.collection.objects.unlink(source)
+    refuses("show_source", message)
+
+
+# Results that are kept updated with edits of their sources
+
+
+Kept = tuple[bpy.types.Object, bpy.types.Object]
+
+
+@pytest.fixture
+def kept() -> Kept:
+    """Suzanne, shown beside her result, which is kept updated."""
+    source, result = made_result()
+    source.hide_set(False)
+    result.ccdepth.keep_updated = True
+    bpy.context.view_layer.update()
+    addon.select(source)
+    return source, result
+
+
+def due() -> list[bpy.types.Object]:
+    """What is to be made anew once everything touched has been examined."""
+    bpy.context.view_layer.update()
+    sources = addon.module("state.sources")
+    sources.check_touched()
+    return sources.due_results()
+
+
+def edit(*objects: bpy.types.Object, distance: float = 3.0) -> None:
+    with addon.edit_mode(*objects):
+        bpy.ops.mesh.select_all(action="SELECT")
+        bpy.ops.transform.translate(value=(distance, 0.0, 0.0))
+        assert not due()
+
+
+def make_due() -> None:
+    assert bpy.ops.ccdepth.update_kept() == {"FINISHED"}
+
+
+def test_an_edit_is_followed(kept: Kept) -> None:
+    source, result = kept
+    edit(source)
+    assert due() == [result]
+    make_due()
+    assert shape(result)[:, 0].max() > 3.0
+    assert not due()
+    assert bpy.context.view_layer.objects.active == source
+
+
+def test_it_is_off_by_default() -> None:
+    source, result = made_result()
+    assert not result.ccdepth.keep_updated
+    source.hide_set(False)
+    edit(source)
+    assert not due()
+    assert not bpy.ops.ccdepth.update_kept.poll()
+
+
+def test_nothing_else_is_followed(kept: Kept) -> None:
+    """Edit Mode without edits, changes outside of it, and undo."""
+    source, _ = kept
+    with addon.edit_mode(source):
+        pass
+    assert not due()
+    move_vertex(source.data)
+    source.modifiers.new("Mirror", "MIRROR")
+    assert not due()
+    bpy.ops.ed.undo_push(message="before")
+    edit(source)
+    bpy.ops.ed.undo_push(message="after")
     bpy.ops.ed.undo()
-    assert faces(bpy.data.objects[name]) == before
-    assert bpy.data.objects[name].ccdepth.source == bpy.data.objects["Cage"]
-    bpy.ops.ed.redo()
-    assert faces(bpy.data.objects[name]) > before
+    assert not due()
+
+
+def test_it_is_made_with_its_own_settings(kept: Kept) -> None:
+    source, result = kept
+    set_scene(tolerance=TOLERANCE / 10, mode="PER_FACE", exact_normals=True)
+    before = faces(result)
+    edit(source)
+    assert due()
+    make_due()
+    assert abs(faces(result) - before) < 0.01 * before
+    assert result.data.ccdepth.tolerance == pytest.approx(TOLERANCE)
+    assert result.data.ccdepth.subdivision == "ADAPTIVE"
+    assert bpy.context.scene.ccdepth.mode == "PER_FACE"
+
+
+def test_results_with_other_settings_have_their_turn(kept: Kept) -> None:
+    source, result = kept
+    coarse = result.copy()
+    coarse.data = result.data.copy()
+    bpy.context.scene.collection.objects.link(coarse)
+    addon.select(coarse)
+    bpy.ops.ccdepth.update(tolerance=0.05, tolerance_mode="ABSOLUTE")
+    edit(source)
+    assert set(due()) == {result, coarse}
+    make_due()
+    make_due()
+    assert not due()
+    for each, tolerance in ((result, TOLERANCE), (coarse, 0.05)):
+        assert shape(each)[:, 0].max() > 3.0
+        assert addon.bounds(each).max() <= np.float32(tolerance)
+    assert faces(coarse) < faces(result)
+
+
+def test_a_result_that_was_edited_itself_is_left_alone(kept: Kept) -> None:
+    source, result = kept
+    move_vertex(result.data)
+    edit(source)
+    assert not due()
+
+
+def test_what_fails_is_not_tried_again(kept: Kept) -> None:
+    source, result = kept
+    set_scene(max_faces=10)
+    edit(source)
+    assert due() == [result]
+    before = faces(result)
+    # It warns and does not raise: nobody has pressed a button.
+    assert bpy.ops.ccdepth.update_kept() == {"CANCELLED"}
+    assert faces(result) == before
+    assert not due()

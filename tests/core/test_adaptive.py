@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Adaptive subdivision: sound on meshes of every kind, as near as proved, of few faces, refused before it is huge."""
+"""Adaptive subdivision: sound on meshes of every kind, as near as proved, of few faces, refused before it is huge.
+
+The vertices, edges and points of its quadtree are judged by the meshes that are made of it.
+"""
 
 from __future__ import annotations
 
@@ -11,18 +14,21 @@ from itertools import product
 import numpy as np
 import pytest
 
+from ccdepth_addon.core.adaptive.leaf_approximation import LeafApproximation
 from ccdepth_addon.core.adaptive.plan import TooManyFacesError
 from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, count_faces, subdivide_adaptively
-from ccdepth_addon.core.adaptive.quadtree import NONE
+from ccdepth_addon.core.adaptive.quadtree import NONE, Quadtree
 from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.templates import Transitions
-from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
+from ccdepth_addon.core.adaptive.tessellation import TessellationPlan, plan_tessellation
+from ccdepth_addon.core.arrays.types import IndexArray
 from ccdepth_addon.core.deviation import measure_deviation
-from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from ccdepth_addon.core.surface.evaluation import limit_values
 from ccdepth_addon.core.surface.limit_normals import limit_normals
+from ccdepth_addon.core.surface.patches import classify_patches
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
-from ccdepth_addon.core.surface.surface_points import SurfacePoints
+from ccdepth_addon.core.surface.stencils import LARGEST_STENCIL_VALENCE, Valences, by_valences
 from tests import meshes, soundness
 from tests.thorough import combinations
 
@@ -194,95 +200,11 @@ def test_few_faces_are_as_near_as_proved(name: str) -> None:
 
 
 def drawn(found: AdaptiveMesh) -> IndexArray:
-    """(T, 3) the vertices of its triangles."""
-    return found.mesh.corner_vertices[triangles_of(found)[0]].astype(np.intp)
-
-
-def triangles_of(found: AdaptiveMesh) -> tuple[IndexArray, IndexArray]:
-    """(T, 3) corners of the mesh that faces are drawn as triangles between, as fans; and (T,) the face of each."""
+    """(T, 3) the vertices of the triangles that faces are drawn as, in fans."""
     starts, sizes = found.mesh.face_starts[:-1], soundness.sizes(found.mesh)
-    larger = [np.flatnonzero(sizes > place + 1) for place in range(1, sizes.max() - 1)]
-    corners = [starts[faces, None] + [0, place, place + 1] for place, faces in enumerate(larger, 1)]
-    return np.concatenate(corners), np.concatenate(larger)
-
-
-def from_square(mesh: PolygonMesh, faces: IndexArray, places: FloatArray) -> SurfacePoints:
-    """Points (N, 2) in the unit squares of quads as points of the surface; those on two quarters are in either."""
-    right, upper = places[:, 0] > 0.5, places[:, 1] > 0.5
-    corner = np.where(upper, np.where(right, 2, 3), np.where(right, 1, 0))
-    square = soundness.SQUARE
-    offsets = 2 * (places - square[corner])
-    along, across = square[(corner + 1) % 4] - square[corner], square[corner - 1] - square[corner]
-    parameters = np.stack([np.einsum("ij,ij->i", offsets, side) for side in (along, across)], axis=1)
-    return SurfacePoints(mesh.face_starts[faces] + corner, parameters)
-
-
-# Steps along the sides of triangles, and along those of quads, so many of which are starting points of a search.
-STEPS = 8
-SAMPLES = 32
-STARTS = 16
-
-
-@pytest.mark.parametrize("mode", Mode)
-@pytest.mark.parametrize(
-    "name",
-    [
-        "cube",
-        "n-gons",
-        "valences 3 and 7",
-        "valences 2 and 12",
-        "landscape",
-        "flipped face",
-        "fin through",
-        "bow tie inside",
-        "two cubes sharing a vertex",
-        "sharp vertices",
-        "Möbius strip",
-        "creased cube",
-    ],
-)
-def test_triangles_are_as_near_as_proved(name: str, mode: Mode) -> None:
-    """Distances from the surface of the same base face, at equal parameters or elsewhere, on quads."""
-    mesh = build(name)
-    found = subdivided(mesh, request_of(mesh, TOLERANCES[mode][0], mode))
-    corners, faces = triangles_of(found)
-    of_quads = mesh.face_sizes[found.mesh.base_faces[faces]] == 4
-    corners, faces = corners[of_quads], faces[of_quads]
-    i, j = np.divmod(np.arange((STEPS + 1) ** 2), STEPS + 1)
-    inside = i + j <= STEPS
-    weights = np.stack([i, j, STEPS - i - j], axis=1)[inside] / STEPS
-    places = weights @ soundness.in_square(mesh, found.mesh.corner_points)[corners]
-    drawn = weights @ found.mesh.positions[found.mesh.corner_vertices[corners]]
-    of_points = np.repeat(found.mesh.base_faces[faces], len(weights))
-    surface = limit_values(mesh, mesh.positions, from_square(mesh, of_points, places.reshape(-1, 2)))
-    distances = np.linalg.norm(drawn - surface.reshape(drawn.shape), axis=2)
-    # Rounding, of some dozens of products of coordinates.
-    bounds = found.bounds[faces] + 1e-13 * diagonal(mesh)
-    farther = np.nonzero(distances > bounds[:, None])
-    distances[farther] = nearest(mesh, found.mesh.base_faces[faces[farther[0]]], drawn[farther])
-    assert np.all(distances.max(axis=1) <= bounds)
-
-
-def nearest(mesh: PolygonMesh, faces: IndexArray, points: FloatArray) -> FloatArray:
-    """(N,) distances of points from the surface of their faces at most, which may be folded: found by looking around
-    the nearest samples of all of the face."""
-    distances = np.zeros(len(points))
-    along = np.linspace(0, 1, SAMPLES + 1)
-    grid = np.stack(np.meshgrid(along, along, indexing="ij"), axis=-1).reshape(-1, 2)
-    beside = np.stack(np.meshgrid([0, 1, -1], [0, 1, -1]), axis=-1).reshape(-1, 2)
-    for face in np.unique(faces).tolist():
-        own = np.flatnonzero(faces == face)
-        surface = limit_values(mesh, mesh.positions, from_square(mesh, np.full(len(grid), face), grid))
-        starts = np.linalg.norm(surface - points[own, None], axis=2).argsort(axis=1)[:, :STARTS]
-        places, wanted = grid[starts.ravel()], np.repeat(points[own], STARTS, axis=0)
-        for step in range(5, 20):
-            tried = np.clip(places[:, None] + np.ldexp(beside, -step), 0, 1)
-            on = from_square(mesh, np.full(9 * len(wanted), face), tried.reshape(-1, 2))
-            surface = limit_values(mesh, mesh.positions, on).reshape(-1, 9, 3)
-            away = np.linalg.norm(surface - wanted[:, None], axis=2)
-            places = np.take_along_axis(tried, away.argmin(axis=1)[:, None, None], axis=1)[:, 0]
-        distances[own] = away.min(axis=1).reshape(-1, STARTS).min(axis=1)
-    return distances
+    places = range(1, sizes.max() - 1)
+    corners = [starts[sizes > place + 1, None] + [0, place, place + 1] for place in places]
+    return found.mesh.corner_vertices[np.concatenate(corners)].astype(np.intp)
 
 
 # Exact
@@ -458,3 +380,188 @@ def test_refused_before_it_takes_much() -> None:
     tracemalloc.stop()
     # What a mesh of as many faces as allowed may take, and the matrices of the bounds.
     assert peak < 4000 * 1200 + 20e6
+
+
+# What a split tells of leaves beside it
+
+
+ROUNDS = 8
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["single quad", "tetrahedron", "n-gons", "triangles and quads", "fin through", "face soup", "Möbius strip",
+     "bow tie", "pillow of triangles", "pillow of quads", "doubled face", "loose edges"],
+)  # fmt: skip
+def test_leaves_beside_and_leaves_that_share_a_vertex(name: str) -> None:
+    """Now many leaves are split and now few, without any balance; splits are never undone."""
+    tree = Quadtree(build(name))
+    generator = np.random.default_rng(7)
+    for turn in range(ROUNDS):
+        leaves = tree.leaves()
+        chosen = np.sort(generator.choice(leaves, 1 + len(leaves) // (2 + 3 * (turn % 3)), replace=False))
+        kept = np.setdiff1d(leaves, chosen)
+        before = np.stack(tree.sides(kept))
+        tree.split(chosen)
+        assert tree.leaf_count == len(tree.leaves())
+        beside = tree.leaves_beside(chosen)
+        after = np.stack(tree.sides(kept))
+        np.testing.assert_array_equal(after, np.stack(tree.sides(np.arange(len(tree.first_child))))[:, kept])
+        assert np.all(after >= before)
+        assert np.all(np.isin(kept[np.any(after > before, axis=0)], beside))
+        assert beside.tolist() == beside_by_brute_force(tree, chosen, leaves)
+        shuffled = generator.permutation(tree.leaves())
+        others = shuffled[generator.random(len(shuffled)) < (0.0, 0.05, 0.3)[turn % 3]]
+        marked: set[int] = set().union(*(vertices_of(tree, node) for node in others.tolist()))
+        expected = [bool(vertices_of(tree, node) & marked) for node in shuffled.tolist()]
+        assert tree.share_a_vertex(shuffled, others).tolist() == expected
+
+
+def vertices_of(tree: Quadtree, node: int) -> set[int]:
+    """Those of a node, with the middles of its split sides."""
+    slots = tree.slots(np.array([node]))
+    return {*tree.slot_vertices[slots].tolist(), *tree.midpoints[tree.slot_edges[slots]].tolist()} - {NONE}
+
+
+def beside_by_brute_force(tree: Quadtree, nodes: IndexArray, leaves_before: IndexArray) -> list[int]:
+    """New leaves, and those with a side that is a side of the nodes or has one for a half."""
+    edges = tree.slot_edges[tree.slots(nodes)]
+    halves = tree.edge_children
+    wholes = np.flatnonzero(np.isin(halves, edges) | np.isin(np.where(halves == NONE, NONE, halves + 1), edges))
+    concerned = np.concatenate([edges, wholes])
+    return [
+        leaf
+        for leaf in tree.leaves().tolist()
+        if leaf not in leaves_before or np.any(np.isin(tree.slot_edges[tree.slots(np.array([leaf]))], concerned))
+    ]
+
+
+# Polygons whose triangles would meet along one edge too often
+
+
+SQUARE = [[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]]
+
+
+def two_faces(second: list[int]) -> PolygonMesh:
+    """Two quads over the same four vertices."""
+    mesh = polygon_mesh(np.array(SQUARE), np.array([4, 4]), np.array([0, 1, 2, 3, *second]))
+    return apply_boundary_rule(mesh, smooth_corners=True)
+
+
+def drawn_folded(mesh: PolygonMesh, alternatives: list[int]) -> TessellationPlan:
+    """Every face as two triangles, along the diagonals of the alternatives."""
+    tree = Quadtree(mesh)
+    approximation = LeafApproximation.none(mesh.face_count)
+    approximation.folded[:] = True
+    approximation.alternatives[:] = alternatives
+    return plan_tessellation(tree, tree.leaves(), approximation, Transitions.TRIANGLES)
+
+
+@pytest.mark.parametrize(
+    ("second", "alternatives", "clashing"),
+    [
+        ([3, 2, 1, 0], [0, 0], []),
+        ([3, 2, 1, 0], [0, 1], [0, 1]),
+        ([3, 2, 1, 0], [1, 0], [0, 1]),
+        ([2, 1, 0, 3], [0, 0], [0, 1]),
+        ([2, 1, 0, 3], [0, 1], []),
+    ],
+)
+def test_faces_do_not_share_a_diagonal(second: list[int], alternatives: list[int], clashing: list[int]) -> None:
+    plan = drawn_folded(two_faces(second), alternatives)
+    assert plan.clashes.tolist() == clashing
+    assert len(plan.drawn) == 4
+
+
+def test_a_diagonal_is_not_where_a_loose_edge_is() -> None:
+    """Of two edges with the same ends Blender would take one away."""
+    mesh = polygon_mesh(np.array(SQUARE), np.array([4]), np.arange(4))
+    loose = mesh.changed(
+        edge_vertices=np.concatenate([mesh.edge_vertices, [[0, 2]]]), edge_sharpness=np.append(mesh.edge_sharpness, 0.0)
+    )
+    loose = apply_boundary_rule(loose, smooth_corners=True)
+    assert drawn_folded(loose, [0]).clashes.tolist() == [0]
+    assert drawn_folded(loose, [1]).clashes.tolist() == []
+
+
+# Quads with several extraordinary corners
+
+
+COPIES = 8
+
+
+def copies(data: meshes.MeshData, noise: float, generator: np.random.Generator) -> meshes.MeshData:
+    """Side by side, each turned, and its vertices displaced by noise in parts of the diagonal."""
+    diagonal = float(np.linalg.norm(np.ptp(data.positions, axis=0)))
+    positions = []
+    for number in range(COPIES):
+        turned, _ = np.linalg.qr(generator.normal(size=(3, 3)))
+        displaced = data.positions + noise * diagonal * generator.normal(size=data.positions.shape)
+        positions.append(displaced @ turned + [3 * diagonal * number, 0, 0])
+    corners = data.corner_vertices + len(data.positions) * np.arange(COPIES)[:, None]
+    return meshes.MeshData(np.concatenate(positions), np.tile(data.face_sizes, COPIES), corners.ravel())
+
+
+def chosen(valences: Valences, least: int) -> list[tuple[Valences, int]]:
+    """Those that have stencils of flat quads with corners of these valences, and how many."""
+    data = copies(meshes.around_quad(valences), 0, np.random.default_rng(0))
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
+    faces = np.arange(mesh.face_count)
+    found, rest = by_valences(mesh, classify_patches(mesh), faces, least)
+    of_corners = [mesh.corner_faces[corners] for _, corners in found]
+    assert np.array_equal(np.sort(np.concatenate([*of_corners, rest])), faces)
+    for kind, corners in found:
+        around = mesh.face_starts[mesh.corner_faces[corners]]
+        turned = [around + (corners - around + step) % 4 for step in range(4)]
+        seen = np.stack([mesh.vertex_face_counts[mesh.corner_vertices[each]] for each in turned], axis=1)
+        assert np.all(seen == kind)
+    return [(kind, len(corners)) for kind, corners in found]
+
+
+def test_quads_alike_have_stencils_however_they_are_turned() -> None:
+    for valences in [(6, 3, 5, 7), (3, 5, 7, 6), (7, 6, 3, 5)]:
+        assert chosen(valences, COPIES) == [((7, 6, 3, 5), COPIES)]
+    assert chosen((6, 3, 5, 7), COPIES + 1) == []
+
+
+def test_nets_have_no_more_points_than_one_corner_of_the_largest_valence() -> None:
+    """2 Σ n - 16 points, of which four corners of valence 64 would have 496."""
+    largest = LARGEST_STENCIL_VALENCE
+    assert chosen((largest, 4, 4, 4), 1) == [((largest, 4, 4, 4), COPIES)]
+    assert chosen((largest - 1, 5, 4, 4), 1) == [((largest - 1, 5, 4, 4), COPIES)]
+    assert chosen((largest, 5, 4, 4), 1) == []
+    assert chosen((largest + 1, 3, 4, 4), 1) == []
+
+
+def cut_torus() -> meshes.MeshData:
+    """Of triangles: each quad cut along one or the other of its diagonals."""
+    data = meshes.torus(7, 5)
+    quads = data.corner_vertices.reshape(-1, 4)
+    turns = np.random.default_rng(1).integers(0, 2, (len(quads), 1))
+    quads = np.take_along_axis(quads, (np.arange(4) + turns) % 4, axis=1)
+    return meshes.MeshData(data.positions, np.full(2 * len(quads), 3), quads[:, [0, 1, 2, 0, 2, 3]].ravel())
+
+
+ODD_MESHES: dict[str, Callable[[], meshes.MeshData]] = {
+    "valences 3 and 5": lambda: meshes.trapezohedron(5),
+    "triangles of any valences": cut_torus,
+    "tetrahedra": meshes.tetrahedron,
+    "valences 2 and 12": meshes.valences_two_and_twelve,
+    "neighbours of 6, 3, 5 and 7": lambda: meshes.around_quad((6, 3, 5, 7)),
+    "valences 3 and 9": lambda: meshes.trapezohedron(9),
+    "n-gons": lambda: meshes.cylinder(5),
+}
+
+
+@pytest.mark.parametrize(("name", "noise"), combinations(ODD_MESHES, [0.1, 0.02]))
+def test_results_are_within_the_tolerance_where_many_quads_are_alike(name: str, noise: float) -> None:
+    """As measured by ``measure_deviation``, which knows nothing of stencils of several corners."""
+    data = ODD_MESHES[name]()
+    limit = 0.02 * float(np.linalg.norm(np.ptp(data.positions, axis=0)))
+    mesh = meshes.to_polygon_mesh(copies(data, noise, np.random.default_rng(len(name))))
+    mesh = apply_boundary_rule(mesh, smooth_corners=True)
+    request = AdaptiveRequest(limit, Mode.ADAPTIVE, Transitions.TRIANGLES, 400_000)
+    found = subdivide_adaptively(mesh, request, mesh.positions)
+    soundness.assert_sound(mesh, found.mesh)
+    measured = measure_deviation(mesh, found.mesh.positions, drawn(found), accuracy=0.05)
+    assert measured.reached <= float(found.bounds.max()) <= limit

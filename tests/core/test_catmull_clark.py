@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.mesh.submesh import corners_of_faces, faces_alone, submesh
+from ccdepth_addon.core.mesh.submesh import corners_of_faces, submesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.sharpness import (
@@ -22,30 +22,13 @@ from ccdepth_addon.core.surface.sharpness import (
 )
 from tests import meshes
 
+# Faces without area have no normals.
 MESHES: dict[str, Callable[[], meshes.MeshData]] = {
-    "cube": meshes.cube,
-    "single quad": lambda: meshes.grid(1, 1),
-    "landscape": lambda: meshes.landscape(5, 4),
+    **{name: data for name, data in meshes.AWKWARD.items() if "collapsed" not in name},
     "torus": lambda: meshes.torus(7, 5),
-    "cylinder": lambda: meshes.cylinder(9),
-    "triangles and quads": meshes.triangles_and_quads,
     "trapezohedron": lambda: meshes.trapezohedron(7),
     "bipyramid": lambda: meshes.bipyramid(5),
-    "valences 2 and 12": meshes.valences_two_and_twelve,
     "dart": lambda: meshes.creased(meshes.fan(5, 3), {(0, 1): 1.0}),
-    "two cubes sharing an edge": meshes.two_cubes_sharing_an_edge,
-    "two cubes sharing a vertex": meshes.two_cubes_sharing_a_vertex,
-    "bow tie": meshes.bow_tie,
-    "bow tie inside": meshes.bow_tie_inside,
-    "three faces on an edge": meshes.three_faces_on_an_edge,
-    "fin through": meshes.fin_through,
-    "boundary touching inside": meshes.boundary_touching_inside,
-    "flipped face": meshes.flipped_face,
-    "creased cube": meshes.creased_cube,
-    "corner creased cube": meshes.corner_creased_cube,
-    "landscape with random creases": lambda: meshes.with_random_creases(meshes.landscape(6, 6), share=0.5),
-    "cylinder with random creases": lambda: meshes.with_random_creases(meshes.cylinder(12), share=0.6),
-    "face soup with random creases": lambda: meshes.with_random_creases(meshes.face_soup(), share=0.4),
 }
 
 # Some dozens of additions and multiplications of numbers below 20, each rounded to 2⁻⁵³ of them.
@@ -68,52 +51,6 @@ def refined(mesh: PolygonMesh, levels: int) -> PolygonMesh:
 
 
 every_mesh = pytest.mark.parametrize("name", MESHES)
-
-
-# Topology and provenance
-
-
-@every_mesh
-def test_children_and_their_edges_follow_their_parents(name: str) -> None:
-    mesh = build(name)
-    step = subdivide(mesh)
-    child = step.mesh
-    np.testing.assert_array_equal(step.parent_faces, mesh.corner_faces)
-    quads = child.corner_vertices.reshape(-1, 4)
-    np.testing.assert_array_equal(quads[:, 0], mesh.corner_vertices)
-    np.testing.assert_array_equal(quads[:, 1], mesh.vertex_count + mesh.corner_edges)
-    np.testing.assert_array_equal(quads[:, 2], mesh.vertex_count + mesh.edge_count + mesh.corner_faces)
-    np.testing.assert_array_equal(quads[:, 3], mesh.vertex_count + mesh.corner_edges[mesh.previous_corner])
-    halves, inner = slice(0, 2 * mesh.edge_count), slice(2 * mesh.edge_count, None)
-    np.testing.assert_array_equal(child.edge_face_counts[halves], np.repeat(mesh.edge_face_counts, 2))
-    np.testing.assert_array_equal(child.edge_face_counts[inner], 2)
-    # Halves inherit sharpness less one.
-    np.testing.assert_array_equal(child.edge_sharpness[halves], np.repeat(np.maximum(mesh.edge_sharpness - 1, 0), 2))
-    np.testing.assert_array_equal(child.edge_sharpness[inner], 0)
-    np.testing.assert_array_equal(child.vertex_sharpness[mesh.vertex_count :], 0)
-    for _ in range(2):
-        ends = np.stack([child.corner_vertices, child.corner_vertices[child.next_corner]], axis=1)
-        np.testing.assert_array_equal(np.sort(child.edge_vertices[child.corner_edges]), np.sort(ends))
-        assert len(np.unique(np.sort(child.edge_vertices), axis=0)) == child.edge_count
-        child = subdivide(child).mesh
-
-
-def test_edges_and_vertices_without_faces_change_nothing() -> None:
-    mesh = meshes.to_polygon_mesh(meshes.landscape(4, 4))
-    far = np.array([[9.0, 0.0, 0.0], [9.0, 1.0, 0.0], [9.0, 2.0, 0.0]])
-    count = mesh.vertex_count
-    with_loose = replace(
-        mesh,
-        positions=np.concatenate([mesh.positions, far]),
-        edge_vertices=np.concatenate([mesh.edge_vertices, [[count, count + 1]]]),
-        edge_sharpness=np.append(mesh.edge_sharpness, 2.0),
-        vertex_sharpness=np.append(mesh.vertex_sharpness, [0.0, 0.0, 0.0]),
-    )
-    expected = refined(apply_boundary_rule(mesh, smooth_corners=False), 2)
-    found = refined(apply_boundary_rule(with_loose, smooth_corners=False), 2)
-    at_corners = found.positions[found.corner_vertices]
-    np.testing.assert_array_equal(at_corners, expected.positions[expected.corner_vertices])
-    assert np.isfinite(found.positions).all()
 
 
 # The boundary rule
@@ -175,27 +112,6 @@ def test_whole_sharpness_is_infinite_for_so_many_steps(steps: int) -> None:
     assert not has_semi_sharp(refined(semi, steps)).any()
 
 
-# Invariants
-
-
-@every_mesh
-def test_affine_maps_commute_with_subdivision_and_limit(name: str) -> None:
-    mesh = build(name)
-    generator = np.random.default_rng(1)
-    linear, offset = generator.uniform(-1, 1, (3, 3)), generator.uniform(-1, 1, 3)
-    mapped = replace(mesh, positions=mesh.positions @ linear + offset)
-    for function in (lambda m: refined(m, 2).positions, limit_positions):
-        np.testing.assert_allclose(function(mapped), function(mesh) @ linear + offset, rtol=0, atol=ROUNDING)
-
-
-@every_mesh
-def test_weights_are_not_negative_and_add_up_to_one(name: str) -> None:
-    mesh = build(name)
-    weights = subdivide(replace(mesh, positions=np.eye(mesh.vertex_count))).mesh.positions
-    assert weights.min() >= -ROUNDING
-    np.testing.assert_allclose(weights.sum(axis=1), 1.0, rtol=0, atol=ROUNDING)
-
-
 # The limit
 
 
@@ -229,72 +145,3 @@ def after_many_levels(mesh: PolygonMesh) -> np.ndarray:
         mesh = subdivide(part).mesh
     positions[vertices] = mesh.positions[at]
     return positions
-
-
-@pytest.mark.parametrize("valence", [3, 4, 5, 6, 8, 12])
-@pytest.mark.parametrize("crease", [0.0, 1.0], ids=["smooth", "dart"])
-def test_inner_vertex_goes_to_its_limit(valence: int, crease: float) -> None:
-    data = meshes.creased(meshes.fan(valence, 3), {(0, 1): crease})
-    mesh = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
-    assert vertex_rules(mesh)[0] == (VertexRule.DART if crease else VertexRule.SMOOTH)
-    np.testing.assert_allclose(after_many_levels(mesh)[0], limit_positions(mesh)[0], rtol=0, atol=NEARLY_THERE)
-
-
-def test_limit_of_a_regular_mesh_is_the_spline() -> None:
-    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.torus(6, 6)), smooth_corners=True)
-    net = mesh.positions.reshape(6, 6, 3)
-    along = (np.roll(net, 1, 0) + 4 * net + np.roll(net, -1, 0)) / 6
-    spline = (np.roll(along, 1, 1) + 4 * along + np.roll(along, -1, 1)) / 6
-    np.testing.assert_allclose(limit_positions(mesh), spline.reshape(-1, 3), rtol=0, atol=ROUNDING)
-
-
-# Parts of meshes
-
-
-@every_mesh
-def test_a_part_refines_like_the_whole(name: str) -> None:
-    """The children of the given faces, and those around them, are where and what they are in the whole mesh."""
-    mesh = build(name)
-    generator = np.random.default_rng(2)
-    faces = generator.permutation(mesh.face_count)[: max(1, mesh.face_count // 4)]
-    part, kept = submesh(mesh, faces)
-    np.testing.assert_array_equal(kept[: len(faces)], faces)
-    whole_step, part_step = subdivide(mesh), subdivide(part)
-    # The face of the whole mesh's step that each face of the part's step is.
-    same_child = corners_of_faces(mesh, kept)
-    children = np.flatnonzero(part_step.parent_faces < len(faces))
-    _, ring = submesh(part_step.mesh, children)
-    _, ring_in_whole = submesh(whole_step.mesh, same_child[children])
-    np.testing.assert_array_equal(np.sort(same_child[ring]), np.sort(ring_in_whole))
-
-    for of_part, of_whole, rows in (
-        (part_step.mesh.positions, whole_step.mesh.positions, (ring, same_child[ring])),
-        (limit_positions(part_step.mesh), limit_positions(whole_step.mesh), (children, same_child[children])),
-        (vertex_rules(part_step.mesh), vertex_rules(whole_step.mesh), (children, same_child[children])),
-    ):
-        at_part = of_part[part_step.mesh.corner_vertices.reshape(-1, 4)[rows[0]]]
-        at_whole = of_whole[whole_step.mesh.corner_vertices.reshape(-1, 4)[rows[1]]]
-        # Equal rules; points are sums of the same products in another order.
-        np.testing.assert_allclose(at_part, at_whole, rtol=0, atol=1e-14)
-
-
-@every_mesh
-def test_the_faces_around_vertices_are_enough_for_their_points(name: str) -> None:
-    mesh = build(name)
-    chosen = np.zeros(mesh.vertex_count, dtype=bool)
-    chosen[mesh.corner_vertices[:: max(1, mesh.corner_count // 7)]] = True
-    faces = np.unique(mesh.corner_faces[chosen[mesh.corner_vertices]])
-    part = faces_alone(mesh, faces)
-    same_vertex = np.zeros(part.vertex_count, dtype=np.intp)
-    same_vertex[part.corner_vertices] = mesh.corner_vertices[corners_of_faces(mesh, faces)]
-    own = chosen[same_vertex]
-    assert np.count_nonzero(own) == np.count_nonzero(chosen)
-    of_part, of_whole = subdivide(part).mesh, subdivide(mesh).mesh
-    np.testing.assert_array_equal(of_part.positions[: len(own)][own], of_whole.positions[same_vertex[own]])
-    np.testing.assert_array_equal(limit_positions(part)[own], limit_positions(mesh)[same_vertex[own]])
-    np.testing.assert_array_equal(limit_positions(mesh, chosen)[chosen], limit_positions(mesh)[chosen])
-
-
-def test_part_of_no_faces_is_empty() -> None:
-    part, kept = submesh(build("cube"), np.array([], dtype=np.intp))
-    assert part.face_count == part.vertex_count == part.edge_count == len(kept) == 0

@@ -18,7 +18,6 @@ from ccdepth_addon.core.bounds.facet_bounds import (
     LEAST_WEIGHT,
     MISMATCH,
     SCALE,
-    facet_error,
     later_bounds,
     sampled_error,
 )
@@ -27,17 +26,6 @@ from ccdepth_addon.core.bounds.rounding import smallest_tolerance
 from ccdepth_addon.core.depth.face_depths import DepthResult, face_depths
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
-from ccdepth_addon.core.surface.bicubic import (
-    HALVES,
-    SPLINE_HALVES,
-    bilinear_coefficients,
-    both_ways,
-    patch_coefficients,
-)
-from ccdepth_addon.core.surface.catmull_clark import subdivide
-from ccdepth_addon.core.surface.limit_positions import limit_positions
-from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
-from ccdepth_addon.core.surface.stencils import apply_stencils, patch_stencils
 from tests import brute_force, meshes, nets
 from tests.core import test_face_depths
 from tests.core.test_face_depths import both_vertices
@@ -56,7 +44,7 @@ def diagonal(mesh: PolygonMesh) -> float:
     return float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
 
 
-CASES = test_face_depths.AWKWARD | {
+CASES = meshes.AWKWARD | {
     "torus": lambda: meshes.torus(8, 5),
     "valence 2": lambda: meshes.fan(2),
     "valence 3": lambda: meshes.fan(3),
@@ -126,23 +114,6 @@ def assert_between_its_distances(
             assert np.all(found.distances[missed] <= closely * (1 + 1e-3) + 1e-12)
 
 
-@both_vertices
-@pytest.mark.parametrize("data", [meshes.fan(360, 1), meshes.bumpy(meshes.bipyramid(360), 1e-3)], ids=["fan", "poles"])
-def test_valence_360(data: meshes.MeshData, vertices: str) -> None:
-    """On the facets of each depth, closely measured; a few dozen of the faces stand for all."""
-    mesh = build(data)
-    tolerance = 0.01 * diagonal(mesh)
-    found = certified(mesh, tolerance, vertices)
-    some = np.arange(mesh.face_count) % 23 == 0
-    for level in np.unique(found.depths).tolist():
-        faces = np.flatnonzero(some & (found.depths == level))
-        if len(faces) and level < 5:
-            assert np.all(brute_force.reached(mesh, faces, level, vertices) <= found.bounds[faces])
-            disproved = faces[found.exact[faces]]
-            if level and len(disproved):
-                assert np.all(brute_force.reached(mesh, disproved, level - 1, vertices) > tolerance)
-
-
 # Single patches
 
 
@@ -199,16 +170,6 @@ def test_tolerances_next_to_the_distance(vertices: str) -> None:
 
 
 # Depth 0
-
-
-@both_vertices
-def test_planar_and_evenly_spaced_needs_nothing(vertices: str) -> None:
-    for smooth_corners in (False, True):
-        mesh = build(meshes.grid(7, 6), smooth_corners)
-        found = certified(mesh, smallest_tolerance(mesh), vertices)
-        round_corners = [0, 6, 35, 41] if smooth_corners else []
-        np.testing.assert_array_equal(np.flatnonzero(found.depths), round_corners)
-        assert np.all(found.exact[found.depths == 0])
 
 
 @both_vertices
@@ -341,55 +302,3 @@ def smooth_nets(count: int) -> FloatArray:
     heights = bent[0] * (i**2)[..., None] + bent[1] * (j**2)[..., None] + bent[2] * (i * j)[..., None]
     flat = [np.broadcast_to(x[..., None], heights.shape) for x in (i, j)]
     return np.stack([*flat, heights], axis=-1) + generator.uniform(-0.02, 0.02, (4, 4, count, 3))
-
-
-def bernstein(coefficients: FloatArray, u: FloatArray, v: FloatArray) -> FloatArray:
-    """(u, v, P, 3): the values of (4, 4, P, 3) Bernstein coefficients."""
-    rows = [np.stack([(1 - x) ** 3, 3 * x * (1 - x) ** 2, 3 * x**2 * (1 - x), x**3], axis=1) for x in (u, v)]
-    return of_nets(*rows, coefficients)
-
-
-def test_coefficients_and_halves() -> None:
-    """Patches, bilinear facets and their differences in Bernstein form, and patches cut in four."""
-    net, (u, v) = random_nets(7), np.random.default_rng(6).uniform(0, 1, (2, 20))
-    coefficients, surface = patch_coefficients(net), of_nets(spline(u), spline(v), net)
-    np.testing.assert_allclose(bernstein(coefficients, u, v), surface, atol=1e-12)
-    for vertices in Vertices:
-        error = bernstein(facet_error(net, vertices), u, v)
-        np.testing.assert_allclose(error, -offsets(net, u, v, vertices), atol=1e-12)
-    corners = np.random.default_rng(5).uniform(-1, 1, (4, 7, 3))
-    facet = np.einsum("iu,jv,ijpc->uvpc", [1 - u, u], [1 - v, v], corners[[[0, 3], [1, 2]]])
-    np.testing.assert_allclose(bernstein(bilinear_coefficients(corners), u, v), facet, atol=1e-12)
-    quarters = both_ways(HALVES, coefficients)
-    np.testing.assert_allclose(patch_coefficients(both_ways(SPLINE_HALVES, net)), quarters, atol=1e-12)
-    for number, (a, b) in enumerate([(0, 0), (0, 1), (1, 0), (1, 1)]):
-        of_quarter = bernstein(quarters[:, :, 7 * number : 7 * (number + 1)], u, v)
-        expected = of_nets(spline((a + u) / 2), spline((b + v) / 2), net)
-        np.testing.assert_allclose(of_quarter, expected, atol=1e-12)
-
-
-# Stencils
-
-
-@pytest.mark.parametrize("valence", [3, 5, 8, 64, 360])
-def test_stencils_are_one_subdivision(valence: int) -> None:
-    """The nets of the four children, and the corners' limits, against those read off the refined mesh."""
-    mesh = build(meshes.fan(valence, 3))
-    faces = np.flatnonzero(classify_patches(mesh).kinds == PatchKind.EXTRAORDINARY)
-    corners = classify_patches(mesh).extraordinary_corners[faces]
-    assert np.all(mesh.corner_vertices[corners] == 0)
-    around = corners[:, None] + np.arange(4)
-    fine = subdivide(mesh).mesh
-    net = extraordinary_nets(mesh, corners, valence)
-    stencils = patch_stencils(valence)
-    # The child at a corner has the corner's number.
-    refined = extraordinary_nets(fine, 4 * corners, valence)
-    np.testing.assert_allclose(apply_stencils(stencils.refined, net), refined, atol=1e-12)
-    regular = apply_stencils(stencils.regular, net).reshape(3, 4, 4, -1, 3)
-    for child in range(3):
-        np.testing.assert_allclose(regular[child], regular_nets(fine, around[:, child + 1]), atol=1e-12)
-    limits = limit_positions(mesh)[mesh.corner_vertices[around.T]]
-    np.testing.assert_allclose(apply_stencils(stencils.limits, net), limits, atol=1e-12)
-    for matrix in (stencils.refined, stencils.regular, stencils.limits):
-        assert matrix.min() > -1e-15
-        np.testing.assert_allclose(matrix.sum(axis=1), 1, atol=1e-12)

@@ -3,11 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
 from dataclasses import replace
 from functools import cache
 from itertools import product
 from math import ceil, log
+from time import process_time
 
 import numpy as np
 import pytest
@@ -114,39 +115,14 @@ def test_a_flat_regular_grid_needs_nothing(method: str, vertices: str) -> None:
 # Every kind of face
 
 
-AWKWARD: dict[str, Callable[[], meshes.MeshData]] = {
-    "cube": meshes.cube,
-    "triangles": lambda: meshes.bumpy(meshes.bipyramid(7), 0.1),
-    "triangles and quads": meshes.triangles_and_quads,
-    "cylinder": lambda: meshes.cylinder(9),
-    "landscape": lambda: meshes.landscape(5, 4),
-    "single quad": lambda: meshes.bumpy(meshes.grid(1, 1), 0.3),
-    "collapsed faces": lambda: meshes.with_collapsed_faces(meshes.landscape(5, 4)),
-    "collapsed n-gons": lambda: meshes.with_collapsed_faces(meshes.cylinder(7)),
-    "valences 2 and 12": meshes.valences_two_and_twelve,
-    "valence 2 creased": lambda: meshes.with_random_creases(meshes.valence_two(), seed=5, share=0.8),
-    "creased cube": meshes.creased_cube,
-    "corner creased cube": meshes.corner_creased_cube,
-    "landscape with random creases": lambda: meshes.with_random_creases(meshes.landscape(5, 5), share=0.5),
-    "cylinder with random creases": lambda: meshes.with_random_creases(meshes.cylinder(8), share=0.6),
-    "two cubes sharing an edge": meshes.two_cubes_sharing_an_edge,
-    "two cubes sharing a vertex": meshes.two_cubes_sharing_a_vertex,
-    "bow tie": meshes.bow_tie,
-    "bow tie inside": meshes.bow_tie_inside,
-    "three faces on an edge": meshes.three_faces_on_an_edge,
-    "fin through": meshes.fin_through,
-    "flipped face": meshes.flipped_face,
-    "soup": meshes.face_soup,
-    "soup with random creases": lambda: meshes.with_random_creases(meshes.face_soup(2), seed=2, share=0.4),
-}
-QUADS = [name for name, data in AWKWARD.items() if np.all(data().face_sizes == 4)]
+QUADS = [name for name, data in meshes.AWKWARD.items() if np.all(data().face_sizes == 4)]
 OPEN = ("landscape", "single quad", "bow tie", "landscape with random creases", "collapsed n-gons")
 
 
 @cache
 def sampled(name: str, vertices: str, *, smooth_corners: bool = False) -> tuple[PolygonMesh, FloatArray]:
     """The mesh, and (LEVELS, F) distances by brute force."""
-    mesh = build(AWKWARD[name](), smooth_corners=smooth_corners)
+    mesh = build(meshes.AWKWARD[name](), smooth_corners=smooth_corners)
     levels = Levels(mesh)
     return mesh, np.array([levels.distances(level, vertices, 2) for level in range(LEVELS)])
 
@@ -155,7 +131,7 @@ def sampled(name: str, vertices: str, *, smooth_corners: bool = False) -> tuple[
     ("name", "smooth_corners"),
     [
         pytest.param(name, smooth_corners, marks=pytest.mark.thorough if smooth_corners and name not in OPEN else ())
-        for name, smooth_corners in product(AWKWARD, [False, True])
+        for name, smooth_corners in product(meshes.AWKWARD, [False, True])
     ],
 )
 @every_method
@@ -196,7 +172,7 @@ def test_irregular_faces_are_as_deep_as_their_patches(tolerance: float, method: 
     """Where all the descendants of a face after s steps have come from patches: s, or as deep as the deepest patch and
     the steps to it."""
     counted = 0
-    for name, data in AWKWARD.items():
+    for name, data in meshes.AWKWARD.items():
         mesh = build(data(), smooth_corners=False)
         found = face_depths(mesh, tolerance, method, vertices).depths
         fine, bases, known = mesh, np.arange(mesh.face_count), np.zeros(mesh.face_count, dtype=bool)
@@ -402,3 +378,33 @@ def test_unknown_names_are_refused() -> None:
             face_depths(mesh, 0.1, *names)
     assert set(METHODS) >= {Method.SECOND_ORDER, Method.FIRST_ORDER}
     assert set(VERTICES) == {Vertices.CONTROL, Vertices.LIMIT}
+
+
+# Work on poles of very many faces can be stopped
+
+
+VALENCE = 5000
+
+# So many reports of progress are looked at.
+REPORTS = 60
+
+# Seconds of processor time: ten times what was measured, and a fifth of what it was with a report for each level.
+LONGEST = 1.0
+
+
+class Enough(Exception):
+    """So much has been seen."""
+
+
+def test_first_order_around_a_large_pole() -> None:
+    mesh = meshes.to_polygon_mesh(meshes.trapezohedron(VALENCE))
+    times: list[float] = []
+
+    def note(fraction: float) -> None:
+        times.append(process_time())
+        if len(times) > REPORTS:
+            raise Enough
+
+    with pytest.raises(Enough):
+        face_depths(mesh, 0.01, "FIRST_ORDER", "CONTROL", note)
+    assert max(after - before for before, after in itertools.pairwise(times)) < LONGEST

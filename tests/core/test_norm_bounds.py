@@ -17,6 +17,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.bounds.mesh_norms import MeshNorms
 from ccdepth_addon.core.bounds.norm_bounds import (
     PATCH_METHODS,
     Method,
@@ -28,6 +29,13 @@ from ccdepth_addon.core.bounds.norm_bounds import (
     published_rate,
     second_order_regular,
     support_bounds,
+)
+from ccdepth_addon.core.bounds.norms import (
+    first_order_norm_extraordinary,
+    first_order_norm_regular,
+    second_differences,
+    second_order_norm_extraordinary,
+    second_order_norm_regular,
 )
 from ccdepth_addon.core.bounds.sharp_constants import CONTROL_FACTORS, LIMIT_FACTORS, PERIOD, RATES
 from ccdepth_addon.core.depth.face_depths import METHODS, face_depths
@@ -42,8 +50,8 @@ from ccdepth_addon.core.surface.patches import (
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from proofs.certify_sharp_constants import sharp_constants
 from tests import meshes, nets
-from tests.core.test_face_depths import AWKWARD, QUADS, both_vertices, build, pole_mesh
-from tests.linear_programs import PROGRAM_TOLERANCE, largest_of, worst_of
+from tests.core.test_face_depths import QUADS, both_vertices, build, pole_mesh
+from tests.level_nets import PROGRAM_TOLERANCE, largest_of, worst_of
 
 # Distances are sampled at steps of 2⁻³, of unrefined facets at 2⁻⁴.
 SAMPLES = 3
@@ -108,59 +116,6 @@ def fan_positions(valence: int) -> FloatArray:
     angles = np.concatenate([[0], around, outer])
     radii = np.concatenate([[0], np.tile([1, 1.4], valence), np.full(7, 2.5)])
     return np.stack([radii * np.cos(angles), -radii * np.sin(angles), 0 * radii], axis=1)
-
-
-def hand_refined(valence: int) -> dict[int, FloatArray]:
-    """One step of a net by Catmull and Clark's masks, written out: some points by their number in the refined net."""
-    n = valence
-    v = {number + 1: row for number, row in enumerate(np.eye(2 * n + 8))}
-
-    def face(*numbers: int) -> FloatArray:
-        return sum(v[number] for number in numbers) / 4
-
-    spokes = sum(v[2 * i] for i in range(1, n + 1))
-    diagonals = sum(v[2 * i + 1] for i in range(1, n + 1))
-    v7, v8 = nets.ring(n, 7), nets.ring(n, 8)
-    middle = face(1, 6, 5, 4)
-    left, below = face(1, 4, 3, 2), face(1, 6, v7, v8)
-    above, right = face(4, 5, 2 * n + 6, 2 * n + 7), face(6, 5, 2 * n + 3, 2 * n + 4)
-    return {
-        1: (1 - 7 / (4 * n)) * v[1] + 3 / (2 * n * n) * spokes + 1 / (4 * n * n) * diagonals,
-        3: left,
-        4: (v[1] + v[4] + middle + left) / 4,
-        5: middle,
-        6: (v[1] + v[6] + middle + below) / 4,
-        v7: below,
-        2 * n + 2: (36 * v[5] + 6 * (v[4] + v[6] + v[2 * n + 3] + v[2 * n + 6])) / 64
-        + (v[1] + v[2 * n + 2] + v[2 * n + 4] + v[2 * n + 7]) / 64,
-        2 * n + 3: (v[6] + v[5] + middle + right) / 4,
-        2 * n + 4: (36 * v[6] + 6 * (v[1] + v[5] + v[v7] + v[2 * n + 4])) / 64
-        + (v[4] + v[v8] + v[2 * n + 3] + v[2 * n + 5]) / 64,
-        2 * n + 6: (v[4] + v[5] + middle + above) / 4,
-    }
-
-
-@every_valence
-def test_stencils_agree_with_masks_and_limits_with_plain_subdivision(valence: int) -> None:
-    """Limits at the corners and in the middle of the face and its edges, applied to a random net."""
-    extraordinary, regular = level_one(valence)
-    by_hand = hand_refined(valence)
-    for number, expected in by_hand.items():
-        np.testing.assert_allclose(extraordinary[number - 1], expected, rtol=0, atol=1e-15)
-    # The child opposite V₁ begins at V₅ and has the middle of the face diagonally across.
-    np.testing.assert_allclose(regular[1, 1, 1], by_hand[2 * valence + 2], rtol=0, atol=1e-15)
-    np.testing.assert_allclose(regular[2, 2, 1], by_hand[5], rtol=0, atol=1e-15)
-
-    points = np.random.default_rng(valence).normal(size=(2 * valence + 8, 3))
-    mesh, face, levels = nets.net_mesh(points), np.array([0]), 5
-    fine = nets.refined(mesh, levels)
-    deep = fine.positions[nets.vertex_grids(fine, face, levels)][0]
-    surface = (nets.limit_grids(nets.net_mesh(np.eye(len(points))), face, 1)[0]) @ points
-    # After k steps no more than M/z · rᵏ of the way remains.
-    rules = PATCH_METHODS[Method.SECOND_ORDER]
-    remaining = rules.extraordinary(points[:, None], Vertices.CONTROL).at(levels)[0]
-    offsets = np.linalg.norm(deep[:: 2 ** (levels - 1), :: 2 ** (levels - 1)] - surface, axis=-1)
-    assert offsets.max() <= remaining
 
 
 # Second order: Lemmas 1, 2, 4 and 7, and their limit-vertex forms
@@ -332,7 +287,7 @@ def test_random_nets_stay_within_their_bounds(
 @both_vertices
 @pytest.mark.parametrize("name", QUADS)
 def test_faces_stay_within_the_bound_of_their_support(name: str, vertices: str) -> None:
-    mesh = build(AWKWARD[name]())
+    mesh = build(meshes.AWKWARD[name]())
     distances = nets.largest_distances(mesh, np.arange(mesh.face_count), 0, vertices, 4)
     assert np.all(distances <= support_bounds(mesh, Vertices(vertices)) + ROUNDING)
 
@@ -459,13 +414,6 @@ def test_sharp_has_the_published_bounds_of_regular_patches() -> None:
     assert PATCH_METHODS[Method.SHARP].regular is second_order_regular
 
 
-@pytest.mark.parametrize(("valence", "norm", "depths"), [(3, 0.16, (0, 2, 4, 7)), (5, 0.81 * 25 / 18, (2, 5, 9, 13))])
-def test_sharp_depths_of_printed_examples(valence: int, norm: float, depths: tuple[int, ...]) -> None:
-    bounds = bounds_of("SHARP", valence, norm, "CONTROL")
-    for tolerance, depth in zip((0.1, 0.01, 0.001, 0.0001), depths, strict=True):
-        assert next(level for level in range(100) if bounds.at(level)[0] <= tolerance) == depth
-
-
 @both_vertices
 @pytest.mark.parametrize("valence", [3, 5, 7, 12])
 def test_depths_rise_from_certified_to_sharp_to_published(valence: int, vertices: str) -> None:
@@ -476,3 +424,85 @@ def test_depths_rise_from_certified_to_sharp_to_published(valence: int, vertices
         assert np.all(sharp <= published)
         spared += np.sum(published - sharp)
     assert spared > 0
+
+
+# Norms against the differences they are defined by
+
+
+# Sums of three numbers of some ten, in any order.
+SUM_ROUNDING = 1e-14
+
+some_valences = pytest.mark.parametrize("valence", [3, 5, 6, 7, 8, 12, 64])
+
+
+def random_net(*shape: int) -> FloatArray:
+    return np.random.default_rng(sum(shape)).normal(size=shape)
+
+
+def longest(vectors: list[FloatArray]) -> FloatArray:
+    """(P,): of several (P, 3) vectors."""
+    return np.max([np.sqrt(x * x + y * y + z * z) for x, y, z in (vector.T for vector in vectors)], axis=0)
+
+
+def test_norms_of_regular_nets() -> None:
+    v = random_net(4, 4, 50, 3)
+    listed = nets.listed_regular_differences()
+    assert len(set(listed)) == 16
+    second = longest([2 * v[a] - v[b] - v[c] for a, b, c in listed])
+    np.testing.assert_allclose(second_order_norm_regular(v), second, rtol=SUM_ROUNDING)
+    along_i = [v[i + 1, j] - v[i, j] for i in range(3) for j in range(4)]
+    along_j = [v[i, j + 1] - v[i, j] for i in range(4) for j in range(3)]
+    np.testing.assert_allclose(first_order_norm_regular(v), longest(along_i + along_j), rtol=SUM_ROUNDING)
+
+
+@some_valences
+def test_norms_of_extraordinary_nets(valence: int) -> None:
+    net = random_net(2 * valence + 8, 20, 3)
+    listed, edges = nets.listed_differences(valence), nets.net_edges(valence)
+    second = longest([2 * net[a - 1] - net[b - 1] - net[c - 1] for a, b, c in listed])
+    np.testing.assert_allclose(second_order_norm_extraordinary(net), second, rtol=SUM_ROUNDING)
+    assert len(edges) == 3 * valence + 12
+    first = longest([net[a] - net[b] for a, b in edges])
+    np.testing.assert_allclose(first_order_norm_extraordinary(net), first, rtol=SUM_ROUNDING)
+    assert np.all(second <= 2 * first)
+    # Random nets do not reach each of the 2n + 10 as the largest, so the list itself is compared too.
+    assert len(set(listed)) == len(listed) == 2 * valence + 10
+    core = [(a + 1, *sorted((b + 1, c + 1))) for a, b, c in second_differences(valence).T.tolist()]
+    assert sorted(core) == sorted((a, *sorted((b, c))) for a, b, c in listed)
+
+
+@pytest.mark.parametrize("name", meshes.AWKWARD)
+@pytest.mark.parametrize("smooth_corners", [False, True])
+def test_norms_of_meshes_are_those_of_nets(name: str, smooth_corners: bool) -> None:
+    """At three levels, at random positions; on a plain mesh each difference is computed once."""
+    mesh = build(meshes.AWKWARD[name](), smooth_corners=smooth_corners)
+    for _ in range(3):
+        kinds = classify_patches(mesh)
+        norms = MeshNorms.of(mesh, kinds)
+        if name == "landscape with random creases":
+            # Around edges of several orientations a difference may have several numbers.
+            ends = np.sort(np.stack([norms.ones, norms.others]), axis=0)
+            assert len(np.unique([norms.middles, *ends], axis=1).T) == len(norms.middles)
+        positions = np.random.default_rng(7).normal(size=mesh.positions.shape)
+        values, moved = norms.values(positions), mesh.changed(positions=positions)
+        sharp_sides = np.isinf(mesh.edge_sharpness[mesh.corner_edges])
+        has_sharp_side = np.logical_or.reduceat(sharp_sides, mesh.face_starts[:-1])
+        is_extraordinary = kinds.kinds == PatchKind.EXTRAORDINARY
+        is_patch = (kinds.kinds == PatchKind.REGULAR) & ~has_sharp_side | is_extraordinary
+        assert set(norms.faces) <= set(np.flatnonzero(is_patch))
+        found = np.full(mesh.face_count, np.nan)
+        for valence, places in norms.of_valences.items():
+            faces = norms.faces[places]
+            found[faces] = values[places]
+            corners = kinds.extraordinary_corners[faces]
+            expected = (
+                second_order_norm_regular(regular_nets(moved, faces))
+                if valence == 4
+                else second_order_norm_extraordinary(extraordinary_nets(moved, corners, valence))
+            )
+            np.testing.assert_allclose(found[faces], expected, rtol=SUM_ROUNDING)
+        assert np.all(np.isfinite(found[norms.faces]))
+        assert np.all(np.isfinite(found[is_extraordinary]))
+        # Those left out are regular ones with a sharp side, or a sharp corner at least.
+        assert np.all(~kinds.inside[is_patch & np.isnan(found)])
+        mesh = nets.refined(mesh, 1)

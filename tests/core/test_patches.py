@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,97 +11,14 @@ import pytest
 
 from ccdepth_addon.core.bounds.norms import second_order_norm_regular
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
-from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
+from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, regular_nets
 from tests import meshes, nets
-from tests.core.test_face_depths import AWKWARD, build
+from tests.core.test_face_depths import build
 
 ROUNDING = 1e-13
 
 
-def with_numbers(mesh: PolygonMesh) -> PolygonMesh:
-    """The mesh with each vertex's own number as its x, so that the points of a net say which they are."""
-    numbers = np.arange(mesh.vertex_count, dtype=np.float64)
-    return replace(mesh, positions=np.stack([numbers, 0 * numbers, 0 * numbers], axis=1))
-
-
-def with_faces_turned(data: meshes.MeshData, seed: int = 1) -> meshes.MeshData:
-    """The quads in random order, each begun at a random corner."""
-    generator = np.random.default_rng(seed)
-    quads = generator.permutation(data.corner_vertices.reshape(-1, 4))
-    turns = (generator.integers(0, 4, len(quads))[:, None] + np.arange(4)) % 4
-    return replace(data, corner_vertices=np.take_along_axis(quads, turns, axis=1).reshape(-1))
-
-
-# Which points
-
-
-def test_regular_nets_begin_at_the_first_corner() -> None:
-    mesh = with_numbers(build(with_faces_turned(meshes.torus(9, 7))))
-    walk = nets.Walk(mesh)
-    found = regular_nets(mesh, np.arange(mesh.face_count))[..., 0].astype(int)
-    # On a net of valence 4 Stam's numbers name the grid's points.
-    places = {1: (1, 1), 6: (2, 1), 5: (2, 2), 4: (1, 2), 3: (0, 2), 2: (0, 1), 9: (0, 0), 8: (1, 0), 7: (2, 0)}
-    places |= {10: (3, 3), 11: (3, 2), 12: (3, 1), 13: (3, 0), 14: (2, 3), 15: (1, 3), 16: (0, 3)}
-    for face, quad in enumerate(walk.quads):
-        for number, vertex in walk.stam_points(quad[0], quad[1], 4).items():
-            assert found[places[number]][face] == vertex
-
-
-@pytest.mark.parametrize("valence", [3, 5, 6, 7, 8, 12, 64])
-def test_extraordinary_nets_have_the_points_of_stams_order(valence: int) -> None:
-    closed = nets.refined(build(meshes.trapezohedron(valence)), 1)
-    quads = with_faces_turned(meshes.from_faces(closed.positions, closed.corner_vertices.reshape(-1, 4).tolist()))
-    mesh = with_numbers(build(quads))
-    patches, walk = classify_patches(mesh), nets.Walk(mesh)
-    corners = patches.extraordinary_corners[patches.kinds == PatchKind.EXTRAORDINARY]
-    # Every quad here has just one extraordinary corner.
-    np.testing.assert_array_equal(mesh.corner_faces[corners], np.arange(mesh.face_count))
-    valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
-    assert set(valences.tolist()) == {3, valence}
-    for n in (3, valence):
-        found = extraordinary_nets(mesh, corners[valences == n], n)[..., 0].astype(int)
-        assert found.shape == (2 * n + 8, np.count_nonzero(valences == n))
-        for patch, corner in enumerate(corners[valences == n].tolist()):
-            v1, v6 = mesh.corner_vertices[[corner, mesh.next_corner[corner]]].tolist()
-            expected = walk.stam_points(v1, v6, n)
-            assert {number: found[number - 1, patch] for number in expected} == expected
-            assert len(expected) == 2 * n + 8
-    # The net of a net is the net.
-    points = np.random.default_rng(1).normal(size=(2 * valence + 8, 3))
-    alone = nets.net_mesh(points)
-    patches = classify_patches(alone)
-    assert (patches.kinds[0], patches.extraordinary_corners[0]) == (PatchKind.EXTRAORDINARY, 0)
-    np.testing.assert_array_equal(extraordinary_nets(alone, np.array([0]), valence)[:, 0], points)
-
-
 # Which kind
-
-
-@pytest.mark.parametrize(
-    "data",
-    [
-        meshes.cube(),
-        meshes.torus(7, 5),
-        meshes.triangles_and_quads(),
-        meshes.cylinder(9),
-        meshes.trapezohedron(5),
-        meshes.bipyramid(5),
-    ],
-    ids=["cube", "torus", "triangles and quads", "cylinder", "trapezohedron", "bipyramid"],
-)
-def test_kinds_by_independent_count(data: meshes.MeshData) -> None:
-    """Closed meshes of all sorts: a quad is regular or extraordinary by the valences and faces at its corners."""
-    for levels in range(3):
-        mesh = nets.refined(build(data), levels)
-        faces = np.split(mesh.corner_vertices, mesh.face_starts[1:-1])
-        around: dict[int, list[np.ndarray]] = {}
-        for face in faces:
-            for v in face:
-                around.setdefault(v, []).append(face)
-        for kind, face in zip(classify_patches(mesh).kinds.tolist(), faces, strict=True):
-            quads = len(face) == 4 and all(len(other) == 4 for v in face for other in around[v])
-            extraordinary = [v for v in face if len(around[v]) != 4]
-            assert kind == (PatchKind(min(len(extraordinary), 2)) if quads else PatchKind.IRREGULAR)
 
 
 MIDDLE, AT_MIDDLE, AT_EDGE = 24, [14, 15, 20, 21], [14, 15, 16, 20, 21, 22]
@@ -128,6 +44,17 @@ def test_features_make_faces_irregular(
     kinds = classify_patches(build(data, smooth_corners=smooth_corners)).kinds
     expected = np.where(np.isin(np.arange(36), irregular), PatchKind.IRREGULAR, PatchKind.REGULAR)
     np.testing.assert_array_equal(kinds, expected)
+
+
+def test_quads_beside_triangles_are_irregular() -> None:
+    """Also where they meet the triangles in a vertex of four faces alone."""
+    data = meshes.landscape(6, 6)
+    faces = [face.copy() for face in data.faces]
+    a, b, c, d = faces.pop(14)
+    mesh = build(meshes.from_faces(data.positions, [*faces, [a, b, c], [a, c, d]]), smooth_corners=False)
+    beside = np.array([bool({a, b, c, d} & set(face)) for face in faces] + [True, True])
+    kinds = classify_patches(mesh).kinds
+    np.testing.assert_array_equal(kinds, np.where(beside, PatchKind.IRREGULAR, PatchKind.REGULAR))
 
 
 # Phantom points: the net of a boundary, crease or corner face is the surface's
@@ -164,7 +91,7 @@ WITH_REGULAR_FACES = (
     "soup with random creases",
 )
 FEATURES: dict[str, Callable[[], PolygonMesh]] = {
-    **{name: partial(build, AWKWARD[name](), smooth_corners=False) for name in WITH_REGULAR_FACES},
+    **{name: partial(build, meshes.AWKWARD[name](), smooth_corners=False) for name in WITH_REGULAR_FACES},
     "boundary": lambda: build(meshes.landscape(4, 3)),
     "one row": lambda: build(meshes.landscape(4, 1), smooth_corners=False),
     "crease": lambda: build(creased_lines()[0]),

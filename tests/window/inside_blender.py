@@ -7,8 +7,7 @@ The window is the test's to use; nothing here presses a button. The report goes 
 the first frames is shown, and depths are those of all of them.
 
 Files beside the report ask for more: one whose name ends in ``.adjust`` holds a tolerance to do the last operation
-again with; one that ends in ``.change`` holds a relative tolerance for the scene, and has all results kept updated; one
-that ends in ``.light`` has a light selected as well, and made active.
+again with; one that ends in ``.change`` holds a relative tolerance for the scene, and has all results kept updated.
 """
 
 from __future__ import annotations
@@ -25,7 +24,6 @@ from mathutils import Euler
 REPORT = Path(os.environ["CCDEPTH_WINDOW_REPORT"])
 ADJUST = REPORT.with_suffix(".adjust")
 CHANGE = REPORT.with_suffix(".change")
-LIGHT = REPORT.with_suffix(".light")
 TOLERANCE = os.environ.get("CCDEPTH_WINDOW_TOLERANCE", "")
 FACE_LIMIT = os.environ.get("CCDEPTH_WINDOW_FACE_LIMIT", "")
 LAST_FRAME = os.environ.get("CCDEPTH_WINDOW_LAST_FRAME", "")
@@ -155,7 +153,6 @@ def observe() -> dict[str, Any]:
         "light": area.spaces.active.shading.light,
         "edges": area.spaces.active.overlay.show_wireframes,
         "objects": {holder.name: describe(holder) for holder in bpy.data.objects if holder.type == "MESH"},
-        "active": getattr(bpy.context.view_layer.objects.active, "name", ""),
         "running": [operator.bl_idname for operator in window.modal_operators],
     }
 
@@ -177,20 +174,8 @@ def change(tolerance: float) -> None:
         bpy.ops.ed.undo_push(message="Settings are changed")
 
 
-def add_light() -> None:
-    """What someone does who clicks a light with Shift held down; out of sight, so that nothing covers the legend."""
-    light = bpy.data.objects.new("Light", bpy.data.lights.new("Light", "POINT"))
-    light.location = (0.0, 100.0, 0.0)
-    bpy.context.scene.collection.objects.link(light)
-    light.select_set(True)
-    bpy.context.view_layer.objects.active = light
-
-
 def tell() -> float:
     """Write the report in one go, so that no half of it is ever read."""
-    if LIGHT.exists():
-        LIGHT.unlink()
-        add_light()
     if CHANGE.exists():
         tolerance = float(CHANGE.read_text())
         CHANGE.unlink()

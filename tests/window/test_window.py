@@ -101,21 +101,12 @@ class Window:
     def press(self, key: str) -> None:
         self._run("xdotool", "key", key)
 
-    def adjust_last_operation(self, tolerance: float) -> None:
-        """Do it again with that tolerance, as the panel in the viewport's corner does."""
+    def ask(self, what: str, tolerance: float) -> None:
+        """Have the last operation done again with that tolerance, as the panel in the viewport's corner does
+        (``adjust``); or the scene's relative tolerance changed, and results kept updated (``change``)."""
         unfinished = self.report_path.with_suffix(".asked")
         unfinished.write_text(str(tolerance))
-        unfinished.replace(self.report_path.with_suffix(".adjust"))
-
-    def change_settings(self, tolerance: float) -> None:
-        """Have the scene's relative tolerance changed, and results kept updated."""
-        unfinished = self.report_path.with_suffix(".asked")
-        unfinished.write_text(str(tolerance))
-        unfinished.replace(self.report_path.with_suffix(".change"))
-
-    def select_light(self) -> None:
-        """Have a light selected as well, and made active."""
-        self.report_path.with_suffix(".light").touch()
+        unfinished.replace(self.report_path.with_suffix(f".{what}"))
 
     def look(self, path: Path) -> Image:
         """(height, width, 3): a screenshot, which is also written to a PNG file."""
@@ -252,23 +243,6 @@ def test_a_click_on_compute_depth_shows_the_heat_map(window: Window, tmp_path: P
     assert [cleared[name] for name in shading] == [started[name] for name in shading]
 
 
-def test_legend_and_results_are_of_what_is_selected_whatever_is_active(window: Window, tmp_path: Path) -> None:
-    started = find_first(window, "bpy.ops.ccdepth.compute")
-    window.click()
-    report = window.wait_for(lambda report: report["has_result"], SECONDS_TO_ANSWER, "a result")
-    window.select_light()
-    window.wait_for(lambda report: report["active"] == "Light", SECONDS_TO_ANSWER, "the light being active")
-    leave_sidebar(window, started, 2.0)
-    left, top, _, bottom = report["viewport"]
-    seen = window.look(tmp_path / "light.png")[top:bottom, left : report["sidebar"][0]]
-    depths = np.unique(report["depths"])
-    for depth, color in zip(depths, depth_colors(depths), strict=True):
-        assert count_color(seen[:, -LEGEND_WIDTH:], color) > 200, f"no swatch of depth {depth} in the legend"
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.clear", across=0.75)
-    window.click()
-    window.wait_for(lambda report: not report["has_result"], SECONDS_TO_ANSWER, "the result gone")
-
-
 def test_a_click_on_measure_deviation_shows_a_heat_map_and_its_scale(window: Window, tmp_path: Path) -> None:
     started = find_first(window, "bpy.ops.ccdepth.measure")
     before = window.look(tmp_path / "before.png")
@@ -325,7 +299,7 @@ def test_another_tolerance_in_adjust_last_operation_makes_the_result_anew(window
     def has_faces(wanted: Callable[[int], bool]) -> Callable[[dict[str, Any]], bool]:
         return lambda report: wanted(report["objects"].get("Suzanne Adaptive", {"faces": faces})["faces"])
 
-    window.adjust_last_operation(0.05)
+    window.ask("adjust", 0.05)
     coarser = window.wait_for(has_faces(lambda count: count < faces), SECONDS_TO_ANSWER, "a coarser result")["objects"]
     assert set(coarser) == {"Suzanne", "Suzanne Adaptive"}
     assert coarser["Suzanne"] == made["Suzanne"]
@@ -361,7 +335,7 @@ def test_update_result_stands_in_place_of_apply_makes_the_result_anew_and_is_und
     with pytest.raises(AssertionError, match="no button"):
         find_button(window, started["sidebar"], "bpy.ops.ccdepth.subdivide")
     before = window.report()["objects"]
-    window.change_settings(0.0002)
+    window.ask("change", 0.0002)
     find_button(window, started["sidebar"], "bpy.ops.ccdepth.update(")
     window.click()
     faces = before["Suzanne Adaptive"]["faces"]
@@ -375,7 +349,7 @@ def test_update_result_stands_in_place_of_apply_makes_the_result_anew_and_is_und
 
 def test_a_source_is_shown_and_edited_and_its_result_follows(window: Window) -> None:
     started = made_by_mouse(window)
-    window.change_settings(0.001)
+    window.ask("change", 0.001)
     find_button(window, started["sidebar"], "bpy.ops.ccdepth.show_source")
     window.click()
     wait_for_object(window, "Suzanne", "the source", lambda found: found["visible"] and found["selected"])
