@@ -15,7 +15,7 @@ import numpy as np
 from ..exchange.modifiers import applied_modifiers
 from ..exchange.shown_mesh import shown_modifiers
 from ..state.properties import set_scene_tolerance
-from ..tasks.deviation_task import Measured, MeasureTask, MeshDeviation
+from ..tasks.deviation_task import Measured, MeasureTask
 from ..ui.printable import printable_lines
 from .arguments import MAKING, MEASURE, SUBDIVIDE
 from .blender_calls import CommandError
@@ -202,20 +202,10 @@ def _at_the_level(said: ObjectEntry, found: ObjectEntry) -> ObjectEntry:
 def _measured_anew(
     said: ObjectEntry, found: ObjectEntry, target: MeasureTask, part: Measured, unit: float
 ) -> ObjectEntry:
-    """The entry with a part of a file measured: until it is known whether it is as near as the report says, and as far
-    off."""
+    """The entry with a part of a file measured: until it is known whether it is as near as the report says."""
     tolerance = target.surface.tolerance
-
-    def within(limit: float) -> MeshDeviation:
-        surface = replace(target.surface, tolerance=limit)
-        return measured_distances(replace(target, surface=surface), part, measure_settings(None))
-
-    answer = within(min(tolerance, _told(said) / unit))
-    reached = 0.0 if said.measured is None else said.measured.reached / unit
-    if answer.reached * (1 + ROUNDING) < reached:
-        # Twice, so that what is proved to be nearer than this is nearer than the report says but for rounding.
-        nearer = within(reached * (1 - 2 * ROUNDING))
-        answer = replace(answer, proved=min(answer.proved, nearer.proved), reached=max(answer.reached, nearer.reached))
+    surface = replace(target.surface, tolerance=min(tolerance, _told(said) / unit))
+    answer = measured_distances(replace(target, surface=surface), part, measure_settings(None))
     return with_answer(found, replace(answer, tolerance=tolerance), part, unit)
 
 

@@ -277,17 +277,6 @@ def test_reports_of_version_1_are_read(name: str, tmp_path: Path, capfd: Capture
     assert "another version" in said(capfd, "--gather", folder, "--json", tmp_path / "gathered.json")
 
 
-def test_distances_that_are_not_reached_are_found_out(tmp_path: Path) -> None:
-    """It is told that 0.3 m are met, and not how far off the mesh really is: by less than 0.12 m, which was proved when
-    it was made."""
-    shutil.copytree(OLD, tmp_path, dirs_exist_ok=True)
-    content = json.loads((tmp_path / "made.json").read_text(encoding="utf-8"))
-    [entry] = content["files"][0]["objects"]
-    assert entry["proved"] < 0.12 < 0.2 < entry["measured"]["proved"]
-    entry["measured"]["reached"] = 0.2
-    assert run("--verify", claim(tmp_path / "forged.json", content)) == 1
-
-
 def test_what_a_report_says_of_old_files_holds_without_the_new_fields(
     reports: Callable[[str], Path], capfd: Capture
 ) -> None:
