@@ -22,7 +22,6 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import bpy
-import igl
 import numpy as np
 
 import ccdepth_addon
@@ -169,6 +168,8 @@ def shown(holder: bpy.types.Object, level: int, *, limit: bool) -> tuple[FloatAr
 
 def reached(mesh: tuple[FloatArray, IndexArray], finest: tuple[FloatArray, IndexArray]) -> float:
     """The largest distance both ways that samples find."""
+    import igl  # The one program that needs it.
+
     positions, triangles = mesh
     points = np.einsum("sk,tkc->tsc", SAMPLES, positions[triangles]).reshape(-1, 3)
     there = igl.point_mesh_squared_distance(points, *finest)[0].max()

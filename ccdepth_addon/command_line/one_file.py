@@ -308,24 +308,24 @@ def _write(
     if not targets:
         return entry
     measured = [
-        with_answer(each, measured_distances(target, part, settings), part, scene)
+        as_held(with_answer(each, measured_distances(target, part, settings), scene), part)
         for each, target, part in zip(entry.objects, targets, parts, strict=True)
     ]
     return replace(entry, objects=tuple(measured))
 
 
-def with_answer(entry: ObjectEntry, answer: MeshDeviation, part: Measured, unit: float) -> ObjectEntry:
-    """The entry with what was measured of a part of a file. unit: that of the surface, in metres."""
-    edges = Edges.of(part.shown.triangles)
-    return replace(
-        entry,
-        tolerance=answer.tolerance * unit,
-        triangles=len(part.shown.triangles.corners),
-        measured=Distances(up_to(answer.proved, unit), down_to(answer.reached, unit)),
-        met=verdict(answer.proved, answer.reached, answer.tolerance) is Verdict.MET,
-        closed=edges.are_closed,
-        oriented=edges.are_oriented,
-    )
+def with_answer(entry: ObjectEntry, answer: MeshDeviation, unit: float) -> ObjectEntry:
+    """The entry with what was measured. unit: that of the surface, in metres."""
+    distances = Distances(up_to(answer.proved, unit), down_to(answer.reached, unit))
+    is_met = verdict(answer.proved, answer.reached, answer.tolerance) is Verdict.MET
+    return replace(entry, tolerance=answer.tolerance * unit, measured=distances, met=is_met)
+
+
+def as_held(entry: ObjectEntry, part: Measured) -> ObjectEntry:
+    """The entry with the triangles that a file holds of its object."""
+    triangles = part.shown.triangles
+    edges = Edges.of(triangles)
+    return replace(entry, triangles=len(triangles.corners), closed=edges.are_closed, oriented=edges.are_oriented)
 
 
 @contextmanager

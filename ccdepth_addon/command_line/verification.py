@@ -14,8 +14,9 @@ import numpy as np
 
 from ..exchange.modifiers import applied_modifiers
 from ..exchange.shown_mesh import shown_modifiers
+from ..operators.measure_deviation import surface_object
 from ..state.properties import set_scene_tolerance
-from ..tasks.deviation_task import Measured, MeasureTask
+from ..tasks.deviation_task import Measured, MeasureTask, prepare_measurement
 from ..ui.printable import printable_lines
 from .arguments import MAKING, MEASURE, SUBDIVIDE
 from .blender_calls import CommandError
@@ -24,9 +25,9 @@ from .mesh_files import BLEND, load, scene_unit, unit_of
 from .one_file import (
     ACTIONS,
     SETTINGS,
+    as_held,
     evaluated_objects,
     measure_settings,
-    measured_entry,
     settings_of,
     surfaces_of,
     with_answer,
@@ -134,11 +135,18 @@ def _found_anew(action: str, entry: FileEntry) -> list[ObjectEntry]:
     targets = [] if output is None or action not in MAKING else surfaces_of(objects)
     keep_modifiers = [_keeps_modifiers(each) for each in objects]
     found = _computed_anew(action, entry.objects, objects)
+    if action == MEASURE:
+        tasks = [_own_measurement(each) for each in objects]
+        parts = [part for task in tasks for part in task.measured]
+        return [_measured_anew(*each, scene) for each in zip(entry.objects, found, tasks, parts, strict=True)]
     if output is None or output.metres_per_unit is None or not targets:
         return found
     written = [WrittenObject(each.result or each.name, each.triangles or 0) for each in entry.objects]
     parts = read_written(output.path, output.metres_per_unit / scene, written)
-    found = [_measured_anew(*each, scene) for each in zip(entry.objects, found, targets, parts, strict=True)]
+    found = [
+        as_held(_measured_anew(*each, scene), each[-1])
+        for each in zip(entry.objects, found, targets, parts, strict=True)
+    ]
     if action == SUBDIVIDE:
         found = [
             each if keeps else _as_written(each, part, output, scene)
@@ -165,29 +173,30 @@ def _keeps_modifiers(blender_object: bpy.types.Object) -> bool:
 def _computed_anew(
     action: str, entries: Sequence[ObjectEntry], objects: Sequence[bpy.types.Object]
 ) -> list[ObjectEntry]:
-    """The entries of what was not written, found anew. Of adaptive meshes, which are not made again, it has what the
+    """The entries of what is not measured, found anew. Of adaptive meshes, which are not made again, it has what the
     report says of how they were made."""
-    settings, pairs = settings_of(action), list(zip(entries, objects, strict=True))
-    if action == SUBDIVIDE:
-        return [
-            ObjectEntry(
-                said.name,
-                settings,
-                said.tolerance,
-                len(each.data.polygons),
-                result=said.result or "",
-                result_faces=said.result_faces or 0,
-                deepest=said.deepest or 0,
-                proved=0.0,
-            )
-            for said, each in pairs
-        ]
+    settings = settings_of(action)
+    if action not in (SUBDIVIDE, MEASURE):
+        found = [each.entry for each in ACTIONS[action](objects, settings)]
+        return [_at_the_level(*pair) for pair in zip(entries, found, strict=True)]
+    found = [
+        ObjectEntry(said.name, settings, said.tolerance, len(each.data.polygons))
+        for said, each in zip(entries, objects, strict=True)
+    ]
     if action == MEASURE:
-        # As long as it takes.
-        bpy.context.scene.ccdepth.time_limit = 0.0
-        return [measured_entry(each, settings, _told(said)) for said, each in pairs]
-    found = [each.entry for each in ACTIONS[action](objects, settings)]
-    return [_at_the_level(*pair) for pair in zip(entries, found, strict=True)]
+        return found
+    return [
+        replace(
+            each, result=said.result or "", result_faces=said.result_faces or 0, deepest=said.deepest or 0, proved=0.0
+        )
+        for said, each in zip(entries, found, strict=True)
+    ]
+
+
+def _own_measurement(blender_object: bpy.types.Object) -> MeasureTask:
+    """What an object shows, and the limit surface that Measure Deviation compares it with. Raises ComputeError."""
+    target = surface_object(blender_object)
+    return prepare_measurement(bpy.context, [blender_object], target, measure_settings(None))
 
 
 def _at_the_level(said: ObjectEntry, found: ObjectEntry) -> ObjectEntry:
@@ -202,11 +211,11 @@ def _at_the_level(said: ObjectEntry, found: ObjectEntry) -> ObjectEntry:
 def _measured_anew(
     said: ObjectEntry, found: ObjectEntry, target: MeasureTask, part: Measured, unit: float
 ) -> ObjectEntry:
-    """The entry with a part of a file measured: until it is known whether it is as near as the report says."""
+    """The entry with a mesh measured: until it is known whether it is as near as the report says."""
     tolerance = target.surface.tolerance
     surface = replace(target.surface, tolerance=min(tolerance, _told(said) / unit))
     answer = measured_distances(replace(target, surface=surface), part, measure_settings(None))
-    return with_answer(found, replace(answer, tolerance=tolerance), part, unit)
+    return with_answer(found, replace(answer, tolerance=tolerance), unit)
 
 
 def _as_written(found: ObjectEntry, part: Measured, output: FileStamp, scene: float) -> ObjectEntry:

@@ -85,7 +85,7 @@ def _target_and_measured(context: bpy.types.Context) -> tuple[bpy.types.Object, 
     """The object whose limit surface counts, and the objects to measure. Raises ComputeError."""
     objects = selected_meshes(context)
     if len(objects) == 1:
-        return _surface_object(objects[0]), objects
+        return surface_object(objects[0]), objects
     target = context.active_object
     if target not in objects:
         raise ComputeError(
@@ -95,7 +95,7 @@ def _target_and_measured(context: bpy.types.Context) -> tuple[bpy.types.Object, 
     return target, [each for each in objects if each != target]
 
 
-def _surface_object(measured: bpy.types.Object) -> bpy.types.Object:
+def surface_object(measured: bpy.types.Object) -> bpy.types.Object:
     """The object to whose limit surface one that is selected alone is measured: of a result of Apply Adaptive
     Subdivision the one it was made from. Raises ComputeError when that has been removed."""
     if not result_record.is_result(measured):
