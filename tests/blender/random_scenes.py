@@ -293,7 +293,7 @@ def _make(this: Run, name: str, settings: dict[str, Any]) -> bool:
 def _originals_kept(this: Run, what: str, made: list[bpy.types.Mesh]) -> None:
     """Meshes that are still there are as they were; results take over names."""
     present = {mesh.name_full for mesh in bpy.data.meshes} - {mesh.name_full for mesh in made}
-    edited = this.before_last["mode",] == "EDIT_MESH"
+    edited = any(path[-1] == "is_editmode" and value == "True" for path, value in this.before_last.items())
     # Leaving Edit Mode writes what was edited to a key, and the basis to the mesh.
     with_keys = {mesh.name_full for mesh in bpy.data.meshes if mesh.shape_keys}
 
@@ -345,7 +345,8 @@ def undo(this: Run) -> None:
     with suppress(RuntimeError):
         bpy.ops.ed.undo()
     bpy.context.view_layer.update()
-    this.before_result = None
+    # What was computed last may be what was taken back.
+    this.before_result = this.last_computed = None
     if chance(this.random, 0.3):
         with suppress(RuntimeError):
             bpy.ops.ed.redo()

@@ -256,9 +256,14 @@ def _add_attribute(rng: Random, mesh: bpy.types.Mesh, name: str, types: Any, dom
 
 
 def add_attributes(rng: Random) -> None:
-    """Attributes of any type on any domain, also under names that Blender or CC Depth uses."""
+    """Attributes of any type on any domain, also under names that Blender or CC Depth uses.
+
+    Matrices are left out: Blender itself crashes where a modifier adds elements to a mesh that has them beside other
+    attributes, as BMesh writes their defaults to addresses that are not aligned. `test_attributes` has them.
+    """
     mesh = one(rng, local_meshes())
     types = bpy.types.Attribute.bl_rna.properties["data_type"].enum_items.keys()
+    types = [name for name in types if name != "FLOAT4X4"]
     for _ in range(int(rng.integers(1, 7))):
         name = one(rng, NAMES) if chance(rng, 0.5) else f"attribute {rng.integers(100)}"
         name = one(rng, OUR_NAMES) if chance(rng, 0.02) else name
@@ -414,6 +419,10 @@ def mark_elements(rng: Random) -> None:
 # of ours; fluids run scripts of their own, which print tracebacks, and caches want files.
 LEFT_OUT_MODIFIERS = {"BEVEL", "FLUID", "MESH_SEQUENCE_CACHE"}
 
+# Chosen and not added, so that the other choices of a seed stay: on some meshes that are not valid Blender itself
+# writes their normals beyond its arrays.
+NOT_ADDED = {"WEIGHTED_NORMAL", "NORMAL_EDIT"}
+
 
 def add_modifiers(rng: Random) -> None:
     """Modifiers of any type, as they come or with random settings."""
@@ -421,6 +430,8 @@ def add_modifiers(rng: Random) -> None:
     types = [name for name in types if not name.startswith("GREASE") and name not in LEFT_OUT_MODIFIERS]
     for _ in range(int(rng.integers(1, 4))):
         holder, kind = one(rng, editable_objects()), one(rng, types)
+        if kind in NOT_ADDED:
+            continue
         with suppress(*REFUSALS):
             modifier = holder.modifiers.new(kind.title(), kind)
             if modifier is not None and chance(rng, 0.6):

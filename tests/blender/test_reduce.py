@@ -310,6 +310,18 @@ def test_loose_parts_stay() -> None:
     assert faces(result) < result.data.ccdepth.unreduced_triangles
 
 
+@pytest.mark.parametrize("corners", [3, 4])
+def test_small_closed_meshes_do_not_collapse_to_a_doubled_triangle(corners: int) -> None:
+    around = np.arange(corners) * (2 * np.pi / corners)
+    base = np.stack([np.cos(around), np.sin(around), 0 * around], axis=1)
+    sides = [[i, (i + 1) % corners, corners] for i in range(corners)]
+    original = scene.add_object(meshes.from_faces([*base, [0.1, 0.2, 0.8]], [list(range(corners))[::-1], *sides]))
+    (result,) = subdivide(original, tolerance=1.0, reduce=True)
+    assert not result.data.validate()
+    edges = np.sort(np.stack([triangles_of(result.data), np.roll(triangles_of(result.data), 1, axis=1)], axis=2), axis=2)
+    assert np.all(np.unique(edges.reshape(-1, 2), axis=0, return_counts=True)[1] == 2)
+
+
 # Several objects, and how the operator is called
 
 

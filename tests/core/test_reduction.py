@@ -103,6 +103,16 @@ def test_what_is_beyond_the_limit_is_never_taken_and_vertices_there_are_fixed() 
     assert first_fixed[everywhere.argmin()]
 
 
+def test_two_triangles_of_the_same_vertices_are_never_taken() -> None:
+    coarser = at_level(3)
+    turned = np.roll(coarser.corners[:1, ::-1], 1, axis=1)
+    doubled = TriangleMesh(coarser.positions, np.concatenate([coarser.corners, turned]))
+    search = Reduction(control(), at_level(4), LIMIT, no_report)
+    assert not search.judge(doubled, no_report)
+    assert search.beyond(doubled, no_report).any()
+    assert not search.beyond(coarser, no_report).any()
+
+
 def test_nothing_is_proved_where_nothing_is_within_the_limit() -> None:
     start = at_level(3)
     search = Reduction(control(), moved(start, np.full(len(start.positions), True), 0.5), LIMIT, no_report)

@@ -94,10 +94,12 @@ class Reduction:
         self.current, self._is_fixed = mesh, is_fixed
 
     def beyond(self, mesh: TriangleMesh, progress: Progress) -> BoolArray:
-        """(V,): the vertices of the current mesh around which samples of another are hardly within the limit."""
+        """(V,): the vertices of the current mesh around which samples of another are hardly within the limit, or two
+        triangles of it have the same vertices."""
         triangles = self._triangles(mesh, progress)
         distances = self._distances(mesh, triangles, progress)
-        return self._around(triangles, distances > NEARLY_BEYOND * self._limit, mesh, progress)
+        bad = (distances > NEARLY_BEYOND * self._limit) | has_double(mesh.corners)
+        return self._around(triangles, bad, mesh, progress)
 
     def attempt(self) -> Attempt | None:
         """What to try next; None when too little is left to gain."""
@@ -116,6 +118,10 @@ class Reduction:
             self._share = 0.0
             return False
         triangles = self._triangles(mesh, progress)
+        is_double = has_double(mesh.corners)
+        if is_double.any():
+            self._reject(triangles, is_double, mesh, progress)
+            return False
         distances = self._distances(mesh, triangles, progress)
         reached = float(distances.max(initial=0.0))
         proof = None
@@ -199,6 +205,19 @@ class Reduction:
         centroids = positions[corners].mean(axis=1)
         near[corners[bad[nearest_of(triangles, centroids, lambda: progress(1.0))]]] = True
         return near
+
+
+def has_double(corners: IndexArray) -> BoolArray:
+    """(T,): whether another triangle has the same vertices, in any order; Blender takes such a mesh for invalid.
+
+    corners: (T, 3) intp.
+    """
+    vertices = np.sort(corners, axis=1)
+    order = np.lexsort(vertices.T)
+    is_repeated = (vertices[order[1:]] == vertices[order[:-1]]).all(axis=1)
+    found = np.zeros(len(corners), dtype=bool)
+    found[order[1:][is_repeated]] = found[order[:-1][is_repeated]] = True
+    return found
 
 
 def is_among(positions: FloatArray, others: FloatArray) -> BoolArray:
