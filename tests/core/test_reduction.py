@@ -129,6 +129,15 @@ def test_enough_ends_a_measurement_and_still_proves() -> None:
     assert too_little.proved >= exact.reached
 
 
+def test_what_is_hardly_beyond_what_is_enough_is_found_to_be_beyond() -> None:
+    mesh = moved(at_level(2), np.arange(len(at_level(2).positions)) == 7, 0.3)
+    exact = measure_deviation(control(), mesh.positions, mesh.corners, accuracy=0.02)
+    assert not exact.surface_to_mesh
+    hardly = measure_deviation(control(), mesh.positions, mesh.corners, enough=0.99 * exact.reached)
+    assert hardly.accuracy_met
+    assert hardly.reached > 0.99 * exact.reached
+
+
 def test_a_search_can_be_stopped() -> None:
     class Stopped(Exception):
         pass

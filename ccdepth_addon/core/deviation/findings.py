@@ -24,12 +24,14 @@ TOO_LONG = 2.0**-37
 @dataclass
 class Findings:
     """reached: the longest distance that is known to be there, less the allowance; the pair it lies between, where, and
-    which way. margin: what rounding can hide of a coordinate. floor: what is proved need not be less. accuracy: how
-    near to what is reached it shall be. limit: a distance of which it is to be told whether all is within."""
+    which way. margin: what rounding can hide of a coordinate. floor: distances are not told apart more closely. enough:
+    what is proved need not be less. accuracy: how near to what is reached it shall be. limit: a distance of which it is
+    to be told whether all is within."""
 
     accuracy: float
     limit: float
     floor: float
+    enough: float
     allowance: float
     margin: float
     max_pieces: int
@@ -52,12 +54,12 @@ class Findings:
         """Bounds up to this one are good enough."""
         if self.reached > self.limit:
             return self.accurate
-        return min(self.accurate, max(self.limit, (1 + DECIDING) * self.reached, self.floor))
+        return min(self.accurate, max(self.limit, (1 + DECIDING) * self.reached, self.floor, self.enough))
 
     @property
     def accurate(self) -> float:
-        """Bounds up to this one have the accuracy."""
-        return max((1 + self.accuracy) * self.reached, self.floor)
+        """Bounds up to this one have the accuracy, or are enough."""
+        return max((1 + self.accuracy) * self.reached, self.floor, self.enough)
 
     def note(
         self,
@@ -82,7 +84,7 @@ class Findings:
     def goals(self, faces: IndexArray) -> FloatArray:
         """(N,): bounds up to these are near enough to what is reached, in all and in each of these faces (N,)."""
         in_faces = self.in_faces[faces] + SHARE_OF_LARGEST * self.reached
-        return np.maximum(np.minimum(self.target, in_faces), self.floor)
+        return np.maximum(np.minimum(self.target, in_faces), max(self.floor, self.enough))
 
     def report_round(self, half: int, number: int, share: float) -> None:
         """Progress, of which nobody knows how much is left: every round takes half of what was left of its half."""

@@ -93,7 +93,8 @@ def measure_deviation(
     findings = Findings(
         accuracy=accuracy,
         limit=limit,
-        floor=max(4 * allowance, PART_OF_TOLERANCE * (tolerance or 0.0), enough),
+        floor=max(4 * allowance, PART_OF_TOLERANCE * (tolerance or 0.0)),
+        enough=enough,
         allowance=allowance,
         margin=MARGIN * size,
         max_pieces=max_pieces,
