@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Parts of triangles that the surface covers, seen along the normal. docs/deviation.md, Covering and Borders.
+"""Parts of triangles that the surface covers, seen along a direction. docs/deviation.md, Covering and Borders.
 
 The surface is looked at in units, which meet in edges. Where the border of the surface lies over a part, a point of the
 part that is not covered has the border nearby, in the direction in which it has to be moved to be covered.
@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..surface.bicubic import HALVES
 from .bezier_pieces import CORNERS, SIDES, BezierPieces
 from .columns import NONE, applied, columns, products, unknown
 from .heights import SideViews, Views, axes_across, plane_functionals
@@ -31,18 +32,23 @@ MOST_UNITS_ACROSS = 8
 # Where more leaves than this lie over several regions, these are too many to be looked at together.
 LEAVES_OVER_AT_ONCE = 1 << 16
 
+# A side's hull is a quarter as wide after each halving; where the place lies in it after so many, it counts as met.
+HALVINGS_OF_SIDES = 12
+
 # Parts are moved this much more than the border that was seen first demands.
 MOVED_MORE = 1.02
 
 
 @dataclass(frozen=True)
 class Regions:
-    """n parts of triangles as seen along their normals. corners: (3, 3, n), each with its coordinates; normals: (3, n).
-    sides: of the regions, which hold the parts and these moved. axes: (2, 3, n), across. places: (3, n), where covering
-    is counted. towards: (2, n), the direction across in which parts are moved, and moved: (n,) how far."""
+    """n parts of triangles as seen along directions. corners: (3, 3, n), each with its coordinates; normals: (3, n), of
+    their triangles. directions: (3, n). sides: of the regions, which hold the parts and these moved. axes: (2, 3, n),
+    across. places: (3, n), where covering is counted. towards: (2, n), the direction across in which parts are moved,
+    and moved: (n,) how far."""
 
     corners: FloatArray
     normals: FloatArray
+    directions: FloatArray
     sides: SideViews
     axes: FloatArray
     places: FloatArray
@@ -50,13 +56,13 @@ class Regions:
     moved: FloatArray
 
     @staticmethod
-    def of(corners: FloatArray, normals: FloatArray, margin: float) -> Regions:
+    def of(corners: FloatArray, normals: FloatArray, directions: FloatArray, margin: float) -> Regions:
         """The parts alone, not moved."""
-        axes = axes_across(normals, corners[1] - corners[0])
+        axes = axes_across(directions, corners[1] - corners[0])
         places = np.einsum("c,cdn->dn", PLACE_IN_TRIANGLE, corners)
-        sides = SideViews.of(corners, normals, margin)
+        sides = SideViews.of(corners, directions, margin)
         count = corners.shape[2]
-        return Regions(corners, normals, sides, axes, places, np.zeros((2, count)), np.zeros(count))
+        return Regions(corners, normals, directions, sides, axes, places, np.zeros((2, count)), np.zeros(count))
 
     @property
     def count(self) -> int:
@@ -124,6 +130,7 @@ def over_pieces(
     pieces: BezierPieces,
     corners: FloatArray,
     normals: FloatArray,
+    directions: FloatArray,
     first: IndexArray,
     goals: FloatArray,
     margin: float,
@@ -132,10 +139,10 @@ def over_pieces(
     that was found with; and (m,) leaves whose excess stands in the way. None where several parts have too many leaves
     over them, ``LEAVES_OVER_AT_ONCE``.
 
-    corners: (n, 3, 3); normals: (n, 3), of their triangles; first: (n,) intp, a unit near each. goals: (n,), bounds
-    below these are as good. margin: what rounding can hide.
+    corners: (n, 3, 3); normals: (n, 3), of their triangles; directions: (n, 3), unit vectors to look along; first: (n,)
+    intp, a unit near each. goals: (n,), bounds below these are as good. margin: what rounding can hide.
     """
-    regions = Regions.of(columns(corners), columns(normals), margin)
+    regions = Regions.of(columns(corners), columns(normals), columns(directions), margin)
     covering = _covering(pieces, regions, first, margin)
     if covering is None:
         return None
@@ -161,7 +168,7 @@ def over_pieces(
 def _covering(pieces: BezierPieces, regions: Regions, first: IndexArray, margin: float) -> Covering | None:
     """What lies over the regions of the units (n,) where looking begins, of those that meet them there, and so on. None
     as in ``over_pieces``."""
-    plane, offsets, _, _ = plane_functionals(regions.normals, regions.corners, regions.normals)
+    plane, offsets, _, _ = plane_functionals(regions.normals, regions.corners, regions.directions)
     functionals = np.concatenate([regions.sides.inward, plane[None], regions.axes])
     constants = np.concatenate([regions.sides.offsets, offsets[None], -products(regions.axes, regions.places)])
     outline = regions.outline()
@@ -253,7 +260,7 @@ def _heights(
     regions: Regions, over: Over, covered: BoolArray, goals: FloatArray, margin: float
 ) -> tuple[FloatArray, IndexArray, IndexArray]:
     """(n,), (n,) and (m,): the largest heights over what is covered, and leaves, as in ``over_pieces``."""
-    _, _, steepness, unevenness = plane_functionals(regions.normals, regions.corners, regions.normals)
+    _, _, steepness, unevenness = plane_functionals(regions.normals, regions.corners, regions.directions)
     owners, leaves = over.owners, over.leaves
     is_used = covered[owners]
     blamed = leaves[~is_used & (over.excess > 0)]
@@ -336,27 +343,44 @@ def _leaves_over(
 def _winds_once(over: Over, count: int, margin: float) -> BoolArray:
     """(count,) bool: whether the borders of an odd number of leaves wind about the place where covering is counted.
 
-    A border may be drawn straight from corner to corner where no side's hull contains the origin.
+    A curve may be drawn straight from end to end where its hull does not contain the place; where it does, its halves
+    are looked at.
     """
     excess = over.excess + margin
     near = np.flatnonzero((over.across.min(axis=1) <= excess).all(axis=0) & (over.across.max(axis=1) >= -excess).all(0))
-    owners, across, excess = over.owners[near], over.across.take(near, axis=2), excess[near]
-    crossings = np.zeros(len(owners), dtype=np.intp)
-    is_clear = np.ones(len(owners), dtype=bool)
-    for side in SIDES:
-        x, y = across[:, side]
-        chord = np.stack([x[3] - x[0], y[3] - y[0]])
-        chord /= np.maximum(np.hypot(*chord), np.finfo(float).tiny)
-        along = chord[0] * x + chord[1] * y
-        aside = chord[0] * y - chord[1] * x
-        is_clear &= (
-            (along.min(axis=0) > excess)
-            | (along.max(axis=0) < -excess)
-            | (aside.min(axis=0) > excess)
-            | (aside.max(axis=0) < -excess)
-        )
-        is_right = (x[0] * y[3] - x[3] * y[0] > 0) == (y[3] > y[0])
-        crossings += ((y[0] > 0) != (y[3] > 0)) & is_right
-    found = np.bincount(owners[crossings % 2 == 1], minlength=count) % 2 == 1
-    found[owners[~is_clear]] = False
-    return found
+    owners, excess = np.repeat(over.owners[near], 4), np.repeat(excess[near], 4)
+    curves = over.across.take(near, axis=2)[:, SIDES.T].swapaxes(2, 3).reshape(2, 4, -1)
+    crossings = np.zeros(count, dtype=np.intp)
+    for _ in range(HALVINGS_OF_SIDES):
+        is_clear = _are_clear(curves, excess)
+        crossed = is_clear & _cross_ray(curves)
+        crossings += np.bincount(owners[crossed], minlength=count)
+        left = np.flatnonzero(~is_clear)
+        if not len(left):
+            break
+        owners, excess = np.repeat(owners[left], 2), np.repeat(excess[left], 2)
+        curves = np.einsum("hij,djn->dinh", HALVES, curves[:, :, left]).reshape(2, 4, -1)
+    else:
+        crossings[owners] = 0
+    return crossings % 2 == 1
+
+
+def _are_clear(curves: FloatArray, excess: FloatArray) -> BoolArray:
+    """(n,) bool: whether the origin lies beside the hulls of curves (2, 4, n), in coordinates along their chords."""
+    x, y = curves
+    chord = curves[:, 3] - curves[:, 0]
+    chord /= np.maximum(np.hypot(*chord), np.finfo(float).tiny)
+    along, aside = chord[0] * x + chord[1] * y, chord[0] * y - chord[1] * x
+    return (
+        (along.min(axis=0) > excess)
+        | (along.max(axis=0) < -excess)
+        | (aside.min(axis=0) > excess)
+        | (aside.max(axis=0) < -excess)
+    )
+
+
+def _cross_ray(curves: FloatArray) -> BoolArray:
+    """(n,) bool: whether the chords of curves (2, 4, n) cross the first axis to the right of the origin."""
+    x, y = curves
+    is_right = (x[0] * y[3] - x[3] * y[0] > 0) == (y[3] > y[0])
+    return ((y[0] > 0) != (y[3] > 0)) & is_right

@@ -215,7 +215,9 @@ class MeshToSurface:
         parts.leaves[block] = nearest.pieces
         faces = self.surface.pieces.faces[nearest.pieces]
         np.maximum.at(self.findings.in_faces, faces, near - nearest.off)
-        self._bound_by_heights(parts, block)
+        self._bound_by_heights(parts, block, self.mesh.normals[parts.owners[block]])
+        left = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
+        self._bound_by_heights(parts, block[left], self.surface.normals(nearest.pieces[left]))
         left = block[parts.bounds[block] > self._goals(parts.at(block))]
         place = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
         bounds = self._by_one_piece(nearest.at(place), parts.corners[left]) + self.findings.allowance
@@ -258,18 +260,18 @@ class MeshToSurface:
         np.maximum.at(self.findings.in_faces, faces, found)
         self.findings.note(found, places, points[first], faces, owners, surface_to_mesh=False)
 
-    def _bound_by_heights(self, parts: Parts, block: IndexArray) -> None:
-        if self.findings.is_late():
+    def _bound_by_heights(self, parts: Parts, block: IndexArray, directions: FloatArray) -> None:
+        if self.findings.is_late() or not len(block):
             return
         corners = parts.corners[block]
         normals = self.mesh.normals[parts.owners[block]]
         goals = self._goals(parts.at(block)) - self.findings.allowance
         units = self.surface.pieces.units[parts.leaves[block]]
-        over = over_pieces(self.surface.pieces, corners, normals, units, goals, self.findings.margin)
+        over = over_pieces(self.surface.pieces, corners, normals, directions, units, goals, self.findings.margin)
         self.findings.tick()
         if over is None:
-            for half in np.array_split(block, 2):
-                self._bound_by_heights(parts, half)
+            for half, along in zip(np.array_split(block, 2), np.array_split(directions, 2), strict=True):
+                self._bound_by_heights(parts, half, along)
             return
         found, leaves, blamed = over
         self.blamed = np.union1d(self.blamed, blamed)

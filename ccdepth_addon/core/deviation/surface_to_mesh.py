@@ -147,7 +147,7 @@ class SurfaceToMesh:
         whether triangles cover the pieces as far as that was looked at."""
         pieces = self.pieces
         last = np.full(len(block), np.inf)
-        for directions in (self.mesh.normals[nearest], self._normals(block)):
+        for directions in (self.mesh.normals[nearest], self.normals(block)):
             goals = self._goals(block)
             # Another direction makes up for a lack of covering, or for a little.
             helps = (np.isinf(last) | (last < NEARLY * goals)) & directions.any(axis=1)
@@ -166,7 +166,8 @@ class SurfaceToMesh:
             self._improve(block[left], *found)
         return np.isfinite(last)
 
-    def _normals(self, block: IndexArray) -> FloatArray:
+    def normals(self, block: IndexArray) -> FloatArray:
+        """(n, 3): of the pieces' middles, about; zero where there is none."""
         a, b, c, d = np.moveaxis(self.pieces.coefficients[block][:, :, CORNERS], 2, 0)
         return unit(np.cross(c - a, d - b))
 
