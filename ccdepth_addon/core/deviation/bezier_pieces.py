@@ -2,9 +2,10 @@
 """The limit surface as Bézier pieces that can be split, down to any size.
 
 The control mesh is subdivided to *units*, quads of one level. A regular unit is a bicubic patch, exactly. Any other is
-refined, and what has not become regular stays a piece with the bilinear facet over its corners' limit positions for
-coefficients and an *excess*: at equal parameters the surface is no farther than that from the facet
-(``norm_bounds.support_bounds``). Corners of all pieces lie on the surface. docs/deviation.md, Pieces.
+a piece with an *excess*: at equal parameters the surface is no farther than that from it. Near an extraordinary patch
+that is a bicubic piece (``extraordinary_pieces``); what is not one is refined, and until then it has the bilinear facet
+over its corners' limit positions for coefficients (``norm_bounds.support_bounds``). Corners of all pieces lie on the
+surface. docs/deviation.md, Pieces.
 """
 
 from __future__ import annotations
@@ -17,15 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.chunks import AT_ONCE, chunks, index_chunks
-from ..arrays.types import FloatArray, IndexArray
+from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import squared_norms
 from ..bounds.norm_bounds import Vertices, support_bounds
 from ..mesh.polygon_mesh import PolygonMesh
-from ..surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN
+from ..surface.bicubic import HALVES
 from ..surface.catmull_clark import subdivide
-from ..surface.patches import PatchKind, classify_patches, regular_nets
+from ..surface.patches import classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
+from ..surface.stencils import apply_stencils, by_valence, patch_stencils
 from .columns import NONE
+from .extraordinary_pieces import BERNSTEIN, pieces_of_nets
 
 # Coefficients are counted [i, j] → 4i + j: those at corners 0 to 3, and along the sides from each to the next.
 CORNERS = np.array([0, 12, 15, 3])
@@ -35,7 +38,7 @@ SIDES = np.array([[0, 4, 8, 12], [12, 13, 14, 15], [15, 11, 7, 3], [3, 2, 1, 0]]
 QUARTER_SIDES = np.array([[1, 0, 0, 1], [1, 1, 0, 0], [0, 0, 1, 1], [0, 1, 1, 0]], dtype=bool)
 QUARTERS = np.stack([np.kron(along, across) for across in HALVES for along in HALVES])
 
-# What is not regular is refined to begin with while the excess is more than this part of its size, so many times at
+# What is not bicubic is refined to begin with while the excess is more than this part of its size, so many times at
 # most; later, where it matters.
 LARGE_EXCESS = 0.1
 FIRST_REFINEMENTS = 8
@@ -43,14 +46,24 @@ FIRST_REFINEMENTS = 8
 
 @dataclass(frozen=True)
 class NewPieces:
-    """N pieces, see ``BezierPieces``; rows: (N,) intp, which descendant of a refinement, NONE where bicubic."""
+    """N pieces, see ``BezierPieces``; stores, rows: (N,) intp, which of the nets or refinements a piece is made from and
+    which net or descendant there, NONE where it is the surface."""
 
     coefficients: FloatArray
     excess: FloatArray
     faces: IndexArray
     units: IndexArray
     sides: IndexArray
+    stores: IndexArray
     rows: IndexArray
+
+
+@dataclass(frozen=True)
+class Nets:
+    """The nets of extraordinary patches of one valence n: (2n + 8, P, 3), in Stam's order."""
+
+    valence: int
+    nets: FloatArray
 
 
 class BezierPieces:
@@ -72,7 +85,7 @@ class BezierPieces:
         self.faces = self.units = self.first_child = self._parents = np.empty(0, dtype=np.intp)
         self._store = self._row = np.empty(0, dtype=np.intp)
         self.sides = np.empty((0, 4), dtype=np.intp)
-        self._refinements: list[Refinement] = []
+        self._stores: list[Refinement | Nets] = []
         self._add_units(unit_faces)
 
     @property
@@ -91,6 +104,14 @@ class BezierPieces:
         found[paired] = mesh.corner_faces[order[first[paired][:, None] + np.arange(2)]]
         return found
 
+    @cached_property
+    def is_smooth_edge(self) -> BoolArray:
+        """(E,) bool: whether the surface has one tangent plane along an edge of the units, which face the same way."""
+        mesh = self.unit_mesh
+        starts = mesh.corner_vertices == mesh.edge_vertices[mesh.corner_edges, 0]
+        forwards = np.bincount(mesh.corner_edges, starts, mesh.edge_count)
+        return (mesh.edge_face_counts == 2) & (forwards == 1) & np.isfinite(mesh.edge_sharpness)
+
     def leaves(self) -> IndexArray:
         """The pieces that are not split: they cover the surface."""
         return np.flatnonzero(self.first_child[: self.count] == NONE)
@@ -108,11 +129,13 @@ class BezierPieces:
 
     def split(self, pieces: IndexArray) -> IndexArray:
         """Four children for each of these leaves: (4n,) intp, not in the order of the pieces."""
-        bicubic = pieces[self._row[pieces] == NONE]
-        made = [self._add(_quarters(self, block), NONE, block) for block in index_chunks(bicubic, AT_ONCE)]
-        others = pieces[self._row[pieces] != NONE]
-        for store in np.unique(self._store[others]).tolist():
-            made.append(self._refine(store, others[self._store[others] == store]))
+        bicubic = pieces[self._store[pieces] == NONE]
+        made = [self._add(_quarters(self, block), block) for block in index_chunks(bicubic, AT_ONCE)]
+        others = pieces[self._store[pieces] != NONE]
+        for number in np.unique(self._store[others]).tolist():
+            store, chosen = self._stores[number], others[self._store[others] == number]
+            made.append(self._divide(store, chosen) if isinstance(store, Nets) else self._refine(store, chosen))
+            self._tighten(chosen)
         return np.concatenate([np.zeros(0, dtype=np.intp), *made])
 
     def _add_units(self, unit_faces: IndexArray) -> None:
@@ -125,22 +148,41 @@ class BezierPieces:
             sizes = np.sqrt(squared_norms(np.ptp(self.coefficients[waiting][:, :, CORNERS], axis=2)))
             self.split(waiting[self.excess[waiting] > LARGE_EXCESS * sizes])
 
-    def _refine(self, store: int, pieces: IndexArray) -> IndexArray:
-        """The children of what is not bicubic, one Catmull-Clark step on."""
-        refinement = self._refinements[store]
+    def _refine(self, refinement: Refinement, pieces: IndexArray) -> IndexArray:
+        """The children of descendants, one Catmull-Clark step on."""
         pieces = pieces[np.argsort(self._row[pieces])]
         wanted = np.zeros(len(refinement.bases), dtype=bool)
         wanted[self._row[pieces]] = True
         children = refinement.keep(wanted).refined()
-        # Corner 0 of the child at corner c is that corner: its side 0 lies on side c, its side 3 on the one before.
+        faces, units = (np.repeat(array[pieces], 4) for array in (self.faces, self.units))
+        return self._add_descendants(children, faces, units, self._sides_of_children(pieces), pieces)
+
+    def _divide(self, store: Nets, pieces: IndexArray) -> IndexArray:
+        """The children of extraordinary patches of one valence: an extraordinary one at corner 0, and regular ones."""
+        stencils, nets = patch_stencils(store.valence), store.nets[:, self._row[pieces]]
+        refined = apply_stencils(stencils.refined, nets)
+        coefficients, excess = np.empty((len(pieces), 4, 3, 16)), np.zeros((len(pieces), 4))
+        coefficients[:, 0], excess[:, 0] = pieces_of_nets(refined, store.valence)
+        regular = apply_stencils(np.kron(np.eye(3), BERNSTEIN) @ stencils.regular, nets).reshape(3, 16, -1, 3)
+        coefficients[:, 1:] = np.moveaxis(regular, (2, 0, 3, 1), (0, 1, 2, 3))
+        stores, rows = np.full((len(pieces), 4), NONE), np.full((len(pieces), 4), NONE)
+        stores[:, 0], rows[:, 0] = len(self._stores), np.arange(len(pieces))
+        self._stores.append(Nets(store.valence, refined))
+        faces, units = (np.repeat(array[pieces], 4) for array in (self.faces, self.units))
+        sides = self._sides_of_children(pieces)
+        new = NewPieces(
+            coefficients.reshape(-1, 3, 16), excess.ravel(), faces, units, sides, stores.ravel(), rows.ravel()
+        )
+        return self._add(new, pieces)
+
+    def _sides_of_children(self, pieces: IndexArray) -> IndexArray:
+        """(4n, 4): corner 0 of the child at corner c is that corner: its side 0 lies on side c, its side 3 on the one
+        before."""
         sides = np.full((len(pieces), 4, 4), NONE)
         for corner in range(4):
             sides[:, corner, 0] = self.sides[pieces, corner]
             sides[:, corner, 3] = self.sides[pieces, corner - 1]
-        faces, units = (np.repeat(array[pieces], 4) for array in (self.faces, self.units))
-        made = self._add_descendants(children, faces, units, sides.reshape(-1, 4), pieces)
-        self._tighten(pieces)
-        return made
+        return sides.reshape(-1, 4)
 
     def _tighten(self, parents: IndexArray) -> None:
         """The boxes of parents from those of their children, up to the units."""
@@ -159,25 +201,36 @@ class BezierPieces:
         sides: IndexArray,
         parents: IndexArray | None,
     ) -> IndexArray:
-        count = len(faces)
-        is_regular = classify_patches(refinement.mesh).kinds[:count] == PatchKind.REGULAR
-        regular, others = np.flatnonzero(is_regular), np.flatnonzero(~is_regular)
-        coefficients, excess = np.empty((count, 3, 16)), np.zeros(count)
+        count, mesh = len(faces), refinement.mesh
+        kinds = classify_patches(mesh)
+        regular, extraordinary, others = by_valence(mesh, kinds, count)
+        coefficients, excess, sides = np.empty((count, 3, 16)), np.zeros(count), sides.copy()
+        stores, rows = np.full(count, NONE), np.full(count, NONE)
         for block in chunks(len(regular), AT_ONCE):
-            coefficients[regular[block]] = _bernstein(regular_nets(refinement.mesh, regular[block]))
+            coefficients[regular[block]] = _bernstein(regular_nets(mesh, regular[block]))
             self._tick()
-        rows = np.full(count, NONE)
-        rows[others] = np.arange(len(others))
+        for valence, chosen in extraordinary:
+            corners = kinds.extraordinary_corners[chosen]
+            nets = extraordinary_nets(mesh, corners, valence)
+            coefficients[chosen], excess[chosen] = pieces_of_nets(nets, valence)
+            # These pieces are counted from the extraordinary corner on.
+            turned = (corners - mesh.face_starts[chosen])[:, None] + np.arange(4)
+            sides[chosen] = np.take_along_axis(sides[chosen], turned % 4, axis=1)
+            stores[chosen], rows[chosen] = len(self._stores), np.arange(len(chosen))
+            self._stores.append(Nets(valence, nets))
+            self._tick()
         if len(others):
-            rest = refinement.keep(~is_regular)
+            wanted = np.zeros(count, dtype=bool)
+            wanted[others] = True
+            rest = refinement.keep(wanted)
             coefficients[others] = bilinear_pieces(rest.limits_at_corners.reshape(-1, 4, 3))
             excess[others] = support_bounds(rest.mesh, Vertices.LIMIT)[: len(others)]
-            self._refinements.append(rest)
+            stores[others], rows[others] = len(self._stores), np.arange(len(others))
+            self._stores.append(rest)
             self._tick()
-        new = NewPieces(coefficients, excess, faces, units, sides, rows)
-        return self._add(new, len(self._refinements) - 1, parents)
+        return self._add(NewPieces(coefficients, excess, faces, units, sides, stores, rows), parents)
 
-    def _add(self, new: NewPieces, store: int, parents: IndexArray | None) -> IndexArray:
+    def _add(self, new: NewPieces, parents: IndexArray | None) -> IndexArray:
         """Pieces put behind the others, four for each parent."""
         self._tick()
         first, count = self.count, len(new.excess)
@@ -194,7 +247,7 @@ class BezierPieces:
             "first_child": np.full(count, NONE),
             "_parents": np.full(count, NONE) if parents is None else np.repeat(parents, 4),
             "sides": new.sides,
-            "_store": np.full(count, store),
+            "_store": new.stores,
             "_row": new.rows,
         }
         for name, values in columns.items():
@@ -229,14 +282,15 @@ BILINEAR = _bilinear_weights()
 def _bernstein(nets: FloatArray) -> FloatArray:
     """(N, 3, 16) from the nets of regular faces (4, 4, N, 3)."""
     points = np.moveaxis(nets.reshape(16, -1, 3), 0, 2)
-    return np.matmul(points, np.kron(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN).T)
+    return np.matmul(points, BERNSTEIN.T)
 
 
 def _quarters(pieces: BezierPieces, parents: IndexArray) -> NewPieces:
     coefficients = np.matmul(pieces.coefficients[parents][:, None], QUARTERS.swapaxes(1, 2)).reshape(-1, 3, 16)
     sides = np.where(QUARTER_SIDES, pieces.sides[parents][:, None], NONE).reshape(-1, 4)
     excess, faces, units = (np.repeat(array[parents], 4) for array in (pieces.excess, pieces.faces, pieces.units))
-    return NewPieces(coefficients, excess, faces, units, sides, np.full(len(faces), NONE))
+    none = np.full(len(faces), NONE)
+    return NewPieces(coefficients, excess, faces, units, sides, none, none)
 
 
 def _appended(column: NDArray, count: int, values: NDArray) -> NDArray:

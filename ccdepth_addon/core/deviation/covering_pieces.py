@@ -148,7 +148,8 @@ def over_pieces(
         return None
     at_border = np.zeros(len(corners), dtype=bool)
     at_border[covering.over.owners[covering.border[0]]] = True
-    covered = covering.has_partners & ~at_border & _winds_once(covering.over, len(corners), margin)
+    covered = covering.has_partners & ~at_border
+    covered &= _winds_once(covering.over, len(corners), margin) | _winds_one_way(pieces, covering.over, covered, margin)
     upper, worst, blamed = _heights(regions, covering.over, covered, goals, margin)
     chosen = np.flatnonzero(covering.has_partners & at_border)
     if len(chosen):
@@ -341,7 +342,38 @@ def _leaves_over(
 
 
 def _winds_once(over: Over, count: int, margin: float) -> BoolArray:
-    """(count,) bool: whether the borders of an odd number of leaves wind about the place where covering is counted.
+    """(count,) bool: whether the borders of an odd number of leaves wind about the place where covering is counted."""
+    return _windings(over, count, margin) % 2 == 1
+
+
+def _winds_one_way(pieces: BezierPieces, over: Over, wanted: BoolArray, margin: float) -> BoolArray:
+    """(n,) bool, for wanted (n,) regions: whether every leaf over the region faces one way or the other, and those that
+    face one way cover the place. docs/deviation.md, Sheets."""
+    chosen = np.flatnonzero(wanted[over.owners])
+    over, count = over.at(chosen), len(wanted)
+    faces = _facing(over, margin)
+    sides = pieces.sides[over.leaves]
+    joins = ((sides == NONE) | pieces.is_smooth_edge[sides]).all(axis=1)
+    is_known = np.ones(count, dtype=bool)
+    is_known[over.owners[(faces == 0) | ~joins]] = False
+    found = [_windings(over.at(np.flatnonzero(faces == way)), count, margin) != 0 for way in (1, -1)]
+    return is_known & wanted & (found[0] | found[1])
+
+
+def _facing(over: Over, margin: float) -> IndexArray:
+    """(K,): 1 or -1 where all of a leaf faces along the direction or against it, 0 where that is not known."""
+    grid = over.across.reshape(2, 4, 4, -1)
+    along, across = np.diff(grid, axis=1).reshape(2, 12, -1), np.diff(grid, axis=2).reshape(2, 12, -1)
+    products = along[0][:, None] * across[1] - along[1][:, None] * across[0]
+    # Differences are off by two margins each.
+    rounding = 4 * margin * (np.abs(along).max(axis=(0, 1)) + np.abs(across).max(axis=(0, 1)) + margin)
+    low, high = products.min(axis=(0, 1)), products.max(axis=(0, 1))
+    return np.where(over.excess > 0, 0, np.where(low > rounding, 1, np.where(high < -rounding, -1, 0)))
+
+
+def _windings(over: Over, count: int, margin: float) -> IndexArray:
+    """(count,): how often the borders of leaves wind about the place where covering is counted, all together; 0 where
+    that is not known.
 
     A curve may be drawn straight from end to end where its hull does not contain the place; where it does, its halves
     are looked at.
@@ -350,19 +382,18 @@ def _winds_once(over: Over, count: int, margin: float) -> BoolArray:
     near = np.flatnonzero((over.across.min(axis=1) <= excess).all(axis=0) & (over.across.max(axis=1) >= -excess).all(0))
     owners, excess = np.repeat(over.owners[near], 4), np.repeat(excess[near], 4)
     curves = over.across.take(near, axis=2)[:, SIDES.T].swapaxes(2, 3).reshape(2, 4, -1)
-    crossings = np.zeros(count, dtype=np.intp)
+    windings = np.zeros(count, dtype=np.intp)
     for _ in range(HALVINGS_OF_SIDES):
         is_clear = _are_clear(curves, excess)
-        crossed = is_clear & _cross_ray(curves)
-        crossings += np.bincount(owners[crossed], minlength=count)
+        np.add.at(windings, owners[is_clear], _crossings(curves[:, :, is_clear]))
         left = np.flatnonzero(~is_clear)
         if not len(left):
             break
         owners, excess = np.repeat(owners[left], 2), np.repeat(excess[left], 2)
         curves = np.einsum("hij,djn->dinh", HALVES, curves[:, :, left]).reshape(2, 4, -1)
     else:
-        crossings[owners] = 0
-    return crossings % 2 == 1
+        windings[owners] = 0
+    return windings
 
 
 def _are_clear(curves: FloatArray, excess: FloatArray) -> BoolArray:
@@ -379,8 +410,9 @@ def _are_clear(curves: FloatArray, excess: FloatArray) -> BoolArray:
     )
 
 
-def _cross_ray(curves: FloatArray) -> BoolArray:
-    """(n,) bool: whether the chords of curves (2, 4, n) cross the first axis to the right of the origin."""
+def _crossings(curves: FloatArray) -> IndexArray:
+    """(n,): 1 where the chord of a curve (2, 4, n) crosses the first axis beyond the origin upwards, -1 downwards."""
     x, y = curves
+    upwards = (y[3] > 0).astype(np.intp) - (y[0] > 0)
     is_right = (x[0] * y[3] - x[3] * y[0] > 0) == (y[3] > y[0])
-    return ((y[0] > 0) != (y[3] > 0)) & is_right
+    return np.where(is_right, upwards, 0)

@@ -40,6 +40,9 @@ QUARTERS = (
     / 2
 )
 
+# Triangles whose height is less than this part of their longest side are cut along that side alone.
+LONG = 0.25
+
 # When there are so many times as many pieces another tree is worth its while.
 GROWN = 1.5
 
@@ -146,9 +149,23 @@ class Parts:
         return Parts(*(np.concatenate([column, vars(others)[name]]) for name, column in vars(some).items()))
 
     def quarters(self) -> Parts:
-        """Four of each, whose bounds are that of the whole."""
-        corners = np.einsum("qij,njd->nqid", QUARTERS, self.corners).reshape(-1, 3, 3)
-        return Parts.unknown(corners, np.repeat(self.owners, 4), np.repeat(self.bounds, 4))
+        """Four of each, whose bounds are that of the whole: of long ones along their longest side."""
+        corners = np.einsum("qij,njd->nqid", QUARTERS, self.corners)
+        edges = np.roll(self.corners, -1, axis=1) - self.corners
+        squares = squared_norms(edges.reshape(-1, 3)).reshape(-1, 3)
+        areas = squared_norms(np.cross(edges[:, 0], edges[:, 1]))
+        long = np.flatnonzero(areas < LONG**2 * squares.max(axis=1) ** 2)
+        corners[long] = halves(halves(self.corners[long])).reshape(-1, 4, 3, 3)
+        return Parts.unknown(corners.reshape(-1, 3, 3), np.repeat(self.owners, 4), np.repeat(self.bounds, 4))
+
+
+def halves(corners: FloatArray) -> FloatArray:
+    """(2n, 3, 3): triangles (n, 3, 3) cut through the middles of their longest sides."""
+    squares = squared_norms((np.roll(corners, -1, axis=1) - corners).reshape(-1, 3)).reshape(-1, 3)
+    turned = (squares.argmax(axis=1)[:, None] + np.arange(3)) % 3
+    first, second, third = np.moveaxis(np.take_along_axis(corners, turned[:, :, None], axis=1), 1, 0)
+    middle = (first + second) / 2
+    return np.stack([first, middle, third, middle, second, third], axis=1).reshape(-1, 3, 3)
 
 
 class MeshToSurface:

@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bicubic pieces near extraordinary patches, and how far the surface may be off them: matrices for each valence.
+
+A patch with an extraordinary corner consists of regular patches, three at every level of its subdivision, and a rest at
+that corner. The piece is fitted to the first of these. How far a regular patch is off the part of the piece with the
+same parameters is bounded by the differences of their coefficients; what is left at the last level lies, like the piece
+there, around the corner's limit position. docs/deviation.md, Pieces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from ..arrays.chunks import chunks
+from ..arrays.types import FloatArray
+from ..arrays.vectors import squared_norms
+from ..surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, tensor
+from ..surface.stencils import apply_stencils, patch_stencils
+
+# Levels whose regular patches the piece is fitted to, and levels after which the rest is taken as a whole.
+FITTED_LEVELS, LEVELS = 4, 12
+
+# Patches whose excess is bounded at a time.
+NETS_AT_ONCE = 1 << 9
+
+# Coefficients are counted [i, j] → 4i + j; corners 0 to 3 of a face are these.
+CORNERS = (0, 12, 15, 3)
+
+# (16, 16): the coefficients of a regular patch from its net; those of the quarter at corner 0 of a piece.
+BERNSTEIN = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
+QUARTER = np.kron(HALVES[0], HALVES[0])
+
+
+@dataclass(frozen=True)
+class PieceStencils:
+    """Matrices for nets of 2n + 8 points in Stam's order, corner 0 at the extraordinary vertex.
+
+    coefficients: (16, 2n + 8), of the piece; its corners lie on the surface. apart: (rows, 2n + 8), differences whose
+    lengths bound, at equal parameters, how far the surface is off the piece; at the corner: rest: (2n + 8, 2n + 8) and
+    piece: (16, 2n + 8), of which the longest of either together do.
+    """
+
+    coefficients: FloatArray
+    apart: FloatArray
+    rest: FloatArray
+    piece: FloatArray
+
+
+@lru_cache(maxsize=64)
+def piece_stencils(valence: int) -> PieceStencils:
+    """The matrices for a valence of 3, 5 or more."""
+    stencils = patch_stencils(valence)
+    net = np.eye(2 * valence + 8)
+    # The coefficients of the regular patches, and of the piece's parts beside them from those of the piece.
+    patches, parts, part = [], [], np.eye(16)
+    for _ in range(LEVELS):
+        for corner, regular in enumerate(np.split(stencils.regular @ net, 3), start=1):
+            patches.append(BERNSTEIN @ regular)
+            parts.append(QUARTER @ _from_corner(corner) @ part)
+        net, part = stencils.refined @ net, QUARTER @ part
+    coefficients = _fitted(np.concatenate(patches), np.concatenate(parts), stencils.limits)
+    apart = np.concatenate(patches) - np.concatenate(parts) @ coefficients
+    corner = stencils.limits[0]
+    return PieceStencils(coefficients, apart, net - corner, part @ coefficients - corner)
+
+
+def pieces_of_nets(nets: FloatArray, valence: int) -> tuple[FloatArray, FloatArray]:
+    """(P, 3, 16) the coefficients of the pieces of nets (2n + 8, P, 3), and (P,) how far the surface may be off."""
+    stencils, count = piece_stencils(valence), nets.shape[1]
+    excess = np.empty(count)
+    for chunk in chunks(count, NETS_AT_ONCE):
+        apart, rest, piece = (
+            np.sqrt(squared_norms(apply_stencils(rows, nets[:, chunk])).max(axis=0))
+            for rows in (stencils.apart, stencils.rest, stencils.piece)
+        )
+        excess[chunk] = np.maximum(apart, rest + piece)
+    return np.moveaxis(apply_stencils(stencils.coefficients, nets), 0, 2), excess
+
+
+def _from_corner(corner: int) -> FloatArray:
+    """(16, 16): the coefficients counted from another corner on, as subdivision counts those of the child there."""
+    grid = np.arange(16).reshape(4, 4)
+    return np.eye(16)[np.rot90(grid, -corner).ravel()]
+
+
+def _fitted(patches: FloatArray, parts: FloatArray, limits: FloatArray) -> FloatArray:
+    """(16, N): what brings the parts nearest to the first patches, with the corners' limit positions."""
+    rows = 48 * FITTED_LEVELS
+    coefficients = np.zeros((16, limits.shape[1]))
+    coefficients[list(CORNERS)] = limits
+    others = np.setdiff1d(np.arange(16), CORNERS)
+    wanted = patches[:rows] - parts[:rows] @ coefficients
+    coefficients[others] = np.linalg.lstsq(parts[:rows][:, others], wanted, rcond=None)[0]
+    return coefficients
