@@ -50,6 +50,13 @@ def sizes(made: SubdividedMesh) -> IndexArray:
     return np.diff(made.face_starts)
 
 
+def drawn(mesh: SubdividedMesh) -> IndexArray:
+    """(T, 3) the vertices of the triangles that faces are drawn as, in fans."""
+    starts, counts = mesh.face_starts[:-1], sizes(mesh)
+    corners = [starts[counts > place + 1, None] + [0, place, place + 1] for place in range(1, counts.max() - 1)]
+    return mesh.corner_vertices[np.concatenate(corners)].astype(np.intp)
+
+
 def following(made: SubdividedMesh) -> IndexArray:
     """(C,) the corner after each."""
     after = np.arange(1, len(made.corner_vertices) + 1)

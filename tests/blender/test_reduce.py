@@ -318,8 +318,9 @@ def test_small_closed_meshes_do_not_collapse_to_a_doubled_triangle(corners: int)
     original = scene.add_object(meshes.from_faces([*base, [0.1, 0.2, 0.8]], [list(range(corners))[::-1], *sides]))
     (result,) = subdivide(original, tolerance=1.0, reduce=True)
     assert not result.data.validate()
-    edges = np.sort(np.stack([triangles_of(result.data), np.roll(triangles_of(result.data), 1, axis=1)], axis=2), axis=2)
-    assert np.all(np.unique(edges.reshape(-1, 2), axis=0, return_counts=True)[1] == 2)
+    triangles = triangles_of(result.data)
+    edges = np.sort(np.stack([triangles, np.roll(triangles, 1, axis=1)], axis=2), axis=2).reshape(-1, 2)
+    assert np.all(np.unique(edges, axis=0, return_counts=True)[1] == 2)
 
 
 # Several objects, and how the operator is called

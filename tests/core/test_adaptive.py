@@ -194,17 +194,9 @@ def test_few_faces_are_as_near_as_proved(name: str) -> None:
         found = subdivided(mesh, request)
         assert len(found.bounds) <= enough
         assert np.all(found.bounds <= request.limit)
-        measured = measure_deviation(mesh, found.mesh.positions, drawn(found), accuracy=0.05)
+        measured = measure_deviation(mesh, found.mesh.positions, soundness.drawn(found.mesh), accuracy=0.05)
         # Positions and distances are rounded a few times, to sixteen digits.
         assert measured.reached <= found.bounds.max() * (1 + 1e-9)
-
-
-def drawn(found: AdaptiveMesh) -> IndexArray:
-    """(T, 3) the vertices of the triangles that faces are drawn as, in fans."""
-    starts, sizes = found.mesh.face_starts[:-1], soundness.sizes(found.mesh)
-    places = range(1, sizes.max() - 1)
-    corners = [starts[sizes > place + 1, None] + [0, place, place + 1] for place in places]
-    return found.mesh.corner_vertices[np.concatenate(corners)].astype(np.intp)
 
 
 # Exact
@@ -563,5 +555,5 @@ def test_results_are_within_the_tolerance_where_many_quads_are_alike(name: str, 
     request = AdaptiveRequest(limit, Mode.ADAPTIVE, Transitions.TRIANGLES, 400_000)
     found = subdivide_adaptively(mesh, request, mesh.positions)
     soundness.assert_sound(mesh, found.mesh)
-    measured = measure_deviation(mesh, found.mesh.positions, drawn(found), accuracy=0.05)
+    measured = measure_deviation(mesh, found.mesh.positions, soundness.drawn(found.mesh), accuracy=0.05)
     assert measured.reached <= float(found.bounds.max()) <= limit

@@ -12,7 +12,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from scipy.spatial import Delaunay
 
+from ccdepth_addon.core.adaptive.planner import AdaptiveRequest, Mode, subdivide_adaptively
+from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import Deviation, covering_pieces, measure_deviation
 from ccdepth_addon.core.deviation.surface_to_mesh import nearest_triangles
@@ -22,11 +25,14 @@ from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
-from tests import meshes
+from tests import meshes, soundness
 from tests.thorough import combinations
 from tests.triangle_distances import distances, point_to_triangles
 
 ACCURACY = 0.05
+
+# Of adaptive results.
+TOLERANCE = 1e-3
 
 # Steps along the sides of triangles.
 STEPS = 6
@@ -193,11 +199,16 @@ def test_a_spike_of_the_mesh_and_a_part_missing_from_it_are_reached() -> None:
 
 # Each measures a surface and samples it densely: so a third as many as elsewhere.
 @settings(max_examples=settings().max_examples // 3)
-@given(seed=st.integers(0, 10_000), level=st.integers(0, 1), noise=st.sampled_from([0.0, 0.01, 0.2]))
-def test_any_triangles_next_to_any_surface(seed: int, level: int, noise: float) -> None:
-    """The bounds hold for what has nothing to do with the surface's parameters."""
+@given(
+    seed=st.integers(0, 10_000),
+    level=st.integers(0, 1),
+    noise=st.sampled_from([0.0, 0.01, 0.2]),
+    bumps=st.sampled_from([0.2, 1.0]),
+)
+def test_any_triangles_next_to_any_surface(seed: int, level: int, noise: float, bumps: float) -> None:
+    """The bounds hold for what has nothing to do with the surface's parameters; bumps as large as faces fold these."""
     generator = np.random.default_rng(seed)
-    control = control_of(meshes.with_random_creases(meshes.bumpy(meshes.landscape(3, 2), 0.2, seed), seed))
+    control = control_of(meshes.with_random_creases(meshes.bumpy(meshes.landscape(3, 2), bumps, seed), seed))
     positions, triangles = result(control, level + 1, limit=bool(seed % 2))
     positions = positions + generator.normal(size=positions.shape) * noise
     triangles = triangles[generator.random(len(triangles)) < 0.95]
@@ -218,6 +229,23 @@ def distances_to_all(points: FloatArray, positions: FloatArray, triangles: Index
     for triangle in corners:
         found = np.minimum(found, point_to_triangles(points, np.broadcast_to(triangle, (len(points), 3, 3))))
     return found
+
+
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.thorough) for seed in range(2, 12))])
+def test_adaptive_results_of_thin_triangles_are_decided(seed: int) -> None:
+    """Needles at the border of random points, where the surface is folded, with default settings."""
+    points = np.random.default_rng(seed).random((60, 2))
+    heights = 0.05 * np.sin(6 * points[:, 0]) * np.cos(5 * points[:, 1])
+    triangles = Delaunay(points).simplices.tolist()
+    control = control_of(meshes.from_faces(np.column_stack([points, heights]), triangles))
+    request = AdaptiveRequest(TOLERANCE, Mode.ADAPTIVE, Transitions.TRIANGLES, 100_000)
+    made = subdivide_adaptively(control, request, control.positions).mesh
+    corners = soundness.drawn(made)
+    found = measure_deviation(control, made.positions, corners, limit=TOLERANCE)
+    assert_sound(found)
+    assert found.proved <= TOLERANCE
+    surface = result(control, 4, limit=True)
+    assert found.proved >= distances(surface[0], made.positions, corners).max() - 1e-12
 
 
 # Limits and progress

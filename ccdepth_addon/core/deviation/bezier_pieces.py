@@ -22,16 +22,15 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import squared_norms
 from ..bounds.norm_bounds import Vertices, support_bounds
 from ..mesh.polygon_mesh import PolygonMesh
-from ..surface.bicubic import HALVES
+from ..surface.bicubic import CORNERS, HALVES, NET_TO_BERNSTEIN
 from ..surface.catmull_clark import subdivide
 from ..surface.patches import classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
 from ..surface.stencils import apply_stencils, by_valence, patch_stencils
 from .columns import NONE
-from .extraordinary_pieces import BERNSTEIN, pieces_of_nets
+from .extraordinary_pieces import pieces_of_nets
 
-# Coefficients are counted [i, j] → 4i + j: those at corners 0 to 3, and along the sides from each to the next.
-CORNERS = np.array([0, 12, 15, 3])
+# Coefficients along the sides, from each corner to the next.
 SIDES = np.array([[0, 4, 8, 12], [12, 13, 14, 15], [15, 11, 7, 3], [3, 2, 1, 0]])
 
 # Corner 0 of the quarters lies at (0, 0), (½, 0), (0, ½), (½, ½) of a piece; which of their sides lie on its own.
@@ -46,8 +45,8 @@ FIRST_REFINEMENTS = 8
 
 @dataclass(frozen=True)
 class NewPieces:
-    """N pieces, see ``BezierPieces``; stores, rows: (N,) intp, which of the nets or refinements a piece is made from and
-    which net or descendant there, NONE where it is the surface."""
+    """N pieces, see ``BezierPieces``; stores, rows: (N,) intp, in which nets or refinement a piece has its points, and
+    as which of them, NONE where it is the surface."""
 
     coefficients: FloatArray
     excess: FloatArray
@@ -163,7 +162,7 @@ class BezierPieces:
         refined = apply_stencils(stencils.refined, nets)
         coefficients, excess = np.empty((len(pieces), 4, 3, 16)), np.zeros((len(pieces), 4))
         coefficients[:, 0], excess[:, 0] = pieces_of_nets(refined, store.valence)
-        regular = apply_stencils(np.kron(np.eye(3), BERNSTEIN) @ stencils.regular, nets).reshape(3, 16, -1, 3)
+        regular = apply_stencils(np.kron(np.eye(3), NET_TO_BERNSTEIN) @ stencils.regular, nets).reshape(3, 16, -1, 3)
         coefficients[:, 1:] = np.moveaxis(regular, (2, 0, 3, 1), (0, 1, 2, 3))
         stores, rows = np.full((len(pieces), 4), NONE), np.full((len(pieces), 4), NONE)
         stores[:, 0], rows[:, 0] = len(self._stores), np.arange(len(pieces))
@@ -282,7 +281,7 @@ BILINEAR = _bilinear_weights()
 def _bernstein(nets: FloatArray) -> FloatArray:
     """(N, 3, 16) from the nets of regular faces (4, 4, N, 3)."""
     points = np.moveaxis(nets.reshape(16, -1, 3), 0, 2)
-    return np.matmul(points, BERNSTEIN.T)
+    return np.matmul(points, NET_TO_BERNSTEIN.T)
 
 
 def _quarters(pieces: BezierPieces, parents: IndexArray) -> NewPieces:

@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..surface.bicubic import HALVES
-from .bezier_pieces import CORNERS, SIDES, BezierPieces
+from ..surface.bicubic import CORNERS, HALVES
+from .bezier_pieces import SIDES, BezierPieces
 from .columns import NONE, applied, columns, products, unknown
 from .heights import SideViews, Views, axes_across, plane_functionals
 
@@ -32,8 +32,8 @@ MOST_UNITS_ACROSS = 8
 # Where more leaves than this lie over several regions, these are too many to be looked at together.
 LEAVES_OVER_AT_ONCE = 1 << 16
 
-# A side's hull is a quarter as wide after each halving; where the place lies in it after so many, it counts as met.
-HALVINGS_OF_SIDES = 12
+# Sides that may lie over the place are halved until they are shorter than so many times what they may be off.
+NARROW = 16.0
 
 # Parts are moved this much more than the border that was seen first demands.
 MOVED_MORE = 1.02
@@ -149,7 +149,8 @@ def over_pieces(
     at_border = np.zeros(len(corners), dtype=bool)
     at_border[covering.over.owners[covering.border[0]]] = True
     covered = covering.has_partners & ~at_border
-    covered &= _winds_once(covering.over, len(corners), margin) | _winds_one_way(pieces, covering.over, covered, margin)
+    wound = _winds_once(covering.over, len(corners), margin)
+    covered &= wound | _winds_one_way(pieces, covering.over, covered & ~wound, margin)
     upper, worst, blamed = _heights(regions, covering.over, covered, goals, margin)
     chosen = np.flatnonzero(covering.has_partners & at_border)
     if len(chosen):
@@ -382,18 +383,17 @@ def _windings(over: Over, count: int, margin: float) -> IndexArray:
     near = np.flatnonzero((over.across.min(axis=1) <= excess).all(axis=0) & (over.across.max(axis=1) >= -excess).all(0))
     owners, excess = np.repeat(over.owners[near], 4), np.repeat(excess[near], 4)
     curves = over.across.take(near, axis=2)[:, SIDES.T].swapaxes(2, 3).reshape(2, 4, -1)
-    windings = np.zeros(count, dtype=np.intp)
-    for _ in range(HALVINGS_OF_SIDES):
+    windings, is_known = np.zeros(count, dtype=np.intp), np.ones(count, dtype=bool)
+    while len(owners):
         is_clear = _are_clear(curves, excess)
         np.add.at(windings, owners[is_clear], _crossings(curves[:, :, is_clear]))
-        left = np.flatnonzero(~is_clear)
-        if not len(left):
-            break
+        # Halving makes hulls narrower, not what they may be off.
+        is_narrow = np.ptp(curves, axis=1).max(axis=0) < NARROW * excess
+        is_known[owners[~is_clear & is_narrow]] = False
+        left = np.flatnonzero(~is_clear & ~is_narrow & is_known[owners])
         owners, excess = np.repeat(owners[left], 2), np.repeat(excess[left], 2)
         curves = np.einsum("hij,djn->dinh", HALVES, curves[:, :, left]).reshape(2, 4, -1)
-    else:
-        windings[owners] = 0
-    return windings
+    return np.where(is_known, windings, 0)
 
 
 def _are_clear(curves: FloatArray, excess: FloatArray) -> BoolArray:

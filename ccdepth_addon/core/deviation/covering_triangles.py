@@ -13,7 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from .bezier_pieces import CORNERS, BezierPieces
+from ..surface.bicubic import CORNERS
+from .bezier_pieces import BezierPieces
 from .columns import NONE, applied, columns, unknown
 from .heights import SideViews, Views, axes_across, plane_functionals
 from .triangles import Triangles

@@ -17,7 +17,7 @@ import numpy as np
 from ..arrays.chunks import chunks
 from ..arrays.types import FloatArray
 from ..arrays.vectors import squared_norms
-from ..surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, tensor
+from ..surface.bicubic import CORNERS, HALVES, NET_TO_BERNSTEIN
 from ..surface.stencils import apply_stencils, patch_stencils
 
 # Levels whose regular patches the piece is fitted to, and levels after which the rest is taken as a whole.
@@ -26,11 +26,7 @@ FITTED_LEVELS, LEVELS = 4, 12
 # Patches whose excess is bounded at a time.
 NETS_AT_ONCE = 1 << 9
 
-# Coefficients are counted [i, j] → 4i + j; corners 0 to 3 of a face are these.
-CORNERS = (0, 12, 15, 3)
-
-# (16, 16): the coefficients of a regular patch from its net; those of the quarter at corner 0 of a piece.
-BERNSTEIN = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
+# (16, 16): the coefficients of the quarter at corner 0 from those of a piece.
 QUARTER = np.kron(HALVES[0], HALVES[0])
 
 
@@ -58,7 +54,7 @@ def piece_stencils(valence: int) -> PieceStencils:
     patches, parts, part = [], [], np.eye(16)
     for _ in range(LEVELS):
         for corner, regular in enumerate(np.split(stencils.regular @ net, 3), start=1):
-            patches.append(BERNSTEIN @ regular)
+            patches.append(NET_TO_BERNSTEIN @ regular)
             parts.append(QUARTER @ _from_corner(corner) @ part)
         net, part = stencils.refined @ net, QUARTER @ part
     coefficients = _fitted(np.concatenate(patches), np.concatenate(parts), stencils.limits)
@@ -90,7 +86,7 @@ def _fitted(patches: FloatArray, parts: FloatArray, limits: FloatArray) -> Float
     """(16, N): what brings the parts nearest to the first patches, with the corners' limit positions."""
     rows = 48 * FITTED_LEVELS
     coefficients = np.zeros((16, limits.shape[1]))
-    coefficients[list(CORNERS)] = limits
+    coefficients[CORNERS] = limits
     others = np.setdiff1d(np.arange(16), CORNERS)
     wanted = patches[:rows] - parts[:rows] @ coefficients
     coefficients[others] = np.linalg.lstsq(parts[:rows][:, others], wanted, rcond=None)[0]

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
-from .bezier_pieces import CORNERS
+from ..surface.bicubic import CORNERS
 from .columns import crosses, products
 
 # A side of a triangle has no side to speak of when it is seen at less than this sine.

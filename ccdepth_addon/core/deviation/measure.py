@@ -22,7 +22,8 @@ from .mesh_to_surface import MeshToSurface
 from .surface_to_mesh import SurfaceToMesh
 from .triangles import Triangles
 
-MOST_PIECES = 1 << 21
+# Of how many pieces and parts there may be: so many for each triangle and each quad to begin with, and these besides.
+PIECES_OF_EACH, PIECES_BESIDES = 16, 1 << 21
 
 # To begin with a unit has about so many triangles.
 TRIANGLES_OF_A_UNIT = 8
@@ -67,7 +68,7 @@ def measure_deviation(
     *,
     triangle_faces: IndexArray | None = None,
     accuracy: float = 0.05,
-    max_pieces: int = MOST_PIECES,
+    max_pieces: int | None = None,
     time_limit: float | None = None,
     tolerance: float | None = None,
     enough: float = 0.0,
@@ -78,8 +79,9 @@ def measure_deviation(
 
     control: with explicit sharpness (``sharpness.apply_boundary_rule``). positions: (V, 3) float64; triangles:
     (T, 3) intp. triangle_faces: (T,) intp, the control face each triangle belongs to, where that is known: its
-    distance then counts for that face. accuracy: how near ``proved`` shall be to ``reached``. max_pieces, time_limit
-    (seconds): where these are used up the result is what is proved until then. tolerance: distances far below it need
+    distance then counts for that face. accuracy: how near ``proved`` shall be to ``reached``. max_pieces
+    (``PIECES_OF_EACH`` unless given), time_limit (seconds): where these are used up the result is what is proved until
+    then. tolerance: distances far below it need
     not be told apart. enough: what is proved need not be less than this, so that it is soon known whether all is
     within it. limit: a distance of which it is to be told whether all is within, however
     near that is. progress: is told the fraction done, every tenth of a second or so, and may raise to stop.
@@ -90,6 +92,8 @@ def measure_deviation(
     _check(positions, triangles)
     origin, size = _frame(control, positions, triangles)
     allowance = rounding_allowance(control, size)
+    if max_pieces is None:
+        max_pieces = PIECES_OF_EACH * (len(triangles) + len(control.corner_vertices)) + PIECES_BESIDES
     findings = Findings(
         accuracy=accuracy,
         limit=limit,

@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, chunks, index_chunks
 from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import squared_norms
-from .bezier_pieces import CORNERS, BezierPieces, bilinear_pieces
+from ..surface.bicubic import CORNERS
+from .bezier_pieces import BezierPieces, bilinear_pieces
 from .box_tree import BoxTree
 from .columns import NONE, columns
 from .covering_pieces import over_pieces
@@ -39,6 +40,9 @@ QUARTERS = (
     )
     / 2
 )
+
+# Surface and triangle are seen along the surface's normal as well where the cosine between both normals is less.
+TILTED = 0.98
 
 # Triangles whose height is less than this part of their longest side are cut along that side alone.
 LONG = 0.25
@@ -233,8 +237,7 @@ class MeshToSurface:
         faces = self.surface.pieces.faces[nearest.pieces]
         np.maximum.at(self.findings.in_faces, faces, near - nearest.off)
         self._bound_by_heights(parts, block, self.mesh.normals[parts.owners[block]])
-        left = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
-        self._bound_by_heights(parts, block[left], self.surface.normals(nearest.pieces[left]))
+        self._bound_by_tilted_heights(parts, block, nearest)
         left = block[parts.bounds[block] > self._goals(parts.at(block))]
         place = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
         bounds = self._by_one_piece(nearest.at(place), parts.corners[left]) + self.findings.allowance
@@ -276,6 +279,14 @@ class MeshToSurface:
         faces = pieces.faces[which[first]]
         np.maximum.at(self.findings.in_faces, faces, found)
         self.findings.note(found, places, points[first], faces, owners, surface_to_mesh=False)
+
+    def _bound_by_tilted_heights(self, parts: Parts, block: IndexArray, nearest: Facets) -> None:
+        """Along the normals of the nearest pieces, where these are others than those of the triangles."""
+        left = np.flatnonzero(parts.bounds[block] > self._goals(parts.at(block)))
+        directions = self.surface.normals(nearest.pieces[left])
+        cosines = (directions * self.mesh.normals[parts.owners[block[left]]]).sum(axis=1)
+        is_tilted = directions.any(axis=1) & (np.abs(cosines) < TILTED)
+        self._bound_by_heights(parts, block[left[is_tilted]], directions[is_tilted])
 
     def _bound_by_heights(self, parts: Parts, block: IndexArray, directions: FloatArray) -> None:
         if self.findings.is_late() or not len(block):

@@ -10,7 +10,8 @@ import numpy as np
 from ..arrays.chunks import FEW_AT_ONCE, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import squared_norms
-from .bezier_pieces import CORNERS, BezierPieces
+from ..surface.bicubic import CORNERS
+from .bezier_pieces import BezierPieces
 from .covering_triangles import over_triangles
 from .findings import Findings
 from .triangles import Triangles, unit

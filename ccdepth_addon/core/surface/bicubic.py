@@ -22,6 +22,9 @@ SPLINE_HALVES = (
     np.array([[1, 6, 1, 0], [0, 4, 4, 0], [0, 1, 6, 1], [0, 0, 4, 4]]) / 8,
 )
 
+# The coefficients at corners 0 to 3 of a face.
+CORNERS = np.array([0, 12, 15, 3])
+
 
 def apply(functionals: FloatArray, net: FloatArray) -> FloatArray:
     """(rows, P, 3): the values of functionals (rows, 16) on nets (4, 4, P, 3)."""
@@ -69,6 +72,9 @@ def bilinear_coefficients(corners: FloatArray) -> FloatArray:
     return elevated(ends)
 
 
+# (16, 16): Bernstein coefficients from a net.
+NET_TO_BERNSTEIN = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
+
 # (16, 4): the functionals of ``facet_coefficients``.
 FACET_ROWS = np.ascontiguousarray(bilinear_coefficients(np.eye(4)).reshape(16, 4))
 
@@ -80,4 +86,4 @@ def facet_coefficients(corners: FloatArray) -> FloatArray:
 
 def patch_coefficients(net: FloatArray) -> FloatArray:
     """(4, 4, P, 3): the Bernstein coefficients of the patches."""
-    return apply(tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN), net).reshape(net.shape)
+    return apply(NET_TO_BERNSTEIN, net).reshape(net.shape)
