@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What Measure Deviation proves and reaches, and what it takes, on results of all kinds.
 
-python benchmarks/deviation.py -- [PART OF A NAME…]        with the bpy wheel
+python benchmarks/deviation.py -- [PART OF A NAME…] [FILE.obj@TOLERANCE…]        with the bpy wheel
 
-Meshes are triangulated by Blender. The ratio is that of what is proved to what is reached; seconds are those of the
-processor. Exits with 1 where the accuracy of 5 % is not met.
+Meshes are triangulated by Blender; of files, adaptive results are measured at parts of the diagonal. The ratio is that
+of what is proved to what is reached; seconds are those of the processor, of making a result and of measuring it.
+Results are measured with the tolerance they were made with, as the operator does. Exits with 1 where the accuracy of
+5 % is not met, or whether all is within the tolerance is not decided.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import bpy
 import numpy as np
+from scipy.spatial import Delaunay
 
 from ccdepth_addon.core.adaptive.planner import AdaptiveRequest, Mode, subdivide_adaptively
 from ccdepth_addon.core.adaptive.templates import Transitions
@@ -44,6 +47,8 @@ class Case:
     control: PolygonMesh
     positions: FloatArray
     triangles: IndexArray
+    tolerance: float = 0.0
+    making: float = 0.0
 
     def moved(self, by: FloatArray) -> Case:
         length = float(np.linalg.norm(by))
@@ -84,15 +89,33 @@ def subdivided(
     return evaluated(added)
 
 
-def adaptive(control: PolygonMesh, relative: float) -> tuple[FloatArray, IndexArray]:
-    diagonal = float(np.linalg.norm(np.ptp(control.positions, axis=0)))
-    request = AdaptiveRequest(relative * diagonal, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
+def diagonal(control: PolygonMesh) -> float:
+    return float(np.linalg.norm(np.ptp(control.positions, axis=0)))
+
+
+def adaptive(name: str, control: PolygonMesh, tolerance: float) -> Case:
+    request = AdaptiveRequest(tolerance, Mode.ADAPTIVE, Transitions.TRIANGLES, MOST_FACES)
+    start = process_time()
     made = subdivide_adaptively(control, request, control.positions).mesh
+    making = process_time() - start
     scene.clear()
     sizes = np.diff(made.face_starts).astype(np.intp)
-    return triangles_of(
-        scene.add_object(meshes.MeshData(made.positions, sizes, made.corner_vertices.astype(np.intp))).data
-    )
+    added = scene.add_object(meshes.MeshData(made.positions, sizes, made.corner_vertices.astype(np.intp)))
+    return Case(name, control, *triangles_of(added.data), tolerance, making)
+
+
+def random_points() -> PolygonMesh:
+    """Hills over the Delaunay triangles of 500 random points: needles at the border, poles and folds."""
+    points = np.random.default_rng(1).random((500, 2))
+    heights = 0.05 * np.sin(6 * points[:, 0]) * np.cos(5 * points[:, 1])
+    triangles = Delaunay(points).simplices.tolist()
+    return control_of(meshes.from_faces(np.column_stack([points, heights]), triangles))
+
+
+def of_file(path: str) -> PolygonMesh:
+    scene.clear()
+    bpy.ops.wm.obj_import(filepath=path)
+    return control_of(scene.evaluated_mesh_data(bpy.context.selected_objects[0]))
 
 
 def cases(wanted: list[str]) -> Iterator[Case]:
@@ -119,7 +142,12 @@ def cases(wanted: list[str]) -> Iterator[Case]:
             full = f"adaptive {relative:g}: {name}"
             if is_wanted(full):
                 of_name = control_of(make())
-                yield Case(full, of_name, *adaptive(of_name, relative))
+                yield adaptive(full, of_name, relative * diagonal(of_name))
+    if is_wanted("adaptive 0.0002 absolute: 500 random points"):
+        yield adaptive("adaptive 0.0002 absolute: 500 random points", random_points(), 2e-4)
+    for path, _, relative in (name.rpartition("@") for name in wanted if "@" in name):
+        control = of_file(path)
+        yield adaptive(f"adaptive {relative}: {Path(path).stem}", control, float(relative) * diagonal(control))
     for name, level in (("large: Suzanne, level 5", 5), ("large: Suzanne, level 6", 6)):
         if wanted and is_wanted(name):
             yield Case(name, control, *subdivided(suzanne, level, limit=True))
@@ -128,16 +156,26 @@ def cases(wanted: list[str]) -> Iterator[Case]:
 def main() -> int:
     wanted = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []
     missed = 0
-    print(f"{'':52}{'triangles':>10}{'proved':>12}{'reached':>12}{'ratio':>8}{'seconds':>9}")
+    print(f"{'':52}{'triangles':>10}{'proved':>12}{'reached':>12}{'ratio':>8}{'making':>9}{'seconds':>9}")
     for case in cases(wanted):
         start = process_time()
-        found = measure_deviation(case.control, case.positions, case.triangles, accuracy=ACCURACY, time_limit=SECONDS)
+        found = measure_deviation(
+            case.control,
+            case.positions,
+            case.triangles,
+            accuracy=ACCURACY,
+            time_limit=SECONDS,
+            limit=case.tolerance,
+        )
         seconds = process_time() - start
         ratio = found.proved / max(found.reached, np.finfo(float).tiny)
-        missed += not found.accuracy_met
+        is_decided = found.proved <= case.tolerance or found.reached > case.tolerance or not case.tolerance
+        missed += not (found.accuracy_met and is_decided)
         print(
-            f"{case.name:52}{len(case.triangles):10,}{found.proved:12.5g}{found.reached:12.5g}{ratio:8.3f}{seconds:9.1f}"
-            + ("" if found.accuracy_met else "  not met"),
+            f"{case.name:52}{len(case.triangles):10,}{found.proved:12.5g}{found.reached:12.5g}{ratio:8.3f}"
+            f"{case.making:9.1f}{seconds:9.1f}"
+            + ("" if found.accuracy_met else "  not met")
+            + ("" if is_decided else "  not decided"),
             flush=True,
         )
     return int(missed > 0)
