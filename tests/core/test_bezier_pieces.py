@@ -65,6 +65,9 @@ def within(pieces: BezierPieces, unit: int, parameters: FloatArray, points: Floa
         off = np.linalg.norm(evaluated(pieces.coefficients[piece], local[inside]) - points[inside], axis=1).max()
         excess = pieces.excess[piece]
         assert off <= excess + ROUNDING
+        middle = inside[np.abs(local[inside] - 0.5).max(axis=1) < 1e-9]
+        if len(middle) and not pieces.is_bilinear(np.array([piece])):
+            assert np.abs(pieces.middles[piece] - points[middle]).max() < ROUNDING
         worst = max(worst, off / excess if excess else 0.0)
     return worst
 

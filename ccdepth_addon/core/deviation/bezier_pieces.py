@@ -33,6 +33,9 @@ from .extraordinary_pieces import pieces_of_nets
 # Coefficients along the sides, from each corner to the next.
 SIDES = np.array([[0, 4, 8, 12], [12, 13, 14, 15], [15, 11, 7, 3], [3, 2, 1, 0]])
 
+# Weights of the coefficients at the middle of a piece.
+MIDDLE = np.kron([1, 3, 3, 1], [1, 3, 3, 1]) / 64
+
 # Corner 0 of the quarters lies at (0, 0), (½, 0), (0, ½), (½, ½) of a piece; which of their sides lie on its own.
 QUARTER_SIDES = np.array([[1, 0, 0, 1], [1, 1, 0, 0], [0, 0, 1, 1], [0, 1, 1, 0]], dtype=bool)
 QUARTERS = np.stack([np.kron(along, across) for across in HALVES for along in HALVES])
@@ -49,6 +52,7 @@ class NewPieces:
     as which of them, NONE where it is the surface."""
 
     coefficients: FloatArray
+    middles: FloatArray
     excess: FloatArray
     faces: IndexArray
     units: IndexArray
@@ -69,8 +73,9 @@ class BezierPieces:
     """All pieces that there are or were: parents keep their place, and their four children follow each other.
 
     coefficients: (N, 3, 16) float64, Bernstein; excess: (N,) float64, how far the surface may be off, at equal
-    parameters. faces, units: (N,) intp, the control face and the unit each is a part of. sides: (N, 4) intp, the edge
-    of ``unit_mesh`` each side lies on, or NONE. first_child: (N,) intp, NONE for those that are not split.
+    parameters. middles: (N, 3) float64, of the surface at the middle, or where ``is_bilinear`` of the piece. faces,
+    units: (N,) intp, the control face and the unit each is a part of. sides: (N, 4) intp, the edge of ``unit_mesh``
+    each side lies on, or NONE. first_child: (N,) intp, NONE for those that are not split.
     low, high: (N, 3), the corners of boxes around the pieces, or where that is less around all that is left of them.
     """
 
@@ -79,7 +84,7 @@ class BezierPieces:
         self.unit_mesh = unit_mesh
         self._tick = tick
         self.count = 0
-        self.coefficients = np.empty((0, 3, 16))
+        self.coefficients, self.middles = np.empty((0, 3, 16)), np.empty((0, 3))
         self.excess, self.low, self.high = np.empty(0), np.empty((0, 3)), np.empty((0, 3))
         self.faces = self.units = self.first_child = self._parents = np.empty(0, dtype=np.intp)
         self._store = self._row = np.empty(0, dtype=np.intp)
@@ -110,6 +115,11 @@ class BezierPieces:
         starts = mesh.corner_vertices == mesh.edge_vertices[mesh.corner_edges, 0]
         forwards = np.bincount(mesh.corner_edges, starts, mesh.edge_count)
         return (mesh.edge_face_counts == 2) & (forwards == 1) & np.isfinite(mesh.edge_sharpness)
+
+    def is_bilinear(self, pieces: IndexArray) -> BoolArray:
+        """(n,) bool: which pieces (n,) are bilinear facets, whose middles may be as far off as the excess."""
+        is_refinement = np.array([isinstance(store, Refinement) for store in self._stores] + [False])
+        return is_refinement[self._store[pieces]]
 
     def leaves(self) -> IndexArray:
         """The pieces that are not split: they cover the surface."""
@@ -161,17 +171,18 @@ class BezierPieces:
         stencils, nets = patch_stencils(store.valence), store.nets[:, self._row[pieces]]
         refined = apply_stencils(stencils.refined, nets)
         coefficients, excess = np.empty((len(pieces), 4, 3, 16)), np.zeros((len(pieces), 4))
-        coefficients[:, 0], excess[:, 0] = pieces_of_nets(refined, store.valence)
+        coefficients[:, 0], middles, excess[:, 0] = pieces_of_nets(refined, store.valence)
         regular = apply_stencils(np.kron(np.eye(3), NET_TO_BERNSTEIN) @ stencils.regular, nets).reshape(3, 16, -1, 3)
         coefficients[:, 1:] = np.moveaxis(regular, (2, 0, 3, 1), (0, 1, 2, 3))
         stores, rows = np.full((len(pieces), 4), NONE), np.full((len(pieces), 4), NONE)
         stores[:, 0], rows[:, 0] = len(self._stores), np.arange(len(pieces))
         self._stores.append(Nets(store.valence, refined))
+        coefficients = coefficients.reshape(-1, 3, 16)
+        all_middles = coefficients @ MIDDLE
+        all_middles[::4] = middles
         faces, units = (np.repeat(array[pieces], 4) for array in (self.faces, self.units))
         sides = self._sides_of_children(pieces)
-        new = NewPieces(
-            coefficients.reshape(-1, 3, 16), excess.ravel(), faces, units, sides, stores.ravel(), rows.ravel()
-        )
+        new = NewPieces(coefficients, all_middles, excess.ravel(), faces, units, sides, stores.ravel(), rows.ravel())
         return self._add(new, pieces)
 
     def _sides_of_children(self, pieces: IndexArray) -> IndexArray:
@@ -203,7 +214,8 @@ class BezierPieces:
         count, mesh = len(faces), refinement.mesh
         kinds = classify_patches(mesh)
         regular, extraordinary, others = by_valence(mesh, kinds, count)
-        coefficients, excess, sides = np.empty((count, 3, 16)), np.zeros(count), sides.copy()
+        coefficients, middles, excess = np.empty((count, 3, 16)), np.empty((count, 3)), np.zeros(count)
+        sides = sides.copy()
         stores, rows = np.full(count, NONE), np.full(count, NONE)
         for block in chunks(len(regular), AT_ONCE):
             coefficients[regular[block]] = _bernstein(regular_nets(mesh, regular[block]))
@@ -211,7 +223,7 @@ class BezierPieces:
         for valence, chosen in extraordinary:
             corners = kinds.extraordinary_corners[chosen]
             nets = extraordinary_nets(mesh, corners, valence)
-            coefficients[chosen], excess[chosen] = pieces_of_nets(nets, valence)
+            coefficients[chosen], middles[chosen], excess[chosen] = pieces_of_nets(nets, valence)
             # These pieces are counted from the extraordinary corner on.
             turned = (corners - mesh.face_starts[chosen])[:, None] + np.arange(4)
             sides[chosen] = np.take_along_axis(sides[chosen], turned % 4, axis=1)
@@ -227,7 +239,9 @@ class BezierPieces:
             stores[others], rows[others] = len(self._stores), np.arange(len(others))
             self._stores.append(rest)
             self._tick()
-        return self._add(NewPieces(coefficients, excess, faces, units, sides, stores, rows), parents)
+        plain = np.concatenate([regular, others])
+        middles[plain] = coefficients[plain] @ MIDDLE
+        return self._add(NewPieces(coefficients, middles, excess, faces, units, sides, stores, rows), parents)
 
     def _add(self, new: NewPieces, parents: IndexArray | None) -> IndexArray:
         """Pieces put behind the others, four for each parent."""
@@ -238,6 +252,7 @@ class BezierPieces:
         self.count += count
         columns = {
             "coefficients": new.coefficients,
+            "middles": new.middles,
             "excess": new.excess,
             "low": new.coefficients.min(axis=2) - new.excess[:, None],
             "high": new.coefficients.max(axis=2) + new.excess[:, None],
@@ -289,7 +304,7 @@ def _quarters(pieces: BezierPieces, parents: IndexArray) -> NewPieces:
     sides = np.where(QUARTER_SIDES, pieces.sides[parents][:, None], NONE).reshape(-1, 4)
     excess, faces, units = (np.repeat(array[parents], 4) for array in (pieces.excess, pieces.faces, pieces.units))
     none = np.full(len(faces), NONE)
-    return NewPieces(coefficients, excess, faces, units, sides, none, none)
+    return NewPieces(coefficients, coefficients @ MIDDLE, excess, faces, units, sides, none, none)
 
 
 def _appended(column: NDArray, count: int, values: NDArray) -> NDArray:

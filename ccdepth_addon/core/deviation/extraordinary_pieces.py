@@ -34,12 +34,14 @@ QUARTER = np.kron(HALVES[0], HALVES[0])
 class PieceStencils:
     """Matrices for nets of 2n + 8 points in Stam's order, corner 0 at the extraordinary vertex.
 
-    coefficients: (16, 2n + 8), of the piece; its corners lie on the surface. apart: (rows, 2n + 8), differences whose
-    lengths bound, at equal parameters, how far the surface is off the piece; at the corner: rest: (2n + 8, 2n + 8) and
-    piece: (16, 2n + 8), of which the longest of either together do.
+    coefficients: (16, 2n + 8), of the piece; its corners lie on the surface. middle: (1, 2n + 8), of the surface's
+    point at the piece's middle. apart: (rows, 2n + 8), differences whose lengths bound, at equal parameters, how far
+    the surface is off the piece; at the corner: rest: (2n + 8, 2n + 8) and piece: (16, 2n + 8), of which the longest of
+    either together do.
     """
 
     coefficients: FloatArray
+    middle: FloatArray
     apart: FloatArray
     rest: FloatArray
     piece: FloatArray
@@ -60,11 +62,14 @@ def piece_stencils(valence: int) -> PieceStencils:
     coefficients = _fitted(np.concatenate(patches), np.concatenate(parts), stencils.limits)
     apart = np.concatenate(patches) - np.concatenate(parts) @ coefficients
     corner = stencils.limits[0]
-    return PieceStencils(coefficients, apart, net - corner, part @ coefficients - corner)
+    # Corner 2 of the child at corner 2.
+    middle = patches[1][CORNERS[2:3]]
+    return PieceStencils(coefficients, middle, apart, net - corner, part @ coefficients - corner)
 
 
-def pieces_of_nets(nets: FloatArray, valence: int) -> tuple[FloatArray, FloatArray]:
-    """(P, 3, 16) the coefficients of the pieces of nets (2n + 8, P, 3), and (P,) how far the surface may be off."""
+def pieces_of_nets(nets: FloatArray, valence: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Of the pieces of nets (2n + 8, P, 3): (P, 3, 16) the coefficients, (P, 3) the surface's points at their middles,
+    and (P,) how far the surface may be off them."""
     stencils, count = piece_stencils(valence), nets.shape[1]
     excess = np.empty(count)
     for chunk in chunks(count, NETS_AT_ONCE):
@@ -73,7 +78,8 @@ def pieces_of_nets(nets: FloatArray, valence: int) -> tuple[FloatArray, FloatArr
             for rows in (stencils.apart, stencils.rest, stencils.piece)
         )
         excess[chunk] = np.maximum(apart, rest + piece)
-    return np.moveaxis(apply_stencils(stencils.coefficients, nets), 0, 2), excess
+    coefficients, [middles] = (apply_stencils(rows, nets) for rows in (stencils.coefficients, stencils.middle))
+    return np.moveaxis(coefficients, 0, 2), middles, excess
 
 
 def _from_corner(corner: int) -> FloatArray:

@@ -16,9 +16,6 @@ from .covering_triangles import over_triangles
 from .findings import Findings
 from .triangles import Triangles, unit
 
-# Weights of the coefficients at the middle of a piece.
-MIDDLE = np.kron([1, 3, 3, 1], [1, 3, 3, 1]) / 64
-
 # Pieces of each block whose corners are looked at for distances that are reached.
 LOOKED_AT = 64
 
@@ -111,11 +108,12 @@ class SurfaceToMesh:
     def _look(self, block: IndexArray) -> None:
         """How far the middles are."""
         pieces = self.pieces
-        middles = np.einsum("pdc,c->pd", pieces.coefficients[block], MIDDLE)
+        middles, is_bilinear = pieces.middles[block], pieces.is_bilinear(block)
         nearest = nearest_triangles(self.mesh, middles)
         self.nearest[block] = nearest.which
-        np.maximum.at(self.findings.in_faces, pieces.faces[block], nearest.distances - pieces.excess[block])
-        on_surface = np.flatnonzero(pieces.excess[block] == 0)
+        off = np.where(is_bilinear, pieces.excess[block], 0.0)
+        np.maximum.at(self.findings.in_faces, pieces.faces[block], nearest.distances - off)
+        on_surface = np.flatnonzero(~is_bilinear)
         self._note(block[on_surface], middles[on_surface], nearest, on_surface)
 
     def _bound(self, block: IndexArray) -> None:
