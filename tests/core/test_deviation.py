@@ -244,8 +244,10 @@ def test_adaptive_results_of_thin_triangles_are_decided(seed: int) -> None:
     found = measure_deviation(control, made.positions, corners, limit=TOLERANCE)
     assert_sound(found)
     assert found.proved <= TOLERANCE
-    surface = result(control, 4, limit=True)
-    assert found.proved >= distances(surface[0], made.positions, corners).max() - 1e-12
+    surface, _ = result(control, 4, limit=True)
+    # Long triangles may be nearest though their middles are not.
+    far = surface[distances(surface, made.positions, corners) > found.proved]
+    assert distances_to_all(far, made.positions, corners).max(initial=0.0) <= found.proved + 1e-12
 
 
 # Limits and progress
