@@ -26,9 +26,9 @@ from ..surface.bicubic import CORNERS, HALVES, NET_TO_BERNSTEIN
 from ..surface.catmull_clark import subdivide
 from ..surface.patches import classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
-from ..surface.stencils import apply_stencils, by_valence, patch_stencils
+from ..surface.stencils import by_valence
 from .columns import NONE
-from .extraordinary_pieces import pieces_of_nets
+from .extraordinary_pieces import children_of_nets, pieces_of_nets
 
 # Coefficients along the sides, from each corner to the next.
 SIDES = np.array([[0, 4, 8, 12], [12, 13, 14, 15], [15, 11, 7, 3], [3, 2, 1, 0]])
@@ -168,22 +168,20 @@ class BezierPieces:
 
     def _divide(self, store: Nets, pieces: IndexArray) -> IndexArray:
         """The children of extraordinary patches of one valence: an extraordinary one at corner 0, and regular ones."""
-        stencils, nets = patch_stencils(store.valence), store.nets[:, self._row[pieces]]
-        refined = apply_stencils(stencils.refined, nets)
-        coefficients, excess = np.empty((len(pieces), 4, 3, 16)), np.zeros((len(pieces), 4))
-        coefficients[:, 0], middles, excess[:, 0] = pieces_of_nets(refined, store.valence)
-        regular = apply_stencils(np.kron(np.eye(3), NET_TO_BERNSTEIN) @ stencils.regular, nets).reshape(3, 16, -1, 3)
-        coefficients[:, 1:] = np.moveaxis(regular, (2, 0, 3, 1), (0, 1, 2, 3))
-        stores, rows = np.full((len(pieces), 4), NONE), np.full((len(pieces), 4), NONE)
-        stores[:, 0], rows[:, 0] = len(self._stores), np.arange(len(pieces))
-        self._stores.append(Nets(store.valence, refined))
+        refined, regular = children_of_nets(store.nets[:, self._row[pieces]], store.valence)
+        count = 4 * len(pieces)
+        coefficients, excess = np.empty((len(pieces), 4, 3, 16)), np.zeros(count)
+        coefficients[:, 0], own_middles, excess[::4] = pieces_of_nets(refined, store.valence, self._tick)
+        coefficients[:, 1:] = regular
         coefficients = coefficients.reshape(-1, 3, 16)
-        all_middles = coefficients @ MIDDLE
-        all_middles[::4] = middles
+        middles = coefficients @ MIDDLE
+        middles[::4] = own_middles
+        stores, rows = np.full(count, NONE), np.full(count, NONE)
+        stores[::4], rows[::4] = len(self._stores), np.arange(len(pieces))
+        self._stores.append(Nets(store.valence, refined))
         faces, units = (np.repeat(array[pieces], 4) for array in (self.faces, self.units))
         sides = self._sides_of_children(pieces)
-        new = NewPieces(coefficients, all_middles, excess.ravel(), faces, units, sides, stores.ravel(), rows.ravel())
-        return self._add(new, pieces)
+        return self._add(NewPieces(coefficients, middles, excess, faces, units, sides, stores, rows), pieces)
 
     def _sides_of_children(self, pieces: IndexArray) -> IndexArray:
         """(4n, 4): corner 0 of the child at corner c is that corner: its side 0 lies on side c, its side 3 on the one
@@ -223,13 +221,12 @@ class BezierPieces:
         for valence, chosen in extraordinary:
             corners = kinds.extraordinary_corners[chosen]
             nets = extraordinary_nets(mesh, corners, valence)
-            coefficients[chosen], middles[chosen], excess[chosen] = pieces_of_nets(nets, valence)
+            coefficients[chosen], middles[chosen], excess[chosen] = pieces_of_nets(nets, valence, self._tick)
             # These pieces are counted from the extraordinary corner on.
             turned = (corners - mesh.face_starts[chosen])[:, None] + np.arange(4)
             sides[chosen] = np.take_along_axis(sides[chosen], turned % 4, axis=1)
             stores[chosen], rows[chosen] = len(self._stores), np.arange(len(chosen))
             self._stores.append(Nets(valence, nets))
-            self._tick()
         if len(others):
             wanted = np.zeros(count, dtype=bool)
             wanted[others] = True

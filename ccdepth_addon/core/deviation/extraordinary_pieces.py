@@ -9,6 +9,7 @@ there, around the corner's limit position. docs/deviation.md, Pieces.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -34,13 +35,14 @@ QUARTER = np.kron(HALVES[0], HALVES[0])
 class PieceStencils:
     """Matrices for nets of 2n + 8 points in Stam's order, corner 0 at the extraordinary vertex.
 
-    coefficients: (16, 2n + 8), of the piece; its corners lie on the surface. middle: (1, 2n + 8), of the surface's
-    point at the piece's middle. apart: (rows, 2n + 8), differences whose lengths bound, at equal parameters, how far
-    the surface is off the piece; at the corner: rest: (2n + 8, 2n + 8) and piece: (16, 2n + 8), of which the longest of
-    either together do.
+    coefficients: (16, 2n + 8), of the piece; its corners lie on the surface. children: (48, 2n + 8), of the regular
+    ones at corners 1 to 3. middle: (1, 2n + 8), of the surface's point at the piece's middle. apart: (rows, 2n + 8),
+    differences whose lengths bound, at equal parameters, how far the surface is off the piece; at the corner: rest:
+    (2n + 8, 2n + 8) and piece: (16, 2n + 8), of which the longest of either together do.
     """
 
     coefficients: FloatArray
+    children: FloatArray
     middle: FloatArray
     apart: FloatArray
     rest: FloatArray
@@ -64,12 +66,15 @@ def piece_stencils(valence: int) -> PieceStencils:
     corner = stencils.limits[0]
     # Corner 2 of the child at corner 2.
     middle = patches[1][CORNERS[2:3]]
-    return PieceStencils(coefficients, middle, apart, net - corner, part @ coefficients - corner)
+    children = np.concatenate(patches[:3])
+    return PieceStencils(coefficients, children, middle, apart, net - corner, part @ coefficients - corner)
 
 
-def pieces_of_nets(nets: FloatArray, valence: int) -> tuple[FloatArray, FloatArray, FloatArray]:
+def pieces_of_nets(
+    nets: FloatArray, valence: int, tick: Callable[[], None]
+) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Of the pieces of nets (2n + 8, P, 3): (P, 3, 16) the coefficients, (P, 3) the surface's points at their middles,
-    and (P,) how far the surface may be off them."""
+    and (P,) how far the surface may be off them. tick: is called again and again, and may raise to stop."""
     stencils, count = piece_stencils(valence), nets.shape[1]
     excess = np.empty(count)
     for chunk in chunks(count, NETS_AT_ONCE):
@@ -78,8 +83,17 @@ def pieces_of_nets(nets: FloatArray, valence: int) -> tuple[FloatArray, FloatArr
             for rows in (stencils.apart, stencils.rest, stencils.piece)
         )
         excess[chunk] = np.maximum(apart, rest + piece)
+        tick()
     coefficients, [middles] = (apply_stencils(rows, nets) for rows in (stencils.coefficients, stencils.middle))
     return np.moveaxis(coefficients, 0, 2), middles, excess
+
+
+def children_of_nets(nets: FloatArray, valence: int) -> tuple[FloatArray, FloatArray]:
+    """(2n + 8, P, 3) the nets of the children at corner 0, and (P, 3, 3, 16) the coefficients of those at corners 1 to
+    3, which are regular."""
+    refined = apply_stencils(patch_stencils(valence).refined, nets)
+    regular = apply_stencils(piece_stencils(valence).children, nets).reshape(3, 16, -1, 3)
+    return refined, np.moveaxis(regular, (2, 0, 3, 1), (0, 1, 2, 3))
 
 
 def _from_corner(corner: int) -> FloatArray:
