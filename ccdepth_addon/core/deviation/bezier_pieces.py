@@ -19,10 +19,9 @@ from numpy.typing import NDArray
 
 from ..arrays.chunks import AT_ONCE, chunks, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import squared_norms
 from ..bounds.norm_bounds import Vertices, support_bounds
 from ..mesh.polygon_mesh import PolygonMesh
-from ..surface.bicubic import CORNERS, HALVES, NET_TO_BERNSTEIN
+from ..surface.bicubic import HALVES, NET_TO_BERNSTEIN
 from ..surface.catmull_clark import subdivide
 from ..surface.patches import classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
@@ -39,11 +38,6 @@ MIDDLE = np.kron([1, 3, 3, 1], [1, 3, 3, 1]) / 64
 # Corner 0 of the quarters lies at (0, 0), (½, 0), (0, ½), (½, ½) of a piece; which of their sides lie on its own.
 QUARTER_SIDES = np.array([[1, 0, 0, 1], [1, 1, 0, 0], [0, 0, 1, 1], [0, 1, 1, 0]], dtype=bool)
 QUARTERS = np.stack([np.kron(along, across) for across in HALVES for along in HALVES])
-
-# What is not bicubic is refined to begin with while the excess is more than this part of its size, so many times at
-# most; later, where it matters.
-LARGE_EXCESS = 0.1
-FIRST_REFINEMENTS = 8
 
 
 @dataclass(frozen=True)
@@ -152,10 +146,9 @@ class BezierPieces:
         refinement = Refinement(mesh, np.arange(mesh.face_count))
         sides = mesh.corner_edges.reshape(-1, 4)
         self._add_descendants(refinement, unit_faces, np.arange(mesh.face_count), sides, None)
-        for _ in range(FIRST_REFINEMENTS):
-            waiting = self.leaves()
-            sizes = np.sqrt(squared_norms(np.ptp(self.coefficients[waiting][:, :, CORNERS], axis=2)))
-            self.split(waiting[self.excess[waiting] > LARGE_EXCESS * sizes])
+        # Most of these have several extraordinary corners, and their children one each.
+        units = np.arange(mesh.face_count)
+        self.split(units[self.is_bilinear(units)])
 
     def _refine(self, refinement: Refinement, pieces: IndexArray) -> IndexArray:
         """The children of descendants, one Catmull-Clark step on."""
