@@ -7,6 +7,7 @@ part that is not covered has the border nearby, in the direction in which it has
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -148,10 +149,14 @@ def over_pieces(
         return None
     at_border = np.zeros(len(corners), dtype=bool)
     at_border[covering.over.owners[covering.border[0]]] = True
-    covered = covering.has_partners & ~at_border
-    wound = _winds_once(covering.over, len(corners), margin)
-    covered &= wound | _winds_one_way(pieces, covering.over, covered & ~wound, margin)
+    inside = covering.has_partners & ~at_border
+    covered = inside & _winds_once(covering.over, len(corners), margin)
     upper, worst, blamed = _heights(regions, covering.over, covered, goals, margin)
+    for sheet, covered in _sheets(pieces, covering.over, inside & (upper > goals), margin):
+        found, leaves, more = _heights(regions, sheet, covered, goals, margin)
+        worst = np.where(found < upper, leaves, worst)
+        upper = np.minimum(found, upper)
+        blamed = np.concatenate([blamed, more])
     chosen = np.flatnonzero(covering.has_partners & at_border)
     if len(chosen):
         chosen, moved = _moved_inwards(regions, covering, chosen, goals, margin)
@@ -347,18 +352,18 @@ def _winds_once(over: Over, count: int, margin: float) -> BoolArray:
     return _windings(over, count, margin) % 2 == 1
 
 
-def _winds_one_way(pieces: BezierPieces, over: Over, wanted: BoolArray, margin: float) -> BoolArray:
-    """(n,) bool, for wanted (n,) regions: whether every leaf over the region faces one way or the other, and those that
-    face one way cover the place. docs/deviation.md, Sheets."""
-    chosen = np.flatnonzero(wanted[over.owners])
-    over, count = over.at(chosen), len(wanted)
+def _sheets(pieces: BezierPieces, over: Over, wanted: BoolArray, margin: float) -> Iterator[tuple[Over, BoolArray]]:
+    """The leaves that face along the direction, and those that face against it, over wanted (n,) regions where every
+    leaf does one or the other; each with (n,) bool, whether they cover the region. docs/deviation.md, Sheets."""
+    over = over.at(np.flatnonzero(wanted[over.owners]))
     faces = _facing(over, margin)
     sides = pieces.sides[over.leaves]
     joins = ((sides == NONE) | pieces.is_smooth_edge[sides]).all(axis=1)
-    is_known = np.ones(count, dtype=bool)
+    is_known = wanted.copy()
     is_known[over.owners[(faces == 0) | ~joins]] = False
-    found = [_windings(over.at(np.flatnonzero(faces == way)), count, margin) != 0 for way in (1, -1)]
-    return is_known & wanted & (found[0] | found[1])
+    for way in (1, -1):
+        sheet = over.at(np.flatnonzero((faces == way) & is_known[over.owners]))
+        yield sheet, is_known & (_windings(sheet, len(wanted), margin) != 0)
 
 
 def _facing(over: Over, margin: float) -> IndexArray:
