@@ -13,10 +13,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..surface.bicubic import CORNERS, HALVES
+from ..surface.bicubic import CORNERS
 from .bezier_pieces import SIDES, BezierPieces
 from .columns import NONE, applied, columns, products, unknown
 from .heights import SideViews, Views, axes_across, plane_functionals
+from .windings import facing, windings
 
 # Where in a triangle covering is counted: weights of corners without anything symmetric about them.
 PLACE_IN_TRIANGLE = np.array([0.4137, 0.3271, 0.2592])
@@ -32,9 +33,6 @@ MOST_UNITS_ACROSS = 8
 
 # Where more leaves than this lie over several regions, these are too many to be looked at together.
 LEAVES_OVER_AT_ONCE = 1 << 16
-
-# Sides that may lie over the place are halved until they are shorter than so many times what they may be off.
-NARROW = 16.0
 
 # Parts are moved this much more than the border that was seen first demands.
 MOVED_MORE = 1.02
@@ -349,75 +347,19 @@ def _leaves_over(
 
 def _winds_once(over: Over, count: int, margin: float) -> BoolArray:
     """(count,) bool: whether the borders of an odd number of leaves wind about the place where covering is counted."""
-    return _windings(over, count, margin) % 2 == 1
+    return windings(over.owners, over.across, over.excess, count, margin) % 2 == 1
 
 
 def _sheets(pieces: BezierPieces, over: Over, wanted: BoolArray, margin: float) -> Iterator[tuple[Over, BoolArray]]:
     """The leaves that face along the direction, and those that face against it, over wanted (n,) regions where every
     leaf does one or the other; each with (n,) bool, whether they cover the region. docs/deviation.md, Sheets."""
     over = over.at(np.flatnonzero(wanted[over.owners]))
-    faces = _facing(over, margin)
+    faces = facing(over.across, over.excess, margin)
     sides = pieces.sides[over.leaves]
     joins = ((sides == NONE) | pieces.is_smooth_edge[sides]).all(axis=1)
     is_known = wanted.copy()
     is_known[over.owners[(faces == 0) | ~joins]] = False
     for way in (1, -1):
         sheet = over.at(np.flatnonzero((faces == way) & is_known[over.owners]))
-        yield sheet, is_known & (_windings(sheet, len(wanted), margin) != 0)
-
-
-def _facing(over: Over, margin: float) -> IndexArray:
-    """(K,): 1 or -1 where all of a leaf faces along the direction or against it, 0 where that is not known."""
-    grid = over.across.reshape(2, 4, 4, -1)
-    along, across = np.diff(grid, axis=1).reshape(2, 12, -1), np.diff(grid, axis=2).reshape(2, 12, -1)
-    products = along[0][:, None] * across[1] - along[1][:, None] * across[0]
-    # Differences are off by two margins each.
-    rounding = 4 * margin * (np.abs(along).max(axis=(0, 1)) + np.abs(across).max(axis=(0, 1)) + margin)
-    low, high = products.min(axis=(0, 1)), products.max(axis=(0, 1))
-    return np.where(over.excess > 0, 0, np.where(low > rounding, 1, np.where(high < -rounding, -1, 0)))
-
-
-def _windings(over: Over, count: int, margin: float) -> IndexArray:
-    """(count,): how often the borders of leaves wind about the place where covering is counted, all together; 0 where
-    that is not known.
-
-    A curve may be drawn straight from end to end where its hull does not contain the place; where it does, its halves
-    are looked at.
-    """
-    excess = over.excess + margin
-    near = np.flatnonzero((over.across.min(axis=1) <= excess).all(axis=0) & (over.across.max(axis=1) >= -excess).all(0))
-    owners, excess = np.repeat(over.owners[near], 4), np.repeat(excess[near], 4)
-    curves = over.across.take(near, axis=2)[:, SIDES.T].swapaxes(2, 3).reshape(2, 4, -1)
-    windings, is_known = np.zeros(count, dtype=np.intp), np.ones(count, dtype=bool)
-    while len(owners):
-        is_clear = _are_clear(curves, excess)
-        np.add.at(windings, owners[is_clear], _crossings(curves[:, :, is_clear]))
-        # Halving makes hulls narrower, not what they may be off.
-        is_narrow = np.ptp(curves, axis=1).max(axis=0) < NARROW * excess
-        is_known[owners[~is_clear & is_narrow]] = False
-        left = np.flatnonzero(~is_clear & ~is_narrow & is_known[owners])
-        owners, excess = np.repeat(owners[left], 2), np.repeat(excess[left], 2)
-        curves = np.einsum("hij,djn->dinh", HALVES, curves[:, :, left]).reshape(2, 4, -1)
-    return np.where(is_known, windings, 0)
-
-
-def _are_clear(curves: FloatArray, excess: FloatArray) -> BoolArray:
-    """(n,) bool: whether the origin lies beside the hulls of curves (2, 4, n), in coordinates along their chords."""
-    x, y = curves
-    chord = curves[:, 3] - curves[:, 0]
-    chord /= np.maximum(np.hypot(*chord), np.finfo(float).tiny)
-    along, aside = chord[0] * x + chord[1] * y, chord[0] * y - chord[1] * x
-    return (
-        (along.min(axis=0) > excess)
-        | (along.max(axis=0) < -excess)
-        | (aside.min(axis=0) > excess)
-        | (aside.max(axis=0) < -excess)
-    )
-
-
-def _crossings(curves: FloatArray) -> IndexArray:
-    """(n,): 1 where the chord of a curve (2, 4, n) crosses the first axis beyond the origin upwards, -1 downwards."""
-    x, y = curves
-    upwards = (y[3] > 0).astype(np.intp) - (y[0] > 0)
-    is_right = (x[0] * y[3] - x[3] * y[0] > 0) == (y[3] > y[0])
-    return np.where(is_right, upwards, 0)
+        wound = windings(sheet.owners, sheet.across, sheet.excess, len(wanted), margin)
+        yield sheet, is_known & (wound != 0)
