@@ -34,10 +34,10 @@ def largest_valence(mesh: PolygonMesh) -> int:
 def modifier_rounding(mesh: PolygonMesh, level: int) -> float:
     """The error of a level's vertices in Blender's own single precision, in the unit of the positions.
 
-    (4s/3 + 2k - 8)uR, with s = ``PolygonMesh.largest_surroundings``, 12 on a regular mesh, k the level, u = 2⁻²⁴ and R
+    (3s/2 + 2k - 8)uR, with s = ``PolygonMesh.largest_surroundings``, 12 on a regular mesh, k the level, u = 2⁻²⁴ and R
     the ``rounded_size``: at least one and a half times all errors measured (docs/methods.md, Single precision).
     """
-    return (4 / 3 * mesh.largest_surroundings + 2 * level - 8) * 2.0**-24 * rounded_size(mesh)
+    return (1.5 * mesh.largest_surroundings + 2 * level - 8) * 2.0**-24 * rounded_size(mesh)
 
 
 def smallest_step(mesh: PolygonMesh) -> float:
