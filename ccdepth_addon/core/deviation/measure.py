@@ -81,10 +81,10 @@ def measure_deviation(
     (T, 3) intp. triangle_faces: (T,) intp, the control face each triangle belongs to, where that is known: its
     distance then counts for that face. accuracy: how near ``proved`` shall be to ``reached``. max_pieces
     (``PIECES_OF_EACH`` unless given), time_limit (seconds): where these are used up the result is what is proved until
-    then. tolerance: distances far below it need
-    not be told apart. enough: what is proved need not be less than this, so that it is soon known whether all is
-    within it. limit: a distance of which it is to be told whether all is within, however
-    near that is. progress: is told the fraction done, every tenth of a second or so, and may raise to stop.
+    then. tolerance: distances far below it need not be told apart. enough: what is proved need not be less than this,
+    so that it is soon known whether all is within it. limit: a distance of which it is to be told whether all is
+    within, however near that is. progress: is told the fraction done, every tenth of a second or so, and may raise to
+    stop.
     Raises InvalidMeshError for the control mesh, ValueError for the other.
     """
     began = perf_counter()
