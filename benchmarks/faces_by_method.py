@@ -17,7 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
 import numpy as np
 
-from ccdepth_addon.core.depth.face_depths import METHODS, VERTICES, face_depths
+from ccdepth_addon.core.depth.face_depths import VERTICES, face_depths
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
@@ -49,7 +49,7 @@ def suzanne_once() -> tuple[PolygonMesh, float]:
 def faces_needed(mesh: PolygonMesh, tolerance: float) -> dict[tuple[str, str], tuple[int, int]]:
     """By method and vertices: the deepest depth, and the faces when each face has its own."""
     needed = {}
-    for method in METHODS:
+    for method in NAMES:
         for vertices in VERTICES:
             depths = face_depths(mesh, tolerance, method, vertices).depths
             needed[method, vertices] = int(depths.max()), sum(4**depth for depth in depths.tolist())
@@ -67,7 +67,7 @@ def count_text(count: int) -> str:
 def picture(needed: dict[tuple[str, str], tuple[int, int]], faces: int) -> str:
     """The bars as an SVG, on a scale of powers of ten that begins at 1,000 faces."""
     width = LEFT + DECADES * PER_DECADE + 150
-    height = TOP + ROW * len(METHODS) + 34
+    height = TOP + ROW * len(NAMES) + 34
     lines = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width}" height="{height}" font-family="sans-serif"'
         ' font-size="13" fill="#222">',
@@ -78,7 +78,7 @@ def picture(needed: dict[tuple[str, str], tuple[int, int]], faces: int) -> str:
         x = LEFT + 150 * place
         lines.append(f'<rect x="{x}" y="34" width="11" height="11" fill="{COLOURS[vertices]}"/>')
         lines.append(f'<text x="{x + 17}" y="44">{LABELS[vertices]}</text>')
-    bottom = TOP + ROW * len(METHODS)
+    bottom = TOP + ROW * len(NAMES)
     for power in range(3, 3 + DECADES + 1, 3):
         x = LEFT + (power - 3) * PER_DECADE
         lines.append(f'<line x1="{x}" y1="{TOP}" x2="{x}" y2="{bottom}" stroke="#ddd"/>')
@@ -86,7 +86,7 @@ def picture(needed: dict[tuple[str, str], tuple[int, int]], faces: int) -> str:
             f'<text x="{x}" y="{bottom + 18}" text-anchor="middle" fill="#666">10'
             f'<tspan dy="-5" font-size="9">{power}</tspan></text>'
         )
-    for row, method in enumerate(METHODS):
+    for row, method in enumerate(NAMES):
         y = TOP + ROW * row + 8
         lines.append(f'<text x="{LEFT - 12}" y="{y + BAR + 5}" text-anchor="end">{NAMES[method]}</text>')
         for place, vertices in enumerate(VERTICES):

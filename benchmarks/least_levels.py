@@ -2,7 +2,9 @@
 """The least level that will do, by trial, beside the level that Set Subdivision Levels sets, on models as people make
 them.
 
-python benchmarks/least_levels.py -- [PART OF A NAME…]        with the bpy wheel and libigl
+python benchmarks/least_levels.py -- [METHOD] [PART OF A NAME…]        with the bpy wheel and libigl
+
+METHOD: as of --method; by distance where it is left out.
 
 The trial compares what Blender's modifier shows at a level with a mesh many levels deeper, its vertices on the limit
 surface: the largest distance both ways, from dense samples on both (libigl). Level 0 counts as 1, as nothing is moved
@@ -25,6 +27,7 @@ import bpy
 import numpy as np
 
 import ccdepth_addon
+from ccdepth_addon.core import METHODS
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from tests.blender import scene
 
@@ -177,10 +180,9 @@ def reached(mesh: tuple[FloatArray, IndexArray], finest: tuple[FloatArray, Index
     return float(max(there, back) ** 0.5)
 
 
-def level_set(holder: bpy.types.Object, tolerance: float, vertices: str) -> int:
+def level_set(holder: bpy.types.Object, tolerance: float, vertices: str, method: str) -> int:
     """The level that Set Subdivision Levels sets; NO_LEVEL where it refuses."""
-    bpy.context.scene.ccdepth.property_unset("method")
-    bpy.ops.ccdepth.compute(tolerance=tolerance, tolerance_mode="RELATIVE", vertices=vertices)
+    bpy.ops.ccdepth.compute(tolerance=tolerance, tolerance_mode="RELATIVE", vertices=vertices, method=method)
     try:
         bpy.ops.ccdepth.set_levels()
     except RuntimeError:
@@ -190,7 +192,7 @@ def level_set(holder: bpy.types.Object, tolerance: float, vertices: str) -> int:
     return max(level, 1)
 
 
-def compare(name: str, counts: Counter[str]) -> None:
+def compare(name: str, counts: Counter[str], method: str) -> None:
     """Print a row for each kind of vertices and tolerance, and count how they end."""
     scene.clear()
     holder = MODELS[name]()
@@ -210,7 +212,7 @@ def compare(name: str, counts: Counter[str]) -> None:
             if least is None:
                 continue
             near = [trial(level) / tolerance for level in range(max(least - 1, 1), least + 1)]
-            level = level_set(holder, tolerance, vertices)
+            level = level_set(holder, tolerance, vertices, method)
             over = "refused" if level == NO_LEVEL else f"{level - least} more" if level > least else "least"
             over = "BELOW" if level < least else over
             counted = not any(abs(ratio - 1) < UNDECIDED for ratio in near)
@@ -228,10 +230,11 @@ def compare(name: str, counts: Counter[str]) -> None:
 def main() -> int:
     ccdepth_addon.register()
     wanted = sys.argv[sys.argv.index("--") + 1 :] if "--" in sys.argv else []
+    method = wanted.pop(0) if wanted and wanted[0] in METHODS else "DISTANCE"
     counts = Counter[str]()
     for name in MODELS:
         if not wanted or any(part in name for part in wanted):
-            compare(name, counts)
+            compare(name, counts, method)
     rows = sum(counts.values())
     print(f"{rows} rows: " + ", ".join(f"{count} {over}" for over, count in counts.most_common()))
     return int(counts["least"] < 0.95 * rows or counts["least"] + counts["1 more"] < rows)

@@ -122,7 +122,7 @@ class ControlMesh:
                 along += z * weights[2]
                 positions[:, axis] = along
             rounded = float(np.linalg.norm(np.abs(self.world) @ largest_coordinates(mesh)))
-            return mesh.changed(positions=positions, rounded_size=rounded)
+            return mesh.changed(positions=positions, rounded_size=rounded, axes=self.world)
 
     @property
     def face_count(self) -> int:

@@ -27,6 +27,11 @@ TOLERANCE_MODES = (
     ("ABSOLUTE", "Absolute", "The tolerance is a distance in the scene, with the object's scale counted in"),
 )
 METHOD_TEXTS = {
+    "DISTANCE": (
+        "By Distance",
+        "The distance between the subdivided mesh and the limit surface themselves, in both directions, whatever their "
+        "parameters: far fewer levels where edge loops are unevenly spaced, as around bevels",
+    ),
     "CERTIFIED": (
         "Certified",
         "The least depth that can be proved from the mesh itself, on nearly all faces the least that is true",
@@ -45,7 +50,9 @@ METHOD_TEXTS = {
         "Depth from how far apart the control points are; needs far more levels, and is here for comparison",
     ),
 }
-METHOD_ITEMS = tuple((method, *METHOD_TEXTS[method]) for method in METHODS)
+# Files store numbers, so methods that came later have later ones.
+METHOD_NUMBERS = {"CERTIFIED": 0, "SHARP": 1, "SECOND_ORDER": 2, "FIRST_ORDER": 3, "DISTANCE": 4}
+METHOD_ITEMS = tuple((method, *METHOD_TEXTS[method], "NONE", METHOD_NUMBERS[method]) for method in METHODS)
 VERTEX_ITEMS = (
     ("CONTROL", "Control Mesh", "The subdivided mesh as it is (Use Limit Surface off)"),
     ("LIMIT", "Limit Surface", "The subdivided mesh with its vertices moved to the limit surface (Use Limit Surface)"),

@@ -34,7 +34,7 @@ from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches
 from tests import meshes
 from tests.brute_force import Levels
-from tests.core.test_face_depths import LEVELS, both_vertices, build, every_method, sampled
+from tests.core.test_face_depths import EQUAL_METHODS, LEVELS, both_vertices, build, every_method, sampled
 from tests.level_nets import worse_later
 
 # Sampled distances are true ones up to rounding in double precision, at coordinates of some ten.
@@ -285,7 +285,7 @@ def test_no_face_is_farther_in_any_pose_than_proved(name: str, vertices: str) ->
     poses = posed(build(meshes.AWKWARD[name](), smooth_corners=False), 11, 1.0)
     levels = [Levels(pose.make()) for pose in poses]
     sampled = [np.max([each.distances(level, vertices, 2) for each in levels], axis=0) for level in range(LEVELS)]
-    for method in METHODS:
+    for method in EQUAL_METHODS:
         found = pose_depths(poses, method, vertices)
         for level in range(LEVELS):
             at = found.depths == level

@@ -41,6 +41,7 @@ class Vertices(StrEnum):
 class Method(StrEnum):
     """How the distance is bounded."""
 
+    DISTANCE = "DISTANCE"
     CERTIFIED = "CERTIFIED"
     SHARP = "SHARP"
     SECOND_ORDER = "SECOND_ORDER"

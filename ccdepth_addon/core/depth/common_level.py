@@ -12,6 +12,7 @@ import numpy as np
 from ..arrays.types import IndexArray
 from ..bounds.norm_bounds import Method, Vertices
 from ..progress import Progress, no_report, part_of
+from .distance_poses import all_poses_within
 from .face_depths import all_within, uniform_level
 from .joined_faces import JoinedFaces, bounds_at_level, in_groups, poses_together
 from .modifier_quality import unmet_corners
@@ -50,6 +51,11 @@ def common_level(
         # How many levels there will be is not known: each has half of what is left.
         share = part_of(progress, begun, (1 - begun) / 2)
         begun += (1 - begun) / 2
+        if prepared.method is Method.DISTANCE:
+            if all_poses_within(poses, vertices, found.lasting, level, share):
+                return level
+            level += 1
+            continue
         wanted = np.flatnonzero((found.depths != level) & ~settled)
         for some, norms in prepared.norms(mesh, wanted):
             settled[some] |= replace(norms, value=found.peaks[some]).at(level) + found.allowance <= 1.0

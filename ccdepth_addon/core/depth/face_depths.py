@@ -19,6 +19,7 @@ from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.validation import has_good_positions, validate
 from ..progress import Progress, no_report, part_of
 from .certified_depth import FacesToSearch, certified_depths, certified_level_bounds
+from .distance_depth import distance_depths, distance_level_bounds
 from .modifier_quality import unmet_corners
 from .norm_depth import norm_depths, norm_level_bounds
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
@@ -156,7 +157,9 @@ def uniform_level(
     # How many levels there will be is not known: each has half of what is left.
     begun = 0.0
     while True:
-        parts = [(np.flatnonzero((depths != level) & ~lasting & ~with_margin), tolerance)]
+        # A depth by distance takes the faces around to be within the tolerance as well.
+        is_open = np.full(len(depths), True) if Method(method) is Method.DISTANCE else depths != level
+        parts = [(np.flatnonzero(is_open & ~lasting & ~with_margin), tolerance)]
         if np.any(with_margin):
             parts.append((np.flatnonzero(with_margin), tolerance - margin))
         share = part_of(progress, begun, (1 - begun) / 2)
@@ -199,6 +202,8 @@ def level_bounds_in_chunks(
     tick: Callable[[], None],
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces at one level, in chunks. tick: called meanwhile, and may raise to stop."""
+    if method is Method.DISTANCE:
+        return distance_level_bounds(mesh, test, vertices, faces, level, tick)
     if method is Method.CERTIFIED:
         return certified_level_bounds(FacesToSearch.of(mesh, faces), test, vertices, level, tick)
     return norm_level_bounds(mesh, test, PATCH_METHODS[method], vertices, faces, level, tick)
@@ -213,6 +218,8 @@ def depths_in_chunks(
     tick: Callable[[], None],
 ) -> Iterator[FaceDepths]:
     """The depths of some faces, in chunks. tick: called meanwhile, and may raise to stop."""
+    if method is Method.DISTANCE:
+        return distance_depths(mesh, test, vertices, faces, tick)
     if method is Method.CERTIFIED:
         return certified_depths(FacesToSearch.of(mesh, faces), test, vertices, tick)
     return norm_depths(mesh, test, PATCH_METHODS[method], vertices, faces, tick)

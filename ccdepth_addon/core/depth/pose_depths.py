@@ -23,10 +23,12 @@ from numpy.typing import NDArray
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Method, Vertices
 from ..progress import Progress, no_report, part_of
+from .distance_poses import confirm, depths_over_poses
 from .face_depths import face_depths
 from .joined_faces import JoinedFaces, are_enough, bounds_at, in_groups, poses_together, searched
 from .key_poses import KeyPose, Way, key_places
 from .poses import Pose, PreparedMesh, ScaledPose, faces_near
+from .tolerance import FaceDepths
 
 # Times ``poses_together``: poses between key poses that are held until their faces are evaluated.
 POSES_HELD = 8
@@ -63,6 +65,8 @@ def pose_depths(poses: Sequence[Pose], method: str, vertices: str, progress: Pro
     method, vertices: as of ``face_depths``. progress: is told the fraction done, which only rises, and may raise to
     stop.
     """
+    if Method(method) is Method.DISTANCE and len(poses) > 1:
+        return _by_distance(depths_over_poses(poses, vertices, progress))
     share = FIRST_POSE / (FIRST_POSE + len(poses) - 1)
     mesh, tolerance = poses[0].make(), poses[0].tolerance
     first = face_depths(mesh, tolerance, method, vertices, part_of(progress, 0.0, share), is_checked=True)
@@ -92,6 +96,12 @@ def raised_depths(
     lower = floors > found.depths
     if not np.any(lower):
         return found
+    if Method(method) is Method.DISTANCE:
+        deeper = FaceDepths.undecided(np.arange(len(floors)))
+        deeper.depths[:], deeper.bounds[:] = np.maximum(floors, found.depths), found.bounds
+        deeper.exact[:], deeper.lasting[:] = False, found.lasting
+        confirm(poses, vertices, deeper, [lower & ~found.lasting] * len(poses))
+        return _by_distance(deeper)
     prepared = PreparedMesh.of(poses[0].make(), Method(method), Vertices(vertices))
     search = _PoseSearch.of(prepared, poses, found, progress, 0.0)
     search.depths[lower], search.bounds[lower], search.exact[lower] = floors[lower], 0.0, False
@@ -99,6 +109,11 @@ def raised_depths(
     search.peaks, search.allowance = found.peaks, found.allowance
     search.test_raised()
     return search.found
+
+
+def _by_distance(found: FaceDepths) -> PoseDepths:
+    unknown = np.full(len(found.depths), np.inf)
+    return PoseDepths(found.depths, found.bounds, found.exact, found.lasting, unknown, 0.0)
 
 
 @dataclass

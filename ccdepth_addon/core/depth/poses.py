@@ -89,7 +89,7 @@ class PreparedMesh:
 
     @property
     def _rules(self) -> PatchMethod:
-        return PATCH_METHODS[Method.SHARP if self.method is Method.CERTIFIED else self.method]
+        return PATCH_METHODS[self.method if self.method in PATCH_METHODS else Method.SHARP]
 
     @cached_property
     def shared(self) -> MeshNorms | None:

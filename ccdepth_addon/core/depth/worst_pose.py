@@ -12,6 +12,7 @@ import numpy as np
 from ..arrays.types import FloatArray, IndexArray
 from ..bounds.norm_bounds import Method, Vertices
 from ..progress import Progress, no_report
+from .distance_poses import shares_at_depth
 from .joined_faces import JoinedFaces, bounds_at, in_groups, poses_together, searched
 from .pose_depths import PoseDepths
 from .poses import Pose, PreparedMesh, ScaledPose
@@ -40,10 +41,25 @@ def worst_pose(
     faces = np.flatnonzero(found.depths == deepest)
     if len(poses) == 1:
         return WorstPose(0, deepest, float(found.bounds[faces].max(initial=0.0)) / poses[0].tolerance)
+    if Method(method) is Method.DISTANCE:
+        return _farthest_by_distance(poses, vertices, faces, deepest, progress) or WorstPose(0, deepest, 0)
     prepared = PreparedMesh.of(poses[0].make(), Method(method), Vertices(vertices))
     worst = _farthest(prepared, poses, faces, deepest, progress, is_own_depth=True)
     # Where no pose alone needs that level: a face can be farther off at a level than at the one before.
     return worst or _farthest(prepared, poses, faces, deepest, progress, is_own_depth=False) or WorstPose(0, deepest, 0)
+
+
+def _farthest_by_distance(
+    poses: Sequence[Pose], vertices: str, faces: IndexArray, depth: int, progress: Progress
+) -> WorstPose | None:
+    """The pose in which one of the faces is the farthest off, of those in which that is its depth."""
+    worst: WorstPose | None = None
+    for place, pose in enumerate(poses):
+        shares = shares_at_depth(pose, vertices, faces, depth, partial(progress, place / len(poses)))
+        share = float(shares.max())
+        if np.isfinite(share) and (worst is None or share > worst.share * (1 + ALIKE)):
+            worst = WorstPose(place, depth, share)
+    return worst
 
 
 def _farthest(

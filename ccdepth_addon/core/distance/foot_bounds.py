@@ -42,6 +42,10 @@ THIRDS = (
 VALUE, SLOPE = np.array([[1, 23, 23, 1]]) / 48, np.array([[-1, -5, 5, 1]]) / 8
 MIDDLE = np.concatenate([tensor(VALUE, VALUE), tensor(SLOPE, VALUE), tensor(VALUE, SLOPE)])
 
+# S_uu, S_vv and S_uv there.
+CURVE = np.array([[1, -1, -1, 1]]) / 2
+MIDDLE_SECONDS = np.concatenate([tensor(CURVE, VALUE), tensor(VALUE, CURVE), tensor(SLOPE, SLOPE)])
+
 # Where S_u and S_v at the middle have a smaller sine between them nothing is proved. So frames are off by less than
 # 2⁻⁴⁰ of themselves, and what is computed in them by less than the part ROUNDING of the largest coefficient.
 LEAST_SINE, ROUNDING = 2.0**-10, 2.0**-30
@@ -53,6 +57,7 @@ class FootBounds:
     fourth h⁴ =: b, lengths; reach: (P,) with ‖e‖ ≤ reach h² =: w. curvature: (P,), at least the principal curvatures of
     the face, 1 / length; speed: (P,), at least how fast parameters change with the way along it, 1 / length. All are
     infinite where the face is not shown to be an immersion.
+    middle: (P,), about what is reached at the middle, times h²; proves nothing.
     """
 
     second: FloatArray
@@ -62,6 +67,7 @@ class FootBounds:
     reach: FloatArray
     curvature: FloatArray
     speed: FloatArray
+    middle: FloatArray
 
     def at(self, level: int, curvature: FloatArray, speed: FloatArray) -> FloatArray:
         """(P,): B = b + κw², at least how far the level's triangles of each face are from the surface, and the surface
@@ -74,7 +80,7 @@ class FootBounds:
             along = np.minimum(self.second + size * self.third, self.plain) * size**2 + self.fourth * size**4
             reach = self.reach * size**2
             bounds = along + curvature * reach**2
-            proved = (curvature * bounds <= 0.5 - ROUNDING) & (2 * reach * speed <= 1 - ROUNDING)
+            proved = (curvature * bounds <= 0.5 - ROUNDING) & (2 * reach * speed <= size * (1 - ROUNDING))
         return np.where(proved, bounds, np.inf)
 
 
@@ -125,7 +131,8 @@ def foot_bounds(nets: FloatArray, vertices: Vertices, is_turned: BoolArray) -> F
         np.maximum(a, b),
     )
     proved = frame.is_known & turns.are_known
-    return FootBounds(*(np.where(proved, each * (1 + ROUNDING), np.inf) for each in found))
+    bounds = [np.where(proved, each * (1 + ROUNDING), np.inf) for each in found]
+    return FootBounds(*[*bounds, _at_middle(frame.heights, vertices)])
 
 
 @dataclass(frozen=True)
@@ -210,6 +217,13 @@ def _along(
     if vertices is Vertices.CONTROL:
         third = third + (uuu + uuv + uvv + vvv) / 12
     return second + rounding, third, plain + rounding
+
+
+def _at_middle(heights: FloatArray, vertices: Vertices) -> FloatArray:
+    """middle of ``FootBounds``."""
+    uu, vv, uv = MIDDLE_SECONDS @ heights
+    off = (uu + vv) / 6 if vertices is Vertices.CONTROL else np.zeros_like(uu)
+    return np.max(np.abs([uu / 8 - off, vv / 8 - off, (uu + vv) / 8 - np.abs(uv) / 4 - off, off]), axis=0)
 
 
 def _highest(uu: FloatArray, vv: FloatArray, uv: FloatArray) -> FloatArray:

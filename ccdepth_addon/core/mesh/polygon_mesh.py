@@ -45,6 +45,8 @@ class PolygonMesh:
     the like), see ``sharpness.apply_boundary_rule``.
     rounded_size: where the positions were computed from others, the length that their rounding is a part of; see
     ``rounding.rounded_size``.
+    axes: (3, 3) float64, whose columns are the axes of the space in which Blender chooses the diagonals of quads, in
+    coordinates of the positions; None where it is that of the positions.
     """
 
     positions: FloatArray
@@ -56,6 +58,7 @@ class PolygonMesh:
     vertex_sharpness: FloatArray
     sharpness_is_explicit: bool = False
     rounded_size: float = 0.0
+    axes: FloatArray | None = None
 
     def changed(self, **fields: Any) -> PolygonMesh:
         """The mesh with other positions or another sharpness; cached topology is kept."""

@@ -1,0 +1,95 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The surface over a level's quads, as tiles: bicubic over square parts of their parameters, and hulls of what is left.
+
+A regular quad is one tile. Around an extraordinary vertex there are three at every level of subdivision; what is left
+after ``TILE_LEVELS`` of them lies in the hull of its control points, as limit points are averages of these. A quad of
+any other kind is refined until its parts are of these kinds; what is left then is near the facet over its control
+points.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..adaptive.leaf_bounds.descent import Squares
+from ..adaptive.leaf_bounds.triangle_bounds import QUARTER_TURN
+from ..adaptive.templates import QUAD_POINTS
+from ..arrays.types import FloatArray, IndexArray
+from ..bounds.norm_bounds import Vertices, support_bounds
+from ..surface.bicubic import NET_TO_BERNSTEIN, facet_coefficients
+from ..surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
+from ..surface.refinement import Refinement
+from ..surface.stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils
+
+# Levels of tiles around an extraordinary vertex: what is left shrinks by 0.41 a level for valence 3, and by up to 0.68
+# for others. And levels of refinement elsewhere.
+TILE_LEVELS_3, TILE_LEVELS, REFINED_LEVELS = 8, 14, 9
+
+
+@dataclass(frozen=True)
+class Tiles:
+    """P parts of the surface over squares whose bases are quads. points: (R, P, 3), 16 Bernstein coefficients or any
+    points whose hull holds the part; near: (P,), except for so much. are_bicubic: whether they are coefficients."""
+
+    squares: Squares
+    points: FloatArray
+    near: FloatArray
+    are_bicubic: bool = True
+
+
+def tiles_of(refinement: Refinement) -> Iterator[Tiles]:
+    """All tiles of a refinement's quads, the bases of the squares by their index."""
+    squares = Squares.whole(len(refinement.bases))
+    for level in range(REFINED_LEVELS + 1):
+        mesh, patches = refinement.mesh, classify_patches(refinement.mesh)
+        kinds = patches.kinds[: len(refinement.bases)]
+        regular = np.flatnonzero(kinds == PatchKind.REGULAR)
+        if len(regular):
+            nets = regular_nets(mesh, regular).reshape(16, -1, 3)
+            yield Tiles(squares.at(regular), apply_stencils(NET_TO_BERNSTEIN, nets), np.zeros(len(regular)))
+        extraordinary = np.flatnonzero(kinds == PatchKind.EXTRAORDINARY)
+        corners = patches.extraordinary_corners[extraordinary]
+        valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
+        is_last = level == REFINED_LEVELS
+        settled = kinds == PatchKind.REGULAR
+        for valence in np.unique(valences).tolist():
+            if valence > LARGEST_STENCIL_VALENCE and not is_last:
+                continue
+            chosen = valences == valence
+            settled[extraordinary[chosen]] = True
+            nets = extraordinary_nets(mesh, corners[chosen], valence)
+            own = squares.at(extraordinary[chosen])
+            yield from _around_vertex(nets, valence, _from_corners(own, corners[chosen] % 4), is_last)
+        rest = np.flatnonzero(~settled)
+        if not len(rest):
+            return
+        if is_last:
+            points = facet_coefficients(refinement.control_facets()[:, rest])
+            near = support_bounds(mesh, Vertices.CONTROL)[rest]
+            yield Tiles(squares.at(rest), points, near, are_bicubic=False)
+            return
+        refinement, squares = refinement.keep(~settled).refined(), squares.at(rest).children()
+
+
+def _from_corners(squares: Squares, corners: IndexArray) -> Squares:
+    """The same squares, counted from other corners (P,) on."""
+    origins = squares.origins + np.einsum("pi,pij->pj", QUAD_POINTS[:4][corners], squares.axes)
+    turns = np.stack([np.linalg.matrix_power(QUARTER_TURN, turn) for turn in range(4)])
+    return Squares(squares.bases, squares.paths, origins, turns[corners] @ squares.axes)
+
+
+def _around_vertex(nets: FloatArray, valence: int, squares: Squares, is_last: bool) -> Iterator[Tiles]:
+    """Tiles of nets (2n + 8, P, 3) whose extraordinary vertices are the corners 0 of the squares."""
+    nothing = np.zeros(nets.shape[1])
+    levels = TILE_LEVELS_3 if valence == 3 else TILE_LEVELS
+    for _ in range(0 if is_last else levels):
+        stencils = patch_stencils(valence)
+        children = squares.children()
+        for child, rows in enumerate(np.split(stencils.regular, 3), start=1):
+            own = children.at(4 * np.arange(nets.shape[1]) + child)
+            yield Tiles(own, apply_stencils(NET_TO_BERNSTEIN @ rows, nets), nothing)
+        nets, squares = apply_stencils(stencils.refined, nets), children.at(4 * np.arange(nets.shape[1]))
+    yield Tiles(squares, nets, nothing, are_bicubic=False)

@@ -1,0 +1,167 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The quads that a level divides some faces into, with those around them, as far as nothing simpler bounds them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..adaptive.leaf_bounds.polygon_bounds import is_folded
+from ..arrays.chunks import index_chunks
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..bounds.norm_bounds import Vertices
+from ..mesh.polygon_mesh import PolygonMesh
+from ..surface.bicubic import apply, largest_norm
+from ..surface.patches import PatchKind, classify_patches, regular_nets
+from ..surface.refinement import Refinement
+from .foot_bounds import ALONG_U, ALONG_V, FOURTH, MIXED, ROUNDING
+from .leaf_distances import QUADS_AT_ONCE, Leaves
+
+# Rings of leaves around those that are asked for: two on which places in the shell have to be known, and one more that
+# gives these the triangles around.
+RINGS = 3
+
+# Parts of regular faces are divided no deeper than this level: at later ones they have bounds at equal parameters.
+DEEPEST_REGULAR = 5
+
+
+@dataclass(frozen=True)
+class LevelLeaves:
+    """Leaves of B faces at a level, with the leaves around these. bases: (K,) intp, the face of each, B for one around.
+    is_own: (K,) bool, leaves of the faces that no bound of a larger part covers. bounds: (B,), of the parts that are
+    covered."""
+
+    leaves: Leaves
+    bases: IndexArray
+    is_own: BoolArray
+    bounds: FloatArray
+
+    @staticmethod
+    def of(
+        mesh: PolygonMesh, faces: IndexArray, level: int, vertices: Vertices, limit: float, tick: Callable[[], None]
+    ) -> LevelLeaves:
+        """Of some faces of a mesh. limit: no larger distance is of use. At level 0 faces have to be quads."""
+        count = len(faces)
+        around = _rings(mesh, _mask(mesh.face_count, faces), RINGS)
+        around[faces] = False
+        if level == 0:
+            around &= mesh.face_sizes == 4
+        refinement = Refinement.start(mesh, np.concatenate([faces, np.flatnonzero(around)]))
+        bases = np.minimum(np.arange(len(refinement.bases)), count)
+        is_own, is_turned = bases < count, np.zeros(len(bases), dtype=bool)
+        bounds = np.zeros(count)
+        for own_level in range(level + 1):
+            is_regular = _are_regular(refinement, is_own)
+            is_covered, found = _covered(refinement, is_regular, level - own_level, vertices, limit)
+            np.maximum.at(bounds, bases[is_covered], found)
+            is_own[is_covered] = is_regular[is_covered] = False
+            if own_level == DEEPEST_REGULAR < level:
+                bounds[bases[is_regular]] = np.inf
+                is_own &= np.isfinite(np.append(bounds, 0.0))[bases]
+            reach = _rings(refinement.mesh, is_own, RINGS)
+            refinement = refinement.keep(reach)
+            bases, is_own, is_turned = bases[reach], is_own[reach], is_turned[reach]
+            tick()
+            if own_level == level or not len(bases):
+                break
+            sizes = refinement.mesh.face_sizes[: len(bases)]
+            is_turned = _turned_children(is_turned, sizes)
+            bases, is_own = np.repeat(bases, sizes), np.repeat(is_own, sizes)
+            refinement = refinement.refined()
+        leaves = Leaves.of(refinement, is_turned, vertices, limit)
+        leaves.shell.ranges[np.repeat(_uncertain(leaves, mesh.axes), 2)] = 0.0
+        return LevelLeaves(leaves, bases, is_own, bounds)
+
+    def own_distances(self, tick: Callable[[], None]) -> FloatArray:
+        """(B,): the largest bound of each face's leaves, infinite where one has none."""
+        found = self.bounds.copy()
+        is_regular = _are_regular(self.leaves.refinement, self.is_own)
+        # Irregular ones are the worst, mostly: where they are not within the limit, nothing else needs to be.
+        for own in (np.flatnonzero(self.is_own & ~is_regular), np.flatnonzero(is_regular)):
+            for some in index_chunks(own, QUADS_AT_ONCE):
+                left = some[np.isfinite(found[self.bases[some]])]
+                np.maximum.at(found, self.bases[left], np.minimum(*self.leaves.distances(left, tick)))
+        return found
+
+    def joined_distances(self, tick: Callable[[], None]) -> FloatArray:
+        """(B,): the same, but bounds by places in the shell count only where all leaves around have one: then what is
+        found holds both ways, whatever else is known of the faces around."""
+        mesh, count = self.leaves.refinement.mesh, len(self.bases)
+        looked_at = _rings(mesh, self.is_own, 2)
+        quads = np.flatnonzero(looked_at)
+        by_places, at_equal = np.full((2, count), np.inf)
+        by_places[quads], at_equal[quads] = self.leaves.distances(quads, tick)
+        is_alone = _rings(mesh, looked_at & ~np.isfinite(by_places), 2)
+        own = np.flatnonzero(self.is_own)
+        again = own[is_alone[own] & np.isfinite(by_places[own])]
+        at_equal[again] = self.leaves.at_equal_parameters(again)
+        bounds = np.where(is_alone, at_equal, np.minimum(by_places, at_equal))
+        found = self.bounds.copy()
+        np.maximum.at(found, self.bases[own], bounds[own])
+        return found
+
+
+def _mask(count: int, chosen: IndexArray) -> BoolArray:
+    mask = np.zeros(count, dtype=bool)
+    mask[chosen] = True
+    return mask
+
+
+def _rings(mesh: PolygonMesh, wanted: BoolArray, rings: int) -> BoolArray:
+    """(n,) bool: wanted ones (n,) of the first n faces, and so many rings around them."""
+    for _ in range(rings):
+        wanted = _touching(mesh, wanted)
+    return wanted
+
+
+def _touching(mesh: PolygonMesh, wanted: BoolArray) -> BoolArray:
+    """(n,) bool: those of the first n faces that share a vertex with wanted ones (n,), and these."""
+    last = mesh.face_starts[len(wanted)]
+    vertices, faces = mesh.corner_vertices[:last], mesh.corner_faces[:last]
+    touched = _mask(mesh.vertex_count, vertices[wanted[faces]])
+    return np.logical_or.reduceat(touched[vertices], mesh.face_starts[: len(wanted)]) if len(wanted) else wanted
+
+
+def _turned_children(is_turned: BoolArray, sizes: IndexArray) -> BoolArray:
+    """Whether children are drawn with the diagonal from corner 1 to 3: diagonals are parallel to their parent's, and
+    those of polygons that are not quads run to the middle."""
+    first = np.cumsum(sizes) - sizes
+    place = np.arange(sizes.sum()) - np.repeat(first, sizes)
+    return np.repeat(sizes == 4, sizes) & (np.repeat(is_turned, sizes) ^ (place % 2 == 1))
+
+
+def _are_regular(refinement: Refinement, is_own: BoolArray) -> BoolArray:
+    """(K,) bool: the own faces that are regular."""
+    return is_own & (classify_patches(refinement.mesh).kinds[: len(is_own)] == PatchKind.REGULAR)
+
+
+def _covered(
+    refinement: Refinement, is_regular: BoolArray, levels: int, vertices: Vertices, limit: float
+) -> tuple[IndexArray, FloatArray]:
+    """Those of the regular faces that are within the limit at equal parameters so many levels later, and their
+    bounds."""
+    regular = np.flatnonzero(is_regular)
+    if not len(regular):
+        return regular, np.zeros(0)
+    bounds = equal_bounds(regular_nets(refinement.mesh, regular), vertices) * 0.25**levels
+    within = bounds <= limit
+    return regular[within], bounds[within]
+
+
+def equal_bounds(nets: FloatArray, vertices: Vertices) -> FloatArray:
+    """(P,): of nets (4, 4, P, 3) of regular faces, ‖e‖ at equal parameters at most, with either diagonal, times 4⁻ʲ for
+    the level j."""
+    uu, vv, uv = (largest_norm(apply(rows, nets)) for rows in (ALONG_U, ALONG_V, MIXED))
+    bounds = (uu + vv) / 8 + uv / 4
+    if vertices is Vertices.CONTROL:
+        bounds = bounds + (uu + vv) / 6 + largest_norm(apply(FOURTH, nets)) / 36
+    return bounds * (1 + ROUNDING) + ROUNDING * np.abs(nets - nets[1, 1]).max(axis=(0, 1, 3))
+
+
+def _uncertain(leaves: Leaves, axes: FloatArray | None) -> BoolArray:
+    """(K,) bool: leaves that may be drawn with their other diagonal, as the triangles would face apart."""
+    spaces = [np.eye(3)] if axes is None else [np.eye(3), axes]
+    quads = np.where(leaves.is_turned[:, None, None], np.roll(leaves.points, -1, axis=1), leaves.points)
+    return is_folded(quads.swapaxes(0, 1), *spaces)

@@ -1,0 +1,244 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A shell: the triangles that a level is drawn as, thickened along vectors at their vertices.
+
+A point of the shell is T(p) + s N(p), where T and N are linear on every triangle, and |s| is at most the triangle's
+range. Each triangle has a prism, and prisms meet in walls over the sides. Where the prisms are not turned inside out,
+and go once around every vertex, every path near the triangles has one place in the shell. docs/distance.md, Shells.
+
+Triangles beyond the first M are flaps: each continues the triangle at a closed side, in its plane.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import cross_products, dot_products, squared_norms, sums_by_index
+from ..mesh.polygon_mesh import PolygonMesh
+
+# The two triangles of a quad, by its corners: with the diagonal from corner 0 to 2, and with that from 1 to 3.
+QUAD_TRIANGLES = np.array([[[0, 1, 2], [0, 2, 3]], [[1, 2, 3], [1, 3, 0]]])
+
+# Of each of these triangles the sides of the quad that its sides are, or DIAGONAL.
+DIAGONAL = -1
+QUAD_SIDES = np.array([[[0, 1, DIAGONAL], [DIAGONAL, 2, 3]], [[1, 2, DIAGONAL], [DIAGONAL, 3, 0]]])
+
+# The triangle at each side of a quad, and which of its sides that is.
+TRIANGLE_AT_SIDE = np.array([[0, 0, 1, 1], [1, 0, 0, 1]])
+SIDE_OF_TRIANGLE = np.array([[0, 1, 1, 2], [2, 0, 1, 1]])
+
+# Vectors may be this far from the normals of the triangles at them, as a cosine.
+LEAST_COSINE = 0.05
+
+# Prisms are used up to this part of the range at which they might be turned inside out.
+RANGE_SHARE = 0.9
+
+# Where a control point is off the surface, the vector at its vertex is along the way there, unless this cosine between
+# it and the normal is not reached.
+ALONG_ERROR = 0.7
+
+
+def lengths(vectors: FloatArray) -> FloatArray:
+    """(…): of vectors (…, 3)."""
+    return np.sqrt(squared_norms(vectors))
+
+
+def units(vectors: FloatArray) -> FloatArray:
+    """(…, 3): vectors (…, 3) of length 1; 0 where there is no direction."""
+    length = lengths(vectors)
+    return vectors / np.where(length > 0, length, 1.0)[..., None]
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """Triangles of K quads, two of each, then flaps. T in all, the first M no flaps.
+
+    corners, vectors: (T, 3, 3), T(p) and N(p) at the corners. normals: (T, 3), unit vectors. vertices: (M, 3) intp.
+    across: (M, 3) intp, the triangle across each side, from corner k to k + 1; apexes: (M, 3) intp, which of its
+    corners is opposite. is_closed: (M, 3) bool, sides where that is a flap. is_unknown: (M,) bool, triangles beside
+    quads that were not given.
+    """
+
+    corners: FloatArray
+    vectors: FloatArray
+    normals: FloatArray
+    vertices: IndexArray
+    across: IndexArray
+    apexes: IndexArray
+    is_closed: BoolArray
+    is_unknown: BoolArray
+
+    @staticmethod
+    def of(mesh: PolygonMesh, points: FloatArray, vectors: FloatArray, is_turned: BoolArray) -> Triangles:
+        """Of the first K faces of a mesh, quads. points: (K, 4, 3), their corners as drawn; vectors: (V, 3), unit
+        vectors at the vertices. is_turned: (K,) bool, as in ``foot_bounds``."""
+        count, turned = len(points), is_turned.astype(np.intp)
+        order = QUAD_TRIANGLES[turned].reshape(-1, 3)
+        quads = np.repeat(np.arange(count), 2)
+        corners = points[quads[:, None], order]
+        vertices = mesh.corner_vertices[4 * quads[:, None] + order]
+        across, apexes, is_closed, is_unknown = _neighbours(mesh, count, turned)
+        normals = units(cross_products(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+        own, side = np.nonzero(is_closed)
+        across[own, side] = len(corners) + np.arange(len(own))
+        apexes[own, side] = 2
+        flaps, their_vectors = _flaps(corners, vectors[vertices], normals, own, side)
+        return Triangles(
+            np.concatenate([corners, flaps]),
+            np.concatenate([vectors[vertices], their_vectors]),
+            np.concatenate([normals, normals[own]]),
+            vertices,
+            across,
+            apexes,
+            is_closed,
+            is_unknown,
+        )
+
+    def flap_vertices(self) -> IndexArray:
+        """(T - M, 2) intp: the vertices of the flaps' first two corners."""
+        own, side = np.nonzero(self.is_closed)
+        return np.stack([self.vertices[own, (side + 1) % 3], self.vertices[own, side]], axis=1)
+
+
+def _neighbours(mesh: PolygonMesh, count: int, turned: IndexArray) -> tuple[IndexArray, ...]:
+    """across, apexes, is_closed and is_unknown of ``Triangles``, of the first ``count`` faces."""
+    sides = QUAD_SIDES[turned].reshape(-1, 3)
+    own = np.arange(2 * count)
+    is_side = sides != DIAGONAL
+    halves = np.where(is_side, 4 * (own // 2)[:, None] + sides, 0)
+    twins = mesh.twin[halves]
+    is_closed = is_side & (twins == halves)
+    quads = mesh.corner_faces[twins]
+    is_unknown = is_side & (quads >= count)
+    known = np.where(is_side & ~is_closed & ~is_unknown, quads, 0)
+    at = np.where(is_side, twins - 4 * quads, 0) % 4
+    others = 2 * known + TRIANGLE_AT_SIDE[turned[known], at]
+    across = np.where(is_side, np.where(is_closed | is_unknown, 0, others), own[:, None] ^ 1)
+    # The diagonal is the last side of the first triangle, and the first of the second.
+    apexes_there = np.where((own % 2 == 0)[:, None], 2, 1)
+    apexes = np.where(is_side, (SIDE_OF_TRIANGLE[turned[known], at] + 2) % 3, apexes_there)
+    return across, apexes, is_closed, np.any(is_unknown, axis=1)
+
+
+def _flaps(
+    corners: FloatArray, vectors: FloatArray, normals: FloatArray, own: IndexArray, side: IndexArray
+) -> tuple[FloatArray, FloatArray]:
+    """Corners and vectors (n, 3, 3) of the flaps at sides of triangles: half a square, as high as half the side."""
+    end, start = (own, (side + 1) % 3), (own, side)
+    along = corners[end] - corners[start]
+    outwards = units(cross_products(along, normals[own])) * lengths(along)[:, None] / 2
+    apexes = (corners[end] + corners[start]) / 2 + outwards
+    middles = (vectors[end] + vectors[start]) / 2
+    return (
+        np.stack([corners[end], corners[start], apexes], axis=1),
+        np.stack([vectors[end], vectors[start], middles], axis=1),
+    )
+
+
+def vertex_vectors(mesh: PolygonMesh, errors: FloatArray | None) -> FloatArray:
+    """(V, 3): unit vectors at the vertices. errors: (V, 3), how far the drawn vertices are off the surface, if they
+    are."""
+    points = mesh.positions[mesh.corner_vertices]
+    following, before = (points[each] - points for each in (mesh.next_corner, mesh.previous_corner))
+    normals = units(sums_by_index(mesh.corner_vertices, units(cross_products(following, before)), mesh.vertex_count))
+    if errors is None:
+        return normals
+    ways = units(errors)
+    cosines = dot_products(ways, normals)
+    return np.where((np.abs(cosines) >= ALONG_ERROR)[:, None], np.sign(cosines)[:, None] * ways, normals)
+
+
+@dataclass(frozen=True)
+class Shell:
+    """Triangles with what the shell over them allows.
+
+    cosines: (T,), the least between a triangle's normal and its vectors. ranges: (M,), the largest |s| for paths that
+    begin at a triangle, at most ``limit``; 0 where the shell is of no use. radii: (V,), how far the sides opposite to
+    each vertex are. is_border: (V,) bool, vertices of closed sides. star_starts: (V + 1,) intp, and star_triangles: the
+    triangles at each vertex, one vertex after the other.
+    """
+
+    triangles: Triangles
+    cosines: FloatArray
+    ranges: FloatArray
+    radii: FloatArray
+    is_border: BoolArray
+    star_starts: IndexArray
+    star_triangles: IndexArray
+
+    @staticmethod
+    def of(mesh: PolygonMesh, triangles: Triangles, limit: float) -> Shell:
+        """limit: no larger distance is of use. mesh: its first faces are the triangles' quads."""
+        cosines = dot_products(triangles.normals[:, None], triangles.vectors).min(axis=1)
+        prism_ranges = np.where(cosines > LEAST_COSINE, np.minimum(_prism_ranges(triangles), limit), 0.0)
+        stars = _Stars.of(mesh, triangles, prism_ranges)
+        ranges = stars.ranges[triangles.vertices].min(axis=1)
+        ranges[triangles.is_unknown] = 0.0
+        return Shell(triangles, cosines, ranges, stars.distances, stars.is_border, stars.starts, stars.triangles)
+
+
+def _prism_ranges(triangles: Triangles) -> FloatArray:
+    """(T,): the |s| up to which a prism is not turned inside out: N · (T_u + s N_u) × (T_v + s N_v) > 0 at its corners,
+    and so everywhere in it."""
+    (along, across), (turn, other_turn) = (
+        (each[:, 1] - each[:, 0], each[:, 2] - each[:, 0]) for each in (triangles.corners, triangles.vectors)
+    )
+    area = cross_products(along, across)
+    linear = cross_products(along, other_turn) + cross_products(turn, across)
+    square = cross_products(turn, other_turn)
+    constant, first, second = (dot_products(triangles.vectors, each[:, None]) for each in (area, linear, square))
+    first, second = np.abs(first), np.abs(second)
+    roots = 2 * constant / np.maximum(first + np.sqrt(first**2 + 4 * second * np.maximum(constant, 0)), 1e-300)
+    return RANGE_SHARE * np.maximum(roots.min(axis=1), 0.0)
+
+
+@dataclass(frozen=True)
+class _Stars:
+    """The triangles at each of V vertices. ranges: (V,), the least of their prisms' ranges, 0 where some are not known
+    or they do not go once around; distances: (V,), of the opposite sides, at least; starts, triangles, is_border: as
+    of ``Shell``."""
+
+    ranges: FloatArray
+    distances: FloatArray
+    is_border: BoolArray
+    starts: IndexArray
+    triangles: IndexArray
+
+    @staticmethod
+    def of(mesh: PolygonMesh, triangles: Triangles, prism_ranges: FloatArray) -> _Stars:
+        count, own, every = mesh.vertex_count, len(triangles.vertices), len(triangles.corners)
+        flap_vertices = triangles.flap_vertices()
+        which = np.concatenate([np.repeat(np.arange(own), 3), np.repeat(np.arange(own, every), 2)])
+        corners = np.concatenate([np.tile(np.arange(3), own), np.tile(np.arange(2), every - own)])
+        vertices = np.concatenate([triangles.vertices.ravel(), flap_vertices.ravel()])
+        order = np.argsort(vertices, kind="stable")
+        which, corners, vertices = which[order], corners[order], vertices[order]
+        angle, distance = _at_corners(triangles, which, corners)
+        angles = np.bincount(vertices, weights=angle, minlength=count)
+        ranges, distances = np.full((2, count), np.inf)
+        np.minimum.at(ranges, vertices, prism_ranges[which])
+        np.minimum.at(distances, vertices, distance)
+        is_border = np.zeros(count, dtype=bool)
+        is_border[flap_vertices.ravel()] = True
+        faces = np.bincount(mesh.corner_vertices[: 2 * own], minlength=count)
+        # Angles that are all less than a half turn go around a vertex inside a whole number of times.
+        goes_once = angles < np.where(is_border, 2 * np.pi * (1 - 2.0**-20), 3 * np.pi)
+        whole = (faces == mesh.vertex_face_counts) & goes_once
+        starts = np.concatenate([[0], np.cumsum(np.bincount(vertices, minlength=count))])
+        return _Stars(np.where(whole, ranges, 0.0), distances, is_border, starts, which)
+
+
+def _at_corners(triangles: Triangles, which: IndexArray, corners: IndexArray) -> tuple[FloatArray, FloatArray]:
+    """(n,) each: of some triangles at a corner each the angle, seen along the vector there; and how far the opposite
+    side is."""
+    points, vector = triangles.corners[which, corners], triangles.vectors[which, corners]
+    following = triangles.corners[which, (corners + 1) % 3] - points
+    before = triangles.corners[which, (corners + 2) % 3] - points
+    across = dot_products(vector, cross_products(following, before))
+    along = dot_products(following, before) - dot_products(following, vector) * dot_products(before, vector)
+    opposite = before - following
+    part = -dot_products(following, opposite) / np.maximum(squared_norms(opposite), 1e-300)
+    nearest = following + np.clip(part, 0.0, 1.0)[:, None] * opposite
+    return np.arctan2(across, along), lengths(nearest)

@@ -1,0 +1,273 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Distances of whole meshes at a level, both ways, against dense samples: every kind of face, and meshes made to break
+what the bounds rest on."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+import pytest
+
+from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
+from ccdepth_addon.core.bounds.norm_bounds import Vertices
+from ccdepth_addon.core.depth.common_level import common_level
+from ccdepth_addon.core.depth.face_depths import face_depths, level_bounds, uniform_level
+from ccdepth_addon.core.depth.pose_depths import pose_depths
+from ccdepth_addon.core.depth.poses import Pose
+from ccdepth_addon.core.depth.worst_pose import worst_pose
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import subdivide
+from ccdepth_addon.core.surface.limit_positions import limit_positions
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
+from tests import meshes
+from tests.brute_force import linear_children
+from tests.triangle_distances import distances
+
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+# How many levels deeper the surface is sampled.
+DEEPER = 2
+
+# Relative: single precision plays no part, and double precision is exact to far more.
+ROUNDING = 1e-9
+
+
+def sphere(columns: int = 12, rows: int = 6) -> meshes.MeshData:
+    """A sphere with poles of triangles."""
+    turns, heights = np.arange(columns) * 2 * np.pi / columns, np.arange(1, rows) * np.pi / rows
+    rings = [(np.sin(h) * np.cos(t), np.sin(h) * np.sin(t), np.cos(h)) for h in heights for t in turns]
+    last = len(rings)
+    faces = [
+        [c + columns * r, c + columns * (r + 1), (c + 1) % columns + columns * (r + 1), (c + 1) % columns + columns * r]
+        for r in range(rows - 2)
+        for c in range(columns)
+    ]
+    faces += [[last, c, (c + 1) % columns] for c in range(columns)]
+    bottom = columns * (rows - 2)
+    faces += [[last + 1, bottom + (c + 1) % columns, bottom + c] for c in range(columns)]
+    return meshes.from_faces([*rings, (0, 0, 1), (0, 0, -1)], faces)
+
+
+def bevelled_prism(sides: int = 8, bevel: float = 0.08) -> meshes.MeshData:
+    """A prism with two narrow strips around each cap, an n-gon."""
+    turns = np.arange(sides) * 2 * np.pi / sides
+    profile = [(1 - bevel, -1.0), (1 - bevel / 4, -1 + bevel / 4), (1.0, -1 + bevel)]
+    profile += [(radius, -height) for radius, height in profile[::-1]]
+    points = [(r * np.cos(t), r * np.sin(t), z) for r, z in profile for t in turns]
+    faces = [
+        [c + sides * k, (c + 1) % sides + sides * k, (c + 1) % sides + sides * (k + 1), c + sides * (k + 1)]
+        for k in range(len(profile) - 1)
+        for c in range(sides)
+    ]
+    caps = [list(range(sides))[::-1], [c + sides * (len(profile) - 1) for c in range(sides)]]
+    return meshes.from_faces(points, faces + caps)
+
+
+def sheared(data: meshes.MeshData, shear: float) -> meshes.MeshData:
+    """Parallelograms in place of squares: sides that are far from perpendicular."""
+    return moved_by(data, lambda x, y, z: (x + shear * y, y, z))
+
+
+def folded(data: meshes.MeshData) -> meshes.MeshData:
+    """Turned over on itself along a line."""
+    return moved_by(data, lambda x, y, z: (np.abs(x - x.mean()), y, z + 0.05 * (x > x.mean())))
+
+
+def wavy(data: meshes.MeshData, size: float) -> meshes.MeshData:
+    """Grid lines that wind to and fro in the plane."""
+    return moved_by(data, lambda x, y, z: (x + size * np.sin(4 * y), y + size * np.sin(3 * x), z))
+
+
+def moved_by(data: meshes.MeshData, change: Callable[..., tuple[FloatArray, ...]]) -> meshes.MeshData:
+    x, y, z = np.asarray(data.positions, dtype=np.float64).T
+    return meshes.MeshData(**{**vars(data), "positions": np.stack(change(x, y, z), axis=1)})
+
+
+MESHES: dict[str, Callable[[int], meshes.MeshData]] = {
+    "cube": lambda seed: meshes.bumpy(meshes.cube(), 0.2, seed),
+    "sphere": lambda seed: meshes.bumpy(sphere(4 + seed % 20), 0.03 * (seed % 3), seed),
+    "pole of 48": lambda seed: sphere(48, 4),
+    "bevelled prism": lambda seed: bevelled_prism(3 + seed % 12, 0.02 + 0.05 * (seed % 4)),
+    "torus": lambda seed: meshes.bumpy(meshes.torus(9, 6), 0.1, seed),
+    "landscape": lambda seed: meshes.landscape(5, 4, seed),
+    "landscape with creases": lambda seed: meshes.with_random_creases(meshes.landscape(4, 4, seed), seed),
+    "hexagons": lambda seed: meshes.hexagons(3, 3, 0.2, seed),
+    "fan": lambda seed: meshes.fan(3 + seed % 9, 2, seed),
+    "cylinder with creases": lambda seed: meshes.with_random_creases(meshes.cylinder(6), seed),
+    "sheared": lambda seed: sheared(meshes.landscape(4, 4, seed), 2.5),
+    "wavy": lambda seed: wavy(meshes.landscape(4, 4, seed), 0.2),
+    "wavy and flat": lambda seed: moved_by(
+        wavy(meshes.grid(4, 4), 0.1 + 0.05 * (seed % 4)), lambda x, y, z: (x, y, 0 * z)
+    ),
+    "folded": lambda seed: folded(meshes.landscape(6, 3, seed)),
+    "face soup": lambda seed: meshes.face_soup(seed),
+    "collapsed faces": lambda seed: meshes.with_collapsed_faces(meshes.landscape(4, 4, seed)),
+    "Möbius strip": lambda seed: meshes.mobius_strip(7 + seed % 5),
+    "three faces on an edge": lambda seed: meshes.three_faces_on_an_edge(),
+    "boundary touching inside": lambda seed: meshes.boundary_touching_inside(),
+    "flipped face": lambda seed: meshes.flipped_face(),
+    "concave faces": lambda seed: meshes.concave_faces(),
+    "bow tie": lambda seed: meshes.bow_tie(),
+    "valence two": lambda seed: meshes.valence_two(),
+    "creased cube": lambda seed: meshes.creased_cube(),
+    "tetrahedron": lambda seed: meshes.bumpy(meshes.tetrahedron(), 0.1, seed),
+    "two cubes sharing an edge": lambda seed: meshes.two_cubes_sharing_an_edge(),
+}
+
+
+class Level:
+    """A mesh at a level. owners: (F,), the face of the control mesh that each comes from."""
+
+    def __init__(self, mesh: PolygonMesh) -> None:
+        self.mesh = mesh
+        self.owners = np.arange(mesh.face_count)
+        self.parameters: FloatArray | None = None
+
+    def refined(self) -> Level:
+        following = Level(subdivide(self.mesh).mesh)
+        following.owners = np.repeat(self.owners, self.mesh.face_sizes)
+        if self.parameters is not None:
+            following.parameters = linear_children(self.mesh, self.parameters).reshape(-1, 2)
+        else:
+            # The diagonals of polygons that are not quads run from corners to the middle.
+            following.parameters = np.tile(SQUARE, (following.mesh.face_count, 1))
+            turns = np.concatenate(
+                [np.arange(size) % 2 if size == 4 else np.zeros(size) for size in self.mesh.face_sizes]
+            )
+            following.parameters[:, 0] *= np.repeat(1 - 2 * turns, 4)
+        return following
+
+    def drawn(self, vertices: Vertices) -> tuple[FloatArray, IndexArray, IndexArray]:
+        """Positions, (T, 3) triangles, and (T,) the face of the control mesh of each."""
+        assert self.parameters is not None
+        quads, parameters = self.mesh.corner_vertices.reshape(-1, 4), self.parameters.reshape(-1, 4, 2)
+        rises = (parameters[:, 2] - parameters[:, 0]).prod(axis=1) > 0
+        quads = np.where(rises[:, None], quads, np.roll(quads, -1, axis=1))
+        positions = self.mesh.positions if vertices is Vertices.CONTROL else limit_positions(self.mesh)
+        return positions, quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3), np.repeat(self.owners, 2)
+
+
+def sampled(mesh: PolygonMesh, level: int, vertices: Vertices) -> tuple[FloatArray, FloatArray, float]:
+    """(F,) how far the triangles of each face are from the surface, (F,) the surface over it from the triangles, and
+    how far the fine triangles that stand for the surface may be off it."""
+    levels = [Level(mesh)]
+    for _ in range(level + DEEPER):
+        levels.append(levels[-1].refined())
+    fine, fine_triangles, fine_owners = levels[-1].drawn(Vertices.LIMIT)
+    coarse, coarse_triangles, _ = levels[-2].drawn(Vertices.LIMIT)
+    # A level takes a third off at least, at poles of any valence; mostly three quarters.
+    off = 2 * float(distances(fine, coarse, coarse_triangles).max())
+    positions, triangles, owners = levels[level].drawn(vertices)
+    i, j = np.meshgrid(np.arange(5), np.arange(5))
+    weights = np.stack([i, j, 4 - i - j], axis=-1)[i + j <= 4] / 4
+    points = np.einsum("sc,tci->tsi", weights, positions[triangles])
+    there = distances(points.reshape(-1, 3), fine, fine_triangles).reshape(len(points), -1).max(axis=1)
+    back = distances(fine, positions, triangles)[fine_triangles].max(axis=1)
+    found = np.zeros((2, mesh.face_count))
+    np.maximum.at(found[0], owners, there)
+    np.maximum.at(found[1], fine_owners, back)
+    return found[0], found[1], off
+
+
+def case(name: str, seed: int) -> tuple[PolygonMesh, float]:
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(MESHES[name](seed)), smooth_corners=True)
+    return mesh, float(np.linalg.norm(np.ptp(mesh.positions, axis=0)))
+
+
+def cases() -> list[object]:
+    """Every mesh at level 1; in the thorough run with more seeds, and at level 2."""
+    thorough = pytest.mark.thorough
+    found: list[object] = [pytest.param(name, 0, 1, id=f"{name}-0") for name in MESHES]
+    return found + [
+        pytest.param(name, seed, 2, marks=thorough, id=f"{name}-{seed}") for name in MESHES for seed in SEEDS
+    ]
+
+
+SEEDS = range(*map(int, os.environ.get("CCDEPTH_SEEDS", "0:4").split(":")))
+
+
+@pytest.mark.parametrize(("name", "seed", "levels"), cases())
+@pytest.mark.parametrize("vertices", Vertices)
+def test_levels_are_as_near_as_proved(name: str, seed: int, levels: int, vertices: Vertices) -> None:
+    """At several tolerances, each face both ways."""
+    mesh, diagonal = case(name, seed)
+    for level in range(1, levels + 1):
+        there, back, off = sampled(mesh, level, vertices)
+        largest = max(there.max(), back.max())
+        for tolerance in (0.1 * diagonal, 1.5 * largest + 1e-6 * diagonal, 0.7 * largest + 1e-6 * diagonal):
+            bounds = level_bounds(mesh, tolerance, "DISTANCE", vertices, level)
+            assert np.all(back <= bounds * (1 + ROUNDING) + ROUNDING * diagonal)
+            assert np.all(there <= bounds * (1 + ROUNDING) + off + ROUNDING * diagonal)
+
+
+@pytest.mark.parametrize("vertices", Vertices)
+@pytest.mark.parametrize("name", ["cube", "sphere", "bevelled prism", "landscape with creases", "wavy and flat"])
+def test_all_faces_are_within_the_tolerance_at_the_uniform_level(name: str, vertices: Vertices) -> None:
+    mesh, diagonal = case(name, 3)
+    for tolerance in (0.02 * diagonal, 0.005 * diagonal):
+        found = face_depths(mesh, tolerance, "DISTANCE", vertices)
+        assert np.all((found.depths >= 0) & (found.bounds <= tolerance))
+        level = uniform_level(mesh, tolerance, "DISTANCE", vertices, found.depths, 1, lasting=found.lasting)
+        assert level >= found.depths.max()
+        if level <= 3:
+            there, back, off = sampled(mesh, level, vertices)
+            assert back.max() <= tolerance
+            assert there.max() <= tolerance + off
+
+
+@pytest.mark.parametrize(("name", "tolerance", "level"), [("bevelled prism", 1e-3, 2), ("sphere", 2e-3, 2)])
+def test_uneven_parameters_do_not_count(name: str, tolerance: float, level: int) -> None:
+    """The least level: samples at the one before are farther off. At equal parameters it is many levels more."""
+    mesh, diagonal = case(name, 9)
+    assert uniform_level(mesh, tolerance * diagonal, "DISTANCE", "LIMIT") == level
+    there, back, _ = sampled(mesh, level - 1, Vertices.LIMIT)
+    assert max(there.max(), back.max()) > tolerance * diagonal
+    assert uniform_level(mesh, tolerance * diagonal, "CERTIFIED", "LIMIT") > level + 1
+
+
+def test_what_is_flat_has_no_distance() -> None:
+    """Whatever way its grid lines wind: all of it, at the first level at which vertices are on the surface."""
+    mesh, diagonal = case("wavy and flat", 2)
+    inside = np.flatnonzero(~np.isin(np.arange(mesh.face_count), np.unique(border_faces(mesh))))
+    found = face_depths(mesh, 1e-4 * diagonal, "DISTANCE", "LIMIT")
+    assert len(inside)
+    assert np.all(found.depths[inside] <= 1)
+
+
+def border_faces(mesh: PolygonMesh) -> IndexArray:
+    """The faces that touch the border."""
+    edges = mesh.edge_face_counts == 1
+    vertices = np.zeros(mesh.vertex_count, dtype=bool)
+    vertices[mesh.edge_vertices[edges]] = True
+    return mesh.corner_faces[vertices[mesh.corner_vertices]]
+
+
+def test_a_depth_over_poses_holds_in_all_of_them() -> None:
+    mesh, diagonal = case("bevelled prism", 5)
+    generator = np.random.default_rng(1)
+    positions = [
+        mesh.positions,
+        *(mesh.positions + 0.03 * generator.normal(size=mesh.positions.shape) for _ in range(2)),
+    ]
+    poses = [Pose(partial(mesh.changed, positions=each), 0.03 * diagonal) for each in positions]
+    found = pose_depths(poses, "DISTANCE", "LIMIT")
+    single = [face_depths(pose.make(), pose.tolerance, "DISTANCE", "LIMIT").depths for pose in poses]
+    assert np.all(found.depths >= np.max(single, axis=0))
+    level = common_level(poses, "DISTANCE", "LIMIT", found)
+    for pose in poses:
+        there, back, off = sampled(pose.make(), level, Vertices.LIMIT)
+        assert back.max() <= pose.tolerance
+        assert there.max() <= pose.tolerance + off
+    assert worst_pose(poses, "DISTANCE", "LIMIT", found).depth == found.depths.max()
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.01])
+def test_quads_that_may_be_drawn_along_their_other_diagonal_have_the_larger_bound(scale: float) -> None:
+    """In the space of an object that is flattened in the scene, quads are folded that are not so there."""
+    mesh, diagonal = case("landscape", 2)
+    turned = mesh.changed(axes=np.diag([1.0, 1.0, scale]))
+    plain, other = (level_bounds(each, 0.1 * diagonal, "DISTANCE", "LIMIT", 1) for each in (mesh, turned))
+    assert np.all(other >= plain) if scale < 1 else np.array_equal(plain, other)
