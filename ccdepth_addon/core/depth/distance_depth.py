@@ -9,7 +9,7 @@ until all of a face's leaves are within the tolerance.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -49,10 +49,13 @@ def distance_depths(
     while len(left):
         shown = vertices if level else Vertices.CONTROL
         bounds = np.full(mesh.face_count, np.inf)
+        lasting = np.zeros(mesh.face_count, dtype=bool)
         if level or shown is vertices:
             bounds[left] = feet.at(level, left)
-        lasting = bounds <= limit
-        open_faces = left[~lasting[left] & (is_quad[left] | (level > 0)) & feet.may_be_within(level, left, limit)]
+            lasting[left] = feet.at(level, left, longest=0.5**level) <= limit
+        open_faces = left[
+            (bounds[left] > limit) & (is_quad[left] | (level > 0)) & feet.may_be_within(level, left, limit)
+        ]
         for found in _by_leaves(mesh, open_faces, level, shown, limit, tick, joined=False):
             bounds[found.faces] = found.bounds
         settled = left[bounds[left] <= limit]
@@ -74,7 +77,8 @@ def distance_level_bounds(
     """The proved bounds of some faces at one level, both ways, in chunks. tick: as of ``distance_depths``."""
     shown = vertices if level else Vertices.CONTROL
     limit = test.tolerance - test.allowance
-    bounds = _Feet.of(mesh, shown, tick).at(level, faces)
+    # Ways no longer than a leaf ask for nothing of other faces but the leaves that touch it.
+    bounds = _Feet.of(mesh, shown, tick).at(level, faces, longest=0.5**level)
     proved = bounds <= limit
     yield LevelBounds(faces[proved], bounds[proved] + test.allowance)
     rest = faces[~proved]
@@ -126,16 +130,11 @@ class _Feet:
             return foot_bounds(regular_nets(mesh, some), vertices, np.zeros(len(some), dtype=bool))
 
         parts = list(map_in_threads(bound, index_chunks(regular, AT_ONCE), tick))
-        names = (
-            tuple(vars(parts[0]))
-            if parts
-            else ("second", "third", "plain", "fourth", "reach", "curvature", "speed", "middle")
-        )
+        names = [field.name for field in fields(FootBounds)]
         joined = FootBounds(*(np.concatenate([np.zeros(0), *(vars(part)[name] for part in parts)]) for name in names))
         places = np.full(mesh.face_count, -1)
         places[regular] = np.arange(len(regular))
-        at_vertices = np.full((2, mesh.vertex_count), 0.0)
-        corners = 4 * np.zeros(0, dtype=np.intp)
+        at_vertices = np.zeros((2, mesh.vertex_count))
         corners = mesh.corner_vertices[mesh.face_starts[regular][:, None] + np.arange(4)]
         for own, values in zip(at_vertices, (joined.curvature, joined.speed), strict=True):
             for corner in range(4):
@@ -149,22 +148,22 @@ class _Feet:
         curvature[~patches.inside[regular]] = np.inf
         return _Feet(places, joined, curvature, speed)
 
-    def at(self, level: int, faces: IndexArray) -> FloatArray:
-        """(n,): the bounds of some faces at a level; infinite where there are none."""
+    def at(self, level: int, faces: IndexArray, longest: float = 1.0) -> FloatArray:
+        """(n,): the bounds of some faces at a level, infinite where there are none. longest: as of ``FootBounds``."""
         found = np.full(len(faces), np.inf)
         has, places = self._places(faces)
         if np.any(has):
             own = FootBounds(*(column[places] for column in vars(self.bounds).values()))
-            found[has] = own.at(level, self.curvature[places], self.speed[places])
+            found[has] = own.at(level, self.curvature[places], self.speed[places], longest)
         return found
 
     def may_be_within(self, level: int, faces: IndexArray, limit: float) -> BoolArray:
         """(n,) bool: faces that are worth looking at leaf by leaf."""
         found = np.ones(len(faces), dtype=bool)
         has, places = self._places(faces)
-        found[has] = (self.bounds.middle[places] * 0.25**level <= limit) & (level <= DEEPEST_BY_LEAVES)
-        # Without feet nothing else decides.
-        found[has] |= np.isinf(self.curvature[places]) & (self.bounds.middle[places] * 0.25**level <= limit)
+        # Without feet, as at borders, nothing else decides.
+        is_shallow = np.isinf(self.curvature[places]) | (level <= DEEPEST_BY_LEAVES)
+        found[has] = is_shallow & (self.bounds.middle[places] * 0.25**level <= limit)
         return found
 
     def _places(self, faces: IndexArray) -> tuple[BoolArray, IndexArray]:

@@ -69,18 +69,19 @@ class FootBounds:
     speed: FloatArray
     middle: FloatArray
 
-    def at(self, level: int, curvature: FloatArray, speed: FloatArray) -> FloatArray:
+    def at(self, level: int, curvature: FloatArray, speed: FloatArray, longest: float = 1.0) -> FloatArray:
         """(P,): B = b + κw², at least how far the level's triangles of each face are from the surface, and the surface
         over it from the triangles of the face and of those that touch it; infinite where that is not proved.
 
-        curvature, speed: (P,), κ and α, the largest of the face and of all faces that touch it.
+        curvature, speed: (P,), κ and α, the largest of the face and of all faces that touch it. longest: how far from
+        equal parameters feet may be, as a part of the face.
         """
         size = 0.5**level
         with np.errstate(invalid="ignore", over="ignore"):
             along = np.minimum(self.second + size * self.third, self.plain) * size**2 + self.fourth * size**4
             reach = self.reach * size**2
             bounds = along + curvature * reach**2
-            proved = (curvature * bounds <= 0.5 - ROUNDING) & (2 * reach * speed <= size * (1 - ROUNDING))
+            proved = (curvature * bounds <= 0.5 - ROUNDING) & (2 * reach * speed <= longest * (1 - ROUNDING))
         return np.where(proved, bounds, np.inf)
 
 

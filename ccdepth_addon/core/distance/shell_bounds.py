@@ -155,8 +155,8 @@ def _part_across(points: FloatArray, vectors: FloatArray) -> FloatArray:
 @dataclass(frozen=True)
 class _Wall:
     """A wall seen from a corner (P, 3). inwards: (P, 3), the normal of the plane of side and vector, on the side that
-    is asked for; lengths: (P,), of the side across the vector. margins: (P,), so much of the distance beside the vector is
-    the product of a point of the wall with ``inwards`` at most; infinite where there is no such bound."""
+    is asked for; lengths: (P,), of the side across the vector. margins: (P,), so much of the distance beside the vector
+    is the product of a point of the wall with ``inwards`` at most; infinite where there is no such bound."""
 
     inwards: FloatArray
     lengths: FloatArray
