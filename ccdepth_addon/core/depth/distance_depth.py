@@ -9,7 +9,7 @@ until all of a face's leaves are within the tolerance.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
@@ -111,6 +111,10 @@ def _by_leaves(
     return map_in_threads(bound, index_chunks(faces, at_once), tick)
 
 
+# A sine: two normals that are nearer to a third one than 45° do not face apart.
+LARGEST_TILT = 0.7
+
+
 @dataclass(frozen=True)
 class _Feet:
     """The bounds by feet of a mesh's faces. places: (F,) intp, of each face among the bounds, -1 where it has none.
@@ -127,7 +131,14 @@ class _Feet:
         regular = np.flatnonzero(patches.kinds == PatchKind.REGULAR)
 
         def bound(some: IndexArray) -> FootBounds:
-            return foot_bounds(regular_nets(mesh, some), vertices, np.zeros(len(some), dtype=bool))
+            nets = regular_nets(mesh, some)
+            first = foot_bounds(nets, vertices, np.zeros(len(some), dtype=bool))
+            if vertices is Vertices.LIMIT:
+                return first
+            # Of control points nothing tells which diagonal is drawn.
+            second = foot_bounds(nets, vertices, np.ones(len(some), dtype=bool))
+            larger = {name: np.maximum(vars(first)[name], vars(second)[name]) for name in ("second", "plain")}
+            return replace(first, **larger)
 
         parts = list(map_in_threads(bound, index_chunks(regular, AT_ONCE), tick))
         names = [field.name for field in fields(FootBounds)]
@@ -146,6 +157,11 @@ class _Feet:
         at_vertices[:, unknown] = np.inf
         curvature, speed = at_vertices[:, corners].max(axis=2)
         curvature[~patches.inside[regular]] = np.inf
+        if vertices is Vertices.LIMIT:
+            # Triangles that might face apart would be drawn along the other diagonal: in the space where that is
+            # chosen, normals are farther apart by the condition of its axes at most.
+            condition = 1.0 if mesh.axes is None else float(np.linalg.cond(mesh.axes))
+            curvature[joined.tilt * condition > LARGEST_TILT] = np.inf
         return _Feet(places, joined, curvature, speed)
 
     def at(self, level: int, faces: IndexArray, longest: float = 1.0) -> FloatArray:

@@ -57,7 +57,8 @@ class FootBounds:
     fourth h⁴ =: b, lengths; reach: (P,) with ‖e‖ ≤ reach h² =: w. curvature: (P,), at least the principal curvatures of
     the face, 1 / length; speed: (P,), at least how fast parameters change with the way along it, 1 / length. All are
     infinite where the face is not shown to be an immersion.
-    middle: (P,), about what is reached at the middle, times h²; proves nothing.
+    tilt: (P,), at least how far normals as long along n₀ as that are from it: of the surface, and of triangles with
+    vertices on it. middle: (P,), about what is reached at the middle, times h²; proves nothing.
     """
 
     second: FloatArray
@@ -67,6 +68,7 @@ class FootBounds:
     reach: FloatArray
     curvature: FloatArray
     speed: FloatArray
+    tilt: FloatArray
     middle: FloatArray
 
     def at(self, level: int, curvature: FloatArray, speed: FloatArray, longest: float = 1.0) -> FloatArray:
@@ -130,6 +132,7 @@ def foot_bounds(nets: FloatArray, vertices: Vertices, is_turned: BoolArray) -> F
         errors[0] + frame.lengths[0] * errors[1] + frame.lengths[1] * errors[2],
         uu * a * a + 2 * uv * a * b + vv * b * b,
         np.maximum(a, b),
+        tilts[0] * frame.dual_lengths[0] + tilts[1] * frame.dual_lengths[1],
     )
     proved = frame.is_known & turns.are_known
     bounds = [np.where(proved, each * (1 + ROUNDING), np.inf) for each in found]
