@@ -102,7 +102,9 @@ class Triangles:
         return np.stack([self.vertices[own, (side + 1) % 3], self.vertices[own, side]], axis=1)
 
 
-def _neighbours(mesh: PolygonMesh, count: int, turned: IndexArray) -> tuple[IndexArray, ...]:
+def _neighbours(
+    mesh: PolygonMesh, count: int, turned: IndexArray
+) -> tuple[IndexArray, IndexArray, BoolArray, BoolArray]:
     """across, apexes, is_closed and is_unknown of ``Triangles``, of the first ``count`` faces."""
     sides = QUAD_SIDES[turned].reshape(-1, 3)
     own = np.arange(2 * count)
