@@ -35,6 +35,17 @@ def squared_norms(vectors: FloatArray) -> FloatArray:
     return total
 
 
+def lengths(vectors: FloatArray) -> FloatArray:
+    """(…, 3) vectors → (…)."""
+    return np.sqrt(squared_norms(vectors))
+
+
+def units(vectors: FloatArray) -> FloatArray:
+    """(…, 3) vectors made 1 long, but zero where there is no direction."""
+    length = lengths(vectors)
+    return vectors / np.where(length > 0, length, 1.0)[..., None]
+
+
 def dot_products(a: FloatArray, b: FloatArray) -> FloatArray:
     """(…, 3) vectors each → (…); faster than numpy's own on component-major vectors."""
     dots = a[..., 0] * b[..., 0]

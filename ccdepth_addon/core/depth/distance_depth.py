@@ -161,7 +161,7 @@ class _Feet:
             # Triangles that might face apart would be drawn along the other diagonal: in the space where that is
             # chosen, normals are farther apart by the condition of its axes at most.
             condition = 1.0 if mesh.axes is None else float(np.linalg.cond(mesh.axes))
-            curvature[joined.tilt * condition > LARGEST_TILT] = np.inf
+            curvature[~(joined.tilt <= LARGEST_TILT / condition)] = np.inf
         return _Feet(places, joined, curvature, speed)
 
     def at(self, level: int, faces: IndexArray, longest: float = 1.0) -> FloatArray:

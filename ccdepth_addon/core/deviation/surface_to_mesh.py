@@ -9,12 +9,12 @@ import numpy as np
 
 from ..arrays.chunks import FEW_AT_ONCE, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import squared_norms
+from ..arrays.vectors import squared_norms, units
 from ..surface.bicubic import CORNERS
 from .bezier_pieces import BezierPieces
 from .covering_triangles import over_triangles
 from .findings import Findings
-from .triangles import Triangles, unit
+from .triangles import Triangles
 
 # Pieces of each block whose corners are looked at for distances that are reached.
 LOOKED_AT = 64
@@ -168,7 +168,7 @@ class SurfaceToMesh:
     def normals(self, block: IndexArray) -> FloatArray:
         """(n, 3): of the pieces' middles, about; zero where there is none."""
         a, b, c, d = np.moveaxis(self.pieces.coefficients[block][:, :, CORNERS], 2, 0)
-        return unit(np.cross(c - a, d - b))
+        return units(np.cross(c - a, d - b))
 
     def _improve(self, block: IndexArray, upper: FloatArray, which: IndexArray) -> None:
         upper = upper + self.findings.allowance

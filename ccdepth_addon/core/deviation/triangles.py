@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
-from ..arrays.vectors import squared_norms
+from ..arrays.vectors import squared_norms, units
 from .box_tree import BoxTree
 from .columns import NONE, columns, crosses, products
 
@@ -42,7 +42,7 @@ class Triangles:
         tree = BoxTree.around(points.min(axis=0), points.max(axis=0))
         tick()
         normals = np.cross(points[1] - points[0], points[2] - points[0])
-        return Triangles(points, beyond, unit(normals), needle_thickness(points), distance_slack(points), tree)
+        return Triangles(points, beyond, units(normals), needle_thickness(points), distance_slack(points), tree)
 
     @property
     def count(self) -> int:
@@ -93,12 +93,6 @@ def _partners(corners: IndexArray, vertex_count: int) -> IndexArray:
     beyond = np.full(len(keys), NONE)
     beyond[one], beyond[other] = other % corners.shape[1], one % corners.shape[1]
     return beyond.reshape(corners.shape)
-
-
-def unit(vectors: FloatArray) -> FloatArray:
-    """Vectors (N, 3) made 1 long, but zero where there is no direction."""
-    lengths = np.sqrt(squared_norms(vectors))
-    return np.divide(vectors, lengths[:, None], out=np.zeros_like(vectors), where=lengths[:, None] > 0)
 
 
 def to_triangles(places: FloatArray, corners: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -14,13 +14,15 @@ import numpy as np
 
 from ..adaptive.leaf_bounds.descent import Squares
 from ..adaptive.leaf_bounds.triangle_bounds import coefficients_over
+from ..adaptive.templates import QUAD_POINTS
 from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import lengths
 from ..bounds.norm_bounds import Vertices
 from ..surface.bicubic import HALVES
 from ..surface.refinement import Refinement
 from .leaf_surfaces import Tiles, tiles_of
 from .shell_bounds import Curves, Pieces, curve_bounds, shell_bounds
-from .shells import QUAD_TRIANGLES, SIDE_OF_TRIANGLE, TRIANGLE_AT_SIDE, Shell, Triangles, lengths, vertex_vectors
+from .shells import QUAD_TRIANGLES, SIDE_OF_TRIANGLE, TRIANGLE_AT_SIDE, Shell, Triangles, vertex_vectors
 
 # How often tiles are halved both ways before a quad is given up.
 SPLITS = 5
@@ -28,7 +30,7 @@ SPLITS = 5
 # Quads whose tiles are looked at together.
 QUADS_AT_ONCE = 1 << 12
 
-SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+SQUARE = QUAD_POINTS[:4]
 GREVILLE = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
 
 # The Bernstein coefficients on each side of a square.
@@ -113,7 +115,7 @@ class Leaves:
                 triangles = 2 * quads[bases] + parts.triangles[some]
                 flats = self._drawn(tiles.squares.at(chosen), pattern.places, quads[bases], parts.triangles[some])
                 pieces = Pieces(triangles, hulls, tiles.near[chosen], flats)
-                bounds, _ = shell_bounds(self.shell, pieces)
+                bounds = shell_bounds(self.shell, pieces)
                 is_open = bounds > self.limit
                 np.maximum.at(found, bases[~is_open], bounds[~is_open])
                 lost = is_open & (self._heights_at(pattern, pieces) > self.limit) if split < splits else is_open
@@ -156,9 +158,9 @@ class Leaves:
                 if len(chosen):
                     rows = ON_SIDES[own] if tiles.are_bicubic else slice(None)
                     hulls = np.moveaxis(tiles.points[rows][:, chosen], 0, 1)
-                    ends = SQUARE[[own, (own + 1) % 4]]
+                    along = GREVILLE[rows] if tiles.are_bicubic else SQUARE[[own, (own + 1) % 4]]
                     some = tiles.squares.at(chosen)
-                    flats = self._drawn(some, ends, quads[bases[chosen]], TRIANGLE_AT_SIDE[turned[chosen], side])
+                    flats = self._drawn(some, along, quads[bases[chosen]], TRIANGLE_AT_SIDE[turned[chosen], side])
                     curves = Curves(triangles[chosen], sides[chosen], hulls, tiles.near[chosen], flats)
                     np.maximum.at(found, bases[chosen], curve_bounds(self.shell, curves))
 
@@ -176,8 +178,7 @@ class Leaves:
                     squares = tiles.squares.at(parts.chosen)
                     for pattern in patterns:
                         hulls = pattern.hulls(tiles.points, parts.chosen)
-                        places = pattern.rows() @ GREVILLE if tiles.are_bicubic else SQUARE
-                        points = other._drawn(squares, places, quads[bases], parts.triangles)
+                        points = other._drawn(squares, pattern.places, quads[bases], parts.triangles)
                         off = hulls - points if tiles.are_bicubic else hulls[:, :, None] - points[:, None]
                         off = lengths(off).reshape(len(bases), -1).max(axis=1) + tiles.near[parts.chosen]
                         np.maximum.at(found, bases, off)
@@ -200,8 +201,9 @@ class _Pattern:
 
     @property
     def places(self) -> FloatArray:
-        """Its corners in the square."""
-        return SQUARE if self.corners is None else self.corners
+        """(R, 2): parameters in the square at which what is drawn has the hull points' coefficients; for a hull its
+        corners."""
+        return SQUARE if self.corners is None else self.rows() @ GREVILLE
 
     def rows(self) -> FloatArray:
         """(R, 16): the part's hull points from the tile's coefficients."""

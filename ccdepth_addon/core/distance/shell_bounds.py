@@ -14,8 +14,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import cross_products, dot_products
-from .shells import Shell, lengths, units
+from ..arrays.vectors import cross_products, dot_products, lengths, units
+from .shells import Shell
 
 # Points this near a corner's vector, as a part of the triangle's size, count as on it; a bound counts the part besides.
 ON_VECTOR = 2.0**-36
@@ -30,8 +30,8 @@ ROUNDING = 2.0**-40
 @dataclass(frozen=True)
 class Pieces:
     """P pieces of the surface. triangles: (P,) intp, of a shell. hulls: (P, R, 3), points whose hull holds the piece;
-    near: (P,), except for so much. flats: (P, 3 or 4, 3), corners of the triangle's part, of which at equal parameters
-    the piece is drawn as a part."""
+    near: (P,), except for so much. flats: (P, R', 3), points of the triangle's plane whose hull holds what is drawn at
+    equal parameters; R' is R where they are coefficients as well, of the same order."""
 
     triangles: IndexArray
     hulls: FloatArray
@@ -44,9 +44,9 @@ class Pieces:
 
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-def shell_bounds(shell: Shell, pieces: Pieces) -> tuple[FloatArray, FloatArray]:
+def shell_bounds(shell: Shell, pieces: Pieces) -> FloatArray:
     """(P,): at least how far all points of each piece are from the points of the triangles at their places; infinite
-    where no place within the shell is proved. (P,): the largest height of hull points over the triangle's plane."""
+    where no place within the shell is proved."""
     seen = _Seen.of(shell, pieces)
     heights = seen.heights_over(shell.triangles.normals[pieces.triangles], 0).max(axis=1) + pieces.near
     # A thin shell has the least margins, if it is thick enough.
@@ -64,7 +64,7 @@ def shell_bounds(shell: Shell, pieces: Pieces) -> tuple[FloatArray, FloatArray]:
         rest = rest[np.isinf(bounds[rest])]
     if len(rest):
         bounds[rest] = _around_triangle(shell, pieces.at(rest))
-    return bounds * (1 + ROUNDING) + 2 * ON_VECTOR * seen.sizes, heights
+    return bounds * (1 + ROUNDING) + 2 * ON_VECTOR * seen.sizes
 
 
 def _beside_triangle(shell: Shell, seen: _Seen, ranges: FloatArray, heights: FloatArray) -> FloatArray:
@@ -98,8 +98,8 @@ def _own_cosines(shell: Shell, seen: _Seen, ranges: FloatArray) -> FloatArray:
 @dataclass(frozen=True)
 class _Seen:
     """Pieces seen from the corners of their triangles. corners, vectors: (P, 3, 3); sides: (P, 3, 3), from corner k to
-    k + 1. hulls: (3, P, R, 3), from each corner on; beside: (3, P, R), how far points are from the line of its vector;
-    is_on: (3, P, R) bool, whether they count as on it. sizes: (P,)."""
+    k + 1. hulls: (3, P, R, 3), from each corner on; beside: (3, P, R), how far points are from the line of its vector,
+    or what is drawn there, if that is farther; is_on: (3, P, R) bool, whether they count as on it. sizes: (P,)."""
 
     pieces: Pieces
     corners: FloatArray
@@ -117,7 +117,7 @@ class _Seen:
         sides = np.roll(corners, -1, axis=1) - corners
         sizes = lengths(sides).max(axis=1)
         hulls = np.stack([pieces.hulls - corners[:, None, corner] for corner in range(3)])
-        beside = np.stack([lengths(_across(hulls[corner], vectors[:, corner])) for corner in range(3)])
+        beside = np.stack([_beside(pieces, corners[:, corner], vectors[:, corner]) for corner in range(3)])
         is_on = (beside <= ON_VECTOR * sizes[:, None]) & (pieces.near == 0)[:, None]
         return _Seen(pieces, corners, vectors, sides, hulls, beside, is_on, sizes)
 
@@ -140,6 +140,12 @@ class _Seen:
             along = self.along(units(first + second), corner) - self.pieces.near[:, None]
             found &= np.all((along > 0) | self.is_on[corner], axis=1)
         return found
+
+
+def _beside(pieces: Pieces, corner: FloatArray, vector: FloatArray) -> FloatArray:
+    """(P, R): beside of ``_Seen``, at one corner."""
+    own, drawn = (lengths(_across(points - corner[:, None], vector)) for points in (pieces.hulls, pieces.flats))
+    return np.maximum(own, drawn if drawn.shape == own.shape else drawn.max(axis=1, keepdims=True))
 
 
 def _across(points: FloatArray, vectors: FloatArray) -> FloatArray:
@@ -335,7 +341,7 @@ def _meetings(
 @dataclass(frozen=True)
 class Curves:
     """P parts of the surface's curves over closed sides. triangles, sides: (P,) intp. hulls, near: as of ``Pieces``.
-    flats: (P, 2, 3), the ends of the side's part."""
+    flats: (P, R', 3), likewise, along the side."""
 
     triangles: IndexArray
     sides: IndexArray

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import cross_products, dot_products, squared_norms, sums_by_index
+from ..arrays.vectors import cross_products, dot_products, lengths, squared_norms, sums_by_index, units
 from ..mesh.polygon_mesh import PolygonMesh
 
 # The two triangles of a quad, by its corners: with the diagonal from corner 0 to 2, and with that from 1 to 3.
@@ -38,17 +38,6 @@ RANGE_SHARE = 0.9
 # Where a control point is off the surface, the vector at its vertex is along the way there, unless this cosine between
 # it and the normal is not reached.
 ALONG_ERROR = 0.7
-
-
-def lengths(vectors: FloatArray) -> FloatArray:
-    """(…): of vectors (…, 3)."""
-    return np.sqrt(squared_norms(vectors))
-
-
-def units(vectors: FloatArray) -> FloatArray:
-    """(…, 3): vectors (…, 3) of length 1; 0 where there is no direction."""
-    length = lengths(vectors)
-    return vectors / np.where(length > 0, length, 1.0)[..., None]
 
 
 @dataclass(frozen=True)

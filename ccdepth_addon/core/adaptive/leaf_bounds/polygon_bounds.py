@@ -23,7 +23,7 @@ import numpy as np
 
 from ...arrays.matrix_products import matrix_product
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ...arrays.vectors import cross_products, dot_products, squared_norms
+from ...arrays.vectors import cross_products, dot_products, squared_norms, units
 from ..templates import templates
 
 # Rounding of a thickness, in parts of the vertices' distance from the centroid: 16 roundings or less. It matters where
@@ -62,7 +62,7 @@ def polygon_thickness(
     spokes, between = corners - centroids, middles - centroids
     following = corners[_next(starts, sizes)]
     doubled = cross_products(spokes, between) + cross_products(between, following - centroids)
-    normals = _unit(np.add.reduceat(doubled, starts))
+    normals = units(np.add.reduceat(doubled, starts))
     of_corner = np.repeat(normals, sizes, axis=0)
 
     heights = np.einsum("ij,ij->i", spokes, of_corner)
@@ -76,7 +76,7 @@ def polygon_thickness(
     is_region = _is_region(facets, bent, starts, normals, triangles)
     found = np.where(is_region, np.hypot(thickness, _dents(facets, following, bent, of_corner, starts)), np.inf)
     if np.linalg.cond(axes) <= MOST_UNEVEN:
-        lines = _unit(normals @ axes @ axes.T)
+        lines = units(normals @ axes @ axes.T)
         cosines = np.einsum("ij,ij->i", normals, lines)
         fine = (cosines > 0) & _is_region(facets, bent, starts, lines, triangles)
         fine[sizes == 3] &= ~_is_folded_from_middle(facets, bent, starts[sizes == 3], axes)
@@ -121,11 +121,6 @@ def is_folded(corners: FloatArray, *spaces: FloatArray) -> BoolArray:
 def _of_planes(normals: FloatArray, axes: FloatArray) -> FloatArray:
     """(P, 3): normals of planes in a space with such axes, up to length: by the transposed matrix."""
     return normals if np.array_equal(axes, np.eye(3)) else matrix_product(axes.T, normals.T).T
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    lengths = np.sqrt(squared_norms(vectors))
-    return vectors / np.where(lengths > 0, lengths, 1.0)[:, None]
 
 
 def _is_region(
