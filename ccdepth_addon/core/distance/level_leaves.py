@@ -71,7 +71,7 @@ class LevelLeaves:
             bases, is_own = np.repeat(bases, sizes), np.repeat(is_own, sizes)
             refinement = refinement.refined()
         leaves = Leaves.of(refinement, is_turned, vertices, limit)
-        leaves.shell.ranges[np.repeat(_uncertain(leaves, mesh.axes), 2)] = 0.0
+        leaves.shell.ranges[np.repeat(may_be_folded(leaves, mesh.axes), 2)] = 0.0
         return LevelLeaves(leaves, bases, is_own, bounds)
 
     def own_distances(self, tick: Callable[[], None]) -> FloatArray:
@@ -160,7 +160,7 @@ def equal_bounds(nets: FloatArray, vertices: Vertices) -> FloatArray:
     return bounds * (1 + ROUNDING) + ROUNDING * np.abs(nets - nets[1, 1]).max(axis=(0, 1, 3))
 
 
-def _uncertain(leaves: Leaves, axes: FloatArray | None) -> BoolArray:
+def may_be_folded(leaves: Leaves, axes: FloatArray | None) -> BoolArray:
     """(K,) bool: leaves that may be drawn with their other diagonal, as the triangles would face apart."""
     spaces = [np.eye(3)] if axes is None else [np.eye(3), axes]
     quads = np.where(leaves.is_turned[:, None, None], np.roll(leaves.points, -1, axis=1), leaves.points)

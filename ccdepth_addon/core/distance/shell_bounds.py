@@ -64,6 +64,7 @@ def shell_bounds(shell: Shell, pieces: Pieces) -> FloatArray:
         rest = rest[np.isinf(bounds[rest])]
     if len(rest):
         bounds[rest] = _around_triangle(shell, pieces.at(rest))
+    bounds = np.where(shell.ranges[pieces.triangles] > 0, bounds, np.inf)
     return bounds * (1 + ROUNDING) + 2 * ON_VECTOR * seen.sizes
 
 

@@ -1,0 +1,78 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What depths by distance take Blender to draw, and the method as it is chosen and stored."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import bpy
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
+from tests import meshes
+from tests.blender import addon, scene
+
+pytestmark = pytest.mark.every_blender
+
+MESHES: dict[str, Callable[[], bpy.types.Object]] = {
+    "landscape": lambda: scene.add_object(meshes.landscape(5, 4, 3)),
+    "hexagons": lambda: scene.add_object(meshes.hexagons(3, 3, 0.2)),
+    "suzanne": scene.add_suzanne,
+}
+
+
+def middles_of_drawn(holder: bpy.types.Object, level: int) -> FloatArray:
+    """(T, 3): of the triangles that Blender draws with its modifier at a level."""
+    scene.add_subdivision(holder, level).use_limit_surface = False
+    evaluated = holder.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    mesh = evaluated.to_mesh()
+    mesh.calc_loop_triangles()
+    corners = np.array([[mesh.vertices[vertex].co for vertex in each.vertices] for each in mesh.loop_triangles])
+    evaluated.to_mesh_clear()
+    holder.modifiers.clear()
+    return corners.mean(axis=1)
+
+
+@pytest.mark.parametrize("level", [1, 2])
+@pytest.mark.parametrize("name", MESHES)
+def test_triangles_are_those_that_blender_draws(name: str, level: int) -> None:
+    """All but those of quads that may be folded, which count with both diagonals."""
+    holder = MESHES[name]()
+    mesh = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
+    level_leaves, vertices = (
+        addon.module("core.distance.level_leaves"),
+        addon.module("core.bounds.norm_bounds").Vertices,
+    )
+    every = np.arange(mesh.face_count)
+    # With a limit so small every quad is a leaf.
+    leaves = level_leaves.LevelLeaves.of(mesh, every, level, vertices.CONTROL, 1e-12, lambda: None).leaves
+    corners = leaves.shell.triangles.corners[: 2 * len(leaves.points)]
+    certain = np.repeat(~level_leaves.may_be_folded(leaves, None), 2)
+    drawn = middles_of_drawn(holder, level)
+    assert len(drawn) == len(corners)
+    assert np.count_nonzero(certain) > 0.9 * len(corners)
+    off, _ = cKDTree(drawn).query(corners[certain].mean(axis=1))
+    # Single precision at coordinates of some ten; middles along the other diagonal are farther off by far.
+    assert off.max() < 1e-5
+
+
+def test_methods_of_earlier_files_keep_their_numbers() -> None:
+    """Files hold the number alone."""
+    items = addon.module("state.properties").METHOD_ITEMS
+    numbers = {identifier: number for identifier, *_, number in items}
+    assert [numbers[each] for each in ("CERTIFIED", "SHARP", "SECOND_ORDER", "FIRST_ORDER")] == [0, 1, 2, 3]
+    assert len(set(numbers.values())) == len(items)
+
+
+def test_several_objects_in_edit_mode_get_depths_by_distance() -> None:
+    holders = [scene.add_object(meshes.cube()), scene.add_object(meshes.landscape(3, 3))]
+    holders[1].scale = (1.0, 2.0, 0.02)
+    with addon.edit_mode(*holders):
+        addon.compute(*holders, tolerance=0.05, method="DISTANCE", vertices="LIMIT")
+    for holder in holders:
+        assert holder.data.ccdepth.method == "DISTANCE"
+        assert np.all(addon.bounds(holder) <= np.float32(0.05))
+        assert addon.depths(holder).min() >= 0

@@ -1,0 +1,108 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Places in shells, piece by piece: pieces moved anywhere, against distances by quadratic programming."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.distance.shell_bounds import Pieces, shell_bounds
+from ccdepth_addon.core.distance.shells import Shell, Triangles, vertex_vectors
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from tests import meshes
+from tests.triangle_distances import point_to_triangles
+
+SIDE = 5
+
+# Barycentric coordinates of parts of a triangle: all of it, its corners, its sides' middles, its middle.
+PARTS = np.array(
+    [
+        np.eye(3),
+        [[1, 0, 0], [0.5, 0.5, 0], [0.5, 0, 0.5]],
+        [[0.5, 0.5, 0], [0, 1, 0], [0, 0.5, 0.5]],
+        [[0.5, 0, 0.5], [0, 0.5, 0.5], [0, 0, 1]],
+        [[0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]],
+        [[0.4, 0.3, 0.3], [0.3, 0.4, 0.3], [0.3, 0.3, 0.4]],
+    ]
+)
+
+
+def landscape(bumps: float, seed: int) -> tuple[PolygonMesh, Shell]:
+    """A grid of quads with bumps, and the shell over it, up to 1."""
+    generator = np.random.default_rng(seed)
+    mesh = meshes.to_polygon_mesh(meshes.grid(SIDE, SIDE))
+    positions = mesh.positions + generator.normal(size=mesh.positions.shape) * [0.15, 0.15, bumps]
+    mesh = mesh.changed(positions=positions)
+    points = mesh.positions[mesh.corner_vertices].reshape(-1, 4, 3)
+    is_turned = generator.random(len(points)) < 0.5
+    triangles = Triangles.of(mesh, points, vertex_vectors(mesh, None), is_turned)
+    return mesh, Shell.of(mesh, triangles, 1.0)
+
+
+def moved_pieces(shell: Shell, size: float, seed: int) -> Pieces:
+    """Parts of all triangles, every one moved by a vector of about that size, and bent by a tenth of that."""
+    generator = np.random.default_rng(seed)
+    count = len(shell.triangles.vertices)
+    flats = np.einsum("pkc,tcd->tpkd", PARTS, shell.triangles.corners[:count]).reshape(-1, 3, 3)
+    away = generator.normal(size=(len(flats), 1, 3)) * size * generator.random((len(flats), 1, 1)) ** 2
+    hulls = flats + away + generator.normal(size=flats.shape) * size / 10
+    return Pieces(np.repeat(np.arange(count), len(PARTS)), hulls, np.zeros(len(flats)), flats)
+
+
+def farthest(points: FloatArray, triangles: FloatArray) -> FloatArray:
+    """(P,): how far the farthest of the points (P, R, 3) is from all triangles (T, 3, 3)."""
+    found = np.full(points.shape[:2], np.inf)
+    for corners in triangles:
+        own = np.broadcast_to(corners, (points[..., 0].size, 3, 3))
+        found = np.minimum(found, point_to_triangles(points.reshape(-1, 3), own).reshape(found.shape))
+    return found.max(axis=1)
+
+
+@given(
+    bumps=st.sampled_from([0.0, 0.05, 0.2, 0.5]),
+    size=st.sampled_from([0.01, 0.05, 0.2, 0.6]),
+    seed=st.integers(0, 10_000),
+)
+def test_no_point_of_a_piece_is_farther_than_its_bound(bumps: float, size: float, seed: int) -> None:
+    """Corners, middles and averages of the hull: all of them are points of the piece, if it is flat."""
+    _, shell = landscape(bumps, seed)
+    pieces = moved_pieces(shell, size, seed + 1)
+    bounds = shell_bounds(shell, pieces)
+    placed = np.flatnonzero(np.isfinite(bounds))
+    weights = np.concatenate([np.eye(3), np.full((1, 3), 1 / 3), (1 - np.eye(3)) / 2])
+    points = np.einsum("rk,pkd->prd", weights, pieces.hulls[placed])
+    real = shell.triangles.corners[: len(shell.triangles.vertices)]
+    assert np.all(farthest(points, real) <= bounds[placed] * (1 + 1e-9) + 1e-12)
+
+
+def test_most_pieces_that_are_near_have_places() -> None:
+    _, shell = landscape(0.05, 1)
+    inside = ~np.any(shell.is_border[shell.triangles.vertices], axis=1)
+    near = np.isfinite(shell_bounds(shell, moved_pieces(shell, 0.02, 2))).reshape(-1, len(PARTS))
+    assert near[inside].mean() > 0.9
+
+
+@pytest.mark.parametrize("bumps", [0.0, 0.2])
+def test_what_is_moved_beyond_the_triangles_around_has_no_place(bumps: float) -> None:
+    """Along the surface, by three quads: its height over its own triangle proves nothing."""
+    _, shell = landscape(bumps, 3)
+    pieces = moved_pieces(shell, 0.0, 4)
+    far = Pieces(pieces.triangles, pieces.hulls + np.array([3.0, 0.0, 0.0]), pieces.near, pieces.flats)
+    assert np.all(np.isinf(shell_bounds(shell, far)))
+
+
+@pytest.mark.parametrize("bumps", [0.05, 0.2])
+def test_shells_are_no_thicker_than_their_prisms(bumps: float) -> None:
+    """Within the range no prism is turned inside out, at any of its points."""
+    _, shell = landscape(bumps, 5)
+    thick = Shell.of(landscape(bumps, 5)[0], shell.triangles, 100.0)
+    count = len(thick.triangles.vertices)
+    for share in np.linspace(-1, 1, 9):
+        moved = thick.triangles.vectors[:count] * (share * thick.ranges)[:, None, None]
+        corners = thick.triangles.corners[:count] + moved
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        assert np.all(np.einsum("td,tkd->tk", normals, thick.triangles.vectors[:count]) > 0)
+    assert thick.ranges.max() < 100.0
