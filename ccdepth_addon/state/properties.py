@@ -29,8 +29,8 @@ TOLERANCE_MODES = (
 METHOD_TEXTS = {
     "DISTANCE": (
         "By Distance",
-        "The distance between the subdivided mesh and the limit surface themselves, in both directions, whatever their "
-        "parameters: far fewer levels where edge loops are unevenly spaced, as around bevels",
+        "The distance between the subdivided mesh and the limit surface themselves, in both directions: "
+        "far fewer levels where edge loops are unevenly spaced, as around bevels, but it takes longer",
     ),
     "CERTIFIED": (
         "Certified",

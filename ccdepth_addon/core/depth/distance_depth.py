@@ -18,7 +18,7 @@ from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
 from ..distance.foot_bounds import FootBounds, foot_bounds
-from ..distance.level_leaves import LevelLeaves
+from ..distance.level_leaves import DEEPEST_REGULAR, LevelLeaves
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.patches import PatchKind, classify_patches, regular_nets
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
@@ -28,9 +28,6 @@ LEAVES_AT_ONCE = 1 << 15
 
 # Faces cut out of the mesh together.
 MOST_FACES_AT_ONCE = 1 << 11
-
-# A regular face is looked at leaf by leaf down to this level; deeper ones go by their feet alone.
-DEEPEST_BY_LEAVES = 6
 
 
 def distance_depths(
@@ -178,7 +175,7 @@ class _Feet:
         found = np.ones(len(faces), dtype=bool)
         has, places = self._places(faces)
         # Without feet, as at borders, nothing else decides.
-        is_shallow = np.isinf(self.curvature[places]) | (level <= DEEPEST_BY_LEAVES)
+        is_shallow = np.isinf(self.curvature[places]) | (level <= DEEPEST_REGULAR)
         found[has] = is_shallow & (self.bounds.middle[places] * 0.25**level <= limit)
         return found
 

@@ -170,6 +170,8 @@ class Shell:
         return Shell(triangles, cosines, ranges, stars.distances, stars.is_border, stars.starts, stars.triangles)
 
 
+# Where vectors are parallel there is no such range.
+@np.errstate(over="ignore")
 def _prism_ranges(triangles: Triangles) -> FloatArray:
     """(T,): the |s| up to which a prism is not turned inside out: N · (T_u + s N_u) × (T_v + s N_v) > 0 at its corners,
     and so everywhere in it."""
