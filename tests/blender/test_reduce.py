@@ -399,8 +399,9 @@ def test_the_face_limit_counts_before_reducing() -> None:
 
 
 @pytest.mark.every_blender
-@pytest.mark.parametrize("after", [1, 3, 8, 20])
+@pytest.mark.parametrize("after", [1, 3, 8, 14])
 def test_nothing_is_left_of_what_is_stopped(after: int) -> None:
+    """It takes some twenty steps, more or less as the machine is fast."""
     original = scene.add_object(bevelled("cube"))
     addon.select(original)
     before = everything_in_the_file()
