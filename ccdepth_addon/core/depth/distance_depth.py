@@ -98,7 +98,7 @@ def _by_leaves(
     joined: bool,
 ) -> Iterator[LevelBounds]:
     """The bounds of faces by their leaves at a level. joined: whether they hold both ways by themselves."""
-    at_once = max(1, min(MOST_FACES_AT_ONCE, LEAVES_AT_ONCE >> (2 * level)))
+    at_once = min(MOST_FACES_AT_ONCE, LEAVES_AT_ONCE >> 2 * min(level, DEEPEST_REGULAR))
 
     def bound(some: IndexArray) -> LevelBounds:
         leaves = LevelLeaves.of(mesh, some, level, vertices, limit, lambda: None)

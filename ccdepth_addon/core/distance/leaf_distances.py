@@ -8,27 +8,28 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
 import numpy as np
 
 from ..adaptive.leaf_bounds.descent import Squares
-from ..adaptive.leaf_bounds.triangle_bounds import coefficients_over
+from ..adaptive.leaf_bounds.triangle_bounds import coefficients_over, triangle_quarters
 from ..adaptive.templates import QUAD_POINTS
+from ..arrays.chunks import index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import lengths
 from ..bounds.norm_bounds import Vertices
 from ..surface.bicubic import HALVES
 from ..surface.refinement import Refinement
-from .leaf_surfaces import Tiles, tiles_of
+from .leaf_surfaces import ALL_LEVELS, FEW_LEVELS, Tiles, joined_tiles, tiles_of
 from .shell_bounds import Curves, Pieces, curve_bounds, shell_bounds
 from .shells import QUAD_TRIANGLES, SIDE_OF_TRIANGLE, TRIANGLE_AT_SIDE, Shell, Triangles, vertex_vectors
 
-# How often tiles are halved both ways before a quad is given up.
-SPLITS = 5
+# How often tiles are halved both ways before a quad is given up. A curve on which places are not proved meets twice as
+# many pieces each time: what meets more than this many times as many, from the second time on, is no curve.
+SPLITS, MOST_GROWTH, GROWN_AT = 5, 3, 2
 
-# Quads whose tiles are looked at together.
-QUADS_AT_ONCE = 1 << 12
+# Quads whose tiles are looked at together, and pieces of these.
+QUADS_AT_ONCE, PIECES_AT_ONCE = 1 << 12, 1 << 12
 
 SQUARE = QUAD_POINTS[:4]
 GREVILLE = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
@@ -85,45 +86,71 @@ class Leaves:
                 tick()
         return by_places, at_equal
 
-    def _tiles(self, quads: IndexArray) -> Iterator[Tiles]:
-        wanted = np.zeros(len(self.refinement.bases), dtype=bool)
-        wanted[quads] = True
-        return tiles_of(self.refinement.keep(wanted).numbered())
-
-    def _by_places(self, quads: IndexArray) -> FloatArray:
+    def _by_places(self, quads: IndexArray, levels: int = FEW_LEVELS) -> FloatArray:
+        """levels: as of ``tiles_of``: all of them where few leave too large a rest."""
         found = np.where(self.shell.ranges[2 * quads] * self.shell.ranges[2 * quads + 1] > 0, 0.0, np.inf)
-        for tiles in self._tiles(quads):
-            for parts in _parts(tiles, self.is_turned[quads]):
-                self._include(found, quads, tiles, parts)
+        bicubic, rests = self._tiles(quads, levels)
+        self._include(found, quads, bicubic)
+        self._include_curves(found, quads, bicubic)
+        is_open = np.isfinite(found)
+        for tiles in rests:
+            self._include(found, quads, tiles)
             self._include_curves(found, quads, tiles)
+        again = np.flatnonzero(is_open & ~np.isfinite(found))
+        if levels < ALL_LEVELS and len(again):
+            found[again] = self._by_places(quads[again], ALL_LEVELS)
         return np.where(found <= self.limit, found, np.inf)
 
-    def _include(self, found: FloatArray, quads: IndexArray, tiles: Tiles, parts: _Parts) -> None:
-        """Raise what is found (n,) of quads to the bounds of parts of tiles, halved where that is needed."""
-        pending = [(parts.pattern, np.arange(len(parts.chosen)))]
-        splits = SPLITS if tiles.are_bicubic else 0
-        for split in range(splits + 1):
-            following = []
-            for pattern, some in pending:
-                bases = tiles.squares.bases[parts.chosen[some]]
-                some = some[np.isfinite(found[bases])]
+    def _tiles(self, quads: IndexArray, levels: int) -> tuple[Tiles, list[Tiles]]:
+        """The bicubic tiles of some quads, rising, and the others."""
+        wanted = np.zeros(len(self.refinement.bases), dtype=bool)
+        wanted[quads] = True
+        tiles = list(tiles_of(self.refinement.keep(wanted).numbered(), levels))
+        return joined_tiles([each for each in tiles if each.are_bicubic]), [
+            each for each in tiles if not each.are_bicubic
+        ]
+
+    def _pieces(self, quads: IndexArray, tiles: Tiles, found: FloatArray) -> Iterator[tuple[IndexArray, Pieces, _Form]]:
+        """Pieces of the tiles of some quads, with the quad of each and their form. found: (n,), not those of quads
+        where this is infinite."""
+        for parts in _parts(tiles, self.is_turned[quads]):
+            bases = tiles.squares.bases[parts.chosen]
+            for some in index_chunks(np.arange(len(bases)), PIECES_AT_ONCE):
+                some = some[np.isfinite(found[bases[some]])]
                 if not len(some):
                     continue
-                chosen = parts.chosen[some]
-                bases = tiles.squares.bases[chosen]
-                hulls = pattern.hulls(tiles.points, chosen)
-                triangles = 2 * quads[bases] + parts.triangles[some]
-                flats = self._drawn(tiles.squares.at(chosen), pattern.places, quads[bases], parts.triangles[some])
-                pieces = Pieces(triangles, hulls, tiles.near[chosen], flats)
-                bounds = shell_bounds(self.shell, pieces)
-                is_open = bounds > self.limit
-                np.maximum.at(found, bases[~is_open], bounds[~is_open])
-                lost = is_open & (self._heights_at(pattern, pieces) > self.limit) if split < splits else is_open
-                found[bases[lost]] = np.inf
-                left = some[is_open & ~lost]
-                if len(left):
-                    following += [(child, left) for child in pattern.children()]
-            pending = following
+                own, chosen, over = bases[some], parts.chosen[some], parts.triangles[some]
+                hulls = _hulls(parts.rows, tiles.points.take(chosen, axis=1))
+                flats = self._drawn(tiles.squares.at(chosen), parts.places, quads[own], over)
+                yield own, Pieces(2 * quads[own] + over, hulls, tiles.near[chosen], flats), parts.form
+
+    def _include(self, found: FloatArray, quads: IndexArray, tiles: Tiles) -> None:
+        """Raise what is found (n,) of quads to the bounds of pieces of tiles, divided where that is needed."""
+        for bases, pieces, form in self._pieces(quads, tiles, found):
+            self._include_pieces(found, bases, pieces, form)
+
+    def _include_pieces(self, found: FloatArray, bases: IndexArray, pieces: Pieces, form: _Form) -> None:
+        """Raise what is found of the quads of pieces, by their bases (P,)."""
+        before = np.full(len(found), np.inf)
+        for split in range(SPLITS + 1):
+            beyond = self._heights_at(form.values, pieces) > self.limit
+            found[bases[beyond]] = np.inf
+            left = np.flatnonzero(np.isfinite(found[bases]))
+            bases, pieces = bases[left], pieces.at(left)
+            if not len(left):
+                return
+            bounds = shell_bounds(self.shell, pieces)
+            is_open = bounds > self.limit
+            np.maximum.at(found, bases[~is_open], bounds[~is_open])
+            if split == SPLITS or not form.quarters:
+                found[bases[is_open]] = np.inf
+                return
+            counts = np.bincount(bases[is_open], minlength=len(found))
+            if split >= GROWN_AT:
+                found[counts > MOST_GROWTH * before] = np.inf
+            before = counts
+            is_open &= np.isfinite(found[bases])
+            bases, pieces = np.tile(bases[is_open], 4), pieces.at(np.flatnonzero(is_open)).divided(form.quarters)
 
     def _drawn(self, squares: Squares, places: FloatArray, quads: IndexArray, triangles: IndexArray) -> FloatArray:
         """(n, R, 3): the points, or in its plane beyond, of a triangle of each quad, at places (R, 2) in squares."""
@@ -134,10 +161,12 @@ class Leaves:
         first, second, third = (self.points[quads, order[:, corner]] for corner in range(3))
         return first[:, None] + np.matmul(weights, np.stack([second - first, third - first], axis=1))
 
-    def _heights_at(self, pattern: _Pattern, pieces: Pieces) -> FloatArray:
+    def _heights_at(self, values: IndexArray, pieces: Pieces) -> FloatArray:
         """(P,): the largest height over the planes that points of the surface reach: values among the hull points."""
+        if not len(values):
+            return np.zeros(len(pieces.near))
         triangles = self.shell.triangles
-        points = pieces.hulls[:, pattern.values] - triangles.corners[pieces.triangles, 0][:, None]
+        points = pieces.hulls[:, values] - triangles.corners[pieces.triangles, 0][:, None]
         return np.abs(np.matmul(points, triangles.normals[pieces.triangles][:, :, None])[..., 0]).max(axis=1)
 
     def _include_curves(self, found: FloatArray, quads: IndexArray, tiles: Tiles) -> None:
@@ -164,99 +193,68 @@ class Leaves:
                     curves = Curves(triangles[chosen], sides[chosen], hulls, tiles.near[chosen], flats)
                     np.maximum.at(found, bases[chosen], curve_bounds(self.shell, curves))
 
-    def at_equal_parameters(self, quads: IndexArray) -> FloatArray:
+    def at_equal_parameters(self, quads: IndexArray, levels: int = FEW_LEVELS) -> FloatArray:
         """(n,): of some quads, rising. The larger one of both diagonals, as it is not known which one a folded quad is
-        drawn with."""
+        drawn with. levels: as of ``_by_places``."""
+        bicubic, rests = self._tiles(quads, levels)
+        found = self._off_at_equal(quads, [bicubic])
+        is_open = found <= self.limit
+        found = np.maximum(found, self._off_at_equal(quads, rests))
+        again = np.flatnonzero(is_open & (found > self.limit))
+        if levels < ALL_LEVELS and len(again):
+            found[again] = self.at_equal_parameters(quads[again], ALL_LEVELS)
+        return found
+
+    def _off_at_equal(self, quads: IndexArray, tiles: list[Tiles]) -> FloatArray:
+        """(n,): the largest distance at equal parameters in tiles of some quads."""
         found = np.zeros(len(quads))
         for turned in (False, True):
-            is_turned = np.full(len(self.is_turned), turned)
-            other = replace(self, is_turned=is_turned)
-            for tiles in self._tiles(quads):
-                for parts in _parts(tiles, is_turned[quads]):
-                    patterns = parts.pattern.children() if tiles.are_bicubic else [parts.pattern]
-                    bases = tiles.squares.bases[parts.chosen]
-                    squares = tiles.squares.at(parts.chosen)
-                    for pattern in patterns:
-                        hulls = pattern.hulls(tiles.points, parts.chosen)
-                        points = other._drawn(squares, pattern.places, quads[bases], parts.triangles)
-                        off = hulls - points if tiles.are_bicubic else hulls[:, :, None] - points[:, None]
-                        off = lengths(off).reshape(len(bases), -1).max(axis=1) + tiles.near[parts.chosen]
-                        np.maximum.at(found, bases, off)
+            other = replace(self, is_turned=np.full(len(self.is_turned), turned))
+            for each in tiles:
+                for bases, pieces, form in other._pieces(quads, each, found):
+                    if form.quarters:
+                        bases, pieces = np.tile(bases, 4), pieces.divided(form.quarters)
+                        off = pieces.hulls - pieces.flats
+                    else:
+                        off = pieces.hulls[:, :, None] - pieces.flats[:, None]
+                    farthest = lengths(off).reshape(len(bases), -1).max(axis=1) + pieces.near
+                    np.maximum.at(found, bases, farthest)
         return found
 
 
 @dataclass(frozen=True)
-class _Pattern:
-    """A part of tiles: a triangle of the square's parameters, a square, or all of a hull. corners: (3 or 4, 2), or None
-    for a hull."""
+class _Form:
+    """What kind of hull pieces have. values: which of its points are points of the surface. quarters: four (R, R), from
+    the coefficients of a piece to those of its quarters; none where it can't be divided."""
 
-    corners: FloatArray | None
-
-    @property
-    def values(self) -> IndexArray:
-        """Which hull points are points of the surface."""
-        if self.corners is None:
-            return np.zeros(0, dtype=np.intp)
-        return np.array([0, 3, 12, 15] if len(self.corners) == 4 else [0, 21, 27])
-
-    @property
-    def places(self) -> FloatArray:
-        """(R, 2): parameters in the square at which what is drawn has the hull points' coefficients; for a hull its
-        corners."""
-        return SQUARE if self.corners is None else self.rows() @ GREVILLE
-
-    def rows(self) -> FloatArray:
-        """(R, 16): the part's hull points from the tile's coefficients."""
-        assert self.corners is not None
-        return _rows(tuple(self.corners.ravel().tolist()))
-
-    def hulls(self, points: FloatArray, chosen: IndexArray) -> FloatArray:
-        """(n, R, 3): of some tiles."""
-        some = points.take(chosen, axis=1)
-        if self.corners is None:
-            return np.ascontiguousarray(np.moveaxis(some, 0, 1))
-        rows = self.rows()
-        return np.ascontiguousarray(np.moveaxis((rows @ some.reshape(16, -1)).reshape(len(rows), -1, 3), 0, 1))
-
-    def children(self) -> list[_Pattern]:
-        """The quarters."""
-        assert self.corners is not None
-        corners = self.corners
-        middles = (corners + np.roll(corners, -1, axis=0)) / 2
-        if len(corners) == 3:
-            inner = [np.stack([corners[k], middles[k], middles[k - 1]]) for k in range(3)]
-            return [_Pattern(each) for each in (*inner, middles)]
-        centre = corners.mean(axis=0)
-        first = corners[0]
-        return [_Pattern(first + (centre - first) * (SQUARE + shift)) for shift in SQUARE]
+    values: IndexArray
+    quarters: tuple[FloatArray, ...]
 
 
-@lru_cache(maxsize=4096)
-def _rows(places: tuple[float, ...]) -> FloatArray:
-    corners = np.array(places).reshape(-1, 2)
-    if len(corners) == 3:
-        return coefficients_over(corners)
-    (low_u, low_v), size = corners[0], corners[2, 0] - corners[0, 0]
-    return np.kron(_restricted(low_u, size), _restricted(low_v, size))
-
-
-def _restricted(low: float, size: float) -> FloatArray:
-    """(4, 4): the coefficients of cubics over [low, low + size], a dyadic part of [0, 1]."""
-    rows = np.eye(4)
-    while size < 1:
-        half = int(low >= 0.5)
-        rows, low, size = HALVES[half] @ rows, 2 * low - half, 2 * size
-    return rows
+SQUARE_FORM = _Form(np.array([0, 3, 12, 15]), tuple(np.kron(one, other) for one in HALVES for other in HALVES))
+TRIANGLE_FORM = _Form(np.array([0, 21, 27]), triangle_quarters())
+HULL_FORM = _Form(np.zeros(0, dtype=np.intp), ())
 
 
 @dataclass(frozen=True)
 class _Parts:
-    """Parts of tiles that lie over one triangle each. chosen: (n,) intp, of the tiles; triangles: (n,) intp, which of
-    their quads' two."""
+    """Parts of tiles that lie over one triangle each. rows: (R, 16), their hull points from the tiles' coefficients, or
+    None for all points of the tiles; places: (R', 2), parameters in the square at which what is drawn has the same
+    coefficients, or of its corners. chosen: (n,) intp, of the tiles; triangles: (n,) intp, which of their quads'
+    two."""
 
-    pattern: _Pattern
+    form: _Form
+    rows: FloatArray | None
+    places: FloatArray
     chosen: IndexArray
     triangles: IndexArray
+
+
+def _hulls(rows: FloatArray | None, points: FloatArray) -> FloatArray:
+    """(n, R, 3): hull points of parts of tiles (R', n, 3)."""
+    if rows is not None:
+        points = (rows @ points.reshape(16, -1)).reshape(len(rows), -1, 3)
+    return np.ascontiguousarray(np.moveaxis(points, 0, 1))
 
 
 def _parts(tiles: Tiles, is_turned: BoolArray) -> Iterator[_Parts]:
@@ -268,21 +266,19 @@ def _parts(tiles: Tiles, is_turned: BoolArray) -> Iterator[_Parts]:
     straddles = (sides.min(axis=0) < -SAME_PLACE) & (sides.max(axis=0) > SAME_PLACE)
     if not tiles.are_bicubic:
         # At a corner that both triangles have, a hull is over either.
-        yield _Parts(_Pattern(None), *_over(np.arange(len(turned)), sides.mean(axis=0)))
         both = np.flatnonzero(straddles)
-        if len(both):
-            yield _Parts(_Pattern(None), both, np.ones(len(both), dtype=np.intp))
+        first = _over(np.arange(len(turned)), sides.mean(axis=0))
+        for chosen, triangles in (first, (both, np.ones(len(both), dtype=np.intp))):
+            yield _Parts(HULL_FORM, None, SQUARE, chosen, triangles)
         return
     whole = np.flatnonzero(~straddles)
-    if len(whole):
-        yield _Parts(_Pattern(SQUARE), *_over(whole, sides[:, whole].mean(axis=0)))
+    yield _Parts(SQUARE_FORM, None, GREVILLE, *_over(whole, sides[:, whole].mean(axis=0)))
     # The quad's diagonal is one of the tile's.
     for diagonal in (0, 1):
         own = np.flatnonzero(straddles & ((np.abs(sides[0]) > SAME_PLACE) == bool(diagonal)))
         for triangle in QUAD_TRIANGLES[diagonal]:
-            if len(own):
-                middles = sides[:, own][triangle].mean(axis=0)
-                yield _Parts(_Pattern(SQUARE[triangle]), *_over(own, middles))
+            rows = coefficients_over(SQUARE[triangle])
+            yield _Parts(TRIANGLE_FORM, rows, rows @ GREVILLE, *_over(own, sides[:, own][triangle].mean(axis=0)))
 
 
 def _over(chosen: IndexArray, sides: FloatArray) -> tuple[IndexArray, IndexArray]:

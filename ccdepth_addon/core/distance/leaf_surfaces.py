@@ -2,15 +2,15 @@
 """The surface over a level's quads, as tiles: bicubic over square parts of their parameters, and hulls of what is left.
 
 A regular quad is one tile. Around an extraordinary vertex there are three at every level of subdivision; what is left
-after ``TILE_LEVELS`` of them lies in the hull of its control points, as limit points are averages of these. A quad of
-any other kind is refined until its parts are of these kinds; what is left then is near the facet over its control
-points.
+after some levels lies in the hull of its control points, as limit points are averages of these. A quad of any other
+kind is refined until its parts are of these kinds; what is left then is near the facet over its control points.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import reduce
 
 import numpy as np
 
@@ -24,9 +24,10 @@ from ..surface.patches import PatchKind, classify_patches, extraordinary_nets, r
 from ..surface.refinement import Refinement
 from ..surface.stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils
 
-# Levels of tiles around an extraordinary vertex: what is left shrinks by 0.41 a level for valence 3, and by up to 0.68
-# for others. And levels of refinement elsewhere.
-TILE_LEVELS_3, TILE_LEVELS, REFINED_LEVELS = 8, 14, 9
+# Levels at first, and where the rest is too large then. What is left at an extraordinary vertex shrinks by 0.41 a level
+# for valence 3, and by up to 0.68 for others: more levels than these are beyond double precision.
+FEW_LEVELS, ALL_LEVELS = 4, 14
+MOST_LEVELS_3, MOST_REFINED_LEVELS = 8, 9
 
 
 @dataclass(frozen=True)
@@ -40,10 +41,20 @@ class Tiles:
     are_bicubic: bool = True
 
 
-def tiles_of(refinement: Refinement) -> Iterator[Tiles]:
-    """All tiles of a refinement's quads, the bases of the squares by their index."""
+def joined_tiles(tiles: list[Tiles]) -> Tiles:
+    """All bicubic tiles in one."""
+    nothing = Tiles(Squares.whole(0), np.zeros((16, 0, 3)), np.zeros(0))
+    squares = reduce(Squares.and_then, (each.squares for each in tiles), nothing.squares)
+    points = np.concatenate([nothing.points, *(each.points for each in tiles)], axis=1)
+    return Tiles(squares, points, np.concatenate([nothing.near, *(each.near for each in tiles)]))
+
+
+def tiles_of(refinement: Refinement, levels: int) -> Iterator[Tiles]:
+    """All tiles of a refinement's quads, the bases of the squares by their index. levels: how many there are around
+    extraordinary vertices, and of refinement, at most."""
     squares = Squares.whole(len(refinement.bases))
-    for level in range(REFINED_LEVELS + 1):
+    last_level = min(levels, MOST_REFINED_LEVELS)
+    for level in range(last_level + 1):
         mesh, patches = refinement.mesh, classify_patches(refinement.mesh)
         kinds = patches.kinds[: len(refinement.bases)]
         regular = np.flatnonzero(kinds == PatchKind.REGULAR)
@@ -53,7 +64,7 @@ def tiles_of(refinement: Refinement) -> Iterator[Tiles]:
         extraordinary = np.flatnonzero(kinds == PatchKind.EXTRAORDINARY)
         corners = patches.extraordinary_corners[extraordinary]
         valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
-        is_last = level == REFINED_LEVELS
+        is_last = level == last_level
         settled = kinds == PatchKind.REGULAR
         for valence in np.unique(valences).tolist():
             if valence > LARGEST_STENCIL_VALENCE and not is_last:
@@ -62,7 +73,7 @@ def tiles_of(refinement: Refinement) -> Iterator[Tiles]:
             settled[extraordinary[chosen]] = True
             nets = extraordinary_nets(mesh, corners[chosen], valence)
             own = squares.at(extraordinary[chosen])
-            yield from _around_vertex(nets, valence, _from_corners(own, corners[chosen] % 4), is_last)
+            yield from _around_vertex(nets, valence, _from_corners(own, corners[chosen] % 4), 0 if is_last else levels)
         rest = np.flatnonzero(~settled)
         if not len(rest):
             return
@@ -81,11 +92,10 @@ def _from_corners(squares: Squares, corners: IndexArray) -> Squares:
     return Squares(squares.bases, squares.paths, origins, turns[corners] @ squares.axes)
 
 
-def _around_vertex(nets: FloatArray, valence: int, squares: Squares, is_last: bool) -> Iterator[Tiles]:
+def _around_vertex(nets: FloatArray, valence: int, squares: Squares, levels: int) -> Iterator[Tiles]:
     """Tiles of nets (2n + 8, P, 3) whose extraordinary vertices are the corners 0 of the squares."""
     nothing = np.zeros(nets.shape[1])
-    levels = TILE_LEVELS_3 if valence == 3 else TILE_LEVELS
-    for _ in range(0 if is_last else levels):
+    for _ in range(min(levels, MOST_LEVELS_3) if valence == 3 else levels):
         stencils = patch_stencils(valence)
         children = squares.children()
         for child, rows in enumerate(np.split(stencils.regular, 3), start=1):

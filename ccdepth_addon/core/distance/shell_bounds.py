@@ -42,6 +42,12 @@ class Pieces:
         """Some of them."""
         return Pieces(self.triangles[chosen], self.hulls[chosen], self.near[chosen], self.flats[chosen])
 
+    def divided(self, parts: tuple[FloatArray, ...]) -> Pieces:
+        """All first parts, then all second ones and so on. parts: (R, R) each, from a piece's coefficients to those of
+        a part of it."""
+        hulls, flats = (np.concatenate([rows @ each for rows in parts]) for each in (self.hulls, self.flats))
+        return Pieces(np.tile(self.triangles, len(parts)), hulls, np.tile(self.near, len(parts)), flats)
+
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
 def shell_bounds(shell: Shell, pieces: Pieces) -> FloatArray:

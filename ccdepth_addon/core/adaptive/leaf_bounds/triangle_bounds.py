@@ -146,6 +146,30 @@ def _coefficients_over(places: tuple[float, ...]) -> FloatArray:
     return _ways_to_share() @ tensor(along, across) / comb(6, 3)
 
 
+def triangle_quarters() -> tuple[FloatArray, ...]:
+    """Four (28, 28): from the Bernstein coefficients of total degree 6 over a triangle to those over its quarters, with
+    corners that are corners and middles of sides.
+
+    The blossom at six places is the sum over all choices of one corner for each place, weighted by the barycentric
+    coordinates there; the coefficient goes by how often each corner is chosen.
+    """
+    corners = np.eye(3)
+    middles = (corners + np.roll(corners, -1, axis=0)) / 2
+    quarters = [np.stack([corners[k], middles[k], middles[k - 1]]) for k in range(3)]
+    return tuple(_from_whole(quarter) for quarter in (*quarters, middles))
+
+
+def _from_whole(quarter: FloatArray) -> FloatArray:
+    """(28, 28): the rows for one quarter, by its corners' barycentric coordinates (3, 3)."""
+    weights = np.zeros((len(_arguments(DEGREE)), DEGREE + 2, DEGREE + 2))
+    weights[:, 0, 0] = 1.0
+    for place in quarter[_arguments(DEGREE)].swapaxes(0, 1)[..., None, None]:
+        # How often corners 1 and 2 are chosen; corner 0 is the rest. The last row and column stay empty.
+        one_more = np.roll(weights, 1, axis=1), np.roll(weights, 1, axis=2)
+        weights = place[:, 0] * weights + place[:, 1] * one_more[0] + place[:, 2] * one_more[1]
+    return weights[:, *_counts(DEGREE)[:, 1:].T]
+
+
 def to_monomials() -> FloatArray:
     """(10, 16): from Bernstein coefficients to those of (u - 1/2)^i (v - 1/2)^j that are more than quadratic."""
     return np.kron(TO_POWERS, TO_POWERS)[BEYOND_QUADRATIC]
