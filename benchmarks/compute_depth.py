@@ -53,7 +53,9 @@ def add_grid(side: int, insets: int) -> bpy.types.Object:
 def compute_depth(method: str) -> float:
     """Seconds for the operator as a whole: reading the mesh, bounds, depths, attributes, colours and record."""
     return _seconds(
-        lambda: bpy.ops.ccdepth.compute(tolerance=RELATIVE_TOLERANCE, tolerance_mode="RELATIVE", method=method)
+        lambda: bpy.ops.ccdepth.compute(
+            tolerance=RELATIVE_TOLERANCE, tolerance_mode="RELATIVE", method=method, vertices="CONTROL"
+        )
     )
 
 

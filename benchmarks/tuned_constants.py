@@ -435,6 +435,7 @@ def frames(count: int) -> Callable[[], Any]:
             tolerance=TOLERANCES[2],
             tolerance_mode="RELATIVE",
             method="CERTIFIED",
+            vertices="CONTROL",
             frames="CUSTOM",
             frame_list=f"1-{count}",
         )

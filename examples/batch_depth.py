@@ -29,7 +29,7 @@ def main(tolerance: float) -> None:
     print("file\tobject\tfaces\tlevel\tfaces at that level")
     for obj in objects:
         with bpy.context.temp_override(selected_objects=[obj], active_object=obj):
-            bpy.ops.ccdepth.compute(tolerance=tolerance, tolerance_mode="ABSOLUTE", vertices="LIMIT")
+            bpy.ops.ccdepth.compute(tolerance=tolerance, tolerance_mode="ABSOLUTE")
         depths = depths_of(obj.data)
         # A modifier has one level for all faces: the deepest.
         level = depths.max()

@@ -14,8 +14,7 @@ import bpy
 def main(tolerance: float, output: str) -> None:
     objects = [obj for obj in bpy.context.view_layer.objects if obj.type == "MESH" and obj.visible_get()]
     with bpy.context.temp_override(selected_objects=objects, active_object=objects[0]):
-        # The modifier has one level for all faces, and its vertices are nearer on the limit surface.
-        bpy.ops.ccdepth.compute(tolerance=tolerance, tolerance_mode="ABSOLUTE", vertices="LIMIT")
+        bpy.ops.ccdepth.compute(tolerance=tolerance, tolerance_mode="ABSOLUTE")
         bpy.ops.ccdepth.set_levels()
     bpy.ops.wm.save_as_mainfile(filepath=output, copy=True)
 

@@ -10,7 +10,8 @@ from math import isfinite, nan
 from pathlib import Path
 from typing import Any
 
-from ..core import METHODS, VERTICES, Mode, Transitions
+from ..core import METHODS, Mode, Transitions
+from ..state.properties import VERTEX_TEXTS
 from ..tasks.frames import typed_frames
 from ..tasks.surfaces import ComputeError
 from .amounts import UNITS, face_budget, face_limit, typed_tolerance
@@ -133,7 +134,13 @@ def _add_choices(parser: Parser) -> None:
         help="a bare tolerance is a distance in the scene",
     )
     add("--method", type=_name, choices=METHODS, help="how the distance is bounded")
-    add("--vertices", type=_name, choices=VERTICES, help="where the subdivided mesh has its vertices")
+    add(
+        "--vertices",
+        type=_name,
+        choices=list(VERTEX_TEXTS),
+        help="where the subdivided mesh has its vertices; OBJECT (default) is as the object's own Subdivision Surface "
+        "modifier has them, on the limit surface without one",
+    )
     add(
         "--frames",
         type=_frames,

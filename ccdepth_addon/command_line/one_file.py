@@ -16,6 +16,7 @@ import bpy
 import numpy as np
 
 from ..exchange.bulk_reading import read_values
+from ..exchange.modifiers import shown_vertices
 from ..exchange.result_attributes import BOUND_KIND
 from ..state import properties
 from ..state.deviation_results import Verdict, verdict
@@ -225,6 +226,7 @@ def _depth_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> 
     bounds = read_values(mesh.attributes[BOUND_KIND.name].data, "value", np.float32)
     return replace(
         _entry(blender_object, settings, record.world_tolerance),
+        vertices=shown_vertices(blender_object, settings["vertices"]),
         deepest=max(record.deepest, record.added_deepest),
         level=record.uniform_level,
         worst_frame=Frame(record.worst_frame) if record.frames else None,

@@ -19,6 +19,7 @@ from typing import Any, NewType, TypeVar, Union, get_args, get_origin, get_type_
 import bpy
 
 from .. import version
+from ..core import VERTICES
 from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SUBDIVIDE
 from .illustration import Illustration, as_content, of_content
 
@@ -61,17 +62,19 @@ class ObjectEntry:
     """What was found of an object.
 
     name: the object whose limit surface it is; result: the object that was made of it, if another. settings: as they
-    were given, by their names. tolerance: as a length. faces: of its mesh; result_faces: of what was made of it;
-    triangles: of what was written and measured. deepest: the deepest depth of a face; level: the first at which all
-    faces are within the tolerance; worst_frame: of depths over frames. proved: the largest distance proved when it was
-    made. measured: by Measure Deviation, on what was written. met: whether the tolerance is met; None where nothing was
-    measured. closed, oriented: of what was written and measured, as of ``written_meshes.Edges``.
+    were given, by their names. tolerance: as a length. faces: of its mesh; vertices: those that depths were computed
+    for, CONTROL or LIMIT; result_faces: of what was made of it; triangles: of what was written and measured. deepest:
+    the deepest depth of a face; level: the first at which all faces are within the tolerance; worst_frame: of depths
+    over frames. proved: the largest distance proved when it was made. measured: by Measure Deviation, on what was
+    written. met: whether the tolerance is met; None where nothing was measured. closed, oriented: of what was written
+    and measured, as of ``written_meshes.Edges``.
     """
 
     name: str
     settings: dict[str, Any]
     tolerance: float
     faces: int
+    vertices: str | None = None
     result: str | None = None
     result_faces: int | None = None
     triangles: int | None = None
@@ -311,9 +314,13 @@ def _stamp_of(content: dict[str, Any] | None, folder: Path) -> FileStamp | None:
 
 def _object_entry(content: dict[str, Any]) -> ObjectEntry:
     measured = content["measured"]
-    entry = _typed(ObjectEntry, {**content, "measured": None if measured is None else _typed(Distances, measured)})
+    # Reports of earlier versions name the vertices among the settings alone.
+    told = {"vertices": content["settings"].get("vertices"), **content}
+    entry = _typed(ObjectEntry, {**told, "measured": None if measured is None else _typed(Distances, measured)})
     if (entry.met is None) != (entry.measured is None) or (entry.measured is not None and not _agree(entry)):
         raise ValueError("met and measured do not agree")
+    if entry.vertices not in (None, *VERTICES):
+        raise ValueError(f"vertices cannot be {entry.vertices!r}")
     return entry
 
 

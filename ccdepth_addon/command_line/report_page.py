@@ -11,7 +11,7 @@ import bpy
 
 from .. import version
 from ..state.colors import depth_colors
-from ..state.properties import METHOD_TEXTS
+from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
 from ..ui.lengths import Rounding
 from ..ui.printable import printable
 from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
@@ -212,6 +212,8 @@ def _object_verdict(entry: ObjectEntry) -> str:
 def _facts(entry: ObjectEntry) -> list[tuple[str, str]]:
     """The numbers of an object, as HTML, with their names."""
     facts = [("Tolerance", _length(entry.tolerance)), ("Faces", f"{entry.faces:,}")]
+    if entry.vertices is not None:
+        facts.append(("Vertices", VERTEX_TEXTS[entry.vertices][0]))
     if entry.deepest is not None:
         facts.append(("Deepest depth", str(entry.deepest)))
     if entry.level is not None:

@@ -9,13 +9,11 @@ from decimal import Decimal
 import bpy
 
 from ..state import deviation_results, results
-from ..state.properties import METHOD_TEXTS, VERTEX_ITEMS
+from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
 from ..ui.lengths import METRIC, PLAIN, Rounding, bound_text, number_text
 from ..ui.panels import exact_text
 from ..ui.printable import printable
 from .report import FileEntry
-
-VERTEX_TEXTS = {name: text for name, text, _ in VERTEX_ITEMS}
 
 
 def print_depths(objects: Sequence[bpy.types.Object]) -> None:
@@ -101,7 +99,7 @@ def settings_text(objects: Sequence[bpy.types.Object]) -> str:
         proved = _proved_text(*max((each.largest_bound, each.world_tolerance) for each in records))
         faces = sum(mesh.ccdepth.faces for mesh in {obj.data for obj in objects})
         return f"Tolerance {tolerance} · {faces:,} faces · Largest distance proved: {proved}"
-    return f"Tolerance {tolerance} · {METHOD_TEXTS[record.method][0]} · Vertices: {VERTEX_TEXTS[record.vertices]}"
+    return f"Tolerance {tolerance} · {METHOD_TEXTS[record.method][0]} · Vertices: {VERTEX_TEXTS[record.vertices][0]}"
 
 
 def _names_by_mesh(objects: Sequence[bpy.types.Object]) -> dict[bpy.types.Mesh, str]:

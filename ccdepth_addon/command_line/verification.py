@@ -53,7 +53,7 @@ PART_OF_TOLERANCE = 1e-3
 MOST_LEVELS = 16
 
 # What is as it was. Depths and levels may be larger than those that are proved now, and distances differ by ROUNDING.
-EXACT = ("faces", "result", "result_faces", "triangles", "closed", "oriented")
+EXACT = ("faces", "vertices", "result", "result_faces", "triangles", "closed", "oriented")
 AT_LEAST = ("deepest", "level")
 
 

@@ -14,6 +14,9 @@ from dataclasses import dataclass
 
 import bpy
 
+# Vertices as each object's own Subdivision Surface modifier has them, beside the core's CONTROL and LIMIT.
+OF_OBJECT = "OBJECT"
+
 # These leave the mesh as it is.
 NOT_SHAPING = {"COLLISION", "PARTICLE_SYSTEM"}
 
@@ -45,6 +48,15 @@ def surface_rule(blender_object: bpy.types.Object) -> SurfaceRule:
     if modifier is None:
         return SurfaceRule()
     return SurfaceRule(smooth_corners=modifier.boundary_smooth == "ALL", use_creases=modifier.use_creases)
+
+
+def shown_vertices(blender_object: bpy.types.Object, vertices: str) -> str:
+    """CONTROL or LIMIT: the vertices themselves where they are named, and for OF_OBJECT those that the object's
+    Subdivision Surface modifier shows. Without one these are on the limit surface, as is the modifier's default."""
+    if vertices != OF_OBJECT:
+        return vertices
+    modifier = subdivision_modifier(blender_object)
+    return "LIMIT" if modifier is None or modifier.use_limit_surface else "CONTROL"
 
 
 def counted_modifiers(blender_object: bpy.types.Object) -> list[bpy.types.Modifier]:

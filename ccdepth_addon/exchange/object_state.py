@@ -21,7 +21,7 @@ from ..core import FloatArray
 from .control_mesh import gram_matrix
 from .mesh_arrays import CREASE_DOMAINS
 from .mesh_checksums import checksum_of_points, geometry_checksum
-from .modifiers import NOT_SHAPING, SIMULATIONS, counted_modifiers, surface_rule
+from .modifiers import NOT_SHAPING, OF_OBJECT, SIMULATIONS, counted_modifiers, shown_vertices, surface_rule
 
 # Places of other objects are rounded: objects that are turned together keep them but for rounding.
 DECIMALS = 5
@@ -76,10 +76,15 @@ class StateAtFrame(NamedTuple):
 
 
 def object_state(
-    blender_object: bpy.types.Object, *, use_modifiers: bool, known: KnownDescriptions | None = None
+    blender_object: bpy.types.Object,
+    *,
+    use_modifiers: bool,
+    with_vertices: bool = False,
+    known: KnownDescriptions | None = None,
 ) -> ObjectState:
     """The state of an object as it is now.
 
+    with_vertices: whether it matters where the object's own Subdivision Surface modifier has its vertices.
     known: what was described for other objects at the same time, to be read once only.
     """
     describer = _Describer(blender_object, {} if known is None else known)
@@ -89,6 +94,8 @@ def object_state(
     texts = [repr(rule), *describer.shape_keys(), *describer.modifiers(counted), *describer.places()]
     if rule.use_creases:
         texts += describer.crease_groups()
+    if with_vertices:
+        texts.append(shown_vertices(blender_object, OF_OBJECT))
     checksum = crc32("\n".join(texts).encode(errors="backslashreplace"))
     return ObjectState(gram_matrix(world)[np.triu_indices(3)], f"{checksum:08x}")
 

@@ -151,7 +151,7 @@ class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
         layout.prop(self, "relative_tolerance" if self.tolerance_mode == "RELATIVE" else "tolerance")
         for name in properties.setting_names(type(self)):
             if name != "tolerance_mode" and (name != "frame_list" or self.frames == "CUSTOM"):
-                layout.prop(self, properties.SHOWN_AS.get(name, name))
+                layout.prop(self, name)
 
     def _begin(self, context: bpy.types.Context, seconds: float) -> set[str] | None:
         self._take_settings(context.scene.ccdepth)

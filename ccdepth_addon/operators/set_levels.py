@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..exchange.modifiers import subdivision_modifier
+from ..exchange.modifiers import OF_OBJECT, shown_vertices, subdivision_modifier
 from ..state import face_counts, result_record, results, staleness
 from ..state.levels import TooDeep, too_deep
 from ..state.properties import scene_tolerance
@@ -86,7 +86,7 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bp
     if record.quality > limits["quality"].hard_max:
         return (
             f"with Use Limit Surface it needs a higher Quality than the {limits['quality'].hard_max} that a "
-            "Subdivision Surface modifier has at most; compute its depths with it off"
+            "Subdivision Surface modifier has at most; compute its depths with Vertices set to Control Mesh"
         )
     return None
 
@@ -110,6 +110,7 @@ def _set_levels(blender_object: bpy.types.Object) -> None:
         if not record.use_modifiers:
             blender_object.modifiers.move(len(blender_object.modifiers) - 1, 0)
     modifier.levels = modifier.render_levels = record.uniform_level
-    modifier.use_limit_surface = record.vertices == "LIMIT"
+    vertices = OF_OBJECT if record.follows_objects else record.vertices
+    modifier.use_limit_surface = shown_vertices(blender_object, vertices) == "LIMIT"
     # Without Use Limit Surface the Quality has no effect. A higher one is the user's choice.
     modifier.quality = max(modifier.quality, record.quality)

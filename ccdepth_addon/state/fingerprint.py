@@ -81,7 +81,10 @@ def examine(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object], known: Know
     contributors = list(_contributors(record))
     if record.frames and not contributors:
         return Examination(not (users and _is_same_mesh(mesh, users[0])), [])
-    states = [object_state(user, use_modifiers=record.use_modifiers, known=known) for user in users]
+    states = [
+        object_state(user, use_modifiers=record.use_modifiers, with_vertices=record.follows_objects, known=known)
+        for user in users
+    ]
     present = _by_checksum((state.checksum, state.scale) for state in states)
     recorded = _by_checksum((each.checksum, each.gram) for each in contributors)
     is_intact = (

@@ -50,14 +50,23 @@ METHOD_TEXTS = {
         "Depth from how far apart the control points are; needs far more levels, and is here for comparison",
     ),
 }
-# Files store numbers, so methods that came later have later ones.
+# Files store numbers, so what came later has later ones.
 METHOD_NUMBERS = {"CERTIFIED": 0, "SHARP": 1, "SECOND_ORDER": 2, "FIRST_ORDER": 3, "DISTANCE": 4}
 METHOD_ITEMS = tuple((method, *METHOD_TEXTS[method], "NONE", METHOD_NUMBERS[method]) for method in METHODS)
-VERTEX_ITEMS = (
-    ("CONTROL", "Control Mesh", "The subdivided mesh as it is (Use Limit Surface off)"),
-    ("LIMIT", "Limit Surface", "The subdivided mesh with its vertices moved to the limit surface (Use Limit Surface)"),
-)
-
+VERTEX_TEXTS = {
+    "OBJECT": (
+        "From Modifier",
+        "As Use Limit Surface of each object's own Subdivision Surface modifier has them; on the limit surface where "
+        "there is no such modifier, as that is its default",
+    ),
+    "CONTROL": ("Control Mesh", "The subdivided mesh as it is (Use Limit Surface off)"),
+    "LIMIT": (
+        "Limit Surface",
+        "The subdivided mesh with its vertices moved to the limit surface (Use Limit Surface on)",
+    ),
+}
+VERTEX_NUMBERS = {"CONTROL": 0, "LIMIT": 1, "OBJECT": 2}
+VERTEX_ITEMS = tuple((name, *texts, "NONE", VERTEX_NUMBERS[name]) for name, texts in VERTEX_TEXTS.items())
 
 FRAMES_ITEMS = (
     ("CURRENT", "Current Frame", "The scene as it is"),
@@ -96,8 +105,8 @@ COLOR_RANGE_ITEMS = (
 # Far more than any mesh needs.
 LARGEST_COLOR_DEPTH = 32
 
-# What the redo panel shows in the stead of settings that scripts write.
-SHOWN_AS = {"vertices": "use_limit_surface"}
+# What scripts may write in the stead of another setting.
+OTHER_NAMES = {"use_limit_surface"}
 
 
 def tolerance_name(tolerance_mode: str) -> str:
@@ -156,13 +165,11 @@ class DepthProperties:
         name="Vertices",
         description="Where the vertices of the subdivided mesh are",
         items=VERTEX_ITEMS,
-        default="CONTROL",
+        default="OBJECT",
     )
-    # The same as `vertices`, in Blender's words and as a check box.
     use_limit_surface: BoolProperty(
         name="Use Limit Surface",
-        description="Compute for a subdivided mesh whose vertices are moved to the limit surface, as those of the "
-        "Subdivision Surface modifier are with its own Use Limit Surface on",
+        description="Whether Vertices is Limit Surface; writing it sets Limit Surface or Control Mesh",
         get=lambda self: self.vertices == "LIMIT",
         set=lambda self, value: setattr(self, "vertices", "LIMIT" if value else "CONTROL"),
         options={"HIDDEN", "SKIP_SAVE"},
@@ -283,6 +290,6 @@ GROUPS = (
 
 
 def setting_names(*holders: type) -> tuple[str, ...]:
-    """The names of the settings that classes inherit, without check boxes that show another setting."""
+    """The names of the settings that classes inherit, without other names for one of them."""
     groups = [group for group in GROUPS if any(issubclass(holder, group) for holder in holders)]
-    return tuple(name for group in groups for name in group.__annotations__ if name not in SHOWN_AS.values())
+    return tuple(name for group in groups for name in group.__annotations__ if name not in OTHER_NAMES)

@@ -70,7 +70,10 @@ class MeshRecord(bpy.types.PropertyGroup):
     tolerance_mode: StringProperty()
     world_tolerance: FloatProperty(description="The tolerance as a distance in the scene", subtype="DISTANCE")
     method: StringProperty()
-    vertices: StringProperty()
+    vertices: StringProperty(
+        description="Where the subdivided mesh has its vertices: CONTROL or LIMIT; OBJECT where objects have both"
+    )
+    follows_objects: BoolProperty(description="Whether the objects' own modifiers said where the vertices are")
     use_modifiers: BoolProperty()
     frames: StringProperty(description="The frames it was computed on; empty for the scene as it was")
     worst_frame: IntProperty(

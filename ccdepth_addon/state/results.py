@@ -107,7 +107,7 @@ def write_record(
     record = _new_record(mesh, answer.depths, settings)
     record.world_tolerance = answer.world_tolerance
     record.method = settings.method
-    record.vertices = settings.vertices
+    record.vertices, record.follows_objects = answer.vertices, settings.follows_objects
     record.use_modifiers = settings.use_modifiers
     record.exact_faces = int(np.count_nonzero(answer.exact))
     record.added_deepest = answer.added_deepest
@@ -153,6 +153,7 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
     record.has_result = True
     record.subdivision = ""
     record.frames = ""
+    record.follows_objects = False
     record.unreduced_triangles = 0
     record.shows_deviation = False
     record.tolerance = settings.tolerance

@@ -46,7 +46,8 @@ from ..exchange.control_mesh import (
 from ..exchange.frozen_copies import NO_ORIGIN, copies_to_measure, in_batches
 from ..exchange.mesh_arrays import mesh_face_count, own_mesh
 from ..exchange.mesh_checksums import Topology, geometry_checksum
-from ..exchange.object_state import KnownDescriptions, StateAtFrame, object_state
+from ..exchange.modifiers import OF_OBJECT, shown_vertices
+from ..exchange.object_state import KnownDescriptions, ObjectState, StateAtFrame, object_state
 from .frames import frame_restored, typed_frames
 from .stepwise import Stage
 from .surfaces import (
@@ -69,19 +70,25 @@ LEVEL_SHARE = 0.7
 
 @dataclass(frozen=True)
 class DepthSettings(SurfaceSettings):
-    """The settings of Compute Depth. frames: as they are typed; empty for the scene as it is."""
+    """The settings of Compute Depth. vertices: CONTROL, LIMIT or OF_OBJECT. frames: as they are typed; empty for the
+    scene as it is."""
 
     method: str
     vertices: str
     frames: str = ""
+
+    @property
+    def follows_objects(self) -> bool:
+        """Whether each object's own modifier says where the vertices are."""
+        return self.vertices == OF_OBJECT
 
 
 @dataclass(frozen=True)
 class DepthRequest:
     """A surface whose depths are wanted; mesh and tolerance have been checked.
 
-    frame: None for the scene as it is. stretch: how many times as long as its own the longest tolerance of the surfaces
-    is that it dominates: their distances may be so much longer.
+    settings: with vertices CONTROL or LIMIT. frame: None for the scene as it is. stretch: how many times as long as its
+    own the longest tolerance of the surfaces is that it dominates: their distances may be so much longer.
     """
 
     surface: Surface
@@ -168,11 +175,13 @@ class WorstFrame(NamedTuple):
 
 
 class ReadMesh(NamedTuple):
-    """The control mesh of an object, as it was read on a frame; None for the scene as it is."""
+    """The control mesh of an object and its vertices, CONTROL or LIMIT, as they were read on a frame; None for the
+    scene as it is."""
 
     object_name: str
     frame: int | None
     control: ControlMesh
+    vertices: str
 
 
 @dataclass(frozen=True)
@@ -234,7 +243,8 @@ class DepthWork:
             for read in task.read:
                 with self.faults.of(read.object_name, read.frame):
                     surface = surface_of(read.object_name, read.control, self.settings)
-                    requests.append(DepthRequest(surface, self.settings, read.frame))
+                    settings = replace(self.settings, vertices=read.vertices)
+                    requests.append(DepthRequest(surface, settings, read.frame))
                     task.tolerances.append(surface.tolerance)
             task.groups.extend(PoseGroup(group) for group in _poses_of_one(_undominated(requests)))
             for group in task.groups:
@@ -275,6 +285,12 @@ class MeshDepths:
     @property
     def deepest(self) -> int:
         return int(self.depths.max(initial=0))
+
+    @property
+    def vertices(self) -> str:
+        """CONTROL or LIMIT; OF_OBJECT where objects, or frames, have both."""
+        kinds = {read.vertices for read in self.task.read}
+        return OF_OBJECT if len(kinds) > 1 else kinds.pop()
 
     @property
     def uniform_faces(self) -> int:
@@ -330,8 +346,9 @@ def _read_objects(
                 with faults.of(blender_object.name, frame):
                     control = read_control_mesh(context, blender_object, **modifiers, shared=shared, copies=copies)
                     task = _task_of(blender_object, control, tasks)
-                    task.add(ReadMesh(blender_object.name, frame, control))
-                    task.states.append(StateAtFrame(object_state(blender_object, **modifiers, known=known), frame))
+                    vertices = shown_vertices(blender_object, settings.vertices)
+                    task.add(ReadMesh(blender_object.name, frame, control, vertices))
+                    task.states.append(StateAtFrame(_state(blender_object, settings, known), frame))
 
 
 def _note_states(
@@ -341,8 +358,18 @@ def _note_states(
     known: KnownDescriptions = {}
     for blender_object in objects:
         if blender_object.data.session_uid in tasks:
-            state = object_state(blender_object, use_modifiers=settings.use_modifiers, known=known)
+            state = _state(blender_object, settings, known)
             tasks[blender_object.data.session_uid].states.append(StateAtFrame(state, frame))
+
+
+def _state(blender_object: bpy.types.Object, settings: DepthSettings, known: KnownDescriptions) -> ObjectState:
+    """The state of an object, as far as its depths by these settings depend on it."""
+    return object_state(
+        blender_object,
+        use_modifiers=settings.use_modifiers,
+        with_vertices=settings.follows_objects,
+        known=known,
+    )
 
 
 def _task_of(blender_object: bpy.types.Object, control: ControlMesh, tasks: dict[int, MeshTask]) -> MeshTask:
@@ -403,8 +430,8 @@ def _positions(read: MeshAsRead | MovedMesh) -> NDArray[Any]:
 def _undominated(requests: list[DepthRequest]) -> list[DepthRequest]:
     """The requests of one mesh that no other dominates.
 
-    A dominated surface has the same control mesh, and every vector of it is at most as long, in units of the tolerance:
-    its distances are no larger, and neither are its depths.
+    A dominated surface has the same control mesh and kind of vertices, and every vector of it is at most as long, in
+    units of the tolerance: its distances are no larger, and neither are its depths.
     """
     if len(requests) < 2:
         return requests
@@ -419,9 +446,11 @@ def _undominated(requests: list[DepthRequest]) -> list[DepthRequest]:
 
 
 def _with_equal_meshes(requests: list[DepthRequest]) -> Iterator[list[DepthRequest]]:
-    """The requests in groups with equal control meshes. Mostly sums of coordinates tell them apart, in less time than
-    keys."""
-    for some in _grouped(requests, lambda request: _sum_of_coordinates(request.surface.control.read)):
+    """The requests in groups with equal control meshes and vertices. Mostly sums of coordinates tell meshes apart, in
+    less time than keys."""
+    for some in _grouped(
+        requests, lambda request: (request.settings.vertices, _sum_of_coordinates(request.surface.control.read))
+    ):
         if len(some) == 1:
             yield some
         else:
@@ -443,8 +472,9 @@ def _sum_of_coordinates(read: MeshAsRead | MovedMesh) -> float:
 
 
 def _poses_of_one(requests: list[DepthRequest]) -> list[list[DepthRequest]]:
-    """The requests in groups whose control meshes are poses of one, in the order of their frames."""
-    groups = _grouped(requests, lambda request: _kind(request.surface.control))
+    """The requests in groups whose control meshes are poses of one, with the same kind of vertices, in the order of
+    their frames."""
+    groups = _grouped(requests, lambda request: (request.settings.vertices, _kind(request.surface.control)))
     return [sorted(group, key=lambda request: request.frame or 0) for group in groups]
 
 

@@ -27,7 +27,7 @@ SECTIONS = (
     ("bpy.types.scenesettings.*tolerance*", "tolerance"),
     ("bpy.types.scenesettings.use_modifiers", "tolerance"),
     ("bpy.types.scenesettings.method", "compute-depth"),
-    ("bpy.types.scenesettings.use_limit_surface", "compute-depth"),
+    ("bpy.types.scenesettings.vertices", "compute-depth"),
     ("bpy.types.scenesettings.frame*", "frames"),
     ("bpy.types.scenesettings.accuracy", "measure-deviation"),
     ("bpy.types.scenesettings.time_limit", "measure-deviation"),

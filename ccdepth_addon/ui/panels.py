@@ -8,11 +8,12 @@ import bpy.utils.previews
 import numpy as np
 
 from ..core import FloatArray
+from ..exchange.modifiers import OF_OBJECT
 from ..state import refusals, result_record, results, sources, staleness
 from ..state.colors import depth_colors
 from ..state.face_counts import known_count
 from ..state.levels import too_deep
-from ..state.properties import scene_tolerance
+from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS, scene_tolerance
 from ..tasks.adaptive_task import AdaptiveSettings
 from ..tasks.depth_task import DepthSettings
 from ..tasks.frames import chosen_frames
@@ -74,7 +75,7 @@ class CCDEPTH_PT_advanced(SidebarPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         column, settings = settings_column(self.layout), context.scene.ccdepth
         column.prop(settings, "method")
-        column.prop(settings, "use_limit_surface")
+        column.prop(settings, "vertices")
         column.prop(settings, "frames")
         if settings.frames == "CUSTOM":
             column.prop(settings, "frame_list", text="")
@@ -176,7 +177,10 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: 
     if record.subdivision:
         return "" if holder is None else _changed_since_made(settings, holder)
     frames = chosen_frames(settings.id_data, settings.frames, settings.frame_list)
-    current = DepthSettings.of(settings, scene_tolerance(settings), frames=frames)
+    # What another method has proved holds, and so does what was computed of named vertices where the scene names none.
+    vertices = record.vertices if settings.vertices == OF_OBJECT else settings.vertices
+    kept = {"frames": frames, "method": record.method, "vertices": vertices}
+    current = DepthSettings.of(settings, scene_tolerance(settings), **kept)
     computed = DepthSettings.of(record, record.tolerance)
     return "" if current == computed else "Out of date: settings changed"
 
@@ -222,6 +226,8 @@ def _draw_totals(layout: bpy.types.UILayout, scene: bpy.types.Scene, objects: li
         ("Deepest Depth", str(max(record.deepest for record in records))),
         ("Tolerance", lengths_text(scene, (record.world_tolerance for record in records))),
     ]
+    if depths := [record for record in records if not record.subdivision]:
+        totals += _ways(depths)
     draw_rows(layout, totals)
     column = layout.box().column(align=True)
     _draw_object_row(column, "Object", "Faces", "Depth").active = False
@@ -258,6 +264,7 @@ def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) 
         ("Faces", f"{record.faces:,}"),
         ("Deepest Depth", deepest_text(record)),
         ("Tolerance", length_text(scene, record.world_tolerance)),
+        *_ways([record]),
     ]
     if record.frames:
         numbers.insert(2, ("Frames", record.frames))
@@ -267,6 +274,13 @@ def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) 
     if record.method == "CERTIFIED":
         numbers.append(("Least Possible", exact_text(record.exact_faces, record.faces)))
     return numbers
+
+
+def _ways(records: list[bpy.types.PropertyGroup]) -> list[tuple[str, str]]:
+    """How depths were computed, and where the subdivided mesh has its vertices."""
+    methods = dict.fromkeys(METHOD_TEXTS[record.method][0] for record in records)
+    vertices = dict.fromkeys(VERTEX_TEXTS[record.vertices][0] for record in records)
+    return [("Method", ", ".join(methods)), ("Vertices", ", ".join(vertices))]
 
 
 def _numbers_of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:

@@ -10,6 +10,8 @@ MEANINGS = {
     "Objects": "How many of the selected objects have a result",
     "Faces": "How many faces the mesh of the result has",
     "Deepest Depth": "The largest number of levels that a face needs to be within the tolerance of the limit surface",
+    "Method": "How the distance to the limit surface was bounded",
+    "Vertices": "Where the subdivided mesh has its vertices",
     "Frames": "The frames that depths were computed on: each face has the deepest one",
     "Tolerance": "The distance from the limit surface that was allowed, in the scene's unit",
     "Faces at Level": "How many faces there are when all of the mesh is subdivided to the level that is enough",

@@ -192,7 +192,7 @@ def compute(this: Run) -> None:
     rng = this.random
     settings = _tolerance(rng)
     settings["method"] = one(rng, ("CERTIFIED", "CERTIFIED", "SHARP", "SECOND_ORDER", "FIRST_ORDER"))
-    settings["vertices"] = one(rng, ("CONTROL", "LIMIT"))
+    settings["vertices"] = one(rng, ("OBJECT", "CONTROL", "LIMIT"))
     clean = not any(map(addon.module("state.results").has_traces, bpy.data.meshes))
     if _call(this, "compute", **settings):
         _same(f"compute {settings} finished", this.before_last, snapshot.is_ours)

@@ -258,7 +258,7 @@ def test_without_creases_groups_of_their_names_do_not_matter() -> None:
 
 SETTINGS: tuple[tuple[str, object, str], ...] = (
     ("tolerance_mode", None, ALL),
-    ("method", "FIRST_ORDER", "depths"),
+    ("method", "FIRST_ORDER", ""),
     ("vertices", "LIMIT", "depths"),
     ("use_modifiers", False, ALL),
     ("accuracy", 0.2, "own other"),
