@@ -313,10 +313,11 @@ def _stamp_of(content: dict[str, Any] | None, folder: Path) -> FileStamp | None:
 
 
 def _object_entry(content: dict[str, Any]) -> ObjectEntry:
+    if "vertices" not in content:
+        # Reports of earlier versions name them among the settings alone.
+        content = {**content, "vertices": content["settings"].get("vertices")}
     measured = content["measured"]
-    # Reports of earlier versions name the vertices among the settings alone.
-    told = {"vertices": content["settings"].get("vertices"), **content}
-    entry = _typed(ObjectEntry, {**told, "measured": None if measured is None else _typed(Distances, measured)})
+    entry = _typed(ObjectEntry, {**content, "measured": None if measured is None else _typed(Distances, measured)})
     if (entry.met is None) != (entry.measured is None) or (entry.measured is not None and not _agree(entry)):
         raise ValueError("met and measured do not agree")
     if entry.vertices not in (None, *VERTICES):

@@ -153,7 +153,6 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
     record.has_result = True
     record.subdivision = ""
     record.frames = ""
-    record.follows_objects = False
     record.unreduced_triangles = 0
     record.shows_deviation = False
     record.tolerance = settings.tolerance

@@ -17,7 +17,8 @@ from tests.blender.command_line_runs import Capture, few_samples, mesh_objects, 
 from tests.blender.test_frames import LAST, with_a_shape_key
 from tests.blender.test_report import report_in
 
-LINE = ("--tolerance", "0.004", "--absolute", "--method", "certified")
+LINE = ("--tolerance", "0.004", "--absolute", "--method", "certified", "--vertices", "control")
+SETTINGS = {"tolerance": 0.004, "method": "CERTIFIED", "vertices": "CONTROL"}
 
 
 @pytest.fixture
@@ -33,7 +34,7 @@ def animated(tmp_path: Path) -> Path:
 def expected() -> bpy.types.PropertyGroup:
     """The record of the depths over all frames, of the object in the open file."""
     [holder] = (each for each in bpy.data.objects if each.type == "MESH")
-    addon.compute(holder, tolerance=0.004, method="CERTIFIED", frames="SCENE")
+    addon.compute(holder, **SETTINGS, frames="SCENE")
     assert holder.data.ccdepth.deepest == addon.depths(holder).max()
     return holder.data.ccdepth
 
@@ -76,7 +77,7 @@ def test_the_level_over_frames_is_set_in_the_file(animated: Path, tmp_path: Path
     assert bpy.context.scene.frame_current == 1
     over_frames = addon.depths(holder)
     assert bpy.context.scene.ccdepth.frames == "CUSTOM"
-    addon.compute(holder, tolerance=0.004, method="CERTIFIED", frames="CURRENT")
+    addon.compute(holder, **SETTINGS, frames="CURRENT")
     assert np.all(addon.depths(holder) <= over_frames)
     assert np.any(addon.depths(holder) < over_frames)
 

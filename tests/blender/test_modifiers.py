@@ -26,7 +26,7 @@ TOLERANCE = 0.01
 
 
 def core_depths(mesh: bpy.types.Mesh, *, smooth_corners: bool = True) -> np.ndarray:
-    """(F,) int32: what the core says of a Blender mesh, by the scene's method."""
+    """(F,) int32: what the core says of a Blender mesh with control vertices, by the scene's method."""
     explicit = apply_boundary_rule(scene.polygon_mesh_of(mesh), smooth_corners=smooth_corners)
     return face_depths(explicit, TOLERANCE, bpy.context.scene.ccdepth.method, "CONTROL").depths
 
@@ -36,8 +36,8 @@ def evaluated(holder: bpy.types.Object) -> bpy.types.Mesh:
 
 
 def computed(holder: bpy.types.Object, **settings: object) -> np.ndarray:
-    """(F,) int32: the depths that are computed."""
-    addon.compute(holder, tolerance=TOLERANCE, **settings)
+    """(F,) int32: the depths that are computed for control vertices."""
+    addon.compute(holder, tolerance=TOLERANCE, vertices="CONTROL", **settings)
     return addon.depths(holder)
 
 
@@ -76,7 +76,7 @@ def test_a_mirror_gives_each_face_the_largest_depth_of_its_copies() -> None:
     bpy.ops.ccdepth.clear()
     # Edit Mode counts modifiers as well.
     with addon.edit_mode(holder):
-        bpy.ops.ccdepth.compute(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE")
+        bpy.ops.ccdepth.compute(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE", vertices="CONTROL")
     np.testing.assert_array_equal(addon.depths(holder), found)
 
 

@@ -230,7 +230,7 @@ def test_a_result_whose_own_depths_were_computed_gets_no_levels_unless_results_a
     refuses("set_levels", "set those of its source")
     bpy.context.scene.ccdepth.subdivide_results = True
     assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
-    assert levels(result) == [(result.data.ccdepth.uniform_level,) * 2 + (False,)]
+    assert levels(result) == [(result.data.ccdepth.uniform_level,) * 2 + (True,)]
 
 
 def test_a_refusal_names_the_faces_that_are_the_cause_and_what_divides_the_others_less() -> None:

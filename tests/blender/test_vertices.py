@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import json
+import re
 import shutil
 from itertools import product
 from pathlib import Path
@@ -14,6 +16,7 @@ import pytest
 from ccdepth_addon.core import VERTICES
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.command_line_runs import few_samples, mesh_objects, run, save
 
 pytestmark = pytest.mark.every_blender
 
@@ -138,6 +141,7 @@ def test_use_limit_surface_of_the_modifier_matters_to_what_follows_it_alone() ->
     assert line(holder) == ""
     bpy.ops.ccdepth.set_levels()
     assert not modifier.use_limit_surface
+    addon.compute(holder)
     bpy.ops.ccdepth.subdivide(output="IN_PLACE")
     assert not holder.data.ccdepth.follows_objects
 
@@ -196,3 +200,35 @@ def test_a_file_of_308a89a_keeps_its_methods_and_vertices(tmp_path: Path) -> Non
             depths = addon.depths(holder)
             bpy.ops.ccdepth.compute()
             np.testing.assert_array_equal(addon.depths(holder), depths)
+
+
+@pytest.mark.parametrize("asked", ["object", "limit"])
+def test_reports_say_which_vertices_were_used_for_each_object(
+    asked: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Levels set in the file leave them to each object unless they are named. A report in which settings alone name
+    them, as those of earlier versions, is checked as well."""
+    few_samples(monkeypatch)
+    expected = {}
+    for own in (None, *VERTICES):
+        name = with_modifier(scene.add_object(meshes.cube()), own).name
+        expected[name] = "LIMIT" if asked == "limit" else own or "LIMIT"
+    report, page, output = tmp_path / "report.json", tmp_path / "report.html", tmp_path / "out.blend"
+    line = ["--levels", "--tolerance", "0.02", "--absolute", "--output", output, "--json", report, "--html", page]
+    source = save(tmp_path / "cubes.blend")
+    assert run(source, *line, "--vertices", asked) == 0
+    entries = json.loads(report.read_text(encoding="utf-8"))["files"][0]["objects"]
+    assert {each["name"]: each["vertices"] for each in entries} == expected
+    assert {each["settings"]["vertices"] for each in entries} == {"LIMIT" if asked == "limit" else "OBJECT"}
+    texts = re.findall(r"<dt>Vertices</dt><dd>([^<]*)", page.read_text(encoding="utf-8"))
+    assert sorted(texts) == sorted(
+        {"LIMIT": "Limit Surface", "CONTROL": "Control Mesh"}[each] for each in expected.values()
+    )
+    assert run("--verify", report) == 0
+    shown = {name: each.modifiers[0].use_limit_surface for name, each in mesh_objects(output).items()}
+    assert shown == {name: vertices == "LIMIT" for name, vertices in expected.items()}
+    content = json.loads(report.read_text(encoding="utf-8"))
+    for each in content["files"][0]["objects"]:
+        del each["vertices"]
+    report.write_text(json.dumps(content), encoding="utf-8")
+    assert run("--verify", report) == (0 if asked == "limit" else 1)
