@@ -19,7 +19,7 @@ ALWAYS_FIRST = {"MULTIRES", "SOFT_BODY"}
 
 class CCDEPTH_OT_set_levels(QuickOperator):
     """Set the Subdivision Surface modifiers to the first level at which every face is within the tolerance, with the
-    Quality that it needs"""
+    Use Limit Surface that it is proved for and the Quality that it needs"""
 
     bl_idname = "ccdepth.set_levels"
     bl_label = "Set Subdivision Levels"

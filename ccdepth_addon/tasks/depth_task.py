@@ -365,10 +365,7 @@ def _note_states(
 def _state(blender_object: bpy.types.Object, settings: DepthSettings, known: KnownDescriptions) -> ObjectState:
     """The state of an object, as far as its depths by these settings depend on it."""
     return object_state(
-        blender_object,
-        use_modifiers=settings.use_modifiers,
-        with_vertices=settings.follows_objects,
-        known=known,
+        blender_object, use_modifiers=settings.use_modifiers, with_vertices=settings.follows_objects, known=known
     )
 
 
