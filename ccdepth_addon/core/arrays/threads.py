@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from functools import cache
+from threading import local
 from typing import TypeVar
 
 Task = TypeVar("Task")
@@ -25,8 +26,12 @@ def map_in_threads(
     """``function`` of each task, in the order of the tasks, computed a few tasks ahead of the caller.
 
     tick: called every ``SECONDS_BETWEEN_TICKS`` while a result is being computed; it may raise to stop. That, or
-    closing the generator, cancels the tasks that have not begun.
+    closing the generator, cancels the tasks that have not begun. Within a task, the tasks are done in its own thread,
+    and ``tick`` is not called: waiting for other threads there could take forever.
     """
+    if getattr(_own, "is_working", False):
+        yield from map(function, tasks)
+        return
     waiting: deque[Future[Result]] = deque()
     try:
         for task in tasks:
@@ -42,6 +47,13 @@ def map_in_threads(
             future.cancel()
 
 
+_own = local()
+
+
+def _begin() -> None:
+    _own.is_working = True
+
+
 def _thread_count() -> int:
     return min(MOST_THREADS, os.cpu_count() or 1)
 
@@ -49,7 +61,7 @@ def _thread_count() -> int:
 @cache
 def _threads() -> ThreadPoolExecutor:
     """Kept between calls: new threads would have to allocate their memory anew."""
-    return ThreadPoolExecutor(_thread_count())
+    return ThreadPoolExecutor(_thread_count(), initializer=_begin)
 
 
 def _result_of(future: Future[Result], tick: Callable[[], None]) -> Result:

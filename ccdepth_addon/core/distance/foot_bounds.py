@@ -15,7 +15,7 @@ import numpy as np
 from ..arrays.types import BoolArray, FloatArray
 from ..arrays.vectors import cross_products, squared_norms
 from ..bounds.norm_bounds import Vertices
-from ..surface.bicubic import SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN, tensor
+from ..surface.bicubic import SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN, apply, largest_norm, tensor
 
 # Quadratic splines, and linear ones, in Bernstein form of degree 3.
 FIRST_DIFFERENCE = np.diff(np.eye(4), axis=0)
@@ -58,7 +58,8 @@ class FootBounds:
     the face, 1 / length; speed: (P,), at least how fast parameters change with the way along it, 1 / length. All are
     infinite where the face is not shown to be an immersion.
     tilt: (P,), at least how far normals as long along n₀ as that are from it: of the surface, and of triangles with
-    vertices on it. middle: (P,), about what is reached at the middle, times h²; proves nothing.
+    vertices on it. middle: (P,), about what is reached at the middle, times h², and control_middle: with control
+    vertices; prove nothing.
     """
 
     second: FloatArray
@@ -70,6 +71,7 @@ class FootBounds:
     speed: FloatArray
     tilt: FloatArray
     middle: FloatArray
+    control_middle: FloatArray
 
     def at(self, level: int, curvature: FloatArray, speed: FloatArray, longest: float = 1.0) -> FloatArray:
         """(P,): B = b + κw², at least how far the level's triangles of each face are from the surface, and the surface
@@ -136,7 +138,8 @@ def foot_bounds(nets: FloatArray, vertices: Vertices, is_turned: BoolArray) -> F
     )
     proved = frame.is_known & turns.are_known
     bounds = [np.where(proved, each * (1 + ROUNDING), np.inf) for each in found]
-    return FootBounds(*[*bounds, _at_middle(frame.heights, vertices)])
+    middles = (_at_middle(frame.heights, each) for each in (vertices, Vertices.CONTROL))
+    return FootBounds(*bounds, *middles)
 
 
 @dataclass(frozen=True)
@@ -239,3 +242,13 @@ def _highest(uu: FloatArray, vv: FloatArray, uv: FloatArray) -> FloatArray:
     with np.errstate(divide="ignore", invalid="ignore"):
         inside = uu * vv * diagonal / (8 * (uu * vv - uv * uv))
     return np.where(is_inside, np.maximum(inside, highest), highest)
+
+
+def equal_bounds(nets: FloatArray, vertices: Vertices) -> FloatArray:
+    """(P,): of nets (4, 4, P, 3) of regular faces, ‖e‖ at equal parameters at most, with either diagonal, times 4⁻ʲ for
+    the level j."""
+    uu, vv, uv = (largest_norm(apply(rows, nets)) for rows in (ALONG_U, ALONG_V, MIXED))
+    bounds = (uu + vv) / 8 + uv / 4
+    if vertices is Vertices.CONTROL:
+        bounds = bounds + (uu + vv) / 6 + largest_norm(apply(FOURTH, nets)) / 36
+    return bounds * (1 + ROUNDING) + ROUNDING * np.abs(nets - nets[1, 1]).max(axis=(0, 1, 3))

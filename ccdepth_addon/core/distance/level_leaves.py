@@ -13,18 +13,18 @@ from ..arrays.chunks import index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
 from ..mesh.polygon_mesh import PolygonMesh
-from ..surface.bicubic import apply, largest_norm
-from ..surface.patches import PatchKind, classify_patches, regular_nets
+from ..surface.patches import PatchKind, classify_patches
 from ..surface.refinement import Refinement
-from .foot_bounds import ALONG_U, ALONG_V, FOURTH, MIXED, ROUNDING
+from .face_feet import FaceFeet
 from .leaf_distances import QUADS_AT_ONCE, Leaves
 
 # Rings of leaves around those that are asked for: two on which places in the shell have to be known, and one more that
 # gives these the triangles around.
 RINGS = 3
 
-# Parts of regular faces are divided no deeper than this level: at later ones they have bounds at equal parameters.
-DEEPEST_REGULAR = 5
+# What is regular is divided into leaves no more often than this; where a level is farther, only this often, as smaller
+# parts may have feet.
+DEEPEST_REGULAR, REGULAR_TRIES = 5, 2
 
 
 @dataclass(frozen=True)
@@ -51,24 +51,31 @@ class LevelLeaves:
         refinement = Refinement.start(mesh, np.concatenate([faces, np.flatnonzero(around)]))
         bases = np.minimum(np.arange(len(refinement.bases)), count)
         is_own, is_turned = bases < count, np.zeros(len(bases), dtype=bool)
+        regular_since = np.zeros(len(bases), dtype=np.intp)
         bounds = np.zeros(count)
         for own_level in range(level + 1):
             is_regular = _are_regular(refinement, is_own)
-            is_covered, found = _covered(refinement, is_regular, level - own_level, vertices, limit)
-            np.maximum.at(bounds, bases[is_covered], found)
-            is_own[is_covered] = is_regular[is_covered] = False
-            if own_level == DEEPEST_REGULAR < level:
-                bounds[bases[is_regular]] = np.inf
-                is_own &= np.isfinite(np.append(bounds, 0.0))[bases]
+            feet = FaceFeet.of(refinement.mesh.changed(axes=mesh.axes), vertices, tick, len(is_own))
+            for found in feet.bounds(np.flatnonzero(is_regular), level - own_level, vertices, limit, tick):
+                covered = found.faces[found.lasting]
+                np.maximum.at(bounds, bases[covered], found.bounds[found.lasting])
+                is_own[covered] = is_regular[covered] = False
+                bounds[bases[found.faces[(found.bounds > limit) & ~found.is_open]]] = np.inf
+            regular_since[~is_regular] = own_level + 1
+            is_given_up = (regular_since == own_level - REGULAR_TRIES) & (level - regular_since > DEEPEST_REGULAR)
+            bounds[bases[is_given_up]] = np.inf
+            is_own &= np.isfinite(np.append(bounds, 0.0))[bases]
             reach = _rings(refinement.mesh, is_own, RINGS)
             refinement = refinement.keep(reach)
-            bases, is_own, is_turned = bases[reach], is_own[reach], is_turned[reach]
+            bases, is_own, is_turned, regular_since = (
+                each[reach] for each in (bases, is_own, is_turned, regular_since)
+            )
             tick()
             if own_level == level or not len(bases):
                 break
             sizes = refinement.mesh.face_sizes[: len(bases)]
             is_turned = _turned_children(is_turned, sizes)
-            bases, is_own = np.repeat(bases, sizes), np.repeat(is_own, sizes)
+            bases, is_own, regular_since = (np.repeat(each, sizes) for each in (bases, is_own, regular_since))
             refinement = refinement.refined()
         leaves = Leaves.of(refinement, is_turned, vertices, limit)
         leaves.shell.ranges[np.repeat(may_be_folded(leaves, mesh.axes), 2)] = 0.0
@@ -135,29 +142,6 @@ def _turned_children(is_turned: BoolArray, sizes: IndexArray) -> BoolArray:
 def _are_regular(refinement: Refinement, is_own: BoolArray) -> BoolArray:
     """(K,) bool: the own faces that are regular."""
     return is_own & (classify_patches(refinement.mesh).kinds[: len(is_own)] == PatchKind.REGULAR)
-
-
-def _covered(
-    refinement: Refinement, is_regular: BoolArray, levels: int, vertices: Vertices, limit: float
-) -> tuple[IndexArray, FloatArray]:
-    """Those of the regular faces that are within the limit at equal parameters so many levels later, and their
-    bounds."""
-    regular = np.flatnonzero(is_regular)
-    if not len(regular):
-        return regular, np.zeros(0)
-    bounds = equal_bounds(regular_nets(refinement.mesh, regular), vertices) * 0.25**levels
-    within = bounds <= limit
-    return regular[within], bounds[within]
-
-
-def equal_bounds(nets: FloatArray, vertices: Vertices) -> FloatArray:
-    """(P,): of nets (4, 4, P, 3) of regular faces, ‖e‖ at equal parameters at most, with either diagonal, times 4⁻ʲ for
-    the level j."""
-    uu, vv, uv = (largest_norm(apply(rows, nets)) for rows in (ALONG_U, ALONG_V, MIXED))
-    bounds = (uu + vv) / 8 + uv / 4
-    if vertices is Vertices.CONTROL:
-        bounds = bounds + (uu + vv) / 6 + largest_norm(apply(FOURTH, nets)) / 36
-    return bounds * (1 + ROUNDING) + ROUNDING * np.abs(nets - nets[1, 1]).max(axis=(0, 1, 3))
 
 
 def may_be_folded(leaves: Leaves, axes: FloatArray | None) -> BoolArray:
