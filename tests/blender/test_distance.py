@@ -48,11 +48,14 @@ def test_triangles_are_those_that_blender_draws(name: str, level: int) -> None:
         addon.module("core.distance.level_leaves"),
         addon.module("core.bounds.norm_bounds").Vertices,
     )
-    every = np.arange(mesh.face_count)
-    # With a limit so small every quad is a leaf.
-    leaves = level_leaves.LevelLeaves.of(mesh, every, level, vertices.CONTROL, 1e-12, lambda: None).leaves
+    refinement = addon.module("core.surface.refinement").Refinement.start(mesh, np.arange(mesh.face_count))
+    is_turned = np.zeros(mesh.face_count, dtype=bool)
+    for _ in range(level):
+        is_turned = level_leaves.turned_children(is_turned, refinement.mesh.face_sizes[: len(is_turned)])
+        refinement = refinement.refined()
+    leaves = addon.module("core.distance.leaf_distances").Leaves.of(refinement, is_turned, vertices.CONTROL, 1.0)
     corners = leaves.shell.triangles.corners[: 2 * len(leaves.points)]
-    certain = np.repeat(~level_leaves.may_be_folded(leaves, None), 2)
+    certain = np.repeat(~level_leaves.may_be_folded(leaves.points, is_turned, None), 2)
     drawn = middles_of_drawn(holder, level)
     assert len(drawn) == len(corners)
     assert np.count_nonzero(certain) > 0.9 * len(corners)

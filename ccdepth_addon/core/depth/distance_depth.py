@@ -19,6 +19,7 @@ from ..bounds.norm_bounds import Vertices
 from ..distance.face_feet import FaceFeet
 from ..distance.level_leaves import DEEPEST_REGULAR, LevelLeaves
 from ..mesh.polygon_mesh import PolygonMesh
+from .disproved_levels import DisprovedLevels
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
 # Leaves looked at together, about, with those around them.
@@ -43,6 +44,7 @@ def distance_depths(
     feet = FaceFeet.of(mesh, vertices, tick)
     limit = test.tolerance - test.allowance
     is_quad = mesh.face_sizes == 4
+    disproved = DisprovedLevels.of(mesh, vertices, test, tick)
     left = faces
     level = 0
     while len(left):
@@ -56,10 +58,12 @@ def distance_depths(
         if np.count_nonzero(has_bound) > MOST_LEAVES >> 2 * level:
             is_open[has_bound] = False
         open_faces = left[is_open[left]]
-        for block in _by_leaves(mesh, open_faces, level, shown, limit, tick, joined=False):
-            bounds[block.faces] = block.bounds
+        for by_leaves in _by_leaves(mesh, open_faces, level, shown, limit, tick, joined=False):
+            bounds[by_leaves.faces] = by_leaves.bounds
         settled = left[bounds[left] <= limit]
-        yield _settled(settled, level, bounds, lasting, test.allowance)
+        block = _settled(settled, level, bounds, lasting, test.allowance)
+        block.exact[:] = disproved.all_before(level, settled, tick)
+        yield block
         left = left[bounds[left] > limit]
         level += 1
 

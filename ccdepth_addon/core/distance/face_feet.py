@@ -18,10 +18,7 @@ from ..bounds.norm_bounds import Vertices
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.bicubic import SPLINE_HALVES, both_ways
 from ..surface.patches import PatchKind, classify_patches, regular_nets
-from .foot_bounds import FootBounds, equal_bounds, foot_bounds
-
-# A sine: two normals that are nearer to a third one than 45° do not face apart.
-LARGEST_TILT = 0.7
+from .foot_bounds import LARGEST_TILT, FootBounds, equal_bounds, foot_bounds
 
 # How often nets are halved both ways. What feet leave open of a part shrinks by about half each time.
 NET_SPLITS = 3

@@ -50,6 +50,9 @@ MIDDLE_SECONDS = np.concatenate([tensor(CURVE, VALUE), tensor(VALUE, CURVE), ten
 # 2⁻⁴⁰ of themselves, and what is computed in them by less than the part ROUNDING of the largest coefficient.
 LEAST_SINE, ROUNDING = 2.0**-10, 2.0**-30
 
+# A sine: two normals that are nearer to a third one than 45° do not face apart.
+LARGEST_TILT = 0.7
+
 
 @dataclass(frozen=True)
 class FootBounds:

@@ -74,11 +74,11 @@ class LevelLeaves:
             if own_level == level or not len(bases):
                 break
             sizes = refinement.mesh.face_sizes[: len(bases)]
-            is_turned = _turned_children(is_turned, sizes)
+            is_turned = turned_children(is_turned, sizes)
             bases, is_own, regular_since = (np.repeat(each, sizes) for each in (bases, is_own, regular_since))
             refinement = refinement.refined()
         leaves = Leaves.of(refinement, is_turned, vertices, limit)
-        leaves.shell.ranges[np.repeat(may_be_folded(leaves, mesh.axes), 2)] = 0.0
+        leaves.shell.ranges[np.repeat(may_be_folded(leaves.points, leaves.is_turned, mesh.axes), 2)] = 0.0
         return LevelLeaves(leaves, bases, is_own, bounds)
 
     def own_distances(self, tick: Callable[[], None]) -> FloatArray:
@@ -131,7 +131,7 @@ def _touching(mesh: PolygonMesh, wanted: BoolArray) -> BoolArray:
     return np.logical_or.reduceat(touched[vertices], mesh.face_starts[: len(wanted)]) if len(wanted) else wanted
 
 
-def _turned_children(is_turned: BoolArray, sizes: IndexArray) -> BoolArray:
+def turned_children(is_turned: BoolArray, sizes: IndexArray) -> BoolArray:
     """Whether children are drawn with the diagonal from corner 1 to 3: diagonals are parallel to their parent's, and
     those of polygons that are not quads run to the middle."""
     first = np.cumsum(sizes) - sizes
@@ -144,8 +144,8 @@ def _are_regular(refinement: Refinement, is_own: BoolArray) -> BoolArray:
     return is_own & (classify_patches(refinement.mesh).kinds[: len(is_own)] == PatchKind.REGULAR)
 
 
-def may_be_folded(leaves: Leaves, axes: FloatArray | None) -> BoolArray:
-    """(K,) bool: leaves that may be drawn with their other diagonal, as the triangles would face apart."""
+def may_be_folded(points: FloatArray, is_turned: BoolArray, axes: FloatArray | None) -> BoolArray:
+    """(K,) bool: quads (K, 4, 3) that may be drawn with their other diagonal, as the triangles would face apart."""
     spaces = [np.eye(3)] if axes is None else [np.eye(3), axes]
-    quads = np.where(leaves.is_turned[:, None, None], np.roll(leaves.points, -1, axis=1), leaves.points)
+    quads = np.where(is_turned[:, None, None], np.roll(points, -1, axis=1), points)
     return is_folded(quads.swapaxes(0, 1), *spaces)

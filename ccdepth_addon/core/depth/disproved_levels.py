@@ -1,0 +1,346 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Levels that are not enough: points of the limit surface that are farther than the tolerance from a whole level.
+
+docs/distance.md, Least depths. A point of the surface over a face, exact but for rounding, is compared with every
+triangle that the level is drawn as, of whatever face; heights over the triangles below the point prove nothing, as
+others may be nearer. Only what can be near the points is divided down to the level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from ..arrays.chunks import AT_ONCE, index_chunks
+from ..arrays.threads import map_in_threads
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import cross_products, dot_products, units
+from ..bounds.norm_bounds import Vertices
+from ..deviation.box_tree import BoxTree, overlapping
+from ..deviation.columns import columns
+from ..deviation.triangles import distance_slack, to_triangles
+from ..distance.level_leaves import may_be_folded, turned_children
+from ..distance.middle_distances import are_apart, middle_distances, middle_parts, rates_of, tight_boxes
+from ..distance.shells import QUAD_TRIANGLES
+from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.submesh import submesh
+from ..surface.patches import PatchKind, classify_patches, regular_nets
+from ..surface.refinement import Refinement
+from .tolerance import ToleranceTest
+
+# Faces looked at together.
+FACES_AT_ONCE = 1 << 9
+
+# Leaves of a face that go on to the next level, those with the largest sag; and points of it that are tried, so many
+# highest over their own leaf and so many farthest from it.
+LEAVES_OF_A_FACE, POINTS_OF_A_FACE = 16, 24
+
+# Faces, at a level, that are looked at all over: of more than so many not the regular ones, as it would take longer
+# than the depths.
+MOST_FACES = 1 << 10
+
+# ``to_triangles`` finds distances too long by less than this part of themselves, besides the slack.
+RELATIVE_SLACK = 2.0**-36
+
+
+@dataclass(frozen=True)
+class DisprovedLevels:
+    """A mesh, the vertices of its levels from 1 on, the test, and the tree of boxes that hold all levels of each face.
+    is_regular: (F,) bool. rates: (F,), as of ``rates_of``, of regular ones."""
+
+    mesh: PolygonMesh
+    vertices: Vertices
+    test: ToleranceTest
+    tree: BoxTree
+    is_regular: BoolArray
+    rates: FloatArray
+
+    @staticmethod
+    def of(mesh: PolygonMesh, vertices: Vertices, test: ToleranceTest, tick: Callable[[], None]) -> DisprovedLevels:
+        """tick: called meanwhile, and may raise to stop."""
+        is_regular = classify_patches(mesh).kinds == PatchKind.REGULAR
+        low, high = np.empty((2, mesh.face_count, 3))
+        regular, others = np.flatnonzero(is_regular), np.flatnonzero(~is_regular)
+        if len(others):
+            low[others], high[others] = _support_boxes(submesh(mesh, others)[0], len(others))
+        rates = np.zeros(mesh.face_count)
+        condition = 1.0 if mesh.axes is None else float(np.linalg.cond(mesh.axes))
+
+        def look(some: IndexArray) -> None:
+            nets = regular_nets(mesh, some)
+            low[some], high[some] = tight_boxes(nets)
+            rates[some] = rates_of(nets, condition)
+
+        for _ in map_in_threads(look, index_chunks(regular, AT_ONCE), tick):
+            pass
+        return DisprovedLevels(mesh, vertices, test, BoxTree.around(low, high), is_regular, rates)
+
+    def all_before(self, level: int, faces: IndexArray, tick: Callable[[], None]) -> BoolArray:
+        """(n,) bool: faces (n,) of which every level before this one is disproved: some point of the surface over the
+        face is proved to be farther than the tolerance from the whole mesh at that level. tick: as of ``of``."""
+        found = np.zeros(self.mesh.face_count, dtype=bool)
+        regular = index_chunks(faces[self.is_regular[faces]], AT_ONCE)
+        for some in map_in_threads(lambda chunk: self._disproved_at_middle(level, chunk), regular, tick):
+            found[some] = True
+        left = faces[~found[faces]]
+        if len(left) > MOST_FACES:
+            left = left[~self.is_regular[left]][:MOST_FACES]
+        # The last level is the nearest to the surface, mostly.
+        for lesser in range(level - 1, -1, -1):
+            parts = map_in_threads(partial(self._disproved, lesser), index_chunks(left, FACES_AT_ONCE), tick)
+            left = np.concatenate([left[:0], *parts])
+        found[left] = True
+        return found[faces]
+
+    def _disproved_at_middle(self, level: int, faces: IndexArray) -> IndexArray:
+        """Those of some regular faces of which points near the middle disprove every level before this one."""
+        nets = regular_nets(self.mesh, faces)
+        for lesser in range(level - 1, -1, -1):
+            lower = middle_distances(nets, self.rates[faces], lesser, self._shown(lesser))
+            far = np.flatnonzero(self.test.exceeds(lower))
+            faces, nets = faces[far], nets.take(far, axis=2)
+        if not len(faces):
+            return faces
+        reach = self.test.tolerance + 2 * self.test.allowance
+        middles = middle_parts(nets)
+        owners, others = overlapping(
+            BoxTree.around(middles.min(axis=0) - reach, middles.max(axis=0) + reach), self.tree
+        )
+        is_other = faces[owners] != others
+        owners, others = owners[is_other], others[is_other]
+        is_near = ~self.is_regular[others]
+        beside = np.flatnonzero(~is_near)
+        others_there = regular_nets(self.mesh, others[beside])
+        is_near[beside] = ~are_apart(others_there, middles[:, owners[beside]], reach)
+        alone = np.ones(len(faces), dtype=bool)
+        alone[owners[is_near]] = False
+        return faces[alone]
+
+    def _disproved(self, level: int, faces: IndexArray) -> IndexArray:
+        """Those of some faces that one of their points disproves."""
+        points, bases = self._samples(level, faces)
+        return np.unique(faces[bases[self._are_far(level, points)]])
+
+    def _samples(self, level: int, faces: IndexArray) -> tuple[FloatArray, IndexArray]:
+        """(n, 3) points of the surface and (n,) which of the faces they are on: the highest over their own leaves
+        at a level and the farthest from these, of the corners and of the middles of sides and of quads one and two
+        levels later; none that are near their leaves."""
+        leaves = _Leaves.start(self.mesh, faces, self._shown(level))
+        for _ in range(level):
+            leaves = leaves.refined().with_largest_sag(LEAVES_OF_A_FACE)
+        leaves = leaves.with_largest_sag(LEAVES_OF_A_FACE)
+        children = leaves.refinement.refined()
+        owners = np.repeat(np.arange(len(leaves.refinement.bases)), leaves.refinement.mesh.face_sizes[: leaves.count])
+        # With limit vertices the corners are on the surface.
+        is_off = leaves.shown is Vertices.CONTROL
+        points, parents = [children.limits_at_corners[::4]] * is_off, [owners] * is_off
+        for later in range(2):
+            corners = children.limits_at_corners.reshape(-1, 4, 3)
+            # The last corner but one of a face's children is the middle of the face.
+            is_first = np.diff(owners, prepend=-1) > 0 if later == 0 else np.arange(len(owners)) % 4 == 0
+            points += [corners[:, 1], corners[is_first, 2]]
+            parents += [owners, owners[is_first]]
+            if later == 0:
+                children, owners = children.refined(), np.repeat(owners, 4)
+        places, of_leaf = np.concatenate(points), np.concatenate(parents)
+        off, heights = leaves.own_distances(places, of_leaf)
+        far = np.flatnonzero(self.test.exceeds(off))
+        places, bases = places[far], leaves.refinement.bases[of_leaf[far]]
+        chosen = [_largest_of_each(each[far], bases, POINTS_OF_A_FACE) for each in (off, heights)]
+        first = np.unique(np.concatenate(chosen))
+        return places[first], bases[first]
+
+    def _shown(self, level: int) -> Vertices:
+        """At level 0 no modifier moves anything."""
+        return self.vertices if level else Vertices.CONTROL
+
+    def _are_far(self, level: int, points: FloatArray) -> BoolArray:
+        """(n,) bool: points (n, 3) that are proved to be farther than the tolerance from the whole mesh at a level."""
+        found = np.ones(len(points), dtype=bool)
+        if not len(points):
+            return found
+        reach = self.test.tolerance + 2 * self.test.allowance
+        around = BoxTree.around(points - reach, points + reach)
+        leaves = _Leaves.start(self.mesh, np.unique(overlapping(around, self.tree)[1]), self._shown(level))
+        for later in range(level):
+            if later:
+                boxes = _support_boxes(leaves.refinement.mesh, leaves.count)
+                near = np.zeros(leaves.count, dtype=bool)
+                near[overlapping(around, BoxTree.around(*boxes))[1]] = True
+                leaves = leaves.keep(near)
+            if not leaves.count:
+                return found
+            leaves = leaves.refined()
+        if not leaves.count:
+            return found
+        for owners, lower in leaves.distances(points, around):
+            found[owners[~self.test.exceeds(lower)]] = False
+        return found
+
+
+@dataclass(frozen=True)
+class _Leaves:
+    """Faces that a level has. is_turned: (K,) bool, drawn with the diagonal from corner 1 to 3. shown: where the
+    vertices are. axes: of the mesh that they come from."""
+
+    refinement: Refinement
+    is_turned: BoolArray
+    shown: Vertices
+    axes: FloatArray | None
+
+    @staticmethod
+    def start(mesh: PolygonMesh, faces: IndexArray, shown: Vertices) -> _Leaves:
+        return _Leaves(Refinement.start(mesh, faces), np.zeros(len(faces), dtype=bool), shown, mesh.axes)
+
+    @property
+    def count(self) -> int:
+        return len(self.refinement.bases)
+
+    @property
+    def sizes(self) -> IndexArray:
+        return self.refinement.mesh.face_sizes[: self.count]
+
+    def keep(self, wanted: BoolArray) -> _Leaves:
+        """Some of them: (K,) bool."""
+        return _Leaves(self.refinement.keep(wanted), self.is_turned[wanted], self.shown, self.axes)
+
+    def refined(self) -> _Leaves:
+        return _Leaves(self.refinement.refined(), turned_children(self.is_turned, self.sizes), self.shown, self.axes)
+
+    def corners(self) -> FloatArray:
+        """(C, 3): where the corners are drawn."""
+        if self.shown is Vertices.LIMIT:
+            return self.refinement.limits_at_corners
+        return self.refinement.mesh.positions[self.refinement.corner_vertices()]
+
+    def with_largest_sag(self, count: int) -> _Leaves:
+        """At most so many of each base, all of them quads: those with the largest heights of the surface over their
+        corners and the middles of their sides and diagonals, about."""
+        if not self.refinement.are_quads or np.bincount(self.refinement.bases, minlength=1).max() <= count:
+            return self
+        a, b, c, d = self.corners().reshape(-1, 4, 3).swapaxes(0, 1)
+        normals = units(cross_products(c - a, d - b))
+        sides, centres = self.refinement.limits_inside()
+        w, x, y, z = sides.reshape(-1, 4, 3).swapaxes(0, 1)
+        centre = centres[::4]
+        off = [w - (a + b) / 2, x - (b + c) / 2, y - (c + d) / 2, z - (d + a) / 2, centre - (a + c) / 2]
+        limits = self.refinement.limits_at_corners.reshape(-1, 4, 3).swapaxes(0, 1)
+        off += [limits[0] - a, limits[1] - b, limits[2] - c, limits[3] - d]
+        sag = np.abs(dot_products(np.stack(off), normals)).max(axis=0)
+        wanted = np.zeros(self.count, dtype=bool)
+        wanted[_largest_of_each(sag, self.refinement.bases, count)] = True
+        return self.keep(wanted)
+
+    def triangles(self) -> tuple[FloatArray, IndexArray]:
+        """(T, 3, 3) the corners of what quads and triangles may be drawn as, and (T,) the leaf of each."""
+        corners, starts = self.corners(), self.refinement.mesh.face_starts[: self.count]
+        triangles, quads = np.flatnonzero(self.sizes == 3), np.flatnonzero(self.sizes == 4)
+        points = corners[starts[quads][:, None] + np.arange(4)]
+        turned = self.is_turned[quads]
+        drawn = [corners[starts[triangles][:, None] + np.arange(3)]]
+        owners = [triangles]
+        folded = np.flatnonzero(may_be_folded(points, turned, self.axes))
+        # It is not known which diagonal these have.
+        for some, is_turned in ((np.arange(len(quads)), turned), (folded, ~turned[folded])):
+            order = QUAD_TRIANGLES[is_turned.astype(np.intp)].reshape(-1, 3)
+            which = np.repeat(some, 2)
+            drawn.append(points[which[:, None], order])
+            owners.append(quads[which])
+        return np.concatenate(drawn), np.concatenate(owners)
+
+    def slabs(self) -> tuple[IndexArray, FloatArray, FloatArray, FloatArray]:
+        """(N,) the polygons with more than four corners, (N, 3) unit vectors, and (N,) the least and (N,) the largest
+        height of their corners along these: whatever triangles they are drawn as, those are between."""
+        polygons = np.flatnonzero(self.sizes > 4)
+        if not len(polygons):
+            return polygons, np.zeros((0, 3)), np.zeros(0), np.zeros(0)
+        mesh = self.refinement.mesh
+        own = np.flatnonzero(np.repeat(self.sizes > 4, self.sizes))
+        starts = np.cumsum(self.sizes[polygons]) - self.sizes[polygons]
+        points = self.corners()
+        middles = np.repeat(
+            np.add.reduceat(points[own], starts) / self.sizes[polygons][:, None], self.sizes[polygons], 0
+        )
+        areas = cross_products(points[own] - middles, points[mesh.next_corner[own]] - middles)
+        normals = units(np.add.reduceat(areas, starts))
+        heights = dot_products(points[own], np.repeat(normals, self.sizes[polygons], axis=0))
+        return polygons, normals, np.minimum.reduceat(heights, starts), np.maximum.reduceat(heights, starts)
+
+    def own_distances(self, points: FloatArray, leaves: IndexArray) -> tuple[FloatArray, FloatArray]:
+        """(n,): how far points (n, 3) are from a leaf each, at most, and infinite for polygons that are not cut yet;
+        and (n,) how high over the plane of its nearest triangle."""
+        found, heights = np.full(len(points), np.inf), np.zeros(len(points))
+        corners, owners = self.triangles()
+        normals = units(cross_products(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+        order = np.argsort(owners, kind="stable")
+        first = np.searchsorted(owners[order], np.arange(self.count))
+        counts = np.bincount(owners, minlength=self.count)
+        for place in range(int(counts.max(initial=0))):
+            some = np.flatnonzero(place < counts[leaves])
+            which = order[first[leaves[some]] + place]
+            off = to_triangles(columns(points[some]), _columns(corners[which]))[0]
+            nearer = off < found[some]
+            some, which = some[nearer], which[nearer]
+            found[some] = off[nearer]
+            heights[some] = np.abs(dot_products(points[some] - corners[which, 0], normals[which]))
+        polygons, directions, low, high = self.slabs()
+        numbers = np.full(self.count, -1)
+        numbers[polygons] = np.arange(len(polygons))
+        some = np.flatnonzero(numbers[leaves] >= 0)
+        heights[some] = _off_slabs(points[some], directions, low, high, numbers[leaves[some]])
+        return found, heights
+
+    def distances(self, points: FloatArray, around: BoxTree) -> list[tuple[IndexArray, FloatArray]]:
+        """(m,) points and (m,) how far they are at least from something that is drawn: of all that is in boxes around
+        the points."""
+        found = []
+        corners, _ = self.triangles()
+        if len(corners):
+            owners, which = overlapping(around, BoxTree.around(corners.min(axis=1), corners.max(axis=1)))
+            own = corners[which]
+            off = to_triangles(columns(points[owners]), _columns(own))[0]
+            found.append((owners, off * (1 - RELATIVE_SLACK) - distance_slack(own.swapaxes(0, 1))))
+        polygons, normals, low, high = self.slabs()
+        if len(polygons):
+            starts = np.cumsum(self.sizes) - self.sizes
+            boxes = [each.reduceat(self.corners(), starts)[polygons] for each in (np.minimum, np.maximum)]
+            owners, which = overlapping(around, BoxTree.around(*boxes))
+            found.append((owners, _off_slabs(points[owners], normals, low, high, which)))
+        return found
+
+
+def _off_slabs(
+    points: FloatArray, normals: FloatArray, low: FloatArray, high: FloatArray, which: IndexArray
+) -> FloatArray:
+    """(n,): how far points (n, 3) are at least from a slab each, ``which`` (n,) of ``_Leaves.slabs``."""
+    heights = dot_products(points, normals[which])
+    return np.maximum(low[which] - heights, heights - high[which])
+
+
+def _columns(corners: FloatArray) -> FloatArray:
+    """(3, 3, T) from (T, 3, 3), as ``to_triangles`` has them."""
+    return np.ascontiguousarray(corners.transpose(1, 2, 0))
+
+
+def _largest_of_each(values: FloatArray, bases: IndexArray, count: int) -> IndexArray:
+    """(m,) intp: which of values (n,) are among so many largest ones of their base."""
+    order = np.lexsort((-values, bases))
+    starts = np.searchsorted(bases[order], bases[order])
+    return order[np.arange(len(order)) - starts < count]
+
+
+def _support_boxes(mesh: PolygonMesh, count: int) -> tuple[FloatArray, FloatArray]:
+    """(count, 3) twice, the lowest and highest of all points of the faces around the corners of the first faces: every
+    later level of these, and the surface, are averages of the points."""
+    own = mesh.corner_vertices[: mesh.face_starts[count]]
+    found = []
+    for extreme, start in ((np.minimum, np.inf), (np.maximum, -np.inf)):
+        of_faces = extreme.reduceat(mesh.positions[mesh.corner_vertices], mesh.face_starts[:-1])
+        at_vertices = np.full(mesh.positions.shape, start)
+        for axis in range(3):
+            extreme.at(at_vertices[:, axis], mesh.corner_vertices, of_faces[mesh.corner_faces, axis])
+        found.append(extreme.reduceat(at_vertices[own], mesh.face_starts[:count]))
+    return found[0], found[1]

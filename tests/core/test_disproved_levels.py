@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Faces of which no lesser depth is enough: a point of the surface is too far from the whole mesh at every lesser
+level, by distances to all of its triangles."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.spatial import cKDTree
+
+from ccdepth_addon.core.arrays.types import BoolArray, FloatArray, IndexArray
+from ccdepth_addon.core.bounds.norm_bounds import Vertices
+from ccdepth_addon.core.bounds.rounding import rounding_allowance
+from ccdepth_addon.core.depth.disproved_levels import MOST_FACES, DisprovedLevels
+from ccdepth_addon.core.depth.face_depths import face_depths
+from ccdepth_addon.core.depth.tolerance import ToleranceTest
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.catmull_clark import subdivide
+from ccdepth_addon.core.surface.limit_positions import limit_positions
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
+from tests import meshes
+from tests.core.test_distance_depth import MESHES, ROUNDING, SEEDS, Level, case
+from tests.triangle_distances import distances, point_to_triangles
+
+
+def nothing() -> None:
+    """No progress."""
+
+
+def drawn(mesh: PolygonMesh, level: int, vertices: Vertices) -> tuple[FloatArray, IndexArray]:
+    """The triangles of a level; at level 0 of all polygons fans from all of their corners."""
+    if level == 0:
+        corners = np.split(mesh.corner_vertices, mesh.face_starts[1:-1])
+        fans = [np.roll(own, -turn) for own in corners for turn in range(len(own) if len(own) != 4 else 1)]
+        triangles = [[fan[0], fan[i], fan[i + 1]] for fan in fans for i in range(1, len(fan) - 1)]
+        return mesh.positions, np.array(triangles)
+    found = Level(mesh)
+    for _ in range(level):
+        found = found.refined()
+    return found.drawn(vertices)[:2]
+
+
+def far_faces(mesh: PolygonMesh, level: int, vertices: Vertices, tolerance: float) -> BoolArray:
+    """(F,): faces with a point of the surface farther from the whole mesh at a level, among the vertices of two levels
+    later."""
+    fine, owners_of_faces = mesh, np.arange(mesh.face_count)
+    for _ in range(level + 2):
+        owners_of_faces = np.repeat(owners_of_faces, fine.face_sizes)
+        fine = subdivide(fine).mesh
+    limits = limit_positions(fine)
+    positions, triangles = drawn(mesh, level, vertices)
+    far = np.flatnonzero(distances(limits, positions, triangles) > tolerance * (1 - ROUNDING))
+    corners = positions[triangles]
+    middles = corners.mean(axis=1)
+    # Whatever is as near as the tolerance has its middle as near as that and its own size.
+    sizes = np.linalg.norm(corners - middles[:, None], axis=2).max()
+    near = cKDTree(middles).query_ball_point(limits[far], tolerance + sizes)
+    counts = [len(which) for which in near]
+    pairs = np.concatenate([np.zeros(0, dtype=np.intp), *near]).astype(np.intp)
+    owners = np.repeat(far, counts)
+    off = point_to_triangles(limits[owners], corners[pairs])
+    is_far = np.zeros(len(limits), dtype=bool)
+    is_far[far] = True
+    is_far[owners[off <= tolerance * (1 - ROUNDING)]] = False
+    found = np.zeros(mesh.face_count, dtype=bool)
+    found[np.repeat(owners_of_faces, 4)[is_far[fine.corner_vertices]]] = True
+    return found
+
+
+def cases() -> list[object]:
+    thorough = pytest.mark.thorough
+    found: list[object] = [pytest.param(name, 1, 1, id=f"{name}-1") for name in MESHES]
+    return found + [
+        pytest.param(name, seed, 2, marks=thorough, id=f"{name}-{seed}-2") for name in MESHES for seed in SEEDS
+    ]
+
+
+@pytest.mark.parametrize(("name", "seed", "levels"), cases())
+@pytest.mark.parametrize("vertices", Vertices)
+def test_no_level_is_disproved_that_is_near_enough(name: str, seed: int, levels: int, vertices: Vertices) -> None:
+    """At tolerances from about the largest to about the least distances of faces."""
+    mesh, diagonal = case(name, seed)
+    every = np.arange(mesh.face_count)
+    for level in range(levels + 1):
+        for share in (0.05, 0.01):
+            tolerance = share * 0.4**level * diagonal
+            found = disproved(mesh, vertices, tolerance, level, every)
+            assert not np.any(found & ~far_faces(mesh, level, vertices, tolerance))
+
+
+def disproved(mesh: PolygonMesh, vertices: Vertices, tolerance: float, level: int, faces: IndexArray) -> BoolArray:
+    test = ToleranceTest(tolerance, rounding_allowance(mesh))
+    return DisprovedLevels.of(mesh, vertices, test, nothing).all_before(level + 1, faces, nothing)
+
+
+@pytest.mark.parametrize("vertices", Vertices)
+@pytest.mark.parametrize("level", [0, pytest.param(1, marks=pytest.mark.thorough)])
+def test_another_sheet_of_the_mesh_near_the_surface_is_not_overlooked(level: int, vertices: Vertices) -> None:
+    """Every face is far from its own triangles; near its surface lies a fine copy of this, part of the same mesh."""
+    data = meshes.landscape(5, 4, 2)
+    coarse = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
+    fine = subdivide(subdivide(subdivide(coarse).mesh).mesh).mesh
+    tolerance = 0.01 / 2**level
+    every = np.arange(coarse.face_count)
+    assert np.count_nonzero(disproved(coarse, vertices, tolerance, level, every)) > 0.8 * len(every)
+    faces = [*data.faces, *(fine.corner_vertices.reshape(-1, 4) + coarse.vertex_count).tolist()]
+    both = meshes.from_faces(np.concatenate([coarse.positions, limit_positions(fine)]), faces)
+    doubled = apply_boundary_rule(meshes.to_polygon_mesh(both), smooth_corners=True)
+    found = disproved(doubled, vertices, tolerance, level, every)
+    assert not np.any(found & ~far_faces(doubled, level, vertices, tolerance)[every])
+    assert np.count_nonzero(found) < 0.2 * len(every)
+
+
+@pytest.mark.parametrize("vertices", Vertices)
+def test_most_depths_of_smooth_meshes_are_seen_to_be_the_least(vertices: Vertices) -> None:
+    """Of those that samples of the surface can tell: nearly all."""
+    for name in ("torus", "bevelled prism", "cube"):
+        mesh, diagonal = case(name, 9)
+        found = face_depths(mesh, 2e-3 * diagonal, "DISTANCE", vertices.value)
+        far = np.logical_and.reduce(
+            [
+                far_faces(mesh, level, vertices, 2e-3 * diagonal) | (found.depths <= level)
+                for level in range(min(found.depths.max(), 3))
+            ]
+        )
+        known = found.depths <= 3
+        assert not np.any(found.exact & known & ~far)
+        assert np.count_nonzero(found.exact & known) >= 0.9 * np.count_nonzero(far & known)
+
+
+@pytest.mark.parametrize("vertices", Vertices)
+@pytest.mark.parametrize("height", [1.0, 0.01])
+def test_quads_drawn_along_their_other_diagonal_are_compared_as_drawn(height: float, vertices: Vertices) -> None:
+    """Where the object is flat, many quads are folded in its own space."""
+    mesh, diagonal = case("torus", 3)
+    turned = mesh.changed(axes=np.diag([1.0, 1.0, height]))
+    every = np.arange(mesh.face_count)
+    for tolerance in np.geomspace(2e-4, 2e-2, 4) * diagonal:
+        found = disproved(turned, vertices, tolerance, 1, every)
+        assert not np.any(found & ~far_faces(turned, 1, vertices, tolerance))
+
+
+@pytest.mark.parametrize("vertices", Vertices)
+def test_middles_of_regular_faces_are_no_nearer_than_said(vertices: Vertices) -> None:
+    """On a mesh so large that nothing else is looked at; there most far faces are found."""
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.torus(54, 20)), smooth_corners=True)
+    found = disproved(mesh, vertices, 6e-4, 1, np.arange(mesh.face_count))
+    far = far_faces(mesh, 1, vertices, 6e-4)
+    assert not np.any(found & ~far)
+    assert np.count_nonzero(far) > MOST_FACES
+    assert np.count_nonzero(found) > 0.9 * np.count_nonzero(far)
