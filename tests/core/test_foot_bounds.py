@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
+from ccdepth_addon.core.distance.face_feet import FaceFeet
 from ccdepth_addon.core.distance.foot_bounds import foot_bounds
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
@@ -144,6 +145,33 @@ def test_bounds_hold_both_ways_and_are_near_what_is_reached(name: str, vertices:
     # At level 1 nearly every face has a bound, and half of them are less than twice too large, or two and a half times.
     assert len(shares[1]) >= 0.9 * surface.mesh.face_count
     assert np.median(shares[1]) > (0.5 if vertices is Vertices.LIMIT else 0.4)
+
+
+@pytest.mark.parametrize("vertices", Vertices)
+@pytest.mark.parametrize("name", MESHES)
+def test_parts_of_faces_hold_where_whole_faces_do_not_decide(name: str, vertices: Vertices) -> None:
+    """Both ways, at limits about what is reached, where parts are needed."""
+    surface = Surface(MESHES[name](), 2)
+    every, never = np.arange(surface.mesh.face_count), np.zeros(surface.mesh.face_count, dtype=bool)
+    feet = FaceFeet.of(surface.mesh, vertices, lambda: None)
+    whole = surface.bounds(vertices, never)[1]
+    reached = np.zeros((2, surface.mesh.face_count))
+    for is_turned in (never, ~never)[: 1 if vertices is Vertices.LIMIT else 2]:
+        to_surface, to_mesh, off = sampled(surface, 1, vertices, is_turned)
+        reached = np.maximum(reached, [to_surface, to_mesh])
+    by_parts = 0
+    for limit in np.quantile(reached[0], [0.2, 0.4, 0.6, 0.8, 1.0]) * 1.1:
+        bounds = np.full(surface.mesh.face_count, np.inf)
+        for found in feet.bounds(every, 1, vertices, limit, lambda: None):
+            bounds[found.faces] = np.where(found.bounds <= limit, found.bounds, np.inf)
+            # What is said to be beyond the limit is no more than likely, but what is within it must not be.
+            assert not np.any(found.is_open & (found.bounds <= limit))
+        proved, around = np.isfinite(bounds), surface.touching(bounds)
+        assert np.all(reached[0][proved] <= bounds[proved] + off)
+        known = np.isfinite(around)
+        assert np.all(reached[1][known] <= around[known] + off)
+        by_parts += np.count_nonzero(proved & (whole > limit))
+    assert by_parts > 0.1 * surface.mesh.face_count
 
 
 @given(
