@@ -211,7 +211,7 @@ def test_levels_are_as_near_as_proved(name: str, seed: int, levels: int, vertice
     for level in range(1, levels + 1):
         there, back, off = sampled(mesh, level, vertices)
         largest = max(there.max(), back.max())
-        for tolerance in (0.1 * diagonal, 1.5 * largest + 1e-6 * diagonal, 0.7 * largest + 1e-6 * diagonal):
+        for tolerance in (0.1 * diagonal, 1.05 * largest + 1e-6 * diagonal, 0.95 * largest):
             bounds = level_bounds(mesh, tolerance, "DISTANCE", vertices, level)
             # Strips at its border a face may leave to those that touch it.
             around = largest_around(mesh, bounds) * (1 + ROUNDING) + ROUNDING * diagonal

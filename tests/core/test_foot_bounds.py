@@ -160,7 +160,7 @@ def test_parts_of_faces_hold_where_whole_faces_do_not_decide(name: str, vertices
         to_surface, to_mesh, off = sampled(surface, 1, vertices, is_turned)
         reached = np.maximum(reached, [to_surface, to_mesh])
     by_parts = 0
-    for limit in np.quantile(reached[0], [0.2, 0.4, 0.6, 0.8, 1.0]) * 1.1:
+    for limit in np.quantile(reached[0], np.linspace(0.1, 1.0, 10)):
         bounds = np.full(surface.mesh.face_count, np.inf)
         for found in feet.bounds(every, 1, vertices, limit, lambda: None):
             bounds[found.faces] = np.where(found.bounds <= limit, found.bounds, np.inf)

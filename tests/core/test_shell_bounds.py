@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from itertools import combinations_with_replacement
+from itertools import combinations_with_replacement, pairwise
 from math import comb, factorial
 
 import numpy as np
@@ -13,10 +13,14 @@ from hypothesis import strategies as st
 
 from ccdepth_addon.core.adaptive.leaf_bounds.triangle_bounds import coefficients_over
 from ccdepth_addon.core.arrays.types import FloatArray
-from ccdepth_addon.core.distance.leaf_distances import SQUARE, SQUARE_FORM, TRIANGLE_FORM
+from ccdepth_addon.core.bounds.norm_bounds import Vertices
+from ccdepth_addon.core.distance import leaf_distances
+from ccdepth_addon.core.distance.leaf_distances import SQUARE, SQUARE_FORM, TRIANGLE_FORM, Leaves
 from ccdepth_addon.core.distance.shell_bounds import Pieces, shell_bounds
 from ccdepth_addon.core.distance.shells import Shell, Triangles, vertex_vectors
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.refinement import Refinement
+from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.triangle_distances import point_to_triangles
 
@@ -145,3 +149,31 @@ def test_quarters_of_pieces_are_those_of_the_surface() -> None:
         values = bicubic(rows @ coefficients, places)
         left = [each for each in left if not np.allclose(values, bicubic(coefficients, each + places / 2), atol=1e-12)]
     assert not left
+
+
+def test_all_of_a_quad_is_looked_at_however_it_is_divided(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The triangles' parts over which pieces are bounded cover them, where some pieces have to be divided."""
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.torus(6, 5)), smooth_corners=True)
+    count = mesh.face_count
+    leaves = Leaves.of(Refinement.start(mesh, np.arange(count)), np.arange(count) % 2 == 1, Vertices.LIMIT, 100.0)
+    generator, areas = np.random.default_rng(5), np.zeros(count)
+
+    def some(shell: Shell, pieces: Pieces) -> FloatArray:
+        is_open = generator.random(len(pieces.near)) < 0.25
+        form = SQUARE_FORM if pieces.flats.shape[1] == 16 else TRIANGLE_FORM
+        first, *others = np.moveaxis(pieces.flats[:, form.values], 1, 0)
+        if form is SQUARE_FORM:
+            others = [others[0], others[2], others[1]]
+        sides = [each - first for each in others]
+        area = sum(np.linalg.norm(np.cross(a, b), axis=1) / 2 for a, b in pairwise(sides))
+        np.add.at(areas, pieces.triangles[~is_open] // 2, area[~is_open])
+        return np.where(is_open, np.inf, 1.0)
+
+    monkeypatch.setattr(leaf_distances, "shell_bounds", some)
+    by_places, _ = leaves.distances(np.arange(count), lambda: None)
+    corners = leaves.shell.triangles.corners
+    sides = corners[:, 1:] - corners[:, :1]
+    whole = (np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / 2).reshape(-1, 2).sum(axis=1)
+    settled = by_places == 1.0
+    assert np.count_nonzero(settled) > count / 2
+    np.testing.assert_allclose(areas[settled], whole[settled])
