@@ -25,9 +25,9 @@ FloatArray = NDArray[np.float64]
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "images"
 
-# A part of Suzanne's diagonal, and the level that all of her faces need for it.
+# A part of Suzanne's diagonal, and the least level that brings all of her faces within it, with vertices on the surface.
 TOLERANCE = 1e-3
-LEVEL = 5
+LEVEL = 3
 
 # Drawn larger and scaled down, for smooth lines.
 OVERSAMPLING = 4
@@ -65,7 +65,7 @@ def subdivided_suzanne() -> bpy.types.Mesh:
     """Suzanne at the level that all of her faces need, as her modifier makes her."""
     suzanne = scene.add_suzanne()
     modifier = suzanne.modifiers.new("Subdivision", "SUBSURF")
-    modifier.levels, modifier.quality, modifier.use_limit_surface = LEVEL, LEVEL, False
+    modifier.levels, modifier.quality, modifier.use_limit_surface = LEVEL, 10, True
     return bpy.data.meshes.new_from_object(suzanne.evaluated_get(bpy.context.evaluated_depsgraph_get()))
 
 
