@@ -25,7 +25,7 @@ FloatArray = NDArray[np.float64]
 
 FOLDER = Path(__file__).resolve().parent.parent / "docs" / "images"
 
-# A part of Suzanne's diagonal, and the least level that brings all of her faces within it, with vertices on the surface.
+# A part of Suzanne's diagonal, and the least level that brings all of her faces within it, with limit vertices.
 TOLERANCE = 1e-3
 LEVEL = 3
 

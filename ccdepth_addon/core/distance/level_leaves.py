@@ -67,15 +67,15 @@ class LevelLeaves:
             is_own &= np.isfinite(np.append(bounds, 0.0))[bases]
             reach = _rings(refinement.mesh, is_own, RINGS)
             refinement = refinement.keep(reach)
-            bases, is_own, is_turned, regular_since = (
-                each[reach] for each in (bases, is_own, is_turned, regular_since)
-            )
+            bases, regular_since = bases[reach], regular_since[reach]
+            is_own, is_turned = is_own[reach], is_turned[reach]
             tick()
             if own_level == level or not len(bases):
                 break
             sizes = refinement.mesh.face_sizes[: len(bases)]
             is_turned = turned_children(is_turned, sizes)
-            bases, is_own, regular_since = (np.repeat(each, sizes) for each in (bases, is_own, regular_since))
+            bases, regular_since = np.repeat(bases, sizes), np.repeat(regular_since, sizes)
+            is_own = np.repeat(is_own, sizes)
             refinement = refinement.refined()
         leaves = Leaves.of(refinement, is_turned, vertices, limit)
         leaves.shell.ranges[np.repeat(may_be_folded(leaves.points, leaves.is_turned, mesh.axes), 2)] = 0.0
