@@ -41,7 +41,7 @@ def distance_depths(
     At level 0 no modifier moves anything, so there vertices are control points; other polygons than quads have depth 1
     at least.
     """
-    feet = FaceFeet.of(mesh, vertices, tick)
+    feet = FaceFeet.of(mesh, vertices, np.zeros(mesh.face_count, dtype=bool), tick)
     limit = test.tolerance - test.allowance
     is_quad = mesh.face_sizes == 4
     disproved = DisprovedLevels.of(mesh, vertices, test, tick)
@@ -81,7 +81,7 @@ def distance_level_bounds(
     """The proved bounds of some faces at one level, both ways, in chunks. tick: as of ``distance_depths``."""
     shown = vertices if level else Vertices.CONTROL
     limit = test.tolerance - test.allowance
-    feet = FaceFeet.of(mesh, vertices, tick)
+    feet = FaceFeet.of(mesh, vertices, np.zeros(mesh.face_count, dtype=bool), tick)
     parts = [np.zeros(0, dtype=np.intp)]
     for found in feet.bounds(faces, level, shown, limit, tick):
         yield LevelBounds(found.faces[found.lasting], found.bounds[found.lasting] + test.allowance)

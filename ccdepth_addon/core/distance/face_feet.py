@@ -40,7 +40,8 @@ class FoundByFeet:
 class FaceFeet:
     """The bounds by feet of a mesh's faces. places: (F,) intp, of each face among the bounds, -1 where it has none.
     curvature, speed: of the faces with bounds, κ and α of all faces that touch them. equal: of the same faces, bounds
-    at equal parameters times 4ʲ where there are no feet, infinite elsewhere."""
+    at equal parameters times 4ʲ where there are no feet, infinite elsewhere. is_turned: of the same faces, whether they
+    are drawn with the diagonal from corner 1 to 3."""
 
     mesh: PolygonMesh
     vertices: Vertices
@@ -49,17 +50,19 @@ class FaceFeet:
     curvature: FloatArray
     speed: FloatArray
     equal: FloatArray
+    is_turned: BoolArray
 
     @staticmethod
-    def of(mesh: PolygonMesh, vertices: Vertices, tick: Callable[[], None], count: int | None = None) -> FaceFeet:
-        """count: how many of the mesh's first faces have all faces around them there; all of them if left out."""
+    def of(mesh: PolygonMesh, vertices: Vertices, is_turned: BoolArray, tick: Callable[[], None]) -> FaceFeet:
+        """is_turned: (K,) bool, of the mesh's first K faces, all faces around which are there: whether they are drawn
+        with the diagonal from corner 1 to 3."""
         patches = classify_patches(mesh)
         is_regular = patches.kinds == PatchKind.REGULAR
-        is_regular[mesh.face_count if count is None else count :] = False
+        is_regular[len(is_turned) :] = False
         regular = np.flatnonzero(is_regular)
 
         def bound(some: IndexArray) -> FootBounds:
-            return _either_way(regular_nets(mesh, some), vertices)
+            return _as_drawn(regular_nets(mesh, some), vertices, is_turned[some])
 
         parts = list(map_in_threads(bound, index_chunks(regular, AT_ONCE), tick))
         names = [field.name for field in fields(FootBounds)]
@@ -86,7 +89,7 @@ class FaceFeet:
         for rest in index_chunks(np.flatnonzero(np.isinf(curvature)), AT_ONCE):
             equal[rest] = equal_bounds(regular_nets(mesh, regular[rest]), vertices)
             tick()
-        return FaceFeet(mesh, vertices, places, whole, curvature, speed, equal)
+        return FaceFeet(mesh, vertices, places, whole, curvature, speed, equal, is_turned[regular])
 
     def bounds(
         self, faces: IndexArray, level: int, shown: Vertices, limit: float, tick: Callable[[], None]
@@ -128,7 +131,7 @@ class FaceFeet:
         is_beyond = np.zeros(len(faces), dtype=bool)
         last = min(level, NET_SPLITS)
         for split in range(last + 1):
-            own = _either_way(nets, shown)
+            own = _as_drawn(nets, shown, self.is_turned[places[which]])
             state = level - split, self.curvature[places[which]], self.speed[places[which]]
             bounds, on_leaves = own.at(*state, 1.0), own.at(*state, 0.5**level)
             is_beyond[which[own.middle * 0.25 ** (level - split) > limit]] = True
@@ -141,11 +144,11 @@ class FaceFeet:
         return FoundByFeet(faces, found, along_leaves <= limit, is_open)
 
 
-def _either_way(nets: FloatArray, vertices: Vertices) -> FootBounds:
-    """Of nets (4, 4, P, 3) of regular faces, whichever diagonal they are drawn with."""
-    first = foot_bounds(nets, vertices, np.zeros(nets.shape[2], dtype=bool))
+def _as_drawn(nets: FloatArray, vertices: Vertices, is_turned: BoolArray) -> FootBounds:
+    """Of nets (4, 4, P, 3) of regular faces. is_turned: (P,) bool, as of ``foot_bounds``."""
+    first = foot_bounds(nets, vertices, is_turned)
     if vertices is Vertices.LIMIT:
         return first
     # Of control points nothing tells which diagonal is drawn.
-    second = foot_bounds(nets, vertices, np.ones(nets.shape[2], dtype=bool))
+    second = foot_bounds(nets, vertices, ~is_turned)
     return replace(first, **{name: np.maximum(vars(first)[name], vars(second)[name]) for name in ("second", "plain")})

@@ -55,7 +55,7 @@ class LevelLeaves:
         bounds = np.zeros(count)
         for own_level in range(level + 1):
             is_regular = _are_regular(refinement, is_own)
-            feet = FaceFeet.of(refinement.mesh.changed(axes=mesh.axes), vertices, tick, len(is_own))
+            feet = FaceFeet.of(refinement.mesh.changed(axes=mesh.axes), vertices, is_turned, tick)
             for found in feet.bounds(np.flatnonzero(is_regular), level - own_level, vertices, limit, tick):
                 covered = found.faces[found.lasting]
                 np.maximum.at(bounds, bases[covered], found.bounds[found.lasting])
