@@ -295,3 +295,26 @@ def test_nothing_is_proved_where_the_surface_has_no_tangent_plane() -> None:
     nets = np.stack([collapsed, folded_in_the_middle, folded_beside_it, 0 * grid], axis=2)
     found = foot_bounds(nets, Vertices.LIMIT, np.zeros(4, dtype=bool))
     assert np.all(np.isinf(found.at(3, found.curvature, found.speed)))
+
+
+@pytest.mark.parametrize("level", [1, 2])
+def test_parts_are_bounded_along_the_diagonal_that_they_are_drawn_with(level: int) -> None:
+    """z = k (x - y)² is even along one diagonal, and curved four times as much along the other as along the sides."""
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.grid(9, 9)), smooth_corners=True)
+    x, y, _ = mesh.positions.T
+    mesh = mesh.changed(positions=np.column_stack([x, y, 1e-4 * (x - y) ** 2]))
+    along = mesh.positions[mesh.corner_vertices.reshape(-1, 4)]
+    is_even = np.abs(along[:, 2, 2] - along[:, 0, 2]) < 1e-9
+    drawn = np.arange(mesh.face_count) % 2 == 1
+    side = np.linalg.norm((along[:, 1] - along[:, 0])[:, :2], axis=1) * 0.5**level
+    # On the curved diagonal the chord is k (2s)² / 4 above the surface, on a side k s² / 4.
+    reached = 1e-4 * side**2 * np.where(is_even == drawn, 1.0, 0.25)
+    feet = FaceFeet.of(mesh, Vertices.LIMIT, drawn, lambda: None)
+    inside = np.all(
+        np.abs(along[:, :, :2].mean(axis=1) - mesh.positions[:, :2].mean(axis=0)) < 3.0 * side[0] * 2**level, axis=1
+    )
+    assert np.count_nonzero(inside & (is_even == drawn)) > 5
+    for limit in 1e-4 * side[0] ** 2 * np.array([0.3, 0.5, 0.9, 1.1]):
+        for found in feet.bounds(np.arange(mesh.face_count), level, Vertices.LIMIT, limit, lambda: None):
+            proved = (found.bounds <= limit) & inside[found.faces]
+            assert np.all(found.bounds[proved] >= 0.999 * reached[found.faces][proved])
