@@ -13,6 +13,7 @@ from __future__ import annotations
 import sys
 import tracemalloc
 from collections.abc import Callable
+from itertools import product
 from pathlib import Path
 from statistics import median
 from time import perf_counter
@@ -23,13 +24,16 @@ import bpy
 import numpy as np
 
 from benchmarks.hills import hills
-from ccdepth_addon.core.depth.face_depths import METHODS
+from ccdepth_addon.core.depth.face_depths import METHODS, VERTICES
 
 SIDE = 1000
 REPEATS = 5
 
 # Fine enough for every face to need some levels.
 RELATIVE_TOLERANCE = 1e-6
+
+# The others take as long with either kind of vertices.
+BY_BOTH_VERTICES = ("DISTANCE", "CERTIFIED")
 
 
 def add_grid(side: int, insets: int) -> bpy.types.Object:
@@ -50,19 +54,19 @@ def add_grid(side: int, insets: int) -> bpy.types.Object:
     return grid
 
 
-def compute_depth(method: str) -> float:
+def compute_depth(method: str, vertices: str) -> float:
     """Seconds for the operator as a whole: reading the mesh, bounds, depths, attributes, colours and record."""
     return _seconds(
         lambda: bpy.ops.ccdepth.compute(
-            tolerance=RELATIVE_TOLERANCE, tolerance_mode="RELATIVE", method=method, vertices="CONTROL"
+            tolerance=RELATIVE_TOLERANCE, tolerance_mode="RELATIVE", method=method, vertices=vertices
         )
     )
 
 
-def peak_memory(method: str) -> int:
+def peak_memory(method: str, vertices: str) -> int:
     """Bytes that Python and NumPy take at most during the operator."""
     tracemalloc.start()
-    compute_depth(method)
+    compute_depth(method, vertices)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return peak
@@ -108,14 +112,17 @@ def measure(side: int, insets: int, repeats: int) -> None:
     print(f"{faces:,} quads, {8 * insets / len(grid.data.vertices):.2%} of the vertices extraordinary")
     # Subdivision first: it would have to interpolate the attributes that Compute Depth leaves on the mesh.
     _report("Subdivision Surface, one level", [evaluate_subdivision(grid) for _ in range(repeats)])
-    for method in METHODS:
-        seconds = [compute_depth(method) for _ in range(repeats)]
-        _report(f"Compute Depth, {method}", seconds, f"{peak_memory(method) / faces:.0f} bytes per face")
+    for method, vertices in product(METHODS, VERTICES):
+        if vertices == "LIMIT" and method not in BY_BOTH_VERTICES:
+            continue
+        seconds = [compute_depth(method, vertices) for _ in range(repeats)]
+        memory = f"{peak_memory(method, vertices) / faces:.0f} bytes per face"
+        _report(f"Compute Depth, {method}, {vertices}", seconds, memory)
 
 
 def _report(name: str, seconds: list[float], more: str = "") -> None:
     times = f"{median(seconds):6.2f} s   ({min(seconds):.2f} to {max(seconds):.2f})"
-    print(f"  {name:<32}{times}   {more}".rstrip(), flush=True)
+    print(f"  {name:<37}{times}   {more}".rstrip(), flush=True)
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ PICTURE = Path(__file__).resolve().parent.parent / "docs" / "images" / "faces_by
 PART_OF_DIAGONAL = 1e-3
 
 NAMES = {
+    "DISTANCE": "By Distance",
     "CERTIFIED": "Certified",
     "SHARP": "Sharp",
     "SECOND_ORDER": "Second Order (Published)",

@@ -28,7 +28,7 @@ from ccdepth_addon.core import apply_boundary_rule, face_depths, polygon_mesh
 corners = np.array([[x, y, z] for z in (-1.0, 1.0) for y in (-1.0, 1.0) for x in (-1.0, 1.0)])
 quads = np.array([[2, 3, 1, 0], [4, 5, 7, 6], [0, 1, 5, 4], [1, 3, 7, 5], [3, 2, 6, 7], [2, 0, 4, 6]])
 cube = polygon_mesh(corners, np.full(6, 4), quads.ravel())
-result = face_depths(apply_boundary_rule(cube, smooth_corners=True), 0.001, "CERTIFIED", "LIMIT")
+result = face_depths(apply_boundary_rule(cube, smooth_corners=True), 0.001, "DISTANCE", "LIMIT")
 print(result.depths, result.bounds)
 ```
 """

@@ -133,7 +133,7 @@ def _add_choices(parser: Parser) -> None:
         const="ABSOLUTE",
         help="a bare tolerance is a distance in the scene",
     )
-    add("--method", type=_name, choices=METHODS, help="how the distance is bounded")
+    add("--method", type=_name, choices=METHODS, help="how the distance is bounded; by default DISTANCE")
     add(
         "--vertices",
         type=_name,

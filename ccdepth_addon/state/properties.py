@@ -26,30 +26,32 @@ TOLERANCE_MODES = (
     ("RELATIVE", "Relative", "The tolerance is a part of the diagonal of the object's dimensions"),
     ("ABSOLUTE", "Absolute", "The tolerance is a distance in the scene, with the object's scale counted in"),
 )
+AT_EQUAL_PARAMETERS = (
+    ". Compares points at equal parameters, on quads that are not cut into triangles: can ask for more levels than "
+    "By Distance, or for fewer on twisted quads"
+)
 METHOD_TEXTS = {
     "DISTANCE": (
         "By Distance",
-        "The distance between the subdivided mesh and the limit surface themselves, in both directions: "
-        "far fewer levels where edge loops are unevenly spaced, as around bevels, but it takes longer",
+        "Depth from the distance between the triangles that Blender draws and the limit surface, in both directions",
     ),
-    "CERTIFIED": (
-        "Certified",
-        "The least depth that can be proved from the mesh itself, on nearly all faces the least that is true",
-    ),
+    "CERTIFIED": ("Certified", "Depth from the mesh itself; quicker than By Distance" + AT_EQUAL_PARAMETERS),
     "SHARP": (
         "Sharp",
-        "Depth from second differences of the control points, with the least factors that hold for every mesh; "
-        "far lower around poles than as published",
+        "Depth from second differences of the control points, with the least factors that hold for every mesh"
+        + AT_EQUAL_PARAMETERS,
     ),
     "SECOND_ORDER": (
         "Second Order (Published)",
-        "Depth from second differences of the control points, after Cheng, Chen and Yong (2006)",
+        "Depth from second differences of the control points, after Cheng, Chen and Yong (2006)" + AT_EQUAL_PARAMETERS,
     ),
     "FIRST_ORDER": (
         "First Order",
-        "Depth from how far apart the control points are; needs far more levels, and is here for comparison",
+        "Depth from how far apart the control points are, for comparison" + AT_EQUAL_PARAMETERS,
     ),
 }
+# Those that disprove lesser depths.
+METHODS_WITH_LEAST = ("DISTANCE", "CERTIFIED")
 # Files store numbers, so what came later has later ones.
 METHOD_NUMBERS = {"CERTIFIED": 0, "SHARP": 1, "SECOND_ORDER": 2, "FIRST_ORDER": 3, "DISTANCE": 4}
 METHOD_ITEMS = tuple((method, *METHOD_TEXTS[method], "NONE", METHOD_NUMBERS[method]) for method in METHODS)
@@ -159,7 +161,7 @@ class DepthProperties:
         name="Method",
         description="How the distance to the limit surface is bounded",
         items=METHOD_ITEMS,
-        default="CERTIFIED",
+        default="DISTANCE",
     )
     vertices: EnumProperty(
         name="Vertices",

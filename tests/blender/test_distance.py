@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What depths by distance take Blender to draw, and the method as it is chosen and stored."""
+"""What depths by distance take Blender to draw; the method as it is chosen and stored, and that it is the default."""
 
 from __future__ import annotations
 
@@ -71,6 +71,49 @@ def test_methods_of_earlier_files_keep_their_numbers() -> None:
     numbers = {identifier: number for identifier, *_, number in items}
     assert [numbers[each] for each in ("CERTIFIED", "SHARP", "SECOND_ORDER", "FIRST_ORDER")] == [0, 1, 2, 3]
     assert len(set(numbers.values())) == len(items)
+
+
+def test_by_default_depths_are_by_distance_and_the_panel_says_so() -> None:
+    holder = scene.add_object(meshes.torus(8, 6))
+    bpy.context.scene.ccdepth.property_unset("method")
+    addon.compute(holder, tolerance=0.05)
+    assert holder.data.ccdepth.method == "DISTANCE"
+    panels, printed = addon.module("ui.panels"), addon.module("command_line.report_text")
+    rows = dict(panels._numbers_of_depths(bpy.context.scene, holder.data.ccdepth))
+    assert (rows["Method"], rows["Least Possible"]) == ("By Distance", "On all faces")
+    assert printed.depth_table(holder.data.ccdepth).endswith("no lesser depth would do on all faces")
+    assert "By Distance" in printed.settings_text([holder])
+
+
+def test_the_other_methods_say_what_they_compare_and_where_they_are_off() -> None:
+    for method, (_, text) in addon.module("state.properties").METHOD_TEXTS.items():
+        for words in ("equal parameters", "can ask for more levels", "fewer on twisted quads"):
+            assert (words in text) == (method != "DISTANCE")
+
+
+# Of these no lesser depth is enough on any face, at this part of the diagonal.
+LEAST: dict[str, tuple[Callable[[], meshes.MeshData], float]] = {
+    "cube": (meshes.cube, 0.01),
+    "creased cube": (meshes.creased_cube, 0.03),
+    "torus": (lambda: meshes.torus(8, 6), 0.01),
+}
+
+
+@pytest.mark.parametrize("vertices", ["CONTROL", "LIMIT"])
+@pytest.mark.parametrize("name", LEAST)
+def test_the_level_that_is_set_is_measured_to_be_enough_and_the_one_before_is_not(name: str, vertices: str) -> None:
+    """By Measure Deviation, which shares no bound with the method."""
+    make, tolerance = LEAST[name]
+    holder, near = scene.add_object(make()), {"tolerance": tolerance, "tolerance_mode": "RELATIVE"}
+    addon.compute(holder, **near, method="DISTANCE", vertices=vertices)
+    record = holder.data.ccdepth
+    assert record.exact_faces == record.faces
+    bpy.ops.ccdepth.set_levels()
+    [modifier] = holder.modifiers
+    for verdict in ("MET", "NOT_MET"):
+        addon.measure(holder, **near, accuracy=1.0, time_limit=20)
+        assert record.measurement.verdict == verdict
+        modifier.levels -= 1
 
 
 def test_several_objects_in_edit_mode_get_depths_by_distance() -> None:

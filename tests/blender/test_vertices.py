@@ -175,8 +175,8 @@ def test_another_method_makes_nothing_out_of_date_and_the_panel_names_the_one(
 
 
 def test_a_file_of_308a89a_keeps_its_methods_and_vertices(tmp_path: Path) -> None:
-    """Those that it names, in settings and results. Where the settings were never touched, none were stored: the
-    setting is the default of today, and the result keeps what it was computed with."""
+    """Those that it names, in settings and results. Where the settings were never touched, none were stored: they are
+    the defaults of today, and the result keeps what it was computed with."""
     copy = shutil.copy(OLD_FILE, tmp_path)
     bpy.ops.wm.open_mainfile(filepath=str(copy))
     named = {f"{method} {vertices}": (method, vertices) for method, vertices in product(OLD_METHODS, VERTICES)}
@@ -185,8 +185,9 @@ def test_a_file_of_308a89a_keeps_its_methods_and_vertices(tmp_path: Path) -> Non
         settings, holder = bpy.context.scene.ccdepth, bpy.data.objects[name]
         record = holder.data.ccdepth
         if name == "Untouched":
+            assert not settings.is_property_set("method")
             assert not settings.is_property_set("vertices")
-            assert settings.vertices == "OBJECT"
+            assert (settings.method, settings.vertices) == ("DISTANCE", "OBJECT")
         else:
             assert (settings.method, settings.vertices) == (method, vertices)
         assert (record.method, record.vertices, record.follows_objects) == (method, vertices, False)
@@ -196,9 +197,10 @@ def test_a_file_of_308a89a_keeps_its_methods_and_vertices(tmp_path: Path) -> Non
         addon.select(holder)
         bpy.ops.ccdepth.set_levels()
         assert holder.modifiers[0].use_limit_surface == (vertices == "LIMIT")
+        depths = addon.depths(holder)
+        bpy.ops.ccdepth.compute()
+        assert record.method == settings.method
         if name != "Untouched":
-            depths = addon.depths(holder)
-            bpy.ops.ccdepth.compute()
             np.testing.assert_array_equal(addon.depths(holder), depths)
 
 

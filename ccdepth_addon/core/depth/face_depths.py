@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The depth of every face: the least level proved to lie within a tolerance of the limit surface.
 
-Meshes and a tolerance in, depths out; ``norm_depth`` and ``certified_depth`` compute them.
+Meshes and a tolerance in, depths out; ``distance_depth``, ``certified_depth`` and ``norm_depth`` compute them.
 """
 
 from __future__ import annotations
