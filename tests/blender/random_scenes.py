@@ -191,7 +191,7 @@ def _tolerance(rng: Random) -> dict[str, Any]:
 def compute(this: Run) -> None:
     rng = this.random
     settings = _tolerance(rng)
-    settings["method"] = one(rng, ("DISTANCE", "CERTIFIED", "SHARP", "SECOND_ORDER", "FIRST_ORDER"))
+    settings["method"] = one(rng, ("CERTIFIED", "DISTANCE", "SHARP", "SECOND_ORDER", "FIRST_ORDER"))
     settings["vertices"] = one(rng, ("OBJECT", "CONTROL", "LIMIT"))
     clean = not any(map(addon.module("state.results").has_traces, bpy.data.meshes))
     if _call(this, "compute", **settings):

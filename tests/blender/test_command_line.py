@@ -33,8 +33,11 @@ def write_mesh_file(path: Path) -> None:
 def test_without_a_mesh_it_measures_suzanne_as_the_operator_does(tmp_path: Path, capfd: Capture) -> None:
     output = tmp_path / "suzanne.blend"
     for options, settings in (
-        ([], {}),
-        (["--tolerance", "0.01", "--absolute", "--vertices", "limit"], {"tolerance": 0.01, "vertices": "LIMIT"}),
+        (["--method", "certified"], {"method": "CERTIFIED"}),
+        (
+            ["--tolerance", "0.01", "--absolute", "--method", "sharp", "--vertices", "limit"],
+            {"tolerance": 0.01, "method": "SHARP", "vertices": "LIMIT"},
+        ),
     ):
         assert run(*options, "--output", output, "--overwrite") == 0
         printed = capfd.readouterr().out
@@ -65,7 +68,7 @@ def test_every_format_can_be_read_and_stays_as_it_is(tmp_path: Path, suffix: str
     mesh = tmp_path / f"mesh{suffix}"
     write_mesh_file(mesh)
     before = mesh.read_bytes()
-    assert run(mesh, "--output", tmp_path / "out.blend") == 0
+    assert run(mesh, "--method", "certified", "--output", tmp_path / "out.blend") == 0
     [depths] = depths_in(tmp_path / "out.blend").values()
     # An STL file holds triangles alone.
     assert len(depths) == (SUZANNE_FACES if suffix != ".stl" else 968)

@@ -57,8 +57,8 @@ def run(name: str, file: Path | None, *arguments: object) -> str:
 
 @pytest.fixture
 def cube_file(tmp_path: Path) -> Path:
-    """A cube of 2 m."""
-    bpy.context.scene.ccdepth.method = "CERTIFIED"
+    """A cube of 2 m, with Blender's settings of a new file."""
+    bpy.context.scene.ccdepth.property_unset("method")
     scene.add_object(meshes.cube(), "Cube")
     return save(tmp_path / "cube.blend")
 
@@ -68,6 +68,15 @@ def test_set_levels(cube_file: Path, tmp_path: Path) -> None:
     [modifier] = mesh_objects(tmp_path / "out.blend")["Cube"].modifiers
     assert modifier.levels == modifier.render_levels > 0
     assert modifier.use_limit_surface
+
+
+def test_batch_depth(cube_file: Path) -> None:
+    row = run("batch_depth.py", cube_file, 0.05).splitlines()[-1].split("\t")
+    cube = mesh_objects(cube_file)["Cube"]
+    addon.compute(cube, tolerance=0.05)
+    record = cube.data.ccdepth
+    assert record.method == "DISTANCE"
+    assert row == [str(cube_file), "Cube", "6", str(record.uniform_level), record.uniform_faces]
 
 
 def test_print_stl(cube_file: Path, tmp_path: Path) -> None:

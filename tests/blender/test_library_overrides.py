@@ -208,7 +208,7 @@ def test_depths_of_an_overridden_mesh_are_refused(tmp_path: Path, kind: str) -> 
 @pytest.mark.parametrize("kind", ["", *KINDS])
 def test_a_result_in_a_library_is_left_alone(tmp_path: Path, kind: str) -> None:
     holder = linked(tmp_path, kind, computed=True)
-    addon.compute(scene.add_suzanne())
+    addon.compute(scene.add_suzanne(), method="CERTIFIED")
     bpy.context.scene.ccdepth.show_heat_map = False
     addon.select(holder)
     assert bpy.ops.ccdepth.clear() == {"CANCELLED"}
