@@ -216,7 +216,7 @@ def test_what_is_not_made_adaptively_is_checked_again_as_well(tmp_path: Path, ac
     status = run(source, *tolerance, "--method", "certified", *line, "--json", report)
     content = report_in(report)
     [entry] = content["files"]
-    # By Certified depths and levels are about quads, and files hold triangles: whether these are within it, measuring says.
+    # By this method they are about quads, and files hold triangles: whether these are within it, measuring says.
     assert status == (0 if content["met"] else 1)
     if action != "depths":
         assert all(each["measured"]["proved"] <= each["tolerance"] for each in entry["objects"] if each["met"])
