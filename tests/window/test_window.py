@@ -197,6 +197,7 @@ def leave_sidebar(window: Window, started: dict[str, Any], seconds: float) -> No
     time.sleep(seconds)
 
 
+@pytest.mark.parametrize("window", [{"TOLERANCE": "2e-4"}], indirect=True)
 def test_a_click_on_compute_depth_shows_the_heat_map(window: Window, tmp_path: Path) -> None:
     started = find_first(window, "bpy.ops.ccdepth.compute")
     assert not started["has_result"]
