@@ -9,7 +9,7 @@ from decimal import Decimal
 import bpy
 
 from ..state import deviation_results, results
-from ..state.properties import METHOD_TEXTS, METHODS_WITH_LEAST, VERTEX_TEXTS
+from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
 from ..ui.lengths import METRIC, PLAIN, Rounding, bound_text, number_text
 from ..ui.panels import exact_text
 from ..ui.printable import printable
@@ -76,7 +76,7 @@ def depth_table(record: bpy.types.PropertyGroup) -> str:
         lines.append(f"  all of it at level {record.uniform_level}: {int(record.uniform_faces):,} faces")
     else:
         lines.append("  the level for all of it is not known: the depths are from an earlier version of CC Depth")
-    if record.method in METHODS_WITH_LEAST:
+    if record.method == "DISTANCE":
         lines.append(f"  no lesser depth would do {exact_text(record.exact_faces, record.faces).lower()}")
     return "\n".join(lines)
 

@@ -50,8 +50,6 @@ METHOD_TEXTS = {
         "Depth from how far apart the control points are, for comparison" + AT_EQUAL_PARAMETERS,
     ),
 }
-# Those that disprove lesser depths.
-METHODS_WITH_LEAST = ("DISTANCE", "CERTIFIED")
 # Files store numbers, so what came later has later ones.
 METHOD_NUMBERS = {"CERTIFIED": 0, "SHARP": 1, "SECOND_ORDER": 2, "FIRST_ORDER": 3, "DISTANCE": 4}
 METHOD_ITEMS = tuple((method, *METHOD_TEXTS[method], "NONE", METHOD_NUMBERS[method]) for method in METHODS)

@@ -13,7 +13,7 @@ from ..state import refusals, result_record, results, sources, staleness
 from ..state.colors import depth_colors
 from ..state.face_counts import known_count
 from ..state.levels import too_deep
-from ..state.properties import METHOD_TEXTS, METHODS_WITH_LEAST, VERTEX_TEXTS, scene_tolerance
+from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS, scene_tolerance
 from ..tasks.adaptive_task import AdaptiveSettings
 from ..tasks.depth_task import DepthSettings
 from ..tasks.frames import chosen_frames
@@ -271,7 +271,8 @@ def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) 
     # Results of earlier versions have none.
     if record.uniform_level >= 0:
         numbers.append(level_faces(record.uniform_level, record))
-    if record.method in METHODS_WITH_LEAST:
+    # A depth that is disproved at equal parameters may be enough all the same.
+    if record.method == "DISTANCE":
         numbers.append(("Least Possible", exact_text(record.exact_faces, record.faces)))
     return numbers
 

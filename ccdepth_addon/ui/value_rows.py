@@ -15,7 +15,7 @@ MEANINGS = {
     "Frames": "The frames that depths were computed on: each face has the deepest one",
     "Tolerance": "The distance from the limit surface that was allowed, in the scene's unit",
     "Faces at Level": "How many faces there are when all of the mesh is subdivided to the level that is enough",
-    "Least Possible": "On how many faces it is proved that no lesser depth will do; by Certified, at equal parameters",
+    "Least Possible": "On how many faces it is proved that no lesser depth is enough",
     "Deepest Part": "How many times the most divided part of a face was halved each way",
     "Base Faces": "How many faces the mesh had before it was subdivided",
     "Without Reduce": "How many triangles there were before Reduce",

@@ -83,6 +83,9 @@ def test_by_default_depths_are_by_distance_and_the_panel_says_so() -> None:
     assert (rows["Method"], rows["Least Possible"]) == ("By Distance", "On all faces")
     assert printed.depth_table(holder.data.ccdepth).endswith("no lesser depth would do on all faces")
     assert "By Distance" in printed.settings_text([holder])
+    addon.compute(holder, tolerance=0.05, method="CERTIFIED")
+    assert "Least Possible" not in dict(panels._numbers_of_depths(bpy.context.scene, holder.data.ccdepth))
+    assert "no lesser depth" not in printed.depth_table(holder.data.ccdepth)
 
 
 def test_the_other_methods_say_what_they_compare_and_where_they_are_off() -> None:
