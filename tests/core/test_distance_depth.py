@@ -15,8 +15,7 @@ from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.depth.common_level import common_level
 from ccdepth_addon.core.depth.face_depths import face_depths, level_bounds, uniform_level
-from ccdepth_addon.core.depth.pose_depths import pose_depths
-from ccdepth_addon.core.depth.poses import Pose
+from ccdepth_addon.core.depth.pose_depths import Pose, pose_depths
 from ccdepth_addon.core.depth.worst_pose import worst_pose
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
