@@ -289,12 +289,14 @@ def bending(mesh: Any, count: int) -> list[Any]:
     return [Pose(partial(pose, number), tolerance) for number in range(count)]
 
 
-def posed(make: Callable[[], list[Any]], tolerance: float = 1e-3) -> Callable[[], Any]:
+def posed(
+    make: Callable[[], list[Any]], tolerance: float = 1e-3, method: str = "CERTIFIED", vertices: str = "CONTROL"
+) -> Callable[[], Any]:
     """Depths over several poses; the result is the number of faces that they make."""
     from ccdepth_addon.core import pose_depths
 
     poses = within(make(), tolerance)
-    return lambda: float((4.0 ** pose_depths(poses, "CERTIFIED", "CONTROL").depths).sum())
+    return lambda: float((4.0 ** pose_depths(poses, method, vertices).depths).sum())
 
 
 def within(poses: list[Any], tolerance: float) -> list[Any]:
@@ -534,6 +536,9 @@ WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     "depths by norms, creases": lambda: depths(lambda: creased_landscape(60), "SHARP", "CONTROL", 1e-4),
     "small depths": lambda: small_depths(30),
     "poses": lambda: posed(lambda: bending(refined(saved_suzanne(), 1), 64)),
+    "poses, by distance": lambda: posed(
+        lambda: bending(refined(saved_suzanne(), 1), 6), 3e-3, method="DISTANCE", vertices="LIMIT"
+    ),
     "poses, large": lambda: posed(lambda: bending(noisy_grid(150), 33), 1e-4),
     "deep level": lambda: bounds_at(lambda: noisy_grid(60, 100), 1e-5, 8),
     "depths and level": lambda: depths_and_level(creased_suzanne, 1e-3),
@@ -793,6 +798,10 @@ def stored_nowhere(of: Any) -> Any:
     return anew
 
 
+def by_places(_: Any) -> Any:
+    return lambda leaves: leaves.own_distances(lambda: None)
+
+
 def all_that_are_wanted(_: Any) -> Any:
     return lambda search, decision, *_given: np.ones_like(decision.wanted)
 
@@ -912,6 +921,7 @@ ENTRIES = [
         ("depths and level",),
     ),
     at_once(DEPTH + "norm_depth.EXTRAORDINARY_POINTS_AT_ONCE", "depths by norms, poles"),
+    Entry(DEPTH + "distance_depth._equal_or_own", "not tried", by(by_places), ("poses, by distance",)),
     # Adaptive meshes: the tree and its stores.
     Entry(ADAPTIVE + "quadtree.SLACK", "no slack", set_to(1.0), NETS),
     Entry(ADAPTIVE + "quadtree.Quadtree.reserve", "columns grow by themselves", by(nothing), SUZANNE),

@@ -106,8 +106,8 @@ def distance_level_bounds(
 
 @dataclass(frozen=True)
 class _SomeFaces:
-    """Some faces (n,) of a mesh. feet: of a mesh of which these are the first ones. limit: no larger distance is of
-    use, without the allowance."""
+    """Some faces (n,) of a mesh, rising. feet: the bounds by feet of a mesh of which these are the first faces. limit:
+    no larger distance is of use, without the allowance."""
 
     mesh: PolygonMesh
     faces: IndexArray
@@ -120,10 +120,12 @@ class _SomeFaces:
     def of(
         mesh: PolygonMesh, faces: IndexArray, test: ToleranceTest, vertices: Vertices, tick: Callable[[], None]
     ) -> _SomeFaces:
-        # The faces that touch those have bounds as well, and need the faces around.
-        near = submesh(mesh, faces)[1]
-        around = submesh(mesh, near)[0].changed(axes=mesh.axes)
-        feet = FaceFeet.of(around, vertices, np.zeros(len(near), dtype=bool), tick)
+        around, count = mesh, mesh.face_count
+        if len(faces) < mesh.face_count:
+            # The faces that touch these have bounds as well, and need the faces around.
+            near = submesh(mesh, faces)[1]
+            around, count = submesh(mesh, near)[0].changed(axes=mesh.axes), len(near)
+        feet = FaceFeet.of(around, vertices, np.zeros(count, dtype=bool), tick)
         return _SomeFaces(mesh, faces, feet, vertices, test.tolerance - test.allowance, tick)
 
     def shown(self, level: int) -> Vertices:
@@ -133,8 +135,8 @@ class _SomeFaces:
     def at(
         self, level: int, places: IndexArray, distances: Callable[[LevelLeaves], FloatArray]
     ) -> tuple[FloatArray, BoolArray]:
-        """(m,) each, of the faces at some places among these: bounds at a level, infinite where none within the limit
-        is proved; and whether they last. distances: of leaves."""
+        """(m,) each, of the faces at some places (m,) among these: bounds at a level, infinite where none within the
+        limit is proved; and whether they last. distances: gives the bounds of faces by their leaves."""
         bounds = np.full(len(self.faces), np.inf)
         lasting, is_open = np.zeros((2, len(self.faces)), dtype=bool)
         for found in self.feet.bounds(places, level, self.shown(level), self.limit, self.tick):

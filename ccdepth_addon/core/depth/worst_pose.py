@@ -40,10 +40,12 @@ def worst_pose(
     if len(poses) == 1:
         bounds = found.bounds[found.depths == nowhere.depth]
         return replace(nowhere, share=float(bounds.max(initial=0.0)) / poses[0].tolerance)
+    done = 0.0
     for is_own_depth in (True, False):
         worst = nowhere
         for place, pose in enumerate(poses):
-            tick = partial(progress, place / len(poses))
+            done = max(done, place / len(poses))
+            tick = partial(progress, done)
             tick()
             share = _share(pose, Method(method), Vertices(vertices), found, worst, tick, is_own_depth=is_own_depth)
             if share > worst.share * (1 + ALIKE):
