@@ -3,9 +3,8 @@
 
 python benchmarks/frames.py -- [LEVELS…]        with the bpy wheel
 
-Suzanne, subdivided so many times before (2 and 3 by default), bends with an armature or is deformed by a shape key.
-Times are those of the processor, the least of three runs, in milliseconds; one frame is the one in the middle. The last
-columns are the ratio without key poses (every pose is one), and with each batch of one pose: what these gain.
+Suzanne, subdivided so many times before (1 and 2 by default), bends with an armature or is deformed by a shape key.
+Times are those of the processor, the least of three runs, in milliseconds; one frame is the one in the middle.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from time import process_time
-from types import ModuleType
 
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))
 
@@ -22,7 +20,6 @@ import bpy
 import numpy as np
 
 import ccdepth_addon
-from ccdepth_addon.core.depth import joined_faces, key_poses
 from tests.blender import addon, scene
 
 FRAMES = 100
@@ -81,15 +78,19 @@ def deformed(levels: int) -> bpy.types.Object:
 CASES: dict[str, Callable[[int], bpy.types.Object]] = {"armature": bending, "shape key": deformed}
 
 
-def milliseconds(frames: str, tolerance: float) -> float:
+# Method and vertices, and of so many frames one.
+KINDS = (("DISTANCE", "LIMIT", 10), ("CERTIFIED", "CONTROL", 1))
+
+
+def milliseconds(frames: str, tolerance: float, method: str, vertices: str) -> float:
     found = []
     for _ in range(REPEATS):
         begun = process_time()
         bpy.ops.ccdepth.compute(
             tolerance=tolerance,
             tolerance_mode="RELATIVE",
-            method="CERTIFIED",
-            vertices="CONTROL",
+            method=method,
+            vertices=vertices,
             frames="CUSTOM",
             frame_list=frames,
         )
@@ -97,40 +98,20 @@ def milliseconds(frames: str, tolerance: float) -> float:
     return 1000 * min(found)
 
 
-def further(step: int, tolerance: float, one: float) -> float:
-    """What each frame after the first takes, of every so many frames."""
-    count = len(range(1, FRAMES + 1, step))
-    return (milliseconds(f"1-{FRAMES}/{step}", tolerance) - one) / (count - 1)
-
-
-def with_constant(module: ModuleType, name: str, value: int, work: Callable[[], float]) -> float:
-    before = getattr(module, name)
-    setattr(module, name, value)
-    try:
-        return work()
-    finally:
-        setattr(module, name, before)
-
-
 def main(arguments: list[str]) -> None:
     ccdepth_addon.register()
-    print("| faces | | frames | one frame | each further | ratio | without key poses | one pose at a time |")
+    print("| faces | | method | vertices | frames | one frame | each further | ratio |")
     print("|---|---|---|---|---|---|---|---|")
-    for levels in map(int, arguments or ("2", "3")):
+    for levels in map(int, arguments or ("1", "2")):
         for name, build in CASES.items():
             holder, tolerance = build(levels), TOLERANCES[levels]
             addon.select(holder)
-            one = milliseconds(str(FRAMES // 2), tolerance)
-            for step in (1, 5):
-                each = further(step, tolerance, one)
-                anew = [
-                    with_constant(module, constant, 1, lambda: further(step, tolerance, one))  # noqa: B023
-                    for module, constant in ((key_poses, "POSES_BY_A_KEY"), (joined_faces, "FACES_TOGETHER"))
-                ]
+            for *kinds, step in KINDS:
                 count = len(range(1, FRAMES + 1, step))
-                ratios = " | ".join(f"{time / one:.2f}" for time in (each, *anew))
-                faces = len(holder.data.polygons)
-                print(f"| {faces:,} | {name} | {count} | {one:.0f} | {each:.0f} | {ratios} |", flush=True)
+                one = milliseconds(str(FRAMES // 2), tolerance, *kinds)
+                each = (milliseconds(f"1-{FRAMES}/{step}", tolerance, *kinds) - one) / (count - 1)
+                case = f"{len(holder.data.polygons):,} | {name} | {' | '.join(kinds)} | {count}"
+                print(f"| {case} | {one:.0f} | {each:.0f} | {each / one:.2f} |", flush=True)
 
 
 if __name__ == "__main__":

@@ -270,13 +270,13 @@ def depths_and_level(make: Callable[[], Any], tolerance: float) -> Callable[[], 
     return work
 
 
-def bending(mesh: Any, count: int, from_height: float = -np.inf) -> list[Any]:
-    """Poses in which what is above a height turns more and more, by 70° at most."""
+def bending(mesh: Any, count: int) -> list[Any]:
+    """Poses that bend more and more, by 70° at most."""
     from ccdepth_addon.core import Pose
 
     heights = mesh.positions[:, 2]
     low, high = heights.min(), heights.max()
-    bent = np.clip((heights - max(low, from_height)) / (high - low), 0.0, None)
+    bent = (heights - low) / (high - low)
     axis, sides = mesh.positions[:, 0], mesh.positions[:, [1, 2]]
 
     def pose(number: int) -> Any:
@@ -289,21 +289,14 @@ def bending(mesh: Any, count: int, from_height: float = -np.inf) -> list[Any]:
     return [Pose(partial(pose, number), tolerance) for number in range(count)]
 
 
-def posed(make: Callable[[], list[Any]], tolerance: float = 1e-3) -> Callable[[], Any]:
+def posed(
+    make: Callable[[], list[Any]], tolerance: float = 1e-3, method: str = "CERTIFIED", vertices: str = "CONTROL"
+) -> Callable[[], Any]:
     """Depths over several poses; the result is the number of faces that they make."""
     from ccdepth_addon.core import pose_depths
 
     poses = within(make(), tolerance)
-    return lambda: float((4.0 ** pose_depths(poses, "CERTIFIED", "CONTROL").depths).sum())
-
-
-def posed_level(make: Callable[[], list[Any]], tolerance: float = 1e-3) -> Callable[[], Any]:
-    """The first level that holds for all faces in all poses."""
-    from ccdepth_addon.core.depth import common_level, pose_depths
-
-    poses = within(make(), tolerance)
-    found = pose_depths.pose_depths(poses, "CERTIFIED", "CONTROL")
-    return lambda: float(4.0 ** common_level.common_level(poses, "CERTIFIED", "CONTROL", found))
+    return lambda: float((4.0 ** pose_depths(poses, method, vertices).depths).sum())
 
 
 def within(poses: list[Any], tolerance: float) -> list[Any]:
@@ -543,9 +536,10 @@ WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     "depths by norms, creases": lambda: depths(lambda: creased_landscape(60), "SHARP", "CONTROL", 1e-4),
     "small depths": lambda: small_depths(30),
     "poses": lambda: posed(lambda: bending(refined(saved_suzanne(), 1), 64)),
-    "poses, in part": lambda: posed(lambda: bending(refined(saved_suzanne(), 1), 64, from_height=0.6)),
+    "poses, by distance": lambda: posed(
+        lambda: bending(refined(saved_suzanne(), 1), 6), 3e-3, method="DISTANCE", vertices="LIMIT"
+    ),
     "poses, large": lambda: posed(lambda: bending(noisy_grid(150), 33), 1e-4),
-    "poses, level": lambda: posed_level(lambda: bending(refined(saved_suzanne(), 2), 64)),
     "deep level": lambda: bounds_at(lambda: noisy_grid(60, 100), 1e-5, 8),
     "depths and level": lambda: depths_and_level(creased_suzanne, 1e-3),
     "level": lambda: level(lambda: creased_landscape(16), 1e-3),
@@ -804,31 +798,12 @@ def stored_nowhere(of: Any) -> Any:
     return anew
 
 
-def all_faces(_: Any) -> Any:
-    return lambda mesh, change: np.ones(mesh.face_count, dtype=bool)
-
-
-def norms_of_nets(_: Any) -> Any:
-    return property(lambda prepared: None)
-
-
-def all_of_them(_: Any) -> Any:
-    return lambda search, scaled, faces: faces
+def by_places(_: Any) -> Any:
+    return lambda leaves: leaves.own_distances(lambda: None)
 
 
 def all_that_are_wanted(_: Any) -> Any:
     return lambda search, decision, *_given: np.ones_like(decision.wanted)
-
-
-def without_peaks(_: str) -> None:
-    """Levels over poses without what is known of their largest norms."""
-
-    def forgotten(find: Any) -> Any:
-        return lambda poses, method, vertices, found, *given: find(
-            poses, method, vertices, replace(found, peaks=np.full_like(found.peaks, np.inf)), *given
-        )
-
-    by(forgotten)(DEPTH + "common_level.common_level")
 
 
 def made_anew(cached: Any) -> Any:
@@ -878,7 +853,6 @@ CERTIFIED = DEPTH + "certified_depth."
 DEVIATIONS = ("deviation", "deviation, creases", "deviation, moved", "deviation, far")
 ALL_ADAPTIVE = ("adaptive", "adaptive, creases", "adaptive, triangles", "adaptive, n-gons", "adaptive, pole")
 
-POSES = ("poses", "poses, in part")
 REDUCED = ("reduced", "reduced, uneven")
 THREADS = ("threads", "threads, small")
 NETS = ("adaptive", "adaptive, coarse", "adaptive, pole")
@@ -947,19 +921,7 @@ ENTRIES = [
         ("depths and level",),
     ),
     at_once(DEPTH + "norm_depth.EXTRAORDINARY_POINTS_AT_ONCE", "depths by norms, poles"),
-    Entry(DEPTH + "key_poses.POSES_BY_A_KEY", "every pose is a key pose", set_to(1), POSES),
-    Entry(DEPTH + "joined_faces.FACES_TOGETHER", "each pose on its own", set_to(1), POSES),
-    at_once(DEPTH + "joined_faces.FACES_TOGETHER", "poses, large"),
-    at_once(DEPTH + "pose_depths.POSES_HELD", "poses, large"),
-    Entry(DEPTH + "poses.faces_near", "all faces taken to move", by(all_faces), POSES),
-    Entry(DEPTH + "poses.PreparedMesh.shared", "norms of each net", by(norms_of_nets), POSES),
-    Entry(
-        DEPTH + "pose_depths._PoseSearch._not_proved_by_norms",
-        "all faces evaluated again",
-        by(all_of_them),
-        (*POSES, "poses, level"),
-    ),
-    Entry(DEPTH + "pose_depths.PoseDepths.peaks", "not known", without_peaks, ("poses, level",)),
+    Entry(DEPTH + "distance_depth._equal_or_own", "not tried", by(by_places), ("poses, by distance",)),
     # Adaptive meshes: the tree and its stores.
     Entry(ADAPTIVE + "quadtree.SLACK", "no slack", set_to(1.0), NETS),
     Entry(ADAPTIVE + "quadtree.Quadtree.reserve", "columns grow by themselves", by(nothing), SUZANNE),
@@ -1095,8 +1057,6 @@ CACHES = {
         for place in (
             SURFACE + "stencils.patch_stencils",
             BOUNDS + "facet_bounds._samples",
-            DEPTH + "poses.PreparedMesh.shared",
-            DEPTH + "poses.PreparedMesh.others",
             ADAPTIVE + "subdivided_mesh.SubdividedMesh.corner_points",
             CELLS + "polygon_cells.fan_of_template",
             LEAVES + "child_bounds._rows",

@@ -37,8 +37,7 @@ from .depth.face_depths import (
     uniform_level,
 )
 from .depth.modifier_quality import needed_quality
-from .depth.pose_depths import PoseDepths, pose_depths, raised_depths
-from .depth.poses import Pose
+from .depth.pose_depths import Pose, PoseDepths, pose_depths, raised_depths
 from .depth.worst_pose import WorstPose, worst_pose
 from .deviation import Deviation, measure_deviation
 from .mesh.polygon_mesh import PolygonMesh, polygon_mesh

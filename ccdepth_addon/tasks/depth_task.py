@@ -128,7 +128,7 @@ class PoseGroup:
         return [Pose(self._maker(request.surface.control), request.surface.tolerance) for request in self.requests]
 
     def _maker(self, control: ControlMesh) -> Callable[[], PolygonMesh]:
-        # Turned in the same way, poses are nearer to each other.
+        # Turned in the same way, poses that are alike have the same bounds.
         return lambda: (control if len(self.requests) == 1 else control.unturned()).in_world
 
     def depths(self, progress: Progress) -> PoseDepths:

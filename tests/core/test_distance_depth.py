@@ -14,9 +14,9 @@ import pytest
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.depth.common_level import common_level
+from ccdepth_addon.core.depth.disproved_levels import MOST_FACES
 from ccdepth_addon.core.depth.face_depths import face_depths, level_bounds, uniform_level
-from ccdepth_addon.core.depth.pose_depths import pose_depths
-from ccdepth_addon.core.depth.poses import Pose
+from ccdepth_addon.core.depth.pose_depths import Pose, pose_depths
 from ccdepth_addon.core.depth.worst_pose import worst_pose
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
@@ -261,23 +261,41 @@ def border_faces(mesh: PolygonMesh) -> IndexArray:
     return mesh.corner_faces[vertices[mesh.corner_vertices]]
 
 
-def test_a_depth_over_poses_holds_in_all_of_them() -> None:
+def test_faces_of_depth_0_have_the_least_possible_depth() -> None:
+    """However many faces there are."""
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.landscape(40, 40)), smooth_corners=True)
+    found = face_depths(mesh, 10.0, "DISTANCE", "LIMIT")
+    assert np.count_nonzero(found.depths == 0) > MOST_FACES
+    assert np.all(found.exact[found.depths == 0])
+
+
+@pytest.mark.parametrize("tolerance", [0.01, 0.03])
+def test_a_depth_over_poses_holds_in_all_of_them(tolerance: float) -> None:
     mesh, diagonal = case("bevelled prism", 5)
     generator = np.random.default_rng(1)
     positions = [
         mesh.positions,
-        *(mesh.positions + 0.03 * generator.normal(size=mesh.positions.shape) for _ in range(2)),
+        *(mesh.positions + 0.1 * generator.normal(size=mesh.positions.shape) for _ in range(2)),
     ]
-    poses = [Pose(partial(mesh.changed, positions=each), 0.03 * diagonal) for each in positions]
+    poses = [Pose(partial(mesh.changed, positions=each), tolerance * diagonal) for each in positions]
     found = pose_depths(poses, "DISTANCE", "LIMIT")
-    single = [face_depths(pose.make(), pose.tolerance, "DISTANCE", "LIMIT").depths for pose in poses]
-    assert np.all(found.depths >= np.max(single, axis=0))
+    single = [face_depths(pose.make(), pose.tolerance, "DISTANCE", "LIMIT") for pose in poses]
+    depths = [each.depths for each in single]
+    assert np.all(found.depths >= np.max(depths, axis=0))
+    assert np.all(found.bounds <= tolerance * diagonal)
+    is_raised = found.depths > depths[0]
+    assert np.any(is_raised)
+    np.testing.assert_array_equal(found.exact, single[0].exact & ~is_raised)
+    alike = np.all(depths == found.depths, axis=0)
+    lasting = np.all([each.lasting for each in single], axis=0)
+    np.testing.assert_array_equal(found.lasting[alike], lasting[alike])
     level = common_level(poses, "DISTANCE", "LIMIT", found)
     for pose in poses:
         there, back, off = sampled(pose.make(), level, Vertices.LIMIT)
         assert back.max() <= pose.tolerance
         assert there.max() <= pose.tolerance + off
-    assert worst_pose(poses, "DISTANCE", "LIMIT", found).depth == found.depths.max()
+    worst = worst_pose(poses, "DISTANCE", "LIMIT", found)
+    assert worst.depth == found.depths.max() == depths[worst.pose].max()
 
 
 @pytest.mark.parametrize("vertices", Vertices)

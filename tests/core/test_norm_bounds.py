@@ -17,7 +17,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from ccdepth_addon.core.arrays.types import FloatArray
-from ccdepth_addon.core.bounds.mesh_norms import MeshNorms
 from ccdepth_addon.core.bounds.norm_bounds import (
     PATCH_METHODS,
     Method,
@@ -470,40 +469,3 @@ def test_norms_of_extraordinary_nets(valence: int) -> None:
     assert len(set(listed)) == len(listed) == 2 * valence + 10
     core = [(a + 1, *sorted((b + 1, c + 1))) for a, b, c in second_differences(valence).T.tolist()]
     assert sorted(core) == sorted((a, *sorted((b, c))) for a, b, c in listed)
-
-
-@pytest.mark.parametrize("name", meshes.AWKWARD)
-@pytest.mark.parametrize("smooth_corners", [False, True])
-def test_norms_of_meshes_are_those_of_nets(name: str, smooth_corners: bool) -> None:
-    """At three levels, at random positions; on a plain mesh each difference is computed once."""
-    mesh = build(meshes.AWKWARD[name](), smooth_corners=smooth_corners)
-    for _ in range(3):
-        kinds = classify_patches(mesh)
-        norms = MeshNorms.of(mesh, kinds)
-        if name == "landscape with random creases":
-            # Around edges of several orientations a difference may have several numbers.
-            ends = np.sort(np.stack([norms.ones, norms.others]), axis=0)
-            assert len(np.unique([norms.middles, *ends], axis=1).T) == len(norms.middles)
-        positions = np.random.default_rng(7).normal(size=mesh.positions.shape)
-        values, moved = norms.values(positions), mesh.changed(positions=positions)
-        sharp_sides = np.isinf(mesh.edge_sharpness[mesh.corner_edges])
-        has_sharp_side = np.logical_or.reduceat(sharp_sides, mesh.face_starts[:-1])
-        is_extraordinary = kinds.kinds == PatchKind.EXTRAORDINARY
-        is_patch = (kinds.kinds == PatchKind.REGULAR) & ~has_sharp_side | is_extraordinary
-        assert set(norms.faces) <= set(np.flatnonzero(is_patch))
-        found = np.full(mesh.face_count, np.nan)
-        for valence, places in norms.of_valences.items():
-            faces = norms.faces[places]
-            found[faces] = values[places]
-            corners = kinds.extraordinary_corners[faces]
-            expected = (
-                second_order_norm_regular(regular_nets(moved, faces))
-                if valence == 4
-                else second_order_norm_extraordinary(extraordinary_nets(moved, corners, valence))
-            )
-            np.testing.assert_allclose(found[faces], expected, rtol=SUM_ROUNDING)
-        assert np.all(np.isfinite(found[norms.faces]))
-        assert np.all(np.isfinite(found[is_extraordinary]))
-        # Those left out are regular ones with a sharp side, or a sharp corner at least.
-        assert np.all(~kinds.inside[is_patch & np.isnan(found)])
-        mesh = nets.refined(mesh, 1)

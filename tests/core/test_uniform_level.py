@@ -12,7 +12,6 @@ import pytest
 
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import PATCH_METHODS, Method, Vertices
-from ccdepth_addon.core.depth import pose_depths as depth_search
 from ccdepth_addon.core.depth.common_level import common_level
 from ccdepth_addon.core.depth.face_depths import (
     METHODS,
@@ -23,11 +22,9 @@ from ccdepth_addon.core.depth.face_depths import (
     level_bounds,
     uniform_level,
 )
-from ccdepth_addon.core.depth.key_poses import POSES_BY_A_KEY, key_places
 from ccdepth_addon.core.depth.modifier_quality import MOST_QUALITY, needed_quality, unmet_corners
 from ccdepth_addon.core.depth.norm_depth import bounds_fall
-from ccdepth_addon.core.depth.pose_depths import pose_depths, raised_depths
-from ccdepth_addon.core.depth.poses import Pose
+from ccdepth_addon.core.depth.pose_depths import Pose, pose_depths, raised_depths
 from ccdepth_addon.core.depth.worst_pose import worst_pose
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
@@ -292,17 +289,6 @@ def test_no_face_is_farther_in_any_pose_than_proved(name: str, vertices: str) ->
             assert np.all(sampled[level][at] <= found.bounds[at] + ROUNDING)
 
 
-def test_poses_between_key_poses_are_tested_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Heights grow evenly, so only the last pose, a key pose, makes faces deeper."""
-    mesh = build(meshes.landscape(6, 6))
-    growth = mesh.positions * [0.0, 0.0, 1.0]
-    poses = [pose_of(mesh, mesh.positions + number / 4 * growth, 0.05) for number in range(POSES_BY_A_KEY)]
-    first, last = (each.depths for each in singles([poses[0], poses[-1]], "CERTIFIED", "CONTROL"))
-    monkeypatch.delattr(depth_search._PoseSearch, "_test")
-    np.testing.assert_array_equal(pose_depths(poses, "CERTIFIED", "CONTROL").depths, last)
-    assert np.any(first < last)
-
-
 @both_vertices
 def test_bounds_are_those_of_single_poses_where_a_pose_is_alone(vertices: str) -> None:
     [pose] = poses = posed_landscape(8, 1, 0.05)
@@ -410,12 +396,3 @@ def test_poses_are_checked() -> None:
         check_pose(mesh.changed(positions=np.zeros_like(mesh.positions)), 0.1)
     with pytest.raises(ToleranceError, match="finer"):
         check_pose(mesh, 1e-12)
-
-
-@pytest.mark.parametrize("count", [1, 2, 11, 12, 13, 19, 99, 1000])
-def test_key_poses_are_as_few_as_allowed_and_the_last_is_one(count: int) -> None:
-    places = key_places(count)
-    steps = np.diff([0, *places])
-    assert places[-1] == count
-    assert len(places) == -(-count // POSES_BY_A_KEY)
-    assert 1 <= steps.min() <= steps.max() <= POSES_BY_A_KEY

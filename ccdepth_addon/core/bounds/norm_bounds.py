@@ -63,13 +63,9 @@ class PatchBounds:
 
     def at(self, levels: int) -> FloatArray:
         """(P,) float64: the bound so many levels later."""
-        return self.value * self.factor(levels)
-
-    def factor(self, levels: int) -> float:
-        """What the value is multiplied by for the bound so many levels later."""
         beyond = max(levels - (len(self.factors) - 1), 0)
         rounds = -(-beyond // self.period)
-        return self.factors[levels - rounds * self.period] * self.rate**rounds
+        return self.value * (self.factors[levels - rounds * self.period] * self.rate**rounds)
 
     def of(self, wanted: BoolArray) -> PatchBounds:
         """The bounds of some of the patches: (P,) bool."""
@@ -121,13 +117,8 @@ def certified_limit_factor(valence: int) -> float:
 
 def second_order_regular(net: FloatArray, vertices: Vertices) -> PatchBounds:
     """Lemma 1 and Lemma 2 (Theorem 3): M/3 · 4⁻ᵏ; with limit vertices M/4 · 4⁻ᵏ (docs/methods.md, Limit Vertices)."""
-    return regular_of_norm(second_order_norm_regular(net), vertices)
-
-
-def regular_of_norm(norm: FloatArray, vertices: Vertices) -> PatchBounds:
-    """The same from M (P,)."""
     divisor = 3 if vertices is Vertices.CONTROL else 4
-    return PatchBounds(norm / divisor, rate=1 / 4)
+    return PatchBounds(second_order_norm_regular(net) / divisor, rate=1 / 4)
 
 
 def _extraordinary_factor(valence: int, vertices: Vertices) -> float:
@@ -146,14 +137,9 @@ def _extraordinary_factor(valence: int, vertices: Vertices) -> float:
 
 def second_order_extraordinary(net: FloatArray, vertices: Vertices) -> PatchBounds:
     """Lemma 4 and Lemma 7 (Theorem 8): M/z · w⁻ᵏ. Nets are (2n + 8, P, 3)."""
-    return published_of_norm(second_order_norm_extraordinary(net), (len(net) - 8) // 2, vertices)
-
-
-def published_of_norm(norm: FloatArray, valence: int, vertices: Vertices) -> PatchBounds:
-    """The same from M (P,); of valence 4, those of regular patches."""
-    if valence == 4:
-        return regular_of_norm(norm, vertices)
-    return PatchBounds(norm * _extraordinary_factor(valence, vertices), published_rate(valence))
+    valence = (len(net) - 8) // 2
+    factor = _extraordinary_factor(valence, vertices)
+    return PatchBounds(second_order_norm_extraordinary(net) * factor, published_rate(valence))
 
 
 SHARP_FACTORS = {
@@ -167,14 +153,11 @@ def sharp_extraordinary(net: FloatArray, vertices: Vertices) -> PatchBounds:
 
     For regular patches the published factors are the best: M/3, M/4 and their rate of 1/4 are reached.
     """
-    return sharp_of_norm(second_order_norm_extraordinary(net), (len(net) - 8) // 2, vertices)
-
-
-def sharp_of_norm(norm: FloatArray, valence: int, vertices: Vertices) -> PatchBounds:
-    """The same from M (P,); of valence 4, those of regular patches."""
+    valence = (len(net) - 8) // 2
     if valence not in sharp_constants.RATES:
-        return published_of_norm(norm, valence, vertices)
+        return second_order_extraordinary(net, vertices)
     factors = SHARP_FACTORS[vertices][valence]
+    norm = second_order_norm_extraordinary(net)
     return PatchBounds(norm, sharp_constants.RATES[valence], factors, sharp_constants.PERIOD)
 
 
@@ -211,19 +194,18 @@ class PatchMethod:
     """A method: its bounds of regular nets (4, 4, P, 3) and of extraordinary ones (2n + 8, P, 3).
 
     falling: the kinds of patches whose bounds fall by one rate with each level. The sharp factors rise a little where
-    their period begins anew. of_norm: where they follow from M (P,), by it and the valence, 4 for regular patches.
+    their period begins anew.
     """
 
     regular: Callable[[FloatArray, Vertices], PatchBounds]
     extraordinary: Callable[[FloatArray, Vertices], PatchBounds]
     falling: tuple[PatchKind, ...]
-    of_norm: Callable[[FloatArray, int, Vertices], PatchBounds] | None = None
 
 
 BOTH_KINDS = (PatchKind.REGULAR, PatchKind.EXTRAORDINARY)
 PATCH_METHODS = {
-    Method.SHARP: PatchMethod(second_order_regular, sharp_extraordinary, (PatchKind.REGULAR,), sharp_of_norm),
-    Method.SECOND_ORDER: PatchMethod(second_order_regular, second_order_extraordinary, BOTH_KINDS, published_of_norm),
+    Method.SHARP: PatchMethod(second_order_regular, sharp_extraordinary, (PatchKind.REGULAR,)),
+    Method.SECOND_ORDER: PatchMethod(second_order_regular, second_order_extraordinary, BOTH_KINDS),
     Method.FIRST_ORDER: PatchMethod(first_order_regular, first_order_extraordinary, BOTH_KINDS),
 }
 

@@ -68,46 +68,16 @@ MOST_PIECES = 1 << 13
 BasePatches = tuple[IndexArray, FloatArray]
 
 
-@dataclass(frozen=True)
-class FacesToSearch:
-    """Faces of a mesh, or of several poses of one.
-
-    faces: (P,) intp, by which results name them. regular: (R,) intp, places of the regular ones among them; nets: gives
-    the nets (4, 4, n, 3) of those at n such places. others: (P - R,) intp, places of all others; others_mesh: a mesh
-    that has these, and others_faces: (P - R,) intp, its faces.
-    """
-
-    faces: IndexArray
-    regular: IndexArray
-    nets: Callable[[IndexArray], FloatArray]
-    others: IndexArray
-    others_mesh: PolygonMesh
-    others_faces: IndexArray
-
-    @staticmethod
-    def of(mesh: PolygonMesh, faces: IndexArray) -> FacesToSearch:
-        """Faces of one mesh, by their own numbers."""
-        is_regular = classify_patches(mesh).kinds[faces] == PatchKind.REGULAR
-        others = np.flatnonzero(~is_regular)
-        return FacesToSearch(
-            faces,
-            np.flatnonzero(is_regular),
-            lambda places: regular_nets(mesh, faces[places]),
-            others,
-            mesh,
-            faces[others],
-        )
-
-
 def certified_depths(
-    wanted: FacesToSearch, test: ToleranceTest, vertices: Vertices, tick: Callable[[], None]
+    mesh: PolygonMesh, faces: IndexArray, test: ToleranceTest, vertices: Vertices, tick: Callable[[], None]
 ) -> Iterator[FaceDepths]:
     """The certified depths of some faces, in chunks. tick: called while they compute, and may raise."""
-    return map_in_threads(lambda begin: begin().run(), _searches(wanted, test, vertices), tick)
+    return map_in_threads(lambda begin: begin().run(), _searches(mesh, faces, test, vertices), tick)
 
 
 def certified_bounds_at(
-    wanted: FacesToSearch,
+    mesh: PolygonMesh,
+    faces: IndexArray,
     test: ToleranceTest,
     vertices: Vertices,
     levels: NDArray[np.int32],
@@ -115,37 +85,38 @@ def certified_bounds_at(
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces, each at its own level, in chunks; as near as those of ``certified_depths``.
 
-    levels: int32, by the names of the faces. tick: called while they compute, and may raise.
+    levels: (F,) int32. tick: called while they compute, and may raise.
     """
-    return map_in_threads(lambda begin: begin().at_each(levels), _searches(wanted, test, vertices), tick)
+    return map_in_threads(lambda begin: begin().at_each(levels), _searches(mesh, faces, test, vertices), tick)
 
 
 def certified_level_bounds(
-    wanted: FacesToSearch, test: ToleranceTest, vertices: Vertices, level: int, tick: Callable[[], None]
+    mesh: PolygonMesh, faces: IndexArray, test: ToleranceTest, vertices: Vertices, level: int, tick: Callable[[], None]
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces at one level, in chunks. tick: called while they compute, and may raise."""
-    return map_in_threads(lambda begin: begin().at(level), _searches(wanted, test, vertices), tick)
+    return map_in_threads(lambda begin: begin().at(level), _searches(mesh, faces, test, vertices), tick)
 
 
 def _searches(
-    wanted: FacesToSearch, test: ToleranceTest, vertices: Vertices
+    mesh: PolygonMesh, faces: IndexArray, test: ToleranceTest, vertices: Vertices
 ) -> Iterator[Callable[[], _CertifiedSearch]]:
     """Functions that start the search of a chunk of the faces each."""
 
-    def begin_regular(places: IndexArray) -> _CertifiedSearch:
-        nets = [(np.arange(len(places)), wanted.nets(places))]
-        return _CertifiedSearch(test, vertices, wanted.faces[places], nets, None)
+    def begin_regular(some: IndexArray) -> _CertifiedSearch:
+        nets = [(np.arange(len(some)), regular_nets(mesh, some))]
+        return _CertifiedSearch(test, vertices, some, nets, None)
 
-    def begin_other(part: PolygonMesh, own: IndexArray, places: IndexArray) -> _CertifiedSearch:
-        return _CertifiedSearch(test, vertices, wanted.faces[places], [], Refinement.start(part, own))
+    def begin_other(part: PolygonMesh, own: IndexArray, some: IndexArray) -> _CertifiedSearch:
+        return _CertifiedSearch(test, vertices, some, [], Refinement.start(part, own))
 
+    is_regular = classify_patches(mesh).kinds[faces] == PatchKind.REGULAR
     # The slowest first, so that none of them runs alone at the end.
-    for together in index_chunks(np.arange(len(wanted.others)), OTHER_FACES_TOGETHER):
-        part = submesh(wanted.others_mesh, wanted.others_faces[together])[0]
+    for together in index_chunks(faces[~is_regular], OTHER_FACES_TOGETHER):
+        part = submesh(mesh, together)[0]
         for own in index_chunks(np.arange(len(together)), OTHER_FACES_AT_ONCE):
-            yield partial(begin_other, part, own, wanted.others[together[own]])
-    for places in index_chunks(wanted.regular, AT_ONCE):
-        yield partial(begin_regular, places)
+            yield partial(begin_other, part, own, together[own])
+    for some in index_chunks(faces[is_regular], AT_ONCE):
+        yield partial(begin_regular, some)
 
 
 @dataclass

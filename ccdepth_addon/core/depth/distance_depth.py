@@ -9,16 +9,20 @@ until all of a face's leaves are within the tolerance.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..arrays.chunks import index_chunks
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
 from ..distance.face_feet import FaceFeet
+from ..distance.leaf_distances import QUADS_AT_ONCE
 from ..distance.level_leaves import DEEPEST_REGULAR, LevelLeaves
 from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.submesh import submesh
 from .disproved_levels import DisprovedLevels
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 
@@ -41,76 +45,147 @@ def distance_depths(
     At level 0 no modifier moves anything, so there vertices are control points; other polygons than quads have depth 1
     at least.
     """
-    feet = FaceFeet.of(mesh, vertices, np.zeros(mesh.face_count, dtype=bool), tick)
-    limit = test.tolerance - test.allowance
-    is_quad = mesh.face_sizes == 4
+    some = _SomeFaces.of(mesh, faces, test, vertices, tick)
     disproved = DisprovedLevels.of(mesh, vertices, test, tick)
-    left = faces
+    left = np.arange(len(faces))
     level = 0
     while len(left):
-        shown = vertices if level else Vertices.CONTROL
-        bounds = np.full(mesh.face_count, np.inf)
-        lasting, is_open = np.zeros((2, mesh.face_count), dtype=bool)
-        for found in feet.bounds(left, level, shown, limit, tick):
-            bounds[found.faces], lasting[found.faces], is_open[found.faces] = found.bounds, found.lasting, found.is_open
-        is_open &= (is_quad | (level > 0)) & ((feet.places < 0) | (level <= DEEPEST_REGULAR))
-        has_bound = is_open & np.isfinite(bounds)
-        if np.count_nonzero(has_bound) > MOST_LEAVES >> 2 * level:
-            is_open[has_bound] = False
-        open_faces = left[is_open[left]]
-        for by_leaves in _by_leaves(mesh, open_faces, level, shown, limit, tick, joined=False):
-            bounds[by_leaves.faces] = by_leaves.bounds
-        settled = left[bounds[left] <= limit]
-        block = _settled(settled, level, bounds, lasting, test.allowance)
-        block.exact[:] = disproved.all_before(level, settled, tick)
-        yield block
-        left = left[bounds[left] > limit]
+        bounds, lasting = some.at(level, left, _own)
+        is_settled = np.isfinite(bounds)
+        found = FaceDepths.undecided(faces[left[is_settled]])
+        found.depths[:], found.bounds[:] = level, bounds[is_settled] + test.allowance
+        if level:
+            found.exact[:] = disproved.all_before(level, found.faces, tick)
+        found.lasting[:] = lasting[is_settled]
+        yield found
+        left = left[~is_settled]
         level += 1
 
 
-def _settled(faces: IndexArray, level: int, bounds: FloatArray, lasting: BoolArray, allowance: float) -> FaceDepths:
-    found = FaceDepths.undecided(faces)
-    found.settle(np.ones(len(faces), dtype=bool), level, bounds[faces] + allowance)
-    found.lasting[:] = lasting[faces]
-    return found
+def distance_bounds_at(
+    mesh: PolygonMesh,
+    test: ToleranceTest,
+    vertices: Vertices,
+    faces: IndexArray,
+    levels: NDArray[np.int32],
+    tick: Callable[[], None],
+    *,
+    equal_first: bool,
+) -> Iterator[LevelBounds]:
+    """The proved bounds of some faces, each at its own level, in the sense of ``distance_depths``, in chunks.
+
+    levels: (F,) int32. tick: as of ``distance_depths``. equal_first: whether bounds at equal parameters will do, which
+    are larger, and computed in less time.
+    """
+    some = _SomeFaces.of(mesh, faces, test, vertices, tick)
+    for level in np.unique(levels[faces]).tolist():
+        places = np.flatnonzero(levels[faces] == level)
+        bounds, lasting = some.at(level, places, _equal_or_own if equal_first else _own)
+        yield LevelBounds(faces[places], bounds + test.allowance, lasting)
 
 
 def distance_level_bounds(
     mesh: PolygonMesh, test: ToleranceTest, vertices: Vertices, faces: IndexArray, level: int, tick: Callable[[], None]
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces at one level, both ways, in chunks. tick: as of ``distance_depths``."""
-    shown = vertices if level else Vertices.CONTROL
-    limit = test.tolerance - test.allowance
-    feet = FaceFeet.of(mesh, vertices, np.zeros(mesh.face_count, dtype=bool), tick)
-    parts = [np.zeros(0, dtype=np.intp)]
-    for found in feet.bounds(faces, level, shown, limit, tick):
-        yield LevelBounds(found.faces[found.lasting], found.bounds[found.lasting] + test.allowance)
-        parts.append(found.faces[~found.lasting])
-    rest = np.concatenate(parts)
+    if not len(faces):
+        return
+    some = _SomeFaces.of(mesh, faces, test, vertices, tick)
+    rest = np.ones(len(faces), dtype=bool)
+    for found in some.feet.bounds(np.arange(len(faces)), level, some.shown(level), some.limit, tick):
+        lasting = found.faces[found.lasting]
+        rest[lasting] = False
+        yield LevelBounds(faces[lasting], found.bounds[found.lasting] + test.allowance)
     if level == 0:
-        others = mesh.face_sizes[rest] != 4
-        yield LevelBounds(rest[others], np.full(np.count_nonzero(others), np.inf))
-        rest = rest[~others]
-    for block in _by_leaves(mesh, rest, level, shown, limit, tick, joined=True):
-        yield LevelBounds(block.faces, np.where(block.bounds <= limit, block.bounds + test.allowance, np.inf))
+        others = rest & (mesh.face_sizes[faces] != 4)
+        yield LevelBounds(faces[others], np.full(np.count_nonzero(others), np.inf))
+        rest &= ~others
+    for block in some.by_leaves(faces[rest], level, _equal_or_joined):
+        yield LevelBounds(block.faces, np.where(block.bounds <= some.limit, block.bounds + test.allowance, np.inf))
 
 
-def _by_leaves(
-    mesh: PolygonMesh,
-    faces: IndexArray,
-    level: int,
-    vertices: Vertices,
-    limit: float,
-    tick: Callable[[], None],
-    *,
-    joined: bool,
-) -> Iterator[LevelBounds]:
-    """The bounds of faces by their leaves at a level. joined: whether they hold both ways by themselves."""
-    at_once = min(MOST_FACES_AT_ONCE, LEAVES_AT_ONCE >> 2 * min(level, DEEPEST_REGULAR))
+@dataclass(frozen=True)
+class _SomeFaces:
+    """Some faces (n,) of a mesh, rising. feet: the bounds by feet of a mesh of which these are the first faces. limit:
+    no larger distance is of use, without the allowance."""
 
-    def bound(some: IndexArray) -> LevelBounds:
-        leaves = LevelLeaves.of(mesh, some, level, vertices, limit, lambda: None)
-        distances = leaves.joined_distances if joined else leaves.own_distances
-        return LevelBounds(some, distances(lambda: None))
+    mesh: PolygonMesh
+    faces: IndexArray
+    feet: FaceFeet
+    vertices: Vertices
+    limit: float
+    tick: Callable[[], None]
 
-    return map_in_threads(bound, index_chunks(faces, at_once), tick)
+    @staticmethod
+    def of(
+        mesh: PolygonMesh, faces: IndexArray, test: ToleranceTest, vertices: Vertices, tick: Callable[[], None]
+    ) -> _SomeFaces:
+        around, count = mesh, mesh.face_count
+        if len(faces) < mesh.face_count:
+            # The faces that touch these have bounds as well, and need the faces around.
+            near = submesh(mesh, faces)[1]
+            around, count = submesh(mesh, near)[0].changed(axes=mesh.axes), len(near)
+        feet = FaceFeet.of(around, vertices, np.zeros(count, dtype=bool), tick)
+        return _SomeFaces(mesh, faces, feet, vertices, test.tolerance - test.allowance, tick)
+
+    def shown(self, level: int) -> Vertices:
+        """At level 0 no modifier moves anything."""
+        return self.vertices if level else Vertices.CONTROL
+
+    def at(
+        self, level: int, places: IndexArray, distances: Callable[[LevelLeaves], FloatArray]
+    ) -> tuple[FloatArray, BoolArray]:
+        """(m,) each, of the faces at some places (m,) among these: bounds at a level, infinite where none within the
+        limit is proved; and whether they last. distances: gives the bounds of faces by their leaves."""
+        bounds = np.full(len(self.faces), np.inf)
+        lasting, is_open = np.zeros((2, len(self.faces)), dtype=bool)
+        for found in self.feet.bounds(places, level, self.shown(level), self.limit, self.tick):
+            bounds[found.faces], lasting[found.faces], is_open[found.faces] = found.bounds, found.lasting, found.is_open
+        is_open &= (self.mesh.face_sizes[self.faces] == 4) | (level > 0)
+        is_open &= (self.feet.places[: len(self.faces)] < 0) | (level <= DEEPEST_REGULAR)
+        has_bound = is_open & np.isfinite(bounds)
+        if np.count_nonzero(has_bound) > MOST_LEAVES >> 2 * level:
+            is_open[has_bound] = False
+        left = places[is_open[places]]
+        bounds[left] = np.concatenate(
+            [np.zeros(0), *(each.bounds for each in self.by_leaves(self.faces[left], level, distances))]
+        )
+        bounds[bounds > self.limit] = np.inf
+        return bounds[places], lasting[places]
+
+    def by_leaves(
+        self, faces: IndexArray, level: int, distances: Callable[[LevelLeaves], FloatArray]
+    ) -> Iterator[LevelBounds]:
+        """The bounds of some faces of the mesh by their leaves at a level, in their order, in chunks."""
+        at_once = min(MOST_FACES_AT_ONCE, LEAVES_AT_ONCE >> 2 * min(level, DEEPEST_REGULAR))
+
+        def bound(some: IndexArray) -> LevelBounds:
+            leaves = LevelLeaves.of(self.mesh, some, level, self.shown(level), self.limit, lambda: None)
+            return LevelBounds(some, distances(leaves))
+
+        return map_in_threads(bound, index_chunks(faces, at_once), self.tick)
+
+
+def _own(leaves: LevelLeaves) -> FloatArray:
+    return leaves.own_distances(lambda: None)
+
+
+def _equal_or_own(leaves: LevelLeaves) -> FloatArray:
+    return _equal_first(leaves, _own)
+
+
+def _equal_or_joined(leaves: LevelLeaves) -> FloatArray:
+    """Leaves within the limit at equal parameters hold both ways, whatever is beside them."""
+    return _equal_first(leaves, lambda left: left.joined_distances(lambda: None))
+
+
+def _equal_first(leaves: LevelLeaves, others: Callable[[LevelLeaves], FloatArray]) -> FloatArray:
+    """(B,): the largest distance of each face's leaves at equal parameters, and where that is beyond the limit, by
+    other bounds."""
+    found = leaves.bounds.copy()
+    for own in index_chunks(np.flatnonzero(leaves.is_own), QUADS_AT_ONCE):
+        np.maximum.at(found, leaves.bases[own], leaves.leaves.at_equal_parameters(own))
+    is_open = found > leaves.leaves.limit
+    left = replace(leaves, is_own=leaves.is_own & np.append(is_open, False)[leaves.bases])
+    found[is_open] = others(left)[is_open]
+    return found

@@ -18,8 +18,8 @@ from ..bounds.rounding import rounding_allowance, smallest_tolerance
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.validation import has_good_positions, validate
 from ..progress import Progress, no_report, part_of
-from .certified_depth import FacesToSearch, certified_depths, certified_level_bounds
-from .distance_depth import distance_depths, distance_level_bounds
+from .certified_depth import certified_bounds_at, certified_depths, certified_level_bounds
+from .distance_depth import distance_bounds_at, distance_depths, distance_level_bounds
 from .modifier_quality import unmet_corners
 from .norm_depth import norm_depths, norm_level_bounds
 from .tolerance import FaceDepths, LevelBounds, ToleranceTest
@@ -205,8 +205,33 @@ def level_bounds_in_chunks(
     if method is Method.DISTANCE:
         return distance_level_bounds(mesh, test, vertices, faces, level, tick)
     if method is Method.CERTIFIED:
-        return certified_level_bounds(FacesToSearch.of(mesh, faces), test, vertices, level, tick)
+        return certified_level_bounds(mesh, faces, test, vertices, level, tick)
     return norm_level_bounds(mesh, test, PATCH_METHODS[method], vertices, faces, level, tick)
+
+
+def bounds_at_depths(
+    mesh: PolygonMesh,
+    faces: IndexArray,
+    test: ToleranceTest,
+    method: Method,
+    vertices: Vertices,
+    depths: NDArray[np.int32],
+    tick: Callable[[], None],
+    *,
+    equal_first: bool = False,
+) -> Iterator[LevelBounds]:
+    """The proved bounds of some faces, each at its own depth, in the sense of ``depths_in_chunks``, in chunks.
+
+    depths: (F,) int32. equal_first: as of ``distance_bounds_at``. tick: called meanwhile, and may raise to stop.
+    """
+    if method is Method.DISTANCE:
+        yield from distance_bounds_at(mesh, test, vertices, faces, depths, tick, equal_first=equal_first)
+    elif method is Method.CERTIFIED:
+        yield from certified_bounds_at(mesh, faces, test, vertices, depths, tick)
+    else:
+        for level in np.unique(depths[faces]).tolist():
+            some = faces[depths[faces] == level]
+            yield from norm_level_bounds(mesh, test, PATCH_METHODS[method], vertices, some, level, tick)
 
 
 def depths_in_chunks(
@@ -221,7 +246,7 @@ def depths_in_chunks(
     if method is Method.DISTANCE:
         return distance_depths(mesh, test, vertices, faces, tick)
     if method is Method.CERTIFIED:
-        return certified_depths(FacesToSearch.of(mesh, faces), test, vertices, tick)
+        return certified_depths(mesh, faces, test, vertices, tick)
     return norm_depths(mesh, test, PATCH_METHODS[method], vertices, faces, tick)
 
 

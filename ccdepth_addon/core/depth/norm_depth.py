@@ -68,15 +68,6 @@ def norm_level_bounds(
         yield evaluation.irregular_at(mesh, some, level)
 
 
-def patch_bounds(
-    mesh: PolygonMesh, patches: PatchKinds, method: PatchMethod, vertices: Vertices, faces: IndexArray
-) -> Iterator[tuple[IndexArray, PatchBounds]]:
-    """The bounds at all levels of those of the faces that are patches, a chunk of one kind at a time; without the
-    allowance for rounding. patches: the kinds of all faces of the mesh."""
-    test = ToleranceTest(np.inf, 0.0)
-    return _NormEvaluation(test, method, vertices, lambda: None).patch_bounds(mesh, patches, faces)
-
-
 def bounds_fall(patches: PatchKinds, method: PatchMethod) -> BoolArray:
     """(F,) bool: the faces that are within a tolerance at every level after one at which they are proved to be.
 

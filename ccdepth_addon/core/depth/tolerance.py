@@ -79,11 +79,13 @@ class FaceDepths:
 
 @dataclass(frozen=True)
 class LevelBounds:
-    """Some faces of the mesh at one level: (P,) each. bounds: the proved distances, inf where none is proved to be
-    within the tolerance."""
+    """Some faces of the mesh, at a level each: (P,) each. bounds: the proved distances, inf where none is proved to be
+    within the tolerance. lasting: whether the face is proved to be so at every later level, too, where that is known.
+    """
 
     faces: IndexArray
     bounds: FloatArray
+    lasting: BoolArray | bool = False
 
     @property
     def all_within(self) -> bool:

@@ -4,18 +4,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 
-from ..arrays.types import FloatArray, IndexArray
 from ..bounds.norm_bounds import Method, Vertices
+from ..bounds.rounding import rounding_allowance
 from ..progress import Progress, no_report
-from .distance_poses import shares_at_depth
-from .joined_faces import JoinedFaces, bounds_at, in_groups, poses_together, searched
-from .pose_depths import PoseDepths
-from .poses import Pose, PreparedMesh, ScaledPose
+from .face_depths import bounds_at_depths
+from .pose_depths import Pose, PoseDepths
+from .tolerance import ToleranceTest
 
 # Relative; distances that are nearer to each other than this are alike: those of what is turned, in single precision.
 ALIKE = 1e-6
@@ -37,70 +36,60 @@ def worst_pose(
     poses: Sequence[Pose], method: str, vertices: str, found: PoseDepths, progress: Progress = no_report
 ) -> WorstPose:
     """The worst pose; of several alike the first. Arguments: as of ``common_level``."""
-    deepest = int(found.depths.max(initial=0))
-    faces = np.flatnonzero(found.depths == deepest)
+    nowhere = WorstPose(0, int(found.depths.max(initial=0)), 0.0)
     if len(poses) == 1:
-        return WorstPose(0, deepest, float(found.bounds[faces].max(initial=0.0)) / poses[0].tolerance)
-    if Method(method) is Method.DISTANCE:
-        return _farthest_by_distance(poses, vertices, faces, deepest, progress) or WorstPose(0, deepest, 0)
-    prepared = PreparedMesh.of(poses[0].make(), Method(method), Vertices(vertices))
-    worst = _farthest(prepared, poses, faces, deepest, progress, is_own_depth=True)
-    # Where no pose alone needs that level: a face can be farther off at a level than at the one before.
-    return worst or _farthest(prepared, poses, faces, deepest, progress, is_own_depth=False) or WorstPose(0, deepest, 0)
-
-
-def _farthest_by_distance(
-    poses: Sequence[Pose], vertices: str, faces: IndexArray, depth: int, progress: Progress
-) -> WorstPose | None:
-    """The pose in which one of the faces is the farthest off, of those in which that is its depth."""
-    worst: WorstPose | None = None
-    for place, pose in enumerate(poses):
-        shares = shares_at_depth(pose, vertices, faces, depth, partial(progress, place / len(poses)))
-        share = float(shares.max())
-        if np.isfinite(share) and (worst is None or share > worst.share * (1 + ALIKE)):
-            worst = WorstPose(place, depth, share)
+        bounds = found.bounds[found.depths == nowhere.depth]
+        return replace(nowhere, share=float(bounds.max(initial=0.0)) / poses[0].tolerance)
+    done = 0.0
+    for is_own_depth in (True, False):
+        worst = nowhere
+        for place, pose in enumerate(poses):
+            done = max(done, place / len(poses))
+            tick = partial(progress, done)
+            tick()
+            share = _share(pose, Method(method), Vertices(vertices), found, worst, tick, is_own_depth=is_own_depth)
+            if share > worst.share * (1 + ALIKE):
+                worst = WorstPose(place, worst.depth, share)
+        if worst.share > 0:
+            break
+        # No pose alone needs that level: a face can be farther off at a level than at the one before.
     return worst
 
 
-def _farthest(
-    prepared: PreparedMesh,
-    poses: Sequence[Pose],
-    faces: IndexArray,
-    level: int,
-    progress: Progress,
+def _share(
+    pose: Pose,
+    method: Method,
+    vertices: Vertices,
+    found: PoseDepths,
+    worst: WorstPose,
+    tick: Callable[[], None],
     *,
     is_own_depth: bool,
-) -> WorstPose | None:
-    """The pose in which one of the faces is the farthest off at a level; is_own_depth: of those in which that is its
-    depth."""
-    worst: WorstPose | None = None
-    for batch in in_groups(range(len(poses)), poses_together(len(faces))):
-        done = batch[0] / len(poses)
-        scaled = [ScaledPose.of(poses[pose]) for pose in batch]
-        left = []
-        for each in scaled:
-            near, before = np.full((2, prepared.mesh.face_count), np.inf)
-            for some, norms in prepared.norms(each.mesh, faces):
-                near[some], before[some] = norms.at(level), norms.at(max(level - 1, 0))
-            wanted = near[faces] + each.allowance > (worst.share if worst else 0.0)
-            if is_own_depth and level > 0:
-                wanted &= before[faces] + each.allowance > 1.0
-            left.append(faces[wanted])
-        if not any(map(len, left)):
-            continue
-        joined = JoinedFaces.of(prepared, scaled, left)
-        shares = _shares(joined, level, partial(progress, done), is_own_depth=is_own_depth)
-        # The first one that is as far off as any, but for rounding.
-        place = int(np.argmax(shares >= shares.max() * (1 - ALIKE)))
-        if np.isfinite(shares[place]) and (worst is None or shares[place] > worst.share * (1 + ALIKE)):
-            worst = WorstPose(batch[int(joined.poses[place])], level, float(shares[place]))
-    return worst
-
-
-def _shares(joined: JoinedFaces, level: int, tick: Callable[[], None], *, is_own_depth: bool) -> FloatArray:
-    """(P,): the distance of each of the joined faces at a level, in units of the tolerance; -inf where that is not its
-    depth, and has to be."""
+) -> float:
+    """The largest distance of a face at the deepest depth in a pose, as a part of the tolerance, 0 where none is
+    farther than the worst so far. is_own_depth: whether only faces count of which that is the depth in this pose."""
+    faces = np.flatnonzero((found.depths == worst.depth) & (found.bounds > worst.share * pose.tolerance))
+    if not len(faces):
+        return 0.0
+    mesh = pose.make()
+    test = ToleranceTest(pose.tolerance, rounding_allowance(mesh))
+    shares = np.zeros(mesh.face_count)
+    for block in bounds_at_depths(mesh, faces, test, method, vertices, found.depths, tick):
+        # What is not proved was so where fewer faces were looked at together (``MOST_LEAVES``).
+        shares[block.faces] = np.minimum(block.bounds / pose.tolerance, 1.0)
+    farther = np.flatnonzero(shares > worst.share * (1 + ALIKE))
+    farther = farther[np.argsort(-shares[farther], kind="stable")]
     if not is_own_depth:
-        return bounds_at(joined, np.full(len(joined.bases), level, dtype=np.int32), tick)
-    depths, bounds, _ = searched(joined, tick)
-    return np.where(depths == level, bounds, -np.inf)
+        return float(shares.max())
+    # The farthest one needs that level in this pose, mostly, and no other one is looked at then.
+    begin = 0
+    while begin < len(farther):
+        some = left = farther[begin : 2 * begin + 1]
+        for level in range(worst.depth - 1, -1, -1):
+            levels = np.full(mesh.face_count, level, dtype=np.int32)
+            blocks = bounds_at_depths(mesh, left, test, method, vertices, levels, tick, equal_first=True)
+            left = np.concatenate([left[:0], *(block.faces[np.isinf(block.bounds)] for block in blocks)])
+        if len(left):
+            return float(shares[left].max())
+        begin += len(some)
+    return 0.0

@@ -166,14 +166,6 @@ def _next_sector_edge_sharp(mesh: PolygonMesh, corners: IndexArray, sharp_edges:
 
 def regular_nets(mesh: PolygonMesh, faces: IndexArray) -> FloatArray:
     """(4, 4, P, 3) float64: the nets of regular faces, [i, j] with the face's corners at (1,1), (2,1), (2,2), (1,2)."""
-    return regular_nets_in_poses(mesh, [mesh.positions], faces, np.array([len(faces)]))
-
-
-def regular_nets_in_poses(
-    mesh: PolygonMesh, poses: Sequence[FloatArray], faces: IndexArray, counts: IndexArray
-) -> FloatArray:
-    """(4, 4, P, 3) float64: the same with the vertices at several positions (V, 3), counts: of so many of the faces at
-    the first ones, of so many of the next at the second, and so on."""
     corners = mesh.face_starts[faces] + np.arange(4)[:, None]
     near, far, diagonal = _outer_vertices(mesh, corners)
     v = mesh.corner_vertices[corners]
@@ -183,12 +175,7 @@ def regular_nets_in_poses(
         [far[0], v[1], v[2], near[2]],
         [diagonal[1], near[1], far[1], diagonal[2]],
     ]
-    numbers = np.array(rows, dtype=np.intp)
-    if len(poses) == 1:
-        net = poses[0].take(numbers, axis=0)
-    else:
-        parts = np.split(numbers, np.cumsum(counts)[:-1], axis=2)
-        net = np.concatenate([own.take(some, axis=0) for own, some in zip(poses, parts, strict=True)], axis=2)
+    net = mesh.positions.take(np.array(rows, dtype=np.intp), axis=0)
     sharp = np.isinf(mesh.edge_sharpness[mesh.corner_edges[corners]])
     _extrapolate(net, sharp)
     return net
