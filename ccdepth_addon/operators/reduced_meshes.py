@@ -66,7 +66,7 @@ class Reducer:
         return (yield from make_meshes(self._context, [answer], self._settings, exact_normals=self._exact_normals))
 
     def _reduced(self, answer: AdaptiveResult) -> Generator[Stage, None, Made | None]:
-        """The reduced mesh of an answer; None where it has no fewer triangles."""
+        """The reduced mesh of an answer; None where it has no fewer triangles, or more than there may be faces."""
         start = yield from self._in_steps(
             partial(finer_result, answer, self._settings),
             lambda faces: f"Subdividing finer, to be reduced: {faces:,.0f} faces so far",
@@ -77,7 +77,8 @@ class Reducer:
                 mesh = _mesh(made.mesh_uid)
                 write_face_values(mesh, {DEPTH_KIND: depths_of_faces(answer, start.adaptive)})
                 bounds = yield from self._reduce(answer, mesh)
-                if bounds is None or len(bounds) >= triangle_count(answer):
+                most = min(triangle_count(answer) - 1, self._settings.max_faces)
+                if bounds is None or len(bounds) > most:
                     _remove([made.mesh_uid])
                     return None
                 depths = read_values(mesh.attributes[DEPTH].data, "value", np.int32)
