@@ -193,15 +193,6 @@ def planar() -> Any:
     return control_of(planar_triangles())
 
 
-def planar_strip(length: int) -> Any:
-    """Uneven quads in one plane, most of whose edges are its border."""
-    from tests import meshes
-
-    grid = meshes.grid(length, 1)
-    noise = np.random.default_rng(6).normal(0.0, 0.1, grid.positions.shape)
-    return control_of(meshes.MeshData(grid.positions + noise * [1.0, 1.0, 0.0], grid.face_sizes, grid.corner_vertices))
-
-
 def parabola(side: int) -> Any:
     """A grid over z = x², whose control facets are all 1/3 from the surface along a line in each."""
     from tests import meshes
@@ -552,7 +543,6 @@ WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     "adaptive, pole": lambda: adaptive(lambda: pole(64, 2), 3e-4),
     "adaptive, large pole": lambda: adaptive(lambda: pole(120, 1), 1e-3),
     "adaptive, planar": lambda: adaptive(planar, 2e-3),
-    "adaptive, planar strip": lambda: adaptive(lambda: planar_strip(30000), 1.6e-6),
     "adaptive, small": lambda: small_adaptive(20),
     "adaptive, coarse triangles": lambda: adaptive(lambda: triangulated(6), 6e-3),
     "adaptive, refused": lambda: refused(lambda: refined(saved_suzanne(), 3), 1e-7, 1_000_000),
@@ -755,28 +745,6 @@ def none_through_parents(_: Any) -> Any:
     return through
 
 
-def all_entries(put: Any) -> Any:
-    """Error bounds and star bounds kept for all nodes."""
-    store = importlib.import_module(PACKAGE + ".core.adaptive.approximation_store")
-    unbounded = store.ApproximationStore.unbounded
-
-    def accepted_alone(self: Any) -> Any:
-        nodes = unbounded(self)
-        return nodes[self._columns["accepted"].values[nodes]]
-
-    def put_all(self: Any, nodes: Any, approximation: Any) -> None:
-        for name, column in self._columns.items():
-            column.values[nodes] = getattr(approximation, name)
-        self._append(nodes, np.array(approximation.normal), np.array(approximation.tangential))
-
-    store.ApproximationStore.unbounded = accepted_alone
-    return put_all
-
-
-def everywhere(_: Any) -> Any:
-    return lambda tree, leaves, others: np.ones(len(leaves), dtype=bool)
-
-
 def fine_alone(_: Any) -> Any:
     """Bicubic quads by the quarters of triangles, without the quadratic parts."""
     bounds = importlib.import_module(PACKAGE + ".core.adaptive.leaf_bounds.triangle_bounds")
@@ -785,17 +753,6 @@ def fine_alone(_: Any) -> Any:
         return bounds.bicubic_distances(bounds.bicubic_rows(pattern, alternative), self.nets, chosen)
 
     return distances
-
-
-def stored_nowhere(of: Any) -> Any:
-    """Outlines computed each time."""
-
-    def anew(store: Any, leaves: Any, limit: float) -> Any:
-        store._blocks, store._keys = [], np.zeros(0, dtype=np.intp)
-        store._numbers = store._places = store._keys
-        return of(store, leaves, limit)
-
-    return anew
 
 
 def by_places(_: Any) -> Any:
@@ -937,42 +894,15 @@ ENTRIES = [
         by(nothing),
         ("adaptive, large", "adaptive, creases"),
     ),
-    Entry(
-        ADAPTIVE + "approximation_store.ApproximationStore.put",
-        "error bounds kept of all nodes",
-        by(all_entries),
-        ("adaptive, large",),
-    ),
-    Entry(ADAPTIVE + "neighbour_bounds._are_at_vertices", "all star bounds anew", by(everywhere), ALL_ADAPTIVE),
-    Entry(
-        ADAPTIVE + "neighbour_bounds.MORE_RINGS",
-        "one ring",
-        set_to((1,)),
-        (*ALL_ADAPTIVE, "adaptive, coarse triangles"),
-    ),
     Entry(ADAPTIVE + "plan.SURELY_TOO_MANY", "not refused early", set_to(ALWAYS), ("adaptive, refused",)),
-    Entry(ADAPTIVE + "template_choice.PROMISING", "no star bounds", set_to(NEVER), ALL_ADAPTIVE),
-    Entry(ADAPTIVE + "template_choice.PROMISING", "1", set_to(1.0), ALL_ADAPTIVE),
-    Entry(ADAPTIVE + "template_choice.SLOPE_OF_HEIGHT", "0", set_to(0.0), ALL_ADAPTIVE),
     # Adaptive meshes: cells and their bounds.
     at_once(CELLS + "patch_cells.CELLS_AT_ONCE", "adaptive, large", "adaptive, pole", "adaptive, coarse"),
     Entry(CELLS + "patch_cells.LEAST_OF_A_KIND", "none by stencils", set_to(UNLIMITED), ("adaptive, triangles",)),
     Entry(CELLS + "patch_cells.LEAST_OF_A_KIND", "1", set_to(1), IRREGULAR),
-    Entry(CELLS + "patch_cells.SMALL_REST", "0: children by their own coefficients", set_to(0.0), NETS),
     Entry(CELLS + "patch_cells.REFINABLE_QUADRATIC", "always finer", set_to(ALWAYS), SUZANNE),
     Entry(CELLS + "patch_cells.REFINABLE_QUADRATIC", "never finer", set_to(NEVER), SUZANNE),
     Entry(CELLS + "patch_cells.BicubicCells._distances_of_template", "finer bounds alone", by(fine_alone), SUZANNE),
     Entry(CELLS + "patch_cells.BicubicCells._turned", "every pattern on its own", by(not_turned), SUZANNE),
-    Entry(
-        ADAPTIVE + "outline_store.OutlineStore.of",
-        "computed anew each time",
-        by(stored_nowhere),
-        ("adaptive, planar",),
-    ),
-    Entry(ADAPTIVE + "flat_bounds.CELLS_EACH_WAY", "2", set_to(2), ("adaptive, planar", "adaptive, planar strip")),
-    Entry(ADAPTIVE + "flat_bounds.CELLS_EACH_WAY", "one cell in all", set_to(0), ("adaptive, planar",)),
-    at_once(ADAPTIVE + "flat_bounds.MOST_CELLS", "adaptive, planar strip"),
-    Entry(CELLS + "polygon_cells.LARGEST_OFFSET", "not tested", set_to(ALWAYS), ("adaptive, triangles",)),
     Entry(
         ADAPTIVE + "growth._approximate_through_parents",
         "children by their own coefficients",
@@ -982,9 +912,6 @@ ENTRIES = [
     Entry(ADAPTIVE + "planner.halve", "no halves", by(nothing), (*SUZANNE, "adaptive, large")),
     Entry(ADAPTIVE + "halves.ATTEMPTS", "2", set_to(2), (*SUZANNE, "adaptive, large")),
     Entry(ADAPTIVE + "halves._Drawn.erase", "attempts begin anew", by(forgetting), (*SUZANNE, "adaptive, large")),
-    at_once(LEAVES + "leaf_distance.LEAVES_AT_ONCE", *NETS),
-    Entry(LEAVES + "leaf_distance.SMALL_SQUARE", "1/8", set_to(1 / 8), EXTRAORDINARY),
-    Entry(LEAVES + "leaf_distance.SMALL_SQUARE", "1/2048", set_to(1 / 2048), EXTRAORDINARY),
     Entry(CELLS + "irregular_cells.RefinedCells.descent", "made anew each time", by(made_anew), IRREGULAR),
     Entry(
         CELLS + "polygon_cells.PolygonCells.descent",
@@ -993,8 +920,6 @@ ENTRIES = [
         (*IRREGULAR, "adaptive, coarse triangles"),
     ),
     Entry(CELLS + "irregular_cells.RefinedCells.scratch", "descent kept for good", by(as_it_is), IRREGULAR),
-    Entry(LEAVES + "irregular_bounds.NEAR_FACET", "1", set_to(1.0), IRREGULAR),
-    Entry(LEAVES + "irregular_bounds.NEAR_FACET", "0", set_to(0.0), IRREGULAR),
     Entry(LEAVES + "triangle_bounds.LEVELS_AT_VERTEX", "2", set_to(2), EXTRAORDINARY),
     # Attributes and writing.
     Entry("core.attributes.interpolation.at_corners", "at every corner", by(evaluated_everywhere), ("writing",)),
@@ -1050,8 +975,18 @@ ENTRIES = [
 
 # What is computed once, by the name in the table. These are counted, all in one run.
 TOPOLOGY = "face_sizes", "corner_faces", "next_corner", "previous_corner", "edge_face_counts", "vertex_face_counts"
+TABLES = {
+    "triangle_bounds": (
+        *("_arguments", "_ways_to_share", "_off_quadratic", "_coefficients_over", "_rows_of_pieces"),
+        *("template_rows", "bicubic_rows", "quadratic_rows", "extraordinary_rows"),
+    ),
+    "child_bounds": ("_rows",),
+    "fan_bounds": ("_quarter_rows",),
+}
 CACHES = {
     "topology": [MESH + f"polygon_mesh.PolygonMesh.{name}" for name in (*TOPOLOGY, "_twins")],
+    # They are made from each other.
+    "tables": [f"{LEAVES}{module}.{name}" for module, names in TABLES.items() for name in names],
     **{
         place: [place]
         for place in (
@@ -1059,21 +994,7 @@ CACHES = {
             BOUNDS + "facet_bounds._samples",
             ADAPTIVE + "subdivided_mesh.SubdividedMesh.corner_points",
             CELLS + "polygon_cells.fan_of_template",
-            LEAVES + "child_bounds._rows",
-            LEAVES + "triangle_bounds._arguments",
-            LEAVES + "triangle_bounds._ways_to_share",
-            LEAVES + "triangle_bounds._off_quadratic",
-            LEAVES + "triangle_bounds._coefficients_over",
             LEAVES + "irregular_bounds._triangle_tables",
-            LEAVES + "triangle_bounds.template_rows",
-            LEAVES + "triangle_bounds.bicubic_rows",
-            LEAVES + "triangle_bounds.quadratic_rows",
-            LEAVES + "triangle_bounds.extraordinary_rows",
-            LEAVES + "triangle_bounds._rows_of_pieces",
-            LEAVES + "leaf_distance.extraordinary_hull_rows",
-            LEAVES + "shifted_bounds._centre_and_derivatives",
-            LEAVES + "shifted_bounds._rows",
-            LEAVES + "fan_bounds._quarter_rows",
             SURFACE + "stencils.quad_stencils",
             DEVIATION + "bezier_pieces.BezierPieces.edge_units",
             "exchange.control_mesh.MeshAsRead.key",

@@ -101,8 +101,7 @@ class AdaptiveTask:
     def request(self, settings: AdaptiveSettings, tolerance: float, most_faces: int) -> AdaptiveRequest:
         limit = tolerance - self.allowance
         transitions = Transitions(settings.transitions)
-        rounding = rounding_allowance(self.control.in_world)
-        return AdaptiveRequest(limit, Mode(settings.mode), transitions, most_faces, self.control.world, rounding)
+        return AdaptiveRequest(limit, Mode(settings.mode), transitions, most_faces, self.control.world)
 
 
 @dataclass(frozen=True)

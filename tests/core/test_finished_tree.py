@@ -4,24 +4,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 import pytest
 
 from ccdepth_addon.core.adaptive import planner
+from ccdepth_addon.core.adaptive.along_surface import bound_along_surface
 from ccdepth_addon.core.adaptive.cells.cell_store import some
 from ccdepth_addon.core.adaptive.cells.control_faces import cells_of_faces
 from ccdepth_addon.core.adaptive.cells.patch_cells import BicubicCells
+from ccdepth_addon.core.adaptive.halves import halve
 from ccdepth_addon.core.adaptive.leaf_approximation import LeafApproximation
-from ccdepth_addon.core.adaptive.leaf_bounds.star_bounds import star_bounds
-from ccdepth_addon.core.adaptive.neighbour_bounds import MORE_RINGS
+from ccdepth_addon.core.adaptive.plan import Plan
 from ccdepth_addon.core.adaptive.quadtree import NONE, Quadtree
 from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
-from ccdepth_addon.core.adaptive.templates import Transitions
-from ccdepth_addon.core.adaptive.tessellation import TessellationPlan, plan_tessellation, triangles_around
 from ccdepth_addon.core.arrays.types import IndexArray
-from ccdepth_addon.core.surface.evaluation import limit_values
 from tests.core.test_adaptive import build, request_of, subdivided
 from tests.thorough import combinations
 
@@ -42,25 +39,20 @@ def test_finished_tree(name: str, mode: Mode, monkeypatch: pytest.MonkeyPatch) -
     """
     mesh = build(name)
     for tolerance in (0.02, 2e-3) if mode is Mode.ADAPTIVE else (0.05,):
-        drawn: list[tuple[Quadtree, IndexArray, LeafApproximation]] = []
+        plans = list[Plan]()
 
-        def recorded(
-            tree: Quadtree,
-            leaves: IndexArray,
-            approximation: LeafApproximation,
-            transitions: Transitions,
-            drawn: Any = drawn,
-        ) -> TessellationPlan:
-            drawn.append((tree, leaves, approximation))
-            return plan_tessellation(tree, leaves, approximation, transitions)
+        def recorded(plan: Plan, plans: list[Plan] = plans) -> None:
+            halve(plan)
+            plans.append(plan)
 
-        monkeypatch.setattr(planner, "plan_tessellation", recorded)
+        monkeypatch.setattr(planner, "halve", recorded)
         request = request_of(mesh, tolerance, mode)
         subdivided(mesh, request)
-        for tree, leaves, approximation in drawn:
+        for plan in plans:
+            leaves, tree = plan.leaves(), plan.tree
             np.testing.assert_array_equal(np.sort(leaves), tree.leaves())
-            assert_approximated_as_it_is(tree, leaves, approximation)
-            assert_bounded_as_it_is(tree, leaves, approximation, request)
+            assert_approximated_as_it_is(tree, leaves, plan.approximations.of(leaves))
+            assert_bounded_as_it_is(plan, leaves, request)
 
 
 def assert_approximated_as_it_is(tree: Quadtree, leaves: IndexArray, approximation: LeafApproximation) -> None:
@@ -74,35 +66,24 @@ def assert_approximated_as_it_is(tree: Quadtree, leaves: IndexArray, approximati
     np.testing.assert_array_equal(hanging @ [1, 2, 4, 8], approximation.patterns[quads])
 
 
-def assert_bounded_as_it_is(
-    tree: Quadtree, leaves: IndexArray, approximation: LeafApproximation, request: AdaptiveRequest
-) -> None:
+def assert_bounded_as_it_is(plan: Plan, leaves: IndexArray, request: AdaptiveRequest) -> None:
     """Every bound is what is found for the leaf as it is drawn, or else for its neighbours as they are drawn."""
-    anew = approximated_anew(tree, request).at(leaves)
-    # Those that neighbours were expected to bound, and that had to do without them.
-    chosen = np.flatnonzero(approximation.alone & ~anew.alone)
-    anew.put(chosen, approximated_anew(tree, request, alone=True).at(leaves[chosen]))
-    assert np.all(np.isfinite(anew.bounds[chosen]))
+    approximations, anew = plan.approximations, approximated_anew(plan.tree, request).at(leaves)
+    before = approximations.alone(leaves)
     for name in ("patterns", "alternatives", "turns", "folded"):
-        np.testing.assert_array_equal(getattr(approximation, name), getattr(anew, name))
-    drawn = triangles_around(tree, leaves, anew, Transitions.TRIANGLES)
-    points = limit_values(tree.mesh, tree.mesh.positions, tree.vertex_points(drawn.used))
-    along, of_leaves = np.full(len(leaves), np.inf), drawn.leaves
-    normal, tangential = anew.normal[of_leaves], anew.tangential[of_leaves]
-    for rings in (1, *MORE_RINGS):
-        found = star_bounds(points, drawn.corners, normal, tangential, drawn.closed, of_leaves >= 0, rings=rings)
-        largest = np.zeros(len(leaves))
-        np.maximum.at(largest, of_leaves, found.bounds)
-        along = np.where(along > request.limit, largest, along)
-    np.testing.assert_allclose(
-        approximation.bounds, np.where(np.isinf(anew.bounds), along, anew.bounds), rtol=SAME, atol=0
-    )
-    assert np.all(approximation.bounds <= request.limit)
+        np.testing.assert_array_equal(getattr(before, name), getattr(anew, name))
+    np.testing.assert_allclose(before.bounds, anew.bounds, rtol=SAME, atol=0)
+    unbounded = approximations.unbounded()
+    along = approximations.along(unbounded)
+    plan.approximated.put(leaves)
+    assert not len(bound_along_surface(plan))
+    np.testing.assert_allclose(approximations.along(unbounded), along, rtol=SAME, atol=0)
+    assert np.all(approximations.of(leaves).bounds <= request.limit)
 
 
-def approximated_anew(tree: Quadtree, request: AdaptiveRequest, *, alone: bool = False) -> LeafApproximation:
-    """(nodes,) approximations of a tree's leaves with their sides as they are, and error bounds along their normals and
-    across: from the faces of the control mesh down. Whole leaves by their bicubic parents first."""
+def approximated_anew(tree: Quadtree, request: AdaptiveRequest) -> LeafApproximation:
+    """(nodes,) approximations of a tree's leaves with their sides as they are, from the faces of the control mesh down.
+    Whole leaves by their bicubic parents first."""
     found, waiting = LeafApproximation.none(len(tree.first_child)), [*cells_of_faces(tree.mesh)]
     from_parents = LeafApproximation.none(len(found.accepted))
     while waiting:
@@ -115,15 +96,9 @@ def approximated_anew(tree: Quadtree, request: AdaptiveRequest, *, alone: bool =
                 children = parents.approximate_children(request.limit, request.axes)
                 from_parents.put(tree.children_of_quads(parents.nodes).ravel(), children.approximation)
         for leaves in some(cells, is_leaf):
-            known = LeafApproximation.none(len(leaves.nodes)) if alone else None
-            approximation = leaves.approximate(tree.hanging(tree.slots(leaves.nodes)), request, known=known)
-            by_parents = from_parents.accepted[leaves.nodes] & (tree.sides(leaves.nodes)[0] == 0)
-            at_parents = np.flatnonzero(by_parents & (not alone))
-            approximation.put(at_parents, from_parents.at(leaves.nodes[at_parents]))
-            error_bounds = leaves.error_bounds(approximation, request.limit)
-            unknown = np.flatnonzero(np.isinf(approximation.normal))
-            approximation.normal[unknown] = np.minimum(error_bounds.normal, approximation.bounds)[unknown]
-            approximation.tangential[unknown] = np.minimum(error_bounds.tangential, approximation.bounds)[unknown]
+            approximation = leaves.approximate(tree.hanging(tree.slots(leaves.nodes)), request)
+            by_parents = np.flatnonzero(from_parents.accepted[leaves.nodes] & (tree.sides(leaves.nodes)[0] == 0))
+            approximation.put(by_parents, from_parents.at(leaves.nodes[by_parents]))
             found.put(leaves.nodes, approximation)
     return found
 

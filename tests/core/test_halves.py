@@ -117,18 +117,18 @@ def test_leaves_that_exceed_the_limit_beside_halves_stay(name: str, monkeypatch:
     mesh = build(name)
     request = request_of(mesh, 3e-3, Transitions.TRIANGLES)
     stayed: list[tuple[Quadtree, IndexArray]] = []
-    bound_beside = halves._Drawn.bound_beside
+    draw = halves._Drawn.draw
 
-    def exceeding(drawn: halves._Drawn) -> IndexArray:
-        found = bound_beside(drawn)
+    def exceeding(drawn: halves._Drawn, *given: Any) -> IndexArray:
+        found = draw(drawn, *given)
         if len(stayed) < halves.ATTEMPTS - 1:
             tree = drawn._plan.tree
             leaves = tree.leaves()
-            found = leaves[(leaves < tree.first_half) & (leaves % 7 == len(stayed))]
+            found = leaves[(leaves < tree.first_half) & (leaves % halves.ATTEMPTS == len(stayed))]
             stayed.append((tree, found))
         return found
 
-    monkeypatch.setattr(halves._Drawn, "bound_beside", exceeding)
+    monkeypatch.setattr(halves._Drawn, "draw", exceeding)
     found = subdivide_adaptively(mesh, request, mesh.positions)
     assert len(stayed) == halves.ATTEMPTS - 1
     for tree, leaves in stayed:
@@ -171,14 +171,14 @@ def test_the_last_attempt_leaves_nothing_to_new_neighbours(monkeypatch: pytest.M
     """Here a leaf that was within the limit by itself has lost a vertex in its side, and would need its neighbours."""
     monkeypatch.setattr(halves, "ATTEMPTS", 2)
     exceeding: list[int] = []
-    bound_beside = halves._Drawn.bound_beside
+    draw = halves._Drawn.draw
 
-    def counted(drawn: halves._Drawn) -> IndexArray:
-        found = bound_beside(drawn)
+    def counted(drawn: halves._Drawn, *given: Any) -> IndexArray:
+        found = draw(drawn, *given)
         exceeding.append(len(found))
         return found
 
-    monkeypatch.setattr(halves._Drawn, "bound_beside", counted)
+    monkeypatch.setattr(halves._Drawn, "draw", counted)
     mesh = apply_boundary_rule(meshes.to_polygon_mesh(uneven_ramp()), smooth_corners=True)
     request = request_of(mesh, 1.4e-4, Transitions.TRIANGLES)
     found = subdivide_adaptively(mesh, request, mesh.positions)
@@ -187,24 +187,3 @@ def test_the_last_attempt_leaves_nothing_to_new_neighbours(monkeypatch: pytest.M
     assert np.all(found.bounds <= request.limit)
     soundness.assert_sound(mesh, found.mesh)
     assert len(found.bounds) <= len(without_halves(mesh, request).bounds)
-
-
-def test_leaves_keep_the_bounds_of_their_flat_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Whatever changes around them: here all their neighbours are said to be drawn otherwise."""
-    mesh = apply_boundary_rule(meshes.to_polygon_mesh(meshes.bent_plate()), smooth_corners=True)
-    request = request_of(mesh, 3e-4, Transitions.TRIANGLES)
-    flat_leaves: list[IndexArray] = []
-    draw = halves._Drawn.draw
-
-    def drawn(self: halves._Drawn, *given: Any) -> None:
-        draw(self, *given)
-        plan = self._plan
-        flat_leaves.append(np.flatnonzero(plan.by_flat_part.values & (plan.tree.first_child == NONE)))
-        plan.approximated.put(plan.tree.leaves())
-
-    monkeypatch.setattr(halves._Drawn, "draw", drawn)
-    found = subdivide_adaptively(mesh, request, mesh.positions)
-    assert len(flat_leaves[-1])
-    assert np.all(found.bounds <= request.limit)
-    soundness.assert_sound(mesh, found.mesh)
-    assert len(found.bounds) < len(without_halves(mesh, request).bounds)

@@ -14,11 +14,11 @@ from hypothesis import strategies as st
 from ccdepth_addon.core.adaptive.leaf_bounds.triangle_bounds import coefficients_over
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
-from ccdepth_addon.core.distance import leaf_distances
-from ccdepth_addon.core.distance.leaf_distances import SQUARE, SQUARE_FORM, TRIANGLE_FORM, Leaves
+from ccdepth_addon.core.distance import pieces as surface_pieces
+from ccdepth_addon.core.distance.leaf_distances import SQUARE, Leaves
+from ccdepth_addon.core.distance.pieces import SQUARE_FORM, TRIANGLE_FORM
 from ccdepth_addon.core.distance.shell_bounds import Pieces, shell_bounds
 from ccdepth_addon.core.distance.shells import Shell, Triangles, vertex_vectors
-from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.refinement import Refinement
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
@@ -39,8 +39,8 @@ PARTS = np.array(
 )
 
 
-def landscape(bumps: float, seed: int) -> tuple[PolygonMesh, Shell]:
-    """A grid of quads with bumps, and the shell over it, up to 1."""
+def landscape(bumps: float, seed: int, limit: float = 1.0) -> Shell:
+    """Over a grid of quads with bumps, up to a limit."""
     generator = np.random.default_rng(seed)
     mesh = meshes.to_polygon_mesh(meshes.grid(SIDE, SIDE))
     positions = mesh.positions + generator.normal(size=mesh.positions.shape) * [0.15, 0.15, bumps]
@@ -48,7 +48,7 @@ def landscape(bumps: float, seed: int) -> tuple[PolygonMesh, Shell]:
     points = mesh.positions[mesh.corner_vertices].reshape(-1, 4, 3)
     is_turned = generator.random(len(points)) < 0.5
     triangles = Triangles.of(mesh, points, vertex_vectors(mesh, None), is_turned)
-    return mesh, Shell.of(mesh, triangles, 1.0)
+    return Shell.of(triangles, np.ones(mesh.vertex_count, dtype=bool), limit)
 
 
 def moved_pieces(shell: Shell, size: float, seed: int) -> Pieces:
@@ -77,7 +77,7 @@ def farthest(points: FloatArray, triangles: FloatArray) -> FloatArray:
 )
 def test_no_point_of_a_piece_is_farther_than_its_bound(bumps: float, size: float, seed: int) -> None:
     """Corners, middles and averages of the hull: all of them are points of the piece, if it is flat."""
-    _, shell = landscape(bumps, seed)
+    shell = landscape(bumps, seed)
     pieces = moved_pieces(shell, size, seed + 1)
     bounds = shell_bounds(shell, pieces)
     placed = np.flatnonzero(np.isfinite(bounds))
@@ -88,7 +88,7 @@ def test_no_point_of_a_piece_is_farther_than_its_bound(bumps: float, size: float
 
 
 def test_most_pieces_that_are_near_have_places() -> None:
-    _, shell = landscape(0.05, 1)
+    shell = landscape(0.05, 1)
     inside = ~np.any(shell.is_border[shell.triangles.vertices], axis=1)
     near = np.isfinite(shell_bounds(shell, moved_pieces(shell, 0.02, 2))).reshape(-1, len(PARTS))
     assert near[inside].mean() > 0.9
@@ -97,7 +97,7 @@ def test_most_pieces_that_are_near_have_places() -> None:
 @pytest.mark.parametrize("bumps", [0.0, 0.2])
 def test_what_is_moved_beyond_the_triangles_around_has_no_place(bumps: float) -> None:
     """Along the surface, by three quads: its height over its own triangle proves nothing."""
-    _, shell = landscape(bumps, 3)
+    shell = landscape(bumps, 3)
     pieces = moved_pieces(shell, 0.0, 4)
     far = Pieces(pieces.triangles, pieces.hulls + np.array([3.0, 0.0, 0.0]), pieces.near, pieces.flats)
     assert np.all(np.isinf(shell_bounds(shell, far)))
@@ -106,8 +106,7 @@ def test_what_is_moved_beyond_the_triangles_around_has_no_place(bumps: float) ->
 @pytest.mark.parametrize("bumps", [0.05, 0.2])
 def test_shells_are_no_thicker_than_their_prisms(bumps: float) -> None:
     """Within the range no prism is turned inside out, at any of its points."""
-    _, shell = landscape(bumps, 5)
-    thick = Shell.of(landscape(bumps, 5)[0], shell.triangles, 100.0)
+    thick = landscape(bumps, 5, 100.0)
     count = len(thick.triangles.vertices)
     for share in np.linspace(-1, 1, 9):
         moved = thick.triangles.vectors[:count] * (share * thick.ranges)[:, None, None]
@@ -158,7 +157,7 @@ def test_all_of_a_quad_is_looked_at_however_it_is_divided(monkeypatch: pytest.Mo
     leaves = Leaves.of(Refinement.start(mesh, np.arange(count)), np.arange(count) % 2 == 1, Vertices.LIMIT, 100.0)
     generator, areas = np.random.default_rng(5), np.zeros(count)
 
-    def some(shell: Shell, pieces: Pieces) -> FloatArray:
+    def some(shell: Shell, pieces: Pieces, *, are_last: bool) -> FloatArray:
         is_open = generator.random(len(pieces.near)) < 0.25
         form = SQUARE_FORM if pieces.flats.shape[1] == 16 else TRIANGLE_FORM
         first, *others = np.moveaxis(pieces.flats[:, form.values], 1, 0)
@@ -169,7 +168,7 @@ def test_all_of_a_quad_is_looked_at_however_it_is_divided(monkeypatch: pytest.Mo
         np.add.at(areas, pieces.triangles[~is_open] // 2, area[~is_open])
         return np.where(is_open, np.inf, 1.0)
 
-    monkeypatch.setattr(leaf_distances, "shell_bounds", some)
+    monkeypatch.setattr(surface_pieces, "shell_bounds", some)
     by_places, _ = leaves.distances(np.arange(count), lambda: None)
     corners = leaves.shell.triangles.corners
     sides = corners[:, 1:] - corners[:, :1]

@@ -14,9 +14,9 @@ import pytest
 
 from ccdepth_addon.core.adaptive.leaf_bounds import triangle_bounds
 from ccdepth_addon.core.adaptive.leaf_bounds.descent import Descent
-from ccdepth_addon.core.adaptive.leaf_bounds.irregular_bounds import template_error_bounds
+from ccdepth_addon.core.adaptive.leaf_bounds.irregular_bounds import template_distances
 from ccdepth_addon.core.adaptive.templates import ALL_SPLIT, QUAD_POINTS, Template, templates
-from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
+from ccdepth_addon.core.arrays.types import BoolArray, FloatArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.submesh import submesh
 from ccdepth_addon.core.surface.bicubic import patch_coefficients
@@ -73,40 +73,26 @@ class Samples:
         return np.tensordot(self.weights, nets, axes=1)
 
     def distances(self, template: Template, surface: FloatArray) -> FloatArray:
-        """(3, NETS) the largest at equal parameters, over all samples: in all, along the triangles' normals, across."""
-        points = surface[self.corners()]
-        on_triangles, triangles = drawn(template, self.parameters, points)
-        gaps = surface - on_triangles
-        along = np.einsum("npi,npi->np", gaps, normals_of(template, points)[triangles])
-        whole = np.linalg.norm(gaps, axis=2)
-        across = np.sqrt(np.maximum(whole**2 - along**2, 0))
-        return np.stack([whole.max(axis=0), np.abs(along).max(axis=0), across.max(axis=0)])
+        """(NETS,) the largest at equal parameters, over all samples."""
+        gaps = surface - drawn(template, self.parameters, surface[self.corners()])
+        return np.linalg.norm(gaps, axis=2).max(axis=0)
 
     def corners(self) -> list[int]:
         """Which of the samples are the eight points of the quad."""
         return [int(np.flatnonzero(np.all(self.parameters == point, axis=1))[0]) for point in QUAD_POINTS]
 
 
-def drawn(template: Template, parameters: FloatArray, points: FloatArray) -> tuple[FloatArray, IndexArray]:
-    """(N, …): the triangles over the eight points of a quad (8, …), at parameters (N, 2), which they all cover; and
-    which of them is there."""
+def drawn(template: Template, parameters: FloatArray, points: FloatArray) -> FloatArray:
+    """(N, …): the triangles over the eight points of a quad (8, …), at parameters (N, 2), which they all cover."""
     result = np.full((len(parameters), *points.shape[1:]), np.nan)
-    triangles = np.zeros(len(parameters), dtype=np.intp)
-    for number, triangle in enumerate(template):
+    for triangle in template:
         a, b, c = QUAD_POINTS[list(triangle)]
         weights = np.linalg.solve(np.stack([b - a, c - a], axis=1), (parameters - a).T)
         weights = np.stack([1 - weights.sum(axis=0), *weights], axis=1)
         inside = np.all(weights >= 0, axis=1)
         result[inside] = np.tensordot(weights[inside], points[list(triangle)], axes=1)
-        triangles[inside] = number
     assert not np.any(np.isnan(result))
-    return result, triangles
-
-
-def normals_of(template: Template, points: FloatArray) -> FloatArray:
-    """(triangles, NETS, 3) unit normals of triangles over points (8, NETS, 3)."""
-    normals = np.array([np.cross(points[b] - points[a], points[c] - points[a]) for a, b, c in template])
-    return normals / np.linalg.norm(normals, axis=2, keepdims=True)
+    return result
 
 
 @cache
@@ -116,32 +102,20 @@ def samples(valence: int) -> Samples:
 
 
 def bounds_of(valence: int, pattern: int, alternative: int, nets: FloatArray, *, fine: bool) -> FloatArray:
-    """(3, NETS): what the distances are at most."""
-    template = templates(pattern)[alternative]
-    normals = normals_of(template, samples(valence).surface(nets)[samples(valence).corners()])
+    """(NETS,): what the distances are at most."""
     mesh = samples(valence).mesh.changed(positions=nets.reshape(len(nets), -1))
     if valence == 4:
         coefficients = patch_coefficients(regular_nets(mesh, np.array([0]))).reshape(16, -1, 3)
         every = np.arange(coefficients.shape[1])
         if fine:
-            closer = triangle_bounds.bicubic_rows(pattern, alternative)
-            found = triangle_bounds.bicubic_error_bounds(closer, coefficients, normals)
-            in_all = triangle_bounds.bicubic_distances(closer, coefficients, every)
-            along = triangle_bounds.bicubic_errors_along(closer, coefficients, normals)
-            np.testing.assert_allclose(along, found.normal, rtol=0, atol=ROUNDING)
-        else:
-            rows = triangle_bounds.quadratic_rows(pattern, alternative)
-            quadratic, rest = triangle_bounds.quadratic_error_bounds(rows, coefficients, normals)
-            found = quadratic + rest
-            in_all = np.add(*triangle_bounds.quadratic_distances(rows, coefficients, every))
-        np.testing.assert_allclose(in_all, found.whole, rtol=ROUNDING)
-    else:
-        net = extraordinary_nets(mesh, np.array([0]), valence).reshape(2 * valence + 8, -1, 3)
-        matrices = triangle_bounds.extraordinary_rows((valence, 4, 4, 4), pattern, alternative)
-        found = triangle_bounds.extraordinary_error_bounds(matrices, net, normals)
-        along = triangle_bounds.extraordinary_errors_along(matrices, net, normals)
-        np.testing.assert_allclose(along, found.normal, rtol=ROUNDING)
-    return np.stack([found.whole, found.normal, found.tangential])
+            return triangle_bounds.bicubic_distances(
+                triangle_bounds.bicubic_rows(pattern, alternative), coefficients, every
+            )
+        rows = triangle_bounds.quadratic_rows(pattern, alternative)
+        return np.add(*triangle_bounds.quadratic_distances(rows, coefficients, every))
+    net = extraordinary_nets(mesh, np.array([0]), valence).reshape(2 * valence + 8, -1, 3)
+    matrices = triangle_bounds.extraordinary_rows((valence, 4, 4, 4), pattern, alternative)
+    return triangle_bounds.extraordinary_distances(matrices, net)
 
 
 # A matrix of a large valence takes some seconds to make, so not all of them are.
@@ -166,7 +140,7 @@ def test_bounds_of_regular_quads_are_tight() -> None:
     ratios = []
     for pattern, alternative in CHOICES:
         distances = samples(4).distances(templates(pattern)[alternative], surface)
-        ratios.append(distances[0] / bounds_of(4, pattern, alternative, nets, fine=True)[0])
+        ratios.append(distances / bounds_of(4, pattern, alternative, nets, fine=True))
     assert np.mean(np.concatenate(ratios) >= 0.9) > 0.9
     assert np.min(ratios) > 0.75
 
@@ -187,7 +161,7 @@ def test_bounds_of_quadratic_distances_need_no_closer_look() -> None:
     exact = []
     for pattern, alternative in CHOICES:
         points = paraboloids(*QUAD_POINTS.T)
-        on_triangles, _ = drawn(templates(pattern)[alternative], parameters, points)
+        on_triangles = drawn(templates(pattern)[alternative], parameters, points)
         distances = np.abs(paraboloids(*parameters.T) - on_triangles)[..., 2].max(axis=0)
         rows = triangle_bounds.quadratic_rows(pattern, alternative)
         bounds = np.add(*triangle_bounds.quadratic_distances(rows, coefficients, np.arange(NETS)))
@@ -260,7 +234,7 @@ def test_rows_are_exact_but_for_the_rounding_of_their_weights(path: str) -> None
             assert np.all(within % (1 / 4 if fine else 1 / 2) == 0)
             assert np.all((within >= 0) & (within <= 1))
             of_surface = exact_blossom([(Fraction(u), Fraction(v)) for u, v in within.tolist()])
-            triangle = templates(pattern)[alternative][rows.triangles[row]]
+            triangle = next(each for each in templates(pattern)[alternative] if are_inside(each, places[None])[0])
             of_points = [Fraction(0)] * 8
             for point, weight in zip(triangle, exact_weights(triangle, places), strict=True):
                 of_points[point] = -weight
@@ -273,6 +247,11 @@ def square_of(path: str) -> triangle_bounds.Square:
     for digit in path[1:]:
         square = square.child(int(digit))
     return square
+
+
+def are_inside(triangle: tuple[int, int, int], places: FloatArray) -> BoolArray:
+    """(N,): which rows of places (N, 6, 2) lie in a triangle of a quad."""
+    return np.all(triangle_bounds.barycentric(QUAD_POINTS[list(triangle)], places) >= 0, axis=(1, 2))
 
 
 def exact_weights(triangle: tuple[int, int, int], places: FloatArray) -> list[Fraction]:
@@ -289,12 +268,11 @@ def test_rows_belong_to_places_of_their_triangles() -> None:
     """But not to their vertices, where there is no distance."""
     for (pattern, alternative), path in product(CHOICES, (1, 0o15, 0o23)):
         rows = triangle_bounds.template_rows(pattern, alternative, path)
-        for number, triangle in enumerate(templates(pattern)[alternative]):
-            vertices = QUAD_POINTS[list(triangle)]
-            places = rows.places[rows.triangles == number].reshape(-1, 6, 2)
-            weights = triangle_bounds.barycentric(vertices, places)
-            assert np.all(weights >= 0)
-            assert not np.any(np.all(weights == 1, axis=1))
+        places = rows.places.reshape(-1, 6, 2)
+        own = [places[are_inside(triangle, places)] for triangle in templates(pattern)[alternative]]
+        assert len(np.unique(np.concatenate(own), axis=0)) == len(np.unique(places, axis=0)) == len(places)
+        corners = QUAD_POINTS[np.unique(templates(pattern)[alternative])]
+        assert not np.any(np.all(places[:, None] == corners[:, None], axis=(2, 3)))
 
 
 def test_monomials_are_no_farther_off_their_quadratic_parts_than_told() -> None:
@@ -353,15 +331,10 @@ def test_no_triangle_over_several_extraordinary_corners_is_farther_than_its_boun
         template = templates(pattern)[alternative]
         distances = of_face.distances(template, surface)
         rows = triangle_bounds.extraordinary_rows(valences, pattern, alternative)
-        normals = normals_of(template, surface[of_face.corners()])
-        found = triangle_bounds.extraordinary_error_bounds(rows, own, normals)
-        bounds = np.stack([found.whole, found.normal, found.tangential])
+        bounds = triangle_bounds.extraordinary_distances(rows, own)
         assert np.all(distances <= bounds * (1 + ROUNDING) + ROUNDING)
         # As near as at one extraordinary vertex: wild nets bend most there.
-        assert np.median(bounds[0] / distances[0]) < 1.6
-        np.testing.assert_allclose(triangle_bounds.extraordinary_distances(rows, own), bounds[0], rtol=ROUNDING)
-        along = triangle_bounds.extraordinary_errors_along(rows, own, normals)
-        np.testing.assert_allclose(along, bounds[1], rtol=ROUNDING)
+        assert np.median(bounds / distances) < 1.6
 
 
 OTHER_QUADS = {
@@ -379,7 +352,7 @@ def test_no_triangle_over_a_refined_quad_is_farther_than_its_bound(name: str) ->
     mesh = apply_boundary_rule(meshes.to_polygon_mesh(OTHER_QUADS[name]()), smooth_corners=True)
     generator = np.random.default_rng(1)
     quads = np.flatnonzero((mesh.face_sizes == 4) & (classify_patches(mesh).kinds != PatchKind.REGULAR))
-    seen_within: dict[tuple[float, bool], list[bool]] = defaultdict(list)
+    seen_within: dict[float, list[bool]] = defaultdict(list)
     for face in generator.choice(quads, 3, replace=False).tolist():
         of_face = Samples(mesh, face)
         for noise in (0.05, 1.0):
@@ -389,13 +362,10 @@ def test_no_triangle_over_a_refined_quad_is_farther_than_its_bound(name: str) ->
             descent = Descent.of_quads(Refinement.start(mesh.changed(positions=net), np.array([face])))
             for key in CHOICES[::4]:
                 template = templates(key[0])[key[1]]
-                distances = of_face.distances(template, surface)[:, 0]
+                distance = of_face.distances(template, surface)[0]
                 for ratio in (0.9, TIGHT, np.inf):
-                    limit = ratio * distances[0]
-                    for room in (None, np.array([np.inf])):
-                        number = np.array([key[0] + 16 * key[1]])
-                        found = template_error_bounds(descent, np.array([0]), points, number, limit, room)
-                        bounds = np.ravel([found.whole, found.normal, found.tangential])
-                        assert np.all(distances <= bounds + ROUNDING), (key, limit, room)
-                        seen_within[ratio, room is not None].append(bool(found.whole[0] <= limit))
-    assert np.mean(seen_within[TIGHT, False]) > 0.9
+                    limit, number = ratio * distance, np.array([key[0] + 16 * key[1]])
+                    bound = template_distances(descent, np.array([0]), points, number, limit)[0]
+                    assert distance <= bound + ROUNDING, (key, limit)
+                    seen_within[ratio].append(bool(bound <= limit))
+    assert np.mean(seen_within[TIGHT]) > 0.9

@@ -35,4 +35,4 @@ def approximate_split_sides(plan: Plan) -> IndexArray:
     for cells in in_blocks(plan.cells.of(pending)):
         plan.record(cells.nodes, plan.approximate(cells, tree.hanging(tree.slots(cells.nodes))))
         plan.report()
-    return pending[~plan.approximations.without_neighbours(pending).accepted]
+    return pending[~plan.approximations.alone(pending).accepted]

@@ -80,8 +80,7 @@ def _approximate_through_parents(plan: Plan, parents: BicubicCells) -> tuple[Boo
     _place(plan, parents, found.points)
     is_leaf = tree.first_child[nodes] == NONE
     is_done = found.approximation.accepted & is_leaf & plan.has_least_level(nodes)
-    is_flat = plan.flat_parts.is_flat(tree.base_faces[nodes])
-    is_unfinished = (found.out_of_reach & ~is_flat) | (found.approximation.accepted & ~is_done)
+    is_unfinished = found.out_of_reach | (found.approximation.accepted & ~is_done)
     recorded = np.flatnonzero(is_leaf & (is_done | is_unfinished))
     plan.record(nodes[recorded], found.approximation.at(recorded))
     plan.report()

@@ -6,9 +6,8 @@ tessellated by the template for its split sides, with a bound of its own. Three 
 quad, and the midpoints of the sides that its halves lie along, where no other leaf has a corner there. So leaves across
 these sides have fewer split sides.
 
-Leaves that have a bound by their neighbours alone (``star_bounds``) are bounded anew beside halves. Where they exceed
-the limit they stay as they are, and so do all leaves in their stars; and so do leaves over flat parts, which have
-one bound together (docs/adaptive.md, Halves).
+Leaves that have a bound along the surface (``along_surface``) are bounded anew beside halves. Where they exceed the
+limit they stay as they are, and so do all leaves around them (docs/adaptive.md, Halves).
 """
 
 from __future__ import annotations
@@ -20,10 +19,10 @@ from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import squared_norms
+from .along_surface import RINGS, bound_along_surface, with_rings
 from .cells.cell_store import in_blocks
 from .cells.patch_cells import BicubicCells
 from .leaf_approximation import LeafApproximation
-from .neighbour_bounds import MORE_RINGS, bound_changed
 from .plan import Plan
 from .quadtree import NONE, Quadtree, any_of_slots
 from .request import Mode
@@ -36,55 +35,52 @@ CHORDS = (([4, 8, 6], [0, 7, 3], [1, 5, 2]), ([5, 8, 7], [1, 4, 0], [2, 6, 3]))
 # So many times quads are halved, without those around leaves that exceeded the limit before, farther and farther around
 # these; the last time without all beside leaves whose bounds depend on their neighbours, or would, by which many are
 # lost.
-ATTEMPTS = 6
+ATTEMPTS, MOST_RINGS = 12, 16
 
 
 def halve(plan: Plan) -> None:
     """Halve quads of a settled plan. Its tree cannot be split any more."""
     if plan.request.mode is Mode.PER_FACE:
         return
-    stays = _leaves_over_flat_parts(plan)
+    stays = np.zeros(len(plan.tree.first_child), dtype=bool)
     possible = _halves_alone(plan, _quads_of_leaves(plan, ~stays))
     if not len(possible.quads):
         return
-    drawn, by_rings = _Drawn(plan, possible), plan.by_rings.values.copy()
+    drawn = _Drawn(plan, possible)
     chosen = np.arange(len(possible.quads))
     for attempt in range(ATTEMPTS):
         is_last = attempt == ATTEMPTS - 1
         if is_last:
             drawn.forget()
-            _add_stars(plan, stays, plan.approximations.unbounded(), by_rings)
+            stays[with_rings(plan.tree, plan.approximations.unbounded(), RINGS)] = True
+            chosen = chosen[possible.have_bounds(chosen)]
         chosen = chosen[~stays[plan.tree.children_of_quads(possible.quads[chosen])].any(axis=0)]
         others = _Others(plan, stays, possible.quads[chosen], possible.ends[:, chosen], alone=is_last)
         chosen = _settle(plan, possible, chosen, others)
-        drawn.draw(chosen, others, stays)
-        exceeding = drawn.bound_beside()
+        exceeding = drawn.draw(chosen, others)
         if not len(exceeding):
             return
         drawn.erase()
-        for _ in range(1 << attempt):
-            exceeding = _add_with_neighbours(plan, stays, exceeding)
+        stays[with_rings(plan.tree, exceeding, min(1 << attempt, MOST_RINGS))] = True
 
 
 class _Drawn:
     """Which halves have been drawn in a tree, and how the leaves beside them were approximated before.
 
     An attempt changes little of the one before. So halves, and leaves that do not stay, keep their approximations where
-    their sides are split as they were then, and their star bounds where nothing in their stars changes.
+    their sides are split as they were then, and their bounds along the surface where nothing around them changes.
     """
 
     def __init__(self, plan: Plan, possible: _Halves) -> None:
         self._plan, self._possible = plan, possible
         self._halves = plan.tree.halves(possible.quads, possible.sides)
         self._before: list[tuple[IndexArray, LeafApproximation]] = []
-        # The bounds of flat parts depend on how all leaves over these are drawn.
-        self._settled = plan.flat_parts.is_flat(plan.tree.base_faces)
         self._start()
 
     def _start(self) -> None:
         """With none drawn: all vertices are corners, as in ``_Others``."""
         tree = self._plan.tree
-        self._chosen, self._beside, self._redrawn = np.zeros((3, 0), dtype=np.intp)
+        self._chosen, self._beside = np.zeros((2, 0), dtype=np.intp)
         self._corners = np.ones(len(tree.vertex_edges) + 1, dtype=bool)
         self._corners[NONE] = False
 
@@ -98,17 +94,16 @@ class _Drawn:
         self._plan.approximated.put(self._children(self._chosen))
         self._start()
 
-    def draw(self, chosen: IndexArray, others: _Others, stays: BoolArray) -> None:
-        """Draw the halves of chosen quads, and approximate what changes by that, but leaves that stay, (nodes,), as
-        before any were drawn. Only the first call may choose quads that the one before did not."""
+    def draw(self, chosen: IndexArray, others: _Others) -> IndexArray:
+        """Draw the halves of chosen quads, and approximate what changes by that, as before any were drawn where nothing
+        does. Only the first call may choose quads that the one before did not. Returns the leaves that exceed the limit
+        beside them."""
         plan, tree, is_first = self._plan, self._plan.tree, not len(self._chosen)
         gone = self._children(np.setdiff1d(self._chosen, chosen, assume_unique=True))
         beside = others.changed()
-        is_restored = stays[self._redrawn]
-        self._record_before(np.union1d(np.setdiff1d(self._beside, beside), self._redrawn[is_restored]))
-        self._redrawn = self._redrawn[~is_restored]
+        self._record_before(np.setdiff1d(self._beside, beside))
         new = np.setdiff1d(beside, self._beside, assume_unique=True)
-        self._before.append((new, plan.approximations.without_star_bounds(new)))
+        self._before.append((new, plan.approximations.alone(new)))
         others.record(self._corners, new)
         plan.approximated.put(gone)
         whole = np.flatnonzero(~others.corners[tree.midpoints] & (tree.midpoints != NONE))
@@ -120,22 +115,8 @@ class _Drawn:
         ):
             plan.record(own[differ], approximation.at(np.flatnonzero(differ)))
         self._chosen, self._beside, self._corners = chosen, beside, others.corners
-
-    def bound_beside(self) -> IndexArray:
-        """Bound the leaves anew that have a bound by their neighbours alone, where these have changed; alone where they
-        exceed the limit. Returns those that still exceed it."""
-        plan = self._plan
-        while True:
-            plan.report()
-            found = bound_changed(plan, self._settled)
-            self._before.append((found.exceeding, found.before))
-            self._redrawn = np.union1d(self._redrawn, found.redrawn)
-            if not len(found.redrawn):
-                unbounded = plan.approximations.unbounded()
-                exceeding = unbounded[plan.approximations.star_bounds(unbounded) > plan.request.limit]
-                # In the next attempt as well, even if nothing changes around them.
-                plan.approximated.put(exceeding)
-                return exceeding
+        plan.report()
+        return bound_along_surface(plan)
 
     def _children(self, chosen: IndexArray) -> IndexArray:
         return self._plan.tree.children_of_quads(self._possible.quads[chosen]).ravel()
@@ -226,6 +207,12 @@ class _Halves:
         """(2, chosen): whether the outer long side is split, of the first halves and of the second."""
         return corners[self._middles[:, chosen]]
 
+    def have_bounds(self, chosen: IndexArray) -> BoolArray:
+        """(chosen,) whether both halves are within the limit at equal parameters, however their sides are split."""
+        found = [own.bounds[chosen] for own in (*self._whole, *self._split)]
+        is_found = [np.ones((2, len(chosen)), dtype=bool), self._is_found[:, chosen]]
+        return np.all(np.isfinite(found) | ~np.concatenate(is_found), axis=0)
+
     def approximations(self, chosen: IndexArray, are_split: BoolArray) -> Iterator[LeafApproximation]:
         """(chosen,) of the first halves, and of the second."""
         for whole, split, is_split in zip(self._whole, self._split, are_split, strict=True):
@@ -242,7 +229,7 @@ def _approximate(plan: Plan, quads: IndexArray, sides: IndexArray, *, is_split: 
     for cells in in_blocks(_halves_along(plan, quads, sides)):
         hanging = np.zeros((len(cells.nodes), 4), dtype=bool)
         hanging[:, 0] = is_split
-        own = plan.approximate(cells, hanging.ravel(), LeafApproximation.none(len(cells.nodes)))
+        own = plan.approximate(cells, hanging.ravel())
         found.put(order[np.searchsorted(quads, cells.nodes, sorter=order)], own)
         plan.report()
     return found
@@ -255,32 +242,6 @@ def _halves_along(plan: Plan, quads: IndexArray, sides: IndexArray) -> Iterator[
         for cells in plan.cells.of(own) if len(own) else ():
             if isinstance(cells, BicubicCells):
                 yield cells.halves(side, cells.nodes)
-
-
-def _leaves_over_flat_parts(plan: Plan) -> BoolArray:
-    """(nodes,) the leaves over flat parts, which have one bound together, and all at their vertices."""
-    tree, stays = plan.tree, np.zeros(len(plan.tree.first_child), dtype=bool)
-    leaves = tree.leaves()
-    _add_with_neighbours(plan, stays, leaves[plan.flat_parts.is_flat(tree.base_faces[leaves])])
-    return stays
-
-
-def _add_with_neighbours(plan: Plan, stays: BoolArray, leaves: IndexArray) -> IndexArray:
-    """Add some leaves, and all at their vertices, to those that stay. Returns all of these."""
-    everything = plan.tree.leaves()
-    added = everything[plan.tree.share_a_vertex(everything, leaves)]
-    stays[leaves] = True
-    stays[added] = True
-    return added
-
-
-def _add_stars(plan: Plan, stays: BoolArray, leaves: IndexArray, by_rings: BoolArray) -> None:
-    """Add some leaves, and all in their stars, to those that stay. by_rings: (nodes,) as in ``Plan``, before any were
-    halved."""
-    _add_with_neighbours(plan, stays, leaves)
-    reached = leaves[by_rings[leaves]]
-    for _ in range(MORE_RINGS[-1]):
-        reached = _add_with_neighbours(plan, stays, reached)
 
 
 def _quads_of_leaves(plan: Plan, may_go: BoolArray) -> IndexArray:
@@ -392,8 +353,9 @@ class _Others:
         self._split_sides[changed] = counts
         exceeding = []
         for cells in in_blocks(plan.cells.of(new)) if len(new) else ():
-            known = LeafApproximation.none(len(cells.nodes)) if self._alone else None
-            own = plan.approximate(cells, self._hanging(cells.nodes), known)
+            own = plan.approximate(cells, self._hanging(cells.nodes))
+            if self._alone:
+                own.accepted[np.isinf(own.bounds)] = False
             self._found.append((cells.nodes, own))
             exceeding.append(cells.nodes[~own.accepted])
             plan.report()

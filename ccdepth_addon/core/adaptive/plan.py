@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The plan of an adaptive mesh: a quadtree, the data of its nodes, and the nodes that need evaluation again.
 
-The phases ``growth``, ``balance`` and ``neighbour_bounds`` work on it, in the order of ``planner``.
+The phases ``growth``, ``balance`` and ``along_surface`` work on it, in the order of ``planner``.
 """
 
 from __future__ import annotations
@@ -14,9 +14,7 @@ from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress
 from .approximation_store import ApproximationStore
 from .cells.cell_store import CellStore
-from .flat_parts import FlatParts
 from .leaf_approximation import Cells, LeafApproximation
-from .outline_store import OutlineStore
 from .quadtree import NONE, Quadtree
 from .request import AdaptiveRequest
 from .vertex_positions import VertexPositions
@@ -68,14 +66,12 @@ class NodeQueue:
 
 
 class Plan:
-    """tree; the flat parts of the control mesh; the cells and approximations of its nodes; the positions of its
-    vertices. split_sides: (nodes,) how many of a leaf's sides were split at its last approximation; the number never
-    falls. by_flat_part: (nodes,) whether a leaf's bound is that of its flat part (``flat_bounds``), and only that.
-    by_rings: (nodes,) whether stars of one ring are too narrow to bound a leaf, and it depends on more leaves around.
+    """tree; the cells and approximations of its nodes; the positions of its vertices. split_sides: (nodes,) how many of
+    a leaf's sides were split at its last approximation; the number never falls.
 
     Three queues hold what a split may have changed, so that only this is evaluated again. split_nodes: nodes split
     since the last test of balance. beside_split: leaves whose sides may have been split since their approximation.
-    approximated: nodes approximated since the last search for star bounds.
+    approximated: nodes approximated since the last search for bounds along the surface.
     """
 
     def __init__(
@@ -85,14 +81,10 @@ class Plan:
         self.request = request
         self._progress = progress
         self.tree = Quadtree(mesh)
-        self.flat_parts = FlatParts.of(mesh, request.limit)
         self.positions = VertexPositions(self.tree)
         self.cells = CellStore(self.tree)
         self.approximations = ApproximationStore(self.tree)
         self.split_sides = self.tree.add_column(np.int32(0))
-        self.outlines = OutlineStore(self.tree, self.cells, self.split_sides)
-        self.by_flat_part = self.tree.add_column(np.bool_(False))
-        self.by_rings = self.tree.add_column(np.bool_(False))
         self.split_nodes, self.beside_split, self.approximated = (NodeQueue(self.tree) for _ in range(3))
         self._least_levels = least_levels
 
@@ -105,12 +97,9 @@ class Plan:
         self.tree.split(nodes)
         self.split_nodes.put(nodes)
 
-    def approximate(
-        self, cells: Cells, hanging: BoolArray, known: LeafApproximation | None = None
-    ) -> LeafApproximation:
-        """How to approximate cells with these sides split, (slots of the cells,); known: as in ``Cells``."""
-        flat = self.flat_parts.is_flat(self.tree.base_faces[cells.nodes])
-        return cells.approximate(hanging, self.request, flat=flat, known=known)
+    def approximate(self, cells: Cells, hanging: BoolArray) -> LeafApproximation:
+        """How to approximate cells with these sides split, (slots of the cells,)."""
+        return cells.approximate(hanging, self.request)
 
     def record(self, nodes: IndexArray, approximation: LeafApproximation) -> None:
         """Record the approximation of nodes, each once."""

@@ -5,7 +5,7 @@ Nodes are split while their own bounds exceed the tolerance; then wherever a nei
 then wherever no template for the split sides is within the tolerance; until nothing is left to split. Bounds fall with
 the size of a leaf, and no split is undone, so this ends. Then quads are halved instead of quartered where that does
 (``halves``). Every piece of the tessellation has a proved bound (``triangle_bounds``, ``polygon_bounds``,
-``star_bounds``), in both directions between mesh and surface (docs/adaptive.md).
+``along_surface``), in both directions between mesh and surface (docs/adaptive.md).
 """
 
 from __future__ import annotations
@@ -18,12 +18,12 @@ from numpy.typing import NDArray
 from ..arrays.types import FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress, no_report
+from .along_surface import bound_along_surface, bounds_both_ways
 from .balance import approximate_split_sides, unbalanced
 from .cells.control_faces import cells_of_faces
 from .growth import approximate_children, approximate_new, grow
 from .halves import halve
 from .leaf_approximation import Cells
-from .neighbour_bounds import bound_along_surface
 from .plan import Plan
 from .request import AdaptiveRequest, Mode
 from .subdivided_mesh import SubdividedMesh
@@ -86,12 +86,16 @@ def _plan_within(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress
         _settle(plan)
         halve(plan)
         tree, leaves, depths = plan.tree, plan.leaves(), plan.face_levels()
-        approximation, positions = plan.approximations.of(leaves), plan.positions
+        approximation, bounds, positions = (
+            plan.approximations.of(leaves),
+            bounds_both_ways(plan, leaves),
+            plan.positions,
+        )
         # The rest takes as much memory as the tree, and is no longer needed.
         del plan
         found = plan_tessellation(tree, leaves, approximation, request.transitions)
         if not len(clashes := found.clashes):
-            return _Settled(found, approximation.bounds[found.drawn], depths, positions)
+            return _Settled(found, bounds[found.drawn], depths, positions)
         np.maximum.at(least_levels, tree.base_faces[clashes], tree.levels[clashes] + np.int8(1))
 
 

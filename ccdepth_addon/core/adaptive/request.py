@@ -24,8 +24,7 @@ class AdaptiveRequest:
     """How to subdivide a control mesh. limit: the largest distance, in the unit of its positions, rounding subtracted.
 
     most_faces: a larger result is refused. axes: (3, 3) float64, its columns the axes of the space where Blender
-    triangulates the result, in coordinates of the positions. rounding: the rounding allowance of a distance
-    (``face_depths.rounding_allowance``), in the unit of the positions, for bounds that amplify it.
+    triangulates the result, in coordinates of the positions.
     """
 
     limit: float
@@ -33,4 +32,3 @@ class AdaptiveRequest:
     transitions: Transitions
     most_faces: int
     axes: FloatArray = field(default_factory=lambda: np.eye(3))
-    rounding: float = 0.0

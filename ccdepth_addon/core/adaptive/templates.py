@@ -120,3 +120,12 @@ def triangle_template(pattern: int) -> Template:
                     for triangle in template
                 )
     raise ValueError("a triangle whose sides are all whole or all split has no template")
+
+
+# Weights of such a triangle's corners for its corners and middles.
+TRIANGLE_POINTS: FloatArray = np.array(
+    [[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0.5, 0], [0, 0.5, 0.5], [0.5, 0, 0.5]], dtype=np.float64
+)
+
+# By patterns, as in ``triangle_table``.
+TRIANGLES_OF_TRIANGLE, COUNTS_OF_TRIANGLE = triangle_table([((0, 1, 2),), *map(triangle_template, range(1, 7))])

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -145,63 +144,6 @@ def _base_vertices(tree: Quadtree, used: IndexArray) -> ShortIndexArray:
     count = np.searchsorted(used, tree.mesh.vertex_count)
     found[:count] = used[:count]
     return found
-
-
-@dataclass(frozen=True)
-class Triangles:
-    """T triangles of leaves. used: (U,) vertices of the tree, ascending; corners: (T, 3) indices into these; leaves:
-    (T,) the leaf of each, as an index into the leaves. closed: (U,) whether the faces around a vertex are triangles and
-    quads that close up to a disc: not so on boundaries and infinitely sharp creases. polygons: of the leaves that are
-    drawn as polygons, in blocks, the vertices of the tree around them (P, k), and the leaves (P,)."""
-
-    used: IndexArray
-    corners: ShortIndexArray
-    leaves: IndexArray
-    closed: BoolArray
-    polygons: list[tuple[IndexArray, IndexArray]]
-
-
-def triangles_around(
-    tree: Quadtree, leaves: IndexArray, approximation: LeafApproximation, transitions: Transitions
-) -> Triangles:
-    """The triangles that tessellate leaves (L,)."""
-    at_polygons = np.zeros(len(tree.vertex_edges), dtype=bool)
-    triangles, drawn, polygons = [np.zeros((0, 3), dtype=np.int32)], [np.zeros(0, dtype=np.intp)], []
-    others = _polygons_of_faces(tree, leaves, transitions)
-    of_faces = ((np.stack([*block.vertices(tree, leaves)], axis=1), block.leaves) for block in others)
-    of_quads = (
-        _as_triangles(tree, leaves, block) for block in _polygons_of_quads(tree, leaves, approximation, transitions)
-    )
-    for vertices, of_leaves in chain(of_faces, of_quads):
-        if vertices.shape[1] == 3:
-            triangles.append(vertices)
-            drawn.append(of_leaves)
-        else:
-            at_polygons[vertices] = True
-            polygons.append((vertices, of_leaves))
-    corners = np.concatenate(triangles)
-    used = compact(corners, len(tree.vertex_edges))
-    closed = _are_inside(tree, used) & ~at_polygons[used]
-    return Triangles(used, corners, np.concatenate(drawn), closed, polygons)
-
-
-def _are_inside(tree: Quadtree, vertices: IndexArray) -> BoolArray:
-    """(U,) whether vertices, in ascending order, lie inside a smooth or semi-sharp part of the surface."""
-    mesh = tree.mesh
-    sharp_edges, sharp_vertices = np.isinf(mesh.edge_sharpness), np.isinf(mesh.vertex_sharpness)
-    sharp_vertices[mesh.edge_vertices[sharp_edges]] = True
-    count, edges = np.searchsorted(vertices, mesh.vertex_count), tree.vertex_edges[vertices]
-    inside = (edges == NONE) | ~sharp_edges[edges]
-    inside[:count] = ~sharp_vertices[vertices[:count]]
-    return inside
-
-
-def _as_triangles(tree: Quadtree, leaves: IndexArray, block: Polygons) -> tuple[IndexArray, IndexArray]:
-    """The vertices of polygons, quads as two triangles along their first diagonal, and their leaves."""
-    vertices = np.stack([*block.vertices(tree, leaves)], axis=1)
-    if vertices.shape[1] != 4:
-        return vertices, block.leaves
-    return vertices[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3), np.repeat(block.leaves, 2)
 
 
 def _polygons_of_quads(

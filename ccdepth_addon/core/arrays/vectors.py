@@ -54,13 +54,6 @@ def dot_products(a: FloatArray, b: FloatArray) -> FloatArray:
     return dots
 
 
-def squared_dots(vectors: FloatArray, directions: FloatArray) -> FloatArray:
-    """(R, P, 3) vectors and (P, 3) directions → (R, P) squares of their dot products."""
-    dots = dot_products(vectors, directions)
-    dots *= dots
-    return dots
-
-
 def cross_products(a: FloatArray, b: FloatArray) -> FloatArray:
     """(…, 3) vectors each → (…, 3); numpy's own takes several times as long."""
     product = np.empty_like(a, shape=np.broadcast_shapes(a.shape, b.shape))

@@ -12,21 +12,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..adaptive.leaf_bounds.descent import Squares
-from ..adaptive.leaf_bounds.triangle_bounds import coefficients_over, triangle_quarters
+from ..adaptive.leaf_bounds.triangle_bounds import coefficients_over
 from ..adaptive.templates import QUAD_POINTS
 from ..arrays.chunks import index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import lengths
 from ..bounds.norm_bounds import Vertices
-from ..surface.bicubic import HALVES
 from ..surface.refinement import Refinement
 from .leaf_surfaces import ALL_LEVELS, FEW_LEVELS, Tiles, joined_tiles, tiles_of
-from .shell_bounds import Curves, Pieces, curve_bounds, shell_bounds
+from .pieces import HULL_FORM, SQUARE_FORM, TRIANGLE_FORM, Form, include_pieces
+from .shell_bounds import Curves, Pieces, curve_bounds
 from .shells import QUAD_TRIANGLES, SIDE_OF_TRIANGLE, TRIANGLE_AT_SIDE, Shell, Triangles, vertex_vectors
-
-# How often tiles are halved both ways before a quad is given up. A curve on which places are not proved meets twice as
-# many pieces each time: what meets more than this many times as many, from the second time on, is no curve.
-SPLITS, MOST_GROWTH, GROWN_AT = 5, 3, 2
 
 # Quads whose tiles are looked at together, and pieces of these.
 QUADS_AT_ONCE, PIECES_AT_ONCE = 1 << 12, 1 << 12
@@ -70,7 +66,9 @@ class Leaves:
             errors[numbers] = points - limits
         points = points.reshape(-1, 4, 3)
         triangles = Triangles.of(mesh, points, vertex_vectors(mesh, errors), is_turned)
-        return Leaves(refinement, points, is_turned, Shell.of(mesh, triangles, limit), limit)
+        faces = np.bincount(mesh.corner_vertices[: points.size // 3], minlength=mesh.vertex_count)
+        shell = Shell.of(triangles, faces == mesh.vertex_face_counts, limit)
+        return Leaves(refinement, points, is_turned, shell, limit)
 
     def distances(self, quads: IndexArray, tick: Callable[[], None]) -> tuple[FloatArray, FloatArray]:
         """(n,) twice, of some of the quads, rising: bounds by places in the shell and at equal parameters; infinite
@@ -110,7 +108,7 @@ class Leaves:
             each for each in tiles if not each.are_bicubic
         ]
 
-    def _pieces(self, quads: IndexArray, tiles: Tiles, found: FloatArray) -> Iterator[tuple[IndexArray, Pieces, _Form]]:
+    def _pieces(self, quads: IndexArray, tiles: Tiles, found: FloatArray) -> Iterator[tuple[IndexArray, Pieces, Form]]:
         """Pieces of the tiles of some quads, with the quad of each and their form. found: (n,), not those of quads
         where this is infinite."""
         for parts in _parts(tiles, self.is_turned[quads]):
@@ -127,30 +125,7 @@ class Leaves:
     def _include(self, found: FloatArray, quads: IndexArray, tiles: Tiles) -> None:
         """Raise what is found (n,) of quads to the bounds of pieces of tiles, divided where that is needed."""
         for bases, pieces, form in self._pieces(quads, tiles, found):
-            self._include_pieces(found, bases, pieces, form)
-
-    def _include_pieces(self, found: FloatArray, bases: IndexArray, pieces: Pieces, form: _Form) -> None:
-        """Raise what is found of the quads of pieces, by their bases (P,)."""
-        before = np.full(len(found), np.inf)
-        for split in range(SPLITS + 1):
-            beyond = self._heights_at(form.values, pieces) > self.limit
-            found[bases[beyond]] = np.inf
-            left = np.flatnonzero(np.isfinite(found[bases]))
-            bases, pieces = bases[left], pieces.at(left)
-            if not len(left):
-                return
-            bounds = shell_bounds(self.shell, pieces)
-            is_open = bounds > self.limit
-            np.maximum.at(found, bases[~is_open], bounds[~is_open])
-            if split == SPLITS or not form.quarters:
-                found[bases[is_open]] = np.inf
-                return
-            counts = np.bincount(bases[is_open], minlength=len(found))
-            if split >= GROWN_AT:
-                found[counts > MOST_GROWTH * before] = np.inf
-            before = counts
-            is_open &= np.isfinite(found[bases])
-            bases, pieces = np.tile(bases[is_open], 4), pieces.at(np.flatnonzero(is_open)).divided(form.quarters)
+            include_pieces(self.shell, found, bases, pieces, form, self.limit)
 
     def _drawn(self, squares: Squares, places: FloatArray, quads: IndexArray, triangles: IndexArray) -> FloatArray:
         """(n, R, 3): the points, or in its plane beyond, of a triangle of each quad, at places (R, 2) in squares."""
@@ -160,14 +135,6 @@ class Leaves:
         weights = np.matmul(at - SQUARE[order[:, :1]], TRIANGLE_AXES[which])
         first, second, third = (self.points[quads, order[:, corner]] for corner in range(3))
         return first[:, None] + np.matmul(weights, np.stack([second - first, third - first], axis=1))
-
-    def _heights_at(self, values: IndexArray, pieces: Pieces) -> FloatArray:
-        """(P,): the largest height over the planes that points of the surface reach: values among the hull points."""
-        if not len(values):
-            return np.zeros(len(pieces.near))
-        triangles = self.shell.triangles
-        points = pieces.hulls[:, values] - triangles.corners[pieces.triangles, 0][:, None]
-        return np.abs(np.matmul(points, triangles.normals[pieces.triangles][:, :, None])[..., 0]).max(axis=1)
 
     def _include_curves(self, found: FloatArray, quads: IndexArray, tiles: Tiles) -> None:
         """Raise what is found of quads to the bounds of the curves over closed sides."""
@@ -223,27 +190,13 @@ class Leaves:
 
 
 @dataclass(frozen=True)
-class _Form:
-    """What kind of hull pieces have. values: which of its points are points of the surface. quarters: four (R, R), from
-    the coefficients of a piece to those of its quarters; none where it can't be divided."""
-
-    values: IndexArray
-    quarters: tuple[FloatArray, ...]
-
-
-SQUARE_FORM = _Form(np.array([0, 3, 12, 15]), tuple(np.kron(one, other) for one in HALVES for other in HALVES))
-TRIANGLE_FORM = _Form(np.array([0, 21, 27]), triangle_quarters())
-HULL_FORM = _Form(np.zeros(0, dtype=np.intp), ())
-
-
-@dataclass(frozen=True)
 class _Parts:
     """Parts of tiles that lie over one triangle each. rows: (R, 16), their hull points from the tiles' coefficients, or
     None for all points of the tiles; places: (R', 2), parameters in the square at which what is drawn has the same
     coefficients, or of its corners. chosen: (n,) intp, of the tiles; triangles: (n,) intp, which of their quads'
     two."""
 
-    form: _Form
+    form: Form
     rows: FloatArray | None
     places: FloatArray
     chosen: IndexArray

@@ -3,7 +3,7 @@
 
 A regular quad is one tile. Around an extraordinary vertex there are three at every level of subdivision; what is left
 after some levels lies in the hull of its control points, as limit points are averages of these. A quad of any other
-kind is refined until its parts are of these kinds; what is left then is near the facet over its control points.
+kind is refined until its parts are of these kinds; what is left then lies in the hull of the control points around.
 """
 
 from __future__ import annotations
@@ -17,9 +17,11 @@ import numpy as np
 from ..adaptive.leaf_bounds.descent import Squares
 from ..adaptive.leaf_bounds.triangle_bounds import QUARTER_TURN
 from ..adaptive.templates import QUAD_POINTS
+from ..arrays.ranges import ranges
 from ..arrays.types import FloatArray, IndexArray
-from ..bounds.norm_bounds import Vertices, support_bounds
-from ..surface.bicubic import NET_TO_BERNSTEIN, facet_coefficients
+from ..mesh.polygon_mesh import PolygonMesh
+from ..mesh.submesh import corners_of_faces
+from ..surface.bicubic import NET_TO_BERNSTEIN
 from ..surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
 from ..surface.stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils
@@ -27,7 +29,7 @@ from ..surface.stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_st
 # Levels at first, and where the rest is too large then. What is left at an extraordinary vertex shrinks by 0.41 a level
 # for valence 3, and by up to 0.68 for others: more levels than these are beyond double precision.
 FEW_LEVELS, ALL_LEVELS = 4, 14
-MOST_LEVELS_3, MOST_REFINED_LEVELS = 8, 9
+MOST_LEVELS_3, MOST_REFINED_LEVELS = 8, 14
 
 
 @dataclass(frozen=True)
@@ -40,13 +42,17 @@ class Tiles:
     near: FloatArray
     are_bicubic: bool = True
 
+    def at(self, chosen: IndexArray) -> Tiles:
+        """Some of them, by index."""
+        return Tiles(self.squares.at(chosen), self.points[:, chosen], self.near[chosen], self.are_bicubic)
 
-def joined_tiles(tiles: list[Tiles]) -> Tiles:
-    """All bicubic tiles in one."""
-    nothing = Tiles(Squares.whole(0), np.zeros((16, 0, 3)), np.zeros(0))
+
+def joined_tiles(tiles: list[Tiles], are_bicubic: bool = True) -> Tiles:
+    """All tiles with as many points each in one."""
+    nothing = Tiles(Squares.whole(0), np.zeros((len(tiles[0].points) if tiles else 16, 0, 3)), np.zeros(0))
     squares = reduce(Squares.and_then, (each.squares for each in tiles), nothing.squares)
     points = np.concatenate([nothing.points, *(each.points for each in tiles)], axis=1)
-    return Tiles(squares, points, np.concatenate([nothing.near, *(each.near for each in tiles)]))
+    return Tiles(squares, points, np.concatenate([nothing.near, *(each.near for each in tiles)]), are_bicubic)
 
 
 def tiles_of(refinement: Refinement, levels: int) -> Iterator[Tiles]:
@@ -73,16 +79,35 @@ def tiles_of(refinement: Refinement, levels: int) -> Iterator[Tiles]:
             settled[extraordinary[chosen]] = True
             nets = extraordinary_nets(mesh, corners[chosen], valence)
             own = squares.at(extraordinary[chosen])
-            yield from _around_vertex(nets, valence, _from_corners(own, corners[chosen] % 4), 0 if is_last else levels)
+            yield from tiles_around_vertex(
+                nets, valence, _from_corners(own, corners[chosen] % 4), 0 if is_last else levels
+            )
         rest = np.flatnonzero(~settled)
         if not len(rest):
             return
         if is_last:
-            points = facet_coefficients(refinement.control_facets()[:, rest])
-            near = support_bounds(mesh, Vertices.CONTROL)[rest]
-            yield Tiles(squares.at(rest), points, near, are_bicubic=False)
+            yield Tiles(squares.at(rest), support_points(mesh, rest), np.zeros(len(rest)), are_bicubic=False)
             return
         refinement, squares = refinement.keep(~settled).refined(), squares.at(rest).children()
+
+
+def support_points(mesh: PolygonMesh, faces: IndexArray) -> FloatArray:
+    """(R, P, 3): the control points around each of some faces, those of all faces that touch it; what one has less of
+    is repeated. The surface over the face is in their hull, as its points are averages of them."""
+    order = np.argsort(mesh.corner_vertices, kind="stable")
+    counts = np.bincount(mesh.corner_vertices, minlength=mesh.vertex_count)
+    starts = np.cumsum(counts) - counts
+    own = corners_of_faces(mesh, faces)
+    at = mesh.corner_vertices[own]
+    owners = np.repeat(np.repeat(np.arange(len(faces)), mesh.face_sizes[faces]), counts[at])
+    around = mesh.corner_faces[order[ranges(starts[at], counts[at])]]
+    owners = np.repeat(owners, mesh.face_sizes[around])
+    vertices = mesh.corner_vertices[corners_of_faces(mesh, around)]
+    owners, vertices = np.divmod(np.unique(owners * mesh.vertex_count + vertices), mesh.vertex_count)
+    sizes = np.bincount(owners, minlength=len(faces))
+    first = np.cumsum(sizes) - sizes
+    places = first + np.minimum(np.arange(sizes.max())[:, None], sizes - 1)
+    return mesh.positions[vertices[places]]
 
 
 def _from_corners(squares: Squares, corners: IndexArray) -> Squares:
@@ -92,7 +117,7 @@ def _from_corners(squares: Squares, corners: IndexArray) -> Squares:
     return Squares(squares.bases, squares.paths, origins, turns[corners] @ squares.axes)
 
 
-def _around_vertex(nets: FloatArray, valence: int, squares: Squares, levels: int) -> Iterator[Tiles]:
+def tiles_around_vertex(nets: FloatArray, valence: int, squares: Squares, levels: int) -> Iterator[Tiles]:
     """Tiles of nets (2n + 8, P, 3) whose extraordinary vertices are the corners 0 of the squares."""
     nothing = np.zeros(nets.shape[1])
     for _ in range(min(levels, MOST_LEVELS_3) if valence == 3 else levels):

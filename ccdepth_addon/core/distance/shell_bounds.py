@@ -9,10 +9,13 @@ are those used there.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
+from ..arrays.chunks import index_chunks
+from ..arrays.ranges import ranges as ranges_of
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, dot_products, lengths, units
 from .shells import Shell
@@ -22,6 +25,12 @@ ON_VECTOR = 2.0**-36
 
 # A piece is placed in a shell as thick as this many times its largest height.
 RANGE_FOR_HEIGHT = 1.5
+
+# A piece no farther from a corner than this part of the range counts as that far from what is drawn.
+NEAR_ENOUGH = 0.1
+
+# Pairs of pieces and triangles looked at together.
+PAIRS_AT_ONCE = 1 << 12
 
 # Bounds are raised by this part, and conditions have this margin: nothing is off by as much for rounding.
 ROUNDING = 2.0**-40
@@ -42,6 +51,11 @@ class Pieces:
         """Some of them."""
         return Pieces(self.triangles[chosen], self.hulls[chosen], self.near[chosen], self.flats[chosen])
 
+    @staticmethod
+    def joined(pieces: Sequence[Pieces]) -> Pieces:
+        """Those of one form, one after the other."""
+        return Pieces(*(np.concatenate([vars(each)[field.name] for each in pieces]) for field in fields(Pieces)))
+
     def divided(self, parts: tuple[FloatArray, ...]) -> Pieces:
         """All first parts, then all second ones and so on. parts: (R, R) each, from a piece's coefficients to those of
         a part of it."""
@@ -50,11 +64,12 @@ class Pieces:
 
 
 @np.errstate(invalid="ignore", divide="ignore", over="ignore")
-def shell_bounds(shell: Shell, pieces: Pieces) -> FloatArray:
+def shell_bounds(shell: Shell, pieces: Pieces, *, are_last: bool = True) -> FloatArray:
     """(P,): at least how far all points of each piece are from the points of the triangles at their places; infinite
-    where no place within the shell is proved."""
+    where no place within the shell is proved. are_last: whether they can't be divided, and it pays to look for all
+    places around their triangles."""
     seen = _Seen.of(shell, pieces)
-    heights = seen.heights_over(shell.triangles.normals[pieces.triangles], 0).max(axis=1) + pieces.near
+    heights = seen.heights_over(shell.triangles.normals[pieces.triangles], 0).max(axis=0) + pieces.near
     # A thin shell has the least margins, if it is thick enough.
     thin = RANGE_FOR_HEIGHT * heights / shell.cosines[pieces.triangles]
     bounds = _beside_triangle(shell, seen, np.minimum(thin, shell.ranges[pieces.triangles]), heights)
@@ -68,10 +83,84 @@ def shell_bounds(shell: Shell, pieces: Pieces) -> FloatArray:
         some = pieces.at(rest)
         bounds[rest] = np.minimum.reduce([_near_corner(shell, some, corner) for corner in range(3)])
         rest = rest[np.isinf(bounds[rest])]
-    if len(rest):
+    if are_last and len(rest):
         bounds[rest] = _around_triangle(shell, pieces.at(rest))
     bounds = np.where(shell.ranges[pieces.triangles] > 0, bounds, np.inf)
     return bounds * (1 + ROUNDING) + 2 * ON_VECTOR * seen.sizes
+
+
+@np.errstate(invalid="ignore", divide="ignore", over="ignore")
+def bridge_bounds(shell: Shell, pieces: Pieces, bounds: FloatArray, off_beyond: FloatArray) -> FloatArray:
+    """(P,): the same bounds, raised for pieces at sides beyond which the surface is compared at equal parameters
+    (docs/distance.md, Lemma 10). bounds: (P,), of ``shell_bounds``; off_beyond: (M, 3), how far it is off there at
+    most, infinite at other sides."""
+    found = bounds.copy()
+    edges = EDGES[pieces.flats.shape[1]]
+    own = pieces.triangles
+    for side in range(3):
+        chosen = np.flatnonzero(np.isfinite(off_beyond[own, side]) & np.isfinite(bounds))
+        if not len(chosen):
+            continue
+        is_on = _are_on_side(shell, pieces.at(chosen), side, [start for start, _, _ in edges])
+        for start, end, rows in edges:
+            places = [first for first, _, _ in edges]
+            some = chosen[is_on[places.index(start)] & is_on[places.index(end)]]
+            if not len(some):
+                continue
+            hulls = pieces.hulls[some]
+            curves = Pieces(
+                own[some],
+                hulls[:, rows] if hulls.shape[1] == pieces.flats.shape[1] else hulls,
+                pieces.near[some],
+                pieces.flats[some][:, rows],
+            )
+            off = off_beyond[own[some], side]
+            found[some] = np.maximum(found[some], _bridged(shell, curves, side, bounds[some], off) * (1 + ROUNDING))
+    return found
+
+
+# The sides of squares, and of triangles, by how many points are drawn there: where their corners are among these, and
+# which points are on them.
+EDGES: dict[int, list[tuple[int, int, list[int]]]] = {
+    4: [(0, 1, [0, 1]), (1, 2, [1, 2]), (2, 3, [2, 3]), (3, 0, [3, 0])],
+    16: [(0, 12, [0, 4, 8, 12]), (12, 15, [12, 13, 14, 15]), (15, 3, [15, 11, 7, 3]), (3, 0, [3, 2, 1, 0])],
+    28: [(0, 21, [0, 1, 3, 6, 10, 15, 21]), (21, 27, [21, 22, 23, 24, 25, 26, 27]), (27, 0, [27, 20, 14, 9, 5, 2, 0])],
+}
+
+
+def _bridged(shell: Shell, curves: Pieces, side: int, bounds: FloatArray, off_beyond: FloatArray) -> FloatArray:
+    """(P,): at least how far the points of curves over a side are from all places on their ways, in a shell where these
+    are within some bounds (P,)."""
+    seen, triangles = _Seen.of(shell, curves), shell.triangles
+    heights = seen.heights_over(triangles.normals[curves.triangles], 0).max(axis=0) + curves.near
+    thin = RANGE_FOR_HEIGHT * heights / shell.cosines[curves.triangles]
+    whole = shell.ranges[curves.triangles]
+    ranges = np.where(bounds <= thin, np.minimum(thin, whole), whole)
+    stays = seen.in_front()
+    for other in range(3):
+        crossing = _Crossing.of(shell, seen, other, ranges, heights)
+        stays &= ~crossing.is_crossed | (crossing.is_placed if other == side else False)
+    across = triangles.across[curves.triangles, side]
+    there = seen.heights_over(triangles.normals[across], side).max(axis=0) + curves.near
+    straight = np.maximum(there / shell.cosines[across], heights / shell.cosines[curves.triangles])
+    return np.where(stays, straight, bounds + np.minimum(_off_at_equal(curves), off_beyond))
+
+
+def _off_at_equal(pieces: Pieces) -> FloatArray:
+    """(P,): how far pieces are from what is drawn at equal parameters, at most."""
+    same = pieces.hulls.shape == pieces.flats.shape
+    off = pieces.hulls - pieces.flats if same else pieces.hulls[:, :, None] - pieces.flats[:, None]
+    found: FloatArray = lengths(off).reshape(len(pieces.near), -1).max(axis=1) + pieces.near
+    return found
+
+
+def _are_on_side(shell: Shell, pieces: Pieces, side: int, places: list[int]) -> BoolArray:
+    """(n, P) whether points that are drawn, at these places, are on a side of their triangles."""
+    corners = shell.triangles.corners[pieces.triangles]
+    along = corners[:, (side + 1) % 3] - corners[:, side]
+    points = pieces.flats[:, places].transpose(2, 1, 0)
+    off = _beside(points - corners[:, side].T[:, None], units(along))
+    return off <= ON_VECTOR * lengths(along)
 
 
 def _beside_triangle(shell: Shell, seen: _Seen, ranges: FloatArray, heights: FloatArray) -> FloatArray:
@@ -98,15 +187,16 @@ def _own_cosines(shell: Shell, seen: _Seen, ranges: FloatArray) -> FloatArray:
     area = np.maximum(dot_products(normals, cross_products(along, across)), 1e-300)[:, None]
     slope = (at_corners[:, 1] - at_corners[:, 0])[:, None] * cross_products(across, normals) / area
     slope += (at_corners[:, 2] - at_corners[:, 0])[:, None] * cross_products(normals, along) / area
-    least = at_corners[:, 0] + seen.along(slope, 0).min(axis=1) - (ranges + seen.pieces.near) * lengths(slope)
+    least = at_corners[:, 0] + seen.along(slope, 0).min(axis=0) - (ranges + seen.pieces.near) * lengths(slope)
     return np.maximum(least * (1 - ROUNDING), shell.cosines[own])
 
 
 @dataclass(frozen=True)
 class _Seen:
     """Pieces seen from the corners of their triangles. corners, vectors: (P, 3, 3); sides: (P, 3, 3), from corner k to
-    k + 1. hulls: (3, P, R, 3), from each corner on; beside: (3, P, R), how far points are from the line of its vector,
-    or what is drawn there, if that is farther; is_on: (3, P, R) bool, whether they count as on it. sizes: (P,)."""
+    k + 1. hulls: (3, 3, R, P), from each corner on, coordinate by coordinate; beside: (3, R, P), how far points are
+    from the line of its vector, or what is drawn there, if that is farther; is_on: (3, R, P) bool, whether they count
+    as on it. sizes: (P,)."""
 
     pieces: Pieces
     corners: FloatArray
@@ -123,18 +213,24 @@ class _Seen:
         vectors = shell.triangles.vectors[pieces.triangles]
         sides = np.roll(corners, -1, axis=1) - corners
         sizes = lengths(sides).max(axis=1)
-        hulls = np.stack([pieces.hulls - corners[:, None, corner] for corner in range(3)])
-        beside = np.stack([_beside(pieces, corners[:, corner], vectors[:, corner]) for corner in range(3)])
-        is_on = (beside <= ON_VECTOR * sizes[:, None]) & (pieces.near == 0)[:, None]
+        points, drawn = (np.ascontiguousarray(each.transpose(2, 1, 0)) for each in (pieces.hulls, pieces.flats))
+        hulls = points - corners.transpose(1, 2, 0)[:, :, None]
+        beside = np.empty((3, *points.shape[1:]))
+        for corner in range(3):
+            vector = vectors[:, corner]
+            own = _beside(hulls[corner], vector)
+            there = _beside(drawn - corners[:, corner].T[:, None], vector)
+            np.maximum(own, there if there.shape == own.shape else there.max(axis=0, keepdims=True), out=beside[corner])
+        is_on = (beside <= ON_VECTOR * sizes) & (pieces.near == 0)
         return _Seen(pieces, corners, vectors, sides, hulls, beside, is_on, sizes)
 
     def heights_over(self, directions: FloatArray, corner: int) -> FloatArray:
-        """(P, R): the sizes of the parts along directions (P, 3), seen from a corner."""
+        """(R, P): the sizes of the parts along directions (P, 3), seen from a corner."""
         return np.abs(self.along(directions, corner))
 
     def along(self, directions: FloatArray, corner: int) -> FloatArray:
-        """(P, R): the parts of hull points along directions (P, 3), seen from a corner."""
-        return np.matmul(self.hulls[corner], directions[:, :, None])[..., 0]
+        """(R, P): the parts of hull points along directions (P, 3), seen from a corner."""
+        return _along(self.hulls[corner], directions)
 
     def in_front(self) -> BoolArray:
         """(P,) whether at every corner all points are in front of it, where the triangle is."""
@@ -144,20 +240,28 @@ class _Seen:
                 units(_part_across(side, self.vectors[:, corner]))
                 for side in (self.sides[:, corner], -self.sides[:, corner - 1])
             )
-            along = self.along(units(first + second), corner) - self.pieces.near[:, None]
-            found &= np.all((along > 0) | self.is_on[corner], axis=1)
+            along = self.along(units(first + second), corner) - self.pieces.near
+            found &= np.all((along > 0) | self.is_on[corner], axis=0)
         return found
 
 
-def _beside(pieces: Pieces, corner: FloatArray, vector: FloatArray) -> FloatArray:
-    """(P, R): beside of ``_Seen``, at one corner."""
-    own, drawn = (lengths(_across(points - corner[:, None], vector)) for points in (pieces.hulls, pieces.flats))
-    return np.maximum(own, drawn if drawn.shape == own.shape else drawn.max(axis=1, keepdims=True))
+def _along(points: FloatArray, directions: FloatArray) -> FloatArray:
+    """(R, P): the parts of points (3, R, P) along directions (P, 3)."""
+    found = points[0] * directions[:, 0]
+    found += points[1] * directions[:, 1]
+    found += points[2] * directions[:, 2]
+    return found
 
 
-def _across(points: FloatArray, vectors: FloatArray) -> FloatArray:
-    """(P, R, 3): the parts of points (P, R, 3) across vectors (P, 3)."""
-    return points - np.matmul(points, vectors[:, :, None]) * vectors[:, None]
+def _beside(points: FloatArray, vectors: FloatArray) -> FloatArray:
+    """(R, P): how far points (3, R, P) are from lines through 0 along unit vectors (P, 3)."""
+    along = _along(points, vectors)
+    square = np.zeros_like(along)
+    for axis in range(3):
+        across = points[axis] - along * vectors[:, axis]
+        across *= across
+        square += across
+    return np.sqrt(square, out=square)
 
 
 def _part_across(points: FloatArray, vectors: FloatArray) -> FloatArray:
@@ -186,10 +290,10 @@ class _Wall:
         return _Wall(inwards, length, margins)
 
     def is_passed(self, seen: _Seen, corner: int) -> BoolArray:
-        """(P, R) bool: points that are on the inner side, and not in the wall."""
-        near = seen.pieces.near[:, None]
-        inside = seen.along(self.inwards, corner) - near * self.lengths[:, None]
-        return inside > self.margins[:, None] * (seen.beside[corner] + near)
+        """(R, P) bool: points that are on the inner side, and not in the wall."""
+        near = seen.pieces.near
+        inside = seen.along(self.inwards, corner) - near * self.lengths
+        return inside > self.margins * (seen.beside[corner] + near)
 
 
 @dataclass(frozen=True)
@@ -217,8 +321,8 @@ class _Crossing:
             wall = _Wall.of(along, vector, seen.vectors[:, other], ranges, sign)
             outer = _Wall.of(to_apex, vector, apex_vector, ranges, sign)
             inside = wall.is_passed(seen, corner) | seen.is_on[corner]
-            is_crossed &= ~np.all(inside, axis=1)
-            is_placed &= np.all(inside | outer.is_passed(seen, corner), axis=1)
+            is_crossed &= ~np.all(inside, axis=0)
+            is_placed &= np.all(inside | outer.is_passed(seen, corner), axis=0)
             is_placed &= _is_open(wall, outer, to_apex, ranges * lengths(apex_vector - vector))
         return _Crossing(is_crossed, is_placed, *_bounds_beyond(shell, seen, side, ranges, heights))
 
@@ -244,10 +348,10 @@ def _bounds_beyond(
     upwards = cross_products(along, inwards)
     # The wall is that near the plane of the side and the mean of its vectors.
     thick = ranges * np.maximum(*(np.abs(dot_products(inwards, vector)) for vector in (first, second)))
-    beyond = seen.along(inwards, side) - near[:, None] <= thick[:, None] * (1 + ROUNDING)
+    beyond = seen.along(inwards, side) - near <= thick * (1 + ROUNDING)
     across = triangles.across[own, side]
     normals = triangles.normals[across]
-    reached = np.where(beyond, seen.heights_over(normals, side), 0.0).max(axis=1) + near
+    reached = np.where(beyond, seen.heights_over(normals, side), 0.0).max(axis=0) + near
     # In the plane of the side both heights are parts of one length.
     own_cosine, own_sine, cosine, sine = (
         dot_products(normal, axis) for normal in (triangles.normals[own], normals) for axis in (upwards, inwards)
@@ -256,7 +360,7 @@ def _bounds_beyond(
     at_wall = np.abs(share) * heights + np.abs(sine - share * own_sine) * thick
     bounds = np.maximum(reached, at_wall) / shell.cosines[across]
     bounds = np.where(own_cosine > 0, bounds, np.inf)
-    beside = np.where(beyond, lengths(_across(seen.hulls[side], along)), 0.0).max(axis=1) + near
+    beside = np.where(beyond, _beside(seen.hulls[side], along), 0.0).max(axis=0) + near
     off = np.maximum(beside, (heights + 2 * thick) / np.maximum(own_cosine, 1e-300))
     off = np.hypot(off, _slid(along, first, second, ranges))
     return bounds, np.where(triangles.is_closed[own, side], off, 0.0)
@@ -279,9 +383,12 @@ def _near_corner(shell: Shell, pieces: Pieces, corner: int) -> FloatArray:
     if not len(near):
         return bounds
     starts, counts = shell.star_starts[vertices[near]], np.diff(shell.star_starts)[vertices[near]]
-    found = np.zeros(len(near))
-    for place in range(int(counts.max())):
-        some = np.flatnonzero((place < counts) & (found <= shell.ranges[own[near]]))
+    # What is near enough to the corner itself need not be compared with each triangle there.
+    found = distances[near] / shell.least_cosines[vertices[near]]
+    found = np.where(found <= NEAR_ENOUGH * shell.ranges[own[near]], found, 0.0)
+    left = found == 0
+    for place in range(int(counts[left].max(initial=0))):
+        some = np.flatnonzero(left & (place < counts) & (found <= shell.ranges[own[near]]))
         there = shell.star_triangles[starts[some] + place]
         heights = np.abs(np.matmul(seen[near[some]], triangles.normals[there][:, :, None])[..., 0]).max(axis=1)
         found[some] = np.maximum(found[some], (heights + pieces.near[near[some]]) / shell.cosines[there])
@@ -297,23 +404,21 @@ def _around_triangle(shell: Shell, pieces: Pieces) -> FloatArray:
     meet; infinite for others."""
     own, vertices = pieces.triangles, shell.triangles.vertices[pieces.triangles]
     points = np.concatenate([pieces.hulls, pieces.flats], axis=1)
-    ranges = shell.ranges[own]
     at_border = np.any(shell.is_border[vertices], axis=1)
-    found = np.where((ranges > 0) & ~at_border, 0.0, np.inf)
-    for corner in range(3):
-        starts = shell.star_starts[vertices[:, corner]]
-        counts = shell.star_starts[vertices[:, corner] + 1] - starts
-        for place in range(int(counts.max(initial=0))):
-            some = np.flatnonzero((place < counts) & np.isfinite(found))
-            if not len(some):
-                break
-            there = shell.star_triangles[starts[some] + place]
-            meets, stays = _meetings(shell, points[some], pieces.near[some], there, vertices[some], ranges[some])
-            seen = points[some] - shell.triangles.corners[there, 0][:, None]
-            heights = np.abs(np.matmul(seen, shell.triangles.normals[there][:, :, None])[..., 0]).max(axis=1)
-            bound = (heights + pieces.near[some]) / shell.cosines[there]
-            bound = np.where(stays & (bound <= ranges[some]), bound, np.inf)
-            found[some] = np.where(meets, np.maximum(found[some], bound), found[some])
+    found = np.where((shell.ranges[own] > 0) & ~at_border, 0.0, np.inf)
+    possible = np.flatnonzero(np.isfinite(found))
+    at = vertices[possible].ravel()
+    counts = np.diff(shell.star_starts)[at]
+    all_around, owners = ranges_of(shell.star_starts[at], counts), np.repeat(np.repeat(possible, 3), counts)
+    for some in index_chunks(np.arange(len(owners)), PAIRS_AT_ONCE):
+        there, pair = shell.star_triangles[all_around[some]], owners[some]
+        near, ranges = pieces.near[pair], shell.ranges[own[pair]]
+        meets, stays = _meetings(shell, points[pair], near, there, vertices[pair], ranges)
+        seen = points[pair] - shell.triangles.corners[there, 0][:, None]
+        heights = np.abs(np.matmul(seen, shell.triangles.normals[there][:, :, None])[..., 0]).max(axis=1)
+        bound = (heights + near) / shell.cosines[there]
+        bound = np.where(stays & (bound <= ranges), bound, np.inf)
+        np.maximum.at(found, pair[meets], bound[meets])
     return found
 
 
@@ -387,7 +492,7 @@ def curve_bounds(shell: Shell, curves: Curves) -> FloatArray:
             ),
         )
         inside = [
-            np.all(wall.is_passed(seen, at) | seen.is_on[at], axis=1)
+            np.all(wall.is_passed(seen, at) | seen.is_on[at], axis=0)
             for wall, at in zip(walls, (corner, (corner + 1) % 3), strict=True)
         ]
         placed |= chosen & inside[0] & inside[1]

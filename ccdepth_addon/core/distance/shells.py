@@ -42,9 +42,10 @@ ALONG_ERROR = 0.7
 
 @dataclass(frozen=True)
 class Triangles:
-    """Triangles of K quads, two of each, then flaps. T in all, the first M no flaps.
+    """Triangles, then flaps. T in all, the first M no flaps.
 
-    corners, vectors: (T, 3, 3), T(p) and N(p) at the corners. normals: (T, 3), unit vectors. vertices: (M, 3) intp.
+    corners, vectors: (T, 3, 3), T(p) and N(p) at the corners. normals: (T, 3), unit vectors. vertices: (M, 3) intp, cut
+    along closed sides; origins: (V,) intp, those before they were cut.
     across: (M, 3) intp, the triangle across each side, from corner k to k + 1; apexes: (M, 3) intp, which of its
     corners is opposite. is_closed: (M, 3) bool, sides where that is a flap. is_unknown: (M,) bool, triangles beside
     quads that were not given.
@@ -54,6 +55,7 @@ class Triangles:
     vectors: FloatArray
     normals: FloatArray
     vertices: IndexArray
+    origins: IndexArray
     across: IndexArray
     apexes: IndexArray
     is_closed: BoolArray
@@ -68,17 +70,36 @@ class Triangles:
         quads = np.repeat(np.arange(count), 2)
         corners = points[quads[:, None], order]
         vertices = mesh.corner_vertices[4 * quads[:, None] + order]
-        across, apexes, is_closed, is_unknown = _neighbours(mesh, count, turned)
+        return Triangles.joined(corners, vertices, *_neighbours(mesh, count, turned), vectors)
+
+    @staticmethod
+    def joined(
+        corners: FloatArray,
+        vertices: IndexArray,
+        across: IndexArray,
+        apexes: IndexArray,
+        is_closed: BoolArray,
+        is_unknown: BoolArray,
+        vectors: FloatArray | None = None,
+    ) -> Triangles:
+        """M triangles that are joined at their sides, as in ``Triangles`` but for vertices (M, 3), which are not cut,
+        with flaps at the closed ones. vectors: (V, 3), unit vectors at the vertices; without them the mean normals."""
         normals = units(cross_products(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+        vertices, origins = _cut(vertices, across, apexes, is_closed)
+        if vectors is None:
+            own_vectors = units(sums_by_index(vertices.ravel(), np.repeat(normals, 3, axis=0), len(origins)))[vertices]
+        else:
+            own_vectors = vectors[origins[vertices]]
         own, side = np.nonzero(is_closed)
         across[own, side] = len(corners) + np.arange(len(own))
         apexes[own, side] = 2
-        flaps, their_vectors = _flaps(corners, vectors[vertices], normals, own, side)
+        flaps, their_vectors = _flaps(corners, own_vectors, normals, own, side)
         return Triangles(
             np.concatenate([corners, flaps]),
-            np.concatenate([vectors[vertices], their_vectors]),
+            np.concatenate([own_vectors, their_vectors]),
             np.concatenate([normals, normals[own]]),
             vertices,
+            origins,
             across,
             apexes,
             is_closed,
@@ -89,6 +110,31 @@ class Triangles:
         """(T - M, 2) intp: the vertices of the flaps' first two corners."""
         own, side = np.nonzero(self.is_closed)
         return np.stack([self.vertices[own, (side + 1) % 3], self.vertices[own, side]], axis=1)
+
+
+def _cut(
+    vertices: IndexArray, across: IndexArray, apexes: IndexArray, is_closed: BoolArray
+) -> tuple[IndexArray, IndexArray]:
+    """Vertices (M, 3), one for all triangles around that are joined at sides that are not closed; and (V,) which of the
+    given ones each is."""
+    at_border = np.zeros(int(vertices.max(initial=-1)) + 1, dtype=bool)
+    own, side = np.nonzero(is_closed)
+    at_border[vertices[own, side]] = at_border[vertices[own, (side + 1) % 3]] = True
+    # Corners of one vertex have one label: elsewhere that of the vertex.
+    labels = np.where(at_border[vertices], len(at_border) + np.arange(vertices.size).reshape(-1, 3), vertices)
+    own, side = np.nonzero(~is_closed & (at_border[vertices] | at_border[np.roll(vertices, -1, axis=1)]))
+    there, apex = across[own, side], apexes[own, side]
+    pairs = [((own, side), (there, (apex + 2) % 3)), ((own, (side + 1) % 3), (there, (apex + 1) % 3))]
+    while True:
+        before = labels.copy()
+        for first, second in pairs:
+            # Sides of triangles that are not known have another vertex there.
+            same = vertices[first] == vertices[second]
+            np.minimum.at(labels, tuple(each[same] for each in first), labels[second][same])
+        if np.array_equal(before, labels):
+            break
+    _, first, cut = np.unique(labels, return_index=True, return_inverse=True)
+    return cut.reshape(vertices.shape), vertices.ravel()[first]
 
 
 def _neighbours(
@@ -147,27 +193,31 @@ class Shell:
 
     cosines: (T,), the least between a triangle's normal and its vectors. ranges: (M,), the largest |s| for paths that
     begin at a triangle, at most ``limit``; 0 where the shell is of no use. radii: (V,), how far the sides opposite to
-    each vertex are. is_border: (V,) bool, vertices of closed sides. star_starts: (V + 1,) intp, and star_triangles: the
-    triangles at each vertex, one vertex after the other.
+    each vertex are; least_cosines: (V,), of the triangles at each. is_border: (V,) bool, vertices of closed sides.
+    star_starts: (V + 1,) intp, and star_triangles: the triangles at each vertex, one vertex after the other.
     """
 
     triangles: Triangles
     cosines: FloatArray
     ranges: FloatArray
     radii: FloatArray
+    least_cosines: FloatArray
     is_border: BoolArray
     star_starts: IndexArray
     star_triangles: IndexArray
 
     @staticmethod
-    def of(mesh: PolygonMesh, triangles: Triangles, limit: float) -> Shell:
-        """limit: no larger distance is of use. mesh: its first faces are the triangles' quads."""
+    def of(triangles: Triangles, is_whole: BoolArray, limit: float) -> Shell:
+        """is_whole: by vertices before they were cut, whether all that is around is among the triangles, or beyond
+        closed sides. limit: no larger distance is of use."""
         cosines = dot_products(triangles.normals[:, None], triangles.vectors).min(axis=1)
         prism_ranges = np.where(cosines > LEAST_COSINE, np.minimum(_prism_ranges(triangles), limit), 0.0)
-        stars = _Stars.of(mesh, triangles, prism_ranges)
+        stars = _Stars.of(triangles, is_whole[triangles.origins], prism_ranges)
         ranges = stars.ranges[triangles.vertices].min(axis=1)
         ranges[triangles.is_unknown] = 0.0
-        return Shell(triangles, cosines, ranges, stars.distances, stars.is_border, stars.starts, stars.triangles)
+        least = np.full(len(triangles.origins), np.inf)
+        np.minimum.at(least, np.repeat(np.arange(len(least)), np.diff(stars.starts)), cosines[stars.triangles])
+        return Shell(triangles, cosines, ranges, stars.distances, least, stars.is_border, stars.starts, stars.triangles)
 
 
 # Where vectors are parallel there is no such range.
@@ -200,8 +250,8 @@ class _Stars:
     triangles: IndexArray
 
     @staticmethod
-    def of(mesh: PolygonMesh, triangles: Triangles, prism_ranges: FloatArray) -> _Stars:
-        count, own, every = mesh.vertex_count, len(triangles.vertices), len(triangles.corners)
+    def of(triangles: Triangles, is_whole: BoolArray, prism_ranges: FloatArray) -> _Stars:
+        count, own, every = len(is_whole), len(triangles.vertices), len(triangles.corners)
         flap_vertices = triangles.flap_vertices()
         which = np.concatenate([np.repeat(np.arange(own), 3), np.repeat(np.arange(own, every), 2)])
         corners = np.concatenate([np.tile(np.arange(3), own), np.tile(np.arange(2), every - own)])
@@ -215,12 +265,10 @@ class _Stars:
         np.minimum.at(distances, vertices, distance)
         is_border = np.zeros(count, dtype=bool)
         is_border[flap_vertices.ravel()] = True
-        faces = np.bincount(mesh.corner_vertices[: 2 * own], minlength=count)
         # Angles that are all less than a half turn go around a vertex inside a whole number of times.
         goes_once = angles < np.where(is_border, 2 * np.pi * (1 - 2.0**-20), 3 * np.pi)
-        whole = (faces == mesh.vertex_face_counts) & goes_once
         starts = np.concatenate([[0], np.cumsum(np.bincount(vertices, minlength=count))])
-        return _Stars(np.where(whole, ranges, 0.0), distances, is_border, starts, which)
+        return _Stars(np.where(is_whole & goes_once, ranges, 0.0), distances, is_border, starts, which)
 
 
 def _at_corners(triangles: Triangles, which: IndexArray, corners: IndexArray) -> tuple[FloatArray, FloatArray]:

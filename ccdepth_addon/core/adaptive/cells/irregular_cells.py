@@ -12,15 +12,13 @@ import numpy as np
 from ...arrays.ranges import ranges
 from ...arrays.types import FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors
+from ...distance.leaf_surfaces import Tiles, tiles_of
 from ...surface.patches import classify_patches
 from ...surface.refinement import Refinement
 from ...surface.stencils import by_valence, by_valences
 from ..leaf_approximation import Cells
 from ..leaf_bounds.descent import Descent
-from ..leaf_bounds.irregular_bounds import template_error_bounds
-from ..leaf_bounds.leaf_distance import Hull
-from ..leaf_bounds.refined_hulls import hull_of_quads
-from ..leaf_bounds.triangle_bounds import ErrorBounds
+from ..leaf_bounds.irregular_bounds import template_distances
 from ..quadtree import Quadtree
 from .patch_cells import LEAST_OF_A_KIND, BicubicCells, ExtraordinaryCells
 from .quad_cells import QuadCells
@@ -56,20 +54,11 @@ class RefinedCells(QuadCells):
     def points(self) -> FloatArray:
         return _points_of_quads(self.refinement, self.refinement.limits_at_corners)
 
-    def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
-        return hull_of_quads(self.descent, chosen, selected_vectors(points, chosen), limit)
+    def tiles(self, levels: int) -> Iterator[Tiles]:
+        return tiles_of(self.refinement, levels)
 
     def distances_of(self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float) -> FloatArray:
-        return self._error_bounds(chosen, numbers, points, limit, None).whole
-
-    def error_bounds_of(self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float) -> ErrorBounds:
-        # No limit on the room for neighbours: it may grow when sides are split.
-        return self._error_bounds(chosen, numbers, points, limit, np.full(len(chosen), np.inf))
-
-    def _error_bounds(
-        self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float, room: FloatArray | None
-    ) -> ErrorBounds:
-        return template_error_bounds(self.descent, chosen, selected_vectors(points, chosen), numbers, limit, room)
+        return template_distances(self.descent, chosen, selected_vectors(points, chosen), numbers, limit)
 
 
 def refined_children(

@@ -16,29 +16,24 @@ from numpy.typing import NDArray
 
 from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors, transformed_nets
+from ...distance.leaf_surfaces import Tiles, tiles_around_vertex
 from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, patch_coefficients, tensor
 from ...surface.patches import regular_nets
 from ...surface.stencils import Valences, quad_nets, quad_stencils
 from ..leaf_approximation import LeafApproximation
 from ..leaf_bounds import triangle_bounds
-from ..leaf_bounds.child_bounds import ChildSamples, child_distances, corners_of_children
-from ..leaf_bounds.leaf_distance import Hull, bicubic_hull, extraordinary_hull
-from ..leaf_bounds.shifted_bounds import shifted_distances
-from ..leaf_bounds.triangle_bounds import ErrorBounds
-from ..leaf_bounds.triangle_shapes import triangle_normals
+from ..leaf_bounds.child_bounds import child_distances, corners_of_children
+from ..leaf_bounds.descent import Squares
 from ..quadtree import Quadtree
 from ..request import AdaptiveRequest
-from ..template_choice import PROMISING, Samples, choose_along_surface, choose_shifted, folded_quads
-from ..templates import TURNS, WHOLE, template_groups, template_numbers, templates
+from ..template_choice import choose_along_surface, folded_quads, sampled_heights
+from ..templates import TURNS, WHOLE, template_groups
 from .quad_cells import QuadCells, patterns_of
 
 # Finer bounds save nearly all of the part that is not quadratic, and sometimes a little more. They are computed where
 # the quadratic part is at most so many limits.
 REFINABLE_QUADRATIC = 1.1
-
-# A child's own coefficients gain too little where the rest is less than this part of the quadratic part.
-SMALL_REST = 0.05
 
 # Cells evaluated together: temporary arrays stay in cache, and in memory that the system need not provide anew.
 CELLS_AT_ONCE = 1 << 12
@@ -100,10 +95,6 @@ class NetCells(QuadCells):
             self, nodes=self.nodes[chosen], slots=self.slots[chosen], nets=selected_vectors(self.nets, chosen)
         )
 
-    def part(self, block: slice) -> Self:
-        """Some of them, side by side, without a copy."""
-        return replace(self, nodes=self.nodes[block], slots=self.slots[block], nets=self.nets[:, block])
-
     def turns(self) -> IndexArray:
         return self.slots
 
@@ -120,36 +111,9 @@ class NetCells(QuadCells):
             found[own] = self._distances_of_template(chosen[own], pattern, alternative, limit)
         return found
 
-    def error_bounds_of(self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float) -> ErrorBounds:
-        found = ErrorBounds(*(np.empty(len(chosen)) for _ in range(3)))
-        for pattern, alternative, own in template_groups(numbers):
-            found.put(own, self._error_bounds_of_template(chosen[own], pattern, alternative, points))
-        return found
-
-    def errors_along_normals_of(
-        self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float
-    ) -> FloatArray:
-        found = np.empty(len(chosen))
-        for pattern, alternative, own in template_groups(numbers):
-            normals = triangle_normals(selected_vectors(points, chosen[own]), templates(pattern)[alternative])
-            found[own] = self._errors_along_normals(chosen[own], pattern, alternative, normals)
-        return found
-
     @abstractmethod
     def _distances_of_template(self, chosen: IndexArray, pattern: int, alternative: int, limit: float) -> FloatArray:
         """``distances_of`` for one template."""
-
-    @abstractmethod
-    def _error_bounds_of_template(
-        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray
-    ) -> ErrorBounds:
-        """``error_bounds_of`` for one template."""
-
-    @abstractmethod
-    def _errors_along_normals(
-        self, chosen: IndexArray, pattern: int, alternative: int, normals: FloatArray
-    ) -> FloatArray:
-        """``errors_along_normals_of`` for one template, whose triangles have unit normals (T, n, 3)."""
 
     @abstractmethod
     def _to_points(self) -> FloatArray:
@@ -159,9 +123,8 @@ class NetCells(QuadCells):
 @dataclass(frozen=True)
 class ChildApproximations:
     """The 4P children of P bicubic quads, those at slot 0 first. approximation: with whole sides, of the children that
-    their parents' coefficients show to be within the limit, or predict to be along the surface, and of those that are
-    within it at shifted parameters. out_of_reach: (4P,)
-    bool, which are shown to be neither. points: (9, P, 3), those of the quads themselves and their centres."""
+    their parents' coefficients show to be within the limit, or that are sampled to be along the surface. out_of_reach:
+    (4P,) bool, which are sampled to be neither. points: (9, P, 3), those of the quads themselves and their centres."""
 
     approximation: LeafApproximation
     out_of_reach: BoolArray
@@ -212,38 +175,25 @@ class BicubicCells(NetCells):
 
         far = distances.far
         whole = np.full(len(far.at_corners), WHOLE, dtype=np.int8)
-        chosen, samples = far.at_corners * len(self.nodes) + far.of_quads, Samples.of(far.corners, far.off, whole)
-        out_of_reach = np.zeros(best.size, dtype=bool)
-        nearest = samples.alone().min(axis=0)
-        out_of_reach[chosen] = (samples.predicted_bounds().min(axis=0) > PROMISING * limit) & (nearest > limit)
-        of_far = choose_shifted(_ShiftedChildren(self, far), samples, limit)
-        left = np.flatnonzero(~of_far.accepted)
-        of_far.put(left, choose_along_surface(_FarChildren(far.at(left)), samples.at(left), limit))
-        promising = np.flatnonzero(of_far.accepted)
+        chosen = far.at_corners * len(self.nodes) + far.of_quads
+        heights = sampled_heights(far.corners, far.off, whole)
+        of_far = choose_along_surface(heights, limit)
         found.put(chosen, of_far)
+        promising = np.flatnonzero(of_far.accepted)
         folded |= folded_quads(found, chosen[promising], selected_vectors(far.corners, promising), axes)
+        out_of_reach = np.zeros(best.size, dtype=bool)
+        out_of_reach[chosen] = ~of_far.accepted
         least = distances.sampled.min(axis=1).ravel()
-        least[chosen] = nearest
+        least[chosen] = heights.min(axis=0)
         return ChildApproximations(replace(found, folded=folded, least=least), out_of_reach, distances.points)
 
-    def approximate(
-        self,
-        hanging: BoolArray,
-        request: AdaptiveRequest,
-        *,
-        flat: BoolArray | None = None,
-        known: LeafApproximation | None = None,
-    ) -> LeafApproximation:
-        if known is not None:
-            # Error bounds by their own coefficients are tighter than by their parents', and take little time.
-            known = replace(known, normal=np.full(len(self.nodes), np.inf))
+    def approximate(self, hanging: BoolArray, request: AdaptiveRequest) -> LeafApproximation:
         # Turned so that their patterns are canonical: fewer patterns take less time.
         turned = self._turned(TURNS[patterns_of(hanging, self.slots)])
-        return super(BicubicCells, turned).approximate(hanging, request, flat=flat, known=known)
+        return super(BicubicCells, turned).approximate(hanging, request)
 
-    def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
-        turned = self._turned((approximation.turns - self.slots) % 4)
-        return super(BicubicCells, turned).error_bounds(approximation, limit)
+    def tiles(self, levels: int) -> Iterator[Tiles]:
+        yield Tiles(Squares.whole(len(self.nodes)), self.nets, np.zeros(len(self.nodes)))
 
     def _turned(self, turns: NDArray[np.int8] | IndexArray) -> BicubicCells:
         """The same quads with nets counted from slots (P,) turns further on."""
@@ -268,59 +218,6 @@ class BicubicCells(NetCells):
 
     def _to_points(self) -> FloatArray:
         return triangle_bounds.BICUBIC_POINTS
-
-    def _errors_along_normals(
-        self, chosen: IndexArray, pattern: int, alternative: int, normals: FloatArray
-    ) -> FloatArray:
-        rows = triangle_bounds.bicubic_rows(pattern, alternative)
-        return triangle_bounds.bicubic_errors_along(rows, selected_vectors(self.nets, chosen), normals)
-
-    def shifted_distances_of(self, chosen: IndexArray, numbers: IndexArray, points: FloatArray) -> FloatArray:
-        return shifted_distances(selected_vectors(self.nets, chosen), selected_vectors(points, chosen), numbers)
-
-    def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
-        return bicubic_hull(selected_vectors(self.nets, chosen))
-
-    def _error_bounds_of_template(
-        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray
-    ) -> ErrorBounds:
-        nets = selected_vectors(self.nets, chosen)
-        normals = triangle_normals(selected_vectors(points, chosen), templates(pattern)[alternative])
-        return triangle_bounds.bicubic_error_bounds(triangle_bounds.bicubic_rows(pattern, alternative), nets, normals)
-
-
-@dataclass(frozen=True)
-class _ShiftedChildren:
-    """Children of bicubic quads, bounded at shifted parameters by coefficients of their own."""
-
-    parents: BicubicCells
-    samples: ChildSamples
-
-    def distances(self, chosen: IndexArray, alternatives: IndexArray) -> FloatArray:
-        """As in ``template_choice.WithDistances``."""
-        own = self.samples.at(chosen)
-        families = [own.of_quads[own.at_corners == corner] for corner in range(4)]
-        whole = np.full(len(chosen), WHOLE, dtype=np.int8)
-        numbers = template_numbers(whole, alternatives)
-        return shifted_distances(self.parents.coefficients_of_children(families), own.points(), numbers)
-
-
-@dataclass(frozen=True)
-class _FarChildren:
-    """Children of bicubic quads, sampled beyond the limit."""
-
-    samples: ChildSamples
-
-    def error_bounds(self, chosen: IndexArray, alternatives: IndexArray) -> ErrorBounds:
-        """As in ``template_choice.WithErrorBounds``; inf where coefficients of their own may give tighter ones."""
-        found = ErrorBounds(*(np.empty(len(chosen)) for _ in range(3)))
-        for diagonal in (0, 1):
-            own = np.flatnonzero(alternatives == diagonal)
-            quadratic, rest = self.samples.error_bounds(chosen[own], diagonal)
-            error_bounds = quadratic + rest
-            error_bounds.normal[rest.normal > SMALL_REST * quadratic.normal] = np.inf
-            found.put(own, error_bounds)
-        return found
 
 
 class ExtraordinaryCells(NetCells):
@@ -351,21 +248,20 @@ class ExtraordinaryCells(NetCells):
         rows = triangle_bounds.extraordinary_rows(self.valences, pattern, alternative)
         return triangle_bounds.extraordinary_distances(rows, selected_vectors(self.nets, chosen))
 
-    def _error_bounds_of_template(
-        self, chosen: IndexArray, pattern: int, alternative: int, points: FloatArray
-    ) -> ErrorBounds:
-        rows = triangle_bounds.extraordinary_rows(self.valences, pattern, alternative)
-        normals = triangle_normals(selected_vectors(points, chosen), templates(pattern)[alternative])
-        return triangle_bounds.extraordinary_error_bounds(rows, selected_vectors(self.nets, chosen), normals)
-
-    def _errors_along_normals(
-        self, chosen: IndexArray, pattern: int, alternative: int, normals: FloatArray
-    ) -> FloatArray:
-        rows = triangle_bounds.extraordinary_rows(self.valences, pattern, alternative)
-        return triangle_bounds.extraordinary_errors_along(rows, selected_vectors(self.nets, chosen), normals)
-
     def _to_points(self) -> FloatArray:
         return triangle_bounds.extraordinary_points(self.valences)
 
-    def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
-        return extraordinary_hull(selected_vectors(self.nets, chosen), self.valences)
+    def tiles(self, levels: int) -> Iterator[Tiles]:
+        whole, nothing = Squares.whole(len(self.nodes)), np.zeros(len(self.nodes))
+        if self.valences[1:] == (4, 4, 4):
+            yield from tiles_around_vertex(self.nets, self.valences[0], whole, levels)
+            return
+        children = whole.children()
+        for corner, (valence, matrix) in enumerate(
+            zip(self.valences, quad_stencils(self.valences).children, strict=True)
+        ):
+            nets, squares = transformed_nets(matrix, self.nets), children.at(4 * np.arange(len(nothing)) + corner)
+            if valence == 4:
+                yield Tiles(squares, transformed_nets(TO_BERNSTEIN, nets), nothing)
+            else:
+                yield from tiles_around_vertex(nets, valence, squares, levels)

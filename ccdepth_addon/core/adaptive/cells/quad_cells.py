@@ -16,26 +16,22 @@ from numpy.typing import NDArray
 
 from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors
+from ...distance.leaf_surfaces import Tiles
 from ..leaf_approximation import Cells, LeafApproximation
-from ..leaf_bounds.leaf_distance import Hull, Leaves, Outline, leaf_distances
 from ..leaf_bounds.polygon_bounds import thickness_of_quads
-from ..leaf_bounds.triangle_bounds import ErrorBounds
 from ..quadtree import Quadtree
 from ..request import AdaptiveRequest
+from ..surface_pieces import DrawnTiles, quad_keys
 from ..template_choice import (
-    Samples,
-    choose_alone,
     choose_along_surface,
-    choose_shifted,
     choose_within_limit,
     folded_quads,
     off_sides_and_diagonals,
     sampled_distances,
+    sampled_heights,
 )
 from ..templates import (
     ALL_SPLIT,
-    TRIANGLE_COUNTS,
-    TRIANGLES,
     WHOLE,
     Transitions,
     template_groups,
@@ -72,37 +68,14 @@ class QuadCells(ABC):
         (``template_numbers``), as tight as it takes to compare them with the limit. points: those of all."""
 
     @abstractmethod
-    def error_bounds_of(self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float) -> ErrorBounds:
-        """(n,) each: error bounds along the normals and across, as tight as star bounds need them where the error along
-        the normals is within the limit; chosen, numbers and points as in ``distances_of``."""
-
-    def errors_along_normals_of(
-        self, chosen: IndexArray, numbers: IndexArray, points: FloatArray, limit: float
-    ) -> FloatArray:
-        """(n,): the error bounds along the normals alone."""
-        return self.error_bounds_of(chosen, numbers, points, limit).normal
-
-    def shifted_distances_of(self, chosen: IndexArray, numbers: IndexArray, points: FloatArray) -> FloatArray:
-        """(n,): the same at shifted parameters; inf where there are no such bounds."""
-        return np.full(len(chosen), np.inf)
-
-    @abstractmethod
-    def hull_of(self, chosen: IndexArray, points: FloatArray, limit: float) -> Hull:
-        """Hull points of chosen quads, in the order of their points, as near as it takes to compare with the limit.
-        points: those of all."""
+    def tiles(self, levels: int) -> Iterator[Tiles]:
+        """Their surface, over squares whose bases are the quads."""
 
     def scratch(self) -> QuadCells:
         """The same quads for a while: what their methods keep for each other goes with them."""
         return self
 
-    def approximate(
-        self,
-        hanging: BoolArray,
-        request: AdaptiveRequest,
-        *,
-        flat: BoolArray | None = None,
-        known: LeafApproximation | None = None,
-    ) -> LeafApproximation:
+    def approximate(self, hanging: BoolArray, request: AdaptiveRequest) -> LeafApproximation:
         """As in ``Cells``."""
         patterns = patterns_of(hanging, self.turns())
         turns = self.turns().astype(np.int8)
@@ -110,34 +83,18 @@ class QuadCells(ABC):
         chosen = np.flatnonzero(patterns != ALL_SPLIT)
         if len(chosen):
             quads = QuadsByPattern(self.scratch(), chosen, patterns[chosen], self.points(), request)
-            own = quads.approximate() if known is None else quads.approximate_alone(known.at(chosen))
-            if flat is not None:
-                over_flat = np.flatnonzero(flat[chosen])
-                own.thickness[over_flat] = quads.at(over_flat).thickness(own.alternatives[over_flat])
-                if known is None:
-                    own.accept_over_flat_parts(over_flat, request.limit)
+            own = quads.approximate()
             own.folded[:] = quads.folded(own)
             found.put(chosen, replace(own, patterns=patterns[chosen], turns=turns[chosen]))
         return found
 
-    def outlines(self, hanging: BoolArray, limit: float) -> Iterator[tuple[IndexArray, IndexArray, Outline, Hull]]:
+    def drawn_tiles(self, approximation: LeafApproximation, hanging: BoolArray, levels: int) -> Iterator[DrawnTiles]:
         """As in ``Cells``."""
-        cells, points = self.scratch(), self.points()
-        patterns = patterns_of(hanging, self.turns())
-        drawn = np.flatnonzero(patterns != ALL_SPLIT)
-        hull = cells.hull_of(drawn, points, limit)
-        for pattern in np.unique(patterns[drawn]).tolist():
-            own = np.flatnonzero(patterns[drawn] == pattern)
-            chosen = drawn[own]
-            middles = [4 + side if pattern >> side & 1 else -1 for side in range(4)]
-            outline = Outline(selected_vectors(points, chosen), range(4), middles)
-            yield chosen, self.turns()[chosen], outline, hull.at(own)
-
-    def error_bounds(self, approximation: LeafApproximation, limit: float) -> ErrorBounds:
-        """As in ``Cells``."""
-        cells, points = self.scratch(), self.points()
         numbers = template_numbers(approximation.patterns, approximation.alternatives)
-        return cells.error_bounds_of(np.arange(len(self.nodes)), numbers, points, limit)
+        keys = quad_keys(numbers, (approximation.turns - self.turns()) % 4)
+        for tiles in self.tiles(levels):
+            own = tiles.squares.bases
+            yield DrawnTiles(tiles, own, keys[own], np.zeros_like(own))
 
 
 @dataclass(frozen=True)
@@ -154,51 +111,19 @@ class QuadsByPattern:
     request: AdaptiveRequest
 
     def approximate(self) -> LeafApproximation:
-        """By the templates, the likeliest first: one within the limit, or predicted to be."""
+        """By the templates, the likeliest first: one within the limit, or that may be along the surface."""
         limit, points = self.request.limit, self.own_points()
         sampled = sampled_distances(points, self.patterns)
         found = choose_within_limit(self, sampled, limit)
         least = sampled.min(axis=0)
         left = np.flatnonzero(~found.accepted)
         if len(left):
-            samples = self.samples(left)
-            least[left] = np.where(least[left] > limit, samples.alone().min(axis=0), least[left])
-            found.put(left, choose_shifted(ShiftedQuads(self.at(left)), samples, limit))
-            others = np.flatnonzero(~found.accepted[left])
-            left, samples = left[others], samples.at(others)
-            quads = self.at(left)
-            tried = np.flatnonzero(~quads.as_polygons())
-            found.put(left[tried], choose_along_surface(quads.at(tried), samples.at(tried), limit))
-            last = np.flatnonzero(~found.accepted[left])
-            nothing = LeafApproximation.none(len(last))
-            found.put(left[last], choose_alone(QuadsAlone(quads.at(last), nothing), samples.at(last), limit))
+            some = selected_vectors(points, left)
+            heights = sampled_heights(some, off_sides_and_diagonals(some), self.patterns[left])
+            least[left] = np.where(least[left] > limit, heights.min(axis=0), least[left])
+            found.put(left, choose_along_surface(heights, limit))
+        found.thickness[:] = np.where(found.accepted, self.thickness(found.alternatives), 0.0)
         return replace(found, least=least)
-
-    def approximate_alone(self, known: LeafApproximation) -> LeafApproximation:
-        """Of each alone, without its neighbours. known: (n,), as in ``Cells``; those accepted there exceed the limit at
-        equal parameters."""
-        limit, least = self.request.limit, np.zeros(len(self.places))
-        found, new = LeafApproximation.none(len(self.places)), np.flatnonzero(~known.accepted)
-        if len(new):
-            quads = self.at(new)
-            found.put(new, choose_within_limit(quads, sampled_distances(quads.own_points(), quads.patterns), limit))
-            new = new[~found.accepted[new]]
-            found.put(new, choose_shifted(ShiftedQuads(self.at(new)), self.samples(new), limit))
-        left = np.flatnonzero(~found.accepted)
-        if len(left):
-            samples = self.samples(left)
-            least[left] = samples.alone().min(axis=0)
-            found.put(left, choose_alone(QuadsAlone(self.at(left), known.at(left)), samples, limit))
-        return replace(found, least=least)
-
-    def samples(self, chosen: IndexArray) -> Samples:
-        """Those of some of them."""
-        points = selected_vectors(self.points, self.places[chosen])
-        return Samples.of(points, off_sides_and_diagonals(points), self.patterns[chosen])
-
-    def as_polygons(self) -> BoolArray:
-        """(n,) which of them are drawn as polygons."""
-        return (self.request.transitions is Transitions.NGONS) & (self.patterns != WHOLE)
 
     def folded(self, approximation: LeafApproximation) -> BoolArray:
         """(n,) which of them are folded, whole, as they are approximated."""
@@ -215,24 +140,6 @@ class QuadsByPattern:
         """As in ``template_choice.WithDistances``."""
         numbers = template_numbers(self.patterns[chosen], alternatives)
         distances = self.cells.distances_of(self.places[chosen], numbers, self.points, self.request.limit)
-        return self.with_thickness(distances, chosen, numbers)
-
-    def leaf_distances(self, chosen: IndexArray, alternatives: IndexArray, normal: FloatArray) -> FloatArray:
-        """(n,): the same of each leaf alone (``leaf_distance``). normal: (n,) error bounds along the normals, inf where
-        they are not known."""
-        limit, places, unknown = self.request.limit, self.places[chosen], np.flatnonzero(np.isinf(normal))
-        numbers = template_numbers(self.patterns[chosen], alternatives)
-        if len(unknown):
-            of_unknown = places[unknown], numbers[unknown], self.points, limit
-            normal[unknown] = self.cells.errors_along_normals_of(*of_unknown)
-        distances, tried = np.full(len(chosen), np.inf), np.flatnonzero(normal <= limit)
-        if len(tried):
-            hull = self.cells.hull_of(places[tried], self.points, limit)
-            is_whole = self.patterns[chosen[tried]] == WHOLE
-            for near in filter(len, (np.flatnonzero(is_whole), np.flatnonzero(~is_whole))):
-                own = tried[near]
-                leaves = _leaves(selected_vectors(self.points, places[own]), numbers[own])
-                distances[own] = leaf_distances(leaves, hull.at(near), normal[own], limit, self.request.rounding)
         return self.with_thickness(distances, chosen, numbers)
 
     def with_thickness(self, distances: FloatArray, chosen: IndexArray, numbers: IndexArray) -> FloatArray:
@@ -262,46 +169,6 @@ class QuadsByPattern:
     def at(self, chosen: IndexArray) -> QuadsByPattern:
         """Some of them, by ascending index."""
         return replace(self, places=self.places[chosen], patterns=self.patterns[chosen])
-
-    def error_bounds(self, chosen: IndexArray, alternatives: IndexArray) -> ErrorBounds:
-        """As in ``template_choice.WithErrorBounds``."""
-        places, numbers = self.places[chosen], template_numbers(self.patterns[chosen], alternatives)
-        return self.cells.error_bounds_of(places, numbers, self.points, self.request.limit)
-
-
-@dataclass(frozen=True)
-class ShiftedQuads:
-    """The same quads, whose distances are bounded at shifted parameters."""
-
-    quads: QuadsByPattern
-
-    def distances(self, chosen: IndexArray, alternatives: IndexArray) -> FloatArray:
-        """As in ``template_choice.WithDistances``."""
-        quads, numbers = self.quads, template_numbers(self.quads.patterns[chosen], alternatives)
-        distances = quads.cells.shifted_distances_of(quads.places[chosen], numbers, quads.points)
-        return quads.with_thickness(distances, chosen, numbers)
-
-
-@dataclass(frozen=True)
-class QuadsAlone:
-    """The same quads, whose distances are bounded without their neighbours, wherever parameters lie. known: (n,) how
-    they are approximated, some with error bounds along the normals."""
-
-    quads: QuadsByPattern
-    known: LeafApproximation
-
-    def distances(self, chosen: IndexArray, alternatives: IndexArray) -> FloatArray:
-        """As in ``template_choice.WithDistances``."""
-        is_known = self.known.alternatives[chosen] == alternatives
-        normal = np.where(is_known, self.known.normal[chosen], np.inf)
-        return self.quads.leaf_distances(chosen, alternatives, normal)
-
-
-def _leaves(points: FloatArray, numbers: IndexArray) -> Leaves:
-    """Of quads with points (8 or more, P, 3), and numbers of templates (P,)."""
-    is_split = numbers % 16 >> np.arange(4)[:, None] & 1 > 0
-    counts = TRIANGLE_COUNTS[numbers]
-    return Leaves.of(points, is_split, TRIANGLES[numbers, : counts.max()].transpose(1, 2, 0), counts)
 
 
 def patterns_of(hanging: BoolArray, turns: IndexArray) -> NDArray[np.int8]:

@@ -20,13 +20,10 @@ from ..templates import PLAIN, Triangle
 from .triangle_bounds import (
     BICUBIC_POINTS,
     WHOLE_QUAD,
-    ErrorBounds,
     bicubic_basis,
     off_quadratic,
-    rest_error_bounds,
     to_monomials,
 )
-from .triangle_shapes import triangle_normals
 
 # The points of a quad, its centre the last, that are the corners of the child at each of its own, from that one on.
 CORNERS_OF_CHILDREN = [[corner, 4 + corner, 8, 4 + (corner + 3) % 4] for corner in range(4)]
@@ -51,40 +48,13 @@ class ChildSamples:
     """n children of quads, and S - T over them.
 
     at_corners, of_quads: (n,), the corner and the quad of each. corners: (4, n, 3), their own. off: (6, n, 3), S - T at
-    the middles of their sides and diagonals. sums: (2, 2, n, 3), for each diagonal and triangle half the sum of the
-    three at its sides. monomials: (10, n, 3), the coefficients of those that are more than quadratic, of whole quads.
+    the middles of their sides and diagonals.
     """
 
     at_corners: IndexArray
     of_quads: IndexArray
     corners: FloatArray
     off: FloatArray
-    sums: FloatArray
-    monomials: FloatArray
-
-    def at(self, chosen: IndexArray) -> ChildSamples:
-        """Some of them, by index."""
-        of_vectors = (self.corners, self.off, self.sums, self.monomials)
-        return ChildSamples(
-            self.at_corners[chosen], self.of_quads[chosen], *(selected_vectors(each, chosen) for each in of_vectors)
-        )
-
-    def points(self) -> FloatArray:
-        """(9, n, 3): their own points and centres."""
-        ends = self.corners[[0, 1, 2, 3, 0]] + self.corners[[1, 2, 3, 0, 2]]
-        return np.concatenate([self.corners, ends / 2 + self.off[:5]])
-
-    def error_bounds(self, chosen: IndexArray, diagonal: int) -> tuple[ErrorBounds, ErrorBounds]:
-        """Error bounds of some, split along a diagonal, along the triangles' normals and across: those of the quadratic
-        parts, and those of the rest, to be added."""
-        normals = triangle_normals(selected_vectors(self.corners, chosen), PLAIN[diagonal])
-        sides = [own for triangle in PLAIN[diagonal] for own in (*_sides(triangle), 4 + diagonal)]
-        vectors = [selected_vectors(self.off[sides], chosen), selected_vectors(self.sums[diagonal], chosen)]
-        # Three and one for each triangle.
-        order = [0, 1, 2, 6, 3, 4, 5, 7]
-        quadratic = ErrorBounds.of(np.concatenate(vectors)[order], np.repeat([0, 1], 4), normals)
-        weights = _weights()[2 * self.at_corners[chosen] + diagonal].T
-        return quadratic, rest_error_bounds(selected_vectors(self.monomials, chosen), weights, normals)
 
 
 def child_distances(coefficients: FloatArray, limit: float) -> ChildDistances:
@@ -103,10 +73,8 @@ def _child_samples(vectors: FloatArray, wanted: BoolArray) -> ChildSamples:
     """Some children, (4, P) bool, of P quads; vectors: (59, P, 3), of ``_rows``."""
     parts = (vectors[:16].reshape(4, 4, -1, 3), vectors[16:24].reshape(4, 2, -1, 3))
     off = np.concatenate([_of_each(part, wanted) for part in parts])
-    sums = _of_each(vectors[24:40].reshape(4, 2, 2, -1, 3), wanted)
     at_corners, of_quads = np.nonzero(wanted)
-    monomials = selected_vectors(vectors[40:50], of_quads)
-    return ChildSamples(at_corners, of_quads, corners_of_children(vectors[50:], wanted), off, sums, monomials)
+    return ChildSamples(at_corners, of_quads, corners_of_children(vectors[50:], wanted), off)
 
 
 def corners_of_children(points: FloatArray, wanted: BoolArray) -> FloatArray:

@@ -2,8 +2,8 @@
 """The descendants of faces that have no net of their own, as squares in the parameters of quads.
 
 A regular descendant is bicubic. Any other is near the bilinear facet over its control points, and its children are
-nearer: by stencils where it has one extraordinary corner, and by refining the mesh elsewhere. Several bounds ask for
-the same descendants, so each is computed once, when it is first asked for.
+nearer: by stencils where it has one extraordinary corner, and by refining the mesh elsewhere. Several templates ask
+for the same descendants, so each is computed once, when it is first asked for.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from ...surface.refinement import Refinement
 from ...surface.stencils import by_valence, patch_stencils
 from ..quadtree import NONE
 from ..templates import QUAD_POINTS
-from .triangle_bounds import CORNER_COEFFICIENTS, QUARTER_TURN
+from .triangle_bounds import QUARTER_TURN
 
 TO_BERNSTEIN = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
 
@@ -86,10 +86,6 @@ class Pieces:
     def at(self, chosen: IndexArray) -> Pieces:
         """Some of them, by index."""
         return Pieces(self.squares.at(chosen), selected_vectors(self.coefficients, chosen), self.near[chosen])
-
-    def facets(self) -> FloatArray:
-        """(4, N, 3): what is at the corners of the squares."""
-        return self.coefficients[CORNER_COEFFICIENTS]
 
     def and_then(self, other: Pieces) -> Pieces:
         """These, followed by others."""

@@ -58,11 +58,9 @@ def polygon_thickness(
     """
     sizes = np.diff(starts, append=facets.shape[1])
     corners, middles, centroids, _ = facets
-    # The normal of Newell: half the cross products of consecutive vertices, seen from the centroid.
     spokes, between = corners - centroids, middles - centroids
     following = corners[_next(starts, sizes)]
-    doubled = cross_products(spokes, between) + cross_products(between, following - centroids)
-    normals = units(np.add.reduceat(doubled, starts))
+    normals = fan_normals(facets, starts)
     of_corner = np.repeat(normals, sizes, axis=0)
 
     heights = np.einsum("ij,ij->i", spokes, of_corner)
@@ -84,6 +82,16 @@ def polygon_thickness(
         thickest = np.where(is_plain, 0.0, thickness + HEIGHT_ROUNDING * reaches)
         found = np.where(fine, np.minimum(found, thickest / np.where(fine, cosines, 1.0)), found)
     return found
+
+
+def fan_normals(facets: FloatArray, starts: IndexArray) -> FloatArray:
+    """(P, 3): the unit normals of Newell of polygons by their fans: half the cross products of consecutive vertices,
+    seen from the centroid. facets, starts: as of ``polygon_thickness``."""
+    corners, middles, centroids, _ = facets
+    following = corners[_next(starts, np.diff(starts, append=facets.shape[1]))]
+    between = middles - centroids
+    doubled = cross_products(corners - centroids, between) + cross_products(between, following - centroids)
+    return units(np.add.reduceat(doubled, starts))
 
 
 def thickness_of_quads(points: FloatArray, pattern: int, alternative: int, axes: FloatArray) -> FloatArray:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Error bounds of a template's triangles, as they tessellate a quad (docs/adaptive.md, Triangles on the surface).
+"""Distances of a template's triangles from the surface (docs/adaptive.md, Triangles on the surface).
 
 The triangles' vertices lie on the surface, at their own parameters; the distance is measured at equal parameters, so it
 holds in both directions. Over a piece of the surface that is bicubic, S - T on a part of a triangle is a polynomial of
@@ -28,16 +28,15 @@ weight is off by the rounding of one division. docs/adaptive.md (Rounding) has w
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache, lru_cache
 from itertools import combinations_with_replacement, pairwise
 from math import comb
 
 import numpy as np
 
-from ...arrays.matrix_products import matrix_product
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ...arrays.vectors import dot_products, selected_vectors, squared_dots, squared_norms, transformed_nets
+from ...arrays.vectors import selected_vectors, squared_norms, transformed_nets
 from ...bounds.norm_bounds import certified_limit_factor
 from ...bounds.norms import second_differences
 from ...surface.bicubic import SPLINE_TO_BERNSTEIN, bilinear_coefficients, tensor
@@ -238,7 +237,7 @@ def barycentric_rows(triangle: FloatArray) -> tuple[FloatArray, float]:
     return opposite, float(triangle[0] @ opposite[:2, 0] + opposite[2, 0])
 
 
-def _functionals(part: FloatArray, square: Square, triangle: FloatArray) -> tuple[FloatArray, FloatArray]:
+def functionals(part: FloatArray, square: Square, triangle: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(28, 16) and (28, 3): the coefficients of S and of T over a part (3, 2) of a triangle (3, 2).
 
     S by its Bernstein coefficients over the square that holds the part, T by its values at the triangle's vertices.
@@ -251,111 +250,40 @@ def _functionals(part: FloatArray, square: Square, triangle: FloatArray) -> tupl
 class Rows:
     """R functionals of N control points, each a coefficient of S - T over a part of a triangle of the template.
 
-    matrix: (R, N); triangles: (R,) the triangle of each; places: (R, 12) the six arguments at which the
-    blossom is the coefficient, in parameters of the quad, in order.
+    matrix: (R, N); places: (R, 12) the six arguments at which the blossom is the coefficient, in parameters of the
+    quad, in order. Parts that share a side have the same coefficients on it: S - T is continuous, and a polynomial
+    there.
     """
 
     matrix: FloatArray
-    triangles: IndexArray
     places: FloatArray
 
-    def of(self, surface: FloatArray, points: FloatArray) -> Rows:
-        """Functionals of the coefficients of S and the quad's points, where S is (16, N) and the points (8 or more, N):
-        as functionals of N numbers."""
-        return replace(self, matrix=self.matrix[:, :16] @ surface + self.matrix[:, 16:] @ points[:8])
+    def of(self, surface: FloatArray, points: FloatArray) -> FloatArray:
+        """(R, N): functionals of N numbers, of which the coefficients of S (16, N) and the quad's points (8 or more, N)
+        are."""
+        product: FloatArray = self.matrix[:, :16] @ surface + self.matrix[:, 16:] @ points[:8]
+        return product
 
-    def at(self, kept: BoolArray | IndexArray) -> Rows:
+    def at(self, kept: BoolArray) -> Rows:
         """Some of them."""
-        return Rows(np.ascontiguousarray(self.matrix[kept]), self.triangles[kept], self.places[kept])
+        return Rows(np.ascontiguousarray(self.matrix[kept]), self.places[kept])
 
     @staticmethod
     def joined(parts: list[Rows]) -> Rows:
-        """All of them, triangle by triangle, each once.
-
-        Parts that share a side have the same coefficients on it: S - T is continuous, and a polynomial there.
-        """
-        return Rows.by_triangles(parts, Rows.is_first(parts))
+        """All of them, each once."""
+        matrix, places = (np.concatenate(each) for each in zip(*((p.matrix, p.places) for p in parts), strict=True))
+        return Rows(matrix, places).at(Rows.is_first(parts))
 
     @staticmethod
     def is_first(parts: list[Rows]) -> BoolArray:
         """(all of them,) which are no repetitions of others before."""
-        keys = np.concatenate([np.column_stack([part.triangles, part.places]) for part in parts])
-        found = np.zeros(len(keys), dtype=bool)
-        found[np.unique(keys, axis=0, return_index=True)[1]] = True
+        places = np.concatenate([part.places for part in parts])
+        found = np.zeros(len(places), dtype=bool)
+        found[np.unique(places, axis=0, return_index=True)[1]] = True
         return found
 
-    @staticmethod
-    def by_triangles(parts: list[Rows], kept: BoolArray | None = None) -> Rows:
-        """All of them, or those that are kept, triangle by triangle."""
-        triangles = np.concatenate([part.triangles for part in parts])
-        matrix, places = (np.concatenate(each) for each in zip(*((p.matrix, p.places) for p in parts), strict=True))
-        order = np.argsort(triangles, kind="stable")
-        return Rows(matrix, triangles, places).at(order if kept is None else order[kept[order]])
 
-
-@dataclass(frozen=True)
-class ErrorBounds:
-    """Upper bounds of the errors of P quads, (P,) float64 each: of the whole error ‖S - T‖, of its component along the
-    normals of the triangles, and of the rest across them."""
-
-    whole: FloatArray
-    normal: FloatArray
-    tangential: FloatArray
-
-    @staticmethod
-    def of(vectors: FloatArray, triangles: IndexArray, normals: FloatArray) -> ErrorBounds:
-        """Of vectors (R, P, 3) that belong to triangles, in ascending order, with unit normals (T, P, 3)."""
-        largest = np.zeros((3, vectors.shape[1]))
-        starts = np.searchsorted(triangles, np.arange(len(normals) + 1)).tolist()
-        for triangle, (start, end) in enumerate(pairwise(starts)):
-            if start == end:
-                continue
-            own = vectors[start:end]
-            along, squares = squared_dots(own, normals[triangle]), squared_norms(own)
-            for most, values in zip(largest, (squares, along, squares - along), strict=True):
-                np.maximum(most, values.max(axis=0), out=most)
-        return ErrorBounds(*np.sqrt(largest))
-
-    @staticmethod
-    def over_all(vectors: FloatArray, normals: FloatArray) -> ErrorBounds:
-        """Of vectors (R, P, 3) that belong to all triangles, with unit normals (T, P, 3)."""
-        squares = squared_norms(vectors)
-        largest = np.zeros((3, vectors.shape[1]))
-        squares.max(axis=0, out=largest[0])
-        for normal in normals:
-            along = squared_dots(vectors, normal)
-            np.maximum(largest[1], along.max(axis=0), out=largest[1])
-            np.maximum(largest[2], np.subtract(squares, along, out=along).max(axis=0), out=largest[2])
-        return ErrorBounds(*np.sqrt(largest))
-
-    def __add__(self, other: ErrorBounds) -> ErrorBounds:
-        return ErrorBounds(self.whole + other.whole, self.normal + other.normal, self.tangential + other.tangential)
-
-    def at(self, chosen: IndexArray) -> ErrorBounds:
-        """Some of them, by index."""
-        return ErrorBounds(self.whole[chosen], self.normal[chosen], self.tangential[chosen])
-
-    def put(self, chosen: IndexArray, other: ErrorBounds) -> None:
-        """Replace some of them."""
-        self.whole[chosen], self.normal[chosen], self.tangential[chosen] = other.whole, other.normal, other.tangential
-
-    def or_more(self, other: ErrorBounds) -> ErrorBounds:
-        """The larger of both."""
-        return ErrorBounds(
-            np.maximum(self.whole, other.whole),
-            np.maximum(self.normal, other.normal),
-            np.maximum(self.tangential, other.tangential),
-        )
-
-    def columns(self) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """The whole error, along the normals, and across."""
-        return self.whole, self.normal, self.tangential
-
-    def times(self, factor: float) -> ErrorBounds:
-        return ErrorBounds(factor * self.whole, factor * self.normal, factor * self.tangential)
-
-
-def _clipped(triangle: FloatArray, square: Square) -> list[FloatArray]:
+def clipped(triangle: FloatArray, square: Square) -> list[FloatArray]:
     """The part of a triangle inside a square, as triangles (3, 2)."""
     corners = square.corners()
     polygon = list(triangle)
@@ -404,30 +332,29 @@ def template_rows(pattern: int, alternative: int, path: int, *, fine: bool = Fal
 
     path: to the square, digits of base 4 after a leading 1. fine: over the quarters of each part.
     """
-    square = square_at(path)
-    rows = [Rows(np.zeros((0, 24)), np.zeros(0, dtype=np.intp), np.zeros((0, 12)))]
-    for number, triangle in enumerate(templates(pattern)[alternative]):
-        for part in _clipped(QUAD_POINTS[list(triangle)], square):
-            rows += [_rows_over(piece, square, number, triangle) for piece in (_quartered(part) if fine else [part])]
+    square, rows = square_at(path), list[Rows]()
+    for triangle in templates(pattern)[alternative]:
+        for part in clipped(QUAD_POINTS[list(triangle)], square):
+            rows += [_rows_over(piece, square, triangle) for piece in (_quartered(part) if fine else [part])]
     return Rows.joined(rows)
 
 
-def _rows_over(part: FloatArray, square: Square, number: int, triangle: Triangle) -> Rows:
+def _rows_over(part: FloatArray, square: Square, triangle: Triangle) -> Rows:
     """Those over a part (3, 2) of one triangle, without those at its vertices, where S - T is 0."""
     vertices = QUAD_POINTS[list(triangle)]
-    of_surface, of_vertices = _functionals(part, square, vertices)
+    of_surface, of_vertices = functionals(part, square, vertices)
     of_points = np.zeros((len(of_vertices), 8))
     of_points[:, list(triangle)] = of_vertices
     places = np.sort((part @ AS_COMPLEX)[_arguments(DEGREE)], axis=1)
     kept = ~((places[:, 0] == places[:, -1]) & np.isin(places[:, 0], vertices @ AS_COMPLEX))
-    matrix = np.hstack([of_surface, -of_points])[kept]
-    return Rows(matrix, np.full(len(matrix), number), places[kept].view(np.float64))
+    return Rows(np.hstack([of_surface, -of_points]), places.view(np.float64)).at(kept)
 
 
 @lru_cache(maxsize=256)
-def bicubic_rows(pattern: int, alternative: int) -> Rows:
-    """S - T over a bicubic quad with Bernstein coefficients [i, j] → 4i + j, u along i, by the triangles' quarters."""
-    return Rows.joined([template_rows(pattern, alternative, 1, fine=True).of(np.eye(16), BICUBIC_POINTS)])
+def bicubic_rows(pattern: int, alternative: int) -> FloatArray:
+    """(R, 16): S - T over a bicubic quad with Bernstein coefficients [i, j] → 4i + j, u along i, by the triangles'
+    quarters."""
+    return template_rows(pattern, alternative, 1, fine=True).of(np.eye(16), BICUBIC_POINTS)
 
 
 @dataclass(frozen=True)
@@ -435,12 +362,11 @@ class QuadraticRows:
     """S - T over a bicubic quad, split into the quadratic parts over whole triangles, and the rest.
 
     matrix: (Q + 10, 16), functionals for the quadratic parts, then the coefficients of S of monomials that are more
-    than quadratic, T having none. triangles: (Q,) as in ``Rows``. weights: (10, 1) how far the monomials are off their
-    own quadratic parts. The rest is no longer than the sum of the coefficients' lengths, so weighted.
+    than quadratic, T having none. weights: (10, 1) how far the monomials are off their own quadratic parts. The rest is
+    no longer than the sum of the coefficients' lengths, so weighted.
     """
 
     matrix: FloatArray
-    triangles: IndexArray
     weights: FloatArray
 
 
@@ -448,9 +374,8 @@ class QuadraticRows:
 def quadratic_rows(pattern: int, alternative: int) -> QuadraticRows:
     """With Bernstein coefficients as for ``bicubic_rows``."""
     triangles = [QUAD_POINTS[list(triangle)] for triangle in templates(pattern)[alternative]]
-    quadratic = [_off_at_middles(triangle) for triangle in triangles]
-    both = np.concatenate([*quadratic, to_monomials()])
-    return QuadraticRows(both, np.repeat(np.arange(len(triangles)), 4), off_quadratic(triangles)[:, None])
+    both = np.concatenate([*map(_off_at_middles, triangles), to_monomials()])
+    return QuadraticRows(both, off_quadratic(triangles)[:, None])
 
 
 def _off_at_middles(triangle: FloatArray) -> FloatArray:
@@ -463,21 +388,21 @@ def _off_at_middles(triangle: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class LastSquare:
-    """Functionals of a net of N points for the last square at an extraordinary vertex. rows: B - T over it.
-    differences: (2n + 10, N), the second differences of its net; S - B is no longer than the longest of these, times
-    factor."""
+    """Functionals of N points for the last square at an extraordinary vertex. matrix: (R, N), B - T over it, where B is
+    the bilinear facet over the limits at its corners. differences: (2n + 10, N), the second differences of its net;
+    S - B is no longer than the longest of these, times factor."""
 
-    rows: Rows
+    matrix: FloatArray
     differences: FloatArray
     factor: float
 
 
 @dataclass(frozen=True)
 class ExtraordinaryRows:
-    """S - T over a quad with extraordinary corners, as functionals of its net. pieces: over bicubic pieces; last: what
-    is left at each of these corners."""
+    """S - T over a quad with extraordinary corners, as functionals of N points. bicubic: (R, N), over bicubic pieces;
+    last: what is left at each of these corners."""
 
-    pieces: Rows
+    bicubic: FloatArray
     last: Sequence[LastSquare]
 
 
@@ -492,7 +417,7 @@ def extraordinary_rows(valences: Valences, pattern: int, alternative: int) -> Ex
         facet = bilinear_coefficients(patch_stencils(valence).limits @ net).reshape(16, -1)
         of_facet = template_rows(pattern, alternative, path).of(facet, points)
         last.append(LastSquare(of_facet, differences_at_vertex(valence, net), certified_limit_factor(valence)))
-    return ExtraordinaryRows(Rows.by_triangles(rows), last)
+    return ExtraordinaryRows(np.concatenate(rows), last)
 
 
 @lru_cache(maxsize=512)
@@ -501,7 +426,7 @@ def _rows_of_pieces(pattern: int, alternative: int, paths: tuple[int, ...]) -> S
     that have these."""
     rows = [template_rows(pattern, alternative, path) for path in paths]
     is_kept = Rows.is_first(rows)
-    starts = np.cumsum([len(own.triangles) for own in rows])[:-1]
+    starts = np.cumsum([len(own.places) for own in rows])[:-1]
     return [own.at(kept) for own, kept in zip(rows, np.split(is_kept, starts), strict=True)]
 
 
@@ -558,69 +483,23 @@ def extraordinary_points(valences: Valences) -> FloatArray:
 BICUBIC_POINTS = bicubic_basis(np.concatenate([QUAD_POINTS, [[0.5, 0.5]]]))
 
 
-def bicubic_error_bounds(rows: Rows, coefficients: FloatArray, normals: FloatArray) -> ErrorBounds:
-    """For Bernstein coefficients (16, P, 3) and the triangles' normals (T, P, 3)."""
-    return ErrorBounds.of(transformed_nets(rows.matrix, coefficients), rows.triangles, normals)
-
-
-def bicubic_errors_along(rows: Rows, coefficients: FloatArray, normals: FloatArray) -> FloatArray:
-    """(P,): those along the normals alone, by the coefficients' heights, which are a third of the numbers."""
-    return _highest(rows, [dot_products(coefficients, normal) for normal in normals])
-
-
-def _highest(rows: Rows, heights: Sequence[FloatArray]) -> FloatArray:
-    """(P,): the largest of the rows' values, either sign, for the heights (N, P) of nets over each of T triangles."""
-    largest, starts = np.zeros(heights[0].shape[1]), np.searchsorted(rows.triangles, np.arange(len(heights) + 1))
-    for own, (start, end) in zip(heights, pairwise(starts.tolist()), strict=True):
-        values = matrix_product(rows.matrix[start:end], own)
-        for off in (values.max(axis=0, initial=0.0), -values.min(axis=0, initial=0.0)):
-            np.maximum(largest, off, out=largest)
-    return largest
-
-
-def bicubic_distances(rows: Rows, coefficients: FloatArray, chosen: IndexArray) -> FloatArray:
+def bicubic_distances(rows: FloatArray, coefficients: FloatArray, chosen: IndexArray) -> FloatArray:
     """(n,): upper bounds of ‖S - T‖, for chosen ones of Bernstein coefficients (16, P, 3)."""
-    return _longest(transformed_nets(rows.matrix, selected_vectors(coefficients, chosen)))
-
-
-def quadratic_error_bounds(
-    rows: QuadraticRows, coefficients: FloatArray, normals: FloatArray
-) -> tuple[ErrorBounds, ErrorBounds]:
-    """Error bounds of the quadratic parts, and of the rest, to be added. As for ``bicubic_error_bounds``."""
-    vectors = transformed_nets(rows.matrix, coefficients)
-    quadratic = ErrorBounds.of(vectors[: len(rows.triangles)], rows.triangles, normals)
-    return quadratic, rest_error_bounds(vectors[len(rows.triangles) :], rows.weights, normals)
-
-
-def rest_error_bounds(monomials: FloatArray, weights: FloatArray, normals: FloatArray) -> ErrorBounds:
-    """Error bounds of the rest, from coefficients (10, P, 3) of monomials, with weights (10, P) or (10, 1), the
-    monomials' distances from their quadratic parts; for triangles with unit normals (T, P, 3)."""
-    squares = squared_norms(monomials)
-    rest = ErrorBounds(_weighted(weights, squares), *np.zeros((2, len(normals[0]))))
-    for normal in normals:
-        along = squared_dots(monomials, normal)
-        np.maximum(rest.normal, _weighted(weights, along), out=rest.normal)
-        np.maximum(rest.tangential, _weighted(weights, np.maximum(squares - along, 0.0)), out=rest.tangential)
-    return rest
-
-
-def _weighted(weights: FloatArray, squares: FloatArray) -> FloatArray:
-    """(P,): the sum of lengths, from their squares (10, P)."""
-    lengths = np.sqrt(squares)
-    lengths *= weights
-    return lengths.sum(axis=0)
+    return longest(transformed_nets(rows, selected_vectors(coefficients, chosen)))
 
 
 def quadratic_distances(
     rows: QuadraticRows, coefficients: FloatArray, chosen: IndexArray
 ) -> tuple[FloatArray, FloatArray]:
-    """(n,) twice: the same for ‖S - T‖, for chosen ones of Bernstein coefficients (16, P, 3)."""
+    """(n,) twice: upper bounds of the lengths of the quadratic parts, and of the rest, to be added; for chosen ones as
+    in ``bicubic_distances``."""
     vectors = transformed_nets(rows.matrix, selected_vectors(coefficients, chosen))
-    rest = _weighted(rows.weights, squared_norms(vectors[len(rows.triangles) :]))
-    return _longest(vectors[: len(rows.triangles)]), rest
+    rest = np.sqrt(squared_norms(vectors[-len(rows.weights) :]))
+    rest *= rows.weights
+    return longest(vectors[: -len(rows.weights)]), rest.sum(axis=0)
 
 
-def _longest(vectors: FloatArray) -> FloatArray:
+def longest(vectors: FloatArray) -> FloatArray:
     """(P,): the largest length of vectors (R, P, 3), which are overwritten."""
     vectors *= vectors
     squares = vectors[..., 0]
@@ -629,33 +508,10 @@ def _longest(vectors: FloatArray) -> FloatArray:
     return np.sqrt(squares.max(axis=0))
 
 
-def extraordinary_error_bounds(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> ErrorBounds:
-    """For nets (N, P, 3) and the triangles' normals (T, P, 3)."""
-    found = ErrorBounds.of(transformed_nets(rows.pieces.matrix, nets), rows.pieces.triangles, normals)
-    for last in rows.last:
-        left = ErrorBounds.of(transformed_nets(last.rows.matrix, nets), last.rows.triangles, normals)
-        # S - B is within a factor of the second differences; so is each component of it within theirs.
-        own = normals[np.unique(last.rows.triangles)]
-        at_vertex = ErrorBounds.over_all(transformed_nets(last.differences, nets), own)
-        found = found.or_more(left + at_vertex.times(last.factor))
-    return found
-
-
-def extraordinary_errors_along(rows: ExtraordinaryRows, nets: FloatArray, normals: FloatArray) -> FloatArray:
-    """(P,): those along the normals alone, by the heights of the nets' points."""
-    heights = [dot_products(nets, normal) for normal in normals]
-    found = _highest(rows.pieces, heights)
-    for last in rows.last:
-        triangles = np.unique(last.rows.triangles).tolist()
-        off = np.max([np.abs(matrix_product(last.differences, heights[own])).max(axis=0) for own in triangles], axis=0)
-        np.maximum(found, _highest(last.rows, heights) + last.factor * off, out=found)
-    return found
-
-
 def extraordinary_distances(rows: ExtraordinaryRows, nets: FloatArray) -> FloatArray:
-    """(P,): the same for ‖S - T‖ alone."""
-    found = _longest(transformed_nets(rows.pieces.matrix, nets))
+    """(P,): upper bounds of ‖S - T‖, for points (N, P, 3)."""
+    found = longest(transformed_nets(rows.bicubic, nets))
     for last in rows.last:
-        left, differences = (_longest(transformed_nets(each, nets)) for each in (last.rows.matrix, last.differences))
+        left, differences = (longest(transformed_nets(each, nets)) for each in (last.matrix, last.differences))
         np.maximum(found, left + last.factor * differences, out=found)
     return found

@@ -1,0 +1,119 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The triangles that leaves of a quadtree are drawn as, joined at their sides."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..distance.shells import Triangles
+from ..mesh.submesh import compact
+from .cells.polygon_cells import AS_POLYGON, PATTERN_BITS
+from .leaf_approximation import LeafApproximation
+from .plan import Plan
+from .quadtree import NONE
+from .templates import (
+    COUNTS_OF_TRIANGLE,
+    TRIANGLE_COUNTS,
+    TRIANGLES,
+    TRIANGLES_OF_TRIANGLE,
+    template_numbers,
+)
+
+
+@dataclass(frozen=True)
+class LeafTriangles:
+    """M triangles of L leaves, leaf by leaf. Of quads, and of triangles of the control mesh, they are those of the
+    template, in its order; of polygons those around the mean of the corners, side by side.
+
+    used: (U,) vertices of the tree, ascending; or, from ``vertex_count`` on, means of leaves. vertices: (M, 3) indices
+    into these; leaves: (M,) the leaf of each; firsts: (L + 1,) the first of each leaf. means: (U', 3), their positions.
+    """
+
+    used: IndexArray
+    vertices: IndexArray
+    leaves: IndexArray
+    firsts: IndexArray
+    means: FloatArray
+
+    @staticmethod
+    def of(plan: Plan, leaves: IndexArray, approximation: LeafApproximation) -> LeafTriangles:
+        """Of leaves (L,) as they are approximated."""
+        tree, sizes = plan.tree, plan.tree.slot_counts(leaves)
+        is_quad = tree.is_quad(leaves)
+        is_polygon = ~is_quad & ((sizes > 3) | (approximation.alternatives == AS_POLYGON))
+        found, owners, numbers = [np.zeros((0, 3), dtype=np.intp)], [np.zeros(0, dtype=np.intp)], [np.zeros(0, int)]
+
+        def put(chosen: IndexArray, vertices: IndexArray, number: int) -> None:
+            found.append(vertices.astype(np.intp))
+            owners.append(chosen)
+            numbers.append(np.full(len(chosen), number))
+
+        for size, some in ((4, is_quad), (3, ~is_quad & ~is_polygon)):
+            chosen = np.flatnonzero(some)
+            slots = tree.slots(leaves[chosen]).reshape(-1, size)
+            if size == 4:
+                own = approximation.at(chosen)
+                slots = np.take_along_axis(slots, (np.arange(4) + own.turns[:, None]) % 4, axis=1)
+                of_leaves = template_numbers(own.patterns, own.alternatives)
+                table, counts = TRIANGLES, TRIANGLE_COUNTS
+            else:
+                of_leaves = tree.hanging(slots.ravel()).reshape(-1, 3) @ PATTERN_BITS
+                table, counts = TRIANGLES_OF_TRIANGLE, COUNTS_OF_TRIANGLE
+            points = np.concatenate([tree.slot_vertices[slots], tree.midpoints[tree.slot_edges[slots]]], axis=1)
+            for number in range(table.shape[1]):
+                drawn = np.flatnonzero(number < counts[of_leaves])
+                put(chosen[drawn], np.take_along_axis(points[drawn], table[of_leaves[drawn], number], axis=1), number)
+        polygons, count = np.flatnonzero(is_polygon), len(tree.vertex_edges)
+        for size in np.unique(sizes[polygons]).tolist():
+            chosen = polygons[sizes[polygons] == size]
+            slots = tree.slots(leaves[chosen]).reshape(-1, size)
+            corners, middles = tree.slot_vertices[slots], tree.midpoints[tree.slot_edges[slots]]
+            for side in range(size):
+                start, end, middle = corners[:, side], corners[:, (side + 1) % size], middles[:, side]
+                split = middle != NONE
+                put(chosen, np.stack([count + chosen, start, np.where(split, middle, end)], axis=1), 2 * side)
+                ends = np.stack([count + chosen, middle, end], axis=1)
+                put(chosen[split], ends[split], 2 * side + 1)
+        of_triangles = np.concatenate(owners)
+        order = np.lexsort((np.concatenate(numbers), of_triangles))
+        vertices, of_triangles = np.concatenate(found)[order], of_triangles[order]
+        used = compact(vertices, count + len(leaves))
+        firsts = np.searchsorted(of_triangles, np.arange(len(leaves) + 1))
+        means = _means_of_corners(plan, leaves[used[used >= count] - count])
+        return LeafTriangles(used, vertices, of_triangles, firsts, means)
+
+    def joined(self, plan: Plan) -> Triangles:
+        """With vectors at the vertices, the mean normals there."""
+        of_tree = self.used[: len(self.used) - len(self.means)]
+        corners = np.concatenate([plan.positions.of(of_tree), self.means])[self.vertices]
+        nothing = np.zeros(len(corners), dtype=bool)
+        return Triangles.joined(corners, self.vertices, *_neighbours(self.vertices, len(self.used)), nothing)
+
+
+def _means_of_corners(plan: Plan, leaves: IndexArray) -> FloatArray:
+    """(n, 3), of leaves."""
+    if not len(leaves):
+        return np.zeros((0, 3))
+    slots, counts = plan.tree.slots(leaves), plan.tree.slot_counts(leaves)
+    corners = plan.positions.of(plan.tree.slot_vertices[slots])
+    found: FloatArray = np.add.reduceat(corners, np.cumsum(counts) - counts) / counts[:, None]
+    return found
+
+
+def _neighbours(vertices: IndexArray, count: int) -> tuple[IndexArray, IndexArray, BoolArray]:
+    """across, apexes and is_closed of ``shells.Triangles``, of triangles (M, 3) with so many vertices: sides are open
+    where exactly two meet, of one orientation."""
+    ends = np.stack([vertices.ravel(), np.roll(vertices, -1, axis=1).ravel()])
+    keys = ends.min(axis=0) * count + ends.max(axis=0)
+    order = np.argsort(keys, kind="stable")
+    starts = np.flatnonzero(np.diff(keys[order], prepend=-1))
+    first = order[starts[np.diff(np.append(starts, len(keys))) == 2]]
+    second = order[starts[np.diff(np.append(starts, len(keys))) == 2] + 1]
+    opposite = ends[0, first] == ends[1, second]
+    twins = np.full(len(keys), -1)
+    twins[first[opposite]], twins[second[opposite]] = second[opposite], first[opposite]
+    twins = twins.reshape(-1, 3)
+    return np.maximum(twins, 0) // 3, (np.maximum(twins, 0) % 3 + 2) % 3, twins < 0

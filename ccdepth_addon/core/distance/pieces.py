@@ -1,0 +1,80 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pieces of the surface in a shell, divided until each has a bound. docs/distance.md, Quads of a level."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..adaptive.leaf_bounds.triangle_bounds import triangle_quarters
+from ..arrays.types import FloatArray, IndexArray
+from ..surface.bicubic import HALVES
+from .shell_bounds import Pieces, bridge_bounds, shell_bounds
+from .shells import Shell
+
+# How often pieces are halved both ways before what they are of is given up. A curve on which places are not proved
+# meets twice as many pieces each time: what meets more than this many times as many, from the second time on, is no
+# curve.
+SPLITS, MOST_GROWTH, GROWN_AT = 5, 3, 2
+
+# From this division on all places around triangles are looked for.
+LAST_FROM = 1
+
+
+@dataclass(frozen=True)
+class Form:
+    """What kind of hull pieces have. values: which of its points are points of the surface. quarters: four (R, R), from
+    the coefficients of a piece to those of its quarters; none where it can't be divided."""
+
+    values: IndexArray
+    quarters: tuple[FloatArray, ...]
+
+
+SQUARE_FORM = Form(np.array([0, 3, 12, 15]), tuple(np.kron(one, other) for one in HALVES for other in HALVES))
+TRIANGLE_FORM = Form(np.array([0, 21, 27]), triangle_quarters())
+HULL_FORM = Form(np.zeros(0, dtype=np.intp), ())
+
+
+def include_pieces(
+    shell: Shell,
+    found: FloatArray,
+    bases: IndexArray,
+    pieces: Pieces,
+    form: Form,
+    limit: float,
+    off_beyond: FloatArray | None = None,
+) -> None:
+    """Raise what is found (n,) to the bounds of pieces, by their bases (P,); infinite where no bound within the limit
+    is proved. off_beyond: as of ``bridge_bounds``."""
+    before = np.full(len(found), np.inf)
+    for split in range(SPLITS + 1):
+        beyond = _heights_at(shell, form.values, pieces) > limit
+        found[bases[beyond]] = np.inf
+        left = np.flatnonzero(np.isfinite(found[bases]))
+        bases, pieces = bases[left], pieces.at(left)
+        if not len(left):
+            return
+        bounds = shell_bounds(shell, pieces, are_last=not form.quarters or split >= LAST_FROM)
+        if off_beyond is not None:
+            bounds = bridge_bounds(shell, pieces, bounds, off_beyond)
+        is_open = bounds > limit
+        np.maximum.at(found, bases[~is_open], bounds[~is_open])
+        if split == SPLITS or not form.quarters:
+            found[bases[is_open]] = np.inf
+            return
+        counts = np.bincount(bases[is_open], minlength=len(found))
+        if split >= GROWN_AT:
+            found[counts > MOST_GROWTH * before] = np.inf
+        before = counts
+        is_open &= np.isfinite(found[bases])
+        bases, pieces = np.tile(bases[is_open], 4), pieces.at(np.flatnonzero(is_open)).divided(form.quarters)
+
+
+def _heights_at(shell: Shell, values: IndexArray, pieces: Pieces) -> FloatArray:
+    """(P,): the largest height over the planes that points of the surface reach: values among the hull points."""
+    if not len(values):
+        return np.zeros(len(pieces.near))
+    triangles = shell.triangles
+    points = pieces.hulls[:, values] - triangles.corners[pieces.triangles, 0][:, None]
+    return np.abs(np.matmul(points, triangles.normals[pieces.triangles][:, :, None])[..., 0]).max(axis=1)
