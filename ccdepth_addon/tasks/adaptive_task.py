@@ -101,7 +101,8 @@ class AdaptiveTask:
     def request(self, settings: AdaptiveSettings, tolerance: float, most_faces: int) -> AdaptiveRequest:
         limit = tolerance - self.allowance
         transitions = Transitions(settings.transitions)
-        return AdaptiveRequest(limit, Mode(settings.mode), transitions, most_faces, self.control.world)
+        largest = float(np.abs(self.control.mesh.positions).max(initial=0.0))
+        return AdaptiveRequest(limit, Mode(settings.mode), transitions, most_faces, self.control.world, largest)
 
 
 @dataclass(frozen=True)

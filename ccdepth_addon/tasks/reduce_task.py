@@ -22,7 +22,7 @@ from ..core import (
 from .adaptive_task import AdaptiveResult, AdaptiveSettings
 
 # Into what parts the tolerance is divided for the mesh to reduce: the first that does not make too many faces.
-DIVISORS = (8.0, 4.0, 2.0)
+DIVISORS = (12.0, 6.0, 2.0)
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from ccdepth_addon.core.adaptive.leaf_bounds.polygon_bounds import (
     HEIGHT_ROUNDING,
     is_folded,
+    line_turns,
     polygon_thickness,
     thickness_of_quads,
 )
@@ -316,3 +317,53 @@ def test_folded_where_blender_draws() -> None:
     assert not is_folded(quad, np.eye(3))[0]
     assert is_folded(quad, np.diag([1.0, 1.0, 0.01]))[0]
     assert not is_folded(quad, np.diag([0.01, 0.01, 1.0]))[0]
+
+
+@pytest.mark.parametrize("stretch", [1.0, 20.0, 346.0])
+@pytest.mark.parametrize("offset", [0.0, 3.0, 370.0])
+def test_lines_are_as_near_to_blender_s_as_told(stretch: float, offset: float) -> None:
+    """Blender's sum of Newell, in single precision, from coordinates as they are; seen in the scene by the matrix."""
+    generator, count = np.random.default_rng(7), 400
+    turn = np.linalg.qr(generator.normal(size=(3, 3)))[0]
+    axes = turn @ np.diag([stretch, 1.0, 1.0]) @ np.linalg.qr(generator.normal(size=(3, 3)))[0]
+    angles = np.sort(generator.uniform(0, 2 * np.pi, (count, 7)), axis=1)
+    flat = np.stack([np.cos(angles), np.sin(angles), generator.normal(0, 0.02, angles.shape)], axis=-1)
+    places = flat @ np.linalg.qr(generator.normal(size=(count, 3, 3)))[0] + generator.uniform(-1, 1, 3) * offset
+    stored = places.astype(np.float32)
+    before, sums = np.roll(stored, 1, axis=1), np.zeros((count, 3), dtype=np.float32)
+    for number in range(7):
+        a, b = before[:, number], stored[:, number]
+        for axis in range(3):
+            i, j = (axis + 1) % 3, (axis + 2) % 3
+            sums[:, axis] += (a[:, i] - b[:, i]) * (a[:, j] + b[:, j])
+    seen = sums.astype(np.float64) @ axes.T
+    of_blender = seen / np.linalg.norm(seen, axis=1, keepdims=True)
+    corners = places @ axes.T
+    middles, centroids = (corners + np.roll(corners, -1, axis=1)) / 2, corners.mean(axis=1, keepdims=True) + 0 * corners
+    facets = np.stack([corners, middles, centroids, np.roll(middles, 1, axis=1)]).reshape(4, -1, 3)
+    starts = 7 * np.arange(count)
+    # Newell in double precision, and the line that it points along in the scene.
+    spokes = corners - centroids
+    newell = np.cross(spokes, np.roll(spokes, -1, axis=1)).sum(axis=1)
+    lines = newell @ axes @ axes.T
+    lines /= np.linalg.norm(lines, axis=1, keepdims=True)
+    off = np.linalg.norm(lines - np.sign(np.einsum("ij,ij->i", lines, of_blender))[:, None] * of_blender, axis=1)
+    told = line_turns(facets, starts, axes, float(np.abs(places).max()))
+    assert np.all(off <= told)
+    # Where nothing is stretched it is little, even as far from the origin as that.
+    assert stretch > 1 or np.median(told) <= 0.01
+
+
+def test_a_stretched_polygon_far_from_its_origin_is_not_compared_along_blender_s_line() -> None:
+    """2 wide, 370 off, stretched 346 times: in single precision the line is turned by more than the polygon allows."""
+    angles = np.linspace(0, 2 * np.pi, 7)[:-1]
+    flat = np.stack([np.cos(angles), np.sin(angles), 1e-3 * (-1.0) ** np.arange(6)], axis=1)
+    axes = np.diag([1.0, 346.0, 1.0])
+    corners = flat @ axes
+    middles, centroids = (corners + np.roll(corners, -1, axis=0)) / 2, np.tile(corners.mean(axis=0), (6, 1))
+    # A dent, which only the line that Blender looks along makes good for.
+    middles[0] += 0.1 * (centroids[0] - middles[0])
+    facets = np.stack([corners, middles, centroids, np.roll(middles, 1, axis=0)])
+    given = facets, np.arange(6) == 0, np.array([0]), axes
+    near, far = (polygon_thickness(*given, largest=largest)[0] for largest in (0.0, 370.0))
+    assert near < 0.1 * far

@@ -24,7 +24,7 @@ class AdaptiveRequest:
     """How to subdivide a control mesh. limit: the largest distance, in the unit of its positions, rounding subtracted.
 
     most_faces: a larger result is refused. axes: (3, 3) float64, its columns the axes of the space where Blender
-    triangulates the result, in coordinates of the positions.
+    triangulates the result, in coordinates of the positions. largest_coordinate: of the control mesh in that space.
     """
 
     limit: float
@@ -32,3 +32,4 @@ class AdaptiveRequest:
     transitions: Transitions
     most_faces: int
     axes: FloatArray = field(default_factory=lambda: np.eye(3))
+    largest_coordinate: float = 0.0

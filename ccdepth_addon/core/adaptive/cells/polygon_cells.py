@@ -97,7 +97,9 @@ class PolygonCells:
         chosen = np.flatnonzero((near | (found.least <= limit)) & ~np.logical_and.reduceat(hanging, starts))
         if len(chosen):
             kept, starts = self._corners_of(chosen)
-            thickness = polygon_thickness(facets[:, kept], hanging[kept], starts, request.axes)
+            thickness = polygon_thickness(
+                facets[:, kept], hanging[kept], starts, request.axes, largest=request.largest_coordinate
+            )
             own = fan_distances(replace(self).descent, chosen, kept, facets[:, kept], limit)
             bounds = np.maximum.reduceat(own, starts) + thickness
             found.bounds[chosen] = np.where(bounds <= limit, bounds, np.inf)

@@ -163,7 +163,9 @@ class QuadsByPattern:
         for pattern, alternative, own in template_groups(numbers):
             if pattern != WHOLE:
                 points = selected_vectors(self.points, self.places[own])
-                found[own] = thickness_of_quads(points, pattern, alternative, self.request.axes)
+                found[own] = thickness_of_quads(
+                    points, pattern, alternative, self.request.axes, self.request.largest_coordinate
+                )
         return found
 
     def at(self, chosen: IndexArray) -> QuadsByPattern:

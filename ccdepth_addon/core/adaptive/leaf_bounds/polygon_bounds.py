@@ -37,6 +37,11 @@ ANGLE_ROUNDING = 1e-6
 # precision must not decide that, so the cosine between their normals has to be this large.
 LEAST_COSINE = 1e-3
 
+# Blender adds differences times sums of coordinates, both rounded, in single precision: each component of the sum over
+# the n vertices is off by (n + 4) roundings of twice the largest coordinate times the way around, at most, and all
+# three by twice as much. Vertices and unit vectors are rounded as well.
+SINGLE_ROUNDING, MORE_ROUNDINGS = 4 * 2.0**-24, 16
+
 # Nor must single precision decide along which line Blender looks at a polygon: where that matters, one space may
 # stretch one direction more than another by this factor.
 MOST_UNEVEN = 1e4
@@ -48,13 +53,14 @@ def polygon_thickness(
     starts: IndexArray,
     axes: FloatArray,
     triangles: Sequence[FloatArray] = (),
+    largest: float = 0.0,
 ) -> FloatArray:
     """(P,) float64: upper bounds of the distance between a polygon, as Blender triangulates it, and its fan or
     template; inf where neither proof holds.
 
     facets: (4, C, 3), the fan's quads: corner, middle of the side after it, centroid, middle of the side before. bent:
     (C,) whether the polygon has a vertex of its own at the middle after each corner; starts: (P,) its first corner.
-    triangles: (3, P, 3) each, those of a template.
+    triangles: (3, P, 3) each, those of a template. largest: the largest coordinate in the space of the axes.
     """
     sizes = np.diff(starts, append=facets.shape[1])
     corners, middles, centroids, _ = facets
@@ -75,8 +81,9 @@ def polygon_thickness(
     found = np.where(is_region, np.hypot(thickness, _dents(facets, following, bent, of_corner, starts)), np.inf)
     if np.linalg.cond(axes) <= MOST_UNEVEN:
         lines = units(normals @ axes @ axes.T)
-        cosines = np.einsum("ij,ij->i", normals, lines)
-        fine = (cosines > 0) & _is_region(facets, bent, starts, lines, triangles)
+        turns = line_turns(facets, starts, axes, largest)
+        cosines = np.einsum("ij,ij->i", normals, lines) - turns
+        fine = (cosines > 0) & _is_region(facets, bent, starts, lines, triangles, turns)
         fine[sizes == 3] &= ~_is_folded_from_middle(facets, bent, starts[sizes == 3], axes)
         reaches = np.sqrt(np.maximum.reduceat(np.maximum(squared_norms(spokes), squared_norms(between)), starts))
         thickest = np.where(is_plain, 0.0, thickness + HEIGHT_ROUNDING * reaches)
@@ -85,16 +92,43 @@ def polygon_thickness(
 
 
 def fan_normals(facets: FloatArray, starts: IndexArray) -> FloatArray:
-    """(P, 3): the unit normals of Newell of polygons by their fans: half the cross products of consecutive vertices,
-    seen from the centroid. facets, starts: as of ``polygon_thickness``."""
+    """(P, 3): the unit normals of Newell of polygons by their fans. facets, starts: as of ``polygon_thickness``."""
+    return units(_newell_normals(facets, starts))
+
+
+def _newell_normals(facets: FloatArray, starts: IndexArray) -> FloatArray:
+    """(P, 3): the sums of the cross products of consecutive vertices, seen from the centroid."""
     corners, middles, centroids, _ = facets
     following = corners[_next(starts, np.diff(starts, append=facets.shape[1]))]
     between = middles - centroids
     doubled = cross_products(corners - centroids, between) + cross_products(between, following - centroids)
-    return units(np.add.reduceat(doubled, starts))
+    found: FloatArray = np.add.reduceat(doubled, starts)
+    return found
 
 
-def thickness_of_quads(points: FloatArray, pattern: int, alternative: int, axes: FloatArray) -> FloatArray:
+def line_turns(facets: FloatArray, starts: IndexArray, axes: FloatArray, largest: float) -> FloatArray:
+    """(P,): how far the unit vectors along which Blender looks at polygons may be from those that are computed, as its
+    sums are in single precision (docs/adaptive.md, Polygons). Arguments: as of ``polygon_thickness``."""
+    corners, middles, _, _ = facets
+    sizes = np.diff(starts, append=facets.shape[1])
+    inverse = np.linalg.inv(axes)
+    halves = (middles - corners, corners[_next(starts, sizes)] - middles)
+    around = np.add.reduceat(sum(np.sqrt(squared_norms(half @ inverse.T)) for half in halves), starts)
+    normals = _newell_normals(facets, starts)
+    seen = normals @ axes
+    doubled = np.sqrt(squared_norms(seen)) / abs(np.linalg.det(axes))
+    off = SINGLE_ROUNDING * (2 * sizes + MORE_ROUNDINGS) * largest * around
+    # What a unit vector that is off by so much is off along the axes, and then as a unit vector.
+    with np.errstate(divide="ignore", invalid="ignore"):
+        stretches = np.sqrt(squared_norms(seen @ axes.T) / squared_norms(seen))
+        found = 2 * np.linalg.norm(axes, 2) * (off / doubled) / stretches
+    # Unit vectors are no farther from each other than 2, which is too far for anything.
+    return np.where(np.isfinite(found), np.minimum(found, 2.0), 2.0)
+
+
+def thickness_of_quads(
+    points: FloatArray, pattern: int, alternative: int, axes: FloatArray, largest: float = 0.0
+) -> FloatArray:
     """(P,) float64: upper bounds of the distance between quads with split sides, as polygons, and the triangles of a
     template; inf where there is no proof.
 
@@ -108,7 +142,7 @@ def thickness_of_quads(points: FloatArray, pattern: int, alternative: int, axes:
     facets = np.stack([corners, middles, centres, np.roll(middles, 1, axis=1)]).reshape(4, -1, 3)
     bent = np.tile(split_sides, len(corners))
     triangles = [points[list(triangle)] for triangle in templates(pattern)[alternative]]
-    return polygon_thickness(facets, bent, 4 * np.arange(len(corners)), axes, triangles)
+    return polygon_thickness(facets, bent, 4 * np.arange(len(corners)), axes, triangles, largest)
 
 
 def is_folded(corners: FloatArray, *spaces: FloatArray) -> BoolArray:
@@ -137,25 +171,35 @@ def _is_region(
     starts: IndexArray,
     directions: FloatArray,
     triangles: Sequence[FloatArray],
+    turns: FloatArray | None = None,
 ) -> BoolArray:
-    """(P,) whether fans and templates are seen to cover a region once, along directions (P, 3)."""
+    """(P,) whether fans and templates are seen to cover a region once, along directions (P, 3), and along all that are
+    no farther from these than turns (P,)."""
     sizes = np.diff(starts, append=facets.shape[1])
-    of_corner = np.repeat(directions, sizes, axis=0)
-    found = np.logical_and.reduceat(_convex(facets, of_corner), starts) & _once_around(facets, of_corner, starts)
-    found[sizes == 3] &= _inner_triangles_turn_left(facets, bent, directions[sizes == 3], starts[sizes == 3])
+    turns = np.zeros(len(starts)) if turns is None else turns
+    of_corner, is_three = np.repeat(directions, sizes, axis=0), sizes == 3
+    found = np.logical_and.reduceat(_convex(facets, of_corner, np.repeat(turns, sizes)), starts)
+    found &= _once_around(facets, of_corner, starts)
+    found[is_three] &= _inner_triangles_turn_left(facets, bent, directions[is_three], starts[is_three], turns[is_three])
     for triangle in triangles:
-        found &= _turns_left(triangle, directions)
+        found &= _turns_left(triangle, directions, turns)
     return found
 
 
-def _turns_left(points: FloatArray, directions: FloatArray) -> BoolArray:
-    """(P,) whether triangles (3, P, 3) go round counter-clockwise, seen along directions (P, 3)."""
+def _are_along(crosses: FloatArray, directions: FloatArray, turns: FloatArray) -> BoolArray:
+    """(…, P) whether vectors (…, P, 3) are on the side of all directions as near to some (P, 3) as turns (P,)."""
+    found: BoolArray = np.einsum("...ij,ij->...i", crosses, directions) > turns * np.sqrt(squared_norms(crosses))
+    return found
+
+
+def _turns_left(points: FloatArray, directions: FloatArray, turns: FloatArray) -> BoolArray:
+    """(P,) whether triangles (3, P, 3) go round counter-clockwise, seen along directions; as of ``_is_region``."""
     a, b, c = points
-    return np.einsum("ij,ij->i", cross_products(b - a, c - a), directions) > 0
+    return _are_along(cross_products(b - a, c - a), directions, turns)
 
 
 def _inner_triangles_turn_left(
-    facets: FloatArray, bent: BoolArray, directions: FloatArray, starts: IndexArray
+    facets: FloatArray, bent: BoolArray, directions: FloatArray, starts: IndexArray, turns: FloatArray
 ) -> BoolArray:
     """For triangles with two bent sides, whether their middles and the corner that touches one of them turn left.
 
@@ -166,7 +210,7 @@ def _inner_triangles_turn_left(
         after, before = starts + (side + 1) % 3, starts + (side + 2) % 3
         both = np.flatnonzero(bent[starts + side] & bent[after] & ~bent[before])
         middles = facets[1, starts[both] + side], facets[1, after[both]]
-        fine[both] &= _turns_left(np.stack([*middles, facets[0, before[both]]]), directions[both])
+        fine[both] &= _turns_left(np.stack([*middles, facets[0, before[both]]]), directions[both], turns[both])
     return fine
 
 
@@ -213,11 +257,10 @@ def _next(starts: IndexArray, sizes: IndexArray) -> IndexArray:
     return following
 
 
-def _convex(facets: FloatArray, directions: FloatArray) -> BoolArray:
-    """(C,) whether each quad of the fan turns left at every corner, seen along its direction."""
+def _convex(facets: FloatArray, directions: FloatArray, turns: FloatArray) -> BoolArray:
+    """(C,) whether each quad of the fan turns left at every corner, seen along its direction; as of ``_is_region``."""
     sides = np.roll(facets, -1, axis=0) - facets
-    turns = np.einsum("kij,ij->ki", cross_products(np.roll(sides, 1, axis=0), sides), directions)
-    return np.all(turns > 0, axis=0)
+    return np.all(_are_along(cross_products(np.roll(sides, 1, axis=0), sides), directions, turns), axis=0)
 
 
 def _once_around(facets: FloatArray, directions: FloatArray, starts: IndexArray) -> BoolArray:
