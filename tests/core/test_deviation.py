@@ -158,6 +158,19 @@ def flat(columns: int, rows: int, uneven: float) -> meshes.MeshData:
     return meshes.replace(data, positions=np.stack([x**uneven, y, z], axis=1))
 
 
+def test_a_square_that_is_its_own_surface_is_off_by_nothing() -> None:
+    """The nearest triangle of each of its points is at hardly any distance, and has to be found by its box."""
+    generator = np.random.default_rng(1)
+    for side in (10.0 ** generator.uniform(-5, 5, 60)).tolist():
+        corners = side * np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]], dtype=float)
+        data = meshes.MeshData(corners, np.array([4]), np.array([0, 1, 3, 2]))
+        control = apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=False)
+        made = corners * (1 + 2.0**-52 * generator.integers(-1, 2, corners.shape))
+        found = measure_deviation(control, made, np.array([[0, 1, 3], [0, 3, 2]]), accuracy=0.02, enough=side / 14)
+        assert found.reached <= 1e-12 * side
+        assert found.proved <= side / 14
+
+
 @pytest.mark.parametrize("height", [1e-6, 0.01, 3.0])
 def test_lifted_plane(height: float) -> None:
     """Every point of either is so far from the other, and none farther."""

@@ -17,7 +17,7 @@ from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.distance import pieces as surface_pieces
 from ccdepth_addon.core.distance.leaf_distances import SQUARE, Leaves
 from ccdepth_addon.core.distance.pieces import SQUARE_FORM, TRIANGLE_FORM
-from ccdepth_addon.core.distance.shell_bounds import Pieces, shell_bounds
+from ccdepth_addon.core.distance.shell_bounds import Pieces, bridge_bounds, shell_bounds
 from ccdepth_addon.core.distance.shells import Shell, Triangles, vertex_vectors
 from ccdepth_addon.core.surface.refinement import Refinement
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
@@ -39,11 +39,11 @@ PARTS = np.array(
 )
 
 
-def landscape(bumps: float, seed: int, limit: float = 1.0) -> Shell:
-    """Over a grid of quads with bumps, up to a limit."""
+def landscape(bumps: float, seed: int, limit: float = 1.0, away: float = 0.0) -> Shell:
+    """Over a grid of quads with bumps, up to a limit, so far from the origin."""
     generator = np.random.default_rng(seed)
     mesh = meshes.to_polygon_mesh(meshes.grid(SIDE, SIDE))
-    positions = mesh.positions + generator.normal(size=mesh.positions.shape) * [0.15, 0.15, bumps]
+    positions = mesh.positions + generator.normal(size=mesh.positions.shape) * [0.15, 0.15, bumps] + away
     mesh = mesh.changed(positions=positions)
     points = mesh.positions[mesh.corner_vertices].reshape(-1, 4, 3)
     is_turned = generator.random(len(points)) < 0.5
@@ -92,6 +92,23 @@ def test_most_pieces_that_are_near_have_places() -> None:
     inside = ~np.any(shell.is_border[shell.triangles.vertices], axis=1)
     near = np.isfinite(shell_bounds(shell, moved_pieces(shell, 0.02, 2))).reshape(-1, len(PARTS))
     assert near[inside].mean() > 0.9
+
+
+@pytest.mark.parametrize("away", [0.0, 1e6])
+def test_ways_from_sides_beside_equal_parameters_count(away: float) -> None:
+    """Also where points that are drawn on a side are off it by more than its size tells, being far from the origin."""
+    shell, lift = landscape(0.05, 3, away=away), 0.1
+    count = len(shell.triangles.vertices)
+    corners, normals = shell.triangles.corners[:count], shell.triangles.normals[:count]
+    places = [[each.count(corner) / 6 for corner in range(3)] for each in combinations_with_replacement(range(3), 6)]
+    flats = np.array(places) @ corners
+    whole = Pieces(np.arange(count), flats + lift * normals[:, None], np.zeros(count), flats)
+    pieces = whole.divided(TRIANGLE_FORM.quarters)
+    off_beyond = np.where(shell.triangles.is_closed, np.inf, 1.0)
+    found = bridge_bounds(shell, pieces, np.zeros(4 * count), off_beyond).reshape(4, count)
+    # Three quarters of a triangle are at each side together, two of them at one side.
+    is_raised = found[:3] >= lift / 2
+    assert np.all(is_raised[:, np.isfinite(off_beyond).all(axis=1)])
 
 
 @pytest.mark.parametrize("bumps", [0.0, 0.2])

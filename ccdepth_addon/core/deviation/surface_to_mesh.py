@@ -25,6 +25,9 @@ SHARE_OF_LIMITS = 0.6
 # A covered piece as large as so many times what is wanted is hardly within that of one triangle.
 SMALL_FOR_ONE = 4.0
 
+# Of coordinates, relative: more than a box and a distance are off by.
+ROUNDINGS = 2.0**-48
+
 # A bound so many times what is wanted may be brought there by another direction.
 NEARLY = 1.5
 
@@ -44,7 +47,8 @@ class NearestTriangles:
 def nearest_triangles(triangles: Triangles, places: FloatArray) -> NearestTriangles:
     """Of points (P, 3); no distance is longer than the true one, but for a part of it that ``Findings`` takes off."""
     reach = triangles.distances(places, triangles.tree.beside(places))[0]
-    reach = reach * (1 + 1e-12) + np.finfo(float).tiny
+    # The nearest triangle has to be among those within reach, whatever rounding does to boxes and distances.
+    reach = reach * (1 + 1e-12) + ROUNDINGS * np.abs(places).max(initial=0.0) + np.finfo(float).tiny
     owners, which = triangles.tree.near(places, reach)
     distances, points = triangles.distances(places[owners], which)
     distances = np.maximum(distances - triangles.slack[which], 0.0)

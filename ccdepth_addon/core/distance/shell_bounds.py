@@ -23,6 +23,9 @@ from .shells import Shell
 # Points this near a corner's vector, as a part of the triangle's size, count as on it; a bound counts the part besides.
 ON_VECTOR = 2.0**-36
 
+# Of coordinates, relative: more than a point of a triangle is off by.
+COORDINATE_ROUNDING = 2.0**-48
+
 # A piece is placed in a shell as thick as this many times its largest height.
 RANGE_FOR_HEIGHT = 1.5
 
@@ -160,7 +163,8 @@ def _are_on_side(shell: Shell, pieces: Pieces, side: int, places: list[int]) -> 
     along = corners[:, (side + 1) % 3] - corners[:, side]
     points = pieces.flats[:, places].transpose(2, 1, 0)
     off = _beside(points - corners[:, side].T[:, None], units(along))
-    return off <= ON_VECTOR * lengths(along)
+    # Far from the origin points on a side are off it by roundings of their coordinates; one too many does no harm.
+    return off <= ON_VECTOR * lengths(along) + COORDINATE_ROUNDING * np.abs(corners).max(axis=(1, 2))
 
 
 def _beside_triangle(shell: Shell, seen: _Seen, ranges: FloatArray, heights: FloatArray) -> FloatArray:
