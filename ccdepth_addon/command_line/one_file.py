@@ -19,9 +19,8 @@ from ..exchange.bulk_reading import read_values
 from ..exchange.modifiers import shown_vertices
 from ..exchange.result_attributes import BOUND_KIND
 from ..state import properties
-from ..state.deviation_results import Verdict, verdict
 from ..state.properties import scene_tolerance, set_scene_tolerance, setting_names
-from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, prepare_targets
+from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, Verdict, prepare_targets
 from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError, as_typed
 from ..ui.printable import printable
 from . import picture
@@ -44,7 +43,7 @@ from .mesh_files import (
     writer,
 )
 from .report import Chosen, Distances, FileEntry, Frame, ObjectEntry, down_to, stamp, up_to
-from .report_text import print_adaptive_meshes, print_depths, print_levels, print_measured, settings_text
+from .report_text import print_measured, print_results, settings_text
 from .scripted_drivers import scripts_allowed, without_drivers
 from .whole_files import UnwrittenError, check_whole, refuse_existing, written_whole
 from .written_meshes import Edges, WrittenObject, measured_distances, read_written, shown_triangles
@@ -216,7 +215,7 @@ def _entry(blender_object: bpy.types.Object, settings: dict[str, Any], tolerance
 
 def _compute_depths(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> list[Outcome]:
     _call_for(objects, bpy.ops.ccdepth.compute)
-    print_depths(objects)
+    print_results(objects)
     return [Outcome(_depth_entry(each, settings), each) for each in objects]
 
 
@@ -237,7 +236,7 @@ def _depth_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> 
 def _set_levels(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> list[Outcome]:
     _call_for(objects, bpy.ops.ccdepth.compute)
     _call_for(objects, bpy.ops.ccdepth.set_levels)
-    print_levels(objects)
+    print_results(objects)
     return [
         Outcome(replace(_depth_entry(each, settings), result_faces=int(each.data.ccdepth.uniform_faces)), each)
         for each in objects
@@ -253,7 +252,7 @@ def _subdivide(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) ->
     if not in_place:
         results = {each.ccdepth.source_name: each for each in bpy.data.objects if each not in before}
         made = [results[name] for name in names]
-    print_adaptive_meshes(made)
+    print_results(made)
     return [
         Outcome(replace(_adaptive_entry(each, settings), name=name, faces=count), each)
         for name, count, each in zip(names, faces, made, strict=True)
@@ -319,7 +318,7 @@ def _write(
 def with_answer(entry: ObjectEntry, answer: MeshDeviation, unit: float) -> ObjectEntry:
     """The entry with what was measured. unit: that of the surface, in metres."""
     distances = Distances(up_to(answer.proved, unit), down_to(answer.reached, unit))
-    is_met = verdict(answer.proved, answer.reached, answer.tolerance) is Verdict.MET
+    is_met = answer.verdict is Verdict.MET
     return replace(entry, tolerance=answer.tolerance * unit, measured=distances, met=is_met)
 
 

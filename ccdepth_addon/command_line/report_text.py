@@ -8,49 +8,41 @@ from decimal import Decimal
 
 import bpy
 
-from ..state import deviation_results, results
+from ..state import results
 from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
+from ..tasks.deviation_task import verdict_of
+from ..ui.facts import deviation_text, facts_of
 from ..ui.lengths import METRIC, PLAIN, Rounding, bound_text, number_text
-from ..ui.panels import exact_text
 from ..ui.printable import printable
 from .report import FileEntry
 
 
-def print_depths(objects: Sequence[bpy.types.Object]) -> None:
-    """How many faces of each mesh have which depth."""
+def print_results(objects: Sequence[bpy.types.Object]) -> None:
+    """What is known of the depths on each mesh, and how many of its faces have which; or of each adaptive mesh."""
     print(settings_text(objects))
     for mesh, names in _names_by_mesh(objects).items():
-        print(f"\n{names}\n{depth_table(mesh.ccdepth)}\n")
+        print(f"\n{names}\n{_result_text(mesh.ccdepth)}\n")
 
 
-def print_adaptive_meshes(objects: Sequence[bpy.types.Object]) -> None:
-    """What adaptive meshes are like."""
-    for mesh, names in _names_by_mesh(objects).items():
-        record = mesh.ccdepth
-        reduced = f"; {record.unreduced_triangles:,} triangles without Reduce" if record.unreduced_triangles else ""
-        print(f"{names}: {record.faces:,} faces made from {record.base_faces:,}{reduced}")
-        proved = _proved_text(record.largest_bound, record.world_tolerance)
-        print(f"  largest distance proved: {proved}; tolerance: {record.world_tolerance:.4g}")
-        print(f"  all of it at depth {record.deepest}: {int(record.uniform_faces):,} faces")
-
-
-def print_levels(objects: Sequence[bpy.types.Object]) -> None:
-    """Which levels were set."""
-    for mesh, names in _names_by_mesh(objects).items():
-        at_frame = f"; the worst frame is {mesh.ccdepth.worst_frame}" if mesh.ccdepth.frames else ""
-        print(f"{names}: level {mesh.ccdepth.uniform_level}, {int(mesh.ccdepth.uniform_faces):,} faces{at_frame}")
+def _result_text(record: bpy.types.PropertyGroup) -> str:
+    """What is known of a result, as lines of text."""
+    facts = [f"  {fact.name}: {fact.value}" for fact in facts_of(bpy.context.scene, record)]
+    if record.subdivision:
+        return "\n".join(facts)
+    lines = [f"{'depth':>8}{'faces':>14}{'share':>9}"]
+    lines += [f"{row.depth:>8}{row.faces:>14,}{row.faces / record.faces:>9.1%}" for row in record.rows]
+    return "\n".join([*lines, *facts])
 
 
 def print_measured(entry: FileEntry) -> None:
     """How far meshes are from their limit surfaces."""
     for each in entry.objects:
         if each.measured is not None:
-            verdict = deviation_results.verdict(each.measured.proved, each.measured.reached, each.tolerance)
             most = metres_text(each.measured.proved, Rounding.UP)
             least = metres_text(each.measured.reached, Rounding.DOWN)
-            tolerance = metres_text(each.tolerance)
-            name = printable(each.result or each.name)
-            print(f"{name}: deviation at most {most}, at least {least}: {verdict.value}; the tolerance is {tolerance}")
+            verdict = verdict_of(each.measured.proved, each.measured.reached, each.tolerance)
+            text = deviation_text(most, least, metres_text(each.tolerance), verdict)
+            print(f"{printable(each.result or each.name)}: {text}")
 
 
 def _proved_text(length: float, tolerance: float) -> str:
@@ -63,22 +55,6 @@ def metres_text(length: float, rounding: Rounding = Rounding.NEAREST) -> str:
     *others, smallest = METRIC.values()
     unit = next((unit for unit in others if length >= unit.length), smallest)
     return f"{number_text(Decimal(length) / unit.length, rounding)} {unit.name}"
-
-
-def depth_table(record: bpy.types.PropertyGroup) -> str:
-    """How many faces of a mesh have which depth, as lines of text."""
-    lines = [f"{'depth':>8}{'faces':>14}{'share':>9}"]
-    lines += [f"{row.depth:>8}{row.faces:>14,}{row.faces / record.faces:>9.1%}" for row in record.rows]
-    lines.append(f"{'all':>8}{record.faces:>14,}")
-    if record.frames:
-        lines.append(f"  deepest at frame {record.worst_frame}, of frames {record.frames}")
-    if record.uniform_level >= 0:
-        lines.append(f"  all of it at level {record.uniform_level}: {int(record.uniform_faces):,} faces")
-    else:
-        lines.append("  the level for all of it is not known: the depths are from an earlier version of CC Depth")
-    if record.method == "DISTANCE":
-        lines.append(f"  no lesser depth would do {exact_text(record.exact_faces, record.faces).lower()}")
-    return "\n".join(lines)
 
 
 def settings_text(objects: Sequence[bpy.types.Object]) -> str:

@@ -12,11 +12,11 @@ import bpy
 
 from ..exchange.mesh_arrays import mesh_face_count
 from ..state import deviation_results, measured_state, properties, result_record, staleness
-from ..state.deviation_results import Verdict
 from ..state.shown_colors import distance_top
-from ..tasks.deviation_task import MeasureSettings, MeshDeviation, measure, prepare_measurement
+from ..tasks.deviation_task import MeasureSettings, MeshDeviation, Verdict, measure, prepare_measurement
 from ..tasks.surfaces import ComputeError, naming
 from ..ui import heat_map
+from ..ui.facts import deviation_text
 from ..ui.lengths import Rounding, common_unit, length_text
 from ..ui.printable import printable
 from .long_operator import LongOperator
@@ -75,10 +75,9 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
         self.report_skipped(context)
         for each in answer:
             name = "" if self._is_own or len(answer) == 1 else f"{printable(each.measured)}: "
-            verdict = deviation_results.verdict(each.proved, each.reached, each.tolerance)
-            if verdict is Verdict.UNDECIDED or not each.accuracy_met:
+            if each.verdict is Verdict.UNDECIDED or not each.accuracy_met:
                 self.report({"WARNING"}, f"{name}this is what is proved so far; {ENDED[each.out_of_time]}")
-            self.report({"INFO"}, f"{name}{deviation_text(context.scene, each)}")
+            self.report({"INFO"}, f"{name}{_text(context.scene, each)}")
 
 
 def _target_and_measured(context: bpy.types.Context) -> tuple[bpy.types.Object, list[bpy.types.Object]]:
@@ -118,12 +117,10 @@ def _still_there(answer: MeshDeviation) -> bpy.types.Object:
     return objects[0]
 
 
-def deviation_text(scene: bpy.types.Scene, answer: MeshDeviation) -> str:
+def _text(scene: bpy.types.Scene, answer: MeshDeviation) -> str:
     """The report of a measurement."""
-    verdict = deviation_results.verdict(answer.proved, answer.reached, answer.tolerance)
     unit = common_unit(scene, (answer.proved, answer.reached, answer.tolerance))
     most = length_text(scene, answer.proved, Rounding.UP, unit=unit)
     least = length_text(scene, answer.reached, Rounding.DOWN, unit=unit)
     tolerance = length_text(scene, answer.tolerance, unit=unit)
-    text = f"Deviation at most {most}, at least {least}: {verdict.value}"
-    return text if verdict is Verdict.UNDECIDED else f"{text} of {tolerance}"
+    return deviation_text(most, least, tolerance, answer.verdict)

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from enum import Enum
 
 import bpy
 
@@ -13,21 +12,6 @@ from ..exchange.result_attributes import COLOR_KIND, DEVIATION_KIND, rounded_up,
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation
 from . import results
 from .colors import distance_colors
-
-
-class Verdict(Enum):
-    """Whether a tolerance is met."""
-
-    MET = "within the tolerance"
-    NOT_MET = "not within the tolerance"
-    UNDECIDED = "whether that is within the tolerance is not decided"
-
-
-def verdict(proved: float, reached: float, tolerance: float) -> Verdict:
-    """Whether a tolerance is met, from a proved and a reached distance."""
-    if proved <= tolerance:
-        return Verdict.MET
-    return Verdict.NOT_MET if reached > tolerance else Verdict.UNDECIDED
 
 
 def write_deviations(mesh: bpy.types.Mesh, answer: MeshDeviation, top: float, undo: ExitStack) -> None:
@@ -57,7 +41,7 @@ def write_record(
     found.measured, found.against = answer.measured, answer.against
     found.tolerance, found.tolerance_mode = settings.tolerance, settings.tolerance_mode
     found.world_tolerance = answer.tolerance
-    found.verdict = verdict(answer.proved, answer.reached, answer.tolerance).name
+    found.verdict = answer.verdict.name
     found.accuracy, found.accuracy_met = settings.accuracy, answer.accuracy_met
     found.use_modifiers = settings.use_modifiers
     found.version = version()

@@ -8,6 +8,7 @@ one. Nothing here writes to a mesh.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from enum import Enum
 from time import perf_counter
 
 import bpy
@@ -54,6 +55,21 @@ class MeasureTask:
     measured: list[Measured]
 
 
+class Verdict(Enum):
+    """Whether a tolerance is met."""
+
+    MET = "within the tolerance"
+    NOT_MET = "not within the tolerance"
+    UNDECIDED = "whether that is within the tolerance is not decided"
+
+
+def verdict_of(proved: float, reached: float, tolerance: float) -> Verdict:
+    """Whether a tolerance is met, from a proved and a reached distance."""
+    if proved <= tolerance:
+        return Verdict.MET
+    return Verdict.NOT_MET if reached > tolerance else Verdict.UNDECIDED
+
+
 @dataclass(frozen=True)
 class MeshDeviation:
     """The answer for one mesh; distances are lengths in the scene.
@@ -80,6 +96,10 @@ class MeshDeviation:
     @property
     def measured(self) -> str:
         return self.object_names[0]
+
+    @property
+    def verdict(self) -> Verdict:
+        return verdict_of(self.proved, self.reached, self.tolerance)
 
 
 def prepare_measurement(

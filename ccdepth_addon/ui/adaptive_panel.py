@@ -12,10 +12,10 @@ from ..state import result_record, sources
 from ..state.face_counts import known_count
 from ..state.properties import scene_tolerance
 from ..tasks.adaptive_task import AdaptiveSettings
+from .facts import count_fact, draw_facts, short_count
 from .lengths import length_text
-from .panels import draw_main_button, draw_state_line, result_line, sidebar_count
+from .panels import draw_main_button, draw_state_line, result_line
 from .sidebar import SidebarPanel, settings_column
-from .value_rows import draw_rows
 
 
 class CCDEPTH_PT_subdivision(SidebarPanel, bpy.types.Panel):
@@ -97,13 +97,13 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
         layout.operator("ccdepth.count_faces", icon="LINENUMBERS_ON")
         return
     if count.fitting is None:
-        draw_rows(layout, [("Before Reduce" if settings.reduce else "Will Make", f"{count.faces:,}")])
+        draw_facts(layout, [count_fact(count.faces, reduced=settings.reduce)])
         return
     # In one row, like the button that was there: nothing below it moves.
     split = layout.split(factor=0.55, align=True)
     number = split.row()
     number.alert = True
-    number.label(text=f"{sidebar_count(count.faces)} faces", icon="ERROR")
+    number.label(text=f"{short_count(count.faces)} faces", icon="ERROR")
     if not np.isfinite(count.fitting):
         split.label(text="No tolerance fits")
         return

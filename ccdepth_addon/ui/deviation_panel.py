@@ -8,11 +8,10 @@ import bpy
 from ..state import deviation_results, results, staleness
 from ..state.properties import scene_tolerance
 from ..tasks.surfaces import as_typed
-from .lengths import Rounding, bound_text, common_unit, length_text
+from .facts import draw_facts, facts_of_measurement
 from .panels import ORDER_OF_DEVIATION, draw_display, draw_main_button, draw_state_line
 from .selected_results import selected_results
 from .sidebar import SidebarPanel, settings_column
-from .value_rows import draw_rows
 
 # How a verdict is shown: icon and text.
 VERDICTS = {
@@ -46,7 +45,7 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
     row = box.row()
     row.alert = found.verdict == "NOT_MET"
     row.label(text=text, icon=icon)
-    draw_rows(box, _numbers(context.scene, mesh.ccdepth))
+    draw_facts(box, facts_of_measurement(context.scene, mesh.ccdepth))
     if not found.accuracy_met:
         box.label(text="Accuracy not reached", icon="TIME")
     row = layout.row(align=True)
@@ -59,19 +58,6 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
     # Where there are depths, the button is beside those.
     if not selected_results(context):
         layout.operator("ccdepth.clear", icon="X")
-
-
-def _numbers(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:
-    found = record.measurement
-    unit = common_unit(scene, (record.deviation, record.deviation_reached, found.world_tolerance))
-    own = found.measured == found.against
-    return [
-        *([] if own else [("Object", found.measured)]),
-        ("Against", "Its own limit surface" if own else found.against),
-        ("At Most", bound_text(scene, record.deviation, found.world_tolerance, unit)),
-        ("At Least", length_text(scene, record.deviation_reached, Rounding.DOWN, unit=unit)),
-        ("Tolerance", length_text(scene, found.world_tolerance, unit=unit)),
-    ]
 
 
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:

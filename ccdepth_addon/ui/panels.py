@@ -13,20 +13,16 @@ from ..state import refusals, result_record, results, sources, staleness
 from ..state.colors import depth_colors
 from ..state.face_counts import known_count
 from ..state.levels import too_deep
-from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS, scene_tolerance
+from ..state.properties import scene_tolerance
 from ..tasks.adaptive_task import AdaptiveSettings
 from ..tasks.depth_task import DepthSettings
 from ..tasks.frames import chosen_frames
-from .lengths import bound_text, common_unit, length_text
+from .facts import count_fact, draw_facts, facts_of, totals
 from .manual import draw_manual_button
-from .selected_results import faces_by_depth, lengths_text, refused_objects, selected_results
+from .selected_results import faces_by_depth, refused_objects, selected_results
 from .sidebar import SidebarPanel, settings_column
 from .tolerance_presets import CCDEPTH_PT_tolerance_presets
 from .tolerance_text import tolerance_text
-from .value_rows import draw_rows
-
-# Larger counts of faces are written as powers of ten.
-LARGEST_COUNT_IN_FULL = 10**10
 
 SWATCH_SIZE = 16
 
@@ -102,7 +98,7 @@ class CCDEPTH_PT_results(SidebarPanel, bpy.types.Panel):
             # That of a result is beside the button that helps.
             if not result_record.is_result(objects[0]):
                 draw_state_line(layout, stale_line(settings, objects[0].data, objects[0]))
-            _draw_numbers(layout, context.scene, objects[0].data.ccdepth)
+            draw_facts(layout, facts_of(context.scene, objects[0].data.ccdepth))
         else:
             _draw_totals(layout, context.scene, objects)
         _draw_histogram(layout, objects)
@@ -148,7 +144,7 @@ def _draw_too_deep(
         current = AdaptiveSettings.of(settings, scene_tolerance(settings))
         counts = [known_count(each, current) for each in objects]
         if all(counts):
-            draw_rows(column, [("Will Make", f"{sum(count.faces for count in counts if count):,}")])
+            draw_facts(column, [count_fact(sum(count.faces for count in counts if count))])
 
 
 def draw_display(
@@ -218,17 +214,7 @@ def draw_state_line(layout: bpy.types.UILayout, stale: str) -> None:
 
 def _draw_totals(layout: bpy.types.UILayout, scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
     """The totals of several objects, and a line for each."""
-    meshes = {each.data for each in objects}
-    records = [mesh.ccdepth for mesh in meshes]
-    totals = [
-        ("Objects", f"{len(objects):,}"),
-        ("Faces", f"{sum(record.faces for record in records):,}"),
-        ("Deepest Depth", str(max(record.deepest for record in records))),
-        ("Tolerance", lengths_text(scene, (record.world_tolerance for record in records))),
-    ]
-    if depths := [record for record in records if not record.subdivision]:
-        totals += _ways(depths)
-    draw_rows(layout, totals)
+    draw_facts(layout, totals(scene, objects))
     column = layout.box().column(align=True)
     _draw_object_row(column, "Object", "Faces", "Depth").active = False
     for each in objects[:MOST_OBJECTS]:
@@ -252,74 +238,6 @@ def _draw_object_row(
         cell.alignment = "RIGHT"
         cell.label(text=number)
     return row
-
-
-def _draw_numbers(layout: bpy.types.UILayout, scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> None:
-    numbers = _numbers_of_adaptive_mesh(scene, record) if record.subdivision else _numbers_of_depths(scene, record)
-    draw_rows(layout, numbers)
-
-
-def _numbers_of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:
-    numbers = [
-        ("Faces", f"{record.faces:,}"),
-        ("Deepest Depth", deepest_text(record)),
-        ("Tolerance", length_text(scene, record.world_tolerance)),
-        *_ways([record]),
-    ]
-    if record.frames:
-        numbers.insert(2, ("Frames", record.frames))
-    # Results of earlier versions have none.
-    if record.uniform_level >= 0:
-        numbers.append(level_faces(record.uniform_level, record))
-    # A depth that is disproved at equal parameters may be enough all the same.
-    if record.method == "DISTANCE":
-        numbers.append(("Least Possible", exact_text(record.exact_faces, record.faces)))
-    return numbers
-
-
-def _ways(records: list[bpy.types.PropertyGroup]) -> list[tuple[str, str]]:
-    """How depths were computed, and where the subdivided mesh has its vertices."""
-    methods = dict.fromkeys(METHOD_TEXTS[record.method][0] for record in records)
-    vertices = dict.fromkeys(VERTEX_TEXTS[record.vertices][0] for record in records)
-    return [("Method", ", ".join(methods)), ("Vertices", ", ".join(vertices))]
-
-
-def _numbers_of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[tuple[str, str]]:
-    unit = common_unit(scene, (record.world_tolerance, record.largest_bound))
-    before = [("Without Reduce", f"{record.unreduced_triangles:,} triangles")] if record.unreduced_triangles else []
-    return [
-        ("Faces", f"{record.faces:,}"),
-        *before,
-        ("Base Faces", f"{record.base_faces:,}"),
-        ("Deepest Part", str(record.deepest)),
-        ("Tolerance", length_text(scene, record.world_tolerance, unit=unit)),
-        ("Largest Distance", bound_text(scene, record.largest_bound, record.world_tolerance, unit)),
-    ]
-
-
-def level_faces(level: int, record: bpy.types.PropertyGroup) -> tuple[str, str]:
-    """How many faces there are when all of the mesh is subdivided to the level that the record counts them at."""
-    return f"Faces at Level {level}", sidebar_count(int(record.uniform_faces))
-
-
-def deepest_text(record: bpy.types.PropertyGroup) -> str:
-    """The deepest depth, and over frames the worst one."""
-    return f"{record.deepest} at frame {record.worst_frame}" if record.frames else str(record.deepest)
-
-
-def exact_text(exact: int, faces: int) -> str:
-    """On how many faces no lesser depth is enough; never rounded up to all of them."""
-    if exact == faces:
-        return "On all faces"
-    return f"On {min(100 * exact / faces, 99.9):.1f} % of faces"
-
-
-def sidebar_count(count: int) -> str:
-    """A count with separators, or as a power of ten when it is too long for the sidebar."""
-    if count < LARGEST_COUNT_IN_FULL:
-        return f"{count:,}"
-    mantissa, exponent = f"{count:.2e}".split("e+")
-    return f"{mantissa} × 10{exponent.lstrip('0').translate(str.maketrans('0123456789', '⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
 
 
 def _draw_histogram(layout: bpy.types.UILayout, objects: list[bpy.types.Object]) -> None:

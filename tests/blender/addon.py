@@ -83,6 +83,12 @@ def _values(attribute: bpy.types.Attribute, name: str, dtype: type, width: int =
     return values
 
 
+def facts(holder: bpy.types.Object) -> dict[str, str]:
+    """What panels and the terminal tell of the result on the object's mesh."""
+    found = module("ui.facts").facts_of(bpy.context.scene, holder.data.ccdepth)
+    return {fact.name: fact.value for fact in found}
+
+
 def histogram(holder: bpy.types.Object) -> dict[int, int]:
     return {row.depth: row.faces for row in holder.data.ccdepth.rows}
 

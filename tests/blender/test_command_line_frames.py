@@ -54,7 +54,7 @@ def test_depths_over_frames_are_reported(
     assert worst == 8
     [each] = report_in(report)["files"][0]["objects"]
     assert (each["deepest"], each["worst_frame"]) == (deepest, worst)
-    assert f"deepest at frame {worst}, of frames 1-{LAST}" in printed
+    assert f"Deepest Depth: {deepest} at frame {worst}\n  Frames: 1-{LAST}\n" in printed
     assert each["settings"]["frames"] == ("SCENE" if frames == "scene" else "CUSTOM")
     [row] = csv.DictReader(table.open())
     assert (row["deepest"], row["worst_frame"]) == (str(deepest), str(worst))

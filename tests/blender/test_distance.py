@@ -78,14 +78,11 @@ def test_by_default_depths_are_by_distance_and_the_panel_says_so() -> None:
     bpy.context.scene.ccdepth.property_unset("method")
     addon.compute(holder, tolerance=0.05)
     assert holder.data.ccdepth.method == "DISTANCE"
-    panels, printed = addon.module("ui.panels"), addon.module("command_line.report_text")
-    rows = dict(panels._numbers_of_depths(bpy.context.scene, holder.data.ccdepth))
-    assert (rows["Method"], rows["Least Possible"]) == ("By Distance", "On all faces")
-    assert printed.depth_table(holder.data.ccdepth).endswith("no lesser depth would do on all faces")
-    assert "By Distance" in printed.settings_text([holder])
+    facts = addon.facts(holder)
+    assert (facts["Method"], facts["Least Possible"]) == ("By Distance", "On all faces")
+    assert "By Distance" in addon.module("command_line.report_text").settings_text([holder])
     addon.compute(holder, tolerance=0.05, method="CERTIFIED")
-    assert "Least Possible" not in dict(panels._numbers_of_depths(bpy.context.scene, holder.data.ccdepth))
-    assert "no lesser depth" not in printed.depth_table(holder.data.ccdepth)
+    assert "Least Possible" not in addon.facts(holder)
 
 
 def test_the_other_methods_say_what_they_compare_and_where_they_are_off() -> None:

@@ -108,7 +108,7 @@ def test_a_range_of_lengths_has_one_unit_where_one_serves() -> None:
 def test_counts_and_shares() -> None:
     panels = addon.module("ui.panels")
     counts = {1234567: "1,234,567", 8452495638528: "8.45 × 10¹²", 4**200: "2.58 × 10¹²⁰"}
-    assert {count: panels.sidebar_count(count) for count in counts} == counts
+    assert {count: addon.module("ui.facts").short_count(count) for count in counts} == counts
     for faces, total, text in (
         (125_000, 125_003, "125,000  (99.9 %)"),
         (3, 125_003, "3  (< 0.1 %)"),

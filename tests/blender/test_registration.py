@@ -8,7 +8,7 @@ from importlib import import_module
 import bpy
 import pytest
 
-from tests.blender import addon, scene
+from tests.blender import addon
 
 HOLDERS = (bpy.types.Scene, bpy.types.Mesh, bpy.types.Object, bpy.types.View3DShading)
 PACKAGE = bpy.types.CCDEPTH_OT_compute.__module__.rpartition(".operators.")[0]
@@ -62,18 +62,6 @@ def test_the_menu_has_every_operator_that_people_start() -> None:
     labels = [getattr(bpy.ops.ccdepth, name.partition(".")[2]).get_rna_type().name for name in entries]
     assert any("Adaptive" in label for label in labels)
     assert any("Tolerance" in label for label in labels)
-
-
-def test_every_value_in_a_panel_has_a_meaning() -> None:
-    holder = scene.add_suzanne()
-    addon.compute(holder, tolerance=0.05)
-    panels, meanings = addon.module("ui.panels"), addon.module("ui.value_rows").MEANINGS
-    record, current = holder.data.ccdepth, bpy.context.scene
-    rows = [*panels._numbers_of_depths(current, record), *panels._numbers_of_adaptive_mesh(current, record)]
-    addon.measure(holder)
-    rows += addon.module("ui.deviation_panel")._numbers(current, record)
-    assert len(rows) > 12
-    assert all(name.rstrip("0123456789").rstrip() in meanings for name, _ in rows)
 
 
 def test_tooltips_and_copies_of_values() -> None:

@@ -48,11 +48,6 @@ def line(holder: bpy.types.Object) -> str:
     return addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, holder.data, holder)
 
 
-def rows(holder: bpy.types.Object) -> dict[str, str]:
-    """The numbers in the panel."""
-    return dict(addon.module("ui.panels")._numbers_of_depths(bpy.context.scene, holder.data.ccdepth))
-
-
 def found(holder: bpy.types.Object) -> tuple[list[int], list[float], int]:
     """What Compute Depth found."""
     return addon.depths(holder).tolist(), addon.bounds(holder).tolist(), holder.data.ccdepth.uniform_level
@@ -99,7 +94,7 @@ def test_objects_of_one_mesh_keep_their_own_vertices() -> None:
         of[vertices] = addon.depths(control)
     addon.compute(control, limit)
     np.testing.assert_array_equal(addon.depths(control), np.maximum(of["CONTROL"], of["LIMIT"]))
-    assert (control.data.ccdepth.vertices, rows(control)["Vertices"]) == ("OBJECT", "From Modifier")
+    assert (control.data.ccdepth.vertices, addon.facts(control)["Vertices"]) == ("OBJECT", "From Modifier")
     bpy.ops.ccdepth.set_levels()
     assert [each.modifiers[0].use_limit_surface for each in (control, limit)] == [False, True]
     assert line(control) == line(limit) == ""
@@ -169,9 +164,9 @@ def test_another_method_makes_nothing_out_of_date_and_the_panel_names_the_one(
     for method in ("DISTANCE", *OLD_METHODS):
         settings.method = method
         assert line(holder) == ""
-        assert (rows(holder)["Method"], rows(holder)["Vertices"]) == ("Sharp", "Limit Surface")
-    ways = addon.module("ui.panels")._ways([holder.data.ccdepth, other.data.ccdepth])
-    assert ways == [("Method", "Sharp, Certified"), ("Vertices", "Limit Surface, Control Mesh")]
+        assert (addon.facts(holder)["Method"], addon.facts(holder)["Vertices"]) == ("Sharp", "Limit Surface")
+    ways = addon.module("ui.facts").ways([holder.data.ccdepth, other.data.ccdepth])
+    assert [each.value for each in ways] == ["Sharp, Certified", "Limit Surface, Control Mesh"]
 
 
 def test_a_file_of_308a89a_keeps_its_methods_and_vertices(tmp_path: Path) -> None:

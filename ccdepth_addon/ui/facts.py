@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is known of a result: names, values and what these mean, for panels and for the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import bpy
+
+from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
+from ..tasks.deviation_task import Verdict
+from .lengths import Rounding, bound_text, common_unit, length_text
+from .selected_results import lengths_text
+
+# Larger counts of faces are written as powers of ten.
+LARGEST_COUNT_IN_FULL = 10**10
+
+ALLOWED = "The distance from the limit surface that was allowed, in the scene's unit"
+
+
+class Fact(NamedTuple):
+    """A value with its name. meaning: what it is, for its tooltip."""
+
+    name: str
+    value: str
+    meaning: str
+
+
+def draw_facts(layout: bpy.types.UILayout, facts: Sequence[Fact]) -> None:
+    """Names and values beside each other, like properties, with tooltips."""
+    column = layout.column(align=True)
+    for name, value, meaning in facts:
+        split = column.split(factor=0.45)
+        for text, alignment in ((name, "RIGHT"), (value, "LEFT")):
+            row = split.row()
+            row.alignment = alignment
+            button = row.operator("ccdepth.copy_value", text=text, translate=False, emboss=False)
+            button.value, button.meaning = value, meaning
+
+
+def facts_of(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fact]:
+    """What is known of the depths on a mesh, or of an adaptive mesh."""
+    faces = Fact("Faces", f"{record.faces:,}", "How many faces the mesh of the result has")
+    of_kind = _of_adaptive_mesh(scene, record) if record.subdivision else _of_depths(scene, record)
+    return [faces, *of_kind]
+
+
+def _of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fact]:
+    facts = [_deepest([record]), Fact("Tolerance", length_text(scene, record.world_tolerance), ALLOWED)]
+    if record.frames:
+        meaning = "The frames that depths were computed on: each face has the deepest one"
+        facts.insert(1, Fact("Frames", record.frames, meaning))
+    facts += ways([record])
+    # Results of earlier versions have none.
+    if record.uniform_level >= 0:
+        meaning = "How many faces there are when all of the mesh is subdivided to the level that is enough"
+        facts.append(Fact(f"Faces at Level {record.uniform_level}", short_count(int(record.uniform_faces)), meaning))
+    # A depth that is disproved at equal parameters may be enough all the same.
+    if record.method == "DISTANCE":
+        meaning = "On how many faces it is proved that no lesser depth is enough"
+        facts.append(Fact("Least Possible", _exact_text(record.exact_faces, record.faces), meaning))
+    return facts
+
+
+def _deepest(records: Sequence[bpy.types.PropertyGroup]) -> Fact:
+    """The deepest depth; of one over frames, with the worst of these."""
+    worst = max(records, key=lambda record: record.deepest)
+    at_frame = f" at frame {worst.worst_frame}" if worst.frames and len(records) == 1 else ""
+    meaning = "The largest number of levels that a face needs to be within the tolerance of the limit surface"
+    return Fact("Deepest Depth", f"{worst.deepest}{at_frame}", meaning)
+
+
+def ways(records: Sequence[bpy.types.PropertyGroup]) -> list[Fact]:
+    """How depths were computed, and where the subdivided mesh has its vertices."""
+    methods = dict.fromkeys(METHOD_TEXTS[record.method][0] for record in records)
+    vertices = dict.fromkeys(VERTEX_TEXTS[record.vertices][0] for record in records)
+    return [
+        Fact("Method", ", ".join(methods), "How the distance to the limit surface was bounded"),
+        Fact("Vertices", ", ".join(vertices), "Where the subdivided mesh has its vertices"),
+    ]
+
+
+def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fact]:
+    unit = common_unit(scene, (record.world_tolerance, record.largest_bound))
+    before = f"{record.unreduced_triangles:,} triangles"
+    unreduced = [Fact("Without Reduce", before, "How many triangles there were before Reduce")]
+    largest = bound_text(scene, record.largest_bound, record.world_tolerance, unit)
+    proved = "No point of the mesh or of the limit surface is farther from the other one than this; proved"
+    return [
+        *(unreduced if record.unreduced_triangles else []),
+        Fact("Base Faces", f"{record.base_faces:,}", "How many faces the mesh had before it was subdivided"),
+        Fact(
+            "Deepest Part",
+            str(record.deepest),
+            "How many times the most divided part of a face was halved each way",
+        ),
+        Fact("Tolerance", length_text(scene, record.world_tolerance, unit=unit), ALLOWED),
+        Fact("Largest Distance", largest, proved),
+        Fact(
+            f"Faces at Depth {record.deepest}",
+            short_count(int(record.uniform_faces)),
+            "How many faces there are when all of the mesh is subdivided as often as its most divided part",
+        ),
+    ]
+
+
+def totals(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object]) -> list[Fact]:
+    """What is known of several objects with results together; each mesh counts once."""
+    records = [mesh.ccdepth for mesh in {each.data for each in objects}]
+    depths = [record for record in records if not record.subdivision]
+    return [
+        Fact("Objects", f"{len(objects):,}", "How many of the selected objects have a result"),
+        Fact("Faces", f"{sum(record.faces for record in records):,}", "How many faces their meshes have"),
+        _deepest(records),
+        Fact("Tolerance", lengths_text(scene, (record.world_tolerance for record in records)), ALLOWED),
+        *(ways(depths) if depths else []),
+    ]
+
+
+def facts_of_measurement(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fact]:
+    """What was measured on a mesh."""
+    found = record.measurement
+    unit = common_unit(scene, (record.deviation, record.deviation_reached, found.world_tolerance))
+    own = found.measured == found.against
+    most = bound_text(scene, record.deviation, found.world_tolerance, unit)
+    least = length_text(scene, record.deviation_reached, Rounding.DOWN, unit=unit)
+    against = "Its own limit surface" if own else found.against
+    reached = "A point that is as far away was found; the largest distance is between the two"
+    return [
+        *([] if own else [Fact("Object", found.measured, "The object that was measured")]),
+        Fact("Against", against, "Whose limit surface it was measured against"),
+        Fact("At Most", most, "No point of the one is farther from the other than this; proved"),
+        Fact("At Least", least, reached),
+        Fact("Tolerance", length_text(scene, found.world_tolerance, unit=unit), ALLOWED),
+    ]
+
+
+def deviation_text(most: str, least: str, tolerance: str, verdict: Verdict) -> str:
+    """What was measured in a sentence, from lengths as text."""
+    joined = "; the tolerance is" if verdict is Verdict.UNDECIDED else " of"
+    return f"Deviation at most {most}, at least {least}: {verdict.value}{joined} {tolerance}"
+
+
+def count_fact(faces: int, *, reduced: bool = False) -> Fact:
+    """How many faces there will be. reduced: whether Reduce takes most of them away."""
+    if reduced:
+        return Fact("Before Reduce", f"{faces:,}", "How many faces there are before Reduce takes most of them away")
+    return Fact("Will Make", f"{faces:,}", "How many faces Apply Adaptive Subdivision makes with these settings")
+
+
+def _exact_text(exact: int, faces: int) -> str:
+    """On how many faces no lesser depth is enough; never rounded up to all of them."""
+    if exact == faces:
+        return "On all faces"
+    return f"On {min(100 * exact / faces, 99.9):.1f} % of faces"
+
+
+def short_count(count: int) -> str:
+    """A count with separators, or as a power of ten when it is too long for the sidebar."""
+    if count < LARGEST_COUNT_IN_FULL:
+        return f"{count:,}"
+    mantissa, exponent = f"{count:.2e}".split("e+")
+    return f"{mantissa} × 10{exponent.lstrip('0').translate(str.maketrans('0123456789', '⁰¹²³⁴⁵⁶⁷⁸⁹'))}"
