@@ -20,6 +20,14 @@ from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 Difference = tuple[int, int, int]
 
 
+def spline_derivatives(places: FloatArray) -> list[FloatArray]:
+    """(4, n) each: values, first and second derivatives of the uniform cubic B-splines at places (n,) from 0 to 1."""
+    t = places
+    values = np.stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]) / 6
+    slopes = np.stack([-3 * (1 - t) ** 2, 9 * t**2 - 12 * t, -9 * t**2 + 6 * t + 3, 3 * t**2]) / 6
+    return [values, slopes, np.stack([1 - t, 3 * t - 2, 1 - 3 * t, t])]
+
+
 def ring(valence: int, number: int) -> int:
     """V_number of the ring, whose numbers 2 … 2n + 1 wrap around."""
     return number - 2 * valence if number > 2 * valence + 1 else number

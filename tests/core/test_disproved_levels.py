@@ -19,7 +19,8 @@ from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
-from tests.core.test_distance_depth import MESHES, ROUNDING, SEEDS, Level, case
+from tests.core.test_distance_depth import MESHES, ROUNDING, SEEDS, case
+from tests.drawn_levels import refined
 from tests.triangle_distances import distances, point_to_triangles
 
 
@@ -34,10 +35,7 @@ def drawn(mesh: PolygonMesh, level: int, vertices: Vertices) -> tuple[FloatArray
         fans = [np.roll(own, -turn) for own in corners for turn in range(len(own) if len(own) != 4 else 1)]
         triangles = [[fan[0], fan[i], fan[i + 1]] for fan in fans for i in range(1, len(fan) - 1)]
         return mesh.positions, np.array(triangles)
-    found = Level(mesh)
-    for _ in range(level):
-        found = found.refined()
-    return found.drawn(vertices)[:2]
+    return refined(mesh, level).drawn(vertices)[:2]
 
 
 def far_faces(mesh: PolygonMesh, level: int, vertices: Vertices, tolerance: float) -> BoolArray:

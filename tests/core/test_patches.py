@@ -62,8 +62,7 @@ def test_quads_beside_triangles_are_irregular() -> None:
 
 def spline_points(net: np.ndarray, steps: int) -> np.ndarray:
     """(P, steps + 1, steps + 1, 3): the uniform bicubic B-spline patches of (4, 4, P, 3) nets."""
-    t = np.linspace(0, 1, steps + 1)
-    basis = np.stack([(1 - t) ** 3, 3 * t**3 - 6 * t**2 + 4, -3 * t**3 + 3 * t**2 + 3 * t + 1, t**3]) / 6
+    basis = nets.spline_derivatives(np.linspace(0, 1, steps + 1))[0]
     return np.einsum("iu,jv,ijpx->puvx", basis, basis, net)
 
 

@@ -6,8 +6,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.adaptive.planner import subdivide_adaptively
-from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.surface_pieces import Part, parts_of, quad_keys, quarter_keys
 from ccdepth_addon.core.adaptive.templates import (
     COUNTS,
@@ -15,12 +13,8 @@ from ccdepth_addon.core.adaptive.templates import (
     TRIANGLE_POINTS,
     TRIANGLES,
     TRIANGLES_OF_TRIANGLE,
-    Transitions,
 )
-from ccdepth_addon.core.deviation import measure_deviation
 from ccdepth_addon.core.distance.shells import Triangles
-from tests.core.test_adaptive import MESHES, build
-from tests.thorough import each
 
 WHOLE = (0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
 # The upper right quarter, counted from the centre on, as around an extraordinary vertex.
@@ -93,36 +87,3 @@ def test_sheets_that_meet_at_a_vertex_have_vertices_of_their_own() -> None:
     assert len(np.unique(found.vertices)) == 12
     np.testing.assert_array_equal(found.origins[found.vertices], wings)
     np.testing.assert_allclose(found.vectors[:4], np.repeat(found.normals[:4, None], 3, axis=1))
-
-
-@pytest.mark.parametrize("seed", each(range(500), (3, 7, 90)))
-def test_random_results_are_within_the_tolerance_both_ways(seed: int) -> None:
-    """Distorted, flattened, with uneven parameters; at random tolerances. ``measure_deviation`` knows nothing of leaves
-    and shells; what it reaches is the distance of points that it has found."""
-    generator = np.random.default_rng(seed)
-    mesh = build(list(MESHES)[generator.integers(len(MESHES))])
-    positions = mesh.positions
-    diagonal = np.linalg.norm(np.ptp(positions, axis=0))
-    match generator.integers(5):
-        case 1:
-            positions = positions + generator.normal(0, 10 ** generator.uniform(-3, -1), positions.shape) * diagonal
-        case 2:
-            positions = positions * [1, 1, 10 ** generator.uniform(-3, 0)]
-        case 3:
-            turn = np.linalg.qr(generator.normal(size=(3, 3)))[0]
-            positions = positions * [1, 10 ** generator.uniform(-2, 0), 1] @ turn
-        case 4:
-            uneven = np.sign(positions[:, 0]) * np.abs(positions[:, 0] / diagonal) ** 3 * diagonal
-            positions = np.column_stack([uneven, positions[:, 1:]])
-    mesh = mesh.changed(positions=positions)
-    limit = float(np.linalg.norm(np.ptp(positions, axis=0))) * 10 ** generator.uniform(-3, -1)
-    request = AdaptiveRequest(limit, Mode.ADAPTIVE, Transitions.TRIANGLES, 100_000)
-    made = subdivide_adaptively(mesh, request, positions)
-    assert made.bounds.max() <= limit
-    sizes, starts = np.diff(made.mesh.face_starts), made.mesh.face_starts[:-1, None]
-    if sizes.max() > 4:
-        pytest.skip("how Blender cuts larger polygons is for the tests inside Blender")
-    vertices = made.mesh.corner_vertices.astype(np.intp)
-    triangles = np.concatenate([starts + np.array([0, 1, 2]), starts[sizes == 4] + np.array([0, 2, 3])])
-    deviation = measure_deviation(mesh, made.mesh.positions, vertices[triangles], accuracy=0.02, enough=limit)
-    assert deviation.reached <= limit

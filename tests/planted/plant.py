@@ -46,7 +46,7 @@ class UntriedError(Exception):
 
 @dataclass(frozen=True)
 class Fault:
-    """A change of one place in a file. tests: the files to run first, the most likely one first."""
+    """A change of one place in a file. tests: the files to run first, or tests of them, the most likely one first."""
 
     name: str
     file: str
@@ -120,7 +120,7 @@ def tried(fault: Fault, options: argparse.Namespace) -> dict[str, Any]:
         copy = copy_of(options.checkout, Path(folder))
         if not options.unplanted:
             fault.plant(copy)
-        first = [name for name in fault.tests if (copy / name).is_file()]
+        first = [name for name in fault.tests if (copy / name.partition("::")[0]).is_file()]
         stage, by = "first", failing(copy, ["-n", "0", *first], options.limit) if first else None
         if by is None and not options.first_only:
             stage, by = "whole", failing(copy, shlex.split(options.whole), TIMES_AS_LONG * options.limit)
