@@ -10,6 +10,7 @@ from __future__ import annotations
 import inspect
 import re
 import sys
+from dataclasses import is_dataclass
 from enum import Enum
 from pathlib import Path
 from typing import Any
@@ -53,9 +54,10 @@ def page() -> str:
 
 def _entry(name: str, item: Any) -> str:
     text = inspect.cleandoc(item.__doc__ or "")
-    if inspect.isfunction(item):
-        # Functions as defaults would be told with where they lie in memory.
-        heading = re.sub(r"<function (\w+) at 0x[0-9a-f]+>", r"\1", f"{name}{inspect.signature(item)}")
+    if inspect.isfunction(item) or is_dataclass(item):
+        # Defaults that are functions or members of enums are told by their names alone.
+        heading = re.sub(r"<(?:function )?([\w.]+)(?: at 0x|: )[^>]*>", r"\1", f"{name}{inspect.signature(item)}")
+        heading = heading.removesuffix(" -> None") if is_dataclass(item) else heading
     elif issubclass(item, Enum):
         heading = f"{name}: {', '.join(item.__members__)}"
     else:

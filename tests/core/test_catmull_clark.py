@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from ccdepth_addon.core.mesh.submesh import corners_of_faces, submesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
@@ -145,3 +145,10 @@ def after_many_levels(mesh: PolygonMesh) -> np.ndarray:
         mesh = subdivide(part).mesh
     positions[vertices] = mesh.positions[at]
     return positions
+
+
+@pytest.mark.parametrize("vertex", [-1, 4, 2**40])
+def test_vertices_that_are_not_there_are_refused(vertex: int) -> None:
+    """numpy would take -1 for the last one."""
+    with pytest.raises(IndexError, match=f"corner 2 stands at vertex {vertex}, and there are 4"):
+        polygon_mesh(np.eye(4, 3), np.array([4]), np.array([0, 1, vertex, 3]))

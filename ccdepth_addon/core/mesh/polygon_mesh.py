@@ -167,9 +167,14 @@ def polygon_mesh(
     positions: (V, 3) floats; face_sizes: (F,) ints; corner_vertices: (sum of sizes,) ints.
     sharp_edges: sharpness by (vertex, vertex), in either order; other edges are smooth.
     vertex_sharpness: (V,) floats, all smooth when left out.
-    Raises KeyError when a pair in ``sharp_edges`` is not an edge.
+    Raises KeyError when a pair in ``sharp_edges`` is not an edge, and IndexError when a corner stands at a vertex that
+    there is not.
     """
     positions = np.ascontiguousarray(positions, dtype=np.float64)
+    outside = np.flatnonzero((np.asarray(corner_vertices) < 0) | (np.asarray(corner_vertices) >= len(positions)))
+    if len(outside):
+        first = outside[0]
+        raise IndexError(f"corner {first} stands at vertex {corner_vertices[first]}, and there are {len(positions)}")
     face_starts = np.concatenate([[0], np.cumsum(face_sizes)]).astype(np.intp)
     corner_vertices = np.ascontiguousarray(corner_vertices, dtype=np.intp)
     following = np.arange(1, len(corner_vertices) + 1)
