@@ -6,6 +6,7 @@ from __future__ import annotations
 import re
 from argparse import ArgumentTypeError
 from dataclasses import dataclass
+from math import inf
 
 from ..ui.lengths import IMPERIAL, METRIC
 
@@ -50,6 +51,8 @@ def typed_tolerance(text: str) -> TypedTolerance:
         raise ArgumentTypeError(
             f"“{text}” is not a tolerance: give a number, a length like 0.1mm or 0.01in, or a part like 0.1%"
         ) from fault
+    if not 0 < value < inf:
+        raise ArgumentTypeError(f"a tolerance is a finite number greater than zero, and “{text}” is not")
     if unit is None:
         return TypedTolerance(text, value)
     if unit == "%":

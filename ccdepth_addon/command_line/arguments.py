@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The arguments of the command line, and the same for another process."""
+"""The arguments of the command line."""
 
 from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from math import isfinite, nan
 from pathlib import Path
-from typing import Any
 
 from ..core import METHODS, Mode, Transitions
 from ..state.properties import VERTEX_TEXTS
@@ -28,7 +27,7 @@ OVER_FRAMES = {DEPTHS, LEVELS}
 STANDARD_OUTPUT = "-"
 
 # What --gather goes with.
-GATHERING = {"gather", "json", "csv", "html", "illustrations", "draw", "overwrite"}
+GATHERING = {"gather", "json", "csv", "html", "draw", "overwrite"}
 
 # Instead of a list of frames.
 SCENE_RANGE = "scene"
@@ -46,11 +45,10 @@ EPILOG = (
 
 
 class Parser(argparse.ArgumentParser):
-    """The parser, which knows the options that other processes are given as well."""
+    """The parser of the command line."""
 
     def __init__(self, program: str) -> None:
         super().__init__(prog=program, description=DESCRIPTION, epilog=EPILOG)
-        self.for_others: list[argparse.Action] = []
         self.add_argument("files", nargs="*", type=Path, metavar="FILE", help=f"{names_of(INPUTS)} file")
         _add_choices(self)
         _add_actions(self)
@@ -64,7 +62,7 @@ class Parser(argparse.ArgumentParser):
             if options.tolerance_mode not in (None, options.tolerance.mode):
                 self.error(f"a tolerance of {options.tolerance} is not {options.tolerance_mode.lower()}")
             options.tolerance_mode = options.tolerance.mode
-        options.illustrations |= options.html is not None
+        options.jobs = options.jobs or (1 if options.file_timeout else None)
         fault = _fault(options, self._given(options))
         if fault is not None:
             self.error(fault)
@@ -74,20 +72,6 @@ class Parser(argparse.ArgumentParser):
         """What was given, by the names that the options have here."""
         values = {each.dest: (getattr(options, each.dest, each.default), each.default) for each in self._actions}
         return {name for name, (value, default) in values.items() if value not in (default, [])}
-
-    def arguments_for_others(self, options: argparse.Namespace) -> list[str]:
-        """The arguments of a process that does the same, but for the files and the reports."""
-        # A report has what is written measured.
-        arguments = ["--measure"] if is_measured(options) and _writes_meshes(options) else []
-        for action in self.for_others:
-            value = getattr(options, action.dest)
-            option = action.option_strings[0]
-            if action.nargs == 0:
-                arguments += [option] if value == action.const else []
-            else:
-                values = value if isinstance(value, list) else [] if value is None else [value]
-                arguments += [f"{option}={each}" for each in values]
-        return arguments
 
 
 def _without_separator(arguments: Sequence[str]) -> list[str]:
@@ -101,7 +85,7 @@ def _without_separator(arguments: Sequence[str]) -> list[str]:
 
 def _add_choices(parser: Parser) -> None:
     """Which objects, and how near."""
-    add = _adder(parser, parser)
+    add = parser.add_argument
     add("--objects", nargs="+", action="extend", metavar="NAME", help="these objects alone")
     add("--collection", metavar="NAME", help="the objects of this collection alone")
     add(
@@ -110,23 +94,23 @@ def _add_choices(parser: Parser) -> None:
         help="what one unit is in .stl, .obj and .ply files, read and written (mm for .stl, otherwise m)",
     )
     near = parser.add_mutually_exclusive_group()
-    _adder(parser, near)(
+    near.add_argument(
         "--tolerance",
         type=typed_tolerance,
         help="largest distance allowed to the limit surface: 0.1mm, 0.01in, 0.1%% of the diagonal, or a bare number",
     )
-    _adder(parser, near)(
+    near.add_argument(
         "--faces", type=face_budget, help="take the best tolerance with which adaptive meshes have so many faces: 50k"
     )
-    mode = _adder(parser, parser.add_mutually_exclusive_group())
-    mode(
+    mode = parser.add_mutually_exclusive_group()
+    mode.add_argument(
         "--relative",
         dest="tolerance_mode",
         action="store_const",
         const="RELATIVE",
         help="a bare tolerance is a part of the diagonal of each object's dimensions (default)",
     )
-    mode(
+    mode.add_argument(
         "--absolute",
         dest="tolerance_mode",
         action="store_const",
@@ -151,7 +135,7 @@ def _add_choices(parser: Parser) -> None:
 
 
 def _add_actions(parser: Parser) -> None:
-    add = _adder(parser, parser.add_argument_group("what to do instead of computing depths"))
+    add = parser.add_argument_group("what to do instead of computing depths").add_argument
     add("--levels", action="store_true", help="set the level of Subdivision Surface modifiers")
     add("--subdivide", action="store_true", help="make adaptive meshes")
     add(
@@ -162,7 +146,7 @@ def _add_actions(parser: Parser) -> None:
     )
     add("--accuracy", type=_accuracy, help="how near the two distances measured are to be, as a part of them (0.05)")
     add("--time-limit", type=_seconds, metavar="SECONDS", help="measure no longer than this; 0 for no limit")
-    add = _adder(parser, parser.add_argument_group("adaptive subdivision"))
+    add = parser.add_argument_group("adaptive subdivision").add_argument
     add("--mode", type=_name, choices=list(Mode), help="how the faces are divided")
     add("--transitions", type=_name, choices=list(Transitions), help="how faces beside finer ones are drawn")
     add(
@@ -183,8 +167,7 @@ def _add_actions(parser: Parser) -> None:
 
 
 def _add_outputs(parser: Parser) -> None:
-    group = parser.add_argument_group("files to write")
-    add = _adder(parser, group)
+    add = parser.add_argument_group("files to write").add_argument
     add(
         "--output",
         type=Path,
@@ -199,15 +182,13 @@ def _add_outputs(parser: Parser) -> None:
         metavar="PNG",
         help="render the heat map of the depths with its legend; with --subdivide, of the distances proved",
     )
-    group.add_argument("--json", metavar="FILE", help="write a report that can be checked again; - for standard output")
-    group.add_argument("--csv", metavar="FILE", help="write a table with a row for each object; - for standard output")
-    group.add_argument(
+    add("--json", metavar="FILE", help="write a report that can be checked again; - for standard output")
+    add("--csv", metavar="FILE", help="write a table with a row for each object; - for standard output")
+    add(
         "--html",
         metavar="FILE",
         help="write the report as a page with pictures, which opens in any browser; - for standard output",
     )
-    # What another process is told where a page is to be written.
-    add("--illustrations", action="store_true", help=argparse.SUPPRESS)
     add("--overwrite", action="store_true", help="replace files that exist")
 
 
@@ -229,17 +210,14 @@ def _add_runs(parser: Parser) -> None:
         action="store_true",
         help="with --gather and --html, open the files once more to draw the pictures of the page",
     )
-    # A process that is given its files by another, and the mark before its answers.
+    parser.add_argument(
+        "--file-timeout",
+        type=_timeout,
+        metavar="SECONDS",
+        help="end what takes longer with one file, which is the failure of that file; with --jobs, 1 by default",
+    )
+    # The mark before the answers of a process that is given the numbers of its files by another.
     parser.add_argument("--worker", help=argparse.SUPPRESS)
-
-
-def _adder(parser: Parser, group: argparse._ActionsContainer) -> Callable[..., None]:
-    """``add_argument`` of the group, for options that other processes are given as well."""
-
-    def add(*names: str, **settings: Any) -> None:
-        parser.for_others.append(group.add_argument(*names, **settings))
-
-    return add
 
 
 def action_of(options: argparse.Namespace) -> str:
@@ -264,11 +242,6 @@ def is_measured(options: argparse.Namespace) -> bool:
     return bool(options.measure or options.json or options.csv or options.html)
 
 
-def _writes_meshes(options: argparse.Namespace) -> bool:
-    """Whether meshes are made and written."""
-    return action_of(options) in MAKING and (options.output or options.output_folder) is not None
-
-
 def _fault(options: argparse.Namespace, given: set[str]) -> str | None:
     """What is wrong with the command line, if anything is. given: the names of the options that are there."""
     sources: list[Path | None] = options.files or [None]
@@ -279,10 +252,11 @@ def _fault(options: argparse.Namespace, given: set[str]) -> str | None:
         return _gathering_fault(options, given)
     if options.draw:
         return "--draw is for --gather with --html"
-    # Other processes are given their files later.
-    names = [] if options.files or options.worker else options.objects or []
+    names = [] if options.files else options.objects or []
     if any(Path(name).suffix.lower() in INPUTS for name in names):
         return "--objects takes all that follows it for names: put the files before it"
+    if options.file_timeout is not None and not options.files:
+        return "--file-timeout is for files"
     if options.levels and options.subdivide:
         return "--levels and --subdivide cannot be used together"
     if options.frames is not None and action_of(options) not in OVER_FRAMES:
@@ -328,7 +302,7 @@ def _output_fault(options: argparse.Namespace, outputs: list[Path | None]) -> st
     twice = next((place for place in places if places.count(place) > 1), None)
     if twice is not None:
         return f"several files would be written to {twice}"
-    sources = {_place(source) for source in options.files}
+    sources = {place for source in options.files for place in (_place(source), Path(os.path.realpath(source)))}
     # A report names what was read by its checksum.
     kept = places if options.json or options.csv or options.html else others
     replaced = next((place for place in kept if place in sources), None)
@@ -336,8 +310,8 @@ def _output_fault(options: argparse.Namespace, outputs: list[Path | None]) -> st
 
 
 def _place(path: Path) -> Path:
-    """Where a file really is: there may be several ways to it."""
-    return Path(os.path.realpath(path))
+    """Where a file really is: there may be several ways to its folder. A link that is written to is replaced."""
+    return Path(os.path.realpath(path.parent)) / path.name
 
 
 def _name(text: str) -> str:
@@ -378,6 +352,12 @@ def _seconds(text: str) -> float:
     if not number >= 0:
         raise argparse.ArgumentTypeError(f"“{text}” is not a number of seconds")
     return number
+
+
+def _timeout(text: str) -> float:
+    if not _number(text) > 0:
+        raise argparse.ArgumentTypeError(f"“{text}” is not a number of seconds greater than zero")
+    return float(text)
 
 
 def _number(text: str) -> float:

@@ -7,8 +7,8 @@ import os
 import sys
 import traceback
 from argparse import Namespace
-from collections.abc import Iterable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout, suppress
+from collections.abc import Generator, Iterable, Iterator, Sequence
+from contextlib import ExitStack, closing, contextmanager, redirect_stdout, suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, TextIO
@@ -20,9 +20,10 @@ from . import picture
 from .arguments import STANDARD_OUTPUT, Parser, action_of
 from .blender_calls import CommandError
 from .drawn_reports import drawn
-from .one_file import process_file, refuse_unwritable
-from .processes import given_files, own_process, process_files
-from .report import FileEntry, Report, ReportError, csv_text, entry_line, gathered_reports, json_text, stamp
+from .interruption import exit_status, interruptible, refuse_if_interrupted
+from .one_file import claimed_output, process_file
+from .processes import answer, given_numbers, own_process, process_files
+from .report import FileEntry, Report, ReportError, csv_text, gathered_reports, json_text, stamp
 from .report_page import page
 from .scripted_drivers import scripts_as_started
 from .verification import verify
@@ -48,7 +49,7 @@ _handle: Any = None
 def run(arguments: Sequence[str], program: str = PROGRAM, process: Sequence[str] | None = None) -> int:
     """Run a command line; returns the exit status. Errors go to the standard error.
 
-    process: what runs a command line in another process, for ``--jobs``; by default this Blender.
+    process: what runs command lines in another process, for ``--jobs``; by default this Blender.
     """
     parser = Parser(program)
     try:
@@ -56,10 +57,13 @@ def run(arguments: Sequence[str], program: str = PROGRAM, process: Sequence[str]
     except SystemExit as finished:
         return int(finished.code or 0)
     try:
-        with scripts_as_started(), _standard_output(options) as standard_output:
-            is_good = _execute(parser, options, process, standard_output)
+        with interruptible(), scripts_as_started(), _standard_output(options) as standard_output:
+            is_good = _execute(options, program, arguments, process, standard_output)
             sys.stdout.flush()
             standard_output.flush()
+    except KeyboardInterrupt:
+        _tell(program, "interrupted; files that are there are whole")
+        return exit_status()
     except (*FAULTS, ReportError) as fault:
         # What was to be printed may be what cannot be written.
         with suppress(OSError):
@@ -69,38 +73,50 @@ def run(arguments: Sequence[str], program: str = PROGRAM, process: Sequence[str]
     return 0 if is_good else EXIT_FAILURE
 
 
-def _execute(parser: Parser, options: Namespace, process: Sequence[str] | None, standard_output: TextIO) -> bool:
+def _execute(
+    options: Namespace,
+    program: str,
+    arguments: Sequence[str],
+    process: Sequence[str] | None,
+    standard_output: TextIO,
+) -> bool:
     """Do all that is asked for; returns whether all of it is done and every tolerance met."""
     if options.verify is not None:
         return verify(options.verify)
     if options.worker is not None:
         _work(options)
         return True
-    for path in (options.json, options.csv, options.html):
-        if path not in (None, STANDARD_OUTPUT):
-            refuse_unwritable(Path(path), options.overwrite)
-    if options.gather is not None:
-        report = gathered_reports(options.gather)
-        for entry in report.files:
-            _tell_progress(parser.prog, entry, 1, 1)
-        if options.html is not None:
-            report = replace(report, files=tuple(_with_pictures(report, options, parser.prog)))
+    with ExitStack() as reports:
+        for path in (options.json, options.csv, options.html):
+            if path not in (None, STANDARD_OUTPUT):
+                reports.enter_context(claimed_output(Path(path), options.overwrite))
+        if options.gather is not None:
+            report = gathered_reports(options.gather)
+            for entry in report.files:
+                _tell_progress(program, entry, 1, 1)
+            if options.html is not None:
+                report = replace(report, files=tuple(_with_pictures(report, options, program)))
+        else:
+            report = _done(options, program, arguments, process)
         _write_reports(report, options, standard_output)
-        return report.is_good
+    return report.is_good
+
+
+def _done(options: Namespace, program: str, arguments: Sequence[str], process: Sequence[str] | None) -> Report:
+    """Do all files; returns what was done with each."""
     if options.output_folder is not None:
         _make_folder(options.output_folder)
     sources: list[Path | None] = options.files or [None]
     if options.jobs is not None and options.files:
-        ended = process_files(process or own_process(COMMAND), options, parser)
+        ended = process_files(process or own_process(COMMAND), options, arguments)
     else:
-        ended = _one_after_the_other(sources, options, names=len(sources) > 1)
+        ended = _one_after_the_other(enumerate(sources), options, names=len(sources) > 1)
     entries: dict[int, FileEntry] = {}
-    for number, entry in ended:
-        entries[number] = entry
-        _tell_progress(parser.prog, entry, len(entries), len(sources))
-    report = Report(action_of(options), tuple(entries[number] for number in sorted(entries)))
-    _write_reports(report, options, standard_output)
-    return report.is_good
+    with closing(ended):
+        for number, entry in ended:
+            entries[number] = entry
+            _tell_progress(program, entry, len(entries), len(sources))
+    return Report(action_of(options), tuple(entries[number] for number in sorted(entries)))
 
 
 def _with_pictures(report: Report, options: Namespace, program: str) -> Iterator[FileEntry]:
@@ -123,16 +139,16 @@ def _make_folder(path: Path) -> None:
 
 def _work(options: Namespace) -> None:
     """Do the files that another process gives, and tell it what was done with each."""
-    for _number, entry in _one_after_the_other(given_files(), options, names=True):
-        sys.stderr.flush()
-        print(f"{options.worker}{entry_line(entry)}", flush=True)
+    sources = ((number, options.files[number]) for number in given_numbers())
+    for _number, entry in _one_after_the_other(sources, options, names=True):
+        print(answer(options.worker, entry), flush=True)
 
 
 def _one_after_the_other(
-    sources: Iterable[Path | None], options: Namespace, names: bool
-) -> Iterator[tuple[int, FileEntry]]:
+    sources: Iterable[tuple[int, Path | None]], options: Namespace, names: bool
+) -> Generator[tuple[int, FileEntry]]:
     """Do each file: yields its number and what was done with it. names: whether to print its name before."""
-    for number, source in enumerate(sources):
+    for number, source in sources:
         if names:
             print(f"{printable(str(source))}:", flush=True)
         try:
@@ -146,6 +162,7 @@ def _one_after_the_other(
             # A mistake of ours must not keep the other files from being done.
             traceback.print_exc()
             entry = _failed(source, f"{type(fault).__name__}: {fault}")
+        refuse_if_interrupted()
         yield number, entry
 
 
@@ -190,7 +207,7 @@ def _write_reports(report: Report, options: Namespace, standard_output: TextIO) 
 def _standard_output(options: Namespace) -> Iterator[TextIO]:
     """The standard output; when a report goes there, everything else goes to the standard error from then on, what
     Blender itself prints at its end included."""
-    if STANDARD_OUTPUT not in (options.json, options.csv, options.html):
+    if options.worker is not None or STANDARD_OUTPUT not in (options.json, options.csv, options.html):
         yield sys.stdout
         return
     sys.stdout.flush()

@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-from base64 import b64decode, b64encode
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 
 @dataclass(frozen=True)
@@ -37,26 +35,3 @@ class Illustration:
     levels: Levels
     heat_map: bytes
     wireframe: bytes
-
-
-def as_content(illustration: Illustration) -> dict[str, Any]:
-    """An illustration as JSON can hold it."""
-    return {
-        "levels": asdict(illustration.levels),
-        "heat_map": b64encode(illustration.heat_map).decode(),
-        "wireframe": b64encode(illustration.wireframe).decode(),
-    }
-
-
-def of_content(content: dict[str, Any]) -> Illustration:
-    """What ``as_content`` was given."""
-    levels = content["levels"]
-    return Illustration(
-        Levels(
-            levels["method"],
-            tuple((depth, faces) for depth, faces in levels["faces_by_depth"]),
-            tuple(MethodLevel(**each) for each in levels["by_method"]),
-        ),
-        b64decode(content["heat_map"]),
-        b64decode(content["wireframe"]),
-    )

@@ -6,9 +6,8 @@ from __future__ import annotations
 import os
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
-from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -45,7 +44,7 @@ from .mesh_files import (
 from .report import Chosen, Distances, FileEntry, Frame, ObjectEntry, down_to, stamp, up_to
 from .report_text import print_measured, print_results, settings_text
 from .scripted_drivers import scripts_allowed, without_drivers
-from .whole_files import UnwrittenError, check_whole, refuse_existing, written_whole
+from .whole_files import PNG, UnwrittenError, check_whole, claimed, refuse_existing, written_whole
 from .written_meshes import Edges, WrittenObject, measured_distances, read_written, shown_triangles
 
 # The options that are settings of the scene under the same names.
@@ -78,6 +77,15 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     """
     output = output_of(source, options)
     refuse_impossible(source, output, options)
+    with ExitStack() as outputs:
+        for path in (output, options.picture):
+            if path is not None:
+                outputs.enter_context(claimed_output(path, options.overwrite))
+        return _processed(source, output, options)
+
+
+def _processed(source: Path | None, output: Path | None, options: Namespace) -> FileEntry:
+    """The same, where the outputs are claimed."""
     load(source, UNITS.get(options.unit))
     objects, error = evaluated_objects(source, chosen_objects(source, options.objects, options.collection))
     settings = bpy.context.scene.ccdepth
@@ -88,7 +96,7 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
     unit = scene_unit(bpy.context.scene)
     is_checked = action in MAKING and output is not None and is_measured(options)
     targets = surfaces_of(objects) if is_checked else []
-    levels = levels_of(objects, action) if options.illustrations else []
+    levels = levels_of(objects, action) if options.html is not None else []
     outcomes = ACTIONS[action](objects, settings_of(action))
     shown = [each.shown for each in outcomes]
     stamped = None if source is None else stamp(source, unit)
@@ -98,7 +106,7 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
         title = shown[0].name if source is None else source.stem
         with _written(options.picture, options) as path:
             picture.render(bpy.context, shown, path, title, settings_text(shown))
-    if options.illustrations:
+    if options.html is not None:
         entry = replace(entry, illustrations=illustrations(shown, levels))
     if output is not None:
         entry = _write(output, shown, targets, entry, options)
@@ -134,25 +142,25 @@ def refuse_impossible(source: Path | None, output: Path | None, options: Namespa
             reader(source)
     if output is not None and output.suffix.lower() != BLEND:
         writer(output)
-    for path, suffix in ((output, ""), (options.picture, ".png")):
-        if path is None:
-            continue
-        if suffix and path.suffix.lower() != suffix:
-            raise CommandError(f"{path}: its name must end in {suffix}")
-        refuse_unwritable(path, options.overwrite, COMPANIONS.get(path.suffix.lower(), ()))
+    if options.picture is not None and options.picture.suffix.lower() != PNG:
+        raise CommandError(f"{options.picture}: its name must end in {PNG}")
 
 
-def refuse_unwritable(path: Path, overwrite: bool, companions: Sequence[str] = ()) -> None:
-    """Raise CommandError when there is no folder for a file, or none that can be written to, or when something is there
-    that stays."""
+@contextmanager
+def claimed_output(path: Path, overwrite: bool) -> Iterator[None]:
+    """Keep a place for a file. Raises CommandError when there is no folder for it, or none that can be written to, when
+    something is there that stays, and when another run keeps it."""
     if not path.absolute().parent.is_dir():
         raise CommandError(f"{path}: there is no folder {path.parent}")
     if not os.access(path.absolute().parent, os.W_OK):
         raise CommandError(f"{path}: the folder {path.parent} cannot be written to")
-    try:
-        refuse_existing(path, overwrite, companions)
-    except UnwrittenError as fault:
-        raise CommandError(f"{path}: {fault}") from fault
+    with ExitStack() as place:
+        try:
+            refuse_existing(path, overwrite, COMPANIONS.get(path.suffix.lower(), ()))
+            place.enter_context(claimed(path))
+        except UnwrittenError as fault:
+            raise CommandError(f"{path}: {fault}") from fault
+        yield
 
 
 def change_settings(settings: bpy.types.PropertyGroup, options: Namespace) -> None:
@@ -169,14 +177,10 @@ def change_settings(settings: bpy.types.PropertyGroup, options: Namespace) -> No
         settings.frames, settings.frame_list = "CUSTOM", options.frames
     if options.tolerance is not None:
         tolerance = options.tolerance.in_scene(scene_unit(bpy.context.scene))
-        refuse_impossible_tolerance(tolerance)
+        # Blender would take what it cannot hold for the largest number it can.
+        if not tolerance < LARGEST_TOLERANCE:
+            raise CommandError(TOO_LARGE)
         set_scene_tolerance(settings, tolerance)
-
-
-def refuse_impossible_tolerance(tolerance: float) -> None:
-    """Blender would take what it cannot hold for the largest number it can. Raises CommandError."""
-    if not abs(tolerance) < LARGEST_TOLERANCE:
-        raise CommandError("The tolerance is not a finite number" if not isfinite(tolerance) else TOO_LARGE)
 
 
 def settings_of(action: str) -> dict[str, Any]:

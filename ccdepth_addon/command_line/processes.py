@@ -1,42 +1,39 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Several processes of Blender, each of which does one file after the other.
+"""Several Blenders, each of which does one file after the other.
 
-A process is given a file as a line on its standard input, a path as JSON, and tells what became of it in a line of its
-standard output, after a mark that nothing else prints.
+Each is started with the same command line and ``--worker MARK``. It is given the numbers of files as lines on its
+standard input, and tells what became of each in a line of its standard output, after the mark, which nothing else
+prints. Its standard input ends with the process that started it, and it ends then as well.
 """
 
 from __future__ import annotations
 
-import json
+import os
+import pickle
 import signal
 import subprocess
 import sys
+from _thread import interrupt_main
 from argparse import Namespace
-from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor, as_completed
-from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass, replace
-from pathlib import Path
+from base64 import b64decode, b64encode
+from collections.abc import Generator, Iterator, Sequence
+from contextlib import suppress
+from queue import Empty, SimpleQueue
 from secrets import token_hex
-from tempfile import TemporaryDirectory
-from threading import Lock, local
+from threading import Thread, Timer
+from time import monotonic, sleep
 
 import bpy
 
-from .arguments import Parser, output_of
+from .arguments import output_of
 from .blender_calls import CommandError
-from .report import FileEntry, entry_of_line, stamp
+from .report import FileEntry, stamp
+from .whole_files import claimed
 
 COMMAND_OPTIONS = ("-c", "--command")
 
-
-@dataclass(frozen=True)
-class Done:
-    """What was done with a file, and what was printed meanwhile."""
-
-    entry: FileEntry
-    output: str
-    errors: str
+# How many seconds a process has to end by itself.
+GRACE = 5.0
 
 
 def own_process(command: str) -> list[str]:
@@ -49,164 +46,146 @@ def own_process(command: str) -> list[str]:
     return [bpy.app.binary_path, *(options[:end] or ["-b"]), "--command", command]
 
 
-def process_files(process: Sequence[str], options: Namespace, parser: Parser) -> Iterator[tuple[int, FileEntry]]:
+def process_files(
+    process: Sequence[str], options: Namespace, arguments: Sequence[str]
+) -> Generator[tuple[int, FileEntry]]:
     """Do the files in other processes, several at a time: yields the number of each and what was done with it, in the
-    order in which they end. What is printed about a file is printed when it is done."""
+    order in which they end. What is printed about a file is printed when it is done. arguments: the command line."""
     mark = token_hex()
-    command = [*process, *parser.arguments_for_others(options), f"--worker={mark}"]
-    with (
-        _broken_pipes_as_errors(),
-        TemporaryDirectory() as folder,
-        closing(_Workers(command, mark, Path(folder), options)) as workers,
-        ThreadPoolExecutor(options.jobs) as pool,
-    ):
-        try:
-            running = {pool.submit(workers.done, source): number for number, source in enumerate(options.files)}
-            for ended in as_completed(running):
-                done = ended.result()
-                print(done.output, end="", flush=True)
-                print(done.errors, end="", flush=True, file=sys.stderr)
-                number = running[ended]
-                yield number, _as_given(done.entry, options.files[number], options)
-        finally:
-            pool.shutdown(cancel_futures=True)
-
-
-@contextmanager
-def _broken_pipes_as_errors() -> Iterator[None]:
-    """Writing to a process that has ended is an error; without this it would end Blender 4.3 as well."""
-    if not hasattr(signal, "SIGPIPE"):
-        yield
-        return
-    before = signal.signal(signal.SIGPIPE, signal.SIG_IGN)
+    command = [*process, f"--worker={mark}", *arguments]
+    waiting: SimpleQueue[int] = SimpleQueue()
+    for number in range(len(options.files)):
+        waiting.put(number)
+    done: SimpleQueue[tuple[int, FileEntry, str]] = SimpleQueue()
+    workers = [_Worker(command, mark, options, waiting, done) for _ in range(min(options.jobs, len(options.files)))]
     try:
-        yield
+        for worker in workers:
+            worker.thread.start()
+        for _ in options.files:
+            number, entry, output = done.get()
+            print(output, end="", flush=True)
+            yield number, entry
     finally:
-        # None stands for what was not set from Python.
-        signal.signal(signal.SIGPIPE, signal.SIG_DFL if before is None else before)
-
-
-def given_files() -> Iterator[Path]:
-    """The files that a process is given by the one that started it."""
-    for line in sys.stdin:
-        yield Path(json.loads(line))
-
-
-class _Workers:
-    """A process for each thread that asks for something to be done. folder: for what they write to the standard
-    error."""
-
-    def __init__(self, command: Sequence[str], mark: str, folder: Path, options: Namespace) -> None:
-        self._command, self._mark, self._folder, self._options = command, mark, folder, options
-        self._all: list[_Worker] = []
-        self._lock = Lock()
-        self._of_thread = local()
-
-    def close(self) -> None:
-        """Let all processes end."""
-        for worker in self._all:
+        for worker in workers:
+            worker.let_end()
+        for worker in workers:
             worker.end()
 
-    def done(self, source: Path) -> Done:
-        """What is done with a file by the process of this thread.
 
-        When that process ends meanwhile, and had done other files before, which may be to blame, the file is tried once
-        more by a new one, unless it has been written already and may not be replaced.
-        """
-        worker = self._worker()
-        was_new = worker.is_new
-        done = worker.done(source)
-        if done is None and not was_new and self._may_be_repeated(source):
-            worker = self._worker()
-            done = worker.done(source)
-        return done or worker.failure(source)
+def given_numbers() -> Iterator[int]:
+    """The numbers of files that a process is given by the one that started it; when that one has gone, whatever is done
+    with a file meanwhile is broken off."""
+    numbers: SimpleQueue[int | None] = SimpleQueue()
 
-    def _worker(self) -> _Worker:
-        worker: _Worker | None = getattr(self._of_thread, "worker", None)
-        if worker is None or worker.has_ended:
-            with self._lock:
-                worker = _Worker(self._command, self._mark, self._folder / f"{len(self._all)}.txt")
-                self._all.append(worker)
-            self._of_thread.worker = worker
-        return worker
+    def read() -> None:
+        for line in sys.stdin:
+            numbers.put(int(line))
+        numbers.put(None)
+        interrupt_main(signal.SIGTERM)
+        sleep(GRACE)
+        os._exit(signal.SIGTERM)
 
-    def _may_be_repeated(self, source: Path) -> bool:
-        output = output_of(source, self._options)
-        return self._options.overwrite or output is None or not output.exists()
+    Thread(target=read, daemon=True).start()
+    while (number := numbers.get()) is not None:
+        yield number
+
+
+def answer(mark: str, entry: FileEntry) -> str:
+    """The line that tells what was done with a file."""
+    return f"{mark}{b64encode(pickle.dumps(entry)).decode()}"
 
 
 class _Worker:
-    """A process that does one file after the other. errors: what it writes its standard error to."""
+    """A process that does files, and another one after each that ends it."""
 
-    def __init__(self, command: Sequence[str], mark: str, errors: Path) -> None:
-        self.is_new = True
-        self.has_ended = False
-        self._mark = mark
-        self._output = ""
-        self._errors = errors
-        self._errors_told = 0
-        with errors.open("wb") as standard_error:
-            self._process = subprocess.Popen(
-                command,
-                stdin=subprocess.PIPE,
-                stdout=subprocess.PIPE,
-                stderr=standard_error,
-                encoding="utf-8",
-                errors="replace",
-            )
+    def __init__(
+        self,
+        command: Sequence[str],
+        mark: str,
+        options: Namespace,
+        waiting: SimpleQueue[int],
+        done: SimpleQueue[tuple[int, FileEntry, str]],
+    ) -> None:
+        self.thread = Thread(target=self._work, args=(waiting, done), daemon=True)
+        self._command, self._mark, self._options = command, mark, options
+        self._process: subprocess.Popen[str] | None = None
+        self._may_start = True
 
-    def done(self, source: Path) -> Done | None:
-        """What is done with a file; None when the process ends meanwhile."""
-        self.is_new = False
-        assert self._process.stdin is not None
-        assert self._process.stdout is not None
-        with suppress(BrokenPipeError):
-            self._process.stdin.write(json.dumps(str(source)) + "\n")
-            self._process.stdin.flush()
-        for line in self._process.stdout:
-            # What Blender itself prints need not end with a line.
-            text, mark, answer = line.partition(self._mark)
-            self._output += text
-            if mark:
-                return Done(entry_of_line(answer), self._take_output(), self._take_errors())
-        self.end()
-        return None
+    def _work(self, waiting: SimpleQueue[int], done: SimpleQueue[tuple[int, FileEntry, str]]) -> None:
+        """Do files until none is left."""
+        with suppress(Empty):
+            while self._may_start:
+                number = waiting.get_nowait()
+                try:
+                    entry, output = self._done(number)
+                except OSError as fault:
+                    entry, output = self._failed(number, str(fault)), ""
+                done.put((number, entry, output))
 
-    def failure(self, source: Path) -> Done:
-        """What to say of a file, now that its process has ended."""
-        output, errors = self._take_output(), self._take_errors()
-        error = f"Blender ended with status {self._process.returncode}: {_last(errors)}"
-        return Done(FileEntry(stamp(source, None), error=error), output, errors)
+    def _done(self, number: int) -> tuple[FileEntry, str]:
+        """What is done with a file, and what is printed meanwhile. When the process ends meanwhile, and had done other
+        files before, which may be to blame, the file is tried once more by a new one."""
+        is_new, begin, limit = self._process is None, monotonic(), self._options.file_timeout
+        process = self._process = self._process or self._new_process()
+        entry, output = self._answered(process, number)
+        if entry is not None:
+            return entry, output
+        status, self._process = process.wait(), None
+        if limit and monotonic() - begin >= limit:
+            return self._failed(number, f"it was not done within {limit:g} seconds"), output
+        if self._may_start and not is_new:
+            return self._done(number)
+        return self._failed(number, f"Blender ended with status {status}: {_last(output)}"), output
+
+    def _new_process(self) -> subprocess.Popen[str]:
+        pipe, both = subprocess.PIPE, subprocess.STDOUT
+        return subprocess.Popen(self._command, stdin=pipe, stdout=pipe, stderr=both, encoding="utf-8", errors="replace")
+
+    def _answered(self, process: subprocess.Popen[str], number: int) -> tuple[FileEntry | None, str]:
+        """What a process says of a file, nothing if it ends before, and what is printed meanwhile."""
+        assert process.stdin is not None
+        assert process.stdout is not None
+        output, timer = "", Timer(self._options.file_timeout or 0.0, process.kill)
+        if self._options.file_timeout:
+            timer.start()
+        try:
+            with suppress(BrokenPipeError):
+                print(number, file=process.stdin, flush=True)
+            for line in process.stdout:
+                # What Blender itself prints need not end with a line.
+                text, mark, said = line.partition(self._mark)
+                output += text
+                if mark:
+                    return pickle.loads(b64decode(said)), output
+        finally:
+            timer.cancel()
+        return None, output
+
+    def _failed(self, number: int, error: str) -> FileEntry:
+        source = self._options.files[number]
+        output = output_of(source, self._options)
+        if output is not None:
+            # Whatever the process has left there goes.
+            with suppress(OSError), claimed(output):
+                pass
+        return FileEntry(stamp(source, None), error=error)
+
+    def let_end(self) -> None:
+        """Tell the process that there is nothing more to do."""
+        self._may_start = False
+        if self._process is not None and self._process.stdin is not None:
+            with suppress(BrokenPipeError):
+                self._process.stdin.close()
 
     def end(self) -> None:
-        """Let the process end once its file is done."""
-        self.has_ended = True
-        assert self._process.stdin is not None
-        with suppress(BrokenPipeError):
-            self._process.stdin.close()
-        self._process.wait()
-
-    def _take_output(self) -> str:
-        output, self._output = self._output, ""
-        return output
-
-    def _take_errors(self) -> str:
-        """What the process has written to its standard error since the last time."""
-        with self._errors.open("rb") as file:
-            file.seek(self._errors_told)
-            told = file.read()
-        self._errors_told += len(told)
-        return told.decode(errors="replace")
-
-
-def _as_given(entry: FileEntry, source: Path, options: Namespace) -> FileEntry:
-    """The entry with the names of files as they were given."""
-    output = output_of(source, options)
-    return replace(
-        entry,
-        source=entry.source and replace(entry.source, path=source),
-        output=replace(entry.output, path=output) if entry.output and output else None,
-    )
+        """Wait for the end of the process; one that does not end by itself is ended."""
+        process = self._process
+        if process is not None:
+            try:
+                process.wait(2 * GRACE)
+            except subprocess.TimeoutExpired:
+                process.kill()
+        self.thread.join()
 
 
 def _last(text: str) -> str:

@@ -9,7 +9,7 @@ import io
 import json
 import os
 from contextlib import suppress
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from hashlib import file_digest
 from math import inf, nextafter
 from pathlib import Path
@@ -20,8 +20,9 @@ import bpy
 
 from .. import version
 from ..core import VERTICES
+from ..ui.printable import printable_lines
 from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SUBDIVIDE
-from .illustration import Illustration, as_content, of_content
+from .illustration import Illustration
 
 FORMAT, FORMAT_VERSION = "ccdepth-report", 2
 OLD_VERSION = 1
@@ -209,19 +210,6 @@ def _without_links(folder: Path) -> Path:
     return folder if real == os.path.abspath(folder) else Path(real)
 
 
-def entry_line(entry: FileEntry) -> str:
-    """What was done with a file as JSON in a line, for another process; files are named with their full paths."""
-    illustrations = [as_content(each) for each in entry.illustrations]
-    return json.dumps({**_file_content(entry, None), "illustrations": illustrations}, allow_nan=False)
-
-
-def entry_of_line(text: str) -> FileEntry:
-    """What such a line says."""
-    content = json.loads(text)
-    illustrations = tuple(of_content(each) for each in content.pop("illustrations"))
-    return replace(_file_entry(content, Path()), illustrations=illustrations)
-
-
 def gathered_reports(folder: Path) -> Report:
     """One report of all JSON reports in a folder, in the order of their names.
 
@@ -359,6 +347,9 @@ def _is_of(value: Any, hint: Any) -> bool:
 
 YES_OR_NO = {None: "", True: "yes", False: "no"}
 
+# What spreadsheets take for the beginning of a formula.
+FORMULA_STARTS = ("=", "+", "-", "@")
+
 COLUMNS = (
     *("file", "error", "object", "tolerance_m", "faces", "deepest", "level", "worst_frame"),
     *("result", "result_faces", "proved_m"),
@@ -373,11 +364,16 @@ def csv_text(report: Report) -> str:
     table.writeheader()
     for entry in report.files:
         file = {"file": entry.name, "error": entry.error, "output": entry.output and str(entry.output.path)}
-        for each in entry.objects:
-            table.writerow({**file, **_row(each)})
-        if not entry.objects:
-            table.writerow(file)
+        for row in [_row(each) for each in entry.objects] or [{}]:
+            table.writerow({name: _cell(value) for name, value in (file | row).items()})
     return text.getvalue()
+
+
+def _cell(value: Any) -> Any:
+    """A value of the table; texts neither command a terminal nor are taken for a formula by a spreadsheet."""
+    if not isinstance(value, str):
+        return value
+    return ("'" if value.startswith(FORMULA_STARTS) else "") + printable_lines(value)
 
 
 def _row(entry: ObjectEntry) -> dict[str, Any]:

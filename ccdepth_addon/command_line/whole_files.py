@@ -3,6 +3,8 @@
 
 When the disk is full, Blender still reports that it has saved a file or written a picture, and has by then cut off
 what was there before. So files are written beside their place, checked to their end, and only then moved there.
+
+The name as it is given decides of the format, and a link is replaced, not followed.
 """
 
 from __future__ import annotations
@@ -12,11 +14,13 @@ import shutil
 import struct
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
+from errno import ENOLCK, ENOTSUP
+from hashlib import sha256
 from pathlib import Path
 from typing import BinaryIO
 from zlib import crc32
 
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+PNG, PNG_SIGNATURE = ".png", b"\x89PNG\r\n\x1a\n"
 
 # A .blend file that is compressed consists of Zstandard frames, and a table of them at its end.
 ZSTANDARD_FRAME = b"\x28\xb5\x2f\xfd"
@@ -48,58 +52,103 @@ def refuse_existing(path: Path, overwrite: bool, companions: Sequence[str] = ())
     for each in (path, *(path.with_suffix(suffix) for suffix in companions)):
         if each.exists() and not each.is_file():
             raise UnwrittenError(f"{each.name} is there, and is not a regular file")
-        if each.exists() and not overwrite:
+        if os.path.lexists(each) and not overwrite:
             raise UnwrittenError(EXISTS if each == path else f"{each.name}, which belongs to it, exists already")
+
+
+def _beside(path: Path, suffix: str) -> Path:
+    """A name beside a file, which is its alone, and no longer than others."""
+    return path.with_name(f".ccdepth-{sha256(os.fsencode(path.name)).hexdigest()[:16]}{suffix}")
+
+
+@contextmanager
+def claimed(path: Path) -> Iterator[None]:
+    """Keep other runs from writing a file meanwhile, and remove what one that was ended has left beside it.
+
+    Raises UnwrittenError when another run writes it, and OSError.
+    """
+    lock = _beside(path, ".lock")
+    try:
+        held = _held(lock)
+    except (BlockingIOError, FileExistsError) as fault:
+        raise UnwrittenError("another run is writing it") from fault
+    try:
+        _remove_left(path)
+        yield
+    finally:
+        _remove_left(path)
+        if os.name != "nt":
+            lock.unlink()
+        os.close(held)
+
+
+def _held(lock: Path) -> int:
+    """A file that no other process holds until it is closed or its process has gone. Raises BlockingIOError and
+    FileExistsError when one does."""
+    if os.name == "nt":
+        return os.open(lock, os.O_CREAT | os.O_EXCL | os.O_TEMPORARY)
+    from fcntl import LOCK_EX, LOCK_NB, flock  # Windows has none.
+
+    held = os.open(lock, os.O_CREAT | os.O_RDWR)
+    try:
+        flock(held, LOCK_EX | LOCK_NB)
+        # The one that held it until now has removed it.
+        if not lock.exists() or not os.path.samestat(lock.stat(), os.fstat(held)):
+            raise FileExistsError
+    except OSError as fault:
+        # There are file systems without locks.
+        if fault.errno not in (ENOLCK, ENOTSUP):
+            os.close(held)
+            raise
+    return held
+
+
+def _remove_left(path: Path) -> None:
+    """Remove what was written beside a file. Blender itself writes .blend files under their name and an @."""
+    for suffix in (path.suffix, f"{path.suffix}@"):
+        with suppress(OSError):
+            _beside(path, suffix).unlink()
+    shutil.rmtree(_beside(path, ""), ignore_errors=True)
 
 
 @contextmanager
 def written_whole(
     path: Path, *, backups: int = 0, companions: Sequence[str] = (), overwrite: bool = True
 ) -> Iterator[Path]:
-    """A path to write to, which takes the place of ``path`` afterwards if it is a whole file, as far as can be told.
+    """A path to write to, which takes the place of ``path``, which is claimed, afterwards if it is a whole file, as far
+    as can be told.
 
     backups: how many earlier versions of the file to keep, called like those that Blender keeps: .blend1, .blend2, …
-    companions: suffixes of files that are written beside it, and belong to it. Raises UnwrittenError, and leaves
-    nothing behind, when it is not whole or cannot be put there.
+    companions: suffixes of files that are written beside it, and belong to it. Raises UnwrittenError when it is not
+    whole or cannot be put there.
     """
-    target = path.resolve()
-    refuse_existing(target, overwrite, companions)
-    beside = target.with_name(f".{target.stem}-{os.getpid()}{target.suffix}")
-    folder = None
+    refuse_existing(path, overwrite, companions)
+    beside = _beside(path, path.suffix)
+    if companions:
+        # Files that belong together know each other by their names.
+        _beside(path, "").mkdir()
+        beside = _beside(path, "") / path.name
     try:
-        if companions:
-            # Files that belong together know each other by their names.
-            folder = beside.with_suffix("")
-            folder.mkdir()
-            beside = folder / target.name
-        try:
-            yield beside
-        except Exception as fault:
-            if isinstance(fault, UnwrittenError) or not _is_full(target.parent):
-                raise
-            # Whatever went wrong, and whatever was made of it.
-            raise UnwrittenError(f"it could not be written: {fault}; the disk is full") from fault
-        try:
-            check_whole(beside)
-            refuse_existing(target, overwrite, companions)
-            for suffix in companions:
-                if beside.with_suffix(suffix).exists():
-                    os.replace(beside.with_suffix(suffix), target.with_suffix(suffix))
-            if target.exists():
-                shutil.copymode(target, beside)
-                _keep(target, backups)
-            _move(beside, target, overwrite)
-        except UnwrittenError:
+        yield beside
+    except Exception as fault:
+        if isinstance(fault, UnwrittenError) or not _is_full(path.absolute().parent):
             raise
-        except OSError as fault:
-            raise UnwrittenError(f"it could not be written: {fault.strerror or fault}") from fault
-    finally:
-        # Blender itself writes .blend files beside their place, under their name and an @.
-        for left in (beside, beside.with_name(beside.name + "@")):
-            with suppress(OSError):
-                left.unlink()
-        if folder is not None:
-            shutil.rmtree(folder, ignore_errors=True)
+        # Whatever went wrong, and whatever was made of it.
+        raise UnwrittenError(f"it could not be written: {fault}; the disk is full") from fault
+    try:
+        check_whole(beside)
+        refuse_existing(path, overwrite, companions)
+        for suffix in companions:
+            if beside.with_suffix(suffix).exists():
+                os.replace(beside.with_suffix(suffix), path.with_suffix(suffix))
+        if path.exists():
+            shutil.copymode(path, beside)
+            _keep(path, backups)
+        _move(beside, path, overwrite)
+    except UnwrittenError:
+        raise
+    except OSError as fault:
+        raise UnwrittenError(f"it could not be written: {fault.strerror or fault}") from fault
 
 
 def _move(beside: Path, target: Path, overwrite: bool) -> None:
@@ -213,4 +262,4 @@ def _is_not_empty(_file: BinaryIO, size: int) -> bool:
     return size > 0
 
 
-IS_WHOLE = {".png": _is_whole_png, ".blend": _is_whole_blend, ".stl": _is_whole_stl, ".glb": _is_whole_glb}
+IS_WHOLE = {PNG: _is_whole_png, ".blend": _is_whole_blend, ".stl": _is_whole_stl, ".glb": _is_whole_glb}

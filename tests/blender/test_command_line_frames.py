@@ -90,10 +90,3 @@ def test_no_frame_and_negative_ones_stand_in_the_report(
     assert run(animated, *LINE, *frames, "--json", report) == 0
     assert report_in(report)["files"][0]["objects"][0]["worst_frame"] == worst
     assert run("--verify", report) == 0
-
-
-def test_processes_are_given_the_same_frames() -> None:
-    parser = addon.module("command_line.arguments").Parser("ccdepth")
-    options = parser.parsed(["a.blend", "--frames=-3-12/5"])
-    assert "--frames=-3-12/5" in parser.arguments_for_others(options)
-    assert parser.parsed(["a.blend", *parser.arguments_for_others(options)]).frames == "-3-12/5"

@@ -371,11 +371,3 @@ def test_edges_are_counted_as_by_hand(seed: int) -> None:
     edges = module.Edges.of(shown.Triangles(np.zeros((4, 3)), corners, np.arange(len(corners))))
     assert edges.are_closed == all(len(each_edge) % 2 == 0 for each_edge in passed.values())
     assert edges.are_oriented == all(abs(sum(each_edge)) <= 1 for each_edge in passed.values())
-
-
-def test_an_entry_in_a_line_is_the_same(reports: Callable[[str], Path]) -> None:
-    """What another process tells of a file, for --jobs."""
-    module = addon.module("command_line.report")
-    for kind in KINDS:
-        for entry in module.read_report(reports(kind)).files:
-            assert module.entry_of_line(module.entry_line(entry)) == entry

@@ -20,10 +20,27 @@ import bpy
 import pytest
 
 from tests.blender import addon
-from tests.blender.command_line_runs import Capture, few_samples, mesh_objects, program, run, save
+from tests.blender.command_line_runs import (
+    Capture,
+    few_samples,
+    mesh_objects,
+    program,
+    run,
+    said,
+    save,
+    save_cubes,
+)
 from tests.blender.test_examples import example_command
 
 whole_files = addon.module("command_line.whole_files")
+
+
+@contextmanager
+def written_whole(path: Path, **options: object) -> Iterator[Path]:
+    """As the command line writes a file."""
+    with whole_files.claimed(path), whole_files.written_whole(path, **options) as beside:
+        yield beside
+
 
 # Less than any .blend file and any picture have.
 ROOM = 16 * 1024
@@ -117,7 +134,7 @@ def is_taken(path: Path, content: bytes) -> bool:
     """Whether the content takes the place of the file; otherwise the file must stay."""
     path.write_bytes(b"before")
     try:
-        with whole_files.written_whole(path) as beside:
+        with written_whole(path) as beside:
             beside.write_bytes(content)
     except whole_files.UnwrittenError:
         assert path.read_bytes() == b"before"
@@ -156,20 +173,18 @@ def no_links(*_arguments: object) -> None:
 
 
 @pytest.mark.parametrize("has_links", [True, False])
-def test_links_permissions_and_earlier_versions_stay(
+def test_permissions_and_earlier_versions_stay(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, has_links: bool
 ) -> None:
     if not has_links:
         monkeypatch.setattr(os, "link", no_links)
     content = save_suzanne(tmp_path / "saved.blend")
-    path, link = tmp_path / "out.blend", tmp_path / "link.blend"
-    link.symlink_to(path)
+    path = tmp_path / "out.blend"
     for number in range(4):
         path.write_bytes(f"version {number}".encode())
         path.chmod(0o640)
-        with whole_files.written_whole(link, backups=2) as beside:
+        with written_whole(path, backups=2) as beside:
             beside.write_bytes(content)
-        assert link.is_symlink()
         assert path.read_bytes() == content
         assert path.stat().st_mode & 0o777 == 0o640
     assert (tmp_path / "out.blend1").read_bytes() == b"version 3"
@@ -177,10 +192,28 @@ def test_links_permissions_and_earlier_versions_stay(
     assert not (tmp_path / "out.blend3").exists()
 
 
+@pytest.mark.parametrize("name", ["link.stl", "link.obj", "link.blend", "link.json"])
+@pytest.mark.parametrize("is_there", [True, False])
+def test_a_link_is_replaced_and_its_name_decides_the_format(
+    tmp_path: Path, name: str, is_there: bool, capfd: Capture
+) -> None:
+    link, target = tmp_path / name, tmp_path / "target.txt"
+    if is_there:
+        target.write_text("precious")
+    link.symlink_to(target)
+    line = ["--json"] if link.suffix == ".json" else ["--subdivide", "--output"]
+    cube = save_cubes(tmp_path / "cube.blend", "Cube")
+    assert "it exists already" in said(capfd, cube, *LINE[:-1], *line, link)
+    assert run(cube, *LINE, *line, link) == 0
+    assert not link.is_symlink()
+    assert link.is_file()
+    assert (target.read_text() == "precious") if is_there else not target.exists()
+
+
 def test_an_error_on_the_way_leaves_everything(tmp_path: Path) -> None:
     path = tmp_path / "out.blend"
     path.write_bytes(b"before")
-    with pytest.raises(LookupError), whole_files.written_whole(path) as beside:  # noqa: PT012
+    with pytest.raises(LookupError), written_whole(path) as beside:  # noqa: PT012
         beside.write_bytes(b"half")
         raise LookupError
     assert [each.name for each in tmp_path.iterdir()] == ["out.blend"]
@@ -224,7 +257,7 @@ def test_a_file_that_comes_meanwhile_stays(tmp_path: Path, hindered: str, monkey
     path = tmp_path / "made.obj"
 
     def write(meanwhile: bool) -> str:
-        with whole_files.written_whole(path, overwrite=False) as beside:
+        with written_whole(path, overwrite=False) as beside:
             beside.write_text("second")
             if meanwhile:
                 path.write_text("first")

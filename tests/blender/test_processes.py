@@ -5,8 +5,10 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +18,7 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.command_line_runs import CHECKOUT, Capture, program, run, save, save_cubes
+from tests.thorough import combinations
 
 command_line = addon.module("command_line.command")
 
@@ -92,33 +95,157 @@ def test_a_file_that_ends_its_process_takes_no_other_with_it(
     assert f"{len(sources)} of {len(sources)} files done, 0 left" in capfd.readouterr().err
 
 
-def deadly_program(folder: Path) -> list[str]:
-    """The command line in another process, which some files kill."""
-    script = folder / "deadly.py"
+def changed_program(folder: Path, changes: str) -> list[str]:
+    """The command line in another process, of which something is changed; ``module`` gives its modules by name."""
+    script = folder / "changed.py"
     command = [sys.executable, str(script)]
     text = f"""
-import os, runpy, signal, sys
+import os, signal, sys, time
 from importlib import import_module
+from pathlib import Path
 import bpy
 
-def deadly_or_done(source, options):
-    if source.name.startswith("deadly"):
-        print("the end", file=sys.stderr, flush=True)
-        os.kill(os.getpid(), signal.SIGKILL)
-    return done(source, options)
-
 sys.path.insert(0, {str(CHECKOUT)!r})
-with open({str(folder / "starts.txt")!r}, "a") as starts:
-    starts.write("start ")
-command = import_module({command_line.__name__!r})
-done, command.process_file = command.process_file, deadly_or_done
+folder = Path({str(folder)!r})
+
+def module(name):
+    return import_module({command_line.__name__!r}.removesuffix("command") + name)
+
+def note():
+    (folder / f"{{os.getpid()}}.pid").touch()
+
+{changes}
 """
     if bpy.app.binary_path:
         command = [bpy.app.binary_path, "-b", "--python", str(script), "--command", "ccdepth"]
     else:
-        text += f"runpy.run_path({str(CHECKOUT / 'scripts' / 'heat_map.py')!r})"
+        text += """
+import ccdepth_addon
+
+ccdepth_addon.register()
+os._exit(module("command").run(sys.argv[1:], program="changed.py", process=[sys.executable, __file__]))
+"""
     script.write_text(text, encoding="utf-8")
     return command
+
+
+def deadly_program(folder: Path) -> list[str]:
+    """Some files kill it, take long or stop it, by their names."""
+    changes = """
+def deadly_or_done(source, options):
+    note()
+    if source.name.startswith("deadly"):
+        print("the end", file=sys.stderr, flush=True)
+        os.kill(os.getpid(), signal.SIGKILL)
+    if source.name.startswith("slow"):
+        time.sleep(600)
+    if source.name.startswith("stopped"):
+        os.kill(os.getpid(), signal.SIGSTOP)
+    return done(source, options)
+
+with open(folder / "starts.txt", "a") as starts:
+    starts.write("start ")
+done, module("command").process_file = module("command").process_file, deadly_or_done
+"""
+    return changed_program(folder, changes)
+
+
+def process_noted(folder: Path, seconds: float = 60.0) -> int:
+    """The first process that wrote its number into the folder."""
+    end = time.monotonic() + seconds
+    while not (found := list(folder.glob("*.pid"))):
+        assert time.monotonic() < end
+        time.sleep(0.1)
+    return int(found[0].stem)
+
+
+def wait_for_end(process: int) -> None:
+    """A few seconds, which it is given to break off what it does."""
+    for _ in range(150):
+        try:
+            # Whether it is there, and not only what is left of one that has ended.
+            is_running = "(zombie)" not in Path(f"/proc/{process}/status").read_text()
+        except OSError:
+            is_running = False
+        if not is_running:
+            return
+        time.sleep(0.1)
+    os.kill(process, signal.SIGKILL)
+    pytest.fail("the process goes on")
+
+
+@pytest.mark.parametrize("name", ["slow", "stopped"])
+def test_a_file_that_takes_too_long_is_ended_alone(tmp_path: Path, capfd: Capture, name: str) -> None:
+    scene.add_object(meshes.cube())
+    sources = [save(tmp_path / f"{each}.blend") for each in (name, "good")]
+    process = deadly_program(tmp_path)
+    capfd.readouterr()
+    # A Blender starts in less time, even where others keep the processors busy.
+    assert run(*sources, "--file-timeout", "20", "--csv", "-", process=process) == 1
+    printed = capfd.readouterr()
+    assert f"{name}.blend: it was not done within 20 seconds" in " ".join(printed.err.split())
+    assert [("seconds" in row) for row in printed.out.splitlines()[1:]] == [True, False]
+
+
+def test_a_process_ends_with_the_one_that_started_it(tmp_path: Path) -> None:
+    save_cubes(tmp_path / "slow.blend", "Cube")
+    words = [str(tmp_path / "slow.blend"), "--jobs", "1"]
+    with subprocess.Popen([*deadly_program(tmp_path), *words], stdout=subprocess.DEVNULL) as started:
+        # The first that tells its number does the file.
+        worker = process_noted(tmp_path)
+        assert worker != started.pid
+        started.kill()
+    wait_for_end(worker)
+
+
+HANGING = """
+def hang(path):
+    note()
+    time.sleep(600)
+
+module("one_file").check_whole = hang
+"""
+
+
+@pytest.mark.parametrize(
+    ("ending", "jobs"),
+    combinations([(signal.SIGINT, 130), (signal.SIGTERM, 143), (signal.SIGKILL, -signal.SIGKILL)], [[], ["--jobs", 1]]),
+)
+def test_a_run_that_is_ended_while_it_writes_leaves_nothing_for_ever(
+    tmp_path: Path, ending: tuple[signal.Signals, int], jobs: list[object]
+) -> None:
+    """What a run that was killed left is removed by the next one."""
+    number, status = ending
+    source, out = save_cubes(tmp_path / "cube.blend", "Cube"), tmp_path / "out"
+    out.mkdir()
+    (out / "made.obj").write_text("precious")
+    line = [source, "--subdivide", "--tolerance", "50mm", "--output", out / "made.obj", "--overwrite"]
+    command = [*changed_program(tmp_path, HANGING), *map(str, [*line, *jobs])]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as started:
+        worker = process_noted(tmp_path)
+        assert len(list(out.iterdir())) > 1
+        started.send_signal(number)
+        _, told = started.communicate(timeout=60)
+    assert started.returncode == status
+    assert (number == signal.SIGKILL) == ("interrupted" not in told)
+    assert "Traceback" not in told
+    assert (out / "made.obj").read_text() == "precious"
+    if number == signal.SIGKILL:
+        wait_for_end(worker)
+        assert run(*line) == 0
+    assert [each.name for each in out.iterdir()] == ["made.obj"]
+
+
+def test_two_runs_do_not_write_to_one_place(tmp_path: Path, capfd: Capture) -> None:
+    source, output = save_cubes(tmp_path / "cube.blend", "Cube"), tmp_path / "made.stl"
+    line = [source, "--subdivide", "--tolerance", "50mm", "--output", output, "--overwrite"]
+    with addon.module("command_line.whole_files").claimed(output):
+        for report in (output.with_suffix(".json"), output.with_suffix(".csv")):
+            assert run(*line, f"--{report.suffix[1:]}", report) == 1
+        assert run(source, "--tolerance", "50mm", "--json", output, "--overwrite") == 1
+    assert capfd.readouterr().err.count("made.stl: another run is writing it") == 3
+    assert not output.exists()
+    assert run(*line) == 0
 
 
 @pytest.mark.parametrize("jobs", [[], ["--jobs", "1"]])

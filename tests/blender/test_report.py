@@ -298,6 +298,18 @@ def test_failures_are_in_the_reports(tmp_path: Path) -> None:
     assert run("--verify", tmp_path / "report.json") == 1
 
 
+def test_cells_of_the_table_command_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Neither a spreadsheet, for which some signs begin a formula, nor a terminal."""
+    names = ("=1+1", "+1", "-1", "@SUM(A1)", "a\x1b[31m=1")
+    source = save_cubes(tmp_path / "=cube\x1b[2J.blend", *names)
+    monkeypatch.chdir(tmp_path)
+    assert run(source.name, *LINE, "--csv", tmp_path / "table.csv") == 0
+    rows = list(csv.DictReader(io.StringIO((tmp_path / "table.csv").read_text(encoding="utf-8"))))
+    assert [row["object"] for row in rows] == ["'=1+1", "'+1", "'-1", "'@SUM(A1)", "a\\x1b[31m=1"]
+    assert {row["file"] for row in rows} == {"'=cube\\x1b[2J.blend"}
+    assert {row["faces"] for row in rows} == {"6"}
+
+
 def test_the_standard_output_holds_the_report_alone(tmp_path: Path, capfd: Capture) -> None:
     source = save_cubes(tmp_path / "cube.blend", "One")
     capfd.readouterr()
