@@ -7,7 +7,7 @@ that a point of one level finds its counterpart in another: the one of the same 
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -22,52 +22,15 @@ from tests.brute_force import Levels, linear_children
 FloatArray = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Level:
-    """A subdivided mesh, of some of the base faces only. P polygons, C corners in order.
-
-    sizes: (P,); faces: (C,) the base face each corner came from; parameters: (C, 2); points: (C, 3).
-    """
-
-    sizes: NDArray[np.int32]
-    faces: NDArray[np.int64]
-    parameters: FloatArray
-    points: FloatArray
-
-    def quads(self, values: FloatArray) -> FloatArray:
-        """(Q, 4, D): the corners of the facets, for (C, D) values at the corners of the polygons.
-
-        A face that is no quad is the fan of quads over corner, edge midpoint, centroid and edge midpoint. Where
-        there is one, so are the quads, which does not change their facets.
-        """
-        if self.all_quads:
-            return values.reshape(-1, 4, values.shape[1])
-        starts = np.cumsum(self.sizes) - self.sizes
-        after = np.arange(1, len(values) + 1)
-        after[starts + self.sizes - 1] = starts
-        before = np.argsort(after)
-        centroids = np.add.reduceat(values, starts) / self.sizes[:, None]
-        middles = (values + values[after]) / 2
-        return np.stack([values, middles, np.repeat(centroids, self.sizes, axis=0), middles[before]], axis=1)
-
-    @property
-    def all_quads(self) -> bool:
-        return bool(np.all(self.sizes == 4))
-
-    @property
-    def quad_faces(self) -> NDArray[np.int64]:
-        """(Q,) the base face of each of them."""
-        return self.faces[::4] if self.all_quads else self.faces
-
-
 class Positions:
     """The points of a level by face and parameters."""
 
-    def __init__(self, deep: Level, level: int) -> None:
+    def __init__(self, faces: NDArray[np.int64], parameters: FloatArray, points: FloatArray, level: int) -> None:
+        """Of all corners (C,): the base face each came from, its parameters (C, 2) there, and points (C, 3)."""
         # Cells of an eighth of the spacing in a quad: below the least spacing in any polygon, above all rounding.
         self.cells = 2.0 ** (level + 3)
-        self.keys, first = np.unique(self._keys(deep.faces, deep.parameters), return_index=True)
-        self.points = deep.points[first]
+        self.keys, first = np.unique(self._keys(faces, parameters), return_index=True)
+        self.points = points[first]
 
     def _keys(self, faces: NDArray[np.int64], parameters: FloatArray) -> NDArray[np.int64]:
         cells = np.rint(self.cells * parameters).astype(np.int64) + 1
@@ -122,15 +85,13 @@ def add_part(data: meshes.MeshData, numbers: NDArray[np.intp]) -> bpy.types.Obje
     return added
 
 
-def level_of(part: bpy.types.Object, level: int, faces: NDArray[np.intp]) -> Level:
-    """The given base faces of an object after so many levels of its modifier."""
+def level_of(part: bpy.types.Object, level: int) -> Positions:
+    """An object of a part after so many levels of its modifier."""
     part.modifiers[0].levels = level
     evaluated = part.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = evaluated.to_mesh()
     bases = np.zeros(len(mesh.polygons), dtype=np.int32)
     mesh.attributes["base_face"].data.foreach_get("value", bases)
-    sizes = np.zeros(len(mesh.polygons), dtype=np.int32)
-    mesh.polygons.foreach_get("loop_total", sizes)
     corners = np.zeros(len(mesh.loops), dtype=np.int32)
     mesh.attributes[".corner_vert"].data.foreach_get("value", corners)
     uvs = np.zeros(2 * len(mesh.loops), dtype=np.float32)
@@ -138,11 +99,14 @@ def level_of(part: bpy.types.Object, level: int, faces: NDArray[np.intp]) -> Lev
     positions = np.zeros(3 * len(mesh.vertices), dtype=np.float32)
     mesh.attributes["position"].data.foreach_get("vector", positions)
     evaluated.to_mesh_clear()
-    wanted = np.isin(bases, faces)
-    at = np.repeat(wanted, sizes)
-    parameters = uvs.reshape(-1, 2)[at].astype(np.float64)
-    points = positions.reshape(-1, 3)[corners[at]].astype(np.float64)
-    return Level(sizes[wanted], np.repeat(bases, sizes)[at].astype(np.int64), parameters, points)
+    faces = np.repeat(bases, len(corners) // len(bases)).astype(np.int64)
+    points = positions.reshape(-1, 3)[corners].astype(np.float64)
+    return Positions(faces, uvs.reshape(-1, 2).astype(np.float64), points, level)
+
+
+def quad_count(data: meshes.MeshData, level: int) -> int:
+    """How many quads a mesh has at a level from 1 on."""
+    return int(data.face_sizes.sum()) * 4 ** (level - 1)
 
 
 def rounding(data: meshes.MeshData, level: int) -> float:
@@ -190,7 +154,7 @@ class BlenderLevels(Levels):
         faces = np.repeat(self._numbers, np.diff(self.subdivided(0).face_starts) * 4**level)
         if not level:
             return self._data.positions
-        found = Positions(level_of(self._object, level, self._numbers), level)
+        found = level_of(self._object, level)
         positions = order.positions.copy()
         positions[order.corner_vertices[corners]] = found.at(faces[corners], self._parameters[level][corners])
         return positions

@@ -19,7 +19,7 @@ from benchmarks.single_precision import MOST, SHAPES, random_offsets, ratios
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.measuring import BlenderLevels, rounding
+from tests.blender.measuring import BlenderLevels, quad_count, rounding
 from tests.blender.named_meshes import NAMED
 from tests.brute_force import Levels, linear_children
 from tests.thorough import each
@@ -99,10 +99,6 @@ def test_what_is_shown_is_within_the_tolerance(name: str, vertices: str, boundar
     assert measured
     shown.remove()
     reference.remove()
-
-
-def quad_count(data: meshes.MeshData, level: int) -> int:
-    return int(data.face_sizes.sum()) * 4 ** (level - 1)
 
 
 def farthest(points: np.ndarray, reference: BlenderLevels, level: int, deeper: int) -> float:

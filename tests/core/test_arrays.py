@@ -11,34 +11,8 @@ import pytest
 
 from ccdepth_addon.core.arrays.chunks import chunks, index_chunks
 from ccdepth_addon.core.arrays.threads import SECONDS_BETWEEN_TICKS, map_in_threads
-from ccdepth_addon.core.arrays.vectors import (
-    cross_products,
-    selected_vectors,
-    transformed_nets,
-)
-
-# Sums of a few products of numbers below 1, each rounded by 2⁻⁵³ of it at most.
-ROUNDING = 2.0**-49
-
 
 # Vectors
-
-
-def component_major(vectors: np.ndarray) -> np.ndarray:
-    """The same vectors, lying in memory as (…, 3, P)."""
-    return np.ascontiguousarray(vectors.swapaxes(-1, -2)).swapaxes(-1, -2)
-
-
-def nets(seed: int) -> np.ndarray:
-    return np.random.default_rng(seed).random((5, 7, 3))
-
-
-def test_the_layout_is_kept() -> None:
-    """Results stay component-major, as the module promises: what follows would be slower otherwise."""
-    a = component_major(nets(5))
-    results = [a + a, selected_vectors(a, np.array([1, 4])), transformed_nets(np.ones((2, 5)), a), cross_products(a, a)]
-    for vectors in results:
-        assert vectors.swapaxes(1, 2).flags.c_contiguous
 
 
 # Chunks

@@ -15,9 +15,6 @@ from hypothesis.extra.numpy import arrays
 
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.facet_bounds import (
-    LEAST_WEIGHT,
-    MISMATCH,
-    SCALE,
     later_bounds,
     sampled_error,
 )
@@ -215,11 +212,6 @@ def spline(places: FloatArray) -> FloatArray:
     return nets.spline_derivatives(places)[0].T
 
 
-def second_derivative(places: FloatArray) -> FloatArray:
-    """(N, 4): that of the spline, linear between the second differences at its ends."""
-    return nets.spline_derivatives(places)[2].T
-
-
 def facets(places: FloatArray, vertices: str, levels: int) -> FloatArray:
     """(N, 4): the points of the polygon over the spline after so many levels, refined by its two-scale rule."""
     points = np.eye(4)
@@ -242,34 +234,6 @@ def offsets(net: FloatArray, u: FloatArray, v: FloatArray, vertices: str, levels
     """(u, v, P, 3): L - S at every u and v."""
     facet = of_nets(facets(u, vertices, levels), facets(v, vertices, levels), net)
     return facet - of_nets(spline(u), spline(v), net)
-
-
-@both_vertices
-@pytest.mark.parametrize("levels", [0, 1, 2, 3])
-def test_the_closed_form(levels: int, vertices: str) -> None:
-    """L - S along one parameter as docs/methods.md has it: the second derivative at u* with the weight α. Those of both
-    parameters and the twist follow, as facets and patches are products of one curve each way."""
-    kind, h = Vertices(vertices), 0.5**levels
-    u = np.random.default_rng(2).uniform(0, 1, 2000)
-    low = np.floor(u / h) * h
-    s = (u - low) / h
-    # E_u with limit vertices: the inner cubic Bernsteins, each taking a third of the other knot's derivative.
-    first, second = 3 * s * (1 - s) ** 2, 3 * s**2 * (1 - s)
-    near, far = (1 - s) ** 3, s**3
-    if vertices == "LIMIT":
-        near, far = (2 * first + second) * 4 / 9, (first + 2 * second) * 4 / 9
-    alpha = near + far
-    star = (low * near + (low + h) * far) / alpha
-    scale = SCALE[kind] * h**2 * (-1 if vertices == "CONTROL" else 1)
-    expected = scale * alpha[:, None] * second_derivative(star)
-    np.testing.assert_allclose(facets(u, vertices, levels) - spline(u), expected, rtol=0, atol=1e-12)
-    # The weights are between the documented limits.
-    np.testing.assert_allclose(alpha, (1 - s) ** 3 + s**3 if vertices == "CONTROL" else 4 * s * (1 - s), atol=1e-12)
-    least = LEAST_WEIGHT[kind]
-    assert least <= alpha.min() < least + 0.01
-    largest = np.sqrt(3) / 18 * (1 if vertices == "CONTROL" else 4 / 3)
-    mismatch = np.abs(alpha * (star - u)).max() / h
-    assert 0.999 * largest < mismatch <= largest * (1 + 1e-12) < MISMATCH[kind] < 1.001 * largest
 
 
 @both_vertices

@@ -17,9 +17,9 @@ from scipy.spatial import Delaunay
 from ccdepth_addon.core.adaptive.planner import AdaptiveRequest, Mode, subdivide_adaptively
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
-from ccdepth_addon.core.deviation import Deviation, covering_pieces, measure_deviation
+from ccdepth_addon.core.deviation import Deviation, measure_deviation
 from ccdepth_addon.core.deviation.surface_to_mesh import nearest_triangles
-from ccdepth_addon.core.deviation.triangles import NEEDLE, Triangles, needle_thickness, to_triangles
+from ccdepth_addon.core.deviation.triangles import Triangles
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.catmull_clark import subdivide
@@ -338,25 +338,6 @@ def test_progress_is_told_often_and_may_stop() -> None:
     assert np.diff([*times, thread_time()]).max() < 0.4
 
 
-def test_many_pieces_over_triangles_are_looked_at_a_few_at_a_time(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Which says the same, and is told of and stopped in between. Above a collinear triangle the surface is folded."""
-    corners = [[0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0.2], [1, 1, 0], [2, 1, 0.3]]
-    control = control_of(meshes.from_faces(corners, [[0, 1, 2], [0, 1, 4, 3], [1, 2, 5, 4]]))
-    positions, triangles = result(control, 2, limit=True)
-
-    def measured() -> tuple[Deviation, int]:
-        told: list[float] = []
-        found = measure_deviation(control, positions, triangles, max_pieces=1000, progress=told.append)
-        return found, len(told)
-
-    together, seldom = measured()
-    monkeypatch.setattr(covering_pieces, "LEAVES_OVER_AT_ONCE", 200)
-    apart, often = measured()
-    assert often > 2 * seldom
-    assert (apart.proved, apart.reached) == (together.proved, together.reached)
-    assert np.array_equal(apart.triangle_bounds, together.triangle_bounds)
-
-
 # Nearest triangles
 
 
@@ -397,24 +378,6 @@ def test_nearest_points_of_needles(thickness: float) -> None:
         expected = point_to_triangles(point[None], triangle[None])[0]
         assert found <= expected
         assert found == pytest.approx(expected, abs=20 * thickness + 1e-9)
-
-
-def test_needles_at_the_threshold() -> None:
-    """However rounding decides, a triangle is not taken for its sides unless its thickness says so."""
-    generator = np.random.default_rng(7)
-    count = 300_000  # One in twenty thousand is so near that it matters how it is rounded.
-    turns = np.linalg.qr(generator.normal(size=(count, 3, 3)))[0]
-    flat = np.zeros((count, 3, 3))
-    flat[:, 1, 0] = 1.0
-    flat[:, 2, 0], flat[:, 2, 1] = generator.uniform(0.2, 0.8, count), NEEDLE
-    corners = np.einsum("nij,nkj->nki", turns, flat)
-    height = NEEDLE / 10
-    above = corners.mean(axis=1) + height * turns[:, :, 2]
-    thickness = needle_thickness(corners.swapaxes(0, 1))
-    assert 0 < np.count_nonzero(thickness) < count
-    found, _ = to_triangles(above.T, corners.transpose(1, 2, 0))
-    # Coordinates of about 1 are rounded by up to 2e-16, ten such roundings and more by 1e-14.
-    assert np.all(found <= height + thickness + 1e-14)
 
 
 def test_bad_input() -> None:

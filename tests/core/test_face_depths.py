@@ -16,7 +16,6 @@ import pytest
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Method, Vertices, first_order_rate
 from ccdepth_addon.core.bounds.rounding import rounding_allowance, smallest_tolerance
-from ccdepth_addon.core.depth import certified_depth, norm_depth
 from ccdepth_addon.core.depth.face_depths import (
     METHODS,
     VERTICES,
@@ -272,30 +271,6 @@ def test_order_and_beginning_of_faces_do_not_matter(method: str) -> None:
     )
     found = face_depths(build(shuffled), TOLERANCE, method, "CONTROL")
     assert_same(found, expected_of(method, "CONTROL"), order)
-
-
-@every_method
-@both_vertices
-def test_chunk_sizes_do_not_matter(method: str, vertices: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    expected = expected_of(method, vertices)
-    sizes = [
-        (module, name) for module in (norm_depth, certified_depth) for name in vars(module) if name.endswith("AT_ONCE")
-    ]
-    assert len(sizes) == 5
-    for module, name in sizes:
-        monkeypatch.setattr(module, name, 7)
-    assert_same(face_depths(build(everything()), TOLERANCE, method, vertices), expected)
-
-
-@pytest.mark.parametrize(("name", "value"), [("MOST_PIECES", 3), ("LARGEST_STENCIL_VALENCE", 2)])
-@both_vertices
-def test_ways_to_certify_do_not_matter(name: str, value: int, vertices: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Few undecided pieces at a time; and patches of valences too large for stencils, refined with their neighbours."""
-    expected = expected_of("CERTIFIED", vertices)
-    monkeypatch.setattr(certified_depth, name, value)
-    found = face_depths(build(everything()), TOLERANCE, "CERTIFIED", vertices)
-    np.testing.assert_array_equal(found.depths, expected.depths)
-    np.testing.assert_array_equal(found.exact, expected.exact)
 
 
 @every_method

@@ -26,7 +26,6 @@ from ccdepth_addon.core.bounds.norm_bounds import (
     limit_displacement,
     published_divisor,
     published_rate,
-    second_order_regular,
     support_bounds,
 )
 from ccdepth_addon.core.bounds.norms import (
@@ -47,7 +46,6 @@ from ccdepth_addon.core.surface.patches import (
     regular_nets,
 )
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
-from proofs.certify_sharp_constants import sharp_constants
 from tests import meshes, nets
 from tests.core.test_face_depths import QUADS, both_vertices, build, pole_mesh
 from tests.level_nets import PROGRAM_TOLERANCE, largest_of, worst_of
@@ -134,28 +132,6 @@ def test_second_order_norm_shrinks_as_published(valence: int) -> None:
         assert beside / divisor <= factor + PROGRAM_TOLERANCE
 
 
-@pytest.mark.parametrize(
-    ("valence", "rates"),
-    [
-        (3, (2 / 3, 0.2917, 0.1224, 0.0506)),
-        (5, (0.72, 0.4016, 0.2225, 0.1233)),
-        (6, (0.75, 0.4688, 0.2793, 0.1637)),
-        (7, (0.75 + 10 / 196, 0.5121, 0.3145, 0.1896)),
-        (8, (0.75, 0.4844, 0.3027, 0.1871)),
-        (10, (0.83, 0.5598, 0.3575, 0.2239)),
-        (12, (29 / 36, 0.5492, 0.3602, 0.2331)),
-    ],
-)
-def test_least_rates_over_several_levels(valence: int, rates: tuple[float, ...]) -> None:
-    """Over one level the published ones at 3, 5 and 7, which cannot be improved."""
-    differences = nets.difference_matrix(valence)
-    growths = [largest_of(differences @ steps(valence, levels), differences) for levels in (1, 2, 3, 4)]
-    assert growths[0] == pytest.approx(rates[0], abs=PROGRAM_TOLERANCE)
-    # Four digits are given.
-    assert growths == pytest.approx(rates, abs=5.001e-5)
-    assert (growths[0] == pytest.approx(published_rate(valence), abs=PROGRAM_TOLERANCE)) == (valence in (3, 5, 7))
-
-
 @every_valence
 @both_vertices
 def test_facets_lie_within_the_second_order_distance(valence: int, vertices: str) -> None:
@@ -207,29 +183,6 @@ def test_constants_as_printed() -> None:
     assert max(map(published_rate, valences)) < 0.84
     assert max(map(first_order_rate, valences)) < 0.85
     assert min(map(published_divisor, valences)) >= 1
-
-
-def test_lemma_7_as_printed_is_false_at_valence_32() -> None:
-    """A net whose facet is farther from the surface, at its regular corner V₅, than the printed bound allows.
-
-    For n > 8 Lemma 7 prints 1/z too small by a factor of 2.
-    """
-    valence = 32
-    printed = valence**2 / (4 * (valence**2 - 8 * valence + 46))
-    assert 2 * printed == pytest.approx(1 / published_divisor(valence))
-    corner = distance_stencils(valence, 0, "CONTROL")[-1, -1]
-    # Nearly a line, but not quite, since faces must have an area.
-    net = 1e-4 * fan_positions(valence)
-    net[:, 2] = worst_of(corner[None], nets.difference_matrix(valence))[1]
-    norm = np.linalg.norm(nets.difference_matrix(valence) @ net, axis=1).max()
-    assert norm == pytest.approx(1, abs=PROGRAM_TOLERANCE)
-
-    mesh, face = nets.net_mesh(net), np.array([0])
-    distance = nets.largest_distances(mesh, face, 0, "CONTROL", SAMPLES)[0]
-    assert printed * norm < 0.315 < 1 / 3 - PROGRAM_TOLERANCE <= distance
-    assert distance <= norm / published_divisor(valence)
-    # With a tolerance between the two the printed lemma would leave the face as it is.
-    assert face_depths(mesh, 0.32, "SECOND_ORDER", "CONTROL").depths[0] > 0
 
 
 # First order
@@ -323,24 +276,6 @@ def test_tabled_rates_are_the_least(valence: int) -> None:
     assert RATES[valence] == pytest.approx(growth, rel=2e-4)
 
 
-def test_figures_of_facets() -> None:
-    """Those found by sampling; of facets themselves 3/8 at valence 3 and 1/3 elsewhere, the corners' way to the limit,
-    and for limit vertices less than 1/4 but at 3."""
-    for valence, figures in {
-        3: (0.3750, 0.0926, 0.0257, 0.0115, 0.0049),
-        5: (0.3333, 0.1000, 0.0398, 0.0218, 0.0120),
-        6: (0.3333, 0.1061, 0.0458, 0.0270, 0.0158),
-        8: (0.3333, 0.1058, 0.0479, 0.0296),
-    }.items():
-        for factor, figure in zip(CONTROL_FACTORS[valence], figures, strict=False):
-            assert figure - 5e-5 <= factor <= 1.005 * figure
-    of_facets = [row[0] for row in CONTROL_FACTORS.values()]
-    # Tables are rounded up in the fifth digit.
-    assert of_facets == pytest.approx([3 / 8] + [1 / 3] * (len(RATES) - 1), abs=1.01e-5)
-    assert 0.25814 < LIMIT_FACTORS[3][0] <= 0.25815 < 7 / 27
-    assert max(row[0] for valence, row in LIMIT_FACTORS.items() if valence > 3) < 1 / 4
-
-
 @pytest.mark.parametrize("valence", [3, 5, 6, 7, 8, 9, 12, 64])
 @both_vertices
 def test_sharp_factors_are_the_least(valence: int, vertices: str) -> None:
@@ -368,16 +303,6 @@ def test_sharp_factors_are_the_least(valence: int, vertices: str) -> None:
             assert 0.99 * own <= distance <= own
 
 
-@pytest.mark.parametrize("valence", [3, 5])
-def test_program_makes_the_tables(valence: int) -> None:
-    made = sharp_constants(valence)
-    for vertices, factors in made.factors.items():
-        assert FACTORS[vertices][valence] == pytest.approx(factors, rel=1e-4)
-        assert made.reached[vertices] == pytest.approx(factors, rel=5e-4)
-        assert np.all(np.array(made.reached[vertices]) <= factors)
-    assert RATES[valence] == pytest.approx(made.rate, rel=1e-4)
-
-
 def test_every_valence_of_the_tables_has_all_it_needs() -> None:
     assert max(RATES) >= 64
     assert list(RATES) == list(CONTROL_FACTORS) == list(LIMIT_FACTORS) == [3, *range(5, max(RATES) + 1)]
@@ -401,16 +326,6 @@ def test_sharp_bounds_fall_with_every_level_and_lie_below_the_published(vertices
         assert bounds_of("SHARP", beyond, 1, vertices).at(level) == bounds_of("SECOND_ORDER", beyond, 1, vertices).at(
             level
         )
-
-
-def test_factors_recur_beyond_the_last() -> None:
-    bounds = PatchBounds(np.array([2.0]), rate=0.5, factors=(7.0, 4.0, 3.0), period=2)
-    assert [bounds.at(level)[0] for level in range(8)] == [14, 8, 6, 4, 3, 2, 1.5, 1]
-
-
-def test_sharp_has_the_published_bounds_of_regular_patches() -> None:
-    """They are reached."""
-    assert PATCH_METHODS[Method.SHARP].regular is second_order_regular
 
 
 @both_vertices

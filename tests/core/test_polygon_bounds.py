@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from itertools import product
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -135,40 +133,6 @@ def test_no_way_to_draw_it_is_farther_from_the_fan_than_it_is_thick(
         allowed = thickness + loops.twist_error(loop.facets) + ROUNDING
         for way in loops.drawn_ways(loop.vertices, normal, WAYS):
             assert_near(loop.vertices[np.array(way)], fan, allowed)
-
-
-@pytest.mark.parametrize("size", [4, 6, 8, 12])
-def test_corners_up_and_down_are_as_thick_as_they_are_apart(size: int) -> None:
-    corners = loops.regular(size)
-    corners[:, 2] = np.where(np.arange(size) % 2, 0.3, -0.2)
-    thickness, normal = loops.plain(turned(corners)).thickness()
-    assert thickness == pytest.approx(0.5)
-    np.testing.assert_allclose(np.abs(normal @ (turned(np.array([[0, 0, 1.0]])) - turned(np.zeros((1, 3))))[0]), 1)
-
-
-def test_flat_polygons_have_no_thickness_and_their_own_normal() -> None:
-    for size in range(3, 13):
-        thickness, normal = loops.plain(loops.regular(size)).thickness()
-        assert thickness <= ROUNDING
-        np.testing.assert_allclose(normal, [0, 0, 1], atol=ROUNDING)
-    thickness, normal = loops.plain(loops.regular(5)[::-1]).thickness()
-    assert thickness <= ROUNDING
-    np.testing.assert_allclose(normal, [0, 0, -1], atol=ROUNDING)
-
-
-def test_many_at_once_are_as_each_by_itself() -> None:
-    """Of all sizes, bent or not, regions or not."""
-    some = [
-        loops.random_loop(seed, 3 + seed % 7, 0.3, 0.2, bent_share)
-        for seed, bent_share in product(range(40), (0.0, 0.5))
-    ]
-    facets = np.concatenate([loop.facets for loop in some], axis=1)
-    bent = np.concatenate([loop.bent for loop in some])
-    sizes = np.array([len(loop.bent) for loop in some])
-    thickness = polygon_thickness(facets, bent, np.cumsum(sizes) - sizes, np.eye(3))
-    alone = [loop.thickness() for loop in some]
-    assert 10 < np.count_nonzero(np.isfinite(thickness)) < len(some) - 10
-    np.testing.assert_allclose(thickness, [each for each, _ in alone], rtol=ROUNDING)
 
 
 # Triangles and quads with split sides

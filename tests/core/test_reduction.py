@@ -119,25 +119,6 @@ def test_nothing_is_proved_where_nothing_is_within_the_limit() -> None:
     assert search.prove(no_report) is None
 
 
-def test_enough_ends_a_measurement_and_still_proves() -> None:
-    mesh = at_level(2)
-    exact = measure_deviation(control(), mesh.positions, mesh.corners, accuracy=0.02)
-    enough = measure_deviation(control(), mesh.positions, mesh.corners, accuracy=0.02, enough=2 * exact.proved)
-    assert enough.accuracy_met
-    assert exact.reached <= enough.proved <= 2 * exact.proved
-    too_little = measure_deviation(control(), mesh.positions, mesh.corners, accuracy=0.02, enough=exact.reached / 2)
-    assert too_little.proved >= exact.reached
-
-
-def test_what_is_hardly_beyond_what_is_enough_is_found_to_be_beyond() -> None:
-    mesh = moved(at_level(2), np.arange(len(at_level(2).positions)) == 7, 0.3)
-    exact = measure_deviation(control(), mesh.positions, mesh.corners, accuracy=0.02)
-    assert not exact.surface_to_mesh
-    hardly = measure_deviation(control(), mesh.positions, mesh.corners, enough=0.99 * exact.reached)
-    assert hardly.accuracy_met
-    assert hardly.reached > 0.99 * exact.reached
-
-
 def test_a_search_can_be_stopped() -> None:
     class Stopped(Exception):
         pass

@@ -4,18 +4,16 @@
 from __future__ import annotations
 
 from itertools import combinations_with_replacement, pairwise
-from math import comb, factorial
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ccdepth_addon.core.adaptive.leaf_bounds.triangle_bounds import coefficients_over
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.distance import pieces as surface_pieces
-from ccdepth_addon.core.distance.leaf_distances import SQUARE, Leaves
+from ccdepth_addon.core.distance.leaf_distances import Leaves
 from ccdepth_addon.core.distance.pieces import SQUARE_FORM, TRIANGLE_FORM
 from ccdepth_addon.core.distance.shell_bounds import Pieces, bridge_bounds, shell_bounds
 from ccdepth_addon.core.distance.shells import Shell, Triangles, vertex_vectors
@@ -131,40 +129,6 @@ def test_shells_are_no_thicker_than_their_prisms(bumps: float) -> None:
         normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         assert np.all(np.einsum("td,tkd->tk", normals, thick.triangles.vectors[:count]) > 0)
     assert thick.ranges.max() < 100.0
-
-
-def cubic_basis(t: FloatArray) -> FloatArray:
-    """(4, n): Bernstein's cubics."""
-    return np.array([comb(3, i) * t**i * (1 - t) ** (3 - i) for i in range(4)])
-
-
-def bicubic(coefficients: FloatArray, places: FloatArray) -> FloatArray:
-    """(n,): values at places (n, 2) of the square."""
-    u, v = places.T
-    return np.einsum("in,jn,ij->n", cubic_basis(u), cubic_basis(v), coefficients.reshape(4, 4))
-
-
-def test_quarters_of_pieces_are_those_of_the_surface() -> None:
-    """Values of a random bicubic all over each quarter, and quarters cover the whole."""
-    generator = np.random.default_rng(2)
-    coefficients, weights, places = (
-        generator.normal(size=16),
-        generator.dirichlet([1, 1, 1], 50),
-        generator.random((50, 2)),
-    )
-    triangle = SQUARE[[0, 1, 2]]
-    middles = (triangle + np.roll(triangle, -1, axis=0)) / 2
-    parts = [*(np.stack([triangle[k], middles[k], middles[k - 1]]) for k in range(3)), middles]
-    counts = np.array([np.bincount(each, minlength=3) for each in combinations_with_replacement(range(3), 6)])
-    basis = np.array([factorial(6) * np.prod(weights**n, axis=1) / np.prod([factorial(k) for k in n]) for n in counts])
-    for rows, part in zip(TRIANGLE_FORM.quarters, parts, strict=True):
-        values = (rows @ coefficients_over(triangle) @ coefficients) @ basis
-        np.testing.assert_allclose(values, bicubic(coefficients, weights @ part), atol=1e-12)
-    left = [np.array(each) for each in ((0.0, 0.0), (0.0, 0.5), (0.5, 0.0), (0.5, 0.5))]
-    for rows in SQUARE_FORM.quarters:
-        values = bicubic(rows @ coefficients, places)
-        left = [each for each in left if not np.allclose(values, bicubic(coefficients, each + places / 2), atol=1e-12)]
-    assert not left
 
 
 def test_all_of_a_quad_is_looked_at_however_it_is_divided(monkeypatch: pytest.MonkeyPatch) -> None:

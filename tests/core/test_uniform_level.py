@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.arrays.types import FloatArray
-from ccdepth_addon.core.bounds.norm_bounds import PATCH_METHODS, Method, Vertices
 from ccdepth_addon.core.depth.common_level import common_level
 from ccdepth_addon.core.depth.face_depths import (
     METHODS,
@@ -23,7 +22,6 @@ from ccdepth_addon.core.depth.face_depths import (
     uniform_level,
 )
 from ccdepth_addon.core.depth.modifier_quality import MOST_QUALITY, needed_quality, unmet_corners
-from ccdepth_addon.core.depth.norm_depth import bounds_fall
 from ccdepth_addon.core.depth.pose_depths import Pose, pose_depths, raised_depths
 from ccdepth_addon.core.depth.worst_pose import worst_pose
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
@@ -136,27 +134,6 @@ def test_a_face_may_be_farther_at_the_next_two_levels() -> None:
     assert face_depths(mesh, EPSILON, "CERTIFIED", "CONTROL").depths[4] == 0
     bounds = [level_bounds(mesh, EPSILON, "CERTIFIED", "CONTROL", level)[4] for level in range(4)]
     assert np.isfinite(bounds).tolist() == [True, False, False, True]
-
-
-@pytest.mark.parametrize("method", ["SHARP", "SECOND_ORDER", "FIRST_ORDER"])
-@both_vertices
-def test_bounds_that_are_said_to_fall_do(method: str, vertices: str) -> None:
-    generator, rules = np.random.default_rng(5), PATCH_METHODS[Method(method)]
-    bounds = [rules.regular(generator.normal(size=(4, 4, 8, 3)), Vertices(vertices))]
-    if method != "SHARP":
-        nets = (generator.normal(size=(2 * n + 8, 8, 3)) for n in [3, *range(5, 130), 400, 401, 1000, 5000])
-        bounds += [rules.extraordinary(net, Vertices(vertices)) for net in nets]
-    for each in bounds:
-        assert np.all(np.diff([each.at(level) for level in range(60)], axis=0) <= 0)
-
-
-def test_which_bounds_fall() -> None:
-    patches = classify_patches(build(meshes.AWKWARD["valences 2 and 12"](), smooth_corners=False))
-    kinds = patches.kinds
-    assert set(kinds.tolist()) == {PatchKind.REGULAR, PatchKind.EXTRAORDINARY, PatchKind.IRREGULAR}
-    for method, rules in PATCH_METHODS.items():
-        expected = [PatchKind.REGULAR] if method is Method.SHARP else [PatchKind.REGULAR, PatchKind.EXTRAORDINARY]
-        np.testing.assert_array_equal(bounds_fall(patches, rules), np.isin(kinds, expected))
 
 
 @every_method
