@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The promise itself: no face at its depth is farther from the limit surface than the tolerance, nor than proved.
 
-Measured with levels of Blender's own Subdivision Surface modifier, Use Limit Surface off, and nothing of the add-on's but
+Measured with levels of Blender's Subdivision Surface modifier, Use Limit Surface off, and nothing of the add-on's but
 the last step of a deep level's vertices to their limits (``BlenderLevels``): a point of a facet finds its counterpart,
 the one of the same face at the same parameters, in a much deeper level.
 """

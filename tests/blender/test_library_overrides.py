@@ -197,12 +197,23 @@ def test_an_override_in_an_overridden_collection_gets_its_result_beside_it(tmp_p
     assert len(result.data.polygons) > 6
 
 
-@pytest.mark.parametrize("kind", KINDS[1::2])
-def test_depths_of_an_overridden_mesh_are_refused(tmp_path: Path, kind: str) -> None:
-    """Blender would neither take their values nor keep them in the file."""
+OVERRIDDEN = "the mesh is a library override, on which Blender keeps no attributes"
+LINKED = "the mesh is linked from another file"
+
+
+@pytest.mark.parametrize("operator", ["compute", "measure"])
+@pytest.mark.parametrize(
+    ("kind", "match"),
+    [("", LINKED), (KINDS[0], LINKED), (KINDS[1], OVERRIDDEN), (KINDS[2], LINKED), (KINDS[3], OVERRIDDEN)],
+)
+def test_meshes_of_other_files_get_no_values(tmp_path: Path, kind: str, match: str, operator: str) -> None:
+    """Blender would neither take them nor keep them in the file. Measured against, such a mesh is as good as any."""
     holder = linked(tmp_path, kind)
     addon.select(holder)
-    refuses("compute", "the mesh is a library override, on which Blender keeps no attributes", tolerance=TOLERANCE)
+    refuses(operator, match)
+    own = scene.add_object(meshes.cube(), "Own")
+    addon.measure(own, holder, time_limit=0.1)
+    assert own.data.ccdepth.measurement.against == holder.name
 
 
 @pytest.mark.parametrize("kind", ["", *KINDS])
@@ -239,24 +250,25 @@ def test_results_that_are_not_kept_are_an_error(tmp_path: Path, operator: str) -
     assert {item.name_full for item in bpy.data.user_map()} == names
 
 
-@pytest.mark.parametrize("dropped", [1, 3])
-def test_depths_that_are_not_kept_leave_all_as_it_was(monkeypatch: pytest.MonkeyPatch, dropped: int) -> None:
-    """One with an earlier result and two without any: Blender drops the colours of the first or of the last of them."""
-    names = ("First", "Second", "Third")
-    holders = [scene.add_object(meshes.cube(), name) for name in names]
-    first = holders[0]
-    first.data.color_attributes.new("Own", "BYTE_COLOR", "CORNER")
-    addon.compute(first, tolerance=0.5)
-    calls = []
-    module = addon.module("exchange.bulk_writing")
+@pytest.mark.parametrize(("operator", "dropped"), [("compute", 0), ("compute", 2), ("measure", 1)])
+def test_values_that_are_not_kept_leave_all_as_it_was(
+    monkeypatch: pytest.MonkeyPatch, operator: str, dropped: int
+) -> None:
+    """One mesh with earlier depths and two without any: Blender drops what is written second to the first of them, or
+    to a later one."""
+    holders = [scene.add_object(meshes.cube(), name) for name in ("First", "Second", "Third")]
+    holders[0].data.color_attributes.new("Own", "BYTE_COLOR", "CORNER")
+    addon.compute(holders[0], tolerance=0.5)
+    writes, module = [], addon.module("exchange.bulk_writing")
 
-    def forget(items: object, name: str, values: np.ndarray, _step: float) -> None:
-        calls.append(name)
-        if calls.count("color") == dropped:
+    def forget(items: bpy.types.bpy_prop_collection, name: str, values: np.ndarray, _step: float) -> None:
+        writes.append(items.id_data)
+        if writes.count(holders[dropped].data) == 2:
             raise module.WriteError("Blender did not keep what was written to the mesh")
         items.foreach_set(name, values.ravel())
 
     monkeypatch.setattr(module, "write_values", forget)
     addon.select(*holders)
-    message = f"{names[dropped - 1]}: Blender did not keep what was written"
-    refuses("compute", message, tolerance=0.01, tolerance_mode="ABSOLUTE")
+    message = f"{holders[dropped].name}: Blender did not keep what was written"
+    refuses(operator, message, tolerance=0.01, tolerance_mode="ABSOLUTE")
+    assert holders[dropped].data in writes

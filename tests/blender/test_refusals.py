@@ -1,0 +1,316 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bad input gets a clear report, and changes nothing, not even on the good objects selected with it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import bmesh
+import bpy
+import numpy as np
+import pytest
+
+from tests import meshes
+from tests.blender import addon, scene
+from tests.blender.updating import refuses
+
+pytestmark = pytest.mark.every_blender
+
+MAKERS = ("compute", "subdivide", "count_faces")
+ALL = (*MAKERS, "measure")
+NAN, INF = float("nan"), float("inf")
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """make: makes and returns the object or the objects to select, the active one last, or selects them itself.
+    operators: to which a good object is given as well, but to Measure Deviation. match: what each of them says."""
+
+    make: Callable[[], Any]
+    match: str
+    operators: tuple[str, ...] = MAKERS
+    settings: dict[str, object] = field(default_factory=dict)
+
+
+def cube(name: str = "Cube", modifier: str = "", size: float = 1.0) -> bpy.types.Object:
+    holder = scene.add_object(meshes.cube(), name)
+    holder.scale = (size, size, size)
+    if modifier:
+        holder.modifiers.new(modifier.title(), modifier)
+    return holder
+
+
+def empty(name: str = "Empty") -> bpy.types.Object:
+    return scene.add_mesh(bpy.data.meshes.new(name))
+
+
+def wire() -> bpy.types.Object:
+    holder = empty("Wire")
+    holder.data.from_pydata([(0, 0, 0), (1, 0, 0)], [(0, 1)], [])
+    return holder
+
+
+def nowhere(value: float) -> bpy.types.Object:
+    """Suzanne with a coordinate that is no finite number."""
+    holder = scene.add_suzanne()
+    # Blender's own access to vertices turns infinity into the largest number.
+    positions = np.empty(3 * len(holder.data.vertices), dtype=np.float32)
+    holder.data.attributes["position"].data.foreach_get("vector", positions)
+    positions[16] = value
+    holder.data.attributes["position"].data.foreach_set("vector", positions)
+    return holder
+
+
+def repeated() -> bpy.types.Object:
+    holder = cube("Repeated")
+    holder.data.loops[1].vertex_index = holder.data.loops[0].vertex_index
+    return holder
+
+
+def points_of_one_mesh() -> list[bpy.types.Object]:
+    """Two objects of a mesh without extent: a division by it would print a warning."""
+    mesh = cube("Point").data
+    mesh.vertices.foreach_set("co", np.ones(3 * len(mesh.vertices), dtype=np.float32))
+    return [scene.add_mesh(mesh), scene.add_mesh(mesh)]
+
+
+def with_group(name: str) -> bpy.types.Object:
+    holder = cube()
+    holder.vertex_groups.new(name=name)
+    return holder
+
+
+def with_attribute(name: str, data_type: str, domain: str) -> bpy.types.Object:
+    """With a fifth value that is no number, where there is such a thing."""
+    holder = cube()
+    attribute = holder.data.attributes.new(name, data_type, domain)
+    if data_type == "FLOAT":
+        attribute.data[5].value = NAN
+    return holder
+
+
+def with_odd_key(value: float) -> bpy.types.Object:
+    holder = cube()
+    holder.shape_key_add(name="Basis")
+    key = holder.shape_key_add(name="Odd")
+    key.value = 0.0
+    key.data.foreach_set("co", np.full(3 * len(key.data), value, dtype=np.float32))
+    return holder
+
+
+def hollow() -> bpy.types.Object:
+    holder = cube("Hollow", "MASK")
+    holder.modifiers[0].vertex_group = holder.vertex_groups.new(name="Nothing").name
+    return holder
+
+
+def without_tolerance() -> bpy.types.Object:
+    bpy.context.scene.ccdepth.relative_tolerance = 0.0
+    return cube()
+
+
+def with_results() -> bpy.types.Object:
+    holder = cube()
+    addon.compute(holder)
+    addon.measure(holder, time_limit=0.1)
+    return holder
+
+
+def edited_since() -> bpy.types.Object:
+    """With results for another number of faces."""
+    holder = with_results()
+    with addon.edit_mode(holder):
+        bpy.ops.mesh.select_all(action="SELECT")
+        bpy.ops.mesh.subdivide()
+    return holder
+
+
+# Out of reach
+
+
+def sculpted() -> None:
+    addon.select(cube())
+    bpy.ops.object.mode_set(mode="SCULPT")
+
+
+def put_away(way: str) -> None:
+    holder = scene.add_suzanne()
+    addon.select(holder)
+    if way == "excluded":
+        collection = bpy.data.collections.new("Excluded")
+        bpy.context.scene.collection.children.link(collection)
+        collection.objects.link(holder)
+        bpy.context.scene.collection.objects.unlink(holder)
+        addon.select(holder)
+        bpy.context.view_layer.layer_collection.children["Excluded"].exclude = True
+    elif way == "hidden":
+        holder.hide_set(True)
+    else:
+        holder.hide_viewport = True
+
+
+def none_active() -> None:
+    addon.select(cube(), cube(), cube())
+    bpy.context.view_layer.objects.active.select_set(False)
+
+
+def edited_without_faces() -> None:
+    holder = scene.add_suzanne()
+    addon.select(holder)
+    bpy.ops.object.mode_set(mode="EDIT")
+    edited = bmesh.from_edit_mesh(holder.data)
+    bmesh.ops.delete(edited, geom=edited.faces[:], context="FACES_ONLY")
+
+
+MEASURE, COMPUTE = ("measure",), ("compute",)
+TOLERANCES = {
+    **dict.fromkeys((0.0, -0.1), "greater than zero"),
+    NAN: "not a finite number",
+}
+TAKEN = "Cube: .*called “{}”"
+SHOWN_NOWHERE = "Suzanne: it shows 1 vertex at no finite position"
+REFUSALS: dict[str, Refusal] = {
+    **{
+        f"{mode} tolerance {value}": Refusal(cube, match, ALL, {"tolerance": value, "tolerance_mode": mode})
+        for mode in ("ABSOLUTE", "RELATIVE")
+        for value, match in TOLERANCES.items()
+    },
+    **{
+        f"{mode} tolerance too fine": Refusal(
+            cube,
+            "Cube: the tolerance .* is finer than the mesh's single-precision coordinates can show",
+            settings={"tolerance": 1e-12, "tolerance_mode": mode},
+        )
+        for mode in ("ABSOLUTE", "RELATIVE")
+    },
+    "no tolerance in the scene": Refusal(without_tolerance, "greater than zero"),
+    **{
+        f"accuracy {value}": Refusal(cube, "The accuracy must be", MEASURE, {"accuracy": value})
+        for value in (0.0, -1.0, NAN)
+    },
+    "results from before stay": Refusal(with_results, "greater than zero", ALL, {"tolerance": 0.0}),
+    "nothing selected": Refusal(addon.select, "Select a mesh object", ALL),
+    "no mesh": Refusal(lambda: addon.select(scene.add_light()), "Select a mesh object", ALL),
+    "another mode": Refusal(sculpted, "Object Mode and in Edit Mode", ALL),
+    "hidden": Refusal(lambda: put_away("hidden"), "Suzanne: the object is hidden", ALL),
+    "hidden in viewports": Refusal(
+        lambda: put_away("viewport"), "Suzanne: the object is hidden|Select a mesh object", ALL
+    ),
+    "excluded": Refusal(lambda: put_away("excluded"), "Select a mesh object", ALL),
+    "none of several is active": Refusal(none_active, "none of them is the active one", MEASURE),
+    "no faces": Refusal(empty, "Empty: the mesh has no faces"),
+    "a wire": Refusal(wire, "Wire: the mesh has no faces"),
+    "no faces in Edit Mode": Refusal(edited_without_faces, "Suzanne: the mesh has no faces", COMPUTE),
+    "not a number": Refusal(lambda: nowhere(NAN), "Suzanne: 1 vertex at no finite position"),
+    "infinite": Refusal(lambda: nowhere(INF), "Suzanne: 1 vertex at no finite position"),
+    "a repeated vertex": Refusal(repeated, "Repeated: 1 face with a repeated vertex"),
+    "scaled to a point": Refusal(lambda: cube("Flat", size=0.0), "Flat: all its faces are at one point"),
+    "no extent": Refusal(
+        points_of_one_mesh,
+        "Point.*all its faces are at one point",
+        settings={"tolerance": 0.1, "tolerance_mode": "RELATIVE"},
+    ),
+    "a group with our name": Refusal(lambda: with_group("ccdepth"), TAKEN.format("ccdepth")),
+    "an attribute with our name": Refusal(
+        lambda: with_attribute("ccdepth", "FLOAT", "POINT"), TAKEN.format("ccdepth")
+    ),
+    **{
+        f"{data_type} of {domain} with the name of deviations": Refusal(
+            lambda data_type=data_type, domain=domain: with_attribute("ccdepth_deviation", data_type, domain),
+            TAKEN.format("ccdepth_deviation"),
+            ("compute", "measure"),
+        )
+        for data_type, domain in (("INT", "FACE"), ("FLOAT", "POINT"))
+    },
+    "a simulation": Refusal(lambda: cube(modifier="CLOTH"), "Cube: .*“Cloth” is a simulation", ALL),
+    "an edge crease that is no number": Refusal(
+        lambda: with_attribute("crease_edge", "FLOAT", "EDGE"),
+        r"Cube: 1 edge with a crease that is not a number \(first: edge 5\)",
+    ),
+    "a vertex crease that is no number": Refusal(
+        lambda: with_attribute("crease_vert", "FLOAT", "POINT"), r"Cube: 1 vertex .* not a number \(first: vertex 5\)"
+    ),
+    **{
+        # Though it is not mixed in.
+        f"a shape key at {value}": Refusal(
+            lambda value=value: with_odd_key(value),
+            "Cube: .*the shape key “Odd” has a vertex at no finite position",
+            ("subdivide",),
+        )
+        for value in (NAN, INF)
+    },
+    "every bad object": Refusal(
+        lambda: [nowhere(NAN), empty()], r"(?s)Suzanne: 1 vertex.*Empty: the mesh has no faces", COMPUTE
+    ),
+    # Measured
+    "shows no faces": Refusal(empty, "Empty: the object shows no faces", MEASURE),
+    "no faces on one": Refusal(lambda: [empty("Measured"), cube()], "Measured: the object shows no faces", MEASURE),
+    "no surface": Refusal(lambda: [cube(), empty("Target")], "Target: the mesh has no faces", MEASURE),
+    "modifiers leave no faces": Refusal(lambda: [hollow(), cube()], "Hollow: the object shows no faces", MEASURE),
+    "shows no number": Refusal(lambda: nowhere(NAN), SHOWN_NOWHERE, MEASURE),
+    "shows infinity": Refusal(lambda: [nowhere(INF), cube()], SHOWN_NOWHERE, MEASURE),
+    "infinite surface": Refusal(
+        lambda: [cube(), nowhere(-INF)], "Suzanne: 1 vertex at no finite position", MEASURE
+    ),
+    "surface without extent": Refusal(
+        lambda: [cube(), cube("Flat", size=0.0)], "Flat: all its faces are at one point", MEASURE
+    ),
+    "every object that shows nothing": Refusal(
+        lambda: [empty("First"), empty("Second"), cube()], "(?s)First: .*Second: ", MEASURE
+    ),
+    "no measurement": Refusal(cube, "Measure Deviation first", ("select_worst",)),
+    "edited since": Refusal(edited_since, "the mesh has changed; measure it again", ("select_worst",)),
+}  # fmt: skip
+CASES = [
+    pytest.param(refusal, operator, id=f"{name}, {operator}")
+    for name, refusal in REFUSALS.items()
+    for operator in refusal.operators
+]
+
+
+@pytest.mark.parametrize(("refusal", "operator"), CASES)
+def test_bad_input_is_refused_and_changes_nothing(refusal: Refusal, operator: str) -> None:
+    objects = refusal.make()
+    if objects:
+        good = [cube("Good")] if operator in MAKERS else []
+        addon.select(*good, *(objects if isinstance(objects, list) else [objects]))
+    refuses(operator, refusal.match, **refusal.settings)
+    if bpy.context.mode != "OBJECT":
+        bpy.ops.object.mode_set(mode="OBJECT")
+
+
+def test_hidden_objects_that_a_script_names_are_refused() -> None:
+    shown, hidden = cube("Shown"), cube("Hidden")
+    addon.select(shown)
+    hidden.hide_set(True)
+    with bpy.context.temp_override(selected_objects=[shown, hidden], active_object=shown):
+        refuses("subdivide", "Hidden: the object is hidden; show it first")
+
+
+def test_an_object_that_could_not_be_edited_again_stays_in_edit_mode() -> None:
+    hidden, other = cube("Hidden"), cube("Other")
+    with addon.edit_mode(hidden, other):
+        hidden.hide_viewport = True
+        with pytest.raises(RuntimeError, match="Hidden: it is edited while it is hidden"):
+            bpy.ops.ccdepth.count_faces()
+        assert (hidden.mode, other.mode) == ("EDIT", "EDIT")
+        hidden.hide_viewport = False
+
+
+# What is no fault
+
+
+def test_other_objects_among_the_selected_are_skipped() -> None:
+    light, holder = scene.add_light(), cube()
+    addon.compute(holder, light)
+    assert holder.data.ccdepth.has_result
+
+
+def test_a_loose_vertex_nowhere_does_not_matter() -> None:
+    data = meshes.cube()
+    positions = np.concatenate([data.positions, [[NAN, 0.0, 0.0]]])
+    holder = scene.add_object(meshes.MeshData(positions, data.face_sizes, data.corner_vertices))
+    addon.measure(holder, time_limit=0.1)
+    assert holder.data.ccdepth.has_deviation
