@@ -376,49 +376,6 @@ def test_one_depth_for_each_face_takes_no_fewer_faces() -> None:
         assert adaptive <= per_face
 
 
-# Few
-
-
-# At twice this, fewer levels are enough.
-DEPTH_15 = 7e-5
-
-# By then the parts around the corner are smooth enough for their size, also beside polygons, whose thickness counts.
-SETTLED = {Transitions.TRIANGLES: 11, Transitions.NGONS: 13}
-
-
-@pytest.mark.parametrize("transitions", Transitions)
-def test_a_corner_that_needs_depth_15_costs_some_faces_a_level(transitions: Transitions) -> None:
-    """At a sharp vertex of valence 8 the surface is a cone, which facets miss by a part of their size, however small.
-
-    A level there is a ring of three leaves in each of the eight faces. Two of these have a finer neighbour on the
-    inside, and are drawn as three triangles, the third is the quad between them: seven faces.
-    """
-    mesh = cone(valence=8)
-    found = subdivided(mesh, request_of(mesh, DEPTH_15, transitions=transitions))
-    assert found.depths.max() >= 15
-    soundness.assert_sound(mesh, found.mesh)
-    rings = faces_by_ring(mesh, found)
-    assert len(rings) >= 15
-    assert np.all(rings[SETTLED[transitions] :] <= 8 * (7 if transitions is Transitions.TRIANGLES else 3))
-
-
-def cone(valence: int) -> PolygonMesh:
-    """Flat but for its sharp tip, vertex 0, at which every fourth face begins."""
-    data = meshes.fan(valence, 2)
-    flat = data.positions * [1.0, 1.0, 0.0]
-    flat[0, 2] = 3.0
-    data = meshes.creased(meshes.MeshData(flat, data.face_sizes, data.corner_vertices), {}, {0: 1.0})
-    return apply_boundary_rule(meshes.to_polygon_mesh(data), smooth_corners=True)
-
-
-def faces_by_ring(mesh: PolygonMesh, found: AdaptiveMesh) -> IndexArray:
-    """How many faces reach from vertex 0 beyond half the side of a base face, a quarter, and so on."""
-    made = found.mesh
-    far = np.maximum.reduceat(soundness.in_square(mesh, made.corner_points).max(axis=1), made.face_starts[:-1])
-    at_tip = mesh.corner_vertices[mesh.face_starts[made.base_faces]] == 0
-    return np.bincount(np.floor(-np.log2(far[at_tip])).astype(np.intp))
-
-
 # Not too many
 
 

@@ -216,35 +216,6 @@ def test_at_sharp_edges_are_what_the_normals_in_the_face_close_in_on(case: str) 
     np.testing.assert_allclose(at_vertex(mesh, corners), at_vertex(mesh, corners, 2.0**-20), rtol=0, atol=tolerance)
 
 
-def test_of_a_plane_are_square_to_it() -> None:
-    for data in (meshes.grid(4, 3), meshes.creased(meshes.grid(4, 4), {(6, 7): 1.0, (7, 12): 0.5, (12, 13): 1.0})):
-        mesh = smooth(data)
-        normals = limit_normals(mesh, uniform_points(mesh, 2))
-        np.testing.assert_allclose(normals, np.broadcast_to([0.0, 0.0, 1.0], normals.shape), rtol=0, atol=1e-9)
-
-
-def test_of_a_cube_point_away_from_its_middle() -> None:
-    mesh = smooth(meshes.cube())
-    points = uniform_points(mesh, 3)
-    positions = limit_values(mesh, mesh.positions, points)
-    radial = positions / np.linalg.norm(positions, axis=1, keepdims=True)
-    normals = limit_normals(mesh, points)
-    assert np.einsum("ij,ij->i", normals, radial).min() > 0.9
-    # By symmetry exactly so at the vertices.
-    at_vertices = ~points.parameters.any(axis=1)
-    np.testing.assert_allclose(normals[at_vertices], radial[at_vertices], rtol=0, atol=1e-14)
-
-
-def test_at_creases_are_those_of_the_points_own_side() -> None:
-    edges = {tuple(edge): 1.0 for edge in meshes.cube().edges.tolist()}
-    mesh = smooth(meshes.creased(meshes.cube(), edges))
-    points = uniform_points(mesh, 2)
-    normals = limit_normals(mesh, points)
-    faces = mesh.corner_faces[points.corners]
-    centres = np.add.reduceat(mesh.positions[mesh.corner_vertices], mesh.face_starts[:-1]) / 4
-    np.testing.assert_allclose(normals, centres[faces], rtol=0, atol=1e-12)
-
-
 def test_of_faces_without_area_are_not_nan() -> None:
     data = meshes.grid(2, 2)
     for flat in (data.positions * np.array([1.0, 0.0, 0.0]), data.positions * 0.0):

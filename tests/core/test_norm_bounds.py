@@ -119,20 +119,6 @@ def fan_positions(valence: int) -> FloatArray:
 
 
 @every_valence
-def test_second_order_norm_shrinks_as_published(valence: int) -> None:
-    differences = nets.difference_matrix(valence)
-    extraordinary, regular = level_one(valence)
-    growth = largest_of(differences @ extraordinary, differences)
-    assert growth <= published_rate(valence) + PROGRAM_TOLERANCE
-    # The children that are regular have to keep below the bound as well: M¹/3 ≤ r · M/z.
-    found = [2 * regular[a] - regular[b] - regular[c] for a, b, c in nets.listed_regular_differences()]
-    beside = largest_of(np.stack(found), differences)
-    for vertices, divisor in (("CONTROL", 3), ("LIMIT", 4)):
-        factor = bounds_of("SECOND_ORDER", valence, 1, vertices).at(1)[0]
-        assert beside / divisor <= factor + PROGRAM_TOLERANCE
-
-
-@every_valence
 @both_vertices
 def test_facets_lie_within_the_second_order_distance(valence: int, vertices: str) -> None:
     """The least factors for a control facet are 3/8 at valence 3, and 1/3 elsewhere as on regular patches."""
@@ -170,19 +156,6 @@ def test_regular_facets_reach_their_distance_and_no_more(vertices: str, level: i
     found = largest_of(distance_stencils(4, level, vertices), differences)
     assert 0.74 * factor <= found <= factor + PROGRAM_TOLERANCE
     assert bounds_of("SECOND_ORDER", 4, 1, vertices).at(level)[0] == pytest.approx(factor)
-
-
-def test_constants_as_printed() -> None:
-    assert [1 / published_rate(n) for n in (3, 5)] == pytest.approx([3 / 2, 25 / 18])
-    assert [published_divisor(n) for n in (3, 5, 6, 7, 8)] == pytest.approx([1, *[25 / 18] * 4])
-    for n in range(6, 65):
-        assert 1 / published_rate(n) == pytest.approx(4 * n * n / (3 * n * n + 8 * n - 46))
-    for n in range(9, 65):
-        assert published_divisor(n) == pytest.approx(2 * (n * n - 8 * n + 46) / (n * n))
-    valences = [n for n in range(3, 5000) if n != 4]
-    assert max(map(published_rate, valences)) < 0.84
-    assert max(map(first_order_rate, valences)) < 0.85
-    assert min(map(published_divisor, valences)) >= 1
 
 
 # First order

@@ -196,21 +196,6 @@ def test_quads_with_split_sides_are_as_near_to_their_template_as_they_are_thick(
                 assert_near(loop.vertices[np.array(way)], points[np.array(template)], thickness + ROUNDING)
 
 
-SQUARE = np.concatenate([loops.regular(4), loops.plain(loops.regular(4)).middles])
-
-
-@pytest.mark.parametrize("pattern", PATTERNS)
-def test_all_patterns_are_flat_regions_on_a_square_and_refused_on_folded_ones(pattern: int) -> None:
-    """A corner drawn in beyond the middle, which leaves a dart; and two corners changed, which leaves a bow tie."""
-    dart, bow_tie = SQUARE.copy(), SQUARE.copy()
-    dart[0] *= -0.5
-    bow_tie[[0, 1]] = bow_tie[[1, 0]]
-    points = np.stack([turned(each) for each in (SQUARE, dart, bow_tie)], axis=1)
-    for alternative in range(len(templates(pattern))):
-        found = thickness_of_quads(points, pattern, alternative, np.eye(3))
-        np.testing.assert_allclose(found, [0, np.inf, np.inf], atol=ROUNDING)
-
-
 # In other spaces
 
 UNEVEN = np.array([[1.0, 0.0, 30.0], [0.0, 1.0, -20.0], [0.0, 0.0, 1.0]])
