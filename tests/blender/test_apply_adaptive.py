@@ -5,7 +5,7 @@ undo; of many objects, and of objects that are scaled unevenly."""
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import product
@@ -91,16 +91,6 @@ def test_each_mode_and_transition_makes_another_mesh() -> None:
         assert corners[mode, "TRIANGLES"] <= 4 < corners[mode, "NGONS"]
 
 
-@pytest.mark.parametrize("has_modifier", [False, True])
-def test_exact_normals_are_custom_normals(has_modifier: bool) -> None:
-    for exact_normals in (False, True):
-        holder = scene.add_suzanne()
-        if has_modifier:
-            scene.add_subdivision(holder, 1)
-        [result] = subdivide(holder, tolerance=ROUGH, exact_normals=exact_normals)
-        assert result.data.has_custom_normals == exact_normals
-
-
 # Tolerance.
 
 
@@ -131,17 +121,6 @@ def test_a_relative_tolerance_is_a_part_of_the_diagonal() -> None:
     large.scale = (3.0, 3.0, 3.0)
     [shared, _] = subdivide(holder, large, tolerance=0.01, tolerance_mode="RELATIVE")
     assert addon.bounds(shared).max() == pytest.approx(3 * addon.bounds(relative).max())
-
-
-def test_settings_come_from_the_scene_unless_given() -> None:
-    settings = bpy.context.scene.ccdepth
-    settings.tolerance_mode, settings.tolerance = "ABSOLUTE", 0.03
-    settings.output, settings.transitions = "IN_PLACE", "NGONS"
-    first, second = scene.add_suzanne(), scene.add_suzanne()
-    addon.select(first)
-    assert bpy.ops.ccdepth.subdivide() == {"FINISHED"}
-    subdivide(second, tolerance=0.03, output="IN_PLACE", transitions="NGONS")
-    assert faces(first) == faces(second) > 500
 
 
 # Several objects, and Edit Mode.
@@ -198,36 +177,6 @@ def test_edit_mode_is_left_and_entered_again(output: str) -> None:
     assert shape(results[1]).max() > 1.2
 
 
-@pytest.mark.parametrize(
-    ("operator", "module", "name"),
-    [
-        ("subdivide", "operators.adaptive_operator", "prepare_adaptive"),
-        ("subdivide", "operators.adaptive_operator", "subdivide"),
-        ("subdivide", "operators.adaptive_operator", "make_meshes"),
-        ("subdivide", "operators.apply_adaptive", "place_meshes"),
-        ("count_faces", "operators.count_faces", "count_text"),
-    ],
-)
-def test_edit_mode_stays_whatever_goes_wrong(
-    operator: str, module: str, name: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    holder = scene.add_suzanne()
-    addon.select(holder)
-    bpy.ops.object.mode_set(mode="EDIT")
-
-    def failing(*_: object, **__: object) -> None:
-        raise LookupError("odd")
-
-    run = getattr(bpy.ops.ccdepth, operator)
-    with pytest.raises(RuntimeError, match="greater than zero"):
-        run(tolerance=0.0)
-    assert bpy.context.mode == "EDIT_MESH"
-    monkeypatch.setattr(addon.module(module), name, failing)
-    with pytest.raises(RuntimeError, match="odd"):
-        run(tolerance=TOLERANCE)
-    assert bpy.context.mode == "EDIT_MESH"
-
-
 @pytest.mark.parametrize("operator", ["subdivide", "count_faces", "compute"])
 def test_an_operator_that_has_run_keeps_nothing_of_its_work(operator: str) -> None:
     """Blender keeps the last operators, with all they hold."""
@@ -274,15 +223,6 @@ def test_the_result_can_take_the_place_of_the_mesh_with_what_modifiers_make() ->
     assert [group.name for group in result.vertex_groups] == ["Group"]
     weighted = [vertex for vertex in result.data.vertices if vertex.groups]
     assert 0 < len(weighted) < len(result.data.vertices)
-
-
-def test_modifiers_that_merge_faces_can_be_counted_in() -> None:
-    holder = scene.add_suzanne()
-    remesh = holder.modifiers.new("Remesh", "REMESH")
-    remesh.mode, remesh.voxel_size = "VOXEL", 0.3
-    [result] = subdivide(holder)
-    assert not result.modifiers
-    assert faces(result) > 100
 
 
 def test_materials_of_the_object_and_its_particles_stay_with_it() -> None:
@@ -362,27 +302,6 @@ def assert_nothing_is_done(editing: bool) -> None:
     assert len(bpy.data.meshes) == 1
 
 
-# Long runs.
-
-
-def test_giving_up_leaves_everything_as_it_was() -> None:
-    holder = scene.add_suzanne()
-    addon.select(holder)
-    subdivision = addon.module("tasks.adaptive_task")
-    before = everything_in_the_file()
-    settings = subdivision.AdaptiveSettings(1e-5, "RELATIVE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
-    tasks = result_of(subdivision.prepare_adaptive(bpy.context, [holder], settings))
-    worker = addon.module("operators.worker")
-    run = addon.module("tasks.stepwise").Stepwise(
-        worker.in_thread(lambda progress: subdivision.subdivide(tasks, settings, progress))
-    )
-    while not run.progress:
-        assert not run.work(0.05)
-    run.give_up()
-    worker.stop_all()
-    assert everything_in_the_file() == before
-
-
 # All results are placed, or none
 
 
@@ -394,9 +313,7 @@ def made_meshes(objects: list[bpy.types.Object]) -> tuple[object, object]:
     """Their results before they are placed, and the settings."""
     task = addon.module("tasks.adaptive_task")
     settings = task.AdaptiveSettings(TOLERANCE, "ABSOLUTE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
-    tasks = result_of(task.prepare_adaptive(bpy.context, objects, settings))
-    answers = task.subdivide(tasks, settings)
-    return result_of(placing().make_meshes(bpy.context, answers, settings, exact_normals=False)), settings
+    return result_of(writing(objects, settings)), settings
 
 
 def three_objects() -> list[bpy.types.Object]:
@@ -411,15 +328,6 @@ def three_objects() -> list[bpy.types.Object]:
     objects[0].hide_render = objects[2].hide_render = True
     addon.select(*objects[:2])
     return objects
-
-
-@pytest.mark.parametrize("output", ["IN_PLACE", "NEW_OBJECT"])
-def test_all_is_placed(output: str) -> None:
-    made, settings = made_meshes(three_objects())
-    placed = placing().place_meshes(bpy.context, made, settings, in_place=output == "IN_PLACE")
-    assert len(placed) == 3
-    assert not any(holder.modifiers for holder in placed)
-    assert all(holder.data.ccdepth.subdivision for holder in placed)
 
 
 @pytest.mark.parametrize("failing", [0, 1, 2])
@@ -543,28 +451,21 @@ def test_the_scene_is_evaluated_a_few_times_and_each_has_its_own_result(operator
 def test_giving_up_while_reading_or_writing_leaves_everything() -> None:
     objects = many()
     addon.select(*objects)
-    bpy.context.view_layer.update()
-    subdivision, made = addon.module("tasks.adaptive_task"), addon.module("operators.adaptive_objects")
-    settings = subdivision.AdaptiveSettings(0.3, "RELATIVE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
-    before = {kind: set(getattr(bpy.data, kind)) for kind in ("objects", "meshes")}
+    task = addon.module("tasks.adaptive_task")
+    settings = task.AdaptiveSettings(0.3, "RELATIVE", True, "ADAPTIVE", "TRIANGLES", 5_000_000)
+    before = everything_in_the_file()
+    for steps in (task.prepare_adaptive(bpy.context, objects, settings), writing(objects, settings)):
+        next(steps)
+        next(steps)
+        steps.close()
+        assert everything_in_the_file() == before
 
-    def is_as_before() -> bool:
-        return all(set(getattr(bpy.data, kind)) == found for kind, found in before.items())
 
-    reading = subdivision.prepare_adaptive(bpy.context, objects, settings)
-    next(reading)
-    next(reading)
-    reading.close()
-    assert is_as_before()
-    tasks = addon.module("tasks.stepwise").Stepwise(subdivision.prepare_adaptive(bpy.context, objects, settings))
-    tasks.work()
-    answers = subdivision.subdivide(tasks.answer, settings)
-    writing = made.make_meshes(bpy.context, answers, settings, exact_normals=False)
-    next(writing)
-    next(writing)
-    assert not is_as_before()
-    writing.close()
-    assert is_as_before()
+def writing(objects: list[bpy.types.Object], settings: object) -> Generator[object, None, object]:
+    """The steps of making meshes, once they are computed."""
+    task = addon.module("tasks.adaptive_task")
+    answers = task.subdivide(result_of(task.prepare_adaptive(bpy.context, objects, settings)), settings)
+    return placing().make_meshes(bpy.context, answers, settings, exact_normals=False)
 
 
 # Objects that are scaled unevenly, sheared or flattened

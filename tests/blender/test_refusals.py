@@ -156,6 +156,11 @@ def none_active() -> None:
     bpy.context.view_layer.objects.active.select_set(False)
 
 
+def edited() -> None:
+    addon.select(cube())
+    bpy.ops.object.mode_set(mode="EDIT")
+
+
 def edited_without_faces() -> None:
     holder = scene.add_suzanne()
     addon.select(holder)
@@ -190,6 +195,7 @@ REFUSALS: dict[str, Refusal] = {
         f"accuracy {value}": Refusal(cube, "The accuracy must be", MEASURE, {"accuracy": value})
         for value in (0.0, -1.0, NAN)
     },
+    "in Edit Mode, which stays": Refusal(edited, "greater than zero", ALL, {"tolerance": 0.0}),
     "results from before stay": Refusal(with_results, "greater than zero", ALL, {"tolerance": 0.0}),
     "nothing selected": Refusal(addon.select, "Select a mesh object", ALL),
     "no mesh": Refusal(lambda: addon.select(scene.add_light()), "Select a mesh object", ALL),

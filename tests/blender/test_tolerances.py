@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from pathlib import Path
 
 import bpy
@@ -13,7 +14,6 @@ from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.subdividing import TOLERANCE, everything_in_the_file, faces, known_count, refused, subdivide
 from tests.blender.updating import made_result, refuses, set_scene
-from tests.thorough import combinations
 
 
 @pytest.mark.parametrize("mode", ["RELATIVE", "ABSOLUTE"])
@@ -43,18 +43,6 @@ def test_a_refused_update_offers_one_as_well() -> None:
     bpy.ops.ccdepth.use_tolerance(tolerance=known_count(result).fitting)
     assert bpy.ops.ccdepth.update() == {"FINISHED"}
     assert faces(result) <= 2_000
-
-
-def test_a_count_of_a_result_is_forgotten_when_its_source_changes() -> None:
-    source, result = made_result()
-    source.hide_set(False)
-    addon.select(result)
-    bpy.ops.ccdepth.count_faces()
-    assert known_count(result) is not None
-    source.data.vertices[0].co.x += 0.1
-    source.data.update()
-    bpy.context.view_layer.update()
-    assert known_count(result) is None
 
 
 def test_a_bad_tolerance_is_not_taken() -> None:
@@ -167,6 +155,11 @@ def test_modifiers_that_are_counted_in_are_carried_over_too(cube: bpy.types.Obje
     assert text() == "= 0.0049 m"
     bpy.context.scene.ccdepth.shown_tolerance_mode = "ABSOLUTE"
     assert bpy.context.scene.ccdepth.tolerance == about(0.001 * math.sqrt(16 + 4 + 4))
+    # On a result the size of its source counts.
+    bpy.context.scene.ccdepth.tolerance_mode = "RELATIVE"
+    assert bpy.ops.ccdepth.subdivide() == {"FINISHED"}
+    assert bpy.context.active_object != cube
+    assert text() == "= 0.0049 m"
 
 
 @pytest.mark.parametrize("name", ["Light", "Empty mesh", None])
@@ -223,14 +216,6 @@ def test_with_no_mesh_active_it_is_told_for_the_selected_meshes(cube: bpy.types.
     assert text() == ""
 
 
-def test_on_a_result_its_source_counts(cube: bpy.types.Object) -> None:
-    assert bpy.ops.ccdepth.subdivide() == {"FINISHED"}
-    assert bpy.context.active_object != cube
-    assert text() == "= 0.00346 m"
-    bpy.context.scene.ccdepth.shown_tolerance_mode = "ABSOLUTE"
-    assert bpy.context.scene.ccdepth.tolerance == about(0.001 * SIZE)
-
-
 def test_a_fraction_with_too_many_digits_for_its_field_is_told_in_full(cube: bpy.types.Object) -> None:
     for tolerance, begins in ((2e-6, "="), (2.5e-6, "2.5e-06 ="), (8.9e-7, "8.9e-07 ="), (0.001, "=")):
         bpy.context.scene.ccdepth.relative_tolerance = tolerance
@@ -264,17 +249,16 @@ def made_with(tolerance: float, *objects: bpy.types.Object) -> int:
 
 
 @pytest.mark.parametrize(
-    ("number", "digits", "rounded"), [(0.07, 3, 0.07), (0.07001, 3, 0.0701), (9.99e-5, 2, 1e-4), (12345.0, 2, 13000.0)]
+    ("mode", "start", "division"),
+    [("RELATIVE", 1e-5, {}), ("ABSOLUTE", 1.0, {}), ("RELATIVE", 1e-3, {"mode": "PER_FACE", "transitions": "NGONS"})],
 )
-def test_tolerances_are_rounded_up_to_few_digits(number: float, digits: int, rounded: float) -> None:
-    assert addon.module("tasks.adaptive_task").with_digits(number, digits) == rounded
-
-
-@pytest.mark.parametrize(("mode", "start"), combinations(["RELATIVE", "ABSOLUTE"], [1e-5, 1.0]))
-def test_it_fits_and_a_finer_one_does_not(mode: str, start: float) -> None:
-    """Whatever the tolerance was before."""
-    set_scene(tolerance_mode=mode, tolerance=start, relative_tolerance=start)
+def test_it_fits_and_a_finer_one_does_not(mode: str, start: float, division: dict[str, str]) -> None:
+    """Whatever the tolerance was before, with the scene's other settings; in Edit Mode as well, which stays."""
+    set_scene(tolerance_mode=mode, tolerance=start, relative_tolerance=start, **division)
     holder = add_hills()
+    with addon.edit_mode(holder):
+        assert bpy.ops.ccdepth.find_tolerance(face_budget=800) == {"FINISHED"}
+        assert holder.mode == "EDIT"
     tolerance = find(holder, face_budget=800)
     counted = known_count(holder)
     assert counted.fitting is None
@@ -287,21 +271,6 @@ def test_faces_of_several_objects_count_together() -> None:
     objects[1].scale = (5.0, 5.0, 5.0)
     tolerance = find(*objects, face_budget=1500)
     assert 1250 < made_with(tolerance, *objects) <= 1500
-
-
-def test_settings_are_counted_in() -> None:
-    holder = add_hills()
-    set_scene(mode="PER_FACE", transitions="NGONS")
-    tolerance = find(holder, face_budget=600)
-    assert made_with(tolerance, holder) <= 600
-    assert made_with(tolerance / 1.1, holder) > 600
-
-
-def test_for_a_result_it_is_found_for_its_update() -> None:
-    _, result = made_result()
-    find(result, face_budget=1000)
-    assert bpy.ops.ccdepth.update() == {"FINISHED"}
-    assert 750 < faces(result) <= 1000
 
 
 def test_a_flat_mesh_gets_the_least_tolerance_that_is_taken() -> None:
@@ -319,13 +288,6 @@ def test_too_few_faces_are_refused() -> None:
     addon.select(scene.add_suzanne())
     refuses("find_tolerance", "Even undivided there would be more than 100 faces", face_budget=100)
     refuses("find_tolerance", "The Face Limit is 500; raise it first", face_budget=1000, max_faces=500)
-
-
-def test_edit_mode_stays() -> None:
-    holder = add_hills()
-    with addon.edit_mode(holder):
-        assert bpy.ops.ccdepth.find_tolerance(face_budget=1000) == {"FINISHED"}
-        assert holder.mode == "EDIT"
 
 
 # Count Faces, and the Face Limit
@@ -350,23 +312,29 @@ def test_the_count_is_what_is_made_and_counting_changes_nothing() -> None:
         assert set(everything_in_the_file()) == set(before)
 
 
-@pytest.mark.parametrize("change", ["mesh", "scale", "settings"])
-def test_a_count_is_forgotten_when_something_changes(change: str) -> None:
-    holder = scene.add_object(meshes.cube())
-    set_scene(tolerance=TOLERANCE)
-    addon.select(holder)
+def moved_source(result: bpy.types.Object) -> None:
+    result.ccdepth.source.data.vertices[0].co.x += 0.1
+    result.ccdepth.source.data.update()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        moved_source,
+        lambda result: setattr(result, "scale", (2.0, 1.0, 1.0)),
+        lambda result: set_scene(tolerance=2 * TOLERANCE),
+    ],
+)
+def test_a_count_for_a_result_is_forgotten_when_something_changes(change: Callable[[bpy.types.Object], None]) -> None:
+    source, result = made_result()
+    source.hide_set(False)
+    addon.select(result)
     bpy.ops.ccdepth.count_faces()
     bpy.context.view_layer.update()
-    assert known_count(holder) is not None
-    if change == "mesh":
-        holder.data.vertices[0].co.x += 1.0
-        holder.data.update()
-    elif change == "scale":
-        holder.scale.x = 2.0
-    else:
-        bpy.context.scene.ccdepth.tolerance *= 2
+    assert known_count(result) is not None
+    change(result)
     bpy.context.view_layer.update()
-    assert known_count(holder) is None
+    assert known_count(result) is None
 
 
 def named_tolerance(
