@@ -7,13 +7,8 @@ import bpy
 
 from ..exchange.modifiers import applied_modifiers, has_own_keys, subdivision_modifier
 from ..state import face_counts, properties, viewports
-from ..tasks.adaptive_task import (
-    AdaptiveSettings,
-    AdaptiveTask,
-    TooManyError,
-    prepare_adaptive,
-    subdivide,
-)
+from ..tasks.adaptive_meshes import TooManyError, subdivide
+from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, prepare_adaptive
 from ..tasks.reduce_task import triangle_count
 from ..tasks.stepwise import Stage
 from ..tasks.surfaces import ComputeError

@@ -7,7 +7,8 @@ from typing import ClassVar
 import bpy
 
 from ..state import face_counts, result_record, viewports
-from ..tasks.adaptive_task import AdaptiveTask, FaceCount, count_results, too_many_text
+from ..tasks.adaptive_meshes import FaceCount, count_results, too_many_text
+from ..tasks.adaptive_task import AdaptiveTask
 from ..tasks.stepwise import Stage
 from ..ui.printable import printable
 from .adaptive_operator import AdaptiveOperator

@@ -8,8 +8,8 @@ from typing import ClassVar
 import bpy
 
 from ..state import face_counts, properties, viewports
-from ..tasks.adaptive_task import AdaptiveTask, FaceCount
-from ..tasks.face_budget import Fit, best_tolerance
+from ..tasks.adaptive_meshes import FaceCount, Fit, best_tolerance
+from ..tasks.adaptive_task import AdaptiveTask
 from ..tasks.stepwise import Stage
 from ..tasks.surfaces import ComputeError
 from .count_faces import CountingOperator
@@ -29,7 +29,12 @@ class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
             raise ComputeError(f"The Face Limit is {self.max_faces:,}; raise it first")
         tasks = yield from self.prepared(context)
         settings, faces = self.settings(), self.face_budget
-        return tasks, (yield from self.computed(lambda progress: best_tolerance(tasks, settings, faces, progress)))
+        fit = yield from self.computed(
+            lambda progress: best_tolerance(tasks, settings, faces, progress, start=settings.tolerance)
+        )
+        if fit is None:
+            raise ComputeError(f"Even undivided there would be more than {faces:,} faces")
+        return tasks, fit
 
     def progress_text(self, progress: float) -> str:
         return f"Finding the tolerance: {progress:,.0f} faces counted"

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects → adaptive meshes as arrays: which are made once for several objects, their tolerances with all rounding, and
-how many faces they have. Nothing here writes to a Blender mesh.
+"""Objects → the adaptive meshes to make: which are made once for several objects, and their tolerances with all
+rounding.
 
 Objects that use one mesh get one result together, made for the one that no other dominates by its scale and tolerance.
 """
@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
-from decimal import ROUND_CEILING, Decimal
 from typing import Any
 
 import bpy
@@ -20,16 +19,11 @@ from ..core import (
     AdaptiveRequest,
     FloatArray,
     Mode,
-    Progress,
-    TooManyFacesError,
     Transitions,
     check_tolerance,
-    count_faces,
     largest_coordinates,
-    no_report,
     rounding_allowance,
     smallest_step,
-    subdivide_adaptively,
     validate,
 )
 from ..exchange.bulk_reading import read_values
@@ -38,7 +32,6 @@ from ..exchange.frozen_copies import FrozenCopies, copies_to_subdivide, in_batch
 from ..exchange.modifiers import applied_modifiers, subdivision_modifier
 from .stepwise import Stage
 from .surfaces import (
-    ComputeError,
     Faults,
     Surface,
     SurfaceSettings,
@@ -50,20 +43,6 @@ from .surfaces import (
 
 # Rounding to single precision changes a number by this part of it at most.
 SINGLE_ROUNDING = 2.0**-24
-
-# A tolerance that fits is good enough with this part of the faces, or this near to one that makes too many. This part
-# of the faces is aimed at.
-ENOUGH_FACES, NEAR_ENOUGH, FACES_AIMED_AT = 0.5, 1.1, 0.75
-
-# So many times what the core estimates is tried first. Where that makes too many faces, the next is so much coarser,
-# and then the square of that.
-FIRST_TRY, COARSER = 1.1, 1.4
-
-# The next is finer by this at most: where a pole makes whole faces deep, their number may grow by 4 at any time.
-LARGEST_STEP = 4.0
-
-# With a tolerance of so many diagonals nothing is split that need not be.
-WITHOUT_SPLITS = 100.0
 
 
 @dataclass(frozen=True)
@@ -97,6 +76,11 @@ class AdaptiveTask:
     def control(self) -> ControlMesh:
         """The control mesh where it is proved."""
         return self.surface.control.thickened()
+
+    @property
+    def least_tolerance(self) -> float:
+        """The least tolerance that is taken, a length in the scene."""
+        return max(smallest_step(self.surface.control.in_world), 2 * self.allowance)
 
     def request(self, settings: AdaptiveSettings, tolerance: float, most_faces: int) -> AdaptiveRequest:
         limit = tolerance - self.allowance
@@ -132,24 +116,6 @@ class AdaptiveResult:
         """How many faces the control mesh has when all of it is subdivided to the deepest depth."""
         mesh, deepest = self.task.surface.control.mesh, int(self.adaptive.depths.max(initial=0))
         return mesh.face_count if deepest == 0 else mesh.corner_count * 4 ** (deepest - 1)
-
-
-@dataclass(frozen=True)
-class FaceCount:
-    """How many faces a result would have; or about how many all results together, if they are too many: then
-    ``fitting`` is a tolerance, as it is typed, that does not make too many, inf when there is none."""
-
-    faces: int
-    fitting: float | None
-
-
-class TooManyError(ComputeError):
-    """The results would have too many faces together. object_names: of all that would have got one."""
-
-    def __init__(self, tasks: list[AdaptiveTask], count: FaceCount, settings: AdaptiveSettings) -> None:
-        super().__init__(too_many_text(tasks, count, settings))
-        self.object_names = [name for task in tasks for name in task.object_names]
-        self.count = count
 
 
 def prepare_adaptive(
@@ -236,7 +202,6 @@ def _task(
     validate(in_world)
     stored = float(np.linalg.norm(np.abs(control.world) @ largest)) * SINGLE_ROUNDING * steps
     allowance = rounding_allowance(in_world) + stored
-    check_tolerance(surface.tolerance, _least_tolerance(control, allowance))
     modifiers = applied_modifiers(blender_object, use_modifiers=settings.use_modifiers)
     library = blender_object.library
     subdivision = subdivision_modifier(blender_object)
@@ -247,7 +212,7 @@ def _task(
         # Results that do not share a mesh stay apart.
         None if user == blender_object else user.data.session_uid,
     )
-    return AdaptiveTask(
+    task = AdaptiveTask(
         object_names=[user.name],
         source_keys=[(blender_object.name, None if library is None else library.filepath)],
         tolerances=[surface.tolerance],
@@ -256,6 +221,8 @@ def _task(
         surface=surface,
         allowance=allowance,
     )
+    check_tolerance(surface.tolerance, task.least_tolerance)
+    return task
 
 
 def _largest_coordinates(control: ControlMesh, keys: bpy.types.Key | None) -> FloatArray:
@@ -280,161 +247,3 @@ def _mixing_steps(keys: bpy.types.Key | None) -> float:
         return 1.0
     values = sum(abs(key.value) for key in keys.key_blocks if not key.mute)
     return 2 * (1 + 6 * values + len(keys.key_blocks) * (1 + 2 * values))
-
-
-def subdivide(
-    tasks: list[AdaptiveTask], settings: AdaptiveSettings, progress: Progress = no_report
-) -> list[AdaptiveResult]:
-    """Make every mesh, as arrays, without Blender: it may run in a thread.
-
-    progress: is told about how many faces there are so far, and may raise to stop. Raises ComputeError when they become
-    too many.
-    """
-    answers: list[AdaptiveResult] = []
-    made = 0
-    for task in tasks:
-        control = task.control
-        request = task.request(settings, task.surface.tolerance, settings.max_faces - made)
-        try:
-            told = _after(made, progress)
-            adaptive = subdivide_adaptively(control.in_world, request, control.mesh.positions, told)
-            _refuse_too_many(len(adaptive.mesh.base_faces), request)
-        except TooManyFacesError as fault:
-            fitting = _fitting_tolerance(tasks, settings, fault.tolerance / _unit(task, settings), progress)
-            raise TooManyError(tasks, FaceCount(made + fault.faces, fitting), settings) from fault
-        answers.append(AdaptiveResult(task, adaptive))
-        made += len(adaptive.mesh.base_faces)
-    return answers
-
-
-def count_results(
-    tasks: list[AdaptiveTask], settings: AdaptiveSettings, progress: Progress = no_report
-) -> list[FaceCount]:
-    """How many faces every mesh would have. progress: as of ``subdivide``."""
-    counts: list[int] = []
-    start = settings.tolerance
-    for task in tasks:
-        request = task.request(settings, task.surface.tolerance, settings.max_faces)
-        try:
-            counts.append(count_faces(task.control.in_world, request, _after(sum(counts), progress)))
-        except TooManyFacesError as fault:
-            counts.append(fault.faces)
-            start = max(start, fault.tolerance / _unit(task, settings))
-    if sum(counts) <= settings.max_faces:
-        return [FaceCount(faces, None) for faces in counts]
-    if len(tasks) > 1:
-        # Where most is flat, there are as many more faces as the tolerance is finer.
-        start = max(start, settings.tolerance * sum(counts) / settings.max_faces)
-    fitting = _fitting_tolerance(tasks, settings, start, progress)
-    return [FaceCount(sum(counts), fitting)] * len(tasks)
-
-
-def _after(faces: int, progress: Progress) -> Progress:
-    """The progress of a mesh made after so many faces."""
-    return lambda so_far: progress(faces + so_far)
-
-
-def _refuse_too_many(faces: int, request: AdaptiveRequest) -> None:
-    """The core counts leaves on its way; their faces may turn out to be more than are allowed."""
-    if faces > request.most_faces:
-        raise TooManyFacesError(faces, request.limit * faces / max(request.most_faces, 1))
-
-
-def _unit(task: AdaptiveTask, settings: AdaptiveSettings) -> float:
-    """What a tolerance of 1, as it is typed, means for a task: a length in the scene."""
-    return task.surface.tolerance / settings.tolerance
-
-
-def _fitting_tolerance(
-    tasks: list[AdaptiveTask], settings: AdaptiveSettings, start: float, progress: Progress
-) -> float:
-    """A tolerance, as it is typed, with which the results together do not have too many faces; inf if there is none.
-
-    start: where to begin to look. It is tried out, so it fits; counting takes as long as there are faces. progress: is
-    told the most faces there have been so far, as each count begins anew.
-    """
-    most, coarsest = settings.max_faces, with_digits(coarsest_tolerance(tasks, settings), 2)
-    told = _never_fewer(progress)
-
-    def count(tolerance: float) -> int | None:
-        counts = counts_with(tasks, settings, tolerance, most, told)
-        return None if counts is None else sum(counts)
-
-    # Each face of a control mesh makes at least one.
-    if sum(task.control.mesh.face_count for task in tasks) > most:
-        return float("inf")
-    guess = FIRST_TRY * (max(start, settings.tolerance) if np.isfinite(start) else settings.tolerance)
-    fitting, too_fine, coarser = coarsest, settings.tolerance, COARSER
-    while (guess := with_digits(guess, 2)) < fitting:
-        faces = count(guess)
-        if faces is None:
-            too_fine = guess
-            guess, coarser = min(coarser * guess, float(np.sqrt(guess * fitting))), coarser**2
-        else:
-            fitting = guess
-            if faces >= ENOUGH_FACES * most:
-                break
-            finer = max(fitting / LARGEST_STEP, fitting * faces / (FACES_AIMED_AT * most))
-            guess = finer if finer > too_fine else float(np.sqrt(too_fine * fitting))
-        if fitting <= NEAR_ENOUGH * too_fine:
-            break
-    return fitting if fitting < coarsest or count(coarsest) is not None else float("inf")
-
-
-def _never_fewer(progress: Progress) -> Progress:
-    """Tells the largest number so far."""
-    most = 0.0
-
-    def told(so_far: float) -> None:
-        nonlocal most
-        most = max(most, so_far)
-        progress(most)
-
-    return told
-
-
-def counts_with(
-    tasks: list[AdaptiveTask], settings: AdaptiveSettings, tolerance: float, most_faces: int, progress: Progress
-) -> list[int] | None:
-    """How many faces each result would have with another tolerance, as it is typed; None when they are too many."""
-    counts: list[int] = []
-    for task in tasks:
-        request = task.request(settings, tolerance * _unit(task, settings), most_faces - sum(counts))
-        try:
-            counts.append(count_faces(task.control.in_world, request, _after(sum(counts), progress)))
-        except TooManyFacesError:
-            return None
-        if sum(counts) > most_faces:
-            return None
-    return counts
-
-
-def coarsest_tolerance(tasks: list[AdaptiveTask], settings: AdaptiveSettings) -> float:
-    """A tolerance, as it is typed, with which nothing is split that need not be."""
-    return max(task.control.diagonal() / _unit(task, settings) for task in tasks) * WITHOUT_SPLITS
-
-
-def finest_tolerance(tasks: list[AdaptiveTask], settings: AdaptiveSettings) -> float:
-    """The least tolerance, as it is typed, that is taken for all of them."""
-    return max(_least_tolerance(task.surface.control, task.allowance) / _unit(task, settings) for task in tasks)
-
-
-def _least_tolerance(control: ControlMesh, allowance: float) -> float:
-    return max(smallest_step(control.in_world), 2 * allowance)
-
-
-def with_digits(number: float, digits: int) -> float:
-    """The least decimal with so many digits that is not smaller."""
-    exact = Decimal(str(number))
-    return float(exact.quantize(Decimal(1).scaleb(exact.adjusted() - digits + 1), rounding=ROUND_CEILING))
-
-
-def too_many_text(tasks: list[AdaptiveTask], count: FaceCount, settings: AdaptiveSettings) -> str:
-    """The report that the results have too many faces together."""
-    assert count.fitting is not None
-    whose = f"{tasks[0].object_names[0]}: the result" if len(tasks) == 1 else f"The {len(tasks)} results together"
-    text = f"{whose} would have about {count.faces:,} faces, and {settings.max_faces:,} are allowed"
-    if not np.isfinite(count.fitting):
-        return f"{text}; no tolerance would fit"
-    unit = " of the diagonal" if settings.tolerance_mode == "RELATIVE" else ""
-    return f"{text}; a tolerance of {count.fitting:.2g}{unit} would fit"

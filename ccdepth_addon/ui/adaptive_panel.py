@@ -108,7 +108,7 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
         split.label(text="No tolerance fits")
         return
     relative = settings.tolerance_mode == "RELATIVE"
-    fitting = f"{count.fitting:.2g}" if relative else length_text(context.scene, count.fitting)
+    fitting = f"{count.fitting:.3g}" if relative else length_text(context.scene, count.fitting)
     split.operator("ccdepth.use_tolerance", text=f"Use {fitting}").tolerance = count.fitting
 
 

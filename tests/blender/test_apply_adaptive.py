@@ -67,12 +67,12 @@ def test_attributes_and_the_record_tell_what_was_made() -> None:
     assert record.world_tolerance == pytest.approx(TOLERANCE)
     assert record.largest_bound == bounds.max()
     assert addon.histogram(result) == dict(zip(*np.unique(depths, return_counts=True), strict=True))
-    addon.module("state.staleness").check_touched()
+    addon.module("state.watch").examine()
     assert addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, result.data) == ""
     result.data.vertices[0].co.x += 1.0
     result.data.update()
     bpy.context.view_layer.update()
-    addon.module("state.staleness").check_touched()
+    addon.module("state.watch").examine()
     assert "mesh changed" in addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, result.data)
 
 
@@ -464,7 +464,9 @@ def test_giving_up_while_reading_or_writing_leaves_everything() -> None:
 def writing(objects: list[bpy.types.Object], settings: object) -> Generator[object, None, object]:
     """The steps of making meshes, once they are computed."""
     task = addon.module("tasks.adaptive_task")
-    answers = task.subdivide(result_of(task.prepare_adaptive(bpy.context, objects, settings)), settings)
+    answers = addon.module("tasks.adaptive_meshes").subdivide(
+        result_of(task.prepare_adaptive(bpy.context, objects, settings)), settings
+    )
     return placing().make_meshes(bpy.context, answers, settings, exact_normals=False)
 
 

@@ -427,7 +427,7 @@ def _reducer(original: bpy.types.Object) -> Generator[object, None, object]:
     tasks = addon.module("tasks.adaptive_task")
     settings = tasks.AdaptiveSettings(0.01, "ABSOLUTE", True, "ADAPTIVE", "TRIANGLES", 1_000_000)
     prepared = result_of(tasks.prepare_adaptive(bpy.context, [original], settings))
-    answers = tasks.subdivide(prepared, settings)
+    answers = addon.module("tasks.adaptive_meshes").subdivide(prepared, settings)
     in_thread = addon.module("operators.worker").in_thread
     reducing = addon.module("operators.reduced_meshes")
     return reducing.Reducer(bpy.context, settings, in_thread, exact_normals=True).make(answers)

@@ -16,6 +16,12 @@ from tests.blender.subdividing import TOLERANCE, everything_in_the_file, faces, 
 from tests.blender.updating import made_result, refuses, set_scene
 
 
+@pytest.fixture(autouse=True)
+def searches_may_take_long(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is found does not depend on how busy the machine is."""
+    monkeypatch.setattr(addon.module("tasks.adaptive_meshes"), "SECONDS_AFTER_REFUSAL", 600.0)
+
+
 @pytest.mark.parametrize("mode", ["RELATIVE", "ABSOLUTE"])
 def test_a_refusal_offers_a_tolerance_that_fits(mode: str) -> None:
     settings = bpy.context.scene.ccdepth
@@ -126,7 +132,7 @@ def text() -> str:
     """What the sidebar says once everything it asks for is measured; nothing is measured while it is drawn."""
     tolerance_text = addon.module("ui.tolerance_text").tolerance_text
     tolerance_text(bpy.context)
-    addon.module("state.diagonals").measure_wanted()
+    addon.module("state.watch").examine()
     return str(tolerance_text(bpy.context))
 
 
@@ -387,6 +393,14 @@ def test_the_tolerance_named_fits_small_and_large_results(name: str, mode: str, 
     [result] = subdivide(holder, tolerance=tolerance, tolerance_mode="RELATIVE", **settings)
     least = max_faces / 2 if mode == "ADAPTIVE" else 1
     assert least <= faces(result) <= max_faces
+
+
+def test_the_search_after_a_refusal_is_bounded_and_names_what_it_has_by_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(addon.module("tasks.adaptive_meshes"), "SECONDS_AFTER_REFUSAL", 0.0)
+    holder, settings = scene.add_object(meshes.landscape(3, 3)), {"max_faces": 1000}
+    tolerance = named_tolerance(holder, tolerance=1e-5, **settings)
+    [result] = subdivide(holder, tolerance=tolerance, tolerance_mode="RELATIVE", **settings)
+    assert faces(result) <= 1000
 
 
 def test_no_tolerance_fits_where_the_mesh_itself_has_too_many_faces() -> None:

@@ -1,0 +1,241 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Tasks → adaptive meshes as arrays, how many faces they have, and the tolerance with which these are not too many.
+Nothing here needs Blender: it may run in a thread."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from decimal import ROUND_CEILING, Decimal
+from math import inf, isfinite, sqrt
+from time import perf_counter
+
+from ..core import Progress, TooManyFacesError, count_faces, no_report, subdivide_adaptively
+from .adaptive_task import AdaptiveResult, AdaptiveSettings, AdaptiveTask
+from .surfaces import ComputeError
+
+# A tolerance is good enough with this part of the faces, or within this factor of one that makes too many.
+ENOUGH_FACES, NEAR_ENOUGH = 0.97, 1.02
+
+# Each step begins where faces are about as many as the tolerance is finer, and goes no farther than this.
+LARGEST_STEP = 16.0
+
+# With so few faces a mesh tells how many a finer one has.
+FEWEST_TO_EXTRAPOLATE = 200
+
+MOST_COUNTS = 24
+
+# After a refusal nobody has asked for the search: it ends after so many seconds, or with this part of the faces. The
+# first one tried is so many times what the core estimates: mostly that fits, and few faces take little time.
+SECONDS_AFTER_REFUSAL, ENOUGH_AFTER_REFUSAL, FIRST_TRY = 10.0, 0.5, 4.0
+
+# With a tolerance of so many diagonals nothing is split that need not be.
+WITHOUT_SPLITS = 100.0
+
+# Digits of a tolerance that was found.
+DIGITS = 3
+
+
+@dataclass(frozen=True)
+class FaceCount:
+    """How many faces a result would have; or about how many all results together, if they are too many: then
+    ``fitting`` is a tolerance, as it is typed, that does not make too many, inf when there is none."""
+
+    faces: int
+    fitting: float | None
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A tolerance, as it is typed, and how many faces each result has with it."""
+
+    tolerance: float
+    counts: list[int]
+
+
+class TooManyError(ComputeError):
+    """The results would have too many faces together. object_names: of all that would have got one."""
+
+    def __init__(self, tasks: list[AdaptiveTask], count: FaceCount, settings: AdaptiveSettings) -> None:
+        super().__init__(too_many_text(tasks, count, settings))
+        self.object_names = [name for task in tasks for name in task.object_names]
+        self.count = count
+
+
+def subdivide(
+    tasks: list[AdaptiveTask], settings: AdaptiveSettings, progress: Progress = no_report
+) -> list[AdaptiveResult]:
+    """Make every mesh, as arrays.
+
+    progress: is told about how many faces there are so far, and may raise to stop. Raises ComputeError when they become
+    too many.
+    """
+    answers: list[AdaptiveResult] = []
+    made = 0
+    for task in tasks:
+        control = task.control
+        request = task.request(settings, task.surface.tolerance, settings.max_faces - made)
+        try:
+            adaptive = subdivide_adaptively(control.in_world, request, control.mesh.positions, _after(made, progress))
+            faces = len(adaptive.mesh.base_faces)
+            # The core counts leaves on its way; their faces may turn out to be more than are allowed.
+            if faces > request.most_faces:
+                raise TooManyFacesError(faces, request.limit * faces / max(request.most_faces, 1))
+        except TooManyFacesError as fault:
+            fitting = _fitting_tolerance(tasks, settings, fault.tolerance / _unit(task, settings), progress)
+            raise TooManyError(tasks, FaceCount(made + fault.faces, fitting), settings) from fault
+        answers.append(AdaptiveResult(task, adaptive))
+        made += faces
+    return answers
+
+
+def count_results(
+    tasks: list[AdaptiveTask], settings: AdaptiveSettings, progress: Progress = no_report
+) -> list[FaceCount]:
+    """How many faces every mesh would have. progress: as of ``subdivide``."""
+    counts: list[int] = []
+    estimate = 0.0
+    for task in tasks:
+        request = task.request(settings, task.surface.tolerance, settings.max_faces)
+        try:
+            counts.append(count_faces(task.control.in_world, request, _after(sum(counts), progress)))
+        except TooManyFacesError as fault:
+            counts.append(fault.faces)
+            estimate = max(estimate, fault.tolerance / _unit(task, settings))
+    if sum(counts) <= settings.max_faces:
+        return [FaceCount(faces, None) for faces in counts]
+    # Where most is flat, there are as many more faces as the tolerance is finer.
+    estimate = max(estimate, settings.tolerance * sum(counts) / settings.max_faces)
+    return [FaceCount(sum(counts), _fitting_tolerance(tasks, settings, estimate, progress))] * len(tasks)
+
+
+def _after(faces: int, progress: Progress) -> Progress:
+    """The progress of a mesh made after so many faces."""
+    return lambda so_far: progress(faces + so_far)
+
+
+def _unit(task: AdaptiveTask, settings: AdaptiveSettings) -> float:
+    """What a tolerance of 1, as it is typed, means for a task: a length in the scene."""
+    return task.surface.tolerance / settings.tolerance
+
+
+class _TimeIsUp(Exception):
+    """The search has taken as long as it may."""
+
+
+def _fitting_tolerance(
+    tasks: list[AdaptiveTask], settings: AdaptiveSettings, estimate: float, progress: Progress
+) -> float:
+    """A tolerance with which there are not too many faces, after that of the settings made too many: the best one found
+    in a while; inf if there is none. estimate: the core's."""
+    most = 0.0
+
+    def told(faces: float) -> None:
+        # Each count begins anew.
+        nonlocal most
+        most = max(most, faces)
+        progress(most)
+
+    fit = best_tolerance(
+        tasks,
+        settings,
+        settings.max_faces,
+        told,
+        start=FIRST_TRY * max(estimate if isfinite(estimate) else 0.0, settings.tolerance),
+        too_fine=settings.tolerance,
+        enough=ENOUGH_AFTER_REFUSAL,
+        seconds=SECONDS_AFTER_REFUSAL,
+    )
+    return inf if fit is None else fit.tolerance
+
+
+def best_tolerance(
+    tasks: list[AdaptiveTask],
+    settings: AdaptiveSettings,
+    most_faces: int,
+    progress: Progress = no_report,
+    *,
+    start: float,
+    too_fine: float = 0.0,
+    enough: float = ENOUGH_FACES,
+    seconds: float = inf,
+) -> Fit | None:
+    """The best tolerance, to three digits, with which the results together have at most so many faces; None without
+    any.
+
+    It is tried out, so it fits: finer and finer ones are counted, until one has too many faces, and then those between.
+    Counting takes as long as there are faces, and ends where there are too many. progress: is told the number of faces,
+    and may raise to stop. start: the first one to try. too_fine: one that is known to make too many. enough: what
+    part of the faces is good enough. seconds: after so many it is the best one found by then.
+    """
+    until = inf
+
+    def told(faces: float) -> None:
+        progress(faces)
+        if perf_counter() > until:
+            raise _TimeIsUp
+
+    def fit(tolerance: float) -> Fit | None:
+        tolerance = with_digits(tolerance, DIGITS)
+        counts = _counts_with(tasks, settings, tolerance, most_faces, told)
+        return None if counts is None else Fit(tolerance, counts)
+
+    # Each face of a control mesh makes at least one.
+    if sum(task.control.mesh.face_count for task in tasks) > most_faces:
+        return None
+    finest = max(task.least_tolerance / _unit(task, settings) for task in tasks)
+    best = fit(max(task.control.diagonal() / _unit(task, settings) for task in tasks) * WITHOUT_SPLITS)
+    guess, until = max(start, finest), perf_counter() + seconds
+    try:
+        for _ in range(MOST_COUNTS if best else 0):
+            found = fit(guess)
+            best, too_fine = (found, too_fine) if found else (best, guess)
+            if sum(best.counts) >= enough * most_faces or best.tolerance <= NEAR_ENOUGH * max(too_fine, finest):
+                break
+            guess = max(_next_guess(best, too_fine, most_faces), finest)
+    except _TimeIsUp:
+        pass
+    return best
+
+
+def _next_guess(best: Fit, too_fine: float, most_faces: int) -> float:
+    """Where to go on between a tolerance that fits and one, or 0, that is too fine."""
+    faces = sum(best.counts)
+    # Where most is flat, there are as many more faces as the tolerance is finer.
+    finer = min(most_faces / max(faces, 1), LARGEST_STEP) if faces >= FEWEST_TO_EXTRAPOLATE else LARGEST_STEP
+    guess = best.tolerance / finer
+    if guess <= too_fine * NEAR_ENOUGH:
+        guess = sqrt(best.tolerance * too_fine)
+    return guess
+
+
+def _counts_with(
+    tasks: list[AdaptiveTask], settings: AdaptiveSettings, tolerance: float, most_faces: int, progress: Progress
+) -> list[int] | None:
+    """How many faces each result would have with another tolerance, as it is typed; None when they are too many."""
+    counts: list[int] = []
+    for task in tasks:
+        request = task.request(settings, tolerance * _unit(task, settings), most_faces - sum(counts))
+        try:
+            counts.append(count_faces(task.control.in_world, request, _after(sum(counts), progress)))
+        except TooManyFacesError:
+            return None
+        if sum(counts) > most_faces:
+            return None
+    return counts
+
+
+def with_digits(number: float, digits: int) -> float:
+    """The least decimal with so many digits that is not smaller."""
+    exact = Decimal(str(number))
+    return float(exact.quantize(Decimal(1).scaleb(exact.adjusted() - digits + 1), rounding=ROUND_CEILING))
+
+
+def too_many_text(tasks: list[AdaptiveTask], count: FaceCount, settings: AdaptiveSettings) -> str:
+    """The report that the results have too many faces together."""
+    assert count.fitting is not None
+    whose = f"{tasks[0].object_names[0]}: the result" if len(tasks) == 1 else f"The {len(tasks)} results together"
+    text = f"{whose} would have about {count.faces:,} faces, and {settings.max_faces:,} are allowed"
+    if not isfinite(count.fitting):
+        return f"{text}; no tolerance would fit"
+    unit = " of the diagonal" if settings.tolerance_mode == "RELATIVE" else ""
+    return f"{text}; a tolerance of {count.fitting:.3g}{unit} would fit"
