@@ -27,5 +27,8 @@ class CCDEPTH_OT_clear(QuickOperator):
             return {"CANCELLED"}
         for mesh in cleared:
             results.clear(mesh)
+        for each in selected_meshes(context):
+            if each.data in cleared and each.is_editable:
+                each.ccdepth.measured_against = None
         heat_map.synchronise(context)
         return {"FINISHED"}

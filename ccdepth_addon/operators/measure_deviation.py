@@ -62,8 +62,8 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
             undo.pop_all()
         for each, measured, top in zip(answer, objects, tops, strict=True):
             deviation_results.write_record(measured.data, each, settings, largest, top)
-            measured_state.remember(measured)
-            staleness.note_deviation(measured.data)
+            measured_state.remember(measured, bpy.data.objects[each.against])
+            staleness.note_deviation(measured)
         heat_map.synchronise(context)
         self._report(context, answer)
         return {"FINISHED"}

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..state import result_record, sources
+from ..state import result_record, sources, watch
 from ..tasks.surfaces import ComputeError
 from ..ui.printable import printable, printable_lines
 from .adaptive_objects import Made
@@ -140,7 +140,7 @@ class CCDEPTH_OT_update_kept(UpdatingOperator):
         super().leave(context)
         self._chosen = []
         # Results with other settings have their turn.
-        sources.examine_soon()
+        watch.examine_soon()
 
     def _refuse(self, context: bpy.types.Context, fault: ComputeError) -> set[str]:
         """Without a message in the way: nobody has pressed a button."""
@@ -182,7 +182,7 @@ def start_keeping_updated() -> None:
     manager = bpy.context.window_manager
     for window in manager.windows if manager and not bpy.app.background else ():
         if any(each.bl_idname.startswith(OPERATORS_WAITED_FOR) for each in window.modal_operators):
-            sources.examine_soon()
+            watch.examine_soon()
             return
         area = next((area for area in window.screen.areas if area.type == "VIEW_3D"), None)
         region = next((region for region in area.regions if region.type == "WINDOW"), None) if area else None

@@ -12,6 +12,7 @@ from ..exchange.result_attributes import COLOR_KIND, DEVIATION_KIND, rounded_up,
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation
 from . import results
 from .colors import distance_colors
+from .measured_state import target_of
 
 
 def write_deviations(mesh: bpy.types.Mesh, answer: MeshDeviation, top: float, undo: ExitStack) -> None:
@@ -57,7 +58,7 @@ def shown_object(context: bpy.types.Context) -> bpy.types.Object | None:
     active = context.active_object
     measured = [each for each in context.selected_objects if each.type == "MESH" and results.shows_deviation(each.data)]
     if active is not None and active.type == "MESH":
-        others = [each for each in measured if each != active and each.data.ccdepth.measurement.against == active.name]
+        others = [each for each in measured if each != active and target_of(each) == active]
         if not others and results.shows_deviation(active.data):
             return active
         measured = others or measured

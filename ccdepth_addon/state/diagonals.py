@@ -1,24 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The diagonals that relative tolerances are parts of, found without computing anything while the interface is drawn.
 
-The interface asks for what is known. A timer measures what it asked for and what has changed since, where that takes
-no time; the rest is known once somebody has measured it.
+The interface asks for what is known. What it asked for, and what has changed since, is measured when nothing has
+happened for a while, where that takes no time; the rest is known once somebody has measured it.
 """
 
 from __future__ import annotations
 
 import traceback
-from typing import Any
 
 import bpy
 import numpy as np
-from bpy.app.handlers import persistent
 
 from ..exchange.control_mesh import ControlMeshError, read_control_mesh
 from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import counted_modifiers, is_evaluated
-from ..registration import add_handlers, call_soon, do_not_call, remove_handlers
-from . import results, staleness, viewports
+from . import results, staleness, watch
 from .result_record import control_object
 
 # A larger mesh is not read for this alone.
@@ -46,7 +43,8 @@ def known_diagonal(blender_object: bpy.types.Object, *, use_modifiers: bool) -> 
     """The diagonal of the object's dimensions, as a length in the scene, as far as measured."""
     key = (blender_object.session_uid, use_modifiers)
     if key not in _known:
-        _want({key})
+        _wanted.add(key)
+        watch.examine_soon()
     return _known.get(key)
 
 
@@ -63,7 +61,7 @@ def measured_diagonal(
     return diagonal
 
 
-def measure_wanted() -> None:
+def _measure_wanted() -> bool:
     """Measure what was asked for, where it takes no time."""
     wanted = _wanted.copy()
     _wanted.clear()
@@ -71,8 +69,7 @@ def measure_wanted() -> None:
     for uid, use_modifiers in wanted:
         holder = by_uid.get(uid)
         _known[uid, use_modifiers] = None if holder is None else _quickly_measured(holder, use_modifiers)
-    if wanted:
-        viewports.redraw(bpy.context)
+    return bool(wanted)
 
 
 def _quickly_measured(holder: bpy.types.Object, use_modifiers: bool) -> float | None:
@@ -100,45 +97,17 @@ def _recorded(record: bpy.types.PropertyGroup, holder: bpy.types.Object) -> floa
     return float(record.world_tolerance / record.tolerance)
 
 
-def _want(keys: set[_Key]) -> None:
+def _want_again(changed: bpy.types.Object, _geometry: bool) -> bool:
+    keys = {(changed.session_uid, use_modifiers) for use_modifiers in (False, True)} & _known.keys()
     _wanted.update(keys)
-    call_soon(measure_wanted)
+    return bool(keys)
 
 
-@persistent
-def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    if not _known:
-        return
-    touched = {
-        update.id.original.session_uid
-        for update in depsgraph.updates
-        if update.is_updated_geometry or update.is_updated_transform
-    }
-    keys = {key for key in _known if key[0] in touched}
-    if keys:
-        _want(keys)
-
-
-@persistent
-def _forget_everything(*_: Any) -> None:
+def _forget() -> None:
     _known.clear()
     _wanted.clear()
 
 
-HANDLERS = (
-    ("depsgraph_update_post", _notice_updates),
-    ("frame_change_post", _forget_everything),
-    ("undo_post", _forget_everything),
-    ("redo_post", _forget_everything),
-    ("load_pre", _forget_everything),
+watch.clients.append(
+    watch.Client(forget=_forget, updated=_want_again, frame_changed=_forget, replaced=_forget, examine=_measure_wanted)
 )
-
-
-def register() -> None:
-    add_handlers(HANDLERS)
-
-
-def unregister() -> None:
-    remove_handlers(HANDLERS)
-    do_not_call(measure_wanted)
-    _forget_everything()

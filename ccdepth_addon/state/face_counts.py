@@ -8,14 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any
 
 import bpy
-from bpy.app.handlers import persistent
 
-from ..registration import add_handlers, remove_handlers
-from ..tasks.adaptive_task import AdaptiveSettings, FaceCount
-from . import sources
+from ..tasks.adaptive_meshes import FaceCount
+from ..tasks.adaptive_task import AdaptiveSettings
+from . import sources, watch
 
 
 @dataclass(frozen=True)
@@ -40,35 +38,10 @@ def known_count(blender_object: bpy.types.Object, settings: AdaptiveSettings) ->
     return known.count if known is not None and known.settings == settings else None
 
 
-@persistent
-def _forget_changed(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    if not _known:
-        return
-    for update in depsgraph.updates:
-        if update.is_updated_geometry or update.is_updated_transform:
-            uid = update.id.original.session_uid
-            for changed in (uid, *sources.uids_of_results(uid)):
-                _known.pop(changed, None)
+def _forget_changed(changed: bpy.types.Object, _geometry: bool) -> bool:
+    for uid in (changed.session_uid, *sources.uids_of_results(changed.session_uid)) if _known else ():
+        _known.pop(uid, None)
+    return False
 
 
-@persistent
-def _forget_everything(*_: Any) -> None:
-    _known.clear()
-
-
-HANDLERS = (
-    ("depsgraph_update_post", _forget_changed),
-    ("frame_change_post", _forget_changed),
-    ("undo_post", _forget_everything),
-    ("redo_post", _forget_everything),
-    ("load_pre", _forget_everything),
-)
-
-
-def register() -> None:
-    add_handlers(HANDLERS)
-
-
-def unregister() -> None:
-    remove_handlers(HANDLERS)
-    _forget_everything()
+watch.clients.append(watch.Client(forget=_known.clear, updated=_forget_changed, replaced=_known.clear))

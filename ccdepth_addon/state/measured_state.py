@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a measurement depends on, as checksums in its record, and whether that has changed."""
+"""What a measurement depends on, as checksums in its record, and whether it still holds."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
 
 import bpy
 import numpy as np
@@ -18,26 +20,55 @@ from ..exchange.shown_mesh import shown_modifiers
 DRIFT = 2e-6
 
 
-def remember(measured: bpy.types.Object) -> None:
-    """Write to the record of the object's mesh what the measurement just written to it depends on."""
+def remember(measured: bpy.types.Object, target: bpy.types.Object) -> None:
+    """Write to the records of the object and of its mesh what the measurement just written to it depends on.
+
+    target: the object against whose limit surface it is.
+    """
     found = measured.data.ccdepth.measurement
-    against = bpy.data.objects[found.against]
-    found.fingerprint = _checksum(measured, against, use_modifiers=found.use_modifiers)
-    found.placement = _placement(measured, against)
+    measured.ccdepth.measured_against = None if target == measured else target
+    found.fingerprint = _checksum(measured, target, use_modifiers=found.use_modifiers)
+    found.placement = _placement(measured, target)
 
 
-def has_changed(mesh: bpy.types.Mesh) -> bool:
-    """Whether the objects of the mesh's measurement differ from its record."""
+def measured_object(holder: bpy.types.Object) -> bpy.types.Object:
+    """Of the objects that use the holder's mesh, the one that its measurement is of: by its name, or the holder itself
+    where that was renamed."""
+    named = bpy.data.objects.get(holder.data.ccdepth.measurement.measured)
+    return holder if named is None or named.data != holder.data else named
+
+
+def is_own(mesh: bpy.types.Mesh) -> bool:
+    """Whether the object that was measured is the one whose limit surface it was measured against."""
     found = mesh.ccdepth.measurement
-    measured, against = bpy.data.objects.get(found.measured), bpy.data.objects.get(found.against)
-    if measured is None or against is None or measured.data != mesh or against.type != "MESH":
-        return True
-    if mesh_face_count(mesh) != found.faces:
-        return True
-    recorded, present = np.array(found.placement, dtype=np.float64), _placement(measured, against)
+    return bool(found.measured == found.against)
+
+
+def target_of(measured: bpy.types.Object) -> bpy.types.Object | None:
+    """The object against whose limit surface one was measured; None where it is gone."""
+    if is_own(measured.data):
+        return measured
+    # Objects that were measured by earlier versions know its name alone.
+    target = measured.ccdepth.measured_against or bpy.data.objects.get(measured.data.ccdepth.measurement.against)
+    return target if target is not None and target.type == "MESH" else None
+
+
+def holds(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object]) -> bool:
+    """Whether the measurement on the mesh holds for the object that was measured, or where that was renamed for one of
+    those that use the mesh."""
+    named = [each for each in users if each.name == mesh.ccdepth.measurement.measured]
+    return mesh_face_count(mesh) == mesh.ccdepth.measurement.faces and any(map(_holds_for, named or users))
+
+
+def _holds_for(measured: bpy.types.Object) -> bool:
+    found, target = measured.data.ccdepth.measurement, target_of(measured)
+    # The record keeps an object in the file that was deleted.
+    if target is None or not target.users_scene:
+        return False
+    recorded, present = np.array(found.placement, dtype=np.float64), _placement(measured, target)
     if np.abs(recorded - present).max() > DRIFT * np.abs(recorded).max():
-        return True
-    return _checksum(measured, against, use_modifiers=found.use_modifiers) != found.fingerprint
+        return False
+    return _checksum(measured, target, use_modifiers=found.use_modifiers) == found.fingerprint
 
 
 def _checksum(measured: bpy.types.Object, against: bpy.types.Object, *, use_modifiers: bool) -> str:

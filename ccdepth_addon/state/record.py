@@ -35,8 +35,8 @@ class Contributor(bpy.types.PropertyGroup):
 class Measurement(bpy.types.PropertyGroup):
     """What was measured on this mesh, with what, and where it is worst."""
 
-    measured: StringProperty(description="The object that was measured")
-    against: StringProperty(description="The object to whose limit surface it was measured")
+    measured: StringProperty(description="What the object was called that was measured")
+    against: StringProperty(description="What that was called to whose limit surface it was measured")
     tolerance: FloatProperty(description="The tolerance as it was given")
     tolerance_mode: StringProperty()
     world_tolerance: FloatProperty(description="The tolerance as a distance in the scene", subtype="DISTANCE")

@@ -4,12 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import bpy
-from bpy.app.handlers import persistent
 
-from ..registration import add_handlers, remove_handlers
+from . import watch
 
 # How many faces were at fault, by the session identifiers of meshes.
 _refused: dict[int, int] = {}
@@ -30,18 +28,4 @@ def faces_at_fault(mesh: bpy.types.Mesh) -> int:
     return _refused.get(mesh.session_uid, 0)
 
 
-@persistent
-def _forget(*_: Any) -> None:
-    _refused.clear()
-
-
-HANDLERS = (("load_pre", _forget),)
-
-
-def register() -> None:
-    add_handlers(HANDLERS)
-
-
-def unregister() -> None:
-    remove_handlers(HANDLERS)
-    _forget()
+watch.clients.append(watch.Client(forget=_refused.clear))

@@ -37,7 +37,7 @@ class SourceMaterial(bpy.types.PropertyGroup):
 class ResultRecord(
     properties.ToleranceProperties, properties.DivisionProperties, properties.MakingProperties, bpy.types.PropertyGroup
 ):
-    """Where a result came from, and what it was made with."""
+    """Where a result came from, and what it was made with; and of any object, what it was measured against."""
 
     source: PointerProperty(type=bpy.types.Object, description="The object it was made from")
     source_name: StringProperty(description="What that was called; empty on objects that are no results")
@@ -51,6 +51,10 @@ class ResultRecord(
     )
     tolerance: FloatProperty(description="The tolerance as it was given")
     applied: CollectionProperty(type=AppliedModifier)
+    # Not on the mesh: Blender 5.0 leaves pointers of meshes to objects that are gone, and crashes.
+    measured_against: PointerProperty(
+        type=bpy.types.Object, description="The other object to whose limit surface this one was measured"
+    )
     materials: CollectionProperty(type=SourceMaterial)
 
 

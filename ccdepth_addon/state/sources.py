@@ -2,21 +2,17 @@
 """Which objects are sources of results, and which results' sources have changed, found without computing anything while
 the interface is drawn.
 
-As in ``staleness``, a handler notes what was touched, and a timer examines it later. It tells listeners when sources
-of results that are kept updated have left Edit Mode.
+Listeners are told when sources of results that are kept updated have left Edit Mode.
 """
 
 from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
-from typing import Any
 
 import bpy
-from bpy.app.handlers import persistent
 
-from ..registration import add_handlers, call_soon, do_not_call, remove_handlers
-from . import result_record, viewports
+from . import result_record, watch
 
 # Called when the source of a result that is to be kept updated has left Edit Mode changed; operators register here.
 edited_source_listeners: list[Callable[[], None]] = []
@@ -37,12 +33,14 @@ _due: set[int] = set()
 
 
 def has_results(blender_object: bpy.types.Object) -> bool:
-    """Whether results came from this object, as far as examined."""
-    return blender_object.session_uid in _results
+    """Whether results came from this object, as far as known."""
+    return bool(uids_of_results(blender_object.session_uid))
 
 
 def uids_of_results(source_uid: int) -> set[int]:
-    """The session identifiers of the results that came from the object with this one, as far as examined."""
+    """The session identifiers of the results that came from the object with this one, as far as known."""
+    if len(bpy.data.objects) != _object_count:
+        _find_results()
     return _results.get(source_uid, set())
 
 
@@ -66,7 +64,7 @@ def no_longer_due(results: list[bpy.types.Object]) -> None:
 def due_again(results: list[bpy.types.Object]) -> None:
     """Make these anew when nothing has happened for a while."""
     _due.update(each.session_uid for each in results)
-    examine_soon()
+    watch.examine_soon()
 
 
 def note_made(result: bpy.types.Object, source: bpy.types.Object) -> None:
@@ -76,21 +74,17 @@ def note_made(result: bpy.types.Object, source: bpy.types.Object) -> None:
     _results.setdefault(source.session_uid, set()).add(result.session_uid)
 
 
-def check_touched() -> None:
+def _check_touched() -> bool:
     """Examine the results of the sources that were touched."""
     touched = set(_touched)
     _touched.clear()
     sources = [each for each in bpy.data.objects if each.session_uid in touched] if touched else []
-    examined = False
-    for source in sources:
-        # What is being edited is examined when it leaves Edit Mode.
-        if source.type == "MESH" and not source.data.is_editmode:
-            examined |= _examine(source)
-    if examined:
-        viewports.redraw(bpy.context)
+    # What is being edited is examined when it leaves Edit Mode.
+    found = [_examine(source) for source in sources if source.type == "MESH" and not source.data.is_editmode]
     if due_results():
         for listener in edited_source_listeners:
             listener()
+    return any(found)
 
 
 def _examine(source: bpy.types.Object) -> bool:
@@ -116,38 +110,17 @@ def _is_kept_updated(result: bpy.types.Object) -> bool:
     return result.ccdepth.keep_updated and not result.data.is_editmode and not result_record.is_edited(result)
 
 
-def _touch(uids: set[int]) -> None:
-    _touched.update(uids)
-    examine_soon()
-
-
-def examine_soon() -> None:
-    """Examine what was touched, and tell the listeners again, when nothing has changed for a while."""
-    call_soon(check_touched)
-
-
-@persistent
-def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    if len(bpy.data.objects) != _object_count:
-        _find_results()
-    if not _results:
-        return
-    touched = set()
-    for update in depsgraph.updates:
-        if not (update.is_updated_geometry or update.is_updated_transform):
-            continue
-        source = update.id.original
-        if not isinstance(source, bpy.types.Object) or source.session_uid not in _results:
-            continue
-        uid = source.session_uid
-        touched.add(uid)
-        if source.mode == "EDIT":
-            _edited.add(uid)
-        elif uid in _edited:
-            _edited.discard(uid)
-            _left.add(uid)
-    if touched:
-        _touch(touched)
+def _notice_update(source: bpy.types.Object, _geometry: bool) -> bool:
+    uid = source.session_uid
+    if not uids_of_results(uid):
+        return False
+    _touched.add(uid)
+    if source.mode == "EDIT":
+        _edited.add(uid)
+    elif uid in _edited:
+        _edited.discard(uid)
+        _left.add(uid)
+    return True
 
 
 def _find_results() -> None:
@@ -161,51 +134,32 @@ def _find_results() -> None:
     _object_count = len(bpy.data.objects)
 
 
-@persistent
-def _touch_known(*_: Any) -> None:
-    """After a change of the frame."""
-    if _results:
-        _touch(set(_results))
+def _touch_known() -> bool:
+    _touched.update(_results)
+    return bool(_results)
 
 
-@persistent
-def _touch_everything(*_: Any) -> None:
-    """After loading."""
-    _find_results()
-    _touch_known()
-
-
-@persistent
-def _begin_anew(*_: Any) -> None:
-    """After undo and redo: they must not be followed by something that is made anew."""
+def _begin_anew() -> bool:
+    """After undo, redo and loading: they must not be followed by something that is made anew."""
     for runtime in (_edited, _left, _due):
         runtime.clear()
-    _touch_everything()
+    _find_results()
+    return _touch_known()
 
 
-@persistent
-def _forget_everything(*_: Any) -> None:
+def _forget_everything() -> None:
     global _object_count
     for runtime in (_results, _touched, _changed, _edited, _left, _due):
         runtime.clear()
     _object_count = -1
 
 
-HANDLERS = (
-    ("depsgraph_update_post", _notice_updates),
-    ("frame_change_post", _touch_known),
-    ("undo_post", _begin_anew),
-    ("redo_post", _begin_anew),
-    ("load_pre", _forget_everything),
-    ("load_post", _touch_everything),
+watch.clients.append(
+    watch.Client(
+        forget=_forget_everything,
+        updated=_notice_update,
+        frame_changed=_touch_known,
+        replaced=_begin_anew,
+        examine=_check_touched,
+    )
 )
-
-
-def register() -> None:
-    add_handlers(HANDLERS)
-
-
-def unregister() -> None:
-    remove_handlers(HANDLERS)
-    do_not_call(check_touched)
-    _forget_everything()

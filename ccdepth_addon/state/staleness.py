@@ -1,23 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which results are stale, found without computing anything while the interface is drawn.
-
-A handler only notes which meshes with a result were touched. A timer examines them later and keeps the answer until
-they are touched again. Operators that rely on a result examine it themselves, by the same function.
-"""
+"""Which results are stale: those that were touched are examined later, and the answer is kept until they are touched
+again. Operators that rely on a result examine it themselves, by the same function."""
 
 from __future__ import annotations
 
 import traceback
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import bpy
-from bpy.app.handlers import persistent
 
 from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.object_state import KnownDescriptions
-from ..registration import add_handlers, call_soon, do_not_call, remove_handlers
-from . import fingerprint, measured_state, results, viewports
+from . import fingerprint, measured_state, results, watch
+
+Answer = TypeVar("Answer")
 
 # In Edit Mode a larger mesh is not read again after every change: any change of its geometry makes its result stale.
 LARGEST_EDITED_FACE_COUNT = 200_000
@@ -28,8 +25,8 @@ _uncovered: set[int] = set()
 _stale_deviations: set[int] = set()
 _own_writes: set[int] = set()
 
-# By the name of an object, the meshes that were measured against its limit surface.
-_measured_against: dict[str, set[int]] = {}
+# By the session identifier of an object, the meshes that were measured against its limit surface.
+_measured_against: dict[int, set[int]] = {}
 
 
 def is_stale(mesh: bpy.types.Mesh) -> bool:
@@ -47,16 +44,17 @@ def is_deviation_stale(mesh: bpy.types.Mesh) -> bool:
     return mesh.session_uid in _stale_deviations
 
 
-def note_deviation(mesh: bpy.types.Mesh) -> None:
-    """Note a new measurement on the mesh: the next change of its geometry is the writing of it."""
-    _stale_deviations.discard(mesh.session_uid)
-    _own_writes.add(mesh.session_uid)
-    _note_target(mesh)
+def note_deviation(measured: bpy.types.Object) -> None:
+    """Note a new measurement on the object's mesh: the next change of its geometry is the writing of it."""
+    _stale_deviations.discard(measured.data.session_uid)
+    _own_writes.add(measured.data.session_uid)
+    _note_target(measured)
 
 
-def _note_target(mesh: bpy.types.Mesh) -> None:
-    if results.has_deviation(mesh):
-        _measured_against.setdefault(mesh.ccdepth.measurement.against, set()).add(mesh.session_uid)
+def _note_target(measured: bpy.types.Object) -> None:
+    target = measured_state.target_of(measured) if results.has_deviation(measured.data) else None
+    if target is not None:
+        _measured_against.setdefault(target.session_uid, set()).add(measured.data.session_uid)
 
 
 def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:
@@ -77,12 +75,11 @@ def note_colors(mesh: bpy.types.Mesh) -> None:
     _own_writes.add(mesh.session_uid)
 
 
-def check_touched() -> None:
+def _check_touched() -> bool:
     """Examine the results of the meshes that were touched, and remember which no longer hold."""
     touched = set(_touched)
     _touched.clear()
-    if _examine(touched):
-        viewports.redraw(bpy.context)
+    return _examine(touched)
 
 
 def _examine(uids: set[int]) -> bool:
@@ -90,28 +87,25 @@ def _examine(uids: set[int]) -> bool:
     users = _users_of_results(uids)
     known: KnownDescriptions = {}
     for mesh, objects in users.items():
-        _set(_stale_deviations, mesh, results.has_deviation(mesh) and _is_measured_otherwise(mesh))
-        if not results.has_result(mesh):
-            continue
-        try:
-            found = fingerprint.examine(mesh, objects, known)
-        except Exception:
+        if results.has_result(mesh):
             # What cannot be examined counts as stale.
-            traceback.print_exc()
-            found = fingerprint.Examination(True, [])
-        uncovered = set(found.uncovered)
-        _set(_stale, mesh, found.has_changed)
-        for holder in objects:
-            _set(_uncovered, holder, holder in uncovered)
+            found = _tried(fingerprint.examine, mesh, objects, known)
+            uncovered = set(found.uncovered) if found else set()
+            _set(_stale, mesh, found is None or found.has_changed)
+            for holder in objects:
+                _set(_uncovered, holder, holder in uncovered)
+        has_deviation = results.has_deviation(mesh)
+        _set(_stale_deviations, mesh, has_deviation and not _tried(measured_state.holds, mesh, objects))
     return bool(users)
 
 
-def _is_measured_otherwise(mesh: bpy.types.Mesh) -> bool:
+def _tried(examine: Callable[..., Answer], *given: Any) -> Answer | None:
+    """What the function returns; None, with a message on the console, where it fails."""
     try:
-        return measured_state.has_changed(mesh)
+        return examine(*given)
     except Exception:
         traceback.print_exc()
-        return True
+        return None
 
 
 def _set(holders: set[int], holder: bpy.types.ID, wanted: bool) -> None:
@@ -134,70 +128,49 @@ def _users_of_results(uids: set[int]) -> dict[bpy.types.Mesh, list[bpy.types.Obj
 
 def touch(mesh: bpy.types.Mesh) -> None:
     """Examine the mesh's result soon."""
-    _touch({mesh.session_uid})
+    _touched.add(mesh.session_uid)
+    watch.examine_soon()
 
 
-def _touch(uids: set[int]) -> None:
-    _touched.update(uids)
-    call_soon(check_touched)
+def _notice_update(holder: bpy.types.Object, geometry: bool) -> bool:
+    if holder.type != "MESH":
+        return False
+    _touched.update(_measured_against.get(holder.session_uid, ()))
+    if results.has_any(holder.data):
+        _notice_change(holder.data, geometry)
+    return bool(_touched)
 
 
-@persistent
-def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    for update in depsgraph.updates:
-        if not (update.is_updated_geometry or update.is_updated_transform):
-            continue
-        original = update.id.original
-        if not isinstance(original, bpy.types.Object) or original.type != "MESH":
-            continue
-        if results.has_any(original.data):
-            _notice_update(original.data, update.is_updated_geometry)
-        if original.name in _measured_against:
-            _touch(_measured_against[original.name])
-
-
-def _notice_update(mesh: bpy.types.Mesh, geometry: bool) -> None:
+def _notice_change(mesh: bpy.types.Mesh, geometry: bool) -> None:
     own_write = geometry and mesh.session_uid in _own_writes
     if geometry:
         _own_writes.discard(mesh.session_uid)
     if not mesh.is_editmode or mesh_face_count(mesh) <= LARGEST_EDITED_FACE_COUNT:
-        touch(mesh)
+        _touched.add(mesh.session_uid)
     elif geometry and not own_write:
         _stale.add(mesh.session_uid)
         _stale_deviations.add(mesh.session_uid)
 
 
-@persistent
-def _touch_everything(*_: Any) -> None:
-    """After undo, redo and loading, which may replace data as a whole, and after a change of the frame: Blender
-    reports no updates of what is animated."""
-    for mesh in bpy.data.meshes:
-        if results.has_any(mesh):
-            _note_target(mesh)
-            touch(mesh)
+def _touch_everything() -> bool:
+    for each in bpy.data.objects:
+        if each.type == "MESH" and results.has_any(each.data):
+            _note_target(each)
+            _touched.add(each.data.session_uid)
+    return bool(_touched)
 
 
-@persistent
-def _forget_everything(*_: Any) -> None:
+def _forget_everything() -> None:
     for runtime in (_touched, _stale, _uncovered, _stale_deviations, _own_writes, _measured_against):
         runtime.clear()
 
 
-HANDLERS = (
-    ("depsgraph_update_post", _notice_updates),
-    ("frame_change_post", _touch_everything),
-    ("undo_post", _touch_everything),
-    ("redo_post", _touch_everything),
-    ("load_pre", _forget_everything),
-    ("load_post", _touch_everything),
+watch.clients.append(
+    watch.Client(
+        forget=_forget_everything,
+        updated=_notice_update,
+        frame_changed=_touch_everything,
+        replaced=_touch_everything,
+        examine=_check_touched,
+    )
 )
-
-
-def register() -> None:
-    add_handlers(HANDLERS)
-
-
-def unregister() -> None:
-    remove_handlers(HANDLERS)
-    do_not_call(check_touched)
-    _forget_everything()

@@ -34,18 +34,19 @@ class CCDEPTH_PT_deviation(SidebarPanel, bpy.types.Panel):
         column.prop(settings, "time_limit")
         measured = deviation_results.shown_object(context) or context.active_object
         if measured is not None and measured.type == "MESH" and results.has_deviation(measured.data):
-            _draw_measurement(layout, context, measured.data)
+            _draw_measurement(layout, context, measured)
 
 
-def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, mesh: bpy.types.Mesh) -> None:
-    settings, found = context.scene.ccdepth, mesh.ccdepth.measurement
+def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, measured: bpy.types.Object) -> None:
+    settings, mesh = context.scene.ccdepth, measured.data
+    found = mesh.ccdepth.measurement
     box = layout.box().column()
     draw_state_line(box, stale_line(settings, mesh))
     icon, text = VERDICTS[found.verdict]
     row = box.row()
     row.alert = found.verdict == "NOT_MET"
     row.label(text=text, icon=icon)
-    draw_facts(box, facts_of_measurement(context.scene, mesh.ccdepth))
+    draw_facts(box, facts_of_measurement(context.scene, measured))
     if not found.accuracy_met:
         box.label(text="Accuracy not reached", icon="TIME")
     row = layout.row(align=True)

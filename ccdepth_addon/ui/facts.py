@@ -8,6 +8,7 @@ from typing import NamedTuple
 
 import bpy
 
+from ..state.measured_state import is_own, measured_object, target_of
 from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
 from ..tasks.deviation_task import Verdict
 from .lengths import Rounding, bound_text, common_unit, length_text
@@ -118,17 +119,18 @@ def totals(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object]) -> list[
     ]
 
 
-def facts_of_measurement(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fact]:
-    """What was measured on a mesh."""
+def facts_of_measurement(scene: bpy.types.Scene, holder: bpy.types.Object) -> list[Fact]:
+    """What was measured on an object's mesh."""
+    record, target = holder.data.ccdepth, target_of(holder)
     found = record.measurement
     unit = common_unit(scene, (record.deviation, record.deviation_reached, found.world_tolerance))
-    own = found.measured == found.against
     most = bound_text(scene, record.deviation, found.world_tolerance, unit)
     least = length_text(scene, record.deviation_reached, Rounding.DOWN, unit=unit)
-    against = "Its own limit surface" if own else found.against
+    own = is_own(holder.data)
+    against = "Its own limit surface" if own else found.against if target is None else target.name
     reached = "A point that is as far away was found; the largest distance is between the two"
     return [
-        *([] if own else [Fact("Object", found.measured, "The object that was measured")]),
+        *([] if own else [Fact("Object", measured_object(holder).name, "The object that was measured")]),
         Fact("Against", against, "Whose limit surface it was measured against"),
         Fact("At Most", most, "No point of the one is farther from the other than this; proved"),
         Fact("At Least", least, reached),

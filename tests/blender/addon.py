@@ -21,6 +21,12 @@ def module(name: str) -> ModuleType:
     return import_module(f"{package}.{name}")
 
 
+def examine_touched() -> None:
+    """Let Blender pass on its updates, and the timer run."""
+    bpy.context.view_layer.update()
+    module("state.watch").examine()
+
+
 def select(*objects: bpy.types.Object) -> None:
     """Select these objects alone; the last one becomes the active one."""
     bpy.context.view_layer.update()

@@ -99,8 +99,7 @@ def run(seed: int, kept: Sequence[int] | None = None, tell: Callable[[str], None
                 tell(f"{number} {name}")
                 with _errors_heard() as heard:
                     _carry_out(name, this)
-                    addon.module("state.staleness").check_touched()
-                    addon.module("state.sources").check_touched()
+                    addon.module("state.watch").examine()
                 if "Traceback" in heard():
                     raise Fault(f"a traceback was printed: {heard()}")
         finally:
@@ -226,7 +225,7 @@ def compute_again(this: Run) -> None:
     with suppress(*REFUSALS):
         addon.select(*objects)
     staleness = addon.module("state.staleness")
-    staleness.check_touched()
+    addon.module("state.watch").examine()
     with_depths = [each.data for each in objects if each.type == "MESH" and _has_depths(each.data)]
     current = {mesh.name: _depths(mesh) for mesh in with_depths if not staleness.is_stale(mesh)}
     if len(bpy.context.selected_objects) == len(objects) and _call(this, "compute", **settings):
@@ -423,7 +422,7 @@ def _results_sound(what: str) -> None:
 def _results_current() -> None:
     """What was just made is not out of date."""
     staleness = addon.module("state.staleness")
-    staleness.check_touched()
+    addon.module("state.watch").examine()
     for holder in bpy.context.selected_objects:
         # Edit Mode shows one key by itself, which is another shape than that of the result.
         if holder.type != "MESH" or (holder.data.is_editmode and holder.data.shape_keys):

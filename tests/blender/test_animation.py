@@ -25,9 +25,9 @@ def few_levels() -> None:
 
 def told_by_the_panel(holder: bpy.types.Object) -> str:
     """Once the timer has run, without anything that would have Blender pass on its updates."""
-    staleness = addon.module("state.staleness")
-    if bpy.app.timers.is_registered(staleness.check_touched):
-        staleness.check_touched()
+    examine = addon.module("state.watch").examine
+    if bpy.app.timers.is_registered(examine):
+        examine()
     return addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, holder.data, holder)
 
 

@@ -269,7 +269,7 @@ def test_attributes_that_take_our_names_later_are_not_taken_for_ours(
         bpy.ops.object.mode_set(mode="EDIT")
     addon.module("ui.heat_map").synchronise(bpy.context)
     addon.module("state.staleness").touch(holder.data)
-    addon.module("state.staleness").check_touched()
+    addon.module("state.watch").examine()
     for operator in (bpy.ops.ccdepth.select, bpy.ops.ccdepth.set_levels):
         if operator.poll():
             operator()

@@ -115,7 +115,7 @@ def test_it_says_when_results_are_out_of_date() -> None:
     holders[0].data.vertices[0].co.x += 1.0
     holders[0].data.update_tag()
     bpy.context.view_layer.update()
-    addon.module("state.staleness").check_touched()
+    addon.module("state.watch").examine()
     assert legends()[0].alert == "Out of date: 1 of 3"
     addon.select(holders[0])
     assert legends()[0].alert == "Out of date"

@@ -47,7 +47,7 @@ def test_the_modifier_gets_the_uniform_level(vertices: str, present: bool) -> No
     if present:
         assert holder.modifiers[0].boundary_smooth == "PRESERVE_CORNERS"
     bpy.context.view_layer.update()
-    addon.module("state.staleness").check_touched()
+    addon.module("state.watch").examine()
     assert not addon.module("state.staleness").is_stale(holder.data)
 
 

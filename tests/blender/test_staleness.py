@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import bmesh
@@ -28,16 +29,9 @@ LINES = {"depths": MESH_LINE, "own": OBJECTS_LINE, "other": OBJECTS_LINE, "resul
 ALL = "depths own other result"
 
 
-def check_touched() -> None:
-    """Let Blender pass on its updates, and the timers run."""
-    bpy.context.view_layer.update()
-    for module in ("state.staleness", "state.sources"):
-        addon.module(module).check_touched()
-
-
 def stale_line(holder: bpy.types.Object) -> str:
     """What the panel shows of depths on the object's mesh."""
-    check_touched()
+    addon.examine_touched()
     return addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, holder.data)
 
 
@@ -52,7 +46,7 @@ class Made:
 
     def lines(self) -> dict[str, str]:
         """What the panels show of each kind that is out of date."""
-        check_touched()
+        addon.examine_touched()
         settings = bpy.context.scene.ccdepth
         depths, deviations = addon.module("ui.panels").stale_line, addon.module("ui.deviation_panel").stale_line
         lines = {
@@ -184,6 +178,8 @@ CHANGES: dict[str, tuple[Callable[[Made], object], str]] = {
     "the place of the source": (lambda made: set_on(made.source, location=(0, 0.001, 0)), "other"),
     "the place of the other object": (lambda made: set_on(made.other, location=(0, 0.001, 0)), "other"),
     "the place of both": (move_both, ""),
+    "the name of the source": (lambda made: set_on(made.source, name="Renamed"), ""),
+    "the name of the other object": (lambda made: set_on(made.other, name="Renamed"), ""),
     "selection": (lambda made: edit(made.source, bpy.ops.mesh.hide), ""),
     "attributes of zeros": (lambda made: made.source.data.attributes.new("Zeros", "FLOAT", "POINT"), ""),
     "a UV map": (add_a_uv_map, "result"),
@@ -220,16 +216,38 @@ def test_what_was_changed_is_changed_back_or_computed_anew() -> None:
     assert made.lines() == {}
 
 
-def test_a_source_may_be_gone() -> None:
+def delete(holder: bpy.types.Object) -> None:
+    """As a user does; records may keep the object in the file."""
+    addon.select(holder)
+    bpy.ops.object.delete()
+
+
+@pytest.mark.parametrize("remove", [lambda holder: bpy.data.objects.remove(holder), delete])
+def test_a_source_may_be_gone(remove: Callable[[bpy.types.Object], object]) -> None:
     """What was measured against it is out of date then, and of its result only edits of its own are told."""
     made = made_of(creased_source())
-    bpy.data.objects.remove(made.source)
+    remove(made.source)
     addon.module("state.staleness").touch(made.other.data)
     made.source = made.other
     lines = made.lines()
     assert (lines["other"], lines.get("result")) == (OBJECTS_LINE, None)
     move_a_vertex(made.result)
     assert made.lines()["result"] == MESH_LINE
+
+
+def test_renamed_objects_are_told_by_their_names(tmp_path: Path) -> None:
+    """Of a measurement, also after the file was loaded again."""
+    made = made_of(creased_source())
+    made.source.name, made.other.name = "Surface", "Measured"
+    path = f"{tmp_path}/saved.blend"
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path)
+    other = bpy.data.objects["Measured"]
+    facts = addon.module("ui.facts").facts_of_measurement(bpy.context.scene, other)
+    assert [fact.value for fact in facts[:2]] == ["Measured", "Surface"]
+    addon.select(other, bpy.data.objects["Surface"])
+    assert addon.module("state.deviation_results").shown_object(bpy.context) == other
+    assert Made(bpy.data.objects["Surface"], other, bpy.data.objects["Source Adaptive"]).lines() == {}
 
 
 def test_groups_that_are_taken_for_creases_are_noticed_by_operators() -> None:
@@ -484,7 +502,7 @@ def test_undo_in_edit_mode_is_followed() -> None:
     assert addon.histogram(holder) != first
     bpy.ops.ed.undo_push(message="Compute Depth")
     bpy.ops.ed.undo()
-    check_touched()
+    addon.examine_touched()
     assert addon.histogram(bpy.context.object) == first
     bpy.ops.ed.undo()
     assert not addon.module("state.results").has_result(bpy.context.object.data)
@@ -492,7 +510,7 @@ def test_undo_in_edit_mode_is_followed() -> None:
 
 
 def test_nothing_is_left_running() -> None:
-    check = addon.module("state.staleness").check_touched
+    check = addon.module("state.watch").examine
     holder = creased_source()
     addon.compute(holder)
     move_a_vertex(holder)

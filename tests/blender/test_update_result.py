@@ -494,7 +494,7 @@ def due() -> list[bpy.types.Object]:
     """What is to be made anew once everything touched has been examined."""
     bpy.context.view_layer.update()
     sources = addon.module("state.sources")
-    sources.check_touched()
+    addon.module("state.watch").examine()
     return sources.due_results()
 
 

@@ -43,9 +43,7 @@ def refuses(operator: str, match: str, **settings: object) -> None:
 
 def stale_line(result: bpy.types.Object) -> str:
     """What the panel says when everything touched has been examined."""
-    bpy.context.view_layer.update()
-    for module in ("state.staleness", "state.sources"):
-        addon.module(module).check_touched()
+    addon.examine_touched()
     return addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, result.data, result)
 
 

@@ -1,0 +1,104 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What is kept of objects while a session lasts, and when it is examined anew: one set of handlers, and one timer.
+
+Nothing is computed while Blender evaluates or draws. Handlers tell the clients what Blender has updated or replaced;
+they note what they want to look at, and do so once nothing has happened for a while.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import bpy
+from bpy.app.handlers import persistent
+
+from ..registration import add_handlers, call_soon, do_not_call, remove_handlers
+from . import viewports
+
+
+def _nothing(*_: Any) -> bool:
+    return False
+
+
+@dataclass(frozen=True)
+class Client:
+    """What somebody who keeps something of objects does. The first three return whether there is something to examine.
+
+    updated: Blender has updated an object, its geometry or its place alone. frame_changed: another frame is shown;
+    Blender does not report all that is animated. replaced: by undo, redo or loading, all data may be other data.
+    examine: look at what was noted; returns whether what the interface shows may be another. forget: everything.
+    """
+
+    forget: Callable[[], object]
+    updated: Callable[[bpy.types.Object, bool], bool] = _nothing
+    frame_changed: Callable[[], object] = _nothing
+    replaced: Callable[[], object] = _nothing
+    examine: Callable[[], bool] = _nothing
+
+
+# Modules that keep something add themselves.
+clients: list[Client] = []
+
+
+def examine_soon() -> None:
+    """Have everything that was noted examined when nothing has happened for a while."""
+    call_soon(examine)
+
+
+def examine() -> None:
+    """Have it examined now."""
+    answers = [client.examine() for client in clients]
+    if any(answers):
+        viewports.redraw(bpy.context)
+
+
+def _tell(answers: list[object]) -> None:
+    if any(answers):
+        examine_soon()
+
+
+@persistent
+def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    for update in depsgraph.updates:
+        holder = update.id.original
+        if isinstance(holder, bpy.types.Object) and (update.is_updated_geometry or update.is_updated_transform):
+            _tell([client.updated(holder, update.is_updated_geometry) for client in clients])
+
+
+@persistent
+def _notice_frame(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+    _notice_updates(scene, depsgraph)
+    _tell([client.frame_changed() for client in clients])
+
+
+@persistent
+def _notice_replacement(*_: Any) -> None:
+    _tell([client.replaced() for client in clients])
+
+
+@persistent
+def _forget(*_: Any) -> None:
+    for client in clients:
+        client.forget()
+
+
+HANDLERS = (
+    ("depsgraph_update_post", _notice_updates),
+    ("frame_change_post", _notice_frame),
+    ("undo_post", _notice_replacement),
+    ("redo_post", _notice_replacement),
+    ("load_pre", _forget),
+    ("load_post", _notice_replacement),
+)
+
+
+def register() -> None:
+    add_handlers(HANDLERS)
+
+
+def unregister() -> None:
+    remove_handlers(HANDLERS)
+    do_not_call(examine)
+    _forget()
