@@ -441,6 +441,32 @@ def with_random_creases(data: MeshData, seed: int = 1, share: float = 0.3) -> Me
     )
 
 
+# Heights found by linear programming
+
+
+def torus_with_a_late_face() -> MeshData:
+    """5 × 5 faces. With limit vertices face 12 is within 1.1 of the surface at level 0 and beyond it at level 1, where
+    all others are within it."""
+    heights = [
+        0.0, 21.32, 9.65, 32.56, 31.74, 21.32, 0.29, 42.32, 36.29, 7.86, 9.65, 42.32, 6.88, 44.62, 23.31,
+        32.56, 36.29, 44.62, 48.38, 48.57, 31.74, 7.86, 23.31, 48.57, 46.36,
+    ]  # fmt: skip
+    return with_heights(torus(5, 5), heights)
+
+
+def grid_with_a_late_face() -> MeshData:
+    """3 × 3 faces. The middle one is within about 1.1 at levels 0 and 3, and not between."""
+    heights = [
+        284.37, 0.0, 0.0, 279.31, 0.0, 73.76, 122.23, 79.61, 0.0, 122.23, 249.51, 467.88, 279.31, 79.61,
+        467.88, 0.0,
+    ]  # fmt: skip
+    return with_heights(grid(3, 3), heights)
+
+
+def with_heights(data: MeshData, heights: list[float]) -> MeshData:
+    return replace(data, positions=np.column_stack([data.positions[:, :2], heights]))
+
+
 # Every kind of face, by name
 
 AWKWARD: dict[str, Callable[[], MeshData]] = {

@@ -1,26 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Random scenes, random operators on them, and what must be so after each: the plan of a seed, run and checked.
-
-One seed with its steps as they come, or some of the steps alone:
-
-    python -m tests.blender.random_scenes 17
-    python -m tests.blender.random_scenes 17 0,3,8
-
-Any range of seeds, each a test; a process that crashes is replaced by another:
-
-    CCDEPTH_SEEDS=300:2000 scripts/test.sh --thorough tests/blender/test_random_scenes.py
-"""
+"""Random scenes, random operators on them, and what must be so after each: the plan of a seed, run and checked."""
 
 from __future__ import annotations
 
 import os
-import sys
 import tempfile
-import traceback
 import warnings
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -46,8 +33,6 @@ SELECTION = {
 # What a mesh says while it is edited alone. Edit Mode goes on with the result.
 EDITING = {"select history", "is_editmode", "active attribute", "has_custom_normals"}
 
-OUT_OF_DATE = "set_levels: its depths are out of date; compute them again"
-
 
 class Fault(AssertionError):
     """Something that must not be."""
@@ -59,11 +44,12 @@ class Run:
 
     before_result: what was there before there was any result, as long as nobody has changed anything else since.
     before_last: what was there before the last operator. last_computed: all settings that Compute Depth was called with
-    last, in Object Mode, and the names of the mesh objects that were selected.
+    last, in Object Mode, and the names of the mesh objects that were selected. refusal: what was said last where an
+    operator refused.
     """
 
     random: Random
-    tally: Counter[str] = field(default_factory=Counter)
+    refusal: str = ""
     before_result: Snapshot | None = None
     before_last: Snapshot = field(default_factory=dict)
     last_computed: tuple[dict[str, Any], list[str]] | None = None
@@ -83,8 +69,9 @@ def plan(seed: int) -> list[str]:
     return steps
 
 
-def run(seed: int, kept: Sequence[int] | None = None, tell: Callable[[str], None] = lambda text: None) -> Counter[str]:
-    """Carry out the plan of a seed, or only some of its steps, and count how the operators ended. Raises Fault."""
+def run(seed: int, errors: Callable[[], str]) -> None:
+    """Carry out the plan of a seed. errors: all that was printed to the standard error since it was called last, by
+    whomever: handlers and timers print their tracebacks. Raises Fault."""
     bpy.ops.wm.read_homefile(use_factory_startup=True)
     scene.clear()
     this = Run(np.random.default_rng(seed))
@@ -93,18 +80,13 @@ def run(seed: int, kept: Sequence[int] | None = None, tell: Callable[[str], None
         tempfile.tempdir = folder
         try:
             for number, name in enumerate(plan(seed)):
-                if kept is not None and number not in kept:
-                    continue
                 this.random = np.random.default_rng([seed, number])
-                tell(f"{number} {name}")
-                with _errors_heard() as heard:
-                    _carry_out(name, this)
-                    addon.module("state.watch").examine()
-                if "Traceback" in heard():
-                    raise Fault(f"a traceback was printed: {heard()}")
+                _carry_out(name, this)
+                addon.module("state.watch").examine()
+                if "Traceback" in (heard := errors()):
+                    raise Fault(f"{number} {name}: a traceback was printed: {heard}")
         finally:
             tempfile.tempdir = None
-    return this.tally
 
 
 def _carry_out(name: str, this: Run) -> None:
@@ -116,26 +98,6 @@ def _carry_out(name: str, this: Run) -> None:
         getattr(random_steps, name)(this.random)
     bpy.context.view_layer.update()
     this.before_result = None
-
-
-@contextmanager
-def _errors_heard() -> Iterator[Callable[[], str]]:
-    """Everything printed to the standard error meanwhile, by whomever: handlers and timers print their tracebacks."""
-    sys.stderr.flush()
-    python, saved = sys.stderr, os.dup(2)
-    with tempfile.TemporaryFile() as file:
-        os.dup2(file.fileno(), 2)
-        sys.stderr = os.fdopen(os.dup(2), "w", buffering=1)
-        text = ""
-        try:
-            yield lambda: text
-        finally:
-            sys.stderr.close()
-            sys.stderr = python
-            os.dup2(saved, 2)
-            os.close(saved)
-            file.seek(0)
-            text = file.read().decode(errors="replace")
 
 
 # Actions: operators with random settings, and what must be so afterwards.
@@ -150,23 +112,15 @@ def _call(this: Run, name: str, **settings: Any) -> bool:
     except RuntimeError as refusal:
         if "Traceback" in str(refusal) or not str(refusal).strip():
             raise Fault(f"{name} {settings}: refused with “{refusal}”") from None
-        outcome = {"CANCELLED"}
-        this.tally[f"{name}: {_reason(str(refusal))}"] += 1
+        outcome, this.refusal = {"CANCELLED"}, str(refusal)
     bpy.context.view_layer.update()
     finished = outcome == {"FINISHED"}
-    this.tally[f"{name} {'finished' if finished else 'refused'}"] += 1
     if not finished:
         _same(f"{name} {settings} refused", this.before_last)
     _nothing_temporary()
     _results_sound(f"{name} {settings}")
     bpy.ops.ed.undo_push(message=name)
     return finished
-
-
-def _reason(text: str) -> str:
-    """What is said, without names and numbers."""
-    words = text.splitlines()[0].removeprefix("Error: ").rpartition(": ")[2]
-    return "".join("#" if letter.isdigit() else letter for letter in words)[:70]
 
 
 def _same(what: str, before: Snapshot, allowed: Callable[[snapshot.Path], bool] = lambda path: False) -> None:
@@ -321,10 +275,9 @@ def set_levels(this: Run) -> None:
     meshes = [bpy.data.objects[name].data for name in _meant()]
     # A result may be current and yet not be about another user of its mesh.
     current = all(mesh.users == 1 and not staleness.is_stale(mesh) for mesh in meshes)
-    refused = this.tally[OUT_OF_DATE]
     if _call(this, "set_levels"):
         _same("set_levels", this.before_last, lambda path: path[2:3] == ("modifiers",))
-    if current and this.tally[OUT_OF_DATE] > refused:
+    elif current and "its depths are out of date" in this.refusal:
         raise Fault("set_levels says that a result is out of date, and the panel does not")
 
 
@@ -457,26 +410,3 @@ def _is_finite(mesh: bpy.types.Mesh) -> bool:
 def _lengths(mesh: bpy.types.Mesh) -> dict[str, int]:
     elements = {"POINT": mesh.vertices, "EDGE": mesh.edges, "FACE": mesh.polygons, "CORNER": mesh.loops}
     return {domain: len(items) for domain, items in elements.items()}
-
-
-def main() -> None:
-    seed, *steps = sys.argv[1:] or sys.exit(__doc__)
-    import ccdepth_addon
-
-    if not hasattr(bpy.types.Scene, "ccdepth"):
-        ccdepth_addon.register()
-    status = 0
-    try:
-        kept = [int(number) for number in steps[0].split(",")] if steps else None
-        print(run(int(seed), kept, tell=lambda text: print(text, flush=True)))
-    except Exception:
-        traceback.print_exc()
-        status = 1
-    sys.stdout.flush()
-    sys.stderr.flush()
-    # The bpy module can hang when the interpreter winds up.
-    os._exit(status)
-
-
-if __name__ == "__main__":
-    main()

@@ -86,12 +86,7 @@ def test_faces_that_modifiers_add_count() -> None:
 
 def test_the_level_is_enough_for_every_face() -> None:
     """A face of depth 0 of this torus is off at level 1, the deepest depth (``tests/core/test_uniform_level.py``)."""
-    # Real Blenders have no scipy.
-    pytest.importorskip("scipy")
-    from tests import level_nets
-
-    data = level_nets.worse_later(meshes.torus(5, 5), 12, "LIMIT", 1.1, 1, others_near=True)
-    holder = scene.add_object(data)
+    holder = scene.add_object(meshes.torus_with_a_late_face())
     addon.compute(holder, tolerance=1.1, vertices="LIMIT")
     record = holder.data.ccdepth
     assert (record.deepest, record.uniform_level) == (1, 2)

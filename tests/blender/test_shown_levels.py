@@ -180,10 +180,3 @@ def test_errors_are_at_most_two_thirds_of_the_law(case: tuple[str, int, int]) ->
     name, size, level = case
     found = ratios(SHAPES[name](size), level, random_offsets(6, seed=size))
     assert max(found.values()) <= MOST
-
-
-@pytest.mark.every_blender
-@pytest.mark.parametrize("size", [10, 128])
-def test_poles_of_triangles_are_at_most_at_two_thirds_of_the_law(size: int) -> None:
-    """With the offsets of the benchmark, at which they are the farthest off that were found."""
-    assert max(ratios(SHAPES["bipyramid"](size), 1, random_offsets(20, seed=1)).values()) <= MOST

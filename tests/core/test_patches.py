@@ -116,14 +116,3 @@ def test_nets_are_the_surface(name: str) -> None:
         fine, norm = nets.refined(mesh, 6), second_order_norm_regular(net)[:, None, None]
         off = fine.positions[nets.vertex_grids(fine, faces, 6)] - spline_points(net, 2**6)
         assert np.all(np.linalg.norm(off, axis=-1) <= norm / 3 / 4**6 + ROUNDING)
-
-
-def test_phantom_points_of_a_kept_corner() -> None:
-    mesh = build(meshes.bumpy(meshes.grid(1, 1), 0.3), smooth_corners=False)
-    net = regular_nets(mesh, np.array([0]))[:, :, 0]
-    corners = mesh.positions[mesh.corner_vertices]
-    np.testing.assert_array_equal(net[[1, 2, 2, 1], [1, 1, 2, 2]], corners)
-    a, b, c, d = corners
-    np.testing.assert_allclose(net[0, 1], 2 * a - b, atol=ROUNDING)
-    np.testing.assert_allclose(net[1, 0], 2 * a - d, atol=ROUNDING)
-    np.testing.assert_allclose(net[0, 0], 4 * a - 2 * b - 2 * d + c, atol=ROUNDING)

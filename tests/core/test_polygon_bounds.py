@@ -89,35 +89,6 @@ def turned(points: FloatArray) -> FloatArray:
     return points @ turn + [3.0, -2.0, 1.0]
 
 
-REFUSED: dict[str, FloatArray] = {
-    "dart": np.array([[0, 0, 0], [2, -1, 0], [0.5, 0, 0], [2, 1, 0]]),
-    "concave pentagon": np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [1, 0.5, 0], [0, 2, 0]]),
-    "notch as deep as the centroid": np.array([[0, 0, 0], [4, 0, 0], [4, 4, 0], [2, 1.9, 0], [0, 4, 0]]),
-    "bow tie": np.array([[0, 0, 0], [1, 1, 0], [1, 0, 0], [0, 1, 0]]),
-    "pentagram": loops.regular(5)[[0, 2, 4, 1, 3]],
-    "heptagram": loops.regular(7)[np.arange(7) * 3 % 7],
-    "square gone round twice": np.concatenate([loops.regular(4), 1.2 * loops.regular(4)]),
-    "hexagon with a corner on a side": np.array([[0, 0, 0], [2, 0, 0], [2, 1, 0], [1, 1, 0], [0, 1, 0]]),
-    "all in a line": np.array([[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0.0]]),
-    "one point": np.ones((4, 3)),
-}
-
-
-@pytest.mark.parametrize("name", REFUSED)
-def test_refused(name: str) -> None:
-    for points in (REFUSED[name], REFUSED[name][::-1], turned(REFUSED[name]), np.roll(REFUSED[name], 1, axis=0)):
-        assert loops.plain(points).thickness()[0] == np.inf
-
-
-def test_refused_where_a_bent_side_reaches_beyond_the_centroid() -> None:
-    corners = loops.regular(6)
-    for reach, is_region in ((0.5, True), (0.02, True), (-0.02, False), (-0.5, False)):
-        loop = loops.plain(corners)
-        loop.middles[0] *= reach / np.linalg.norm(loop.middles[0])
-        bent = Loop(loop.corners, loop.middles, np.arange(6) == 0)
-        assert np.isfinite(bent.thickness()[0]) == is_region
-
-
 # How thick
 
 

@@ -30,7 +30,6 @@ from ccdepth_addon.core.surface.patches import PatchKind, classify_patches
 from tests import meshes
 from tests.brute_force import Levels
 from tests.core.test_face_depths import EQUAL_METHODS, LEVELS, both_vertices, build, every_method, sampled
-from tests.level_nets import worse_later
 
 # Sampled distances are true ones up to rounding in double precision, at coordinates of some ten.
 ROUNDING = 1e-12
@@ -96,15 +95,15 @@ EPSILON = 1.1
 
 @cache
 def torus_counter_example() -> PolygonMesh:
-    return build(worse_later(meshes.torus(5, 5), 12, "LIMIT", EPSILON, 1, others_near=True))
+    return build(meshes.torus_with_a_late_face())
 
 
 @cache
 def grid_counter_example() -> PolygonMesh:
     """3 × 3 faces. The middle one is near enough at levels 0 and 3, and not between."""
     flat = meshes.grid(3, 3)
-    mesh = build(worse_later(flat, 4, "CONTROL", EPSILON, 1, others_near=False), smooth_corners=False)
-    # The program knew level 0 at some places only; distances go with the heights, the grid itself being even and flat.
+    mesh = build(meshes.grid_with_a_late_face(), smooth_corners=False)
+    # Distances go with the heights, the grid itself being even and flat.
     share = 1.07 / Levels(mesh).distances(0, "CONTROL", 5)[4]
     return mesh.changed(positions=flat.positions + share * (mesh.positions - flat.positions))
 
