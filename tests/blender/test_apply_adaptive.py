@@ -177,6 +177,28 @@ def test_edit_mode_is_left_and_entered_again(output: str) -> None:
     assert shape(results[1]).max() > 1.2
 
 
+@pytest.mark.parametrize(
+    ("operator", "module", "name"),
+    [
+        ("subdivide", "operators.adaptive_operator", "prepare_adaptive"),
+        ("subdivide", "operators.apply_adaptive", "place_meshes"),
+        ("count_faces", "operators.count_faces", "count_text"),
+    ],
+)
+def test_edit_mode_stays_whatever_goes_wrong(
+    operator: str, module: str, name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def failing(*_: object, **__: object) -> None:
+        raise LookupError("odd")
+
+    monkeypatch.setattr(addon.module(module), name, failing)
+    addon.select(scene.add_object(meshes.cube()))
+    bpy.ops.object.mode_set(mode="EDIT")
+    with pytest.raises(RuntimeError, match="odd"):
+        getattr(bpy.ops.ccdepth, operator)(tolerance=TOLERANCE)
+    assert bpy.context.mode == "EDIT_MESH"
+
+
 @pytest.mark.parametrize("operator", ["subdivide", "count_faces", "compute"])
 def test_an_operator_that_has_run_keeps_nothing_of_its_work(operator: str) -> None:
     """Blender keeps the last operators, with all they hold."""

@@ -223,9 +223,11 @@ def test_vertex_groups_that_the_modifier_takes_for_creases_are_refused(name: str
 
 
 @pytest.mark.parametrize("modifier", [False, True])
-def test_groups_may_have_names_that_are_used_for_a_while(modifier: bool) -> None:
+def test_groups_may_have_the_names_of_attributes_and_those_that_are_used_for_a_while(modifier: bool) -> None:
     holder = uneven()
-    names = ["ccdepth_origin_0", "ccdepth_origin_1", "ccdepth_weights_0", "Other"]
+    holder.data.uv_layers.new(name="UVMap")
+    holder.data.attributes.active = holder.data.attributes.new("Paint", "FLOAT_COLOR", "CORNER")
+    names = ["UVMap", "Paint", "sharp_face", "ccdepth_origin_0", "ccdepth_origin_1", "ccdepth_weights_0", "Other"]
     for name in names:
         holder.vertex_groups.new(name=name).add([0, 1, 5], 0.5, "REPLACE")
     if modifier:
@@ -233,6 +235,8 @@ def test_groups_may_have_names_that_are_used_for_a_while(modifier: bool) -> None
     addon.compute(holder, tolerance=TOLERANCE)
     [result] = subdivide(holder, tolerance=TOLERANCE)
     assert [group.name for group in result.vertex_groups] == names
+    assert {"UVMap", "Paint"} <= {*result.data.attributes.keys()}
+    assert modifier or result.data.attributes.active.name == "Paint"
     assert [round(entry.weight, 5) for entry in result.data.vertices[0].groups] == [0.5] * len(names)
     assert not any("ccdepth_origin" in other or "weights" in other for other in result.data.attributes.keys())  # noqa: SIM118
 

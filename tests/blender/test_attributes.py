@@ -78,17 +78,6 @@ def test_locations_and_scales_are_interpolated_as_the_modifier_does(comparison: 
     np.testing.assert_allclose(scales, blender_scales, atol=full_mesh.ROTATION_ROUNDING, rtol=0)
 
 
-def test_rotations_in_transformations_are_interpolated_like_rotations() -> None:
-    values = addon.module("core.attributes.interpolation")
-    rng = np.random.default_rng(3)
-    matrices = full_mesh.random_transformations(200, rng)
-    parts = values.split_transformations(matrices)
-    np.testing.assert_allclose(values.join_transformations(parts), matrices, atol=1e-6)
-    quaternions = full_mesh.random_values("QUATERNION", 200, rng)
-    again = values.to_quaternions(values.to_rotation_vectors(quaternions))
-    np.testing.assert_allclose(again, quaternions, atol=1e-12)
-
-
 @pytest.mark.parametrize("domain", SPREAD)
 def test_integers_are_those_of_the_nearest_vertex_or_corner(comparison: Comparison, domain: str) -> None:
     control, subdivided = comparison.control, comparison.subdivided
@@ -269,25 +258,6 @@ def test_an_object_being_edited_is_not_in_the_way() -> None:
     with addon.edit_mode(scene.add_object(meshes.cube())):
         comparison = compare(holder)
     assert sum(0 in weights for weights in full_mesh.weights_of(comparison.mesh)) == len(comparison.mesh.vertices)
-
-
-def test_vertex_groups_may_have_the_names_of_attributes() -> None:
-    holder = scene.add_object(meshes.triangles_and_quads())
-    mesh = holder.data
-    mesh.uv_layers.new(name="UVMap")
-    mesh.attributes.new("Paint", "FLOAT_COLOR", "CORNER")
-    if "sharp_face" not in mesh.attributes:
-        mesh.attributes.new("sharp_face", "BOOLEAN", "FACE")
-    mesh.attributes.active = mesh.attributes["Paint"]
-    names = ["UVMap", "Paint", "sharp_face", "ccdepth_weights_0", "Other"]
-    for name in names:
-        holder.vertex_groups.new(name=name).add([*range(5)], 0.5, "REPLACE")
-    [result] = subdivide(holder)
-    assert [group.name for group in result.vertex_groups] == names
-    assert {"UVMap", "Paint", "sharp_face"} <= {*result.data.attributes.keys()}
-    assert not any(attribute.name.startswith("ccdepth_weights") for attribute in result.data.attributes)
-    assert holder.data.attributes.active.name == result.data.attributes.active.name == "Paint"
-    assert [round(entry.weight, 5) for entry in result.data.vertices[0].groups] == [0.5] * len(names)
 
 
 # Custom normals.

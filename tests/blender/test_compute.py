@@ -198,12 +198,6 @@ def test_a_number_typed_is_the_number_meant() -> None:
         assert as_typed(float(np.float32(typed))) == typed
 
 
-def test_every_method_has_a_name_and_a_description() -> None:
-    items = addon.module("state.properties").METHOD_ITEMS
-    assert {identifier for identifier, *_ in items} == set(METHODS)
-    assert all(text for item in items for text in item[1:3])
-
-
 def test_settings_and_results_are_saved_with_the_file(tmp_path: object) -> None:
     holder = scene.add_suzanne()
     bpy.context.scene.ccdepth.relative_tolerance = 0.003

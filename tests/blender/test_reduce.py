@@ -156,18 +156,6 @@ def test_bevelled_primitives_get_few_triangles(primitive: tuple[str, int], has_u
     assert faces(result) <= 0.75 * unreduced
 
 
-@pytest.mark.every_blender
-def test_every_run_makes_the_same_mesh() -> None:
-    original = scene.add_object(bevelled("cube"))
-    found = []
-    for _ in range(2):
-        (result,) = subdivide(original, reduce=True)
-        found.append((shape(result).tobytes(), triangles_of(result.data).tobytes()))
-        bpy.data.meshes.remove(result.data)
-        original.hide_set(False)
-    assert found[0] == found[1]
-
-
 # What stays
 
 
@@ -410,16 +398,6 @@ def test_nothing_is_left_of_what_is_stopped(after: int) -> None:
         next(reducer)
     reducer.close()
     assert everything_in_the_file() == before
-
-
-def test_nothing_is_left_of_what_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    original = scene.add_object(bevelled("cube"))
-
-    def fail(*_: object, **__: object) -> None:
-        raise MemoryError
-
-    monkeypatch.setattr(addon.module("core.reduction.search"), "measure_deviation", fail)
-    refused(original, reduce=True, match="not enough memory")
 
 
 def _reducer(original: bpy.types.Object) -> Generator[object, None, object]:

@@ -49,18 +49,6 @@ def saved(tmp_path: Path) -> str:
 # What is made.
 
 
-def test_a_finer_tolerance_makes_the_mesh_of_the_result_anew() -> None:
-    source, result = made_result()
-    before = faces(result)
-    set_scene(tolerance=TOLERANCE / 10)
-    update(result)
-    assert faces(result) > 2 * before
-    assert addon.bounds(result).max() <= np.float32(TOLERANCE / 10)
-    assert result.data.ccdepth.world_tolerance == pytest.approx(TOLERANCE / 10)
-    assert set(bpy.data.objects) == {source, result}
-    assert len(bpy.data.meshes) == 2
-
-
 @pytest.mark.parametrize(
     "settings",
     [
@@ -76,6 +64,8 @@ def test_it_is_what_applying_anew_would_make(settings: dict[str, object]) -> Non
     source, result = made_result()
     set_scene(**settings)
     update(result)
+    assert set(bpy.data.objects) == {source, result}
+    assert len(bpy.data.meshes) == 2
     source.hide_set(False)
     now = bpy.context.scene.ccdepth
     tolerance = now.relative_tolerance if now.tolerance_mode == "RELATIVE" else now.tolerance
