@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import os
 from collections.abc import Sequence
+from hashlib import sha256
 from math import isfinite, nan
 from pathlib import Path
 
@@ -25,6 +26,9 @@ MAKING = {LEVELS, SUBDIVIDE}
 OVER_FRAMES = {DEPTHS, LEVELS}
 
 STANDARD_OUTPUT = "-"
+
+# In bytes, of what file systems take, and one for the number of earlier versions.
+LONGEST_NAME = 254
 
 # What --gather goes with.
 GATHERING = {"gather", "json", "csv", "html", "draw", "overwrite"}
@@ -233,8 +237,14 @@ def output_of(source: Path | None, options: argparse.Namespace) -> Path | None:
     """Where the results of a file go."""
     if options.output_folder is None:
         return options.output
-    stem = "Suzanne" if source is None else source.stem
-    return options.output_folder / f"{stem}{options.format or BLEND}"
+    suffix = options.format or BLEND
+    stem = os.fsencode("Suzanne" if source is None else source.stem)
+    most = LONGEST_NAME - len(suffix)
+    if len(stem) > most:
+        # A checksum tells it from others that are cut.
+        mark = os.fsencode(f"~{sha256(stem).hexdigest()[:8]}")
+        stem = stem[: most - len(mark)].decode(errors="ignore").encode() + mark
+    return options.output_folder / f"{os.fsdecode(stem)}{suffix}"
 
 
 def is_measured(options: argparse.Namespace) -> bool:

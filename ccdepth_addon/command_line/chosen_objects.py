@@ -8,17 +8,21 @@ from pathlib import Path
 
 import bpy
 
-from ..ui.printable import printable
+from ..exchange.bulk_writing import is_writable, own_copy
 from .blender_calls import CommandError
 from .report import name_of
+
+# Objects of these types show no surface of their own.
+NO_SURFACE = {"ARMATURE", "CAMERA", "EMPTY", "LATTICE", "LIGHT", "LIGHT_PROBE", "SPEAKER"}
 
 
 def chosen_objects(
     source: Path | None, names: Sequence[str] | None = None, collection: str | None = None
-) -> list[bpy.types.Object]:
-    """The mesh objects of what is open that are not hidden; those of these names and of this collection alone, if any
-    are given. Raises CommandError when there are none, when one of the names is missing, and when the file that one is
-    linked from is."""
+) -> tuple[list[bpy.types.Object], dict[str, str]]:
+    """The mesh objects of what is open that are not hidden, and why others are left out, by their names; those of these
+    names and of this collection alone, if any are given. What is linked from another file or is an override of it is
+    hidden, and a copy takes its place. Raises CommandError when there are none, when one of the names is missing, and
+    when the file that one is linked from is."""
     file, place, there = name_of(source), "it", set(bpy.data.objects)
     whole = bpy.context.scene.collection
     if collection is not None:
@@ -26,9 +30,7 @@ def chosen_objects(
             raise CommandError(f"{file}: there is no collection “{collection}” in it")
         whole = bpy.data.collections[collection]
         place, there = f"its collection “{collection}”", set(whole.all_objects)
-    found = [obj for obj in bpy.context.view_layer.objects if obj in there]
-    if names is not None:
-        found = [obj for obj in found if obj.name in names]
+    found = [obj for obj in bpy.context.view_layer.objects if obj in there and (names is None or obj.name in names)]
     shown = [obj for obj in found if obj.visible_get()]
     parts = set() if names else {whole, *whole.children_recursive}
     collections = [each for each in _shown_collections(bpy.context.view_layer.layer_collection) if each in parts]
@@ -38,12 +40,39 @@ def chosen_objects(
     unknown = next((name for name in names or () if name not in found_names), None)
     if unknown is not None:
         raise CommandError(f"{file}: there is no mesh object “{unknown}” in {place} that is not hidden")
-    for hidden in [obj for obj in found if obj.type == "MESH" and not obj.visible_get()]:
-        print(f"Left out because it is hidden: {printable(hidden.name)}")
     if not visible:
         which = " that is not hidden" if any(obj.type == "MESH" for obj in there) else ""
         raise CommandError(f"{file}: there is no mesh object in {place}{which}")
-    return visible
+    left_out = {obj.name: reason for obj in found if (reason := _reason_to_leave_out(obj)) is not None}
+    meshes: dict[bpy.types.Mesh, bpy.types.Mesh] = {}
+    return [_own(each, meshes) for each in visible], left_out
+
+
+def _reason_to_leave_out(blender_object: bpy.types.Object) -> str | None:
+    """Why nothing is done with what an object shows, or would; None where something is, or where it shows nothing."""
+    if blender_object.type == "MESH":
+        return None if blender_object.visible_get() else "HIDDEN"
+    if blender_object.instance_type == "COLLECTION" and blender_object.instance_collection is not None:
+        return "COLLECTION_INSTANCE"
+    is_left_out = blender_object.type not in NO_SURFACE and blender_object.visible_get()
+    return blender_object.type if is_left_out else None
+
+
+def _own(blender_object: bpy.types.Object, meshes: dict[bpy.types.Mesh, bpy.types.Mesh]) -> bpy.types.Object:
+    """The object, or a copy where Blender keeps nothing that is written to it. meshes: copies of such meshes so far."""
+    own, mesh = blender_object, blender_object.data
+    if not own.is_editable or own.override_library is not None:
+        own, name = own_copy(blender_object), blender_object.name
+        if blender_object.is_editable:
+            blender_object.name = f"Original {name}"
+        own.name = name
+        bpy.context.scene.collection.objects.link(own)
+        blender_object.hide_set(True)
+    if not is_writable(mesh):
+        if mesh not in meshes:
+            meshes[mesh] = own_copy(mesh)
+        own.data = meshes[mesh]
+    return own
 
 
 def _shown_collections(layer: bpy.types.LayerCollection) -> Iterator[bpy.types.Collection]:

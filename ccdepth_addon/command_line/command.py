@@ -25,6 +25,7 @@ from .one_file import claimed_output, process_file
 from .processes import answer, given_numbers, own_process, process_files
 from .report import FileEntry, Report, ReportError, csv_text, gathered_reports, json_text, stamp
 from .report_page import page
+from .report_text import losses
 from .scripted_drivers import scripts_as_started
 from .verification import verify
 from .whole_files import UnwrittenError, written_whole
@@ -171,7 +172,10 @@ def _failed(source: Path | None, error: str) -> FileEntry:
 
 
 def _tell_progress(program: str, entry: FileEntry, done: int, count: int) -> None:
-    """Tell what became of a file, and how many are left; of a single one only what is wrong with it."""
+    """Tell what of a file was left out or lost, what became of it, and how many are left; of a single one only what is
+    wrong with it."""
+    for text in losses(entry):
+        _tell(program, f"{entry.name}: {text}")
     if count == 1 and entry.is_good:
         return
     state = entry.error or ("done" if entry.is_good else "done, and not within the tolerance")

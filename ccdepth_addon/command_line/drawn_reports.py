@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from .blender_calls import CommandError
-from .illustrating import illustrations, levels_of
+from .illustrating import illustrations
 from .one_file import ACTIONS, settings_of
 from .picture import PictureError
 from .report import FileEntry
@@ -21,8 +21,7 @@ def drawn(action: str, entry: FileEntry) -> FileEntry:
         return replace(entry, undrawn=fault)
     try:
         objects = reopened(action, entry)
-        levels = levels_of(objects, action)
         shown = [each.shown for each in ACTIONS[action](objects, settings_of(action))]
-        return replace(entry, illustrations=illustrations(shown, levels))
+        return replace(entry, illustrations=illustrations(shown))
     except (CommandError, PictureError, OSError, ValueError) as fault:
         return replace(entry, undrawn=str(fault))

@@ -4,7 +4,8 @@ them."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -56,10 +57,14 @@ WRITING_USD = {
     "evaluation_mode": "VIEWPORT",
     "convert_world_material": False,
     "export_subdivision": "IGNORE",
+    # Textures stay where they are, instead of being copied to a folder beside the file.
+    "export_textures": False,
+    "export_textures_mode": "KEEP",
 }
 WRITING: dict[str, dict[str, Any]] = {
-    ".obj": {"export_selected_objects": True},
-    ".ply": {"export_selected_objects": True},
+    ".obj": {"export_selected_objects": True, "export_colors": True, "path_mode": "RELATIVE"},
+    # With UV maps vertices would be split, and what is closed have a border.
+    ".ply": {"export_selected_objects": True, "export_uv": False},
     ".stl": {"export_selected_objects": True},
     ".glb": {"use_selection": True, "export_format": "GLB", "export_animations": False},
     **dict.fromkeys(USD[:3], WRITING_USD),
@@ -70,6 +75,27 @@ UNITS = {".stl": 0.001, ".obj": 1.0, ".ply": 1.0}
 
 # Files that lie beside one of this format and belong to it.
 COMPANIONS = {".obj": (".mtl",)}
+
+# What a mesh can hold, and what of it each format does not, or Blender does not write into it.
+HELD: dict[str, Callable[[bpy.types.Mesh], bool]] = {
+    "materials": lambda mesh: any(mesh.materials),
+    "UV maps": lambda mesh: len(mesh.uv_layers) > 0,
+    "UV maps but one": lambda mesh: len(mesh.uv_layers) > 1,
+    "colours": lambda mesh: len(mesh.color_attributes) > 0,
+    "colours of corners": lambda mesh: [each.domain for each in mesh.color_attributes] not in ([], ["POINT"]),
+    "custom normals": lambda mesh: mesh.has_custom_normals,
+}
+LOST = {
+    ".stl": ("materials", "UV maps", "colours", "custom normals"),
+    ".ply": ("materials", "UV maps", "colours of corners", "custom normals"),
+    ".obj": ("UV maps but one", "colours of corners"),
+}
+
+# The lines of an .mtl file that name a file in another folder, up to this name.
+NAMED_FILE = re.compile(rb"^((?:map_|refl|norm|bump|disp)(?:.* )?)\.\./", re.MULTILINE)
+
+# What ends a line of some formats, or a program's patience.
+NO_NAME = re.compile(r"[\x00-\x1f\x7f]")
 
 INPUTS = (BLEND, *READERS)
 OUTPUTS = (BLEND, *WRITERS)
@@ -138,6 +164,11 @@ def _import(path: Path) -> None:
     operator = reader(path)
     options = {"filepath": str(path.absolute()), **READING.get(path.suffix.lower(), {})}
     call(operator, **known_options(operator, options))
+    try:
+        for mesh in bpy.data.meshes:
+            mesh.attributes.keys()
+    except (UnicodeDecodeError, SystemError) as fault:
+        raise CommandError(f"{path}: the name of an attribute is no UTF-8") from fault
 
 
 def _weld(mesh: bpy.types.Mesh) -> None:
@@ -173,21 +204,27 @@ def write_blend(path: Path) -> None:
         raise CommandError(f"Blender could not save it: {fault}; is the disk full?") from fault
 
 
-def write_meshes(objects: Sequence[bpy.types.Object], path: Path, unit: float) -> None:
-    """Write what the objects show, without heat maps, to a file whose unit is so many metres."""
+def write_meshes(objects: Sequence[bpy.types.Object], path: Path, unit: float) -> tuple[str, ...]:
+    """Write what the objects show, without heat maps, to a file whose unit is so many metres; returns what of them it
+    does not hold. Files beside it are named as seen from the folder above, to which it is moved."""
     operator, suffix = writer(path), path.suffix.lower()
     options = {"filepath": str(path), "check_existing": False, **WRITING[suffix]}
     if suffix in COMPANIONS and not any(each.material_slots for each in objects):
         options["export_materials"] = False
-    with _shown_alone(objects, scene_unit(bpy.context.scene) / unit):
+    with _shown_alone(objects, scene_unit(bpy.context.scene) / unit) as meshes:
         call(operator, **known_options(operator, options))
+        lost = tuple(name for name in LOST.get(suffix, ()) if any(map(HELD[name], meshes)))
+    for companion in (path.with_suffix(each) for each in COMPANIONS.get(suffix, ())):
+        if companion.exists():
+            companion.write_bytes(NAMED_FILE.sub(rb"\1", companion.read_bytes()))
+    return lost
 
 
 @contextmanager
-def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[None]:
+def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[list[bpy.types.Mesh]]:
     """Select, alone, plain copies of what the objects show, with their names; larger by this factor, in a scene of
-    metres."""
-    names = [each.name for each in objects]
+    metres. Gives the meshes of the copies."""
+    names = [NO_NAME.sub("_", each.name) for each in objects]
     with _names_free(names), _temporary_objects(), _in_metres():
         depsgraph = bpy.context.evaluated_depsgraph_get()
         shown = [(_shown_copy(each, depsgraph), _world(each, depsgraph)) for each in objects]
@@ -203,7 +240,7 @@ def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[
             copy.select_set(True)
             bpy.context.view_layer.objects.active = copy
         bpy.context.view_layer.update()
-        yield
+        yield [mesh for mesh, _ in shown]
 
 
 @contextmanager

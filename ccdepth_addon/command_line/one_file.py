@@ -27,7 +27,7 @@ from .amounts import UNITS
 from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SCENE_RANGE, SUBDIVIDE, action_of, is_measured, output_of
 from .blender_calls import CommandError, call
 from .chosen_objects import chosen_objects
-from .illustrating import illustrations, levels_of
+from .illustrating import illustrations
 from .mesh_files import (
     BLEND,
     COMPANIONS,
@@ -87,7 +87,8 @@ def process_file(source: Path | None, options: Namespace) -> FileEntry:
 def _processed(source: Path | None, output: Path | None, options: Namespace) -> FileEntry:
     """The same, where the outputs are claimed."""
     load(source, UNITS.get(options.unit))
-    objects, error = evaluated_objects(source, chosen_objects(source, options.objects, options.collection))
+    found, left_out = chosen_objects(source, options.objects, options.collection)
+    objects, error = evaluated_objects(source, found)
     settings = bpy.context.scene.ccdepth
     change_settings(settings, options)
     if options.faces is not None:
@@ -96,18 +97,18 @@ def _processed(source: Path | None, output: Path | None, options: Namespace) -> 
     unit = scene_unit(bpy.context.scene)
     is_checked = action in MAKING and output is not None and is_measured(options)
     targets = surfaces_of(objects) if is_checked else []
-    levels = levels_of(objects, action) if options.html is not None else []
     outcomes = ACTIONS[action](objects, settings_of(action))
     shown = [each.shown for each in outcomes]
     stamped = None if source is None else stamp(source, unit)
     chosen = Chosen(options.objects, options.collection)
-    entry = FileEntry(stamped, tuple(each.entry for each in outcomes), error=error, chosen=chosen)
+    entries = tuple(each.entry for each in outcomes)
+    entry = FileEntry(stamped, entries, error=error, chosen=chosen, left_out=left_out)
     if options.picture is not None:
         title = shown[0].name if source is None else source.stem
         with _written(options.picture, options) as path:
             picture.render(bpy.context, shown, path, title, settings_text(shown))
     if options.html is not None:
-        entry = replace(entry, illustrations=illustrations(shown, levels))
+        entry = replace(entry, illustrations=illustrations(shown))
     if output is not None:
         entry = _write(output, shown, targets, entry, options)
     print_measured(entry)
@@ -295,28 +296,35 @@ def _write(
     output: Path, shown: Sequence[bpy.types.Object], targets: list[MeasureTask], entry: FileEntry, options: Namespace
 ) -> FileEntry:
     """Write the objects to a file, read back what other formats than Blender's hold, and measure it against the
-    surfaces, if there are any. Afterwards something else may be open."""
+    surfaces, if there are any, before it takes its place. Afterwards something else may be open."""
     is_blend = output.suffix.lower() == BLEND
     settings = measure_settings(options.time_limit)
     scene = scene_unit(bpy.context.scene)
     unit = scene if is_blend else unit_of(output, UNITS.get(options.unit))
     with _written(output, options) as path:
+        lost: tuple[str, ...] = ()
         if is_blend:
             write_blend(path)
         else:
-            write_meshes(shown, path, unit)
+            lost = write_meshes(shown, path, unit)
         check_whole(path)
+        # Of what is measured, whatever may take its place later.
+        stamped = replace(stamp(path, unit), path=output)
+        companions = tuple(
+            replace(stamp(beside, None), path=output.with_suffix(suffix))
+            for suffix in COMPANIONS.get(path.suffix.lower(), ())
+            if (beside := path.with_suffix(suffix)).exists()
+        )
         if targets or not is_blend:
             written = [WrittenObject(each.name, shown_triangles(each)) for each in shown]
             parts = read_written(path, unit / scene, written)
-    entry = replace(entry, output=stamp(output, unit))
-    if not targets:
-        return entry
-    measured = [
-        as_held(with_answer(each, measured_distances(target, part, settings), scene), part)
-        for each, target, part in zip(entry.objects, targets, parts, strict=True)
-    ]
-    return replace(entry, objects=tuple(measured))
+        measured = entry.objects
+        if targets:
+            measured = tuple(
+                as_held(with_answer(each, measured_distances(target, part, settings), scene), part)
+                for each, target, part in zip(entry.objects, targets, parts, strict=True)
+            )
+    return replace(entry, objects=measured, output=stamped, companions=companions, lost=lost)
 
 
 def with_answer(entry: ObjectEntry, answer: MeshDeviation, unit: float) -> ObjectEntry:

@@ -22,7 +22,6 @@ from .. import version
 from ..core import VERTICES
 from ..ui.printable import printable_lines
 from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SUBDIVIDE
-from .illustration import Illustration
 
 FORMAT, FORMAT_VERSION = "ccdepth-report", 2
 OLD_VERSION = 1
@@ -107,16 +106,31 @@ class Chosen:
 
 
 @dataclass(frozen=True)
+class Illustration:
+    """What the page shows of an object beside its numbers: how many faces have which depth, from the least on, and
+    pictures, as WebP files, or PNG files from a Blender that cannot write those."""
+
+    faces_by_depth: tuple[tuple[int, int], ...]
+    heat_map: bytes
+    wireframe: bytes
+
+
+@dataclass(frozen=True)
 class FileEntry:
     """What was done with a file. source: None for Blender's Suzanne. error: why it failed, if it did.
-    chosen: None where no object was done. illustrations: one for each object where a page is to be written, else none;
-    undrawn: why there are none, where that is to be told."""
+    chosen: None where no object was done. left_out: why objects were, by their names: HIDDEN, COLLECTION_INSTANCE or
+    their type in Blender; None where it is not told. companions: files that were written beside the output and belong
+    to it. lost: what of the objects these do not hold. illustrations: one for each object where a page is to be
+    written, else none; undrawn: why there are none, where that is to be told."""
 
     source: FileStamp | None
     objects: tuple[ObjectEntry, ...] = ()
     output: FileStamp | None = None
     error: str | None = None
     chosen: Chosen | None = None
+    left_out: dict[str, str] | None = None
+    companions: tuple[FileStamp, ...] = ()
+    lost: tuple[str, ...] = ()
     illustrations: tuple[Illustration, ...] = ()
     undrawn: str | None = None
 
@@ -189,8 +203,11 @@ def _file_content(entry: FileEntry, folder: Path | None) -> dict[str, Any]:
         "error": entry.error,
         "met": entry.is_good,
         "chosen": None if entry.chosen is None else asdict(entry.chosen),
+        "left_out": entry.left_out,
         "objects": [asdict(each) for each in entry.objects],
         "output": None if entry.output is None else _stamp_content(entry.output, folder),
+        "companions": [_stamp_content(each, folder) for each in entry.companions],
+        "lost": list(entry.lost),
     }
 
 
@@ -287,13 +304,25 @@ def _take_for_new(content: dict[str, Any]) -> None:
 def _file_entry(content: dict[str, Any], folder: Path) -> FileEntry:
     chosen = content["chosen"]
     values = {
+        # Older reports of this version do not tell of it.
+        "left_out": None,
         **{name: value for name, value in content.items() if name not in ("input", "met")},
         "source": _stamp_of(content["input"], folder),
         "objects": tuple(_object_entry(each) for each in content["objects"]),
         "output": _stamp_of(content["output"], folder),
+        "companions": tuple(_stamp_of(each, folder) for each in _list(content, "companions")),
+        "lost": tuple(_list(content, "lost")),
         "chosen": None if chosen is None else _typed(Chosen, chosen),
     }
     return _typed(FileEntry, values | {"illustrations": (), "undrawn": None})
+
+
+def _list(content: dict[str, Any], name: str) -> list[Any]:
+    """A list, empty where older reports of this version do not have it. Raises ValueError where it is none."""
+    found = content.get(name, [])
+    if not isinstance(found, list):
+        raise ValueError(f"{name} cannot be {found!r}")
+    return found
 
 
 def _stamp_of(content: dict[str, Any] | None, folder: Path) -> FileStamp | None:

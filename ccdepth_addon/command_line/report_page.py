@@ -11,13 +11,12 @@ import bpy
 
 from .. import version
 from ..state.colors import depth_colors
-from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
+from ..state.properties import VERTEX_TEXTS
 from ..ui.lengths import Rounding
 from ..ui.printable import printable
 from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
-from .illustration import Illustration, Levels
-from .report import YES_OR_NO, FileEntry, FileStamp, ObjectEntry, Report
-from .report_text import metres_text
+from .report import YES_OR_NO, FileEntry, FileStamp, Illustration, ObjectEntry, Report
+from .report_text import losses, metres_text
 from .whole_files import PNG_SIGNATURE
 
 ACTION_TEXTS = {
@@ -48,7 +47,7 @@ body { margin: 0 auto; max-width: 68rem; padding: 2rem 1.25rem 4rem; background:
   font: 1rem/1.5 system-ui, sans-serif; overflow-wrap: anywhere; }
 h1, h2, h3, h4 { line-height: 1.25; margin: 0; font-weight: 650; }
 h1 { font-size: 1.75rem; } h2 { font-size: 1.3rem; margin-top: 3rem; } h3 { font-size: 1.15rem; }
-h4 { font-size: .95rem; margin-bottom: .5rem; }
+h4 { font-size: .95rem; margin: 1.25rem 0 .5rem; }
 p { margin: .35rem 0; } a { color: inherit; }
 .quiet, figcaption { color: var(--quiet); font-size: .9rem; }
 .verdict { display: inline-block; border-radius: 1rem; padding: .1rem .75rem; font-size: .9rem; font-weight: 600; }
@@ -73,7 +72,6 @@ dd small { display: block; font-weight: 400; font-size: .78rem; color: var(--qui
 th, td { text-align: right; padding: .35rem .6rem; border-bottom: 1px solid var(--line); white-space: nowrap; }
 th { color: var(--quiet); font-size: .85rem; font-weight: 500; }
 th:first-child, td:first-child { text-align: left; padding-left: 0; white-space: normal; min-width: 9rem; }
-tr.chosen td { font-weight: 650; }
 .files td:nth-child(2), .files th:nth-child(2) { text-align: left; }
 svg { display: block; max-width: 100%; height: auto; } svg text { fill: currentColor; font-size: 13px; }
 code { font: .85em ui-monospace, monospace; overflow-wrap: anywhere; }
@@ -163,14 +161,11 @@ def _file_table(entries: Sequence[FileEntry]) -> str:
     return f'<section class="card files">{table}</section>'
 
 
-def _table(headings: Sequence[str], rows: Iterable[Sequence[str]], chosen: int | None = None) -> str:
-    """headings: as text. rows: of HTML. chosen: the row to set off."""
+def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """headings: as text. rows: of HTML."""
     head = "".join(f'<th scope="col">{_text(heading)}</th>' for heading in headings)
-    lines = []
-    for index, row in enumerate(rows):
-        mark = ' class="chosen"' if index == chosen else ""
-        lines.append(f"<tr{mark}>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>")
-    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{"".join(lines)}</tbody></table></div>'
+    lines = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
+    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table></div>'
 
 
 def _file_section(number: int, entry: FileEntry) -> str:
@@ -179,6 +174,8 @@ def _file_section(number: int, entry: FileEntry) -> str:
         parts.append(_stamp_line("SHA-256", entry.source))
     if entry.output is not None:
         parts.append(_stamp_line(f"Written to {entry.output.path}, SHA-256", entry.output))
+    parts += [_stamp_line(f"With it {each.path}, SHA-256", each) for each in entry.companions]
+    parts += [f'<p class="quiet">{_text(text)}</p>' for text in losses(entry)]
     if entry.error is not None:
         error = "\n".join(_text(line) for line in entry.error.split("\n"))
         parts.append(f'<div class="card">{_file_verdict(entry)}<p class="error">{error}</p></div>')
@@ -196,7 +193,7 @@ def _stamp_line(label: str, stamped: FileStamp) -> str:
 
 def _object_card(entry: ObjectEntry, illustration: Illustration | None) -> str:
     facts = "".join(f"<div><dt>{_text(name)}</dt><dd>{value}</dd></div>" for name, value in _facts(entry))
-    drawn = "" if illustration is None else _figures(entry, illustration) + _levels(entry, illustration.levels)
+    drawn = "" if illustration is None else _figures(entry, illustration) + _histogram(illustration.faces_by_depth)
     return (
         f'<article class="card"><div class="heading"><h3>{_text(entry.name)}</h3>{_object_verdict(entry)}</div>'
         f"<dl>{facts}</dl>{drawn}</article>"
@@ -257,28 +254,13 @@ def _picture_url(content: bytes) -> str:
     return f"data:image/{kind};base64,{b64encode(content).decode()}"
 
 
-def _levels(entry: ObjectEntry, levels: Levels) -> str:
-    rows = [
-        [_text(METHOD_TEXTS[each.method][0]), str(each.deepest), str(each.level), f"{each.faces:,}"]
-        for each in levels.by_method
-    ]
-    chosen = [each.method for each in levels.by_method].index(levels.method)
-    if entry.result is not None:
-        rows.append(["Adaptive mesh", "", "", f"{entry.result_faces:,}"])
-        chosen = len(rows) - 1
-    table = _table(["Method", "Deepest depth", "Level", "Faces at that level"], rows, chosen)
-    heading = f"Faces of the Control Mesh by Depth ({METHOD_TEXTS[levels.method][0]})"
-    return (
-        f'<div class="pair"><div><h4>{_text(heading)}</h4>{_histogram(levels)}</div>'
-        f"<div><h4>Levels by Method</h4>{table}</div></div>"
-    )
-
-
-def _histogram(levels: Levels) -> str:
-    """A bar for each depth, in its colour."""
-    total, most = (function(faces for _, faces in levels.faces_by_depth) for function in (sum, max))
+def _histogram(faces_by_depth: Sequence[tuple[int, int]]) -> str:
+    """A bar for each depth, in its colour; nothing where no depths are known."""
+    if not faces_by_depth:
+        return ""
+    total, most = (function(faces for _, faces in faces_by_depth) for function in (sum, max))
     bars = []
-    for row, (depth, faces) in enumerate(levels.faces_by_depth):
+    for row, (depth, faces) in enumerate(faces_by_depth):
         width = max(1.0, BAR_WIDTH * faces / most)
         top, baseline = row * ROW_HEIGHT, row * ROW_HEIGHT + BAR_HEIGHT - 4
         bars.append(
@@ -286,10 +268,10 @@ def _histogram(levels: Levels) -> str:
             f'<rect x="{BAR_LEFT}" y="{top}" width="{width:.1f}" height="{BAR_HEIGHT}" rx="2" fill="{_color(depth)}"/>'
             f'<text x="{BAR_LEFT + width + 8:.1f}" y="{baseline}">{faces:,} ({faces / total:.1%})</text>'
         )
-    width, height = BAR_LEFT + BAR_WIDTH + TEXT_WIDTH, ROW_HEIGHT * len(levels.faces_by_depth)
+    width, height = BAR_LEFT + BAR_WIDTH + TEXT_WIDTH, ROW_HEIGHT * len(faces_by_depth)
     return (
-        f'<svg role="img" aria-label="Faces by depth" viewBox="0 0 {width} {height}" width="{width}" '
-        f'height="{height}">{"".join(bars)}</svg>'
+        f'<h4>Faces by Depth</h4><svg role="img" aria-label="Faces by depth" viewBox="0 0 {width} {height}" '
+        f'width="{width}" height="{height}">{"".join(bars)}</svg>'
     )
 
 

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from decimal import Decimal
 
 import bpy
@@ -32,6 +32,14 @@ def _result_text(record: bpy.types.PropertyGroup) -> str:
     lines = [f"{'depth':>8}{'faces':>14}{'share':>9}"]
     lines += [f"{row.depth:>8}{row.faces:>14,}{row.faces / record.faces:>9.1%}" for row in record.rows]
     return "\n".join([*lines, *facts])
+
+
+def losses(entry: FileEntry) -> Iterator[str]:
+    """What of a file was left out, and what of the objects the file written does not hold."""
+    for name, reason in (entry.left_out or {}).items():
+        yield f"“{printable(name)}” is left out: {reason.lower().replace('_', ' ')}"
+    if entry.lost:
+        yield f"lost in {entry.output and entry.output.path}: {', '.join(entry.lost)}"
 
 
 def print_measured(entry: FileEntry) -> None:

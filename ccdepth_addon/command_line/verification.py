@@ -77,7 +77,8 @@ def verify(path: Path) -> bool:
 
 def _faults(report: Report, entry: FileEntry) -> Iterator[str]:
     """What does not hold of a file. Raises CommandError, OSError and ValueError when it cannot be checked."""
-    faults = [*_contradictions(report, entry), *other_file(entry.source), *other_file(entry.output)]
+    files = (entry.source, entry.output, *entry.companions)
+    faults = [*_contradictions(report, entry), *(fault for each in files for fault in other_file(each))]
     yield from faults
     if faults:
         return
@@ -252,9 +253,12 @@ def reopened(action: str, entry: FileEntry) -> list[bpy.types.Object]:
     if source is not None:
         _refuse_other_unit(source, scene_unit(bpy.context.scene))
     chosen = entry.chosen or Chosen(names, None)
-    objects, error = evaluated_objects(path, chosen_objects(path, chosen.objects, chosen.collection))
+    found, left_out = chosen_objects(path, chosen.objects, chosen.collection)
+    objects, error = evaluated_objects(path, found)
     if error is not None:
         raise CommandError(error)
+    if entry.left_out not in (None, left_out):
+        raise CommandError(f"the report says that {entry.left_out} are left out, but these are {left_out}")
     by_name = {each.name: each for each in objects}
     others = by_name.keys() ^ set(names)
     if others or len(by_name) != len(names):

@@ -17,7 +17,7 @@ from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.shown_mesh import ShownMesh, Triangles, read_shown_mesh
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, measure
 from .blender_calls import CommandError
-from .mesh_files import BLEND, read_back
+from .mesh_files import BLEND, NO_NAME, read_back
 
 STL, PLY, GLB = ".stl", ".ply", ".glb"
 
@@ -140,8 +140,8 @@ def _matched(found: list[Measured], written: Sequence[WrittenObject]) -> list[Me
 
 
 def _without_spaces(name: str) -> str:
-    """What .obj files keep of a name."""
-    return name.replace(" ", "_")
+    """What .obj files keep of a name; no file keeps what could end a line."""
+    return NO_NAME.sub("_", name).replace(" ", "_")
 
 
 def _letters_and_digits(name: str) -> str:
@@ -156,6 +156,9 @@ def _ascii(name: str) -> str:
 
 def measured_distances(target: MeasureTask, part: Measured, settings: MeasureSettings) -> MeshDeviation:
     """How far a part of a file is from the surface it stands for, as near as it takes to tell whether it is within the
-    tolerance."""
-    [answer] = measure(replace(target, measured=[part]), settings, no_report, is_tolerance_enough=True)
+    tolerance. Raises CommandError where it cannot be measured."""
+    try:
+        [answer] = measure(replace(target, measured=[part]), settings, no_report, is_tolerance_enough=True)
+    except ValueError as fault:
+        raise CommandError(f"what was written cannot be measured: {fault}") from fault
     return answer

@@ -81,7 +81,7 @@ def test_all_visible_meshes_of_a_file_are_measured(tmp_path: Path, capfd: Captur
         holder.hide_set(index == 2)
     save(tmp_path / "mesh.blend")
     assert run(tmp_path / "mesh.blend", "--output", tmp_path / "out.blend") == 0
-    assert "Left out because it is hidden: Hidden" in capfd.readouterr().out
+    assert "“Hidden” is left out: hidden" in capfd.readouterr().err
     assert set(depths_in(tmp_path / "out.blend")) == {"Shown", "Unselectable"}
 
 

@@ -134,6 +134,9 @@ def places(content: Any, path: str = "") -> Iterator[tuple[str, Any, str]]:
 OBJECT = "files[].objects[]."
 SETTINGS = f"{OBJECT}settings."
 
+# Of a file that is not there.
+STAMP = {"path": "nothing.mtl", "sha256": 64 * "0", "metres_per_unit": None}
+
 # Other values, of those that are not true as well.
 FALSE: dict[str, Callable[[Any], list[Any]]] = {
     "version": lambda _: [1.5, 3, True, "2"],
@@ -142,6 +145,8 @@ FALSE: dict[str, Callable[[Any], list[Any]]] = {
     "files[].objects": lambda value: [value[:-1], [*value, value[-1]], [*value, {**value[-1], "name": "Nobody"}]],
     "files[].chosen.objects": lambda value: [["One"], ["Nobody"]] if value is None else [None, [], ["Two"]],
     "files[].chosen.collection": lambda value: ["Nobody", "Some"] if value is None else [None, "Nobody"],
+    "files[].left_out": lambda _: [{"Nobody": "HIDDEN"}],
+    "files[].companions": lambda value: [None, {}, [*value, {**STAMP, "sha256": None}], [*value, STAMP]],
     f"{OBJECT}deepest": lambda value: [3] if value is None else [None, value - 1],
     f"{OBJECT}level": lambda value: [3] if value is None else [None, value - 1],
     f"{OBJECT}worst_frame": lambda value: [3] if value is None else [None, 1, 9],

@@ -111,7 +111,7 @@ def test_a_page_has_all_that_was_found(tmp_path: Path, action: str) -> None:
     assert run(source, *LINE, "--html", html) == 1
     assert html.read_bytes() == written
     [entry] = report.read_report(tmp_path / "report.json").files
-    for text in (NASTY, "cubes & <b>'bold'.blend", entry.source.sha256, "Levels by Method", "0.05"):
+    for text in (NASTY, "cubes & <b>'bold'.blend", entry.source.sha256, "0.05"):
         assert text in page.text
     if entry.output is not None:
         assert entry.output.sha256 in page.text
@@ -138,30 +138,11 @@ def test_the_numbers_of_a_page_are_those_of_compute_depth(tmp_path: Path) -> Non
     page = parsed((tmp_path / "report.html").read_text(encoding="utf-8"))
     bpy.ops.wm.open_mainfile(filepath=str(source))
     [suzanne] = [each for each in bpy.data.objects if each.type == "MESH"]
-    for method, label in (("CERTIFIED", "Certified"), ("SHARP", "Sharp"), ("FIRST_ORDER", "First Order")):
-        addon.compute(suzanne, tolerance=0.01, method=method)
-        record = suzanne.data.ccdepth
-        assert f"{label}{record.deepest}{record.uniform_level}{int(record.uniform_faces):,}" in page.text
-        if method == "SHARP":
-            counts = addon.histogram(suzanne)
-            for depth, faces in counts.items():
-                assert f"{depth}{faces:,} ({faces / sum(counts.values()):.1%})" in page.text
-
-
-def test_objects_that_share_a_mesh_have_its_numbers(tmp_path: Path) -> None:
-    """Its depths are those that the larger one needs."""
-    small = scene.add_object(meshes.cube(), "Small")
-    large = bpy.data.objects.new("Large", small.data)
-    bpy.context.scene.collection.objects.link(large)
-    large.scale = (4.0, 4.0, 4.0)
-    large.location.x = 10.0
-    source, json_file = save(tmp_path / "cubes.blend"), tmp_path / "report.json"
-    assert run(source, *LINE, "--html", tmp_path / "report.html", "--json", json_file) == 0
-    page = parsed((tmp_path / "report.html").read_text(encoding="utf-8"))
-    deepest = {each.deepest for each in report.read_report(json_file).files[0].objects}
-    assert len(deepest) == 1
-    # Method, deepest depth and level: the faces of a cube are alike.
-    assert page.text.count("Certified{0}{0}".format(*deepest)) == 2
+    addon.compute(suzanne, tolerance=0.01, method="SHARP")
+    counts = addon.histogram(suzanne)
+    assert len(counts) > 2
+    for depth, faces in counts.items():
+        assert f"{depth}{faces:,} ({faces / sum(counts.values()):.1%})" in page.text
 
 
 @pytest.mark.skipif(bool(bpy.app.binary_path), reason="Blender is no module here")

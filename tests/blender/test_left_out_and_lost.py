@@ -1,0 +1,233 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the command line leaves out, what it works on copies of, and what a format loses: all of it is told."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import bpy
+import pytest
+
+from tests import meshes
+from tests.blender import addon, scene
+from tests.blender.command_line_runs import (
+    Capture,
+    mesh_objects,
+    run,
+    said,
+    save,
+    save_cubes,
+    skip_unless_written,
+)
+from tests.blender.test_report import report_in, sha256
+from tests.thorough import combinations
+
+LINE = ["--absolute", "--tolerance", "50mm", "--method", "certified"]
+
+
+def linked_cubes(tmp_path: Path, *, override: bool = False) -> Path:
+    """A file with a cube of its own, one that is linked, and an object of its own with a linked mesh."""
+    library = save_cubes(tmp_path / "library.blend", "Lent")
+    bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
+    with bpy.data.libraries.load(str(library), link=True) as (_, wanted):
+        wanted.objects = ["Lent"]
+    [lent] = wanted.objects
+    bpy.context.scene.collection.objects.link(lent)
+    if override:
+        lent.override_create(remap_local_usages=True)
+    for index, (name, mesh) in enumerate((("Lent Mesh", lent.data), ("Lent Mesh Too", lent.data))):
+        scene.add(name, mesh).location.x = 5.0 * (index + 1)
+    scene.add_object(meshes.cube(), "Own").location.y = 5.0
+    return save(tmp_path / "cubes.blend")
+
+
+NAMES = ["Lent", "Lent Mesh", "Lent Mesh Too", "Own"]
+
+
+@pytest.mark.every_blender
+@pytest.mark.parametrize(
+    ("action", "override"),
+    combinations([[], ["--levels"], ["--subdivide"], ["--subdivide", "--in-place"], ["--measure"]], [False, True]),
+)
+def test_what_is_linked_is_done_on_copies(tmp_path: Path, action: list[str], override: bool) -> None:
+    source, output, report = linked_cubes(tmp_path, override=override), tmp_path / "out.blend", tmp_path / "a.json"
+    before = (tmp_path / "library.blend").read_bytes()
+    tolerance = ["--absolute", "--tolerance", "2m"] if action == ["--measure"] else LINE
+    assert run(source, *tolerance, *action, "--output", output, "--json", report) == 0
+    [entry] = report_in(report)["files"]
+    assert sorted(each["name"] for each in entry["objects"]) == NAMES
+    # Four cubes that are alike.
+    found = [tuple(each[name] for name in ("faces", "deepest", "level", "result_faces")) for each in entry["objects"]]
+    assert found == [found[0]] * 4
+    if action[:1] == ["--subdivide"]:
+        assert [each["met"] for each in entry["objects"]] == [True] * 4
+    assert run("--verify", report) == 0
+    assert (tmp_path / "library.blend").read_bytes() == before
+    mesh_objects(output)
+    shown = [each for each in bpy.data.objects if each.type == "MESH" and each.visible_get()]
+    assert len(shown) == 4
+    assert {each.library for each in shown} == {None}
+    assert all(each.data.ccdepth.has_result or each.data.ccdepth.has_deviation for each in shown)
+
+
+def test_depths_of_copies_are_those_of_what_is_linked(tmp_path: Path) -> None:
+    source, output = linked_cubes(tmp_path), tmp_path / "out.blend"
+    assert run(source, *LINE, "--output", output) == 0
+    mesh_objects(output)
+    found = {each.name: addon.depths(each).tolist() for each in bpy.data.objects if each.visible_get()}
+    assert found == dict.fromkeys(NAMES, found["Own"])
+
+
+def test_what_is_left_out_is_named(tmp_path: Path, capfd: Capture) -> None:
+    path, report = save_cubes(tmp_path / "all.blend", "Cube", "Hidden", "In It"), tmp_path / "report.json"
+    bpy.data.objects["Hidden"].hide_set(True)
+    scene.add("Label", bpy.data.curves.new("Label", "FONT"))
+    scene.add("Path\x1b", bpy.data.curves.new("Path", "CURVE"))
+    scene.add_light()
+    scene.add("Empty")
+    inside = bpy.data.collections.new("Inside")
+    inside.objects.link(bpy.data.objects["In It"])
+    bpy.context.scene.collection.objects.unlink(bpy.data.objects["In It"])
+    instance = scene.add("Instance")
+    instance.instance_type, instance.instance_collection = "COLLECTION", inside
+    save(path)
+    capfd.readouterr()
+    html = tmp_path / "page.html"
+    assert run(path, *LINE, "--json", report) == 0
+    told = capfd.readouterr().err
+    for text in ("Hidden” is left out: hidden", "Label” is left out: font", "Path\\x1b” is left out: curve"):
+        assert text in told
+    assert "“Instance” is left out: collection instance" in told
+    [entry] = report_in(report)["files"]
+    expected = {"Hidden": "HIDDEN", "Label": "FONT", "Path\x1b": "CURVE", "Instance": "COLLECTION_INSTANCE"}
+    assert entry["left_out"] == expected
+    assert run("--verify", report) == 0
+    # Nothing else was asked for.
+    assert run(path, *LINE, "--objects", "Cube", "--json", report, "--overwrite") == 0
+    assert report_in(report)["files"][0]["left_out"] == {}
+    assert not html.exists()
+
+
+def save_painted(path: Path) -> Path:
+    """Two closed cubes with a UV map that has seams, colours, and a material with a texture."""
+    scene.clear()
+    texture = path.parent / "textures" / "paint.png"
+    texture.parent.mkdir()
+    image = bpy.data.images.new("Paint", 4, 4)
+    image.filepath_raw, image.file_format = str(texture), "PNG"
+    image.save()
+    material = bpy.data.materials.new("Paint")
+    material.use_nodes = True
+    node = material.node_tree.nodes.new("ShaderNodeTexImage")
+    node.image = image
+    surface = next(each for each in material.node_tree.nodes if each.type == "BSDF_PRINCIPLED")
+    material.node_tree.links.new(node.outputs["Color"], surface.inputs["Base Color"])
+    for name, domain in (("One", "POINT"), ("Two", "CORNER")):
+        bpy.ops.mesh.primitive_cube_add()
+        cube = bpy.context.object
+        cube.name = name
+        color = cube.data.color_attributes.new("Color", "FLOAT_COLOR", domain)
+        color.data.foreach_set("color", [0.2, 0.4, 0.6, 1.0] * len(color.data))
+        cube.data.color_attributes.active_color = color
+        cube.data.materials.append(material)
+    return save(path)
+
+
+@pytest.mark.every_blender
+@pytest.mark.parametrize(
+    ("suffix", "lost"),
+    [
+        (".blend", []),
+        (".stl", ["materials", "UV maps", "colours"]),
+        (".ply", ["materials", "UV maps", "colours of corners"]),
+        (".obj", ["colours of corners"]),
+        (".glb", []),
+        (".usda", []),
+    ],
+)
+def test_what_a_format_loses_is_told(tmp_path: Path, suffix: str, lost: list[str], capfd: Capture) -> None:
+    skip_unless_written(suffix)
+    source = save_painted(tmp_path / "cubes.blend")
+    out = tmp_path / "deeper" / "out"
+    out.mkdir(parents=True)
+    output, report = out / f"made{suffix}", tmp_path / "report.json"
+    capfd.readouterr()
+    assert run(source, *LINE, "--subdivide", "--output", output, "--json", report) == 0
+    told = capfd.readouterr().err
+    [entry] = report_in(report)["files"]
+    assert entry["lost"] == lost
+    assert (f"lost in {output}: {', '.join(lost)}" in told) == bool(lost)
+    assert [each["closed"] for each in entry["objects"]] == [True, True]
+    names = [output.name, *(["made.mtl"] if suffix == ".obj" else [])]
+    assert sorted(each.name for each in out.iterdir()) == sorted(names)
+    assert [each["path"] for each in entry["companions"]] == [f"deeper/out/{name}" for name in names[1:]]
+    check_paint(out, output)
+    assert run("--verify", report) == 0
+    for name in names[1:]:
+        assert [each["sha256"] for each in entry["companions"]] == [sha256(out / name)]
+        (out / name).write_text("newmtl Other\n")
+        assert run("--verify", report) == 1
+
+
+def check_paint(folder: Path, output: Path) -> None:
+    """The file names its texture as seen from itself, and has the colours, where its format has them."""
+    texture = os.path.join("..", "..", "textures", "paint.png")
+    if output.suffix == ".obj":
+        assert f"map_Kd {texture}" in (folder / "made.mtl").read_text()
+        vertices = [line for line in output.read_text().splitlines() if line.startswith("v ")]
+        for line in vertices:
+            assert list(map(float, line.split()[4:])) == pytest.approx([0.4845, 0.6652, 0.7977], abs=2e-4)
+    if output.suffix == ".usda":
+        assert f"@{texture}@" in output.read_text()
+    if output.suffix == ".ply":
+        assert b"property uchar red" in output.read_bytes()
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".ply", ".stl", ".glb", ".usdc"])
+def test_names_that_could_end_a_line(tmp_path: Path, suffix: str) -> None:
+    skip_unless_written(suffix)
+    source, report = save_cubes(tmp_path / "cubes.blend", "One\nTwo", "Three Four\r"), tmp_path / "report.json"
+    assert run(source, *LINE, "--subdivide", "--output", tmp_path / f"out{suffix}", "--json", report) == 0
+    assert [each["name"] for each in report_in(report)["files"][0]["objects"]] == ["One\nTwo", "Three Four\r"]
+    assert run("--verify", report) == 0
+
+
+@pytest.mark.parametrize("letter", ["x", "ü"])
+def test_names_as_long_as_a_file_system_takes(tmp_path: Path, letter: str) -> None:
+    """Those of outputs are cut where they would be too long, and told apart."""
+    count = 251 // len(letter.encode())
+    stems = [(count - 1) * letter + end for end in "ab"]
+    for stem in stems:
+        (tmp_path / f"{stem}.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    out, report = tmp_path / "out", tmp_path / "report.json"
+    sources = [tmp_path / f"{stem}.obj" for stem in stems]
+    line = ["--tolerance", "1%", "--method", "certified", "--output-folder", out, "--json", report]
+    assert run(*sources, *line) == 0
+    names = {each.name for each in out.iterdir()}
+    assert len(names) == 2
+    assert all(240 < len(name.encode()) < 255 and name.endswith(".blend") for name in names)
+    assert run("--verify", report) == 0
+    # Earlier versions have a number as well.
+    assert run(*sources, *line, "--overwrite") == 0
+    assert len(list(out.iterdir())) == 4
+
+
+BROKEN: dict[str, tuple[str, bytes, str]] = {
+    "no UTF-8": (
+        "named.ply",
+        b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+        b"property float w\xff\xfe\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        b"0 0 0 1\n1 0 0 2\n0 1 0 3\n3 0 1 2\n",
+        "the name of an attribute is no UTF-8",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", BROKEN)
+def test_a_broken_file_is_named_in_a_line(tmp_path: Path, capfd: Capture, case: str) -> None:
+    name, content, message = BROKEN[case]
+    (tmp_path / name).write_bytes(content)
+    told = said(capfd, tmp_path / name, "--tolerance", "1%")
+    assert f"{name}: {message}" in told
+    assert "Traceback" not in told
