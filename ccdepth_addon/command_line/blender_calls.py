@@ -18,18 +18,18 @@ def call(operator: Any, **properties: Any) -> None:
     try:
         result = operator(**properties)
     except RuntimeError as fault:
-        raise CommandError(_report_in(str(fault))) from fault
+        raise CommandError(_report_in(str(fault), operator.idname_py())) from fault
     if "FINISHED" not in result:
         raise CommandError(f"{operator.idname_py()} did not finish")
 
 
-def _report_in(message: str) -> str:
-    """What an operator reported; of one that is written in Python and went wrong, what it raised."""
+def _report_in(message: str, name: str) -> str:
+    """What an operator of this name reported; of one that is written in Python and went wrong, what it raised."""
     text = re.sub(r"^Error: ", "", message, flags=re.MULTILINE).strip()
     if "Traceback (most recent call last)" not in text:
         return text
     raised = [line for line in text.splitlines() if line and not line.startswith((" ", "Location:"))]
-    return raised[-1]
+    return f"{name} went wrong: {raised[-1]}"
 
 
 def available(name: str) -> Any | None:

@@ -118,7 +118,8 @@ def save_painted(path: Path) -> Path:
     image.filepath_raw, image.file_format = str(texture), "PNG"
     image.save()
     material = bpy.data.materials.new("Paint")
-    material.use_nodes = True
+    if material.node_tree is None:
+        material.use_nodes = True
     node = material.node_tree.nodes.new("ShaderNodeTexImage")
     node.image = image
     surface = next(each for each in material.node_tree.nodes if each.type == "BSDF_PRINCIPLED")

@@ -134,7 +134,7 @@ def test_files_that_are_broken_at_random(tmp_path: Path, suffix: str, part: int)
     entries = json.loads((tmp_path / report).read_text(encoding="utf-8"))["files"]
     assert [each["input"]["path"] for each in entries] == sources
     for entry in entries:
-        assert not re.match(r"\w+(Error|Exception|Exit)\b", entry["error"] or ""), entry
+        assert not re.match(r"\w+(Error|Exception|Exit)\b|ccdepth\..* went wrong", entry["error"] or ""), entry
     made = {f"{Path(entry['input']['path']).stem}.stl" for entry in entries if entry["output"]}
     assert {each.name for each in (tmp_path / "made").iterdir()} == made
     print(f"{suffix}: {len(made)} of {len(sources)} files could be done")
