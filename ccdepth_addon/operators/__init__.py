@@ -4,7 +4,7 @@
 import bpy
 
 from ..state import sources
-from . import worker
+from . import job
 from .apply_adaptive import CCDEPTH_OT_subdivide
 from .clear import CCDEPTH_OT_clear
 from .compute_depth import CCDEPTH_OT_compute
@@ -52,6 +52,6 @@ def register() -> None:
 
 def unregister() -> None:
     sources.edited_source_listeners.remove(start_keeping_updated)
-    worker.stop_all()
+    job.stop_all()
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

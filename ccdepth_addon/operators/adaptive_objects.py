@@ -20,7 +20,6 @@ from ..exchange.modifiers import applied_modifiers, subdivision_modifier
 from ..exchange.object_state import StateAtFrame, object_state
 from ..state import fingerprint, results, staleness
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
-from ..tasks.stepwise import Stage
 from ..tasks.surfaces import ComputeError, naming, same_control_mesh
 from ..ui import heat_map
 from .scene_objects import hide, link_beside, show_in_local_view
@@ -49,7 +48,7 @@ Placing = Callable[[ObjectGroups, list[bpy.types.Mesh], ExitStack], ObjectGroups
 
 def make_meshes(
     context: bpy.types.Context, answers: list[AdaptiveResult], settings: AdaptiveSettings, *, exact_normals: bool
-) -> Generator[Stage, None, list[Made]]:
+) -> Generator[str, None, list[Made]]:
     """Make the adaptive meshes in Object Mode, all or none; yields the stage.
 
     Nothing else changes, and no object uses them before they are placed. Raises ComputeError when an object has changed
@@ -58,7 +57,7 @@ def make_meshes(
     made: list[Made] = []
     try:
         for batch in batches(answers, lambda answer: len(answer.adaptive.mesh.base_faces), FACES_AT_ONCE):
-            yield Stage(f"Writing meshes: {len(made):,} of {len(answers):,}")
+            yield f"Writing meshes: {len(made):,} of {len(answers):,}"
             context.view_layer.update()
             holders = [_sources(answer)[0] for answer in batch]
             with copies_to_subdivide(context, holders, use_modifiers=settings.use_modifiers) as copies:

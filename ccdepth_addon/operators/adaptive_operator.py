@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What Apply Adaptive Subdivision, Update Result and Count Faces have in common."""
 
-from collections.abc import Generator
+from functools import partial
 
 import bpy
 
@@ -10,11 +10,11 @@ from ..state import face_counts, properties, viewports
 from ..tasks.adaptive_meshes import TooManyError, subdivide
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, prepare_adaptive
 from ..tasks.reduce_task import triangle_count
-from ..tasks.stepwise import Stage
 from ..tasks.surfaces import ComputeError
 from ..ui.printable import printable
 from . import edit_mode
 from .adaptive_objects import Made, make_meshes
+from .job import Steps, Work
 from .long_operator import LongOperator
 from .reduced_meshes import Reducer
 from .selected_meshes import LINKED, count_text, name_fault, refuse, selected_meshes
@@ -26,7 +26,7 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
     # How many faces there will be, where they were counted before.
     _counted: int | None = None
 
-    def prepared(self, context: bpy.types.Context) -> Generator[Stage, None, list[AdaptiveTask]]:
+    def prepared(self, context: bpy.types.Context) -> Steps[list[AdaptiveTask]]:
         """Leave Edit Mode and read the objects: yields the stage, and returns the tasks. Raises ComputeError."""
         objects = self.objects(context)
         refuse(objects, self.fault)
@@ -39,9 +39,6 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
         known = [count.faces for task in tasks if (count := counts[task.object_names[0]]) is not None]
         self._counted = sum(known) if len(known) == len(tasks) else None
         return tasks
-
-    def fraction_done(self, progress: float) -> float | None:
-        return None if self._counted is None else min(progress / self._counted, 1.0)
 
     def objects(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         """The objects that get results."""
@@ -78,14 +75,14 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
 class MakingOperator(properties.MakingProperties, AdaptiveOperator):
     """An operator that makes adaptive meshes."""
 
-    def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, list[Made]]:
+    def steps(self, context: bpy.types.Context) -> Steps[list[Made]]:
         tasks = yield from self.prepared(context)
         self._notes = [note for task in tasks for note in _notes(task, self.use_modifiers)]
         settings = self.settings()
-        answers = yield from self.computed(lambda progress: subdivide(tasks, settings, progress))
+        answers = yield Work(partial(subdivide, tasks, settings), self.progress_text, self._counted)
         if not self.reduce:
             return (yield from make_meshes(context, answers, settings, exact_normals=self.exact_normals))
-        reducer = Reducer(context, settings, self.computed, exact_normals=self.exact_normals)
+        reducer = Reducer(context, settings, exact_normals=self.exact_normals)
         made = yield from reducer.make(answers)
         self._notes += reducer.notes
         return made
@@ -97,6 +94,7 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
         return super().fault(blender_object)
 
     def progress_text(self, progress: float) -> str:
+        """How many faces there are so far."""
         if self._counted is None:
             return f"Subdividing: {progress:,.0f} faces so far"
         return f"Subdividing: {progress:,.0f} of {self._counted:,} faces"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Compute Depth."""
 
-from collections.abc import Generator
 from contextlib import ExitStack
+from functools import partial
 from typing import ClassVar
 
 import bpy
@@ -14,10 +14,10 @@ from ..state import fingerprint, properties, results, staleness
 from ..state.shown_colors import color_depths
 from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
 from ..tasks.frames import chosen_frames, typed_frames
-from ..tasks.stepwise import Stage
 from ..tasks.surfaces import ComputeError, Surface, naming
 from ..ui import heat_map
 from ..ui.printable import printable
+from .job import Steps, Work
 from .long_operator import LongOperator
 from .selected_meshes import CHANGED, count_text, refuse_what_cannot_be_written, selected_meshes
 
@@ -29,17 +29,14 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
     bl_label = "Compute Depth"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
-    def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, list[MeshDepths]]:
+    def steps(self, context: bpy.types.Context) -> Steps[list[MeshDepths]]:
         objects = selected_meshes(context)
         refuse_what_cannot_be_written(objects)
         settings = self._settings(context)
         if self.frames == "CUSTOM":
             typed_frames(settings.frames)
         work = yield from prepare_depths(context, objects, settings)
-        return (yield from self.computed(lambda progress: compute_depths(work, progress)))
-
-    def progress_text(self, progress: float) -> str:
-        return f"Computing depth: {progress:.0%}"
+        return (yield Work(partial(compute_depths, work), "Computing depth: {:.0%}".format, total=1.0))
 
     def finish(self, context: bpy.types.Context, answer: list[MeshDepths]) -> set[str]:
         meshes = _meshes_still_there(answer)

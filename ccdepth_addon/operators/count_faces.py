@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Count Faces."""
 
-from collections.abc import Generator
+from functools import partial
 from typing import ClassVar
 
 import bpy
@@ -9,9 +9,9 @@ import bpy
 from ..state import face_counts, result_record, viewports
 from ..tasks.adaptive_meshes import FaceCount, count_results, too_many_text
 from ..tasks.adaptive_task import AdaptiveTask
-from ..tasks.stepwise import Stage
 from ..ui.printable import printable
 from .adaptive_operator import AdaptiveOperator
+from .job import Steps, Work
 from .selected_meshes import count_text, hidden_fault
 
 
@@ -33,15 +33,10 @@ class CCDEPTH_OT_count_faces(CountingOperator):
     bl_label = "Count Faces"
     bl_options: ClassVar[set[str]] = {"REGISTER"}
 
-    def start(
-        self, context: bpy.types.Context
-    ) -> Generator[Stage | float, None, tuple[list[AdaptiveTask], list[FaceCount]]]:
+    def steps(self, context: bpy.types.Context) -> Steps[tuple[list[AdaptiveTask], list[FaceCount]]]:
         tasks = yield from self.prepared(context)
-        settings = self.settings()
-        return tasks, (yield from self.computed(lambda progress: count_results(tasks, settings, progress)))
-
-    def progress_text(self, progress: float) -> str:
-        return f"Counting faces: {progress:,.0f} so far"
+        work = partial(count_results, tasks, self.settings())
+        return tasks, (yield Work(work, "Counting faces: {:,.0f} so far".format, self._counted))
 
     def finish(self, context: bpy.types.Context, answer: tuple[list[AdaptiveTask], list[FaceCount]]) -> set[str]:
         tasks, counts = answer

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Find Tolerance."""
 
-from collections.abc import Generator
 from dataclasses import replace
+from functools import partial
 from typing import ClassVar
 
 import bpy
@@ -10,9 +10,9 @@ import bpy
 from ..state import face_counts, properties, viewports
 from ..tasks.adaptive_meshes import FaceCount, Fit, best_tolerance
 from ..tasks.adaptive_task import AdaptiveTask
-from ..tasks.stepwise import Stage
 from ..tasks.surfaces import ComputeError
 from .count_faces import CountingOperator
+from .job import Steps, Work
 from .selected_meshes import count_text
 
 
@@ -24,20 +24,15 @@ class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
     bl_label = "Find Tolerance"
     bl_options: ClassVar[set[str]] = {"UNDO"}
 
-    def start(self, context: bpy.types.Context) -> Generator[Stage | float, None, tuple[list[AdaptiveTask], Fit]]:
+    def steps(self, context: bpy.types.Context) -> Steps[tuple[list[AdaptiveTask], Fit]]:
         if self.face_budget > self.max_faces:
             raise ComputeError(f"The Face Limit is {self.max_faces:,}; raise it first")
         tasks = yield from self.prepared(context)
-        settings, faces = self.settings(), self.face_budget
-        fit = yield from self.computed(
-            lambda progress: best_tolerance(tasks, settings, faces, progress, start=settings.tolerance)
-        )
+        work = partial(best_tolerance, tasks, self.settings(), self.face_budget, start=self.settings().tolerance)
+        fit = yield Work(work, "Finding the tolerance: {:,.0f} faces counted".format, self._counted)
         if fit is None:
-            raise ComputeError(f"Even undivided there would be more than {faces:,} faces")
+            raise ComputeError(f"Even undivided there would be more than {self.face_budget:,} faces")
         return tasks, fit
-
-    def progress_text(self, progress: float) -> str:
-        return f"Finding the tolerance: {progress:,.0f} faces counted"
 
     def finish(self, context: bpy.types.Context, answer: tuple[list[AdaptiveTask], Fit]) -> set[str]:
         tasks, fit = answer

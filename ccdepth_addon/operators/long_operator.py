@@ -4,28 +4,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-from typing import Any, TypeVar
+from typing import Any
 
 import bpy
 import numpy as np
 from bpy.props import FloatProperty
 
-from ..core import Progress
 from ..state import properties, refusals
-from ..tasks.stepwise import Stage, Stepwise
 from ..tasks.surfaces import ComputeError
 from ..ui import progress_bar
 from ..ui.printable import printable_lines
-from . import worker
+from .job import SECONDS_TO_WAIT, Cancelled, Job, Steps
 from .selected_meshes import count_text, poll_meshes
-
-Answer = TypeVar("Answer")
 
 # Seconds of work before Blender handles events: at the start, and at each tick of the timer. While a thread computes, a
 # tick lasts no longer than one look at it.
 PATIENCE_AT_START = 0.2
-PATIENCE_AT_EACH_TICK = worker.SECONDS_TO_WAIT
+PATIENCE_AT_EACH_TICK = SECONDS_TO_WAIT
 SECONDS_BETWEEN_TICKS = 0.01
 
 REMEDY = "Select Invalid Faces selects what is at fault, and Repair Mesh removes it"
@@ -37,13 +32,11 @@ NAVIGATION_EVENTS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MOUSEMOVE
 class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
     """An operator that works in steps: at once from a script; from the window with progress, and Esc cancels it.
 
-    Steps read and write Blender's data; what is computed in between runs in a thread, so that the window stays free.
-
     Settings that the caller does not set come from the scene, which has them under the same names.
     """
 
     # None unless it runs: Blender keeps operators that have run, and would keep their work with them.
-    _run: Stepwise[Any, Any] | None = None
+    _run: Job[Any] | None = None
 
     tolerance: properties.absolute_tolerance_property()
     # The same number for the redo panel, where a fraction of the diagonal must not be shown in metres.
@@ -63,31 +56,13 @@ class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         return poll_meshes(cls, context)
 
-    def start(self, context: bpy.types.Context) -> Generator[Any, None, Any]:
-        """Read the objects, and return the work as steps that yield its progress. Raises ComputeError."""
+    def steps(self, context: bpy.types.Context) -> Steps[Any]:
+        """Read the objects and compute; returns the answer. Raises ComputeError."""
         raise NotImplementedError
-
-    def computed(self, work: Callable[[Progress], Answer]) -> Generator[float, None, Answer]:
-        """Do work that needs nothing of Blender, as steps that yield its progress. Raises what it raises, and
-        ComputeError where it was stopped."""
-        run = worker.in_thread if self.options.is_invoke and not bpy.app.background else worker.at_once
-        try:
-            return (yield from run(work))
-        except worker.Cancelled as stopped:
-            raise ComputeError(f"{self.bl_label} was stopped, and nothing was changed") from stopped
 
     def finish(self, context: bpy.types.Context, answer: Any) -> set[str]:
         """Write the answer, all of it or nothing. Raises ComputeError."""
         raise NotImplementedError
-
-    def progress_text(self, progress: Any) -> str:
-        """The progress for the status bar."""
-        raise NotImplementedError
-
-    def fraction_done(self, progress: Any) -> float | None:
-        """The part of the work that is done: the progress itself, unless that is something else; None where nobody
-        knows how much work there is."""
-        return float(progress)
 
     def report_skipped(self, context: bpy.types.Context) -> None:
         """Report how many selected objects have no mesh, if there are any."""
@@ -97,7 +72,7 @@ class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
             self.report({"INFO"}, f"Skipped {objects} without a mesh")
 
     def leave(self, context: bpy.types.Context) -> None:
-        """Put back what ``start`` changed while it runs; called however it ends."""
+        """Put back what the steps changed while they run; called however it ends."""
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         return self._begin(context, np.inf) or {"CANCELLED"}
@@ -125,7 +100,8 @@ class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
             if ended:
                 self._stop_waiting(context)
                 return ended
-            progress_bar.show(context, self._status(), self._fraction())
+            assert self._run is not None
+            progress_bar.show(context, self._run.text or self.bl_label, self._run.fraction)
         return {"PASS_THROUGH"} if event.type in NAVIGATION_EVENTS else {"RUNNING_MODAL"}
 
     def cancel(self, context: bpy.types.Context) -> None:
@@ -133,16 +109,6 @@ class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
         if self._run is not None:
             self._run.give_up()
         self._end(context)
-
-    def _status(self) -> str:
-        progress = None if self._run is None else self._run.progress
-        if isinstance(progress, Stage):
-            return progress.text
-        return self.bl_label if progress is None else self.progress_text(progress)
-
-    def _fraction(self) -> float | None:
-        progress = None if self._run is None else self._run.progress
-        return None if progress is None or isinstance(progress, Stage) else self.fraction_done(progress)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
@@ -161,12 +127,15 @@ class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
         """Work for so long; returns what the operator returns at its end, and None before."""
         try:
             if self._run is None:
-                self._run = Stepwise(self.start(context))
-            if not self._run.work(seconds):
+                in_threads = self.options.is_invoke and not bpy.app.background
+                self._run = Job(self.steps(context), in_threads=in_threads)
+            if not self._run.run(seconds):
                 return None
             outcome = self.finish(context, self._run.answer)
         except ComputeError as fault:
             return self._refuse(context, fault)
+        except Cancelled:
+            return self._refuse(context, ComputeError(f"{self.bl_label} was stopped, and nothing was changed"))
         except MemoryError:
             return self._refuse(context, ComputeError("There is not enough memory for it: nothing was changed"))
         except BaseException:

@@ -4,8 +4,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
 from contextlib import ExitStack
+from functools import partial
 from typing import ClassVar
 
 import bpy
@@ -19,6 +19,7 @@ from ..ui import heat_map
 from ..ui.facts import deviation_text
 from ..ui.lengths import Rounding, common_unit, length_text
 from ..ui.printable import printable
+from .job import Steps, Work
 from .long_operator import LongOperator
 from .selected_meshes import CHANGED, refuse_what_cannot_be_written, selected_meshes
 
@@ -38,17 +39,14 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
     bl_label = "Measure Deviation"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
-    def start(self, context: bpy.types.Context) -> Generator[float, None, list[MeshDeviation]]:
+    def steps(self, context: bpy.types.Context) -> Steps[list[MeshDeviation]]:
         target, objects = _target_and_measured(context)
         refuse_what_cannot_be_written(objects)
         settings = self._settings()
         task = prepare_measurement(context, objects, target, settings)
         self._is_own = task.own
         with naming(task.surface.object_name):
-            return (yield from self.computed(lambda progress: measure(task, settings, progress)))
-
-    def progress_text(self, progress: float) -> str:
-        return f"Measuring deviation: {progress:.0%}"
+            return (yield Work(partial(measure, task, settings), "Measuring deviation: {:.0%}".format, total=1.0))
 
     def finish(self, context: bpy.types.Context, answer: list[MeshDeviation]) -> set[str]:
         settings = self._settings()

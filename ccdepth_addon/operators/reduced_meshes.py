@@ -3,14 +3,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
 from functools import partial
-from typing import Any, TypeVar
 
 import bpy
 import numpy as np
 
-from ..core import FloatArray, Progress, Proof, Reduction
+from ..core import FloatArray, Proof, Reduction
 from ..exchange.bulk_reading import read_values
 from ..exchange.custom_normals import CarriedNormals
 from ..exchange.decimation import Decimation
@@ -20,29 +18,22 @@ from ..exchange.vertex_groups import has_groups
 from ..state import results
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.reduce_task import ReducedResult, depths_of_faces, finer_result, reduction_of, triangle_count
-from ..tasks.stepwise import Stage
 from ..tasks.surfaces import naming
 from .adaptive_objects import Made, make_meshes
+from .job import Steps, Work
 
 # Where thinner lines are too far off at some places, these places are tried without, so often.
 ROUNDS_FOR_LINES = 4
-
-Answer = TypeVar("Answer")
-Computed = Callable[[Callable[[Progress], Any]], Generator[float, None, Any]]
 
 
 class Reducer:
     """Makes reduced meshes, one after the other. notes: what to tell the user."""
 
-    def __init__(
-        self, context: bpy.types.Context, settings: AdaptiveSettings, computed: Computed, *, exact_normals: bool
-    ) -> None:
-        """computed: does work that needs nothing of Blender, as steps that yield its progress."""
+    def __init__(self, context: bpy.types.Context, settings: AdaptiveSettings, *, exact_normals: bool) -> None:
         self.notes: list[str] = []
         self._context, self._settings, self._exact_normals = context, settings, exact_normals
-        self._computed = computed
 
-    def make(self, answers: list[AdaptiveResult]) -> Generator[Stage, None, list[Made]]:
+    def make(self, answers: list[AdaptiveResult]) -> Steps[list[Made]]:
         """The meshes of all answers, or none; yields the stage. Where nothing is gained, that is the adaptive mesh
         itself. Raises ComputeError when an object has changed since it was read."""
         made: list[Made] = []
@@ -54,7 +45,7 @@ class Reducer:
             raise
         return made
 
-    def _made(self, answer: AdaptiveResult) -> Generator[Stage, None, Made]:
+    def _made(self, answer: AdaptiveResult) -> Steps[Made]:
         reduced = yield from self._reduced(answer)
         if reduced is None:
             name = answer.task.object_names[0]
@@ -62,15 +53,13 @@ class Reducer:
             (reduced,) = yield from self._unreduced(answer)
         return reduced
 
-    def _unreduced(self, answer: AdaptiveResult) -> Generator[Stage, None, list[Made]]:
+    def _unreduced(self, answer: AdaptiveResult) -> Steps[list[Made]]:
         return (yield from make_meshes(self._context, [answer], self._settings, exact_normals=self._exact_normals))
 
-    def _reduced(self, answer: AdaptiveResult) -> Generator[Stage, None, Made | None]:
+    def _reduced(self, answer: AdaptiveResult) -> Steps[Made | None]:
         """The reduced mesh of an answer; None where it has no fewer triangles, or more than there may be faces."""
-        start = yield from self._in_steps(
-            partial(finer_result, answer, self._settings),
-            lambda faces: f"Subdividing finer, to be reduced: {faces:,.0f} faces so far",
-        )
+        text = "Subdividing finer, to be reduced: {:,.0f} faces so far".format
+        start = yield Work(partial(finer_result, answer, self._settings), text)
         (made,) = yield from self._unreduced(start)
         try:
             with naming(answer.task.object_names[0]):
@@ -89,7 +78,7 @@ class Reducer:
             _remove([made.mesh_uid])
             raise
 
-    def _reduce(self, answer: AdaptiveResult, mesh: bpy.types.Mesh) -> Generator[Stage, None, FloatArray | None]:
+    def _reduce(self, answer: AdaptiveResult, mesh: bpy.types.Mesh) -> Steps[FloatArray | None]:
         """Reduce a mesh, which has no shape keys; returns (T,) the proved distances of its triangles, or None where
         nothing is proved, and the mesh is as it was."""
         task = answer.task
@@ -97,11 +86,11 @@ class Reducer:
         decimation = Decimation(mesh, task.control.world, task.surface.tolerance)
         try:
             start = decimation.current()
-            search = yield from self._in_steps(partial(reduction_of, answer, start), _constant("Reducing"))
+            search = yield Work(partial(reduction_of, answer, start), "Reducing".format)
             yield from self._thin_lines(search, decimation)
             found = yield from self._search(search, decimation)
             if found is not None:
-                places = yield from self._in_steps(partial(search.places, found.mesh), _constant("Reducing"))
+                places = yield Work(partial(search.places, found.mesh), "Reducing".format)
                 decimation.write(mesh, places)
         finally:
             decimation.remove()
@@ -109,14 +98,14 @@ class Reducer:
             normals.put_back(mesh, deformable=has_groups(mesh))
         return None if found is None else found.bounds
 
-    def _thin_lines(self, search: Reduction, decimation: Decimation) -> Generator[Stage, None, None]:
+    def _thin_lines(self, search: Reduction, decimation: Decimation) -> Steps[None]:
         """Remove the vertices that lines can do without, and fix the others."""
         lines = np.unique(np.concatenate([decimation.lines(), decimation.borders()]), axis=0)
         may_go = np.ones(len(search.current.positions), dtype=bool)
         for _ in range(ROUNDS_FOR_LINES if len(lines) else 0):
-            yield Stage("Reducing lines")
+            yield "Reducing lines"
             thinner = decimation.attempt_thinner(lines, may_go)
-            beyond = yield from self._in_steps(partial(search.beyond, thinner), _constant("Reducing lines"))
+            beyond = yield Work(partial(search.beyond, thinner), "Reducing lines".format)
             if not beyond.any():
                 decimation.accept(keep=False)
                 break
@@ -126,39 +115,20 @@ class Reducer:
         is_fixed[decimation.lines()] = True
         search.begin_with(current, is_fixed)
 
-    def _search(self, search: Reduction, decimation: Decimation) -> Generator[Stage, None, Proof | None]:
+    def _search(self, search: Reduction, decimation: Decimation) -> Steps[Proof | None]:
         """Reduce step by step; returns what was kept, or None where nothing is proved."""
         while (attempt := search.attempt()) is not None:
             before = f"Reducing: {len(search.current.corners):,} triangles"
-            yield Stage(before)
+            yield before
             made = decimation.attempt(attempt.triangles, attempt.is_fixed)
             text = f"{before}, {len(made.corners):,} tried"
-            if (yield from self._in_steps(partial(search.judge, made), _constant(text))):
+            if (yield Work(partial(search.judge, made), text.format)):
                 decimation.accept(keep=search.is_proved)
         text = f"Reducing: {len(search.current.corners):,} triangles, being proved"
-        proof = yield from self._in_steps(search.prove, _constant(text))
+        proof = yield Work(search.prove, text.format)
         if search.is_proved:
             decimation.keep()
         return proof
-
-    def _in_steps(
-        self, work: Callable[[Progress], Answer], text: Callable[[float], str]
-    ) -> Generator[Stage, None, Answer]:
-        """Do work that needs nothing of Blender; yields its progress as a text."""
-        steps = self._computed(work)
-        try:
-            while True:
-                try:
-                    progress = next(steps)
-                except StopIteration as finished:
-                    return finished.value
-                yield Stage(text(progress))
-        finally:
-            steps.close()
-
-
-def _constant(text: str) -> Callable[[float], str]:
-    return lambda progress: text
 
 
 def _mesh(uid: int) -> bpy.types.Mesh:

@@ -26,7 +26,7 @@ MOST_COUNTS = 24
 
 # After a refusal nobody has asked for the search: it ends after so many seconds, or with this part of the faces. The
 # first one tried is so many times what the core estimates: mostly that fits, and few faces take little time.
-SECONDS_AFTER_REFUSAL, ENOUGH_AFTER_REFUSAL, FIRST_TRY = 10.0, 0.5, 4.0
+SECONDS_AFTER_REFUSAL, ENOUGH_AFTER_REFUSAL, FIRST_TRY = 20.0, 0.5, 4.0
 
 # With a tolerance of so many diagonals nothing is split that need not be.
 WITHOUT_SPLITS = 100.0
@@ -184,11 +184,13 @@ def best_tolerance(
         return None
     finest = max(task.least_tolerance / _unit(task, settings) for task in tasks)
     best = fit(max(task.control.diagonal() / _unit(task, settings) for task in tasks) * WITHOUT_SPLITS)
+    if best is None:
+        return None
     guess, until = max(start, finest), perf_counter() + seconds
     try:
-        for _ in range(MOST_COUNTS if best else 0):
+        for _ in range(MOST_COUNTS):
             found = fit(guess)
-            best, too_fine = (found, too_fine) if found else (best, guess)
+            best, too_fine = (best, guess) if found is None else (found, too_fine)
             if sum(best.counts) >= enough * most_faces or best.tolerance <= NEAR_ENOUGH * max(too_fine, finest):
                 break
             guess = max(_next_guess(best, too_fine, most_faces), finest)

@@ -30,7 +30,6 @@ from ..exchange.bulk_reading import read_values
 from ..exchange.control_mesh import ControlMesh, ControlMeshError, SharedMeshes, base_mesh
 from ..exchange.frozen_copies import FrozenCopies, copies_to_subdivide, in_batches
 from ..exchange.modifiers import applied_modifiers, subdivision_modifier
-from .stepwise import Stage
 from .surfaces import (
     Faults,
     Surface,
@@ -123,7 +122,7 @@ def prepare_adaptive(
     objects: Sequence[bpy.types.Object],
     settings: AdaptiveSettings,
     users: Sequence[bpy.types.Object] | None = None,
-) -> Generator[Stage, None, list[AdaptiveTask]]:
+) -> Generator[str, None, list[AdaptiveTask]]:
     """Read the objects, in Object Mode, and decide what to make.
 
     users: the object that gets the result of each, where it is not the object itself: an object may come several times
@@ -139,7 +138,7 @@ def prepare_adaptive(
     faults = Faults(list(users_of))
     read = 0
     for batch in in_batches(list(users_of)):
-        yield Stage(f"Reading objects: {read:,} of {len(users_of):,}")
+        yield f"Reading objects: {read:,} of {len(users_of):,}"
         read += len(batch)
         context.view_layer.update()
         with copies_to_subdivide(context, batch, use_modifiers=settings.use_modifiers) as copies:

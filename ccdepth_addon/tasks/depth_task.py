@@ -49,7 +49,6 @@ from ..exchange.mesh_checksums import Topology, geometry_checksum
 from ..exchange.modifiers import OF_OBJECT, shown_vertices
 from ..exchange.object_state import KnownDescriptions, ObjectState, StateAtFrame, object_state
 from .frames import frame_restored, typed_frames
-from .stepwise import Stage
 from .surfaces import (
     Faults,
     Surface,
@@ -300,7 +299,7 @@ class MeshDepths:
 
 def prepare_depths(
     context: bpy.types.Context, objects: Sequence[bpy.types.Object], settings: DepthSettings
-) -> Generator[Stage, None, DepthWork]:
+) -> Generator[str, None, DepthWork]:
     """Read the objects' meshes: yields the stage, and returns the work to do. Raises ComputeError."""
     refuse_bad_tolerance(settings.tolerance)
     tasks: dict[int, MeshTask] = {}
@@ -311,7 +310,7 @@ def prepare_depths(
     scene, frames = context.scene, typed_frames(settings.frames)
     with frame_restored(scene):
         for number, frame in enumerate(frames, start=1):
-            yield Stage(f"Frame {number:,} of {len(frames):,}")
+            yield f"Frame {number:,} of {len(frames):,}"
             scene.frame_set(frame)
             yield from _read_objects(context, objects, settings, tasks, faults, frame)
     if scene.frame_current not in frames:
@@ -326,7 +325,7 @@ def _read_objects(
     tasks: dict[int, MeshTask],
     faults: Faults,
     frame: int | None,
-) -> Generator[Stage, None, None]:
+) -> Generator[str, None, None]:
     """Read the objects as they are now, on a frame or without any."""
     modifiers = {"use_modifiers": settings.use_modifiers}
     shared: SharedMeshes = {}
@@ -334,7 +333,7 @@ def _read_objects(
     for batch in in_batches(objects):
         if frame is None or read:
             at = "" if frame is None else f"Frame {frame:,}: "
-            yield Stage(f"{at}Reading objects: {read:,} of {len(objects):,}")
+            yield f"{at}Reading objects: {read:,} of {len(objects):,}"
             if frame is not None:
                 # Meanwhile the animation may play.
                 context.scene.frame_set(frame)

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 
 import bpy
@@ -285,28 +285,28 @@ def at_every_frame(handler: Callable[..., None]) -> Iterator[None]:
         bpy.app.handlers.frame_change_post.remove(handler)
 
 
-def stepwise(holder: bpy.types.Object) -> object:
+def reading(holder: bpy.types.Object) -> Generator[str, None, object]:
+    """The steps of reading an object over frames."""
     task = addon.module("tasks.depth_task")
     settings = task.DepthSettings(TOLERANCE, "ABSOLUTE", True, "CERTIFIED", "CONTROL", FRAMES)
     bpy.context.view_layer.update()
-    return addon.module("tasks.stepwise").Stepwise(task.prepare_depths(bpy.context, [holder], settings))
+    return task.prepare_depths(bpy.context, [holder], settings)
 
 
 def test_the_frame_is_restored_when_it_is_cancelled() -> None:
     holder = with_a_shape_key()
     bpy.context.scene.frame_set(3, subframe=0.5)
     objects = set(bpy.data.objects)
-    run = stepwise(holder)
+    steps = reading(holder)
     while bpy.context.scene.frame_current != 6:
-        run._steps.send(None)
-    run.give_up()
+        next(steps)
+    steps.close()
     assert (bpy.context.scene.frame_current, bpy.context.scene.frame_subframe) == (3, 0.5)
     assert set(bpy.data.objects) == objects
 
 
 def test_progress_names_the_frame() -> None:
-    stages = [stage.text for stage in stepwise(with_a_shape_key())._steps]
-    assert stages == [f"Frame {number} of {LAST}" for number in range(1, LAST + 1)]
+    assert list(reading(with_a_shape_key())) == [f"Frame {number} of {LAST}" for number in range(1, LAST + 1)]
 
 
 def test_a_mesh_that_is_swapped_on_a_frame_is_refused() -> None:

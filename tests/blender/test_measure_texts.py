@@ -4,9 +4,10 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Generator
 from decimal import Decimal
 from itertools import pairwise, product
+from typing import Any
 
 import bpy
 import pytest
@@ -15,7 +16,7 @@ from tests.blender import addon
 
 lengths = addon.module("ui.lengths")
 distance_scale = addon.module("ui.distance_scale")
-worker = addon.module("operators.worker")
+job = addon.module("operators.job")
 
 
 def set_units(system: str, length_unit: str = "", scale: float = 1.0) -> None:
@@ -166,50 +167,69 @@ def test_what_is_within_the_tolerance_is_not_written_as_more() -> None:
 # Work in a thread.
 
 
-def test_work_in_a_thread_tells_its_progress_and_returns() -> None:
-    looked, answers = threading.Event(), []
+def begun(work: Callable[..., object], *, in_threads: bool = True, faults: list[BaseException] | None = None) -> Any:
+    """A job that is this work alone. faults: gets what arrives in its steps."""
 
-    def work(progress: object) -> threading.Thread:
+    def steps() -> Generator[Any, Any, object]:
+        try:
+            return (yield job.Work(work, "{:.2f} done".format, total=0.5))
+        except BaseException as fault:
+            (faults if faults is not None else []).append(fault)
+            raise
+
+    return job.Job(steps(), in_threads=in_threads)
+
+
+def test_work_in_a_thread_tells_its_progress_and_returns() -> None:
+    looked = threading.Event()
+
+    def work(progress: Callable[[float], None]) -> threading.Thread:
         progress(0.25)
         looked.wait(20.0)
         return threading.current_thread()
 
-    def steps() -> Iterator[float]:
-        answers.append((yield from worker.in_thread(work)))
-
-    for fraction in steps():
-        if fraction == 0.25:
+    run = begun(work)
+    while not run.run(0.01):
+        if (run.text, run.fraction) == ("0.25 done", 0.5):
             looked.set()
     assert looked.is_set()
-    assert answers[0] not in (None, threading.current_thread())
+    assert run.answer not in (None, threading.current_thread())
 
 
-def test_what_work_in_a_thread_raises_arrives() -> None:
+@pytest.mark.parametrize("in_threads", [False, True])
+def test_what_work_raises_arrives_in_the_steps_and_goes_on(in_threads: bool) -> None:
     def work(_progress: object) -> None:
         raise MemoryError
 
+    faults: list[BaseException] = []
     with pytest.raises(MemoryError):
-        list(worker.in_thread(work))
+        begun(work, in_threads=in_threads, faults=faults).run()
+    assert [type(fault) for fault in faults] == [MemoryError]
 
 
-@pytest.mark.parametrize("stop", ["close", "stop_all"])
+@pytest.mark.parametrize("stop", ["give_up", "stop_all"])
 def test_work_in_a_thread_can_be_stopped(stop: str) -> None:
     ended = []
 
-    def work(progress: object) -> None:
+    def work(progress: Callable[[float], None]) -> None:
         try:
             while True:
                 progress(0.5)
-        except worker.Cancelled:
+        except job.Cancelled:
             ended.append(True)
             raise
 
-    steps = worker.in_thread(work)
-    next(steps)
-    if stop == "close":
-        steps.close()
-    worker.stop_all()
+    run = begun(work)
+    while run.fraction != 1.0:
+        assert not run.run(0.01)
+    if stop == "give_up":
+        run.give_up()
+        for thread in threading.enumerate():
+            if thread.name == "CC Depth":
+                thread.join(20.0)
+        assert ended == [True]
+    job.stop_all()
     assert ended == [True]
     if stop == "stop_all":
-        with pytest.raises(worker.Cancelled):
-            list(steps)
+        with pytest.raises(job.Cancelled):
+            run.run()
