@@ -361,21 +361,6 @@ def test_clear_takes_everything_away(editing: bool) -> None:
     assert (record.deviation, record.deviation_reached, record.measurement.fingerprint) == (0.0, 0.0, "")
 
 
-def test_undo_and_redo() -> None:
-    holder = subdivided_cube()
-    addon.select(holder)
-    bpy.ops.ed.undo_push(message="before")
-    bpy.ops.ccdepth.measure(time_limit=0.1)
-    bpy.ops.ed.undo_push(message="Measure Deviation")
-    deviation = holder.data.ccdepth.deviation
-    bpy.ops.ed.undo()
-    assert addon.is_untouched(bpy.data.objects)
-    bpy.ops.ed.redo()
-    (holder,) = bpy.data.objects
-    assert holder.data.ccdepth.deviation == deviation
-    assert addon.deviations(holder).max() == pytest.approx(deviation)
-
-
 def test_nothing_else_is_changed() -> None:
     source = subdivided_cube(2)
     other = shown_by(source, "Other")

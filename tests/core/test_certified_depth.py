@@ -14,10 +14,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from ccdepth_addon.core.arrays.types import FloatArray
-from ccdepth_addon.core.bounds.facet_bounds import (
-    later_bounds,
-    sampled_error,
-)
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.bounds.rounding import smallest_tolerance
 from ccdepth_addon.core.depth.face_depths import DepthResult, face_depths
@@ -198,69 +194,3 @@ def test_tolerances_that_are_the_distance(vertices: str, distance: float) -> Non
         tracemalloc.stop()
         assert np.all(found.depths <= level + 1)
         assert peak < 400e6
-
-
-# Formulas: curves as functionals of four points, (N, 4); of nets (4, 4, P, 3) one each way
-
-
-def random_nets(count: int, seed: int = 1) -> FloatArray:
-    return np.random.default_rng(seed).uniform(-1, 1, (4, 4, count, 3))
-
-
-def spline(places: FloatArray) -> FloatArray:
-    """(N, 4): the values of a cubic B-spline at places from 0 to 1."""
-    return nets.spline_derivatives(places)[0].T
-
-
-def facets(places: FloatArray, vertices: str, levels: int) -> FloatArray:
-    """(N, 4): the points of the polygon over the spline after so many levels, refined by its two-scale rule."""
-    points = np.eye(4)
-    for _ in range(levels):
-        coarse, points = points, np.zeros((2 * len(points) - 3, 4))
-        points[::2] = (coarse[:-1] + coarse[1:]) / 2
-        points[1::2] = (coarse[:-2] + 6 * coarse[1:-1] + coarse[2:]) / 8
-    corners = points[1:-1] if vertices == "CONTROL" else (points[:-2] + 4 * points[1:-1] + points[2:]) / 6
-    low = np.minimum((places * 2**levels).astype(int), 2**levels - 1)
-    t = (places * 2**levels - low)[:, None]
-    return (1 - t) * corners[low] + t * corners[low + 1]
-
-
-def of_nets(rows_u: FloatArray, rows_v: FloatArray, net: FloatArray) -> FloatArray:
-    """(u, v, P, 3): points at every u and v."""
-    return np.einsum("ui,vj,ijpc->uvpc", rows_u, rows_v, net, optimize=True)
-
-
-def offsets(net: FloatArray, u: FloatArray, v: FloatArray, vertices: str, levels: int = 0) -> FloatArray:
-    """(u, v, P, 3): L - S at every u and v."""
-    facet = of_nets(facets(u, vertices, levels), facets(v, vertices, levels), net)
-    return facet - of_nets(spline(u), spline(v), net)
-
-
-@both_vertices
-@pytest.mark.parametrize("levels", range(6))
-def test_bounds_and_samples_of_later_levels(levels: int, vertices: str) -> None:
-    """Between the sampled and the proved distance lies the true one."""
-    net = np.concatenate([random_nets(40), smooth_nets(40)], axis=2)
-    kind = Vertices(vertices)
-    bounds = later_bounds(net, kind)
-    upper, lower = bounds.at(levels), sampled_error(net, kind, levels)
-    places = np.linspace(0, 1, 2**levels * (16 if levels < 3 else 8) + 1)
-    dense = np.linalg.norm(offsets(net, places, places, vertices, levels), axis=-1).max(axis=(0, 1))
-    assert np.all(dense <= upper * (1 + 1e-12))
-    assert np.all(bounds.least(levels) <= dense * (1 + 1e-12))
-    # Between samples at 16ths (8ths) of a facet a distance can be larger by about a hundredth (some hundredths).
-    assert np.all(lower <= dense * (1.015 if levels < 3 else 1.05))
-    # On nets like those of modelled surfaces the two meet, the closer the more levels follow.
-    smooth = slice(40, None)
-    assert np.median(upper[smooth] / dense[smooth]) < 1 + 0.5 * 0.6**levels
-    assert np.median(dense[smooth] / lower[smooth]) < 1.1
-
-
-def smooth_nets(count: int) -> FloatArray:
-    """Nets of gently curved surfaces, a little uneven."""
-    generator = np.random.default_rng(7)
-    i, j = np.mgrid[:4, :4]
-    bent = generator.uniform(-0.3, 0.3, (3, count))
-    heights = bent[0] * (i**2)[..., None] + bent[1] * (j**2)[..., None] + bent[2] * (i * j)[..., None]
-    flat = [np.broadcast_to(x[..., None], heights.shape) for x in (i, j)]
-    return np.stack([*flat, heights], axis=-1) + generator.uniform(-0.02, 0.02, (4, 4, count, 3))

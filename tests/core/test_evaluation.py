@@ -57,22 +57,6 @@ def test_agrees_around_every_valence(valence: int) -> None:
     assert_agrees(apply_boundary_rule(meshes.to_polygon_mesh(meshes.fan(valence)), smooth_corners=True), 3, valence)
 
 
-def test_agrees_on_a_face_of_a_hundred_corners() -> None:
-    assert_agrees(apply_boundary_rule(meshes.to_polygon_mesh(meshes.cylinder(100)), smooth_corners=True), 2, 100)
-
-
-@pytest.mark.parametrize(
-    ("name", "columns"), combinations(["cylinder", "creased cube", "dart", "landscape with random creases"], [1, 2, 6])
-)
-def test_carries_values_in_place_of_positions(name: str, columns: int) -> None:
-    mesh = build(name)
-    values = np.random.default_rng(columns).uniform(-1.0, 1.0, (mesh.vertex_count, columns))
-    found = limit_values(mesh, values, uniform_points(mesh, 2))
-    expected = limits_of_descendants(mesh.changed(positions=values), 2)
-    assert found.shape == expected.shape
-    np.testing.assert_allclose(found, expected, rtol=0, atol=rounding(values, 2))
-
-
 @every_mesh
 def test_points_in_any_order_and_number(name: str) -> None:
     mesh = build(name)

@@ -157,13 +157,26 @@ def test_every_face_has_a_depth_and_is_no_farther_than_proved(
         assert np.all(result.bounds >= np.minimum(result.distances + allowance, tolerance))
         assert np.all(result.bounds <= tolerance)
         if tolerance in (0.5, 0.03):
-            at_level = level_bounds(mesh, tolerance, method, vertices, int(result.depths.max()))
-            assert np.all(at_level >= allowance)
+            assert_levels_are_near_enough(mesh, distances, result, tolerance, method, vertices)
         shallow = result.depths < LEVELS
         at_depth = distances[np.minimum(result.depths, LEVELS - 1), faces]
         assert np.all(at_depth[shallow] <= result.bounds[shallow])
         seen += np.count_nonzero(shallow) if tolerance < 1000.0 else 0
     assert seen
+
+
+def assert_levels_are_near_enough(
+    mesh: PolygonMesh, distances: FloatArray, found: DepthResult, tolerance: float, method: str, vertices: str
+) -> None:
+    """Where that is proved, at every level; and lasting faces at every level from their depths on."""
+    for level in range(LEVELS):
+        bounds = level_bounds(mesh, tolerance, method, vertices, level)
+        assert np.all((distances[level] <= bounds) & (bounds >= rounding_allowance(mesh)))
+        assert np.all((bounds <= tolerance) | np.isinf(bounds))
+        assert np.all(np.isfinite(bounds[found.depths == level]))
+        due = found.lasting & (found.depths <= level)
+        assert np.all(distances[level][due] <= tolerance)
+        assert np.all(np.isfinite(bounds[due]))
 
 
 @second_and_first_order

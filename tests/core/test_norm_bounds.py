@@ -18,6 +18,7 @@ from hypothesis import strategies as st
 from scipy.optimize import linprog
 
 from ccdepth_addon.core.arrays.types import FloatArray
+from ccdepth_addon.core.bounds.facet_bounds import later_bounds, sampled_error
 from ccdepth_addon.core.bounds.norm_bounds import (
     PATCH_METHODS,
     Method,
@@ -249,6 +250,32 @@ def test_random_nets_stay_within_their_bounds(
     for level in range(4):
         distance = nets.largest_distances(mesh, face, level, vertices, SAMPLES)[0]
         assert distance <= bounds.at(level)[0] * (1 + 1e-12)
+
+
+@both_vertices
+@pytest.mark.parametrize("level", range(4))
+def test_regular_nets_stay_within_the_bounds_of_later_levels(level: int, vertices: str) -> None:
+    """Those that certified depths rest on: between the sampled and the proved distance lies the true one."""
+    generator, face, samples = np.random.default_rng(7), np.array([0]), min(level + 4, 6)
+    # Where each of the 16 points is on a grid.
+    numbers = regular_nets(nets.net_mesh(np.eye(16)), face)[:, :, 0].argmax(axis=-1).ravel()
+    x, y = np.stack(np.unravel_index(np.argsort(numbers), (4, 4)))[:, :, None]
+    wild = generator.uniform(-1, 1, (16, 20, 3))
+    # Gently curved, a little uneven.
+    a, b, c = generator.uniform(-0.3, 0.3, (3, 20))
+    gentle = np.stack(np.broadcast_arrays(x, y, a * x * x + b * y * y + c * x * y), axis=2) + 0.02 * wild
+    mesh = nets.net_mesh(np.concatenate([wild, gentle], axis=1).reshape(16, -1))
+    net, kind = regular_nets(mesh, face).reshape(4, 4, 40, 3), Vertices(vertices)
+    off = nets.facet_grids(mesh, face, level, vertices, samples) - nets.limit_grids(mesh, face, samples)
+    dense = np.linalg.norm(off.reshape(-1, 40, 3), axis=2).max(axis=0)
+    bounds, lower = later_bounds(net, kind), sampled_error(net, kind, level)
+    upper = bounds.at(level)
+    assert np.all((bounds.least(level) <= dense * (1 + 1e-12)) & (dense <= upper * (1 + 1e-12)))
+    # Between samples at 16ths (8ths) of a facet a distance can be larger by about a hundredth (some hundredths).
+    assert np.all(lower <= dense * (1.015 if level < 3 else 1.05))
+    # On nets like those of modelled surfaces the two meet, the closer the more levels follow.
+    assert np.median(upper[20:] / dense[20:]) < 1 + 0.5 * 0.6**level
+    assert np.median(dense[20:] / lower[20:]) < 1.1
 
 
 @both_vertices
