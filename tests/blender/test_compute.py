@@ -203,12 +203,14 @@ def test_settings_and_results_are_saved_with_the_file(tmp_path: object) -> None:
     bpy.context.scene.ccdepth.relative_tolerance = 0.003
     addon.compute(holder)
     name, depths, record = holder.name, addon.depths(holder), addon.histogram(holder)
+    levels = holder.data.ccdepth.uniform_level, holder.data.ccdepth.quality
     path = f"{tmp_path}/saved.blend"
     bpy.ops.wm.save_as_mainfile(filepath=path)
     bpy.ops.wm.open_mainfile(filepath=path)
     holder = bpy.data.objects[name]
     np.testing.assert_array_equal(addon.depths(holder), depths)
     assert addon.histogram(holder) == record
+    assert (holder.data.ccdepth.uniform_level, holder.data.ccdepth.quality) == levels
     assert bpy.context.scene.ccdepth.relative_tolerance == pytest.approx(0.003)
 
 

@@ -131,16 +131,19 @@ def reload(tmp_path: Path, name: str) -> bpy.types.Object:
 
 
 @pytest.mark.parametrize("keys", [False, True])
-@pytest.mark.parametrize("kind", KINDS)
-def test_a_new_object_is_of_this_file_and_stays_in_it(tmp_path: Path, kind: str, keys: bool) -> None:
+@pytest.mark.parametrize(
+    ("kind", "output"), [*((kind, "NEW_OBJECT") for kind in KINDS), *((kind, "IN_PLACE") for kind in KINDS[2:])]
+)
+def test_a_result_is_of_this_file_and_stays_in_it(tmp_path: Path, kind: str, output: str, keys: bool) -> None:
     wanted = expected(keys=keys)
     holder = linked(tmp_path, kind, keys=keys)
     before = shape(holder)
     count_faces(holder)
-    [result] = subdivide(holder)
+    [result] = subdivide(holder, output=output)
     check_result(result, wanted, keys=keys)
-    np.testing.assert_array_equal(shape(holder), before)
-    assert addon.is_untouched([holder])
+    if output == "NEW_OBJECT":
+        np.testing.assert_array_equal(shape(holder), before)
+        assert addon.is_untouched([holder])
     name = result.name
     check_result(reload(tmp_path, name), wanted, keys=keys)
     assert sorted(key.user.name for key in bpy.data.shape_keys if not key.library) == sorted(
@@ -160,16 +163,6 @@ def test_modifiers_of_the_library_are_counted_in_and_taken_off(
     assert len(holder.modifiers) == len(modifiers)
     check_shape(result, wanted)
     assert result.data.override_library is None
-
-
-@pytest.mark.parametrize("keys", [False, True])
-@pytest.mark.parametrize("kind", KINDS[2:])
-def test_an_object_of_this_file_can_get_its_result_in_place(tmp_path: Path, kind: str, keys: bool) -> None:
-    wanted = expected(keys=keys)
-    holder = linked(tmp_path, kind, keys=keys)
-    subdivide(holder, output="IN_PLACE")
-    check_result(holder, wanted, keys=keys)
-    check_result(reload(tmp_path, holder.name), wanted, keys=keys)
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 
 import bpy
 import pytest
@@ -135,18 +134,6 @@ def test_compute_tells_of_a_quality_that_is_too_low(
     addon.compute(holder, tolerance=TOLERANCE)
     note = "Cube: at its 4 levels, Use Limit Surface needs a Quality of 9 to show the limit surface; it is 3"
     assert (note in capfd.readouterr().out) == noted
-
-
-def test_the_level_stays_with_the_file(tmp_path: Path) -> None:
-    holder = scene.add_object(creased_cube(0.7), "Cube")
-    addon.compute(holder, tolerance=TOLERANCE, vertices="LIMIT")
-    expected = [holder.data.ccdepth.uniform_level, holder.data.ccdepth.quality]
-    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "saved.blend"))
-    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "saved.blend"))
-    holder = bpy.data.objects["Cube"]
-    addon.select(holder)
-    bpy.ops.ccdepth.set_levels()
-    assert [holder.modifiers[0].levels, holder.modifiers[0].quality] == expected
 
 
 def test_several_objects_and_edit_mode() -> None:

@@ -471,9 +471,13 @@ Kept = tuple[bpy.types.Object, bpy.types.Object]
 
 @pytest.fixture
 def kept() -> Kept:
-    """Suzanne, shown beside her result, which is kept updated."""
+    """A cage, shown beside its result, which is kept updated; by default it is not."""
     source, result = made_result()
     source.hide_set(False)
+    edit(source, distance=0.1)
+    assert not due()
+    assert not bpy.ops.ccdepth.update_kept.poll()
+    update(result)
     result.ccdepth.keep_updated = True
     bpy.context.view_layer.update()
     addon.select(source)
@@ -507,15 +511,6 @@ def test_an_edit_is_followed(kept: Kept) -> None:
     assert shape(result)[:, 0].max() > 3.0
     assert not due()
     assert bpy.context.view_layer.objects.active == source
-
-
-def test_it_is_off_by_default() -> None:
-    source, result = made_result()
-    assert not result.ccdepth.keep_updated
-    source.hide_set(False)
-    edit(source)
-    assert not due()
-    assert not bpy.ops.ccdepth.update_kept.poll()
 
 
 def test_nothing_else_is_followed(kept: Kept) -> None:

@@ -10,7 +10,6 @@ from hypothesis import strategies as st
 
 from ccdepth_addon.core.adaptive.leaf_bounds.polygon_bounds import (
     HEIGHT_ROUNDING,
-    is_folded,
     line_turns,
     polygon_thickness,
     thickness_of_quads,
@@ -221,22 +220,6 @@ def test_a_dent_counts_where_a_triangle_may_be_folded_at_its_middle(height: floa
     flat, dent = np.ptp(loop.vertices @ normal), loop.dent(normal)
     assert dent > 0.2
     assert thickness == pytest.approx(np.hypot(flat, dent) if may_be_folded else flat, rel=1e-9)
-
-
-def test_along_the_line_that_blender_looks_along() -> None:
-    """The middle is seen within its side from above, and beyond it from where Blender looks."""
-    loop = dented(0.0, 0.1, 0.01)
-    even, _ = loop.thickness()
-    assert 0.005 < even < 0.015
-    assert loop.thickness(7 * np.diag([1.0, -1.0, 1.0]))[0] == pytest.approx(even)
-    assert loop.thickness(UNEVEN)[0] == pytest.approx(np.hypot(even, 0.1), rel=1e-2)
-
-
-def test_folded_where_blender_draws() -> None:
-    quad = np.array([[0.0, 0, 0], [1, 0, 0.05], [1, 1, 0], [0, 1, 0.05]])[:, None]
-    assert not is_folded(quad, np.eye(3))[0]
-    assert is_folded(quad, np.diag([1.0, 1.0, 0.01]))[0]
-    assert not is_folded(quad, np.diag([0.01, 0.01, 1.0]))[0]
 
 
 @pytest.mark.parametrize("stretch", [1.0, 20.0, 346.0])
