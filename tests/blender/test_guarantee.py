@@ -15,13 +15,10 @@ from itertools import product
 import numpy as np
 import pytest
 
-from benchmarks import tightness
 from ccdepth_addon.core.depth.face_depths import METHODS, VERTICES
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.measuring import BlenderLevels, part_of, quad_count, rounding
-from tests.blender.named_meshes import NAMED
-from tests.brute_force import Comparison
 
 # The surface is refined so many levels below the facets; and most quads of that level, which the time goes into.
 DEEPER = [4, pytest.param(5, marks=pytest.mark.thorough)]
@@ -122,24 +119,3 @@ def test_no_face_at_its_depth_is_farther_than_promised(name: str, boundary: str,
             allowed = bounds[numbers] + 2 * rounding(data, depth + deeper)
             assert np.all((distances[vertices] <= allowed)[here]), (method, vertices, depth)
     assert seen >= case.depths
-
-
-# The other way round: certified depths are the least ones
-
-TIGHT = ("cube", "torus", "Suzanne", "landscape with random creases", "valence 2", "valence 5", "valence 12", "n-gons")
-
-
-@pytest.mark.parametrize("boundary", [pytest.param("ALL", marks=pytest.mark.thorough), "PRESERVE_CORNERS"])
-def test_depths_are_the_least_ones(boundary: str) -> None:
-    """A small part of benchmarks/tightness.py."""
-    total = Comparison()
-    for name in TIGHT:
-        found, apart, _ = tightness.compare_mesh(NAMED[name](), boundary, 100_000, (3e-2, 1e-2, 3e-3, 1e-3))
-        # The core's own surface is Blender's, but for rounding.
-        assert apart < 1, name
-        for compared in found.values():
-            assert compared.below == 0, name
-            assert compared.wrongly_exact == 0, name
-            total += compared
-    assert total.faces > 1000
-    assert total.equal_share >= tightness.LEAST_EQUAL_SHARE
