@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import bpy
 import numpy as np
@@ -23,7 +25,7 @@ from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.surfaces import ComputeError, naming, same_control_mesh
 from ..ui import heat_map
 from .scene_objects import hide, link_beside, show_in_local_view
-from .selected_meshes import CHANGED
+from .selected_meshes import CHANGED, still_there
 
 # Faces written in one go: few enough to keep the window responsive.
 FACES_AT_ONCE = 1 << 17
@@ -41,9 +43,16 @@ class Made:
     depths: NDArray[np.int32]
 
 
-# The objects that each of the meshes belongs to, and what gives the meshes to objects.
+class Placed(NamedTuple):
+    """An object that has a result, and the object this was made from."""
+
+    user: bpy.types.Object
+    source: bpy.types.Object
+
+
+# What gives meshes to the objects that each is for, which are returned as they are then; undone with the stack.
 ObjectGroups = list[list[bpy.types.Object]]
-Placing = Callable[[ObjectGroups, list[bpy.types.Mesh], ExitStack], ObjectGroups]
+Placing = Callable[[bpy.types.Context, ObjectGroups, list[bpy.types.Mesh], ExitStack], ObjectGroups]
 
 
 def make_meshes(
@@ -72,44 +81,35 @@ def make_meshes(
 
 def place_meshes(
     context: bpy.types.Context, made: list[Made], settings: AdaptiveSettings, *, in_place: bool
-) -> list[bpy.types.Object]:
+) -> list[list[Placed]]:
     """Put meshes in the place of those they were made from, or beside them: see ``place``."""
-
-    def placed(objects: ObjectGroups, meshes: list[bpy.types.Mesh], undo: ExitStack) -> ObjectGroups:
-        placing = _place_instead if in_place else _place_all_beside
-        return placing(context, objects, meshes, settings, undo)
-
-    return place(context, made, placed)
+    return place(context, made, partial(_place_instead if in_place else _place_all_beside, settings))
 
 
-def place(context: bpy.types.Context, made: list[Made], placing: Placing) -> list[bpy.types.Object]:
-    """Put meshes where they belong, all or none; returns the objects that have them, in the order of the tasks' names.
+def place(context: bpy.types.Context, made: list[Made], placing: Placing) -> list[list[Placed]]:
+    """Put meshes where they belong, all or none; returns who has each of them, in the order of the task's targets.
 
-    placing: does it, for the objects that get each mesh; returns those that have it then. Raises ComputeError when an
-    object is no longer what it was; whatever goes wrong, the meshes are removed and nothing is changed.
+    Raises ComputeError when an object is no longer what it was; whatever goes wrong, the meshes are removed and nothing
+    is changed.
     """
     meshes = _meshes(made)
-    objects = {obj.name: obj for obj in bpy.data.objects if obj.library is None}
-    originals = [[objects.get(name) for name in each.result.task.object_names] for each in made]
     try:
-        for each, found in zip(made, originals, strict=True):
-            _sources(each.result)
-            if not all(original is not None and original.type == "MESH" for original in found):
-                raise ComputeError(CHANGED)
+        sources = [_sources(each.result) for each in made]
+        originals = [[still_there((name, None)) for name in each.result.task.object_names] for each in made]
         with ExitStack() as undo:
-            users = placing(originals, meshes, undo)
+            users = placing(context, originals, meshes, undo)
             undo.pop_all()
     except BaseException:
         bpy.data.batch_remove([mesh for mesh in meshes if not mesh.users])
         raise
     # New objects have no matrix before.
     context.view_layer.update()
-    for each, mesh, placed in zip(made, meshes, users, strict=True):
-        states = [StateAtFrame(object_state(user, use_modifiers=False), None) for user in placed]
+    for each, mesh, group in zip(made, meshes, users, strict=True):
+        states = [StateAtFrame(object_state(user, use_modifiers=False), None) for user in group]
         fingerprint.remember(mesh, each.geometry, each.depths, states)
         staleness.note_write(mesh)
     heat_map.synchronise(context)
-    return [user for placed in users for user in placed]
+    return [[Placed(*pair) for pair in zip(*groups, strict=True)] for groups in zip(users, sources, strict=True)]
 
 
 def _meshes(made: list[Made]) -> list[bpy.types.Mesh]:
@@ -120,18 +120,7 @@ def _meshes(made: list[Made]) -> list[bpy.types.Mesh]:
 
 def _sources(answer: AdaptiveResult) -> list[bpy.types.Object]:
     """The objects the result is made from. Raises ComputeError when one of them has changed since it was read."""
-    objects = [bpy.data.objects.get(key) for key in answer.task.source_keys]
-    if not all(_is_as_it_was(blender_object, answer) for blender_object in objects):
-        raise ComputeError(CHANGED)
-    return objects
-
-
-def _is_as_it_was(blender_object: bpy.types.Object | None, answer: AdaptiveResult) -> bool:
-    return (
-        blender_object is not None
-        and blender_object.type == "MESH"
-        and blender_object.data.session_uid == answer.task.mesh_uid
-    )
+    return [still_there(target.source, answer.task.mesh_uid) for target in answer.task.targets]
 
 
 def _make_mesh(
@@ -165,22 +154,17 @@ def _make_mesh(
 
 
 def _place_instead(
+    settings: AdaptiveSettings,
     _context: bpy.types.Context,
     originals: ObjectGroups,
     meshes: list[bpy.types.Mesh],
-    settings: AdaptiveSettings,
     undo: ExitStack,
 ) -> ObjectGroups:
     """Let each mesh take the place of that of its objects."""
     old = [found[0].data for found in originals]
     names = [mesh.name for mesh in old]
     for found, mesh in zip(originals, meshes, strict=True):
-        for original in found:
-            undo.callback(setattr, original, "data", original.data)
-            original.data = mesh
-            # In Edit Mode Blender says nothing, and does nothing.
-            if original.data != mesh:
-                raise ComputeError(CHANGED)
+        give_mesh(mesh, found, undo)
     # What follows cannot be undone; of objects that are this file's own it does not fail.
     for found in originals:
         for original in found:
@@ -191,11 +175,21 @@ def _place_instead(
     return originals
 
 
+def give_mesh(mesh: bpy.types.Mesh, users: Iterable[bpy.types.Object], undo: ExitStack) -> None:
+    """Let objects use a mesh. Raises ComputeError when one does not take it."""
+    for user in users:
+        undo.callback(setattr, user, "data", user.data)
+        user.data = mesh
+        # In Edit Mode Blender says nothing, and does nothing.
+        if user.data != mesh:
+            raise ComputeError(CHANGED)
+
+
 def _place_all_beside(
+    settings: AdaptiveSettings,
     context: bpy.types.Context,
     originals: ObjectGroups,
     meshes: list[bpy.types.Mesh],
-    settings: AdaptiveSettings,
     undo: ExitStack,
 ) -> ObjectGroups:
     """Make objects with the meshes beside the originals, which are hidden."""

@@ -114,7 +114,7 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
 
 def _notes(task: AdaptiveTask, use_modifiers: bool) -> list[str]:
     """What happens to shape keys that a user would not expect."""
-    source = bpy.data.objects[task.source_keys[0]]
+    source = bpy.data.objects[task.targets[0].source]
     keys = source.data.shape_keys
     if keys is None:
         return []

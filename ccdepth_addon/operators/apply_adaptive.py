@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Apply Adaptive Subdivision."""
 
+from itertools import chain
 from typing import ClassVar
 
 import bpy
@@ -29,20 +30,16 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
     def finish(self, context: bpy.types.Context, answer: list[Made]) -> set[str]:
         in_place = self.output == "IN_PLACE"
         settings = result_record.made_with(self, self.tolerance)
-        objects = place_meshes(context, answer, self.settings(), in_place=in_place)
-        keys = [key for made in answer for key in made.result.task.source_keys]
-        for result, key in zip(objects, keys, strict=True):
+        placed = [*chain(*place_meshes(context, answer, self.settings(), in_place=in_place))]
+        for each in placed:
             # A result that was subdivided is the source of its copy, or came from nothing any more.
-            result_record.forget(result)
+            result_record.forget(each.user)
             if not in_place:
-                source = bpy.data.objects[key]
-                result_record.remember(result, source, settings)
-                result_record.remember_materials(result, result.data.materials)
-                sources.note_made(result, source)
+                sources.remember_made(each.user, each.source, settings, each.user.data.materials)
         if self._goes_on_editing:
-            self._edited = [placed.session_uid for placed in objects]
+            self._edited = [each.user.session_uid for each in placed]
         self.report_skipped(context)
-        self.report_made(answer, objects)
+        self.report_made(answer, [each.user for each in placed])
         return {"FINISHED"}
 
 

@@ -8,18 +8,17 @@ from typing import ClassVar
 import bpy
 
 from ..core import needed_quality
-from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import subdivision_modifier
 from ..state import fingerprint, properties, results, staleness
 from ..state.shown_colors import color_depths
 from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
 from ..tasks.frames import chosen_frames, typed_frames
-from ..tasks.surfaces import ComputeError, Surface, naming
+from ..tasks.surfaces import Surface, naming
 from ..ui import heat_map
 from ..ui.printable import printable
 from .job import Steps, Work
 from .long_operator import LongOperator
-from .selected_meshes import CHANGED, count_text, refuse_what_cannot_be_written, selected_meshes
+from .selected_meshes import count_text, refuse_what_cannot_be_written, selected_meshes, still_there
 
 
 class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
@@ -39,7 +38,7 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
         return (yield Work(partial(compute_depths, work), "Computing depth: {:.0%}".format, total=1.0))
 
     def finish(self, context: bpy.types.Context, answer: list[MeshDepths]) -> set[str]:
-        meshes = _meshes_still_there(answer)
+        meshes = [_mesh_still_there(each) for each in answer]
         first_and_last = color_depths(context.scene.ccdepth)
         with ExitStack() as undo:
             for each, mesh in zip(answer, meshes, strict=True):
@@ -72,22 +71,11 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
         self.report({"INFO"}, f"{meshes}{faces}, deepest depth {worst.deepest}{at_frame}")
 
 
-def _meshes_still_there(answers: list[MeshDepths]) -> list[bpy.types.Mesh]:
-    """The meshes of the answers. Raises ComputeError when one of them or of their objects has changed meanwhile."""
-    meshes = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
-    objects = {obj.name: obj for obj in bpy.data.objects if obj.library is None}
-    found = []
-    for answer in answers:
-        mesh = meshes.get(answer.task.mesh_uid)
-        users = [objects.get(name) for name in answer.task.object_names]
-        if (
-            mesh is None
-            or mesh_face_count(mesh) != answer.task.face_count
-            or not all(user is not None and user.data == mesh for user in users)
-        ):
-            raise ComputeError(CHANGED)
-        found.append(mesh)
-    return found
+def _mesh_still_there(answer: MeshDepths) -> bpy.types.Mesh:
+    """The mesh of the answer. Raises ComputeError when it or one of its objects has changed meanwhile."""
+    task = answer.task
+    users = [still_there((name, None), task.mesh_uid, task.face_count) for name in task.object_names]
+    return users[0].data
 
 
 def _modifier_notes(answer: MeshDepths) -> list[str]:

@@ -10,7 +10,6 @@ from typing import ClassVar
 
 import bpy
 
-from ..exchange.mesh_arrays import mesh_face_count
 from ..state import deviation_results, measured_state, properties, result_record, staleness
 from ..state.shown_colors import distance_top
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, Verdict, measure, prepare_measurement
@@ -21,7 +20,7 @@ from ..ui.lengths import Rounding, common_unit, length_text
 from ..ui.printable import printable
 from .job import Steps, Work
 from .long_operator import LongOperator
-from .selected_meshes import CHANGED, refuse_what_cannot_be_written, selected_meshes
+from .selected_meshes import refuse_what_cannot_be_written, selected_meshes, still_there
 
 # What ended a measurement before its time, by whether that was the Time Limit.
 ENDED = {
@@ -106,13 +105,9 @@ def surface_object(measured: bpy.types.Object) -> bpy.types.Object:
 
 def _still_there(answer: MeshDeviation) -> bpy.types.Object:
     """The object to write the answer to. Raises ComputeError when one of the objects has changed since it was read."""
-    objects = [bpy.data.objects.get(name) for name in [*answer.object_names, answer.against]]
-    if any(each is None or each.type != "MESH" for each in objects):
-        raise ComputeError(CHANGED)
-    mesh = objects[0].data
-    if mesh.session_uid != answer.mesh_uid or mesh_face_count(mesh) != len(answer.deviations):
-        raise ComputeError(CHANGED)
-    return objects[0]
+    for name in (*answer.object_names, answer.against):
+        still_there(name)
+    return still_there(answer.measured, answer.mesh_uid, len(answer.deviations))
 
 
 def _text(scene: bpy.types.Scene, answer: MeshDeviation) -> str:

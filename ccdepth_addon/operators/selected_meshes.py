@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 
 import bpy
 
+from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.result_attributes import conflict
 from ..tasks.surfaces import ComputeError
 
@@ -43,6 +44,22 @@ def poll_meshes(cls: Any, context: bpy.types.Context) -> bool:
 
 def count_text(number: int, one: str, many: str) -> str:
     return f"{number:,} {one if number == 1 else many}"
+
+
+def still_there(
+    name: str | tuple[str, str | None], mesh_uid: int | None = None, face_count: int | None = None
+) -> bpy.types.Object:
+    """The object of a name, or of a name and a library, as it was read. Raises ComputeError when there is none with a
+    mesh any more, or this is another mesh than it was, or one with another number of faces."""
+    found = bpy.data.objects.get(name)
+    if (
+        found is None
+        or found.type != "MESH"
+        or mesh_uid not in (None, found.data.session_uid)
+        or face_count not in (None, mesh_face_count(found.data))
+    ):
+        raise ComputeError(CHANGED)
+    return found
 
 
 def refuse_what_cannot_be_written(objects: list[bpy.types.Object]) -> None:

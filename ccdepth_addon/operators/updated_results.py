@@ -11,9 +11,7 @@ import bpy
 from ..exchange.bulk_writing import is_writable
 from ..state import result_record, sources
 from ..state.result_record import MadeWith
-from ..tasks.surfaces import ComputeError
-from .adaptive_objects import Made, ObjectGroups, place
-from .selected_meshes import CHANGED
+from .adaptive_objects import Made, ObjectGroups, give_mesh, place
 
 Materials = Sequence[bpy.types.Material | None]
 
@@ -22,34 +20,25 @@ def place_in_results(context: bpy.types.Context, made: list[Made], settings: Mad
     """Give each mesh to its results, and to the objects that share their mesh; returns notes for the user. Raises
     ComputeError, with nothing changed, when an object is no longer what it was."""
     notes: list[str] = []
-    groups: ObjectGroups = []
     from_source: list[list[bpy.types.Material | None]] = []
 
-    def placing(results: ObjectGroups, meshes: list[bpy.types.Mesh], undo: ExitStack) -> ObjectGroups:
-        groups.extend(results)
+    def placing(
+        _context: bpy.types.Context, results: ObjectGroups, meshes: list[bpy.types.Mesh], undo: ExitStack
+    ) -> ObjectGroups:
         old = [group[0].data for group in results]
-        edited = [mesh for mesh, group in zip(old, results, strict=True) if result_record.is_edited(group[0])]
+        edited = [group[0].data for group in results if result_record.is_edited(group[0])]
         for mesh, group in zip(meshes, _with_sharing(results), strict=True):
             from_source.append(list(mesh.materials))
             _keep_materials(mesh, group)
-            for user in group:
-                undo.callback(setattr, user, "data", user.data)
-                user.data = mesh
-                # In Edit Mode Blender says nothing, and does nothing.
-                if user.data != mesh:
-                    raise ComputeError(CHANGED)
+            give_mesh(mesh, group, undo)
         # What follows cannot be undone, and does not fail.
         notes.extend(_take_places(meshes, old, edited, results))
         # The tolerance is proved for these alone, and not for objects of other scales that share their meshes.
         return results
 
-    place(context, made, placing)
-    for group, materials, each in zip(groups, from_source, made, strict=True):
-        for result, key in zip(group, each.result.task.source_keys, strict=True):
-            source = bpy.data.objects[key]
-            result_record.remember(result, source, settings)
-            result_record.remember_materials(result, materials)
-            sources.note_made(result, source)
+    for group, materials in zip(place(context, made, placing), from_source, strict=True):
+        for each in group:
+            sources.remember_made(each.user, each.source, settings, materials)
     return notes
 
 

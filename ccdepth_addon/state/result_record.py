@@ -5,7 +5,7 @@ with. Results that took the place of a mesh have none."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any
 from zlib import crc32
@@ -116,8 +116,13 @@ def settings_have_changed(result: bpy.types.Object, settings: bpy.types.Property
     return any(made.value[name] != now.value[name] for name in SETTINGS if name not in unread)
 
 
-def remember(result: bpy.types.Object, source: bpy.types.Object, settings: MadeWith) -> None:
-    """Write to the result where it came from. What the user chose for it stays."""
+def remember(
+    result: bpy.types.Object,
+    source: bpy.types.Object,
+    settings: MadeWith,
+    materials: Iterable[bpy.types.Material | None],
+) -> None:
+    """Write to the result where it came from, which had these materials. What the user chose for it stays."""
     record = result.ccdepth
     record.source, record.source_name = source, source.name
     record.source_is_adaptive = is_adaptive(source)
@@ -129,11 +134,6 @@ def remember(result: bpy.types.Object, source: bpy.types.Object, settings: MadeW
     record.applied.clear()
     for modifier in applied_modifiers(source, use_modifiers=record.use_modifiers):
         record.applied.add().name = modifier.name
-
-
-def remember_materials(result: bpy.types.Object, materials: Sequence[bpy.types.Material | None]) -> None:
-    """Write to the result which materials its source had."""
-    record = result.ccdepth
     record.materials.clear()
     for material in materials:
         record.materials.add().material = material

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import traceback
 from collections.abc import Callable
+from typing import Any
 
 import bpy
 
@@ -67,8 +68,9 @@ def due_again(results: list[bpy.types.Object]) -> None:
     watch.examine_soon()
 
 
-def note_made(result: bpy.types.Object, source: bpy.types.Object) -> None:
-    """Note that the result has just been made from the source."""
+def remember_made(result: bpy.types.Object, source: bpy.types.Object, *given: Any) -> None:
+    """Write to the result that it has just been made from the source: see ``result_record.remember``."""
+    result_record.remember(result, source, *given)
     _changed.discard(result.session_uid)
     _due.discard(result.session_uid)
     _results.setdefault(source.session_uid, set()).add(result.session_uid)

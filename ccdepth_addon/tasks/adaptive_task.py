@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
@@ -53,23 +53,34 @@ class AdaptiveSettings(SurfaceSettings):
     max_faces: int
 
 
+class Target(NamedTuple):
+    """Who gets a result. user: the name of its object. source: that of the object it is made from, with its library;
+    the same object, unless results are made anew. tolerance: where it holds, a length in the scene."""
+
+    user: str
+    source: tuple[str, str | None]
+    tolerance: float
+
+
 @dataclass(frozen=True)
 class AdaptiveTask:
     """An adaptive mesh to make. It keeps no reference to Blender's data, which may move while it runs.
 
-    object_names: the objects that get it, the one it is made for first. source_keys: the names of the objects they are
-    made from, with their libraries; those are the same unless results are made anew. tolerances: of each, lengths in
-    the scene. mesh_uid: of the mesh of their sources. dependencies: what else of the objects the result depends on.
-    surface: the one it is made for. allowance: what rounding may add to distances there, a length in the scene.
+    targets: who gets it, the one it is made for first. mesh_uid: of the mesh of their sources. dependencies: what else
+    of the objects the result depends on. surface: the one it is made for. allowance: what rounding may add to distances
+    there, a length in the scene.
     """
 
-    object_names: list[str]
-    source_keys: list[tuple[str, str | None]]
-    tolerances: list[float]
+    targets: list[Target]
     mesh_uid: int
     dependencies: tuple[Any, ...]
     surface: Surface
     allowance: float
+
+    @property
+    def object_names(self) -> list[str]:
+        """Of the objects that get it."""
+        return [target.user for target in self.targets]
 
     @property
     def control(self) -> ControlMesh:
@@ -98,7 +109,7 @@ class AdaptiveResult:
     @property
     def world_tolerance(self) -> float:
         """The largest tolerance of its objects, a length in the scene."""
-        return max(self.task.tolerances)
+        return max(target.tolerance for target in self.task.targets)
 
     @property
     def bounds(self) -> FloatArray:
@@ -159,9 +170,7 @@ def _united(tasks: list[AdaptiveTask]) -> list[AdaptiveTask]:
         for better, dominated in undominated([task.surface for task in group]).items():
             kept.add(id(group[better]))
             for other in dominated:
-                group[better].object_names.extend(group[other].object_names)
-                group[better].source_keys.extend(group[other].source_keys)
-                group[better].tolerances.extend(group[other].tolerances)
+                group[better].targets.extend(group[other].targets)
     return [task for task in tasks if id(task) in kept]
 
 
@@ -202,7 +211,7 @@ def _task(
     stored = float(np.linalg.norm(np.abs(control.world) @ largest)) * SINGLE_ROUNDING * steps
     allowance = rounding_allowance(in_world) + stored
     modifiers = applied_modifiers(blender_object, use_modifiers=settings.use_modifiers)
-    library = blender_object.library
+    source = blender_object.name, None if blender_object.library is None else blender_object.library.filepath
     subdivision = subdivision_modifier(blender_object)
     dependencies = (
         getattr(subdivision, "uv_smooth", None),
@@ -212,9 +221,7 @@ def _task(
         None if user == blender_object else user.data.session_uid,
     )
     task = AdaptiveTask(
-        object_names=[user.name],
-        source_keys=[(blender_object.name, None if library is None else library.filepath)],
-        tolerances=[surface.tolerance],
+        targets=[Target(user.name, source, surface.tolerance)],
         mesh_uid=blender_object.data.session_uid,
         dependencies=dependencies,
         surface=surface,
