@@ -5,9 +5,9 @@ from __future__ import annotations
 
 import argparse
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from hashlib import sha256
-from math import isfinite, nan
+from math import inf, nan, nextafter
 from pathlib import Path
 
 from ..core import METHODS, Mode, Transitions
@@ -27,11 +27,14 @@ OVER_FRAMES = {DEPTHS, LEVELS}
 
 STANDARD_OUTPUT = "-"
 
+# The least number greater than zero.
+LEAST = nextafter(0.0, inf)
+
 # In bytes, of what file systems take, and one for the number of earlier versions.
 LONGEST_NAME = 254
 
 # What --gather goes with.
-GATHERING = {"gather", "json", "csv", "html", "draw", "overwrite"}
+GATHERING = {"gather", "json", "csv", "html", "pictures", "overwrite"}
 
 # Instead of a list of frames.
 SCENE_RANGE = "scene"
@@ -148,8 +151,17 @@ def _add_actions(parser: Parser) -> None:
         help="measure how far what objects show is from their limit surfaces; with --levels or --subdivide, measure "
         "what was written, read back from the file, as a report does",
     )
-    add("--accuracy", type=_accuracy, help="how near the two distances measured are to be, as a part of them (0.05)")
-    add("--time-limit", type=_seconds, metavar="SECONDS", help="measure no longer than this; 0 for no limit")
+    add(
+        "--accuracy",
+        type=_number("greater than zero", LEAST),
+        help="how near the two distances measured are to be, as a part of them (0.05)",
+    )
+    add(
+        "--time-limit",
+        type=_number("of seconds", 0.0),
+        metavar="SECONDS",
+        help="measure no longer than this; 0 for no limit",
+    )
     add = parser.add_argument_group("adaptive subdivision").add_argument
     add("--mode", type=_name, choices=list(Mode), help="how the faces are divided")
     add("--transitions", type=_name, choices=list(Transitions), help="how faces beside finer ones are drawn")
@@ -193,6 +205,7 @@ def _add_outputs(parser: Parser) -> None:
         metavar="FILE",
         help="write the report as a page with pictures, which opens in any browser; - for standard output",
     )
+    add("--pictures", action="store_true", help="let the JSON report hold the pictures of the page, for --gather")
     add("--overwrite", action="store_true", help="replace files that exist")
 
 
@@ -210,13 +223,8 @@ def _add_runs(parser: Parser) -> None:
         "--gather", type=Path, metavar="FOLDER", help="make one report of all JSON reports in a folder, in their order"
     )
     parser.add_argument(
-        "--draw",
-        action="store_true",
-        help="with --gather and --html, open the files once more to draw the pictures of the page",
-    )
-    parser.add_argument(
         "--file-timeout",
-        type=_timeout,
+        type=_number("of seconds greater than zero", LEAST),
         metavar="SECONDS",
         help="end what takes longer with one file, which is the failure of that file; with --jobs, 1 by default",
     )
@@ -256,42 +264,29 @@ def _fault(options: argparse.Namespace, given: set[str]) -> str | None:
     """What is wrong with the command line, if anything is. given: the names of the options that are there."""
     sources: list[Path | None] = options.files or [None]
     outputs = [output_of(source, options) for source in sources]
-    if options.verify is not None and given != {"verify"}:
-        return "--verify takes a report and nothing else"
-    if options.gather is not None:
-        return _gathering_fault(options, given)
-    if options.draw:
-        return "--draw is for --gather with --html"
-    names = [] if options.files else options.objects or []
-    if any(Path(name).suffix.lower() in INPUTS for name in names):
-        return "--objects takes all that follows it for names: put the files before it"
-    if options.file_timeout is not None and not options.files:
-        return "--file-timeout is for files"
-    if options.levels and options.subdivide:
-        return "--levels and --subdivide cannot be used together"
-    if options.frames is not None and action_of(options) not in OVER_FRAMES:
-        return "--frames is for depths and --levels"
-    if options.output is not None and options.output_folder is not None:
-        return "--output and --output-folder cannot be used together"
-    if options.format is not None and options.output_folder is None:
-        return "--format is for --output-folder"
-    if len(sources) > 1 and (options.output is not None or options.picture is not None):
-        return "--output and --picture are for a single file; use --output-folder for several"
-    if options.picture is not None and action_of(options) == MEASURE:
-        return "--picture draws depths and adaptive meshes, and --measure makes none"
-    if [options.json, options.csv, options.html].count(STANDARD_OUTPUT) > 1:
-        return "only one report can go to the standard output"
-    return _output_fault(options, outputs)
-
-
-def _gathering_fault(options: argparse.Namespace, given: set[str]) -> str | None:
-    if given - GATHERING:
-        return "--gather takes a folder of reports and nothing else but --json, --csv, --html, --draw and --overwrite"
-    if not (options.json or options.csv or options.html):
-        return "--gather writes a report: use --json, --csv or --html as well"
-    if options.draw and not options.html:
-        return "--draw is for --gather with --html"
-    return None
+    action, reports = action_of(options), [options.json, options.csv, options.html]
+    swallowed = [name for name in options.objects or () if Path(name).suffix.lower() in INPUTS and not options.files]
+    is_gathered = options.gather is not None
+    faults = {
+        "--verify takes a report and nothing else": options.verify is not None and given != {"verify"},
+        "--gather takes a folder of reports and nothing else but --json, --csv, --html, --pictures and --overwrite": (
+            is_gathered and given - GATHERING
+        ),
+        "--gather writes a report: use --json, --csv or --html as well": is_gathered and not any(reports),
+        "--pictures is for --json": options.pictures and options.json is None,
+        "--objects takes all that follows it for names: put the files before it": swallowed,
+        "--file-timeout is for files": options.file_timeout is not None and not options.files,
+        "--levels and --subdivide cannot be used together": options.levels and options.subdivide,
+        "--frames is for depths and --levels": options.frames is not None and action not in OVER_FRAMES,
+        "--output and --output-folder cannot be used together": options.output and options.output_folder,
+        "--format is for --output-folder": options.format and not options.output_folder,
+        "--output and --picture are for a single file; use --output-folder for several": (
+            len(sources) > 1 and (options.output or options.picture)
+        ),
+        "--picture draws depths and adaptive meshes, and --measure makes none": options.picture and action == MEASURE,
+        "only one report can go to the standard output": reports.count(STANDARD_OUTPUT) > 1,
+    }
+    return next((text for text, is_so in faults.items() if is_so), None) or _output_fault(options, outputs)
 
 
 def _output_fault(options: argparse.Namespace, outputs: list[Path | None]) -> str | None:
@@ -350,30 +345,16 @@ def _job_count(text: str) -> int:
     return int(text)
 
 
-def _accuracy(text: str) -> float:
-    number = _number(text)
-    if not number > 0:
-        raise argparse.ArgumentTypeError(f"“{text}” is not a number greater than zero")
+def _number(kind: str, least: float) -> Callable[[str], float]:
+    """What reads a finite number of at least so much, which is called so where it is refused."""
+
+    def number(text: str) -> float:
+        try:
+            value = float(text)
+        except ValueError:
+            value = nan
+        if not least <= value < inf:
+            raise argparse.ArgumentTypeError(f"“{text}” is not a number {kind}")
+        return value
+
     return number
-
-
-def _seconds(text: str) -> float:
-    number = _number(text)
-    if not number >= 0:
-        raise argparse.ArgumentTypeError(f"“{text}” is not a number of seconds")
-    return number
-
-
-def _timeout(text: str) -> float:
-    if not _number(text) > 0:
-        raise argparse.ArgumentTypeError(f"“{text}” is not a number of seconds greater than zero")
-    return float(text)
-
-
-def _number(text: str) -> float:
-    """A finite number, or one that is in no relation to any."""
-    try:
-        number = float(text)
-    except ValueError:
-        return nan
-    return number if isfinite(number) else nan

@@ -1,9 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Calls of Blender's operators, whose reports become exceptions."""
+"""Calls of Blender's operators, whose reports become exceptions, and data that they do not leave behind."""
 
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import bpy
@@ -47,3 +49,13 @@ def known_options(operator: Any, options: dict[str, Any]) -> dict[str, Any]:
     """Those of the options that the operator has in this Blender."""
     properties = operator.get_rna_type().properties
     return {name: value for name, value in options.items() if name in properties}
+
+
+@contextmanager
+def temporary_data(*kinds: str) -> Iterator[None]:
+    """Remove whatever of these kinds is made inside, like ``meshes``."""
+    before = {kind: set(getattr(bpy.data, kind)) for kind in kinds}
+    try:
+        yield
+    finally:
+        bpy.data.batch_remove([item for kind in kinds for item in set(getattr(bpy.data, kind)) - before[kind]])

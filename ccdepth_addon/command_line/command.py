@@ -9,7 +9,6 @@ import traceback
 from argparse import Namespace
 from collections.abc import Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, redirect_stdout, suppress
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, TextIO
 
@@ -19,7 +18,6 @@ from ..ui.printable import printable, printable_lines
 from . import picture
 from .arguments import STANDARD_OUTPUT, Parser, action_of
 from .blender_calls import CommandError
-from .drawn_reports import drawn
 from .interruption import exit_status, interruptible, refuse_if_interrupted
 from .one_file import claimed_output, process_file
 from .processes import answer, given_numbers, own_process, process_files
@@ -37,9 +35,6 @@ EXIT_FAILURE = 1
 
 # Why a file cannot be done, so that the others still can.
 FAULTS = (CommandError, picture.PictureError, OSError)
-
-# Why the page of a report that was gathered has no pictures.
-NOT_DRAWN = "reports hold none; --gather with --draw makes them of the files"
 
 # What Python has in place of the bytes of names that are not UTF-8 is escaped; JSON has the same escapes.
 NOT_UNICODE = "backslashreplace"
@@ -95,8 +90,6 @@ def _execute(
             report = gathered_reports(options.gather)
             for entry in report.files:
                 _tell_progress(program, entry, 1, 1)
-            if options.html is not None:
-                report = replace(report, files=tuple(_with_pictures(report, options, program)))
         else:
             report = _done(options, program, arguments, process)
         _write_reports(report, options, standard_output)
@@ -118,16 +111,6 @@ def _done(options: Namespace, program: str, arguments: Sequence[str], process: S
             entries[number] = entry
             _tell_progress(program, entry, len(entries), len(sources))
     return Report(action_of(options), tuple(entries[number] for number in sorted(entries)))
-
-
-def _with_pictures(report: Report, options: Namespace, program: str) -> Iterator[FileEntry]:
-    """The entries of a report that was gathered, with the pictures of its page, or why there are none."""
-    for number, entry in enumerate(report.files, start=1):
-        if not options.draw:
-            yield entry if entry.error is not None else replace(entry, undrawn=NOT_DRAWN)
-            continue
-        yield drawn(report.action, entry)
-        _tell(program, f"{number:,} of {len(report.files):,} files drawn: {entry.name}")
 
 
 def _make_folder(path: Path) -> None:
@@ -191,7 +174,7 @@ def _tell(program: str, text: str) -> None:
 
 def _write_reports(report: Report, options: Namespace, standard_output: TextIO) -> None:
     for name, text_in in (
-        (options.json, lambda folder: json_text(report, folder)),
+        (options.json, lambda folder: json_text(report, folder, options.pictures)),
         (options.csv, lambda _folder: csv_text(report)),
         (options.html, lambda _folder: page(report)),
     ):

@@ -18,7 +18,7 @@ from ..exchange.bulk_reading import read_values
 from ..exchange.custom_normals import CarriedNormals
 from ..state import results
 from ..tasks.surfaces import as_typed
-from .blender_calls import CommandError, available, call, known_options
+from .blender_calls import CommandError, available, call, known_options, temporary_data
 from .scripted_drivers import scripts_allowed
 
 BLEND = ".blend"
@@ -120,19 +120,18 @@ def unit_of(path: Path, unit: float | None) -> float:
 
 def reader(path: Path) -> Any:
     """The operator that reads such a file. Raises CommandError when this Blender has none."""
-    suffix = path.suffix.lower()
-    found = next((operator for name in READERS[suffix] if (operator := available(name)) is not None), None)
-    if found is None:
-        raise CommandError(f"{path}: this Blender cannot read {suffix} files")
-    return found
+    return _operator(path, READERS[path.suffix.lower()], "read")
 
 
 def writer(path: Path) -> Any:
     """The operator that writes such a file. Raises CommandError when this Blender has none."""
-    suffix = path.suffix.lower()
-    found = available(WRITERS[suffix])
+    return _operator(path, (WRITERS[path.suffix.lower()],), "write")
+
+
+def _operator(path: Path, names: Sequence[str], use: str) -> Any:
+    found = next((operator for name in names if (operator := available(name)) is not None), None)
     if found is None:
-        raise CommandError(f"{path}: this Blender cannot write {suffix} files")
+        raise CommandError(f"{path}: this Blender cannot {use} {path.suffix.lower()} files")
     return found
 
 
@@ -299,12 +298,10 @@ def _in_metres() -> Iterator[None]:
 def _temporary_objects() -> Iterator[None]:
     """Remove the objects and meshes that are made inside, and select what was selected before."""
     selected, active = list(bpy.context.selected_objects), bpy.context.view_layer.objects.active
-    kinds = ("objects", "meshes")
-    before = {kind: set(getattr(bpy.data, kind)) for kind in kinds}
     try:
-        yield
+        with temporary_data("objects", "meshes"):
+            yield
     finally:
-        bpy.data.batch_remove([item for kind in kinds for item in set(getattr(bpy.data, kind)) - before[kind]])
         for each in selected:
             each.select_set(True)
         bpy.context.view_layer.objects.active = active

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import bpy
@@ -27,7 +28,6 @@ from .amounts import UNITS
 from .arguments import DEPTHS, LEVELS, MAKING, MEASURE, SCENE_RANGE, SUBDIVIDE, action_of, is_measured, output_of
 from .blender_calls import CommandError, call
 from .chosen_objects import chosen_objects
-from .illustrating import illustrations
 from .mesh_files import (
     BLEND,
     COMPANIONS,
@@ -41,7 +41,7 @@ from .mesh_files import (
     write_meshes,
     writer,
 )
-from .report import Chosen, Distances, FileEntry, Frame, ObjectEntry, down_to, stamp, up_to
+from .report import Chosen, Distances, FileEntry, Frame, Illustration, ObjectEntry, down_to, stamp, up_to
 from .report_text import print_measured, print_results, settings_text
 from .scripted_drivers import scripts_allowed, without_drivers
 from .whole_files import PNG, UnwrittenError, check_whole, claimed, refuse_existing, written_whole
@@ -107,12 +107,23 @@ def _processed(source: Path | None, output: Path | None, options: Namespace) -> 
         title = shown[0].name if source is None else source.stem
         with _written(options.picture, options) as path:
             picture.render(bpy.context, shown, path, title, settings_text(shown))
-    if options.html is not None:
-        entry = replace(entry, illustrations=illustrations(shown))
+    if options.html is not None or options.pictures:
+        entry = replace(entry, illustrations=tuple(map(_illustration, shown)))
     if output is not None:
         entry = _write(output, shown, targets, entry, options)
     print_measured(entry)
     return entry
+
+
+def _illustration(shown: bpy.types.Object) -> Illustration:
+    """What the page shows of an object that has a result. Raises PictureError."""
+    pictures = []
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / f"picture{picture.WEBP if picture.has_webp() else PNG}"
+        for look in (picture.Look.HEAT_MAP, picture.Look.WIREFRAME):
+            picture.render(bpy.context, [shown], path, shown.name, settings_text([shown]), look, picture.SMALL)
+            pictures.append(path.read_bytes())
+    return Illustration(tuple((row.depth, row.faces) for row in shown.data.ccdepth.rows), *pictures)
 
 
 def evaluated_objects(

@@ -8,8 +8,7 @@ above by an orthographic camera. Surfaces glow in their own colours, so those of
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from enum import Enum, auto
 from math import cos, radians, sin
 from pathlib import Path
@@ -28,8 +27,11 @@ from ..state.colors import BEYOND, scale_colors, to_linear
 from ..ui.distance_scale import Scale
 from ..ui.legend_contents import legends
 from ..ui.legend_layout import Color, Legend
+from .blender_calls import temporary_data
 
 WIDTH, HEIGHT = 1600, 1000
+# Of the size that --picture has: as wide as the page of a report.
+SMALL = 0.65
 MARGIN = 70
 LEGEND_WIDTH = 250
 TITLE_HEIGHT = 130
@@ -103,7 +105,7 @@ def render(
     for mesh in {obj.data for obj in shown}:
         if not shown_colors.is_current(mesh, settings):
             shown_colors.write_colors(mesh, settings)
-    with _temporary_data():
+    with temporary_data("scenes", "objects", "meshes", "curves", "cameras", "materials"):
         scene = _new_scene(size)
         if path.suffix == WEBP:
             scene.render.image_settings.file_format = "WEBP"
@@ -125,17 +127,6 @@ def has_webp() -> bool:
     formats = bpy.types.ImageFormatSettings.bl_rna.properties["file_format"]
     assert isinstance(formats, bpy.types.EnumProperty)
     return "WEBP" in formats.enum_items
-
-
-@contextmanager
-def _temporary_data() -> Iterator[None]:
-    """Remove whatever is made inside."""
-    kinds = ("scenes", "objects", "meshes", "curves", "cameras", "materials")
-    before = {kind: set(getattr(bpy.data, kind)) for kind in kinds}
-    try:
-        yield
-    finally:
-        bpy.data.batch_remove([item for kind in kinds for item in set(getattr(bpy.data, kind)) - before[kind]])
 
 
 def _new_scene(size: float) -> bpy.types.Scene:

@@ -53,14 +53,14 @@ def process_files(
     order in which they end. What is printed about a file is printed when it is done. arguments: the command line."""
     mark = token_hex()
     command = [*process, f"--worker={mark}", *arguments]
-    waiting: SimpleQueue[int] = SimpleQueue()
+    waiting: _Waiting = SimpleQueue()
     for number in range(len(options.files)):
         waiting.put(number)
-    done: SimpleQueue[tuple[int, FileEntry, str]] = SimpleQueue()
-    workers = [_Worker(command, mark, options, waiting, done) for _ in range(min(options.jobs, len(options.files)))]
+    done: _Done = SimpleQueue()
+    workers = [_Worker(command, mark, options, waiting, done) for _ in options.files[: options.jobs]]
     try:
         for worker in workers:
-            worker.thread.start()
+            worker.start()
         for _ in options.files:
             number, entry, output = done.get()
             print(output, end="", flush=True)
@@ -95,32 +95,32 @@ def answer(mark: str, entry: FileEntry) -> str:
     return f"{mark}{b64encode(pickle.dumps(entry)).decode()}"
 
 
-class _Worker:
+# The numbers of files that are to be done; the number of one that is, what was done with it and what was printed.
+_Waiting = SimpleQueue[int]
+_Done = SimpleQueue[tuple[int, FileEntry, str]]
+
+
+class _Worker(Thread):
     """A process that does files, and another one after each that ends it."""
 
-    def __init__(
-        self,
-        command: Sequence[str],
-        mark: str,
-        options: Namespace,
-        waiting: SimpleQueue[int],
-        done: SimpleQueue[tuple[int, FileEntry, str]],
-    ) -> None:
-        self.thread = Thread(target=self._work, args=(waiting, done), daemon=True)
+    def __init__(self, command: Sequence[str], mark: str, options: Namespace, waiting: _Waiting, done: _Done) -> None:
+        super().__init__(daemon=True)
         self._command, self._mark, self._options = command, mark, options
+        self._waiting, self._all_done = waiting, done
         self._process: subprocess.Popen[str] | None = None
         self._may_start = True
 
-    def _work(self, waiting: SimpleQueue[int], done: SimpleQueue[tuple[int, FileEntry, str]]) -> None:
+    def run(self) -> None:
         """Do files until none is left."""
         with suppress(Empty):
             while self._may_start:
-                number = waiting.get_nowait()
+                number = self._waiting.get_nowait()
                 try:
                     entry, output = self._done(number)
-                except OSError as fault:
+                except Exception as fault:
+                    # Whatever it is, the others wait for an answer.
                     entry, output = self._failed(number, str(fault)), ""
-                done.put((number, entry, output))
+                self._all_done.put((number, entry, output))
 
     def _done(self, number: int) -> tuple[FileEntry, str]:
         """What is done with a file, and what is printed meanwhile. When the process ends meanwhile, and had done other
@@ -135,7 +135,8 @@ class _Worker:
             return self._failed(number, f"it was not done within {limit:g} seconds"), output
         if self._may_start and not is_new:
             return self._done(number)
-        return self._failed(number, f"Blender ended with status {status}: {_last(output)}"), output
+        last = next((line.strip() for line in reversed(output.split("\n")) if line.strip()), "it printed nothing")
+        return self._failed(number, f"Blender ended with status {status}: {last}"), output
 
     def _new_process(self) -> subprocess.Popen[str]:
         pipe, both = subprocess.PIPE, subprocess.STDOUT
@@ -185,9 +186,4 @@ class _Worker:
                 process.wait(2 * GRACE)
             except subprocess.TimeoutExpired:
                 process.kill()
-        self.thread.join()
-
-
-def _last(text: str) -> str:
-    lines = text.split("\n")
-    return next((line.strip() for line in reversed(lines) if line.strip()), "it printed nothing")
+        self.join()

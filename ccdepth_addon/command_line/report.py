@@ -8,10 +8,13 @@ import csv
 import io
 import json
 import os
+from base64 import b64decode, b64encode
+from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from hashlib import file_digest
 from math import inf, nextafter
+from operator import attrgetter
 from pathlib import Path
 from types import UnionType
 from typing import Any, NewType, TypeVar, Union, get_args, get_origin, get_type_hints
@@ -115,13 +118,17 @@ class Illustration:
     wireframe: bytes
 
 
+# The pictures of an illustration, by the names of its fields.
+LOOKS = ("heat_map", "wireframe")
+
+
 @dataclass(frozen=True)
 class FileEntry:
     """What was done with a file. source: None for Blender's Suzanne. error: why it failed, if it did.
     chosen: None where no object was done. left_out: why objects were, by their names: HIDDEN, COLLECTION_INSTANCE or
     their type in Blender; None where it is not told. companions: files that were written beside the output and belong
     to it. lost: what of the objects these do not hold. illustrations: one for each object where a page is to be
-    written, else none; undrawn: why there are none, where that is to be told."""
+    written or the report is to hold them, else none."""
 
     source: FileStamp | None
     objects: tuple[ObjectEntry, ...] = ()
@@ -132,7 +139,6 @@ class FileEntry:
     companions: tuple[FileStamp, ...] = ()
     lost: tuple[str, ...] = ()
     illustrations: tuple[Illustration, ...] = ()
-    undrawn: str | None = None
 
     @property
     def is_good(self) -> bool:
@@ -182,7 +188,7 @@ def stamp(path: Path, metres_per_unit: float | None) -> FileStamp:
     return FileStamp(path, checksum, metres_per_unit)
 
 
-def json_text(report: Report, folder: Path | None) -> str:
+def json_text(report: Report, folder: Path | None, with_pictures: bool) -> str:
     """The report as JSON. folder: where it will be; files are named as seen from there, or else with their full
     paths."""
     content = {
@@ -192,12 +198,12 @@ def json_text(report: Report, folder: Path | None) -> str:
         "blender": bpy.app.version_string,
         "action": report.action,
         "met": report.is_good,
-        "files": [_file_content(each, folder) for each in report.files],
+        "files": [_file_content(each, folder, with_pictures) for each in report.files],
     }
     return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
-def _file_content(entry: FileEntry, folder: Path | None) -> dict[str, Any]:
+def _file_content(entry: FileEntry, folder: Path | None, with_pictures: bool) -> dict[str, Any]:
     return {
         "input": None if entry.source is None else _stamp_content(entry.source, folder),
         "error": entry.error,
@@ -208,7 +214,13 @@ def _file_content(entry: FileEntry, folder: Path | None) -> dict[str, Any]:
         "output": None if entry.output is None else _stamp_content(entry.output, folder),
         "companions": [_stamp_content(each, folder) for each in entry.companions],
         "lost": list(entry.lost),
+        **({"pictures": [_picture_content(each) for each in entry.illustrations]} if with_pictures else {}),
     }
+
+
+def _picture_content(illustration: Illustration) -> dict[str, Any]:
+    looks = {look: b64encode(getattr(illustration, look)).decode() for look in LOOKS}
+    return {"faces_by_depth": illustration.faces_by_depth, **looks}
 
 
 def _stamp_content(stamped: FileStamp, folder: Path | None) -> dict[str, Any]:
@@ -306,15 +318,21 @@ def _file_entry(content: dict[str, Any], folder: Path) -> FileEntry:
     values = {
         # Older reports of this version do not tell of it.
         "left_out": None,
-        **{name: value for name, value in content.items() if name not in ("input", "met")},
+        **{name: value for name, value in content.items() if name not in ("input", "met", "pictures")},
         "source": _stamp_of(content["input"], folder),
         "objects": tuple(_object_entry(each) for each in content["objects"]),
         "output": _stamp_of(content["output"], folder),
+        "illustrations": tuple(map(_illustration, _list(content, "pictures"))),
         "companions": tuple(_stamp_of(each, folder) for each in _list(content, "companions")),
         "lost": tuple(_list(content, "lost")),
         "chosen": None if chosen is None else _typed(Chosen, chosen),
     }
-    return _typed(FileEntry, values | {"illustrations": (), "undrawn": None})
+    return _typed(FileEntry, values)
+
+
+def _illustration(content: dict[str, Any]) -> Illustration:
+    faces_by_depth = tuple((int(depth), int(faces)) for depth, faces in content["faces_by_depth"])
+    return Illustration(faces_by_depth, *(b64decode(content[look], validate=True) for look in LOOKS))
 
 
 def _list(content: dict[str, Any], name: str) -> list[Any]:
@@ -379,21 +397,28 @@ YES_OR_NO = {None: "", True: "yes", False: "no"}
 # What spreadsheets take for the beginning of a formula.
 FORMULA_STARTS = ("=", "+", "-", "@")
 
-COLUMNS = (
-    *("file", "error", "object", "tolerance_m", "faces", "deepest", "level", "worst_frame"),
-    *("result", "result_faces", "proved_m"),
-    *("measured_proved_m", "measured_reached_m", "met", "closed", "oriented", "output"),
-)
+# The columns of the table that are about an object, and what they have of its entry.
+COLUMNS: dict[str, Callable[[ObjectEntry], Any]] = {
+    "object": attrgetter("name"),
+    "tolerance_m": attrgetter("tolerance"),
+    **{name: attrgetter(name) for name in ("faces", "deepest", "level", "worst_frame", "result", "result_faces")},
+    "proved_m": attrgetter("proved"),
+    "measured_proved_m": lambda entry: entry.measured and entry.measured.proved,
+    "measured_reached_m": lambda entry: entry.measured and entry.measured.reached,
+    "met": lambda entry: YES_OR_NO[entry.met],
+    "closed": lambda entry: YES_OR_NO[entry.closed],
+    "oriented": lambda entry: YES_OR_NO[entry.oriented],
+}
 
 
 def csv_text(report: Report) -> str:
     """The report as a table: a row for each object, and one for each file that failed."""
     text = io.StringIO()
-    table = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    table = csv.DictWriter(text, ("file", "error", *COLUMNS, "output"), lineterminator="\n")
     table.writeheader()
     for entry in report.files:
         file = {"file": entry.name, "error": entry.error, "output": entry.output and str(entry.output.path)}
-        for row in [_row(each) for each in entry.objects] or [{}]:
+        for row in [{name: get(each) for name, get in COLUMNS.items()} for each in entry.objects] or [{}]:
             table.writerow({name: _cell(value) for name, value in (file | row).items()})
     return text.getvalue()
 
@@ -403,21 +428,3 @@ def _cell(value: Any) -> Any:
     if not isinstance(value, str):
         return value
     return ("'" if value.startswith(FORMULA_STARTS) else "") + printable_lines(value)
-
-
-def _row(entry: ObjectEntry) -> dict[str, Any]:
-    measured = entry.measured
-    return {
-        "object": entry.name,
-        "tolerance_m": entry.tolerance,
-        "faces": entry.faces,
-        "deepest": entry.deepest,
-        "level": entry.level,
-        "worst_frame": entry.worst_frame,
-        "result": entry.result,
-        "result_faces": entry.result_faces,
-        "proved_m": entry.proved,
-        "measured_proved_m": measured and measured.proved,
-        "measured_reached_m": measured and measured.reached,
-        **{name: YES_OR_NO[getattr(entry, name)] for name in ("met", "closed", "oriented")},
-    }

@@ -179,8 +179,6 @@ def _file_section(number: int, entry: FileEntry) -> str:
     if entry.error is not None:
         error = "\n".join(_text(line) for line in entry.error.split("\n"))
         parts.append(f'<div class="card">{_file_verdict(entry)}<p class="error">{error}</p></div>')
-    if entry.undrawn is not None:
-        parts.append(f'<p class="quiet">{_text(f"Without pictures: {entry.undrawn}")}</p>')
     illustrations = entry.illustrations or (None,) * len(entry.objects)
     parts += [_object_card(*pair) for pair in zip(entry.objects, illustrations, strict=True)]
     return f"<section>{''.join(parts)}</section>"
@@ -192,7 +190,7 @@ def _stamp_line(label: str, stamped: FileStamp) -> str:
 
 
 def _object_card(entry: ObjectEntry, illustration: Illustration | None) -> str:
-    facts = "".join(f"<div><dt>{_text(name)}</dt><dd>{value}</dd></div>" for name, value in _facts(entry))
+    facts = "".join(f"<div><dt>{_text(name)}</dt><dd>{value}</dd></div>" for name, value in _facts(entry).items())
     drawn = "" if illustration is None else _figures(entry, illustration) + _histogram(illustration.faces_by_depth)
     return (
         f'<article class="card"><div class="heading"><h3>{_text(entry.name)}</h3>{_object_verdict(entry)}</div>'
@@ -206,30 +204,26 @@ def _object_verdict(entry: ObjectEntry) -> str:
     return _verdict(GOOD, "Tolerance met") if entry.met else _verdict(BAD, "Tolerance not met")
 
 
-def _facts(entry: ObjectEntry) -> list[tuple[str, str]]:
-    """The numbers of an object, as HTML, with their names."""
-    facts = [("Tolerance", _length(entry.tolerance)), ("Faces", f"{entry.faces:,}")]
+def _facts(entry: ObjectEntry) -> dict[str, str]:
+    """The numbers of an object, as HTML, by their names."""
+    numbers = {
+        "Deepest depth": entry.deepest,
+        "Level for all faces": entry.level,
+        "Worst frame": entry.worst_frame,
+        "Faces at that level" if entry.result is None else "Faces made": entry.result_faces,
+        "Triangles written": entry.triangles,
+    }
+    facts = {"Tolerance": _length(entry.tolerance), "Faces": f"{entry.faces:,}"}
     if entry.vertices is not None:
-        facts.append(("Vertices", VERTEX_TEXTS[entry.vertices][0]))
-    if entry.deepest is not None:
-        facts.append(("Deepest depth", str(entry.deepest)))
-    if entry.level is not None:
-        facts.append(("Level for all faces", str(entry.level)))
-    if entry.worst_frame is not None:
-        facts.append(("Worst frame", str(entry.worst_frame)))
-    if entry.result_faces is not None:
-        facts.append(("Faces at that level" if entry.result is None else "Faces made", f"{entry.result_faces:,}"))
-    if entry.triangles is not None:
-        facts.append(("Triangles written", f"{entry.triangles:,}"))
+        facts["Vertices"] = VERTEX_TEXTS[entry.vertices][0]
+    facts |= {name: f"{number:,}" for name, number in numbers.items() if number is not None}
     if entry.proved is not None:
-        facts.append(("Proved distance, at most", _length(entry.proved, Rounding.UP)))
+        facts["Proved distance, at most"] = _length(entry.proved, Rounding.UP)
     if entry.measured is not None:
-        facts.append(("Measured, at most", _length(entry.measured.proved, Rounding.UP)))
-        facts.append(("Measured, at least", _length(entry.measured.reached, Rounding.DOWN)))
-    for name, value in (("Closed", entry.closed), ("Oriented", entry.oriented)):
-        if value is not None:
-            facts.append((name, YES_OR_NO[value]))
-    return facts
+        facts["Measured, at most"] = _length(entry.measured.proved, Rounding.UP)
+        facts["Measured, at least"] = _length(entry.measured.reached, Rounding.DOWN)
+    told = {"Closed": entry.closed, "Oriented": entry.oriented}
+    return facts | {name: YES_OR_NO[is_so] for name, is_so in told.items() if is_so is not None}
 
 
 def _length(length: float, rounding: Rounding = Rounding.NEAREST) -> str:

@@ -78,7 +78,7 @@ def verify(path: Path) -> bool:
 def _faults(report: Report, entry: FileEntry) -> Iterator[str]:
     """What does not hold of a file. Raises CommandError, OSError and ValueError when it cannot be checked."""
     files = (entry.source, entry.output, *entry.companions)
-    faults = [*_contradictions(report, entry), *(fault for each in files for fault in other_file(each))]
+    faults = [*_contradictions(report, entry), *(fault for each in files for fault in _other_file(each))]
     yield from faults
     if faults:
         return
@@ -116,7 +116,7 @@ def _is_accurate(entry: ObjectEntry) -> bool:
     return entry.measured.proved <= most * (1 + ROUNDING)
 
 
-def other_file(stamped: FileStamp | None) -> Iterator[str]:
+def _other_file(stamped: FileStamp | None) -> Iterator[str]:
     """Why a file is not the one that a report names, if it is not."""
     if stamped is None:
         return
@@ -129,7 +129,7 @@ def other_file(stamped: FileStamp | None) -> Iterator[str]:
 
 def _found_anew(action: str, entry: FileEntry) -> list[ObjectEntry]:
     """The entries of the objects, found anew: what was computed is computed again, and what was written measured."""
-    objects = reopened(action, entry)
+    objects = _reopened(action, entry)
     output, scene = entry.output, scene_unit(bpy.context.scene)
     if output is not None:
         _refuse_other_output(output, scene)
@@ -244,7 +244,7 @@ def _told(said: ObjectEntry) -> float:
     return inf if said.measured is None else said.measured.proved * (1 + ROUNDING)
 
 
-def reopened(action: str, entry: FileEntry) -> list[bpy.types.Object]:
+def _reopened(action: str, entry: FileEntry) -> list[bpy.types.Object]:
     """Open the file of an entry, with its settings in the scene: the objects of the entry. Raises CommandError, also
     when these are not all that were asked for."""
     source, names = entry.source, [each.name for each in entry.objects]

@@ -21,6 +21,10 @@ from .mesh_files import BLEND, NO_NAME, read_back
 
 STL, PLY, GLB = ".stl", ".ply", ".glb"
 
+# What files have an underscore for in names: none of them keeps what could end a line; .obj files have no spaces, .usd
+# files letters and digits alone, and those of Blender 4.2 no others than ASCII has.
+KEPT = (NO_NAME, re.compile(r"[\x00-\x20\x7f]"), re.compile(r"[\W_]+"), re.compile(r"[\W_]+", re.ASCII))
+
 # A normal, three corners and two bytes for whatever one likes; before them, a text and the number of triangles.
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 STL_HEADER = 84
@@ -132,26 +136,15 @@ def _split(whole: Measured, written: Sequence[WrittenObject]) -> list[Measured]:
 
 def _matched(found: list[Measured], written: Sequence[WrittenObject]) -> list[Measured]:
     """The objects of a file by their names, as far as the format keeps them."""
-    for kept in (str, _without_spaces, _letters_and_digits, _ascii):
+    for pattern in KEPT:
+
+        def kept(name: str, pattern: re.Pattern[str] = pattern) -> str:
+            return pattern.sub("_", name).strip("_")
+
         by_name = {kept(each.object_name): each for each in found}
         if len(by_name) == len(found) and by_name.keys() == {kept(each.name) for each in written}:
             return [by_name[kept(each.name)] for each in written]
     raise CommandError("its objects are not those that were written, or cannot be told by their names")
-
-
-def _without_spaces(name: str) -> str:
-    """What .obj files keep of a name; no file keeps what could end a line."""
-    return NO_NAME.sub("_", name).replace(" ", "_")
-
-
-def _letters_and_digits(name: str) -> str:
-    """What .usd files keep of a name."""
-    return re.sub(r"[\W_]+", "_", name).strip("_")
-
-
-def _ascii(name: str) -> str:
-    """What .usd files of Blender 4.2 keep of a name."""
-    return re.sub(r"[\W_]+", "_", name, flags=re.ASCII).strip("_")
 
 
 def measured_distances(target: MeasureTask, part: Measured, settings: MeasureSettings) -> MeshDeviation:

@@ -194,8 +194,8 @@ part.blend --gather . --json - | takes a folder of reports and nothing else
 --gather . --json - --tolerance 1mm | takes a folder of reports and nothing else
 --gather . --json - --jobs 2 | takes a folder of reports and nothing else
 --gather . | --gather writes a report
---gather . --json - --draw | --draw is for --gather with --html
---html - --draw | --draw is for --gather with --html
+--gather . --html - --pictures | --pictures is for --json
+--html - --pictures | --pictures is for --json
 """
 
 

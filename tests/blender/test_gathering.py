@@ -12,6 +12,7 @@ from typing import Any
 import pytest
 
 from tests.blender.command_line_runs import Capture, few_samples, run, said, save_cubes
+from tests.blender.test_report import report_in
 
 LINE = ["--absolute", "--tolerance", "50mm", "--method", "certified"]
 
@@ -83,7 +84,7 @@ def texts_and_pixels(page: str) -> list[str | bytes]:
 def test_pictures_of_a_gathered_page_are_those_of_its_files(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Capture
 ) -> None:
-    """The same as in the page of one run; none, and the reason, of a file that has changed since."""
+    """The same as in the page of one run, where the reports hold them."""
     few_samples(monkeypatch)
     folder, html = tmp_path / "parts", tmp_path / "page.html"
     folder.mkdir()
@@ -99,21 +100,20 @@ def test_pictures_of_a_gathered_page_are_those_of_its_files(
     ]
     sources = [save_cubes(tmp_path / f"{name}.blend", name) for name in ("One", "Two")]
     for number, source in enumerate(sources):
-        assert run(source, *line, "--json", folder / f"{number}.json") == 0
+        assert run(source, *line, "--pictures", "--json", folder / f"{number}.json") == 0
+        report_in(folder / f"{number}.json")
     assert run(*sources, *line, "--html", tmp_path / "whole.html") == 0
 
-    def gathered(*options: str) -> str:
-        assert run("--gather", folder, "--html", html, "--overwrite", *options) == 0
-        return html.read_text(encoding="utf-8")
-
+    assert run("--gather", folder, "--html", html, "--json", tmp_path / "bare.json") == 0
     # Reports name files as seen from where they are.
-    page = gathered("--draw").replace(f"{folder}/../", f"{tmp_path}/")
-    assert "2 of 2 files drawn" in capfd.readouterr().err
+    page = html.read_text(encoding="utf-8").replace(f"{folder}/../", f"{tmp_path}/")
     assert texts_and_pixels(page) == texts_and_pixels((tmp_path / "whole.html").read_text(encoding="utf-8"))
-    undrawn = gathered()
-    assert undrawn.count("Without pictures: reports hold none; --gather with --draw makes them") == 2
-    assert "<img" not in undrawn
-    save_cubes(sources[0], "One", "Another")
-    changed = gathered("--draw")
-    assert changed.count("<img") == 2
-    assert "One.blend is not the file that the report names" in changed
+    content = report_in(tmp_path / "bare.json")
+    assert not any("pictures" in each for each in content["files"])
+    assert run("--gather", folder, "--pictures", "--json", tmp_path / "all.json") == 0
+    assert [len(each["pictures"]) for each in report_in(tmp_path / "all.json")["files"]] == [1, 1]
+    assert run("--verify", tmp_path / "all.json") == 0
+    content = report_in(folder / "0.json")
+    content["files"][0]["pictures"][0]["heat_map"] = "no picture!"
+    (folder / "0.json").write_text(json.dumps(content), encoding="utf-8")
+    assert "it is not a CC Depth report" in said(capfd, "--gather", folder, "--html", html, "--overwrite")

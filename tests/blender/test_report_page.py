@@ -42,7 +42,7 @@ CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", 
 @pytest.fixture(autouse=True)
 def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(picture, "SAMPLES", 1)
-    monkeypatch.setattr(addon.module("command_line.illustrating"), "PICTURE_SIZE", 0.2)
+    monkeypatch.setattr(picture, "SMALL", 0.2)
 
 
 class Parsed(HTMLParser):
