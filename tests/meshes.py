@@ -410,6 +410,10 @@ def creased_cube() -> MeshData:
     return creased(cube(), loop | {(4, 5): 0.3, (5, 7): 1.0, (0, 4): 0.3})
 
 
+def cube_creased_around_the_top(crease: float) -> MeshData:
+    return creased(cube(), dict.fromkeys(((1, 3), (3, 7), (5, 7), (1, 5)), crease))
+
+
 def corner_creased_cube() -> MeshData:
     return creased(cube(), {(0, 1): 0.5}, {0: 0.3, 3: 0.7, 5: 1.0, 6: 0.45})
 

@@ -105,14 +105,10 @@ def test_objects_of_one_mesh_get_a_level_that_is_enough_for_each() -> None:
     assert levels(first)[0][0] == levels(second)[0][0] == first.data.ccdepth.uniform_level >= alone
 
 
-def creased_cube(crease: float) -> meshes.MeshData:
-    return meshes.creased(meshes.cube(), {(1, 3): crease, (3, 7): crease, (5, 7): crease, (1, 5): crease})
-
-
 @pytest.mark.parametrize(("own", "expected"), [(3, 9), (10, 10)])
 def test_the_quality_is_what_the_creases_need(own: int, expected: int) -> None:
     """A crease of 0.9 is a sharpness of 8.1, which has run out after nine levels. What is higher is left."""
-    holder = scene.add_object(creased_cube(0.9))
+    holder = scene.add_object(meshes.cube_creased_around_the_top(0.9))
     modifier = scene.add_subdivision(holder, 1)
     modifier.quality = own
     addon.compute(holder, tolerance=TOLERANCE, vertices="LIMIT")
@@ -128,7 +124,7 @@ def test_the_quality_is_what_the_creases_need(own: int, expected: int) -> None:
 def test_compute_tells_of_a_quality_that_is_too_low(
     quality: int, shows_limits: bool, noted: bool, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    holder = scene.add_object(creased_cube(0.9), "Cube")
+    holder = scene.add_object(meshes.cube_creased_around_the_top(0.9), "Cube")
     modifier = scene.add_subdivision(holder, 4)
     modifier.quality, modifier.use_limit_surface = quality, shows_limits
     addon.compute(holder, tolerance=TOLERANCE)

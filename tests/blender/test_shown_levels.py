@@ -32,18 +32,13 @@ MOST_QUADS = 250_000
 TOLERANCES = (0.05, 0.004)
 
 
-def upper_edges(crease: float) -> Callable[[], meshes.MeshData]:
-    edges = {(1, 3): crease, (3, 7): crease, (5, 7): crease, (1, 5): crease}
-    return lambda: meshes.creased(meshes.cube(), edges)
-
-
 def darts(data: Callable[[], meshes.MeshData], crease: float) -> Callable[[], meshes.MeshData]:
     """One creased edge, from vertex 0 inside the mesh."""
     return lambda: meshes.creased(data(), {tuple(data().edges[0].tolist()): crease})
 
 
 CREASED: dict[str, Callable[[], meshes.MeshData]] = {
-    **{f"upper edges {crease}": upper_edges(crease) for crease in (0.3, 0.7, 0.9, 1.0)},
+    **{f"upper edges {c}": (lambda c=c: meshes.cube_creased_around_the_top(c)) for c in (0.3, 0.7, 0.9, 1.0)},
     **{
         f"dart {crease} at valence {n}": darts(lambda n=n: meshes.fan(n, 2), crease)
         for crease in (0.8, 1.0)

@@ -141,7 +141,7 @@ def test_bad_tolerances_are_refused() -> None:
 
 @pytest.mark.parametrize(("crease", "sharpness"), [(0.3, 1), (0.7, 5), (0.9, 9), (0.99, 10)])
 def test_quality_reaches_the_level_and_the_end_of_the_sharpness(crease: float, sharpness: int) -> None:
-    mesh = build(meshes.creased(meshes.cube(), {(1, 3): crease, (3, 7): crease, (5, 7): crease, (1, 5): crease}))
+    mesh = build(meshes.cube_creased_around_the_top(crease))
     assert [needed_quality(mesh, level, 0.01) for level in (1, 5, 11)] == [sharpness, max(5, sharpness), 11]
 
 
