@@ -375,26 +375,6 @@ def test_objects_that_cannot_be_placed_beside_leave_all_as_they_were(failing: in
         assert bpy.context.view_layer.objects.active == active
 
 
-@pytest.mark.parametrize("failing", [1, 2, 3])
-def test_whatever_goes_wrong_beside_leaves_all_as_it_was(failing: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    objects = three_objects()
-    before, active = everything_in_the_file(), bpy.context.view_layer.objects.active
-    made, settings = made_meshes(objects)
-    link, calls = placing().link_beside, []
-
-    def odd(*arguments: object) -> None:
-        calls.append(arguments)
-        if len(calls) == failing:
-            raise LookupError("odd")
-        link(*arguments)
-
-    monkeypatch.setattr(placing(), "link_beside", odd)
-    with pytest.raises(LookupError, match="odd"):
-        placing().place_meshes(bpy.context, made, settings, in_place=False)
-    assert everything_in_the_file() == before
-    assert bpy.context.view_layer.objects.active == active
-
-
 def test_objects_whose_mesh_cannot_be_replaced_leave_all_as_they_were() -> None:
     """The last is in Edit Mode, where Blender drops the new mesh and says nothing."""
     objects = three_objects()
