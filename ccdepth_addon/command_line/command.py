@@ -19,6 +19,7 @@ from . import picture
 from .arguments import STANDARD_OUTPUT, Parser, action_of
 from .blender_calls import CommandError
 from .interruption import exit_status, interruptible, refuse_if_interrupted
+from .mesh_files import BLEND
 from .one_file import claimed_output, process_file
 from .processes import answer, given_numbers, own_process, process_files
 from .report import FileEntry, Report, ReportError, csv_text, gathered_reports, json_text, stamp
@@ -122,10 +123,13 @@ def _make_folder(path: Path) -> None:
 
 
 def _work(options: Namespace) -> None:
-    """Do the files that another process gives, and tell it what was done with each."""
+    """Do the files that another process gives, and tell it what was done with each, until one was a .blend file that
+    failed: what Blender gives up half-way may break those after it."""
     sources = ((number, options.files[number]) for number in given_numbers())
-    for _number, entry in _one_after_the_other(sources, options, names=True):
+    for number, entry in _one_after_the_other(sources, options, names=True):
         print(answer(options.worker, entry), flush=True)
+        if entry.error is not None and options.files[number].suffix.lower() == BLEND:
+            return
 
 
 def _one_after_the_other(

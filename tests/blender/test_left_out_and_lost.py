@@ -48,12 +48,15 @@ NAMES = ["Lent", "Lent Mesh", "Lent Mesh Too", "Own"]
 @pytest.mark.every_blender
 @pytest.mark.parametrize(
     ("action", "override"),
-    combinations([[], ["--levels"], ["--subdivide"], ["--subdivide", "--in-place"], ["--measure"]], [False, True]),
+    combinations(
+        [[], ["--levels"], ["--subdivide"], ["--subdivide", "--in-place"], ["--measure", "--accuracy", "0.5"]],
+        [False, True],
+    ),
 )
 def test_what_is_linked_is_done_on_copies(tmp_path: Path, action: list[str], override: bool) -> None:
     source, output, report = linked_cubes(tmp_path, override=override), tmp_path / "out.blend", tmp_path / "a.json"
     before = (tmp_path / "library.blend").read_bytes()
-    tolerance = ["--absolute", "--tolerance", "2m"] if action == ["--measure"] else LINE
+    tolerance = ["--absolute", "--tolerance", "2m"] if "--measure" in action else LINE
     assert run(source, *tolerance, *action, "--output", output, "--json", report) == 0
     [entry] = report_in(report)["files"]
     assert sorted(each["name"] for each in entry["objects"]) == NAMES
