@@ -19,16 +19,17 @@ MODULES = (
     "state.viewports",
     "state.watch",
     "operators",
-    "ui.heat_map",
     "ui.manual",
     "ui.tolerance_presets",
     "ui.panels",
     "ui.adaptive_panel",
     "ui.deviation_panel",
-    "ui.legend",
     "ui.menus",
     "command_line.command",
 )
+
+# Where there is a window to draw in.
+WINDOW_MODULES = ("ui.overlay", "ui.legend")
 
 
 def version() -> str:
@@ -37,7 +38,10 @@ def version() -> str:
 
 
 def _modules() -> list[ModuleType]:
-    return [import_module(f".{name}", __package__) for name in MODULES]
+    import bpy
+
+    names = MODULES if bpy.app.background else (*MODULES, *WINDOW_MODULES)
+    return [import_module(f".{name}", __package__) for name in names]
 
 
 def register() -> None:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from ccdepth_addon import MODULES, WINDOW_MODULES
+
 ADDON = Path(__file__).resolve().parent.parent / "ccdepth_addon"
 
 # From the bottom to the top: each may import those before it.
@@ -67,3 +69,16 @@ def test_the_core_imports_nothing_of_blender() -> None:
         if not level and name.split(".")[0] in BLENDER
     ]
     assert not found
+
+
+def test_what_draws_in_a_window_is_imported_by_nothing_else() -> None:
+    """So nothing of the graphics card is touched in the background."""
+    files = [*ADDON.rglob("*.py")]
+    drawing = {
+        ".".join(path.relative_to(ADDON).with_suffix("").parts)
+        for path in files
+        if any(not level and name.split(".")[0] in {"blf", "gpu", "gpu_extras"} for level, name in imports(path))
+    }
+    assert drawing == {*WINDOW_MODULES}
+    assert not drawing & {*MODULES}
+    assert not drawing & {name for path in files for name in imported_from_the_addon(path)}

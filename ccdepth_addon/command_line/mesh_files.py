@@ -265,7 +265,6 @@ def _shown_copy(blender_object: bpy.types.Object, depsgraph: bpy.types.Depsgraph
     mesh = bpy.data.meshes.new_from_object(
         blender_object.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
     )
-    results.remember_same_colors(blender_object.data, mesh)
     results.clear(mesh)
     return mesh
 

@@ -20,13 +20,14 @@ from mathutils import Matrix
 
 from ..core import FloatArray
 from ..exchange.bulk_reading import read_values
+from ..exchange.bulk_writing import own_copy
 from ..exchange.modifiers import counted_modifiers
-from ..exchange.result_attributes import COLOR
-from ..state import results, shown_colors
+from ..exchange.result_attributes import COLOR, has_values
+from ..state import heat_map, results
 from ..state.colors import BEYOND, scale_colors, to_linear
+from ..state.heat_map import Shown
 from ..ui.distance_scale import Scale
-from ..ui.legend_contents import legends
-from ..ui.legend_layout import Color, Legend
+from ..ui.legend_contents import Color, Legend, Row, legend
 from .blender_calls import temporary_data
 
 WIDTH, HEIGHT = 1600, 1000
@@ -96,27 +97,26 @@ def render(
     part of the usual one.
 
     What is shown of each is its control mesh with its depths or deviations, or its adaptive mesh with its distances.
-    The file's own scenes and objects stay as they are; meshes get the colours that they lack. Raises PictureError.
+    The file's own scenes, objects and meshes stay as they are. Raises PictureError.
     """
     shown = [obj for obj in objects if results.has_any(obj.data)]
     if not shown:
         raise PictureError("there are no depths to make a picture of")
-    settings = context.scene.ccdepth
-    for mesh in {obj.data for obj in shown}:
-        if not shown_colors.is_current(mesh, settings):
-            shown_colors.write_colors(mesh, settings)
+    kind = heat_map.last_result(shown[0].data)
+    assert kind is not None
+    colored = [obj for obj in shown if heat_map.has_shown(obj.data, kind)]
     with temporary_data("scenes", "objects", "meshes", "curves", "cameras", "materials"):
         scene = _new_scene(size)
         if path.suffix == WEBP:
             scene.render.image_settings.file_format = "WEBP"
             scene.render.image_settings.quality = WEBP_QUALITY
-        meshes = [_shown_mesh(context, scene, obj) for obj in shown]
+        meshes = [_shown_mesh(context, scene, obj, kind) for obj in shown]
         matrices = [_view_rotation() @ obj.matrix_world for obj in shown]
         fit = _fitting(meshes, matrices)
         for mesh, matrix in zip(meshes, matrices, strict=True):
             _add_surface(scene, mesh, fit @ matrix, look)
         if look is Look.HEAT_MAP:
-            _add_legend(scene, legends(context.scene, shown)[0])
+            _add_legend(scene, legend(context.scene, kind, colored))
         _add_text(scene, title, TITLE_SIZE, TITLE_COLOR, MARGIN, HEIGHT - MARGIN - 0.75 * TITLE_SIZE)
         _add_text(scene, subtitle, TEXT_SIZE, TEXT_COLOR, MARGIN, HEIGHT - MARGIN - 0.75 * TITLE_SIZE - 46)
         _write_picture(scene, path)
@@ -177,7 +177,9 @@ def _view_rotation() -> Matrix:
     return Matrix((right, up, viewer)).to_4x4()
 
 
-def _shown_mesh(context: bpy.types.Context, scene: bpy.types.Scene, blender_object: bpy.types.Object) -> bpy.types.Mesh:
+def _shown_mesh(
+    context: bpy.types.Context, scene: bpy.types.Scene, blender_object: bpy.types.Object, kind: Shown
+) -> bpy.types.Mesh:
     """A copy of the object's control mesh, with the heat map's colours."""
     record = blender_object.data.ccdepth
     counted = {modifier.name for modifier in counted_modifiers(blender_object)} if record.use_modifiers else set()
@@ -191,7 +193,12 @@ def _shown_mesh(context: bpy.types.Context, scene: bpy.types.Scene, blender_obje
     evaluated = copy.evaluated_get(depsgraph)
     mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
     bpy.data.objects.remove(copy)
-    return mesh if COLOR in mesh.attributes else blender_object.data.copy()
+    if not has_values(mesh, kind.values):
+        mesh = own_copy(blender_object.data)
+    if has_values(mesh, kind.values):
+        tolerance = heat_map.tolerance_of(blender_object.data, kind)
+        heat_map.write_colors(mesh, kind, tolerance, context.scene.ccdepth)
+    return mesh
 
 
 def _fitting(meshes: list[bpy.types.Mesh], matrices: list[Matrix]) -> Matrix:
@@ -239,52 +246,51 @@ def _add_edges(scene: bpy.types.Scene, mesh: bpy.types.Mesh, matrix: Matrix, wid
     wireframe.use_boundary = True
 
 
-def _add_legend(scene: bpy.types.Scene, legend: Legend) -> None:
-    if legend.scale is None:
-        _add_rows(scene, legend)
+def _add_legend(scene: bpy.types.Scene, wanted: Legend) -> None:
+    if wanted.scale is None:
+        _add_rows(scene, wanted.rows)
     else:
-        _add_scale(scene, legend.scale(LARGEST_ROW_HEIGHT / SCALE_HEIGHT))
+        _add_scale(scene, wanted.title, wanted.scale(LARGEST_ROW_HEIGHT / SCALE_HEIGHT))
 
 
-def _add_rows(scene: bpy.types.Scene, legend: Legend) -> None:
+def _add_rows(scene: bpy.types.Scene, rows: Sequence[Row]) -> None:
     left, right = WIDTH - MARGIN - LEGEND_WIDTH, WIDTH - MARGIN
     space = HEIGHT - 2 * MARGIN
-    row_height = min(LARGEST_ROW_HEIGHT, space / (len(legend.rows) + 1))
+    row_height = min(LARGEST_ROW_HEIGHT, space / (len(rows) + 1))
     size = min(TEXT_SIZE, 0.75 * row_height)
     depth_right = left + SWATCH_WIDTH + 3.2 * size
-    top = HEIGHT / 2 + row_height * (len(legend.rows) + 1) / 2
+    top = HEIGHT / 2 + row_height * (len(rows) + 1) / 2
     baseline = 0.5 * row_height - 0.35 * size
     _add_text(scene, "Depth", 0.8 * size, HEADING_COLOR, depth_right, top - row_height + baseline, "RIGHT")
     _add_text(scene, "Faces", 0.8 * size, HEADING_COLOR, right, top - row_height + baseline, "RIGHT")
-    for index, row in enumerate(legend.rows):
+    for index, row in enumerate(rows):
         bottom = top - (index + 2) * row_height
         _add_rectangle(scene, left, bottom, left + SWATCH_WIDTH, bottom + row_height, _linear(row.color))
         _add_text(scene, row.label, size, TITLE_COLOR, depth_right, bottom + baseline, "RIGHT")
         _add_text(scene, f"{row.faces:,}", size, TEXT_COLOR, right, bottom + baseline, "RIGHT")
 
 
-def _add_scale(scene: bpy.types.Scene, scale: Scale) -> None:
+def _add_scale(scene: bpy.types.Scene, title: str, scale: Scale) -> None:
     """The colours as a bar in fine steps, with numbers on its right."""
     left, bottom = WIDTH - MARGIN - LEGEND_WIDTH, (HEIGHT - SCALE_HEIGHT) / 2
     right, step = left + SWATCH_WIDTH, SCALE_HEIGHT / SCALE_STEPS
     for index, color in enumerate(scale_colors(np.linspace(0.0, 1.0, SCALE_STEPS)).tolist()):
         _add_rectangle(scene, left, bottom + index * step, right, bottom + (index + 1) * step, _linear(color))
-    highest = bottom + max(1.0, scale.marks[-1].label_height) * SCALE_HEIGHT
+    highest = bottom + SCALE_HEIGHT
     if scale.has_beyond:
-        half = LARGEST_ROW_HEIGHT / 2
-        _add_rectangle(scene, left, highest - half, right, highest + half, _linear(BEYOND))
+        highest += LARGEST_ROW_HEIGHT
+        _add_rectangle(scene, left, highest - LARGEST_ROW_HEIGHT / 2, right, highest, _linear(BEYOND))
     for mark in scale.marks:
-        if mark.height <= 1.0:
-            y = bottom + mark.height * SCALE_HEIGHT
-            _add_rectangle(scene, right, y - 1, right + TICK_WIDTH, y + 1, TEXT_COLOR)
-        y = bottom + mark.label_height * SCALE_HEIGHT - 0.35 * TEXT_SIZE
-        _add_text(scene, f"{mark.number} {mark.note}".strip(), TEXT_SIZE, TITLE_COLOR, right + 2 * TICK_WIDTH, y)
-    _add_text(scene, scale.title, TEXT_SIZE, TEXT_COLOR, left, highest + LARGEST_ROW_HEIGHT)
+        y = bottom + mark.height * SCALE_HEIGHT
+        _add_rectangle(scene, right, y - 1, right + TICK_WIDTH, y + 1, TEXT_COLOR)
+        text = f"{mark.number} {mark.note}".strip()
+        _add_text(scene, text, TEXT_SIZE, TITLE_COLOR, right + 2 * TICK_WIDTH, y - 0.35 * TEXT_SIZE)
+    _add_text(scene, title, TEXT_SIZE, TEXT_COLOR, left, highest + LARGEST_ROW_HEIGHT)
 
 
-def _linear(color: Sequence[float] | None) -> Color:
-    """An sRGB colour as materials have it; a row of several depths has none."""
-    return BACKGROUND_COLOR if color is None else tuple(to_linear(np.array(color)).tolist())
+def _linear(color: Sequence[float]) -> Color:
+    """An sRGB colour as materials have it."""
+    return tuple(to_linear(np.array(color)).tolist())
 
 
 def _add_rectangle(

@@ -68,7 +68,7 @@ def metres_text(length: float, rounding: Rounding = Rounding.NEAREST) -> str:
 def settings_text(objects: Sequence[bpy.types.Object]) -> str:
     """The settings of the results, in a line."""
     record = objects[0].data.ccdepth
-    if results.shows_deviation(objects[0].data):
+    if results.is_deviation_last(objects[0].data):
         records = [obj.data.ccdepth for obj in objects]
         deviation, length = max((each.deviation, each.measurement.world_tolerance) for each in records)
         return f"Tolerance {length:.4g} · Largest deviation proved: {_proved_text(deviation, length)}"

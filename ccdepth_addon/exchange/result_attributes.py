@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The results on a mesh as attributes: depths, bounds, deviations and colours, in Object Mode and in Edit Mode."""
+"""The results on a mesh as attributes of its faces: depths, bounds and deviations, in Object Mode and in Edit Mode."""
 
 from __future__ import annotations
 
@@ -12,7 +12,6 @@ import bpy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from ..core import IndexArray
 from .bulk_reading import read_values
 from .bulk_writing import TYPES, ValueType, write_attribute
 
@@ -47,7 +46,8 @@ DEPTH_KIND = AttributeKind(DEPTH, "INT", "FACE")
 BOUND_KIND = AttributeKind(BOUND, "FLOAT", "FACE")
 COLOR_KIND = AttributeKind(COLOR, "FLOAT_COLOR", "CORNER")
 DEVIATION_KIND = AttributeKind(DEVIATION, "FLOAT", "FACE")
-ATTRIBUTES = (DEPTH_KIND, BOUND_KIND, COLOR_KIND, DEVIATION_KIND)
+# Colours are made on request, and were by versions that displayed them.
+ATTRIBUTES = (DEPTH_KIND, BOUND_KIND, DEVIATION_KIND, COLOR_KIND)
 
 
 def rounded_up(bounds: ArrayLike) -> NDArray[np.float32]:
@@ -75,17 +75,12 @@ def conflict(blender_object: bpy.types.Object) -> str | None:
 
 
 def write_face_values(
-    mesh: bpy.types.Mesh,
-    columns: Mapping[AttributeKind, NDArray[Any]],
-    undo: ExitStack | None = None,
-    face_starts: IndexArray | None = None,
+    mesh: bpy.types.Mesh, columns: Mapping[AttributeKind, NDArray[Any]], undo: ExitStack | None = None
 ) -> None:
     """Write attributes in Object Mode or in Edit Mode, all or none.
 
-    columns: (F,) or (F, 4), one value for each face; on CORNER, for all corners of the face alike. undo: when it is
-    closed, the mesh has its old attributes again; in Edit Mode, where Blender keeps what is written, it does nothing.
-    face_starts: (F + 1,) the first corners of the faces, and the number of corners, as they were read, as it takes long
-    to read them again.
+    columns: (F,), one value for each face. undo: when it is closed, the mesh has its old attributes again; in Edit
+    Mode, where Blender keeps what is written, it does nothing.
     Raises WriteError, with nothing changed, when Blender does not keep them.
     """
     if mesh.is_editmode:
@@ -93,30 +88,16 @@ def write_face_values(
         return
     before: dict[AttributeKind, NDArray[Any] | None] = {}
     try:
-        with _choices_kept(mesh):
+        with _active_kept(mesh):
             for kind, values in columns.items():
                 before[kind] = _stored(mesh, kind)
-                write_attribute(
-                    mesh, kind.name, kind.data_type, kind.domain, _at_elements(mesh, kind, values, face_starts)
-                )
+                write_attribute(mesh, kind.name, kind.data_type, kind.domain, values)
     except BaseException:
         _put_back(mesh, before)
         raise
     mesh.update()
     if undo is not None:
         undo.callback(_put_back, mesh, before)
-
-
-def _at_elements(
-    mesh: bpy.types.Mesh, kind: AttributeKind, values: NDArray[Any], face_starts: IndexArray | None
-) -> NDArray[Any]:
-    """Values of faces at the elements of the attribute's domain."""
-    if kind.domain == "FACE":
-        return values
-    # The mesh may have changed since they were read.
-    if face_starts is None or face_starts[-1] != len(mesh.loops):
-        face_starts = np.append(read_values(mesh.polygons, "loop_start", np.int32), len(mesh.loops))
-    return np.repeat(values, np.diff(face_starts), axis=0)
 
 
 def _stored(mesh: bpy.types.Mesh, kind: AttributeKind) -> NDArray[Any] | None:
@@ -128,7 +109,7 @@ def _stored(mesh: bpy.types.Mesh, kind: AttributeKind) -> NDArray[Any] | None:
 
 
 def _put_back(mesh: bpy.types.Mesh, columns: dict[AttributeKind, NDArray[Any] | None]) -> None:
-    with _choices_kept(mesh):
+    with _active_kept(mesh):
         for kind, values in columns.items():
             if values is not None:
                 mesh.attributes[kind.name].data.foreach_set(kind.values.value, values.ravel())
@@ -138,21 +119,13 @@ def _put_back(mesh: bpy.types.Mesh, columns: dict[AttributeKind, NDArray[Any] | 
 
 
 @contextmanager
-def _choices_kept(mesh: bpy.types.Mesh) -> Iterator[None]:
-    """Keep the active attribute and the colours displayed and rendered, unless they are removed.
-
-    Blender remembers the active attribute by its index, which changes. It makes the first colour attribute of a mesh
-    the one displayed and the one rendered: that is for the user to choose.
-    """
+def _active_kept(mesh: bpy.types.Mesh) -> Iterator[None]:
+    """Keep the active attribute, which Blender remembers by its changing index, unless it is removed."""
     attributes = mesh.attributes
-    colors = {name: getattr(attributes, name) for name in ("active_color_name", "default_color_name")}
-    present = set(attributes.keys())
     active = None if attributes.active is None else attributes.active.name
     try:
         yield
     finally:
-        for name, chosen in colors.items():
-            setattr(attributes, name, "" if chosen in present and chosen not in attributes else chosen)
         if active is None or active in attributes:
             attributes.active = None if active is None else attributes[active]
 
@@ -162,7 +135,7 @@ def _write_while_editing(mesh: bpy.types.Mesh, columns: Mapping[AttributeKind, N
 
     edited = bmesh.from_edit_mesh(mesh)
     # New layers first: making one moves the others.
-    with _choices_kept(mesh):
+    with _active_kept(mesh):
         for kind in columns:
             if kind.layers(edited).get(kind.name) is None:
                 kind.layers(edited).new(kind.name)
@@ -170,8 +143,7 @@ def _write_while_editing(mesh: bpy.types.Mesh, columns: Mapping[AttributeKind, N
     for kind, values in columns.items():
         layer = kind.layers(edited)[kind.name]
         for face, value in zip(edited.faces, values.tolist(), strict=True):
-            for element in face.loops if kind.domain == "CORNER" else (face,):
-                element[layer] = value
+            face[layer] = value
     bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
 
 
@@ -187,15 +159,19 @@ def read_face_values(mesh: bpy.types.Mesh, kind: AttributeKind) -> NDArray[Any]:
 
 
 def remove_all(mesh: bpy.types.Mesh) -> None:
-    """Remove all our attributes from the mesh."""
-    with _choices_kept(mesh):
+    """Remove all our attributes from the mesh; where our colours were displayed or rendered, the user's are again."""
+    attributes = mesh.attributes
+    chosen = {name: getattr(attributes, name) for name in ("active_color_name", "default_color_name")}
+    with _active_kept(mesh):
         if mesh.is_editmode:
             _remove_layers_while_editing(mesh)
-            return
-        for kind in ATTRIBUTES:
-            if has_values(mesh, kind):
-                mesh.attributes.remove(mesh.attributes[kind.name])
-        mesh.update()
+        else:
+            for kind in ATTRIBUTES:
+                if has_values(mesh, kind):
+                    attributes.remove(attributes[kind.name])
+            mesh.update()
+        for name, color in chosen.items():
+            setattr(attributes, name, color_of_user(mesh, color))
 
 
 def _remove_layers_while_editing(mesh: bpy.types.Mesh) -> None:
@@ -210,12 +186,33 @@ def _remove_layers_while_editing(mesh: bpy.types.Mesh) -> None:
     bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
 
 
+def write_colors(mesh: bpy.types.Mesh, colors: NDArray[np.float32]) -> None:
+    """Write and display colours of faces (F, 4), linear, as a colour attribute, in Object Mode.
+
+    Raises WriteError, with nothing changed, when Blender does not keep them.
+    """
+    attributes = mesh.attributes
+    displayed, before = attributes.active_color_name, _stored(mesh, COLOR_KIND)
+    sizes = np.diff(read_values(mesh.polygons, "loop_start", np.int32), append=len(mesh.loops))
+    with _active_kept(mesh):
+        try:
+            write_attribute(mesh, COLOR, COLOR_KIND.data_type, COLOR_KIND.domain, np.repeat(colors, sizes, axis=0))
+        except BaseException:
+            _put_back(mesh, {COLOR_KIND: before})
+            attributes.active_color_name = displayed
+            raise
+    if displayed != COLOR:
+        mesh.ccdepth.previous_active_color = displayed
+        attributes.active_color_name = COLOR
+    mesh.update()
+
+
 def color_of_user(mesh: bpy.types.Mesh, name: str) -> str:
-    """The user's colours for a name: those themselves; for ours, those displayed before; where there are none of the
-    name, the first ones, which Blender chooses too when colours are removed."""
-    if name == COLOR and mesh.ccdepth.active_color_taken:
-        name = mesh.ccdepth.previous_active_color
-    # Blender also displays colours of faces and edges, though it does not list them among the colours.
-    if not name or (name != COLOR and name in mesh.attributes):
+    """The name of the user's colours for one that may be that of ours: those displayed before, or the first ones, which
+    Blender chooses too when colours are removed."""
+    if name != COLOR:
         return name
-    return next((attribute.name for attribute in mesh.color_attributes if attribute.name != COLOR), "")
+    before = mesh.ccdepth.previous_active_color
+    # Blender also displays colours of faces and edges, though it does not list them among the colours.
+    others = [attribute.name for attribute in mesh.color_attributes if attribute.name != COLOR]
+    return before if before in mesh.attributes else next(iter(others), "")

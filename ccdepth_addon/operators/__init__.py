@@ -6,6 +6,7 @@ import bpy
 from ..state import sources
 from . import job
 from .apply_adaptive import CCDEPTH_OT_subdivide
+from .bake_colors import CCDEPTH_OT_bake_colors
 from .clear import CCDEPTH_OT_clear
 from .compute_depth import CCDEPTH_OT_compute
 from .copy_value import CCDEPTH_OT_copy_value
@@ -24,6 +25,7 @@ from .update_result import CCDEPTH_OT_update, CCDEPTH_OT_update_kept, start_keep
 CLASSES = (
     CCDEPTH_OT_compute,
     CCDEPTH_OT_clear,
+    CCDEPTH_OT_bake_colors,
     CCDEPTH_OT_select,
     CCDEPTH_OT_set_levels,
     CCDEPTH_OT_subdivide,

@@ -23,7 +23,6 @@ from ..exchange.object_state import StateAtFrame, object_state
 from ..state import fingerprint, results, staleness
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.surfaces import ComputeError, naming, same_control_mesh
-from ..ui import heat_map
 from .scene_objects import hide, link_beside, show_in_local_view
 from .selected_meshes import CHANGED, still_there
 
@@ -108,7 +107,6 @@ def place(context: bpy.types.Context, made: list[Made], placing: Placing) -> lis
         states = [StateAtFrame(object_state(user, use_modifiers=False), None) for user in group]
         fingerprint.remember(mesh, each.geometry, each.depths, states)
         staleness.note_write(mesh)
-    heat_map.synchronise(context)
     return [[Placed(*pair) for pair in zip(*groups, strict=True)] for groups in zip(users, sources, strict=True)]
 
 
@@ -139,8 +137,6 @@ def _make_mesh(
     with base_mesh(context, source, use_modifiers=settings.use_modifiers, copies=copies) as (base, own_control):
         if not same_control_mesh(own_control, control):
             raise ComputeError(CHANGED)
-        if base != source.data:
-            results.remember_same_colors(source.data, base)
         mesh = new_mesh(base, control.mesh, answer.adaptive.mesh, options)
     try:
         mesh.name = source.name + NAME_SUFFIX

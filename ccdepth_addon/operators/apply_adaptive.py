@@ -6,7 +6,8 @@ from typing import ClassVar
 
 import bpy
 
-from ..state import properties, result_record, sources
+from ..state import heat_map, properties, result_record, sources
+from ..state.heat_map import Shown
 from .adaptive_objects import Made, place_meshes
 from .adaptive_operator import MakingOperator
 from .selected_meshes import hidden_fault
@@ -38,6 +39,7 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
                 sources.remember_made(each.user, each.source, settings, each.user.data.materials)
         if self._goes_on_editing:
             self._edited = [each.user.session_uid for each in placed]
+        heat_map.show(context, Shown.DISTANCE)
         self.report_skipped(context)
         self.report_made(answer, [each.user for each in placed])
         return {"FINISHED"}

@@ -6,14 +6,13 @@ from typing import ClassVar
 import bpy
 
 from ..exchange.bulk_writing import is_writable
-from ..state import results
-from ..ui import heat_map
+from ..state import results, viewports
 from .quick_operator import QuickOperator
 from .selected_meshes import selected_meshes
 
 
 class CCDEPTH_OT_clear(QuickOperator):
-    """Remove depths and deviations from the mesh, and display it as before"""
+    """Remove depths, deviations and colours made of them from the mesh"""
 
     bl_idname = "ccdepth.clear"
     bl_label = "Clear"
@@ -30,5 +29,5 @@ class CCDEPTH_OT_clear(QuickOperator):
         for each in selected_meshes(context):
             if each.data in cleared and each.is_editable:
                 each.ccdepth.measured_against = None
-        heat_map.synchronise(context)
+        viewports.redraw(context)
         return {"FINISHED"}

@@ -9,12 +9,11 @@ import bpy
 
 from ..core import needed_quality
 from ..exchange.modifiers import subdivision_modifier
-from ..state import fingerprint, properties, results, staleness
-from ..state.shown_colors import color_depths
+from ..state import fingerprint, heat_map, properties, results, staleness
+from ..state.heat_map import Shown
 from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
 from ..tasks.frames import chosen_frames, typed_frames
 from ..tasks.surfaces import Surface, naming
-from ..ui import heat_map
 from ..ui.printable import printable
 from .job import Steps, Work
 from .long_operator import LongOperator
@@ -39,17 +38,16 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
 
     def finish(self, context: bpy.types.Context, answer: list[MeshDepths]) -> set[str]:
         meshes = [_mesh_still_there(each) for each in answer]
-        first_and_last = color_depths(context.scene.ccdepth)
         with ExitStack() as undo:
             for each, mesh in zip(answer, meshes, strict=True):
                 with naming(each.task.object_names[0]):
-                    results.write_depths(mesh, each, first_and_last, undo)
+                    results.write_depths(mesh, each, undo)
             undo.pop_all()
         for each, mesh in zip(answer, meshes, strict=True):
-            results.write_record(mesh, each, self._settings(context), first_and_last)
+            results.write_record(mesh, each, self._settings(context))
             fingerprint.remember(mesh, each.task.geometry, each.depths, each.task.states)
             staleness.note_write(mesh)
-        heat_map.synchronise(context)
+        heat_map.show(context, Shown.DEPTH)
         self._report(context, answer)
         return {"FINISHED"}
 

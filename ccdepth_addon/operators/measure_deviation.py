@@ -10,11 +10,10 @@ from typing import ClassVar
 
 import bpy
 
-from ..state import deviation_results, measured_state, properties, result_record, staleness
-from ..state.shown_colors import distance_top
+from ..state import deviation_results, heat_map, measured_state, properties, result_record, staleness
+from ..state.heat_map import Shown
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, Verdict, measure, prepare_measurement
 from ..tasks.surfaces import ComputeError, naming
-from ..ui import heat_map
 from ..ui.facts import deviation_text
 from ..ui.lengths import Rounding, common_unit, length_text
 from ..ui.printable import printable
@@ -50,18 +49,16 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
     def finish(self, context: bpy.types.Context, answer: list[MeshDeviation]) -> set[str]:
         settings = self._settings()
         objects = [_still_there(each) for each in answer]
-        largest = max(each.proved for each in answer)
-        tops = [distance_top(context.scene.ccdepth, each.tolerance, largest) for each in answer]
         with ExitStack() as undo:
-            for each, measured, top in zip(answer, objects, tops, strict=True):
+            for each, measured in zip(answer, objects, strict=True):
                 with naming(measured.name):
-                    deviation_results.write_deviations(measured.data, each, top, undo)
+                    deviation_results.write_deviations(measured.data, each, undo)
             undo.pop_all()
-        for each, measured, top in zip(answer, objects, tops, strict=True):
-            deviation_results.write_record(measured.data, each, settings, largest, top)
+        for each, measured in zip(answer, objects, strict=True):
+            deviation_results.write_record(measured.data, each, settings)
             measured_state.remember(measured, bpy.data.objects[each.against])
             staleness.note_deviation(measured)
-        heat_map.synchronise(context)
+        heat_map.show(context, Shown.DEVIATION)
         self._report(context, answer)
         return {"FINISHED"}
 

@@ -9,7 +9,7 @@ from contextlib import ExitStack
 import bpy
 
 from ..exchange.bulk_writing import is_writable
-from ..state import result_record, sources
+from ..state import result_record, results, sources
 from ..state.result_record import MadeWith
 from .adaptive_objects import Made, ObjectGroups, give_mesh, place
 
@@ -20,23 +20,27 @@ def place_in_results(context: bpy.types.Context, made: list[Made], settings: Mad
     """Give each mesh to its results, and to the objects that share their mesh; returns notes for the user. Raises
     ComputeError, with nothing changed, when an object is no longer what it was."""
     notes: list[str] = []
+    cleared: list[bool] = []
     from_source: list[list[bpy.types.Material | None]] = []
 
     def placing(
-        _context: bpy.types.Context, results: ObjectGroups, meshes: list[bpy.types.Mesh], undo: ExitStack
+        _context: bpy.types.Context, updated: ObjectGroups, meshes: list[bpy.types.Mesh], undo: ExitStack
     ) -> ObjectGroups:
-        old = [group[0].data for group in results]
-        edited = [group[0].data for group in results if result_record.is_edited(group[0])]
-        for mesh, group in zip(meshes, _with_sharing(results), strict=True):
+        old = [group[0].data for group in updated]
+        cleared.extend(not results.has_result(mesh) for mesh in old)
+        edited = [group[0].data for group in updated if result_record.is_edited(group[0])]
+        for mesh, group in zip(meshes, _with_sharing(updated), strict=True):
             from_source.append(list(mesh.materials))
             _keep_materials(mesh, group)
             give_mesh(mesh, group, undo)
         # What follows cannot be undone, and does not fail.
-        notes.extend(_take_places(meshes, old, edited, results))
+        notes.extend(_take_places(meshes, old, edited, updated))
         # The tolerance is proved for these alone, and not for objects of other scales that share their meshes.
-        return results
+        return updated
 
-    for group, materials in zip(place(context, made, placing), from_source, strict=True):
+    for group, materials, was_cleared in zip(place(context, made, placing), from_source, cleared, strict=True):
+        if was_cleared:
+            results.clear(group[0].user.data)
         for each in group:
             sources.remember_made(each.user, each.source, settings, materials)
     return notes

@@ -1,62 +1,41 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Depth → colour, and distance → colour.
+"""Fraction of a scale → colour; overlay, legend, histogram, pictures and baked attributes use the same ones.
 
-The colours are viridis by Stéfan van der Walt and Nathaniel Smith (CC0): even steps of perceived difference, ever
-lighter, and distinct with any common colour blindness. A depth has the same colour on every mesh; heat map, legend,
-histogram and pictures use the same ones.
+The colours grow lighter all along, with hues from violet by way of blue and green to pale yellow, so that
+they are distinct with any common colour blindness. Those of neighbouring depths are clearly apart.
 """
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from ..core import FloatArray
-from ..exchange.result_attributes import rounded_up
 
-# Evenly spaced colours of the map, in sRGB; those between are found by linear interpolation. The darkest quarter is
-# left out: what is nearly black shows neither edges nor form, and in a dark theme is nearly the background.
-VIRIDIS = "3b528b 33638d 2c728e 26818e 21908c 1f9f88 28ae80 3ebc74 5dc963 82d34c abdc32 d5e21a fde725"
-VIRIDIS_COLORS = np.array([list(bytes.fromhex(color)) for color in VIRIDIS.split()]) / 255.0
+# The depth that has the last colour, as all deeper ones have; the first is for 0, on every mesh.
+LAST_DEPTH = 8
 
-# The depths that have the first and the last colour, unless the scene says otherwise.
-FIRST_DEPTH, LAST_DEPTH = 0, 8
+# The colours of depths 0 to 8, in sRGB; those between are found by linear interpolation. None is nearly black, which
+# shows neither edges nor form, and is nearly the background of a dark theme.
+RAMP = "6c2f9c 3a5fc9 1e8eb3 21a781 40be63 87cd53 bfd947 f3e446 fef3a8"
+RAMP_COLORS = np.array([list(bytes.fromhex(color)) for color in RAMP.split()]) / 255.0
 
 # Beyond the scale: no colour of it, and much darker than its last.
 BEYOND = (0.85, 0.16, 0.16)
 
 
-def scale_colors(fractions: FloatArray) -> FloatArray:
+def scale_colors(fractions: ArrayLike) -> FloatArray:
     """(N, 3) sRGB: the first colour for 0, the last for 1, and a colour of its own for more than that."""
-    colors = _interpolated(fractions)
-    colors[np.asarray(fractions) > 1.0] = BEYOND
+    wanted = np.asarray(fractions, dtype=np.float64)
+    stops = np.linspace(0.0, 1.0, len(RAMP_COLORS))
+    colors = np.stack([np.interp(wanted, stops, channel) for channel in RAMP_COLORS.T], axis=1)
+    colors[wanted > 1.0] = BEYOND
     return colors
 
 
-def _interpolated(fractions: FloatArray) -> FloatArray:
-    stops = np.linspace(0.0, 1.0, len(VIRIDIS_COLORS))
-    return np.stack([np.interp(fractions, stops, channel) for channel in VIRIDIS_COLORS.T], axis=1)
-
-
-def depth_colors(depths: ArrayLike, first: int = FIRST_DEPTH, last: int = LAST_DEPTH) -> FloatArray:
-    """(depths, 3) sRGB: the first colour up to ``first``, the last one from ``last`` on, even steps between."""
-    return _interpolated((np.asarray(depths) - first) / max(1, last - first))
-
-
-def face_depth_colors(depths: NDArray[np.int32], color_depths: tuple[int, int]) -> NDArray[np.float32]:
-    """(F, 4) linear: the colours of these depths (F,), which are not negative."""
-    return as_attribute(depth_colors(range(int(depths.max(initial=0)) + 1), *color_depths)).take(depths, axis=0)
-
-
-def distance_colors(values: NDArray[np.float32], top: float) -> NDArray[np.float32]:
-    """(F, 4) linear: the colours of these distances (F,), on a scale up to ``top``."""
-    # The largest one, rounded up to single precision, is not beyond it.
-    return as_attribute(scale_colors(values / rounded_up(top)))
-
-
-def as_attribute(srgb: FloatArray) -> NDArray[np.float32]:
-    """(N, 4) linear, opaque: sRGB colours as colour attributes hold them."""
-    return np.concatenate([to_linear(srgb), np.ones((len(srgb), 1))], axis=1).astype(np.float32)
+def depth_colors(depths: ArrayLike) -> FloatArray:
+    """(depths, 3) sRGB: a colour for each depth, and one for all from the last on."""
+    return scale_colors(np.clip(np.asarray(depths) / LAST_DEPTH, 0.0, 1.0))
 
 
 def to_linear(srgb: FloatArray) -> FloatArray:

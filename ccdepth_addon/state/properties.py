@@ -91,19 +91,22 @@ OUTPUT_ITEMS = (
     ),
 )
 
-
-COLOR_RANGE_ITEMS = (
+HEAT_MAP_ITEMS = (
     (
-        "LARGEST",
-        "Up to the Largest",
-        "The last colour is the largest distance on the mesh, or on those measured together",
+        "DEPTH",
+        "Depth",
+        "How many levels each face needs; on a result, how many the face it was made from needed",
+        1,
     ),
-    ("TOLERANCE", "Up to the Tolerance", "The last colour is the tolerance, and faces beyond it are red"),
-    ("FIXED", "Up to a Distance", "The last colour is a distance, the same on every mesh, and faces beyond it are red"),
+    ("DISTANCE", "Distance", "How far each face is from the limit surface at most, as proved", 2),
+    ("DEVIATION", "Deviation", "How far each face was measured to be from the limit surface at most", 3),
+    ("NONE", "None", "Show no heat map", 0),
 )
-
-# Far more than any mesh needs.
-LARGEST_COLOR_DEPTH = 32
+# Files store numbers: 0 was another range.
+COLOR_RANGE_ITEMS = (
+    ("TOLERANCE", "Up to the Tolerance", "The last colour is the tolerance, and faces beyond it are red", 1),
+    ("FIXED", "Fixed", "The last colour is a distance, the same on every mesh, and faces beyond it are red", 2),
+)
 
 # What scripts may write in the stead of another setting.
 OTHER_NAMES = {"use_limit_surface"}

@@ -48,7 +48,6 @@ class Measurement(bpy.types.PropertyGroup):
     faces: IntProperty()
     worst_face: IntProperty(description="The face of the mesh where it is worst; -1 when modifiers added that face")
     worst_point: FloatVectorProperty(description="The place in the scene where it is worst", subtype="TRANSLATION")
-    largest_shown: FloatProperty(description="The largest deviation of all meshes measured together")
     fingerprint: StringProperty(description="Checksum of the objects and of the deviations")
     placement: FloatVectorProperty(
         description="Where the two objects are to each other, and how the second is scaled", size=18
@@ -84,8 +83,6 @@ class MeshRecord(bpy.types.PropertyGroup):
     exact_faces: IntProperty(description="Faces whose depth is proved to be the least that is enough")
     deepest: IntProperty()
     added_deepest: IntProperty(description="The deepest depth of faces that modifiers add, which no face stands for")
-    color_kind: StringProperty(description="What the colours stand for: DEPTH, BOUND or DEVIATION; empty without any")
-    color_range: FloatVectorProperty(description="What the first and the last colour stand for", size=2)
     rows: CollectionProperty(type=DepthRow)
     # A decimal number: it soon outgrows Blender's 32-bit integers.
     uniform_faces: StringProperty(
@@ -98,15 +95,14 @@ class MeshRecord(bpy.types.PropertyGroup):
     fingerprint: StringProperty(description="Checksum of the mesh and of its depths")
     contributors: CollectionProperty(type=Contributor)
     has_deviation: BoolProperty()
-    shows_deviation: BoolProperty(description="Whether the colours are those of deviations, not of depths")
+    shows_deviation: BoolProperty(description="Whether the deviations are the last result")
     deviation: FloatProperty(
         description="The largest distance proved, both ways, between what the object shows and the limit surface",
         subtype="DISTANCE",
     )
     deviation_reached: FloatProperty(description="A distance that is really there", subtype="DISTANCE")
     measurement: PointerProperty(type=Measurement)
-    active_color_taken: BoolProperty()
-    previous_active_color: StringProperty()
+    previous_active_color: StringProperty(description="The colours that were displayed before ours")
 
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(

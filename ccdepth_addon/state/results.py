@@ -4,7 +4,6 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
-from enum import Enum
 
 import bpy
 import numpy as np
@@ -15,11 +14,8 @@ from ..core import FloatArray
 from ..exchange.result_attributes import (
     ATTRIBUTES,
     BOUND_KIND,
-    COLOR,
-    COLOR_KIND,
     DEPTH_KIND,
     DEVIATION_KIND,
-    color_of_user,
     has_values,
     remove_all,
     rounded_up,
@@ -29,15 +25,6 @@ from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.depth_task import DepthSettings, MeshDepths
 from ..tasks.reduce_task import ReducedResult, triangle_count
 from ..tasks.surfaces import SurfaceSettings
-from .colors import face_depth_colors
-
-
-class Shown(Enum):
-    """What the colours on a mesh stand for, and the title of their legend."""
-
-    DEPTH = "Levels Needed"
-    BOUND = "Proved Distance"
-    DEVIATION = "Deviation"
 
 
 def has_depths(mesh: bpy.types.Mesh) -> bool:
@@ -60,28 +47,9 @@ def has_any(mesh: bpy.types.Mesh) -> bool:
     return has_result(mesh) or has_deviation(mesh)
 
 
-def has_heat_map(mesh: bpy.types.Mesh) -> bool:
-    """Whether the mesh holds our colours."""
-    return has_any(mesh) and has_values(mesh, COLOR_KIND)
-
-
-def shows_heat_map(mesh: bpy.types.Mesh) -> bool:
-    """Whether the mesh holds our colours, and they are the ones displayed."""
-    return has_heat_map(mesh) and mesh.ccdepth.active_color_taken
-
-
-def shows_deviation(mesh: bpy.types.Mesh) -> bool:
-    """Whether our colours are those of deviations, not of depths: of the last result that is still there."""
+def is_deviation_last(mesh: bpy.types.Mesh) -> bool:
+    """Whether the last result that is still on the mesh is a measurement."""
     return has_deviation(mesh) and (mesh.ccdepth.shows_deviation or not has_result(mesh))
-
-
-def shown(mesh: bpy.types.Mesh) -> Shown | None:
-    """What our colours on the mesh are to stand for: of an adaptive mesh the distances, as it needs no more levels."""
-    if shows_deviation(mesh):
-        return Shown.DEVIATION
-    if not has_result(mesh):
-        return None
-    return Shown.BOUND if mesh.ccdepth.subdivision else Shown.DEPTH
 
 
 def has_traces(mesh: bpy.types.Mesh) -> bool:
@@ -89,37 +57,33 @@ def has_traces(mesh: bpy.types.Mesh) -> bool:
     return mesh.ccdepth.has_result or mesh.ccdepth.has_deviation or any(has_values(mesh, kind) for kind in ATTRIBUTES)
 
 
-def write_depths(mesh: bpy.types.Mesh, answer: MeshDepths, color_depths: tuple[int, int], undo: ExitStack) -> None:
-    """Write the answer to its mesh as attributes, with the heat map's colours between these two depths.
+def write_depths(mesh: bpy.types.Mesh, answer: MeshDepths, undo: ExitStack) -> None:
+    """Write the answer to its mesh as attributes.
 
     undo: when it is closed, the mesh has its old attributes again. Raises WriteError, with nothing changed, when
     Blender does not keep them.
     """
-    colors = face_depth_colors(answer.depths, color_depths)
-    columns = {DEPTH_KIND: answer.depths, BOUND_KIND: rounded_up(answer.bounds), COLOR_KIND: colors}
-    write_face_values(mesh, columns, undo, answer.task.face_starts)
+    write_face_values(mesh, {DEPTH_KIND: answer.depths, BOUND_KIND: rounded_up(answer.bounds)}, undo)
 
 
-def write_record(
-    mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSettings, color_depths: tuple[int, int]
-) -> None:
+def write_record(mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSettings) -> None:
     """Write the record of the answer to its mesh, which has the attributes."""
     record = _new_record(mesh, answer.depths, settings)
     record.world_tolerance = answer.world_tolerance
+    record.largest_bound = float(rounded_up(answer.bounds).max(initial=0.0))
     record.method = settings.method
     record.vertices, record.follows_objects = answer.vertices, settings.follows_objects
     record.use_modifiers = settings.use_modifiers
     record.exact_faces = int(np.count_nonzero(answer.exact))
     record.added_deepest = answer.added_deepest
     record.frames, record.worst_frame = settings.frames, answer.worst_frame or 0
-    record.color_kind, record.color_range = Shown.DEPTH.name, color_depths
     record.uniform_level = answer.uniform_level
     record.quality = answer.quality
     record.uniform_faces = str(answer.uniform_faces)
 
 
 def write_adaptive(mesh: bpy.types.Mesh, answer: AdaptiveResult, settings: AdaptiveSettings) -> None:
-    """Write depths, bounds and record of an adaptive mesh, in Object Mode; colours come with the heat map."""
+    """Write depths, bounds and record of an adaptive mesh, in Object Mode."""
     _write_adaptive(mesh, answer, answer.adaptive.depths, answer.bounds, settings)
 
 
@@ -168,37 +132,7 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
     return record
 
 
-def show_color(mesh: bpy.types.Mesh, show: bool) -> None:
-    """Display our colours and remember the ones displayed before; or put those back, if ours are still displayed."""
-    record = mesh.ccdepth
-    if show == record.active_color_taken:
-        return
-    attributes = mesh.attributes
-    displayed = attributes.active_color_name
-    if show:
-        record.previous_active_color = "" if displayed == COLOR else displayed
-        attributes.active_color_name = COLOR
-    elif displayed == COLOR:
-        attributes.active_color_name = color_of_user(mesh, displayed)
-    record.active_color_taken = show
-
-
-def keep_from_painting(mesh: bpy.types.Mesh) -> None:
-    """Make the user's colours the active ones, which painting changes, if ours are active."""
-    attributes = mesh.attributes
-    if attributes.active_color_name == COLOR:
-        attributes.active_color_name = color_of_user(mesh, COLOR)
-    mesh.ccdepth.active_color_taken = False
-
-
-def remember_same_colors(source: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
-    """Record on a mesh that modifiers made of another which colours were displayed before ours."""
-    mesh.ccdepth.active_color_taken = source.ccdepth.active_color_taken
-    mesh.ccdepth.previous_active_color = source.ccdepth.previous_active_color
-
-
 def clear(mesh: bpy.types.Mesh) -> None:
-    """Remove the attributes and the record, and put the displayed colours back."""
-    show_color(mesh, False)
+    """Remove the attributes and the record."""
     remove_all(mesh)
     mesh.property_unset("ccdepth")

@@ -2,39 +2,12 @@
 # mypy: disable-error-code="valid-type, misc"
 """The settings on the scene, and what happens at once when one of them changes."""
 
-from collections.abc import Callable
-
 import bpy
-from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, PointerProperty
+from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
 
 from . import diagonals, properties, viewports
-from .colors import FIRST_DEPTH, LAST_DEPTH
 
 MODES = tuple(mode for mode, *_ in properties.TOLERANCE_MODES)
-
-# Called with the context when the heat map is switched on or off, or its colours are to change; the interface registers
-# here.
-heat_map_listeners: list[Callable[[bpy.types.Context], None]] = []
-
-
-def _heat_map_changed(_settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    for listener in heat_map_listeners:
-        listener(context)
-
-
-def _first_depth_changed(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    # Setting the other one colours the meshes.
-    if settings.first_color_depth >= settings.last_color_depth:
-        settings.last_color_depth = settings.first_color_depth + 1
-    else:
-        _heat_map_changed(settings, context)
-
-
-def _last_depth_changed(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
-    if settings.first_color_depth >= settings.last_color_depth:
-        settings.first_color_depth = settings.last_color_depth - 1
-    else:
-        _heat_map_changed(settings, context)
 
 
 def _redraw(_settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -83,28 +56,34 @@ class SceneSettings(*properties.GROUPS, bpy.types.PropertyGroup):
         set=_switch_mode,
         options={"HIDDEN", "SKIP_SAVE"},
     )
-    first_color_depth: IntProperty(
-        name="First Color",
-        description="The depth shown in the first colour, and with it all lesser ones",
-        default=FIRST_DEPTH,
-        min=0,
-        max=properties.LARGEST_COLOR_DEPTH - 1,
-        update=_first_depth_changed,
+    heat_map: EnumProperty(
+        name="Heat Map",
+        description="What is shown over the faces in the 3D View, as an overlay",
+        items=properties.HEAT_MAP_ITEMS,
+        default="DEPTH",
+        update=_redraw,
     )
-    last_color_depth: IntProperty(
-        name="Last Color",
-        description="The depth shown in the last colour, and with it all greater ones",
-        default=LAST_DEPTH,
-        min=1,
-        max=properties.LARGEST_COLOR_DEPTH,
-        update=_last_depth_changed,
+    heat_map_opacity: FloatProperty(
+        name="Opacity",
+        description="Opacity of the heat map; in Edit Mode it is never so opaque that it hides edges and selection",
+        default=1.0,
+        min=0.0,
+        max=1.0,
+        subtype="FACTOR",
+        update=_redraw,
+    )
+    heat_map_playing: BoolProperty(
+        name="While Playing",
+        description="Show the heat map while an animation plays as well, however much slower that is",
+        default=False,
+        update=_redraw,
     )
     distance_range: EnumProperty(
         name="Colors",
-        description="Which distances the colours stand for",
+        description="Which distances the colours stand for; those of depths always stand for 0 to 8",
         items=properties.COLOR_RANGE_ITEMS,
-        default="LARGEST",
-        update=_heat_map_changed,
+        default="TOLERANCE",
+        update=_redraw,
     )
     distance_top: FloatProperty(
         name="Last Color",
@@ -115,13 +94,7 @@ class SceneSettings(*properties.GROUPS, bpy.types.PropertyGroup):
         step=0.1,
         precision=5,
         subtype="DISTANCE",
-        update=_heat_map_changed,
-    )
-    show_heat_map: BoolProperty(
-        name="Heat Map",
-        description="Show the depths or the distances as colours in Solid shading, with flat light and edges",
-        default=True,
-        update=_heat_map_changed,
+        update=_redraw,
     )
     show_legend: BoolProperty(
         name="Legend",

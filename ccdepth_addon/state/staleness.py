@@ -70,11 +70,6 @@ def note_write(mesh: bpy.types.Mesh) -> None:
     _own_writes.add(mesh.session_uid)
 
 
-def note_colors(mesh: bpy.types.Mesh) -> None:
-    """Note new colours on the mesh: the next change of its geometry is the writing of them."""
-    _own_writes.add(mesh.session_uid)
-
-
 def _check_touched() -> bool:
     """Examine the results of the meshes that were touched, and remember which no longer hold."""
     touched = set(_touched)

@@ -203,11 +203,6 @@ class MeshTask:
     groups: list[PoseGroup] = field(default_factory=list)
 
     @property
-    def face_starts(self) -> IndexArray | None:
-        """(F + 1,): the first corners of the mesh's faces, and the number of corners, where they were read."""
-        return None if self.arrays is None else self.arrays.face_starts
-
-    @property
     def requests(self) -> list[DepthRequest]:
         """What is computed: of all groups."""
         return [request for group in self.groups for request in group.requests]

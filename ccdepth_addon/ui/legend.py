@@ -2,7 +2,7 @@
 """The legend in the 3D View: which colour stands for which depth or distance on the selected objects.
 
 It stands at the bottom right, clear of the sidebar, the headers, the asset shelf, the navigation gizmo and the panel
-Adjust Last Operation. In Quad View it is in one of the views alone.
+Adjust Last Operation. In Quad View it is in the lower right one.
 """
 
 from __future__ import annotations
@@ -17,9 +17,10 @@ from gpu_extras.batch import batch_for_shader
 
 from ..registration import do_not_call
 from ..state import viewports
-from ..state.colors import BEYOND, VIRIDIS_COLORS
-from .legend_contents import legends
-from .legend_layout import Color, Layout, Legend, Rectangle, Room, Style, placed
+from ..state.colors import BEYOND, RAMP_COLORS
+from ..state.heat_map import shown
+from .legend_contents import Color, Legend, legend
+from .legend_layout import Layout, Rectangle, Style, placed
 from .selected_results import colored_objects
 
 FONT = 0
@@ -33,20 +34,17 @@ BACKGROUND_COLOR = (0.08, 0.08, 0.08, 0.85)
 # What the navigation gizmo takes at the top right, at an interface scale of 1.
 GIZMO_WIDTH, GIZMO_HEIGHT = 100, 250
 
-# And what the information takes at the top left, with the headers above it.
-INFORMATION_WIDTH, INFORMATION_HEIGHT = 260, 135
-
-# Seconds after which it has taken long to put the legends together, and for how many times as long they are kept then.
-LONG = 0.01
-TIMES_KEPT = 10
+# Seconds after which it has taken long to put the legend together, and for how many times as long it is kept then.
+LONG = 0.005
+TIMES_KEPT = 50
 
 
 class _Kept(NamedTuple):
-    """The legends of a scene and view layer, and until when they serve."""
+    """The legend of a scene and view layer, and until when it serves."""
 
-    layer: tuple[str, str]
+    layer: tuple[str, str, str]
     until: float
-    legends: list[Legend]
+    legend: Legend | None
 
 
 _handle: Any = None
@@ -56,29 +54,32 @@ _kept: _Kept | None = None
 def draw() -> None:
     """Draw the legend in the current region, if there is anything to show."""
     context = bpy.context
-    space = context.space_data
-    if not (context.scene.ccdepth.show_legend and space.overlay.show_overlays and viewports.shows_colors(space)):
+    if not (context.scene.ccdepth.show_legend and context.space_data.overlay.show_overlays):
+        return
+    views = [each for each in context.area.regions if each.type == "WINDOW" and each.width > 1]
+    if context.region != min(views, key=lambda each: (each.y, -each.x)):
         return
     wanted = _wanted(context)
-    scale = context.preferences.system.ui_scale
-    for region in _views(context.area):
-        found = _placed_in(context, region, wanted, scale)
-        if region == context.region:
-            for layout, place in found:
-                _draw_layout(layout, place)
-        if found or region == context.region:
-            return
+    if wanted is not None:
+        scale = context.preferences.system.ui_scale
+        region = context.region.width, context.region.height
+        found = placed(wanted, region, _obstacles(context, context.region, scale), scale, _width)
+        if found is not None:
+            _draw_layout(*found)
 
 
-def _wanted(context: bpy.types.Context) -> list[Legend]:
-    """What the legends say. Of very many objects this takes a while, and is kept for some time."""
+def _wanted(context: bpy.types.Context) -> Legend | None:
+    """What the legend says. Of very many objects this takes a while, and is kept for some time."""
     global _kept
-    started, layer = monotonic(), (context.scene.name, context.view_layer.name)
+    scene, started = context.scene, monotonic()
+    layer = scene.name, context.view_layer.name, scene.ccdepth.heat_map
     if _kept is not None and _kept.layer == layer and started < _kept.until:
         if not bpy.app.timers.is_registered(_redraw):
             bpy.app.timers.register(_redraw, first_interval=_kept.until - started)
-        return _kept.legends
-    found = legends(context.scene, colored_objects(context))
+        return _kept.legend
+    kind = shown(scene.ccdepth)
+    objects = [] if kind is None else colored_objects(context, kind)
+    found = legend(scene, kind, objects) if kind is not None and objects else None
     took = monotonic() - started
     _kept = _Kept(layer, monotonic() + TIMES_KEPT * took, found) if took > LONG else None
     return found
@@ -86,33 +87,6 @@ def _wanted(context: bpy.types.Context) -> list[Legend]:
 
 def _redraw() -> None:
     viewports.redraw(bpy.context)
-
-
-def _views(area: bpy.types.Area) -> list[bpy.types.Region]:
-    """The views of the area, of which the first that has room has the legend: from the lower right on in Quad View."""
-    views = [each for each in area.regions if each.type == "WINDOW" and each.width > 1]
-    return sorted(views, key=lambda each: (each.y, -each.x))
-
-
-def _placed_in(
-    context: bpy.types.Context, region: bpy.types.Region, wanted: list[Legend], scale: float
-) -> list[tuple[Layout, Rectangle]]:
-    """The legends that have room in the region, beside each other, and where."""
-    size = region.width, region.height
-    obstacles, avoided = _obstacles(context, region, scale), [_information(region, scale)]
-    found = []
-    for legend in wanted:
-        answer = placed(legend, Room(size, obstacles, avoided), scale, _width, (*BEYOND, 1.0))
-        if answer is not None:
-            found.append(answer)
-            obstacles.append(answer[1])
-    return found
-
-
-def _information(region: bpy.types.Region, scale: float) -> Rectangle:
-    """Where the name of the view and of the active object are written."""
-    width, height = (round(each * scale) for each in (INFORMATION_WIDTH, INFORMATION_HEIGHT))
-    return Rectangle(0, region.height - height, width, region.height)
 
 
 def _obstacles(context: bpy.types.Context, window: bpy.types.Region, scale: float) -> list[Rectangle]:
@@ -136,8 +110,9 @@ def _obstacles(context: bpy.types.Context, window: bpy.types.Region, scale: floa
 
 def _draw_layout(layout: Layout, place: Rectangle) -> None:
     _draw_rectangle(place, BACKGROUND_COLOR)
-    for swatch, color in layout.swatches:
-        _draw_rectangle(_moved(swatch, place), color if len(color) == 4 else (*color, 1.0))
+    beyond = [] if layout.beyond is None else [(layout.beyond, BEYOND)]
+    for swatch, color in [*layout.swatches, *beyond]:
+        _draw_rectangle(_moved(swatch, place), (*color, 1.0))
     if layout.ramp is not None:
         _draw_ramp(_moved(layout.ramp, place))
     for tick in layout.ticks:
@@ -161,20 +136,13 @@ def _width(text: str, size: float) -> float:
 
 
 def _draw_ramp(place: Rectangle) -> None:
-    """All colours of the scale, the longer way."""
-    count = len(VIRIDIS_COLORS)
-    goes_up = place.top - place.bottom > place.right - place.left
+    """All colours of the scale, from below."""
     corners, colors, triangles = [], [], []
-    for index, color in enumerate(VIRIDIS_COLORS.tolist()):
-        part = index / (count - 1)
-        if goes_up:
-            y = place.bottom + (place.top - place.bottom) * part
-            corners += [(place.left, y), (place.right, y)]
-        else:
-            x = place.left + (place.right - place.left) * part
-            corners += [(x, place.top), (x, place.bottom)]
+    for index, color in enumerate(RAMP_COLORS.tolist()):
+        y = place.bottom + (place.top - place.bottom) * index / (len(RAMP_COLORS) - 1)
+        corners += [(place.left, y), (place.right, y)]
         colors += 2 * [(*color, 1.0)]
-    for first in range(0, 2 * (count - 1), 2):
+    for first in range(0, len(corners) - 2, 2):
         triangles += [(first, first + 1, first + 3), (first, first + 3, first + 2)]
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
     batch_for_shader(shader, "TRIS", {"pos": corners, "color": colors}, indices=triangles).draw(shader)

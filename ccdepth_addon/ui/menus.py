@@ -10,6 +10,7 @@ ENTRIES = (
     ("ccdepth.compute", "MOD_SUBSURF"),
     ("ccdepth.set_levels", "MODIFIER"),
     ("ccdepth.clear", "X"),
+    ("ccdepth.bake_colors", "GROUP_VCOL"),
     None,
     ("ccdepth.subdivide", "MOD_MULTIRES"),
     ("ccdepth.count_faces", "LINENUMBERS_ON"),

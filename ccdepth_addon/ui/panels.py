@@ -9,7 +9,7 @@ import numpy as np
 
 from ..core import FloatArray
 from ..exchange.modifiers import OF_OBJECT
-from ..state import refusals, result_record, results, sources, staleness
+from ..state import refusals, result_record, sources, staleness
 from ..state.colors import depth_colors
 from ..state.face_counts import known_count
 from ..state.levels import too_deep
@@ -57,8 +57,31 @@ class CCDEPTH_PT_settings(SidebarPanel, bpy.types.Panel):
         split.label(text="")
         split.label(text=tolerance_text(context))
         column.prop(settings, "use_modifiers")
+        row = column.row(align=True)
+        row.prop(settings, "heat_map")
+        row.popover("CCDEPTH_PT_heat_map", text="", icon="OVERLAY")
         draw_main_button(layout, "ccdepth.compute", "MOD_SUBSURF")
         _draw_refusal(layout, context)
+
+
+class CCDEPTH_PT_heat_map(bpy.types.Panel):
+    """How the heat map is shown"""
+
+    bl_label = "Heat Map"
+    bl_space_type = "VIEW_3D"
+    bl_region_type = "HEADER"
+    bl_ui_units_x = 12
+
+    def draw(self, context: bpy.types.Context) -> None:
+        column, settings = settings_column(self.layout), context.scene.ccdepth
+        column.prop(settings, "heat_map")
+        column.prop(settings, "heat_map_opacity")
+        column.prop(settings, "distance_range")
+        if settings.distance_range == "FIXED":
+            column.prop(settings, "distance_top")
+        column.prop(settings, "show_legend")
+        column.prop(settings, "heat_map_playing")
+        self.layout.operator("ccdepth.bake_colors", icon="GROUP_VCOL")
 
 
 class CCDEPTH_PT_advanced(SidebarPanel, bpy.types.Panel):
@@ -106,10 +129,6 @@ class CCDEPTH_PT_results(SidebarPanel, bpy.types.Panel):
         if not all(mesh.ccdepth.subdivision for mesh in meshes):
             layout.operator("ccdepth.set_levels", icon="MODIFIER")
             _draw_too_deep(layout, settings, objects)
-        if not all(map(results.shows_deviation, meshes)):
-            kinds = set(map(results.shown, meshes))
-            column = settings_column(layout, heading="Show")
-            draw_display(column, settings, depths=results.Shown.DEPTH in kinds, distances=results.Shown.BOUND in kinds)
 
 
 def _draw_refusal(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -145,22 +164,6 @@ def _draw_too_deep(
         counts = [known_count(each, current) for each in objects]
         if all(counts):
             draw_facts(column, [count_fact(sum(count.faces for count in counts if count))])
-
-
-def draw_display(
-    layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, *, depths: bool = False, distances: bool = False
-) -> None:
-    """Whether heat map and legend are shown, and which depths or distances the colours stand for."""
-    layout.prop(settings, "show_heat_map")
-    layout.prop(settings, "show_legend")
-    if depths:
-        column = layout.column(align=True)
-        column.prop(settings, "first_color_depth", text="Color Range")
-        column.prop(settings, "last_color_depth", text="To")
-    if distances:
-        layout.prop(settings, "distance_range")
-    if distances and settings.distance_range == "FIXED":
-        layout.prop(settings, "distance_top")
 
 
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: bpy.types.Object | None = None) -> str:
@@ -241,18 +244,13 @@ def _draw_object_row(
 
 
 def _draw_histogram(layout: bpy.types.UILayout, objects: list[bpy.types.Object]) -> None:
-    # Results of Apply Adaptive Subdivision have depths as well, and their colours are those of distances.
-    with_depths = [each for each in objects if results.shown(each.data) is results.Shown.DEPTH]
-    # Of several scenes' colours those of the first.
-    colored = [each.data.ccdepth for each in with_depths]
-    counts = faces_by_depth(with_depths or objects)
+    counts = faces_by_depth(objects)
     most, total = max(counts.values()), sum(counts.values())
     box = layout.box().column(align=True)
     for depth in sorted(counts, reverse=True):
         split = box.split(factor=0.22)
         key = split.row(align=True)
-        swatch = _swatch(depth_colors([depth], *colored[0].color_range)[0]) if colored else 0
-        key.label(text=str(depth), icon_value=swatch)
+        key.label(text=str(depth), icon_value=_swatch(depth_colors([depth])[0]))
         value = split.row(align=True)
         # Square roots, so that three faces show beside a hundred thousand.
         value.progress(text=share_text(counts[depth], total), factor=max((counts[depth] / most) ** 0.5, 0.01))
@@ -280,7 +278,7 @@ def _swatch(color: FloatArray) -> int:
 
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
-    (CCDEPTH_PT_settings, CCDEPTH_PT_advanced, CCDEPTH_PT_results)
+    (CCDEPTH_PT_settings, CCDEPTH_PT_heat_map, CCDEPTH_PT_advanced, CCDEPTH_PT_results)
 )
 
 

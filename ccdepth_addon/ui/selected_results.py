@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterable
 
 import bpy
 
-from ..state import refusals, results
+from ..state import heat_map, refusals, results
+from ..state.heat_map import Shown
 from .lengths import DIGITS, common_unit, length_text
 
 # Without anything selected, the legend looks through no more objects than this.
@@ -27,14 +28,18 @@ def refused_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
     return _selected(context, lambda holder: refusals.faces_at_fault(holder.data) > 0)
 
 
-def colored_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
+def colored_objects(context: bpy.types.Context, kind: Shown) -> list[bpy.types.Object]:
     """The objects that the legend is about: those of the selected ones that show a heat map; or the active one; or all
     that do."""
-    found = _selected(context, _is_colored)
+
+    def is_colored(holder: bpy.types.Object) -> bool:
+        return heat_map.has_shown(holder.data, kind) and bool(holder.visible_get())
+
+    found = _selected(context, is_colored)
     objects = context.view_layer.objects
     if found or len(objects) > MOST_SEARCHED:
         return found
-    return [each for each in objects if each.type == "MESH" and _is_colored(each)]
+    return [each for each in objects if each.type == "MESH" and is_colored(each)]
 
 
 def _selected(context: bpy.types.Context, wanted: Callable[[bpy.types.Object], bool]) -> list[bpy.types.Object]:
@@ -45,10 +50,6 @@ def _selected(context: bpy.types.Context, wanted: Callable[[bpy.types.Object], b
     if found or active is None or active.type != "MESH" or not wanted(active):
         return found
     return [active]
-
-
-def _is_colored(blender_object: bpy.types.Object) -> bool:
-    return results.shows_heat_map(blender_object.data) and blender_object.visible_get()
 
 
 def faces_by_depth(objects: Iterable[bpy.types.Object]) -> Counter[int]:

@@ -12,7 +12,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-ATTRIBUTES = ("ccdepth", "ccdepth_bound", "ccdepth_color")
+ATTRIBUTES = ("ccdepth", "ccdepth_bound")
 
 
 def module(name: str) -> ModuleType:
@@ -104,7 +104,7 @@ def is_untouched(objects: Iterable[bpy.types.Object]) -> bool:
     return not any(
         holder.data.ccdepth.has_result
         or holder.data.ccdepth.has_deviation
-        or any(name in holder.data.attributes for name in (*ATTRIBUTES, "ccdepth_deviation"))
+        or any(name in holder.data.attributes for name in (*ATTRIBUTES, "ccdepth_deviation", "ccdepth_color"))
         for holder in objects
         if holder.type == "MESH"
     )

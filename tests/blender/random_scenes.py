@@ -19,7 +19,7 @@ from tests.blender.addon import ATTRIBUTES
 from tests.blender.random_steps import REFUSALS, Random, chance, one
 from tests.blender.snapshot import OURS, Snapshot
 
-KINDS = {"ccdepth": ("INT", "FACE"), "ccdepth_bound": ("FLOAT", "FACE"), "ccdepth_color": ("FLOAT_COLOR", "CORNER")}
+KINDS = {"ccdepth": ("INT", "FACE"), "ccdepth_bound": ("FLOAT", "FACE")}
 
 # Bounds are rounded up to single precision, and tolerances are kept in it: half a step each.
 SINGLE = 2.0**-23

@@ -556,10 +556,9 @@ def set_scene(rng: Random) -> None:
     units = bpy.context.scene.unit_settings
     units.system, units.scale_length = one(rng, ("NONE", "METRIC", "IMPERIAL")), float(10.0 ** rng.uniform(-3, 3))
     settings = bpy.context.scene.ccdepth
-    settings.show_heat_map, settings.show_legend = chance(rng, 0.7), chance(rng, 0.5)
+    settings.heat_map, settings.show_legend = one(rng, ("DEPTH", "DISTANCE", "NONE")), chance(rng, 0.5)
     settings.use_modifiers = chance(rng, 0.7)
-    settings.first_color_depth, settings.last_color_depth = (int(depth) for depth in rng.integers(0, 12, 2))
-    settings.distance_range = one(rng, ("LARGEST", "TOLERANCE", "FIXED"))
+    settings.distance_range = one(rng, ("TOLERANCE", "FIXED"))
 
 
 def add_scene(rng: Random) -> None:

@@ -78,10 +78,10 @@ def differences(before: Snapshot, after: Snapshot, but: Callable[[Path], bool] =
 
 
 def is_ours(path: Path) -> bool:
-    """Whether Compute Depth may change this: our attributes and record, and the heat map."""
-    if path[0] == "viewports":
-        return True
-    return path[0] == "meshes" and (path[2] in {"record", "displayed color"} or path[-1] in OURS)
+    """Whether an operator may change this: our attributes and record, and what the heat map shows."""
+    if path[0] == "scenes":
+        return path[-1] == "heat_map"
+    return path[0] == "meshes" and (path[2] == "record" or path[-1] in OURS)
 
 
 def _short(value: Any) -> str:

@@ -352,6 +352,7 @@ def test_results_of_ours_are_not_carried() -> None:
     holder.data.attributes.new("Paint", "FLOAT_COLOR", "CORNER")
     holder.data.attributes.active_color_name = "Paint"
     addon.compute(holder, tolerance=0.05)
+    bpy.ops.ccdepth.bake_colors()
     assert holder.data.attributes.active_color_name == "ccdepth_color"
     mesh = compare(holder).mesh
     assert not any(attribute.name.startswith("ccdepth") for attribute in mesh.attributes)

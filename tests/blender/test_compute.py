@@ -38,12 +38,9 @@ def test_it_writes_what_the_core_finds(method: str, vertices: str) -> None:
     np.testing.assert_array_equal(depths, result.depths)
     np.testing.assert_allclose(addon.bounds(holder), result.bounds, rtol=1e-6)
     assert addon.bounds(holder).max() <= np.float32(TOLERANCE)
-    kinds = [holder.data.attributes[name] for name in ("ccdepth", "ccdepth_bound", "ccdepth_color")]
-    assert [(kind.domain, kind.data_type) for kind in kinds] == [
-        ("FACE", "INT"),
-        ("FACE", "FLOAT"),
-        ("CORNER", "FLOAT_COLOR"),
-    ]
+    kinds = [holder.data.attributes[name] for name in ("ccdepth", "ccdepth_bound")]
+    assert [(kind.domain, kind.data_type) for kind in kinds] == [("FACE", "INT"), ("FACE", "FLOAT")]
+    assert not holder.data.color_attributes
     record = holder.data.ccdepth
     assert record.has_result
     assert (record.tolerance, record.world_tolerance) == (pytest.approx(TOLERANCE), pytest.approx(TOLERANCE))
@@ -157,11 +154,11 @@ def test_edit_mode_stays_and_writes_what_object_mode_writes_of_what_is_being_edi
         np.testing.assert_array_equal(addon.depths(holder), expected(holder))
         assert holder.data.ccdepth.faces == len(holder.data.polygons)
     assert not [mesh for mesh in bpy.data.meshes if mesh not in (first.data, second.data)]
-    written = addon.depths(first), addon.bounds(first), addon.colors(first)
+    written = addon.depths(first), addon.bounds(first)
     bpy.ops.ccdepth.clear()
     addon.compute(first, second, tolerance=TOLERANCE)
     assert first.data.ccdepth.fingerprint == fingerprint
-    for before, after in zip(written, (addon.depths(first), addon.bounds(first), addon.colors(first)), strict=True):
+    for before, after in zip(written, (addon.depths(first), addon.bounds(first)), strict=True):
         np.testing.assert_array_equal(before, after)
 
 
@@ -221,7 +218,7 @@ def test_another_result_takes_the_place_of_the_first_and_says_which_depths_are_t
     addon.compute(holder, tolerance=10 * TOLERANCE, method="SECOND_ORDER")
     assert holder.data.ccdepth.exact_faces == 0
     np.testing.assert_array_equal(addon.depths(holder), expected(holder, 10 * TOLERANCE))
-    assert len([name for name in holder.data.attributes.keys() if name.startswith("ccdepth")]) == 3  # noqa: SIM118
+    assert len([name for name in holder.data.attributes.keys() if name.startswith("ccdepth")]) == 2  # noqa: SIM118
 
 
 def test_bounds_are_never_rounded_down() -> None:

@@ -1,39 +1,34 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The colours, and the viewports that are switched to show them and put back."""
+"""The heat map: what it shows and in which colours; and that meshes, viewports and exports stay as they are."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator
-from itertools import product
 from pathlib import Path
 
+import bmesh
 import bpy
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.subdividing import subdivide
-from tests.thorough import combinations, each
+from tests.blender.test_vertices import OLD_FILE
 
 pytestmark = pytest.mark.every_blender
 
-# Viridis without its darkest quarter, evenly spaced: lighter and lighter in steps as they are seen, whatever is colour
-# blind, and never nearly the background of the dark theme.
-VIRIDIS = "3b528b 33638d 2c728e 26818e 21908c 1f9f88 28ae80 3ebc74 5dc963 82d34c abdc32 d5e21a fde725"
+colors = addon.module("state.colors")
+heat_map = addon.module("state.heat_map")
+overlay_items = addon.module("ui.overlay_items")
+Shown = heat_map.Shown
 
 
 def views() -> list[bpy.types.SpaceView3D]:
     spaces = [space for screen in bpy.data.screens for area in screen.areas for space in area.spaces]
     return [space for space in spaces if space.type == "VIEW_3D"]
-
-
-def shadings() -> list[bpy.types.View3DShading]:
-    return [view.shading for view in views()]
-
-
-def color_types() -> list[str]:
-    return [shading.color_type for shading in shadings()]
 
 
 def appearances() -> list[dict[str, object]]:
@@ -51,452 +46,286 @@ def settings(holder: bpy.types.bpy_struct) -> Iterator[tuple[str, object]]:
             yield item.identifier, tuple(value) if getattr(item, "is_array", False) else value
 
 
-def test_viewports_are_switched_once_and_restored() -> None:
-    shadings()[0].color_type = "RANDOM"
-    before, types = color_types(), [shading.type for shading in shadings()]
-    first, second = scene.add_suzanne(), scene.add_object(meshes.cube())
-    addon.compute(first, second)
-    assert set(color_types()) == {"VERTEX"}
-    addon.compute(first)
-    addon.select(first)
+# What stays as it is.
+
+
+def test_viewports_stay_as_they_are_and_so_does_a_file_that_is_opened_again(tmp_path: Path) -> None:
+    before = appearances()
+    assert len(before) > 4
+    [result] = subdivide(scene.add_suzanne(), tolerance=0.03)
+    addon.compute(result)
+    addon.measure(result, time_limit=0.1)
+    for shown in ("DEPTH", "DISTANCE", "NONE", "DEVIATION"):
+        bpy.context.scene.ccdepth.heat_map = shown
+        assert appearances() == before
+    path = str(tmp_path / "saved.blend")
+    bpy.ops.wm.save_as_mainfile(filepath=path)
+    bpy.ops.wm.open_mainfile(filepath=path, load_ui=True)
+    assert appearances() == before
+    assert bpy.context.scene.ccdepth.heat_map == "DEVIATION"
     bpy.ops.ccdepth.clear()
-    assert set(color_types()) == {"VERTEX"}
-    # Hidden results do not keep the viewports.
-    addon.compute(first)
-    second.hide_set(True)
-    bpy.ops.ccdepth.clear()
-    assert color_types() == before
-    second.hide_set(False)
-    addon.compute(second)
-    bpy.ops.ccdepth.clear()
-    assert color_types() == before
-    assert [shading.type for shading in shadings()] == types
-
-
-def test_what_was_changed_since_is_left_alone() -> None:
-    """And a viewport that shows colour attributes anyway goes on."""
-    views()[0].shading.color_type = "VERTEX"
-    opacity = views()[2].overlay.wireframe_opacity
-    addon.compute(scene.add_suzanne())
-    assert views()[2].overlay.wireframe_opacity != opacity
-    views()[1].shading.color_type, views()[2].shading.light = "OBJECT", "MATCAP"
-    bpy.context.scene.ccdepth.show_legend = False
-    for again in (bpy.ops.ccdepth.compute, bpy.ops.ccdepth.clear):
-        again()
-        assert color_types()[:2] == ["VERTEX", "OBJECT"]
-        assert views()[2].shading.light == "MATCAP"
-    overlay = views()[2].overlay
-    assert (overlay.show_wireframes, overlay.wireframe_opacity) == (False, opacity)
-
-
-def test_removed_results_do_not_keep_the_viewports() -> None:
-    """A timer puts them back, which Blender does not call in the background."""
-    before, synchronise = appearances(), addon.module("ui.heat_map")._synchronise
-    first, second = scene.add_object(meshes.cube()), scene.add_object(meshes.cube())
-    addon.compute(first, second)
-    for gone in (first, second):
-        assert set(color_types()) == {"VERTEX"}
-        bpy.data.batch_remove([gone, gone.data])
-        bpy.context.view_layer.update()
-        assert bpy.app.timers.is_registered(synchronise)
-        synchronise()
     assert appearances() == before
 
 
-def test_the_heat_map_can_be_switched_off_and_on() -> None:
-    before = color_types()
-    holder = scene.add_suzanne()
-    holder.data.attributes.new("Paint", "BYTE_COLOR", "CORNER")
-    addon.compute(holder)
-    bpy.context.scene.ccdepth.show_heat_map = False
-    assert color_types() == before
-    assert holder.data.attributes.active_color_name == "Paint"
-    addon.compute(holder)
-    assert color_types() == before
-    bpy.context.scene.ccdepth.show_heat_map = True
-    assert set(color_types()) == {"VERTEX"}
-    assert holder.data.attributes.active_color_name == "ccdepth_color"
-
-
-def test_one_colour_for_each_depth_and_for_all_corners_of_a_face() -> None:
-    first, second = scene.add_suzanne(), scene.add_object(meshes.cube())
-    addon.compute(first)
-    addon.compute(second, tolerance=1e-4)
-    assert addon.depths(first).max() < addon.depths(second).min(), "the meshes have ranges of their own"
-    for holder in (first, second):
-        assert_colored(holder, 0, 8)
-
-
-def test_corners_that_are_not_as_many_as_when_they_were_read() -> None:
-    """Somebody may edit a mesh while its depths are being computed."""
-    written = np.random.default_rng(7).random((6, 4)).astype(np.float32)
-    attributes = addon.module("exchange.result_attributes")
-    for starts in (None, 4 * np.arange(7), 3 * np.arange(7)):
-        mesh = scene.add_object(meshes.cube()).data
-        attributes.write_face_values(mesh, {attributes.COLOR_KIND: written}, face_starts=starts)
-        found = [item.color[:] for item in mesh.attributes["ccdepth_color"].data]
-        np.testing.assert_array_equal(found, np.repeat(written, 4, axis=0))
-
-
-def test_the_colours_are_those_of_viridis() -> None:
-    expected = np.array([[*bytes.fromhex(color)] for color in VIRIDIS.split()]) / 255
-    found = addon.module("state.colors").depth_colors(range(-1, 14), 0, 12)
-    np.testing.assert_allclose(found, [expected[0], *expected, expected[-1]], atol=1e-12)
-
-
-def assert_colored(holder: bpy.types.Object, first: int, last: int) -> None:
-    """The faces have the colours of their depths between these two."""
-    sizes, colors = [polygon.loop_total for polygon in holder.data.polygons], addon.colors(holder)
-    srgb = np.where(colors <= 0.0031308, 12.92 * colors, 1.055 * np.abs(colors) ** (1 / 2.4) - 0.055)[:, :3]
-    expected = addon.module("state.colors").depth_colors(addon.depths(holder), first, last)
-    # Colours are in single precision.
-    np.testing.assert_allclose(srgb, np.repeat(expected, sizes, axis=0), atol=1e-5)
-    np.testing.assert_array_equal(colors[:, 3], 1.0)
-
-
-def test_the_range_of_colours_is_the_scene_s_and_remembered(tmp_path: Path) -> None:
-    holder, settings = scene.add_suzanne(), bpy.context.scene.ccdepth
-    addon.compute(holder, tolerance=0.001)
-    before = addon.colors(holder)
-    settings.first_color_depth, settings.last_color_depth = 1, 4
-    assert_colored(holder, 1, 4)
-    addon.compute(holder, tolerance=0.001)
-    assert_colored(holder, 1, 4)
-    # Colours of a heat map that is off change when it is on again.
-    settings.show_heat_map = False
-    settings.last_color_depth = 5
-    settings.show_heat_map = True
-    assert_colored(holder, 1, 5)
-    path = str(tmp_path / "saved.blend")
+def test_a_file_of_an_earlier_version_gets_its_viewports_back_once_and_clear_removes_its_colours(
+    tmp_path: Path,
+) -> None:
+    bpy.ops.wm.open_mainfile(filepath=str(OLD_FILE), load_ui=True)
+    [view] = views()
+    # As in Blender's own file.
+    assert (view.shading.light, view.shading.color_type) == ("STUDIO", "MATERIAL")
+    assert not view.overlay.show_wireframes
+    assert view.overlay.wireframe_opacity == 1.0
+    view.shading.color_type = "VERTEX"
+    path = str(tmp_path / "again.blend")
     bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.open_mainfile(filepath=path)
-    settings, holder = bpy.context.scene.ccdepth, bpy.data.objects["Suzanne"]
-    assert (settings.first_color_depth, settings.last_color_depth) == (1, 5)
-    settings.first_color_depth, settings.last_color_depth = 0, 8
-    np.testing.assert_array_equal(addon.colors(holder), before)
-    # It is never empty.
-    settings.first_color_depth = 12
-    assert (settings.first_color_depth, settings.last_color_depth) == (12, 13)
-    settings.last_color_depth = 3
-    assert (settings.first_color_depth, settings.last_color_depth) == (2, 3)
-
-
-def test_colours_the_user_took_away_stay_away() -> None:
-    holder = scene.add_suzanne()
-    addon.compute(holder)
-    holder.data.attributes.remove(holder.data.attributes["ccdepth_color"])
-    addon.compute(scene.add_object(meshes.cube()))
-    assert "ccdepth_color" not in holder.data.attributes
-    addon.compute(holder)
-    assert "ccdepth_color" in holder.data.attributes
-
-
-def test_an_adaptive_mesh_shows_its_distances_while_the_heat_map_is_on() -> None:
-    bpy.context.scene.ccdepth.show_heat_map = False
-    [holder] = subdivide(scene.add_suzanne(), tolerance=0.03)
-    assert "ccdepth_color" not in holder.data.attributes
-    assert "VERTEX" not in color_types()
-    bpy.context.scene.ccdepth.show_heat_map = True
-    assert set(color_types()) == {"VERTEX"}
+    bpy.ops.wm.open_mainfile(filepath=path, load_ui=True)
+    assert views()[0].shading.color_type == "VERTEX"
+    holder = bpy.context.scene.objects[0]
     assert holder.data.attributes.active_color_name == "ccdepth_color"
-    module, bounds = addon.module("state.colors"), addon.bounds(holder).astype(np.float64)
-    sizes = [polygon.loop_total for polygon in holder.data.polygons]
-    record = holder.data.ccdepth
-    for color_range, top in (("TOLERANCE", record.world_tolerance), ("LARGEST", bounds.max())):
-        bpy.context.scene.ccdepth.distance_range = color_range
-        expected = np.repeat(module.to_linear(module.scale_colors(bounds / top)), sizes, axis=0)
-        # Colours are in single precision.
-        np.testing.assert_allclose(addon.colors(holder)[:, :3], expected, atol=1e-6)
     addon.select(holder)
     bpy.ops.ccdepth.clear()
     assert addon.is_untouched([holder])
+    assert holder.data.attributes.active_color_name == ""
 
 
-USERS = (
-    {},
-    {"shading.light": "MATCAP", "shading.show_cavity": True, "overlay.show_wireframes": True},
-    {"shading.light": "FLAT", "shading.show_shadows": True, "overlay.wireframe_opacity": 0.8},
-    {"shading.light": "STUDIO", "shading.color_type": "RANDOM", "overlay.wireframe_threshold": 0.3},
+def exported(path: Path) -> bytes:
+    if path.suffix == ".glb":
+        bpy.ops.export_scene.gltf(filepath=str(path), use_selection=True)
+    else:
+        bpy.ops.wm.ply_export(filepath=str(path), export_selected_objects=True)
+    return path.read_bytes()
+
+
+@pytest.mark.parametrize("suffix", [".glb", ".ply"])
+def test_exports_of_a_result_are_the_same_with_and_without_a_heat_map_and_have_no_colours(
+    tmp_path: Path, suffix: str
+) -> None:
+    [result] = subdivide(scene.add_suzanne(), tolerance=0.02)
+    bpy.context.scene.ccdepth.heat_map = "DISTANCE"
+    shown = exported(tmp_path / f"mesh{suffix}")
+    bpy.context.scene.ccdepth.heat_map = "NONE"
+    assert exported(tmp_path / f"mesh{suffix}") == shown
+    vertices = len(result.data.vertices)
+    if suffix == ".ply":
+        assert f"element vertex {vertices}\n".encode() in shown
+        assert b"red" not in shown[:1000]
+        return
+    length = int.from_bytes(shown[12:16], "little")
+    content = json.loads(shown[20 : 20 + length])
+    [[primitive]] = [mesh["primitives"] for mesh in content["meshes"]]
+    assert not any(name.startswith("COLOR") for name in primitive["attributes"])
+    # Blender splits vertices along seams of the UV map, as it does without a result.
+    bpy.ops.ccdepth.clear()
+    assert exported(tmp_path / "cleared.glb") == shown
+    assert content["accessors"][primitive["attributes"]["POSITION"]]["count"] >= vertices
+
+
+def test_update_result_does_not_bring_back_what_was_cleared() -> None:
+    [result] = subdivide(scene.add_suzanne(), tolerance=0.05)
+    bpy.ops.ccdepth.clear()
+    faces = len(result.data.polygons)
+    assert bpy.ops.ccdepth.update(tolerance=0.02, tolerance_mode="ABSOLUTE") == {"FINISHED"}
+    assert len(result.data.polygons) > faces
+    assert addon.is_untouched([result])
+
+
+# Colours.
+
+
+def oklab(srgb: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(N, 3): colours as they are seen, where distances are differences (Björn Ottosson, 2020)."""
+    linear = np.where(srgb <= 0.04045, srgb / 12.92, ((srgb + 0.055) / 1.055) ** 2.4)
+    cones = linear @ np.array(
+        [[0.4122214708, 0.2119034982, 0.0883024619], [0.5363325363, 0.6806995451, 0.2817188376],
+         [0.0514459929, 0.1073969566, 0.6299787005]]
+    )  # fmt: skip
+    return np.cbrt(cones) @ np.array(
+        [[0.2104542553, 1.9779984951, 0.0259040371], [0.7936177850, -2.4285922050, 0.7827717662],
+         [-0.0040720468, 0.4505937099, -0.8086757660]]
+    )  # fmt: skip
+
+
+# What those see who lack one kind of cones, on linear colours (Machado, Oliveira and Fernandes, 2009).
+COLOUR_BLIND = (
+    [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
+    [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
 )
 
 
-def give_users_settings() -> None:
-    """Every 3D View has others of these."""
-    for index, view in enumerate(views()):
-        view.shading.type = "SOLID"
-        for path, value in USERS[index % len(USERS)].items():
-            part, name = path.split(".")
-            setattr(getattr(view, part), name, value)
+def test_depths_have_colours_that_are_clearly_apart_and_ever_lighter() -> None:
+    """Viridis without its darkest quarter, which was used before, has steps of 0.07: three depths were like blues."""
+    ramp = colors.depth_colors(range(9))
+    seen = oklab(ramp)
+    assert (np.diff(seen[:, 0]) > 0.03).all()
+    steps = np.linalg.norm(np.diff(seen, axis=0), axis=1)
+    assert steps.min() > 0.075
+    assert steps[:3].min() > 0.11
+    for matrix in COLOUR_BLIND:
+        linear = (colors.to_linear(ramp) @ np.array(matrix).T).clip(0.0, 1.0)
+        encoded = np.where(linear <= 0.0031308, 12.92 * linear, 1.055 * linear ** (1 / 2.4) - 0.055)
+        # No less than the least of viridis, 0.044, which is made for them.
+        assert np.linalg.norm(np.diff(oklab(encoded), axis=0), axis=1).min() > 0.044
+    np.testing.assert_array_equal(colors.depth_colors([8, 9, 30]), np.tile(ramp[-1], (3, 1)))
+    assert np.linalg.norm(seen - oklab(np.array([colors.BEYOND])), axis=1).min() > 0.25
 
 
-def assert_colors_are_true() -> None:
-    for appearance in appearances():
-        assert (appearance["shading.light"], appearance["shading.color_type"]) == ("FLAT", "VERTEX")
-        assert (appearance["shading.show_shadows"], appearance["shading.show_cavity"]) == (False, False)
-    solid = [each for each in appearances() if each["shading.type"] == "SOLID"]
-    assert solid
-    assert all(each["overlay.show_wireframes"] for each in solid)
+def expected_srgb(fractions: NDArray[np.float64]) -> NDArray[np.float64]:
+    ramp = np.array([[*bytes.fromhex(color)] for color in colors.RAMP.split()]) / 255
+    found = np.stack([np.interp(fractions, np.linspace(0, 1, 9), channel) for channel in ramp.T], axis=1)
+    found[fractions > 1] = colors.BEYOND
+    return found
 
 
-@pytest.mark.parametrize("way", ["CLEAR", "SWITCH", "SAVE", "UNREGISTER", "PAINT"])
-def test_every_setting_of_every_viewport_is_restored(tmp_path: Path, way: str) -> None:
-    give_users_settings()
-    before, module = appearances(), addon.module("state.viewports")
-    assert len(before) > 4
-    addon.compute(scene.add_suzanne())
-    assert_colors_are_true()
-    if way == "SAVE":
-        path = str(tmp_path / "saved.blend")
-        bpy.ops.wm.save_as_mainfile(filepath=path)
-        bpy.ops.wm.open_mainfile(filepath=path, load_ui=True)
-        assert_colors_are_true()
-    if way in {"CLEAR", "SAVE"}:
-        bpy.ops.ccdepth.clear()
-    elif way == "SWITCH":
-        bpy.context.scene.ccdepth.show_heat_map = False
-    elif way == "PAINT":
-        bpy.ops.object.mode_set(mode="SCULPT")
-    else:
-        module.unregister()
-    try:
-        assert appearances() == before
-    finally:
-        if way == "UNREGISTER":
-            module.register()
+def test_baked_colours_are_those_of_what_is_shown() -> None:
+    [result] = subdivide(scene.add_suzanne(), tolerance=0.03)
+    settings, mesh = bpy.context.scene.ccdepth, result.data
+    sizes, bounds = [polygon.loop_total for polygon in mesh.polygons], addon.bounds(result).astype(np.float64)
+    settings.distance_top = 0.4 * float(bounds.max())
+    cases = (
+        ("DISTANCE", "TOLERANCE", bounds / np.float32(mesh.ccdepth.world_tolerance)),
+        ("DISTANCE", "FIXED", bounds / np.float32(settings.distance_top)),
+        ("DEPTH", "FIXED", addon.depths(result) / 8),
+        # Off, or where there is none of it, it is the last result.
+        ("NONE", "TOLERANCE", bounds / np.float32(mesh.ccdepth.world_tolerance)),
+        ("DEVIATION", "TOLERANCE", bounds / np.float32(mesh.ccdepth.world_tolerance)),
+    )
+    for shown, color_range, fractions in cases:
+        settings.heat_map, settings.distance_range = shown, color_range
+        assert bpy.ops.ccdepth.bake_colors() == {"FINISHED"}
+        found = addon.colors(result)
+        expected = colors.to_linear(expected_srgb(np.repeat(fractions, sizes)))
+        # Colours, and fractions between those of the ramp, are in single precision.
+        np.testing.assert_allclose(found[:, :3], expected, atol=1e-5)
+        assert (found[:, 3] == 1.0).all()
+    assert (bounds > settings.distance_top).any()
 
 
-def test_edges_are_drawn_in_solid_shading_and_of_few_faces_alone(monkeypatch: pytest.MonkeyPatch) -> None:
-    holder = scene.add_suzanne()
-    addon.compute(holder)
-    viewports, heat_map = addon.module("state.viewports"), addon.module("ui.heat_map")
-    space = next(space for space in viewports.spaces() if space.shading.type == "SOLID")
-    assert not viewports.is_amiss(space)
-    for shading_type, has_edges in (("MATERIAL", False), ("SOLID", True)):
-        space.shading.type = shading_type
-        assert viewports.is_amiss(space)
-        # As the viewport's drawing asks for.
-        heat_map.synchronise(bpy.context)
-        assert not viewports.is_amiss(space)
-        assert space.overlay.show_wireframes == has_edges
-    # Nor when the user has chosen other colours.
-    space.shading.color_type = "OBJECT"
-    heat_map.synchronise(bpy.context)
-    assert (space.shading.color_type, space.shading.light) == ("OBJECT", "STUDIO")
-    assert not space.overlay.show_wireframes
-    # Nor when there are very many faces on all meshes together.
-    monkeypatch.setattr(heat_map, "LARGEST_FACE_COUNT_WITH_EDGES", 505)
-    addon.compute(holder)
-    assert any(each["overlay.show_wireframes"] for each in appearances())
-    addon.compute(scene.add_object(meshes.cube()))
-    assert not any(each["overlay.show_wireframes"] for each in appearances())
-    assert color_types().count("VERTEX") == len(color_types()) - 1
-
-
-# Modes in which the active colours are painted on, where the user's own are active again
-
-
-COLOR = "ccdepth_color"
-MODES = ["SCULPT", "VERTEX_PAINT", "TEXTURE_PAINT"]
-
-
-def computed(*colors: str) -> bpy.types.Object:
-    """A cube with these colour attributes, the last of them active, and with a heat map that is shown."""
+def test_colours_are_baked_in_edit_mode_and_not_carried_to_results() -> None:
     holder = scene.add_object(meshes.cube(), "Cube")
-    for name in colors:
+    for name in ("First", "Second"):
         holder.data.attributes.new(name, "BYTE_COLOR", "CORNER")
-    holder.data.attributes.active_color_name = colors[-1] if colors else ""
-    holder.data.attributes.default_color_name = colors[0] if colors else ""
+    holder.data.attributes.active_color_name = "Second"
     addon.compute(holder)
-    assert active(holder) == COLOR
-    return holder
-
-
-def active(holder: bpy.types.Object) -> str:
-    return holder.data.attributes.active_color_name
-
-
-def rendered(holder: bpy.types.Object) -> str:
-    return holder.data.attributes.default_color_name
-
-
-def enter(mode: str) -> None:
-    assert bpy.ops.object.mode_set(mode=mode) == {"FINISHED"}
-
-
-@pytest.mark.parametrize(("mode", "colors"), combinations(MODES, [(), ("Paint",), ("First", "Second")]))
-def test_colours_are_put_back_for_painting_and_shown_again_afterwards(mode: str, colors: tuple[str, ...]) -> None:
-    holder = computed(*colors)
-    enter(mode)
-    assert active(holder) == (colors[-1] if colors else "")
-    results = addon.module("state.results")
-    assert results.has_heat_map(holder.data)
-    assert not results.shows_heat_map(holder.data)
-    assert {*addon.ATTRIBUTES} <= {*holder.data.attributes.keys()}
-    enter("OBJECT")
-    assert active(holder) == COLOR
-    assert results.shows_heat_map(holder.data)
-    assert rendered(holder) == (colors[0] if colors else "")
-    if colors == ("Paint",):
-        # They are put back under a new name.
-        colors = ("Painted",)
-        holder.data.attributes["Paint"].name = "Painted"
-    bpy.ops.ccdepth.clear()
-    assert active(holder) == (colors[-1] if colors else "")
-    assert rendered(holder) == (colors[0] if colors else "")
-
-
-@pytest.mark.skipif(bpy.app.version < (4, 5), reason="Blender 4.2 and 4.3 crash when they paint without a brush")
-@pytest.mark.parametrize("colors", [(), ("Paint",)])
-def test_what_is_painted_is_not_the_heat_map(colors: tuple[str, ...]) -> None:
-    holder = computed(*colors)
-    before = addon.colors(holder)
-    enter("VERTEX_PAINT")
-    if not active(holder):
-        # As the first stroke does.
-        bpy.ops.geometry.color_attribute_add(name="Paint", domain="CORNER", data_type="BYTE_COLOR")
-    bpy.ops.paint.vertex_color_set()
-    enter("OBJECT")
-    np.testing.assert_array_equal(addon.colors(holder), before)
-    bpy.ops.ccdepth.clear()
-    assert active(holder) == "Paint"
-    assert [attribute.name for attribute in holder.data.color_attributes] == ["Paint"]
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_whatever_happens_while_painting_the_user_s_colours_stay(tmp_path: Path, mode: str) -> None:
-    """Other modes, the switch of the heat map, a choice of its colours, and other users of the mesh."""
-    holder, settings = computed("Paint"), bpy.context.scene.ccdepth
-    other = scene.add_mesh(holder.data)
-    for painting in (mode, *MODES, mode):
-        enter(painting)
-        assert active(holder) == "Paint"
-    enter("EDIT")
-    assert active(holder) == COLOR
-    enter(mode)
-    for shown in (False, True):
-        settings.show_heat_map = shown
-        assert active(holder) == "Paint"
-    holder.data.attributes.active_color_name = COLOR
-    holder.data.update_tag()
-    bpy.context.view_layer.update()
-    assert active(holder) == "Paint"
-    other.location.x = 3.0
-    bpy.context.view_layer.update()
-    assert active(holder) == "Paint"
-    enter("OBJECT")
-    assert active(holder) == COLOR
-    enter(mode)
-    settings.show_heat_map = False
-    enter("OBJECT")
-    assert active(holder) == "Paint"
-    # A file that was saved while painting shows the heat map afterwards.
-    settings.show_heat_map = True
-    enter(mode)
-    path = str(tmp_path / "saved.blend")
-    bpy.ops.wm.save_as_mainfile(filepath=path)
-    bpy.ops.wm.open_mainfile(filepath=path)
-    holder = bpy.data.objects["Cube"]
-    assert active(holder) == ("Paint" if holder.mode == mode else COLOR)
-    enter("OBJECT")
-    bpy.context.view_layer.update()
-    assert active(holder) == COLOR
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_colours_that_go_while_painting_do_not_make_way_for_the_heat_map(mode: str) -> None:
-    """Before Blender 5.2, another one becomes active when the active one is removed."""
-    holder = computed("First", "Second")
-    enter(mode)
-    for name in ("Second", "First"):
-        holder.data.attributes.remove(holder.data.attributes[name])
-        bpy.context.view_layer.update()
-        assert active(holder) != COLOR
-    enter("OBJECT")
-    assert active(holder) == COLOR
-
-
-@pytest.mark.parametrize("mode", each(MODES, MODES[:1]))
-def test_viewports_are_put_back_meanwhile_unless_they_show_other_heat_maps(mode: str) -> None:
-    before = color_types()
-    holder = computed("Paint")
-    enter(mode)
-    assert color_types() == before
-    enter("OBJECT")
-    assert set(color_types()) == {"VERTEX"}
-    second = scene.add_suzanne()
-    addon.compute(second)
-    addon.select(holder)
-    enter(mode)
-    assert (active(holder), active(second)) == ("Paint", COLOR)
-    assert set(color_types()) == {"VERTEX"}
-    enter("OBJECT")
-    bpy.data.objects.remove(second)
-    shadings()[0].color_type = "OBJECT"
-    enter(mode)
-    enter("OBJECT")
-    assert color_types()[0] == "OBJECT"
-    bpy.ops.ccdepth.clear()
-    assert color_types()[0] == "OBJECT"
-
-
-@pytest.mark.parametrize("mode", MODES)
-def test_undo_and_redo_leave_the_user_s_colours_for_painting(mode: str) -> None:
-    holder = scene.add_object(meshes.cube(), "Cube")
-    holder.data.attributes.new("Paint", "BYTE_COLOR", "CORNER")
-    holder.data.attributes.active_color_name = "Paint"
-    addon.select(holder)
-    bpy.ops.ed.undo_push(message="before")
-    bpy.ops.ccdepth.compute()
-    bpy.ops.ed.undo_push(message="Compute Depth")
-    enter(mode)
-    bpy.ops.ed.undo_push(message="mode")
-    for _ in range(2):
-        bpy.ops.ed.undo()
-        shown = bpy.context.object
-        assert (active(shown), shown.mode) in ((COLOR, "OBJECT"), ("Paint", mode), ("Paint", "OBJECT"))
-    for _ in range(2):
-        bpy.ops.ed.redo()
-        shown = bpy.context.object
-        assert active(shown) == (COLOR if shown.mode == "OBJECT" else "Paint")
-
-
-# Results.
-
-
-# Each two of these, in the short suite.
-HALF = [(False, False, "NEW_OBJECT"), (False, True, "IN_PLACE"), (True, False, "IN_PLACE"), (True, True, "NEW_OBJECT")]
-
-
-@pytest.mark.parametrize("names", each([(), ("Paint",), ("First", "Second")], [(), ("First", "Second")]))
-@pytest.mark.parametrize("way", each(product([False, True], [False, True], ["NEW_OBJECT", "IN_PLACE"]), HALF))
-def test_a_result_names_no_colours_it_does_not_have(names: tuple[str, ...], way: tuple[bool, bool, str]) -> None:
-    """Whether the heat map is displayed by its switch, or because the user chose it."""
-    holder, (switched, modifier, output) = computed(*names), way
-    if modifier:
-        holder.modifiers.new("Bevel", "BEVEL")
-    if not switched:
-        bpy.context.scene.ccdepth.show_heat_map = False
-        holder.data.attributes.active_color_name = COLOR
-    holder.data.attributes.default_color_name = COLOR
-    [result] = subdivide(holder, output=output)
-    if switched:
-        assert active(result) == COLOR
-        assert rendered(result) != COLOR
-        addon.select(result)
-        bpy.ops.ccdepth.clear()
-    assert [attribute.name for attribute in result.data.color_attributes] == list(names)
-    assert active(result) in names or (not names and active(result) == "")
-    assert rendered(result) in names or (not names and rendered(result) == "")
-    if switched and names:
-        assert active(result) == names[-1]
-
-
-def test_a_result_of_a_mesh_without_active_colours_has_none() -> None:
-    holder = scene.add_object(meshes.cube(), "Cube")
-    holder.data.attributes.new("Paint", "BYTE_COLOR", "CORNER")
-    holder.data.attributes.active_color_name = holder.data.attributes.default_color_name = ""
+    with addon.edit_mode(holder):
+        assert bpy.ops.ccdepth.bake_colors() == {"FINISHED"}
+        assert holder.mode == "EDIT"
+    assert addon.colors(holder).shape == (24, 4)
+    assert holder.data.attributes.active_color_name == "ccdepth_color"
+    assert not addon.module("state.staleness").is_stale(holder.data)
     [result] = subdivide(holder)
-    assert (active(result), rendered(result)) == (COLOR, "")
-    addon.select(result)
-    bpy.ops.ccdepth.clear()
-    assert (active(result), rendered(result)) == ("", "")
+    assert [each.name for each in result.data.color_attributes] == ["First", "Second"]
+    assert result.data.attributes.active_color_name == "Second"
+    assert not bpy.ops.ccdepth.bake_colors.poll() or result.data.ccdepth.has_result
+
+
+# What is shown.
+
+
+def items(kind: Shown) -> list[str]:
+    """The names of what is drawn."""
+    bpy.context.view_layer.update()
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    return [each.evaluated.name for each in overlay_items.items(depsgraph, views()[0], kind)]
+
+
+def read(kind: Shown) -> list[object]:
+    bpy.context.view_layer.update()
+    return [each.read(kind) for each in overlay_items.items(bpy.context.evaluated_depsgraph_get(), views()[0], kind)]
+
+
+def test_the_map_goes_and_comes_with_its_object() -> None:
+    first, second = scene.add_object(meshes.cube(), "First"), scene.add_object(meshes.cube(), "Second")
+    addon.compute(first, second)
+    scene.add_object(meshes.cube(), "Without")
+    assert items(Shown.DEPTH) == items(Shown.DISTANCE) == ["First", "Second"]
+    assert items(Shown.DEVIATION) == []
+    for hidden in ("hide_viewport", "hide_set"):
+        for state, names in ((True, ["Second"]), (False, ["First", "Second"])):
+            if hidden == "hide_set":
+                first.hide_set(state)
+            else:
+                first.hide_viewport = state
+            assert items(Shown.DEPTH) == names
+    first.display_type = "WIRE"
+    assert items(Shown.DEPTH) == ["Second"]
+
+
+def test_measured_against_another_only_what_was_measured_is_shown() -> None:
+    target, measured = scene.add_object(meshes.cube(), "Target"), scene.add_object(meshes.cube(), "Measured")
+    addon.compute(target)
+    addon.measure(measured, target, time_limit=0.1)
+    assert items(Shown[bpy.context.scene.ccdepth.heat_map]) == ["Measured"]
+
+
+def test_modifiers_instances_and_shape_keys_are_shown_as_they_are_drawn() -> None:
+    holder = scene.add_object(meshes.landscape(3, 2), "Land")
+    addon.compute(holder, tolerance=1e-3)
+    assert len(np.unique(addon.depths(holder))) > 1
+    holder.modifiers.new("Array", "ARRAY").count = 2
+    scene.add_subdivision(holder, 1)
+    holder.shape_key_add(name="Basis")
+    holder.shape_key_add(name="Key", from_mix=False).data[0].co.z += 1.0
+    holder.data.shape_keys.key_blocks["Key"].value = 1.0
+    collection = bpy.data.collections.new("Instanced")
+    collection.objects.link(holder)
+    instance = bpy.data.objects.new("Instance", None)
+    instance.instance_type, instance.instance_collection = "COLLECTION", collection
+    instance.location.x = 10.0
+    bpy.context.scene.collection.objects.link(instance)
+    bpy.context.view_layer.update()
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    found = [
+        (each.key, each.matrix.copy(), each.read(Shown.DEPTH))
+        for each in overlay_items.items(depsgraph, views()[0], Shown.DEPTH)
+    ]
+    assert len(found) == 2
+    assert found[0][0] == found[1][0]
+    assert sorted(matrix.translation.x for _, matrix, _ in found) == [0.0, 10.0]
+    evaluated = holder.evaluated_get(depsgraph).to_mesh()
+    evaluated.calc_loop_triangles()
+    mesh = found[0][2]
+    assert mesh.triangles.tolist() == [list(triangle.loops) for triangle in evaluated.loop_triangles]
+    places = [tuple(evaluated.vertices[loop.vertex_index].co) for loop in evaluated.loops]
+    np.testing.assert_array_equal(mesh.corners, np.array(places, dtype=np.float32))
+    assert len(mesh.edges) == len(evaluated.edges)
+    depths = addon.depths(holder)
+    assert len(evaluated.polygons) == 2 * 4 * len(depths)
+    np.testing.assert_array_equal(np.unique(mesh.values, return_counts=True)[1] % (2 * 4 * 4), 0)
+
+
+def test_objects_that_look_alike_are_kept_once() -> None:
+    first, other = scene.add_object(meshes.cube()), scene.add_object(meshes.cube())
+    addon.compute(first, other)
+    duplicate, bent = scene.add_mesh(first.data), scene.add_mesh(first.data)
+    bent.modifiers.new("Bend", "SIMPLE_DEFORM")
+    bpy.context.view_layer.update()
+    depsgraph = bpy.context.evaluated_depsgraph_get()
+    found = overlay_items.items(depsgraph, views()[0], Shown.DEPTH)
+    keys = {each.evaluated.name: each.key for each in found}
+    assert keys[first.name] == keys[duplicate.name]
+    assert len({keys[each.name] for each in (first, other, bent)}) == 3
+
+
+def test_edit_mode_shows_what_is_edited_without_hidden_faces() -> None:
+    holder = scene.add_object(meshes.cube(), "Cube")
+    addon.compute(holder)
+    with addon.edit_mode(holder):
+        edited = bmesh.from_edit_mesh(holder.data)
+        edited.faces.ensure_lookup_table()
+        edited.faces[0].hide_set(True)
+        bmesh.update_edit_mesh(holder.data)
+        [mesh] = read(Shown.DEPTH)
+        assert (len(mesh.triangles), len(mesh.values)) == (10, 24)
+    [mesh] = read(Shown.DEPTH)
+    assert len(mesh.triangles) == 12
+
+
+def test_attributes_that_are_not_ours_are_not_shown() -> None:
+    holder = scene.add_object(meshes.cube())
+    holder.data.attributes.new("ccdepth", "FLOAT", "POINT")
+    assert read(Shown.DEPTH) == [None]
+    holder.data.attributes.remove(holder.data.attributes["ccdepth"])
+    holder.data.attributes.new("ccdepth", "INT", "FACE")
+    [mesh] = read(Shown.DEPTH)
+    assert mesh.values.tolist() == 24 * [0]

@@ -111,10 +111,9 @@ def test_what_is_proved_is_rounded_up_and_what_is_reached_down() -> None:
     mesh, third = subdivided_cube().data, 1.0 / 3.0
     tasks, write = addon.module("tasks.deviation_task"), addon.module("state.deviation_results").write_record
     answer = tasks.MeshDeviation(0, ["Cube"], "Cube", 1.0, np.zeros(6), third, third, True, False, 0, np.zeros(3))
-    write(mesh, answer, tasks.MeasureSettings(1.0, "ABSOLUTE", True, 0.1, 1.0), third, third)
+    write(mesh, answer, tasks.MeasureSettings(1.0, "ABSOLUTE", True, 0.1, 1.0))
     record = mesh.ccdepth
     assert record.deviation_reached < third < record.deviation
-    assert min(record.measurement.largest_shown, record.color_range[1]) > third
 
 
 def test_what_is_left_open_comes_from_the_scene() -> None:
@@ -151,7 +150,6 @@ def test_both_modes_measure_the_same(editing: bool) -> None:
         assert bpy.ops.ccdepth.measure(tolerance=0.5, tolerance_mode="ABSOLUTE", time_limit=0.5) == {"FINISHED"}
     assert_holds(holder.data.ccdepth, (2.0 if editing else 1.0) * CORNER_OF_CUBE)
     assert addon.deviations(holder).max() == pytest.approx(holder.data.ccdepth.deviation)
-    assert addon.colors(holder).shape == (24, 4)
 
 
 @pytest.mark.parametrize("order", [(1.0, 0.0), (0.0, 1.0)])
@@ -165,8 +163,6 @@ def test_of_several_the_others_are_measured_against_the_active_one(order: tuple[
     assert near.data.ccdepth.deviation_reached < 0.1
     assert moved.data.ccdepth.deviation > 0.5
     assert len(addon.deviations(first)) == len(first.data.polygons)
-    for each in (near, moved):
-        assert each.data.ccdepth.measurement.largest_shown == pytest.approx(moved.data.ccdepth.deviation)
     # Select Worst Face
     for holder in (near, moved):
         holder.data.polygons.foreach_set("select", np.zeros(len(holder.data.polygons), dtype=bool))
@@ -312,37 +308,17 @@ def test_what_was_measured_against_the_active_object_is_shown() -> None:
 
 
 def test_the_heat_map_shows_what_was_done_last() -> None:
-    holder = subdivided_cube()
-    addon.compute(holder, tolerance=0.1)
-    depth_colors = addon.colors(holder)
+    holder, settings = subdivided_cube(), bpy.context.scene.ccdepth
+    heat_map = addon.module("state.heat_map")
+    for _ in range(2):
+        addon.compute(holder, tolerance=0.1)
+        assert (settings.heat_map, heat_map.last_result(holder.data)) == ("DEPTH", heat_map.Shown.DEPTH)
+        addon.measure(holder, time_limit=0.1)
+        assert (settings.heat_map, heat_map.last_result(holder.data)) == ("DEVIATION", heat_map.Shown.DEVIATION)
+    assert {*addon.ATTRIBUTES, "ccdepth_deviation"} <= {*holder.data.attributes.keys()}
+    settings.heat_map = "NONE"
     addon.measure(holder, time_limit=0.1)
-    assert holder.data.ccdepth.shows_deviation
-    assert not np.array_equal(addon.colors(holder), depth_colors)
-    assert holder.data.attributes.active_color_name == "ccdepth_color"
-    deviations, depths = addon.deviations(holder), addon.depths(holder)
-    addon.compute(holder, tolerance=0.1)
-    np.testing.assert_array_equal(addon.colors(holder), depth_colors)
-    np.testing.assert_array_equal(addon.deviations(holder), deviations)
-    np.testing.assert_array_equal(addon.depths(holder), depths)
-    assert not holder.data.ccdepth.shows_deviation
-
-
-@in_both_modes
-def test_colours_stand_for_deviations(editing: bool) -> None:
-    source = subdivided_cube(2)
-    other = scene.add_object(meshes.landscape(3, 2), "Other")
-    addon.measure(other, source, tolerance=0.75)
-    module, values = addon.module("state.colors"), addon.deviations(other).astype(np.float64)
-    sizes = [polygon.loop_total for polygon in other.data.polygons]
-    bpy.context.scene.ccdepth.distance_top = 0.5
-    for color_range, top in (("TOLERANCE", 0.75), ("FIXED", 0.5), ("LARGEST", values.max())):
-        with mode(other, editing=editing):
-            bpy.context.scene.ccdepth.distance_range = color_range
-        expected = module.to_linear(module.scale_colors(values / top))
-        np.testing.assert_allclose(addon.colors(other)[:, :3], np.repeat(expected, sizes, axis=0), atol=1e-6)
-    assert values.max() > 0.75
-    beyond = module.scale_colors(np.array([1.5]))[0]
-    assert np.abs(module.VIRIDIS_COLORS - beyond).sum(axis=1).min() > 0.3
+    assert settings.heat_map == "NONE"
 
 
 @in_both_modes

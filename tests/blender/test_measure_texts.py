@@ -6,7 +6,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Generator
 from decimal import Decimal
-from itertools import pairwise, product
+from itertools import pairwise
 from typing import Any
 
 import bpy
@@ -133,35 +133,17 @@ def test_round_numbers_are_few_and_reach_far(top: str) -> None:
     assert numbers[-1] <= Decimal(top) < numbers[-1] + step
 
 
-@pytest.mark.parametrize("color_range", ["LARGEST", "TOLERANCE"])
-def test_marks_have_room(color_range: str) -> None:
-    gap, to_tolerance = 0.1, color_range == "TOLERANCE"
-    for largest in (0.5, 1.0, 1.01, 2.0, 30.0):
-        top = 1.0 if to_tolerance else largest
-        shown = distance_scale.distances(bpy.context.scene, top, 1.0, largest, color_range.lower())
-        scale = distance_scale.distance_scale("Deviation", shown, gap)
-        assert scale.title == "Deviation (m)"
-        heights = [mark.label_height for mark in scale.marks]
-        # A mark may be moved by just the gap.
+@pytest.mark.parametrize("top", ["0.5", "1", "1.02", "3", "40"])
+def test_marks_have_room_and_the_tolerance_has_one_where_it_is_on_the_scale(top: str) -> None:
+    gap = 0.1
+    for has_beyond in (False, True):
+        scale = distance_scale.distance_scale(Decimal(top), Decimal(1), gap, has_beyond=has_beyond)
+        heights = [mark.height for mark in scale.marks]
+        # Heights are rounded to double precision.
         assert all(later - earlier > gap - 1e-9 for earlier, later in pairwise(heights))
-        assert {mark.note for mark in scale.marks} >= {"tolerance", "largest"}
-        assert scale.has_beyond == (to_tolerance and largest > 1.0)
-        (tolerance,) = (mark for mark in scale.marks if mark.note == "tolerance")
-        assert tolerance.number == "1"
-        assert tolerance.height == pytest.approx(1.0 if to_tolerance else 1.0 / largest)
-
-
-def test_what_is_within_the_tolerance_is_not_written_as_more() -> None:
-    values = ((0.011326, 0.011318), (0.0036389, 0.0036389), (0.5, 0.49999), (0.1, 0.10001))
-    for end, (tolerance, largest) in product(("largest", "tolerance", ""), values):
-        top = {"largest": largest, "tolerance": tolerance, "": 1.0}[end]
-        shown = distance_scale.distances(bpy.context.scene, top, tolerance, largest, end)
-        marks = distance_scale.distance_scale("Proved Distance", shown, 0.05).marks
-        written = {mark.note: Decimal(mark.number) for mark in marks if mark.note}
-        if len(written) == 2:
-            assert (written["largest"] <= written["tolerance"]) == (largest <= tolerance)
-        # On a scale that ends at neither there may be room for one alone.
-        assert len(written) == 2 or not end
+        assert (min(heights), scale.has_beyond) == (0.0 if top != "40" else pytest.approx(0.025), has_beyond)
+        tolerance = [mark.height for mark in scale.marks if mark.note == "tolerance"]
+        assert tolerance == ([] if top == "0.5" else [pytest.approx(1 / float(top))])
 
 
 # Work in a thread.

@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.subdividing import subdivide
-from tests.thorough import each
 
 picture = addon.module("command_line.picture")
 colors = addon.module("state.colors")
@@ -67,6 +66,7 @@ def test_the_legend_has_the_exact_colour_of_every_depth_and_the_file_stays_as_it
     before, engine = contents(), bpy.context.scene.render.engine
     _, legend = split(render(tmp_path / "picture.png", suzanne))
     assert contents() == before
+    assert not suzanne.data.color_attributes
     assert (bpy.context.scene.render.engine, len(suzanne.modifiers)) == (engine, 2)
     depths = addon.histogram(suzanne)
     assert len(depths) > 2
@@ -90,9 +90,7 @@ def test_faces_have_the_hues_of_their_depths(tmp_path: Path) -> None:
     assert np.quantile(shades, 0.98) < 1.02
 
 
-@pytest.mark.parametrize("heat_map", each([False, True], [False]))
-def test_an_adaptive_mesh_has_the_colours_of_its_distances(tmp_path: Path, heat_map: bool) -> None:
-    bpy.context.scene.ccdepth.show_heat_map = heat_map
+def test_an_adaptive_mesh_has_the_colours_of_its_distances(tmp_path: Path) -> None:
     [result] = subdivide(scene.add_object(meshes.cube()), tolerance=0.2)
     objects, legend = split(render(tmp_path / "picture.png", result))
     for fraction in (0.0, 0.25, 0.5, 0.75, 1.0):
@@ -101,7 +99,11 @@ def test_an_adaptive_mesh_has_the_colours_of_its_distances(tmp_path: Path, heat_
         assert count_color(legend, color) > 40
     bounds = addon.bounds(result).astype(np.float64)
     shades = np.concatenate(
-        [colors.to_linear(color) * shade for color in colors.scale_colors(bounds / bounds.max()) for shade in SHADES]
+        [
+            colors.to_linear(color) * shade
+            for color in colors.scale_colors(bounds / result.data.ccdepth.world_tolerance)
+            for shade in SHADES
+        ]
     ).reshape(-1, 3)
     seen = colors.to_linear(objects[colorful(objects)].astype(np.float64))[::200]
     nearest = np.abs(seen[:, None] - shades[None]).max(axis=2).min(axis=1)

@@ -252,7 +252,6 @@ def assert_everything_else_is_there(result: bpy.types.Object, attributes: list[s
     weights = [entry.weight for vertex in mesh.vertices for entry in vertex.groups]
     assert 0 < max(weights) <= 0.5
     assert mesh["note"] == 3
-    bpy.context.scene.ccdepth.show_heat_map = False
     assert mesh.attributes.active_color_name == "Color"
     assert mesh.uv_layers.active.name == "Map"
     known = {*addon.ATTRIBUTES, *attributes}

@@ -7,7 +7,8 @@ The window is the test's to use; nothing here presses a button. The report goes 
 the first frames is shown, and depths are those of all of them.
 
 Files beside the report ask for more: one whose name ends in ``.adjust`` holds a tolerance to do the last operation
-again with; one that ends in ``.change`` holds a relative tolerance for the scene, and has all results kept updated.
+again with; one that ends in ``.change`` holds a relative tolerance for the scene, and has all results kept updated; one
+that ends in ``.state`` holds the name of a state of the 3D View.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from mathutils import Euler
 REPORT = Path(os.environ["CCDEPTH_WINDOW_REPORT"])
 ADJUST = REPORT.with_suffix(".adjust")
 CHANGE = REPORT.with_suffix(".change")
+STATE = REPORT.with_suffix(".state")
 TOLERANCE = os.environ.get("CCDEPTH_WINDOW_TOLERANCE", "")
 FACE_LIMIT = os.environ.get("CCDEPTH_WINDOW_FACE_LIMIT", "")
 LAST_FRAME = os.environ.get("CCDEPTH_WINDOW_LAST_FRAME", "")
@@ -149,12 +151,47 @@ def observe() -> dict[str, Any]:
         "rows": {row.depth: row.faces for row in record.rows},
         "attributes": {item.name: [item.data_type, item.domain] for item in attributes if "ccdepth" in item.name},
         "depths": [item.value for item in attributes["ccdepth"].data] if "ccdepth" in attributes else [],
-        "color_type": area.spaces.active.shading.color_type,
-        "light": area.spaces.active.shading.light,
-        "edges": area.spaces.active.overlay.show_wireframes,
+        "viewports": appearances(),
         "objects": {holder.name: describe(holder) for holder in bpy.data.objects if holder.type == "MESH"},
         "running": [operator.bl_idname for operator in window.modal_operators],
     }
+
+
+def appearances() -> list[list[str]]:
+    """Of every 3D View of the file, what shows of its shading and its overlays."""
+    spaces = [space for screen in bpy.data.screens for area in screen.areas for space in area.spaces]
+    views = [(space.shading, space.overlay) for space in spaces if space.type == "VIEW_3D"]
+    return [[seen.type, seen.light, seen.color_type, str(overlay.show_wireframes)] for seen, overlay in views]
+
+
+def show(state: str) -> None:
+    """Put the 3D View into a state, by its name; each of the shadings follows the one before."""
+    window, area, regions = viewport()
+    space, suzanne = area.spaces.active, bpy.data.objects["Suzanne"]
+    with bpy.context.temp_override(window=window, area=area, region=regions["WINDOW"]):
+        if state in {"hidden", "shown"}:
+            suzanne.hide_set(state == "hidden")
+        elif state in {"overlays", "no overlays"}:
+            space.overlay.show_overlays = state == "overlays"
+        elif state == "material":
+            space.shading.type = "MATERIAL"
+        elif state == "in front":
+            space.shading.type, suzanne.show_in_front = "SOLID", True
+        elif state == "edit":
+            bpy.context.view_layer.objects.active = suzanne
+            bpy.ops.object.mode_set(mode="EDIT")
+            bpy.ops.mesh.select_all(action="DESELECT")
+        elif state == "quad":
+            bpy.ops.object.mode_set(mode="OBJECT")
+            bpy.ops.screen.region_quadview()
+        elif state == "x-ray":
+            bpy.ops.screen.region_quadview()
+            space.shading.show_xray = True
+        elif state == "wireframe":
+            space.shading.type, space.shading.show_xray_wireframe = "WIREFRAME", False
+        elif state == "none":
+            bpy.context.scene.ccdepth.heat_map = "NONE"
+    area.tag_redraw()
 
 
 def adjust(tolerance: float) -> None:
@@ -180,6 +217,10 @@ def tell() -> float:
         tolerance = float(CHANGE.read_text())
         CHANGE.unlink()
         change(tolerance)
+    if STATE.exists():
+        state = STATE.read_text()
+        STATE.unlink()
+        show(state)
     if ADJUST.exists():
         tolerance = float(ADJUST.read_text())
         ADJUST.unlink()

@@ -1,0 +1,56 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bake to Colour Attribute."""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import bpy
+
+from ..exchange.result_attributes import COLOR
+from ..state import heat_map
+from ..state.heat_map import Shown
+from ..tasks.surfaces import naming
+from . import edit_mode
+from .quick_operator import QuickOperator
+from .selected_meshes import refuse_what_cannot_be_written, selected_meshes
+
+
+class CCDEPTH_OT_bake_colors(QuickOperator):
+    """Make a colour attribute of what the heat map shows, for renders and other programs, and display it.
+    It stays as it is until it is baked again or cleared"""
+
+    bl_idname = "ccdepth.bake_colors"
+    bl_label = "Bake to Color Attribute"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if not super().poll(context):
+            return False
+        if not any(_kind(each.data, context) for each in selected_meshes(context)):
+            cls.poll_message_set("Compute Depth first")
+            return False
+        return True
+
+    def act(self, context: bpy.types.Context) -> set[str]:
+        holders = {each.data: each for each in selected_meshes(context) if _kind(each.data, context)}
+        refuse_what_cannot_be_written([*holders.values()])
+        edited = edit_mode.leave(context)
+        try:
+            for mesh, holder in holders.items():
+                kind = _kind(mesh, context)
+                assert kind is not None
+                with naming(holder.name):
+                    tolerance = heat_map.tolerance_of(mesh, kind)
+                    heat_map.write_colors(mesh, kind, tolerance, context.scene.ccdepth)
+        finally:
+            edit_mode.enter(context, edited)
+        self.report({"INFO"}, f"Baked to “{COLOR}”")
+        return {"FINISHED"}
+
+
+def _kind(mesh: bpy.types.Mesh, context: bpy.types.Context) -> Shown | None:
+    """What the heat map shows of the mesh, or else its last result."""
+    kind = heat_map.shown(context.scene.ccdepth)
+    return kind if kind is not None and heat_map.has_shown(mesh, kind) else heat_map.last_result(mesh)

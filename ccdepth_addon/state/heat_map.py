@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the heat map shows, and which colour stands for which value."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..exchange import result_attributes
+from ..exchange.result_attributes import (
+    BOUND_KIND,
+    DEPTH_KIND,
+    DEVIATION_KIND,
+    AttributeKind,
+    read_face_values,
+    rounded_up,
+)
+from . import results, viewports
+from .colors import LAST_DEPTH, scale_colors, to_linear
+
+Values = NDArray[np.int32] | NDArray[np.float32]
+
+
+class Shown(Enum):
+    """What colours stand for, by its name in the scene's setting, and the title of its legend."""
+
+    DEPTH = "Levels Needed"
+    DISTANCE = "Proved Distance"
+    DEVIATION = "Deviation"
+
+    @property
+    def values(self) -> AttributeKind:
+        """The attribute that has them."""
+        return {Shown.DEPTH: DEPTH_KIND, Shown.DISTANCE: BOUND_KIND, Shown.DEVIATION: DEVIATION_KIND}[self]
+
+
+def shown(settings: bpy.types.PropertyGroup) -> Shown | None:
+    """What the scene's heat map shows."""
+    return Shown.__members__.get(settings.heat_map)
+
+
+def show(context: bpy.types.Context, kind: Shown) -> None:
+    """Have the scene's heat map show what was made just now, unless it is off."""
+    settings = context.scene.ccdepth
+    if shown(settings) is not None:
+        settings.heat_map = kind.name
+    viewports.redraw(context)
+
+
+def last_result(mesh: bpy.types.Mesh) -> Shown | None:
+    """What to show of a mesh alone: its last result; of an adaptive mesh the distances, as it needs no more levels."""
+    if results.is_deviation_last(mesh):
+        return Shown.DEVIATION
+    if not results.has_result(mesh):
+        return None
+    return Shown.DISTANCE if mesh.ccdepth.subdivision else Shown.DEPTH
+
+
+def has_shown(mesh: bpy.types.Mesh, kind: Shown) -> bool:
+    """Whether the mesh has a result of that kind, with its record."""
+    return results.has_deviation(mesh) if kind is Shown.DEVIATION else results.has_result(mesh)
+
+
+def tolerance_of(mesh: bpy.types.Mesh, kind: Shown) -> float:
+    """The tolerance of that result, as a length in the scene; 0 where there is no record."""
+    record = mesh.ccdepth
+    return float((record.measurement if kind is Shown.DEVIATION else record).world_tolerance)
+
+
+def top(kind: Shown, tolerance: float, settings: bpy.types.PropertyGroup) -> float:
+    """The value that has the last colour, in single precision; never 0."""
+    if kind is Shown.DEPTH:
+        return float(LAST_DEPTH)
+    # The largest value of an attribute, rounded up to single precision, is not beyond it.
+    return float(rounded_up(settings.distance_top if settings.distance_range == "FIXED" else tolerance)) or 1.0
+
+
+def on_scale(kind: Shown, values: Values) -> NDArray[np.float32]:
+    """Values of an attribute as the scale has them: depths deeper than the last are like it."""
+    return (values.clip(0, LAST_DEPTH) if kind is Shown.DEPTH else values).astype(np.float32)
+
+
+def face_colors(
+    mesh: bpy.types.Mesh, kind: Shown, tolerance: float, settings: bpy.types.PropertyGroup
+) -> NDArray[np.float32]:
+    """(F, 4) linear, opaque: the colours of the values on the mesh."""
+    values = on_scale(kind, read_face_values(mesh, kind.values))
+    linear = to_linear(scale_colors(values / np.float32(top(kind, tolerance, settings))))
+    return np.concatenate([linear, np.ones((len(linear), 1))], axis=1).astype(np.float32)
+
+
+def write_colors(mesh: bpy.types.Mesh, kind: Shown, tolerance: float, settings: bpy.types.PropertyGroup) -> None:
+    """Write the colours to the mesh as a colour attribute, in Object Mode. Raises WriteError, with nothing changed."""
+    result_attributes.write_colors(mesh, face_colors(mesh, kind, tolerance, settings))

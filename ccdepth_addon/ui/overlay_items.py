@@ -1,0 +1,77 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What the overlay draws in a 3D View: every visible mesh, and every instance of one, that has values."""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterator
+from dataclasses import dataclass
+
+import bpy
+from mathutils import Matrix
+
+from ..exchange.displayed_mesh import DisplayedMesh, read_displayed_mesh
+from ..state.heat_map import Shown, tolerance_of
+
+# Objects that are drawn as less than their faces have none to draw over.
+FACES_DRAWN = {"SOLID", "TEXTURED"}
+
+
+@dataclass(frozen=True)
+class Item:
+    """An evaluated object to draw, which is there only until the next one.
+
+    key: the same for objects that look the same. owner: the session identifier of the object whose changes change it.
+    tolerance: that of its values, as a length in the scene. in_front, is_edited: of the object that is seen.
+    """
+
+    evaluated: bpy.types.Object
+    key: Hashable
+    owner: int
+    matrix: Matrix
+    tolerance: float
+    in_front: bool
+    is_edited: bool
+
+    def read(self, kind: Shown) -> DisplayedMesh | None:
+        """What is drawn of it."""
+        # This completes what Blender evaluates late, as in Edit Mode and where the graphics card subdivides.
+        mesh = self.evaluated.to_mesh()
+        try:
+            return read_displayed_mesh(mesh, kind.values, with_hidden=self.evaluated.mode == "OBJECT")
+        finally:
+            self.evaluated.to_mesh_clear()
+
+
+def items(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D, kind: Shown) -> Iterator[Item]:
+    """All that is to be drawn in a 3D View."""
+    for instance in depsgraph.object_instances:
+        evaluated = instance.object
+        if evaluated.type != "MESH" or not instance.show_self or not _may_have_values(evaluated, kind):
+            continue
+        original = evaluated.original
+        seen = instance.parent.original if instance.is_instance else original
+        if seen.visible_in_viewport_get(space) and seen.display_type in FACES_DRAWN:
+            is_own = instance.is_instance and original == seen
+            key, owner = _key(evaluated, is_own=is_own), (seen if is_own else original).session_uid
+            tolerance = tolerance_of(original.data, kind)
+            matrix = instance.matrix_world.copy()
+            yield Item(evaluated, key, owner, matrix, tolerance, seen.show_in_front, seen.mode == "EDIT")
+
+
+def _may_have_values(evaluated: bpy.types.Object, kind: Shown) -> bool:
+    """Whether an object's mesh has values, or has had them before modifiers or while it is edited."""
+    name = kind.values.name
+    original = evaluated.original.data
+    return name in evaluated.data.attributes or (isinstance(original, bpy.types.Mesh) and name in original.attributes)
+
+
+def _key(evaluated: bpy.types.Object, *, is_own: bool) -> Hashable:
+    """What tells apart objects that look different.
+
+    is_own: whether the object was made by the modifiers of the one that is seen, as an instance.
+    """
+    original = evaluated.original
+    if is_own:
+        return original.session_uid, evaluated.data.session_uid, evaluated.data.name
+    shares_its_look = not original.modifiers and original.data.shape_keys is None
+    return (original.data if shares_its_look else original).session_uid, evaluated.mode == "OBJECT"
