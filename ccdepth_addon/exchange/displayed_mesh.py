@@ -19,18 +19,23 @@ MOST_EDGES = 400_000
 @dataclass(frozen=True)
 class DisplayedMesh:
     """corners: (C, 3) float32, the place of each corner of a face. values: (C,), that of its face. triangles: (T, 3)
-    int32, of corners. edges: (E, 2, 3) float32, the ends of those that faces have; none of a very large mesh."""
+    int32, of corners. chosen: (S, 3), those of selected faces, where they are wanted. edges: (E, 2, 3) float32, the
+    ends of those that faces have; none of a very large mesh."""
 
     corners: NDArray[np.float32]
     values: NDArray[np.int32] | NDArray[np.float32]
     triangles: NDArray[np.int32]
+    chosen: NDArray[np.int32]
     edges: NDArray[np.float32]
 
 
-def read_displayed_mesh(mesh: bpy.types.Mesh, kind: AttributeKind, *, with_hidden: bool) -> DisplayedMesh | None:
+def read_displayed_mesh(
+    mesh: bpy.types.Mesh, kind: AttributeKind, *, with_hidden: bool, with_chosen: bool
+) -> DisplayedMesh | None:
     """What a viewport draws of an evaluated mesh; None where it has no such values.
 
-    with_hidden: whether hidden faces are drawn as well, as they are in Object Mode.
+    with_hidden: whether hidden faces are drawn as well, as they are in Object Mode. with_chosen: whether selected ones
+    are told apart.
     """
     face_count, corner_count = len(mesh.polygons), len(mesh.loops)
     if not has_values(mesh, kind) or not 0 < face_count == len(mesh.attributes[kind.name].data):
@@ -46,10 +51,14 @@ def read_displayed_mesh(mesh: bpy.types.Mesh, kind: AttributeKind, *, with_hidde
     if not with_hidden and ".hide_poly" in mesh.attributes:
         shown = np.repeat(~read_values(mesh.polygons, "hide", np.bool_), sizes)
         triangles = np.ascontiguousarray(triangles[shown[triangles[:, 0]]])
+    chosen = triangles[:0]
+    if with_chosen:
+        selected = np.repeat(read_values(mesh.polygons, "select", np.bool_), sizes)
+        chosen = np.ascontiguousarray(triangles[selected[triangles[:, 0]]])
     edges = np.empty((0, 2, 3), dtype=np.float32)
     if len(mesh.edges) <= MOST_EDGES:
         of_faces = np.zeros(len(mesh.edges), dtype=np.bool_)
         of_faces[read_built_in(mesh.attributes, ".corner_edge", "value", np.int32)[shown]] = True
         ends = read_built_in(mesh.attributes, ".edge_verts", "value", np.int32, 2)[of_faces]
         edges = positions[ends]
-    return DisplayedMesh(positions[corner_vertices], values, triangles, edges)
+    return DisplayedMesh(positions[corner_vertices], values, triangles, chosen, edges)

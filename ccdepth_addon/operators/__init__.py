@@ -11,6 +11,7 @@ from .clear import CCDEPTH_OT_clear
 from .compute_depth import CCDEPTH_OT_compute
 from .copy_value import CCDEPTH_OT_copy_value
 from .count_faces import CCDEPTH_OT_count_faces
+from .edit_faces import CCDEPTH_OT_edit_faces
 from .find_tolerance import CCDEPTH_OT_find_tolerance
 from .invalid_faces import CCDEPTH_OT_repair, CCDEPTH_OT_select_invalid
 from .measure_deviation import CCDEPTH_OT_measure
@@ -39,6 +40,7 @@ CLASSES = (
     CCDEPTH_OT_tolerance_preset_add,
     CCDEPTH_OT_measure,
     CCDEPTH_OT_select_worst,
+    CCDEPTH_OT_edit_faces,
     CCDEPTH_OT_select_invalid,
     CCDEPTH_OT_repair,
     CCDEPTH_OT_copy_value,

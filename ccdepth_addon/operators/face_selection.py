@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..core import BoolArray, IndexArray
 from ..exchange.bulk_reading import read_values
 from ..exchange.result_attributes import DEPTH
+from ..state import chosen_faces
 
 COMPARISONS = {"EQUAL": eq, "AT_LEAST": ge, "AT_MOST": le}
 
@@ -29,6 +30,13 @@ def selection_fault(mesh: bpy.types.Mesh) -> str | None:
         if attribute is not None and (attribute.data_type, attribute.domain) != ("BOOLEAN", domain):
             return f"the mesh has an attribute called “{name}” that is not a selection; remove it first"
     return None
+
+
+def choose_face_mode(context: bpy.types.Context) -> None:
+    """Set the select mode of Edit Mode, while it is on: with vertices or edges selected instead, faces between the
+    wanted ones would be selected as well."""
+    if context.mode == "EDIT_MESH":
+        context.tool_settings.mesh_select_mode = (False, False, True)
 
 
 def select_faces(mesh: bpy.types.Mesh, depth: int, comparison: str, *, extend: bool) -> int:
@@ -55,6 +63,7 @@ def _select_only(mesh: bpy.types.Mesh, faces: BoolArray) -> None:
         touched[read_values(mesh.attributes[attribute].data, "value", np.int32)[corners]] = True
         getattr(mesh, name).foreach_set("select", touched)
     mesh.polygons.foreach_set("select", faces)
+    chosen_faces.note(mesh)
     mesh.update()
 
 

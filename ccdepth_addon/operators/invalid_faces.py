@@ -38,8 +38,7 @@ class CCDEPTH_OT_select_invalid(QuickOperator):
             self.report({"WARNING"}, f"{count_text(found - selected, 'invalid face is', 'invalid faces are')} hidden")
         if not selected:
             return {"CANCELLED"}
-        # With vertices or edges selected instead, faces between the wanted ones would be selected as well.
-        context.tool_settings.mesh_select_mode = (False, False, True)
+        face_selection.choose_face_mode(context)
         self.report({"INFO"}, f"{count_text(selected, 'invalid face', 'invalid faces')} selected")
         return {"FINISHED"}
 

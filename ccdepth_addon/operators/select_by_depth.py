@@ -50,7 +50,6 @@ class CCDEPTH_OT_select(QuickOperator):
         selected = 0
         for mesh in meshes:
             selected += face_selection.select_faces(mesh, self.depth, self.comparison, extend=self.extend)
-        # With vertices or edges selected instead, faces between the wanted ones would be selected as well.
-        context.tool_settings.mesh_select_mode = (False, False, True)
+        face_selection.choose_face_mode(context)
         self.report({"INFO"}, f"{count_text(selected, 'face', 'faces')} selected")
         return {"FINISHED"}

@@ -66,7 +66,7 @@ class CCDEPTH_OT_select_worst(QuickOperator):
         if not face_selection.select_these(mesh, np.array([found.worst_face])):
             self.report({"WARNING"}, f"{printable(worst.name)}: the face where it is worst is hidden")
             return {"FINISHED"} if self.frame else {"CANCELLED"}
-        context.tool_settings.mesh_select_mode = (False, False, True)
+        face_selection.choose_face_mode(context)
         self.report({"INFO"}, f"{printable(worst.name)}: face {found.worst_face} selected")
         return {"FINISHED"}
 

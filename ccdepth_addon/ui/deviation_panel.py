@@ -9,7 +9,7 @@ from ..state import deviation_results, results, staleness
 from ..state.properties import scene_tolerance
 from ..tasks.surfaces import as_typed
 from .facts import draw_facts, facts_of_measurement
-from .panels import ORDER_OF_DEVIATION, draw_main_button, draw_state_line
+from .panels import ORDER_OF_DEVIATION, draw_main_button, draw_selecting, draw_state_line
 from .selected_results import selected_results
 from .sidebar import SidebarPanel, settings_column
 
@@ -49,8 +49,7 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
     draw_facts(box, facts_of_measurement(context.scene, measured))
     if not found.accuracy_met:
         box.label(text="Accuracy not reached", icon="TIME")
-    row = layout.row(align=True)
-    row.operator("ccdepth.select_worst", icon="FACESEL")
+    row = draw_selecting(layout, context, "ccdepth.select_worst", "FACESEL")
     row.operator("ccdepth.select_worst", text="", icon="ZOOM_SELECTED").frame = True
     # Where there are depths, the button is beside those.
     if not selected_results(context):

@@ -19,6 +19,7 @@ from mathutils import Matrix
 
 from ..exchange.displayed_mesh import DisplayedMesh
 from ..registration import add_handlers, remove_handlers
+from ..state import chosen_faces
 from ..state.colors import BEYOND, scale_colors
 from ..state.heat_map import Shown, on_scale, shown, top
 from .overlay_items import items
@@ -38,8 +39,8 @@ EDGE_OPACITY = 0.35
 # In Edit Mode edges and selection are below the overlay, and in X-Ray all that is to be seen through it.
 LARGEST_TRANSLUCENT = 0.6
 
-# ``look``: opacity, shade, for edges the pixels to a unit at distance 1, and the value that has the last colour.
-# Edges fade in from 2 to 10 pixels. The frame buffer wants linear colours, which it encodes itself.
+# ``look``: opacity, shade, for edges the pixels to a unit at distance 1, and the value that has the last colour, 0 for
+# what is selected. Edges fade in from 2 to 10 pixels. The frame buffer wants linear colours, which it encodes itself.
 VERTEX_SHADER = """
 void main() {
   vec4 place = ModelViewProjectionMatrix * vec4(pos, 1.0);
@@ -53,6 +54,11 @@ FRAGMENT_SHADER = """
 void main() {
   if (look.z > 0.0) {
     fragColor = vec4(0.0, 0.0, 0.0, look.x * number);
+    return;
+  }
+  if (look.w == 0.0) {
+    float along = mod(gl_FragCoord.x + gl_FragCoord.y, 10.0);
+    fragColor = along < 2.0 ? vec4(vec3(1.0), 0.9) : along < 4.0 ? vec4(vec3(0.0), 0.5) : vec4(vec3(1.0), 0.2);
     return;
   }
   int last = textureSize(ramp, 0).x - 1;
@@ -69,7 +75,8 @@ void main() {
 class _Batches(NamedTuple):
     """What the graphics card has of a mesh."""
 
-    faces: gpu.types.GPUBatch
+    faces: gpu.types.GPUBatch | None
+    chosen: gpu.types.GPUBatch | None
     edges: gpu.types.GPUBatch | None
 
 
@@ -145,13 +152,17 @@ def _batches_of(item: Any, kind: Shown) -> _Batches | None:
 
 def _made(mesh: DisplayedMesh, kind: Shown) -> _Batches:
     corners = _buffer(mesh.corners, on_scale(kind, mesh.values))
-    triangles = gpu.types.GPUIndexBuf(type="TRIS", seq=mesh.triangles)
-    faces = gpu.types.GPUBatch(type="TRIS", buf=corners, elem=triangles)
-    if not len(mesh.edges):
-        return _Batches(faces, None)
-    lengths = np.linalg.norm(mesh.edges[:, 0] - mesh.edges[:, 1], axis=1)
-    ends = _buffer(mesh.edges.reshape(-1, 3), np.repeat(lengths, 2))
-    return _Batches(faces, gpu.types.GPUBatch(type="LINES", buf=ends))
+    faces, chosen = (
+        gpu.types.GPUBatch(type="TRIS", buf=corners, elem=gpu.types.GPUIndexBuf(type="TRIS", seq=triangles))
+        if len(triangles)
+        else None
+        for triangles in (mesh.triangles, mesh.chosen)
+    )
+    edges = None
+    if len(mesh.edges):
+        lengths = np.linalg.norm(mesh.edges[:, 0] - mesh.edges[:, 1], axis=1)
+        edges = gpu.types.GPUBatch(type="LINES", buf=_buffer(mesh.edges.reshape(-1, 3), np.repeat(lengths, 2)))
+    return _Batches(faces, chosen, edges)
 
 
 def _buffer(places: Any, values: Any) -> gpu.types.GPUVertBuf:
@@ -195,22 +206,25 @@ class _View:
         gpu.state.depth_mask_set(False)
         gpu.state.color_mask_set(True, True, True, True)
         self._paint(drawn)
+        self._paint(drawn, part="chosen")
         # Edit Mode has its own.
-        self._paint([each for each in drawn if not each.is_edited], edges=True)
+        self._paint([each for each in drawn if not each.is_edited], part="edges")
         gpu.state.depth_test_set("NONE")
         gpu.state.blend_set("NONE")
 
-    def _paint(self, drawn: Iterable[_Drawn], *, edges: bool = False, farthest: bool = False) -> None:
+    def _paint(self, drawn: Iterable[_Drawn], *, part: str = "faces", farthest: bool = False) -> None:
         uniform, push, pop = self.shader.uniform_float, gpu.matrix.push, gpu.matrix.pop
-        nearer = 2.0 if edges else 1.0
+        nearer = 1.0 if part == "faces" else 2.0
         uniform("bias", (nearer * self.nearer, nearer * NEARER_IN_DEPTH, self.perspective, float(farthest)))
         opacity, last = self.settings.heat_map_opacity, None
         for each in drawn:
-            batch = each.batches.edges if edges else each.batches.faces
+            batch = getattr(each.batches, part)
             if batch is None:
                 continue
             seen = min(opacity, LARGEST_TRANSLUCENT) if each.is_edited or self.is_xray else opacity
-            if edges:
+            if part == "chosen":
+                look = (1.0, 0.0, 0.0, 0.0)
+            elif part == "edges":
                 look = (EDGE_OPACITY * seen, 0.0, self.pixels * each.scale, 1.0)
             else:
                 look = (seen, SHADE, 0.0, top(self.kind, each.tolerance, self.settings))
@@ -281,6 +295,7 @@ def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
 def _forget_everything(*_: Any) -> None:
     for kept in (_lists, _batches, _keys):
         kept.clear()
+    chosen_faces.forget()
 
 
 HANDLERS = (

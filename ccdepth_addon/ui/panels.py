@@ -125,7 +125,7 @@ class CCDEPTH_PT_results(SidebarPanel, bpy.types.Panel):
         else:
             _draw_totals(layout, context.scene, objects)
         _draw_histogram(layout, objects)
-        layout.operator("ccdepth.select", text="Select by Depth", icon="RESTRICT_SELECT_OFF")
+        draw_selecting(layout, context, "ccdepth.select", "RESTRICT_SELECT_OFF")
         if not all(mesh.ccdepth.subdivision for mesh in meshes):
             layout.operator("ccdepth.set_levels", icon="MODIFIER")
             _draw_too_deep(layout, settings, objects)
@@ -139,9 +139,8 @@ def _draw_refusal(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         row = column.row()
         row.alert = True
         row.label(text=f"{faces:,} invalid {'face' if faces == 1 else 'faces'}", icon="ERROR")
-        buttons = column.row(align=True)
-        buttons.operator("ccdepth.select_invalid", text="Select Faces", icon="RESTRICT_SELECT_OFF")
-        buttons.operator("ccdepth.repair", icon="TOOL_SETTINGS")
+        draw_selecting(column, context, "ccdepth.select_invalid", "RESTRICT_SELECT_OFF")
+        column.operator("ccdepth.repair", icon="TOOL_SETTINGS")
 
 
 def _draw_too_deep(
@@ -206,6 +205,17 @@ def draw_main_button(layout: bpy.types.UILayout, operator: str, icon: str) -> No
     button = layout.column()
     button.scale_y = 1.4
     button.operator(operator, icon=icon)
+
+
+def draw_selecting(
+    layout: bpy.types.UILayout, context: bpy.types.Context, operator: str, icon: str
+) -> bpy.types.UILayout:
+    """A button that selects faces, and beside it in Object Mode one that edits these."""
+    row = layout.row(align=True)
+    row.operator(operator, icon=icon)
+    if context.mode == "OBJECT":
+        row.operator("ccdepth.edit_faces", text="", icon="EDITMODE_HLT")
+    return row
 
 
 def draw_state_line(layout: bpy.types.UILayout, stale: str) -> None:

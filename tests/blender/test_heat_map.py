@@ -329,3 +329,30 @@ def test_attributes_that_are_not_ours_are_not_shown() -> None:
     holder.data.attributes.new("ccdepth", "INT", "FACE")
     [mesh] = read(Shown.DEPTH)
     assert mesh.values.tolist() == 24 * [0]
+
+
+# What is selected.
+
+
+@pytest.mark.parametrize("operator", ["select", "select_worst"])
+def test_what_an_operator_selects_in_object_mode_is_shown_until_it_is_edited(operator: str) -> None:
+    holder = scene.add_object(meshes.landscape(3, 2), "Land")
+    addon.compute(holder, tolerance=1e-3)
+    addon.measure(holder, time_limit=0.1)
+    # What somebody has selected in Edit Mode is not.
+    assert [len(mesh.chosen) for mesh in read(Shown.DEPTH)] == [0]
+    mode = tuple(bpy.context.tool_settings.mesh_select_mode)
+    assert getattr(bpy.ops.ccdepth, operator)() == {"FINISHED"}
+    assert tuple(bpy.context.tool_settings.mesh_select_mode) == mode
+    [mesh] = read(Shown.DEPTH)
+    chosen = [face for face in holder.data.polygons if face.select]
+    assert 0 < len(chosen) < len(holder.data.polygons)
+    corners = {corner for face in chosen for corner in face.loop_indices}
+    assert {*mesh.chosen.ravel().tolist()} == corners
+    assert bpy.ops.ccdepth.edit_faces() == {"FINISHED"}
+    assert (bpy.context.mode, tuple(bpy.context.tool_settings.mesh_select_mode)) == ("EDIT_MESH", (False, False, True))
+    edited = bmesh.from_edit_mesh(holder.data)
+    assert sum(face.select for face in edited.faces) == len(chosen)
+    assert [len(mesh.chosen) for mesh in read(Shown.DEPTH)] == [0]
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert [len(mesh.chosen) for mesh in read(Shown.DEPTH)] == [0]

@@ -78,7 +78,10 @@ def test_the_report_names_the_remedy_which_selects_what_was_refused() -> None:
     )
     assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
     assert selected(holder) == [2, 7, 11]
+    assert bpy.ops.ccdepth.edit_faces() == {"FINISHED"}
     assert tuple(bpy.context.scene.tool_settings.mesh_select_mode) == (False, False, True)
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert selected(holder) == [2, 7, 11]
 
 
 def test_selects_in_edit_mode_and_what_is_left_is_accepted() -> None:

@@ -1,0 +1,30 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Edit Selected Faces."""
+
+from typing import ClassVar
+
+import bpy
+
+from .quick_operator import QuickOperator
+
+
+class CCDEPTH_OT_edit_faces(QuickOperator):
+    """Enter Edit Mode in face select mode, with the faces that were selected in Object Mode"""
+
+    bl_idname = "ccdepth.edit_faces"
+    bl_label = "Edit Selected Faces"
+    bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        active = context.active_object
+        if context.mode != "OBJECT" or active is None or active.type != "MESH":
+            cls.poll_message_set("Works in Object Mode, with a mesh object active")
+            return False
+        return super().poll(context)
+
+    def act(self, context: bpy.types.Context) -> set[str]:
+        # With vertices or edges selected instead, faces between the wanted ones would be selected as well.
+        context.tool_settings.mesh_select_mode = (False, False, True)
+        bpy.ops.object.mode_set(mode="EDIT")
+        return {"FINISHED"}
