@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The sidebar's panel about adaptive subdivision: settings, and how many faces the adaptive mesh of the active object
-would have."""
+"""The sidebar's panel that makes adaptive meshes: settings, how many faces there would be, and what was made."""
 
 from typing import ClassVar
 
@@ -12,23 +11,33 @@ from ..state import result_record, sources
 from ..state.face_counts import known_count
 from ..state.properties import scene_tolerance
 from ..tasks.adaptive_task import AdaptiveSettings
-from .facts import count_fact, draw_facts, short_count
+from .facts import count_fact, draw_facts, facts_of, short_count
 from .lengths import length_text
-from .panels import draw_main_button, draw_state_line, result_line
+from .panels import draw_main_button, draw_object_rows, draw_state_line, result_line
+from .selected_results import made_objects
 from .sidebar import SidebarPanel, settings_column
 
 
-class CCDEPTH_PT_subdivision(SidebarPanel, bpy.types.Panel):
-    bl_label = "Adaptive Subdivision"
+class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
+    bl_label = "Make"
     bl_parent_id = "CCDEPTH_PT_settings"
+
+    def draw_header_preset(self, context: bpy.types.Context) -> None:
+        if any(each.data.ccdepth.has_result for each in made_objects(context)):
+            self.layout.operator("ccdepth.clear", icon="X", emboss=False)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout = self.layout
         settings, active = context.scene.ccdepth, context.active_object
-        is_result = active is not None and result_record.is_result(active)
-        if is_result:
-            _draw_result(layout, settings, active)
-        if not is_result or settings.subdivide_results:
+        made = made_objects(context)
+        results = [each for each in made if result_record.is_result(each)]
+        if results:
+            draw_main_button(layout, "ccdepth.update", "FILE_REFRESH")
+        if len(made) == 1:
+            _draw_made(layout, context, made[0])
+        elif made:
+            draw_object_rows(layout, made, lambda each: result_line(settings, each))
+        if not results or settings.subdivide_results:
             draw_main_button(layout, "ccdepth.subdivide", "MOD_MULTIRES")
         if active is not None and sources.has_results(active):
             row = layout.row(align=True)
@@ -40,17 +49,17 @@ class CCDEPTH_PT_subdivision(SidebarPanel, bpy.types.Panel):
         row.operator("ccdepth.find_tolerance", icon="VIEWZOOM")
         column = settings_column(layout)
         output = column.column()
-        output.active = not is_result or settings.subdivide_results
+        output.active = not results or settings.subdivide_results
         output.prop(settings, "output")
         column.prop(settings, "reduce")
         _draw_keys_line(column, context)
-        if active is not None and active.type == "MESH" and result_record.is_adaptive(active):
+        if made:
             column.prop(settings, "subdivide_results")
 
 
-class CCDEPTH_PT_subdivision_options(SidebarPanel, bpy.types.Panel):
+class CCDEPTH_PT_make_options(SidebarPanel, bpy.types.Panel):
     bl_label = "Options"
-    bl_parent_id = "CCDEPTH_PT_subdivision"
+    bl_parent_id = "CCDEPTH_PT_make"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -64,19 +73,21 @@ class CCDEPTH_PT_subdivision_options(SidebarPanel, bpy.types.Panel):
         column.prop(settings, "max_faces")
 
 
-def _draw_result(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, result: bpy.types.Object) -> None:
-    """What can be done with a result, whether there is a need to, and where it came from."""
-    draw_main_button(layout, "ccdepth.update", "FILE_REFRESH")
-    source = result_record.source_of(result)
-    if source is None:
-        draw_state_line(layout, f"“{result.ccdepth.source_name}” has been removed")
-        return
-    draw_state_line(layout, result_line(settings, result))
-    row = layout.row()
-    row.label(text=source.name, icon="OUTLINER_OB_MESH")
-    row.operator("ccdepth.show_source", icon="LOOP_BACK")
-    column = settings_column(layout)
-    column.prop(result.ccdepth, "keep_updated")
+def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy.types.Object) -> None:
+    """Whether there is a need to make an adaptive mesh anew, where it came from, and what is known of it."""
+    settings, source = context.scene.ccdepth, result_record.source_of(made)
+    if result_record.is_result(made) and source is None:
+        draw_state_line(layout, f"“{made.ccdepth.source_name}” has been removed")
+    else:
+        draw_state_line(layout, result_line(settings, made))
+    if source is not None:
+        row = layout.row()
+        row.label(text=source.name, icon="OUTLINER_OB_MESH")
+        row.operator("ccdepth.show_source", icon="LOOP_BACK")
+        column = settings_column(layout)
+        column.prop(made.ccdepth, "keep_updated")
+    if made.data.ccdepth.has_result:
+        draw_facts(layout, facts_of(context.scene, made.data.ccdepth))
 
 
 def _draw_keys_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -112,4 +123,4 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
     split.operator("ccdepth.use_tolerance", text=f"Use {fitting}").tolerance = count.fitting
 
 
-register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_subdivision, CCDEPTH_PT_subdivision_options))
+register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_make, CCDEPTH_PT_make_options))

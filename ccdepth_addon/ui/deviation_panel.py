@@ -9,22 +9,33 @@ from ..state import deviation_results, results, staleness
 from ..state.properties import scene_tolerance
 from ..tasks.surfaces import as_typed
 from .facts import draw_facts, facts_of_measurement
-from .panels import ORDER_OF_DEVIATION, draw_main_button, draw_selecting, draw_state_line
-from .selected_results import selected_results
+from .panels import draw_main_button, draw_selecting, draw_state_line
 from .sidebar import SidebarPanel, settings_column
 
 # How a verdict is shown: icon and text.
 VERDICTS = {
-    "MET": ("CHECKMARK", "Within the Tolerance"),
-    "NOT_MET": ("CANCEL", "Not Within the Tolerance"),
+    "MET": ("CHECKMARK", "Within Tolerance"),
+    "NOT_MET": ("CANCEL", "Not Within Tolerance"),
     "UNDECIDED": ("QUESTION", "Not Decided"),
 }
 
 
-class CCDEPTH_PT_deviation(SidebarPanel, bpy.types.Panel):
-    bl_label = "Deviation"
+class CCDEPTH_PT_check(SidebarPanel, bpy.types.Panel):
+    bl_label = "Check"
     bl_parent_id = "CCDEPTH_PT_settings"
-    bl_order = ORDER_OF_DEVIATION
+
+    def draw_header_preset(self, context: bpy.types.Context) -> None:
+        holder = _measured(context)
+        if holder is None:
+            return
+        layout, mesh = self.layout, holder.data
+        verdict = mesh.ccdepth.measurement.verdict
+        icon, text = VERDICTS[verdict]
+        if stale_line(context.scene.ccdepth, mesh):
+            icon, text = "ERROR", "Out of Date"
+        layout.alert = icon in {"CANCEL", "ERROR"}
+        layout.label(text=text, icon=icon)
+        layout.operator("ccdepth.clear", text="", icon="X", emboss=False)
 
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = self.layout, context.scene.ccdepth
@@ -32,9 +43,15 @@ class CCDEPTH_PT_deviation(SidebarPanel, bpy.types.Panel):
         column = settings_column(layout)
         column.prop(settings, "accuracy")
         column.prop(settings, "time_limit")
-        measured = deviation_results.shown_object(context) or context.active_object
-        if measured is not None and measured.type == "MESH" and results.has_deviation(measured.data):
+        measured = _measured(context)
+        if measured is not None:
             _draw_measurement(layout, context, measured)
+
+
+def _measured(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The object whose measurement is told."""
+    found = deviation_results.shown_object(context) or context.active_object
+    return found if found is not None and found.type == "MESH" and results.has_deviation(found.data) else None
 
 
 def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, measured: bpy.types.Object) -> None:
@@ -42,18 +59,11 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
     found = mesh.ccdepth.measurement
     box = layout.box().column()
     draw_state_line(box, stale_line(settings, mesh))
-    icon, text = VERDICTS[found.verdict]
-    row = box.row()
-    row.alert = found.verdict == "NOT_MET"
-    row.label(text=text, icon=icon)
     draw_facts(box, facts_of_measurement(context.scene, measured))
     if not found.accuracy_met:
         box.label(text="Accuracy not reached", icon="TIME")
     row = draw_selecting(layout, context, "ccdepth.select_worst", "FACESEL")
     row.operator("ccdepth.select_worst", text="", icon="ZOOM_SELECTED").frame = True
-    # Where there are depths, the button is beside those.
-    if not selected_results(context):
-        layout.operator("ccdepth.clear", icon="X")
 
 
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
@@ -66,4 +76,4 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
     return "" if current == measured else "Out of date: settings changed"
 
 
-register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_deviation,))
+register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_check,))

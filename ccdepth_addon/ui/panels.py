@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The sidebar's CC Depth tab: settings, and the results of the active object's mesh."""
+"""The sidebar's CC Depth tab: what all buttons go by, and the panel that analyses: depths, and levels set by them."""
 
+from collections.abc import Callable
 from typing import ClassVar
 
 import bpy
@@ -8,6 +9,7 @@ import bpy.utils.previews
 import numpy as np
 
 from ..core import FloatArray
+from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import OF_OBJECT
 from ..state import refusals, result_record, sources, staleness
 from ..state.colors import depth_colors
@@ -19,7 +21,7 @@ from ..tasks.depth_task import DepthSettings
 from ..tasks.frames import chosen_frames
 from .facts import count_fact, draw_facts, facts_of, totals
 from .manual import draw_manual_button
-from .selected_results import faces_by_depth, refused_objects, selected_results
+from .selected_results import faces_by_depth, refused_objects, with_depths
 from .sidebar import SidebarPanel, settings_column
 from .tolerance_presets import CCDEPTH_PT_tolerance_presets
 from .tolerance_text import tolerance_text
@@ -28,9 +30,6 @@ SWATCH_SIZE = 16
 
 # The list of several objects is no longer than this.
 MOST_OBJECTS = 8
-
-# Results and deviations, which grow, are below the panels with buttons.
-ORDER_OF_RESULTS, ORDER_OF_DEVIATION = 1, 2
 
 _swatches: bpy.utils.previews.ImagePreviewCollection | None = None
 
@@ -60,8 +59,6 @@ class CCDEPTH_PT_settings(SidebarPanel, bpy.types.Panel):
         row = column.row(align=True)
         row.prop(settings, "heat_map")
         row.popover("CCDEPTH_PT_heat_map", text="", icon="OVERLAY")
-        draw_main_button(layout, "ccdepth.compute", "MOD_SUBSURF")
-        _draw_refusal(layout, context)
 
 
 class CCDEPTH_PT_heat_map(bpy.types.Panel):
@@ -84,11 +81,38 @@ class CCDEPTH_PT_heat_map(bpy.types.Panel):
         self.layout.operator("ccdepth.bake_colors", icon="GROUP_VCOL")
 
 
+class CCDEPTH_PT_analyse(SidebarPanel, bpy.types.Panel):
+    bl_label = "Analyse"
+    bl_parent_id = "CCDEPTH_PT_settings"
+
+    def draw_header_preset(self, context: bpy.types.Context) -> None:
+        # Away from the buttons that select.
+        if with_depths(context):
+            self.layout.operator("ccdepth.clear", icon="X", emboss=False)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, settings = self.layout, context.scene.ccdepth
+        draw_main_button(layout, "ccdepth.compute", "MOD_SUBSURF")
+        _draw_refusal(layout, context)
+        objects = with_depths(context)
+        if len(objects) == 1:
+            draw_state_line(layout, stale_line(settings, objects[0].data, objects[0]))
+            draw_facts(layout, facts_of(context.scene, objects[0].data.ccdepth))
+        elif objects:
+            draw_facts(layout, totals(context.scene, objects))
+            draw_object_rows(layout, objects, lambda each: stale_line(settings, each.data, each))
+        if objects:
+            _draw_histogram(layout, objects)
+            draw_selecting(layout, context, "ccdepth.select", "RESTRICT_SELECT_OFF")
+            layout.operator("ccdepth.set_levels", icon="MODIFIER")
+            _draw_too_deep(layout, settings, objects)
+
+
 class CCDEPTH_PT_advanced(SidebarPanel, bpy.types.Panel):
     """Settings of Compute Depth alone."""
 
     bl_label = "Advanced"
-    bl_parent_id = "CCDEPTH_PT_settings"
+    bl_parent_id = "CCDEPTH_PT_analyse"
     bl_options: ClassVar[set[str]] = {"DEFAULT_CLOSED"}
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -98,37 +122,6 @@ class CCDEPTH_PT_advanced(SidebarPanel, bpy.types.Panel):
         column.prop(settings, "frames")
         if settings.frames == "CUSTOM":
             column.prop(settings, "frame_list", text="")
-
-
-class CCDEPTH_PT_results(SidebarPanel, bpy.types.Panel):
-    bl_label = "Results"
-    bl_parent_id = "CCDEPTH_PT_settings"
-    bl_order = ORDER_OF_RESULTS
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return bool(selected_results(context))
-
-    def draw_header_preset(self, context: bpy.types.Context) -> None:
-        # Away from the buttons that select.
-        self.layout.operator("ccdepth.clear", icon="X", emboss=False)
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, settings = self.layout, context.scene.ccdepth
-        objects = selected_results(context)
-        meshes = {each.data for each in objects}
-        if len(objects) == 1:
-            # That of a result is beside the button that helps.
-            if not result_record.is_result(objects[0]):
-                draw_state_line(layout, stale_line(settings, objects[0].data, objects[0]))
-            draw_facts(layout, facts_of(context.scene, objects[0].data.ccdepth))
-        else:
-            _draw_totals(layout, context.scene, objects)
-        _draw_histogram(layout, objects)
-        draw_selecting(layout, context, "ccdepth.select", "RESTRICT_SELECT_OFF")
-        if not all(mesh.ccdepth.subdivision for mesh in meshes):
-            layout.operator("ccdepth.set_levels", icon="MODIFIER")
-            _draw_too_deep(layout, settings, objects)
 
 
 def _draw_refusal(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -225,16 +218,20 @@ def draw_state_line(layout: bpy.types.UILayout, stale: str) -> None:
     row.label(text=stale or "Up to date", icon="ERROR" if stale else "CHECKMARK")
 
 
-def _draw_totals(layout: bpy.types.UILayout, scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
-    """The totals of several objects, and a line for each."""
-    draw_facts(layout, totals(scene, objects))
+def draw_object_rows(
+    layout: bpy.types.UILayout, objects: list[bpy.types.Object], line_of: Callable[[bpy.types.Object], str]
+) -> None:
+    """A row for each of several objects; where one is out of date it says why."""
     column = layout.box().column(align=True)
     _draw_object_row(column, "Object", "Faces", "Depth").active = False
     for each in objects[:MOST_OBJECTS]:
-        line, record = stale_line(scene.ccdepth, each.data, each), each.data.ccdepth
-        icon = "ERROR" if line else "OBJECT_DATA"
-        row = _draw_object_row(column, each.name, f"{record.faces:,}", str(record.deepest), icon)
-        row.alert = bool(line)
+        line, record = line_of(each), each.data.ccdepth
+        deepest = str(record.deepest) if record.has_result else ""
+        _draw_object_row(column, each.name, f"{mesh_face_count(each.data):,}", deepest, "OBJECT_DATA")
+        if line:
+            row = column.row()
+            row.alert = True
+            row.label(text=line, icon="ERROR")
     if len(objects) > MOST_OBJECTS:
         column.label(text=f"{len(objects) - MOST_OBJECTS:,} more")
 
@@ -288,7 +285,7 @@ def _swatch(color: FloatArray) -> int:
 
 
 _register_classes, _unregister_classes = bpy.utils.register_classes_factory(
-    (CCDEPTH_PT_settings, CCDEPTH_PT_heat_map, CCDEPTH_PT_advanced, CCDEPTH_PT_results)
+    (CCDEPTH_PT_settings, CCDEPTH_PT_heat_map, CCDEPTH_PT_analyse, CCDEPTH_PT_advanced)
 )
 
 

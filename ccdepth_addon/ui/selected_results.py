@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 
 import bpy
 
-from ..state import heat_map, refusals, results
+from ..state import heat_map, refusals, result_record, results
 from ..state.heat_map import Shown
 from .lengths import DIGITS, common_unit, length_text
 
@@ -21,6 +21,16 @@ DIGITS_OF_RANGE = 3
 def selected_results(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The selected or edited objects with depths, whatever the active one is; or the active one."""
     return _selected(context, lambda holder: results.has_result(holder.data))
+
+
+def with_depths(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """Those of them that were not made by subdivision."""
+    return [each for each in selected_results(context) if not each.data.ccdepth.subdivision]
+
+
+def made_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """The same of objects that Apply Adaptive Subdivision made, from others or in place."""
+    return _selected(context, lambda holder: result_record.is_result(holder) or result_record.is_adaptive(holder))
 
 
 def refused_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
