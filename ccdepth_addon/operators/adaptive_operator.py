@@ -11,6 +11,7 @@ from ..tasks.adaptive_meshes import TooManyError, subdivide
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, prepare_adaptive
 from ..tasks.reduce_task import triangle_count
 from ..tasks.surfaces import ComputeError
+from ..ui.lengths import bound_text
 from ..ui.printable import printable
 from . import edit_mode
 from .adaptive_objects import Made, make_meshes
@@ -105,8 +106,12 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
             self.report({"WARNING"}, printable(note))
         faces = count_text(sum(len(each.depths) for each in made), "face", "faces")
         objects_text = f"{len(objects)} objects, " if len(objects) > 1 else ""
-        deepest = max(int(each.depths.max(initial=0)) for each in made)
-        text = f"{objects_text}{faces}, deepest depth {deepest}"
+        # What was cleared before it was made anew has no record.
+        proved = [each.data.ccdepth for each in objects if each.data.ccdepth.has_result]
+        text = f"{objects_text}{faces}"
+        if proved:
+            largest, tolerance = max((record.largest_bound, record.world_tolerance) for record in proved)
+            text += f", largest distance {bound_text(bpy.context.scene, largest, tolerance)}"
         if self.reduce:
             text += f"; without Reduce {sum(triangle_count(each.result) for each in made):,} triangles"
         self.report({"INFO"}, text)

@@ -251,7 +251,7 @@ class BudgetProperties:
     """What Find Tolerance looks for."""
 
     face_budget: IntProperty(
-        name="Faces",
+        name="Budget",
         description="How many faces the adaptive meshes of all selected objects may have together; Reduce makes fewer",
         default=50_000,
         min=1,

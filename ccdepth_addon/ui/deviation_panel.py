@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..state import deviation_results, results, staleness
+from ..state import deviation_results, result_record, results, staleness
 from ..state.properties import scene_tolerance
 from ..tasks.surfaces import as_typed
 from .facts import draw_facts, facts_of_measurement
@@ -14,8 +14,8 @@ from .sidebar import SidebarPanel, settings_column
 
 # How a verdict is shown: icon and text.
 VERDICTS = {
-    "MET": ("CHECKMARK", "Within Tolerance"),
-    "NOT_MET": ("CANCEL", "Not Within Tolerance"),
+    "MET": ("CHECKMARK", "Met"),
+    "NOT_MET": ("CANCEL", "Exceeded"),
     "UNDECIDED": ("QUESTION", "Not Decided"),
 }
 
@@ -33,8 +33,9 @@ class CCDEPTH_PT_check(SidebarPanel, bpy.types.Panel):
         icon, text = VERDICTS[verdict]
         if stale_line(context.scene.ccdepth, mesh):
             icon, text = "ERROR", "Out of Date"
-        layout.alert = icon in {"CANCEL", "ERROR"}
-        layout.label(text=text, icon=icon)
+        row = layout.row()
+        row.alert = icon in {"CANCEL", "ERROR"}
+        row.label(text=text, icon=icon)
         layout.operator("ccdepth.clear", text="", icon="X", emboss=False)
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -46,12 +47,27 @@ class CCDEPTH_PT_check(SidebarPanel, bpy.types.Panel):
         measured = _measured(context)
         if measured is not None:
             _draw_measurement(layout, context, measured)
+        elif text := _plan(context):
+            layout.label(text=text, icon="INFO")
 
 
 def _measured(context: bpy.types.Context) -> bpy.types.Object | None:
     """The object whose measurement is told."""
     found = deviation_results.shown_object(context) or context.active_object
     return found if found is not None and found.type == "MESH" and results.has_deviation(found.data) else None
+
+
+def _plan(context: bpy.types.Context) -> str:
+    """What would be measured against what; empty where nothing would."""
+    objects = [each for each in context.selected_objects if each.type == "MESH"]
+    active = context.active_object
+    if len(objects) > 1 and active in objects:
+        others = [each.name for each in objects if each != active]
+        return f"{others[0] if len(others) == 1 else f'{len(others):,} objects'} against {active.name}"
+    if len(objects) != 1:
+        return ""
+    source = result_record.control_object(objects[0])
+    return f"{objects[0].name} against {'its own surface' if source == objects[0] else source.name}"
 
 
 def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, measured: bpy.types.Object) -> None:

@@ -92,7 +92,7 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
         *(unreduced if record.unreduced_triangles else []),
         Fact("Base Faces", f"{record.base_faces:,}", "How many faces the mesh had before it was subdivided"),
         Fact(
-            "Deepest Part",
+            "Most Divided",
             str(record.deepest),
             "How many times the most divided part of a face was halved each way",
         ),
