@@ -78,6 +78,15 @@ def test_locations_and_scales_are_interpolated_as_the_modifier_does(comparison: 
     np.testing.assert_allclose(scales, blender_scales, atol=full_mesh.ROTATION_ROUNDING, rtol=0)
 
 
+def test_transformations_are_taken_apart_and_put_together_again() -> None:
+    """Mirrored ones as well; what the modifier makes of them differs by version."""
+    values = addon.module("core.attributes.interpolation")
+    matrices = full_mesh.random_transformations(200, np.random.default_rng(3))
+    matrices.reshape(-1, 4, 4)[::2, :3, :3] *= -1
+    again = values.join_transformations(values.split_transformations(matrices))
+    np.testing.assert_allclose(again, matrices, atol=1e-6)
+
+
 @pytest.mark.parametrize("domain", SPREAD)
 def test_integers_are_those_of_the_nearest_vertex_or_corner(comparison: Comparison, domain: str) -> None:
     control, subdivided = comparison.control, comparison.subdivided
