@@ -286,6 +286,7 @@ def test_limit_normals_on_request(deformable: bool) -> None:
         holder.vertex_groups.new(name="Group")
     comparison = compare(holder, exact_normals=True)
     mesh, subdivided = comparison.mesh, comparison.subdivided
+    assert all(polygon.use_smooth for polygon in mesh.polygons)
     expected = limit_normals(comparison.control, subdivided.corner_points)
     found = np.empty(3 * len(mesh.loops), dtype=np.float32)
     mesh.corner_normals.foreach_get("vector", found)
