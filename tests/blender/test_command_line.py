@@ -209,13 +209,18 @@ def test_a_line_that_makes_no_sense_is_refused(capfd: Capture, case: str) -> Non
 
 
 def test_a_report_does_not_replace_a_link_to_a_file_that_is_read(tmp_path: Path, capfd: Capture) -> None:
-    mesh, link = tmp_path / "mesh.obj", tmp_path / "report.json"
+    mesh, link, way = tmp_path / "mesh.obj", tmp_path / "report.json", tmp_path / "way"
     mesh.write_text("precious")
     try:
         link.symlink_to(mesh)
+        way.symlink_to(tmp_path, target_is_directory=True)
     except OSError:
         pytest.skip("no links can be made here")
-    for name, line in (("report.json", [link, "--json", link]), ("mesh.obj", [link, "--csv", mesh])):
+    for name, line in (
+        ("report.json", [link, "--json", link]),
+        ("mesh.obj", [link, "--csv", mesh]),
+        ("mesh.obj", [mesh, "--csv", way / mesh.name]),
+    ):
         assert f"{name} is read, and would be replaced" in said(capfd, *line, "--overwrite", status=2)
     assert mesh.read_text() == "precious"
 

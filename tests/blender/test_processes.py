@@ -174,6 +174,18 @@ def wait_for_end(process: int) -> None:
     pytest.fail("the process goes on")
 
 
+def test_a_new_process_does_what_comes_after_a_blend_file_that_failed(tmp_path: Path, capfd: Capture) -> None:
+    """Blender may have given it up half-way, and opens no other well then."""
+    scene.add_object(meshes.cube())
+    good = [save(tmp_path / f"{name}.blend") for name in ("good", "better")]
+    broken = tmp_path / "broken.blend"
+    broken.write_bytes(good[0].read_bytes()[:200])
+    assert run(good[0], broken, good[1], "--jobs", 1, process=deadly_program(tmp_path)) == 1
+    told = capfd.readouterr().err
+    assert [name for name in ("good", "broken", "better") if f"{name}.blend: done" in told] == ["good", "better"]
+    assert (tmp_path / "starts.txt").read_text().count("start") == 2
+
+
 @pytest.mark.parametrize("name", ["slow", "stopped"])
 def test_a_file_that_takes_too_long_is_ended_alone(tmp_path: Path, capfd: Capture, name: str) -> None:
     scene.add_object(meshes.cube())
