@@ -44,7 +44,7 @@ ICON_SQUARES = (
     *((x, y, 1, 3) for x in (4, 5, 6, 7) for y in (2, 3)),
     *((x, y, 1, 3) for x in (2, 3) for y in (4, 5, 6, 7)),
     *((x / 2, y / 2, 0.5, 5) for x in range(8, 16) for y in range(8, 16) if x < 12 or y < 12),
-    *((6 + x / 4, 6 + y / 4, 0.25, 8) for x in range(8) for y in range(8)),
+    *((6 + x / 4, 6 + y / 4, 0.25, 7) for x in range(8) for y in range(8)),
 )
 
 
