@@ -84,11 +84,13 @@ HELD: dict[str, Callable[[bpy.types.Mesh], bool]] = {
     "colours": lambda mesh: len(mesh.color_attributes) > 0,
     "colours of corners": lambda mesh: [each.domain for each in mesh.color_attributes] not in ([], ["POINT"]),
     "custom normals": lambda mesh: mesh.has_custom_normals,
+    "images that are in no file": lambda mesh: any(map(_has_images_in_no_file, mesh.materials)),
 }
 LOST = {
     ".stl": ("materials", "UV maps", "colours", "custom normals"),
     ".ply": ("materials", "UV maps", "colours of corners", "custom normals"),
-    ".obj": ("UV maps but one", "colours of corners"),
+    ".obj": ("UV maps but one", "colours of corners", "images that are in no file"),
+    **dict.fromkeys(USD, ("images that are in no file",)),
 }
 
 # The lines of an .mtl file that name a file in another folder, up to this name.
@@ -99,6 +101,12 @@ NO_NAME = re.compile(r"[\x00-\x1f\x7f]")
 
 INPUTS = (BLEND, *READERS)
 OUTPUTS = (BLEND, *WRITERS)
+
+
+def _has_images_in_no_file(material: bpy.types.Material | None) -> bool:
+    nodes = material.node_tree.nodes if material and material.node_tree else ()
+    images = [image for each in nodes if (image := getattr(each, "image", None)) is not None]
+    return any(each.packed_file or not each.filepath for each in images)
 
 
 def names_of(suffixes: Sequence[str]) -> str:

@@ -188,6 +188,19 @@ def check_paint(folder: Path, output: Path) -> None:
         assert b"property uchar red" in output.read_bytes()
 
 
+@pytest.mark.parametrize(("suffix", "lost"), [(".obj", True), (".usdc", True), (".glb", False)])
+def test_packed_images_and_further_uv_maps(tmp_path: Path, suffix: str, lost: bool) -> None:
+    skip_unless_written(suffix)
+    source, report = save_painted(tmp_path / "cubes.blend"), tmp_path / "report.json"
+    bpy.data.images["Paint"].pack()
+    bpy.data.objects["One"].data.uv_layers.new(name="Second")
+    save(source)
+    assert run(source, *LINE, "--subdivide", "--output", tmp_path / f"made{suffix}", "--json", report) == 0
+    found = report_in(report)["files"][0]["lost"]
+    assert ("images that are in no file" in found) == lost
+    assert ("UV maps but one" in found) == (suffix == ".obj")
+
+
 @pytest.mark.parametrize("suffix", [".obj", ".ply", ".stl", ".glb", ".usdc"])
 def test_names_that_could_end_a_line(tmp_path: Path, suffix: str) -> None:
     skip_unless_written(suffix)
