@@ -103,7 +103,7 @@ def test_select(editing: bool) -> None:
         bpy.ops.object.mode_set(mode="OBJECT")
         at_once = faces()
         # Whatever mode it ran in, Edit Mode must show this selection and no more.
-        bpy.ops.object.mode_set(mode="EDIT")
+        assert bpy.ops.ccdepth.edit_faces() == {"FINISHED"}
         bpy.ops.object.mode_set(mode="OBJECT")
         assert_equal(faces(), at_once)
         return at_once
