@@ -3,8 +3,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from hashlib import blake2b
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import FloatArray, IndexArray, InvalidMeshError, PolygonMesh, apply_boundary_rule, largest_coordinates
-from .frozen_copies import FrozenCopies, copies_to_measure, copies_to_subdivide, present_faces
+from .frozen_copies import FrozenCopies, frozen_copies, present_faces
 from .mesh_arrays import CREASE_DOMAINS, mesh_arrays, own_mesh
 from .modifiers import SIMULATIONS, SurfaceRule, base_modifiers, counted_modifiers, is_evaluated, surface_rule
 
@@ -199,21 +199,18 @@ def read_control_mesh(
 ) -> ControlMesh:
     """The object's control mesh; in Edit Mode, of the mesh as it is being edited.
 
-    shared: the meshes read so far that other objects may use as well, to be read once only. copies: what was made by
-    ``copies_to_measure`` for this object and others; without, Blender evaluates this object alone.
+    shared: the meshes read so far that other objects may use as well, to be read once only. copies: those with
+    ``counted_modifiers`` of this object and others; without, Blender evaluates this object alone.
     Nothing of the file is changed. Raises ControlMeshError when its modifiers leave no trace of its faces, and
     InvalidMeshError when it has no faces.
     """
+    counted = counted_modifiers(blender_object, use_modifiers=use_modifiers)
     if copies is None:
         context.view_layer.update()
-        with copies_to_measure(context, [blender_object], use_modifiers=use_modifiers) as alone:
+        with frozen_copies(context, {blender_object: counted}) as alone:
             return read_control_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=alone)
-    rule = surface_rule(blender_object)
-    _refuse_crease_groups(blender_object, rule)
-    world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
+    rule, world = _rule_and_world(blender_object, counted)
     data = blender_object.data
-    counted = counted_modifiers(blender_object) if use_modifiers else []
-    _refuse_simulations(counted)
     if is_evaluated(blender_object, counted):
         mesh, base_faces = _read_evaluated(copies, blender_object, rule)
         return ControlMesh(_with_faces(mesh, rule), base_faces, world)
@@ -224,41 +221,39 @@ def read_control_mesh(
     return ControlMesh(shared[data.session_uid, rule], None, world)
 
 
-@contextmanager
 def base_mesh(
     context: bpy.types.Context,
     blender_object: bpy.types.Object,
     *,
     use_modifiers: bool,
+    copies: FrozenCopies,
     shared: SharedMeshes | None = None,
-    copies: FrozenCopies | None = None,
-) -> Iterator[tuple[bpy.types.Mesh, ControlMesh]]:
+) -> tuple[bpy.types.Mesh, ControlMesh]:
     """The Blender mesh whose Catmull-Clark surface is used, with all its attributes, and its control mesh.
 
-    In Object Mode. It is the object's own mesh, or where modifiers are counted in, a temporary one they have made.
-    Unlike depths, an adaptive mesh need not know which face of the object's own mesh each face comes from.
-    copies: what was made by ``copies_to_subdivide`` for this object and others; without, Blender evaluates it alone.
+    In Object Mode. It is the object's own mesh, or where modifiers are counted in, one they have made, which lasts as
+    long as the copies do. Unlike depths, an adaptive mesh need not know which face of the object's own mesh each face
+    comes from. copies: those with ``base_modifiers`` of this object and others. shared: as of ``read_control_mesh``.
     """
-    if copies is None:
-        context.view_layer.update()
-        with (
-            copies_to_subdivide(context, [blender_object], use_modifiers=use_modifiers) as alone,
-            base_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=alone) as base,
-        ):
-            yield base
-        return
     applied = base_modifiers(blender_object, use_modifiers=use_modifiers)
     if not applied:
         control = read_control_mesh(context, blender_object, use_modifiers=False, shared=shared, copies=copies)
-        yield blender_object.data, control
-        return
+        return blender_object.data, control
+    rule, world = _rule_and_world(blender_object, applied)
+    mesh = copies.without_origins(blender_object)
+    _copy_custom_properties(blender_object.data, mesh)
+    return mesh, ControlMesh(_with_faces(mesh_arrays(mesh, rule), rule), None, world)
+
+
+def _rule_and_world(
+    blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier]
+) -> tuple[SurfaceRule, FloatArray]:
+    """The rule of the object's surface, and the linear part of its matrix. Raises ControlMeshError where something
+    shapes its control mesh that cannot be counted in."""
     rule = surface_rule(blender_object)
     _refuse_crease_groups(blender_object, rule)
-    _refuse_simulations(applied)
-    mesh = copies.new_mesh(blender_object)
-    _copy_custom_properties(blender_object.data, mesh)
-    world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
-    yield mesh, ControlMesh(_with_faces(mesh_arrays(mesh, rule), rule), None, world)
+    _refuse_simulations(modifiers)
+    return rule, np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
 
 
 def _copy_custom_properties(source: bpy.types.Mesh, target: bpy.types.Mesh) -> None:
@@ -295,7 +290,7 @@ def _read_evaluated(
     copies: FrozenCopies, blender_object: bpy.types.Object, rule: SurfaceRule
 ) -> tuple[PolygonMesh, IndexArray]:
     """The mesh as the counted modifiers make it, and the face of the object's own that each of its faces comes from."""
-    evaluated, base_faces = copies.evaluated(blender_object)
+    evaluated, base_faces = copies.made(blender_object)
     mesh = mesh_arrays(evaluated, rule)
     if mesh.face_count and len(present_faces(base_faces)) < copies.face_count(blender_object):
         losing = copies.losing_modifier(blender_object)

@@ -4,7 +4,7 @@ that evaluated faces come from."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import TypeVar
 
@@ -15,7 +15,7 @@ from ..core import IndexArray
 from .bulk_reading import read_values
 from .bulk_writing import own_copy, unused_name, write_values
 from .mesh_arrays import own_mesh
-from .modifiers import SIMULATIONS, base_modifiers, counted_modifiers, is_evaluated
+from .modifiers import SIMULATIONS, is_evaluated
 
 Item = TypeVar("Item")
 
@@ -53,45 +53,6 @@ def batches(items: Iterable[Item], size_of: Callable[[Item], int], most: int) ->
         yield batch
 
 
-@contextmanager
-def copies_to_measure(
-    context: bpy.types.Context, objects: Sequence[bpy.types.Object], *, use_modifiers: bool
-) -> Iterator[FrozenCopies]:
-    """For ``read_control_mesh``: copies of those of the objects that must be evaluated."""
-    wanted = {}
-    for blender_object in objects:
-        counted = counted_modifiers(blender_object) if use_modifiers else []
-        if is_evaluated(blender_object, counted):
-            wanted[blender_object] = counted
-    with _frozen_copies(context, wanted, with_origins=set(wanted)) as copies:
-        yield copies
-
-
-@contextmanager
-def copies_to_subdivide(
-    context: bpy.types.Context, objects: Sequence[bpy.types.Object], *, use_modifiers: bool
-) -> Iterator[FrozenCopies]:
-    """For ``base_mesh``: copies of those of the objects that must be evaluated."""
-    wanted = {}
-    for blender_object in objects:
-        applied = base_modifiers(blender_object, use_modifiers=use_modifiers)
-        if is_evaluated(blender_object, applied):
-            wanted[blender_object] = applied
-    # Without modifiers, those with shape keys are read like any other control mesh.
-    with_origins = {holder for holder, applied in wanted.items() if not applied}
-    with _frozen_copies(context, wanted, with_origins=with_origins) as copies:
-        yield copies
-
-
-@contextmanager
-def copies_with(
-    context: bpy.types.Context, wanted: dict[bpy.types.Object, list[bpy.types.Modifier]]
-) -> Iterator[FrozenCopies]:
-    """Copies of these objects, each with the modifiers given and with origins on its faces."""
-    with _frozen_copies(context, wanted, with_origins=set(wanted)) as copies:
-        yield copies
-
-
 class FrozenCopies:
     """Temporary copies of objects in the scene, with some of their modifiers.
 
@@ -103,19 +64,17 @@ class FrozenCopies:
         self._context = context
         self._copies: dict[int, bpy.types.Object] = {}
         self._face_counts: dict[int, int] = {}
-        self._own_copies: dict[tuple[int, bool], bpy.types.Mesh] = {}
+        self._own_copies: dict[int, bpy.types.Mesh] = {}
         # The attribute with the origins, by copied meshes and by objects.
         self._origins: dict[int, str] = {}
         self._names: dict[int, str] = {}
         self._made: dict[int, bpy.types.Mesh] = {}
         self._losing: dict[int, bpy.types.Modifier | None] | None = None
 
-    def add(
-        self, blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier], *, with_origins: bool
-    ) -> None:
-        """Copy an object, with these of its modifiers, and with origins on its faces where they are needed."""
+    def add(self, blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier]) -> None:
+        """Copy an object, with these of its modifiers, and with origins on its faces."""
         uid = blender_object.session_uid
-        mesh = self._own_copy(blender_object, with_origins)
+        mesh = self._own_copy(blender_object)
         names = {modifier.name for modifier in modifiers}
         copy = self._copies[uid] = own_copy(blender_object)
         self._face_counts[uid] = len(mesh.polygons)
@@ -126,14 +85,13 @@ class FrozenCopies:
         for modifier in [m for m in copy.modifiers if m.name not in names]:
             copy.modifiers.remove(modifier)
         self._context.scene.collection.objects.link(copy)
-        if with_origins:
-            if mesh.session_uid not in self._origins:
-                self._origins[mesh.session_uid] = _write_origins(copy, mesh)
-            self._names[uid] = self._origins[mesh.session_uid]
+        if mesh.session_uid not in self._origins:
+            self._origins[mesh.session_uid] = _write_origins(copy, mesh)
+        self._names[uid] = self._origins[mesh.session_uid]
 
-    def _own_copy(self, blender_object: bpy.types.Object, with_origins: bool) -> bpy.types.Mesh:
+    def _own_copy(self, blender_object: bpy.types.Object) -> bpy.types.Mesh:
         """A copy of the object's mesh, made once for all objects that use it."""
-        key = blender_object.data.session_uid, with_origins
+        key = blender_object.data.session_uid
         if key not in self._own_copies:
             with own_mesh(blender_object) as own:
                 mesh = self._own_copies[key] = own_copy(own)
@@ -141,20 +99,12 @@ class FrozenCopies:
                 mesh.shape_keys.animation_data_clear()
         return self._own_copies[key]
 
-    def evaluated(self, blender_object: bpy.types.Object) -> tuple[bpy.types.Mesh, IndexArray]:
-        """What the modifiers have made, and the face of the object's own mesh that each face comes from."""
-        uid = blender_object.session_uid
-        return self._evaluated(self._copies[uid]), self._read_origins(uid)
+    def made(self, blender_object: bpy.types.Object) -> tuple[bpy.types.Mesh, IndexArray]:
+        """What the modifiers have made, as a mesh that lasts as long as the copies do, and the face of the object's own
+        mesh that each face comes from.
 
-    def _read_origins(self, uid: int) -> IndexArray:
-        return _read_origins(self._evaluated(self._copies[uid]), self._names[uid], self._face_counts[uid])
-
-    def face_count(self, blender_object: bpy.types.Object) -> int:
-        """Of the object's own mesh."""
-        return self._face_counts[blender_object.session_uid]
-
-    def new_mesh(self, blender_object: bpy.types.Object) -> bpy.types.Mesh:
-        """What the modifiers have made, as a mesh that lasts as long as the copies do."""
+        Unlike what Blender evaluates for itself, it has the last levels that the graphics card makes in the viewport.
+        """
         if not self._made:
             # All at once: each new mesh would have the scene evaluated again for the next.
             depsgraph = self._context.evaluated_depsgraph_get()
@@ -162,15 +112,23 @@ class FrozenCopies:
                 self._made[uid] = bpy.data.meshes.new_from_object(
                     copy.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
                 )
-        return self._made[blender_object.session_uid]
+        uid = blender_object.session_uid
+        return self._made[uid], self._read_origins(uid, self._made[uid])
 
-    def made(self, blender_object: bpy.types.Object) -> tuple[bpy.types.Mesh, IndexArray]:
-        """``new_mesh``, and the face of the object's own mesh that each face comes from.
+    def without_origins(self, blender_object: bpy.types.Object) -> bpy.types.Mesh:
+        """The same mesh, with the user's attributes alone."""
+        mesh, _ = self.made(blender_object)
+        origins = mesh.attributes.get(self._names[blender_object.session_uid])
+        if origins is not None:
+            mesh.attributes.remove(origins)
+        return mesh
 
-        Unlike what Blender evaluates for itself, it has the last levels that the graphics card makes in the viewport.
-        """
-        uid, mesh = blender_object.session_uid, self.new_mesh(blender_object)
-        return mesh, _read_origins(mesh, self._names[uid], self._face_counts[uid])
+    def _read_origins(self, uid: int, mesh: bpy.types.Mesh) -> IndexArray:
+        return _read_origins(mesh, self._names[uid], self._face_counts[uid])
+
+    def face_count(self, blender_object: bpy.types.Object) -> int:
+        """Of the object's own mesh."""
+        return self._face_counts[blender_object.session_uid]
 
     def losing_modifier(self, blender_object: bpy.types.Object) -> str | None:
         """The modifier that merges faces of the object, if there is one."""
@@ -191,7 +149,8 @@ class FrozenCopies:
             for modifier in shown.values():
                 modifier.show_viewport = True
             for uid, modifier in shown.items():
-                before, present[uid] = present[uid], len(present_faces(self._read_origins(uid)))
+                origins = self._read_origins(uid, self._evaluated(self._copies[uid]))
+                before, present[uid] = present[uid], len(present_faces(origins))
                 if present[uid] < before and (present[uid] == 0 or modifier.type not in REMOVING_FACES):
                     losing.setdefault(uid, modifier)
         return losing
@@ -204,18 +163,16 @@ class FrozenCopies:
 
 
 @contextmanager
-def _frozen_copies(
-    context: bpy.types.Context,
-    wanted: dict[bpy.types.Object, list[bpy.types.Modifier]],
-    *,
-    with_origins: set[bpy.types.Object],
+def frozen_copies(
+    context: bpy.types.Context, wanted: Mapping[bpy.types.Object, Sequence[bpy.types.Modifier]]
 ) -> Iterator[FrozenCopies]:
+    """Copies of those of the objects that Blender must evaluate, each with the modifiers given."""
     copies = FrozenCopies(context)
     try:
         for blender_object, modifiers in wanted.items():
             # Simulations will be refused, and must not begin to run.
-            if not any(modifier.type in SIMULATIONS for modifier in modifiers):
-                copies.add(blender_object, modifiers, with_origins=blender_object in with_origins)
+            if is_evaluated(blender_object, modifiers) and not any(each.type in SIMULATIONS for each in modifiers):
+                copies.add(blender_object, modifiers)
         yield copies
     finally:
         copies.remove()

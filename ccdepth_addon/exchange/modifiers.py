@@ -59,8 +59,10 @@ def shown_vertices(blender_object: bpy.types.Object, vertices: str) -> str:
     return "LIMIT" if modifier is None or modifier.use_limit_surface else "CONTROL"
 
 
-def counted_modifiers(blender_object: bpy.types.Object) -> list[bpy.types.Modifier]:
-    """The modifiers above the Subdivision Surface modifier that show in the viewport."""
+def counted_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool = True) -> list[bpy.types.Modifier]:
+    """The modifiers above the Subdivision Surface modifier that show in the viewport; none where they do not count."""
+    if not use_modifiers:
+        return []
     last = subdivision_modifier(blender_object)
     counted = []
     for modifier in blender_object.modifiers:
@@ -80,7 +82,7 @@ def is_evaluated(blender_object: bpy.types.Object, counted: Sequence[bpy.types.M
 
 def applied_modifiers(blender_object: bpy.types.Object, *, use_modifiers: bool) -> list[bpy.types.Modifier]:
     """The modifiers that an adaptive mesh replaces: the Subdivision Surface modifier, and those that are counted in."""
-    counted = counted_modifiers(blender_object) if use_modifiers else []
+    counted = counted_modifiers(blender_object, use_modifiers=use_modifiers)
     subdivision = subdivision_modifier(blender_object)
     applied = [modifier for modifier in counted if modifier.type not in NOT_SHAPING]
     return applied if subdivision is None else [*applied, subdivision]

@@ -89,7 +89,7 @@ def object_state(
     """
     describer = _Describer(blender_object, {} if known is None else known)
     world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
-    counted = counted_modifiers(blender_object) if use_modifiers else []
+    counted = counted_modifiers(blender_object, use_modifiers=use_modifiers)
     rule = surface_rule(blender_object)
     texts = [repr(rule), *describer.shape_keys(), *describer.modifiers(counted), *describer.places()]
     if rule.use_creases:

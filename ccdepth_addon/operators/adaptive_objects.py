@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 from ..exchange.adaptive_mesh import TransferOptions, new_mesh
 from ..exchange.bulk_writing import own_copy
 from ..exchange.control_mesh import base_mesh
-from ..exchange.frozen_copies import FrozenCopies, batches, copies_to_subdivide
+from ..exchange.frozen_copies import FrozenCopies, batches, frozen_copies
 from ..exchange.mesh_checksums import Topology, geometry_checksum
-from ..exchange.modifiers import applied_modifiers, subdivision_modifier
+from ..exchange.modifiers import applied_modifiers, base_modifiers, subdivision_modifier
 from ..exchange.object_state import StateAtFrame, object_state
 from ..state import fingerprint, results, staleness
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
@@ -68,7 +68,8 @@ def make_meshes(
             yield f"Writing meshes: {len(made):,} of {len(answers):,}"
             context.view_layer.update()
             holders = [_sources(answer)[0] for answer in batch]
-            with copies_to_subdivide(context, holders, use_modifiers=settings.use_modifiers) as copies:
+            bases = {each: base_modifiers(each, use_modifiers=settings.use_modifiers) for each in holders}
+            with frozen_copies(context, bases) as copies:
                 for answer, holder in zip(batch, holders, strict=True):
                     with naming(holder.name):
                         made.append(_make_mesh(context, answer, holder, settings, exact_normals, copies))
@@ -134,10 +135,10 @@ def _make_mesh(
     if modifier is not None:
         options = TransferOptions(uv_smooth=modifier.uv_smooth, limit_normals=exact_normals)
     control = answer.task.surface.control
-    with base_mesh(context, source, use_modifiers=settings.use_modifiers, copies=copies) as (base, own_control):
-        if not same_control_mesh(own_control, control):
-            raise ComputeError(CHANGED)
-        mesh = new_mesh(base, control.mesh, answer.adaptive.mesh, options)
+    base, own_control = base_mesh(context, source, use_modifiers=settings.use_modifiers, copies=copies)
+    if not same_control_mesh(own_control, control):
+        raise ComputeError(CHANGED)
+    mesh = new_mesh(base, control.mesh, answer.adaptive.mesh, options)
     try:
         mesh.name = source.name + NAME_SUFFIX
         results.write_adaptive(mesh, answer, settings)

@@ -78,7 +78,7 @@ def _quickly_measured(holder: bpy.types.Object, use_modifiers: bool) -> float | 
     if holder.data.is_editmode:
         return _known.get((holder.session_uid, use_modifiers))
     try:
-        counted = counted_modifiers(holder) if use_modifiers else []
+        counted = counted_modifiers(holder, use_modifiers=use_modifiers)
         if is_evaluated(holder, counted) or mesh_face_count(holder.data) > LARGEST_FACE_COUNT:
             return _recorded(record, holder) if record.use_modifiers == use_modifiers else None
         return measured_diagonal(bpy.context, holder, use_modifiers=use_modifiers)

@@ -28,8 +28,8 @@ from ..core import (
 )
 from ..exchange.bulk_reading import read_values
 from ..exchange.control_mesh import ControlMesh, ControlMeshError, SharedMeshes, base_mesh
-from ..exchange.frozen_copies import FrozenCopies, copies_to_subdivide, in_batches
-from ..exchange.modifiers import applied_modifiers, subdivision_modifier
+from ..exchange.frozen_copies import FrozenCopies, frozen_copies, in_batches
+from ..exchange.modifiers import applied_modifiers, base_modifiers, subdivision_modifier
 from .surfaces import (
     Faults,
     Surface,
@@ -152,7 +152,8 @@ def prepare_adaptive(
         yield f"Reading objects: {read:,} of {len(users_of):,}"
         read += len(batch)
         context.view_layer.update()
-        with copies_to_subdivide(context, batch, use_modifiers=settings.use_modifiers) as copies:
+        bases = {each: base_modifiers(each, use_modifiers=settings.use_modifiers) for each in batch}
+        with frozen_copies(context, bases) as copies:
             for blender_object in batch:
                 with faults.of(blender_object.name):
                     tasks += _read_tasks(context, blender_object, users_of[blender_object], settings, shared, copies)
@@ -184,12 +185,9 @@ def _read_tasks(
 ) -> list[AdaptiveTask]:
     """What to make of an object, for each of those that get it."""
     use_modifiers = settings.use_modifiers
-    with base_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=copies) as (
-        base,
-        control,
-    ):
-        steps = _mixing_steps(base.shape_keys)
-        largest = _largest_coordinates(control, base.shape_keys)
+    base, control = base_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=copies)
+    steps = _mixing_steps(base.shape_keys)
+    largest = _largest_coordinates(control, base.shape_keys)
     return [_task(blender_object, user, control, settings, largest, steps) for user in users]
 
 

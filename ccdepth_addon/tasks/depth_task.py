@@ -43,10 +43,10 @@ from ..exchange.control_mesh import (
     moved_mesh,
     read_control_mesh,
 )
-from ..exchange.frozen_copies import NO_ORIGIN, copies_to_measure, in_batches
+from ..exchange.frozen_copies import NO_ORIGIN, frozen_copies, in_batches
 from ..exchange.mesh_arrays import mesh_face_count, own_mesh
 from ..exchange.mesh_checksums import Topology, geometry_checksum
-from ..exchange.modifiers import OF_OBJECT, shown_vertices
+from ..exchange.modifiers import OF_OBJECT, counted_modifiers, shown_vertices
 from ..exchange.object_state import KnownDescriptions, ObjectState, StateAtFrame, object_state
 from .frames import frame_restored, typed_frames
 from .surfaces import (
@@ -335,7 +335,7 @@ def _read_objects(
         read += len(batch)
         known: KnownDescriptions = {}
         context.view_layer.update()
-        with copies_to_measure(context, batch, **modifiers) as copies:
+        with frozen_copies(context, {each: counted_modifiers(each, **modifiers) for each in batch}) as copies:
             for blender_object in batch:
                 with faults.of(blender_object.name, frame):
                     control = read_control_mesh(context, blender_object, **modifiers, shared=shared, copies=copies)
