@@ -97,16 +97,16 @@ class Layout:
 def placed(
     legend: Legend, region: tuple[int, int], obstacles: Sequence[Rectangle], scale: float, measure: Measure
 ) -> tuple[Layout, Rectangle] | None:
-    """The largest layout that there is room for, and where; without notes where it is smallest; None when there is
-    none. scale: the interface's."""
-    wanted = [(legend, scale * size) for size in SIZES]
+    """The layout that can be farthest to the right, the largest of such, and where; without notes where it is smallest;
+    None when there is no room for any. scale: the interface's."""
+    found, wanted = [], [(legend, scale * size) for size in SIZES]
     for each, size in [*wanted, (replace(legend, notes=legend.notes[:1]), scale * SIZES[-1])]:
         layout = column(each, size, measure)
         if layout.width * layout.height <= LARGEST_PART * region[0] * region[1]:
             place = free_place(layout.width, layout.height, region, obstacles, round(MARGIN * scale))
             if place is not None:
-                return layout, place
-    return None
+                found.append((layout, place))
+    return max(found, key=lambda one: one[1].right, default=None)
 
 
 def free_place(
