@@ -397,6 +397,7 @@ def test_the_search_after_a_refusal_is_bounded_and_names_what_it_has_by_then(mon
     monkeypatch.setattr(addon.module("tasks.adaptive_meshes"), "SECONDS_AFTER_REFUSAL", 0.0)
     holder, settings = scene.add_object(meshes.landscape(3, 3)), {"max_faces": 1000}
     tolerance = named_tolerance(holder, tolerance=1e-5, **settings)
+    assert tolerance > 1, "it goes on after the first one"
     [result] = subdivide(holder, tolerance=tolerance, tolerance_mode="RELATIVE", **settings)
     assert faces(result) <= 1000
 
