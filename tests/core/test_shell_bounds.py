@@ -15,7 +15,7 @@ from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.distance import pieces as surface_pieces
 from ccdepth_addon.core.distance.leaf_distances import Leaves
 from ccdepth_addon.core.distance.pieces import SQUARE_FORM, TRIANGLE_FORM
-from ccdepth_addon.core.distance.shell_bounds import Pieces, bridge_bounds, shell_bounds
+from ccdepth_addon.core.distance.shell_bounds import Pieces, raised_at_sides, shell_bounds
 from ccdepth_addon.core.distance.shells import Shell, Triangles, vertex_vectors
 from ccdepth_addon.core.surface.refinement import Refinement
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
@@ -56,7 +56,7 @@ def moved_pieces(shell: Shell, size: float, seed: int) -> Pieces:
     flats = np.einsum("pkc,tcd->tpkd", PARTS, shell.triangles.corners[:count]).reshape(-1, 3, 3)
     away = generator.normal(size=(len(flats), 1, 3)) * size * generator.random((len(flats), 1, 1)) ** 2
     hulls = flats + away + generator.normal(size=flats.shape) * size / 10
-    return Pieces(np.repeat(np.arange(count), len(PARTS)), hulls, np.zeros(len(flats)), flats)
+    return Pieces(np.repeat(np.arange(count), len(PARTS)), hulls.swapaxes(0, 1), flats.swapaxes(0, 1))
 
 
 def farthest(points: FloatArray, triangles: FloatArray) -> FloatArray:
@@ -80,7 +80,7 @@ def test_no_point_of_a_piece_is_farther_than_its_bound(bumps: float, size: float
     bounds = shell_bounds(shell, pieces)
     placed = np.flatnonzero(np.isfinite(bounds))
     weights = np.concatenate([np.eye(3), np.full((1, 3), 1 / 3), (1 - np.eye(3)) / 2])
-    points = np.einsum("rk,pkd->prd", weights, pieces.hulls[placed])
+    points = np.einsum("rk,kpd->prd", weights, pieces.hulls[:, placed])
     real = shell.triangles.corners[: len(shell.triangles.vertices)]
     assert np.all(farthest(points, real) <= bounds[placed] * (1 + 1e-9) + 1e-12)
 
@@ -100,10 +100,10 @@ def test_ways_from_sides_beside_equal_parameters_count(away: float) -> None:
     corners, normals = shell.triangles.corners[:count], shell.triangles.normals[:count]
     places = [[each.count(corner) / 6 for corner in range(3)] for each in combinations_with_replacement(range(3), 6)]
     flats = np.array(places) @ corners
-    whole = Pieces(np.arange(count), flats + lift * normals[:, None], np.zeros(count), flats)
-    pieces = whole.divided(TRIANGLE_FORM.quarters)
+    lifted = (flats + lift * normals[:, None]).swapaxes(0, 1)
+    pieces = Pieces(np.arange(count), lifted, flats.swapaxes(0, 1)).divided(TRIANGLE_FORM.quarters)
     off_beyond = np.where(shell.triangles.is_closed, np.inf, 1.0)
-    found = bridge_bounds(shell, pieces, np.zeros(4 * count), off_beyond).reshape(4, count)
+    found = raised_at_sides(shell, pieces, np.zeros(4 * count), off_beyond).reshape(4, count)
     # Three quarters of a triangle are at each side together, two of them at one side.
     is_raised = found[:3] >= lift / 2
     assert np.all(is_raised[:, np.isfinite(off_beyond).all(axis=1)])
@@ -114,7 +114,7 @@ def test_what_is_moved_beyond_the_triangles_around_has_no_place(bumps: float) ->
     """Along the surface, by three quads: its height over its own triangle proves nothing."""
     shell = landscape(bumps, 3)
     pieces = moved_pieces(shell, 0.0, 4)
-    far = Pieces(pieces.triangles, pieces.hulls + np.array([3.0, 0.0, 0.0]), pieces.near, pieces.flats)
+    far = Pieces(pieces.triangles, pieces.hulls + np.array([3.0, 0.0, 0.0]), pieces.flats)
     assert np.all(np.isinf(shell_bounds(shell, far)))
 
 
@@ -138,10 +138,10 @@ def test_all_of_a_quad_is_looked_at_however_it_is_divided(monkeypatch: pytest.Mo
     leaves = Leaves.of(Refinement.start(mesh, np.arange(count)), np.arange(count) % 2 == 1, Vertices.LIMIT, 100.0)
     generator, areas = np.random.default_rng(5), np.zeros(count)
 
-    def some(shell: Shell, pieces: Pieces, *, are_last: bool) -> FloatArray:
-        is_open = generator.random(len(pieces.near)) < 0.25
-        form = SQUARE_FORM if pieces.flats.shape[1] == 16 else TRIANGLE_FORM
-        first, *others = np.moveaxis(pieces.flats[:, form.values], 1, 0)
+    def some(shell: Shell, pieces: Pieces, off_beyond: None, *, are_last: bool) -> FloatArray:
+        is_open = generator.random(len(pieces.triangles)) < 0.25
+        form = SQUARE_FORM if len(pieces.flats) == 16 else TRIANGLE_FORM
+        first, *others = pieces.flats[form.values]
         if form is SQUARE_FORM:
             others = [others[0], others[2], others[1]]
         sides = [each - first for each in others]

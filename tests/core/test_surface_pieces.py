@@ -6,19 +6,34 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.adaptive.surface_pieces import Part, parts_of, quad_keys, quarter_keys
+from ccdepth_addon.core.adaptive.leaf_bounds.descent import Squares
+from ccdepth_addon.core.adaptive.leaf_bounds.triangle_bounds import barycentric
+from ccdepth_addon.core.adaptive.surface_pieces import (
+    SOME,
+    over_triangles,
+    parts_of,
+    pieces_by_corners,
+    pieces_over,
+    quad_keys,
+    quarter_keys,
+)
 from ccdepth_addon.core.adaptive.templates import (
     COUNTS,
+    COUNTS_OF_TRIANGLE,
     QUAD_POINTS,
+    TRIANGLE_COUNTS,
     TRIANGLE_POINTS,
     TRIANGLES,
     TRIANGLES_OF_TRIANGLE,
 )
-from ccdepth_addon.core.distance.shells import Triangles
+from ccdepth_addon.core.distance.leaf_surfaces import Tiles
+from ccdepth_addon.core.distance.shells import Shell, Triangles
 
 WHOLE = (0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
-# The upper right quarter, counted from the centre on, as around an extraordinary vertex.
+# The upper right quarter, counted from the centre on, and the lower right one from the corner on, as around
+# extraordinary vertices.
 QUARTER = (0.5, 0.5, 0.5, 0.0, 0.0, 0.5)
+CORNER = (1.0, 0.0, 0.0, 0.5, -0.5, 0.0)
 NUMBERS = [16 * other + pattern for pattern in range(15) for other in range(COUNTS[pattern])]
 
 
@@ -28,29 +43,48 @@ def area(points: np.ndarray) -> float:
     return abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
 
 
-def corners_of(part: Part, places: np.ndarray) -> np.ndarray:
-    """(n, 2): a part's corners, in its triangle with corners at places (3, 2)."""
-    drawn = part.weights[{4: [0, 1, 2, 3], 16: [0, 12, 15, 3], 28: [0, 21, 27]}[len(part.weights)]]
-    found: np.ndarray = drawn @ places
-    return found
+def drawn_apart(corners: np.ndarray) -> Shell:
+    """Triangles with corners (n, 3, 2) in a plane, none joined to another."""
+    count = len(corners)
+    nothing = np.zeros((count, 3), dtype=np.intp)
+    triangles = Triangles.joined(
+        np.concatenate([corners, np.zeros((count, 3, 1))], axis=2),
+        np.arange(3 * count).reshape(-1, 3),
+        nothing,
+        nothing.copy(),
+        np.ones((count, 3), dtype=bool),
+        np.zeros(count, dtype=bool),
+    )
+    return Shell.of(triangles, np.ones(3 * count, dtype=bool), 1.0)
 
 
 @pytest.mark.parametrize("turn", range(4))
-@pytest.mark.parametrize("place", [WHOLE, QUARTER])
-def test_parts_of_quads_are_all_of_a_square_and_over_their_triangles(turn: int, place: tuple[float, ...]) -> None:
+@pytest.mark.parametrize("place", [WHOLE, QUARTER, CORNER])
+def test_pieces_of_quads_are_all_of_a_square_and_over_their_triangles(turn: int, place: tuple[float, ...]) -> None:
     """The identity of the parameters stands for the surface: hull points are then places, and what is drawn too."""
+    numbers = np.array(place)
+    one, axes = np.ones(1, dtype=np.intp), numbers[2:].reshape(1, 2, 2)
+    squares = Squares(0 * one, one, numbers[None, :2], axes)
     along = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
-    square = np.array(place[:2]) + along @ np.array(place[2:]).reshape(2, 2)
+    square = np.column_stack([numbers[:2] + along @ axes[0], np.zeros(16)])
+    tiles, first = Tiles(squares, square[:, None]), 0 * one
     for number in NUMBERS:
-        parts, total = parts_of(int(quad_keys(number, turn)), place, are_bicubic=True), 0.0
-        for part in parts:
-            triangle = TRIANGLES[number, part.triangle]
-            places = QUAD_POINTS[(triangle + turn) % 4 + triangle // 4 * 4]
-            hull = square if part.rows is None else part.rows @ square
-            np.testing.assert_allclose(hull, part.weights @ places, atol=1e-14)
-            assert part.weights.min() >= -1e-14
-            total += area(corners_of(part, places))
-        assert total == pytest.approx(place[2] * place[5], abs=1e-14)
+        points = TRIANGLES[number, : TRIANGLE_COUNTS[number]]
+        shell = drawn_apart(QUAD_POINTS[(points + turn) % 4 + points // 4 * 4])
+        key, total = int(quad_keys(number, turn)), 0.0
+        over = over_triangles(np.array([key]), squares)
+        pieces = [each for _, each, _ in pieces_by_corners(shell, tiles, over, first)]
+        for triangle in over.triangles[over.shares == SOME].tolist():
+            parts = parts_of(key, triangle, place, are_bicubic=True)
+            pieces += [pieces_over(shell, tiles, first, part, np.array([triangle])) for part in parts]
+        for piece in pieces:
+            np.testing.assert_allclose(piece.hulls, piece.flats, atol=1e-14)
+            corners = shell.triangles.corners[piece.triangles[0], :, :2]
+            weights = barycentric(corners, piece.flats[:, 0, :2])
+            assert weights.min() >= -1e-14
+            rows = {16: [0, 12, 15, 3], 28: [0, 21, 27]}[len(weights)]
+            total += area(weights[rows] @ corners)
+        assert total == pytest.approx(abs(np.linalg.det(axes[0])), abs=1e-14)
 
 
 @pytest.mark.parametrize("quarter", range(3))
@@ -64,16 +98,15 @@ def test_parts_of_triangles_are_all_of_a_quarter(quarter: int) -> None:
     # (500, 3): weights of the triangle's corners.
     places = bilinear @ ring
     for pattern in range(7):
-        parts = parts_of(int(quarter_keys(pattern, quarter)), WHOLE, are_bicubic=True)
-        inside = [np.linalg.inv(TRIANGLE_POINTS[triangle]) for triangle in TRIANGLES_OF_TRIANGLE[pattern]]
-        within = np.stack([np.all(places @ each >= 0, axis=1) for each in inside])
-        is_found = np.zeros(len(u), dtype=bool)
-        for part in parts:
-            square = part.rows @ np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
-            low, high = square.min(axis=0), square.max(axis=0)
-            on = (low[0] <= u) & (u <= high[0]) & (low[1] <= v) & (v <= high[1])
-            is_found |= on & within[part.triangle]
-            np.testing.assert_allclose(part.weights.sum(axis=1), 1, atol=1e-14)
+        key, is_found = int(quarter_keys(pattern, quarter)), np.zeros(len(u), dtype=bool)
+        for triangle, points in enumerate(TRIANGLES_OF_TRIANGLE[pattern, : COUNTS_OF_TRIANGLE[pattern]]):
+            within = np.all(places @ np.linalg.inv(TRIANGLE_POINTS[points]) >= 0, axis=1)
+            for part in parts_of(key, triangle, WHOLE, are_bicubic=True):
+                square = part.rows @ np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
+                low, high = square.min(axis=0), square.max(axis=0)
+                on = (low[0] <= u) & (u <= high[0]) & (low[1] <= v) & (v <= high[1])
+                is_found |= on & within
+                np.testing.assert_allclose(part.weights.sum(axis=1), 1, atol=1e-14)
         assert np.all(is_found)
 
 

@@ -18,13 +18,13 @@ from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..distance.leaf_surfaces import joined_tiles
 from ..distance.pieces import Form, include_pieces
-from ..distance.shell_bounds import Pieces, curve_bounds
+from ..distance.shell_bounds import Pieces
 from ..distance.shells import Shell
 from .cells.cell_store import in_blocks
 from .leaf_triangles import LeafTriangles
 from .plan import Plan
 from .quadtree import NONE, Quadtree, any_of_slots
-from .surface_pieces import DrawnTiles, closed_curves, grouped, parts_of, pieces_over
+from .surface_pieces import ALL, SOME, DrawnTiles, grouped, over_triangles, parts_of, pieces_by_corners, pieces_over
 
 # What a bound depends on is this many rings of leaves around: the triangles of the first and, by vectors at their
 # vertices, those of the second.
@@ -34,7 +34,7 @@ RINGS = 2
 TILE_LEVELS = (3, 6, 14)
 
 # Pieces looked at together, and so many as there are at once.
-PIECES_AT_ONCE, MOST_PIECES = 1 << 12, 1 << 15
+PIECES_AT_ONCE, MOST_PIECES = 1 << 13, 1 << 15
 
 # Leaves whose tiles are there together.
 LEAVES_AT_ONCE = 1 << 14
@@ -155,7 +155,7 @@ class _InShell:
     (n,), of the rest."""
 
     def __init__(self, shell: Shell, beyond: FloatArray, limit: float, count: int, tick: Callable[[], None]) -> None:
-        """beyond: as of ``bridge_bounds``. tick: called meanwhile, and may raise to stop."""
+        """beyond: as of ``shell_bounds``. tick: called meanwhile, and may raise to stop."""
         self._tick = tick
         self._shell, self._beyond, self._limit = shell, beyond, limit
         self.found, self.of_rests = np.zeros((2, count))
@@ -165,18 +165,20 @@ class _InShell:
     def include(self, drawn: DrawnTiles, bases: IndexArray, firsts: IndexArray) -> None:
         """Tiles of leaves (P,). firsts: (P,), the triangle from which each one's are counted."""
         tiles, squares = drawn.tiles, drawn.tiles.squares
-        for group, alike in grouped(drawn.keys, squares.origins, squares.axes.reshape(-1, 4)):
-            key, *place = group.tolist()
-            chosen = alike[np.isfinite(self.found[bases[alike]])]
-            for part in parts_of(int(key), tuple(place), are_bicubic=tiles.are_bicubic) if len(chosen) else ():
-                pieces = pieces_over(self._shell, tiles, chosen, part, firsts[chosen])
-                found = self._of(part.form)
-                for own, curves in closed_curves(self._shell, part, pieces):
-                    np.maximum.at(found, bases[chosen[own]], curve_bounds(self._shell, curves))
-                self._put(bases[chosen], pieces, part.form)
+        over = over_triangles(drawn.keys, squares)
+        for chosen, pieces, form in pieces_by_corners(self._shell, tiles, over, firsts):
+            self._put(bases[chosen], pieces, form)
+        cut = over.at(np.flatnonzero(over.shares == SOME if tiles.are_bicubic else over.shares != ALL))
+        columns = (drawn.keys, squares.origins, squares.axes.reshape(-1, 4))
+        for group, alike in grouped(cut.triangles, *(each[cut.tiles] for each in columns)):
+            triangle, key, *place = group.tolist()
+            chosen = cut.tiles[alike]
+            for part in parts_of(int(key), int(triangle), tuple(place), are_bicubic=tiles.are_bicubic):
+                triangles = firsts[chosen] + int(triangle)
+                self._put(bases[chosen], pieces_over(self._shell, tiles, chosen, part, triangles), part.form)
 
     def _put(self, bases: IndexArray, pieces: Pieces, form: Form) -> None:
-        key = id(form), pieces.hulls.shape[1]
+        key = id(form), len(pieces.hulls)
         self._waiting[key].append((bases, pieces, form))
         self._counts[key] += len(bases)
         if self._counts[key] >= MOST_PIECES:

@@ -9,20 +9,24 @@ that it meets: each has a part of it.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
-from functools import lru_cache
+from collections.abc import Iterator
+from dataclasses import dataclass, fields
+from functools import cache, lru_cache
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
+from ..arrays.ranges import ranges
 from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import component_major, selected_vectors, transformed_nets
 from ..distance.leaf_surfaces import Tiles
 from ..distance.pieces import HULL_FORM, SQUARE_FORM, TRIANGLE_FORM, Form
-from ..distance.shell_bounds import Curves, Pieces
+from ..distance.shell_bounds import Pieces
 from ..distance.shells import Shell
 from ..surface.bicubic import HALVES
-from .leaf_bounds.triangle_bounds import Square, barycentric, clipped, functionals
+from .leaf_bounds.descent import Squares
+from .leaf_bounds.triangle_bounds import WHOLE_QUAD, Square, barycentric_rows, clipped, functionals
 from .templates import (
     COUNTS_OF_TRIANGLE,
     QUAD_POINTS,
@@ -32,38 +36,24 @@ from .templates import (
     TRIANGLES_OF_TRIANGLE,
 )
 
-# (16, 2): the parameters of the Bernstein coefficients of a bicubic square; and those of its sides.
+# (16, 2): the parameters of the Bernstein coefficients of a bicubic square.
 GREVILLE = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
-SIDES_OF_SQUARE = ((0, 1), (1, 2), (2, 3), (3, 0))
-ON_SIDES = ([0, 4, 8, 12], [12, 13, 14, 15], [15, 11, 7, 3], [3, 2, 1, 0])
 
 # Weights nearer to 0 than this are: all are small multiples of powers of a half.
 NOTHING = 2.0**-40
 
 # How often squares are halved both ways where a template's lines cut them and are no lines in their parameters.
-SPLITS_AT_LINES = 3
-
-
-@dataclass(frozen=True)
-class AtSide:
-    """A side of a part that lies on a side of its triangle. side: the latter; hull, drawn: which of the part's hull
-    points, and of those that are drawn, are there."""
-
-    side: int
-    hull: Sequence[int] | slice
-    drawn: Sequence[int]
+SPLITS_AT_LINES = 1
 
 
 @dataclass(frozen=True)
 class Part:
-    """A part of a tile over one triangle of a template. rows: (R, 16), its hull points from the tile's coefficients, or
+    """A part of a tile over a triangle of a template. rows: (R, 16), its hull points from the tile's coefficients, or
     None for all points of the tile; weights: (R', 3), of the triangle's corners for what is drawn there."""
 
-    triangle: int
     form: Form
     rows: FloatArray | None
     weights: FloatArray
-    at_sides: tuple[AtSide, ...]
 
 
 @dataclass(frozen=True)
@@ -114,103 +104,142 @@ def half_keys(are_before: bool, are_split: BoolArray) -> IndexArray:
     return FIRST_OF_HALVES - 2 * int(are_before) - are_split
 
 
-@lru_cache(maxsize=8192)
-def parts_of(key: int, place: tuple[float, ...], *, are_bicubic: bool) -> tuple[Part, ...]:
-    """The parts of tiles over a square of the parameters, place: its origin and axes."""
+@dataclass(frozen=True)
+class _Region:
+    """What one triangle is drawn for. region: (4, 3), weights of the region's corners as functions of 1, u, v and uv;
+    drawn: (4, 3), those of the triangle's corners. corners: (3, 2), of the region in its quad; none where it is a
+    quarter."""
+
+    region: FloatArray
+    drawn: FloatArray
+    corners: FloatArray | None = None
+
+    def weights(self, places: FloatArray) -> FloatArray:
+        """(n, 3): of the triangle's corners, at places (n, 2)."""
+        found: FloatArray = monomials(places) @ self.drawn
+        return found
+
+
+def monomials(places: FloatArray) -> FloatArray:
+    """(…, 4): 1, u, v and uv at places (…, 2)."""
+    u, v = np.moveaxis(places, -1, 0)
+    return np.stack([np.ones_like(u), u, v, u * v], axis=-1)
+
+
+# From weights at a square's corners to functions of 1, u, v and uv.
+FROM_CORNERS = np.linalg.inv(monomials(QUAD_POINTS[:4]))
+
+# The corners' weights at the Greville places of a square.
+AT_GREVILLE = monomials(GREVILLE) @ FROM_CORNERS
+
+
+@cache
+def regions_of(key: int) -> tuple[_Region, ...]:
+    """Of each triangle."""
     if key <= FIRST_OF_HALVES:
         corners, weights = HALVES_OF_QUARTERS[FIRST_OF_HALVES - key]
         # Places are counted counterclockwise.
         order = [0, 2, 1] if FIRST_OF_HALVES - key < 2 else [0, 1, 2]
-        return tuple(_parts_over(0, corners[order], weights[order], _square(place), are_bicubic))
+        return (_over(corners[order], weights[order]),)
     if key < 0:
-        return tuple(_parts_of_quarter(*divmod(-1 - key, 3), _square(place), are_bicubic))
-    return tuple(_parts_of_quad(*divmod(key, 4), _square(place), are_bicubic))
+        pattern, quarter = divmod(-1 - key, 3)
+        ring = np.roll(np.array([[1, 0, 0], [0.5, 0.5, 0], [1 / 3, 1 / 3, 1 / 3], [0.5, 0, 0.5]]), quarter, axis=1)
+        triangles = TRIANGLES_OF_TRIANGLE[pattern, : COUNTS_OF_TRIANGLE[pattern]]
+        found = [FROM_CORNERS @ ring @ np.rint(np.linalg.inv(TRIANGLE_POINTS[points])) for points in triangles]
+        return tuple(_Region(each, each) for each in found)
+    number, turn = divmod(key, 4)
+    triangles = TRIANGLES[number, : TRIANGLE_COUNTS[number]]
+    return tuple(_over(QUAD_POINTS[(points + turn) % 4 + points // 4 * 4], np.eye(3)) for points in triangles)
 
 
-def _parts_of_quad(number: int, turn: int, square: Square, are_bicubic: bool) -> Iterator[Part]:
-    for triangle, points in enumerate(TRIANGLES[number, : TRIANGLE_COUNTS[number]]):
-        corners = QUAD_POINTS[(points + turn) % 4 + points // 4 * 4]
-        yield from _parts_over(triangle, corners, np.eye(3), square, are_bicubic)
+def _over(corners: FloatArray, weights: FloatArray) -> _Region:
+    """A region with corners (3, 2) in its quad, drawn in a triangle: weights (3, 3) of the triangle's corners there."""
+    opposite, doubled_area = barycentric_rows(corners)
+    region = np.insert(opposite[[2, 0, 1]] / doubled_area, 3, 0.0, axis=0)
+    return _Region(region, region @ weights, corners)
 
 
-def _parts_over(
-    triangle: int, corners: FloatArray, weights: FloatArray, square: Square, are_bicubic: bool
-) -> Iterator[Part]:
-    """Of a square and a region with corners (3, 2) in its quad, drawn in a triangle: weights (3, 3) of the triangle's
-    corners at those of the region."""
-    pieces = clipped(corners, square)
-    if not pieces:
-        return
-    at_corners = barycentric(corners, square.corners())
-    if not are_bicubic:
-        yield _rest(triangle, at_corners @ weights)
-    elif np.all(at_corners >= 0):
-        inside = barycentric(corners, square.origin + GREVILLE @ square.axes)
-        yield Part(triangle, SQUARE_FORM, None, inside @ weights, _sides_of_square(at_corners @ weights))
-    else:
-        for piece in pieces:
-            yield _clipped_part(triangle, piece, square, corners, weights)
+# How much of a tile is over a triangle, if it is not the half without corner 0, 1, 2 or 3.
+ALL, SOME = -1, -2
+
+# The corners of these halves; of each the coefficients of the surface, from those of the tile, and the weights of its
+# corners where what is drawn has the same ones.
+HALVES_OF_SQUARES = [[(corner + k) % 4 for k in (1, 2, 3)] for corner in range(4)]
+ROWS_OF_HALVES = [functionals(QUAD_POINTS[half], WHOLE_QUAD, QUAD_POINTS[half]) for half in HALVES_OF_SQUARES]
 
 
-def _square(place: tuple[float, ...]) -> Square:
-    numbers = np.array(place)
-    return Square(numbers[:2], numbers[2:].reshape(2, 2))
+@dataclass(frozen=True)
+class TilesOverTriangles:
+    """n tiles that each meet a triangle's region. tiles: (n,) intp; triangles: (n,) intp, which of their templates';
+    weights: (n, 4, 3), of the triangle's corners at the tiles' corners. shares: (n,) int8, how much of each tile is
+    over it: ``ALL``, the half without this corner, or ``SOME``."""
+
+    tiles: IndexArray
+    triangles: IndexArray
+    weights: FloatArray
+    shares: NDArray[np.int8]
+
+    def at(self, chosen: IndexArray) -> TilesOverTriangles:
+        """Some of them, by index."""
+        return TilesOverTriangles(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
 
-def _clipped_part(triangle: int, piece: FloatArray, square: Square, corners: FloatArray, weights: FloatArray) -> Part:
-    rows, inside = functionals(piece, square, corners)
-    at_corners, own = barycentric(corners, piece) @ weights, barycentric(piece, inside @ corners)
-    sides = []
-    for start in range(3):
-        rows_there = np.flatnonzero(np.abs(own[:, (start + 2) % 3]) < NOTHING).tolist()
-        sides += [AtSide(side, rows_there, rows_there) for side in _on(at_corners, start, (start + 1) % 3)]
-    return Part(triangle, TRIANGLE_FORM, rows, inside @ weights, tuple(sides))
-
-
-def _rest(triangle: int, at_corners: FloatArray) -> Part:
-    sides = [AtSide(side, slice(None), list(ends)) for ends in SIDES_OF_SQUARE for side in _on(at_corners, *ends)]
-    return Part(triangle, HULL_FORM, None, at_corners, tuple(sides))
-
-
-def _sides_of_square(at_corners: FloatArray) -> tuple[AtSide, ...]:
-    return tuple(
-        AtSide(side, rows, rows)
-        for ends, rows in zip(SIDES_OF_SQUARE, ON_SIDES, strict=True)
-        for side in _on(at_corners, *ends)
+def over_triangles(keys: IndexArray, squares: Squares) -> TilesOverTriangles:
+    """Tiles over squares (P,), by the triangles that they are drawn as."""
+    kinds, places = np.unique(keys, return_inverse=True)
+    regions = [regions_of(key) for key in kinds.tolist()]
+    counts = np.array([len(each) for each in regions], dtype=np.intp)[places.reshape(-1)]
+    firsts = np.cumsum([0, *map(len, regions)])[places.reshape(-1)]
+    tiles, which = np.repeat(np.arange(len(keys)), counts), ranges(firsts, counts)
+    region, drawn = (
+        np.stack([getattr(each, name) for of_kind in regions for each in of_kind]) for name in ("region", "drawn")
     )
+    at_corners = monomials(np.moveaxis(squares.corners(), 0, 1))[tiles]
+    inside = at_corners @ region[which]
+    meets = np.flatnonzero(inside.max(axis=1).min(axis=1) > NOTHING)
+    tiles, which, inside = tiles[meets], which[meets], inside[meets]
+    shares = np.full(len(meets), SOME, dtype=np.int8)
+    shares[inside.min(axis=(1, 2)) >= -NOTHING] = ALL
+    for corner, half in enumerate(HALVES_OF_SQUARES):
+        # A side of the region is the diagonal between them. In quarters of triangles it is none of what is drawn.
+        is_cut = np.all(np.abs(inside[:, half[::2]]) <= NOTHING, axis=1) & (inside[:, corner] < -NOTHING)
+        is_half = is_cut.any(axis=1) & (inside[:, half].min(axis=(1, 2)) >= -NOTHING)
+        shares[is_half & np.all(region[which, 3] == 0, axis=1)] = corner
+    return TilesOverTriangles(tiles, which - firsts[tiles], at_corners[meets] @ drawn[which], shares)
 
 
-def _on(at_corners: FloatArray, start: int, end: int) -> list[int]:
-    """The sides of a triangle that the line between two of some corners lies on, by their weights."""
-    return [side for side in range(3) if np.all(np.abs(at_corners[[start, end], (side + 2) % 3]) < NOTHING)]
-
-
-def _parts_of_quarter(pattern: int, quarter: int, square: Square, are_bicubic: bool) -> Iterator[Part]:
-    ring = np.roll(np.array([[1, 0, 0], [0.5, 0.5, 0], [1 / 3, 1 / 3, 1 / 3], [0.5, 0, 0.5]]), quarter, axis=1)
-    for triangle in range(int(COUNTS_OF_TRIANGLE[pattern])):
-        inside = np.rint(np.linalg.inv(TRIANGLE_POINTS[TRIANGLES_OF_TRIANGLE[pattern, triangle]]))
+@lru_cache(maxsize=8192)
+def parts_of(key: int, triangle: int, place: tuple[float, ...], *, are_bicubic: bool) -> tuple[Part, ...]:
+    """The parts over one triangle of tiles over a square of the parameters, place: its origin and axes."""
+    region, numbers = regions_of(key)[triangle], np.array(place)
+    square = Square(numbers[:2], numbers[2:].reshape(2, 2))
+    if region.corners is None:
         splits = SPLITS_AT_LINES if are_bicubic else 0
-        yield from _over_squares(triangle, ring @ inside, square, np.eye(16), splits, are_bicubic)
+        return tuple(_over_squares(region, square, np.eye(16), splits, are_bicubic))
+    pieces = clipped(region.corners, square)
+    if not are_bicubic:
+        return (Part(HULL_FORM, None, region.weights(square.corners())),) if pieces else ()
+    found = []
+    for piece in pieces:
+        rows, inside = functionals(piece, square, region.corners)
+        found.append(Part(TRIANGLE_FORM, rows, region.weights(inside @ region.corners)))
+    return tuple(found)
 
 
-def _over_squares(
-    triangle: int, ring: FloatArray, square: Square, rows: FloatArray, splits: int, are_bicubic: bool
-) -> Iterator[Part]:
-    """Of a square, or its quarters while the lines of the template cut them. ring: (4, 3), weights at the quarter's
-    corners, bilinear between."""
-    at_corners = _bilinear(ring, square.corners())
+def _over_squares(region: _Region, square: Square, rows: FloatArray, splits: int, are_bicubic: bool) -> Iterator[Part]:
+    """Of a square, or its quarters while the lines of the template cut them."""
+    at_corners = region.weights(square.corners())
     if np.any(np.all(at_corners <= NOTHING, axis=0)):
         return
     is_cut = bool(np.any(at_corners < -NOTHING))
     if not are_bicubic:
-        yield _rest(triangle, at_corners)
+        yield Part(HULL_FORM, None, at_corners)
     elif is_cut and splits:
         for child, halves in enumerate(_QUARTERS):
             smaller = Square(square.origin + QUAD_POINTS[child] @ square.axes / 2, square.axes / 2)
-            yield from _over_squares(triangle, ring, smaller, halves @ rows, splits - 1, are_bicubic)
+            yield from _over_squares(region, smaller, halves @ rows, splits - 1, are_bicubic)
     else:
-        weights = _bilinear(ring, square.origin + GREVILLE @ square.axes)
-        yield Part(triangle, CUT_FORM if is_cut else SQUARE_FORM, rows, weights, _sides_of_square(at_corners))
+        yield Part(CUT_FORM if is_cut else SQUARE_FORM, rows, AT_GREVILLE @ at_corners)
 
 
 # What reaches beyond a triangle says nothing of its height.
@@ -220,16 +249,10 @@ CUT_FORM = Form(np.zeros(0, dtype=np.intp), SQUARE_FORM.quarters)
 _QUARTERS = tuple(np.kron(HALVES[int(u)], HALVES[int(v)]) for u, v in QUAD_POINTS[:4])
 
 
-def _bilinear(ring: FloatArray, places: FloatArray) -> FloatArray:
-    u, v = places[:, :1], places[:, 1:]
-    return (1 - u) * (1 - v) * ring[0] + u * (1 - v) * ring[1] + u * v * ring[2] + (1 - u) * v * ring[3]
-
-
 def grouped(*columns: IndexArray | FloatArray) -> Iterator[tuple[FloatArray, IndexArray]]:
     """Each row that the columns (n,) or (n, k) have together, and where."""
     rows = np.column_stack([np.asarray(column, dtype=np.float64) for column in columns])
-    if not np.any(rows != rows[:1]):
-        yield rows[0], np.arange(len(rows))
+    if not len(rows):
         return
     order = np.lexsort(rows.T)
     starts = np.flatnonzero(np.append(True, np.any(np.diff(rows[order], axis=0) != 0, axis=1)))
@@ -237,20 +260,29 @@ def grouped(*columns: IndexArray | FloatArray) -> Iterator[tuple[FloatArray, Ind
         yield rows[order[start]], order[start:end]
 
 
-def pieces_over(shell: Shell, tiles: Tiles, chosen: IndexArray, part: Part, firsts: IndexArray) -> Pieces:
-    """The pieces of chosen tiles (n,) over one part of each. firsts: (n,), the first triangle of each one's leaf in the
-    shell."""
-    points, triangles = tiles.points[:, chosen], firsts + part.triangle
-    hulls = points if part.rows is None else (part.rows @ points.reshape(16, -1)).reshape(-1, len(chosen), 3)
-    flats = part.weights @ shell.triangles.corners[triangles]
-    return Pieces(triangles, np.ascontiguousarray(np.moveaxis(hulls, 0, 1)), tiles.near[chosen], flats)
+def pieces_by_corners(
+    shell: Shell, tiles: Tiles, over: TilesOverTriangles, firsts: IndexArray
+) -> Iterator[tuple[IndexArray, Pieces, Form]]:
+    """The pieces that are all of a tile, or half of a bicubic one; with the tile of each, and their form. firsts: (P,),
+    the first triangle of each tile's leaf in the shell."""
+    for share in range(-1, 4) if tiles.are_bicubic else [ALL]:
+        some = over.at(np.flatnonzero(over.shares == share))
+        if not len(some.tiles):
+            continue
+        triangles = firsts[some.tiles] + some.triangles
+        drawn = component_major((some.weights @ shell.triangles.corners[triangles]).swapaxes(0, 1))
+        hulls, form = selected_vectors(tiles.points, some.tiles), HULL_FORM
+        if share != ALL:
+            rows, weights = ROWS_OF_HALVES[share]
+            hulls, form = transformed_nets(rows, hulls), TRIANGLE_FORM
+            drawn = transformed_nets(weights, drawn[HALVES_OF_SQUARES[share]])
+        elif tiles.are_bicubic:
+            drawn, form = transformed_nets(AT_GREVILLE, drawn), SQUARE_FORM
+        yield some.tiles, Pieces(triangles, hulls, drawn), form
 
 
-def closed_curves(shell: Shell, part: Part, pieces: Pieces) -> Iterator[tuple[IndexArray, Curves]]:
-    """The curves of a part's pieces over closed sides, with the indices of the pieces."""
-    for at_side in part.at_sides:
-        own = np.flatnonzero(shell.triangles.is_closed[pieces.triangles, at_side.side])
-        if len(own):
-            some = pieces.at(own)
-            hulls, flats = some.hulls[:, at_side.hull], some.flats[:, at_side.drawn]
-            yield own, Curves(some.triangles, np.full(len(own), at_side.side), hulls, some.near, flats)
+def pieces_over(shell: Shell, tiles: Tiles, chosen: IndexArray, part: Part, triangles: IndexArray) -> Pieces:
+    """The pieces of chosen tiles (n,) over one part of each. triangles: (n,), of the shell."""
+    points = selected_vectors(tiles.points, chosen)
+    hulls = points if part.rows is None else transformed_nets(part.rows, points)
+    return Pieces(triangles, hulls, transformed_nets(part.weights, shell.triangles.corners[triangles].swapaxes(0, 1)))

@@ -9,6 +9,8 @@ arithmetic keep the layout. No function requires it.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from .matrix_products import matrix_product
@@ -18,6 +20,16 @@ from .types import FloatArray, IndexArray
 def selected_vectors(vectors: FloatArray, indices: IndexArray) -> FloatArray:
     """(…, n, 3), component-major: those of (…, P, 3) at the indices (n,)."""
     return vectors.swapaxes(-1, -2).take(indices, axis=-1).swapaxes(-1, -2)
+
+
+def component_major(vectors: FloatArray) -> FloatArray:
+    """The same (…, P, 3), component-major."""
+    return np.ascontiguousarray(vectors.swapaxes(-1, -2)).swapaxes(-1, -2)
+
+
+def joined_vectors(vectors: Sequence[FloatArray]) -> FloatArray:
+    """(…, sum of P, 3), component-major: several (…, P, 3), one after the other."""
+    return np.concatenate([each.swapaxes(-1, -2) for each in vectors], axis=-1).swapaxes(-1, -2)
 
 
 def transformed_nets(matrix: FloatArray, nets: FloatArray) -> FloatArray:

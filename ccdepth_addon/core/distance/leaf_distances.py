@@ -16,22 +16,19 @@ from ..adaptive.leaf_bounds.triangle_bounds import coefficients_over
 from ..adaptive.templates import QUAD_POINTS
 from ..arrays.chunks import index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from ..arrays.vectors import lengths
+from ..arrays.vectors import component_major, selected_vectors, transformed_nets
 from ..bounds.norm_bounds import Vertices
 from ..surface.refinement import Refinement
 from .leaf_surfaces import ALL_LEVELS, FEW_LEVELS, Tiles, joined_tiles, tiles_of
 from .pieces import HULL_FORM, SQUARE_FORM, TRIANGLE_FORM, Form, include_pieces
-from .shell_bounds import Curves, Pieces, curve_bounds
-from .shells import QUAD_TRIANGLES, SIDE_OF_TRIANGLE, TRIANGLE_AT_SIDE, Shell, Triangles, vertex_vectors
+from .shell_bounds import Pieces, off_at_equal
+from .shells import QUAD_TRIANGLES, Shell, Triangles, vertex_vectors
 
 # Quads whose tiles are looked at together, and pieces of these.
 QUADS_AT_ONCE, PIECES_AT_ONCE = 1 << 12, 1 << 12
 
 SQUARE = QUAD_POINTS[:4]
 GREVILLE = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
-
-# The Bernstein coefficients on each side of a square.
-ON_SIDES = np.array([[0, 4, 8, 12], [12, 13, 14, 15], [15, 11, 7, 3], [3, 2, 1, 0]])
 
 # (2, 2, 2, 2): for each triangle of a quad, from parameters seen from its first corner to weights of the other two.
 SIDES_THERE = SQUARE[QUAD_TRIANGLES[..., 1:]] - SQUARE[QUAD_TRIANGLES[..., :1]]
@@ -89,11 +86,9 @@ class Leaves:
         found = np.where(self.shell.ranges[2 * quads] * self.shell.ranges[2 * quads + 1] > 0, 0.0, np.inf)
         bicubic, rests = self._tiles(quads, levels)
         self._include(found, quads, bicubic)
-        self._include_curves(found, quads, bicubic)
         is_open = np.isfinite(found)
         for tiles in rests:
             self._include(found, quads, tiles)
-            self._include_curves(found, quads, tiles)
         again = np.flatnonzero(is_open & ~np.isfinite(found))
         if levels < ALL_LEVELS and len(again):
             found[again] = self._by_places(quads[again], ALL_LEVELS)
@@ -118,9 +113,9 @@ class Leaves:
                 if not len(some):
                     continue
                 own, chosen, over = bases[some], parts.chosen[some], parts.triangles[some]
-                hulls = _hulls(parts.rows, tiles.points.take(chosen, axis=1))
+                hulls = _hulls(parts.rows, selected_vectors(tiles.points, chosen))
                 flats = self._drawn(tiles.squares.at(chosen), parts.places, quads[own], over)
-                yield own, Pieces(2 * quads[own] + over, hulls, tiles.near[chosen], flats), parts.form
+                yield own, Pieces(2 * quads[own] + over, hulls, flats), parts.form
 
     def _include(self, found: FloatArray, quads: IndexArray, tiles: Tiles) -> None:
         """Raise what is found (n,) of quads to the bounds of pieces of tiles, divided where that is needed."""
@@ -128,37 +123,14 @@ class Leaves:
             include_pieces(self.shell, found, bases, pieces, form, self.limit)
 
     def _drawn(self, squares: Squares, places: FloatArray, quads: IndexArray, triangles: IndexArray) -> FloatArray:
-        """(n, R, 3): the points, or in its plane beyond, of a triangle of each quad, at places (R, 2) in squares."""
+        """(R, n, 3): the points, or in its plane beyond, of a triangle of each quad, at places (R, 2) in squares."""
         at = squares.origins[:, None] + places @ squares.axes
         which = (self.is_turned[quads].astype(np.intp), triangles)
         order = QUAD_TRIANGLES[which]
         weights = np.matmul(at - SQUARE[order[:, :1]], TRIANGLE_AXES[which])
         first, second, third = (self.points[quads, order[:, corner]] for corner in range(3))
-        return first[:, None] + np.matmul(weights, np.stack([second - first, third - first], axis=1))
-
-    def _include_curves(self, found: FloatArray, quads: IndexArray, tiles: Tiles) -> None:
-        """Raise what is found of quads to the bounds of the curves over closed sides."""
-        if not np.any(self.shell.triangles.is_closed):
-            return
-        bases = tiles.squares.bases
-        turned = self.is_turned[quads[bases]].astype(np.intp)
-        corners = tiles.squares.corners()
-        for side in range(4):
-            triangles = 2 * quads[bases] + TRIANGLE_AT_SIDE[turned, side]
-            sides = SIDE_OF_TRIANGLE[turned, side]
-            is_closed = self.shell.triangles.is_closed[triangles, sides]
-            axis, value = ((1, 0.0), (0, 1.0), (1, 1.0), (0, 0.0))[side]
-            on_side = np.abs(corners[:, :, axis] - value) < SAME_PLACE
-            for own in range(4):
-                chosen = np.flatnonzero(is_closed & on_side[own] & on_side[(own + 1) % 4])
-                if len(chosen):
-                    rows = ON_SIDES[own] if tiles.are_bicubic else slice(None)
-                    hulls = np.moveaxis(tiles.points[rows][:, chosen], 0, 1)
-                    along = GREVILLE[rows] if tiles.are_bicubic else SQUARE[[own, (own + 1) % 4]]
-                    some = tiles.squares.at(chosen)
-                    flats = self._drawn(some, along, quads[bases[chosen]], TRIANGLE_AT_SIDE[turned[chosen], side])
-                    curves = Curves(triangles[chosen], sides[chosen], hulls, tiles.near[chosen], flats)
-                    np.maximum.at(found, bases[chosen], curve_bounds(self.shell, curves))
+        found = first[:, None] + np.matmul(weights, np.stack([second - first, third - first], axis=1))
+        return component_major(found.swapaxes(0, 1))
 
     def at_equal_parameters(self, quads: IndexArray, levels: int = FEW_LEVELS) -> FloatArray:
         """(n,): of some quads, rising. The larger one of both diagonals, as it is not known which one a folded quad is
@@ -181,11 +153,7 @@ class Leaves:
                 for bases, pieces, form in other._pieces(quads, each, found):
                     if form.quarters:
                         bases, pieces = np.tile(bases, 4), pieces.divided(form.quarters)
-                        off = pieces.hulls - pieces.flats
-                    else:
-                        off = pieces.hulls[:, :, None] - pieces.flats[:, None]
-                    farthest = lengths(off).reshape(len(bases), -1).max(axis=1) + pieces.near
-                    np.maximum.at(found, bases, farthest)
+                    np.maximum.at(found, bases, off_at_equal(pieces))
         return found
 
 
@@ -204,10 +172,8 @@ class _Parts:
 
 
 def _hulls(rows: FloatArray | None, points: FloatArray) -> FloatArray:
-    """(n, R, 3): hull points of parts of tiles (R', n, 3)."""
-    if rows is not None:
-        points = (rows @ points.reshape(16, -1)).reshape(len(rows), -1, 3)
-    return np.ascontiguousarray(np.moveaxis(points, 0, 1))
+    """(R, n, 3): hull points of parts of tiles (R', n, 3)."""
+    return points if rows is None else transformed_nets(rows, points)
 
 
 def _parts(tiles: Tiles, is_turned: BoolArray) -> Iterator[_Parts]:

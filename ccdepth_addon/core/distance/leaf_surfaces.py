@@ -19,6 +19,7 @@ from ..adaptive.leaf_bounds.triangle_bounds import QUARTER_TURN
 from ..adaptive.templates import QUAD_POINTS
 from ..arrays.ranges import ranges
 from ..arrays.types import FloatArray, IndexArray
+from ..arrays.vectors import joined_vectors
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import corners_of_faces
 from ..surface.bicubic import NET_TO_BERNSTEIN
@@ -35,24 +36,23 @@ MOST_LEVELS_3, MOST_REFINED_LEVELS = 8, 14
 @dataclass(frozen=True)
 class Tiles:
     """P parts of the surface over squares whose bases are quads. points: (R, P, 3), 16 Bernstein coefficients or any
-    points whose hull holds the part; near: (P,), except for so much. are_bicubic: whether they are coefficients."""
+    points whose hull holds the part. are_bicubic: whether they are coefficients."""
 
     squares: Squares
     points: FloatArray
-    near: FloatArray
     are_bicubic: bool = True
 
     def at(self, chosen: IndexArray) -> Tiles:
         """Some of them, by index."""
-        return Tiles(self.squares.at(chosen), self.points[:, chosen], self.near[chosen], self.are_bicubic)
+        return Tiles(self.squares.at(chosen), self.points[:, chosen], self.are_bicubic)
 
 
 def joined_tiles(tiles: list[Tiles], are_bicubic: bool = True) -> Tiles:
     """All tiles with as many points each in one."""
-    nothing = Tiles(Squares.whole(0), np.zeros((len(tiles[0].points) if tiles else 16, 0, 3)), np.zeros(0))
+    nothing = Tiles(Squares.whole(0), np.zeros((len(tiles[0].points) if tiles else 16, 0, 3)))
     squares = reduce(Squares.and_then, (each.squares for each in tiles), nothing.squares)
-    points = np.concatenate([nothing.points, *(each.points for each in tiles)], axis=1)
-    return Tiles(squares, points, np.concatenate([nothing.near, *(each.near for each in tiles)]), are_bicubic)
+    points = joined_vectors([nothing.points, *(each.points for each in tiles)])
+    return Tiles(squares, points, are_bicubic)
 
 
 def tiles_of(refinement: Refinement, levels: int) -> Iterator[Tiles]:
@@ -66,7 +66,7 @@ def tiles_of(refinement: Refinement, levels: int) -> Iterator[Tiles]:
         regular = np.flatnonzero(kinds == PatchKind.REGULAR)
         if len(regular):
             nets = regular_nets(mesh, regular).reshape(16, -1, 3)
-            yield Tiles(squares.at(regular), apply_stencils(NET_TO_BERNSTEIN, nets), np.zeros(len(regular)))
+            yield Tiles(squares.at(regular), apply_stencils(NET_TO_BERNSTEIN, nets))
         extraordinary = np.flatnonzero(kinds == PatchKind.EXTRAORDINARY)
         corners = patches.extraordinary_corners[extraordinary]
         valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
@@ -86,7 +86,7 @@ def tiles_of(refinement: Refinement, levels: int) -> Iterator[Tiles]:
         if not len(rest):
             return
         if is_last:
-            yield Tiles(squares.at(rest), support_points(mesh, rest), np.zeros(len(rest)), are_bicubic=False)
+            yield Tiles(squares.at(rest), support_points(mesh, rest), are_bicubic=False)
             return
         refinement, squares = refinement.keep(~settled).refined(), squares.at(rest).children()
 
@@ -119,12 +119,11 @@ def _from_corners(squares: Squares, corners: IndexArray) -> Squares:
 
 def tiles_around_vertex(nets: FloatArray, valence: int, squares: Squares, levels: int) -> Iterator[Tiles]:
     """Tiles of nets (2n + 8, P, 3) whose extraordinary vertices are the corners 0 of the squares."""
-    nothing = np.zeros(nets.shape[1])
     for _ in range(min(levels, MOST_LEVELS_3) if valence == 3 else levels):
         stencils = patch_stencils(valence)
         children = squares.children()
         for child, rows in enumerate(np.split(stencils.regular, 3), start=1):
             own = children.at(4 * np.arange(nets.shape[1]) + child)
-            yield Tiles(own, apply_stencils(NET_TO_BERNSTEIN @ rows, nets), nothing)
+            yield Tiles(own, apply_stencils(NET_TO_BERNSTEIN @ rows, nets))
         nets, squares = apply_stencils(stencils.refined, nets), children.at(4 * np.arange(nets.shape[1]))
-    yield Tiles(squares, nets, nothing, are_bicubic=False)
+    yield Tiles(squares, nets, are_bicubic=False)

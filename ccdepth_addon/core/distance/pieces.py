@@ -9,8 +9,9 @@ import numpy as np
 
 from ..adaptive.leaf_bounds.triangle_bounds import triangle_quarters
 from ..arrays.types import FloatArray, IndexArray
+from ..arrays.vectors import dot_products
 from ..surface.bicubic import HALVES
-from .shell_bounds import Pieces, bridge_bounds, shell_bounds
+from .shell_bounds import Pieces, shell_bounds
 from .shells import Shell
 
 # How often pieces are halved both ways before what they are of is given up. A curve on which places are not proved
@@ -46,7 +47,7 @@ def include_pieces(
     off_beyond: FloatArray | None = None,
 ) -> None:
     """Raise what is found (n,) to the bounds of pieces, by their bases (P,); infinite where no bound within the limit
-    is proved. off_beyond: as of ``bridge_bounds``."""
+    is proved. off_beyond: as of ``shell_bounds``."""
     before = np.full(len(found), np.inf)
     for split in range(SPLITS + 1):
         beyond = _heights_at(shell, form.values, pieces) > limit
@@ -55,9 +56,7 @@ def include_pieces(
         bases, pieces = bases[left], pieces.at(left)
         if not len(left):
             return
-        bounds = shell_bounds(shell, pieces, are_last=not form.quarters or split >= LAST_FROM)
-        if off_beyond is not None:
-            bounds = bridge_bounds(shell, pieces, bounds, off_beyond)
+        bounds = shell_bounds(shell, pieces, off_beyond, are_last=not form.quarters or split >= LAST_FROM)
         is_open = bounds > limit
         np.maximum.at(found, bases[~is_open], bounds[~is_open])
         if split == SPLITS or not form.quarters:
@@ -74,7 +73,7 @@ def include_pieces(
 def _heights_at(shell: Shell, values: IndexArray, pieces: Pieces) -> FloatArray:
     """(P,): the largest height over the planes that points of the surface reach: values among the hull points."""
     if not len(values):
-        return np.zeros(len(pieces.near))
+        return np.zeros(len(pieces.triangles))
     triangles = shell.triangles
-    points = pieces.hulls[:, values] - triangles.corners[pieces.triangles, 0][:, None]
-    return np.abs(np.matmul(points, triangles.normals[pieces.triangles][:, :, None])[..., 0]).max(axis=1)
+    points = pieces.hulls[values] - triangles.corners[pieces.triangles, 0]
+    return np.abs(dot_products(points, triangles.normals[pieces.triangles])).max(axis=0)

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Submeshes: faces with their one-ring, and indices renumbered to what is kept."""
+"""Submeshes: faces with their one-ring, and indices renumbered to what is kept; and meshes joined to one."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -51,6 +52,30 @@ def faces_alone(mesh: PolygonMesh, faces: IndexArray) -> PolygonMesh:
         edge_sharpness=mesh.edge_sharpness[kept_edges],
         vertex_sharpness=mesh.vertex_sharpness[kept_vertices],
         sharpness_is_explicit=mesh.sharpness_is_explicit,
+    )
+
+
+def joined_meshes(meshes: Sequence[PolygonMesh], counts: Sequence[int]) -> PolygonMesh:
+    """Several meshes beside each other as one. counts: of so many first faces each; these are the first of all, mesh by
+    mesh, and then come the others."""
+    vertices = np.cumsum([0, *(mesh.vertex_count for mesh in meshes)])
+    edges = np.cumsum([0, *(mesh.edge_count for mesh in meshes)])
+    ends = [int(mesh.face_starts[count]) for mesh, count in zip(meshes, counts, strict=True)]
+
+    def reordered(columns: list[IndexArray], firsts: Sequence[int]) -> IndexArray:
+        pairs = list(zip(columns, firsts, strict=True))
+        return np.concatenate([each[:count] for each, count in pairs] + [each[count:] for each, count in pairs])
+
+    sizes = reordered([mesh.face_sizes for mesh in meshes], counts)
+    return PolygonMesh(
+        positions=np.concatenate([mesh.positions for mesh in meshes]),
+        face_starts=np.concatenate([[0], np.cumsum(sizes)]).astype(np.intp),
+        corner_vertices=reordered([mesh.corner_vertices + vertices[i] for i, mesh in enumerate(meshes)], ends),
+        corner_edges=reordered([mesh.corner_edges + edges[i] for i, mesh in enumerate(meshes)], ends),
+        edge_vertices=np.concatenate([mesh.edge_vertices + vertices[i] for i, mesh in enumerate(meshes)]),
+        edge_sharpness=np.concatenate([mesh.edge_sharpness for mesh in meshes]),
+        vertex_sharpness=np.concatenate([mesh.vertex_sharpness for mesh in meshes]),
+        sharpness_is_explicit=meshes[0].sharpness_is_explicit,
     )
 
 

@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
-from ..mesh.submesh import corners_of_faces, submesh
+from ..mesh.submesh import corners_of_faces, joined_meshes, submesh
 from .catmull_clark import subdivide
 from .limit_positions import limit_positions
 from .new_vertices import limits_of_new_vertices
@@ -33,6 +34,19 @@ class Refinement:
     def start(mesh: PolygonMesh, faces: IndexArray) -> Refinement:
         """The faces themselves, each its own base: base b is ``faces[b]``."""
         return Refinement(submesh(mesh, faces)[0], np.arange(len(faces)))
+
+    @staticmethod
+    def joined(parts: Sequence[Refinement]) -> Refinement:
+        """The descendants of several, one after the other, each its own base."""
+        counts = [len(each.bases) for each in parts]
+        origins = [each.origins for each in parts if each.origins is not None]
+        limits = [each for each in (part._known_limits() for part in parts) if each is not None]
+        found = Refinement(
+            joined_meshes([each.mesh for each in parts], counts),
+            np.arange(sum(counts)),
+            np.concatenate(origins) if len(origins) == len(parts) else None,
+        )
+        return found._with_limits(np.concatenate(limits) if len(limits) == len(parts) else None, slice(None))
 
     def keep(self, wanted: BoolArray) -> Refinement:
         """The wanted descendants alone: (descendants,) bool."""

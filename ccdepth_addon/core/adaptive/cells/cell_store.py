@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Iterator
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from ...arrays.types import BoolArray, IndexArray
 from ...surface.stencils import Valences
 from ..leaf_approximation import Cells
 from ..quadtree import NONE, Quadtree
+from .irregular_cells import RefinedCells
 from .patch_cells import CELLS_AT_ONCE, BicubicCells, NetCells
 
 
@@ -89,27 +91,29 @@ def some(cells: Cells, wanted: BoolArray) -> list[Cells]:
 
 
 def in_blocks(cells: Iterable[Cells]) -> Iterator[Cells]:
-    """The same cells; those with nets in blocks of about ``CELLS_AT_ONCE`` of one kind."""
-    waiting: defaultdict[Valences, list[NetCells]] = defaultdict(list)
-    counts = Counter[Valences]()
+    """The same cells; those of quads in blocks of about ``CELLS_AT_ONCE`` of one kind, as nets are of one kind where
+    valences are the same."""
+    waiting: defaultdict[Valences | None, list[Any]] = defaultdict(list)
+    counts = Counter[Valences | None]()
     for block in cells:
-        if not isinstance(block, NetCells):
+        if not isinstance(block, NetCells | RefinedCells):
             yield block
             continue
-        waiting[block.valences].append(block)
-        counts[block.valences] += len(block.nodes)
-        if counts[block.valences] >= CELLS_AT_ONCE / 2:
-            yield from _cut(_joined(waiting.pop(block.valences)))
-            counts[block.valences] = 0
+        kind = block.valences if isinstance(block, NetCells) else None
+        waiting[kind].append(block)
+        counts[kind] += len(block.nodes)
+        if counts[kind] >= CELLS_AT_ONCE / 2:
+            yield from _cut(_joined(waiting.pop(kind)))
+            counts[kind] = 0
     for same in waiting.values():
         yield _joined(same)
 
 
-def _joined(blocks: list[NetCells]) -> NetCells:
+def _joined(blocks: list[Any]) -> Any:
     return blocks[0] if len(blocks) == 1 else blocks[0].joined(blocks[1:])
 
 
-def _cut(cells: NetCells) -> Iterator[NetCells]:
+def _cut(cells: Cells) -> Iterator[Cells]:
     """Cells in blocks of at most half as many again, or else about as many."""
     if len(cells.nodes) <= 1.5 * CELLS_AT_ONCE:
         yield cells

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -35,6 +35,12 @@ class RefinedCells(QuadCells):
     def descent(self) -> Descent:
         """Their descendants, as far as they have been asked for."""
         return Descent.of_quads(self.refinement)
+
+    def joined(self, others: Sequence[RefinedCells]) -> RefinedCells:
+        """These and others as one block."""
+        blocks = [self, *others]
+        nodes = np.concatenate([each.nodes for each in blocks])
+        return RefinedCells(nodes, Refinement.joined([each.refinement for each in blocks]))
 
     def scratch(self) -> RefinedCells:
         return replace(self)

@@ -193,7 +193,7 @@ class BicubicCells(NetCells):
         return super(BicubicCells, turned).approximate(hanging, request)
 
     def tiles(self, levels: int) -> Iterator[Tiles]:
-        yield Tiles(Squares.whole(len(self.nodes)), self.nets, np.zeros(len(self.nodes)))
+        yield Tiles(Squares.whole(len(self.nodes)), self.nets)
 
     def _turned(self, turns: NDArray[np.int8] | IndexArray) -> BicubicCells:
         """The same quads with nets counted from slots (P,) turns further on."""
@@ -252,7 +252,7 @@ class ExtraordinaryCells(NetCells):
         return triangle_bounds.extraordinary_points(self.valences)
 
     def tiles(self, levels: int) -> Iterator[Tiles]:
-        whole, nothing = Squares.whole(len(self.nodes)), np.zeros(len(self.nodes))
+        whole = Squares.whole(len(self.nodes))
         if self.valences[1:] == (4, 4, 4):
             yield from tiles_around_vertex(self.nets, self.valences[0], whole, levels)
             return
@@ -260,8 +260,8 @@ class ExtraordinaryCells(NetCells):
         for corner, (valence, matrix) in enumerate(
             zip(self.valences, quad_stencils(self.valences).children, strict=True)
         ):
-            nets, squares = transformed_nets(matrix, self.nets), children.at(4 * np.arange(len(nothing)) + corner)
+            nets, squares = transformed_nets(matrix, self.nets), children.at(4 * np.arange(len(self.nodes)) + corner)
             if valence == 4:
-                yield Tiles(squares, transformed_nets(TO_BERNSTEIN, nets), nothing)
+                yield Tiles(squares, transformed_nets(TO_BERNSTEIN, nets))
             else:
                 yield from tiles_around_vertex(nets, valence, squares, levels)
