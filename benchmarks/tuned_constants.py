@@ -823,7 +823,7 @@ ENTRIES = [
     Entry(ARRAYS + "threads._thread_count", "one thread", by(one_thread), THREADS, by_clock=True),
     Entry(ARRAYS + "threads._threads", "new ones for each call", by(a_pool_each), THREADS, by_clock=True),
     Entry(ARRAYS + "matrix_products.matrix_product", "numpy's own", by(numpy_product), ("depths", "adaptive")),
-    at_once(ARRAYS + "matrix_products.COLUMNS_AT_ONCE", "depths", "adaptive", "depths, extraordinary"),
+    at_once(ARRAYS + "matrix_products.ON_ONE_THREAD", "depths", "adaptive", "depths, extraordinary"),
     at_once(ARRAYS + "chunks.AT_ONCE", "depths", "depths, limit", "writing", "deviation", "adaptive, large"),
     at_once(ARRAYS + "chunks.FEW_AT_ONCE", *DEVIATIONS, "depths by norms, creases", "adaptive, n-gons"),
     Entry(ARRAYS + "vectors.cross_products", "numpy's own", by(numpy_cross), ("adaptive", "adaptive, n-gons")),
