@@ -44,18 +44,18 @@ def test_triangles_are_those_that_blender_draws(name: str, level: int) -> None:
     """All but those of quads that may be folded, which count with both diagonals."""
     holder = MESHES[name]()
     mesh = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
-    level_leaves, vertices = (
-        addon.module("core.distance.level_leaves"),
+    level_quads, vertices = (
+        addon.module("core.distance.level_quads"),
         addon.module("core.bounds.norm_bounds").Vertices,
     )
     refinement = addon.module("core.surface.refinement").Refinement.start(mesh, np.arange(mesh.face_count))
     is_turned = np.zeros(mesh.face_count, dtype=bool)
     for _ in range(level):
-        is_turned = level_leaves.turned_children(is_turned, refinement.mesh.face_sizes[: len(is_turned)])
+        is_turned = level_quads.turned_children(is_turned, refinement.mesh.face_sizes[: len(is_turned)])
         refinement = refinement.refined()
     leaves = addon.module("core.distance.leaf_distances").Leaves.of(refinement, is_turned, vertices.CONTROL, 1.0)
     corners = leaves.shell.triangles.corners[: 2 * len(leaves.points)]
-    certain = np.repeat(~level_leaves.may_be_folded(leaves.points, is_turned, None), 2)
+    certain = np.repeat(~level_quads.may_be_folded(leaves.points, is_turned, None), 2)
     drawn = middles_of_drawn(holder, level)
     assert len(drawn) == len(corners)
     assert np.count_nonzero(certain) > 0.9 * len(corners)

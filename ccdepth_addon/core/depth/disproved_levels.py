@@ -22,8 +22,15 @@ from ..bounds.norm_bounds import Vertices
 from ..deviation.box_tree import BoxTree, overlapping
 from ..deviation.columns import columns
 from ..deviation.triangles import distance_slack, to_triangles
-from ..distance.level_leaves import may_be_folded, turned_children
-from ..distance.middle_distances import are_apart, middle_distances, middle_parts, rates_of, tight_boxes
+from ..distance.level_quads import may_be_folded, turned_children
+from ..distance.middle_distances import (
+    are_apart,
+    middle_distances,
+    middle_parts,
+    most_curved_parts,
+    rates_of,
+    tight_boxes,
+)
 from ..distance.shells import QUAD_TRIANGLES
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import submesh
@@ -38,9 +45,12 @@ FACES_AT_ONCE = 1 << 9
 # highest over their own leaf and so many farthest from it.
 LEAVES_OF_A_FACE, POINTS_OF_A_FACE = 16, 24
 
+# How many levels a part of ``most_curved_parts`` is after its face.
+PART_LEVELS = 2
+
 # Faces, at a level, that are looked at all over: of more than so many not the regular ones, as it would take longer
-# than the depths.
-MOST_FACES = 1 << 10
+# than the depths. Half as many at each level after this one.
+MOST_FACES, LEVEL_OF_MOST_FACES = 1 << 10, 3
 
 # ``to_triangles`` finds distances too long by less than this part of themselves, besides the slack.
 RELATIVE_SLACK = 2.0**-36
@@ -86,7 +96,7 @@ class DisprovedLevels:
         for some in map_in_threads(lambda chunk: self._disproved_at_middle(level, chunk), regular, tick):
             found[some] = True
         left = faces[~found[faces]]
-        if len(left) > MOST_FACES:
+        if len(left) > MOST_FACES >> max(level - LEVEL_OF_MOST_FACES, 0):
             left = left[~self.is_regular[left]][:MOST_FACES]
         # The last level is the nearest to the surface, mostly.
         for lesser in range(level - 1, -1, -1):
@@ -96,28 +106,43 @@ class DisprovedLevels:
         return found[faces]
 
     def _disproved_at_middle(self, level: int, faces: IndexArray) -> IndexArray:
-        """Those of some regular faces of which points near the middle disprove every level before this one."""
-        nets = regular_nets(self.mesh, faces)
+        """Those of some regular faces of which points near the middle, or near that of the most curved part, disprove
+        every level before this one."""
+        nets, of_parts = regular_nets(self.mesh, faces), np.zeros(len(faces), dtype=bool)
+        parts = most_curved_parts(nets)
         for lesser in range(level - 1, -1, -1):
-            lower = middle_distances(nets, self.rates[faces], lesser, self._shown(lesser))
-            far = np.flatnonzero(self.test.exceeds(lower))
-            faces, nets = faces[far], nets.take(far, axis=2)
+            is_far = self._are_far_at_middle(nets, faces, lesser, lesser)
+            rest = np.flatnonzero(~is_far)
+            if lesser >= PART_LEVELS and len(rest):
+                is_far[rest] = self._are_far_at_middle(parts[:, :, rest], faces[rest], lesser, lesser - PART_LEVELS)
+                of_parts[rest] = True
+            far = np.flatnonzero(is_far)
+            faces, of_parts = faces[far], of_parts[far]
+            nets, parts = nets.take(far, axis=2), parts.take(far, axis=2)
         if not len(faces):
             return faces
         reach = self.test.tolerance + 2 * self.test.allowance
-        middles = middle_parts(nets)
+        some = np.flatnonzero(of_parts)
+        places = np.concatenate([np.arange(len(faces)), some])
+        middles = np.concatenate([middle_parts(nets), middle_parts(parts[:, :, some])], axis=1)
         owners, others = overlapping(
             BoxTree.around(middles.min(axis=0) - reach, middles.max(axis=0) + reach), self.tree
         )
-        is_other = faces[owners] != others
+        is_other = faces[places[owners]] != others
         owners, others = owners[is_other], others[is_other]
         is_near = ~self.is_regular[others]
         beside = np.flatnonzero(~is_near)
         others_there = regular_nets(self.mesh, others[beside])
         is_near[beside] = ~are_apart(others_there, middles[:, owners[beside]], reach)
         alone = np.ones(len(faces), dtype=bool)
-        alone[owners[is_near]] = False
+        alone[places[owners[is_near]]] = False
         return faces[alone]
+
+    def _are_far_at_middle(self, nets: FloatArray, faces: IndexArray, level: int, levels: int) -> BoolArray:
+        """(P,) bool: whether a point near the middle of a part of each face (4, 4, P, 3) is farther than the tolerance
+        from a level over the face, so many levels after the part's own."""
+        rates = self.rates[faces] * 0.5 ** (level - levels)
+        return self.test.exceeds(middle_distances(nets, rates, levels, self._shown(level)))
 
     def _disproved(self, level: int, faces: IndexArray) -> IndexArray:
         """Those of some faces that one of their points disproves."""

@@ -93,9 +93,9 @@ def distance_level_bounds(
     some = _SomeFaces.of(mesh, faces, test, vertices, tick)
     rest = np.ones(len(faces), dtype=bool)
     for found in some.feet.bounds(np.arange(len(faces)), level, some.shown(level), some.limit, tick):
-        lasting = found.faces[found.lasting]
-        rest[lasting] = False
-        yield LevelBounds(faces[lasting], found.bounds[found.lasting] + test.allowance)
+        short = found.faces[found.are_short]
+        rest[short] = False
+        yield LevelBounds(faces[short], found.bounds[found.are_short] + test.allowance)
     if level == 0:
         others = rest & (mesh.face_sizes[faces] != 4)
         yield LevelBounds(faces[others], np.full(np.count_nonzero(others), np.inf))

@@ -7,11 +7,11 @@ Regular faces without feet, as at borders, have bounds at equal parameters.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 import numpy as np
 
-from ..arrays.chunks import AT_ONCE, FEW_AT_ONCE, index_chunks
+from ..arrays.chunks import FEW_AT_ONCE, index_chunks
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
@@ -19,19 +19,27 @@ from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.bicubic import SPLINE_HALVES, both_ways
 from ..surface.patches import PatchKind, classify_patches, regular_nets
 from .foot_bounds import LARGEST_TILT, FootBounds, equal_bounds, foot_bounds
+from .leaf_feet import leaf_feet
+from .level_quads import may_be_folded
 
-# How often nets are halved both ways. What feet leave open of a part shrinks by about half each time.
+# How often nets are halved both ways before parts without feet, or too far from equal parameters, are given up. What
+# feet leave open of a part shrinks by about half each time.
 NET_SPLITS = 3
+
+# Points of the net at the corners of a face.
+AT_CORNERS = [5, 9, 10, 6]
 
 
 @dataclass(frozen=True)
 class FoundByFeet:
-    """Some faces at a level. bounds: (n,), infinite where none is proved; lasting: (n,) bool, whether one within the
+    """Some faces at a level. bounds: (n,), infinite where none is proved; are_short: (n,) bool, whether one within the
     limit is proved with ways no longer than a leaf: these ask for nothing of other faces but the leaves that touch
-    theirs; is_open: (n,) bool, where feet prove nothing, and something else may be within the limit."""
+    theirs; lasting: (n,) bool, those of them that are proved at every later level, too; is_open: (n,) bool, where feet
+    prove nothing, and something else may be within the limit."""
 
     faces: IndexArray
     bounds: FloatArray
+    are_short: BoolArray
     lasting: BoolArray
     is_open: BoolArray
 
@@ -62,9 +70,9 @@ class FaceFeet:
         regular = np.flatnonzero(is_regular)
 
         def bound(some: IndexArray) -> FootBounds:
-            return _as_drawn(regular_nets(mesh, some), vertices, is_turned[some])
+            return foot_bounds(_nets(mesh, some), vertices, is_turned[some])
 
-        parts = list(map_in_threads(bound, index_chunks(regular, AT_ONCE), tick))
+        parts = list(map_in_threads(bound, index_chunks(regular, FEW_AT_ONCE), tick))
         names = [field.name for field in fields(FootBounds)]
         whole = FootBounds(*(np.concatenate([np.zeros(0), *(vars(part)[name] for part in parts)]) for name in names))
         places = np.full(mesh.face_count, -1)
@@ -86,8 +94,8 @@ class FaceFeet:
             condition = 1.0 if mesh.axes is None else float(np.linalg.cond(mesh.axes))
             curvature[~(whole.tilt <= LARGEST_TILT / condition)] = np.inf
         equal = np.full(len(regular), np.inf)
-        for rest in index_chunks(np.flatnonzero(np.isinf(curvature)), AT_ONCE):
-            equal[rest] = equal_bounds(regular_nets(mesh, regular[rest]), vertices)
+        for rest in index_chunks(np.flatnonzero(np.isinf(curvature)), FEW_AT_ONCE):
+            equal[rest] = equal_bounds(_nets(mesh, regular[rest]), vertices)
             tick()
         return FaceFeet(mesh, vertices, places, whole, curvature, speed, equal, is_turned[regular])
 
@@ -98,25 +106,26 @@ class FaceFeet:
         larger distance is of use."""
         places = self.places[faces]
         others = faces[places < 0]
-        count = len(others)
-        yield FoundByFeet(others, np.full(count, np.inf), np.zeros(count, dtype=bool), np.ones(count, dtype=bool))
+        never = np.zeros(len(others), dtype=bool)
+        yield FoundByFeet(others, np.full(len(others), np.inf), never, never, ~never)
         faces, places = faces[places >= 0], places[places >= 0]
         size = 0.5**level
-        found, along_leaves = np.full((2, len(faces)), np.inf)
+        found, on_leaves = np.full((2, len(faces)), np.inf)
         if shown is self.vertices:
             own = FootBounds(*(column[places] for column in vars(self.whole).values()))
             equal = self.equal[places] * size**2
-            found, along_leaves = (
+            found, on_leaves = (
                 np.minimum(own.at(level, self.curvature[places], self.speed[places], longest), equal)
                 for longest in (1.0, size)
             )
         middle = self.whole.middle if shown is self.vertices else self.whole.control_middle
-        may_be_within = (along_leaves > limit) & (middle[places] * size**2 <= limit)
-        has_feet = np.isfinite(self.curvature[places])
-        is_divided = may_be_within & has_feet & ((level > 0) | (shown is not self.vertices))
-        is_open = may_be_within & (found > limit)
+        may_be_within = (on_leaves > limit) & (middle[places] * size**2 <= limit)
+        is_divided = may_be_within & np.isfinite(self.curvature[places])
+        are_short = on_leaves <= limit
         done = ~is_divided
-        yield FoundByFeet(faces[done], found[done], along_leaves[done] <= limit, is_open[done])
+        yield FoundByFeet(
+            faces[done], found[done], are_short[done], are_short[done], (may_be_within & (found > limit))[done]
+        )
 
         def divided(some: IndexArray) -> FoundByFeet:
             return self._divided(some, level, shown, limit)
@@ -124,31 +133,67 @@ class FaceFeet:
         yield from map_in_threads(divided, index_chunks(faces[is_divided], FEW_AT_ONCE), tick)
 
     def _divided(self, faces: IndexArray, level: int, shown: Vertices, limit: float) -> FoundByFeet:
-        """The same, part by part, until all parts of each face are within the limit or one can't be."""
+        """The same, part by part down to the leaves, until all parts of each face are within the limit or one can't
+        be."""
         places = self.places[faces]
-        nets, which = regular_nets(self.mesh, faces), np.arange(len(faces))
-        found, along_leaves = np.zeros((2, len(faces)))
+        nets, which = _nets(self.mesh, faces), np.arange(len(faces))
+        found, on_leaves = np.zeros((2, len(faces)))
         is_beyond = np.zeros(len(faces), dtype=bool)
-        last = min(level, NET_SPLITS)
-        for split in range(last + 1):
-            own = _as_drawn(nets, shown, self.is_turned[places[which]])
-            state = level - split, self.curvature[places[which]], self.speed[places[which]]
-            bounds, on_leaves = own.at(*state, 1.0), own.at(*state, 0.5**level)
+        lasting = ~is_beyond
+        for split in range(level + 1):
+            constants = self.curvature[places[which]], self.speed[places[which]]
+            own = foot_bounds(nets, shown, self.is_turned[places[which]])
+            bounds, short = own.at(level - split, *constants), own.at(level - split, *constants, 0.5**level)
             is_beyond[which[own.middle * 0.25 ** (level - split) > limit]] = True
-            is_left = (on_leaves > limit) & ~is_beyond[which] & (split < last)
+            is_left = short > limit
+            if split >= NET_SPLITS:
+                # What is off along the surface stays as it is.
+                is_left &= np.isfinite(short) & (constants[0] * (own.reach * 0.25 ** (level - split)) ** 2 < limit)
+                found[which[~is_left & (bounds > limit)]] = np.inf
             np.maximum.at(found, which[~is_left], bounds[~is_left])
-            np.maximum.at(along_leaves, which[~is_left], on_leaves[~is_left])
-            nets, which = both_ways(SPLINE_HALVES, nets[:, :, is_left]), np.tile(which[is_left], 4)
-        found[is_beyond] = along_leaves[is_beyond] = np.inf
-        is_open = (found > limit) & ~is_beyond
-        return FoundByFeet(faces, found, along_leaves <= limit, is_open)
+            np.maximum.at(on_leaves, which[~is_left], short[~is_left])
+            is_left &= ~is_beyond[which] & np.isfinite(found[which])
+            nets, which = nets[:, :, is_left], which[is_left]
+            if not len(which):
+                break
+            if split < level:
+                nets, which = both_ways(SPLINE_HALVES, nets), np.tile(which, 4)
+        lasting[which] = False
+        for some in index_chunks(np.arange(len(which)), FEW_AT_ONCE):
+            some = some[~is_beyond[which[some]]]
+            if not len(some):
+                continue
+            bounds, short, reached = self._of_leaves(nets[:, :, some], places[which[some]], level, shown)
+            is_beyond[which[some[reached > limit]]] = True
+            np.maximum.at(found, which[some], bounds)
+            np.maximum.at(on_leaves, which[some], short)
+        found[is_beyond] = on_leaves[is_beyond] = np.inf
+        are_short = on_leaves <= limit
+        return FoundByFeet(faces, found, are_short, lasting & are_short, (found > limit) & ~is_beyond)
+
+    def _of_leaves(
+        self, nets: FloatArray, places: IndexArray, level: int, shown: Vertices
+    ) -> tuple[FloatArray, FloatArray, FloatArray]:
+        """Of leaves (16, 3, P) at a level, in faces with bounds at these places (P,): as of ``leaf_feet``."""
+        is_turned = self.is_turned[places]
+        curvature, speed, size = self.curvature[places], self.speed[places], 0.5**level
+        found = leaf_feet(_turned(nets, is_turned), shown, curvature, speed, size)
+        if shown is Vertices.CONTROL:
+            corners = np.moveaxis(nets[AT_CORNERS], 2, 0)
+            folded = np.flatnonzero(may_be_folded(corners, is_turned, self.mesh.axes))
+            if len(folded):
+                mirrored = _turned(nets[:, :, folded], ~is_turned[folded])
+                others = leaf_feet(mirrored, shown, curvature[folded], speed[folded], size)
+                for own, other in zip(found, others, strict=True):
+                    own[folded] = np.maximum(own[folded], other)
+        return found
 
 
-def _as_drawn(nets: FloatArray, vertices: Vertices, is_turned: BoolArray) -> FootBounds:
-    """Of nets (4, 4, P, 3) of regular faces. is_turned: (P,) bool, as of ``foot_bounds``."""
-    first = foot_bounds(nets, vertices, is_turned)
-    if vertices is Vertices.LIMIT:
-        return first
-    # Of control points nothing tells which diagonal is drawn.
-    second = foot_bounds(nets, vertices, ~is_turned)
-    return replace(first, **{name: np.maximum(vars(first)[name], vars(second)[name]) for name in ("second", "plain")})
+def _nets(mesh: PolygonMesh, faces: IndexArray) -> FloatArray:
+    """(16, 3, P): the nets of regular faces, component by component."""
+    return np.ascontiguousarray(regular_nets(mesh, faces).reshape(16, -1, 3).swapaxes(1, 2))
+
+
+def _turned(nets: FloatArray, is_turned: BoolArray) -> FloatArray:
+    """Nets (16, 3, P), some of them (P,) mirrored, so that corners 1 and 3 of these become 0 and 2."""
+    return np.where(is_turned, nets.reshape(4, 4, *nets.shape[1:])[::-1].reshape(nets.shape), nets)

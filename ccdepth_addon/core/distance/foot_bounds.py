@@ -9,34 +9,30 @@ used there. Parameters have one unit for the face, and a level's subfaces the si
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
+from ..arrays.matrix_products import matrix_product
 from ..arrays.types import BoolArray, FloatArray
-from ..arrays.vectors import cross_products, squared_norms
 from ..bounds.norm_bounds import Vertices
-from ..surface.bicubic import SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN, apply, largest_norm, tensor
+from ..surface.bicubic import SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN, tensor
 
-# Quadratic splines, and linear ones, in Bernstein form of degree 3.
+# Quadratic splines in Bernstein form.
 FIRST_DIFFERENCE = np.diff(np.eye(4), axis=0)
 QUADRATIC = np.array([[1, 1, 0], [0, 2, 0], [0, 1, 1]]) / 2
-TWO_TO_THREE = np.array([[3, 0, 0], [1, 2, 0], [0, 2, 1], [0, 0, 3]]) / 3
-ONE_TO_THREE = np.array([[3, 0], [2, 1], [1, 2], [0, 3]]) / 3
 
-# (16, 16) each: S_uu, S_vv and S_uv of a net, as pieces of degree (3, 3); (4, 16): S_uuvv at the corners.
-ALONG_U = tensor(ONE_TO_THREE @ SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN)
-ALONG_V = tensor(SPLINE_TO_BERNSTEIN, ONE_TO_THREE @ SECOND_DIFFERENCE)
-MIXED = tensor(TWO_TO_THREE @ QUADRATIC @ FIRST_DIFFERENCE, TWO_TO_THREE @ QUADRATIC @ FIRST_DIFFERENCE)
-FOURTH = tensor(SECOND_DIFFERENCE, SECOND_DIFFERENCE)
-
-# Third derivatives are splines as well: differences whose largest bounds them. S_uuu and S_vvv, S_uuv, S_uvv.
-THIRD_DIFFERENCE = np.diff(SECOND_DIFFERENCE, axis=0)
-THIRDS = (
-    tensor(THIRD_DIFFERENCE, np.eye(4)),
-    tensor(SECOND_DIFFERENCE, FIRST_DIFFERENCE),
-    tensor(FIRST_DIFFERENCE, SECOND_DIFFERENCE),
-    tensor(np.eye(4), THIRD_DIFFERENCE),
+# (25, 16): the Bernstein coefficients of S_uu, S_vv and S_uv of a net, and which of the rows are whose; (4, 16):
+# S_uuvv at the corners.
+SECONDS = np.concatenate(
+    [
+        tensor(SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN),
+        tensor(SPLINE_TO_BERNSTEIN, SECOND_DIFFERENCE),
+        tensor(QUADRATIC @ FIRST_DIFFERENCE, QUADRATIC @ FIRST_DIFFERENCE),
+    ]
 )
+OF_SECONDS = slice(0, 8), slice(8, 16), slice(16, 25)
+FOURTH = tensor(SECOND_DIFFERENCE, SECOND_DIFFERENCE)
 
 # S, S_u and S_v at the middle of a face.
 VALUE, SLOPE = np.array([[1, 23, 23, 1]]) / 48, np.array([[-1, -5, 5, 1]]) / 8
@@ -56,18 +52,15 @@ LARGEST_TILT = 0.7
 
 @dataclass(frozen=True)
 class FootBounds:
-    """Of P faces. second, third, plain, fourth: (P,) float64 with |n·e| ≤ min(second h² + third h³, plain h²) +
-    fourth h⁴ =: b, lengths; reach: (P,) with ‖e‖ ≤ reach h² =: w. curvature: (P,), at least the principal curvatures of
-    the face, 1 / length; speed: (P,), at least how fast parameters change with the way along it, 1 / length. All are
-    infinite where the face is not shown to be an immersion.
-    tilt: (P,), at least how far normals as long along n₀ as that are from it: of the surface, and of triangles with
-    vertices on it. middle: (P,), about what is reached at the middle, times h², and control_middle: with control
-    vertices; prove nothing.
+    """Of P faces. second, fourth: (P,) float64 with |n·e| ≤ second h² + fourth h⁴ =: b, lengths; reach: (P,) with
+    ‖e‖ ≤ reach h² =: w. curvature: (P,), at least the principal curvatures of the face, 1 / length; speed: (P,), at
+    least how fast parameters change with the way along it, 1 / length. All are infinite where the face is not shown to
+    be an immersion. tilt: (P,), at least how far normals as long along n₀ as that are from it: of the surface, and of
+    triangles with vertices on it. middle: (P,), about what is reached at the middle, times h², and control_middle: with
+    control vertices; prove nothing.
     """
 
     second: FloatArray
-    third: FloatArray
-    plain: FloatArray
     fourth: FloatArray
     reach: FloatArray
     curvature: FloatArray
@@ -85,92 +78,41 @@ class FootBounds:
         """
         size = 0.5**level
         with np.errstate(invalid="ignore", over="ignore"):
-            along = np.minimum(self.second + size * self.third, self.plain) * size**2 + self.fourth * size**4
-            reach = self.reach * size**2
-            bounds = along + curvature * reach**2
-            proved = (curvature * bounds <= 0.5 - ROUNDING) & (2 * reach * speed <= longest * (1 - ROUNDING))
-        return np.where(proved, bounds, np.inf)
+            along = self.second * size**2 + self.fourth * size**4
+            return foot_distances(along, self.reach * size**2, curvature, speed, longest)
 
 
-@dataclass(frozen=True)
-class Derivatives:
-    """Bounds of derivatives of one component: second: (3, P), of uu, vv and uv; third: (4, P), of uuu, uuv, uvv, vvv;
-    fourth: (P,), of uuvv."""
-
-    second: FloatArray
-    third: FloatArray
-    fourth: FloatArray
-
-    @staticmethod
-    def of(component: FloatArray) -> Derivatives:
-        """Of nets of one component (16, P), rounding covered."""
-        rounding = ROUNDING * np.abs(component).max(axis=0)
-        second = np.stack([np.abs(rows @ component).max(axis=0) for rows in (ALONG_U, ALONG_V, MIXED)])
-        third = np.stack([np.abs(rows @ component).max(axis=0) for rows in THIRDS])
-        return Derivatives(second + rounding, third + rounding, np.abs(FOURTH @ component).max(axis=0) + rounding)
-
-    def error(self, vertices: Vertices) -> FloatArray:
-        """(P,): |e| ≤ this times h², at every level; and what control vertices are off the surface besides."""
-        uu, vv, uv = self.second
-        error = (uu + vv) / 8 + uv / 4
-        return error if vertices is Vertices.LIMIT else error + (uu + vv) / 6 + self.fourth / 36
+def foot_distances(
+    along: FloatArray, reach: FloatArray, curvature: FloatArray, speed: FloatArray, longest: float
+) -> FloatArray:
+    """(P,): B of b, w, κ and α, (P,) each; infinite where Lemma 1 does not serve. longest: as of ``FootBounds.at``."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        bounds = along + curvature * reach**2
+        proved = (curvature * bounds <= 0.5 - ROUNDING) & (2 * reach * speed <= longest * (1 - ROUNDING))
+    return np.where(proved, bounds, np.inf)
 
 
 def foot_bounds(nets: FloatArray, vertices: Vertices, is_turned: BoolArray) -> FootBounds:
-    """Of nets (4, 4, P, 3) of regular faces. is_turned: (P,) bool, whether subfaces are drawn with the diagonal from
-    corner 1 to corner 3 of the face, in place of the one from 0 to 2."""
-    points = nets.reshape(16, -1, 3)
-    frame = Frame.of(points)
-    zeta, xi, eta = frame.derivatives
-    turns = _turns(xi, eta)
-    tilts = turns.solve(*((zeta.second[:2] + zeta.second[2]) / 2))
-    errors = [each.error(vertices) for each in frame.derivatives]
-    across = tilts[0] * errors[1] + tilts[1] * errors[2]
-    second, third, plain = _along(frame.heights, zeta, vertices, is_turned)
-    a, b = turns.transposed().solve(*frame.dual_lengths)
-    uu, vv, uv = zeta.second + tilts[0] * xi.second + tilts[1] * eta.second
+    """Of nets (16, 3, P) of regular faces. is_turned: (P,) bool, whether subfaces are drawn with the diagonal from
+    corner 1 to corner 3 of the face, in place of the one from 0 to 2; of control points nothing tells which is drawn,
+    and bounds are those of both."""
+    frame = Frame.of(nets)
+    errors, tilts = frame.errors(vertices), frame.tilts
+    a, b = frame.turns.transposed().solve(*frame.dual_lengths)
+    uu, vv, uv = frame.largest[:, 0] + tilts[0] * frame.largest[:, 1] + tilts[1] * frame.largest[:, 2]
     found = (
-        second + across,
-        third,
-        plain + across,
-        zeta.fourth / 36 if vertices is Vertices.CONTROL else np.zeros_like(across),
+        _along(frame, vertices, is_turned) + tilts[0] * errors[1] + tilts[1] * errors[2],
+        frame.fourth[0] / 36 if vertices is Vertices.CONTROL else np.zeros_like(a),
         errors[0] + frame.lengths[0] * errors[1] + frame.lengths[1] * errors[2],
         uu * a * a + 2 * uv * a * b + vv * b * b,
         np.maximum(a, b),
         tilts[0] * frame.dual_lengths[0] + tilts[1] * frame.dual_lengths[1],
     )
-    proved = frame.is_known & turns.are_known
-    bounds = [np.where(proved, each * (1 + ROUNDING), np.inf) for each in found]
-    middles = (_at_middle(frame.heights, each) for each in (vertices, Vertices.CONTROL))
-    return FootBounds(*bounds, *middles)
-
-
-@dataclass(frozen=True)
-class Frame:
-    """The middle's n₀, S_u, S_v: X = ζ n₀ + ξ S_u + η S_v. heights: (16, P), the nets' ζ from the middle on.
-    derivatives: of ζ, ξ and η. lengths: (2, P), of S_u and S_v; dual_lengths: (2, P), of the vectors that ξ and η are
-    products with. is_known: (P,) bool."""
-
-    heights: FloatArray
-    derivatives: tuple[Derivatives, Derivatives, Derivatives]
-    lengths: FloatArray
-    dual_lengths: FloatArray
-    is_known: BoolArray
-
-    @staticmethod
-    def of(points: FloatArray) -> Frame:
-        """Of nets (16, P, 3)."""
-        middle, along_u, along_v = np.einsum("rk,kpd->rpd", MIDDLE, points)
-        normal = cross_products(along_u, along_v)
-        square, squares = squared_norms(normal), np.stack([squared_norms(along_u), squared_norms(along_v)])
-        is_known = square > LEAST_SINE**2 * squares[0] * squares[1]
-        square = np.where(is_known, square, 1.0)
-        duals = cross_products(along_v, normal) / square[:, None], cross_products(normal, along_u) / square[:, None]
-        axes = (normal / np.sqrt(square)[:, None], *duals)
-        heights, *across = (np.einsum("kpd,pd->kp", points - middle, axis) for axis in axes)
-        derivatives = Derivatives.of(heights), Derivatives.of(across[0]), Derivatives.of(across[1])
-        dual_lengths = np.sqrt(np.stack([squared_norms(each) for each in duals]))
-        return Frame(heights, derivatives, np.sqrt(squares), dual_lengths, is_known)
+    second, fourth, reach, curvature, speed, tilt = (
+        np.where(frame.is_known, each * (1 + ROUNDING), np.inf) for each in found
+    )
+    middle, control_middle = _at_middle(frame.heights, vertices)
+    return FootBounds(second, fourth, reach, curvature, speed, tilt, middle, control_middle)
 
 
 @dataclass(frozen=True)
@@ -204,36 +146,108 @@ class Turns:
         )
 
 
-def _turns(xi: Derivatives, eta: Derivatives) -> Turns:
-    """Nothing in a face is farther than half its size from the middle, either way."""
-    (xi_u, xi_v), (eta_u, eta_v) = ((each.second[:2] + each.second[2]) / 2 for each in (xi, eta))
-    return Turns(xi_u, eta_u, xi_v, eta_v)
+@dataclass(frozen=True)
+class Frame:
+    """The middle's n₀, S_u, S_v: X = ζ n₀ + ξ S_u + η S_v.
+
+    axes: (3, 3, P), what ζ, ξ and η are products with. heights: (16, P), the nets' ζ from the middle on. highest,
+    lowest: (3, 3, P), S_uu, S_vv and S_uv, of each component; fourth: (3, P), the largest |S_uuvv|; all with what
+    rounding may hide. lengths: (2, P), of S_u and S_v. turns: of S_u and S_v over the face. is_known: (P,) bool,
+    whether the face is shown to be an immersion.
+    """
+
+    axes: FloatArray
+    heights: FloatArray
+    highest: FloatArray
+    lowest: FloatArray
+    fourth: FloatArray
+    lengths: FloatArray
+    turns: Turns
+    is_known: BoolArray
+
+    @staticmethod
+    def of(nets: FloatArray) -> Frame:
+        """Of nets (16, 3, P)."""
+        middle, along_u, along_v = matrix_product(MIDDLE, nets.reshape(16, -1)).reshape(3, *nets.shape[1:])
+        normal = _cross(along_u, along_v)
+        square, squares = _dot(normal, normal), np.stack([_dot(along_u, along_u), _dot(along_v, along_v)])
+        has_normal = square > LEAST_SINE**2 * squares[0] * squares[1]
+        square = np.where(has_normal, square, 1.0)
+        axes = np.stack([normal / np.sqrt(square), _cross(along_v, normal) / square, _cross(normal, along_u) / square])
+        local = along_axes(axes, nets - middle)
+        rounding = ROUNDING * np.maximum(local.max(axis=0), -local.min(axis=0))
+        second = matrix_product(SECONDS, local.reshape(16, -1)).reshape(-1, *middle.shape)
+        highest = np.stack([second[some].max(axis=0) for some in OF_SECONDS]) + rounding
+        lowest = np.stack([second[some].min(axis=0) for some in OF_SECONDS]) - rounding
+        fourth = np.abs(matrix_product(FOURTH, local.reshape(16, -1))).max(axis=0).reshape(middle.shape) + rounding
+        # Nothing in a face is farther than half its size from the middle, either way.
+        largest = np.maximum(highest, -lowest)
+        (xi_u, xi_v), (eta_u, eta_v) = ((largest[:2, component] + largest[2, component]) / 2 for component in (1, 2))
+        turns = Turns(xi_u, eta_u, xi_v, eta_v)
+        is_known = has_normal & turns.are_known
+        return Frame(axes, local[:, 0], highest, lowest, fourth, np.sqrt(squares), turns, is_known)
+
+    @cached_property
+    def largest(self) -> FloatArray:
+        """(3, 3, P): the largest |S_uu|, |S_vv| and |S_uv| of each component."""
+        return np.maximum(self.highest, -self.lowest)
+
+    @cached_property
+    def tilts(self) -> tuple[FloatArray, FloatArray]:
+        """σ_u and σ_v, (P,) each: |n·X| ≤ |ζ| + σ_u|ξ| + σ_v|η|."""
+        return self.turns.solve(*((self.largest[:2, 0] + self.largest[2, 0]) / 2))
+
+    @cached_property
+    def dual_lengths(self) -> tuple[FloatArray, FloatArray]:
+        """|x| and |y|, (P,) each."""
+        return np.sqrt(_dot(self.axes[1], self.axes[1])), np.sqrt(_dot(self.axes[2], self.axes[2]))
+
+    def errors(self, vertices: Vertices) -> FloatArray:
+        """(3, P): |e| ≤ this times h², at every level, of each component."""
+        uu, vv, uv = self.largest
+        errors = (uu + vv) / 8 + uv / 4
+        return errors if vertices is Vertices.LIMIT else errors + (uu + vv) / 6 + self.fourth / 36
 
 
-def _along(
-    heights: FloatArray, zeta: Derivatives, vertices: Vertices, is_turned: BoolArray
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """second, third and plain of ``FootBounds``, of the part along n₀ alone."""
-    rounding = ROUNDING * np.abs(heights).max(axis=0)
-    uu, vv, uv = (rows @ heights for rows in (ALONG_U, ALONG_V, MIXED))
-    uv = np.where(is_turned, -uv, uv)
-    off = (uu + vv) / 6 if vertices is Vertices.CONTROL else np.zeros_like(uu)
-    second = np.maximum(_highest(uu, vv, uv) - off, _highest(-uu, -vv, -uv) + off).max(axis=0)
-    above = _highest(uu.max(axis=0), vv.max(axis=0), uv.max(axis=0))
-    below = _highest(-uu.min(axis=0), -vv.min(axis=0), -uv.min(axis=0))
-    plain = np.maximum(above - off.min(axis=0), below + off.max(axis=0)) + np.ptp(uv, axis=0) / 27
-    uuu, uuv, uvv, vvv = zeta.third
-    third = (uuu + 3 * uuv + 3 * uvv + vvv) / 48
+def along_axes(axes: FloatArray, vectors: FloatArray) -> FloatArray:
+    """(R, 3, P): vectors (R, 3, P) by their products with axes (3, 3, P)."""
+    found = np.empty_like(vectors)
+    for component, axis in enumerate(axes):
+        own = found[:, component]
+        np.multiply(vectors[:, 0], axis[0], out=own)
+        own += vectors[:, 1] * axis[1]
+        own += vectors[:, 2] * axis[2]
+    return found
+
+
+def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(3, P) of (3, P) each."""
+    return np.stack([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
+
+
+def _dot(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(P,) of (3, P) each."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def _along(frame: Frame, vertices: Vertices, is_turned: BoolArray) -> FloatArray:
+    """second of ``FootBounds``, of the part along n₀ alone."""
+    highest, lowest = frame.highest[:, 0], frame.lowest[:, 0]
+    uv, least_uv = np.where(is_turned, [-lowest[2], -highest[2]], [highest[2], lowest[2]])
+    above, below = _highest(highest[0], highest[1], uv), _highest(-lowest[0], -lowest[1], -least_uv)
     if vertices is Vertices.CONTROL:
-        third = third + (uuu + uuv + uvv + vvv) / 12
-    return second + rounding, third, plain + rounding
+        above = np.maximum(above, _highest(highest[0], highest[1], -least_uv)) - (lowest[0] + lowest[1]) / 6
+        below = np.maximum(below, _highest(-lowest[0], -lowest[1], uv)) + (highest[0] + highest[1]) / 6
+    return np.maximum(above, below) + (uv - least_uv) / 27
 
 
-def _at_middle(heights: FloatArray, vertices: Vertices) -> FloatArray:
-    """middle of ``FootBounds``."""
-    uu, vv, uv = MIDDLE_SECONDS @ heights
-    off = (uu + vv) / 6 if vertices is Vertices.CONTROL else np.zeros_like(uu)
-    return np.max(np.abs([uu / 8 - off, vv / 8 - off, (uu + vv) / 8 - np.abs(uv) / 4 - off, off]), axis=0)
+def _at_middle(heights: FloatArray, vertices: Vertices) -> tuple[FloatArray, FloatArray]:
+    """middle and control_middle of ``FootBounds``."""
+    uu, vv, uv = matrix_product(MIDDLE_SECONDS, heights)
+    off = (uu + vv) / 6
+    at_limit = np.stack([uu / 8, vv / 8, (uu + vv) / 8 - np.abs(uv) / 4])
+    control = np.maximum(np.abs(at_limit - off).max(axis=0), np.abs(off))
+    return control if vertices is Vertices.CONTROL else np.abs(at_limit).max(axis=0), control
 
 
 def _highest(uu: FloatArray, vv: FloatArray, uv: FloatArray) -> FloatArray:
@@ -248,10 +262,16 @@ def _highest(uu: FloatArray, vv: FloatArray, uv: FloatArray) -> FloatArray:
 
 
 def equal_bounds(nets: FloatArray, vertices: Vertices) -> FloatArray:
-    """(P,): of nets (4, 4, P, 3) of regular faces, ‖e‖ at equal parameters at most, with either diagonal, times 4⁻ʲ for
+    """(P,): of nets (16, 3, P) of regular faces, ‖e‖ at equal parameters at most, with either diagonal, times 4⁻ʲ for
     the level j."""
-    uu, vv, uv = (largest_norm(apply(rows, nets)) for rows in (ALONG_U, ALONG_V, MIXED))
+    points = nets - nets[5]
+
+    def largest(rows: FloatArray) -> FloatArray:
+        vectors = matrix_product(rows, points.reshape(16, -1)).reshape(-1, *nets.shape[1:])
+        return np.sqrt((vectors * vectors).sum(axis=1).max(axis=0))
+
+    uu, vv, uv = (largest(SECONDS[some]) for some in OF_SECONDS)
     bounds = (uu + vv) / 8 + uv / 4
     if vertices is Vertices.CONTROL:
-        bounds = bounds + (uu + vv) / 6 + largest_norm(apply(FOURTH, nets)) / 36
-    return bounds * (1 + ROUNDING) + ROUNDING * np.abs(nets - nets[1, 1]).max(axis=(0, 1, 3))
+        bounds = bounds + (uu + vv) / 6 + largest(FOURTH) / 36
+    return bounds * (1 + ROUNDING) + ROUNDING * np.abs(points).max(axis=(0, 1))

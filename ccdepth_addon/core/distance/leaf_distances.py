@@ -20,6 +20,7 @@ from ..arrays.vectors import component_major, selected_vectors, transformed_nets
 from ..bounds.norm_bounds import Vertices
 from ..surface.refinement import Refinement
 from .leaf_surfaces import ALL_LEVELS, FEW_LEVELS, Tiles, joined_tiles, tiles_of
+from .level_quads import may_be_folded
 from .pieces import HULL_FORM, SQUARE_FORM, TRIANGLE_FORM, Form, include_pieces
 from .shell_bounds import Pieces, off_at_equal
 from .shells import QUAD_TRIANGLES, Shell, Triangles, vertex_vectors
@@ -43,17 +44,25 @@ class Leaves:
     """Quads of a level, the descendants of a refinement, and the triangles that they are drawn as.
 
     points: (K, 4, 3), their corners as drawn. is_turned: (K,) bool, whether they are drawn with the diagonal from
-    corner 1 to 3. limit: no larger distance is of use.
+    corner 1 to 3; is_folded: (K,) bool, whether it may be the other one. limit: no larger distance is of use.
     """
 
     refinement: Refinement
     points: FloatArray
     is_turned: BoolArray
+    is_folded: BoolArray
     shell: Shell
     limit: float
 
     @staticmethod
-    def of(refinement: Refinement, is_turned: BoolArray, vertices: Vertices, limit: float) -> Leaves:
+    def of(
+        refinement: Refinement,
+        is_turned: BoolArray,
+        vertices: Vertices,
+        limit: float,
+        axes: FloatArray | None = None,
+    ) -> Leaves:
+        """axes: of the object's space, where diagonals are chosen."""
         mesh, numbers = refinement.mesh, refinement.corner_vertices()
         limits, errors = refinement.limits_at_corners, None
         points = limits
@@ -65,7 +74,7 @@ class Leaves:
         triangles = Triangles.of(mesh, points, vertex_vectors(mesh, errors), is_turned)
         faces = np.bincount(mesh.corner_vertices[: points.size // 3], minlength=mesh.vertex_count)
         shell = Shell.of(triangles, faces == mesh.vertex_face_counts, limit)
-        return Leaves(refinement, points, is_turned, shell, limit)
+        return Leaves(refinement, points, is_turned, may_be_folded(points, is_turned, axes), shell, limit)
 
     def distances(self, quads: IndexArray, tick: Callable[[], None]) -> tuple[FloatArray, FloatArray]:
         """(n,) twice, of some of the quads, rising: bounds by places in the shell and at equal parameters; infinite
@@ -133,8 +142,8 @@ class Leaves:
         return component_major(found.swapaxes(0, 1))
 
     def at_equal_parameters(self, quads: IndexArray, levels: int = FEW_LEVELS) -> FloatArray:
-        """(n,): of some quads, rising. The larger one of both diagonals, as it is not known which one a folded quad is
-        drawn with. levels: as of ``_by_places``."""
+        """(n,): of some quads, rising; of those that may be folded the larger one of both diagonals. levels: as of
+        ``_by_places``."""
         bicubic, rests = self._tiles(quads, levels)
         found = self._off_at_equal(quads, [bicubic])
         is_open = found <= self.limit
@@ -147,10 +156,13 @@ class Leaves:
     def _off_at_equal(self, quads: IndexArray, tiles: list[Tiles]) -> FloatArray:
         """(n,): the largest distance at equal parameters in tiles of some quads."""
         found = np.zeros(len(quads))
-        for turned in (False, True):
-            other = replace(self, is_turned=np.full(len(self.is_turned), turned))
+        is_folded = self.is_folded[quads]
+        ways = [(self, found)]
+        if np.any(is_folded):
+            ways.append((replace(self, is_turned=~self.is_turned), np.where(is_folded, 0.0, np.inf)))
+        for leaves, looked_at in ways:
             for each in tiles:
-                for bases, pieces, form in other._pieces(quads, each, found):
+                for bases, pieces, form in leaves._pieces(quads, each, looked_at):
                     if form.quarters:
                         bases, pieces = np.tile(bases, 4), pieces.divided(form.quarters)
                     np.maximum.at(found, bases, off_at_equal(pieces))

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..adaptive.leaf_bounds.polygon_bounds import is_folded
 from ..arrays.chunks import index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..bounds.norm_bounds import Vertices
@@ -17,6 +16,7 @@ from ..surface.patches import PatchKind, classify_patches
 from ..surface.refinement import Refinement
 from .face_feet import FaceFeet
 from .leaf_distances import QUADS_AT_ONCE, Leaves
+from .level_quads import turned_children
 
 # Rings of leaves around those that are asked for: two on which places in the shell have to be known, and one more that
 # gives these the triangles around.
@@ -57,8 +57,8 @@ class LevelLeaves:
             is_regular = _are_regular(refinement, is_own)
             feet = FaceFeet.of(refinement.mesh.changed(axes=mesh.axes), vertices, is_turned, tick)
             for found in feet.bounds(np.flatnonzero(is_regular), level - own_level, vertices, limit, tick):
-                covered = found.faces[found.lasting]
-                np.maximum.at(bounds, bases[covered], found.bounds[found.lasting])
+                covered = found.faces[found.are_short]
+                np.maximum.at(bounds, bases[covered], found.bounds[found.are_short])
                 is_own[covered] = is_regular[covered] = False
                 bounds[bases[found.faces[(found.bounds > limit) & ~found.is_open]]] = np.inf
             regular_since[~is_regular] = own_level + 1
@@ -77,8 +77,8 @@ class LevelLeaves:
             bases, regular_since = np.repeat(bases, sizes), np.repeat(regular_since, sizes)
             is_own = np.repeat(is_own, sizes)
             refinement = refinement.refined()
-        leaves = Leaves.of(refinement, is_turned, vertices, limit)
-        leaves.shell.ranges[np.repeat(may_be_folded(leaves.points, leaves.is_turned, mesh.axes), 2)] = 0.0
+        leaves = Leaves.of(refinement, is_turned, vertices, limit, mesh.axes)
+        leaves.shell.ranges[np.repeat(leaves.is_folded, 2)] = 0.0
         return LevelLeaves(leaves, bases, is_own, bounds)
 
     def own_distances(self, tick: Callable[[], None]) -> FloatArray:
@@ -131,21 +131,6 @@ def _touching(mesh: PolygonMesh, wanted: BoolArray) -> BoolArray:
     return np.logical_or.reduceat(touched[vertices], mesh.face_starts[: len(wanted)]) if len(wanted) else wanted
 
 
-def turned_children(is_turned: BoolArray, sizes: IndexArray) -> BoolArray:
-    """Whether children are drawn with the diagonal from corner 1 to 3: diagonals are parallel to their parent's, and
-    those of polygons that are not quads run to the middle."""
-    first = np.cumsum(sizes) - sizes
-    place = np.arange(sizes.sum()) - np.repeat(first, sizes)
-    return np.repeat(sizes == 4, sizes) & (np.repeat(is_turned, sizes) ^ (place % 2 == 1))
-
-
 def _are_regular(refinement: Refinement, is_own: BoolArray) -> BoolArray:
     """(K,) bool: the own faces that are regular."""
     return is_own & (classify_patches(refinement.mesh).kinds[: len(is_own)] == PatchKind.REGULAR)
-
-
-def may_be_folded(points: FloatArray, is_turned: BoolArray, axes: FloatArray | None) -> BoolArray:
-    """(K,) bool: quads (K, 4, 3) that may be drawn with their other diagonal, as the triangles would face apart."""
-    spaces = [np.eye(3)] if axes is None else [np.eye(3), axes]
-    quads = np.where(is_turned[:, None, None], np.roll(points, -1, axis=1), points)
-    return is_folded(quads.swapaxes(0, 1), *spaces)

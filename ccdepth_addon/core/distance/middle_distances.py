@@ -8,12 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arrays.matrix_products import matrix_product
 from ..arrays.types import BoolArray, FloatArray
 from ..arrays.vectors import cross_products, dot_products, lengths, squared_norms, transformed_nets, units
 from ..bounds.norm_bounds import Vertices
-from ..surface.bicubic import HALVES, NET_TO_BERNSTEIN, SECOND_DIFFERENCE, SPLINE_TO_BERNSTEIN, tensor
+from ..surface.bicubic import HALVES, NET_TO_BERNSTEIN, SECOND_DIFFERENCE, SPLINE_HALVES, SPLINE_TO_BERNSTEIN, tensor
 from ..surface.evaluation import spline_weights
-from .foot_bounds import LARGEST_TILT, LEAST_SINE, MIDDLE, ROUNDING, Turns
+from .foot_bounds import LARGEST_TILT, LEAST_SINE, MIDDLE, MIDDLE_SECONDS, ROUNDING, Turns
 
 # Vertices of a level around the middle of a face, in leaves from there on; and for each sample its place, how far from
 # it in parameters other triangles are at least, and the triangles between.
@@ -25,6 +26,9 @@ SAMPLES = (
     ((0.0, 0.0), 0.5, [(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5), (0, 5, 6), (0, 6, 1)]),
 )
 
+# The points of a net at the corners of a face.
+AT_CORNERS = [5, 9, 10, 6]
+
 # At level 0 a face is one leaf.
 CORNERS = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 OF_LEVEL_0 = SAMPLES[:1]
@@ -33,6 +37,11 @@ SECONDS_U, SECONDS_V = tensor(SECOND_DIFFERENCE, np.eye(4)), tensor(np.eye(4), S
 PART = HALVES[0] @ HALVES[1] @ SPLINE_TO_BERNSTEIN
 PART_ROWS = tensor(PART, PART)
 SECONDS_BOTH = tensor(SECOND_DIFFERENCE, SECOND_DIFFERENCE)
+
+# (16, 16, 16): the nets of the 16 parts of a face; (80, 16): S_u, S_v, S_uu, S_vv and S_uv at their middles.
+QUARTERS = [one @ other for other in SPLINE_HALVES for one in SPLINE_HALVES]
+PART_NETS = np.array([np.kron(one, other) for one in QUARTERS for other in QUARTERS])
+PART_MIDDLES = (np.concatenate([MIDDLE[1:], MIDDLE_SECONDS]) @ PART_NETS).swapaxes(0, 1).reshape(80, 16)
 
 
 def middle_distances(nets: FloatArray, rates: FloatArray, level: int, vertices: Vertices) -> FloatArray:
@@ -68,6 +77,23 @@ def middle_distances(nets: FloatArray, rates: FloatArray, level: int, vertices: 
     return best * (1 - ROUNDING)
 
 
+def most_curved_parts(nets: FloatArray) -> FloatArray:
+    """(4, 4, P, 3): of nets (4, 4, P, 3) of regular faces those of one of their 16 parts each, on which a level's
+    triangles are farthest from the surface, about."""
+    rows = nets.reshape(16, -1)
+    along_u, along_v, uu, vv, uv = matrix_product(PART_MIDDLES, rows).reshape(5, 16, *nets.shape[2:])
+    normals = units(cross_products(along_u, along_v))
+    uu, vv, uv = (dot_products(each, normals) for each in (uu, vv, uv))
+    heights = np.max(np.abs([uu, vv, uu + vv + 2 * uv, uu + vv - 2 * uv]), axis=0)
+    chosen = heights.argmax(axis=0)
+    found = np.empty_like(nets)
+    for part in range(16):
+        own = np.flatnonzero(chosen == part)
+        if len(own):
+            found[:, :, own] = matrix_product(PART_NETS[part], nets[:, :, own].reshape(16, -1)).reshape(4, 4, -1, 3)
+    return found
+
+
 def middle_parts(nets: FloatArray) -> FloatArray:
     """(16, P, 3): points whose hull holds the surface over parameters from a half to three quarters, of nets
     (4, 4, P, 3)."""
@@ -76,28 +102,35 @@ def middle_parts(nets: FloatArray) -> FloatArray:
 
 def tight_boxes(nets: FloatArray) -> tuple[FloatArray, FloatArray]:
     """(P, 3) twice, boxes that hold the surface over regular faces with nets (4, 4, P, 3), and every level's vertices
-    and triangles there: control points are off the surface by h²(S_uu + S_vv)/6 and h⁴S_uuvv/36."""
-    points = nets.reshape(16, -1, 3)
-    uu, vv, both = (np.abs(transformed_nets(rows, points)).max(axis=0) for rows in (SECONDS_U, SECONDS_V, SECONDS_BOTH))
-    beyond = ((uu + vv) / 6 + both / 36) * (1 + ROUNDING)
-    hull = transformed_nets(NET_TO_BERNSTEIN, points)
+    and triangles there."""
+    hull, seconds = _hulls(nets)
+    beyond = _beyond(*(np.abs(each).max(axis=0) for each in seconds))
     return hull.min(axis=0) - beyond, hull.max(axis=0) + beyond
 
 
 def are_apart(nets: FloatArray, hulls: FloatArray, reach: float) -> BoolArray:
     """(P,) bool: hulls of points (R, P, 3) farther than the reach from every level over regular faces with nets
     (4, 4, P, 3), as a plane between them shows."""
-    own = nets.reshape(16, -1, 3)
-    uu, vv, both = (
-        np.sqrt(squared_norms(transformed_nets(rows, own)).max(axis=0)) for rows in (SECONDS_U, SECONDS_V, SECONDS_BOTH)
-    )
-    beyond = ((uu + vv) / 6 + both / 36) * (1 + ROUNDING)
-    others = transformed_nets(NET_TO_BERNSTEIN, own)
+    others, seconds = _hulls(nets)
+    beyond = _beyond(*(np.sqrt(squared_norms(each).max(axis=0)) for each in seconds))
     centre = others.mean(axis=0)
     direction = hulls.mean(axis=0) - centre
     gap = dot_products(hulls - centre, direction[None]).min(axis=0)
     gap -= dot_products(others - centre, direction[None]).max(axis=0)
     return gap > (reach + beyond) * (1 + ROUNDING) * lengths(direction)
+
+
+def _hulls(nets: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
+    """(20, P, 3): points whose hull holds the surface over regular faces with nets (4, 4, P, 3), and the control mesh;
+    and (R, P, 3) each, S_uu, S_vv and S_uuvv."""
+    points = nets.reshape(16, -1, 3)
+    hull = np.concatenate([transformed_nets(NET_TO_BERNSTEIN, points), points[AT_CORNERS]])
+    return hull, [transformed_nets(rows, points) for rows in (SECONDS_U, SECONDS_V, SECONDS_BOTH)]
+
+
+def _beyond(uu: FloatArray, vv: FloatArray, both: FloatArray) -> FloatArray:
+    """How far vertices of levels after the control mesh are off the surface: h²(S_uu + S_vv)/6 and h⁴S_uuvv/36."""
+    return ((uu + vv) / 24 + both / 576) * (1 + ROUNDING)
 
 
 def rates_of(nets: FloatArray, condition: float) -> FloatArray:

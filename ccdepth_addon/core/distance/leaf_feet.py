@@ -1,0 +1,88 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Distances of single regular leaves: feet on the surface, from the triangles as they are.
+
+What ``foot_bounds`` has from second derivatives is here T - S itself, in Bernstein form over the parts of the leaf's
+quarters that lie over one triangle, each seen in the frame of its quarter's middle. docs/distance.md, Single leaves.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+
+from ..adaptive.leaf_bounds.triangle_bounds import coefficients_over
+from ..arrays.matrix_products import matrix_product
+from ..arrays.types import FloatArray
+from ..bounds.norm_bounds import Vertices
+from ..surface.bicubic import CORNERS, NET_TO_BERNSTEIN, SPLINE_HALVES
+from .foot_bounds import MIDDLE, ROUNDING, Frame, along_axes, foot_distances
+
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+GREVILLE = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
+
+# The leaf's two triangles, of its corners; and the net's points at the corners.
+TRIANGLES = [0, 1, 2], [0, 2, 3]
+AT_CORNERS = [5, 9, 10, 6]
+
+# Which coefficients of degree 6 over a triangle are points of it.
+ENDS = [0, 21, 27]
+
+
+@dataclass(frozen=True)
+class _Quarter:
+    """net: (16, 16), of a quarter of a leaf. errors: (R, 16), the Bernstein coefficients of T - S over each triangle
+    there; the first ``ends`` of them are values."""
+
+    net: FloatArray
+    errors: FloatArray
+    ends: int
+
+
+@cache
+def _quarters(vertices: Vertices) -> list[_Quarter]:
+    """Of a leaf drawn with the diagonal from corner 0 to 2."""
+    drawn = np.eye(16)[AT_CORNERS] if vertices is Vertices.CONTROL else NET_TO_BERNSTEIN[CORNERS]
+    found = []
+    for i, j in ((0, 0), (0, 1), (1, 0), (1, 1)):
+        net = np.kron(SPLINE_HALVES[i], SPLINE_HALVES[j])
+        ends, others = [], []
+        for corners in TRIANGLES if i == j else TRIANGLES[j : j + 1]:
+            rows, values = (coefficients_over(SQUARE[corners]), ENDS) if i == j else (np.eye(16), list(CORNERS))
+            places = np.column_stack([([i, j] + rows @ GREVILLE) / 2, np.ones(len(rows))])
+            weights = places @ np.linalg.inv(np.column_stack([SQUARE[corners], np.ones(3)]))
+            errors: FloatArray = weights @ drawn[corners] - rows @ NET_TO_BERNSTEIN @ net
+            ends.append(errors[values])
+            others.append(np.delete(errors, values, axis=0))
+        found.append(_Quarter(net, np.concatenate(ends + others), sum(map(len, ends))))
+    return found
+
+
+def leaf_feet(
+    nets: FloatArray, vertices: Vertices, curvature: FloatArray, speed: FloatArray, longest: float
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """(P,) each, of nets (16, 3, P) of regular leaves drawn with the diagonal from corner 0 to 2: B, as of
+    ``FootBounds.at``; the same where feet are farther from equal parameters than ``longest``, up to 1; and what is
+    reached of it at points of the triangles, about, which proves nothing.
+
+    curvature, speed: (P,), κ and α of all of the surface that is nearer than feet may be.
+    """
+    nets = nets - matrix_product(MIDDLE[:1], nets.reshape(16, -1)).reshape(1, *nets.shape[1:])
+    along, reach, reached = np.zeros((3, nets.shape[2]))
+    rounding = ROUNDING * np.abs(nets).max(axis=(0, 1))
+    for quarter in _quarters(vertices):
+        frame = Frame.of(matrix_product(quarter.net, nets.reshape(16, -1)).reshape(nets.shape))
+        errors = matrix_product(quarter.errors, nets.reshape(16, -1)).reshape(-1, *nets.shape[1:])
+        squares = (errors * errors).sum(axis=1)
+        heights, xi, eta = np.abs(along_axes(frame.axes, errors)).swapaxes(0, 1)
+        np.maximum(reached, heights[: quarter.ends].max(axis=0), out=reached)
+        heights += frame.tilts[0] * xi
+        heights += frame.tilts[1] * eta
+        tilt = frame.tilts[0] * frame.dual_lengths[0] + frame.tilts[1] * frame.dual_lengths[1]
+        highest = heights.max(axis=0) + rounding * (1 + tilt)
+        np.maximum(along, np.where(frame.is_known, highest, np.inf), out=along)
+        np.maximum(reach, squares.max(axis=0), out=reach)
+    along, reach = along * (1 + ROUNDING), np.sqrt(reach) * (1 + ROUNDING) + rounding
+    bounds, on_leaves = (foot_distances(along, reach, curvature, speed, each) for each in (1.0, longest))
+    return bounds, on_leaves, reached
