@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Compute Depth on a million quads, next to one level of Blender's Subdivision Surface on the same mesh, as shipped.
 
-The mesh is a grid, once all regular and once with one percent of its vertices extraordinary. Memory is what Python and
-NumPy take at most, beyond the mesh and Blender's attributes for the results.
+The mesh is a grid, once all regular and once with one percent of its vertices extraordinary; then spheres whose poles
+have 64 and 360 faces, and a smaller grid with many creases. Memory is what Python and NumPy take at most, beyond the
+mesh and Blender's attributes for the results.
 
 python benchmarks/compute_depth.py -- [SIDE] [REPEATS]       with the bpy wheel
 blender -b --python benchmarks/compute_depth.py -- [SIDE] [REPEATS]
@@ -13,6 +14,7 @@ from __future__ import annotations
 import sys
 import tracemalloc
 from collections.abc import Callable
+from functools import partial
 from itertools import product
 from pathlib import Path
 from statistics import median
@@ -29,8 +31,13 @@ from ccdepth_addon.core.depth.face_depths import METHODS, VERTICES
 SIDE = 1000
 REPEATS = 5
 
-# Fine enough for every face to need some levels.
+# Fine enough for every face to need some levels; and the same on the smaller meshes.
 RELATIVE_TOLERANCE = 1e-6
+SMALLER_TOLERANCE = 1e-4
+
+# Faces around the poles, and one edge in so many of the smaller grid that is creased.
+POLES = (64, 360)
+CREASED_PART = 5
 
 # The others take as long with either kind of vertices.
 BY_BOTH_VERTICES = ("DISTANCE", "CERTIFIED")
@@ -54,19 +61,36 @@ def add_grid(side: int, insets: int) -> bpy.types.Object:
     return grid
 
 
-def compute_depth(method: str, vertices: str) -> float:
-    """Seconds for the operator as a whole: reading the mesh, bounds, depths, attributes, colours and record."""
+def add_sphere(faces_at_pole: int) -> bpy.types.Object:
+    """An object of a UV sphere, active and selected."""
+    bpy.ops.mesh.primitive_uv_sphere_add(segments=faces_at_pole, ring_count=faces_at_pole // 2)
+    return bpy.context.active_object
+
+
+def add_creased_grid(side: int) -> bpy.types.Object:
+    """An object of a grid, active and selected, with creases of all kinds on some of its edges."""
+    grid = add_grid(side, 0)
+    generator = np.random.default_rng(1)
+    count = len(grid.data.edges)
+    sharpness = np.where(generator.random(count) < 1 / CREASED_PART, generator.choice([0.3, 0.6, 1.0], count), 0.0)
+    creases = grid.data.attributes.new("crease_edge", "FLOAT", "EDGE")
+    creases.data.foreach_set("value", sharpness.astype(np.float32))
+    return grid
+
+
+def compute_depth(method: str, vertices: str, tolerance: float) -> float:
+    """Seconds for the operator as a whole: reading the mesh, bounds, depths, attributes and record."""
     return _seconds(
         lambda: bpy.ops.ccdepth.compute(
-            tolerance=RELATIVE_TOLERANCE, tolerance_mode="RELATIVE", method=method, vertices=vertices
+            tolerance=tolerance, tolerance_mode="RELATIVE", method=method, vertices=vertices
         )
     )
 
 
-def peak_memory(method: str, vertices: str) -> int:
+def peak_memory(method: str, vertices: str, tolerance: float) -> int:
     """Bytes that Python and NumPy take at most during the operator."""
     tracemalloc.start()
-    compute_depth(method, vertices)
+    compute_depth(method, vertices, tolerance)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     return peak
@@ -80,7 +104,7 @@ def evaluate_subdivision(grid: bpy.types.Object) -> float:
     def evaluate() -> None:
         depsgraph = bpy.context.evaluated_depsgraph_get()
         evaluated = grid.evaluated_get(depsgraph).to_mesh()
-        assert len(evaluated.polygons) == 4 * len(grid.data.polygons)
+        assert len(evaluated.polygons) == len(grid.data.loops)
 
     seconds = _seconds(evaluate)
     grid.modifiers.remove(modifier)
@@ -100,23 +124,30 @@ def main(side: int = SIDE, repeats: int = REPEATS) -> None:
 
         ccdepth_addon.register()
     print(f"Blender {bpy.app.version_string}, numpy {np.__version__}, median of {repeats}")
-    for insets in (0, side * side // 800):
-        measure(side, insets, repeats)
+    small = max(side // 10, 8)
+    for name, add, tolerance in (
+        ("a grid", lambda: add_grid(side, 0), RELATIVE_TOLERANCE),
+        ("a grid with extraordinary vertices", lambda: add_grid(side, side * side // 800), RELATIVE_TOLERANCE),
+        *((f"poles of {count}", partial(add_sphere, count), SMALLER_TOLERANCE) for count in POLES),
+        ("a grid with creases", lambda: add_creased_grid(small), SMALLER_TOLERANCE),
+        ("a smaller grid", lambda: add_grid(small, 0), RELATIVE_TOLERANCE),
+    ):
+        measure(name, add, tolerance, repeats)
 
 
-def measure(side: int, insets: int, repeats: int) -> None:
+def measure(name: str, add: Callable[[], bpy.types.Object], tolerance: float, repeats: int) -> None:
     """Print the figures of one mesh."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
-    grid = add_grid(side, insets)
-    faces = len(grid.data.polygons)
-    print(f"{faces:,} quads, {8 * insets / len(grid.data.vertices):.2%} of the vertices extraordinary")
+    holder = add()
+    faces = len(holder.data.polygons)
+    print(f"{name}, {faces:,} faces, tolerance {tolerance:.0e} of the diagonal")
     # Subdivision first: it would have to interpolate the attributes that Compute Depth leaves on the mesh.
-    _report("Subdivision Surface, one level", [evaluate_subdivision(grid) for _ in range(repeats)])
+    _report("Subdivision Surface, one level", [evaluate_subdivision(holder) for _ in range(repeats)])
     for method, vertices in product(METHODS, VERTICES):
         if vertices == "LIMIT" and method not in BY_BOTH_VERTICES:
             continue
-        seconds = [compute_depth(method, vertices) for _ in range(repeats)]
-        memory = f"{peak_memory(method, vertices) / faces:.0f} bytes per face"
+        seconds = [compute_depth(method, vertices, tolerance) for _ in range(repeats)]
+        memory = f"{peak_memory(method, vertices, tolerance) / faces:.0f} bytes per face"
         _report(f"Compute Depth, {method}, {vertices}", seconds, memory)
 
 
