@@ -28,9 +28,8 @@ import bpy
 from .arguments import output_of
 from .blender_calls import CommandError
 from .report import FileEntry, stamp
+from .scripted_drivers import ENDS
 from .whole_files import claimed
-
-COMMAND_OPTIONS = ("-c", "--command")
 
 # How many seconds a process has to end by itself.
 GRACE = 5.0
@@ -42,7 +41,7 @@ def own_process(command: str) -> list[str]:
     if not bpy.app.binary_path:
         raise CommandError("--jobs needs Blender's own program")
     options = sys.argv[1:]
-    end = next((index for index, option in enumerate(options) if option in COMMAND_OPTIONS), 0)
+    end = next((index for index, option in enumerate(options) if option in ENDS), 0)
     return [bpy.app.binary_path, *(options[:end] or ["-b"]), "--command", command]
 
 
@@ -126,7 +125,10 @@ class _Worker(Thread):
         """What is done with a file, and what is printed meanwhile. When the process ends meanwhile, and had done other
         files before, which may be to blame, the file is tried once more by a new one."""
         is_new, begin, limit = self._process is None, monotonic(), self._options.file_timeout
-        process = self._process = self._process or self._new_process()
+        if self._process is None:
+            pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
+            self._process = subprocess.Popen(self._command, **pipes, encoding="utf-8", errors="replace")
+        process = self._process
         entry, output = self._answered(process, number)
         if entry is not None:
             return entry, output
@@ -137,10 +139,6 @@ class _Worker(Thread):
             return self._done(number)
         last = next((line.strip() for line in reversed(output.split("\n")) if line.strip()), "it printed nothing")
         return self._failed(number, f"Blender ended with status {status}: {last}"), output
-
-    def _new_process(self) -> subprocess.Popen[str]:
-        pipe, both = subprocess.PIPE, subprocess.STDOUT
-        return subprocess.Popen(self._command, stdin=pipe, stdout=pipe, stderr=both, encoding="utf-8", errors="replace")
 
     def _answered(self, process: subprocess.Popen[str], number: int) -> tuple[FileEntry | None, str]:
         """What a process says of a file, nothing if it ends before, and what is printed meanwhile."""
