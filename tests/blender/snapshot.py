@@ -7,6 +7,7 @@ A snapshot maps paths to values: ``("meshes", "Cube", "attribute", "UVMap")`` to
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterator
 from typing import Any
 from zlib import crc32
@@ -90,11 +91,13 @@ def _short(value: Any) -> str:
 
 
 def _everything() -> Iterator[tuple[Path, Any]]:
+    # A measured object keeps what it is measured against, as a result keeps its source.
+    kept = Counter(each.ccdepth.measured_against for each in bpy.data.objects)
     for collection in bpy.data.bl_rna.properties:
         if collection.type == "COLLECTION" and collection.identifier not in INTERFACE:
             for block in getattr(bpy.data, collection.identifier):
                 # Blender counts two users when it copies an override of a linked block, and one when that is removed.
-                users = None if block.library else block.users
+                users = None if block.library else block.users - kept.get(block, 0)
                 library = block.library.name if block.library else ""
                 yield ("blocks", collection.identifier, block.name, library), (users, block.use_fake_user)
     for mesh in bpy.data.meshes:
