@@ -32,6 +32,9 @@ from ..surface.stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_st
 FEW_LEVELS, ALL_LEVELS = 4, 14
 MOST_LEVELS_3, MOST_REFINED_LEVELS = 8, 14
 
+# Hulls have more points than what is drawn there has corners: as many would count as coefficients.
+LEAST_OF_HULLS = 5
+
 
 @dataclass(frozen=True)
 class Tiles:
@@ -106,7 +109,7 @@ def support_points(mesh: PolygonMesh, faces: IndexArray) -> FloatArray:
     owners, vertices = np.divmod(np.unique(owners * mesh.vertex_count + vertices), mesh.vertex_count)
     sizes = np.bincount(owners, minlength=len(faces))
     first = np.cumsum(sizes) - sizes
-    places = first + np.minimum(np.arange(sizes.max())[:, None], sizes - 1)
+    places = first + np.minimum(np.arange(max(sizes.max(), LEAST_OF_HULLS))[:, None], sizes - 1)
     return mesh.positions[vertices[places]]
 
 
