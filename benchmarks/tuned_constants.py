@@ -976,17 +976,18 @@ ENTRIES = [
 # What is computed once, by the name in the table. These are counted, all in one run.
 TOPOLOGY = "face_sizes", "corner_faces", "next_corner", "previous_corner", "edge_face_counts", "vertex_face_counts"
 TABLES = {
-    "triangle_bounds": (
-        *("_arguments", "_ways_to_share", "_off_quadratic", "_coefficients_over", "_rows_of_pieces"),
+    SURFACE + "triangle_coefficients": ("arguments_of", "_ways_to_share", "_coefficients_over"),
+    LEAVES + "triangle_bounds": (
+        *("_off_quadratic", "_rows_of_pieces"),
         *("template_rows", "bicubic_rows", "quadratic_rows", "extraordinary_rows"),
     ),
-    "child_bounds": ("_rows",),
-    "fan_bounds": ("_quarter_rows",),
+    LEAVES + "child_bounds": ("_rows",),
+    LEAVES + "fan_bounds": ("_quarter_rows",),
 }
 CACHES = {
     "topology": [MESH + f"polygon_mesh.PolygonMesh.{name}" for name in (*TOPOLOGY, "_twins")],
     # They are made from each other.
-    "tables": [f"{LEAVES}{module}.{name}" for module, names in TABLES.items() for name in names],
+    "tables": [f"{module}.{name}" for module, names in TABLES.items() for name in names],
     **{
         place: [place]
         for place in (

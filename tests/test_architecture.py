@@ -71,6 +71,13 @@ def test_the_core_imports_nothing_of_blender() -> None:
     assert not found
 
 
+def test_bounds_by_distance_stand_below_all_that_goes_by_them() -> None:
+    files = [path for room in ("surface", "distance") for path in (ADDON / "core" / room).rglob("*.py")]
+    above = ("core.adaptive", "core.depth", "core.reduction", "core.deviation")
+    names = [(path.relative_to(ADDON), name) for path in files for name in imported_from_the_addon(path)]
+    assert not [f"{path}: {name}" for path, name in names if name.startswith(above)]
+
+
 def test_what_draws_in_a_window_is_imported_by_nothing_else() -> None:
     """So nothing of the graphics card is touched in the background."""
     files = [*ADDON.rglob("*.py")]

@@ -6,7 +6,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.adaptive.leaf_bounds.descent import Squares
 from ccdepth_addon.core.adaptive.leaf_bounds.triangle_bounds import barycentric
 from ccdepth_addon.core.adaptive.surface_pieces import (
     SOME,
@@ -28,6 +27,7 @@ from ccdepth_addon.core.adaptive.templates import (
 )
 from ccdepth_addon.core.distance.leaf_surfaces import Tiles
 from ccdepth_addon.core.distance.shells import Shell, Triangles
+from ccdepth_addon.core.surface.squares import Squares
 
 WHOLE = (0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
 # The upper right quarter, counted from the centre on, and the lower right one from the corner on, as around

@@ -25,8 +25,8 @@ from ..distance.pieces import HULL_FORM, SQUARE_FORM, TRIANGLE_FORM, Form
 from ..distance.shell_bounds import Pieces
 from ..distance.shells import Shell
 from ..surface.bicubic import HALVES
-from .leaf_bounds.descent import Squares
-from .leaf_bounds.triangle_bounds import WHOLE_QUAD, Square, barycentric_rows, clipped, functionals
+from ..surface.squares import WHOLE_QUAD, Square, Squares
+from .leaf_bounds.triangle_bounds import barycentric_rows, clipped, functionals
 from .templates import (
     COUNTS_OF_TRIANGLE,
     QUAD_POINTS,

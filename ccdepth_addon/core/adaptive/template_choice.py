@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import cross_products, dot_products, selected_vectors, squared_norms, units
+from ..mesh.folded_quads import is_folded
 from .leaf_approximation import LeafApproximation
-from .leaf_bounds.polygon_bounds import is_folded
 from .templates import COUNTS, WHOLE, Template
 
 # Points of a quad (``templates.QUAD_POINTS``, then the centre): the corners its sides go from and to; and the middles

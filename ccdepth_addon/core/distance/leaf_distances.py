@@ -11,14 +11,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ..adaptive.leaf_bounds.descent import Squares
-from ..adaptive.leaf_bounds.triangle_bounds import coefficients_over
-from ..adaptive.templates import QUAD_POINTS
 from ..arrays.chunks import index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import component_major, selected_vectors, transformed_nets
 from ..bounds.norm_bounds import Vertices
 from ..surface.refinement import Refinement
+from ..surface.squares import SQUARE, Squares
+from ..surface.triangle_coefficients import coefficients_over
 from .leaf_surfaces import ALL_LEVELS, FEW_LEVELS, Tiles, joined_tiles, tiles_of
 from .level_quads import may_be_folded
 from .pieces import HULL_FORM, SQUARE_FORM, TRIANGLE_FORM, Form, include_pieces
@@ -28,7 +27,6 @@ from .shells import QUAD_TRIANGLES, Shell, Triangles, vertex_vectors
 # Quads whose tiles are looked at together, and pieces of these.
 QUADS_AT_ONCE, PIECES_AT_ONCE = 1 << 12, 1 << 12
 
-SQUARE = QUAD_POINTS[:4]
 GREVILLE = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
 
 # (2, 2, 2, 2): for each triangle of a quad, from parameters seen from its first corner to weights of the other two.

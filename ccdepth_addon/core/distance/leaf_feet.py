@@ -12,14 +12,14 @@ from functools import cache
 
 import numpy as np
 
-from ..adaptive.leaf_bounds.triangle_bounds import coefficients_over
 from ..arrays.matrix_products import matrix_product
 from ..arrays.types import FloatArray
 from ..bounds.norm_bounds import Vertices
 from ..surface.bicubic import CORNERS, NET_TO_BERNSTEIN, SPLINE_HALVES
+from ..surface.squares import SQUARE
+from ..surface.triangle_coefficients import coefficients_over
 from .foot_bounds import MIDDLE, ROUNDING, Frame, along_axes, foot_distances
 
-SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 GREVILLE = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
 
 # The leaf's two triangles, of its corners; and the net's points at the corners.

@@ -14,9 +14,6 @@ from functools import reduce
 
 import numpy as np
 
-from ..adaptive.leaf_bounds.descent import Squares
-from ..adaptive.leaf_bounds.triangle_bounds import QUARTER_TURN
-from ..adaptive.templates import QUAD_POINTS
 from ..arrays.ranges import ranges
 from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import joined_vectors
@@ -25,6 +22,7 @@ from ..mesh.submesh import corners_of_faces
 from ..surface.bicubic import NET_TO_BERNSTEIN
 from ..surface.patches import PatchKind, classify_patches, extraordinary_nets, regular_nets
 from ..surface.refinement import Refinement
+from ..surface.squares import QUARTER_TURN, SQUARE, Squares
 from ..surface.stencils import LARGEST_STENCIL_VALENCE, apply_stencils, patch_stencils
 
 # Levels at first, and where the rest is too large then. What is left at an extraordinary vertex shrinks by 0.41 a level
@@ -115,7 +113,7 @@ def support_points(mesh: PolygonMesh, faces: IndexArray) -> FloatArray:
 
 def _from_corners(squares: Squares, corners: IndexArray) -> Squares:
     """The same squares, counted from other corners (P,) on."""
-    origins = squares.origins + np.einsum("pi,pij->pj", QUAD_POINTS[:4][corners], squares.axes)
+    origins = squares.origins + np.einsum("pi,pij->pj", SQUARE[corners], squares.axes)
     turns = np.stack([np.linalg.matrix_power(QUARTER_TURN, turn) for turn in range(4)])
     return Squares(squares.bases, squares.paths, origins, turns[corners] @ squares.axes)
 

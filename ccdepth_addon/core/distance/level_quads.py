@@ -5,8 +5,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..adaptive.leaf_bounds.polygon_bounds import is_folded
 from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..mesh.folded_quads import is_folded
 
 
 def turned_children(is_turned: BoolArray, sizes: IndexArray) -> BoolArray:

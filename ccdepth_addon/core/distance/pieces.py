@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..adaptive.leaf_bounds.triangle_bounds import triangle_quarters
 from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import dot_products
 from ..surface.bicubic import HALVES
+from ..surface.triangle_coefficients import triangle_quarters
 from .shell_bounds import Pieces, shell_bounds
 from .shells import Shell
 

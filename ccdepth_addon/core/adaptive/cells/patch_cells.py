@@ -20,11 +20,11 @@ from ...distance.leaf_surfaces import Tiles, tiles_around_vertex
 from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.bicubic import HALVES, SPLINE_TO_BERNSTEIN, patch_coefficients, tensor
 from ...surface.patches import regular_nets
+from ...surface.squares import Squares
 from ...surface.stencils import Valences, quad_nets, quad_stencils
 from ..leaf_approximation import LeafApproximation
 from ..leaf_bounds import triangle_bounds
 from ..leaf_bounds.child_bounds import child_distances, corners_of_children
-from ..leaf_bounds.descent import Squares
 from ..quadtree import Quadtree
 from ..request import AdaptiveRequest
 from ..template_choice import choose_along_surface, folded_quads, sampled_heights

@@ -16,11 +16,11 @@ import numpy as np
 from ...arrays.matrix_products import matrix_product
 from ...arrays.types import BoolArray, FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors, squared_norms, transformed_nets
+from ...surface.squares import WHOLE_QUAD
+from ...surface.triangle_coefficients import bicubic_basis
 from ..templates import PLAIN, Triangle
 from .triangle_bounds import (
     BICUBIC_POINTS,
-    WHOLE_QUAD,
-    bicubic_basis,
     off_quadratic,
     to_monomials,
 )

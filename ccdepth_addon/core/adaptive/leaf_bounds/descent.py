@@ -21,57 +21,11 @@ from ...mesh.polygon_mesh import PolygonMesh
 from ...surface.bicubic import SPLINE_TO_BERNSTEIN, facet_coefficients, patch_coefficients, tensor
 from ...surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets, ring_index
 from ...surface.refinement import Refinement
+from ...surface.squares import Squares
 from ...surface.stencils import by_valence, patch_stencils
 from ..quadtree import NONE
-from ..templates import QUAD_POINTS
-from .triangle_bounds import QUARTER_TURN
 
 TO_BERNSTEIN = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
-
-
-@dataclass(frozen=True)
-class Squares:
-    """N square parts of the parameters of quads.
-
-    bases: (N,) intp, the quad of each; paths: (N,) intp, the children on the way there as digits of base 4 after a
-    leading 1; origins: (N, 2), their corners 0; axes: (N, 2, 2), the sides from there to corners 1 and 3.
-    """
-
-    bases: IndexArray
-    paths: IndexArray
-    origins: FloatArray
-    axes: FloatArray
-
-    @staticmethod
-    def whole(count: int) -> Squares:
-        """All of each quad."""
-        axes = np.broadcast_to(np.eye(2), (count, 2, 2))
-        return Squares(np.arange(count), np.ones(count, dtype=np.intp), np.zeros((count, 2)), axes)
-
-    def at(self, chosen: IndexArray) -> Squares:
-        """Some of them, by index."""
-        return Squares(self.bases[chosen], self.paths[chosen], self.origins[chosen], self.axes[chosen])
-
-    def children(self) -> Squares:
-        """The four children of each, from corner 0 on; corner 0 of a child is a corner of the square."""
-        origins = self.origins[:, None] + np.einsum("ci,nij->ncj", QUAD_POINTS[:4], self.axes)
-        turns = np.stack([np.linalg.matrix_power(QUARTER_TURN, turn) for turn in range(4)]) / 2
-        axes = np.einsum("cij,njk->ncik", turns, self.axes)
-        paths = 4 * self.paths[:, None] + np.arange(4)
-        return Squares(np.repeat(self.bases, 4), paths.ravel(), origins.reshape(-1, 2), axes.reshape(-1, 2, 2))
-
-    def corners(self) -> FloatArray:
-        """(4, N, 2)."""
-        return self.origins + np.einsum("ci,nij->cnj", QUAD_POINTS[:4], self.axes)
-
-    def and_then(self, other: Squares) -> Squares:
-        """These, followed by others."""
-        return Squares(
-            np.concatenate([self.bases, other.bases]),
-            np.concatenate([self.paths, other.paths]),
-            np.concatenate([self.origins, other.origins]),
-            np.concatenate([self.axes, other.axes]),
-        )
 
 
 @dataclass(frozen=True)

@@ -21,8 +21,9 @@ import numpy as np
 from ...arrays.types import FloatArray, IndexArray
 from ...arrays.vectors import selected_vectors, transformed_nets
 from ...surface.bicubic import facet_coefficients
+from ...surface.squares import Squares
 from ..templates import COUNTS, QUAD_POINTS, templates
-from .descent import Descent, Squares
+from .descent import Descent
 from .triangle_bounds import barycentric_rows, longest, template_rows
 
 # After so many the rest of a quad around an irregular vertex is small against the quad.

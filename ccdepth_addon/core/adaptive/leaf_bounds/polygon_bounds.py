@@ -21,9 +21,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...arrays.matrix_products import matrix_product
 from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ...arrays.vectors import cross_products, dot_products, squared_norms, units
+from ...arrays.vectors import cross_products, squared_norms, units
+from ...mesh.folded_quads import is_folded
 from ..templates import templates
 
 # Rounding of a thickness, in parts of the vertices' distance from the centroid: 16 roundings or less. It matters where
@@ -33,9 +33,6 @@ HEIGHT_ROUNDING = 2.0**-48
 # Rounding of the sum of angles around the centroid, in radians.
 ANGLE_ROUNDING = 1e-6
 
-# Blender triangulates a quad along its first diagonal unless the triangles there face away from each other. Single
-# precision must not decide that, so the cosine between their normals has to be this large.
-LEAST_COSINE = 1e-3
 
 # Blender adds differences times sums of coordinates, both rounded, in single precision: each component of the sum over
 # the n vertices is off by (n + 4) roundings of twice the largest coordinate times the way around, at most, and all
@@ -143,26 +140,6 @@ def thickness_of_quads(
     bent = np.tile(split_sides, len(corners))
     triangles = [points[list(triangle)] for triangle in templates(pattern)[alternative]]
     return polygon_thickness(facets, bent, 4 * np.arange(len(corners)), axes, triangles, largest)
-
-
-def is_folded(corners: FloatArray, *spaces: FloatArray) -> BoolArray:
-    """(P,) whether the triangles of quads (4, P, 3), split from corner 0, face apart or nearly, in any of the spaces.
-
-    spaces: (3, 3) each, whose columns are the axes of a space, in coordinates of this one.
-    """
-    a, b, c, d = corners
-    first, second = cross_products(b - a, c - a), cross_products(c - a, d - a)
-    folded = np.zeros(len(a), dtype=bool)
-    for axes in spaces:
-        one, other = _of_planes(first, axes), _of_planes(second, axes)
-        cosines = dot_products(one, other)
-        folded |= cosines <= LEAST_COSINE * np.sqrt(squared_norms(one) * squared_norms(other))
-    return folded
-
-
-def _of_planes(normals: FloatArray, axes: FloatArray) -> FloatArray:
-    """(P, 3): normals of planes in a space with such axes, up to length: by the transposed matrix."""
-    return normals if np.array_equal(axes, np.eye(3)) else matrix_product(axes.T, normals.T).T
 
 
 def _is_region(

@@ -14,13 +14,6 @@ control net, so a template is a matrix for each kind of net:
 
 Any other quad is refined first (``irregular_bounds``).
 
-The coefficients over a part come from blossoms, not from solving equations. A bicubic S has a blossom s(u₁, u₂, u₃;
-v₁, v₂, v₃), symmetric and affine in each u and in each v, which at (u, u, u; v, v, v) is S(u, v); its values are
-averages of the 16 tensor coefficients, by de Casteljau with another argument at each step. As a polynomial of total
-degree 6, S has the blossom that is the mean, over the 20 ways to choose three of six places, of s at their u and at the
-other three's v: that is symmetric, affine in each place, and S where all six are one. Its values at the vertices of the
-part, i, j and k times, are the coefficients. So within the square every coefficient is a convex combination of the 16.
-
 How exact: all parameters are multiples of 1/16 of the square, so the sums below are exact in double precision, and each
 weight is off by the rounding of one division. docs/adaptive.md (Rounding) has what follows from it.
 """
@@ -30,8 +23,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from itertools import combinations_with_replacement, pairwise
-from math import comb
+from itertools import pairwise
 
 import numpy as np
 
@@ -40,10 +32,10 @@ from ...arrays.vectors import selected_vectors, squared_norms, transformed_nets
 from ...bounds.norm_bounds import certified_limit_factor
 from ...bounds.norms import second_differences
 from ...surface.bicubic import SPLINE_TO_BERNSTEIN, bilinear_coefficients, tensor
+from ...surface.squares import WHOLE_QUAD, Square
 from ...surface.stencils import Valences, patch_stencils, quad_stencils
+from ...surface.triangle_coefficients import DEGREE, arguments_of, bicubic_basis, coefficients_over, counts_of
 from ..templates import QUAD_POINTS, Triangle, templates
-
-DEGREE = 6
 
 # From the Bernstein coefficients of a cubic over [0, 1] to its coefficients of (x - 1/2)^i; and back.
 TO_POWERS = np.array([[1, 3, 3, 1], [-6, -6, 6, 6], [12, -12, -12, 12], [-8, 24, -24, 8]]) / 8
@@ -60,113 +52,8 @@ CORNER_COEFFICIENTS = [0, 12, 15, 3]
 # For sorting places.
 AS_COMPLEX = np.array([1.0, 1.0j])
 
-# A quarter turn, counter-clockwise, of row vectors.
-QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
-
 # Levels of bicubic pieces around an extraordinary vertex.
 LEVELS_AT_VERTEX = 5
-
-
-@dataclass(frozen=True)
-class Square:
-    """A square part of a quad's parameters: its corner 0, and its sides from there as rows (2, 2)."""
-
-    origin: FloatArray
-    axes: FloatArray
-
-    def from_parent(self, points: FloatArray) -> FloatArray:
-        """(N, 2) parameters of the quad as parameters of the square."""
-        return (points - self.origin) @ self.axes.T / (self.axes[0] @ self.axes[0])
-
-    def corners(self) -> FloatArray:
-        return self.origin + QUAD_POINTS[:4] @ self.axes
-
-    def child(self, number: int) -> Square:
-        """The child at a corner, which is the child's own corner 0."""
-        axes = np.linalg.matrix_power(QUARTER_TURN, number) @ self.axes / 2
-        return Square(self.origin + QUAD_POINTS[number] @ self.axes, axes)
-
-
-WHOLE_QUAD = Square(np.zeros(2), np.eye(2))
-
-
-@cache
-def _arguments(degree: int) -> IndexArray:
-    """(28, 6) for degree 6: the vertices of a triangle at which the blossom of a polynomial is each of its Bernstein
-    coefficients, in order."""
-    return np.array([*combinations_with_replacement(range(3), degree)])
-
-
-def _counts(degree: int) -> IndexArray:
-    """(28, 3) for degree 6: the multiplicity of each vertex among these."""
-    return (_arguments(degree)[:, :, None] == np.arange(3)).sum(axis=1)
-
-
-@cache
-def _ways_to_share() -> FloatArray:
-    """(28, 100): in how many of the 20 ways to choose three of a coefficient's six arguments these are the ones of one
-    cubic coefficient, and the others those of another, [a, b] → 10a + b."""
-    whole = _counts(6)[:, None, None]
-    chosen, others = _counts(3)[None, :, None], _counts(3)[None, None]
-    choose = np.array([[comb(n, k) for k in range(4)] for n in range(7)])
-    ways = choose[whole, chosen].prod(axis=-1) * np.all(chosen + others == whole, axis=-1)
-    return ways.reshape(len(ways), -1).astype(np.float64)
-
-
-def _cubic_blossoms(arguments: FloatArray) -> FloatArray:
-    """(N, 4): the blossom of a cubic at arguments (N, 3), by its Bernstein coefficients over [0, 1]."""
-    weights = np.zeros((len(arguments), 4))
-    weights[:, 0] = 1.0
-    for argument in arguments.T[:, :, None]:
-        # Each step takes in one argument; the last weight is still none before the last of them.
-        weights = (1 - argument) * weights + argument * np.roll(weights, 1, axis=1)
-    return weights
-
-
-def bicubic_basis(points: FloatArray) -> FloatArray:
-    """(N, 16): the bicubic Bernstein basis at parameters (N, 2)."""
-    along, across = (_cubic_blossoms(np.repeat(each[:, None], 3, axis=1)) for each in points.T)
-    return np.einsum("ni,nj->nij", along, across).reshape(len(points), 16)
-
-
-def coefficients_over(part: FloatArray) -> FloatArray:
-    """(28, 16): from the Bernstein coefficients of a bicubic, [i, j] → 4i + j, to those of total degree 6 over a
-    triangle (3, 2) of its parameters.
-
-    None is negative within [0, 1]², and a row sums to 1.
-    """
-    return _coefficients_over(tuple(part.ravel().tolist()))
-
-
-@lru_cache(maxsize=4096)
-def _coefficients_over(places: tuple[float, ...]) -> FloatArray:
-    """The same, by the parameters of the triangle's vertices: squares of a quad are cut alike in their own."""
-    along, across = (_cubic_blossoms(each[_arguments(3)]) for each in np.array(places).reshape(3, 2).T)
-    return _ways_to_share() @ tensor(along, across) / comb(6, 3)
-
-
-def triangle_quarters() -> tuple[FloatArray, ...]:
-    """Four (28, 28): from the Bernstein coefficients of total degree 6 over a triangle to those over its quarters, with
-    corners that are corners and middles of sides.
-
-    The blossom at six places is the sum over all choices of one corner for each place, weighted by the barycentric
-    coordinates there; the coefficient goes by how often each corner is chosen.
-    """
-    corners = np.eye(3)
-    middles = (corners + np.roll(corners, -1, axis=0)) / 2
-    quarters = [np.stack([corners[k], middles[k], middles[k - 1]]) for k in range(3)]
-    return tuple(_from_whole(quarter) for quarter in (*quarters, middles))
-
-
-def _from_whole(quarter: FloatArray) -> FloatArray:
-    """(28, 28): the rows for one quarter, by its corners' barycentric coordinates (3, 3)."""
-    weights = np.zeros((len(_arguments(DEGREE)), DEGREE + 2, DEGREE + 2))
-    weights[:, 0, 0] = 1.0
-    for place in quarter[_arguments(DEGREE)].swapaxes(0, 1)[..., None, None]:
-        # How often corners 1 and 2 are chosen; corner 0 is the rest. The last row and column stay empty.
-        one_more = np.roll(weights, 1, axis=1), np.roll(weights, 1, axis=2)
-        weights = place[:, 0] * weights + place[:, 1] * one_more[0] + place[:, 2] * one_more[1]
-    return weights[:, *_counts(DEGREE)[:, 1:].T]
 
 
 def to_monomials() -> FloatArray:
@@ -213,7 +100,7 @@ def _at_middles(triangle: FloatArray) -> FloatArray:
 def _shares_of_pairs() -> FloatArray:
     """(28, 3, 3): the share of each two vertices among the pairs of a coefficient's six arguments, in order: raises a
     polynomial of degree 2, by its blossoms, to degree 6."""
-    counts = _counts(6)
+    counts = counts_of(6)
     pairs = counts[:, :, None] * counts[:, None, :] - counts[:, :, None] * np.eye(3, dtype=np.intp)
     return pairs / 30
 
@@ -242,7 +129,7 @@ def functionals(part: FloatArray, square: Square, triangle: FloatArray) -> tuple
 
     S by its Bernstein coefficients over the square that holds the part, T by its values at the triangle's vertices.
     """
-    domain_points = _counts(DEGREE).astype(np.float64) @ np.column_stack([part, np.ones(3)])
+    domain_points = counts_of(DEGREE).astype(np.float64) @ np.column_stack([part, np.ones(3)])
     return coefficients_over(square.from_parent(part)), _barycentric(triangle, domain_points)
 
 
@@ -345,7 +232,7 @@ def _rows_over(part: FloatArray, square: Square, triangle: Triangle) -> Rows:
     of_surface, of_vertices = functionals(part, square, vertices)
     of_points = np.zeros((len(of_vertices), 8))
     of_points[:, list(triangle)] = of_vertices
-    places = np.sort((part @ AS_COMPLEX)[_arguments(DEGREE)], axis=1)
+    places = np.sort((part @ AS_COMPLEX)[arguments_of(DEGREE)], axis=1)
     kept = ~((places[:, 0] == places[:, -1]) & np.isin(places[:, 0], vertices @ AS_COMPLEX))
     return Rows(np.hstack([of_surface, -of_points]), places.view(np.float64)).at(kept)
 

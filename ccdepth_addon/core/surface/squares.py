@@ -1,0 +1,84 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Square parts of the parameters of quads, one or many."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays.types import FloatArray, IndexArray
+
+# The corners of a quad's parameters.
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
+# A quarter turn, counter-clockwise, of row vectors.
+QUARTER_TURN = np.array([[0.0, 1.0], [-1.0, 0.0]])
+
+
+@dataclass(frozen=True)
+class Square:
+    """A square part of a quad's parameters: its corner 0, and its sides from there as rows (2, 2)."""
+
+    origin: FloatArray
+    axes: FloatArray
+
+    def from_parent(self, points: FloatArray) -> FloatArray:
+        """(N, 2) parameters of the quad as parameters of the square."""
+        return (points - self.origin) @ self.axes.T / (self.axes[0] @ self.axes[0])
+
+    def corners(self) -> FloatArray:
+        return self.origin + SQUARE @ self.axes
+
+    def child(self, number: int) -> Square:
+        """The child at a corner, which is the child's own corner 0."""
+        axes = np.linalg.matrix_power(QUARTER_TURN, number) @ self.axes / 2
+        return Square(self.origin + SQUARE[number] @ self.axes, axes)
+
+
+WHOLE_QUAD = Square(np.zeros(2), np.eye(2))
+
+
+@dataclass(frozen=True)
+class Squares:
+    """N square parts of the parameters of quads.
+
+    bases: (N,) intp, the quad of each; paths: (N,) intp, the children on the way there as digits of base 4 after a
+    leading 1; origins: (N, 2), their corners 0; axes: (N, 2, 2), the sides from there to corners 1 and 3.
+    """
+
+    bases: IndexArray
+    paths: IndexArray
+    origins: FloatArray
+    axes: FloatArray
+
+    @staticmethod
+    def whole(count: int) -> Squares:
+        """All of each quad."""
+        axes = np.broadcast_to(np.eye(2), (count, 2, 2))
+        return Squares(np.arange(count), np.ones(count, dtype=np.intp), np.zeros((count, 2)), axes)
+
+    def at(self, chosen: IndexArray) -> Squares:
+        """Some of them, by index."""
+        return Squares(self.bases[chosen], self.paths[chosen], self.origins[chosen], self.axes[chosen])
+
+    def children(self) -> Squares:
+        """The four children of each, from corner 0 on; corner 0 of a child is a corner of the square."""
+        origins = self.origins[:, None] + np.einsum("ci,nij->ncj", SQUARE, self.axes)
+        turns = np.stack([np.linalg.matrix_power(QUARTER_TURN, turn) for turn in range(4)]) / 2
+        axes = np.einsum("cij,njk->ncik", turns, self.axes)
+        paths = 4 * self.paths[:, None] + np.arange(4)
+        return Squares(np.repeat(self.bases, 4), paths.ravel(), origins.reshape(-1, 2), axes.reshape(-1, 2, 2))
+
+    def corners(self) -> FloatArray:
+        """(4, N, 2)."""
+        return self.origins + np.einsum("ci,nij->cnj", SQUARE, self.axes)
+
+    def and_then(self, other: Squares) -> Squares:
+        """These, followed by others."""
+        return Squares(
+            np.concatenate([self.bases, other.bases]),
+            np.concatenate([self.paths, other.paths]),
+            np.concatenate([self.origins, other.origins]),
+            np.concatenate([self.axes, other.axes]),
+        )
