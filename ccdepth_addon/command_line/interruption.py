@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 
@@ -18,7 +18,10 @@ def interruptible() -> Iterator[None]:
     second one ends it. Writing to a process or a terminal that has gone is an error, and does not end Blender."""
     global _received
     _received = None
-    handlers = {signal.SIGINT: _interrupt, signal.SIGTERM: _interrupt}
+    handlers: dict[signal.Signals, Callable[[int, FrameType | None], None] | signal.Handlers] = {
+        signal.SIGINT: _interrupt,
+        signal.SIGTERM: _interrupt,
+    }
     if hasattr(signal, "SIGPIPE"):
         handlers[signal.SIGPIPE] = signal.SIG_IGN
     before = {number: signal.signal(number, handler) for number, handler in handlers.items()}

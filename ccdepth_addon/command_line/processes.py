@@ -126,8 +126,14 @@ class _Worker(Thread):
         files before, which may be to blame, the file is tried once more by a new one."""
         is_new, begin, limit = self._process is None, monotonic(), self._options.file_timeout
         if self._process is None:
-            pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "stderr": subprocess.STDOUT}
-            self._process = subprocess.Popen(self._command, **pipes, encoding="utf-8", errors="replace")
+            self._process = subprocess.Popen(
+                self._command,
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+                encoding="utf-8",
+                errors="replace",
+            )
         process = self._process
         entry, output = self._answered(process, number)
         if entry is not None:

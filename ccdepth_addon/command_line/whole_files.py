@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 import shutil
 import struct
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from errno import ENOLCK, ENOTSUP
@@ -77,7 +78,7 @@ def claimed(path: Path) -> Iterator[None]:
         yield
     finally:
         _remove_left(path)
-        if os.name != "nt":
+        if sys.platform != "win32":
             lock.unlink()
         os.close(held)
 
@@ -85,7 +86,7 @@ def claimed(path: Path) -> Iterator[None]:
 def _held(lock: Path) -> int:
     """A file that no other process holds until it is closed or its process has gone. Raises BlockingIOError and
     FileExistsError when one does."""
-    if os.name == "nt":
+    if sys.platform == "win32":
         return os.open(lock, os.O_CREAT | os.O_EXCL | os.O_TEMPORARY)
     from fcntl import LOCK_EX, LOCK_NB, flock  # Windows has none.
 

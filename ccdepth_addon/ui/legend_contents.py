@@ -75,9 +75,9 @@ def _distances(scene: bpy.types.Scene, kind: Shown, objects: Sequence[bpy.types.
     unit = unit_for(scene, max(tops))
     if len(tops) == 1:
         [last], (tolerance, _) = tops, min(found)
-        ends, name = [in_unit(scene, each, unit) for each in (last, tolerance)], unit.name
+        ends, name = (in_unit(scene, last, unit), in_unit(scene, tolerance, unit)), unit.name
     else:
-        ends, name = [Decimal(100), Decimal(100)], "%"
+        ends, name = (Decimal(100), Decimal(100)), "%"
     return Legend(
         f"{plain.title} ({name})" if name else plain.title,
         [*plain.notes, *([f"Largest {length_text(scene, largest, Rounding.UP)}"] if largest else [])],
