@@ -200,7 +200,8 @@ def _depths(mesh: bpy.types.Mesh) -> list[int]:
 def clear(this: Run) -> None:
     if _call(this, "clear"):
         if this.before_result is not None and not any(map(addon.module("state.results").has_traces, bpy.data.meshes)):
-            _same("compute and clear", this.before_result)
+            # What the heat map shows stays as it was chosen.
+            _same("compute and clear", this.before_result, lambda path: (path[0], path[-1]) == ("scenes", "heat_map"))
         chosen = {"active attribute", "rendered color"}
         gone = {path for path, value in this.before_last.items() if path[-1] in chosen and value in OURS}
         _same("clear finished", this.before_last, lambda path: snapshot.is_ours(path) or path in gone)
