@@ -251,8 +251,9 @@ def choose_same(base: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
         copy = mesh.uv_layers.get(layer.name)
         if copy is not None:
             copy.active, copy.active_render, copy.active_clone = layer.active, layer.active_render, layer.active_clone
-    mesh.attributes.active_color_name = color_of_user(base, base.attributes.active_color_name)
-    mesh.attributes.default_color_name = color_of_user(base, base.attributes.default_color_name)
+    for choice in ("active_color_name", "default_color_name"):
+        name = color_of_user(base, getattr(base.attributes, choice))
+        setattr(mesh.attributes, choice, name if name in mesh.attributes else "")
     active = base.attributes.active
     if active is not None and active.name in mesh.attributes:
         mesh.attributes.active = mesh.attributes[active.name]

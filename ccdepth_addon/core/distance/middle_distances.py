@@ -155,7 +155,7 @@ def rates_of(nets: FloatArray, condition: float) -> FloatArray:
 
     turns = Turns(lack(steps_u, x), largest(steps_u, y) + ROUNDING, largest(steps_v, x) + ROUNDING, lack(steps_v, y))
     sizes = lengths(x), lengths(y)
-    with np.errstate(invalid="ignore", over="ignore"):
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
         tilts = turns.solve(largest(steps_u, n), largest(steps_v, n))
         is_known = turns.are_known & ((tilts[0] * sizes[0] + tilts[1] * sizes[1]) * condition <= LARGEST_TILT)
         is_known &= square[:, 0] > LEAST_SINE**2 * squared_norms(along_u) * squared_norms(along_v)

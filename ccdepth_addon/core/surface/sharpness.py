@@ -39,7 +39,7 @@ def crease_to_sharpness(crease: NDArray[np.floating]) -> FloatArray:
     it, which matters where several features meet. NaN stays NaN.
     """
     single = np.asarray(crease, dtype=np.float32)
-    with np.errstate(invalid="ignore"):
+    with np.errstate(invalid="ignore", over="ignore"):
         return _capped((single * single * np.float32(LARGEST_SEMI_SHARPNESS)).astype(np.float64))
 
 
