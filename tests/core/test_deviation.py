@@ -16,14 +16,18 @@ from ccdepth_addon.core.adaptive.planner import AdaptiveRequest, Mode, subdivide
 from ccdepth_addon.core.adaptive.templates import Transitions
 from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.deviation import Deviation, measure_deviation
+from ccdepth_addon.core.deviation.bezier_pieces import bezier_pieces
+from ccdepth_addon.core.deviation.mesh_to_surface import Facets
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, soundness
+from tests.brute_force import linear_children
 from tests.thorough import combinations
 from tests.triangle_distances import distances, point_to_triangles
+from tests.uniform import QUARTER
 
 ACCURACY = 0.05
 
@@ -57,12 +61,11 @@ def control_of(data: meshes.MeshData) -> PolygonMesh:
 
 
 def result(control: PolygonMesh, level: int, *, limit: bool) -> tuple[FloatArray, IndexArray]:
-    """A level of the control mesh as triangles."""
+    """A level of the control mesh as triangles, those of a face all together."""
     mesh = control
     for _ in range(level):
         mesh = subdivide(mesh).mesh
-    quads = mesh.corner_vertices.reshape(-1, 4)
-    triangles = np.concatenate([quads[:, [0, 1, 2]], quads[:, [2, 3, 0]]])
+    triangles = mesh.corner_vertices.reshape(-1, 4)[:, [[0, 1, 2], [2, 3, 0]]].reshape(-1, 3)
     return limit_positions(mesh) if limit else mesh.positions, triangles
 
 
@@ -81,12 +84,14 @@ def fine(name: str) -> tuple[FloatArray, IndexArray]:
     return result(control, 4 if control.face_count < 30 else 3, limit=True)
 
 
-def sampled(name: str, positions: FloatArray, triangles: IndexArray) -> tuple[float, float]:
-    """From the surface to the mesh, whose points are really on it: reached; and both ways, about."""
+def sampled(name: str, positions: FloatArray, triangles: IndexArray) -> tuple[FloatArray, FloatArray]:
+    """(F,) from the surface of each face to the mesh, whose points are really on it: reached; (T,) back, about."""
     surface, surface_triangles = fine(name)
-    to_mesh = distances(surface, positions, triangles).max()
-    to_surface = distances(samples(positions, triangles), surface, surface_triangles).max()
-    return float(to_mesh), float(max(to_mesh, to_surface))
+    faces = control_of(MESHES[name]()).face_sizes
+    there = distances(surface, positions, triangles)[surface_triangles].max(axis=1)
+    ends = np.cumsum(faces) * (len(there) // faces.sum())
+    back = distances(samples(positions, triangles), surface, surface_triangles)
+    return np.maximum.reduceat(there, [0, *ends[:-1]]), back.reshape(len(triangles), -1).max(axis=1)
 
 
 @cache
@@ -118,18 +123,49 @@ def measured_as_sampled(name: str, positions: FloatArray, triangles: IndexArray)
     assert_sound(found)
     assert found.accuracy_met
     assert found.proved <= (1 + ACCURACY) * found.reached
-    reached, both_ways = sampled(name, positions, triangles)
+    there, back = sampled(name, positions, triangles)
     # Points of the surface are exact but for rounding; those of the mesh are compared with a fine mesh in its place.
-    assert found.proved >= reached - 1e-12
-    assert found.proved >= both_ways - surface_is_off(name)
+    assert np.all(found.face_bounds >= there - 1e-12)
+    assert np.all(found.triangle_bounds >= back - surface_is_off(name))
     # Samples this dense reach nearly everything.
-    assert found.reached <= 1.02 * both_ways + surface_is_off(name)
+    assert found.reached <= 1.02 * max(there.max(), back.max()) + surface_is_off(name)
     return found
 
 
 @pytest.mark.parametrize(("name", "limit"), combinations(MESHES, [False, True]))
 def test_deviation_lies_where_samples_say(name: str, limit: bool) -> None:
     measured_as_sampled(name, *result(control_of(MESHES[name]()), 1, limit=limit))
+
+
+@pytest.mark.parametrize("name", [*MESHES, "saddle"])
+def test_the_surface_is_as_near_to_its_pieces_and_their_triangles_as_said(name: str) -> None:
+    """At equal parameters, from whichever corner a piece is counted."""
+    pieces = bezier_pieces(control_of(MESHES.get(name, saddle)()), 0, lambda: None)
+    count, facets = pieces.unit_count, Facets.of(pieces, np.arange(pieces.unit_count))
+    mesh, places = pieces.unit_mesh, np.tile(QUARTER, (count, 1))
+    for _ in range(4):
+        mesh, places = subdivide(mesh).mesh, linear_children(mesh, places)
+    points = limit_positions(mesh)[mesh.corner_vertices].reshape(count, -1, 3)
+    u, v = places[: len(points[0]), :, None].swapaxes(0, 1)
+    a, b, c, d = facets.corners[:, :, None].swapaxes(0, 1)
+    off = []
+    for _ in range(4):
+        bernstein = [np.hstack([(1 - t) ** 3, 3 * t * (1 - t) ** 2, 3 * t**2 * (1 - t), t**3]) for t in (u, v)]
+        smooth = np.einsum("ni,nj,fdij->fnd", *bernstein, pieces.coefficients[:count].reshape(-1, 3, 4, 4))
+        flat = np.where(u >= v, a + u * (b - a) + v * (c - b), a + v * (d - a) + u * (c - d))
+        off.append([np.linalg.norm(each - points, axis=2).max(axis=1) for each in (smooth, flat)])
+        u, v = v, 1 - u
+    turns, every = np.argmin(off, axis=0)[0], np.arange(count)
+    smooth, flat = np.array(off)[turns, :, every].T
+    assert np.all(smooth <= pieces.excess[:count] + 1e-12)
+    assert np.all(flat <= facets.off + 1e-12)
+
+
+def saddle() -> meshes.MeshData:
+    """Inside, the surface is bilinear over every face: its triangles are off by all of what is said."""
+    data = meshes.grid(5, 5)
+    x, y, _ = data.positions.T
+    return meshes.replace(data, positions=np.stack([x, y, x * y], axis=1))
 
 
 # Distances that are known
@@ -165,6 +201,16 @@ def test_lifted_plane(height: float) -> None:
     assert_sound(found)
     assert height * (1 - 1e-9) - 1e-12 <= found.proved <= 1.2 * np.hypot(height, at_border) + 1e-12
     assert found.reached <= np.hypot(height, at_border) + 1e-12
+
+
+def test_triangles_beyond_the_border_are_as_far_as_they_reach() -> None:
+    control = apply_boundary_rule(meshes.to_polygon_mesh(meshes.grid(4, 4)), smooth_corners=False)
+    positions, triangles = result(control, 1, limit=True)
+    positions = positions + 0.1 * (positions - 2) * [1.0, 1.0, 0.0]
+    beyond = np.linalg.norm(np.maximum(np.abs(positions - 2)[:, :2] - 2, 0), axis=1)[triangles].max(axis=1)
+    found = measure_deviation(control, positions, triangles)
+    assert np.all(found.triangle_bounds >= beyond - 1e-12)
+    assert np.sqrt(0.08) <= found.proved <= (1 + ACCURACY) * np.sqrt(0.08)
 
 
 def test_a_spike_of_the_mesh_and_a_part_missing_from_it_are_reached() -> None:

@@ -2,9 +2,8 @@
 """Faults planted one at a time in copies of a checkout, to see whether the tests catch them.
 
 ``python -m tests.planted.plant --answers now.json`` plants every fault of ``faults.toml`` that has no answer yet, runs
-the tests that should catch it, and where these pass the whole suite. ``--compare before.json`` then says which faults
-were caught before and are not any more. A copy is of the files that git knows, as they are in the checkout.
-``before.json`` beside this file has what the suite of 308a89a said, as far as it was asked.
+the tests that should catch it, and where these pass the whole suite. The exit status is 1 where one is not caught, or
+its line has gone. A copy is of the files that git knows, as they are in the checkout.
 """
 
 from __future__ import annotations
@@ -154,25 +153,8 @@ def try_all(faults: list[Fault], options: argparse.Namespace, answers: dict[str,
             _end(process)
 
 
-def compare(faults: list[Fault], before: dict[str, Answer], now: dict[str, Answer]) -> bool:
-    """Print which faults were caught before and are caught now; whether none is lost."""
-    lost = 0
-    for name in dict.fromkeys([*before, *(fault.name for fault in faults), *now]):
-        one, other = (_state(name, answers) for answers in (before, now))
-        is_lost = one == "yes" and other in ("NO", "not tried")
-        lost += is_lost
-        print(f"{name:<90} {one:<10} {other:<10}{' LOST' if is_lost else ''}")
-    print(f"{lost} of {sum(_state(name, before) == 'yes' for name in before)} caught before are not caught now")
-    return not lost
-
-
-def _state(name: str, answers: dict[str, Answer]) -> str:
-    answer = answers.get(name)
-    return ("yes" if answer["caught"] else "NO") if answer else "gone" if name in answers else "not tried"
-
-
 def main() -> int:
-    """Run the command line; the exit status is 1 where a fault that was caught before is no longer caught."""
+    """Run the command line; the exit status is 1 where a fault is not caught."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--checkout", type=Path, default=HERE.parents[2], help="the tree whose copy is used")
     parser.add_argument("--only", metavar="SUBSTRING", default="", help="faults whose name or file has this in it")
@@ -182,7 +164,6 @@ def main() -> int:
     parser.add_argument("--whole", default=WHOLE, metavar="ARGS", help=f"pytest's arguments for it ({WHOLE})")
     parser.add_argument("--limit", type=float, default=FIRST_LIMIT, metavar="SECONDS", help="of a run of first files")
     parser.add_argument("--unplanted", action="store_true", help="run the same without the faults: all has to pass")
-    parser.add_argument("--compare", type=Path, metavar="BEFORE.json", help="run nothing: compare with --answers")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))
     text = HERE.with_name("faults.toml").read_text(encoding="utf-8")
@@ -190,10 +171,9 @@ def main() -> int:
     faults = [each for each in listed if options.only in each.name or options.only in each.file]
     is_known = options.answers is not None and options.answers.is_file()
     answers = json.loads(options.answers.read_text(encoding="utf-8")) if is_known else {}
-    if options.compare is not None:
-        return 0 if compare(faults, json.loads(options.compare.read_text(encoding="utf-8")), answers) else 1
     try_all(faults, options, answers)
-    return 0
+    found = [answers.get(fault.name) for fault in faults]
+    return 0 if all(answer and answer["caught"] for answer in found) else 1
 
 
 if __name__ == "__main__":
