@@ -13,7 +13,16 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import FloatArray, IndexArray, InvalidMeshError, PolygonMesh, apply_boundary_rule, largest_coordinates
+from ..core import (
+    BoolArray,
+    FloatArray,
+    IndexArray,
+    InvalidMeshError,
+    PolygonMesh,
+    apply_boundary_rule,
+    largest_coordinates,
+)
+from .bulk_reading import read_built_in
 from .frozen_copies import FrozenCopies, frozen_copies, present_faces
 from .mesh_arrays import CREASE_DOMAINS, mesh_arrays, own_mesh
 from .modifiers import SIMULATIONS, SurfaceRule, base_modifiers, counted_modifiers, is_evaluated, surface_rule
@@ -164,20 +173,37 @@ class ControlMesh:
     def diagonal(self) -> float:
         """The diagonal of the object's dimensions, as a length in the scene.
 
-        The box lies along the object's axes and holds every vertex that has a face; its eight corners are moved to
-        the scene, and the longest of its four diagonals counts. So turning the object changes nothing.
+        Positions that are not finite are found and refused later.
         """
         mesh = self.mesh
-        has_faces = mesh.vertex_face_counts > 0
-        used = mesh.positions if np.all(has_faces) else mesh.positions[has_faces]
-        if not len(used):
-            return 0.0
-        # Positions that are not finite are found and refused later.
-        with np.errstate(invalid="ignore"):
-            # One axis after another is much faster than all three together.
-            x, y, z = (np.ptp(along) for along in used.T)
-            diagonals = np.array([(x, y, z), (-x, y, z), (x, -y, z), (x, y, -z)]) @ self.world.T
-        return float(np.linalg.norm(diagonals, axis=1).max())
+        return diagonal_of(mesh.positions, mesh.vertex_face_counts > 0, self.world)
+
+
+def own_diagonal(blender_object: bpy.types.Object) -> float:
+    """The diagonal of an object whose control mesh is its own mesh, or in Edit Mode that being edited; no more is read
+    than positions and corners."""
+    with own_mesh(blender_object) as mesh:
+        positions = read_built_in(mesh.attributes, "position", "vector", np.float32, 3)
+        has_faces = np.zeros(len(positions), dtype=np.bool_)
+        has_faces[read_built_in(mesh.attributes, ".corner_vert", "value", np.int32)] = True
+        world = np.array(blender_object.matrix_world, dtype=np.float64)[:3, :3]
+        return diagonal_of(positions.astype(np.float64), has_faces, world)
+
+
+def diagonal_of(positions: FloatArray, has_faces: BoolArray, world: FloatArray) -> float:
+    """The length of the diagonal of the box around those of the positions (V, 3) where has_faces (V,) is true.
+
+    The box lies along the object's axes; its eight corners are moved to the scene by world (3, 3), and the longest of
+    its four diagonals counts. So turning the object changes nothing.
+    """
+    used = positions if np.all(has_faces) else positions[has_faces]
+    if not len(used):
+        return 0.0
+    with np.errstate(invalid="ignore"):
+        # One axis after another is much faster than all three together.
+        x, y, z = (np.ptp(along) for along in used.T)
+        diagonals = np.array([(x, y, z), (-x, y, z), (x, -y, z), (x, y, -z)]) @ world.T
+    return float(np.linalg.norm(diagonals, axis=1).max())
 
 
 def gram_matrix(world: FloatArray) -> FloatArray:

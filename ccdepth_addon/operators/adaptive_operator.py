@@ -32,14 +32,12 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
         objects = self.objects(context)
         refuse(objects, self.fault)
         # What is evaluated for reading looks like a change of the objects.
-        counts = {obj.name: face_counts.known_count(obj, self.settings()) for obj in objects}
+        counted = face_counts.known_count(objects, self.settings())
+        self._counted = None if counted is None else counted.faces
         sources = [self.source(obj) for obj in objects]
         self._goes_on_editing = context.mode == "EDIT_MESH"
         self._edited = edit_mode.leave(context)
-        tasks = yield from prepare_adaptive(context, sources, self.settings(), objects)
-        known = [count.faces for task in tasks if (count := counts[task.object_names[0]]) is not None]
-        self._counted = sum(known) if len(known) == len(tasks) else None
-        return tasks
+        return (yield from prepare_adaptive(context, sources, self.settings(), objects))
 
     def objects(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         """The objects that get results."""
@@ -65,7 +63,7 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
         if isinstance(fault, TooManyError):
             # What was evaluated must not look like a change of the objects.
             context.view_layer.update()
-            face_counts.remember([bpy.data.objects[name] for name in fault.object_names], settings, fault.count)
+            face_counts.remember([fault.object_names], settings, [fault.count])
             viewports.redraw(context)
         return outcome
 

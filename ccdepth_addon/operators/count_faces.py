@@ -43,8 +43,7 @@ class CCDEPTH_OT_count_faces(CountingOperator):
         self.leave(context)
         # What was evaluated for counting must not look like a change of the objects.
         context.view_layer.update()
-        for task, count in zip(tasks, counts, strict=True):
-            face_counts.remember([bpy.data.objects[name] for name in task.object_names], self.settings(), count)
+        face_counts.remember([task.object_names for task in tasks], self.settings(), counts)
         if counts[0].fitting is None:
             self.report({"INFO"}, count_text(sum(count.faces for count in counts), "face", "faces"))
         else:

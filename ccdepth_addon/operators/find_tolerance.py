@@ -42,9 +42,8 @@ class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
         # What was evaluated for counting must not look like a change of the objects.
         context.view_layer.update()
         settings = replace(self.settings(), tolerance=fit.tolerance)
-        for task, faces in zip(tasks, fit.counts, strict=True):
-            objects = [bpy.data.objects[name] for name in task.object_names]
-            face_counts.remember(objects, settings, FaceCount(faces, None))
+        counts = [FaceCount(faces, None) for faces in fit.counts]
+        face_counts.remember([task.object_names for task in tasks], settings, counts)
         unit = " of the diagonal" if self.tolerance_mode == "RELATIVE" else ""
         text = f"{count_text(sum(fit.counts), 'face', 'faces')} with a tolerance of {fit.tolerance:.3g}{unit}"
         self.report({"INFO"}, text)

@@ -103,9 +103,9 @@ class Reducer:
         lines = np.unique(np.concatenate([decimation.lines(), decimation.borders()]), axis=0)
         may_go = np.ones(len(search.current.positions), dtype=bool)
         for _ in range(ROUNDS_FOR_LINES if len(lines) else 0):
-            yield "Reducing lines"
+            yield "Reducing seams and borders"
             thinner = decimation.attempt_thinner(lines, may_go)
-            beyond = yield Work(partial(search.beyond, thinner), "Reducing lines".format)
+            beyond = yield Work(partial(search.beyond, thinner), "Reducing seams and borders".format)
             if not beyond.any():
                 decimation.accept(keep=False)
                 break

@@ -96,7 +96,7 @@ def _way_out(blender_object: bpy.types.Object, deep: TooDeep, settings: bpy.type
     if not deep.faces_beyond:
         return ""
     cause = count_text(deep.faces_beyond, "face needs", "faces need")
-    count = face_counts.known_count(blender_object, AdaptiveSettings.of(settings, scene_tolerance(settings)))
+    count = face_counts.known_count([blender_object], AdaptiveSettings.of(settings, scene_tolerance(settings)))
     faces = "" if count is None else f", and makes {count.faces:,} faces"
     fitting = count_text(deep.fitting, "level", "levels")
     return f"; {cause} more than {fitting}: Apply Adaptive Subdivision divides the others less{faces}"

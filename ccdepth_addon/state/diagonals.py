@@ -8,18 +8,20 @@ happened for a while, where that takes no time; the rest is known once somebody 
 from __future__ import annotations
 
 import traceback
+from time import perf_counter
 
 import bpy
 import numpy as np
 
-from ..exchange.control_mesh import ControlMeshError, read_control_mesh
+from ..exchange.control_mesh import ControlMeshError, own_diagonal, read_control_mesh
 from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import counted_modifiers, is_evaluated
 from . import results, staleness, watch
 from .result_record import control_object
 
-# A larger mesh is not read for this alone.
+# A larger mesh is not evaluated for this alone, nor one again that took longer, in seconds.
 LARGEST_FACE_COUNT = 200_000
+LONG = 0.1
 
 # An object by its session identifier, and whether modifiers are counted in.
 _Key = tuple[int, bool]
@@ -27,6 +29,8 @@ _Key = tuple[int, bool]
 # None where it cannot be told without evaluating modifiers.
 _known: dict[_Key, float | None] = {}
 _wanted: set[_Key] = set()
+
+_slow: set[_Key] = set()
 
 
 def measured_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
@@ -52,8 +56,13 @@ def measured_diagonal(
     context: bpy.types.Context, blender_object: bpy.types.Object, *, use_modifiers: bool
 ) -> float | None:
     """The same, measured now; None where the object has no control mesh with a length."""
+    counted = counted_modifiers(blender_object, use_modifiers=use_modifiers)
     try:
-        found = read_control_mesh(context, blender_object, use_modifiers=use_modifiers).diagonal()
+        if is_evaluated(blender_object, counted):
+            found = read_control_mesh(context, blender_object, use_modifiers=use_modifiers).diagonal()
+        else:
+            context.view_layer.update()
+            found = own_diagonal(blender_object)
     except (ControlMeshError, ValueError):
         found = 0.0
     diagonal = found if np.isfinite(found) and found > 0 else None
@@ -73,28 +82,31 @@ def _measure_wanted() -> bool:
 
 
 def _quickly_measured(holder: bpy.types.Object, use_modifiers: bool) -> float | None:
-    record = holder.data.ccdepth
+    key, mesh, started = (holder.session_uid, use_modifiers), holder.data, perf_counter()
     # Leaving Edit Mode has it measured; until then nobody is disturbed.
-    if holder.data.is_editmode:
-        return _known.get((holder.session_uid, use_modifiers))
+    if mesh.is_editmode and key in _known:
+        return _known[key]
     try:
         counted = counted_modifiers(holder, use_modifiers=use_modifiers)
-        if is_evaluated(holder, counted) or mesh_face_count(holder.data) > LARGEST_FACE_COUNT:
-            return _recorded(record, holder) if record.use_modifiers == use_modifiers else None
-        return measured_diagonal(bpy.context, holder, use_modifiers=use_modifiers)
+        takes_long = mesh.is_editmode or is_evaluated(holder, counted)
+        if key in _slow or (takes_long and mesh_face_count(mesh) > LARGEST_FACE_COUNT):
+            return _recorded(holder, use_modifiers)
+        found = measured_diagonal(bpy.context, holder, use_modifiers=use_modifiers)
     except Exception:
         # What cannot be measured is not shown.
         traceback.print_exc()
         return None
+    if perf_counter() - started > LONG:
+        _slow.add(key)
+    return found
 
 
-def _recorded(record: bpy.types.PropertyGroup, holder: bpy.types.Object) -> float | None:
+def _recorded(holder: bpy.types.Object, use_modifiers: bool) -> float | None:
     """The diagonal that the depths on the object's mesh were computed with, if they hold for it alone."""
-    mesh = holder.data
+    mesh, record = holder.data, holder.data.ccdepth
     is_own = results.has_result(mesh) and not record.subdivision and not record.frames and mesh.users == 1
-    if not is_own or record.tolerance_mode != "RELATIVE" or staleness.is_stale(mesh):
-        return None
-    return float(record.world_tolerance / record.tolerance)
+    is_alike = (record.tolerance_mode, record.use_modifiers) == ("RELATIVE", use_modifiers)
+    return record.world_tolerance / record.tolerance if is_own and is_alike and not staleness.is_stale(mesh) else None
 
 
 def _want_again(changed: bpy.types.Object, _geometry: bool) -> bool:
@@ -103,11 +115,22 @@ def _want_again(changed: bpy.types.Object, _geometry: bool) -> bool:
     return bool(keys)
 
 
-def _forget() -> None:
+def _measure_anew() -> None:
     _known.clear()
     _wanted.clear()
 
 
+def _forget() -> None:
+    _measure_anew()
+    _slow.clear()
+
+
 watch.clients.append(
-    watch.Client(forget=_forget, updated=_want_again, frame_changed=_forget, replaced=_forget, examine=_measure_wanted)
+    watch.Client(
+        forget=_forget,
+        updated=_want_again,
+        frame_changed=_measure_anew,
+        replaced=_measure_anew,
+        examine=_measure_wanted,
+    )
 )

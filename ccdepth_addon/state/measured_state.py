@@ -27,7 +27,7 @@ def remember(measured: bpy.types.Object, target: bpy.types.Object) -> None:
     """
     found = measured.data.ccdepth.measurement
     measured.ccdepth.measured_against = None if target == measured else target
-    found.fingerprint = _checksum(measured, target, use_modifiers=found.use_modifiers)
+    found.fingerprint = " ".join(_checksums(measured, target, use_modifiers=found.use_modifiers))
     found.placement = _placement(measured, target)
 
 
@@ -53,25 +53,34 @@ def target_of(measured: bpy.types.Object) -> bpy.types.Object | None:
     return target if target is not None and target.type == "MESH" else None
 
 
-def holds(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object]) -> bool:
-    """Whether the measurement on the mesh holds for the object that was measured, or where that was renamed for one of
-    those that use the mesh."""
+def change(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object]) -> str:
+    """What has changed since the measurement on the mesh was made; empty where it holds for the object that was
+    measured, or where that was renamed for one of those that use the mesh."""
     named = [each for each in users if each.name == mesh.ccdepth.measurement.measured]
-    return mesh_face_count(mesh) == mesh.ccdepth.measurement.faces and any(map(_holds_for, named or users))
+    changes = [_change_for(each) for each in named or users]
+    # The empty one comes first.
+    return min(changes, default=f"“{mesh.name}” changed")
 
 
-def _holds_for(measured: bpy.types.Object) -> bool:
+def _change_for(measured: bpy.types.Object) -> str:
     found, target = measured.data.ccdepth.measurement, target_of(measured)
     # The record keeps an object in the file that was deleted.
     if target is None or not target.users_scene:
-        return False
+        return f"“{found.against}” was removed"
+    if mesh_face_count(measured.data) != found.faces:
+        return f"“{measured.name}” changed"
+    before, now = found.fingerprint.split(), _checksums(measured, target, use_modifiers=found.use_modifiers)
+    if before != now:
+        return f"“{(measured if before[:2] != now[:2] else target).name}” changed"
     recorded, present = np.array(found.placement, dtype=np.float64), _placement(measured, target)
-    if np.abs(recorded - present).max() > DRIFT * np.abs(recorded).max():
-        return False
-    return _checksum(measured, target, use_modifiers=found.use_modifiers) == found.fingerprint
+    has_moved = np.abs(recorded - present) > DRIFT * np.abs(recorded).max()
+    if has_moved[:6].any():
+        return f"“{target.name}” was scaled"
+    return "objects were moved" if has_moved.any() else ""
 
 
-def _checksum(measured: bpy.types.Object, against: bpy.types.Object, *, use_modifiers: bool) -> str:
+def _checksums(measured: bpy.types.Object, against: bpy.types.Object, *, use_modifiers: bool) -> list[str]:
+    """Two of the measured object, and one or two of the other one."""
     parts = [
         _mesh_checksum(measured),
         shown_checksum(measured, shown_modifiers(measured)),
@@ -80,7 +89,7 @@ def _checksum(measured: bpy.types.Object, against: bpy.types.Object, *, use_modi
     if against != measured:
         with own_mesh(against) as mesh:
             parts.append(f"{geometry_checksum(mesh):08x}")
-    return " ".join(parts)
+    return parts
 
 
 def _mesh_checksum(measured: bpy.types.Object) -> str:

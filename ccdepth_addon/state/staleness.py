@@ -22,7 +22,9 @@ LARGEST_EDITED_FACE_COUNT = 200_000
 _touched: set[int] = set()
 _stale: set[int] = set()
 _uncovered: set[int] = set()
-_stale_deviations: set[int] = set()
+
+# What has changed since measurements on meshes were made, by the session identifiers of these.
+_changes: dict[int, str] = {}
 _own_writes: set[int] = set()
 
 # By the session identifier of an object, the meshes that were measured against its limit surface.
@@ -39,14 +41,14 @@ def is_uncovered(blender_object: bpy.types.Object) -> bool:
     return blender_object.session_uid in _uncovered
 
 
-def is_deviation_stale(mesh: bpy.types.Mesh) -> bool:
-    """Whether the measurement on the mesh no longer holds, as far as examined."""
-    return mesh.session_uid in _stale_deviations
+def change_since_measured(mesh: bpy.types.Mesh) -> str:
+    """What has changed since the measurement on the mesh was made, as far as examined; empty where it holds."""
+    return _changes.get(mesh.session_uid, "")
 
 
 def note_deviation(measured: bpy.types.Object) -> None:
     """Note a new measurement on the object's mesh: the next change of its geometry is the writing of it."""
-    _stale_deviations.discard(measured.data.session_uid)
+    _changes.pop(measured.data.session_uid, None)
     _own_writes.add(measured.data.session_uid)
     _note_target(measured)
 
@@ -89,8 +91,10 @@ def _examine(uids: set[int]) -> bool:
             _set(_stale, mesh, found is None or found.has_changed)
             for holder in objects:
                 _set(_uncovered, holder, holder in uncovered)
-        has_deviation = results.has_deviation(mesh)
-        _set(_stale_deviations, mesh, has_deviation and not _tried(measured_state.holds, mesh, objects))
+        _changes.pop(mesh.session_uid, None)
+        if results.has_deviation(mesh):
+            change = _tried(measured_state.change, mesh, objects)
+            _changes[mesh.session_uid] = "objects changed" if change is None else change
     return bool(users)
 
 
@@ -144,7 +148,7 @@ def _notice_change(mesh: bpy.types.Mesh, geometry: bool) -> None:
         _touched.add(mesh.session_uid)
     elif geometry and not own_write:
         _stale.add(mesh.session_uid)
-        _stale_deviations.add(mesh.session_uid)
+        _changes[mesh.session_uid] = f"“{mesh.name}” changed"
 
 
 def _touch_everything() -> bool:
@@ -156,7 +160,7 @@ def _touch_everything() -> bool:
 
 
 def _forget_everything() -> None:
-    for runtime in (_touched, _stale, _uncovered, _stale_deviations, _own_writes, _measured_against):
+    for runtime in (_touched, _stale, _uncovered, _changes, _own_writes, _measured_against):
         runtime.clear()
 
 

@@ -14,7 +14,7 @@ from ..tasks.adaptive_task import AdaptiveSettings
 from .facts import count_fact, draw_facts, facts_of, short_count
 from .lengths import length_text
 from .panels import draw_main_button, draw_object_rows, draw_state_line, result_line
-from .selected_results import made_objects
+from .selected_results import chosen_meshes, made_objects
 from .sidebar import SidebarPanel, settings_column
 
 
@@ -101,9 +101,8 @@ def _draw_keys_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> N
 
 
 def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    settings, active = context.scene.ccdepth, context.active_object
-    current = AdaptiveSettings.of(settings, scene_tolerance(settings))
-    count = None if active is None else known_count(active, current)
+    settings = context.scene.ccdepth
+    count = known_count(chosen_meshes(context), AdaptiveSettings.of(settings, scene_tolerance(settings)))
     if count is None:
         layout.operator("ccdepth.count_faces", icon="LINENUMBERS_ON")
         return

@@ -6,8 +6,7 @@ from __future__ import annotations
 import bpy
 
 from ..state import deviation_results, result_record, results, staleness
-from ..state.properties import scene_tolerance
-from ..tasks.surfaces import as_typed
+from ..state.properties import tolerance_name
 from .facts import draw_facts, facts_of_measurement
 from .panels import draw_main_button, draw_selecting, draw_state_line
 from .sidebar import SidebarPanel, settings_column
@@ -84,11 +83,11 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
 
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
     """Why the measurement is out of date; empty when it is not."""
-    if staleness.is_deviation_stale(mesh):
-        return "Out of date: objects changed"
-    found = mesh.ccdepth.measurement
-    current = (scene_tolerance(settings), settings.tolerance_mode, as_typed(settings.accuracy), settings.use_modifiers)
-    measured = (as_typed(found.tolerance), found.tolerance_mode, as_typed(found.accuracy), found.use_modifiers)
+    if change := staleness.change_since_measured(mesh):
+        return f"Out of date: {change}"
+    found, name = mesh.ccdepth.measurement, tolerance_name(settings.tolerance_mode)
+    current = (getattr(settings, name), settings.tolerance_mode, settings.accuracy, settings.use_modifiers)
+    measured = (found.tolerance, found.tolerance_mode, found.accuracy, found.use_modifiers)
     return "" if current == measured else "Out of date: settings changed"
 
 

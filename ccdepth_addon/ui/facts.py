@@ -17,6 +17,8 @@ from .selected_results import lengths_text
 # Larger counts of faces are written as powers of ten.
 LARGEST_COUNT_IN_FULL = 10**10
 
+OWN_FACES = "How many faces the mesh itself has, before modifiers; a mesh of several objects counts once"
+CONTROL_FACES = "How many faces the control mesh has: the mesh with the modifiers that are counted in"
 ALLOWED = "The distance from the limit surface that was allowed, in the scene's unit"
 
 
@@ -42,7 +44,8 @@ def draw_facts(layout: bpy.types.UILayout, facts: Sequence[Fact]) -> None:
 
 def facts_of(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fact]:
     """What is known of the depths on a mesh, or of an adaptive mesh."""
-    faces = Fact("Faces", f"{record.faces:,}", "How many faces the mesh of the result has")
+    meaning = "How many faces the result has" if record.subdivision else OWN_FACES
+    faces = Fact("Faces" if record.subdivision else "Mesh Faces", f"{record.faces:,}", meaning)
     of_kind = _of_adaptive_mesh(scene, record) if record.subdivision else _of_depths(scene, record)
     return [faces, *of_kind]
 
@@ -59,8 +62,8 @@ def _of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[
         facts.append(Fact(f"Faces at Level {record.uniform_level}", short_count(int(record.uniform_faces)), meaning))
     # A depth that is disproved at equal parameters may be enough all the same.
     if record.method == "DISTANCE":
-        meaning = "On how many faces it is proved that no lesser depth is enough"
-        facts.append(Fact("Least Possible", _exact_text(record.exact_faces, record.faces), meaning))
+        meaning = "On how many faces no lesser depth is enough; proved"
+        facts.append(Fact("Proved Minimal", _exact_text(record.exact_faces, record.faces), meaning))
     return facts
 
 
@@ -90,7 +93,7 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
     proved = "No point of the mesh or of the limit surface is farther from the other one than this; proved"
     return [
         *(unreduced if record.unreduced_triangles else []),
-        Fact("Base Faces", f"{record.base_faces:,}", "How many faces the mesh had before it was subdivided"),
+        Fact("Control Faces", f"{record.base_faces:,}", CONTROL_FACES),
         Fact(
             "Most Divided",
             str(record.deepest),
@@ -112,7 +115,7 @@ def totals(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object]) -> list[
     depths = [record for record in records if not record.subdivision]
     return [
         Fact("Objects", f"{len(objects):,}", "How many of the selected objects have a result"),
-        Fact("Faces", f"{sum(record.faces for record in records):,}", "How many faces their meshes have"),
+        Fact("Mesh Faces", f"{sum(record.faces for record in records):,}", OWN_FACES),
         _deepest(records),
         Fact("Tolerance", lengths_text(scene, (record.world_tolerance for record in records)), ALLOWED),
         *(ways(depths) if depths else []),
@@ -154,8 +157,8 @@ def count_fact(faces: int, *, reduced: bool = False) -> Fact:
 def _exact_text(exact: int, faces: int) -> str:
     """On how many faces no lesser depth is enough; never rounded up to all of them."""
     if exact == faces:
-        return "On all faces"
-    return f"On {min(100 * exact / faces, 99.9):.1f} % of faces"
+        return "All faces"
+    return f"{min(100 * exact / faces, 99.9):.1f} % of faces"
 
 
 def short_count(count: int) -> str:

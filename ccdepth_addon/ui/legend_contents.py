@@ -46,12 +46,17 @@ class Legend:
 def legend(scene: bpy.types.Scene, kind: Shown, objects: Sequence[bpy.types.Object]) -> Legend:
     """The legend of objects that have values of this kind."""
     tolerances = {tolerance_of(each.data, kind) for each in objects}
-    name = objects[0].name if len(objects) == 1 else f"{len(objects):,} objects"
-    notes = [f"for {lengths_text(scene, tolerances)}", name if len(name) <= LONGEST_NAME else f"{name[:19]}…"]
+    name = short_name(objects[0].name) if len(objects) == 1 else f"{len(objects):,} objects"
+    notes = [f"for {lengths_text(scene, tolerances)}", name]
     alert = _alert(scene.ccdepth, kind, objects)
     if kind is Shown.DEPTH:
         return Legend(kind.value, notes, alert, rows=depth_rows(objects))
     return _distances(scene, kind, objects, Legend(kind.value, notes, alert))
+
+
+def short_name(name: str) -> str:
+    """A name that is cut where it is long."""
+    return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"
 
 
 def depth_rows(objects: Sequence[bpy.types.Object]) -> list[Row]:
@@ -94,9 +99,9 @@ def _largest(mesh: bpy.types.Mesh, kind: Shown) -> float:
 
 def _alert(settings: bpy.types.PropertyGroup, kind: Shown, objects: Sequence[bpy.types.Object]) -> str:
     if kind is Shown.DEVIATION:
-        stale = sum(bool(deviation_panel.stale_line(settings, each.data)) for each in objects)
+        stale = [each.name for each in objects if deviation_panel.stale_line(settings, each.data)]
     else:
-        stale = sum(bool(panels.stale_line(settings, each.data, each)) for each in objects)
+        stale = [each.name for each in objects if panels.stale_line(settings, each.data, each)]
     if not stale:
         return ""
-    return "Out of date" if len(objects) == 1 else f"Out of date: {stale} of {len(objects)}"
+    return f"Out of date: {short_name(stale[0]) if len(stale) == 1 else f'{len(stale)} of {len(objects)}'}"

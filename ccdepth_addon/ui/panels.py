@@ -15,9 +15,8 @@ from ..state import refusals, result_record, sources, staleness
 from ..state.colors import depth_colors
 from ..state.face_counts import known_count
 from ..state.levels import too_deep
-from ..state.properties import scene_tolerance
+from ..state.properties import scene_tolerance, tolerance_name
 from ..tasks.adaptive_task import AdaptiveSettings
-from ..tasks.depth_task import DepthSettings
 from ..tasks.frames import chosen_frames
 from .facts import count_fact, draw_facts, facts_of, totals
 from .manual import draw_manual_button
@@ -27,6 +26,9 @@ from .tolerance_presets import CCDEPTH_PT_tolerance_presets
 from .tolerance_text import tolerance_text
 
 SWATCH_SIZE = 16
+
+# Of a result of Apply Adaptive Subdivision whose mesh is another than the one that was made.
+RESULT_EDITED = "Result edited; Update keeps your version"
 
 # The list of several objects is no longer than this.
 MOST_OBJECTS = 8
@@ -153,26 +155,27 @@ def _draw_too_deep(
         select.depth, select.comparison = fitting + 1, "AT_LEAST"
         column.operator("ccdepth.subdivide", icon="MOD_MULTIRES")
         current = AdaptiveSettings.of(settings, scene_tolerance(settings))
-        counts = [known_count(each, current) for each in objects]
-        if all(counts):
-            draw_facts(column, [count_fact(sum(count.faces for count in counts if count))])
+        if count := known_count(objects, current):
+            draw_facts(column, [count_fact(count.faces)])
 
 
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: bpy.types.Object | None = None) -> str:
     """Why the result is out of date, or does not hold for an object that uses the mesh; empty when neither is so."""
-    if staleness.is_stale(mesh):
-        return "Out of date: mesh changed"
-    if holder is not None and staleness.is_uncovered(holder):
-        return "Not computed for this object"
     record = mesh.ccdepth
+    is_uncovered = holder is not None and staleness.is_uncovered(holder)
+    if staleness.is_stale(mesh):
+        has_source = record.subdivision and holder is not None and result_record.source_of(holder) is not None
+        return RESULT_EDITED if has_source and not is_uncovered else f"Out of date: mesh “{mesh.name}” changed"
+    if is_uncovered:
+        return "Not computed for this object"
     if record.subdivision:
         return "" if holder is None else _changed_since_made(settings, holder)
     frames = chosen_frames(settings.id_data, settings.frames, settings.frame_list)
     # What another method has proved holds, and so does what was computed of named vertices where the scene names none.
     vertices = record.vertices if settings.vertices == OF_OBJECT else settings.vertices
-    kept = {"frames": frames, "method": record.method, "vertices": vertices}
-    current = DepthSettings.of(settings, scene_tolerance(settings), **kept)
-    computed = DepthSettings.of(record, record.tolerance)
+    tolerance = getattr(settings, tolerance_name(settings.tolerance_mode))
+    current = (tolerance, settings.tolerance_mode, settings.use_modifiers, vertices, frames)
+    computed = (record.tolerance, record.tolerance_mode, record.use_modifiers, record.vertices, record.frames)
     return "" if current == computed else "Out of date: settings changed"
 
 
@@ -186,10 +189,10 @@ def result_line(settings: bpy.types.PropertyGroup, result: bpy.types.Object) -> 
 
 def _changed_since_made(settings: bpy.types.PropertyGroup, result: bpy.types.Object) -> str:
     """The same for its source and the settings; what cannot be updated holds for the settings it was made with."""
-    if not result_record.is_result(result) or result_record.source_of(result) is None:
+    if result_record.source_of(result) is None:
         return ""
     if sources.has_changed(result):
-        return "Out of date: source changed"
+        return f"Out of date: “{result.ccdepth.source.name}” changed"
     return "Out of date: settings changed" if result_record.settings_have_changed(result, settings) else ""
 
 

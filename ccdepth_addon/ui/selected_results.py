@@ -10,12 +10,15 @@ import bpy
 
 from ..state import heat_map, refusals, result_record, results
 from ..state.heat_map import Shown
-from .lengths import DIGITS, common_unit, length_text
+from .lengths import common_unit, length_text
 
 # Without anything selected, the legend looks through no more objects than this.
 MOST_SEARCHED = 1000
 
-DIGITS_OF_RANGE = 3
+
+def chosen_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """The selected or edited mesh objects, or the active one: those that buttons are about."""
+    return _selected(context, lambda _holder: True)
 
 
 def selected_results(context: bpy.types.Context) -> list[bpy.types.Object]:
@@ -71,12 +74,11 @@ def faces_by_depth(objects: Iterable[bpy.types.Object]) -> Counter[int]:
     return counts
 
 
-def lengths_text(scene: bpy.types.Scene, lengths: Iterable[float], digits: int = DIGITS) -> str:
-    """One length to so many digits, or the least and the largest of several to fewer."""
+def lengths_text(scene: bpy.types.Scene, lengths: Iterable[float]) -> str:
+    """One length, or the least and the largest of several."""
     found = {*lengths}
-    least, largest = min(found), max(found)
     unit = common_unit(scene, found)
-    texts = [length_text(scene, each, digits=DIGITS_OF_RANGE, unit=unit) for each in (least, largest)]
-    if texts[0] == texts[1]:
-        return length_text(scene, least, digits=digits)
-    return f"{texts[0] if unit is None else texts[0].split()[0]}–{texts[1]}"
+    least, largest = (length_text(scene, each, unit=unit) for each in (min(found), max(found)))
+    if least == largest:
+        return least
+    return f"{least if unit is None else least.split()[0]}–{largest}"

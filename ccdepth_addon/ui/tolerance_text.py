@@ -17,8 +17,6 @@ from .selected_results import lengths_text
 DECIMALS = 6
 LARGEST_ERROR = 1e-3
 
-DIGITS = 3
-
 # Of more selected objects than this it is not told: their sizes are measured for it.
 MOST_OBJECTS = 8
 
@@ -34,7 +32,7 @@ def tolerance_text(context: bpy.types.Context) -> str:
         texts.append(f"{tolerance:.6g}" if relative else length_text(scene, tolerance, digits=6))
     diagonals = _known_diagonals(context)
     if diagonals and relative:
-        texts.append(f"= {lengths_text(scene, (tolerance * each for each in diagonals), DIGITS)}")
+        texts.append(f"= {lengths_text(scene, (tolerance * each for each in diagonals))}")
     elif diagonals:
         texts.append(f"= {_fractions_text(tolerance / each for each in diagonals)} of the size")
     return " ".join(texts)
@@ -53,5 +51,5 @@ def _known_diagonals(context: bpy.types.Context) -> list[float]:
 def _fractions_text(fractions: Iterable[float]) -> str:
     """A part of a size with few digits, or the least and the largest of several."""
     found = [*fractions]
-    texts = dict.fromkeys(number_text(Decimal(each), digits=DIGITS) for each in (min(found), max(found)))
+    texts = dict.fromkeys(number_text(Decimal(each)) for each in (min(found), max(found)))
     return "–".join(texts)

@@ -73,7 +73,7 @@ def test_attributes_and_the_record_tell_what_was_made() -> None:
     result.data.update()
     bpy.context.view_layer.update()
     addon.module("state.watch").examine()
-    assert "mesh changed" in addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, result.data)
+    assert "” changed" in addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, result.data)
 
 
 def test_each_mode_and_transition_makes_another_mesh() -> None:

@@ -248,7 +248,7 @@ def test_it_subdivides_adaptively(
     assert name == ("Suzanne" if in_place else "Suzanne Adaptive")
     assert bpy.data.objects[name].visible_get()
     assert len([holder for holder in bpy.data.objects if holder.visible_get()]) == 1
-    assert f"{name}\n  Faces: {len(written):,}\n  Base Faces: {SUZANNE_FACES}\n" in printed
+    assert f"{name}\n  Faces: {len(written):,}\n  Control Faces: {SUZANNE_FACES}\n" in printed
     scene.clear()
     addon.select(scene.add_suzanne())
     bpy.ops.ccdepth.subdivide(tolerance=0.01, tolerance_mode="ABSOLUTE", mode="PER_FACE", transitions="NGONS")

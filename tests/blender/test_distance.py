@@ -79,10 +79,10 @@ def test_by_default_depths_are_by_distance_and_the_panel_says_so() -> None:
     addon.compute(holder, tolerance=0.05)
     assert holder.data.ccdepth.method == "DISTANCE"
     facts = addon.facts(holder)
-    assert (facts["Method"], facts["Least Possible"]) == ("By Distance", "On all faces")
+    assert (facts["Method"], facts["Proved Minimal"]) == ("By Distance", "All faces")
     assert "By Distance" in addon.module("command_line.report_text").settings_text([holder])
     addon.compute(holder, tolerance=0.05, method="CERTIFIED")
-    assert "Least Possible" not in addon.facts(holder)
+    assert "Proved Minimal" not in addon.facts(holder)
 
 
 def test_the_other_methods_say_what_they_compare_and_where_they_are_off() -> None:

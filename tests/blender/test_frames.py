@@ -13,7 +13,7 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.test_animation import FIRST, key, told_by_the_panel
-from tests.blender.test_staleness import MESH_LINE
+from tests.blender.test_staleness import mesh_line
 
 LAST = 11
 FRAMES = f"{FIRST}-{LAST}"
@@ -255,7 +255,7 @@ def test_changes_make_it_out_of_date(change: str, frame: int) -> None:
     assert told_by_the_panel(holder) == ""
     CHANGES[change](holder)
     bpy.context.view_layer.update()
-    assert told_by_the_panel(holder) == MESH_LINE
+    assert told_by_the_panel(holder) == mesh_line(holder)
 
 
 def test_other_frames_are_other_settings() -> None:
@@ -272,7 +272,7 @@ def test_other_frames_are_other_settings() -> None:
     assert told_by_the_panel(holder) == ""
     assert holder.data.ccdepth.frames == ""
     bpy.context.scene.frame_set(5)
-    assert told_by_the_panel(holder) == MESH_LINE
+    assert told_by_the_panel(holder) == mesh_line(holder)
 
 
 @contextmanager

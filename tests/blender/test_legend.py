@@ -115,9 +115,14 @@ def test_it_says_when_results_are_out_of_date() -> None:
     holders[0].data.update_tag()
     bpy.context.view_layer.update()
     addon.module("state.watch").examine()
-    assert shown_legend().alert == "Out of date: 1 of 3"
+    assert shown_legend().alert == f"Out of date: {holders[0].name}"
     addon.select(holders[0])
-    assert shown_legend().alert == "Out of date"
+    assert shown_legend().alert == f"Out of date: {holders[0].name}"
+    holders[1].data.vertices[0].co.x += 1.0
+    holders[1].data.update_tag()
+    addon.examine_touched()
+    addon.select(*holders)
+    assert shown_legend().alert == "Out of date: 2 of 3"
     addon.select(*holders)
     settings.tolerance = 0.5
     assert shown_legend().alert == "Out of date: 3 of 3"

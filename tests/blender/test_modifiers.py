@@ -17,7 +17,7 @@ from ccdepth_addon.core.depth.face_depths import face_depths
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.test_staleness import MESH_LINE, stale_line
+from tests.blender.test_staleness import mesh_line, stale_line
 from tests.blender.updating import refuses
 
 pytestmark = pytest.mark.every_blender
@@ -378,7 +378,7 @@ def computed_with(kind: str, **settings: Any) -> tuple[bpy.types.Object, bpy.typ
 
 
 def expect_change(holder: bpy.types.Object) -> None:
-    assert stale_line(holder) == MESH_LINE
+    assert stale_line(holder) == mesh_line(holder)
     refuses("set_levels", "out of date")
 
 
@@ -408,23 +408,23 @@ def test_what_modifiers_refer_to_is_noticed() -> None:
     texture = bpy.data.textures.new("Clouds", "CLOUDS")
     holder, _ = computed_with("DISPLACE", texture=texture)
     texture.noise_scale = 2.0
-    assert stale_line(holder) == MESH_LINE
+    assert stale_line(holder) == mesh_line(holder)
     operand = scene.add_object(meshes.cube(), "Operand")
     cutters = bpy.data.collections.new("Cutters")
     bpy.context.scene.collection.children.link(cutters)
     cutters.objects.link(operand)
     holder, _ = computed_with("BOOLEAN", operand_type="COLLECTION", collection=cutters)
     operand.location.x = 0.5
-    assert stale_line(holder) == MESH_LINE
+    assert stale_line(holder) == mesh_line(holder)
     target = scene.add_object(meshes.cube(), "Target")
     holder, _ = computed_with("BOOLEAN", object=target)
     target.modifiers.new("Cast", "CAST")
-    assert stale_line(holder) == MESH_LINE
+    assert stale_line(holder) == mesh_line(holder)
     lattice = scene.add("Lattice", bpy.data.lattices.new("Lattice"))
     holder, _ = computed_with("LATTICE", object=lattice)
     lattice.data.points[0].co_deform.x -= 1.0
     lattice.data.update_tag()
-    assert stale_line(holder) == MESH_LINE
+    assert stale_line(holder) == mesh_line(holder)
     path = scene.add("Path", bpy.data.curves.new("Path", "CURVE"))
     path.data.splines.new("POLY").points.add(2)
     for index, point in enumerate(path.data.splines[0].points):
@@ -432,7 +432,7 @@ def test_what_modifiers_refer_to_is_noticed() -> None:
     holder, _ = computed_with("CURVE", object=path)
     path.data.splines[0].points[1].co = (1.0, 1.0, 0.0, 1.0)
     path.data.update_tag()
-    assert stale_line(holder) == MESH_LINE
+    assert stale_line(holder) == mesh_line(holder)
 
 
 def test_objects_that_look_at_each_other() -> None:

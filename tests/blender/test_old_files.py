@@ -19,7 +19,7 @@ pytestmark = pytest.mark.every_blender
 # ``make_results.py`` beside it says how it was made.
 OLD_FILE = Path(__file__).with_name("saved_by_308a89a") / "results.blend"
 
-SETTINGS_LINE, SOURCE_LINE = "Out of date: settings changed", "Out of date: source changed"
+SETTINGS_LINE, SOURCE_LINE = "Out of date: settings changed", "Out of date: “Kept” changed"
 
 
 @pytest.fixture(autouse=True)

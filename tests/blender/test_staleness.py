@@ -19,14 +19,13 @@ from tests.blender.updating import set_scene
 
 pytestmark = pytest.mark.every_blender
 
-MESH_LINE = "Out of date: mesh changed"
-OBJECTS_LINE = "Out of date: objects changed"
-SOURCE_LINE = "Out of date: source changed"
 SETTINGS_LINE = "Out of date: settings changed"
-
-# What the panels show of each kind when something was changed.
-LINES = {"depths": MESH_LINE, "own": OBJECTS_LINE, "other": OBJECTS_LINE, "result": SOURCE_LINE}
 ALL = "depths own other result"
+
+
+def mesh_line(holder: bpy.types.Object) -> str:
+    """What the panels show when the object's mesh, or an object that uses it, was changed."""
+    return f"Out of date: mesh “{holder.data.name}” changed"
 
 
 def stale_line(holder: bpy.types.Object) -> str:
@@ -62,8 +61,10 @@ class Made:
         return Made(*(bpy.data.objects[name] for name in ("Source", "Other", "Source Adaptive")))
 
 
-def stale(kinds: str, line: str = "") -> dict[str, str]:
-    return {kind: line or LINES[kind] for kind in kinds.split()}
+def stale(kinds: str, line: str = "", *, change: str = "“Source” changed") -> dict[str, str]:
+    """What the panels show when the mesh of the source was changed, or that of the other object, or the settings."""
+    lines = {"depths": "Out of date: mesh “Mesh” changed", "other": f"Out of date: {change}"}
+    return {kind: line or lines.get(kind, "Out of date: “Source” changed") for kind in kinds.split()}
 
 
 def made_of(source: bpy.types.Object, **settings: object) -> Made:
@@ -192,7 +193,17 @@ def test_changes_are_noticed_where_they_matter(change: str) -> None:
     made = made_of(creased_source())
     act, kinds = CHANGES[change]
     act(made)
-    assert made.lines() == stale(kinds)
+    # Of a measurement against another object, which of the two it was.
+    name = "Other" if "the other object" in change else "Source"
+    how = f"“{name}” changed"
+    if change.startswith("the place"):
+        how = "objects were moved"
+    elif change.startswith("the scale"):
+        how = "“Source” was scaled"
+    lines = stale(kinds, change=how)
+    if "own" in lines and change.startswith("the scale"):
+        lines["own"] = f"Out of date: {how}"
+    assert made.lines() == lines
 
 
 def test_what_was_changed_is_changed_back_or_computed_anew() -> None:
@@ -230,9 +241,11 @@ def test_a_source_may_be_gone(remove: Callable[[bpy.types.Object], object]) -> N
     addon.module("state.staleness").touch(made.other.data)
     made.source = made.other
     lines = made.lines()
-    assert (lines["other"], lines.get("result")) == (OBJECTS_LINE, None)
+    assert (lines["other"], lines.get("result")) == ("Out of date: “Source” was removed", None)
     move_a_vertex(made.result)
-    assert made.lines()["result"] == MESH_LINE
+    can_be_updated = made.result.ccdepth.source is not None
+    edited = "Result edited; Update keeps your version" if can_be_updated else mesh_line(made.result)
+    assert made.lines()["result"] == edited
 
 
 def test_renamed_objects_are_told_by_their_names(tmp_path: Path) -> None:
@@ -258,7 +271,7 @@ def test_groups_that_are_taken_for_creases_are_noticed_by_operators() -> None:
     holder.vertex_groups.new(name="crease_edge")
     with pytest.raises(RuntimeError, match="out of date"):
         bpy.ops.ccdepth.set_levels()
-    assert stale_line(holder) == MESH_LINE
+    assert stale_line(holder) == mesh_line(holder)
     with pytest.raises(RuntimeError, match="takes for creases"):
         bpy.ops.ccdepth.compute()
     holder.vertex_groups["crease_edge"].name = "Other"
@@ -447,11 +460,11 @@ def test_large_meshes_in_edit_mode_are_not_read_again(monkeypatch: pytest.Monkey
         bpy.ops.mesh.select_all(action="SELECT")
         assert stale_line(holder) == ""
         bpy.ops.transform.translate(value=(1.0, 0.0, 0.0))
-        assert stale_line(holder) == MESH_LINE
+        assert stale_line(holder) == mesh_line(holder)
     made = made_of(creased_source())
     with addon.edit_mode(made.other):
         bpy.ops.transform.translate(value=(1.0, 0.0, 0.0))
-        assert made.lines() == stale("other")
+        assert made.lines() == stale("other", change="“Other” changed")
 
 
 def test_a_duplicate_that_goes_away() -> None:
@@ -462,7 +475,7 @@ def test_a_duplicate_that_goes_away() -> None:
     assert stale_line(first) == ""
     bpy.data.objects.remove(second)
     first.rotation_euler.x = 0.4
-    assert stale_line(first) == MESH_LINE
+    assert stale_line(first) == mesh_line(first)
 
 
 def test_files_are_examined_when_they_are_loaded(tmp_path: object) -> None:

@@ -150,22 +150,35 @@ def test_switching_in_the_sidebar_carries_the_distance_over_and_back(cube: bpy.t
     assert settings.relative_tolerance == about(0.001)
 
 
-def test_modifiers_that_are_counted_in_are_carried_over_too(cube: bpy.types.Object) -> None:
-    """Only what was computed is told, as modifiers may take long."""
+def test_modifiers_that_are_counted_in_are_carried_over_too(
+    cube: bpy.types.Object, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Below a Subdivision Surface modifier as well. Of those that take long only what was computed is told."""
+    scene.add_subdivision(cube, 1)
     array = cube.modifiers.new("Array", "ARRAY")
     array.count, array.use_relative_offset, array.use_constant_offset = 2, False, True
     array.constant_offset_displace = (2.0, 0.0, 0.0)
+    cube.modifiers.move(1, 0)
+    bpy.context.view_layer.update()
+    assert text() == "= 0.004899 m"
+    monkeypatch.setattr(addon.module("state.diagonals"), "LONG", 0.0)
+    for line in ("= 0.006633 m", ""):
+        array.count += 1
+        bpy.context.view_layer.update()
+        assert text() == line
+    array.count = 2
+    bpy.context.view_layer.update()
     assert text() == ""
     assert bpy.ops.ccdepth.compute() == {"FINISHED"}
     bpy.context.view_layer.update()
-    assert text() == "= 0.0049 m"
+    assert text() == "= 0.004899 m"
     bpy.context.scene.ccdepth.shown_tolerance_mode = "ABSOLUTE"
     assert bpy.context.scene.ccdepth.tolerance == about(0.001 * math.sqrt(16 + 4 + 4))
     # On a result the size of its source counts.
     bpy.context.scene.ccdepth.tolerance_mode = "RELATIVE"
     assert bpy.ops.ccdepth.subdivide() == {"FINISHED"}
     assert bpy.context.active_object != cube
-    assert text() == "= 0.0049 m"
+    assert text() == "= 0.004899 m"
 
 
 @pytest.mark.parametrize("name", ["Light", "Empty mesh", None])
@@ -180,19 +193,19 @@ def test_where_there_is_no_size_the_mode_alone_is_switched(cube: bpy.types.Objec
 
 def test_the_other_one_is_told_for_the_active_object_as_it_is(cube: bpy.types.Object) -> None:
     assert addon.module("ui.tolerance_text").tolerance_text(bpy.context) == "", "nothing is measured while drawing"
-    assert text() == "= 0.00346 m"
+    assert text() == "= 0.003464 m"
     # What is edited is measured when Edit Mode is left.
     with addon.edit_mode(cube):
         bpy.ops.mesh.select_all(action="SELECT")
         bpy.ops.transform.resize(value=(2.0, 2.0, 2.0))
-        assert text() == "= 0.00346 m"
+        assert text() == "= 0.003464 m"
     bpy.context.view_layer.update()
-    assert text() == "= 0.00693 m"
+    assert text() == "= 0.006928 m"
     cube.scale = (2.0, 2.0, 2.0)
     bpy.context.view_layer.update()
-    assert text() == "= 0.0139 m"
+    assert text() == "= 0.01386 m"
     bpy.context.scene.ccdepth.tolerance_mode = "ABSOLUTE"
-    assert text() == "= 0.0361 of the size"
+    assert text() == "= 0.03608 of the size"
 
 
 def test_with_no_mesh_active_it_is_told_for_the_selected_meshes(cube: bpy.types.Object) -> None:
@@ -202,12 +215,12 @@ def test_with_no_mesh_active_it_is_told_for_the_selected_meshes(cube: bpy.types.
     for active in (light, None):
         addon.select(cube, light)
         bpy.context.view_layer.objects.active = active
-        assert text() == "= 0.00346 m"
+        assert text() == "= 0.003464 m"
         addon.select(cube, other, light)
         bpy.context.view_layer.objects.active = active
-        assert text() == "= 0.00346–0.0104 m"
+        assert text() == "= 0.003464–0.01039 m"
         settings.tolerance_mode = "ABSOLUTE"
-        assert text() == "= 0.0481–0.144 of the size"
+        assert text() == "= 0.04811–0.1443 of the size"
         settings.tolerance_mode = "RELATIVE"
     # Of several meshes no distance is carried over, of one it is.
     settings.shown_tolerance_mode = "ABSOLUTE"
@@ -321,6 +334,30 @@ def test_the_count_is_what_is_made_and_counting_changes_nothing() -> None:
         assert [faces(result) for result in results] == counts
         bpy.data.batch_remove([result.data for result in results])
         assert set(everything_in_the_file()) == set(before)
+
+
+def test_objects_that_share_a_mesh_have_one_count() -> None:
+    """The result that both get, whichever is active; and none is told of one alone that was not counted so."""
+    first = scene.add_suzanne()
+    second = scene.add_mesh(first.data)
+    second.scale = (0.5, 0.5, 0.5)
+    set_scene(tolerance=0.02)
+    addon.select(second)
+    assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
+    alone = known_count(second).faces
+    addon.select(first, second)
+    panel, counts = addon.module("ui.selected_results"), addon.module("state.face_counts")
+    settings = addon.module("tasks.adaptive_task").AdaptiveSettings.of(bpy.context.scene.ccdepth, 0.02)
+    assert counts.known_count(panel.chosen_meshes(bpy.context), settings) is None
+    assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
+    for active in (first, second):
+        bpy.context.view_layer.objects.active = active
+        together = counts.known_count(panel.chosen_meshes(bpy.context), settings).faces
+        assert together > alone
+    assert (known_count(first), known_count(second).faces) == (None, alone)
+    results = subdivide(first, second, tolerance=0.02)
+    assert [faces(result) for result in results] == [together, together]
+    assert results[0].data == results[1].data
 
 
 def moved_source(result: bpy.types.Object) -> None:
