@@ -7,6 +7,7 @@ from ..state import sources
 from . import job
 from .apply_adaptive import CCDEPTH_OT_subdivide
 from .bake_colors import CCDEPTH_OT_bake_colors
+from .before_after import CCDEPTH_OT_before_after
 from .clear import CCDEPTH_OT_clear
 from .compute_depth import CCDEPTH_OT_compute
 from .copy_value import CCDEPTH_OT_copy_value
@@ -19,7 +20,6 @@ from .open_manual import CCDEPTH_OT_open_manual
 from .select_by_depth import CCDEPTH_OT_select
 from .select_worst import CCDEPTH_OT_select_worst
 from .set_levels import CCDEPTH_OT_set_levels
-from .show_source import CCDEPTH_OT_show_result, CCDEPTH_OT_show_source
 from .tolerances import CCDEPTH_OT_tolerance_preset_add, CCDEPTH_OT_use_tolerance
 from .update_result import CCDEPTH_OT_update, CCDEPTH_OT_update_kept, start_keeping_updated
 
@@ -32,8 +32,7 @@ CLASSES = (
     CCDEPTH_OT_subdivide,
     CCDEPTH_OT_update,
     CCDEPTH_OT_update_kept,
-    CCDEPTH_OT_show_source,
-    CCDEPTH_OT_show_result,
+    CCDEPTH_OT_before_after,
     CCDEPTH_OT_count_faces,
     CCDEPTH_OT_find_tolerance,
     CCDEPTH_OT_use_tolerance,

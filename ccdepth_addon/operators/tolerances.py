@@ -6,22 +6,28 @@ from typing import ClassVar
 
 import bpy
 from bl_operators.presets import AddPresetBase
-from bpy.props import FloatProperty
+from bpy.props import EnumProperty, FloatProperty
 
 from ..state import properties
 from ..tasks.surfaces import ComputeError, refuse_bad_tolerance
 
 
 class CCDEPTH_OT_use_tolerance(bpy.types.Operator):
-    """Set the tolerance to one with which there are not too many faces"""
+    """Set the tolerance"""
 
     bl_idname = "ccdepth.use_tolerance"
     bl_label = "Use Tolerance"
     bl_options: ClassVar[set[str]] = {"UNDO", "INTERNAL"}
 
+    tolerance_mode: EnumProperty(
+        name="Tolerance Mode",
+        description="How the tolerance is given; as the scene has it where it is not set",
+        items=properties.TOLERANCE_MODES,
+        options={"SKIP_SAVE"},
+    )
     tolerance: FloatProperty(
         name="Tolerance",
-        description="As a distance or as a part of the diagonal, whichever the scene is set to",
+        description="A part of the diagonal, or a distance in the scene",
         default=properties.DEFAULT_RELATIVE_TOLERANCE,
         options={"SKIP_SAVE"},
     )
@@ -32,7 +38,10 @@ class CCDEPTH_OT_use_tolerance(bpy.types.Operator):
         except ComputeError as fault:
             self.report({"ERROR"}, str(fault))
             return {"CANCELLED"}
-        properties.set_scene_tolerance(context.scene.ccdepth, self.tolerance)
+        settings = context.scene.ccdepth
+        if self.properties.is_property_set("tolerance_mode"):
+            settings.tolerance_mode = self.tolerance_mode
+        properties.set_scene_tolerance(settings, self.tolerance)
         return {"FINISHED"}
 
 

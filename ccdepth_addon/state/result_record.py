@@ -101,6 +101,12 @@ def results_of(source: bpy.types.Object) -> list[bpy.types.Object]:
     return [each for each in bpy.data.objects if each.type == "MESH" and each.ccdepth.source == source != each]
 
 
+def left_hidden(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """The hidden results in the view layer whose sources were deleted, so that nothing of either is seen."""
+    hidden = [each for each in context.view_layer.objects if is_result(each) and not each.visible_get()]
+    return [each for each in hidden if (source := source_of(each)) is None or not source.users_scene]
+
+
 def made_with(holder: Any, tolerance: float) -> MadeWith:
     """The settings that an operator, a scene or a record holds, but for the tolerance."""
     return MadeWith(as_typed(tolerance), tuple(getattr(holder, name) for name in SETTINGS))

@@ -33,16 +33,19 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
         results = [each for each in made if result_record.is_result(each)]
         if results:
             draw_main_button(layout, "ccdepth.update", "FILE_REFRESH")
+            layout.operator("ccdepth.before_after", icon="LOOP_BACK")
         if len(made) == 1:
             _draw_made(layout, context, made[0])
         elif made:
             draw_object_rows(layout, made, lambda each: result_line(settings, each))
         if not results or settings.subdivide_results:
             draw_main_button(layout, "ccdepth.subdivide", "MOD_MULTIRES")
-        if active is not None and sources.has_results(active):
-            row = layout.row(align=True)
-            row.operator("ccdepth.update", icon="FILE_REFRESH")
-            row.operator("ccdepth.show_result", icon="LOOP_FORWARDS")
+        if not results and active is not None and sources.has_results(active):
+            # Where it is when the result is shown, so that the mouse stays.
+            layout.operator("ccdepth.before_after", icon="LOOP_FORWARDS")
+            layout.operator("ccdepth.update", icon="FILE_REFRESH")
+        if not chosen_meshes(context):
+            _draw_left_hidden(layout, context)
         _draw_face_count(layout, context)
         row = layout.row(align=True)
         row.prop(settings, "face_budget")
@@ -83,11 +86,20 @@ def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy
     if source is not None:
         row = layout.row()
         row.label(text=source.name, icon="OUTLINER_OB_MESH")
-        row.operator("ccdepth.show_source", icon="LOOP_BACK")
-        column = settings_column(layout)
-        column.prop(made.ccdepth, "keep_updated")
+        row.prop(made.ccdepth, "keep_updated")
     if made.data.ccdepth.has_result:
         draw_facts(layout, facts_of(context.scene, made.data.ccdepth))
+
+
+def _draw_left_hidden(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Which hidden results were left when their sources were deleted, with a button that shows them."""
+    left = result_record.left_hidden(context)
+    if left:
+        row = layout.row()
+        row.alert = True
+        name = f"“{left[0].name}”" if len(left) == 1 else f"{len(left):,} results"
+        row.label(text=f"{name} hidden, source removed", icon="ERROR")
+        layout.operator("ccdepth.before_after", text="Show", icon="HIDE_OFF")
 
 
 def _draw_keys_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -20,7 +20,7 @@ SECTIONS = (
     ("bpy.ops.ccdepth.set_levels", "compute-depth"),
     ("bpy.ops.ccdepth.clear", "compute-depth"),
     ("bpy.ops.ccdepth.update", "results"),
-    ("bpy.ops.ccdepth.show_*", "results"),
+    ("bpy.ops.ccdepth.before_after", "results"),
     ("bpy.ops.ccdepth.tolerance_preset_add", "tolerance"),
     ("bpy.ops.ccdepth.open_manual", "install"),
     ("bpy.ops.ccdepth.*", "adaptive-subdivision"),

@@ -1,29 +1,75 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The presets of the tolerance, in the header of the sidebar's panel."""
+"""The presets of the tolerance, in the header of the sidebar's panel: from coarse to fine, with the current one marked."""
 
+from __future__ import annotations
+
+import re
+from ast import literal_eval
+from contextlib import suppress
 from pathlib import Path
+from typing import NamedTuple
 
 import bpy
 from bl_ui.utils import PresetPanel
 
-from ..state.properties import TOLERANCE_PRESETS
+from ..state.properties import TOLERANCE_PRESETS, scene_tolerance, tolerance_name
+from ..tasks.surfaces import as_typed
 
-# It has a folder of presets, as Blender expects them.
-ADDON = str(Path(__file__).resolve().parent.parent)
+# Some five pixels when the object fills the screen, one, and a fifth.
+FRACTIONS = {"Draft": 0.005, "Standard": 0.001, "Fine": 0.0002}
+
+# What a good printer resolves, in metres.
+PRINTED = 0.0001
+
+
+class Preset(NamedTuple):
+    """A tolerance by a name, as it is typed in its mode. is_own: whether a user added it."""
+
+    name: str
+    mode: str
+    tolerance: float
+    is_own: bool = False
 
 
 class CCDEPTH_PT_tolerance_presets(PresetPanel, bpy.types.Panel):
     bl_label = "Tolerance Presets"
-    preset_subdir = TOLERANCE_PRESETS
-    preset_operator = "script.execute_preset"
-    preset_add_operator = "ccdepth.tolerance_preset_add"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, settings = self.layout, context.scene.ccdepth
+        layout.emboss = "PULLDOWN_MENU"
+        layout.operator_context = "EXEC_DEFAULT"
+        column = layout.column(align=True)
+        current = settings.tolerance_mode, scene_tolerance(settings)
+        for preset in presets(context.scene):
+            row = column.row(align=True)
+            is_current = current == (preset.mode, as_typed(preset.tolerance))
+            button = row.operator(
+                "ccdepth.use_tolerance", text=preset.name, translate=False, icon="CHECKMARK" if is_current else "BLANK1"
+            )
+            button.tolerance_mode, button.tolerance = preset.mode, preset.tolerance
+            if preset.is_own:
+                button = row.operator("ccdepth.tolerance_preset_add", text="", icon="REMOVE")
+                button.name, button.remove_name = preset.name, True
+        layout.separator()
+        row, manager = layout.row(), context.window_manager
+        field = row.row()
+        field.emboss = "NORMAL"
+        field.prop(manager, "preset_name", text="")
+        row.operator("ccdepth.tolerance_preset_add", text="", icon="ADD").name = manager.preset_name
 
 
-def register() -> None:
-    bpy.utils.register_class(CCDEPTH_PT_tolerance_presets)
-    bpy.utils.register_preset_path(ADDON)
+def presets(scene: bpy.types.Scene) -> list[Preset]:
+    """All presets, fractions before distances, each from coarse to fine."""
+    found = [Preset(name, "RELATIVE", fraction) for name, fraction in FRACTIONS.items()]
+    found.append(Preset("Print 0.1 mm", "ABSOLUTE", PRINTED / scene.unit_settings.scale_length))
+    for path in [path for folder in bpy.utils.preset_paths(TOLERANCE_PRESETS) for path in Path(folder).glob("*.py")]:
+        # A file that somebody wrote otherwise is none.
+        with suppress(KeyError, ValueError, SyntaxError):
+            values = dict(re.findall(r"ccdepth\.(\w+) = (.+)", path.read_text(encoding="utf-8")))
+            mode = literal_eval(values["tolerance_mode"])
+            tolerance = float(values[tolerance_name(mode)])
+            found.append(Preset(bpy.path.display_name(path.name), mode, tolerance, is_own=True))
+    return sorted(found, key=lambda each: (each.mode == "ABSOLUTE", -each.tolerance))
 
 
-def unregister() -> None:
-    bpy.utils.unregister_preset_path(ADDON)
-    bpy.utils.unregister_class(CCDEPTH_PT_tolerance_presets)
+register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_tolerance_presets,))

@@ -49,7 +49,7 @@ def test_nothing_is_left_behind_and_everything_comes_back_once() -> None:
 SECTIONS = {
     "bpy.ops.ccdepth.compute": "compute-depth",
     "bpy.ops.ccdepth.subdivide": "adaptive-subdivision",
-    "bpy.ops.ccdepth.show_source": "results",
+    "bpy.ops.ccdepth.before_after": "results",
     "bpy.types.scenesettings.relative_tolerance": "tolerance",
 }
 

@@ -6,6 +6,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import bpy
 import pytest
@@ -56,22 +57,20 @@ def test_a_bad_tolerance_is_not_taken() -> None:
         refuses("use_tolerance", "tolerance", tolerance=tolerance)
 
 
-def presets() -> dict[str, str]:
-    """The files of all presets there are, by the names that are shown."""
-    folders = bpy.utils.preset_paths("ccdepth/tolerance")
-    paths = [str(path) for folder in folders for path in sorted(Path(folder).glob("*.py"))]
-    return {bpy.path.display_name(Path(path).name): path for path in paths}
+def presets() -> dict[str, Any]:
+    """All presets there are, by the names that are shown."""
+    return {each.name: each for each in addon.module("ui.tolerance_presets").presets(bpy.context.scene)}
 
 
-def choose(path: str) -> None:
-    bpy.ops.script.execute_preset(filepath=path, menu_idname="CCDEPTH_PT_tolerance_presets")
+def choose(preset: Any) -> None:
+    bpy.ops.ccdepth.use_tolerance(tolerance_mode=preset.mode, tolerance=preset.tolerance)
 
 
 @pytest.mark.every_blender
 def test_there_are_presets_from_coarse_to_fine() -> None:
     settings = bpy.context.scene.ccdepth
     found = presets()
-    assert set(found) == {"Draft", "Standard", "Fine", "Print 0.1 mm"}
+    assert [*found] == ["Draft", "Standard", "Fine", "Print 0.1 mm"]
     tolerances = []
     for name in ("Draft", "Standard", "Fine"):
         settings.tolerance_mode = "ABSOLUTE"
@@ -97,13 +96,18 @@ def test_presets_of_ones_own_are_added_and_removed(tmp_path: Path, monkeypatch: 
     (tmp_path / "presets/ccdepth/tolerance").mkdir(parents=True)
     set_scene(tolerance=0.123, relative_tolerance=0.0456, tolerance_mode="RELATIVE")
     assert bpy.ops.ccdepth.tolerance_preset_add(name="Mine") == {"FINISHED"}
-    set_scene(tolerance=1.0, relative_tolerance=1.0)
-    choose(str(tmp_path / "presets/ccdepth/tolerance/Mine.py"))
+    set_scene(tolerance_mode="ABSOLUTE", tolerance=1e-5)
+    assert bpy.ops.ccdepth.tolerance_preset_add(name="Yours") == {"FINISHED"}
+    (tmp_path / "presets/ccdepth/tolerance/Broken.py").write_text("ccdepth.tolerance_mode = 'RELATIVE'")
+    assert [*presets()] == ["Mine", "Draft", "Standard", "Fine", "Print 0.1 mm", "Yours"]
+    set_scene(relative_tolerance=1.0)
+    choose(presets()["Mine"])
     settings = bpy.context.scene.ccdepth
     assert (settings.tolerance_mode, settings.relative_tolerance) == ("RELATIVE", pytest.approx(0.0456))
-    assert settings.tolerance == pytest.approx(0.123)
+    choose(presets()["Yours"])
+    assert (settings.tolerance_mode, settings.tolerance) == ("ABSOLUTE", pytest.approx(1e-5))
     assert bpy.ops.ccdepth.tolerance_preset_add(name="Mine", remove_name=True) == {"FINISHED"}
-    assert not list((tmp_path / "presets/ccdepth/tolerance").iterdir())
+    assert [*presets()] == ["Draft", "Standard", "Fine", "Print 0.1 mm", "Yours"]
 
 
 # The tolerance in the sidebar, in full and in the other mode

@@ -266,11 +266,16 @@ def test_a_deleted_source_is_in_the_file_as_long_as_its_result_is() -> None:
     addon.select(source)
     bpy.ops.object.delete()
     assert not result.ccdepth.source.users_scene
+    # Nothing is seen of either, so the result is offered.
+    result.hide_set(True)
+    assert addon.module("state.result_record").left_hidden(bpy.context) == [result]
+    assert bpy.ops.ccdepth.before_after() == {"FINISHED"}
+    assert (result.visible_get(), bpy.context.selected_objects) == (True, [result])
     before = faces(result)
     update(result, **FINER)
     assert faces(result) > before
     addon.select(result)
-    assert bpy.ops.ccdepth.show_source() == {"FINISHED"}
+    assert bpy.ops.ccdepth.before_after() == {"FINISHED"}
     assert result.ccdepth.source.visible_get()
 
 
@@ -283,7 +288,7 @@ def test_without_results_there_is_nothing_to_update() -> None:
     assert not bpy.ops.ccdepth.update.poll()
     subdivide(source, output="IN_PLACE")
     assert not bpy.ops.ccdepth.update.poll()
-    assert not bpy.ops.ccdepth.show_source.poll()
+    assert not bpy.ops.ccdepth.before_after.poll()
     # What was subdivided in place is not subdivided again without asking.
     refused(source, match="subdivided in place already")
     before = faces(source)
@@ -325,7 +330,7 @@ def test_what_cannot_be_updated_is_told(change: Change, chosen: str, settings: d
     addon.select(bpy.data.objects[chosen])
     refuses("update", match, **settings)
     if "been removed" in match:
-        refuses("show_source", "removed from the file")
+        refuses("before_after", "removed from the file")
 
 
 def test_modifiers_count_once() -> None:
@@ -391,7 +396,7 @@ def test_counting_faces_of_a_result_counts_those_of_its_update() -> None:
     assert counted.faces == faces(result)
 
 
-# Show Source and Show Result swap what is hidden
+# Before / After swaps what is hidden
 
 
 def visible(*objects: bpy.types.Object) -> list[tuple[bool, bool, bool]]:
@@ -406,19 +411,19 @@ def test_source_and_result_are_swapped_and_swapped_back() -> None:
     """In Object Mode alone."""
     source, result = made_result()
     with addon.edit_mode(result):
-        assert not bpy.ops.ccdepth.show_source.poll()
+        assert not bpy.ops.ccdepth.before_after.poll()
     assert visible(source, result) == [HIDDEN, SHOWN]
-    assert bpy.ops.ccdepth.show_source() == {"FINISHED"}
+    assert bpy.ops.ccdepth.before_after() == {"FINISHED"}
     assert visible(source, result) == [SHOWN, HIDDEN]
     assert bpy.context.view_layer.objects.active == source
-    assert bpy.ops.ccdepth.show_result() == {"FINISHED"}
+    assert bpy.ops.ccdepth.before_after() == {"FINISHED"}
     assert visible(source, result) == [HIDDEN, SHOWN]
     assert bpy.context.view_layer.objects.active == result
     # Removed results are no longer offered.
     bpy.data.objects.remove(result)
     source.hide_set(False)
     addon.select(source)
-    assert not bpy.ops.ccdepth.show_result.poll()
+    assert not bpy.ops.ccdepth.before_after.poll()
     assert not bpy.ops.ccdepth.update.poll()
 
 
@@ -429,17 +434,17 @@ def test_several_are_swapped_together() -> None:
     lamp = scene.add_light()
     lamp.select_set(True)
     bpy.context.view_layer.objects.active = results[1]
-    assert bpy.ops.ccdepth.show_source() == {"FINISHED"}
+    assert bpy.ops.ccdepth.before_after() == {"FINISHED"}
     assert visible(*sources, *results, lamp) == [SHOWN, SHOWN, HIDDEN, HIDDEN, SHOWN]
     assert bpy.context.view_layer.objects.active == sources[1]
     addon.select(sources[0])
-    bpy.ops.ccdepth.show_result()
+    bpy.ops.ccdepth.before_after()
     bpy.ops.object.duplicate()
     copy = bpy.context.view_layer.objects.active
     bpy.context.view_layer.update()
     addon.select(results[0], copy)
-    bpy.ops.ccdepth.show_source()
-    bpy.ops.ccdepth.show_result()
+    bpy.ops.ccdepth.before_after()
+    bpy.ops.ccdepth.before_after()
     assert visible(sources[0], results[0], copy) == [HIDDEN, SHOWN, SHOWN]
 
 
@@ -460,7 +465,7 @@ def test_a_source_that_cannot_be_shown_is_told(place: str, message: str) -> None
         collection.hide_viewport = True
     collection.objects.link(source)
     bpy.context.scene.collection.objects.unlink(source)
-    refuses("show_source", message)
+    refuses("before_after", message)
 
 
 # Results that are kept updated with edits of their sources

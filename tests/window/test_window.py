@@ -371,7 +371,7 @@ def test_update_result_stands_in_place_of_apply_makes_the_result_anew_and_is_und
 def test_a_source_is_shown_and_edited_and_its_result_follows(window: Window) -> None:
     started = made_by_mouse(window)
     window.ask("change", 0.001)
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.show_source")
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.before_after")
     window.click()
     wait_for_object(window, "Suzanne", "the source", lambda found: found["visible"] and found["selected"])
     hidden = wait_for_object(window, "Suzanne Adaptive", "it being hidden", lambda found: not found["visible"])
@@ -388,7 +388,7 @@ def test_a_source_is_shown_and_edited_and_its_result_follows(window: Window) -> 
     assert abs(followed["faces"] - hidden["faces"]) < 0.01 * hidden["faces"]
     assert window.report()["objects"]["Suzanne"]["mode"] == "OBJECT"
 
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.show_result")
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.before_after")
     window.click()
     wait_for_object(window, "Suzanne Adaptive", "the result", lambda found: found["visible"] and found["selected"])
 

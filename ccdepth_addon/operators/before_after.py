@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Show Source and Show Result: one hidden, the other shown in its stead."""
+"""Before / After: results hidden and what they came from shown in their stead, or the other way round."""
 
 from typing import ClassVar
 
@@ -12,9 +12,12 @@ from .scene_objects import hide, link_beside, show_in_local_view
 from .selected_meshes import count_text, refuse, selected_meshes
 
 
-class _SwappingOperator(QuickOperator):
-    """Hides selected objects, and shows and selects what belongs to them."""
+class CCDEPTH_OT_before_after(QuickOperator):
+    """Show the objects that the selected results of Apply Adaptive Subdivision came from in the place of these; or of
+    objects that results came from, the results"""
 
+    bl_idname = "ccdepth.before_after"
+    bl_label = "Before / After"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     @classmethod
@@ -22,16 +25,16 @@ class _SwappingOperator(QuickOperator):
         if context.mode != "OBJECT":
             cls.poll_message_set("Works in Object Mode")
             return False
-        if not any(cls.has_counterparts(each) for each in selected_meshes(context)):
-            cls.poll_message_set(cls.NOTHING_TO_SWAP)
+        if not _to_hide(context) and not _left_hidden(context):
+            cls.poll_message_set("Select a result of Apply Adaptive Subdivision, or the object it came from")
             return False
         return True
 
     def act(self, context: bpy.types.Context) -> set[str]:
-        active = context.view_layer.objects.active
-        hidden = [each for each in selected_meshes(context) if self.has_counterparts(each)]
-        swapped = {each: self.counterparts(each) for each in hidden}
+        hidden, active = _to_hide(context), context.view_layer.objects.active
+        swapped = {each: _counterparts(each) for each in hidden}
         shown = list(dict.fromkeys(other for others in swapped.values() for other in others))
+        shown = shown if hidden else _left_hidden(context)
         _swap(context, hidden, shown)
         context.view_layer.objects.active = swapped[active][0] if active in swapped else shown[0]
         if len(shown) > 1:
@@ -39,41 +42,31 @@ class _SwappingOperator(QuickOperator):
         return {"FINISHED"}
 
 
-def _source(result: bpy.types.Object) -> list[bpy.types.Object]:
-    """What a result came from. Raises ComputeError when it is no longer in the file."""
-    source = result_record.source_of(result)
+def _to_hide(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """The selected results, or without any the selected objects that results came from."""
+    selected = selected_meshes(context)
+    results = [each for each in selected if result_record.is_result(each)]
+    return results or [each for each in selected if sources.has_results(each)]
+
+
+def _left_hidden(context: bpy.types.Context) -> list[bpy.types.Object]:
+    """Where no mesh is selected, the hidden results whose sources were deleted."""
+    return [] if selected_meshes(context) else result_record.left_hidden(context)
+
+
+def _counterparts(blender_object: bpy.types.Object) -> list[bpy.types.Object]:
+    """What a result came from; of any other object, the results that are still in a scene. Raises ComputeError where
+    there is nothing any more."""
+    if not result_record.is_result(blender_object):
+        results = [each for each in result_record.results_of(blender_object) if each.users_scene]
+        if not results:
+            raise ComputeError(f"{blender_object.name}: its results have been removed")
+        return results
+    source = result_record.source_of(blender_object)
     if source is None:
-        name = result.ccdepth.source_name
-        raise ComputeError(f"{result.name}: “{name}”, which it came from, has been removed from the file")
+        name = blender_object.ccdepth.source_name
+        raise ComputeError(f"{blender_object.name}: “{name}”, which it came from, has been removed from the file")
     return [source]
-
-
-def _results(source: bpy.types.Object) -> list[bpy.types.Object]:
-    """What came from an object. Raises ComputeError when nothing of that is in a scene any more."""
-    results = [each for each in result_record.results_of(source) if each.users_scene]
-    if not results:
-        raise ComputeError(f"{source.name}: its results have been removed")
-    return results
-
-
-class CCDEPTH_OT_show_source(_SwappingOperator):
-    """Hide the selected results of Apply Adaptive Subdivision, and show and select the objects they came from"""
-
-    bl_idname = "ccdepth.show_source"
-    bl_label = "Show Source"
-    NOTHING_TO_SWAP = "Select a result of Apply Adaptive Subdivision"
-    has_counterparts = staticmethod(result_record.is_result)
-    counterparts = staticmethod(_source)
-
-
-class CCDEPTH_OT_show_result(_SwappingOperator):
-    """Hide the selected objects, and show and select the results of Apply Adaptive Subdivision that came from them"""
-
-    bl_idname = "ccdepth.show_result"
-    bl_label = "Show Result"
-    NOTHING_TO_SWAP = "Select an object that results of Apply Adaptive Subdivision came from"
-    has_counterparts = staticmethod(sources.has_results)
-    counterparts = staticmethod(_results)
 
 
 def _swap(context: bpy.types.Context, hidden: list[bpy.types.Object], shown: list[bpy.types.Object]) -> None:

@@ -1,8 +1,0 @@
-# SPDX-License-Identifier: GPL-3.0-or-later
-"""Some five pixels when the object fills the screen."""
-
-import bpy
-
-settings = bpy.context.scene.ccdepth
-settings.tolerance_mode = "RELATIVE"
-settings.relative_tolerance = 0.005
