@@ -35,6 +35,7 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
         counted = face_counts.known_count(objects, self.settings())
         self._counted = None if counted is None else counted.faces
         sources = [self.source(obj) for obj in objects]
+        self.end_without(context, [*objects, *sources])
         self._goes_on_editing = context.mode == "EDIT_MESH"
         self._edited = edit_mode.leave(context)
         return (yield from prepare_adaptive(context, sources, self.settings(), objects))

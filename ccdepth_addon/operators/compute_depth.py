@@ -30,6 +30,7 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
     def steps(self, context: bpy.types.Context) -> Steps[list[MeshDepths]]:
         objects = selected_meshes(context)
         refuse_what_cannot_be_written(objects)
+        self.end_without(context, objects)
         settings = self._settings(context)
         if self.frames == "CUSTOM":
             typed_frames(settings.frames)

@@ -52,6 +52,11 @@ class Job(Generic[Answer]):
         return self._step.text(self._progress) if isinstance(self._step, Work) else self._step
 
     @property
+    def is_working(self) -> bool:
+        """Whether it is at work without Blender, for which nothing temporary is in the file but what no scene has."""
+        return isinstance(self._step, Work)
+
+    @property
     def fraction(self) -> float | None:
         """The part of the work that is done, where that is known."""
         total = self._step.total if isinstance(self._step, Work) else None

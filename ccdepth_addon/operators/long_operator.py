@@ -4,6 +4,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import bpy
@@ -25,6 +26,8 @@ SECONDS_BETWEEN_TICKS = 0.01
 
 REMEDY = "Select Invalid Faces selects what is at fault, and Repair Mesh removes it"
 
+DELETED = "An object was deleted in the meantime: nothing was written"
+
 # While it runs, the view may be moved.
 NAVIGATION_EVENTS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MOUSEMOVE", "TRACKPADPAN", "TRACKPADZOOM"}
 
@@ -37,6 +40,12 @@ class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
 
     # None unless it runs: Blender keeps operators that have run, and would keep their work with them.
     _run: Job[Any] | None = None
+
+    # The session identifiers of the objects without which it is of no use to go on.
+    _needed: frozenset[int] = frozenset()
+
+    # Whether the file is to be saved as soon as nothing temporary is in it.
+    _is_save_wanted = False
 
     tolerance: properties.absolute_tolerance_property()
     # The same number for the redo panel, where a fraction of the diagonal must not be shown in metres.
@@ -63,6 +72,10 @@ class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
     def finish(self, context: bpy.types.Context, answer: Any) -> set[str]:
         """Write the answer, all of it or nothing. Raises ComputeError."""
         raise NotImplementedError
+
+    def end_without(self, context: bpy.types.Context, objects: Iterable[bpy.types.Object]) -> None:
+        """Have the run end as soon as one of these is deleted."""
+        self._needed = _present(context) & {each.session_uid for each in objects}
 
     def report_skipped(self, context: bpy.types.Context) -> None:
         """Report how many selected objects have no mesh, if there are any."""
@@ -91,6 +104,8 @@ class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
             self.cancel(context)
             self.report({"INFO"}, f"{self.bl_label} was cancelled, and nothing was changed")
             return {"CANCELLED"}
+        if event.type == "S" and event.value == "PRESS" and (event.ctrl or event.oskey):
+            self._is_save_wanted = True
         if event.type == "TIMER":
             try:
                 ended = self._go_on(context, PATIENCE_AT_EACH_TICK)
@@ -102,6 +117,8 @@ class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
                 return ended
             assert self._run is not None
             progress_bar.show(context, self._run.text or self.bl_label, self._run.fraction)
+            if self._run.is_working:
+                self._save_if_wanted()
         return {"PASS_THROUGH"} if event.type in NAVIGATION_EVENTS else {"RUNNING_MODAL"}
 
     def cancel(self, context: bpy.types.Context) -> None:
@@ -129,6 +146,9 @@ class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
             if self._run is None:
                 in_threads = self.options.is_invoke and not bpy.app.background
                 self._run = Job(self.steps(context), in_threads=in_threads)
+            if not self._needed <= _present(context):
+                self._run.give_up()
+                raise ComputeError(DELETED)
             if not self._run.run(seconds):
                 return None
             outcome = self.finish(context, self._run.answer)
@@ -155,8 +175,14 @@ class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
         return {"CANCELLED"}
 
     def _end(self, context: bpy.types.Context) -> None:
-        self._run = None
+        self._run, self._needed = None, frozenset()
         self.leave(context)
+        self._save_if_wanted()
+
+    def _save_if_wanted(self) -> None:
+        if self._is_save_wanted:
+            self._is_save_wanted = False
+            bpy.ops.wm.save_mainfile("INVOKE_DEFAULT")
 
     def _stop_waiting(self, context: bpy.types.Context) -> None:
         context.window_manager.event_timer_remove(self._timer)
@@ -178,3 +204,9 @@ class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
         for name in properties.setting_names(type(self)):
             setattr(settings, name, getattr(self, name))
         properties.set_scene_tolerance(settings, self.tolerance)
+
+
+def _present(context: bpy.types.Context) -> frozenset[int]:
+    """The session identifiers of all objects in the view layer."""
+    # Until it is updated, the list has holes where objects were removed.
+    return frozenset(each.session_uid for each in context.view_layer.objects if each is not None)

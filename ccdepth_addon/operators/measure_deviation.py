@@ -40,6 +40,7 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
     def steps(self, context: bpy.types.Context) -> Steps[list[MeshDeviation]]:
         target, objects = _target_and_measured(context)
         refuse_what_cannot_be_written(objects)
+        self.end_without(context, [target, *objects])
         settings = self._settings()
         task = prepare_measurement(context, objects, target, settings)
         self._is_own = task.own

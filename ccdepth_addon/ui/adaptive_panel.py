@@ -95,11 +95,9 @@ def _draw_left_hidden(layout: bpy.types.UILayout, context: bpy.types.Context) ->
     """Which hidden results were left when their sources were deleted, with a button that shows them."""
     left = result_record.left_hidden(context)
     if left:
-        row = layout.row()
-        row.alert = True
-        name = f"“{left[0].name}”" if len(left) == 1 else f"{len(left):,} results"
-        row.label(text=f"{name} hidden, source removed", icon="ERROR")
-        layout.operator("ccdepth.before_after", text="Show", icon="HIDE_OFF")
+        name = f"“{left[0].name}” is" if len(left) == 1 else f"{len(left):,} results are"
+        draw_state_line(layout, f"Source removed; {name} hidden")
+        layout.operator("ccdepth.before_after", text="Show Result", icon="HIDE_OFF")
 
 
 def _draw_keys_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -150,8 +150,10 @@ def deviation_text(most: str, least: str, tolerance: str, verdict: Verdict) -> s
 def count_fact(faces: int, *, reduced: bool = False) -> Fact:
     """How many faces there will be. reduced: whether Reduce takes most of them away."""
     if reduced:
-        return Fact("Before Reduce", f"{faces:,}", "How many faces there are before Reduce takes most of them away")
-    return Fact("Will Make", f"{faces:,}", "How many faces Apply Adaptive Subdivision makes with these settings")
+        return Fact(
+            "Before Reduce", f"{faces:,} faces", "How many faces there are before Reduce takes most of them away"
+        )
+    return Fact("Will Make", f"{faces:,} faces", "How many faces Apply Adaptive Subdivision makes with these settings")
 
 
 def _exact_text(exact: int, faces: int) -> str:

@@ -215,10 +215,14 @@ def draw_selecting(
 
 
 def draw_state_line(layout: bpy.types.UILayout, stale: str) -> None:
-    """Why something is out of date, or that it is not: a line either way, so that nothing below it ever moves."""
-    row = layout.row()
-    row.alert = bool(stale)
-    row.label(text=stale or "Up to date", icon="ERROR" if stale else "CHECKMARK")
+    """Why something is out of date, or that it is not: a line either way, so that nothing below it moves; two where what
+    is said has two parts."""
+    column = layout.column(align=True)
+    column.alert = bool(stale)
+    first, *others = (stale or "Up to date").split("; ")
+    column.label(text=first, icon="ERROR" if stale else "CHECKMARK")
+    for other in others:
+        column.label(text=other, icon="BLANK1")
 
 
 def draw_object_rows(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The presets of the tolerance, in the header of the sidebar's panel: from coarse to fine, with the current one marked."""
+"""The presets of the tolerance in the header of the sidebar's panel, from coarse to fine, the current one marked."""
 
 from __future__ import annotations
 
@@ -42,6 +42,7 @@ class CCDEPTH_PT_tolerance_presets(PresetPanel, bpy.types.Panel):
         current = settings.tolerance_mode, scene_tolerance(settings)
         for preset in presets(context.scene):
             row = column.row(align=True)
+            row.alignment = "LEFT"
             is_current = current == (preset.mode, as_typed(preset.tolerance))
             button = row.operator(
                 "ccdepth.use_tolerance", text=preset.name, translate=False, icon="CHECKMARK" if is_current else "BLANK1"

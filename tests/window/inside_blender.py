@@ -136,6 +136,9 @@ def shown_at(holder: bpy.types.Object) -> list[float]:
 
 def observe() -> dict[str, Any]:
     window, area, regions = viewport()
+    running = [operator.bl_idname for operator in window.modal_operators]
+    if "Suzanne" not in bpy.data.objects:
+        return {"objects": {}, "running": running}
     mesh = bpy.data.objects["Suzanne"].data
     record, attributes = mesh.ccdepth, mesh.attributes
     return {
@@ -153,7 +156,7 @@ def observe() -> dict[str, Any]:
         "depths": [item.value for item in attributes["ccdepth"].data] if "ccdepth" in attributes else [],
         "viewports": appearances(),
         "objects": {holder.name: describe(holder) for holder in bpy.data.objects if holder.type == "MESH"},
-        "running": [operator.bl_idname for operator in window.modal_operators],
+        "running": running,
     }
 
 
@@ -169,7 +172,11 @@ def show(state: str) -> None:
     window, area, regions = viewport()
     space, suzanne = area.spaces.active, bpy.data.objects["Suzanne"]
     with bpy.context.temp_override(window=window, area=area, region=regions["WINDOW"]):
-        if state in {"hidden", "shown"}:
+        if state == "saved":
+            bpy.ops.wm.save_as_mainfile(filepath=str(REPORT.with_suffix(".blend")))
+        elif state == "deleted":
+            bpy.data.objects.remove(suzanne)
+        elif state in {"hidden", "shown"}:
             suzanne.hide_set(state == "hidden")
         elif state in {"overlays", "no overlays"}:
             space.overlay.show_overlays = state == "overlays"

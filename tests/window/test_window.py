@@ -426,7 +426,7 @@ def test_find_tolerance_sets_the_tolerance_for_a_number_of_faces_that_was_typed(
 
     # The row that tells how many faces there will be.
     find_button(window, started["sidebar"], "How many faces Apply Adaptive Subdivision makes", across=0.52)
-    told = re.search(r'value="([\d,]+)"', window.report()["hovered"])
+    told = re.search(r'value="([\d,]+) faces"', window.report()["hovered"])
     assert told is not None
     faces = int(told[1].replace(",", ""))
     assert 4_500 < faces <= 9_000
@@ -459,6 +459,23 @@ def test_escape_stops_a_long_run_that_shows_how_far_it_is_and_nothing_is_changed
     time.sleep(1.0)
     ended = window.look(tmp_path / "ended.png")
     assert np.abs(status_bar(ended) - status_bar(before)).max() < COLOR_TOLERANCE
+
+
+@pytest.mark.parametrize("window", [{"TOLERANCE": "2e-6"}], indirect=True)
+def test_a_file_can_be_saved_while_a_run_goes_on_and_a_deleted_object_ends_it(window: Window) -> None:
+    started = find_first(window, "bpy.ops.ccdepth.subdivide")
+    saved = window.report_path.with_suffix(".blend")
+    window.ask("state", "saved")
+    window.wait_for(lambda _: saved.exists(), SECONDS_TO_ANSWER, "the file")
+    before = saved.stat().st_mtime_ns
+    window.click()
+    window.wait_for(lambda report: "CCDEPTH_OT_subdivide" in report["running"], SECONDS_TO_ANSWER, "work in steps")
+    leave_sidebar(window, started, 0.5)
+    window.press("ctrl+s")
+    going_on = window.wait_for(lambda _: saved.stat().st_mtime_ns > before, SECONDS_TO_ANSWER, "the saving")
+    assert going_on["running"] == ["CCDEPTH_OT_subdivide"]
+    window.ask("state", "deleted")
+    window.wait_for(lambda report: not report["running"], SECONDS_TO_BEGIN, "the end of it")
 
 
 @pytest.mark.parametrize("window", [{"LAST_FRAME": "2000"}], indirect=True)
