@@ -998,8 +998,8 @@ CACHES = {
             LEAVES + "irregular_bounds._triangle_tables",
             SURFACE + "stencils.quad_stencils",
             DEVIATION + "bezier_pieces.BezierPieces.edge_units",
-            "exchange.control_mesh.MeshAsRead.key",
-            "exchange.control_mesh.MeshAsRead.mesh",
+            "exchange.control_mesh.ControlTopology.key",
+            "exchange.control_mesh.ControlTopology.mesh",
             "exchange.object_state._kept_fields",
         )
     },

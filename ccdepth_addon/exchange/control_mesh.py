@@ -5,9 +5,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from hashlib import blake2b
+from typing import Any
 
 import bpy
 import numpy as np
@@ -27,9 +28,8 @@ from .frozen_copies import FrozenCopies, frozen_copies, present_faces
 from .mesh_arrays import CREASE_DOMAINS, mesh_arrays, own_mesh
 from .modifiers import SIMULATIONS, SurfaceRule, base_modifiers, counted_modifiers, is_evaluated, surface_rule
 
-# What meshes have in common whose vertices alone have moved.
-SHARPNESS = {"edge_sharpness", "vertex_sharpness"}
-LIKE = ("face_starts", "corner_vertices", "corner_edges", "edge_vertices", *sorted(SHARPNESS))
+# The arrays that a mesh keeps when its vertices alone move.
+TOPOLOGY = ("face_starts", "corner_vertices", "corner_edges", "edge_vertices", "edge_sharpness", "vertex_sharpness")
 
 # The least scale of an object along any direction, as a fraction of the largest.
 LEAST_STRETCH = 1e-6
@@ -40,82 +40,75 @@ class ControlMeshError(ValueError):
 
 
 @dataclass(frozen=True, eq=False)
-class MeshAsRead:
-    """A mesh in object space, whose sharpness is that of its creases alone, and the rule of its surface."""
+class ControlTopology:
+    """What control meshes have in common whose vertices alone are at other places.
+
+    arrays: one of these meshes, in object space; its sharpness is that of its creases alone. rule: of its surface.
+    base_faces: (F,) intp, the face of the object's own mesh that each face comes from, ``NO_ORIGIN`` for none; None
+    when they are the same faces.
+    """
 
     arrays: PolygonMesh
     rule: SurfaceRule
+    base_faces: IndexArray | None
 
     @cached_property
     def key(self) -> bytes:
-        """Equal for equal meshes; loose vertices may be anywhere, and not finite."""
+        """Equal for equal ones."""
         digest = blake2b(repr(self.rule).encode())
-        for field in fields(PolygonMesh):
-            values = np.ascontiguousarray(getattr(self.arrays, field.name))
-            digest.update(f"{field.name} {values.shape} {values.dtype}".encode())
-            digest.update(values.data)
+        faces = () if self.base_faces is None else (self.base_faces,)
+        for values in (*(getattr(self.arrays, name) for name in TOPOLOGY), *faces):
+            digest.update(f"{values.shape} {values.dtype}".encode())
+            digest.update(np.ascontiguousarray(values).data)
         return digest.digest()
 
     @cached_property
     def mesh(self) -> PolygonMesh:
-        """The same with its sharpness explicit."""
+        """The mesh with its sharpness explicit."""
         return apply_boundary_rule(self.arrays, smooth_corners=self.rule.smooth_corners)
 
 
 @dataclass(frozen=True, eq=False)
-class MovedMesh:
-    """A mesh like another one, with its vertices elsewhere; of the arrays it has only these positions.
-
-    first: the other one. positions: (V, 3) float32, as Blender holds them.
-    """
-
-    first: MeshAsRead
-    positions: NDArray[np.float32]
-
-    @property
-    def rule(self) -> SurfaceRule:
-        return self.first.rule
-
-    @property
-    def key(self) -> bytes:
-        """Equal for equal meshes that are like the same one."""
-        digest = blake2b(self.first.key)
-        digest.update(self.positions.data)
-        return digest.digest()
-
-    @property
-    def mesh(self) -> PolygonMesh:
-        """The same with its sharpness explicit, made anew each time; what depends on the faces alone is kept."""
-        return self.first.mesh.changed(positions=self.positions.astype(np.float64))
-
-
-def moved_mesh(first: MeshAsRead, later: MeshAsRead) -> MovedMesh | None:
-    """The later mesh as a moved one, if it is like the first but for its positions."""
-    if first.rule != later.rule or not all(
-        np.array_equal(getattr(first.arrays, name), getattr(later.arrays, name), equal_nan=name in SHARPNESS)
-        for name in LIKE
-    ):
-        return None
-    return MovedMesh(first, later.arrays.positions.astype(np.float32))
-
-
-@dataclass(frozen=True)
 class ControlMesh:
     """The control mesh of an object.
 
-    read: the mesh in object space. base_faces: (F,) intp, the face of the object's own mesh that each face comes from,
-    ``NO_ORIGIN`` for none; None when they are the same faces. world: (3, 3) float64, the linear part of the object's
-    matrix.
+    positions: (V, 3) float32, in object space, as Blender holds them; loose vertices may be anywhere, and not finite.
+    world: (3, 3) float64, the linear part of the object's matrix.
     """
 
-    read: MeshAsRead | MovedMesh
-    base_faces: IndexArray | None
+    topology: ControlTopology
+    positions: NDArray[np.float32]
     world: FloatArray
+
+    @classmethod
+    def of(
+        cls, arrays: PolygonMesh, rule: SurfaceRule, base_faces: IndexArray | None, world: FloatArray
+    ) -> ControlMesh:
+        """Raises InvalidMeshError without faces."""
+        if arrays.face_count == 0:
+            raise InvalidMeshError("the mesh has no faces")
+        return cls(ControlTopology(arrays, rule, base_faces), arrays.positions.astype(np.float32), world)
+
+    @cached_property
+    def key(self) -> bytes:
+        """Equal for control meshes that are equal in object space, and come from the same faces."""
+        return blake2b(self.topology.key + self.positions.tobytes()).digest()
+
+    def with_known_arrays(self, known: dict[bytes, Any]) -> ControlMesh:
+        """The same with the arrays that are known, by their checksums; its others are known then."""
+        topology = known.setdefault(self.topology.key, self.topology)
+        positions = known.setdefault(blake2b(self.positions.tobytes()).digest(), self.positions)
+        return replace(self, topology=topology, positions=positions)
+
+    @property
+    def base_faces(self) -> IndexArray | None:
+        """As of ``ControlTopology``."""
+        return self.topology.base_faces
 
     @property
     def mesh(self) -> PolygonMesh:
-        """In object space, with its sharpness explicit."""
-        return self.read.mesh
+        """In object space, with its sharpness explicit; made anew each time, but for what depends on faces alone."""
+        return self.topology.mesh.changed(positions=self.positions.astype(np.float64))
 
     @property
     def in_world(self) -> PolygonMesh:
@@ -135,20 +128,11 @@ class ControlMesh:
 
     @property
     def face_count(self) -> int:
-        return self._arrays.face_count
+        return self.topology.arrays.face_count
 
-    @property
-    def corner_count(self) -> int:
-        return self._arrays.corner_count
-
-    @property
-    def own_arrays(self) -> PolygonMesh | None:
-        """Those of the object's own mesh, as it was read; None when its modifiers made another one."""
-        return self._arrays if self.base_faces is None else None
-
-    @property
-    def _arrays(self) -> PolygonMesh:
-        return (self.read if isinstance(self.read, MeshAsRead) else self.read.first).arrays
+    def faces_at(self, level: int) -> int:
+        """How many faces there are when all of it is subdivided so many times."""
+        return self.face_count if level == 0 else self.topology.arrays.corner_count * 4 ** (level - 1)
 
     def unturned(self) -> ControlMesh:
         """The same with all lengths as they are, as if the object were not turned."""
@@ -212,7 +196,7 @@ def gram_matrix(world: FloatArray) -> FloatArray:
 
 
 # By the session identifier of the mesh and the rule it was read with.
-SharedMeshes = dict[tuple[int, SurfaceRule], MeshAsRead]
+SharedMeshes = dict[tuple[int, SurfaceRule], ControlMesh]
 
 
 def read_control_mesh(
@@ -239,12 +223,12 @@ def read_control_mesh(
     data = blender_object.data
     if is_evaluated(blender_object, counted):
         mesh, base_faces = _read_evaluated(copies, blender_object, rule)
-        return ControlMesh(_with_faces(mesh, rule), base_faces, world)
+        return ControlMesh.of(mesh, rule, base_faces, world)
     shared = {} if shared is None else shared
     if (data.session_uid, rule) not in shared:
         with own_mesh(blender_object) as own:
-            shared[data.session_uid, rule] = _with_faces(mesh_arrays(own, rule), rule)
-    return ControlMesh(shared[data.session_uid, rule], None, world)
+            shared[data.session_uid, rule] = ControlMesh.of(mesh_arrays(own, rule), rule, None, world)
+    return replace(shared[data.session_uid, rule], world=world)
 
 
 def base_mesh(
@@ -268,7 +252,7 @@ def base_mesh(
     rule, world = _rule_and_world(blender_object, applied)
     mesh = copies.without_origins(blender_object)
     _copy_custom_properties(blender_object.data, mesh)
-    return mesh, ControlMesh(_with_faces(mesh_arrays(mesh, rule), rule), None, world)
+    return mesh, ControlMesh.of(mesh_arrays(mesh, rule), rule, None, world)
 
 
 def _rule_and_world(
@@ -294,12 +278,6 @@ def _copy_custom_properties(source: bpy.types.Mesh, target: bpy.types.Mesh) -> N
         target[name] = value.to_dict() if hasattr(value, "to_dict") else value
         with suppress(TypeError):  # Not every type has interface settings.
             target.id_properties_ui(name).update_from(source.id_properties_ui(name))
-
-
-def _with_faces(mesh: PolygonMesh, rule: SurfaceRule) -> MeshAsRead:
-    if mesh.face_count == 0:
-        raise InvalidMeshError("the mesh has no faces")
-    return MeshAsRead(mesh, rule)
 
 
 def _refuse_crease_groups(blender_object: bpy.types.Object, rule: SurfaceRule) -> None:

@@ -4,14 +4,13 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator
-from typing import Any, NamedTuple
+from typing import Any
 from zlib import crc32
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import PolygonMesh
 from .bulk_reading import read_built_in, read_values
 from .bulk_writing import TYPES
 from .mesh_arrays import EDGE_CREASE, VERTEX_CREASE, read_creases
@@ -20,27 +19,10 @@ from .mesh_arrays import EDGE_CREASE, VERTEX_CREASE, read_creases
 IN_GEOMETRY = {"position", EDGE_CREASE, VERTEX_CREASE}
 
 
-class Topology(NamedTuple):
-    """A mesh's faces and edges as Blender keeps them, int32: (F,) first corners, (C,), (E, 2)."""
-
-    face_starts: NDArray[np.int32]
-    corner_vertices: NDArray[np.int32]
-    edge_vertices: NDArray[np.int32]
-
-    @staticmethod
-    def of(arrays: PolygonMesh) -> Topology:
-        """That of a mesh that was read."""
-        columns = arrays.face_starts[:-1], arrays.corner_vertices, arrays.edge_vertices
-        return Topology(*(values.astype(np.int32) for values in columns))
-
-
-def geometry_checksum(mesh: bpy.types.Mesh, topology: Topology | None = None) -> int:
-    """A checksum of positions, faces, edges and creases of a mesh that is not in Edit Mode.
-
-    topology: that of the mesh, where it is known, as it takes long to read it back.
-    """
+def geometry_checksum(mesh: bpy.types.Mesh) -> int:
+    """A checksum of positions, faces, edges and creases of a mesh that is not in Edit Mode."""
     checksum = 0
-    for values in _stored(mesh, topology):
+    for values in _stored(mesh):
         checksum = crc32(values.data, checksum)
     return checksum
 
@@ -71,21 +53,15 @@ def continued(checksum: int, name: str, values: NDArray[Any]) -> int:
     return crc32(values.data, crc32(name.encode(), checksum))
 
 
-def _stored(mesh: bpy.types.Mesh, topology: Topology | None) -> Iterator[NDArray[Any]]:
+def _stored(mesh: bpy.types.Mesh) -> Iterator[NDArray[Any]]:
     """No creases are the same as creases of zero."""
     attributes = mesh.attributes
     yield read_built_in(attributes, "position", "vector", np.float32, 3)
-    yield from topology or _read_topology(mesh)
+    yield read_values(mesh.polygons, "loop_start", np.int32)
+    yield read_built_in(attributes, ".corner_vert", "value", np.int32)
+    yield read_built_in(attributes, ".edge_verts", "value", np.int32, 2)
     for name in (EDGE_CREASE, VERTEX_CREASE):
         creases = read_creases(mesh, name)
         if creases is not None and creases.any():
             yield np.frombuffer(name.encode(), dtype=np.uint8)
             yield creases
-
-
-def _read_topology(mesh: bpy.types.Mesh) -> Topology:
-    return Topology(
-        face_starts=read_values(mesh.polygons, "loop_start", np.int32),
-        corner_vertices=read_built_in(mesh.attributes, ".corner_vert", "value", np.int32),
-        edge_vertices=read_built_in(mesh.attributes, ".edge_verts", "value", np.int32, 2),
-    )

@@ -17,12 +17,12 @@ from ..exchange.adaptive_mesh import TransferOptions, new_mesh
 from ..exchange.bulk_writing import own_copy
 from ..exchange.control_mesh import base_mesh
 from ..exchange.frozen_copies import FrozenCopies, batches, frozen_copies
-from ..exchange.mesh_checksums import Topology, geometry_checksum
+from ..exchange.mesh_checksums import geometry_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers, subdivision_modifier
 from ..exchange.object_state import StateAtFrame, object_state
 from ..state import fingerprint, results, staleness
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
-from ..tasks.surfaces import ComputeError, naming, same_control_mesh
+from ..tasks.surfaces import ComputeError, naming
 from .scene_objects import hide, link_beside, show_in_local_view
 from .selected_meshes import CHANGED, still_there
 
@@ -136,7 +136,7 @@ def _make_mesh(
         options = TransferOptions(uv_smooth=modifier.uv_smooth, limit_normals=exact_normals)
     control = answer.task.surface.control
     base, own_control = base_mesh(context, source, use_modifiers=settings.use_modifiers, copies=copies)
-    if not same_control_mesh(own_control, control):
+    if own_control.key != control.key:
         raise ComputeError(CHANGED)
     mesh = new_mesh(base, control.mesh, answer.adaptive.mesh, options)
     try:
@@ -145,9 +145,7 @@ def _make_mesh(
     except BaseException:
         bpy.data.meshes.remove(mesh)
         raise
-    arrays = answer.adaptive.mesh
-    topology = Topology(arrays.face_starts[:-1].astype(np.int32), arrays.corner_vertices, arrays.edge_vertices)
-    return Made(answer, mesh.session_uid, geometry_checksum(mesh, topology), answer.adaptive.depths)
+    return Made(answer, mesh.session_uid, geometry_checksum(mesh), answer.adaptive.depths)
 
 
 def _place_instead(

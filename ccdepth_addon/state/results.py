@@ -106,7 +106,7 @@ def _write_adaptive(
     record = _new_record(mesh, depths, settings)
     record.subdivision = settings.mode
     record.world_tolerance = answer.world_tolerance
-    record.base_faces = answer.task.surface.control.mesh.face_count
+    record.base_faces = answer.task.surface.control.face_count
     record.largest_bound = float(bounds.max(initial=0.0))
     record.uniform_faces = str(answer.uniform_faces)
 

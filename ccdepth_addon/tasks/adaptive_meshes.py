@@ -180,7 +180,7 @@ def best_tolerance(
         return None if counts is None else Fit(tolerance, counts)
 
     # Each face of a control mesh makes at least one.
-    if sum(task.control.mesh.face_count for task in tasks) > most_faces:
+    if sum(task.control.face_count for task in tasks) > most_faces:
         return None
     finest = max(task.least_tolerance / _unit(task, settings) for task in tasks)
     best = fit(max(task.control.diagonal() / _unit(task, settings) for task in tasks) * WITHOUT_SPLITS)

@@ -34,7 +34,6 @@ from .surfaces import (
     Faults,
     Surface,
     SurfaceSettings,
-    control_mesh_key,
     refuse_bad_tolerance,
     surface_of,
     undominated,
@@ -124,8 +123,7 @@ class AdaptiveResult:
     @property
     def uniform_faces(self) -> int:
         """How many faces the control mesh has when all of it is subdivided to the deepest depth."""
-        mesh, deepest = self.task.surface.control.mesh, int(self.adaptive.depths.max(initial=0))
-        return mesh.face_count if deepest == 0 else mesh.corner_count * 4 ** (deepest - 1)
+        return self.task.surface.control.faces_at(int(self.adaptive.depths.max(initial=0)))
 
 
 def prepare_adaptive(
@@ -165,7 +163,7 @@ def _united(tasks: list[AdaptiveTask]) -> list[AdaptiveTask]:
     """The tasks that no other dominates, each with the objects of those it dominates."""
     alike: dict[Any, list[AdaptiveTask]] = {}
     for task in tasks:
-        alike.setdefault((task.mesh_uid, task.dependencies, control_mesh_key(task.surface.control)), []).append(task)
+        alike.setdefault((task.mesh_uid, task.dependencies, task.surface.control.key), []).append(task)
     kept: set[int] = set()
     for group in alike.values():
         for better, dominated in undominated([task.surface for task in group]).items():

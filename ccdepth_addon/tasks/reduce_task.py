@@ -62,7 +62,7 @@ def finer_result(answer: AdaptiveResult, settings: AdaptiveSettings, progress: P
 
 def depths_of_faces(answer: AdaptiveResult, mesh: AdaptiveMesh) -> NDArray[np.int32]:
     """(F,) int32: the depth of each face of another mesh of the same control mesh: that of its base face."""
-    depths = np.zeros(answer.task.control.mesh.face_count, dtype=np.int32)
+    depths = np.zeros(answer.task.control.face_count, dtype=np.int32)
     depths[answer.adaptive.mesh.base_faces] = answer.adaptive.depths
     return depths[mesh.mesh.base_faces]
 

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
-from hashlib import blake2b
 from types import MappingProxyType
 from typing import Any, Self
 
@@ -167,16 +166,3 @@ def _dominating(gram: FloatArray, rivals: FloatArray) -> int | None:
     least = np.linalg.eigvalsh(np.where(finite[:, None, None], differences, 0.0)).min(axis=1, initial=np.inf)
     dominating = finite & (least >= -SCALE_ROUNDING * np.trace(rivals, axis1=1, axis2=2))
     return int(np.argmax(dominating)) if dominating.any() else None
-
-
-def control_mesh_key(control: ControlMesh) -> bytes:
-    """Equal for equal control meshes whose faces come from the same faces of the objects' own meshes."""
-    digest = blake2b(control.read.key)
-    if control.base_faces is not None:
-        digest.update(np.ascontiguousarray(control.base_faces).data)
-    return digest.digest()
-
-
-def same_control_mesh(one: ControlMesh, other: ControlMesh) -> bool:
-    """Whether the two are equal."""
-    return one.read is other.read or control_mesh_key(one) == control_mesh_key(other)

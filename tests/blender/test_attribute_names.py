@@ -74,7 +74,7 @@ def kind(holder: bpy.types.Object, name: str) -> tuple[str, str]:
 
 def read_arrays(holder: bpy.types.Object, *, use_modifiers: bool = False) -> PolygonMesh:
     module = addon.module("exchange.control_mesh")
-    return module.read_control_mesh(bpy.context, holder, use_modifiers=use_modifiers).read.arrays
+    return module.read_control_mesh(bpy.context, holder, use_modifiers=use_modifiers).topology.arrays
 
 
 # Nothing fails, and nothing is lost.
@@ -189,7 +189,7 @@ def test_changes_of_creases_of_every_kind_are_noticed(name: str, domain: str) ->
     holder = uneven()
     add(holder, name, "INT", domain)
     addon.compute(holder, tolerance=TOLERANCE)
-    out_of_date = addon.module("state.staleness").out_of_date
+    out_of_date = addon.module("state.out_of_date").out_of_date
     assert not out_of_date(bpy.context, [holder])
     for item in holder.data.attributes[name].data:
         item.value = 1 - item.value
@@ -272,7 +272,7 @@ def test_attributes_that_take_our_names_later_are_not_taken_for_ours(
     addon.select(holder)
     if editing:
         bpy.ops.object.mode_set(mode="EDIT")
-    addon.module("state.staleness").touch(holder.data)
+    addon.module("state.out_of_date").touch(holder.data)
     addon.module("state.watch").examine()
     for operator in (bpy.ops.ccdepth.select, bpy.ops.ccdepth.set_levels):
         if operator.poll():

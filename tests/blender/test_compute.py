@@ -97,7 +97,7 @@ def test_equal_duplicates_are_computed_once() -> None:
     settings = computation.DepthSettings(TOLERANCE, "ABSOLUTE", True, "SECOND_ORDER", "CONTROL")
     work = result_of(computation.prepare_depths(bpy.context, objects, settings))
     work.decide()
-    [task] = work.tasks
+    [task] = work.tasks.values()
     assert [request.surface.object_name for request in task.requests] == [objects[2].name]
 
 
@@ -113,7 +113,7 @@ def test_progress_rises_over_depths_and_the_level_of_all_meshes() -> None:
     work = result_of(task.prepare_depths(bpy.context, objects, settings))
     fractions: list[float] = []
     task.compute_depths(work, fractions.append)
-    assert [len(each.requests) for each in work.tasks] == [2, 1]
+    assert [len(each.requests) for each in work.tasks.values()] == [2, 1]
     assert fractions == sorted(fractions)
     assert fractions[0] >= 0
     assert fractions[-1] <= 1
