@@ -437,7 +437,7 @@ def operators(count: int, *, with_modifiers: bool) -> Callable[[], Any]:
     from benchmarks.compute_depth import add_grid
 
     ccdepth_addon.register()
-    from ccdepth_addon.state import fingerprint
+    from ccdepth_addon.state import still_holds
 
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     mirror, shared = add_grid(300, 0), add_grid(24, 0).data
@@ -454,7 +454,7 @@ def operators(count: int, *, with_modifiers: bool) -> Callable[[], Any]:
 
     def work() -> float:
         bpy.ops.ccdepth.compute(method="SECOND_ORDER")
-        fingerprint.examine(shared, objects, {})
+        still_holds.examine(shared, objects, {})
         return float(shared.ccdepth.deepest)
 
     return work
@@ -486,7 +486,7 @@ def staleness(count: int) -> Callable[[], Any]:
     from benchmarks.compute_depth import add_grid
 
     ccdepth_addon.register()
-    from ccdepth_addon.state import fingerprint
+    from ccdepth_addon.state import still_holds
 
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     first = add_grid(4, 0)
@@ -504,7 +504,7 @@ def staleness(count: int) -> Callable[[], Any]:
 
     def work() -> float:
         for _ in range(10):
-            fingerprint.examine(first.data, users, {})
+            still_holds.examine(first.data, users, {})
         return 1.0
 
     return work

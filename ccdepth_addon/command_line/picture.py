@@ -9,7 +9,9 @@ above by an orthographic camera. Surfaces glow in their own colours, so those of
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from enum import Enum, auto
+from itertools import pairwise
 from math import cos, radians, sin
 from pathlib import Path
 from typing import Any
@@ -26,8 +28,8 @@ from ..exchange.result_attributes import COLOR, has_values
 from ..state import heat_map, results
 from ..state.colors import BEYOND, scale_colors, to_linear
 from ..state.heat_map import Shown
-from ..ui.distance_scale import Scale
-from ..ui.legend_contents import Color, Legend, Row, legend
+from ..ui.legend_contents import Color, Legend, legend
+from ..ui.legend_layout import Rectangle, Style, column
 from .blender_calls import temporary_data
 
 WIDTH, HEIGHT = 1600, 1000
@@ -47,16 +49,15 @@ ELEVATION = radians(18)
 
 TITLE_SIZE = 44
 TEXT_SIZE = 24
-LARGEST_ROW_HEIGHT = 40
-SWATCH_WIDTH = 46
-SCALE_HEIGHT = 480
-SCALE_STEPS = 240
-TICK_WIDTH = 8
+# How much larger the legend is than in the 3D View, and how wide a letter is in its font, as a part of its size.
+LEGEND_SIZE, LETTER_WIDTH = 2.2, 0.55
+# So many that halves and quarters are among them.
+SCALE_STEPS = 101
 
 BACKGROUND_COLOR = (0.035, 0.036, 0.040)
 TITLE_COLOR = (0.90, 0.90, 0.90)
 TEXT_COLOR = (0.62, 0.62, 0.62)
-HEADING_COLOR = (0.25, 0.25, 0.26)
+STYLE_COLORS = {Style.TEXT: TITLE_COLOR, Style.HEADING: TEXT_COLOR}
 EDGE_COLOR = (0.008, 0.008, 0.010)
 SURFACE_COLOR = (0.60, 0.61, 0.63)
 
@@ -116,7 +117,8 @@ def render(
         for mesh, matrix in zip(meshes, matrices, strict=True):
             _add_surface(scene, mesh, fit @ matrix, look)
         if look is Look.HEAT_MAP:
-            _add_legend(scene, legend(context.scene, kind, colored))
+            # Title and subtitle say what its notes would.
+            _add_legend(scene, replace(legend(context.scene, kind, colored), notes=[], alert=""))
         _add_text(scene, title, TITLE_SIZE, TITLE_COLOR, MARGIN, HEIGHT - MARGIN - 0.75 * TITLE_SIZE)
         _add_text(scene, subtitle, TEXT_SIZE, TEXT_COLOR, MARGIN, HEIGHT - MARGIN - 0.75 * TITLE_SIZE - 46)
         _write_picture(scene, path)
@@ -247,45 +249,30 @@ def _add_edges(scene: bpy.types.Scene, mesh: bpy.types.Mesh, matrix: Matrix, wid
 
 
 def _add_legend(scene: bpy.types.Scene, wanted: Legend) -> None:
-    if wanted.scale is None:
-        _add_rows(scene, wanted.rows)
-    else:
-        _add_scale(scene, wanted.title, wanted.scale(LARGEST_ROW_HEIGHT / SCALE_HEIGHT))
+    """Draw the legend of the 3D View, as large as there is room for it."""
+    largest = column(wanted, LEGEND_SIZE, _width)
+    room = min(1.0, LEGEND_WIDTH / largest.width, (HEIGHT - 2 * MARGIN) / largest.height)
+    layout = column(wanted, LEGEND_SIZE * room, _width)
+    swatches = [*layout.swatches, *([] if layout.beyond is None else [(layout.beyond, BEYOND)])]
+    if layout.ramp is not None:
+        left, bottom, right, top = layout.ramp
+        steps = pairwise(np.linspace(bottom, top, SCALE_STEPS + 1).tolist())
+        colors = scale_colors(np.linspace(0.0, 1.0, SCALE_STEPS)).tolist()
+        swatches += [
+            (Rectangle(left, low, right, high), color) for (low, high), color in zip(steps, colors, strict=True)
+        ]
+    x, y = WIDTH - MARGIN - layout.width, (HEIGHT - layout.height) / 2
+    filled = [*((place, _linear(color)) for place, color in swatches), *((tick, TEXT_COLOR) for tick in layout.ticks)]
+    for (left, bottom, right, top), color in filled:
+        _add_rectangle(scene, x + left, y + bottom, x + right, y + top, color)
+    for text, along, up, style, ends_there in layout.texts:
+        align = "RIGHT" if ends_there else "LEFT"
+        _add_text(scene, text, layout.font_size, STYLE_COLORS[style], x + along, y + up, align)
 
 
-def _add_rows(scene: bpy.types.Scene, rows: Sequence[Row]) -> None:
-    left, right = WIDTH - MARGIN - LEGEND_WIDTH, WIDTH - MARGIN
-    space = HEIGHT - 2 * MARGIN
-    row_height = min(LARGEST_ROW_HEIGHT, space / (len(rows) + 1))
-    size = min(TEXT_SIZE, 0.75 * row_height)
-    depth_right = left + SWATCH_WIDTH + 3.2 * size
-    top = HEIGHT / 2 + row_height * (len(rows) + 1) / 2
-    baseline = 0.5 * row_height - 0.35 * size
-    _add_text(scene, "Depth", 0.8 * size, HEADING_COLOR, depth_right, top - row_height + baseline, "RIGHT")
-    _add_text(scene, "Faces", 0.8 * size, HEADING_COLOR, right, top - row_height + baseline, "RIGHT")
-    for index, row in enumerate(rows):
-        bottom = top - (index + 2) * row_height
-        _add_rectangle(scene, left, bottom, left + SWATCH_WIDTH, bottom + row_height, _linear(row.color))
-        _add_text(scene, row.label, size, TITLE_COLOR, depth_right, bottom + baseline, "RIGHT")
-        _add_text(scene, f"{row.faces:,}", size, TEXT_COLOR, right, bottom + baseline, "RIGHT")
-
-
-def _add_scale(scene: bpy.types.Scene, title: str, scale: Scale) -> None:
-    """The colours as a bar in fine steps, with numbers on its right."""
-    left, bottom = WIDTH - MARGIN - LEGEND_WIDTH, (HEIGHT - SCALE_HEIGHT) / 2
-    right, step = left + SWATCH_WIDTH, SCALE_HEIGHT / SCALE_STEPS
-    for index, color in enumerate(scale_colors(np.linspace(0.0, 1.0, SCALE_STEPS)).tolist()):
-        _add_rectangle(scene, left, bottom + index * step, right, bottom + (index + 1) * step, _linear(color))
-    highest = bottom + SCALE_HEIGHT
-    if scale.has_beyond:
-        highest += LARGEST_ROW_HEIGHT
-        _add_rectangle(scene, left, highest - LARGEST_ROW_HEIGHT / 2, right, highest, _linear(BEYOND))
-    for mark in scale.marks:
-        y = bottom + mark.height * SCALE_HEIGHT
-        _add_rectangle(scene, right, y - 1, right + TICK_WIDTH, y + 1, TEXT_COLOR)
-        text = f"{mark.number} {mark.note}".strip()
-        _add_text(scene, text, TEXT_SIZE, TITLE_COLOR, right + 2 * TICK_WIDTH, y - 0.35 * TEXT_SIZE)
-    _add_text(scene, title, TEXT_SIZE, TEXT_COLOR, left, highest + LARGEST_ROW_HEIGHT)
+def _width(text: str, size: float) -> float:
+    """About that of a text: without a window Blender measures none before it is evaluated."""
+    return LETTER_WIDTH * size * len(text)
 
 
 def _linear(color: Sequence[float]) -> Color:

@@ -3,7 +3,7 @@
 
 import bpy
 
-from ..state import sources
+from ..state import out_of_date
 from . import job
 from .apply_adaptive import CCDEPTH_OT_subdivide
 from .bake_colors import CCDEPTH_OT_bake_colors
@@ -50,11 +50,11 @@ CLASSES = (
 def register() -> None:
     for cls in CLASSES:
         bpy.utils.register_class(cls)
-    sources.edited_source_listeners.append(start_keeping_updated)
+    out_of_date.edited_source_listeners.append(start_keeping_updated)
 
 
 def unregister() -> None:
-    sources.edited_source_listeners.remove(start_keeping_updated)
+    out_of_date.edited_source_listeners.remove(start_keeping_updated)
     job.stop_all()
     for cls in reversed(CLASSES):
         bpy.utils.unregister_class(cls)

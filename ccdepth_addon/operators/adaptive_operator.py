@@ -6,7 +6,7 @@ from functools import partial
 import bpy
 
 from ..exchange.modifiers import applied_modifiers, has_own_keys, subdivision_modifier
-from ..state import face_counts, properties, viewports
+from ..state import known, properties, viewports
 from ..tasks.adaptive_meshes import TooManyError, subdivide
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, prepare_adaptive
 from ..tasks.reduce_task import triangle_count
@@ -14,9 +14,9 @@ from ..tasks.surfaces import ComputeError
 from ..ui.lengths import bound_text
 from ..ui.printable import printable
 from . import edit_mode
-from .adaptive_objects import Made, make_meshes
 from .job import Steps, Work
 from .long_operator import LongOperator
+from .place_results import NewMesh, make_meshes
 from .reduced_meshes import Reducer
 from .selected_meshes import LINKED, count_text, name_fault, refuse, selected_meshes
 
@@ -32,7 +32,7 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
         objects = self.objects(context)
         refuse(objects, self.fault)
         # What is evaluated for reading looks like a change of the objects.
-        counted = face_counts.known_count(objects, self.settings())
+        counted = known.known_count(objects, self.settings())
         self._counted = None if counted is None else counted.faces
         sources = [self.source(obj) for obj in objects]
         self.end_without(context, [*objects, *sources])
@@ -64,7 +64,7 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
         if isinstance(fault, TooManyError):
             # What was evaluated must not look like a change of the objects.
             context.view_layer.update()
-            face_counts.remember([fault.object_names], settings, [fault.count])
+            known.remember_count([fault.object_names], settings, [fault.count])
             viewports.redraw(context)
         return outcome
 
@@ -75,7 +75,7 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
 class MakingOperator(properties.MakingProperties, AdaptiveOperator):
     """An operator that makes adaptive meshes."""
 
-    def steps(self, context: bpy.types.Context) -> Steps[list[Made]]:
+    def steps(self, context: bpy.types.Context) -> Steps[list[NewMesh]]:
         tasks = yield from self.prepared(context)
         self._notes = [note for task in tasks for note in _notes(task, self.use_modifiers)]
         settings = self.settings()
@@ -99,7 +99,7 @@ class MakingOperator(properties.MakingProperties, AdaptiveOperator):
             return f"Subdividing: {progress:,.0f} faces so far"
         return f"Subdividing: {progress:,.0f} of {self._counted:,} faces"
 
-    def report_made(self, made: list[Made], objects: list[bpy.types.Object]) -> None:
+    def report_made(self, made: list[NewMesh], objects: list[bpy.types.Object]) -> None:
         """Tell what was made, for these objects."""
         for note in self._notes:
             self.report({"WARNING"}, printable(note))

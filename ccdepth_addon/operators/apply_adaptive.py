@@ -6,10 +6,10 @@ from typing import ClassVar
 
 import bpy
 
-from ..state import heat_map, properties, result_record, sources
+from ..state import heat_map, out_of_date, properties, result_record
 from ..state.heat_map import Shown
-from .adaptive_objects import Made, place_meshes
 from .adaptive_operator import MakingOperator
+from .place_results import NewMesh, place_meshes
 from .selected_meshes import hidden_fault
 
 
@@ -28,7 +28,7 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
             return "the object is a library override; choose New Object, or make it local first"
         return hidden_fault(blender_object) or super().fault(blender_object)
 
-    def finish(self, context: bpy.types.Context, answer: list[Made]) -> set[str]:
+    def finish(self, context: bpy.types.Context, answer: list[NewMesh]) -> set[str]:
         in_place = self.output == "IN_PLACE"
         settings = result_record.made_with(self, self.tolerance)
         placed = [*chain(*place_meshes(context, answer, self.settings(), in_place=in_place))]
@@ -36,7 +36,7 @@ class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
             # A result that was subdivided is the source of its copy, or came from nothing any more.
             result_record.forget(each.user)
             if not in_place:
-                sources.remember_made(each.user, each.source, settings, each.user.data.materials)
+                out_of_date.remember_made(each.user, each.source, settings, each.user.data.materials)
         if self._goes_on_editing:
             self._edited = [each.user.session_uid for each in placed]
         heat_map.show(context, Shown.DISTANCE)

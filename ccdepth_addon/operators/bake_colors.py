@@ -12,8 +12,7 @@ from ..state import heat_map
 from ..state.heat_map import Shown
 from ..tasks.surfaces import naming
 from . import edit_mode
-from .quick_operator import QuickOperator
-from .selected_meshes import refuse_what_cannot_be_written, selected_meshes
+from .selected_meshes import QuickOperator, refuse_what_cannot_be_written, selected_meshes
 
 
 class CCDEPTH_OT_bake_colors(QuickOperator):
@@ -25,13 +24,9 @@ class CCDEPTH_OT_bake_colors(QuickOperator):
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
-        if not any(_kind(each.data, context) for each in selected_meshes(context)):
-            cls.poll_message_set("Compute Depth first")
-            return False
-        return True
+    def missing(cls, context: bpy.types.Context) -> str | None:
+        has_any = any(_kind(each.data, context) for each in selected_meshes(context))
+        return None if has_any else "Compute Depth first"
 
     def act(self, context: bpy.types.Context) -> set[str]:
         holders = {each.data: each for each in selected_meshes(context) if _kind(each.data, context)}

@@ -5,11 +5,10 @@ from typing import ClassVar
 
 import bpy
 
-from ..state import result_record, sources
+from ..state import out_of_date, result_record
 from ..tasks.surfaces import ComputeError
-from .quick_operator import QuickOperator
 from .scene_objects import hide, link_beside, show_in_local_view
-from .selected_meshes import count_text, refuse, selected_meshes
+from .selected_meshes import QuickOperator, count_text, refuse, selected_meshes
 
 
 class CCDEPTH_OT_before_after(QuickOperator):
@@ -46,7 +45,7 @@ def _to_hide(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The selected results, or without any the selected objects that results came from."""
     selected = selected_meshes(context)
     results = [each for each in selected if result_record.is_result(each)]
-    return results or [each for each in selected if sources.has_results(each)]
+    return results or [each for each in selected if out_of_date.has_results(each)]
 
 
 def _left_hidden(context: bpy.types.Context) -> list[bpy.types.Object]:

@@ -7,8 +7,7 @@ import bpy
 
 from ..exchange.bulk_writing import is_writable
 from ..state import results, viewports
-from .quick_operator import QuickOperator
-from .selected_meshes import selected_meshes
+from .selected_meshes import QuickOperator, selected_meshes
 
 
 class CCDEPTH_OT_clear(QuickOperator):

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..state import face_counts, result_record, viewports
+from ..state import known, result_record, viewports
 from ..tasks.adaptive_meshes import FaceCount, count_results, too_many_text
 from ..tasks.adaptive_task import AdaptiveTask
 from ..ui.printable import printable
@@ -43,7 +43,7 @@ class CCDEPTH_OT_count_faces(CountingOperator):
         self.leave(context)
         # What was evaluated for counting must not look like a change of the objects.
         context.view_layer.update()
-        face_counts.remember([task.object_names for task in tasks], self.settings(), counts)
+        known.remember_count([task.object_names for task in tasks], self.settings(), counts)
         if counts[0].fitting is None:
             self.report({"INFO"}, count_text(sum(count.faces for count in counts), "face", "faces"))
         else:

@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import bpy
 
-from .quick_operator import QuickOperator
+from .selected_meshes import QuickOperator
 
 
 class CCDEPTH_OT_edit_faces(QuickOperator):
@@ -14,14 +14,12 @@ class CCDEPTH_OT_edit_faces(QuickOperator):
     bl_idname = "ccdepth.edit_faces"
     bl_label = "Edit Selected Faces"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
+    not_in_edit_mode = "Works in Object Mode, with a mesh object active"
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
+    def missing(cls, context: bpy.types.Context) -> str | None:
         active = context.active_object
-        if context.mode != "OBJECT" or active is None or active.type != "MESH":
-            cls.poll_message_set("Works in Object Mode, with a mesh object active")
-            return False
-        return super().poll(context)
+        return None if active is not None and active.type == "MESH" else cls.not_in_edit_mode
 
     def act(self, context: bpy.types.Context) -> set[str]:
         # With vertices or edges selected instead, faces between the wanted ones would be selected as well.

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Select faces by depth or by number, in Object Mode and in Edit Mode."""
+"""Select faces, in Object Mode and in Edit Mode."""
 
 from __future__ import annotations
 
-from operator import eq, ge, le
+from typing import Any
 
 import bpy
 import numpy as np
@@ -11,10 +11,8 @@ from numpy.typing import NDArray
 
 from ..core import BoolArray, IndexArray
 from ..exchange.bulk_reading import read_values
-from ..exchange.result_attributes import DEPTH
-from ..state import chosen_faces
-
-COMPARISONS = {"EQUAL": eq, "AT_LEAST": ge, "AT_MOST": le}
+from ..exchange.mesh_arrays import mesh_face_count
+from ..state import known
 
 # Where Blender keeps what is selected in Object Mode, by domain.
 SELECTIONS = {"POINT": ".select_vert", "EDGE": ".select_edge", "FACE": ".select_poly"}
@@ -39,16 +37,46 @@ def choose_face_mode(context: bpy.types.Context) -> None:
         context.tool_settings.mesh_select_mode = (False, False, True)
 
 
-def select_faces(mesh: bpy.types.Mesh, depth: int, comparison: str, *, extend: bool) -> int:
-    """Select the visible faces whose depth compares so with ``depth``; returns how many there are."""
+def select_faces(mesh: bpy.types.Mesh, wanted: BoolArray, *, extend: bool = False) -> int:
+    """Select the visible ones of the wanted faces (F,), and unless ``extend`` nothing else; returns how many."""
+    visible = wanted & ~_hidden(mesh)
     if mesh.is_editmode:
-        return _select_while_editing(mesh, depth, comparison, extend)
-    depths = read_values(mesh.attributes[DEPTH].data, "value", np.int32)
-    visible = ~read_values(mesh.polygons, "hide", np.bool_)
-    wanted = COMPARISONS[comparison](depths, depth) & visible
-    faces = wanted | (read_values(mesh.polygons, "select", np.bool_) & extend)
-    _select_only(mesh, faces)
-    return int(np.count_nonzero(wanted))
+        _select_while_editing(mesh, visible, extend)
+    else:
+        _select_only(mesh, visible | (read_values(mesh.polygons, "select", np.bool_) & extend))
+    return int(np.count_nonzero(visible))
+
+
+def select_these(mesh: bpy.types.Mesh, faces: IndexArray) -> int:
+    """Select the visible ones of these faces (N,) and nothing else, and make the first of them the active one; returns
+    how many there are. When all are hidden everything stays as it was."""
+    visible = faces[~_hidden(mesh)[faces]]
+    if len(visible):
+        wanted = np.zeros(mesh_face_count(mesh), dtype=np.bool_)
+        wanted[visible] = True
+        select_faces(mesh, wanted)
+        if mesh.is_editmode:
+            edited = _edited(mesh)
+            edited.faces.active = edited.faces[visible[0]]
+        else:
+            mesh.polygons.active = int(visible[0])
+    return len(visible)
+
+
+def _edited(mesh: bpy.types.Mesh) -> Any:
+    """The mesh that is being edited, whose faces can be taken by number."""
+    import bmesh
+
+    edited = bmesh.from_edit_mesh(mesh)
+    edited.faces.ensure_lookup_table()
+    return edited
+
+
+def _hidden(mesh: bpy.types.Mesh) -> BoolArray:
+    """(F,): which faces are hidden."""
+    if mesh.is_editmode:
+        return np.array([face.hide for face in _edited(mesh).faces], dtype=np.bool_)
+    return read_values(mesh.polygons, "hide", np.bool_)
 
 
 def _select_only(mesh: bpy.types.Mesh, faces: BoolArray) -> None:
@@ -63,66 +91,25 @@ def _select_only(mesh: bpy.types.Mesh, faces: BoolArray) -> None:
         touched[read_values(mesh.attributes[attribute].data, "value", np.int32)[corners]] = True
         getattr(mesh, name).foreach_set("select", touched)
     mesh.polygons.foreach_set("select", faces)
-    chosen_faces.note(mesh)
+    known.note_selected(mesh)
     mesh.update()
 
 
-def _select_while_editing(mesh: bpy.types.Mesh, depth: int, comparison: str, extend: bool) -> int:
+def _select_while_editing(mesh: bpy.types.Mesh, faces: BoolArray, extend: bool) -> None:
     import bmesh
 
-    edited = bmesh.from_edit_mesh(mesh)
-    compare = COMPARISONS[comparison]
-    layer = edited.faces.layers.int[DEPTH]
+    edited = _edited(mesh)
     edited.select_mode = {"FACE"}
-    if not extend:
-        for face in edited.faces:
-            face.select_set(False)
-    wanted = [face for face in edited.faces if not face.hide and compare(face[layer], depth)]
-    for face in wanted:
-        face.select_set(True)
+    for face in edited.faces if not extend else ():
+        face.select_set(False)
+    for face in np.flatnonzero(faces).tolist():
+        edited.faces[face].select_set(True)
     edited.select_flush_mode()
     bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
-    return len(wanted)
-
-
-def select_these(mesh: bpy.types.Mesh, faces: IndexArray) -> int:
-    """Select the visible ones of these faces (N,) and nothing else, and make the first of them the active one; returns
-    how many there are. When all are hidden everything stays as it was."""
-    if mesh.is_editmode:
-        return _select_these_while_editing(mesh, faces)
-    visible = faces[~read_values(mesh.polygons, "hide", np.bool_)[faces]]
-    if len(visible):
-        chosen = np.zeros(len(mesh.polygons), dtype=np.bool_)
-        chosen[visible] = True
-        _select_only(mesh, chosen)
-        mesh.polygons.active = int(visible[0])
-    return len(visible)
-
-
-def _select_these_while_editing(mesh: bpy.types.Mesh, faces: IndexArray) -> int:
-    import bmesh
-
-    edited = bmesh.from_edit_mesh(mesh)
-    edited.faces.ensure_lookup_table()
-    visible = [edited.faces[face] for face in faces.tolist() if not edited.faces[face].hide]
-    if visible:
-        edited.select_mode = {"FACE"}
-        for other in edited.faces:
-            other.select_set(False)
-        for face in visible:
-            face.select_set(True)
-        edited.faces.active = visible[0]
-        edited.select_flush_mode()
-        bmesh.update_edit_mesh(mesh, loop_triangles=False, destructive=False)
-    return len(visible)
 
 
 def face_points(mesh: bpy.types.Mesh, face: int) -> NDArray[np.float64]:
     """(n, 3): the corners of a face in object space."""
     if mesh.is_editmode:
-        import bmesh
-
-        edited = bmesh.from_edit_mesh(mesh)
-        edited.faces.ensure_lookup_table()
-        return np.array([corner.co for corner in edited.faces[face].verts])
+        return np.array([corner.co for corner in _edited(mesh).faces[face].verts])
     return np.array([mesh.vertices[vertex].co for vertex in mesh.polygons[face].vertices])

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..state import face_counts, properties, viewports
+from ..state import known, properties, viewports
 from ..tasks.adaptive_meshes import FaceCount, Fit, best_tolerance
 from ..tasks.adaptive_task import AdaptiveTask
 from ..tasks.surfaces import ComputeError
@@ -43,7 +43,7 @@ class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
         context.view_layer.update()
         settings = replace(self.settings(), tolerance=fit.tolerance)
         counts = [FaceCount(faces, None) for faces in fit.counts]
-        face_counts.remember([task.object_names for task in tasks], settings, counts)
+        known.remember_count([task.object_names for task in tasks], settings, counts)
         unit = " of the diagonal" if self.tolerance_mode == "RELATIVE" else ""
         text = f"{count_text(sum(fit.counts), 'face', 'faces')} with a tolerance of {fit.tolerance:.3g}{unit}"
         self.report({"INFO"}, text)

@@ -11,11 +11,10 @@ import numpy as np
 from ..core import IndexArray, InvalidMeshError, validate
 from ..exchange.control_mesh import read_control_mesh
 from ..exchange.frozen_copies import NO_ORIGIN
-from ..state import refusals
+from ..state import known
 from ..tasks.surfaces import Faults
 from . import face_selection
-from .quick_operator import QuickOperator
-from .selected_meshes import count_text, mesh_fault, refuse, selected_meshes
+from .selected_meshes import QuickOperator, count_text, mesh_fault, refuse, selected_meshes
 
 
 class CCDEPTH_OT_select_invalid(QuickOperator):
@@ -29,7 +28,7 @@ class CCDEPTH_OT_select_invalid(QuickOperator):
         invalid = _invalid_faces(context)
         refuse(invalid, face_selection.selection_fault)
         if not invalid:
-            refusals.note({})
+            known.note_refused({})
             self.report({"INFO"}, "No face is invalid")
             return {"CANCELLED"}
         found = sum(map(len, invalid.values()))
@@ -50,13 +49,7 @@ class CCDEPTH_OT_repair(QuickOperator):
     bl_idname = "ccdepth.repair"
     bl_label = "Repair Mesh"
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if context.mode != "OBJECT":
-            cls.poll_message_set("Works in Object Mode; in Edit Mode, delete the faces")
-            return False
-        return super().poll(context)
+    not_in_edit_mode = "Works in Object Mode; in Edit Mode, delete the faces"
 
     def act(self, context: bpy.types.Context) -> set[str]:
         meshes = list(_invalid_faces(context))
@@ -64,7 +57,7 @@ class CCDEPTH_OT_repair(QuickOperator):
         before = sum(len(mesh.polygons) for mesh in meshes)
         # Edit Mode is no way to do it: Blender 5 does not come back from there with triangles that are none.
         repaired = [mesh for mesh in meshes if mesh.validate(clean_customdata=False)]
-        refusals.note({})
+        known.note_refused({})
         if not repaired:
             self.report({"INFO"}, "There is nothing that Blender can repair")
             return {"CANCELLED"}

@@ -11,12 +11,12 @@ import bpy
 import numpy as np
 from bpy.props import FloatProperty
 
-from ..state import properties, refusals
+from ..state import known, properties
 from ..tasks.surfaces import ComputeError
 from ..ui import progress_bar
 from ..ui.printable import printable_lines
 from .job import SECONDS_TO_WAIT, Cancelled, Job, Steps
-from .selected_meshes import count_text, poll_meshes
+from .selected_meshes import MeshOperator, count_text
 
 # Seconds of work before Blender handles events: at the start, and at each tick of the timer. While a thread computes, a
 # tick lasts no longer than one look at it.
@@ -32,7 +32,7 @@ DELETED = "An object was deleted in the meantime: nothing was written"
 NAVIGATION_EVENTS = {"MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "MOUSEMOVE", "TRACKPADPAN", "TRACKPADZOOM"}
 
 
-class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
+class LongOperator(properties.ToleranceProperties, MeshOperator):
     """An operator that works in steps: at once from a script; from the window with progress, and Esc cancels it.
 
     Settings that the caller does not set come from the scene, which has them under the same names.
@@ -60,10 +60,6 @@ class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
         set=lambda self, value: setattr(self, "tolerance", value),
         options={"HIDDEN", "SKIP_SAVE"},
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        return poll_meshes(cls, context)
 
     def steps(self, context: bpy.types.Context) -> Steps[Any]:
         """Read the objects and compute; returns the answer. Raises ComputeError."""
@@ -162,14 +158,14 @@ class LongOperator(properties.ToleranceProperties, bpy.types.Operator):
             self._end(context)
             raise
         self._end(context)
-        refusals.note({})
+        known.note_refused({})
         if self.options.is_repeat:
             self._keep_settings(context.scene.ccdepth)
         return outcome
 
     def _refuse(self, context: bpy.types.Context, fault: ComputeError) -> set[str]:
         self._end(context)
-        refusals.note(fault.faces_at_fault)
+        known.note_refused(fault.faces_at_fault)
         text = f"{fault}\n{REMEDY}" if fault.faces_at_fault else str(fault)
         self.report({"ERROR"}, printable_lines(text))
         return {"CANCELLED"}

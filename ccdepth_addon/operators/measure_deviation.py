@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..state import deviation_results, heat_map, measured_state, properties, result_record, staleness
+from ..state import heat_map, out_of_date, properties, result_record, results, still_holds
 from ..state.heat_map import Shown
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, Verdict, measure, prepare_measurement
 from ..tasks.surfaces import ComputeError, naming
@@ -53,12 +53,12 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
         with ExitStack() as undo:
             for each, measured in zip(answer, objects, strict=True):
                 with naming(measured.name):
-                    deviation_results.write_deviations(measured.data, each, undo)
+                    results.write_deviations(measured.data, each, undo)
             undo.pop_all()
         for each, measured in zip(answer, objects, strict=True):
-            deviation_results.write_record(measured.data, each, settings)
-            measured_state.remember(measured, bpy.data.objects[each.against])
-            staleness.note_deviation(measured)
+            results.write_measurement(measured.data, each, settings)
+            still_holds.remember_measurement(measured, bpy.data.objects[each.against])
+            out_of_date.note_deviation(measured)
         heat_map.show(context, Shown.DEVIATION)
         self._report(context, answer)
         return {"FINISHED"}

@@ -19,8 +19,8 @@ from ..state import results
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.reduce_task import ReducedResult, depths_of_faces, finer_result, reduction_of, triangle_count
 from ..tasks.surfaces import naming
-from .adaptive_objects import Made, make_meshes
 from .job import Steps, Work
+from .place_results import NewMesh, make_meshes
 
 # Where thinner lines are too far off at some places, these places are tried without, so often.
 ROUNDS_FOR_LINES = 4
@@ -33,10 +33,10 @@ class Reducer:
         self.notes: list[str] = []
         self._context, self._settings, self._exact_normals = context, settings, exact_normals
 
-    def make(self, answers: list[AdaptiveResult]) -> Steps[list[Made]]:
+    def make(self, answers: list[AdaptiveResult]) -> Steps[list[NewMesh]]:
         """The meshes of all answers, or none; yields the stage. Where nothing is gained, that is the adaptive mesh
         itself. Raises ComputeError when an object has changed since it was read."""
-        made: list[Made] = []
+        made: list[NewMesh] = []
         try:
             for answer in answers:
                 made.append((yield from self._made(answer)))
@@ -45,7 +45,7 @@ class Reducer:
             raise
         return made
 
-    def _made(self, answer: AdaptiveResult) -> Steps[Made]:
+    def _made(self, answer: AdaptiveResult) -> Steps[NewMesh]:
         reduced = yield from self._reduced(answer)
         if reduced is None:
             name = answer.task.object_names[0]
@@ -53,10 +53,10 @@ class Reducer:
             (reduced,) = yield from self._unreduced(answer)
         return reduced
 
-    def _unreduced(self, answer: AdaptiveResult) -> Steps[list[Made]]:
+    def _unreduced(self, answer: AdaptiveResult) -> Steps[list[NewMesh]]:
         return (yield from make_meshes(self._context, [answer], self._settings, exact_normals=self._exact_normals))
 
-    def _reduced(self, answer: AdaptiveResult) -> Steps[Made | None]:
+    def _reduced(self, answer: AdaptiveResult) -> Steps[NewMesh | None]:
         """The reduced mesh of an answer; None where it has no fewer triangles, or more than there may be faces."""
         text = "Subdividing finer, to be reduced: {:,.0f} faces so far".format
         start = yield Work(partial(finer_result, answer, self._settings), text)
@@ -73,7 +73,7 @@ class Reducer:
                 depths = read_values(mesh.attributes[DEPTH].data, "value", np.int32)
                 reduced = ReducedResult(answer, bounds, depths)
                 results.write_reduced(mesh, reduced, self._settings)
-                return Made(answer, mesh.session_uid, geometry_checksum(mesh), depths)
+                return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), depths)
         except BaseException:
             _remove([made.mesh_uid])
             raise

@@ -2,15 +2,18 @@
 # mypy: disable-error-code="valid-type"
 """Select by Depth."""
 
+from operator import eq, ge, le
 from typing import ClassVar
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, IntProperty
 
+from ..exchange.result_attributes import DEPTH_KIND, read_face_values
 from ..state import results
 from . import face_selection
-from .quick_operator import QuickOperator
-from .selected_meshes import count_text, refuse, selected_meshes
+from .selected_meshes import QuickOperator, count_text, refuse, selected_meshes
+
+COMPARISONS = {"EQUAL": eq, "AT_LEAST": ge, "AT_MOST": le}
 
 
 class CCDEPTH_OT_select(QuickOperator):
@@ -34,13 +37,9 @@ class CCDEPTH_OT_select(QuickOperator):
     extend: BoolProperty(name="Extend", description="Add to the selection", default=False)
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
-        if not any(results.has_result(obj.data) for obj in selected_meshes(context)):
-            cls.poll_message_set("Compute Depth first")
-            return False
-        return True
+    def missing(cls, context: bpy.types.Context) -> str | None:
+        has_any = any(results.has_result(obj.data) for obj in selected_meshes(context))
+        return None if has_any else "Compute Depth first"
 
     def act(self, context: bpy.types.Context) -> set[str]:
         meshes = dict.fromkeys(obj.data for obj in selected_meshes(context) if results.has_result(obj.data))
@@ -49,7 +48,8 @@ class CCDEPTH_OT_select(QuickOperator):
             self.depth = max(mesh.ccdepth.deepest for mesh in meshes)
         selected = 0
         for mesh in meshes:
-            selected += face_selection.select_faces(mesh, self.depth, self.comparison, extend=self.extend)
+            wanted = COMPARISONS[self.comparison](read_face_values(mesh, DEPTH_KIND), self.depth)
+            selected += face_selection.select_faces(mesh, wanted, extend=self.extend)
         face_selection.choose_face_mode(context)
         self.report({"INFO"}, f"{count_text(selected, 'face', 'faces')} selected")
         return {"FINISHED"}

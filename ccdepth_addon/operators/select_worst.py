@@ -17,8 +17,7 @@ from ..state import results
 from ..tasks.surfaces import ComputeError
 from ..ui.printable import printable
 from . import face_selection
-from .quick_operator import QuickOperator
-from .selected_meshes import refuse, selected_meshes
+from .selected_meshes import QuickOperator, refuse, selected_meshes
 
 # A framed face is shown with its surroundings: so many times its own size.
 SURROUNDINGS = 6.0
@@ -41,13 +40,8 @@ class CCDEPTH_OT_select_worst(QuickOperator):
         return f"{cls.__doc__}, and move the 3D View to its front" if properties.frame else ""
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
-        if not _measured_objects(context):
-            cls.poll_message_set("Measure Deviation first")
-            return False
-        return True
+    def missing(cls, context: bpy.types.Context) -> str | None:
+        return None if _measured_objects(context) else "Measure Deviation first"
 
     def act(self, context: bpy.types.Context) -> set[str]:
         worst = max(_measured_objects(context), key=lambda each: each.data.ccdepth.deviation_reached)

@@ -1,16 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which objects an operator works on, and why it refuses some."""
+"""Operators on meshes: which objects they work on, and why they refuse some."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from typing import Any, TypeVar
+from typing import ClassVar, TypeVar
 
 import bpy
 
 from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.result_attributes import conflict
 from ..tasks.surfaces import ComputeError
+from ..ui.printable import printable_lines
 
 Holder = TypeVar("Holder", bpy.types.Object, bpy.types.Mesh)
 
@@ -32,14 +33,42 @@ def selected_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
     return [obj for obj in candidates if obj.type == "MESH"]
 
 
-def poll_meshes(cls: Any, context: bpy.types.Context) -> bool:
-    if context.mode not in {"OBJECT", "EDIT_MESH"}:
-        cls.poll_message_set("Works in Object Mode and in Edit Mode")
-        return False
-    if not selected_meshes(context):
-        cls.poll_message_set("Select a mesh object")
-        return False
-    return True
+class MeshOperator(bpy.types.Operator):
+    """An operator that works on mesh objects. not_in_edit_mode: why it does not work in Edit Mode, if it does not."""
+
+    not_in_edit_mode: ClassVar[str] = ""
+
+    @classmethod
+    def missing(cls, context: bpy.types.Context) -> str | None:
+        """What it cannot work without, if that is missing; asked for where meshes are selected."""
+        return None
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        if cls.not_in_edit_mode and context.mode != "OBJECT":
+            fault: str | None = cls.not_in_edit_mode
+        elif context.mode not in {"OBJECT", "EDIT_MESH"}:
+            fault = "Works in Object Mode and in Edit Mode"
+        else:
+            fault = cls.missing(context) if selected_meshes(context) else "Select a mesh object"
+        if fault:
+            cls.poll_message_set(fault)
+        return not fault
+
+
+class QuickOperator(MeshOperator):
+    """An operator that works on meshes without a pause, and reports what it refuses."""
+
+    def act(self, context: bpy.types.Context) -> set[str]:
+        """Do the work; returns what ``execute`` returns. Raises ComputeError, with nothing changed."""
+        raise NotImplementedError
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        try:
+            return self.act(context)
+        except ComputeError as fault:
+            self.report({"ERROR"}, printable_lines(str(fault)))
+            return {"CANCELLED"}
 
 
 def count_text(number: int, one: str, many: str) -> str:

@@ -6,12 +6,10 @@ from typing import ClassVar
 import bpy
 
 from ..exchange.modifiers import OF_OBJECT, shown_vertices, subdivision_modifier
-from ..state import face_counts, result_record, results, staleness
-from ..state.levels import TooDeep, too_deep
+from ..state import known, out_of_date, result_record, results
 from ..state.properties import scene_tolerance
 from ..tasks.adaptive_task import AdaptiveSettings
-from .quick_operator import QuickOperator
-from .selected_meshes import LINKED, count_text, refuse, selected_meshes
+from .selected_meshes import LINKED, QuickOperator, count_text, refuse, selected_meshes
 
 # Modifiers that no other one can be moved above; Blender says that they require original data.
 ALWAYS_FIRST = {"MULTIRES", "SOFT_BODY"}
@@ -26,21 +24,17 @@ class CCDEPTH_OT_set_levels(QuickOperator):
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
+    def missing(cls, context: bpy.types.Context) -> str | None:
         with_depths = [obj for obj in selected_meshes(context) if _has_depths(obj)]
         if not with_depths:
-            cls.poll_message_set("Compute Depth first")
-            return False
+            return "Compute Depth first"
         if all(_is_left_alone(obj, context.scene.ccdepth) for obj in with_depths):
-            cls.poll_message_set("Levels would subdivide the result itself: set those of its source")
-            return False
-        return True
+            return "Levels would subdivide the result itself: set those of its source"
+        return None
 
     def act(self, context: bpy.types.Context) -> set[str]:
         objects, settings = selected_meshes(context), context.scene.ccdepth
-        stale = set(staleness.out_of_date(context, objects))
+        stale = set(out_of_date.out_of_date(context, objects))
         refuse(objects, lambda obj: _levels_fault(obj, obj in stale, settings))
         for blender_object in objects:
             _set_levels(blender_object)
@@ -81,7 +75,7 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bp
         )
     if record.uniform_level < 0:
         return "its depths are from an earlier version of CC Depth; compute them again"
-    if deep := too_deep(record, settings.max_faces):
+    if deep := results.too_deep(record, settings.max_faces):
         return f"{deep.reason}{_way_out(blender_object, deep, settings)}"
     if record.quality > limits["quality"].hard_max:
         return (
@@ -91,12 +85,12 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bp
     return None
 
 
-def _way_out(blender_object: bpy.types.Object, deep: TooDeep, settings: bpy.types.PropertyGroup) -> str:
+def _way_out(blender_object: bpy.types.Object, deep: results.TooDeep, settings: bpy.types.PropertyGroup) -> str:
     """Which faces are the cause, and what divides the others less."""
     if not deep.faces_beyond:
         return ""
     cause = count_text(deep.faces_beyond, "face needs", "faces need")
-    count = face_counts.known_count([blender_object], AdaptiveSettings.of(settings, scene_tolerance(settings)))
+    count = known.known_count([blender_object], AdaptiveSettings.of(settings, scene_tolerance(settings)))
     faces = "" if count is None else f", and makes {count.faces:,} faces"
     fitting = count_text(deep.fitting, "level", "levels")
     return f"; {cause} more than {fitting}: Apply Adaptive Subdivision divides the others less{faces}"

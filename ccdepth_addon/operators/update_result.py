@@ -6,14 +6,13 @@ from typing import ClassVar
 
 import bpy
 
-from ..state import result_record, sources, watch
+from ..state import out_of_date, result_record, watch
 from ..tasks.surfaces import ComputeError
 from ..ui.printable import printable, printable_lines
-from .adaptive_objects import Made
 from .adaptive_operator import MakingOperator
 from .long_operator import NAVIGATION_EVENTS
+from .place_results import NewMesh, place_in_results
 from .selected_meshes import LINKED, refuse, selected_meshes
-from .updated_results import place_in_results
 
 # While one of these runs, results that are kept updated wait: their names begin so.
 OPERATORS_WAITED_FOR = ("CCDEPTH_OT_", "TRANSFORM_OT_")
@@ -52,7 +51,7 @@ class UpdatingOperator(MakingOperator):
     def progress_text(self, progress: float) -> str:
         return f"Updating: {progress:,.0f} faces so far"
 
-    def finish(self, context: bpy.types.Context, answer: list[Made]) -> set[str]:
+    def finish(self, context: bpy.types.Context, answer: list[NewMesh]) -> set[str]:
         notes = place_in_results(context, answer, result_record.made_with(self, self.tolerance))
         for note in notes:
             self.report({"WARNING"}, printable(note))
@@ -74,13 +73,10 @@ class CCDEPTH_OT_update(UpdatingOperator):
     bl_options: ClassVar[set[str]] = {"REGISTER", "UNDO"}
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if not super().poll(context):
-            return False
-        if not any(result_record.is_result(each) or sources.has_results(each) for each in selected_meshes(context)):
-            cls.poll_message_set("Select a result of Apply Adaptive Subdivision, or the object it came from")
-            return False
-        return True
+    def missing(cls, context: bpy.types.Context) -> str | None:
+        if any(result_record.is_result(each) or out_of_date.has_results(each) for each in selected_meshes(context)):
+            return None
+        return "Select a result of Apply Adaptive Subdivision, or the object it came from"
 
     def chosen(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         """The selected results, and those of other selected objects."""
@@ -89,7 +85,7 @@ class CCDEPTH_OT_update(UpdatingOperator):
         of_sources = [
             result
             for each in selected
-            if sources.has_results(each) and not result_record.is_result(each)
+            if out_of_date.has_results(each) and not result_record.is_result(each)
             for result in result_record.results_of(each)
             if _is_evaluated(result, context.evaluated_depsgraph_get())
         ]
@@ -117,7 +113,7 @@ class CCDEPTH_OT_update_kept(UpdatingOperator):
         alike = [each for each in others if result_record.made_with(each.ccdepth, each.ccdepth.tolerance) == settings]
         self._chosen = [first, *alike]
         # Whatever comes of it, it is not tried again before the source is edited again.
-        sources.no_longer_due(self._chosen)
+        out_of_date.no_longer_due(self._chosen)
         self.tolerance = settings.tolerance
         for name, value in settings.value.items():
             setattr(self, name, value)
@@ -131,7 +127,7 @@ class CCDEPTH_OT_update_kept(UpdatingOperator):
             # Someone goes on working, and comes first.
             waiting = self._chosen
             self.cancel(context)
-            sources.due_again(waiting)
+            out_of_date.due_again(waiting)
             return {"CANCELLED", "PASS_THROUGH"}
         status = super().modal(context, event)
         return {"PASS_THROUGH"} if status == {"RUNNING_MODAL"} else status
@@ -174,7 +170,7 @@ def _is_evaluated(blender_object: bpy.types.Object, depsgraph: bpy.types.Depsgra
 def _due_in(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The results in the view layer that are to be made anew because their sources were edited."""
     present = context.view_layer.objects
-    return [each for each in sources.due_results() if each.is_editable and present.get(each.name) == each]
+    return [each for each in out_of_date.due_results() if each.is_editable and present.get(each.name) == each]
 
 
 def start_keeping_updated() -> None:

@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The result on the mesh: its attributes and its record, written, read and cleared in Object Mode and in Edit Mode."""
+"""Depths and deviations on the mesh: attributes and record, written, read and cleared in Object and in Edit Mode."""
 
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import dataclass
 
 import bpy
 import numpy as np
@@ -23,6 +24,7 @@ from ..exchange.result_attributes import (
 )
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.depth_task import DepthSettings, MeshDepths
+from ..tasks.deviation_task import MeasureSettings, MeshDeviation
 from ..tasks.reduce_task import ReducedResult, triangle_count
 from ..tasks.surfaces import SurfaceSettings
 
@@ -130,6 +132,63 @@ def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: Surfa
         row = record.rows.add()
         row.depth, row.faces = depth, int(counts[depth])
     return record
+
+
+def write_deviations(mesh: bpy.types.Mesh, answer: MeshDeviation, undo: ExitStack) -> None:
+    """Write the answer to its mesh as an attribute.
+
+    undo: when it is closed, the mesh has its old attributes again. Raises WriteError, with nothing changed, when
+    Blender does not keep them.
+    """
+    write_face_values(mesh, {DEVIATION_KIND: rounded_up(answer.deviations)}, undo)
+
+
+def write_measurement(mesh: bpy.types.Mesh, answer: MeshDeviation, settings: MeasureSettings) -> None:
+    """Write the record of the answer to its mesh, which has the attribute."""
+    record = mesh.ccdepth
+    record.has_deviation = record.shows_deviation = True
+    record.deviation = float(rounded_up(answer.proved))
+    # Rounded down: the distance is really there.
+    record.deviation_reached = -float(rounded_up(-answer.reached))
+    found = record.measurement
+    found.measured, found.against = answer.measured, answer.against
+    found.tolerance, found.tolerance_mode = settings.tolerance, settings.tolerance_mode
+    found.world_tolerance = answer.tolerance
+    found.verdict = answer.verdict.name
+    found.accuracy, found.accuracy_met = settings.accuracy, answer.accuracy_met
+    found.use_modifiers = settings.use_modifiers
+    found.version = version()
+    found.faces = len(answer.deviations)
+    found.worst_face = answer.worst_face
+    found.worst_point = answer.worst_point
+
+
+@dataclass(frozen=True)
+class TooDeep:
+    """A level at which all faces of a mesh are within the tolerance, and why it cannot be set.
+
+    fitting: the deepest level that can be. faces_beyond: how many faces of the mesh need more than that.
+    """
+
+    reason: str
+    fitting: int
+    faces_beyond: int
+
+
+def too_deep(record: bpy.types.PropertyGroup, face_limit: int) -> TooDeep | None:
+    """Why the level in the record of a mesh cannot be set; None where it can."""
+    needed, faces = record.uniform_level, int(record.uniform_faces)
+    most = bpy.types.SubsurfModifier.bl_rna.properties["levels"].hard_max
+    if needed > most:
+        reason = f"it needs {needed} levels, and a Subdivision Surface modifier has {most} at most"
+    elif faces > face_limit:
+        reason = f"{needed} levels would make {faces:,} faces, and the Face Limit is {face_limit:,}"
+    else:
+        return None
+    # After the first level each makes four faces of one.
+    fitting = [level for level in range(1, min(needed, most + 1)) if faces >> 2 * (needed - level) <= face_limit]
+    deepest = max(fitting, default=0)
+    return TooDeep(reason, deepest, sum(row.faces for row in record.rows if row.depth > deepest))
 
 
 def clear(mesh: bpy.types.Mesh) -> None:

@@ -5,7 +5,7 @@
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
 
-from . import diagonals, properties, viewports
+from . import known, properties, viewports
 
 MODES = tuple(mode for mode, *_ in properties.TOLERANCE_MODES)
 
@@ -19,9 +19,9 @@ def _switch_mode(settings: bpy.types.PropertyGroup, chosen: int) -> None:
     mode = MODES[chosen]
     if mode == settings.tolerance_mode:
         return
-    holders = diagonals.measured_objects(bpy.context)
+    holders = known.objects_for_tolerance(bpy.context)
     if len(holders) == 1:
-        diagonal = diagonals.measured_diagonal(bpy.context, holders[0], use_modifiers=settings.use_modifiers)
+        diagonal = known.measured_diagonal(bpy.context, holders[0], use_modifiers=settings.use_modifiers)
         if diagonal is not None:
             _carry_over(settings, mode, diagonal)
     settings.tolerance_mode = mode

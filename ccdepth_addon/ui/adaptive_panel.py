@@ -7,8 +7,7 @@ import bpy
 import numpy as np
 
 from ..exchange.modifiers import has_own_keys
-from ..state import result_record, sources
-from ..state.face_counts import known_count
+from ..state import known, out_of_date, result_record
 from ..state.properties import scene_tolerance
 from ..tasks.adaptive_task import AdaptiveSettings
 from .facts import count_fact, draw_facts, facts_of, short_count
@@ -40,7 +39,7 @@ class CCDEPTH_PT_make(SidebarPanel, bpy.types.Panel):
             draw_object_rows(layout, made, lambda each: result_line(settings, each))
         if not results or settings.subdivide_results:
             draw_main_button(layout, "ccdepth.subdivide", "MOD_MULTIRES")
-        if not results and active is not None and sources.has_results(active):
+        if not results and active is not None and out_of_date.has_results(active):
             # Where it is when the result is shown, so that the mouse stays.
             layout.operator("ccdepth.before_after", icon="LOOP_FORWARDS")
             layout.operator("ccdepth.update", icon="FILE_REFRESH")
@@ -112,7 +111,7 @@ def _draw_keys_line(layout: bpy.types.UILayout, context: bpy.types.Context) -> N
 
 def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     settings = context.scene.ccdepth
-    count = known_count(chosen_meshes(context), AdaptiveSettings.of(settings, scene_tolerance(settings)))
+    count = known.known_count(chosen_meshes(context), AdaptiveSettings.of(settings, scene_tolerance(settings)))
     if count is None:
         layout.operator("ccdepth.count_faces", icon="LINENUMBERS_ON")
         return

@@ -5,8 +5,9 @@ from __future__ import annotations
 
 import bpy
 
-from ..state import deviation_results, result_record, results, staleness
+from ..state import out_of_date, result_record, results
 from ..state.properties import tolerance_name
+from ..state.still_holds import measured_to_show
 from .facts import draw_facts, facts_of_measurement
 from .panels import draw_main_button, draw_selecting, draw_state_line
 from .sidebar import SidebarPanel, settings_column
@@ -52,7 +53,7 @@ class CCDEPTH_PT_check(SidebarPanel, bpy.types.Panel):
 
 def _measured(context: bpy.types.Context) -> bpy.types.Object | None:
     """The object whose measurement is told."""
-    found = deviation_results.shown_object(context) or context.active_object
+    found = measured_to_show(context) or context.active_object
     return found if found is not None and found.type == "MESH" and results.has_deviation(found.data) else None
 
 
@@ -83,7 +84,7 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
 
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
     """Why the measurement is out of date; empty when it is not."""
-    if change := staleness.change_since_measured(mesh):
+    if change := out_of_date.change_since_measured(mesh):
         return f"Out of date: {change}"
     found, name = mesh.ccdepth.measurement, tolerance_name(settings.tolerance_mode)
     current = (getattr(settings, name), settings.tolerance_mode, settings.accuracy, settings.use_modifiers)

@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import bpy
 
-from ..state.measured_state import is_own, measured_object, target_of
 from ..state.properties import METHOD_TEXTS, VERTEX_TEXTS
+from ..state.still_holds import is_own, measured_object, target_of
 from ..tasks.deviation_task import Verdict
 from .lengths import Rounding, bound_text, common_unit, length_text
 from .selected_results import lengths_text

@@ -19,7 +19,6 @@ from mathutils import Matrix
 
 from ..exchange.displayed_mesh import DisplayedMesh
 from ..registration import add_handlers, remove_handlers
-from ..state import chosen_faces
 from ..state.colors import BEYOND, scale_colors
 from ..state.heat_map import Shown, on_scale, shown, top
 from .overlay_items import items
@@ -295,7 +294,6 @@ def _notice_updates(_scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> 
 def _forget_everything(*_: Any) -> None:
     for kept in (_lists, _batches, _keys):
         kept.clear()
-    chosen_faces.forget()
 
 
 HANDLERS = (

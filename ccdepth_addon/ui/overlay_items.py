@@ -10,7 +10,7 @@ import bpy
 from mathutils import Matrix
 
 from ..exchange.displayed_mesh import DisplayedMesh, read_displayed_mesh
-from ..state import chosen_faces
+from ..state import known
 from ..state.heat_map import Shown, tolerance_of
 
 # Objects that are drawn as less than their faces have none to draw over.
@@ -39,7 +39,7 @@ class Item:
         mesh = self.evaluated.to_mesh()
         try:
             in_object_mode = self.evaluated.mode == "OBJECT"
-            chosen = chosen_faces.is_shown(self.evaluated.original.data)
+            chosen = known.is_selection_shown(self.evaluated.original.data)
             return read_displayed_mesh(
                 mesh, kind.values, with_hidden=in_object_mode, with_chosen=in_object_mode and chosen
             )

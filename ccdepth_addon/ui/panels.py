@@ -11,11 +11,10 @@ import numpy as np
 from ..core import FloatArray
 from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import OF_OBJECT
-from ..state import refusals, result_record, sources, staleness
+from ..state import known, out_of_date, result_record
 from ..state.colors import depth_colors
-from ..state.face_counts import known_count
-from ..state.levels import too_deep
 from ..state.properties import scene_tolerance, tolerance_name
+from ..state.results import too_deep
 from ..tasks.adaptive_task import AdaptiveSettings
 from ..tasks.frames import chosen_frames
 from .facts import count_fact, draw_facts, facts_of, totals
@@ -128,7 +127,7 @@ class CCDEPTH_PT_advanced(SidebarPanel, bpy.types.Panel):
 
 def _draw_refusal(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """What the last run could not use, and buttons that select it and remove it."""
-    faces = sum(refusals.faces_at_fault(mesh) for mesh in {each.data for each in refused_objects(context)})
+    faces = sum(known.faces_at_fault(mesh) for mesh in {each.data for each in refused_objects(context)})
     if faces:
         column = layout.column(align=True)
         row = column.row()
@@ -155,15 +154,15 @@ def _draw_too_deep(
         select.depth, select.comparison = fitting + 1, "AT_LEAST"
         column.operator("ccdepth.subdivide", icon="MOD_MULTIRES")
         current = AdaptiveSettings.of(settings, scene_tolerance(settings))
-        if count := known_count(objects, current):
+        if count := known.known_count(objects, current):
             draw_facts(column, [count_fact(count.faces)])
 
 
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: bpy.types.Object | None = None) -> str:
     """Why the result is out of date, or does not hold for an object that uses the mesh; empty when neither is so."""
     record = mesh.ccdepth
-    is_uncovered = holder is not None and staleness.is_uncovered(holder)
-    if staleness.is_stale(mesh):
+    is_uncovered = holder is not None and out_of_date.is_uncovered(holder)
+    if out_of_date.is_stale(mesh):
         has_source = record.subdivision and holder is not None and result_record.source_of(holder) is not None
         return RESULT_EDITED if has_source and not is_uncovered else f"Out of date: mesh “{mesh.name}” changed"
     if is_uncovered:
@@ -191,7 +190,7 @@ def _changed_since_made(settings: bpy.types.PropertyGroup, result: bpy.types.Obj
     """The same for its source and the settings; what cannot be updated holds for the settings it was made with."""
     if result_record.source_of(result) is None:
         return ""
-    if sources.has_changed(result):
+    if out_of_date.source_has_changed(result):
         return f"Out of date: “{result.ccdepth.source.name}” changed"
     return "Out of date: settings changed" if result_record.settings_have_changed(result, settings) else ""
 

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable
 
 import bpy
 
-from ..state import heat_map, refusals, result_record, results
+from ..state import heat_map, known, result_record, results
 from ..state.heat_map import Shown
 from .lengths import common_unit, length_text
 
@@ -38,7 +38,7 @@ def made_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 def refused_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
     """The same of objects with faces that the last run could not use."""
-    return _selected(context, lambda holder: refusals.faces_at_fault(holder.data) > 0)
+    return _selected(context, lambda holder: known.faces_at_fault(holder.data) > 0)
 
 
 def colored_objects(context: bpy.types.Context, kind: Shown) -> list[bpy.types.Object]:

@@ -8,7 +8,7 @@ from decimal import Decimal
 
 import bpy
 
-from ..state.diagonals import known_diagonal, measured_objects
+from ..state.known import known_diagonal, objects_for_tolerance
 from ..state.properties import scene_tolerance
 from .lengths import length_text, number_text
 from .selected_results import lengths_text
@@ -40,7 +40,7 @@ def tolerance_text(context: bpy.types.Context) -> str:
 
 def _known_diagonals(context: bpy.types.Context) -> list[float]:
     """Of the objects that it is told for; empty when one of them is not known."""
-    holders = measured_objects(context)
+    holders = objects_for_tolerance(context)
     if len(holders) > MOST_OBJECTS:
         return []
     use_modifiers = context.scene.ccdepth.use_modifiers

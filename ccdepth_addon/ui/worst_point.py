@@ -12,8 +12,8 @@ from bpy_extras.view3d_utils import location_3d_to_region_2d
 from gpu_extras.batch import batch_for_shader
 from mathutils import Vector
 
-from ..state import deviation_results
 from ..state.heat_map import Shown, shown
+from ..state.still_holds import measured_to_show
 from .deviation_panel import stale_line
 from .lengths import Rounding, length_text
 
@@ -33,7 +33,7 @@ def draw() -> None:
     settings = context.scene.ccdepth
     if shown(settings) is not Shown.DEVIATION or not context.space_data.overlay.show_overlays:
         return
-    holder = deviation_results.shown_object(context)
+    holder = measured_to_show(context)
     if holder is None or not holder.visible_get() or stale_line(settings, holder.data):
         return
     record = holder.data.ccdepth

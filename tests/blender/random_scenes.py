@@ -178,7 +178,7 @@ def compute_again(this: Run) -> None:
         return
     with suppress(*REFUSALS):
         addon.select(*objects)
-    staleness = addon.module("state.staleness")
+    staleness = addon.module("state.out_of_date")
     addon.module("state.watch").examine()
     with_depths = [each.data for each in objects if each.type == "MESH" and _has_depths(each.data)]
     current = {mesh.name: _depths(mesh) for mesh in with_depths if not staleness.is_stale(mesh)}
@@ -272,7 +272,7 @@ def _subdivision(rng: Random) -> dict[str, Any]:
 def set_levels(this: Run) -> None:
     bpy.context.scene.ccdepth.max_faces = int(one(this.random, (10, 2000, 2000)))
     this.before_result = None
-    staleness = addon.module("state.staleness")
+    staleness = addon.module("state.out_of_date")
     meshes = [bpy.data.objects[name].data for name in _meant()]
     # A result may be current and yet not be about another user of its mesh.
     current = all(mesh.users == 1 and not staleness.is_stale(mesh) for mesh in meshes)
@@ -375,7 +375,7 @@ def _results_sound(what: str) -> None:
 
 def _results_current() -> None:
     """What was just made is not out of date."""
-    staleness = addon.module("state.staleness")
+    staleness = addon.module("state.out_of_date")
     addon.module("state.watch").examine()
     for holder in bpy.context.selected_objects:
         # Edit Mode shows one key by itself, which is another shape than that of the result.

@@ -70,4 +70,4 @@ def known_count(holder: bpy.types.Object) -> Any:
     settings = bpy.context.scene.ccdepth
     tolerance = getattr(settings, "relative_tolerance" if settings.tolerance_mode == "RELATIVE" else "tolerance")
     current = addon.module("tasks.adaptive_task").AdaptiveSettings.of(settings, tolerance)
-    return addon.module("state.face_counts").known_count([holder], current)
+    return addon.module("state.known").known_count([holder], current)

@@ -126,7 +126,7 @@ def test_what_cannot_be_examined_does_not_pass_for_current(
     def failing(*_: object, **__: object) -> None:
         raise LookupError("odd")
 
-    monkeypatch.setattr(addon.module("state.fingerprint"), "object_state", failing)
+    monkeypatch.setattr(addon.module("state.still_holds"), "object_state", failing)
     holder.scale.x = 2.0
     bpy.context.view_layer.update()
     expect(holder, mesh_line(holder))

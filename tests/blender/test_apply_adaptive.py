@@ -328,7 +328,7 @@ def assert_nothing_is_done(editing: bool) -> None:
 
 
 def placing() -> ModuleType:
-    return addon.module("operators.adaptive_objects")
+    return addon.module("operators.place_results")
 
 
 def made_meshes(objects: list[bpy.types.Object]) -> tuple[object, object]:

@@ -212,7 +212,7 @@ def test_colours_are_baked_in_edit_mode_and_not_carried_to_results() -> None:
         assert holder.mode == "EDIT"
     assert addon.colors(holder).shape == (24, 4)
     assert holder.data.attributes.active_color_name == "ccdepth_color"
-    assert not addon.module("state.staleness").is_stale(holder.data)
+    assert not addon.module("state.out_of_date").is_stale(holder.data)
     [result] = subdivide(holder)
     assert [each.name for each in result.data.color_attributes] == ["First", "Second"]
     assert result.data.attributes.active_color_name == "Second"

@@ -142,13 +142,13 @@ def test_meshes_without_faces_are_named() -> None:
 
 
 def test_the_panel_knows_until_a_run_goes_well() -> None:
-    refusals = addon.module("state.refusals")
+    known = addon.module("state.known")
     holder = with_repeated_vertices(2, 7)
     compute_refused("Scan", holder)
-    assert refusals.faces_at_fault(holder.data) == 2
+    assert known.faces_at_fault(holder.data) == 2
     bpy.ops.ccdepth.select_invalid()
     addon.compute(scene.add_suzanne())
-    assert refusals.faces_at_fault(holder.data) == 0
+    assert known.faces_at_fault(holder.data) == 0
 
 
 def test_repaired_meshes_are_accepted_and_keep_their_attributes() -> None:

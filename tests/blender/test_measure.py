@@ -109,7 +109,7 @@ def test_the_tolerance_is_met_or_not_or_nothing_is_decided(capfd: pytest.Capture
 def test_what_is_proved_is_rounded_up_and_what_is_reached_down() -> None:
     """A third is between two numbers of single precision."""
     mesh, third = subdivided_cube().data, 1.0 / 3.0
-    tasks, write = addon.module("tasks.deviation_task"), addon.module("state.deviation_results").write_record
+    tasks, write = addon.module("tasks.deviation_task"), addon.module("state.results").write_measurement
     answer = tasks.MeshDeviation(0, ["Cube"], "Cube", 1.0, np.zeros(6), third, third, True, False, 0, np.zeros(3))
     write(mesh, answer, tasks.MeasureSettings(1.0, "ABSOLUTE", True, 0.1, 1.0))
     record = mesh.ccdepth
@@ -301,7 +301,7 @@ def test_what_was_measured_against_the_active_object_is_shown() -> None:
     source.hide_set(False)
     addon.measure(result, source, tolerance=0.02, time_limit=5.0)
     assert bpy.context.active_object == source
-    shown = addon.module("state.deviation_results").shown_object
+    shown = addon.module("state.still_holds").measured_to_show
     assert shown(bpy.context) == result
     addon.select(source)
     assert shown(bpy.context) == source

@@ -339,7 +339,7 @@ def test_in_place_in_both_modes_with_the_scenes_setting(mode: str) -> None:
     bpy.ops.object.mode_set(mode="OBJECT")
     record = original.data.ccdepth
     assert record.unreduced_triangles > record.faces == faces(original)
-    assert not addon.module("state.staleness").is_stale(original.data)
+    assert not addon.module("state.out_of_date").is_stale(original.data)
 
 
 def test_where_nothing_is_gained_the_adaptive_mesh_is_made() -> None:

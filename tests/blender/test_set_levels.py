@@ -47,7 +47,7 @@ def test_the_modifier_gets_the_uniform_level(vertices: str, present: bool) -> No
         assert holder.modifiers[0].boundary_smooth == "PRESERVE_CORNERS"
     bpy.context.view_layer.update()
     addon.module("state.watch").examine()
-    assert not addon.module("state.staleness").is_stale(holder.data)
+    assert not addon.module("state.out_of_date").is_stale(holder.data)
 
 
 @pytest.mark.parametrize("kind", ["MULTIRES", "SOFT_BODY"])

@@ -256,7 +256,7 @@ def test_refused_runs_leave_no_keys(tmp_path: Path) -> None:
         ("exchange.adaptive_mesh", "write_groups"),
         ("exchange.adaptive_mesh", "write_shape_keys"),
         ("exchange.shape_keys", "_copy_animation"),
-        ("operators.adaptive_objects", "_place_beside"),
+        ("operators.place_results", "_place_beside"),
         ("state.results", "write_adaptive"),
         ("exchange.control_mesh", "mesh_arrays"),
     ],

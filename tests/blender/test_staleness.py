@@ -238,7 +238,7 @@ def test_a_source_may_be_gone(remove: Callable[[bpy.types.Object], object]) -> N
     """What was measured against it is out of date then, and of its result only edits of its own are told."""
     made = made_of(creased_source())
     remove(made.source)
-    addon.module("state.staleness").touch(made.other.data)
+    addon.module("state.out_of_date").touch(made.other.data)
     made.source = made.other
     lines = made.lines()
     assert (lines["other"], lines.get("result")) == ("Out of date: “Source” was removed", None)
@@ -259,7 +259,7 @@ def test_renamed_objects_are_told_by_their_names(tmp_path: Path) -> None:
     facts = addon.module("ui.facts").facts_of_measurement(bpy.context.scene, other)
     assert [fact.value for fact in facts[:2]] == ["Measured", "Surface"]
     addon.select(other, bpy.data.objects["Surface"])
-    assert addon.module("state.deviation_results").shown_object(bpy.context) == other
+    assert addon.module("state.still_holds").measured_to_show(bpy.context) == other
     assert Made(bpy.data.objects["Surface"], other, bpy.data.objects["Source Adaptive"]).lines() == {}
 
 
@@ -346,9 +346,9 @@ def test_depths_of_zero_that_are_taken_away_are_noticed() -> None:
     holder = scene.add_object(meshes.torus(6, 6))
     addon.compute(holder, tolerance=100.0, tolerance_mode="ABSOLUTE")
     assert addon.depths(holder).max() == 0
-    checksum = addon.module("state.fingerprint").mesh_checksum(holder)
+    checksum = addon.module("state.still_holds").mesh_checksum(holder)
     holder.data.attributes.remove(holder.data.attributes["ccdepth"])
-    assert addon.module("state.fingerprint").mesh_checksum(holder) != checksum
+    assert addon.module("state.still_holds").mesh_checksum(holder) != checksum
 
 
 # What modifiers depend on.
@@ -451,7 +451,7 @@ def test_edit_mode_is_followed() -> None:
 
 
 def test_large_meshes_in_edit_mode_are_not_read_again(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(addon.module("state.staleness"), "LARGEST_EDITED_FACE_COUNT", 5)
+    monkeypatch.setattr(addon.module("state.out_of_date"), "LARGEST_EDITED_FACE_COUNT", 5)
     holder = scene.add_object(meshes.cube())
     with addon.edit_mode(holder):
         bpy.context.view_layer.update()

@@ -165,7 +165,7 @@ def test_modifiers_that_are_counted_in_are_carried_over_too(
     cube.modifiers.move(1, 0)
     bpy.context.view_layer.update()
     assert text() == "= 0.004899 m"
-    monkeypatch.setattr(addon.module("state.diagonals"), "LONG", 0.0)
+    monkeypatch.setattr(addon.module("state.known"), "LONG", 0.0)
     for line in ("= 0.006633 m", ""):
         array.count += 1
         bpy.context.view_layer.update()
@@ -350,7 +350,7 @@ def test_objects_that_share_a_mesh_have_one_count() -> None:
     assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}
     alone = known_count(second).faces
     addon.select(first, second)
-    panel, counts = addon.module("ui.selected_results"), addon.module("state.face_counts")
+    panel, counts = addon.module("ui.selected_results"), addon.module("state.known")
     settings = addon.module("tasks.adaptive_task").AdaptiveSettings.of(bpy.context.scene.ccdepth, 0.02)
     assert counts.known_count(panel.chosen_meshes(bpy.context), settings) is None
     assert bpy.ops.ccdepth.count_faces() == {"FINISHED"}

@@ -492,7 +492,7 @@ def kept() -> Kept:
 def due() -> list[bpy.types.Object]:
     """What is to be made anew once everything touched has been examined."""
     bpy.context.view_layer.update()
-    sources = addon.module("state.sources")
+    sources = addon.module("state.out_of_date")
     addon.module("state.watch").examine()
     return sources.due_results()
 

@@ -45,7 +45,7 @@ def with_modifier(holder: bpy.types.Object, vertices: str | None) -> bpy.types.O
 
 def line(holder: bpy.types.Object) -> str:
     """What the panel says of the object's result."""
-    addon.module("state.staleness").out_of_date(bpy.context, [holder])
+    addon.module("state.out_of_date").out_of_date(bpy.context, [holder])
     return addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, holder.data, holder)
 
 

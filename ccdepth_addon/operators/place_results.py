@@ -1,9 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Adaptive results → objects: new meshes with everything of the old ones, in place of the objects or beside them."""
+"""Adaptive results → objects: new meshes with everything of the old ones, in place of these, beside the objects, or in
+results that there are already, which keep everything but their meshes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
@@ -14,13 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exchange.adaptive_mesh import TransferOptions, new_mesh
-from ..exchange.bulk_writing import own_copy
+from ..exchange.bulk_writing import is_writable, own_copy
 from ..exchange.control_mesh import base_mesh
 from ..exchange.frozen_copies import FrozenCopies, batches, frozen_copies
 from ..exchange.mesh_checksums import geometry_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers, subdivision_modifier
 from ..exchange.object_state import StateAtFrame, object_state
-from ..state import fingerprint, results, staleness
+from ..state import out_of_date, result_record, results, still_holds
+from ..state.result_record import MadeWith
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.surfaces import ComputeError, naming
 from .scene_objects import hide, link_beside, show_in_local_view
@@ -33,7 +35,7 @@ NAME_SUFFIX = " Adaptive"
 
 
 @dataclass(frozen=True)
-class Made:
+class NewMesh:
     """A result, the session identifier of the mesh made for it, that mesh's checksum, and (F,) int32 its depths."""
 
     result: AdaptiveResult
@@ -56,13 +58,13 @@ Placing = Callable[[bpy.types.Context, ObjectGroups, list[bpy.types.Mesh], ExitS
 
 def make_meshes(
     context: bpy.types.Context, answers: list[AdaptiveResult], settings: AdaptiveSettings, *, exact_normals: bool
-) -> Generator[str, None, list[Made]]:
+) -> Generator[str, None, list[NewMesh]]:
     """Make the adaptive meshes in Object Mode, all or none; yields the stage.
 
     Nothing else changes, and no object uses them before they are placed. Raises ComputeError when an object has changed
     since it was read.
     """
-    made: list[Made] = []
+    made: list[NewMesh] = []
     try:
         for batch in batches(answers, lambda answer: len(answer.adaptive.mesh.base_faces), FACES_AT_ONCE):
             yield f"Writing meshes: {len(made):,} of {len(answers):,}"
@@ -80,13 +82,13 @@ def make_meshes(
 
 
 def place_meshes(
-    context: bpy.types.Context, made: list[Made], settings: AdaptiveSettings, *, in_place: bool
+    context: bpy.types.Context, made: list[NewMesh], settings: AdaptiveSettings, *, in_place: bool
 ) -> list[list[Placed]]:
     """Put meshes in the place of those they were made from, or beside them: see ``place``."""
     return place(context, made, partial(_place_instead if in_place else _place_all_beside, settings))
 
 
-def place(context: bpy.types.Context, made: list[Made], placing: Placing) -> list[list[Placed]]:
+def place(context: bpy.types.Context, made: list[NewMesh], placing: Placing) -> list[list[Placed]]:
     """Put meshes where they belong, all or none; returns who has each of them, in the order of the task's targets.
 
     Raises ComputeError when an object is no longer what it was; whatever goes wrong, the meshes are removed and nothing
@@ -106,12 +108,12 @@ def place(context: bpy.types.Context, made: list[Made], placing: Placing) -> lis
     context.view_layer.update()
     for each, mesh, group in zip(made, meshes, users, strict=True):
         states = [StateAtFrame(object_state(user, use_modifiers=False), None) for user in group]
-        fingerprint.remember(mesh, each.geometry, each.depths, states)
-        staleness.note_write(mesh)
+        still_holds.remember_depths(mesh, each.geometry, each.depths, states)
+        out_of_date.note_write(mesh)
     return [[Placed(*pair) for pair in zip(*groups, strict=True)] for groups in zip(users, sources, strict=True)]
 
 
-def _meshes(made: list[Made]) -> list[bpy.types.Mesh]:
+def _meshes(made: list[NewMesh]) -> list[bpy.types.Mesh]:
     """The meshes made, in their order, without those that are gone."""
     meshes = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
     return [meshes[each.mesh_uid] for each in made if each.mesh_uid in meshes]
@@ -129,7 +131,7 @@ def _make_mesh(
     settings: AdaptiveSettings,
     exact_normals: bool,
     copies: FrozenCopies,
-) -> Made:
+) -> NewMesh:
     modifier = subdivision_modifier(source)
     options = TransferOptions(limit_normals=exact_normals)
     if modifier is not None:
@@ -145,7 +147,7 @@ def _make_mesh(
     except BaseException:
         bpy.data.meshes.remove(mesh)
         raise
-    return Made(answer, mesh.session_uid, geometry_checksum(mesh), answer.adaptive.depths)
+    return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), answer.adaptive.depths)
 
 
 def _place_instead(
@@ -227,6 +229,84 @@ def _show_again(original: bpy.types.Object, *, selected: bool, render_hidden: bo
     original.hide_render = render_hidden
     original.hide_set(False)
     original.select_set(selected)
+
+
+def place_in_results(context: bpy.types.Context, made: list[NewMesh], settings: MadeWith) -> list[str]:
+    """Give each mesh to its results, and to the objects that share their mesh; returns notes for the user. Raises
+    ComputeError, with nothing changed, when an object is no longer what it was."""
+    notes: list[str] = []
+    cleared: list[bool] = []
+    from_source: list[list[bpy.types.Material | None]] = []
+
+    def placing(
+        _context: bpy.types.Context, updated: ObjectGroups, meshes: list[bpy.types.Mesh], undo: ExitStack
+    ) -> ObjectGroups:
+        old = [group[0].data for group in updated]
+        cleared.extend(not results.has_result(mesh) for mesh in old)
+        edited = [group[0].data for group in updated if result_record.is_edited(group[0])]
+        for mesh, group in zip(meshes, _with_sharing(updated), strict=True):
+            from_source.append(list(mesh.materials))
+            _keep_materials(mesh, group)
+            give_mesh(mesh, group, undo)
+        # What follows cannot be undone, and does not fail.
+        notes.extend(_take_places(meshes, old, edited, updated))
+        # The tolerance is proved for these alone, and not for objects of other scales that share their meshes.
+        return updated
+
+    for group, materials, was_cleared in zip(place(context, made, placing), from_source, cleared, strict=True):
+        if was_cleared:
+            results.clear(group[0].user.data)
+        for each in group:
+            out_of_date.remember_made(each.user, each.source, settings, materials)
+    return notes
+
+
+def _with_sharing(results: ObjectGroups) -> ObjectGroups:
+    """The results, each with objects that share its mesh and are to go on doing so."""
+    named = {result for group in results for result in group}
+    sharing: dict[bpy.types.Mesh, list[bpy.types.Object]] = {}
+    for other in bpy.data.objects:
+        if other.type == "MESH" and other not in named and other.is_editable:
+            sharing.setdefault(other.data, []).append(other)
+    return [[*group, *sharing.pop(group[0].data, [])] for group in results]
+
+
+def _keep_materials(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object]) -> None:
+    """Put the materials that a user chose for the result in the place of those of the source."""
+    result = users[0]
+    recorded = [each.material for each in result.ccdepth.materials]
+    for index, material in enumerate(result.data.materials):
+        is_own = index >= len(recorded) or recorded[index] != material
+        is_own |= any(user.material_slots[index].link == "OBJECT" for user in users)
+        if not is_own:
+            continue
+        while len(mesh.materials) <= index:
+            mesh.materials.append(None)
+        mesh.materials[index] = material
+
+
+def _take_places(
+    meshes: Sequence[bpy.types.Mesh],
+    old: Sequence[bpy.types.Mesh],
+    edited: Sequence[bpy.types.Mesh],
+    results: ObjectGroups,
+) -> list[str]:
+    """Remove the meshes that nothing uses any more, keep those that a user edited, and give their names to the new
+    ones; returns what to tell of it. A mesh whose place several took gives its name to the first."""
+    notes = []
+    groups = {before: (mesh, group[0]) for mesh, before, group in reversed([*zip(meshes, old, results, strict=True)])}
+    for before, (mesh, result) in groups.items():
+        if before.users or not is_writable(before):
+            continue
+        name = before.name
+        if before in edited:
+            before.name = f"Edited {name}"
+            before.use_fake_user = True
+            notes.append(f"{result.name}: its mesh had been edited; the edited one is kept as “{before.name}”")
+        else:
+            bpy.data.meshes.remove(before)
+        mesh.name = name
+    return notes
 
 
 def _remove_applied_modifiers(blender_object: bpy.types.Object, settings: AdaptiveSettings) -> None:

@@ -1,0 +1,294 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which results no longer hold, and which adaptive objects have sources that have changed. What was touched is examined
+when nothing has happened for a while, and the answer is kept until it is touched again. Operators that rely on a result
+examine it themselves, by the same function.
+
+Listeners are told when sources of results that are kept updated have left Edit Mode.
+"""
+
+from __future__ import annotations
+
+import traceback
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import bpy
+
+from ..exchange.mesh_arrays import mesh_face_count
+from ..exchange.object_state import KnownDescriptions
+from . import result_record, results, still_holds, watch
+
+Answer = TypeVar("Answer")
+
+# In Edit Mode a larger mesh is not read again after every change: any change of its geometry makes its result stale.
+LARGEST_EDITED_FACE_COUNT = 200_000
+
+# Called when the source of a result that is to be kept updated has left Edit Mode changed; operators register here.
+edited_source_listeners: list[Callable[[], None]] = []
+
+# All by session identifiers. Meshes that were touched, whose results no longer hold, and that were just written to; and
+# objects that a result was not computed for.
+_touched: set[int] = set()
+_stale: set[int] = set()
+_own_writes: set[int] = set()
+_uncovered: set[int] = set()
+
+# What has changed since the measurements on meshes were made.
+_changes: dict[int, str] = {}
+
+# By an object, the meshes that were measured against its limit surface; by a source, its results.
+_measured_against: dict[int, set[int]] = {}
+_results: dict[int, set[int]] = {}
+_object_count = -1
+
+# Sources that were touched, that are in Edit Mode, and that have left it since they were examined last.
+_touched_sources: set[int] = set()
+_edited: set[int] = set()
+_left: set[int] = set()
+
+# Results whose sources have changed, and those that are to be made anew because of that.
+_changed: set[int] = set()
+_due: set[int] = set()
+
+
+def is_stale(mesh: bpy.types.Mesh) -> bool:
+    """Whether the mesh has changed since its result was computed, as far as examined."""
+    return mesh.session_uid in _stale
+
+
+def is_uncovered(blender_object: bpy.types.Object) -> bool:
+    """Whether the result on the object's mesh was not computed for an object like it, as far as examined."""
+    return blender_object.session_uid in _uncovered
+
+
+def change_since_measured(mesh: bpy.types.Mesh) -> str:
+    """What has changed since the measurement on the mesh was made, as far as examined; empty where it holds."""
+    return _changes.get(mesh.session_uid, "")
+
+
+def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:
+    """Those of the objects whose results no longer hold, examined now; panels show the same."""
+    context.view_layer.update()
+    _examine({blender_object.data.session_uid for blender_object in objects})
+    return [holder for holder in objects if is_stale(holder.data) or is_uncovered(holder)]
+
+
+def note_write(mesh: bpy.types.Mesh) -> None:
+    """Note a new result on the mesh: the next change of its geometry is the writing of it."""
+    _stale.discard(mesh.session_uid)
+    _own_writes.add(mesh.session_uid)
+
+
+def note_deviation(measured: bpy.types.Object) -> None:
+    """The same of a new measurement on the object's mesh."""
+    _changes.pop(measured.data.session_uid, None)
+    _own_writes.add(measured.data.session_uid)
+    _note_target(measured)
+
+
+def _note_target(measured: bpy.types.Object) -> None:
+    target = still_holds.target_of(measured) if results.has_deviation(measured.data) else None
+    if target is not None:
+        _measured_against.setdefault(target.session_uid, set()).add(measured.data.session_uid)
+
+
+def has_results(blender_object: bpy.types.Object) -> bool:
+    """Whether results came from this object, as far as known."""
+    return bool(uids_of_results(blender_object.session_uid))
+
+
+def uids_of_results(source_uid: int) -> set[int]:
+    """The session identifiers of the results that came from the object with this one, as far as known."""
+    if len(bpy.data.objects) != _object_count:
+        _find_results()
+    return _results.get(source_uid, set())
+
+
+def source_has_changed(result: bpy.types.Object) -> bool:
+    """Whether the result's source has changed since the result was made, as far as examined."""
+    return result.session_uid in _changed
+
+
+def due_results() -> list[bpy.types.Object]:
+    """The results that are to be made anew because their sources have left Edit Mode."""
+    if not _due:
+        return []
+    return [each for each in bpy.data.objects if each.session_uid in _due and each.ccdepth.keep_updated]
+
+
+def no_longer_due(results: list[bpy.types.Object]) -> None:
+    """Do not make these anew before their sources leave Edit Mode again."""
+    _due.difference_update(each.session_uid for each in results)
+
+
+def due_again(results: list[bpy.types.Object]) -> None:
+    """Make these anew when nothing has happened for a while."""
+    _due.update(each.session_uid for each in results)
+    watch.examine_soon()
+
+
+def remember_made(result: bpy.types.Object, source: bpy.types.Object, *given: Any) -> None:
+    """Write to the result that it has just been made from the source: see ``result_record.remember``."""
+    result_record.remember(result, source, *given)
+    _changed.discard(result.session_uid)
+    _due.discard(result.session_uid)
+    _results.setdefault(source.session_uid, set()).add(result.session_uid)
+
+
+def _examine_touched() -> bool:
+    """Examine what was touched; returns whether there is any of it."""
+    touched, sources = set(_touched), set(_touched_sources)
+    _touched.clear()
+    _touched_sources.clear()
+    found = [_examine(touched)]
+    # What is being edited is examined when it leaves Edit Mode.
+    for each in bpy.data.objects if sources else ():
+        if each.session_uid in sources and each.type == "MESH" and not each.data.is_editmode:
+            found.append(_examine_results_of(each))
+    if due_results():
+        for listener in edited_source_listeners:
+            listener()
+    return any(found)
+
+
+def _examine(uids: set[int]) -> bool:
+    """Examine the results on these meshes; returns whether there are any."""
+    users = _users_of_results(uids)
+    known: KnownDescriptions = {}
+    for mesh, objects in users.items():
+        if results.has_result(mesh):
+            # What cannot be examined counts as stale.
+            found = _tried(still_holds.examine, mesh, objects, known)
+            uncovered = set(found.uncovered) if found else set()
+            _set(_stale, mesh, found is None or found.has_changed)
+            for holder in objects:
+                _set(_uncovered, holder, holder in uncovered)
+        _changes.pop(mesh.session_uid, None)
+        if results.has_deviation(mesh):
+            change = _tried(still_holds.change_since_measured, mesh, objects)
+            _changes[mesh.session_uid] = "objects changed" if change is None else change
+    return bool(users)
+
+
+def _examine_results_of(source: bpy.types.Object) -> bool:
+    """Compare the source with what its results were made from; returns whether there are any."""
+    has_left = source.session_uid in _left
+    _left.discard(source.session_uid)
+    made = result_record.results_of(source)
+    for result in made:
+        # What cannot be examined counts as changed.
+        changed = _tried(result_record.source_has_changed, result, source) is not False
+        _set(_changed, result, changed)
+        if changed and has_left and _is_kept_updated(result):
+            _due.add(result.session_uid)
+    return bool(made)
+
+
+def _is_kept_updated(result: bpy.types.Object) -> bool:
+    """Whether the result is made anew without asking: not if its own mesh was edited, or is just being edited."""
+    return result.ccdepth.keep_updated and not result.data.is_editmode and not result_record.is_edited(result)
+
+
+def _tried(examine: Callable[..., Answer], *given: Any) -> Answer | None:
+    """What the function returns; None, with a message on the console, where it fails."""
+    try:
+        return examine(*given)
+    except Exception:
+        traceback.print_exc()
+        return None
+
+
+def _set(holders: set[int], holder: bpy.types.ID, wanted: bool) -> None:
+    (holders.add if wanted else holders.discard)(holder.session_uid)
+
+
+def _users_of_results(uids: set[int]) -> dict[bpy.types.Mesh, list[bpy.types.Object]]:
+    """The meshes among these that hold a result, and the objects that use each."""
+    users: dict[bpy.types.Mesh, list[bpy.types.Object]] = {
+        mesh: [] for mesh in bpy.data.meshes if mesh.session_uid in uids and results.has_any(mesh)
+    }
+    for blender_object in bpy.data.objects if users else ():
+        if blender_object.data in users:
+            users[blender_object.data].append(blender_object)
+    return users
+
+
+def touch(mesh: bpy.types.Mesh) -> None:
+    """Examine the mesh's result soon."""
+    _touched.add(mesh.session_uid)
+    watch.examine_soon()
+
+
+def _notice_update(holder: bpy.types.Object, geometry: bool) -> bool:
+    if holder.type == "MESH":
+        _touched.update(_measured_against.get(holder.session_uid, ()))
+        if results.has_any(holder.data):
+            _notice_change(holder.data, geometry)
+    uid = holder.session_uid
+    if uids_of_results(uid):
+        _touched_sources.add(uid)
+        if holder.mode == "EDIT":
+            _edited.add(uid)
+        elif uid in _edited:
+            _edited.discard(uid)
+            _left.add(uid)
+    return bool(_touched or _touched_sources)
+
+
+def _notice_change(mesh: bpy.types.Mesh, geometry: bool) -> None:
+    own_write = geometry and mesh.session_uid in _own_writes
+    if geometry:
+        _own_writes.discard(mesh.session_uid)
+    if not mesh.is_editmode or mesh_face_count(mesh) <= LARGEST_EDITED_FACE_COUNT:
+        _touched.add(mesh.session_uid)
+    elif geometry and not own_write:
+        _stale.add(mesh.session_uid)
+        _changes[mesh.session_uid] = f"“{mesh.name}” changed"
+
+
+def _find_results() -> None:
+    """Look at all objects of the file."""
+    global _object_count
+    _results.clear()
+    for each in bpy.data.objects:
+        source = result_record.source_of(each) if each.type == "MESH" else None
+        if source is not None:
+            _results.setdefault(source.session_uid, set()).add(each.session_uid)
+    _object_count = len(bpy.data.objects)
+
+
+def _touch_everything() -> bool:
+    for each in bpy.data.objects:
+        if each.type == "MESH" and results.has_any(each.data):
+            _note_target(each)
+            _touched.add(each.data.session_uid)
+    _touched_sources.update(_results)
+    return bool(_touched or _touched_sources)
+
+
+def _begin_anew() -> bool:
+    """After undo, redo and loading: they must not be followed by something that is made anew."""
+    for runtime in (_edited, _left, _due):
+        runtime.clear()
+    _find_results()
+    return _touch_everything()
+
+
+def _forget_everything() -> None:
+    global _object_count
+    for noted in (_touched, _stale, _own_writes, _uncovered, _touched_sources, _edited, _left, _changed, _due):
+        noted.clear()
+    for kept in (_changes, _measured_against, _results):
+        kept.clear()
+    _object_count = -1
+
+
+watch.clients.append(
+    watch.Client(
+        forget=_forget_everything,
+        updated=_notice_update,
+        frame_changed=_touch_everything,
+        replaced=_begin_anew,
+        examine=_examine_touched,
+    )
+)

@@ -1,0 +1,230 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""What results and measurements were computed from, as checksums in their records, and whether they still hold."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+import bpy
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import BoolArray, FloatArray
+from ..exchange.mesh_arrays import mesh_face_count, own_mesh
+from ..exchange.mesh_checksums import continued, geometry_checksum
+from ..exchange.object_state import KnownDescriptions, ObjectState, StateAtFrame, object_state, shown_checksum
+from ..exchange.result_attributes import DEPTH, DEPTH_KIND, DEVIATION_KIND, AttributeKind, has_values, read_face_values
+from ..exchange.shown_mesh import shown_modifiers
+from . import results
+
+# How far, relatively, an object's scale may drift by rounding while it is turned.
+SCALE_DRIFT = 1e-5
+
+# Scales nearer to each other than this fraction of it count as one.
+CELL_SIZE = 0.1
+
+# How far, in parts of the largest number, a placement may drift by rounding while both objects are moved together.
+DRIFT = 2e-6
+
+
+class Examination(NamedTuple):
+    """Whether a result's mesh, or an object it was computed for, has changed; and which objects use the mesh that the
+    result was not computed for, or that have changed since."""
+
+    has_changed: bool
+    uncovered: list[bpy.types.Object]
+
+
+def remember_depths(
+    mesh: bpy.types.Mesh, geometry: int, depths: NDArray[np.int32], states: Iterable[StateAtFrame]
+) -> None:
+    """Write to the mesh's record what the result just written to it depends on.
+
+    geometry: the checksum of the mesh it was computed from. depths: (F,) int32, those written. states: of the objects
+    it was computed for, as they were read, on each frame.
+    """
+    record = mesh.ccdepth
+    record.fingerprint = f"{continued(geometry, DEPTH, depths):08x}"
+    record.contributors.clear()
+    by_frame: dict[int, list[ObjectState]] = {}
+    for state, frame in states:
+        by_frame.setdefault(frame or 0, []).append(state)
+    for at_frame, found in by_frame.items():
+        for checksum, scales in _by_checksum((state.checksum, state.scale) for state in found).items():
+            for scale in _without_repetitions(scales)[0]:
+                contributor = record.contributors.add()
+                contributor.gram, contributor.checksum, contributor.frame = scale, checksum, at_frame
+
+
+def mesh_checksum(blender_object: bpy.types.Object, kind: AttributeKind = DEPTH_KIND) -> str:
+    """A checksum of the object's own mesh, as far as its surface depends on it, and of the values of that kind."""
+    with own_mesh(blender_object) as mesh:
+        checksum = geometry_checksum(mesh)
+        if has_values(mesh, kind):
+            checksum = continued(checksum, kind.name, read_face_values(mesh, kind))
+    return f"{checksum:08x}"
+
+
+def examine(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object], known: KnownDescriptions) -> Examination:
+    """Compare the mesh's record with the mesh and all the objects that use it, as they are now.
+
+    A result over frames is compared with what the objects were like on the scene's frame. On a frame for which that is
+    not known, the mesh alone is compared.
+    known: what was described of other objects at the same time, to be read once only.
+    """
+    record = mesh.ccdepth
+    contributors = list(_contributors(record))
+    if record.frames and not contributors:
+        return Examination(not (users and _is_same_mesh(mesh, users[0])), [])
+    states = [
+        object_state(user, use_modifiers=record.use_modifiers, with_vertices=record.follows_objects, known=known)
+        for user in users
+    ]
+    present = _by_checksum((state.checksum, state.scale) for state in states)
+    recorded = _by_checksum((each.checksum, each.gram) for each in contributors)
+    is_intact = (
+        bool(users)
+        and _is_same_mesh(mesh, users[0])
+        and all(_are_among(scales, present.get(checksum)).all() for checksum, scales in recorded.items())
+    )
+    covered = {checksum: iter(_are_among(scales, recorded.get(checksum))) for checksum, scales in present.items()}
+    uncovered = [user for user, state in zip(users, states, strict=True) if not next(covered[state.checksum])]
+    return Examination(not is_intact, uncovered)
+
+
+def _is_same_mesh(mesh: bpy.types.Mesh, user: bpy.types.Object) -> bool:
+    """Whether a mesh and its depths are those of its record. user: an object that uses it."""
+    record = mesh.ccdepth
+    return mesh_face_count(mesh) == record.faces and mesh_checksum(user) == record.fingerprint
+
+
+def _contributors(record: bpy.types.PropertyGroup) -> Iterator[bpy.types.PropertyGroup]:
+    """What the result was computed for: over frames, on the scene's frame."""
+    scene = bpy.context.scene
+    for each in record.contributors:
+        if not record.frames or (each.frame == scene.frame_current and scene.frame_subframe == 0.0):
+            yield each
+
+
+def _by_checksum(states: Iterable[tuple[str, Sequence[float] | FloatArray]]) -> dict[str, FloatArray]:
+    """The scales of all states with the same checksum, in their order: (N, 6) float64."""
+    scales: dict[str, list[Sequence[float] | FloatArray]] = {}
+    for checksum, scale in states:
+        scales.setdefault(checksum, []).append(scale)
+    return {checksum: np.array(found, dtype=np.float64).reshape(-1, 6) for checksum, found in scales.items()}
+
+
+def _are_among(scales: FloatArray, others: FloatArray | None) -> BoolArray:
+    """(N,): whether each of the scales (N, 6) is one of the others (M, 6), or has drifted from it by rounding."""
+    if others is None:
+        return np.zeros(len(scales), dtype=bool)
+    distinct, places = _without_repetitions(scales)
+    others, _ = _without_repetitions(others)
+    found = [np.any(np.abs(others - each).max(axis=1) <= SCALE_DRIFT * np.abs(each).max()) for each in distinct]
+    return np.array(found, dtype=bool)[places]
+
+
+def _without_repetitions(scales: FloatArray) -> tuple[FloatArray, NDArray[np.intp]]:
+    """One of each group that differs by rounding alone (M, 6), and for each of all (N, 6), its index among them."""
+    exponents = np.frexp(np.abs(scales).max(axis=1))[1]
+    cells = np.rint(np.ldexp(scales, -exponents[:, None]) / (SCALE_DRIFT * CELL_SIZE))
+    _, first, places = np.unique(np.column_stack([cells, exponents]), axis=0, return_index=True, return_inverse=True)
+    # numpy 2.0 alone gives the inverse a second axis.
+    return scales[first], places.reshape(-1)
+
+
+def remember_measurement(measured: bpy.types.Object, target: bpy.types.Object) -> None:
+    """Write to the records of the object and of its mesh what the measurement just written to it depends on.
+
+    target: the object against whose limit surface it is.
+    """
+    found = measured.data.ccdepth.measurement
+    measured.ccdepth.measured_against = None if target == measured else target
+    found.fingerprint = " ".join(_checksums(measured, target, use_modifiers=found.use_modifiers))
+    found.placement = _placement(measured, target)
+
+
+def measured_object(holder: bpy.types.Object) -> bpy.types.Object:
+    """Of the objects that use the holder's mesh, the one that its measurement is of: by its name, or the holder itself
+    where that was renamed."""
+    named = bpy.data.objects.get(holder.data.ccdepth.measurement.measured)
+    return holder if named is None or named.data != holder.data else named
+
+
+def is_own(mesh: bpy.types.Mesh) -> bool:
+    """Whether the object that was measured is the one whose limit surface it was measured against."""
+    found = mesh.ccdepth.measurement
+    return bool(found.measured == found.against)
+
+
+def target_of(measured: bpy.types.Object) -> bpy.types.Object | None:
+    """The object against whose limit surface one was measured; None where it is gone."""
+    if is_own(measured.data):
+        return measured
+    # Objects that were measured by earlier versions know its name alone.
+    target = measured.ccdepth.measured_against or bpy.data.objects.get(measured.data.ccdepth.measurement.against)
+    return target if target is not None and target.type == "MESH" else None
+
+
+def measured_to_show(context: bpy.types.Context) -> bpy.types.Object | None:
+    """The object whose deviation is shown: the worst of the selected ones that were measured against the active one; or
+    the active one; or the worst of the selected ones."""
+    active = context.active_object
+    measured = [
+        each for each in context.selected_objects if each.type == "MESH" and results.is_deviation_last(each.data)
+    ]
+    if active is not None and active.type == "MESH":
+        others = [each for each in measured if each != active and target_of(each) == active]
+        if not others and results.is_deviation_last(active.data):
+            return active
+        measured = others or measured
+    return max(measured, key=lambda each: each.data.ccdepth.deviation, default=None)
+
+
+def change_since_measured(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object]) -> str:
+    """What has changed since the measurement on the mesh was made; empty where it holds for the object that was
+    measured, or where that was renamed for one of those that use the mesh."""
+    named = [each for each in users if each.name == mesh.ccdepth.measurement.measured]
+    changes = [_change_for(each) for each in named or users]
+    # The empty one comes first.
+    return min(changes, default=f"“{mesh.name}” changed")
+
+
+def _change_for(measured: bpy.types.Object) -> str:
+    found, target = measured.data.ccdepth.measurement, target_of(measured)
+    # The record keeps an object in the file that was deleted.
+    if target is None or not target.users_scene:
+        return f"“{found.against}” was removed"
+    if mesh_face_count(measured.data) != found.faces:
+        return f"“{measured.name}” changed"
+    before, now = found.fingerprint.split(), _checksums(measured, target, use_modifiers=found.use_modifiers)
+    if before != now:
+        return f"“{(measured if before[:2] != now[:2] else target).name}” changed"
+    recorded, present = np.array(found.placement, dtype=np.float64), _placement(measured, target)
+    has_moved = np.abs(recorded - present) > DRIFT * np.abs(recorded).max()
+    if has_moved[:6].any():
+        return f"“{target.name}” was scaled"
+    return "objects were moved" if has_moved.any() else ""
+
+
+def _checksums(measured: bpy.types.Object, against: bpy.types.Object, *, use_modifiers: bool) -> list[str]:
+    """Two of the measured object, and one or two of the other one."""
+    parts = [
+        mesh_checksum(measured, DEVIATION_KIND),
+        shown_checksum(measured, shown_modifiers(measured)),
+        object_state(against, use_modifiers=use_modifiers).checksum,
+    ]
+    if against != measured:
+        with own_mesh(against) as mesh:
+            parts.append(f"{geometry_checksum(mesh):08x}")
+    return parts
+
+
+def _placement(measured: bpy.types.Object, against: bpy.types.Object) -> FloatArray:
+    """(18,): the scale of the second object, and the place of the first relative to it, which stays when both move
+    together."""
+    place, other = (np.array(item.matrix_world, dtype=np.float64) for item in (measured, against))
+    scale = object_state(against, use_modifiers=False).scale
+    relative = np.linalg.pinv(other[:3, :3]) @ (place[:3] - np.column_stack([np.zeros((3, 3)), other[:3, 3]]))
+    return np.concatenate([scale, relative.ravel()])
