@@ -8,7 +8,7 @@ from pathlib import Path
 
 import bpy
 
-from ..exchange.bulk_writing import is_writable, own_copy
+from ..exchange.data_blocks import is_writable, own_copy
 from .blender_calls import CommandError
 from .report import name_of
 

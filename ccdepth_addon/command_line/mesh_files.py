@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 from mathutils import Matrix
 
-from ..exchange.bulk_reading import read_values
+from ..exchange.blender_arrays import read_values
 from ..exchange.custom_normals import CarriedNormals
 from ..state import results
 from ..tasks.surfaces import as_typed

@@ -15,7 +15,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from ..exchange.bulk_reading import read_values
+from ..exchange.blender_arrays import read_values
 from ..exchange.modifiers import shown_vertices
 from ..exchange.result_attributes import BOUND_KIND
 from ..state import properties
@@ -41,7 +41,17 @@ from .mesh_files import (
     write_meshes,
     writer,
 )
-from .report import Chosen, Distances, FileEntry, Frame, Illustration, ObjectEntry, down_to, stamp, up_to
+from .report import (
+    Chosen,
+    Distances,
+    FileEntry,
+    Frame,
+    ObjectEntry,
+    ReportPictures,
+    metres_rounded_down,
+    metres_rounded_up,
+    stamp,
+)
 from .report_text import print_measured, print_results, settings_text
 from .scripted_drivers import scripts_allowed, without_drivers
 from .whole_files import PNG, UnwrittenError, check_whole, claimed, refuse_existing, written_whole
@@ -108,14 +118,14 @@ def _processed(source: Path | None, output: Path | None, options: Namespace) -> 
         with _written(options.picture, options) as path:
             picture.render(bpy.context, shown, path, title, settings_text(shown))
     if options.html is not None or options.pictures:
-        entry = replace(entry, illustrations=tuple(map(_illustration, shown)))
+        entry = replace(entry, pictures=tuple(map(_report_pictures, shown)))
     if output is not None:
         entry = _write(output, shown, targets, entry, options)
     print_measured(entry)
     return entry
 
 
-def _illustration(shown: bpy.types.Object) -> Illustration:
+def _report_pictures(shown: bpy.types.Object) -> ReportPictures:
     """What the page shows of an object that has a result. Raises PictureError."""
     pictures = []
     with TemporaryDirectory() as folder:
@@ -123,7 +133,7 @@ def _illustration(shown: bpy.types.Object) -> Illustration:
         for look in (picture.Look.HEAT_MAP, picture.Look.WIREFRAME):
             picture.render(bpy.context, [shown], path, shown.name, settings_text([shown]), look, picture.SMALL)
             pictures.append(path.read_bytes())
-    return Illustration(tuple((row.depth, row.faces) for row in shown.data.ccdepth.rows), *pictures)
+    return ReportPictures(tuple((row.depth, row.faces) for row in shown.data.ccdepth.rows), *pictures)
 
 
 def evaluated_objects(
@@ -245,7 +255,7 @@ def _depth_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> 
         deepest=max(record.deepest, record.added_deepest),
         level=record.uniform_level,
         worst_frame=Frame(record.worst_frame) if record.frames else None,
-        proved=up_to(float(bounds.max(initial=0.0)), scene_unit(bpy.context.scene)),
+        proved=metres_rounded_up(float(bounds.max(initial=0.0)), scene_unit(bpy.context.scene)),
     )
 
 
@@ -282,7 +292,7 @@ def _adaptive_entry(result: bpy.types.Object, settings: dict[str, Any]) -> Objec
         result=result.name,
         result_faces=record.faces,
         deepest=record.deepest,
-        proved=up_to(record.largest_bound, scene_unit(bpy.context.scene)),
+        proved=metres_rounded_up(record.largest_bound, scene_unit(bpy.context.scene)),
     )
 
 
@@ -295,7 +305,9 @@ def _measured_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) 
     _call_for([blender_object], bpy.ops.ccdepth.measure)
     record = blender_object.data.ccdepth
     unit = scene_unit(bpy.context.scene)
-    distances = Distances(up_to(record.deviation, unit), down_to(record.deviation_reached, unit))
+    distances = Distances(
+        metres_rounded_up(record.deviation, unit), metres_rounded_down(record.deviation_reached, unit)
+    )
     entry = _entry(blender_object, settings, record.measurement.world_tolerance)
     return replace(entry, measured=distances, met=record.measurement.verdict == Verdict.MET.name)
 
@@ -340,7 +352,7 @@ def _write(
 
 def with_answer(entry: ObjectEntry, answer: MeshDeviation, unit: float) -> ObjectEntry:
     """The entry with what was measured. unit: that of the surface, in metres."""
-    distances = Distances(up_to(answer.proved, unit), down_to(answer.reached, unit))
+    distances = Distances(metres_rounded_up(answer.proved, unit), metres_rounded_down(answer.reached, unit))
     is_met = answer.verdict is Verdict.MET
     return replace(entry, tolerance=answer.tolerance * unit, measured=distances, met=is_met)
 

@@ -21,8 +21,8 @@ import numpy as np
 from mathutils import Matrix
 
 from ..core import FloatArray
-from ..exchange.bulk_reading import read_values
-from ..exchange.bulk_writing import own_copy
+from ..exchange.blender_arrays import read_values
+from ..exchange.data_blocks import own_copy
 from ..exchange.modifiers import counted_modifiers
 from ..exchange.result_attributes import COLOR, has_values
 from ..state import heat_map, results

@@ -11,13 +11,14 @@ import os
 from base64 import b64decode, b64encode
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, is_dataclass
+from functools import partial
 from hashlib import file_digest
 from math import inf, nextafter
 from operator import attrgetter
 from pathlib import Path
 from types import UnionType
-from typing import Any, NewType, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, NewType, Union, get_args, get_origin, get_type_hints
 
 import bpy
 
@@ -38,10 +39,6 @@ UNTOLD_OF_OBJECTS: dict[str, Any] = {"closed": None, "oriented": None}
 # Relative. Blender keeps some lengths in single precision, whose roundings are 6e-8 of a number: a dozen of them, and
 # what another order of additions makes of double precision, which is far less, stay within this.
 ROUNDING = 1e-6
-
-
-# The kinds of entries that are read with their types checked.
-Entry = TypeVar("Entry")
 
 
 # A frame of an animation; there are negative ones.
@@ -109,7 +106,7 @@ class Chosen:
 
 
 @dataclass(frozen=True)
-class Illustration:
+class ReportPictures:
     """What the page shows of an object beside its numbers: how many faces have which depth, from the least on, and
     pictures, as WebP files, or PNG files from a Blender that cannot write those."""
 
@@ -118,17 +115,13 @@ class Illustration:
     wireframe: bytes
 
 
-# The pictures of an illustration, by the names of its fields.
-LOOKS = ("heat_map", "wireframe")
-
-
 @dataclass(frozen=True)
 class FileEntry:
     """What was done with a file. source: None for Blender's Suzanne. error: why it failed, if it did.
     chosen: None where no object was done. left_out: why objects were, by their names: HIDDEN, COLLECTION_INSTANCE or
     their type in Blender; None where it is not told. companions: files that were written beside the output and belong
-    to it. lost: what of the objects these do not hold. illustrations: one for each object where a page is to be
-    written or the report is to hold them, else none."""
+    to it. lost: what of the objects these do not hold. pictures: one for each object where a page is to be written or
+    the report is to hold them, else none."""
 
     source: FileStamp | None
     objects: tuple[ObjectEntry, ...] = ()
@@ -138,7 +131,7 @@ class FileEntry:
     left_out: dict[str, str] | None = None
     companions: tuple[FileStamp, ...] = ()
     lost: tuple[str, ...] = ()
-    illustrations: tuple[Illustration, ...] = ()
+    pictures: tuple[ReportPictures, ...] = ()
 
     @property
     def is_good(self) -> bool:
@@ -152,11 +145,13 @@ class FileEntry:
 
 @dataclass(frozen=True)
 class Report:
-    """What a run did: depths, levels, subdivide or measure. version: of the format that it was read from."""
+    """What a run did: depths, levels, subdivide or measure. version: of the format that it was read from. is_own:
+    whether this version of CC Depth made it, in this version of Blender."""
 
     action: str
     files: tuple[FileEntry, ...]
     version: int = FORMAT_VERSION
+    is_own: bool = True
 
     @property
     def is_good(self) -> bool:
@@ -168,12 +163,12 @@ def name_of(source: Path | None) -> str:
     return "Suzanne" if source is None else str(source)
 
 
-def up_to(length: float, metres_per_unit: float) -> float:
+def metres_rounded_up(length: float, metres_per_unit: float) -> float:
     """A proved length of the scene in metres, rounded up."""
     return nextafter(length * metres_per_unit, inf)
 
 
-def down_to(length: float, metres_per_unit: float) -> float:
+def metres_rounded_down(length: float, metres_per_unit: float) -> float:
     """A reached length of the scene in metres, rounded down."""
     return max(0.0, nextafter(length * metres_per_unit, 0.0))
 
@@ -198,38 +193,30 @@ def json_text(report: Report, folder: Path | None, with_pictures: bool) -> str:
         "blender": bpy.app.version_string,
         "action": report.action,
         "met": report.is_good,
-        "files": [_file_content(each, folder, with_pictures) for each in report.files],
+        "files": [_file_content(each, with_pictures) for each in report.files],
     }
-    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    written = partial(_written, folder)
+    return json.dumps(content, indent=2, ensure_ascii=False, allow_nan=False, default=written) + "\n"
 
 
-def _file_content(entry: FileEntry, folder: Path | None, with_pictures: bool) -> dict[str, Any]:
-    return {
-        "input": None if entry.source is None else _stamp_content(entry.source, folder),
-        "error": entry.error,
-        "met": entry.is_good,
-        "chosen": None if entry.chosen is None else asdict(entry.chosen),
-        "left_out": entry.left_out,
-        "objects": [asdict(each) for each in entry.objects],
-        "output": None if entry.output is None else _stamp_content(entry.output, folder),
-        "companions": [_stamp_content(each, folder) for each in entry.companions],
-        "lost": list(entry.lost),
-        **({"pictures": [_picture_content(each) for each in entry.illustrations]} if with_pictures else {}),
-    }
+def _file_content(entry: FileEntry, with_pictures: bool) -> dict[str, Any]:
+    content = asdict(entry)
+    content = {"input": content.pop("source"), "error": content.pop("error"), "met": entry.is_good, **content}
+    if not with_pictures:
+        del content["pictures"]
+    return content
 
 
-def _picture_content(illustration: Illustration) -> dict[str, Any]:
-    looks = {look: b64encode(getattr(illustration, look)).decode() for look in LOOKS}
-    return {"faces_by_depth": illustration.faces_by_depth, **looks}
-
-
-def _stamp_content(stamped: FileStamp, folder: Path | None) -> dict[str, Any]:
-    path = stamped.path.absolute()
+def _written(folder: Path | None, value: bytes | Path) -> str:
+    """What JSON has for a picture, or for a file as it is seen from a folder."""
+    if isinstance(value, bytes):
+        return b64encode(value).decode()
+    path = value.absolute()
     if folder is not None:
         # To another drive there is no way from there.
         with suppress(ValueError):
             path = Path(os.path.relpath(_without_links(path.parent) / path.name, _without_links(folder)))
-    return {"path": path.as_posix(), "sha256": stamped.sha256, "metres_per_unit": stamped.metres_per_unit}
+    return path.as_posix()
 
 
 def _without_links(folder: Path) -> Path:
@@ -253,9 +240,7 @@ def gathered_reports(folder: Path) -> Report:
     reports = [read_report(path) for path in paths]
     seen: dict[str, Path] = {}
     for path, report in zip(paths, reports, strict=True):
-        content = json.loads(path.read_text(encoding="utf-8"))
-        made_by = (content.get("program"), content.get("blender"), report.version)
-        if made_by != (PROGRAM, bpy.app.version_string, FORMAT_VERSION):
+        if not report.is_own:
             raise ReportError(f"{path}: it was made by another version of CC Depth or of Blender")
         if report.action != reports[0].action:
             raise ReportError(f"{path}: its action is {report.action}, and that of others {reports[0].action}")
@@ -285,7 +270,10 @@ def read_report(path: Path) -> Report:
         if number == OLD_VERSION:
             _take_for_new(content)
         folder = _without_links(path.parent)
-        report = Report(content["action"], tuple(_file_entry(each, folder) for each in content["files"]), number)
+        entries = tuple(_file_entry(each, folder) for each in content["files"])
+        made_by = (content.get("program"), content.get("blender"), number)
+        is_own = made_by == (PROGRAM, bpy.app.version_string, FORMAT_VERSION)
+        report = Report(content["action"], entries, number, is_own)
         verdicts = [content["met"], *(each["met"] for each in content["files"])]
     except OSError as fault:
         raise ReportError(f"{path}: it cannot be read: {fault.strerror}") from fault
@@ -314,82 +302,54 @@ def _take_for_new(content: dict[str, Any]) -> None:
 
 
 def _file_entry(content: dict[str, Any], folder: Path) -> FileEntry:
-    chosen = content["chosen"]
-    values = {
-        # Older reports of this version do not tell of it.
-        "left_out": None,
-        **{name: value for name, value in content.items() if name not in ("input", "met", "pictures")},
-        "source": _stamp_of(content["input"], folder),
-        "objects": tuple(_object_entry(each) for each in content["objects"]),
-        "output": _stamp_of(content["output"], folder),
-        "illustrations": tuple(map(_illustration, _list(content, "pictures"))),
-        "companions": tuple(_stamp_of(each, folder) for each in _list(content, "companions")),
-        "lost": tuple(_list(content, "lost")),
-        "chosen": None if chosen is None else _typed(Chosen, chosen),
-    }
-    return _typed(FileEntry, values)
-
-
-def _illustration(content: dict[str, Any]) -> Illustration:
-    faces_by_depth = tuple((int(depth), int(faces)) for depth, faces in content["faces_by_depth"])
-    return Illustration(faces_by_depth, *(b64decode(content[look], validate=True) for look in LOOKS))
-
-
-def _list(content: dict[str, Any], name: str) -> list[Any]:
-    """A list, empty where older reports of this version do not have it. Raises ValueError where it is none."""
-    found = content.get(name, [])
-    if not isinstance(found, list):
-        raise ValueError(f"{name} cannot be {found!r}")
-    return found
-
-
-def _stamp_of(content: dict[str, Any] | None, folder: Path) -> FileStamp | None:
-    return None if content is None else _typed(FileStamp, {**content, "path": folder / content["path"]})
-
-
-def _object_entry(content: dict[str, Any]) -> ObjectEntry:
-    if "vertices" not in content:
-        # Reports of earlier versions name them among the settings alone.
-        content = {**content, "vertices": content["settings"].get("vertices")}
-    measured = content["measured"]
-    entry = _typed(ObjectEntry, {**content, "measured": None if measured is None else _typed(Distances, measured)})
-    if (entry.met is None) != (entry.measured is None) or (entry.measured is not None and not _agree(entry)):
-        raise ValueError("met and measured do not agree")
-    if entry.vertices not in (None, *VERTICES):
-        raise ValueError(f"vertices cannot be {entry.vertices!r}")
+    # Older reports of this version do not tell of these, and of the vertices among the settings alone.
+    values = {"left_out": None, "companions": [], "lost": [], "pictures": [], **content, "source": content["input"]}
+    values["objects"] = [{"vertices": (each["settings"] or {}).get("vertices"), **each} for each in content["objects"]]
+    entry: FileEntry = _read(FileEntry, {name: values[name] for name in values.keys() - {"input", "met"}}, folder)
+    for each in entry.objects:
+        if (each.met is None) != (each.measured is None) or not _agree(each):
+            raise ValueError("met and measured do not agree")
+        if each.vertices not in (None, *VERTICES):
+            raise ValueError(f"vertices cannot be {each.vertices!r}")
     return entry
 
 
 def _agree(entry: ObjectEntry) -> bool:
     """Whether the distances measured are in order, and the verdict is that of these distances."""
-    assert entry.measured is not None
-    if entry.measured.reached > entry.measured.proved:
-        return False
+    if entry.measured is None:
+        return True
     slack = 1 + ROUNDING if entry.met else 1 - ROUNDING
-    return entry.met == (entry.measured.proved <= entry.tolerance * slack)
+    is_met = entry.measured.proved <= entry.tolerance * slack
+    return entry.met == is_met and entry.measured.reached <= entry.measured.proved
 
 
-def _typed(kind: type[Entry], values: dict[str, Any]) -> Entry:
-    """An entry with these values. Raises ValueError or TypeError where they are not those of its fields, or not of
-    their types."""
-    hints = get_type_hints(kind)
-    if values.keys() != hints.keys():
-        raise ValueError(f"these fields are missing or unknown: {', '.join(sorted(values.keys() ^ hints.keys()))}")
-    for name, value in values.items():
-        if not _is_of(value, hints[name]):
-            raise ValueError(f"{name} cannot be {value!r}")
-    return kind(**values)
-
-
-def _is_of(value: Any, hint: Any) -> bool:
-    """Whether a value is of a type; numbers, but for frames, have to be finite and not negative as well."""
+def _read(hint: Any, value: Any, folder: Path, name: str = "") -> Any:
+    """What JSON has for a value of a type; numbers, but for frames, have to be finite and not negative. Raises
+    ValueError where it is no such value. folder: that paths are seen from. name: of the field."""
     if get_origin(hint) in (Union, UnionType):
-        return any(_is_of(value, each) for each in get_args(hint))
+        return None if value is None else _read(get_args(hint)[0], value, folder, name)
+    if isinstance(hint, type) and is_dataclass(hint) and isinstance(value, dict):
+        hints = get_type_hints(hint)
+        if value.keys() != hints.keys():
+            raise ValueError(f"these fields are missing or unknown: {', '.join(sorted(value.keys() ^ hints.keys()))}")
+        return hint(**{each: _read(kind, value[each], folder, each) for each, kind in hints.items()})
+    if get_origin(hint) is tuple and isinstance(value, list):
+        kinds = get_args(hint)
+        kinds = kinds[:1] * len(value) if kinds[-1] is Ellipsis else kinds
+        return tuple(_read(kind, each, folder, name) for kind, each in zip(kinds, value, strict=True))
+    if hint is Path and isinstance(value, str):
+        return folder / value
+    if hint is bytes and isinstance(value, str):
+        return b64decode(value, validate=True)
     if hint is Frame:
-        return type(value) is int
-    if hint in (int, float):
-        return type(value) in (int, hint) and 0 <= value < inf
-    return isinstance(value, get_origin(hint) or hint)
+        is_one = type(value) is int
+    elif hint in (int, float):
+        is_one = type(value) in (int, hint) and 0 <= value < inf
+    else:
+        is_one = isinstance(value, get_origin(hint) or hint)
+    if not is_one:
+        raise ValueError(f"{name} cannot be {value!r}")
+    return value
 
 
 YES_OR_NO = {None: "", True: "yes", False: "no"}

@@ -15,7 +15,7 @@ from ..state.properties import VERTEX_TEXTS
 from ..ui.lengths import Rounding
 from ..ui.printable import printable
 from .arguments import DEPTHS, LEVELS, MEASURE, SUBDIVIDE
-from .report import YES_OR_NO, FileEntry, FileStamp, Illustration, ObjectEntry, Report
+from .report import YES_OR_NO, FileEntry, FileStamp, ObjectEntry, Report, ReportPictures
 from .report_text import losses, metres_text
 from .whole_files import PNG_SIGNATURE
 
@@ -179,8 +179,8 @@ def _file_section(number: int, entry: FileEntry) -> str:
     if entry.error is not None:
         error = "\n".join(_text(line) for line in entry.error.split("\n"))
         parts.append(f'<div class="card">{_file_verdict(entry)}<p class="error">{error}</p></div>')
-    illustrations = entry.illustrations or (None,) * len(entry.objects)
-    parts += [_object_card(*pair) for pair in zip(entry.objects, illustrations, strict=True)]
+    pictures = entry.pictures or (None,) * len(entry.objects)
+    parts += [_object_card(*pair) for pair in zip(entry.objects, pictures, strict=True)]
     return f"<section>{''.join(parts)}</section>"
 
 
@@ -189,9 +189,9 @@ def _stamp_line(label: str, stamped: FileStamp) -> str:
     return f'<p class="quiet">{_text(label)}: {checksum}</p>'
 
 
-def _object_card(entry: ObjectEntry, illustration: Illustration | None) -> str:
+def _object_card(entry: ObjectEntry, pictures: ReportPictures | None) -> str:
     facts = "".join(f"<div><dt>{_text(name)}</dt><dd>{value}</dd></div>" for name, value in _facts(entry).items())
-    drawn = "" if illustration is None else _figures(entry, illustration) + _histogram(illustration.faces_by_depth)
+    drawn = "" if pictures is None else _figures(entry, pictures) + _histogram(pictures.faces_by_depth)
     return (
         f'<article class="card"><div class="heading"><h3>{_text(entry.name)}</h3>{_object_verdict(entry)}</div>'
         f"<dl>{facts}</dl>{drawn}</article>"
@@ -231,14 +231,14 @@ def _length(length: float, rounding: Rounding = Rounding.NEAREST) -> str:
     return f"{_text(metres_text(length, rounding))}<small>{_text(repr(length))} m</small>"
 
 
-def _figures(entry: ObjectEntry, illustration: Illustration) -> str:
+def _figures(entry: ObjectEntry, pictures: ReportPictures) -> str:
     name = entry.result or entry.name
-    pictures = (("Heat map", illustration.heat_map), ("Wireframe", illustration.wireframe))
+    kinds = (("Heat map", pictures.heat_map), ("Wireframe", pictures.wireframe))
     figures = "".join(
         f'<figure><label><input type="checkbox" aria-label="{_text(f"Enlarge the {kind.lower()} of {name}")}">'
         f'<img src="{_picture_url(content)}" alt="{_text(f"{kind} of {name}")}"></label>'
         f"<figcaption>{_text(kind)}</figcaption></figure>"
-        for kind, content in pictures
+        for kind, content in kinds
     )
     return f'<div class="pair">{figures}</div>'
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from ..core import PolygonMesh, SubdividedMesh
 from .attributes import AttributeTransfer, choose_same
-from .bulk_writing import own_copy, remove_shape_keys, write_values
+from .blender_arrays import write_values
 from .custom_normals import write_limit_normals
+from .data_blocks import own_copy, remove_shape_keys
 from .shape_keys import basis_mesh, write_shape_keys
 from .vertex_groups import group_names, write_groups
 

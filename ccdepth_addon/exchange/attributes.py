@@ -40,8 +40,7 @@ from ..core import (
     to_quaternions,
     to_rotation_vectors,
 )
-from .bulk_reading import read_values
-from .bulk_writing import TYPES, ValueType, write_attribute, write_values
+from .blender_arrays import TYPES, ValueType, read_values, write_attribute, write_values
 from .mesh_arrays import EDGE_CREASE, VERTEX_CREASE, read_creases
 from .result_attributes import BOUND, COLOR, DEPTH, color_of_user
 

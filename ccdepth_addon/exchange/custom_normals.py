@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from ..core import PolygonMesh, SubdividedMesh, at_corners, limit_normals
 from .attributes import CUSTOM_NORMAL, FREE_NORMALS
-from .bulk_reading import read_values
-from .bulk_writing import WriteError, unused_name, write_attribute
+from .blender_arrays import WriteError, read_values, write_attribute
+from .data_blocks import unused_name
 
 # How the names of attributes begin that hold custom normals for a while.
 CARRIED_NORMAL = "ccdepth_normal"

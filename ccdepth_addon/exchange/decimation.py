@@ -9,8 +9,8 @@ import bpy
 import numpy as np
 
 from ..core import BoolArray, FloatArray, Places, ShortIndexArray, TriangleMesh
-from .bulk_reading import read_built_in, read_values
-from .bulk_writing import own_copy, unused_name, write_values
+from .blender_arrays import read_built_in, read_values, write_values
+from .data_blocks import own_copy, unused_name
 from .kept_lines import border_edges, line_edges
 from .line_thinning import thin_lines
 from .places import interpolate_at

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from .bulk_reading import read_built_in, read_values
+from .blender_arrays import read_built_in, read_values
 from .result_attributes import AttributeKind, has_values
 
 # Edges of larger meshes are too many to be seen, and take long to draw.

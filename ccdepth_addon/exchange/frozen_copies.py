@@ -12,8 +12,8 @@ import bpy
 import numpy as np
 
 from ..core import IndexArray
-from .bulk_reading import read_values
-from .bulk_writing import own_copy, unused_name, write_values
+from .blender_arrays import read_values, write_values
+from .data_blocks import own_copy, unused_name
 from .mesh_arrays import own_mesh
 from .modifiers import SIMULATIONS, is_evaluated
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from ..core import ShortIndexArray
 from .attributes import MARKS
-from .bulk_reading import read_built_in, read_values
-from .bulk_writing import TYPES
+from .blender_arrays import TYPES, read_built_in, read_values
 
 # Values on both sides of an edge that differ by more than this part of all there are make a line.
 SAME = 1e-5

@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 
 from ..core import BoolArray, FloatArray, ShortIndexArray
-from .bulk_reading import read_built_in
+from .blender_arrays import read_built_in
 
 Chain = list[int]
 

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import FloatArray, PolygonMesh, crease_to_sharpness
-from .attribute_conversion import convert_attribute
-from .bulk_reading import read_built_in, read_values
-from .bulk_writing import copy_without_keys
+from .blender_arrays import read_built_in, read_values
+from .data_blocks import convert_attribute, copy_without_keys
 from .modifiers import SurfaceRule
 
 EDGE_CREASE, VERTEX_CREASE = "crease_edge", "crease_vert"

@@ -11,8 +11,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from .bulk_reading import read_built_in, read_values
-from .bulk_writing import TYPES
+from .blender_arrays import TYPES, read_built_in, read_values
 from .mesh_arrays import EDGE_CREASE, VERTEX_CREASE, read_creases
 
 # Attributes that the checksum of the geometry has already.

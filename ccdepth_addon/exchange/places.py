@@ -10,8 +10,7 @@ import bpy
 import numpy as np
 
 from ..core import Places
-from .bulk_reading import read_built_in, read_values
-from .bulk_writing import TYPES, write_values
+from .blender_arrays import TYPES, read_built_in, read_values, write_values
 from .custom_normals import CARRIED_NORMAL
 from .kept_lines import changes_along_lines, line_edges
 

@@ -12,8 +12,7 @@ import bpy
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from .bulk_reading import read_values
-from .bulk_writing import TYPES, ValueType, write_attribute
+from .blender_arrays import TYPES, ValueType, read_values, write_attribute
 
 DEPTH = "ccdepth"
 BOUND = "ccdepth_bound"

@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import FloatArray, PolygonMesh, SubdividedMesh, SurfacePoints, at_vertices, limit_values
-from .bulk_reading import read_values
-from .bulk_writing import write_values
+from .blender_arrays import read_values, write_values
 
 KEY_SETTINGS = ("slider_min", "slider_max", "value", "mute", "vertex_group", "interpolation", "lock_shape")
 ANIMATION_SETTINGS = (

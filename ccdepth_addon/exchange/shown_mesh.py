@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 
 from ..core import FloatArray, IndexArray, InvalidMeshError
-from .bulk_reading import read_built_in, read_values
+from .blender_arrays import read_built_in, read_values
 from .control_mesh import ControlMeshError
 from .frozen_copies import frozen_copies
 from .mesh_arrays import own_mesh

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import BoolArray, PolygonMesh, SubdividedMesh, interpolated_at_vertices
-from .attribute_conversion import convert_attribute
-from .bulk_writing import unused_name, write_attribute
+from .blender_arrays import write_attribute
+from .data_blocks import convert_attribute, unused_name
 
 WEIGHTS = "ccdepth_weights"
 

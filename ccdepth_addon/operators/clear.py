@@ -5,7 +5,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..exchange.bulk_writing import is_writable
+from ..exchange.data_blocks import is_writable
 from ..state import results, viewports
 from .selected_meshes import QuickOperator, selected_meshes
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import BoolArray, IndexArray
-from ..exchange.bulk_reading import read_values
+from ..exchange.blender_arrays import read_values
 from ..exchange.mesh_arrays import mesh_face_count
 from ..state import known
 

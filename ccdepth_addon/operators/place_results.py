@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..exchange.adaptive_mesh import TransferOptions, new_mesh
-from ..exchange.bulk_writing import is_writable, own_copy
 from ..exchange.control_mesh import base_mesh
+from ..exchange.data_blocks import is_writable, own_copy
 from ..exchange.frozen_copies import FrozenCopies, batches, frozen_copies
 from ..exchange.mesh_checksums import geometry_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers, subdivision_modifier

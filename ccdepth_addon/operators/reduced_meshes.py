@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 
 from ..core import FloatArray, Proof, Reduction
-from ..exchange.bulk_reading import read_values
+from ..exchange.blender_arrays import read_values
 from ..exchange.custom_normals import CarriedNormals
 from ..exchange.decimation import Decimation
 from ..exchange.mesh_checksums import geometry_checksum

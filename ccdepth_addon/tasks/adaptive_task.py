@@ -26,7 +26,7 @@ from ..core import (
     smallest_step,
     validate,
 )
-from ..exchange.bulk_reading import read_values
+from ..exchange.blender_arrays import read_values
 from ..exchange.control_mesh import ControlMesh, ControlMeshError, SharedMeshes, base_mesh
 from ..exchange.frozen_copies import FrozenCopies, frozen_copies, in_batches
 from ..exchange.modifiers import applied_modifiers, base_modifiers, subdivision_modifier

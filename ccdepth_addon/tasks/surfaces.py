@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from ..core import FloatArray, InvalidMeshError, ToleranceError
-from ..exchange.bulk_writing import WriteError
+from ..exchange.blender_arrays import WriteError
 from ..exchange.control_mesh import ControlMesh, ControlMeshError, gram_matrix
 
 # Relative slack for rounding when one object's scale is compared with another's.

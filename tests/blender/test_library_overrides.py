@@ -249,7 +249,7 @@ def test_values_that_are_not_kept_leave_all_as_it_was(
     holders = [scene.add_object(meshes.cube(), name) for name in ("First", "Second", "Third")]
     holders[0].data.color_attributes.new("Own", "BYTE_COLOR", "CORNER")
     addon.compute(holders[0], tolerance=0.5)
-    writes, module = [], addon.module("exchange.bulk_writing")
+    writes, module = [], addon.module("exchange.blender_arrays")
     # Depths and their bounds, or deviations.
     last = {"compute": 2, "measure": 1}[operator]
 

@@ -1,21 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Write Blender's data in bulk, and make copies that can be written to.
+"""Numbers of Blender's collections, read and written in one call each.
 
-Blender silently drops what is written in bulk to a library override, and a copy of an override is an override.
+Blender silently drops what is written in bulk to a library override.
 """
 
 from __future__ import annotations
 
-from collections.abc import Container
 from dataclasses import dataclass
-from itertools import count
-from typing import Any, TypeVar
+from typing import Any
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
-
-Data = TypeVar("Data", bpy.types.Mesh, bpy.types.Object)
 
 
 @dataclass(frozen=True)
@@ -50,6 +46,19 @@ TYPES = {
 
 class WriteError(ValueError):
     """Blender did not keep what was written; the message says what in a modeller's words."""
+
+
+def read_values(items: Any, name: str, dtype: type, width: int = 1) -> NDArray[Any]:
+    """(items,) or (items, width): a property of every item of a collection, read in one go."""
+    values: NDArray[Any] = np.empty(len(items) * width, dtype=dtype)
+    if len(items):
+        items.foreach_get(name, values)
+    return values if width == 1 else values.reshape(-1, width)
+
+
+def read_built_in(attributes: Any, name: str, value: str, dtype: type, width: int = 1) -> NDArray[Any]:
+    """The same for a built-in attribute, which a mesh without vertices, edges or corners need not have."""
+    return read_values(attributes[name].data if name in attributes else (), value, dtype, width)
 
 
 def write_values(items: Any, name: str, values: NDArray[Any], step: float = 0.0) -> None:
@@ -90,45 +99,3 @@ def write_attribute(mesh: bpy.types.Mesh, name: str, data_type: str, domain: str
     if attribute is None:
         attribute = mesh.attributes.new(name, data_type, domain)
     write_values(attribute.data, kind.value, np.asarray(values, dtype=kind.dtype), kind.step)
-
-
-def unused_name(prefix: str, taken: Container[str]) -> str:
-    """A name for something temporary: the prefix and a number, which is none of those taken."""
-    return next(name for number in count() if (name := f"{prefix}_{number}") not in taken)
-
-
-def is_writable(mesh: bpy.types.Mesh) -> bool:
-    """Whether a mesh keeps what is written to it: it is neither linked nor a library override."""
-    return mesh.is_editable and mesh.override_library is None
-
-
-def own_copy(data: Data) -> Data:
-    """A local copy, which is no library override."""
-    copy = data.copy()
-    return copy if copy.override_library is None else copy.make_local(clear_liboverride=True)
-
-
-def copy_without_keys(mesh: bpy.types.Mesh) -> bpy.types.Mesh:
-    """A copy of a mesh, which may be an evaluated one, without its shape keys.
-
-    The keys of an evaluated mesh are copied with it, but the copy does not refer to them: they would stay in the file,
-    and refer to a mesh that is freed with the next evaluation. Reading them then crashes Blender.
-    """
-    before = {keys.session_uid for keys in bpy.data.shape_keys}
-    copy = own_copy(mesh)
-    bpy.data.batch_remove([keys for keys in bpy.data.shape_keys if keys.session_uid not in before])
-    return copy
-
-
-def remove_shape_keys(holder: bpy.types.Object) -> None:
-    """Remove the shape keys from the object's mesh, and their data-block from the file.
-
-    Before Blender 5.2 the keys of a copied mesh have a user too many and would stay without a mesh. A file with such
-    keys cannot be saved again.
-    """
-    keys = holder.data.shape_keys
-    if keys is None:
-        return
-    uid = keys.session_uid
-    holder.shape_key_clear()
-    bpy.data.batch_remove([left for left in bpy.data.shape_keys if left.session_uid == uid])

@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Copies of data-blocks that can be written to, and what belongs to a data-block and only operators change."""
+
+from __future__ import annotations
+
+from collections.abc import Container
+from itertools import count
+from typing import Any, TypeVar
+
+import bpy
+
+Data = TypeVar("Data", bpy.types.Mesh, bpy.types.Object)
+
+
+def unused_name(prefix: str, taken: Container[str]) -> str:
+    """A name for something temporary: the prefix and a number, which is none of those taken."""
+    return next(name for number in count() if (name := f"{prefix}_{number}") not in taken)
+
+
+def is_writable(mesh: bpy.types.Mesh) -> bool:
+    """Whether a mesh keeps what is written to it: it is neither linked nor a library override."""
+    return mesh.is_editable and mesh.override_library is None
+
+
+def own_copy(data: Data) -> Data:
+    """A local copy, which is no library override."""
+    copy = data.copy()
+    return copy if copy.override_library is None else copy.make_local(clear_liboverride=True)
+
+
+def copy_without_keys(mesh: bpy.types.Mesh) -> bpy.types.Mesh:
+    """A copy of a mesh, which may be an evaluated one, without its shape keys.
+
+    The keys of an evaluated mesh are copied with it, but the copy does not refer to them: they would stay in the file,
+    and refer to a mesh that is freed with the next evaluation. Reading them then crashes Blender.
+    """
+    before = {keys.session_uid for keys in bpy.data.shape_keys}
+    copy = own_copy(mesh)
+    bpy.data.batch_remove([keys for keys in bpy.data.shape_keys if keys.session_uid not in before])
+    return copy
+
+
+def remove_shape_keys(holder: bpy.types.Object) -> None:
+    """Remove the shape keys from the object's mesh, and their data-block from the file.
+
+    Before Blender 5.2 the keys of a copied mesh have a user too many and would stay without a mesh. A file with such
+    keys cannot be saved again.
+    """
+    keys = holder.data.shape_keys
+    if keys is None:
+        return
+    uid = keys.session_uid
+    holder.shape_key_clear()
+    bpy.data.batch_remove([left for left in bpy.data.shape_keys if left.session_uid == uid])
+
+
+def convert_attribute(holder: bpy.types.Object, name: str, **settings: Any) -> None:
+    """Convert an attribute of the mesh of ``holder``, which belongs to no scene, as Convert Attribute does.
+
+    settings: of that operator. Whoever calls an operator has the scene evaluated before and after, which takes as long
+    as there are objects in it; so the scene that the operator is told of is an empty one.
+    """
+    attributes = holder.data.attributes
+    attributes.active = attributes[name]
+    scene = bpy.data.scenes.new(name)
+    try:
+        # Another object that is being edited must not stand in the way.
+        with bpy.context.temp_override(
+            scene=scene, view_layer=scene.view_layers[0], object=holder, active_object=holder, edit_object=None
+        ):
+            bpy.ops.geometry.attribute_convert(**settings)
+    finally:
+        bpy.data.scenes.remove(scene)
