@@ -23,7 +23,7 @@ from ..core import (
     apply_boundary_rule,
     largest_coordinates,
 )
-from .bulk_reading import read_built_in
+from .blender_arrays import read_built_in
 from .frozen_copies import FrozenCopies, frozen_copies, present_faces
 from .mesh_arrays import CREASE_DOMAINS, mesh_arrays, own_mesh
 from .modifiers import SIMULATIONS, SurfaceRule, base_modifiers, counted_modifiers, is_evaluated, surface_rule
