@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import Decimal
 
@@ -45,13 +45,17 @@ class Legend:
 
 def legend(scene: bpy.types.Scene, kind: Shown, objects: Sequence[bpy.types.Object]) -> Legend:
     """The legend of objects that have values of this kind."""
-    tolerances = {tolerance_of(each.data, kind) for each in objects}
+    # By the tolerance, the largest value.
+    found: dict[float, float] = {}
+    for mesh in {each.data for each in objects}:
+        tolerance = tolerance_of(mesh, kind)
+        found[tolerance] = max(found.get(tolerance, 0.0), _largest(mesh, kind))
     name = short_name(objects[0].name) if len(objects) == 1 else f"{len(objects):,} objects"
-    notes = [f"for {lengths_text(scene, tolerances)}", name]
+    notes = [f"for {lengths_text(scene, found)}", name]
     alert = _alert(scene.ccdepth, kind, objects)
     if kind is Shown.DEPTH:
         return Legend(kind.value, notes, alert, rows=depth_rows(objects))
-    return _distances(scene, kind, objects, Legend(kind.value, notes, alert))
+    return _distances(scene, kind, found, Legend(kind.value, notes, alert))
 
 
 def short_name(name: str) -> str:
@@ -71,16 +75,16 @@ def depth_rows(objects: Sequence[bpy.types.Object]) -> list[Row]:
     return [Row(label, faces[depth], color) for label, depth, color in zip(labels, depths, colors, strict=True)]
 
 
-def _distances(scene: bpy.types.Scene, kind: Shown, objects: Sequence[bpy.types.Object], plain: Legend) -> Legend:
-    """The legend with a scale; where tolerances differ and end the scale, in parts of them."""
-    found = [(tolerance_of(each.data, kind), _largest(each.data, kind)) for each in objects]
-    largest = max(length for _, length in found)
-    tops = {top(kind, tolerance, scene.ccdepth) for tolerance, _ in found}
-    has_beyond = any(length > top(kind, tolerance, scene.ccdepth) for tolerance, length in found)
+def _distances(scene: bpy.types.Scene, kind: Shown, found: Mapping[float, float], plain: Legend) -> Legend:
+    """The legend with a scale; where tolerances differ and end the scale, in parts of them. found: by the tolerance,
+    the largest distance."""
+    largest = max(found.values())
+    tops = {top(kind, tolerance, scene.ccdepth) for tolerance in found}
+    has_beyond = any(length > top(kind, tolerance, scene.ccdepth) for tolerance, length in found.items())
     unit = unit_for(scene, max(tops))
     if len(tops) == 1:
-        [last], (tolerance, _) = tops, min(found)
-        ends, name = (in_unit(scene, last, unit), in_unit(scene, tolerance, unit)), unit.name
+        [last] = tops
+        ends, name = (in_unit(scene, last, unit), in_unit(scene, min(found), unit)), unit.name
     else:
         ends, name = (Decimal(100), Decimal(100)), "%"
     return Legend(

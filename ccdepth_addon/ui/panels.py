@@ -214,8 +214,8 @@ def draw_selecting(
 
 
 def draw_state_line(layout: bpy.types.UILayout, stale: str) -> None:
-    """Why something is out of date, or that it is not: a line either way, so that nothing below it moves; two where what
-    is said has two parts."""
+    """Why something is out of date, or that it is not: a line either way, so that nothing below it moves; two lines
+    where the text has two parts."""
     column = layout.column(align=True)
     column.alert = bool(stale)
     first, *others = (stale or "Up to date").split("; ")
