@@ -29,7 +29,7 @@ MODULES = (
 )
 
 # Where there is a window to draw in.
-WINDOW_MODULES = ("ui.overlay", "ui.worst_point", "ui.legend")
+WINDOW_MODULES = ("ui.overlay", "ui.legend")
 
 
 def version() -> str:

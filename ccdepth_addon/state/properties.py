@@ -108,9 +108,6 @@ COLOR_RANGE_ITEMS = (
     ("FIXED", "Fixed", "The last colour is a distance, the same on every mesh, and faces beyond it are red", 2),
 )
 
-# What scripts may write in the stead of another setting.
-OTHER_NAMES = {"use_limit_surface"}
-
 
 def tolerance_name(tolerance_mode: str) -> str:
     """The name of the scene's setting that holds the tolerance."""
@@ -169,13 +166,6 @@ class DepthProperties:
         description="Where the vertices of the subdivided mesh are",
         items=VERTEX_ITEMS,
         default="OBJECT",
-    )
-    use_limit_surface: BoolProperty(
-        name="Use Limit Surface",
-        description="Whether Vertices is Limit Surface; writing it sets Limit Surface or Control Mesh",
-        get=lambda self: self.vertices == "LIMIT",
-        set=lambda self, value: setattr(self, "vertices", "LIMIT" if value else "CONTROL"),
-        options={"HIDDEN", "SKIP_SAVE"},
     )
     frames: EnumProperty(
         name="Frames",
@@ -293,6 +283,6 @@ GROUPS = (
 
 
 def setting_names(*holders: type) -> tuple[str, ...]:
-    """The names of the settings that classes inherit, without other names for one of them."""
+    """The names of the settings that classes inherit."""
     groups = [group for group in GROUPS if any(issubclass(holder, group) for holder in holders)]
-    return tuple(name for group in groups for name in group.__annotations__ if name not in OTHER_NAMES)
+    return tuple(name for group in groups for name in group.__annotations__)

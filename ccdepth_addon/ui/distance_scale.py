@@ -6,7 +6,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from decimal import Decimal
 
-from .lengths import Rounding, number_text
+from .lengths import number_text
 
 # The most steps of round numbers.
 MOST_STEPS = 5
@@ -39,7 +39,7 @@ def distance_scale(top: Decimal, tolerance: Decimal, gap: float, *, has_beyond: 
     for number, note in wanted:
         height = float(number / top)
         if all(abs(height - other.height) >= gap for other in marks):
-            marks.append(Mark(height, number_text(number, Rounding.NEAREST, 3), note))
+            marks.append(Mark(height, number_text(number), note))
     return Scale(sorted(marks, key=lambda mark: mark.height), has_beyond)
 
 

@@ -1,8 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The legend in the 3D View: which colour stands for which depth or distance on the selected objects.
+"""What is written over the 3D View: the legend, which tells what colours stand for on the selected objects, and a label
+at the place where the measured deviation is largest.
 
-It stands at the bottom right, clear of the sidebar, the headers, the asset shelf, the navigation gizmo and the panel
-Adjust Last Operation. In Quad View it is in the lower right one.
+The legend stands at the bottom right, clear of the sidebar, the headers, the asset shelf, the navigation gizmo and the
+panel Adjust Last Operation. In Quad View it is in the lower right one.
 """
 
 from __future__ import annotations
@@ -13,14 +14,19 @@ from typing import Any, NamedTuple
 import blf
 import bpy
 import gpu
+from bpy_extras.view3d_utils import location_3d_to_region_2d
 from gpu_extras.batch import batch_for_shader
+from mathutils import Vector
 
 from ..registration import do_not_call
 from ..state import viewports
 from ..state.colors import BEYOND, RAMP_COLORS
-from ..state.heat_map import shown
+from ..state.heat_map import Shown, shown
+from ..state.still_holds import measured_to_show
+from .deviation_panel import stale_line
 from .legend_contents import Color, Legend, legend
-from .legend_layout import Layout, Rectangle, Style, placed
+from .legend_layout import FONT_SIZE, Layout, Rectangle, Style, placed
+from .lengths import Rounding, length_text
 from .selected_results import colored_objects
 
 FONT = 0
@@ -31,11 +37,14 @@ COLORS = {
 }
 BACKGROUND_COLOR = (0.08, 0.08, 0.08, 0.85)
 
+# How far the label is from its place, and the room around its text, at an interface scale of 1.
+REACH, PADDING = 28, 5
+
 # What the navigation gizmo takes at the top right, at an interface scale of 1.
 GIZMO_WIDTH, GIZMO_HEIGHT = 100, 250
 
 # Seconds after which it has taken long to put the legend together, and for how many times as long it is kept then.
-LONG = 0.005
+LONG = 0.03
 TIMES_KEPT = 50
 
 
@@ -52,16 +61,21 @@ _kept: _Kept | None = None
 
 
 def draw() -> None:
-    """Draw the legend in the current region, if there is anything to show."""
+    """Draw both in the current region, where there is anything to show."""
     context = bpy.context
-    if not (context.scene.ccdepth.show_legend and context.space_data.overlay.show_overlays):
-        return
+    if context.space_data.overlay.show_overlays:
+        scale = context.preferences.system.ui_scale
+        _draw_worst_point(context, scale)
+        if context.scene.ccdepth.show_legend:
+            _draw_legend(context, scale)
+
+
+def _draw_legend(context: bpy.types.Context, scale: float) -> None:
     views = [each for each in context.area.regions if each.type == "WINDOW" and each.width > 1]
     if context.region != min(views, key=lambda each: (each.y, -each.x)):
         return
     wanted = _wanted(context)
     if wanted is not None:
-        scale = context.preferences.system.ui_scale
         region = context.region.width, context.region.height
         found = placed(wanted, region, _obstacles(context, context.region, scale), scale, _width)
         if found is not None:
@@ -146,6 +160,34 @@ def _draw_ramp(place: Rectangle) -> None:
         triangles += [(first, first + 1, first + 3), (first, first + 3, first + 2)]
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
     batch_for_shader(shader, "TRIS", {"pos": corners, "color": colors}, indices=triangles).draw(shader)
+
+
+def _draw_worst_point(context: bpy.types.Context, scale: float) -> None:
+    """The largest distance at its place, while the heat map shows deviations that hold."""
+    settings = context.scene.ccdepth
+    holder = measured_to_show(context) if shown(settings) is Shown.DEVIATION else None
+    if holder is None or not holder.visible_get() or stale_line(settings, holder.data):
+        return
+    record = holder.data.ccdepth
+    place = location_3d_to_region_2d(context.region, context.region_data, Vector(record.measurement.worst_point))
+    if place is None:
+        return
+    # That distance is really there.
+    text = length_text(context.scene, record.deviation_reached, Rounding.DOWN)
+    blf.size(FONT, FONT_SIZE * scale)
+    width, height = blf.dimensions(FONT, text)
+    padding, left, bottom = PADDING * scale, place.x + REACH * scale, place.y + REACH * scale
+    box = Rectangle(left - padding, bottom - padding, left + width + padding, bottom + height + padding)
+    _draw_rectangle(box, BACKGROUND_COLOR)
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    for color, wide in ((BACKGROUND_COLOR, 3.0), (COLORS[Style.TEXT], 1.0)):
+        gpu.state.line_width_set(wide * scale)
+        shader.uniform_float("color", color)
+        batch_for_shader(shader, "LINES", {"pos": [tuple(place), box[:2]]}).draw(shader)
+    gpu.state.line_width_set(1.0)
+    blf.color(FONT, *COLORS[Style.TEXT])
+    blf.position(FONT, round(left), round(bottom), 0)
+    blf.draw(FONT, text)
 
 
 def _draw_rectangle(place: Rectangle, color: Color) -> None:

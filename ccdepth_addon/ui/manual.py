@@ -32,7 +32,6 @@ SECTIONS = (
     ("bpy.types.scenesettings.accuracy", "measure-deviation"),
     ("bpy.types.scenesettings.time_limit", "measure-deviation"),
     ("bpy.types.scenesettings.show_*", "heat-map-and-legend"),
-    ("bpy.types.scenesettings.*color_depth", "heat-map-and-legend"),
     ("bpy.types.scenesettings.distance_*", "heat-map-and-legend"),
     ("bpy.types.scenesettings.*", "adaptive-subdivision"),
     ("bpy.types.resultrecord.*", "results"),

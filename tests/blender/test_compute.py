@@ -227,17 +227,3 @@ def test_bounds_are_never_rounded_down() -> None:
     assert single.dtype == np.float32
     assert np.all(single >= bounds)
     assert np.all(single <= bounds * (1 + np.finfo(np.float32).eps))
-
-
-def test_use_limit_surface_is_the_same_as_the_vertices() -> None:
-    settings = bpy.context.scene.ccdepth
-    for vertices, wanted in (("LIMIT", True), ("CONTROL", False)):
-        settings.vertices = vertices
-        assert settings.use_limit_surface is wanted
-        settings.use_limit_surface = not wanted
-        assert (settings.vertices == "LIMIT") is not wanted
-    settings.use_limit_surface = True
-    holder = scene.add_suzanne()
-    addon.compute(holder, tolerance=TOLERANCE)
-    assert holder.data.ccdepth.vertices == "LIMIT"
-    settings.use_limit_surface = False
