@@ -112,6 +112,21 @@ def test_parts_of_faces_hold_where_whole_faces_do_not_decide(name: str, vertices
     assert by_parts > 0.1 * len(every)
 
 
+@both_vertices
+def test_parts_are_tried_alike_wherever_the_surface_bends_to(vertices: Vertices) -> None:
+    """Turned inside out, faces bend to the other side of their normals."""
+    mesh = smooth(meshes.bumpy(meshes.torus(8, 6), 0.1, 3), 2)
+    every, drawn = np.arange(mesh.face_count), np.zeros(mesh.face_count, dtype=bool)
+    limit = float(np.median(bounds_of(mesh, vertices, drawn)[1])) / 1.5
+    proved = np.zeros((2, mesh.face_count), dtype=bool)
+    for own, positions in zip(proved, (mesh.positions, -mesh.positions), strict=True):
+        feet = FaceFeet.of(mesh.changed(positions=positions), vertices, drawn, lambda: None)
+        for found in feet.bounds(every, 1, vertices, limit, lambda: None):
+            own[found.faces] = found.bounds <= limit
+    assert np.any(proved)
+    assert np.array_equal(*proved)
+
+
 @given(seed=st.integers(0, 10_000), size=st.sampled_from([0.02, 0.1, 0.3, 1.0]), vertices=st.sampled_from([*Vertices]))
 def test_bounds_hold_on_any_closed_surface(seed: int, size: float, vertices: Vertices) -> None:
     """Folded and self-intersecting ones as well."""

@@ -109,22 +109,21 @@ class DisprovedLevels:
         """Those of some regular faces of which points near the middle, or near that of the most curved part, disprove
         every level before this one."""
         nets, of_parts = regular_nets(self.mesh, faces), np.zeros(len(faces), dtype=bool)
-        parts = most_curved_parts(nets)
         for lesser in range(level - 1, -1, -1):
             is_far = self._are_far_at_middle(nets, faces, lesser, lesser)
             rest = np.flatnonzero(~is_far)
             if lesser >= PART_LEVELS and len(rest):
-                is_far[rest] = self._are_far_at_middle(parts[:, :, rest], faces[rest], lesser, lesser - PART_LEVELS)
+                parts = most_curved_parts(nets[:, :, rest])
+                is_far[rest] = self._are_far_at_middle(parts, faces[rest], lesser, lesser - PART_LEVELS)
                 of_parts[rest] = True
             far = np.flatnonzero(is_far)
-            faces, of_parts = faces[far], of_parts[far]
-            nets, parts = nets.take(far, axis=2), parts.take(far, axis=2)
+            faces, of_parts, nets = faces[far], of_parts[far], nets.take(far, axis=2)
         if not len(faces):
             return faces
         reach = self.test.tolerance + 2 * self.test.allowance
         some = np.flatnonzero(of_parts)
         places = np.concatenate([np.arange(len(faces)), some])
-        middles = np.concatenate([middle_parts(nets), middle_parts(parts[:, :, some])], axis=1)
+        middles = np.concatenate([middle_parts(nets), middle_parts(most_curved_parts(nets[:, :, some]))], axis=1)
         owners, others = overlapping(
             BoxTree.around(middles.min(axis=0) - reach, middles.max(axis=0) + reach), self.tree
         )

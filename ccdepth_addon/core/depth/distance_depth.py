@@ -29,9 +29,9 @@ from .tolerance import FaceDepths, LevelBounds, ToleranceTest
 # Leaves looked at together, about, with those around them.
 LEAVES_AT_ONCE = 1 << 15
 
-# Regular faces whose bounds are beyond the tolerance are looked at leaf by leaf only where these are no more leaves
-# than so together: on a large mesh a few faces in a hundred would get one level less, after minutes.
-MOST_LEAVES = 1 << 16
+# Regular faces whose bounds are beyond the tolerance are looked at leaf by leaf only where they are no more than so:
+# each takes some milliseconds, and on a large mesh a few in a hundred would get one level less.
+MOST_WITH_BOUNDS = 1 << 9
 
 # Faces cut out of the mesh together.
 MOST_FACES_AT_ONCE = 1 << 11
@@ -144,7 +144,7 @@ class _SomeFaces:
         is_open &= (self.mesh.face_sizes[self.faces] == 4) | (level > 0)
         is_open &= (self.feet.places[: len(self.faces)] < 0) | (level <= DEEPEST_REGULAR)
         has_bound = is_open & np.isfinite(bounds)
-        if np.count_nonzero(has_bound) > MOST_LEAVES >> 2 * level:
+        if np.count_nonzero(has_bound) > MOST_WITH_BOUNDS:
             is_open[has_bound] = False
         left = places[is_open[places]]
         bounds[left] = np.concatenate(

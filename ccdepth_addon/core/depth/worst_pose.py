@@ -75,7 +75,7 @@ def _share(
     test = ToleranceTest(pose.tolerance, rounding_allowance(mesh))
     shares = np.zeros(mesh.face_count)
     for block in bounds_at_depths(mesh, faces, test, method, vertices, found.depths, tick):
-        # What is not proved was so where fewer faces were looked at together (``MOST_LEAVES``).
+        # What is not proved was so where fewer faces were looked at together (``MOST_WITH_BOUNDS``).
         shares[block.faces] = np.minimum(block.bounds / pose.tolerance, 1.0)
     farther = np.flatnonzero(shares > worst.share * (1 + ALIKE))
     farther = farther[np.argsort(-shares[farther], kind="stable")]

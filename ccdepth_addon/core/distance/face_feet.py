@@ -21,6 +21,7 @@ from ..surface.patches import PatchKind, classify_patches, regular_nets
 from .foot_bounds import LARGEST_TILT, FootBounds, equal_bounds, foot_bounds
 from .leaf_feet import leaf_feet
 from .level_quads import may_be_folded
+from .middle_distances import likely_at_parts
 
 # How often nets are halved both ways before parts without feet, or too far from equal parameters, are given up. What
 # feet leave open of a part shrinks by about half each time.
@@ -139,8 +140,16 @@ class FaceFeet:
         nets, which = _nets(self.mesh, faces), np.arange(len(faces))
         found, on_leaves = np.zeros((2, len(faces)))
         is_beyond = np.zeros(len(faces), dtype=bool)
-        lasting = ~is_beyond
-        for split in range(level + 1):
+        first = 0
+        if shown is self.vertices and level:
+            # As a whole they have bounds already.
+            is_beyond = likely_at_parts(nets, level, shown, self.is_turned[places]) > limit
+            nets, which = both_ways(SPLINE_HALVES, nets[:, :, ~is_beyond]), np.tile(which[~is_beyond], 4)
+            first = 1
+        lasting = np.ones(len(faces), dtype=bool)
+        for split in range(first, level + 1):
+            if not len(which):
+                break
             constants = self.curvature[places[which]], self.speed[places[which]]
             own = foot_bounds(nets, shown, self.is_turned[places[which]])
             bounds, short = own.at(level - split, *constants), own.at(level - split, *constants, 0.5**level)
@@ -154,8 +163,6 @@ class FaceFeet:
             np.maximum.at(on_leaves, which[~is_left], short[~is_left])
             is_left &= ~is_beyond[which] & np.isfinite(found[which])
             nets, which = nets[:, :, is_left], which[is_left]
-            if not len(which):
-                break
             if split < level:
                 nets, which = both_ways(SPLINE_HALVES, nets), np.tile(which, 4)
         lasting[which] = False

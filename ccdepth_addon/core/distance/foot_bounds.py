@@ -111,7 +111,8 @@ def foot_bounds(nets: FloatArray, vertices: Vertices, is_turned: BoolArray) -> F
     second, fourth, reach, curvature, speed, tilt = (
         np.where(frame.is_known, each * (1 + ROUNDING), np.inf) for each in found
     )
-    middle, control_middle = _at_middle(frame.heights, vertices)
+    seconds = matrix_product(MIDDLE_SECONDS, frame.heights)
+    middle, control_middle = (likely_distances(seconds, each, is_turned) for each in (vertices, Vertices.CONTROL))
     return FootBounds(second, fourth, reach, curvature, speed, tilt, middle, control_middle)
 
 
@@ -241,13 +242,15 @@ def _along(frame: Frame, vertices: Vertices, is_turned: BoolArray) -> FloatArray
     return np.maximum(above, below) + (uv - least_uv) / 27
 
 
-def _at_middle(heights: FloatArray, vertices: Vertices) -> tuple[FloatArray, FloatArray]:
-    """middle and control_middle of ``FootBounds``."""
-    uu, vv, uv = matrix_product(MIDDLE_SECONDS, heights)
+def likely_distances(seconds: FloatArray, vertices: Vertices, is_turned: BoolArray) -> FloatArray:
+    """(…, P): how far triangles are from the surface about, times h², where S_uu, S_vv and S_uv along the normal are
+    these, (3, …, P). Proves nothing. is_turned: as of ``foot_bounds``."""
+    uu, vv, uv = seconds
+    at_limit = np.stack([uu / 8, vv / 8, (uu + vv) / 8 + np.where(is_turned, -uv, uv) / 4])
+    if vertices is Vertices.LIMIT:
+        return np.abs(at_limit).max(axis=0)
     off = (uu + vv) / 6
-    at_limit = np.stack([uu / 8, vv / 8, (uu + vv) / 8 - np.abs(uv) / 4])
-    control = np.maximum(np.abs(at_limit - off).max(axis=0), np.abs(off))
-    return control if vertices is Vertices.CONTROL else np.abs(at_limit).max(axis=0), control
+    return np.maximum(np.abs(at_limit - off).max(axis=0), np.abs(off))
 
 
 def _highest(uu: FloatArray, vv: FloatArray, uv: FloatArray) -> FloatArray:

@@ -14,7 +14,7 @@ from ..arrays.vectors import cross_products, dot_products, lengths, squared_norm
 from ..bounds.norm_bounds import Vertices
 from ..surface.bicubic import HALVES, NET_TO_BERNSTEIN, SECOND_DIFFERENCE, SPLINE_HALVES, SPLINE_TO_BERNSTEIN, tensor
 from ..surface.evaluation import spline_weights
-from .foot_bounds import LARGEST_TILT, LEAST_SINE, MIDDLE, MIDDLE_SECONDS, ROUNDING, Turns
+from .foot_bounds import LARGEST_TILT, LEAST_SINE, MIDDLE, MIDDLE_SECONDS, ROUNDING, Turns, likely_distances
 
 # Vertices of a level around the middle of a face, in leaves from there on; and for each sample its place, how far from
 # it in parameters other triangles are at least, and the triangles between.
@@ -33,12 +33,23 @@ AT_CORNERS = [5, 9, 10, 6]
 CORNERS = np.array([(0.0, 0.0), (1.0, 0.0), (1.0, 1.0), (0.0, 1.0)])
 OF_LEVEL_0 = SAMPLES[:1]
 
-SECONDS_U, SECONDS_V = tensor(SECOND_DIFFERENCE, np.eye(4)), tensor(np.eye(4), SECOND_DIFFERENCE)
 PART = HALVES[0] @ HALVES[1] @ SPLINE_TO_BERNSTEIN
 PART_ROWS = tensor(PART, PART)
-SECONDS_BOTH = tensor(SECOND_DIFFERENCE, SECOND_DIFFERENCE)
 
-# (16, 16, 16): the nets of the 16 parts of a face; (80, 16): S_u, S_v, S_uu, S_vv and S_uv at their middles.
+# (40, 16): of a net the Bernstein coefficients and the points at the corners; then S_uu, S_vv and S_uuvv.
+OF_HULLS = 20
+HULLS_AND_SECONDS = np.concatenate(
+    [
+        NET_TO_BERNSTEIN,
+        np.eye(16)[AT_CORNERS],
+        tensor(SECOND_DIFFERENCE, np.eye(4)),
+        tensor(np.eye(4), SECOND_DIFFERENCE),
+        tensor(SECOND_DIFFERENCE, SECOND_DIFFERENCE),
+    ]
+)
+
+# The parts of a face; (16, 16, 16): their nets; (80, 16): S_u, S_v, S_uu, S_vv and S_uv at their middles.
+PARTS = 16
 QUARTERS = [one @ other for other in SPLINE_HALVES for one in SPLINE_HALVES]
 PART_NETS = np.array([np.kron(one, other) for one in QUARTERS for other in QUARTERS])
 PART_MIDDLES = (np.concatenate([MIDDLE[1:], MIDDLE_SECONDS]) @ PART_NETS).swapaxes(0, 1).reshape(80, 16)
@@ -80,10 +91,7 @@ def middle_distances(nets: FloatArray, rates: FloatArray, level: int, vertices: 
 def most_curved_parts(nets: FloatArray) -> FloatArray:
     """(4, 4, P, 3): of nets (4, 4, P, 3) of regular faces those of one of their 16 parts each, on which a level's
     triangles are farthest from the surface, about."""
-    rows = nets.reshape(16, -1)
-    along_u, along_v, uu, vv, uv = matrix_product(PART_MIDDLES, rows).reshape(5, 16, *nets.shape[2:])
-    normals = units(cross_products(along_u, along_v))
-    uu, vv, uv = (dot_products(each, normals) for each in (uu, vv, uv))
+    uu, vv, uv = part_seconds(np.ascontiguousarray(nets.reshape(16, -1, 3).swapaxes(1, 2)))
     heights = np.max(np.abs([uu, vv, uu + vv + 2 * uv, uu + vv - 2 * uv]), axis=0)
     chosen = heights.argmax(axis=0)
     found = np.empty_like(nets)
@@ -92,6 +100,26 @@ def most_curved_parts(nets: FloatArray) -> FloatArray:
         if len(own):
             found[:, :, own] = matrix_product(PART_NETS[part], nets[:, :, own].reshape(16, -1)).reshape(4, 4, -1, 3)
     return found
+
+
+def part_seconds(nets: FloatArray) -> FloatArray:
+    """(3, 16, P): S_uu, S_vv and S_uv along the normals at the middles of the 16 parts of faces with nets (16, 3, P),
+    for parameters with one unit for the face."""
+    along_u, along_v, *seconds = matrix_product(PART_MIDDLES, nets.reshape(16, -1)).reshape(5, 16, *nets.shape[1:])
+    normals = along_u[:, [1, 2, 0]] * along_v[:, [2, 0, 1]] - along_u[:, [2, 0, 1]] * along_v[:, [1, 2, 0]]
+    lengths = np.sqrt((normals * normals).sum(axis=1))
+    found = np.stack([(each * normals).sum(axis=1) for each in seconds])
+    return found * (PARTS / np.maximum(lengths, np.finfo(float).tiny))
+
+
+def likely_at_parts(nets: FloatArray, level: int, vertices: Vertices, is_turned: BoolArray) -> FloatArray:
+    """(P,): how far the triangles of a level, 1 or later, are about from the surface over faces with nets (16, 3, P).
+    Proves nothing. is_turned: as of ``foot_bounds``."""
+    seconds = part_seconds(nets)
+    if level == 1:
+        # Leaves have four parts each.
+        seconds = seconds.reshape(3, 2, 2, 2, 2, -1).mean(axis=(2, 4)).reshape(3, 4, -1)
+    return likely_distances(seconds, vertices, is_turned).max(axis=0) * 0.25**level
 
 
 def middle_parts(nets: FloatArray) -> FloatArray:
@@ -123,9 +151,8 @@ def are_apart(nets: FloatArray, hulls: FloatArray, reach: float) -> BoolArray:
 def _hulls(nets: FloatArray) -> tuple[FloatArray, list[FloatArray]]:
     """(20, P, 3): points whose hull holds the surface over regular faces with nets (4, 4, P, 3), and the control mesh;
     and (R, P, 3) each, S_uu, S_vv and S_uuvv."""
-    points = nets.reshape(16, -1, 3)
-    hull = np.concatenate([transformed_nets(NET_TO_BERNSTEIN, points), points[AT_CORNERS]])
-    return hull, [transformed_nets(rows, points) for rows in (SECONDS_U, SECONDS_V, SECONDS_BOTH)]
+    points = transformed_nets(HULLS_AND_SECONDS, nets.reshape(16, -1, 3))
+    return points[:OF_HULLS], np.split(points[OF_HULLS:], [8, 16])
 
 
 def _beyond(uu: FloatArray, vv: FloatArray, both: FloatArray) -> FloatArray:
