@@ -962,10 +962,10 @@ ENTRIES = [
     Entry("operators.reduced_meshes.ROUNDS_FOR_LINES", "none", set_to(0), REDUCED),
     Entry("operators.reduced_meshes.ROUNDS_FOR_LINES", "1", set_to(1), REDUCED),
     # Blender's side.
-    at_once("exchange.frozen_copies.OBJECTS_AT_ONCE", "objects with modifiers"),
+    at_once("exchange.evaluated.OBJECTS_AT_ONCE", "objects with modifiers"),
     Entry("exchange.control_mesh.read_control_mesh", "shared meshes read each time", by(not_shared), ("objects",)),
     Entry(
-        "exchange.object_state.object_state",
+        "exchange.dependencies.object_state",
         "other objects described each time",
         by(not_known),
         ("objects with modifiers",),
@@ -1000,7 +1000,7 @@ CACHES = {
             DEVIATION + "bezier_pieces.BezierPieces.edge_units",
             "exchange.control_mesh.ControlTopology.key",
             "exchange.control_mesh.ControlTopology.mesh",
-            "exchange.object_state._kept_fields",
+            "exchange.dependencies._kept_fields",
         )
     },
 }

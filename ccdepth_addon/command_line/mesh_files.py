@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,7 @@ from mathutils import Matrix
 from ..exchange.blender_arrays import read_values
 from ..exchange.custom_normals import CarriedNormals
 from ..state import results
-from ..tasks.surfaces import as_typed
+from ..tasks.surfaces import shortest_decimal
 from .blender_calls import CommandError, available, call, known_options, temporary_data
 from .scripted_drivers import scripts_allowed
 
@@ -115,7 +115,7 @@ def names_of(suffixes: Sequence[str]) -> str:
 
 def scene_unit(scene: bpy.types.Scene) -> float:
     """How many metres a unit of the scene is."""
-    return as_typed(scene.unit_settings.scale_length)
+    return shortest_decimal(scene.unit_settings.scale_length)
 
 
 def unit_of(path: Path, unit: float | None) -> float:
@@ -232,11 +232,23 @@ def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[
     """Select, alone, plain copies of what the objects show, with their names; larger by this factor, in a scene of
     metres. Gives the meshes of the copies."""
     names = [NO_NAME.sub("_", each.name) for each in objects]
-    with _names_free(names), _temporary_objects(), _in_metres():
+    layer, unit = bpy.context.view_layer, bpy.context.scene.unit_settings
+    with ExitStack() as undo:
+        for each in [*bpy.data.objects, *bpy.data.meshes]:
+            if each.name in names and each.is_editable:
+                undo.callback(setattr, each, "name", each.name)
+                each.name = f"Original {each.name}"
+        undo.callback(setattr, layer.objects, "active", layer.objects.active)
+        for each in bpy.context.selected_objects:
+            undo.callback(each.select_set, True)
+        undo.enter_context(temporary_data("objects", "meshes"))
+        # In metres no writer changes lengths.
+        undo.callback(setattr, unit, "scale_length", unit.scale_length)
+        unit.scale_length = 1.0
         depsgraph = bpy.context.evaluated_depsgraph_get()
         shown = [(_shown_copy(each, depsgraph), _world(each, depsgraph)) for each in objects]
         # Selecting may bring the list up to date, which crashes Blender while it is read.
-        for each in list(bpy.context.view_layer.objects):
+        for each in list(layer.objects):
             each.select_set(False)
         for name, (mesh, matrix) in zip(names, shown, strict=True):
             # Some formats take the name of the one, some that of the other.
@@ -245,27 +257,9 @@ def _shown_alone(objects: Sequence[bpy.types.Object], scale: float) -> Iterator[
             _place(copy, Matrix.Scale(scale, 4) @ matrix)
             bpy.context.scene.collection.objects.link(copy)
             copy.select_set(True)
-            bpy.context.view_layer.objects.active = copy
-        bpy.context.view_layer.update()
+            layer.objects.active = copy
+        layer.update()
         yield [mesh for mesh, _ in shown]
-
-
-@contextmanager
-def _names_free(names: Sequence[str]) -> Iterator[None]:
-    """Let no object and no mesh have these names."""
-    taken = [
-        (each, each.name)
-        for kind in (bpy.data.objects, bpy.data.meshes)
-        for each in kind
-        if each.name in names and each.is_editable
-    ]
-    for each, name in taken:
-        each.name = f"Original {name}"
-    try:
-        yield
-    finally:
-        for each, name in taken:
-            each.name = name
 
 
 def _shown_copy(blender_object: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> bpy.types.Mesh:
@@ -287,31 +281,6 @@ def _place(copy: bpy.types.Object, matrix: Matrix) -> None:
     if matrix.is_negative:
         copy.data.flip_normals()
     copy.location = matrix.translation
-
-
-@contextmanager
-def _in_metres() -> Iterator[None]:
-    """Let the scene's unit be a metre, so that no writer changes lengths."""
-    settings = bpy.context.scene.unit_settings
-    before = settings.scale_length
-    settings.scale_length = 1.0
-    try:
-        yield
-    finally:
-        settings.scale_length = before
-
-
-@contextmanager
-def _temporary_objects() -> Iterator[None]:
-    """Remove the objects and meshes that are made inside, and select what was selected before."""
-    selected, active = list(bpy.context.selected_objects), bpy.context.view_layer.objects.active
-    try:
-        with temporary_data("objects", "meshes"):
-            yield
-    finally:
-        for each in selected:
-            each.select_set(True)
-        bpy.context.view_layer.objects.active = active
 
 
 def read_back(path: Path, names: Sequence[str]) -> list[bpy.types.Object]:

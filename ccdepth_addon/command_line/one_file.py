@@ -21,7 +21,7 @@ from ..exchange.result_attributes import BOUND_KIND
 from ..state import properties
 from ..state.properties import scene_tolerance, set_scene_tolerance, setting_names
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, Verdict, prepare_targets
-from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError, as_typed
+from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError, shortest_decimal
 from ..ui.printable import printable
 from . import picture
 from .amounts import UNITS
@@ -48,7 +48,6 @@ from .report import (
     Frame,
     ObjectEntry,
     ReportPictures,
-    metres_rounded_down,
     metres_rounded_up,
     stamp,
 )
@@ -209,7 +208,7 @@ def settings_of(action: str) -> dict[str, Any]:
     """The scene's settings for what is done, by their names."""
     settings = bpy.context.scene.ccdepth
     values = {name: getattr(settings, name) for name in SETTINGS[action]}
-    typed = {name: as_typed(value) if isinstance(value, float) else value for name, value in values.items()}
+    typed = {name: shortest_decimal(value) if isinstance(value, float) else value for name, value in values.items()}
     return {"tolerance": scene_tolerance(settings), **typed}
 
 
@@ -235,7 +234,7 @@ def _call_for(objects: Sequence[bpy.types.Object], operator: Any, **properties: 
 
 def _entry(blender_object: bpy.types.Object, settings: dict[str, Any], tolerance: float) -> ObjectEntry:
     """tolerance: in the unit of the scene."""
-    length = as_typed(tolerance) * scene_unit(bpy.context.scene)
+    length = shortest_decimal(tolerance) * scene_unit(bpy.context.scene)
     return ObjectEntry(blender_object.name, settings, length, len(blender_object.data.polygons))
 
 
@@ -305,9 +304,7 @@ def _measured_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) 
     _call_for([blender_object], bpy.ops.ccdepth.measure)
     record = blender_object.data.ccdepth
     unit = scene_unit(bpy.context.scene)
-    distances = Distances(
-        metres_rounded_up(record.deviation, unit), metres_rounded_down(record.deviation_reached, unit)
-    )
+    distances = Distances.of(record.deviation, record.deviation_reached, unit)
     entry = _entry(blender_object, settings, record.measurement.world_tolerance)
     return replace(entry, measured=distances, met=record.measurement.verdict == Verdict.MET.name)
 
@@ -352,7 +349,7 @@ def _write(
 
 def with_answer(entry: ObjectEntry, answer: MeshDeviation, unit: float) -> ObjectEntry:
     """The entry with what was measured. unit: that of the surface, in metres."""
-    distances = Distances(metres_rounded_up(answer.proved, unit), metres_rounded_down(answer.reached, unit))
+    distances = Distances.of(answer.proved, answer.reached, unit)
     is_met = answer.verdict is Verdict.MET
     return replace(entry, tolerance=answer.tolerance * unit, measured=distances, met=is_met)
 

@@ -23,6 +23,7 @@ from mathutils import Matrix
 from ..core import FloatArray
 from ..exchange.blender_arrays import read_values
 from ..exchange.data_blocks import own_copy
+from ..exchange.evaluated import Evaluated, evaluated
 from ..exchange.modifiers import counted_modifiers
 from ..exchange.result_attributes import COLOR, has_values
 from ..state import heat_map, results
@@ -106,12 +107,14 @@ def render(
     kind = heat_map.last_result(shown[0].data)
     assert kind is not None
     colored = [obj for obj in shown if heat_map.has_shown(obj.data, kind)]
-    with temporary_data("scenes", "objects", "meshes", "curves", "cameras", "materials"):
+    counted = {each: counted_modifiers(each, use_modifiers=each.data.ccdepth.use_modifiers) for each in shown}
+    kinds = ("scenes", "objects", "meshes", "curves", "cameras", "materials")
+    with temporary_data(*kinds), evaluated(context, counted) as copies:
         scene = _new_scene(size)
         if path.suffix == WEBP:
             scene.render.image_settings.file_format = "WEBP"
             scene.render.image_settings.quality = WEBP_QUALITY
-        meshes = [_shown_mesh(context, scene, obj, kind) for obj in shown]
+        meshes = [_colored_mesh(copies, each, kind, context.scene.ccdepth) for each in shown]
         matrices = [_view_rotation() @ obj.matrix_world for obj in shown]
         fit = _fitting(meshes, matrices)
         for mesh, matrix in zip(meshes, matrices, strict=True):
@@ -179,27 +182,15 @@ def _view_rotation() -> Matrix:
     return Matrix((right, up, viewer)).to_4x4()
 
 
-def _shown_mesh(
-    context: bpy.types.Context, scene: bpy.types.Scene, blender_object: bpy.types.Object, kind: Shown
+def _colored_mesh(
+    copies: Evaluated, blender_object: bpy.types.Object, kind: Shown, settings: bpy.types.PropertyGroup
 ) -> bpy.types.Mesh:
     """A copy of the object's control mesh, with the heat map's colours."""
-    record = blender_object.data.ccdepth
-    counted = {modifier.name for modifier in counted_modifiers(blender_object)} if record.use_modifiers else set()
-    copy = blender_object.copy()
-    copy.animation_data_clear()
-    for modifier in [modifier for modifier in copy.modifiers if modifier.name not in counted]:
-        copy.modifiers.remove(modifier)
-    scene.collection.objects.link(copy)
-    scene.view_layers[0].update()
-    depsgraph = scene.view_layers[0].depsgraph
-    evaluated = copy.evaluated_get(depsgraph)
-    mesh = bpy.data.meshes.new_from_object(evaluated, preserve_all_data_layers=True, depsgraph=depsgraph)
-    bpy.data.objects.remove(copy)
+    mesh = copies.without_origins(blender_object) if blender_object in copies else own_copy(blender_object.data)
     if not has_values(mesh, kind.values):
         mesh = own_copy(blender_object.data)
     if has_values(mesh, kind.values):
-        tolerance = heat_map.tolerance_of(blender_object.data, kind)
-        heat_map.write_colors(mesh, kind, tolerance, context.scene.ccdepth)
+        heat_map.write_colors(mesh, kind, heat_map.tolerance_of(blender_object.data, kind), settings)
     return mesh
 
 

@@ -49,12 +49,23 @@ class ReportError(ValueError):
     """A file cannot be read as a report; the message says why."""
 
 
+def metres_rounded_up(length: float, metres_per_unit: float) -> float:
+    """A proved length of the scene in metres, rounded up."""
+    return nextafter(length * metres_per_unit, inf)
+
+
 @dataclass(frozen=True)
 class Distances:
     """proved: the distance between mesh and limit surface is at most this, both ways. reached: it is at least this."""
 
     proved: float
     reached: float
+
+    @classmethod
+    def of(cls, proved: float, reached: float, metres_per_unit: float) -> Distances:
+        """Of lengths of the scene."""
+        least = max(0.0, nextafter(reached * metres_per_unit, 0.0))
+        return cls(metres_rounded_up(proved, metres_per_unit), least)
 
 
 @dataclass(frozen=True)
@@ -161,16 +172,6 @@ class Report:
 def name_of(source: Path | None) -> str:
     """What a file is called: as it was given, and Blender's Suzanne, which is none, by its name."""
     return "Suzanne" if source is None else str(source)
-
-
-def metres_rounded_up(length: float, metres_per_unit: float) -> float:
-    """A proved length of the scene in metres, rounded up."""
-    return nextafter(length * metres_per_unit, inf)
-
-
-def metres_rounded_down(length: float, metres_per_unit: float) -> float:
-    """A reached length of the scene in metres, rounded down."""
-    return max(0.0, nextafter(length * metres_per_unit, 0.0))
 
 
 def stamp(path: Path, metres_per_unit: float | None) -> FileStamp:

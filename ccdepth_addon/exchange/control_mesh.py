@@ -24,7 +24,7 @@ from ..core import (
     largest_coordinates,
 )
 from .blender_arrays import read_built_in
-from .frozen_copies import FrozenCopies, frozen_copies, present_faces
+from .evaluated import Evaluated, evaluated
 from .mesh_arrays import CREASE_DOMAINS, mesh_arrays, own_mesh
 from .modifiers import SIMULATIONS, SurfaceRule, base_modifiers, counted_modifiers, is_evaluated, surface_rule
 
@@ -159,8 +159,7 @@ class ControlMesh:
 
         Positions that are not finite are found and refused later.
         """
-        mesh = self.mesh
-        return diagonal_of(mesh.positions, mesh.vertex_face_counts > 0, self.world)
+        return diagonal_of(self.positions.astype(np.float64), self.topology.arrays.vertex_face_counts > 0, self.world)
 
 
 def own_diagonal(blender_object: bpy.types.Object) -> float:
@@ -205,7 +204,7 @@ def read_control_mesh(
     *,
     use_modifiers: bool,
     shared: SharedMeshes | None = None,
-    copies: FrozenCopies | None = None,
+    copies: Evaluated | None = None,
 ) -> ControlMesh:
     """The object's control mesh; in Edit Mode, of the mesh as it is being edited.
 
@@ -217,7 +216,7 @@ def read_control_mesh(
     counted = counted_modifiers(blender_object, use_modifiers=use_modifiers)
     if copies is None:
         context.view_layer.update()
-        with frozen_copies(context, {blender_object: counted}) as alone:
+        with evaluated(context, {blender_object: counted}) as alone:
             return read_control_mesh(context, blender_object, use_modifiers=use_modifiers, shared=shared, copies=alone)
     rule, world = _rule_and_world(blender_object, counted)
     data = blender_object.data
@@ -236,7 +235,7 @@ def base_mesh(
     blender_object: bpy.types.Object,
     *,
     use_modifiers: bool,
-    copies: FrozenCopies,
+    copies: Evaluated,
     shared: SharedMeshes | None = None,
 ) -> tuple[bpy.types.Mesh, ControlMesh]:
     """The Blender mesh whose Catmull-Clark surface is used, with all its attributes, and its control mesh.
@@ -291,18 +290,17 @@ def _refuse_crease_groups(blender_object: bpy.types.Object, rule: SurfaceRule) -
 
 
 def _read_evaluated(
-    copies: FrozenCopies, blender_object: bpy.types.Object, rule: SurfaceRule
+    copies: Evaluated, blender_object: bpy.types.Object, rule: SurfaceRule
 ) -> tuple[PolygonMesh, IndexArray]:
     """The mesh as the counted modifiers make it, and the face of the object's own that each of its faces comes from."""
-    evaluated, base_faces = copies.made(blender_object)
-    mesh = mesh_arrays(evaluated, rule)
-    if mesh.face_count and len(present_faces(base_faces)) < copies.face_count(blender_object):
-        losing = copies.losing_modifier(blender_object)
-        if losing is not None:
-            raise ControlMeshError(
-                f"the modifier “{losing}” does not keep the mesh's faces apart, so their depths cannot be told: apply "
-                "it, or turn Include Modifiers off"
-            )
+    made, base_faces = copies.made(blender_object)
+    mesh = mesh_arrays(made, rule)
+    losing = copies.losing_modifier(blender_object, base_faces) if mesh.face_count else None
+    if losing is not None:
+        raise ControlMeshError(
+            f"the modifier “{losing}” does not keep the mesh's faces apart, so their depths cannot be told: apply "
+            "it, or turn Include Modifiers off"
+        )
     return mesh, base_faces
 
 

@@ -9,11 +9,11 @@ import bpy
 import numpy as np
 
 from ..core import BoolArray, FloatArray, Places, ShortIndexArray, TriangleMesh
-from .blender_arrays import read_built_in, read_values, write_values
+from .blender_arrays import TYPES, read_built_in, read_values, write_values
+from .custom_normals import CARRIED_NORMAL
 from .data_blocks import own_copy, unused_name
-from .kept_lines import border_edges, line_edges
+from .kept_lines import border_edges, changes_along_lines, line_edges
 from .line_thinning import thin_lines
-from .places import interpolate_at
 
 # What the tolerance is where Decimate works: it takes places for flat by lengths in the unit of the coordinates.
 TOLERANCE = 0.01
@@ -117,7 +117,7 @@ class Decimation:
             edited.to_mesh(mesh)
         finally:
             edited.free()
-        interpolate_at(places, _mesh(self._start), mesh)
+        _interpolate_at(places, _mesh(self._start), mesh)
         # Selections that BMesh adds.
         for name in [name for name in mesh.attributes.keys() if name.startswith(".") and name not in names]:  # noqa: SIM118
             if ".select" in name or ".uv_select" in name:
@@ -144,6 +144,31 @@ class Decimation:
 
     def _drop(self, uid: int) -> None:
         bpy.data.batch_remove([mesh for mesh in bpy.data.meshes if mesh.session_uid == uid])
+
+
+def _interpolate_at(places: Places, source: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
+    """Write UV maps, colours and normals at the corners around the vertices of a mesh, from the triangles of another.
+
+    Decimate interpolates them along the edges it merges, and moves vertices off these edges: textures would slide.
+    Vertices on lines, which have not moved, and those that may belong to the other side of one keep what they have.
+    """
+    kept = np.zeros(len(mesh.vertices), dtype=bool)
+    kept[line_edges(mesh)] = True
+    beside_lines = np.zeros(len(source.vertices), dtype=bool)
+    beside_lines[line_edges(source)] = True
+    triangles = read_built_in(source.attributes, ".corner_vert", "value", np.int32).reshape(-1, 3)
+    moved = ~kept & (places.triangles >= 0) & ~beside_lines[triangles].any(axis=1)[places.triangles]
+    vertices = read_built_in(mesh.attributes, ".corner_vert", "value", np.int32)
+    corners = np.flatnonzero(moved[vertices])
+    weights, which = places.weights[vertices[corners]], places.triangles[vertices[corners]]
+    for attribute in mesh.attributes:
+        if not (changes_along_lines(attribute) or attribute.name.startswith(CARRIED_NORMAL)):
+            continue
+        kind = TYPES[attribute.data_type]
+        known = read_values(source.attributes[attribute.name].data, kind.value, kind.dtype, kind.width)
+        values = read_values(attribute.data, kind.value, kind.dtype, kind.width)
+        values[corners] = np.einsum("ck,ckd->cd", weights, known.reshape(len(triangles), 3, -1)[which])
+        write_values(attribute.data, kind.value, values, kind.step)
 
 
 def _mesh(uid: int) -> bpy.types.Mesh:

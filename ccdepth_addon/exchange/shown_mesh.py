@@ -12,7 +12,7 @@ import numpy as np
 from ..core import FloatArray, IndexArray, InvalidMeshError
 from .blender_arrays import read_built_in, read_values
 from .control_mesh import ControlMeshError
-from .frozen_copies import frozen_copies
+from .evaluated import evaluated
 from .mesh_arrays import own_mesh
 from .modifiers import NOT_SHAPING, SIMULATIONS, is_evaluated
 
@@ -75,7 +75,7 @@ def read_shown_mesh(context: bpy.types.Context, blender_object: bpy.types.Object
                 f"the modifier “{modifier.name}” is a simulation, which cannot be measured: apply it, or hide it"
             )
     if is_evaluated(blender_object, shown):
-        with frozen_copies(context, {blender_object: shown}) as copies:
+        with evaluated(context, {blender_object: shown}) as copies:
             triangles = _triangles(*copies.made(blender_object))
     else:
         with own_mesh(blender_object) as own:

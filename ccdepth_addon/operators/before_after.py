@@ -7,7 +7,7 @@ import bpy
 
 from ..state import out_of_date, result_record
 from ..tasks.surfaces import ComputeError
-from .scene_objects import hide, link_beside, show_in_local_view
+from .scene_objects import can_be_shown, hide, link_beside, show_in_local_view
 from .selected_meshes import QuickOperator, count_text, refuse, selected_meshes
 
 
@@ -95,8 +95,6 @@ def _showing_fault(context: bpy.types.Context, blender_object: bpy.types.Object)
         scenes = [scene.name for scene in blender_object.users_scene if scene != context.scene]
         where = f"is in the scene “{scenes[0]}”" if scenes else "is not in this view layer"
         return f"it {where}, and cannot be shown here"
-    was_hidden = blender_object.hide_get()
-    blender_object.hide_set(False)
-    is_shown = blender_object.visible_get()
-    blender_object.hide_set(was_hidden)
-    return None if is_shown else "it is in a hidden collection, or disabled in viewports; show that first"
+    if can_be_shown(blender_object):
+        return None
+    return "it is in a hidden collection, or disabled in viewports; show that first"

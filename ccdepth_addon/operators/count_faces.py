@@ -44,7 +44,7 @@ class CCDEPTH_OT_count_faces(CountingOperator):
         # What was evaluated for counting must not look like a change of the objects.
         context.view_layer.update()
         known.remember_count([task.object_names for task in tasks], self.settings(), counts)
-        if counts[0].fitting is None:
+        if not counts[0].are_too_many:
             self.report({"INFO"}, count_text(sum(count.faces for count in counts), "face", "faces"))
         else:
             self.report({"WARNING"}, printable(too_many_text(tasks, counts[0], self.settings())))

@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 import bpy
 
+from .scene_objects import can_be_shown
 from .selected_meshes import refuse
 
 HIDDEN = "it is edited while it is hidden, and could not be edited again; show it first"
@@ -21,7 +22,7 @@ def leave(context: bpy.types.Context) -> list[int]:
     layer = context.view_layer
     # Blender's own list lacks hidden ones.
     edited = [each for each in layer.objects if each.type == "MESH" and each.mode == "EDIT"]
-    refuse(edited, lambda each: None if _can_be_edited(each) else HIDDEN)
+    refuse(edited, lambda each: None if can_be_shown(each) else HIDDEN)
     if edited:
         _set_mode(layer, edited, "OBJECT")
     return [each.session_uid for each in edited]
@@ -52,15 +53,6 @@ def enter(context: bpy.types.Context, uids: Iterable[int]) -> None:
         each.select_set(was_selected)
     for each in hidden:
         each.hide_set(True)
-
-
-def _can_be_edited(blender_object: bpy.types.Object) -> bool:
-    """Whether Edit Mode can be entered with an object once the eye that hides it is open."""
-    is_hidden = blender_object.hide_get()
-    blender_object.hide_set(False)
-    is_shown = blender_object.visible_get()
-    blender_object.hide_set(is_hidden)
-    return bool(is_shown)
 
 
 def _set_mode(layer: bpy.types.ViewLayer, objects: list[bpy.types.Object], mode: str) -> None:

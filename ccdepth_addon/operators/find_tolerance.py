@@ -28,7 +28,7 @@ class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
         if self.face_budget > self.max_faces:
             raise ComputeError(f"The Face Limit is {self.max_faces:,}; raise it first")
         tasks = yield from self.prepared(context)
-        work = partial(best_tolerance, tasks, self.settings(), self.face_budget, start=self.settings().tolerance)
+        work = partial(best_tolerance, tasks, self.settings(), self.face_budget)
         fit = yield Work(work, "Finding the tolerance: {:,.0f} faces counted".format, self._counted)
         if fit is None:
             raise ComputeError(f"Even undivided there would be more than {self.face_budget:,} faces")
@@ -42,7 +42,7 @@ class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
         # What was evaluated for counting must not look like a change of the objects.
         context.view_layer.update()
         settings = replace(self.settings(), tolerance=fit.tolerance)
-        counts = [FaceCount(faces, None) for faces in fit.counts]
+        counts = [FaceCount(faces) for faces in fit.counts]
         known.remember_count([task.object_names for task in tasks], settings, counts)
         unit = " of the diagonal" if self.tolerance_mode == "RELATIVE" else ""
         text = f"{count_text(sum(fit.counts), 'face', 'faces')} with a tolerance of {fit.tolerance:.3g}{unit}"

@@ -10,7 +10,7 @@ import numpy as np
 
 from ..core import IndexArray, InvalidMeshError, validate
 from ..exchange.control_mesh import read_control_mesh
-from ..exchange.frozen_copies import NO_ORIGIN
+from ..exchange.evaluated import NO_ORIGIN
 from ..state import known
 from ..tasks.surfaces import Faults
 from . import face_selection

@@ -9,7 +9,6 @@ from typing import Any
 
 import bpy
 import numpy as np
-from bpy.props import FloatProperty
 
 from ..state import known, properties
 from ..tasks.surfaces import ComputeError
@@ -49,13 +48,7 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
 
     tolerance: properties.absolute_tolerance_property()
     # The same number for the redo panel, where a fraction of the diagonal must not be shown in metres.
-    relative_tolerance: FloatProperty(
-        name="Tolerance",
-        description=properties.RELATIVE_DESCRIPTION,
-        precision=6,
-        step=0.01,
-        soft_min=1e-6,
-        soft_max=0.1,
+    relative_tolerance: properties.relative_tolerance_property(
         get=lambda self: self.tolerance,
         set=lambda self, value: setattr(self, "tolerance", value),
         options={"HIDDEN", "SKIP_SAVE"},

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from ..exchange.adaptive_mesh import TransferOptions, new_mesh
 from ..exchange.control_mesh import base_mesh
 from ..exchange.data_blocks import is_writable, own_copy
-from ..exchange.frozen_copies import FrozenCopies, batches, frozen_copies
+from ..exchange.dependencies import StateAtFrame, object_state
+from ..exchange.evaluated import Evaluated, batches, evaluated
 from ..exchange.mesh_checksums import geometry_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers, subdivision_modifier
-from ..exchange.object_state import StateAtFrame, object_state
 from ..state import out_of_date, result_record, results, still_holds
 from ..state.result_record import MadeWith
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
@@ -71,7 +71,7 @@ def make_meshes(
             context.view_layer.update()
             holders = [_sources(answer)[0] for answer in batch]
             bases = {each: base_modifiers(each, use_modifiers=settings.use_modifiers) for each in holders}
-            with frozen_copies(context, bases) as copies:
+            with evaluated(context, bases) as copies:
                 for answer, holder in zip(batch, holders, strict=True):
                     with naming(holder.name):
                         made.append(_make_mesh(context, answer, holder, settings, exact_normals, copies))
@@ -130,7 +130,7 @@ def _make_mesh(
     source: bpy.types.Object,
     settings: AdaptiveSettings,
     exact_normals: bool,
-    copies: FrozenCopies,
+    copies: Evaluated,
 ) -> NewMesh:
     modifier = subdivision_modifier(source)
     options = TransferOptions(limit_normals=exact_normals)

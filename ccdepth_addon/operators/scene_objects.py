@@ -22,6 +22,15 @@ def show_in_local_view(context: bpy.types.Context, blender_object: bpy.types.Obj
         blender_object.local_view_set(space, True)
 
 
+def can_be_shown(blender_object: bpy.types.Object) -> bool:
+    """Whether an object is shown once the eye that hides it is open."""
+    is_hidden = blender_object.hide_get()
+    blender_object.hide_set(False)
+    is_shown = blender_object.visible_get()
+    blender_object.hide_set(is_hidden)
+    return bool(is_shown)
+
+
 def hide(blender_object: bpy.types.Object) -> None:
     """Deselect an object, and hide it, from the render as well."""
     blender_object.select_set(False)

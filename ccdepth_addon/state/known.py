@@ -128,8 +128,8 @@ def remember_count(groups: Sequence[Sequence[str]], settings: AdaptiveSettings, 
     groups: the names of the objects that get each result. Where there are too many faces, any count is that of all.
     """
     together = counts[0]
-    if together.fitting is None:
-        together = FaceCount(sum(count.faces for count in counts), None)
+    if not together.are_too_many:
+        together = FaceCount(sum(count.faces for count in counts))
         for names, count in zip(groups, counts, strict=True):
             _counts[_uids(bpy.data.objects[name] for name in names)] = settings, count
     _counts[_uids(bpy.data.objects[name] for names in groups for name in names)] = settings, together

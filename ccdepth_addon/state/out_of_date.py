@@ -14,8 +14,8 @@ from typing import Any, TypeVar
 
 import bpy
 
+from ..exchange.dependencies import KnownDescriptions
 from ..exchange.mesh_arrays import mesh_face_count
-from ..exchange.object_state import KnownDescriptions
 from . import result_record, results, still_holds, watch
 
 Answer = TypeVar("Answer")

@@ -7,7 +7,7 @@ from typing import Any
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, IntProperty, StringProperty
 
 from ..core import METHODS
-from ..tasks.surfaces import as_typed
+from ..tasks.surfaces import shortest_decimal
 
 # A thousandth of the bounding box is about one pixel when the object fills the screen, whatever its size.
 DEFAULT_RELATIVE_TOLERANCE = 0.001
@@ -20,7 +20,6 @@ DEFAULT_ACCURACY = 0.05
 DEFAULT_TIME_LIMIT = 60.0
 
 TOLERANCE_DESCRIPTION = "Largest distance allowed between the subdivided faces and the limit surface"
-RELATIVE_DESCRIPTION = TOLERANCE_DESCRIPTION + ", as a part of the diagonal of the object's dimensions"
 
 TOLERANCE_MODES = (
     ("RELATIVE", "Relative", "The tolerance is a part of the diagonal of the object's dimensions"),
@@ -116,7 +115,7 @@ def tolerance_name(tolerance_mode: str) -> str:
 
 def scene_tolerance(settings: Any) -> float:
     """The tolerance of the scene's settings in their mode, as it is typed."""
-    return as_typed(getattr(settings, tolerance_name(settings.tolerance_mode)))
+    return shortest_decimal(getattr(settings, tolerance_name(settings.tolerance_mode)))
 
 
 def set_scene_tolerance(settings: Any, tolerance: float) -> None:
@@ -135,6 +134,19 @@ def absolute_tolerance_property() -> Any:
         step=0.1,
         precision=6,
         subtype="DISTANCE",
+    )
+
+
+def relative_tolerance_property(**others: Any) -> Any:
+    """A fraction of the diagonal, likewise. others: what else the property has."""
+    return FloatProperty(
+        name="Tolerance",
+        description=TOLERANCE_DESCRIPTION + ", as a part of the diagonal of the object's dimensions",
+        soft_min=1e-6,
+        soft_max=0.1,
+        step=0.01,
+        precision=6,
+        **others,
     )
 
 
@@ -199,8 +211,8 @@ class FaceLimitProperties:
 
     max_faces: IntProperty(
         name="Face Limit",
-        description="Refuse to make more faces than this, of all selected objects together, and suggest a "
-        "tolerance that would fit",
+        description="Refuse to make more faces than this, of all selected objects together; Find Tolerance finds a "
+        "tolerance that fits",
         default=5_000_000,
         min=1,
         soft_min=1000,

@@ -13,11 +13,11 @@ from zlib import crc32
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, FloatProperty, PointerProperty, StringProperty
 
+from ..exchange.dependencies import object_state
 from ..exchange.mesh_checksums import content_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers
-from ..exchange.object_state import object_state
 from ..exchange.result_attributes import ATTRIBUTES
-from ..tasks.surfaces import as_typed
+from ..tasks.surfaces import shortest_decimal
 from . import properties
 
 # Settings that do not matter where triangles are merged.
@@ -109,7 +109,7 @@ def left_hidden(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 def made_with(holder: Any, tolerance: float) -> MadeWith:
     """The settings that an operator, a scene or a record holds, but for the tolerance."""
-    return MadeWith(as_typed(tolerance), tuple(getattr(holder, name) for name in SETTINGS))
+    return MadeWith(shortest_decimal(tolerance), tuple(getattr(holder, name) for name in SETTINGS))
 
 
 def settings_have_changed(result: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:

@@ -38,15 +38,7 @@ class SceneSettings(*properties.GROUPS, bpy.types.PropertyGroup):
     """The defaults of the operators' arguments, and how results are displayed."""
 
     tolerance: properties.absolute_tolerance_property()
-    relative_tolerance: FloatProperty(
-        name="Tolerance",
-        description=properties.RELATIVE_DESCRIPTION,
-        default=properties.DEFAULT_RELATIVE_TOLERANCE,
-        soft_min=1e-6,
-        soft_max=0.1,
-        step=0.01,
-        precision=6,
-    )
+    relative_tolerance: properties.relative_tolerance_property(default=properties.DEFAULT_RELATIVE_TOLERANCE)
     shown_tolerance_mode: EnumProperty(
         name="Tolerance Mode",
         description="How the tolerance is given. The other one becomes the same distance on the active object, or "

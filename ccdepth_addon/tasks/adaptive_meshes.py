@@ -6,8 +6,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from decimal import ROUND_CEILING, Decimal
-from math import inf, isfinite, sqrt
-from time import perf_counter
+from math import sqrt
 
 from ..core import Progress, TooManyFacesError, count_faces, no_report, subdivide_adaptively
 from .adaptive_task import AdaptiveResult, AdaptiveSettings, AdaptiveTask
@@ -24,10 +23,6 @@ FEWEST_TO_EXTRAPOLATE = 200
 
 MOST_COUNTS = 24
 
-# After a refusal nobody has asked for the search: it ends after so many seconds, or with this part of the faces. The
-# first one tried is so many times what the core estimates: mostly that fits, and few faces take little time.
-SECONDS_AFTER_REFUSAL, ENOUGH_AFTER_REFUSAL, FIRST_TRY = 20.0, 0.5, 4.0
-
 # With a tolerance of so many diagonals nothing is split that need not be.
 WITHOUT_SPLITS = 100.0
 
@@ -37,11 +32,10 @@ DIGITS = 3
 
 @dataclass(frozen=True)
 class FaceCount:
-    """How many faces a result would have; or about how many all results together, if they are too many: then
-    ``fitting`` is a tolerance, as it is typed, that does not make too many, inf when there is none."""
+    """How many faces a result would have; or about how many all results together, if they are too many."""
 
     faces: int
-    fitting: float | None
+    are_too_many: bool = False
 
 
 @dataclass(frozen=True)
@@ -77,12 +71,11 @@ def subdivide(
         try:
             adaptive = subdivide_adaptively(control.in_world, request, control.mesh.positions, _after(made, progress))
             faces = len(adaptive.mesh.base_faces)
-            # The core counts leaves on its way; their faces may turn out to be more than are allowed.
-            if faces > request.most_faces:
-                raise TooManyFacesError(faces, request.limit * faces / max(request.most_faces, 1))
         except TooManyFacesError as fault:
-            fitting = _fitting_tolerance(tasks, settings, fault.tolerance / _unit(task, settings), progress)
-            raise TooManyError(tasks, FaceCount(made + fault.faces, fitting), settings) from fault
+            raise TooManyError(tasks, FaceCount(made + fault.faces, True), settings) from fault
+        # The core counts leaves on its way; their faces may turn out to be more than are allowed.
+        if faces > request.most_faces:
+            raise TooManyError(tasks, FaceCount(made + faces, True), settings)
         answers.append(AdaptiveResult(task, adaptive))
         made += faces
     return answers
@@ -93,19 +86,15 @@ def count_results(
 ) -> list[FaceCount]:
     """How many faces every mesh would have. progress: as of ``subdivide``."""
     counts: list[int] = []
-    estimate = 0.0
     for task in tasks:
         request = task.request(settings, task.surface.tolerance, settings.max_faces)
         try:
             counts.append(count_faces(task.control.in_world, request, _after(sum(counts), progress)))
         except TooManyFacesError as fault:
             counts.append(fault.faces)
-            estimate = max(estimate, fault.tolerance / _unit(task, settings))
     if sum(counts) <= settings.max_faces:
-        return [FaceCount(faces, None) for faces in counts]
-    # Where most is flat, there are as many more faces as the tolerance is finer.
-    estimate = max(estimate, settings.tolerance * sum(counts) / settings.max_faces)
-    return [FaceCount(sum(counts), _fitting_tolerance(tasks, settings, estimate, progress))] * len(tasks)
+        return [FaceCount(faces) for faces in counts]
+    return [FaceCount(sum(counts), True)] * len(tasks)
 
 
 def _after(faces: int, progress: Progress) -> Progress:
@@ -118,85 +107,41 @@ def _unit(task: AdaptiveTask, settings: AdaptiveSettings) -> float:
     return task.surface.tolerance / settings.tolerance
 
 
-class _TimeIsUp(Exception):
-    """The search has taken as long as it may."""
-
-
-def _fitting_tolerance(
-    tasks: list[AdaptiveTask], settings: AdaptiveSettings, estimate: float, progress: Progress
-) -> float:
-    """A tolerance with which there are not too many faces, after that of the settings made too many: the best one found
-    in a while; inf if there is none. estimate: the core's."""
-    most = 0.0
-
-    def told(faces: float) -> None:
-        # Each count begins anew.
-        nonlocal most
-        most = max(most, faces)
-        progress(most)
-
-    fit = best_tolerance(
-        tasks,
-        settings,
-        settings.max_faces,
-        told,
-        start=FIRST_TRY * max(estimate if isfinite(estimate) else 0.0, settings.tolerance),
-        too_fine=settings.tolerance,
-        enough=ENOUGH_AFTER_REFUSAL,
-        seconds=SECONDS_AFTER_REFUSAL,
-    )
-    return inf if fit is None else fit.tolerance
-
-
 def best_tolerance(
-    tasks: list[AdaptiveTask],
-    settings: AdaptiveSettings,
-    most_faces: int,
-    progress: Progress = no_report,
-    *,
-    start: float,
-    too_fine: float = 0.0,
-    enough: float = ENOUGH_FACES,
-    seconds: float = inf,
+    tasks: list[AdaptiveTask], settings: AdaptiveSettings, most_faces: int, progress: Progress = no_report
 ) -> Fit | None:
     """The best tolerance, to three digits, with which the results together have at most so many faces; None without
     any.
 
-    It is tried out, so it fits: finer and finer ones are counted, until one has too many faces, and then those between.
-    Counting takes as long as there are faces, and ends where there are too many. progress: is told the number of faces,
-    and may raise to stop. start: the first one to try. too_fine: one that is known to make too many. enough: what
-    part of the faces is good enough. seconds: after so many it is the best one found by then.
+    It is tried out, so it fits: finer and finer ones are counted from that of the settings on, until one has too many
+    faces, and then those between. Counting takes as long as there are faces, and ends where there are too many.
+    progress: is told the number of faces, and may raise to stop.
     """
-    until = inf
-
-    def told(faces: float) -> None:
-        progress(faces)
-        if perf_counter() > until:
-            raise _TimeIsUp
 
     def fit(tolerance: float) -> Fit | None:
         tolerance = with_digits(tolerance, DIGITS)
-        counts = _counts_with(tasks, settings, tolerance, most_faces, told)
+        counts = _counts_with(tasks, settings, tolerance, most_faces, progress)
         return None if counts is None else Fit(tolerance, counts)
 
-    # Each face of a control mesh makes at least one.
-    if sum(task.control.face_count for task in tasks) > most_faces:
+    if _never_fit(tasks, most_faces):
         return None
     finest = max(task.least_tolerance / _unit(task, settings) for task in tasks)
     best = fit(max(task.control.diagonal() / _unit(task, settings) for task in tasks) * WITHOUT_SPLITS)
     if best is None:
         return None
-    guess, until = max(start, finest), perf_counter() + seconds
-    try:
-        for _ in range(MOST_COUNTS):
-            found = fit(guess)
-            best, too_fine = (best, guess) if found is None else (found, too_fine)
-            if sum(best.counts) >= enough * most_faces or best.tolerance <= NEAR_ENOUGH * max(too_fine, finest):
-                break
-            guess = max(_next_guess(best, too_fine, most_faces), finest)
-    except _TimeIsUp:
-        pass
+    guess, too_fine = max(settings.tolerance, finest), 0.0
+    for _ in range(MOST_COUNTS):
+        found = fit(guess)
+        best, too_fine = (best, guess) if found is None else (found, too_fine)
+        if sum(best.counts) >= ENOUGH_FACES * most_faces or best.tolerance <= NEAR_ENOUGH * max(too_fine, finest):
+            break
+        guess = max(_next_guess(best, too_fine, most_faces), finest)
     return best
+
+
+def _never_fit(tasks: list[AdaptiveTask], most_faces: int) -> bool:
+    """Whether there are too many faces with any tolerance: each face of a control mesh makes at least one."""
+    return sum(task.control.face_count for task in tasks) > most_faces
 
 
 def _next_guess(best: Fit, too_fine: float, most_faces: int) -> float:
@@ -234,10 +179,8 @@ def with_digits(number: float, digits: int) -> float:
 
 def too_many_text(tasks: list[AdaptiveTask], count: FaceCount, settings: AdaptiveSettings) -> str:
     """The report that the results have too many faces together."""
-    assert count.fitting is not None
     whose = f"{tasks[0].object_names[0]}: the result" if len(tasks) == 1 else f"The {len(tasks)} results together"
     text = f"{whose} would have about {count.faces:,} faces, and {settings.max_faces:,} are allowed"
-    if not isfinite(count.fitting):
+    if _never_fit(tasks, settings.max_faces):
         return f"{text}; no tolerance would fit"
-    unit = " of the diagonal" if settings.tolerance_mode == "RELATIVE" else ""
-    return f"{text}; a tolerance of {count.fitting:.3g}{unit} would fit"
+    return f"{text}; Find Tolerance finds one that fits"

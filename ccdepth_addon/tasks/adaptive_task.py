@@ -28,7 +28,7 @@ from ..core import (
 )
 from ..exchange.blender_arrays import read_values
 from ..exchange.control_mesh import ControlMesh, ControlMeshError, SharedMeshes, base_mesh
-from ..exchange.frozen_copies import FrozenCopies, frozen_copies, in_batches
+from ..exchange.evaluated import Evaluated, evaluated, in_batches
 from ..exchange.modifiers import applied_modifiers, base_modifiers, subdivision_modifier
 from .surfaces import (
     Faults,
@@ -36,7 +36,7 @@ from .surfaces import (
     SurfaceSettings,
     refuse_bad_tolerance,
     surface_of,
-    undominated,
+    surfaces_covering_others,
 )
 
 # Rounding to single precision changes a number by this part of it at most.
@@ -113,9 +113,9 @@ class AdaptiveResult:
     @property
     def bounds(self) -> FloatArray:
         """(F,) the proved distances, lengths in the scene, with all rounding, wherever the result is used."""
-        return self.wherever_used(self.adaptive.bounds)
+        return self.largest_over_users(self.adaptive.bounds)
 
-    def wherever_used(self, bounds: FloatArray) -> FloatArray:
+    def largest_over_users(self, bounds: FloatArray) -> FloatArray:
         """(N,) proved distances as lengths in the scene, with all rounding, wherever the result is used."""
         # An object that is dominated has no larger distances, in parts of its tolerance.
         return (bounds + self.task.allowance) * (self.world_tolerance / self.task.surface.tolerance)
@@ -151,7 +151,7 @@ def prepare_adaptive(
         read += len(batch)
         context.view_layer.update()
         bases = {each: base_modifiers(each, use_modifiers=settings.use_modifiers) for each in batch}
-        with frozen_copies(context, bases) as copies:
+        with evaluated(context, bases) as copies:
             for blender_object in batch:
                 with faults.of(blender_object.name):
                     tasks += _read_tasks(context, blender_object, users_of[blender_object], settings, shared, copies)
@@ -166,7 +166,7 @@ def _united(tasks: list[AdaptiveTask]) -> list[AdaptiveTask]:
         alike.setdefault((task.mesh_uid, task.dependencies, task.surface.control.key), []).append(task)
     kept: set[int] = set()
     for group in alike.values():
-        for better, dominated in undominated([task.surface for task in group]).items():
+        for better, dominated in surfaces_covering_others([task.surface for task in group]).items():
             kept.add(id(group[better]))
             for other in dominated:
                 group[better].targets.extend(group[other].targets)
@@ -179,7 +179,7 @@ def _read_tasks(
     users: Sequence[bpy.types.Object],
     settings: AdaptiveSettings,
     shared: SharedMeshes,
-    copies: FrozenCopies,
+    copies: Evaluated,
 ) -> list[AdaptiveTask]:
     """What to make of an object, for each of those that get it."""
     use_modifiers = settings.use_modifiers

@@ -11,7 +11,7 @@ from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, S
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import cycle
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, TypeVar
 
 import bpy
 import numpy as np
@@ -36,13 +36,13 @@ from ..core import (
     worst_pose,
 )
 from ..exchange.control_mesh import ControlMesh, ControlMeshError, SharedMeshes, read_control_mesh
-from ..exchange.frozen_copies import NO_ORIGIN, frozen_copies, in_batches
+from ..exchange.dependencies import KnownDescriptions, ObjectState, StateAtFrame, object_state
+from ..exchange.evaluated import NO_ORIGIN, evaluated, in_batches
 from ..exchange.mesh_arrays import mesh_face_count, own_mesh
 from ..exchange.mesh_checksums import geometry_checksum
 from ..exchange.modifiers import OF_OBJECT, counted_modifiers, shown_vertices
-from ..exchange.object_state import KnownDescriptions, ObjectState, StateAtFrame, object_state
 from .frames import frame_restored, typed_frames
-from .surfaces import Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of, undominated
+from .surfaces import Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of, surfaces_covering_others
 
 # Parts of the time: for depths, and for the level that holds for all faces; what is left is for the worst frame.
 # Measured: depths take 40 s and the rest 12 s on 90,000 faces with creases at random.
@@ -66,19 +66,9 @@ class DepthSettings(SurfaceSettings):
         return self.vertices == OF_OBJECT
 
 
-class ReadMesh(NamedTuple):
-    """The control mesh of an object and its vertices, CONTROL or LIMIT, as they were read on a frame; None for the
-    scene as it is."""
-
-    object_name: str
-    frame: int | None
-    control: ControlMesh
-    vertices: str
-
-
 @dataclass(frozen=True)
 class DepthRequest:
-    """A surface whose depths are wanted, with vertices CONTROL or LIMIT, on a frame or without any.
+    """A surface whose depths are wanted, with vertices CONTROL or LIMIT. frame: where it was read; None without frames.
 
     stretch: how many times as long as its own the longest tolerance of the surfaces is that it dominates: their
     distances may be so much longer.
@@ -144,9 +134,8 @@ class PoseGroup:
 class MeshTask:
     """What to compute for one mesh. It keeps no reference to Blender's data, which may move while it runs.
 
-    geometry: the checksum of the mesh, and states: what its objects were like, as they were read. read: the control
-    meshes of the objects, on each frame. tolerances: of all of them, and groups: of those that no other dominates, once
-    it is decided.
+    geometry: the checksum of the mesh, and states: what its objects were like, as they were read. read: the surfaces of
+    the objects, on each frame; groups: those that no other dominates, once it is decided.
     """
 
     mesh_uid: int
@@ -154,8 +143,7 @@ class MeshTask:
     geometry: int
     object_names: list[str] = field(default_factory=list)
     states: list[StateAtFrame] = field(default_factory=list)
-    read: list[ReadMesh] = field(default_factory=list)
-    tolerances: list[float] = field(default_factory=list)
+    read: list[DepthRequest] = field(default_factory=list)
     groups: list[PoseGroup] = field(default_factory=list)
 
     @property
@@ -190,12 +178,7 @@ class DepthWork:
     def decide(self) -> None:
         """Decide which surfaces are measured, and check them. Raises ComputeError, naming every object at fault."""
         for task in self.tasks.values():
-            requests: list[DepthRequest] = []
-            for name, frame, control, vertices in task.read:
-                with self.faults.of(name, frame):
-                    requests.append(DepthRequest(surface_of(name, control, self.settings), vertices, frame))
-                    task.tolerances.append(requests[-1].surface.tolerance)
-            task.groups.extend(PoseGroup(poses, self.settings.method) for poses in _poses_of_one(_kept(requests)))
+            task.groups.extend(PoseGroup(poses, self.settings.method) for poses in _poses_of_one(_kept(task.read)))
             for group in task.groups:
                 for number, request in enumerate(group.requests):
                     check = check_pose if number else check_input
@@ -238,7 +221,7 @@ class MeshDepths:
     @property
     def vertices(self) -> str:
         """CONTROL or LIMIT; OF_OBJECT where objects, or frames, have both."""
-        kinds = {read.vertices for read in self.task.read}
+        kinds = {each.vertices for each in self.task.read}
         return OF_OBJECT if len(kinds) > 1 else kinds.pop()
 
 
@@ -285,7 +268,7 @@ def _read_objects(
         known: KnownDescriptions = {}
         context.view_layer.update()
         counted = {each: counted_modifiers(each, use_modifiers=use_modifiers) for each in batch}
-        with frozen_copies(context, counted) as copies:
+        with evaluated(context, counted) as copies:
             for each in batch:
                 with work.faults.of(each.name, frame):
                     control = read_control_mesh(
@@ -294,7 +277,8 @@ def _read_objects(
                     if frame is not None:
                         control = control.with_known_arrays(work.arrays.setdefault(each.name, {}))
                     task = _task_of(each, work.tasks)
-                    task.read.append(ReadMesh(each.name, frame, control, shown_vertices(each, settings.vertices)))
+                    surface = surface_of(each.name, control, settings)
+                    task.read.append(DepthRequest(surface, shown_vertices(each, settings.vertices), frame))
                     task.states.append(StateAtFrame(_state(each, settings, known), frame))
 
 
@@ -332,7 +316,7 @@ def _kept(requests: list[DepthRequest]) -> list[DepthRequest]:
         return requests
     kept = []
     for group in _grouped(requests, lambda request: (request.vertices, request.surface.control.key)):
-        for own, others in undominated([each.surface for each in group]).items():
+        for own, others in surfaces_covering_others([each.surface for each in group]).items():
             tolerance = group[own].surface.tolerance
             longest = max([tolerance, *(group[place].surface.tolerance for place in others)])
             # Without extent there is none, which is refused later.
@@ -438,7 +422,7 @@ def _answer(task: MeshTask, found: list[PoseDepths], level: int, worst_frame: in
         depths=task.largest(found),
         bounds=bounds,
         exact=exact | ~present,
-        world_tolerance=min(task.tolerances),
+        world_tolerance=min(each.surface.tolerance for each in task.read),
         uniform_level=level,
         quality=max(request.quality(level) for request in task.requests),
         uniform_faces=max(group.control.faces_at(level) for group in task.groups),

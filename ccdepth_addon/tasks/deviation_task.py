@@ -16,7 +16,7 @@ import numpy as np
 
 from ..core import Deviation, FloatArray, IndexArray, InvalidMeshError, Progress, measure_deviation, part_of, validate
 from ..exchange.control_mesh import read_control_mesh
-from ..exchange.frozen_copies import NO_ORIGIN
+from ..exchange.evaluated import NO_ORIGIN
 from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import subdivision_modifier
 from ..exchange.shown_mesh import ShownMesh, read_shown_mesh
@@ -256,16 +256,11 @@ def _worst_face(task: MeasureTask, measured: Measured, found: Deviation) -> int:
 def _joined(one: MeshDeviation, other: MeshDeviation) -> MeshDeviation:
     """The deviations of two objects with one mesh, merged."""
     worst, better = (one, other) if one.reached >= other.reached else (other, one)
-    return MeshDeviation(
-        mesh_uid=one.mesh_uid,
+    return replace(
+        worst,
         object_names=worst.object_names + better.object_names,
-        against=one.against,
-        tolerance=one.tolerance,
         deviations=np.maximum(one.deviations, other.deviations),
         proved=max(one.proved, other.proved),
-        reached=worst.reached,
         accuracy_met=one.accuracy_met and other.accuracy_met,
         out_of_time=one.out_of_time or other.out_of_time,
-        worst_face=worst.worst_face,
-        worst_point=worst.worst_point,
     )

@@ -37,7 +37,7 @@ class ReducedResult:
     @property
     def bounds(self) -> FloatArray:
         """(T,) the proved distances, lengths in the scene, with all rounding, wherever the result is used."""
-        return self.unreduced.wherever_used(self.proved)
+        return self.unreduced.largest_over_users(self.proved)
 
 
 def finer_result(answer: AdaptiveResult, settings: AdaptiveSettings, progress: Progress = no_report) -> AdaptiveResult:

@@ -53,9 +53,9 @@ class SurfaceSettings:
         names = [each.name for each in fields(cls) if each.name not in {"tolerance", *others}]
         values: dict[str, Any] = {name: getattr(holder, name) for name in names}
         typed: dict[str, Any] = {
-            name: as_typed(value) if isinstance(value, float) else value for name, value in values.items()
+            name: shortest_decimal(value) if isinstance(value, float) else value for name, value in values.items()
         }
-        return cls(as_typed(tolerance), **typed, **others)
+        return cls(shortest_decimal(tolerance), **typed, **others)
 
 
 @dataclass(frozen=True)
@@ -117,7 +117,7 @@ class Faults:
         return name if frame is None else f"{name}, on frame {frame}"
 
 
-def as_typed(value: float) -> float:
+def shortest_decimal(value: float) -> float:
     """The shortest decimal that rounds to this number in single precision: 0.1, not 0.10000000149."""
     return float(str(np.float32(value)))
 
@@ -140,7 +140,7 @@ def surface_of(object_name: str, control: ControlMesh, settings: SurfaceSettings
 
 # Meshes without extent or with positions that are not finite are refused later.
 @np.errstate(all="ignore")
-def undominated(surfaces: Sequence[Surface]) -> dict[int, list[int]]:
+def surfaces_covering_others(surfaces: Sequence[Surface]) -> dict[int, list[int]]:
     """Which surfaces of one control mesh no other dominates, each with those it dominates, as indices.
 
     A surface dominates another if its object makes every vector at least as long, in units of the tolerance.

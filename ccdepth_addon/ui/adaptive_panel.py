@@ -4,14 +4,12 @@
 from typing import ClassVar
 
 import bpy
-import numpy as np
 
 from ..exchange.modifiers import has_own_keys
 from ..state import known, out_of_date, result_record
 from ..state.properties import scene_tolerance
 from ..tasks.adaptive_task import AdaptiveSettings
 from .facts import count_fact, draw_facts, facts_of, short_count
-from .lengths import length_text
 from .panels import draw_main_button, draw_object_rows, draw_state_line, result_line
 from .selected_results import chosen_meshes, made_objects
 from .sidebar import SidebarPanel, settings_column
@@ -115,7 +113,7 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
     if count is None:
         layout.operator("ccdepth.count_faces", icon="LINENUMBERS_ON")
         return
-    if count.fitting is None:
+    if not count.are_too_many:
         draw_facts(layout, [count_fact(count.faces, reduced=settings.reduce)])
         return
     # In one row, like the button that was there: nothing below it moves.
@@ -123,12 +121,7 @@ def _draw_face_count(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
     number = split.row()
     number.alert = True
     number.label(text=f"{short_count(count.faces)} faces", icon="ERROR")
-    if not np.isfinite(count.fitting):
-        split.label(text="No tolerance fits")
-        return
-    relative = settings.tolerance_mode == "RELATIVE"
-    fitting = f"{count.fitting:.3g}" if relative else length_text(context.scene, count.fitting)
-    split.operator("ccdepth.use_tolerance", text=f"Use {fitting}").tolerance = count.fitting
+    split.operator("ccdepth.find_tolerance", icon="VIEWZOOM").face_budget = settings.max_faces
 
 
 register, unregister = bpy.utils.register_classes_factory((CCDEPTH_PT_make, CCDEPTH_PT_make_options))

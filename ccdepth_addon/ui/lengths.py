@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import bpy
 
-from ..tasks.surfaces import as_typed
+from ..tasks.surfaces import shortest_decimal
 
 DIGITS = 4
 
@@ -125,4 +125,4 @@ def number_text(number: Decimal, rounding: Rounding = Rounding.NEAREST, digits: 
 
 def _metres(scene: bpy.types.Scene, length: float) -> Decimal:
     # Blender keeps the scale in single precision.
-    return Decimal(length) * Decimal(str(as_typed(scene.unit_settings.scale_length)))
+    return Decimal(length) * Decimal(str(shortest_decimal(scene.unit_settings.scale_length)))

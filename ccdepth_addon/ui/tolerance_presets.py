@@ -13,7 +13,7 @@ import bpy
 from bl_ui.utils import PresetPanel
 
 from ..state.properties import TOLERANCE_PRESETS, scene_tolerance, tolerance_name
-from ..tasks.surfaces import as_typed
+from ..tasks.surfaces import shortest_decimal
 
 # Some five pixels when the object fills the screen, one, and a fifth.
 FRACTIONS = {"Draft": 0.005, "Standard": 0.001, "Fine": 0.0002}
@@ -43,7 +43,7 @@ class CCDEPTH_PT_tolerance_presets(PresetPanel, bpy.types.Panel):
         for preset in presets(context.scene):
             row = column.row(align=True)
             row.alignment = "LEFT"
-            is_current = current == (preset.mode, as_typed(preset.tolerance))
+            is_current = current == (preset.mode, shortest_decimal(preset.tolerance))
             button = row.operator(
                 "ccdepth.use_tolerance", text=preset.name, translate=False, icon="CHECKMARK" if is_current else "BLANK1"
             )

@@ -190,9 +190,9 @@ def test_settings_of_the_scene_hold_unless_given() -> None:
 
 
 def test_a_number_typed_is_the_number_meant() -> None:
-    as_typed = addon.module("tasks.surfaces").as_typed
+    shortest_decimal = addon.module("tasks.surfaces").shortest_decimal
     for typed in (0.1, 0.01, 0.0003, 123.4):
-        assert as_typed(float(np.float32(typed))) == typed
+        assert shortest_decimal(float(np.float32(typed))) == typed
 
 
 def test_settings_and_results_are_saved_with_the_file(tmp_path: object) -> None:

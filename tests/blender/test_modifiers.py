@@ -250,17 +250,17 @@ def test_faces_that_come_from_no_face_are_not_mistaken_for_copies() -> None:
 
 
 def test_origins_that_were_averaged_are_not_taken_for_origins() -> None:
-    frozen_copies = addon.module("exchange.frozen_copies")
+    evaluated = addon.module("exchange.evaluated")
     holder = scene.add_object(meshes.landscape(8, 8))
     mesh = holder.data
-    name = frozen_copies._write_origins(holder, mesh)
+    name = evaluated._write_origins(holder, mesh)
     pairs = np.empty(2 * len(mesh.polygons), dtype=np.int32)
     mesh.attributes[name].data.foreach_get("value", pairs)
     averaged = pairs.reshape(-1, 2).copy()
     averaged[0] = (averaged[2] + averaged[4]) // 2
     mesh.attributes[name].data.foreach_set("value", averaged.ravel())
-    origins = frozen_copies._read_origins(mesh, name, len(mesh.polygons))
-    assert origins[0] == frozen_copies.NO_ORIGIN
+    origins = evaluated._read_origins(mesh, name, len(mesh.polygons))
+    assert origins[0] == evaluated.NO_ORIGIN
     np.testing.assert_array_equal(origins[1:], np.arange(1, len(mesh.polygons)))
 
 
@@ -300,7 +300,7 @@ def fresh() -> Iterator[tuple[str, bpy.types.Object]]:
 def test_every_operator_copes_with_fresh_modifiers(capfd: pytest.CaptureFixture[str]) -> None:
     """Either it is done, or it is refused with a reason; and what was done holds until something changes."""
     bpy.context.scene.ccdepth.relative_tolerance = 0.2
-    state = addon.module("exchange.object_state").object_state
+    state = addon.module("exchange.dependencies").object_state
     done: set[str] = set()
     refusals: list[str] = []
     for kind, holder in fresh():
@@ -334,9 +334,9 @@ def other_value(field: bpy.types.Property, value: Any) -> Any:
 
 
 def test_every_simple_setting_of_every_modifier_is_noticed() -> None:
-    state = addon.module("exchange.object_state").object_state
+    state = addon.module("exchange.dependencies").object_state
     refused = addon.module("exchange.modifiers").SIMULATIONS | addon.module("exchange.modifiers").NOT_SHAPING
-    interface = addon.module("exchange.object_state").DISPLAY_FIELDS
+    interface = addon.module("exchange.dependencies").DISPLAY_FIELDS
     settings = 0
     for kind, holder in fresh():
         if kind in refused:

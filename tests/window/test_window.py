@@ -394,7 +394,7 @@ def test_a_source_is_shown_and_edited_and_its_result_follows(window: Window) -> 
 
 
 @pytest.mark.parametrize("window", [{"TOLERANCE": "1e-4", "FACE_LIMIT": "20000"}], indirect=True)
-def test_a_click_on_the_tolerance_offered_after_a_refusal_sets_it(window: Window) -> None:
+def test_a_click_on_find_tolerance_after_a_refusal_sets_one_that_fits(window: Window) -> None:
     started = find_first(window, "bpy.ops.ccdepth.subdivide")
     window.click()
     # Until the refusal there is no such button, and its message is in the way of the mouse.
@@ -402,7 +402,7 @@ def test_a_click_on_the_tolerance_offered_after_a_refusal_sets_it(window: Window
     window.wait_for(lambda report: not report["running"], SECONDS_TO_ANSWER, "the refusal")
     window.press("Escape")
     time.sleep(1.0)
-    find_button(window, started["sidebar"], "bpy.ops.ccdepth.use_tolerance(")
+    find_button(window, started["sidebar"], "bpy.ops.ccdepth.find_tolerance(face_budget=20000")
     window.click()
     # Than 1e-4: one that 20,000 faces are enough for.
     offered = window.wait_for(lambda report: report["tolerance"] > 1.5e-4, SECONDS_TO_ANSWER, "a coarser tolerance")

@@ -6,6 +6,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import TypeVar
 
 import bpy
@@ -53,7 +54,21 @@ def batches(items: Iterable[Item], size_of: Callable[[Item], int], most: int) ->
         yield batch
 
 
-class FrozenCopies:
+@dataclass
+class _Copy:
+    """A copy of an object. faces: how many the object's own mesh has; origins: the attribute with their numbers; made:
+    what the modifiers have made."""
+
+    holder: bpy.types.Object
+    faces: int
+    origins: str
+    made: bpy.types.Mesh | None = None
+
+    def origins_on(self, mesh: bpy.types.Mesh) -> IndexArray:
+        return _read_origins(mesh, self.origins, self.faces)
+
+
+class Evaluated:
     """Temporary copies of objects in the scene, with some of their modifiers.
 
     Their values are those the objects have now, keyed or not, so they must not be animated again. The scene is
@@ -62,22 +77,17 @@ class FrozenCopies:
 
     def __init__(self, context: bpy.types.Context) -> None:
         self._context = context
-        self._copies: dict[int, bpy.types.Object] = {}
-        self._face_counts: dict[int, int] = {}
-        self._own_copies: dict[int, bpy.types.Mesh] = {}
-        # The attribute with the origins, by copied meshes and by objects.
-        self._origins: dict[int, str] = {}
-        self._names: dict[int, str] = {}
-        self._made: dict[int, bpy.types.Mesh] = {}
-        self._losing: dict[int, bpy.types.Modifier | None] | None = None
+        self._copies: dict[int, _Copy] = {}
+        # Copies of meshes, each made once for all objects that use it, and the names of the origins on them.
+        self._meshes: dict[int, tuple[bpy.types.Mesh, str]] = {}
+        self._losing: dict[int, bpy.types.Modifier] | None = None
 
     def add(self, blender_object: bpy.types.Object, modifiers: Sequence[bpy.types.Modifier]) -> None:
         """Copy an object, with these of its modifiers, and with origins on its faces."""
-        uid = blender_object.session_uid
-        mesh = self._own_copy(blender_object)
         names = {modifier.name for modifier in modifiers}
-        copy = self._copies[uid] = own_copy(blender_object)
-        self._face_counts[uid] = len(mesh.polygons)
+        mesh, origins = self._mesh(blender_object)
+        copy = own_copy(blender_object)
+        self._copies[blender_object.session_uid] = _Copy(copy, len(mesh.polygons), origins)
         copy.data = mesh
         copy.animation_data_clear()
         # What is hidden in all viewports is not evaluated.
@@ -85,19 +95,21 @@ class FrozenCopies:
         for modifier in [m for m in copy.modifiers if m.name not in names]:
             copy.modifiers.remove(modifier)
         self._context.scene.collection.objects.link(copy)
-        if mesh.session_uid not in self._origins:
-            self._origins[mesh.session_uid] = _write_origins(copy, mesh)
-        self._names[uid] = self._origins[mesh.session_uid]
 
-    def _own_copy(self, blender_object: bpy.types.Object) -> bpy.types.Mesh:
-        """A copy of the object's mesh, made once for all objects that use it."""
-        key = blender_object.data.session_uid
-        if key not in self._own_copies:
+    def __contains__(self, blender_object: bpy.types.Object) -> bool:
+        return blender_object.session_uid in self._copies
+
+    def _mesh(self, blender_object: bpy.types.Object) -> tuple[bpy.types.Mesh, str]:
+        """A copy of the object's mesh with origins, and their name."""
+        uid = blender_object.data.session_uid
+        if uid not in self._meshes:
             with own_mesh(blender_object) as own:
-                mesh = self._own_copies[key] = own_copy(own)
+                mesh = own_copy(own)
+            self._meshes[uid] = mesh, ""
             if mesh.shape_keys is not None:
                 mesh.shape_keys.animation_data_clear()
-        return self._own_copies[key]
+            self._meshes[uid] = mesh, _write_origins(blender_object, mesh)
+        return self._meshes[uid]
 
     def made(self, blender_object: bpy.types.Object) -> tuple[bpy.types.Mesh, IndexArray]:
         """What the modifiers have made, as a mesh that lasts as long as the copies do, and the face of the object's own
@@ -105,69 +117,64 @@ class FrozenCopies:
 
         Unlike what Blender evaluates for itself, it has the last levels that the graphics card makes in the viewport.
         """
-        if not self._made:
+        copy = self._copies[blender_object.session_uid]
+        if copy.made is None:
             # All at once: each new mesh would have the scene evaluated again for the next.
             depsgraph = self._context.evaluated_depsgraph_get()
-            for uid, copy in self._copies.items():
-                self._made[uid] = bpy.data.meshes.new_from_object(
-                    copy.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
+            for each in self._copies.values():
+                each.made = bpy.data.meshes.new_from_object(
+                    each.holder.evaluated_get(depsgraph), preserve_all_data_layers=True, depsgraph=depsgraph
                 )
-        uid = blender_object.session_uid
-        return self._made[uid], self._read_origins(uid, self._made[uid])
+        return copy.made, copy.origins_on(copy.made)
 
     def without_origins(self, blender_object: bpy.types.Object) -> bpy.types.Mesh:
         """The same mesh, with the user's attributes alone."""
         mesh, _ = self.made(blender_object)
-        origins = mesh.attributes.get(self._names[blender_object.session_uid])
+        origins = mesh.attributes.get(self._copies[blender_object.session_uid].origins)
         if origins is not None:
             mesh.attributes.remove(origins)
         return mesh
 
-    def _read_origins(self, uid: int, mesh: bpy.types.Mesh) -> IndexArray:
-        return _read_origins(mesh, self._names[uid], self._face_counts[uid])
-
-    def face_count(self, blender_object: bpy.types.Object) -> int:
-        """Of the object's own mesh."""
-        return self._face_counts[blender_object.session_uid]
-
-    def losing_modifier(self, blender_object: bpy.types.Object) -> str | None:
-        """The modifier that merges faces of the object, if there is one."""
+    def losing_modifier(self, blender_object: bpy.types.Object, base_faces: IndexArray) -> str | None:
+        """The modifier that merges faces, if one does: base_faces are all that what is made comes from."""
+        if len(present_faces(base_faces)) == self._copies[blender_object.session_uid].faces:
+            return None
         if self._losing is None:
             self._losing = self._find_losing()
         modifier = self._losing.get(blender_object.session_uid)
         return None if modifier is None else modifier.name
 
-    def _find_losing(self) -> dict[int, bpy.types.Modifier | None]:
+    def _find_losing(self) -> dict[int, bpy.types.Modifier]:
         """Show one more modifier of all copies at a time."""
-        stacks = {uid: list(copy.modifiers) for uid, copy in self._copies.items()}
+        stacks = {uid: list(copy.holder.modifiers) for uid, copy in self._copies.items()}
         for modifier in [modifier for stack in stacks.values() for modifier in stack]:
             modifier.show_viewport = False
-        present = dict(self._face_counts)
-        losing: dict[int, bpy.types.Modifier | None] = {}
+        present = {uid: copy.faces for uid, copy in self._copies.items()}
+        losing: dict[int, bpy.types.Modifier] = {}
         for place in range(max(map(len, stacks.values()))):
             shown = {uid: stack[place] for uid, stack in stacks.items() if place < len(stack)}
             for modifier in shown.values():
                 modifier.show_viewport = True
             for uid, modifier in shown.items():
-                origins = self._read_origins(uid, self._evaluated(self._copies[uid]))
-                before, present[uid] = present[uid], len(present_faces(origins))
+                copy = self._copies[uid]
+                shape = copy.holder.evaluated_get(self._context.evaluated_depsgraph_get()).data
+                before, present[uid] = present[uid], len(present_faces(copy.origins_on(shape)))
                 if present[uid] < before and (present[uid] == 0 or modifier.type not in REMOVING_FACES):
                     losing.setdefault(uid, modifier)
         return losing
 
-    def _evaluated(self, copy: bpy.types.Object) -> bpy.types.Mesh:
-        return copy.evaluated_get(self._context.evaluated_depsgraph_get()).data
-
     def remove(self) -> None:
-        bpy.data.batch_remove([*self._copies.values(), *self._own_copies.values(), *self._made.values()])
+        copies = self._copies.values()
+        made = [copy.made for copy in copies if copy.made is not None]
+        bpy.data.batch_remove([*(copy.holder for copy in copies), *(mesh for mesh, _ in self._meshes.values()), *made])
 
 
 @contextmanager
-def frozen_copies(
+def evaluated(
     context: bpy.types.Context, wanted: Mapping[bpy.types.Object, Sequence[bpy.types.Modifier]]
-) -> Iterator[FrozenCopies]:
+) -> Iterator[Evaluated]:
     """Copies of those of the objects that Blender must evaluate, each with the modifiers given."""
-    copies = FrozenCopies(context)
+    copies = Evaluated(context)
     try:
         for blender_object, modifiers in wanted.items():
             # Simulations will be refused, and must not begin to run.
