@@ -56,9 +56,10 @@ def measure(*objects: bpy.types.Object, **settings: object) -> None:
 
 
 @contextmanager
-def edit_mode(*objects: bpy.types.Object) -> Iterator[None]:
+def edit_mode(*objects: bpy.types.Object, editing: bool = True) -> Iterator[None]:
+    """The objects selected alone, in Edit Mode or, where ``editing`` is not, in Object Mode."""
     select(*objects)
-    bpy.ops.object.mode_set(mode="EDIT")
+    bpy.ops.object.mode_set(mode="EDIT" if editing else "OBJECT")
     try:
         yield
     finally:

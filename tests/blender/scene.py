@@ -3,8 +3,11 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.sharpness import crease_to_sharpness
@@ -74,6 +77,28 @@ def add_light() -> bpy.types.Object:
     return add("Light", bpy.data.lights.new("Light", "POINT"))
 
 
+def add_collection(name: str, *objects: bpy.types.Object, alone: bool = False) -> bpy.types.Collection:
+    """A new collection in the scene with these objects in it; alone: no longer in the scene's own."""
+    collection, root = bpy.data.collections.new(name), bpy.context.scene.collection
+    root.children.link(collection)
+    for each in objects:
+        collection.objects.link(each)
+        if alone:
+            root.objects.unlink(each)
+    return collection
+
+
+def node_tree(*kinds: str) -> bpy.types.NodeTree:
+    """A group in which geometry goes through nodes of these kinds, which stand between its input and its output."""
+    tree = bpy.data.node_groups.new("Group", "GeometryNodeTree")
+    for in_out in ("INPUT", "OUTPUT"):
+        tree.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
+    chain = [tree.nodes.new(kind) for kind in ("NodeGroupInput", *kinds, "NodeGroupOutput")]
+    for one, other in pairwise(chain):
+        tree.links.new(one.outputs[0], other.inputs[0])
+    return tree
+
+
 def add_rig(name: str = "Bone") -> bpy.types.Object:
     """An armature with one bone."""
     rig = add("Rig", bpy.data.armatures.new("Rig"))
@@ -102,6 +127,14 @@ def mesh_data(mesh: bpy.types.Mesh) -> MeshData:
     positions = np.zeros(3 * len(mesh.vertices), dtype=np.float32)
     mesh.vertices.foreach_get("co", positions)
     return MeshData(positions.reshape(-1, 3).astype(np.float64), sizes.astype(np.intp), corners.astype(np.intp))
+
+
+def triangles_of(mesh: bpy.types.Mesh) -> NDArray[np.int32]:
+    """(T, 3): the vertices of the triangles Blender draws."""
+    mesh.calc_loop_triangles()
+    found = np.empty(3 * len(mesh.loop_triangles), dtype=np.int32)
+    mesh.loop_triangles.foreach_get("vertices", found)
+    return found.reshape(-1, 3)
 
 
 def evaluated_mesh_data(blender_object: bpy.types.Object) -> MeshData:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 from zlib import crc32
 
@@ -76,6 +77,16 @@ def differences(before: Snapshot, after: Snapshot, but: Callable[[Path], bool] =
         for path in sorted({*before, *after})
         if before.get(path, gone) != after.get(path, new) and not but(path)
     ]
+
+
+@contextmanager
+def unchanged(but: Callable[[Path], bool] = lambda path: False) -> Iterator[None]:
+    """What is done within leaves the whole file as it was, but for the paths that may differ."""
+    bpy.context.view_layer.update()
+    before = take()
+    yield
+    found = differences(before, take(), but)
+    assert not found, "\n".join(found)
 
 
 def is_ours(path: Path) -> bool:

@@ -9,7 +9,7 @@ import bpy
 import numpy as np
 import pytest
 
-from tests.blender import addon
+from tests.blender import addon, scene, snapshot
 
 TOLERANCE = 0.01
 
@@ -27,43 +27,19 @@ def faces(holder: bpy.types.Object) -> int:
     return len(holder.data.polygons)
 
 
-def everything_in_the_file() -> dict[str, tuple[object, ...]]:
-    """What there is, with what a subdivision could change of it."""
-    found: dict[str, tuple[object, ...]] = {item.name_full: () for item in bpy.data.user_map()}
-    for obj in bpy.data.objects:
-        found[obj.name_full] = (
-            obj.data.name_full,
-            obj.hide_get(),
-            obj.hide_render,
-            obj.select_get(),
-            [modifier.name for modifier in obj.modifiers],
-        )
-    for mesh in bpy.data.meshes:
-        coordinates = np.empty(3 * len(mesh.vertices), dtype=np.float32)
-        mesh.vertices.foreach_get("co", coordinates)
-        names = [name for name in mesh.attributes.keys() if not name.startswith(".select")]  # noqa: SIM118
-        found[mesh.name_full] = (len(mesh.polygons), coordinates.tobytes(), mesh.users, sorted(names))
-    return found
-
-
 def refused(*objects: bpy.types.Object, match: str, **settings: object) -> None:
     """The operator reports an error, and nothing is changed."""
     addon.select(*objects)
-    settings.setdefault("tolerance", TOLERANCE)
-    settings.setdefault("tolerance_mode", "ABSOLUTE")
-    before = everything_in_the_file()
-    with pytest.raises(RuntimeError, match=match):
+    settings = {"tolerance": TOLERANCE, "tolerance_mode": "ABSOLUTE", **settings}
+    with snapshot.unchanged(), pytest.raises(RuntimeError, match=match):
         bpy.ops.ccdepth.subdivide(**settings)
-    assert everything_in_the_file() == before
 
 
 def shape(holder: bpy.types.Object) -> np.ndarray:
     """(V, 3): where the object's vertices are in the scene."""
     bpy.context.view_layer.update()
-    positions = np.empty(3 * len(holder.data.vertices), dtype=np.float32)
-    holder.data.vertices.foreach_get("co", positions)
     world = np.array(holder.matrix_world)
-    return positions.reshape(-1, 3) @ world[:3, :3].T + world[:3, 3]
+    return scene.mesh_data(holder.data).positions @ world[:3, :3].T + world[:3, 3]
 
 
 def known_count(holder: bpy.types.Object) -> Any:

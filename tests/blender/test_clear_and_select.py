@@ -9,46 +9,29 @@ import numpy as np
 import pytest
 
 from tests import meshes
-from tests.blender import addon, scene
+from tests.blender import addon, scene, snapshot
 from tests.blender.updating import refuses
 
 pytestmark = pytest.mark.every_blender
-
-
-def attributes_of(mesh: bpy.types.Mesh) -> list[tuple[str, str, str]]:
-    return sorted((attribute.name, attribute.data_type, attribute.domain) for attribute in mesh.attributes)
-
-
-def displayed_and_rendered(mesh: bpy.types.Mesh) -> tuple[str, str]:
-    return mesh.attributes.active_color_name, mesh.attributes.default_color_name
 
 
 @pytest.mark.parametrize("colors", [(), ("Paint",), ("Base", "Paint")])
 @pytest.mark.parametrize("editing", [False, True])
 def test_clear_leaves_the_mesh_as_it_was(colors: tuple[str, ...], editing: bool) -> None:
     holder = scene.add_object(meshes.creased_cube())
-    mesh = holder.data
+    attributes = holder.data.attributes
     for name in colors:
-        mesh.attributes.new(name, "BYTE_COLOR", "CORNER")
+        attributes.new(name, "BYTE_COLOR", "CORNER")
     if colors:
-        mesh.attributes.active_color_name, mesh.attributes.default_color_name = colors[-1], colors[0]
-    before = attributes_of(mesh), displayed_and_rendered(mesh)
-    addon.select(holder)
-    if editing:
-        bpy.ops.object.mode_set(mode="EDIT")
-    bpy.ops.ccdepth.compute()
-    assert displayed_and_rendered(mesh) == before[1]
-    assert bpy.ops.ccdepth.bake_colors() == {"FINISHED"}
-    assert displayed_and_rendered(mesh) == ("ccdepth_color", before[1][1] or "ccdepth_color")
-    assert bpy.ops.ccdepth.clear() == {"FINISHED"}
-    if editing:
-        bpy.ops.object.mode_set(mode="OBJECT")
-    assert (attributes_of(mesh), displayed_and_rendered(mesh)) == before
-    record = mesh.ccdepth
-    assert not record.has_result
-    assert not record.rows
-    assert not record.contributors
-    assert record.uniform_faces == ""
+        attributes.active_color_name, attributes.default_color_name = colors[-1], colors[0]
+    with addon.edit_mode(holder, editing=editing), snapshot.unchanged(lambda path: path[-1] == "heat_map"):
+        assert bpy.ops.ccdepth.compute() == bpy.ops.ccdepth.measure(time_limit=0.1) == {"FINISHED"}
+        assert attributes.active_color_name == (colors[-1] if colors else "")
+        assert bpy.ops.ccdepth.bake_colors() == {"FINISHED"}
+        assert attributes.active_color_name == "ccdepth_color"
+        assert attributes.default_color_name == (colors[0] if colors else "ccdepth_color")
+        assert bpy.ops.ccdepth.clear() == {"FINISHED"}
+    assert addon.is_untouched([holder])
 
 
 def test_colours_chosen_or_removed_since_are_left_alone() -> None:
@@ -96,11 +79,9 @@ def test_select(editing: bool) -> None:
         return found
 
     def selected(*calls: dict[str, object]) -> np.ndarray:
-        if editing:
-            bpy.ops.object.mode_set(mode="EDIT")
-        for call in calls:
-            assert bpy.ops.ccdepth.select(**call) == {"FINISHED"}
-        bpy.ops.object.mode_set(mode="OBJECT")
+        with addon.edit_mode(holder, editing=editing):
+            for call in calls:
+                assert bpy.ops.ccdepth.select(**call) == {"FINISHED"}
         at_once = faces()
         # Whatever mode it ran in, Edit Mode must show this selection and no more.
         assert bpy.ops.ccdepth.edit_faces() == {"FINISHED"}
@@ -143,30 +124,24 @@ def test_attribute_where_blender_keeps_the_selection(name: str) -> None:
 NAMES = (None, "point", "face", "corner", "UVMap")
 
 
-def holder_with_attributes() -> bpy.types.Object:
+@pytest.mark.parametrize("editing", [False, True])
+def test_active_attribute_and_rendered_colour(editing: bool) -> None:
     holder = scene.add_object(meshes.cube())
+    attributes = holder.data.attributes
     for name, domain in (("point", "POINT"), ("face", "FACE"), ("corner", "CORNER")):
-        holder.data.attributes.new(name, "FLOAT", domain)
+        attributes.new(name, "FLOAT", domain)
     holder.data.uv_layers.new(name="UVMap")
-    addon.select(holder)
-    return holder
-
-
-@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
-def test_active_attribute_and_rendered_colour(mode: str) -> None:
-    attributes = holder_with_attributes().data.attributes
-    bpy.ops.object.mode_set(mode=mode)
-    for name in NAMES:
-        attributes.active = None if name is None else attributes[name]
-        for operator in (bpy.ops.ccdepth.compute, bpy.ops.ccdepth.compute, bpy.ops.ccdepth.clear):
-            assert operator() == {"FINISHED"}
-            assert (attributes.active and attributes.active.name) == name
-    # Colours that are chosen since are not left without an attribute.
-    assert bpy.ops.ccdepth.compute() == bpy.ops.ccdepth.bake_colors() == {"FINISHED"}
-    attributes.default_color_name = "ccdepth_color"
-    assert bpy.ops.ccdepth.clear() == {"FINISHED"}
-    assert attributes.default_color_name == ""
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with addon.edit_mode(holder, editing=editing):
+        for name in NAMES:
+            attributes.active = None if name is None else attributes[name]
+            for operator in (bpy.ops.ccdepth.compute, bpy.ops.ccdepth.compute, bpy.ops.ccdepth.clear):
+                assert operator() == {"FINISHED"}
+                assert (attributes.active and attributes.active.name) == name
+        # Colours that are chosen since are not left without an attribute.
+        assert bpy.ops.ccdepth.compute() == bpy.ops.ccdepth.bake_colors() == {"FINISHED"}
+        attributes.default_color_name = "ccdepth_color"
+        assert bpy.ops.ccdepth.clear() == {"FINISHED"}
+        assert attributes.default_color_name == ""
 
 
 @pytest.mark.parametrize("domain", ["POINT", "EDGE", "FACE", "CORNER"])

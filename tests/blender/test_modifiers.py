@@ -6,7 +6,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from itertools import pairwise
 from typing import Any
 
 import bpy
@@ -16,9 +15,9 @@ import pytest
 from ccdepth_addon.core.depth.face_depths import face_depths
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
-from tests.blender import addon, scene
-from tests.blender.test_staleness import mesh_line, stale_line
-from tests.blender.updating import refuses
+from tests.blender import addon, scene, snapshot
+from tests.blender.test_staleness import mesh_line
+from tests.blender.updating import refuses, stale_line
 
 pytestmark = pytest.mark.every_blender
 
@@ -41,61 +40,40 @@ def computed(holder: bpy.types.Object, **settings: object) -> np.ndarray:
     return addon.depths(holder)
 
 
-def everything_in_the_file() -> list[str]:
-    return [item.name_full for item in bpy.data.user_map()]
-
-
 def displace(holder: bpy.types.Object, strength: float = 5.0) -> bpy.types.Modifier:
     modifier = holder.modifiers.new("Displace", "DISPLACE")
     modifier.strength = strength
     return modifier
 
 
-def node_group(*kinds: str) -> bpy.types.NodeTree:
-    """Geometry goes through nodes of these kinds."""
-    tree = bpy.data.node_groups.new("Group", "GeometryNodeTree")
-    for in_out in ("INPUT", "OUTPUT"):
-        tree.interface.new_socket("Geometry", in_out=in_out, socket_type="NodeSocketGeometry")
-    chain = [tree.nodes.new(kind) for kind in ("NodeGroupInput", *kinds, "NodeGroupOutput")]
-    for one, other in pairwise(chain):
-        tree.links.new(one.outputs[0], other.inputs[0])
-    return tree
-
-
 # The largest depth of what each face becomes.
 
 
-def test_a_mirror_gives_each_face_the_largest_depth_of_its_copies() -> None:
+@pytest.mark.parametrize("kind", ["MIRROR", "ARRAY"])
+def test_each_face_gets_the_largest_depth_of_its_copies(kind: str) -> None:
+    """In Edit Mode modifiers count as well."""
     holder = scene.add_object(meshes.landscape(6, 5))
-    holder.modifiers.new("Mirror", "MIRROR")
-    count = len(holder.data.polygons)
-    mirrored = core_depths(evaluated(holder))
+    modifier = holder.modifiers.new("Copies", kind)
+    if kind == "ARRAY":
+        modifier.count, modifier.use_merge_vertices = 3, True
+    copies = core_depths(evaluated(holder)).reshape(-1, len(holder.data.polygons))
     found = computed(holder)
-    np.testing.assert_array_equal(found, np.maximum(mirrored[:count], mirrored[count:]))
-    assert int(holder.data.ccdepth.uniform_faces) > 4 ** (mirrored.max() - 1) * len(holder.data.loops)
+    np.testing.assert_array_equal(found, copies.max(axis=0))
+    assert int(holder.data.ccdepth.uniform_faces) > 4 ** (copies.max() - 1) * len(holder.data.loops)
     bpy.ops.ccdepth.clear()
-    # Edit Mode counts modifiers as well.
     with addon.edit_mode(holder):
         bpy.ops.ccdepth.compute(tolerance=TOLERANCE, tolerance_mode="ABSOLUTE", vertices="CONTROL")
     np.testing.assert_array_equal(addon.depths(holder), found)
-
-
-def test_an_array_gives_each_face_the_largest_depth_of_its_copies() -> None:
-    holder = scene.add_object(meshes.landscape(5, 5))
-    array = holder.modifiers.new("Array", "ARRAY")
-    array.count, array.use_merge_vertices = 3, True
-    copies = core_depths(evaluated(holder)).reshape(3, -1)
-    np.testing.assert_array_equal(computed(holder), copies.max(axis=0))
 
 
 @pytest.mark.parametrize("kind", ["MIRROR", "ARRAY", "BEVEL", "SOLIDIFY", "TRIANGULATE", "EDGE_SPLIT", "WIREFRAME"])
 def test_the_deepest_face_is_that_of_the_modified_mesh(kind: str) -> None:
     holder = scene.add_suzanne()
     holder.modifiers.new("Modifier", kind)
-    before = everything_in_the_file()
-    computed(holder)
+    addon.select(holder)
+    with snapshot.unchanged(snapshot.is_ours):
+        computed(holder)
     assert holder.data.ccdepth.deepest == core_depths(evaluated(holder)).max()
-    assert everything_in_the_file() == before
 
 
 def test_a_simple_subdivision_is_a_modifier_like_any_other() -> None:
@@ -198,7 +176,7 @@ def limited_by_material(holder: bpy.types.Object) -> None:
     for name in ("First", "Second"):
         holder.data.materials.append(bpy.data.materials.new(name))
     holder.data.polygons[0].material_index = 1
-    tree = node_group("GeometryNodeSetPosition")
+    tree = scene.node_tree("GeometryNodeSetPosition")
     move, chosen = tree.nodes["Set Position"], tree.nodes.new("GeometryNodeMaterialSelection")
     chosen.inputs["Material"].default_value = bpy.data.materials["Second"]
     move.inputs["Offset"].default_value = (3.0, 0.0, 0.0)
@@ -231,7 +209,7 @@ def test_modifiers_that_lose_the_faces_are_named(kind: str) -> None:
     if kind == "DECIMATE":
         culprit.ratio = 0.5
     if kind == "NODES":
-        culprit.node_group = node_group("GeometryNodeConvexHull")
+        culprit.node_group = scene.node_tree("GeometryNodeConvexHull")
     holder.modifiers.new("Innocent", "TRIANGULATE")
     addon.select(other, holder)
     refuses("compute", f"{holder.name}: the modifier “The Culprit”")
@@ -384,7 +362,7 @@ def expect_change(holder: bpy.types.Object) -> None:
 
 def test_what_modifiers_hold_is_noticed() -> None:
     holder, modifier = computed_with("NODES")
-    modifier.node_group = node_group()
+    modifier.node_group = scene.node_tree()
     expect_change(holder)
     # These are called like something of a node.
     for name in ("height", "width"):
@@ -410,9 +388,7 @@ def test_what_modifiers_refer_to_is_noticed() -> None:
     texture.noise_scale = 2.0
     assert stale_line(holder) == mesh_line(holder)
     operand = scene.add_object(meshes.cube(), "Operand")
-    cutters = bpy.data.collections.new("Cutters")
-    bpy.context.scene.collection.children.link(cutters)
-    cutters.objects.link(operand)
+    cutters = scene.add_collection("Cutters", operand)
     holder, _ = computed_with("BOOLEAN", operand_type="COLLECTION", collection=cutters)
     operand.location.x = 0.5
     assert stale_line(holder) == mesh_line(holder)

@@ -17,9 +17,9 @@ import pytest
 from mathutils.bvhtree import BVHTree
 
 from tests import meshes
-from tests.blender import addon, scene
+from tests.blender import addon, scene, snapshot
 from tests.blender.named_meshes import NAMED
-from tests.blender.subdividing import everything_in_the_file, faces, refused, shape, subdivide
+from tests.blender.subdividing import faces, refused, shape, subdivide
 from tests.blender.test_adaptive_guarantee import nearest, points_of_triangles, some
 from tests.steps import result_of, taken
 from tests.thorough import combinations
@@ -32,14 +32,6 @@ LEVEL, MOST_QUADS, MOST_POINTS, MOST_TRIANGLES = 6, 250_000, 20_000, 1_500
 # what the one before is off, and where that is not so, at poles, the facets are small. Along creases the surface bends
 # so sharply that it takes a level more.
 FACETS = 0.05
-
-
-def triangles_of(mesh: bpy.types.Mesh) -> np.ndarray:
-    """(T, 3): the vertices of the triangles Blender draws."""
-    mesh.calc_loop_triangles()
-    found = np.empty(3 * len(mesh.loop_triangles), dtype=np.int32)
-    mesh.loop_triangles.foreach_get("vertices", found)
-    return found.reshape(-1, 3)
 
 
 def bevelled(kind: str) -> meshes.MeshData:
@@ -69,11 +61,6 @@ def surface_points(data: meshes.MeshData, world: np.ndarray) -> tuple[np.ndarray
     surface = scene.evaluated_mesh_data(added)
     bpy.data.meshes.remove(added.data)
     return surface.positions @ world.T, surface.corner_vertices.reshape(-1, 4)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
-
-
-def distances(points: np.ndarray, positions: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """(P,): how far points (P, 3) are from triangles."""
-    return nearest(BVHTree.FromPolygons(positions.tolist(), triangles.tolist(), all_triangles=True), points)[0]
 
 
 CASES: dict[str, Callable[[], meshes.MeshData]] = {
@@ -122,13 +109,17 @@ def test_results_are_within_the_tolerance_both_ways(name: str, relative: float) 
     bounds = addon.bounds(result)
     assert bounds.max() <= tolerance * (1 + 1e-6)  # Stored in single precision, rounded up.
     points, facets = surface_points(data, world)
-    positions, triangles = shape(result), triangles_of(mesh)
-    assert distances(points[some(len(points), MOST_POINTS)], positions, triangles).max() <= tolerance
+    positions, triangles = shape(result), scene.triangles_of(mesh)
+    surface, drawn = (
+        BVHTree.FromPolygons(vertices.tolist(), corners.tolist(), all_triangles=True)
+        for vertices, corners in ((points, facets), (positions, triangles))
+    )
+    assert nearest(drawn, points[some(len(points), MOST_POINTS)])[0].max() <= tolerance
     chosen = some(len(triangles), MOST_TRIANGLES)
     # Its corners may lie off the surface, unlike those of an adaptive mesh.
     corners = positions[triangles[chosen]]
     samples = np.concatenate([corners, points_of_triangles(corners)], axis=1)
-    back = distances(samples.reshape(-1, 3), points, facets).reshape(len(chosen), -1).max(axis=1)
+    back = nearest(surface, samples.reshape(-1, 3))[0].reshape(len(chosen), -1).max(axis=1)
     assert back.max() <= (1 + FACETS) * tolerance
     if len(triangles) == faces(result):
         # A triangle's bound is that of its own points; points of the surface may count for a triangle beside.
@@ -151,7 +142,7 @@ def test_bevelled_primitives_get_few_triangles(primitive: tuple[str, int], has_u
     unreduced = result.data.ccdepth.unreduced_triangles
     original.hide_set(False)
     (whole,) = subdivide(original, tolerance=1e-3, tolerance_mode="RELATIVE")
-    assert len(triangles_of(whole.data)) == unreduced
+    assert len(scene.triangles_of(whole.data)) == unreduced
     # The mesh of the cube without Reduce has few triangles too: with these borders up to three in four of them stay.
     assert faces(result) <= 0.75 * unreduced
 
@@ -194,9 +185,10 @@ def test_lines_and_everything_else_of_the_mesh_are_there() -> None:
         group = original.vertex_groups.new(name=name)
         group.add([vertex.index for vertex in mesh.vertices if vertex.co.x > place], 0.5, "REPLACE")
     original.vertex_groups["Half"].lock_weight = True
-    before = everything_in_the_file()
+    before = snapshot.take()
     (result,) = subdivide(original, tolerance=0.01, reduce=True)
-    assert set(everything_in_the_file()) - set(before) == {result.name, result.data.name}
+    new = {path[1:3] for path in snapshot.take().keys() - before if path[0] == "blocks"}
+    assert new == {("objects", result.name), ("meshes", result.data.name)}
     assert faces(result) < result.data.ccdepth.unreduced_triangles
     assert_lines_are_where_they_were(result)
     assert_everything_else_is_there(result, mesh.attributes.keys())
@@ -214,7 +206,7 @@ def assert_lines_are_where_they_were(result: bpy.types.Object) -> None:
     mesh = result.data
     assert not mesh.validate(verbose=True)
     assert [material.name for material in mesh.materials] == ["Left", "Right"]
-    corners = triangles_of(mesh)
+    corners = scene.triangles_of(mesh)
     assert len(corners) == faces(result)
     x = shape(result)[:, 0]
     # Vertices are stored in single precision after a way there and back; the tolerance is for lines as well.
@@ -275,7 +267,7 @@ def test_exact_normals_are_those_of_the_surface(has_groups: bool) -> None:
     cosines = (normals.reshape(-1, 3) * np.repeat(flat.reshape(-1, 3), 3, axis=0)).sum(axis=1)
     # The faces are within a hundredth of a surface whose radii are about one; needles may tilt, as their vertices need
     # not lie on it.
-    positions, triangles = shape(result), triangles_of(mesh)
+    positions, triangles = shape(result), scene.triangles_of(mesh)
     sides = positions[triangles] - positions[np.roll(triangles, -1, axis=1)]
     heights = np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / np.linalg.norm(sides, axis=2).max(axis=1)
     is_wide = np.repeat(heights > 5 * mesh.ccdepth.world_tolerance, 3)
@@ -293,7 +285,7 @@ def test_loose_parts_stay() -> None:
     mesh.vertices[-1].co = (float("nan"), 0.0, 0.0)
     mesh.vertices[-2].co = (9.0, 9.0, 9.0)
     (result,) = subdivide(original, reduce=True)
-    assert len(result.data.vertices) - len(np.unique(triangles_of(result.data))) == 2
+    assert len(result.data.vertices) - len(np.unique(scene.triangles_of(result.data))) == 2
     assert faces(result) < result.data.ccdepth.unreduced_triangles
 
 
@@ -305,7 +297,7 @@ def test_small_closed_meshes_do_not_collapse_to_a_doubled_triangle(corners: int)
     original = scene.add_object(meshes.from_faces([*base, [0.1, 0.2, 0.8]], [list(range(corners))[::-1], *sides]))
     (result,) = subdivide(original, tolerance=1.0, reduce=True)
     assert not result.data.validate()
-    triangles = triangles_of(result.data)
+    triangles = scene.triangles_of(result.data)
     edges = np.sort(np.stack([triangles, np.roll(triangles, 1, axis=1)], axis=2), axis=2).reshape(-1, 2)
     assert np.all(np.unique(edges, axis=0, return_counts=True)[1] == 2)
 
@@ -327,16 +319,14 @@ def test_several_objects_and_shared_meshes() -> None:
 
 
 @pytest.mark.every_blender
-@pytest.mark.parametrize("mode", ["OBJECT", "EDIT"])
-def test_in_place_in_both_modes_with_the_scenes_setting(mode: str) -> None:
+@pytest.mark.parametrize("editing", [False, True])
+def test_in_place_in_both_modes_with_the_scenes_setting(editing: bool) -> None:
     original = scene.add_object(bevelled("cube"))
     bpy.context.scene.ccdepth.reduce = True
-    addon.select(original)
-    bpy.ops.object.mode_set(mode=mode)
-    settings = {"tolerance": 0.01, "tolerance_mode": "ABSOLUTE", "output": "IN_PLACE"}
-    assert bpy.ops.ccdepth.subdivide(**settings) == {"FINISHED"}
-    assert original.mode == mode
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with addon.edit_mode(original, editing=editing):
+        settings = {"tolerance": 0.01, "tolerance_mode": "ABSOLUTE", "output": "IN_PLACE"}
+        assert bpy.ops.ccdepth.subdivide(**settings) == {"FINISHED"}
+        assert original.mode == ("EDIT" if editing else "OBJECT")
     record = original.data.ccdepth
     assert record.unreduced_triangles > record.faces == faces(original)
     assert not addon.module("state.out_of_date").is_stale(original.data)
@@ -385,11 +375,10 @@ def test_nothing_is_left_of_what_is_stopped(after: int) -> None:
     """It takes some twenty steps."""
     original = scene.add_object(bevelled("cube"))
     addon.select(original)
-    before = everything_in_the_file()
-    reducer = _reducer(original)
-    assert len(list(islice(taken(reducer), after))) == after
-    reducer.close()
-    assert everything_in_the_file() == before
+    with snapshot.unchanged():
+        reducer = _reducer(original)
+        assert len(list(islice(taken(reducer), after))) == after
+        reducer.close()
 
 
 def _reducer(original: bpy.types.Object) -> Generator[object, None, object]:

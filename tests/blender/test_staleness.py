@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import bmesh
 import bpy
 import pytest
 
 from tests import meshes
 from tests.blender import addon, scene
-from tests.blender.updating import set_scene
+from tests.blender.updating import move_vertex, set_scene, stale_line
 
 pytestmark = pytest.mark.every_blender
 
@@ -26,12 +25,6 @@ ALL = "depths own other result"
 def mesh_line(holder: bpy.types.Object) -> str:
     """What the panels show when the object's mesh, or an object that uses it, was changed."""
     return f"Out of date: mesh “{holder.data.name}” changed"
-
-
-def stale_line(holder: bpy.types.Object) -> str:
-    """What the panel shows of depths on the object's mesh."""
-    addon.examine_touched()
-    return addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, holder.data)
 
 
 @dataclass
@@ -99,11 +92,6 @@ def creased_source() -> bpy.types.Object:
 # Changes of objects and their meshes.
 
 
-def move_a_vertex(holder: bpy.types.Object, distance: float = 0.01) -> None:
-    holder.data.vertices[0].co.x += distance
-    holder.data.update()
-
-
 def fill(holder: bpy.types.Object, name: str, values: float, kind: tuple[str, str] | None = None) -> None:
     """Set all values of an attribute, which is new when its type and domain are given."""
     attribute = holder.data.attributes.new(name, *kind) if kind else holder.data.attributes[name]
@@ -125,11 +113,6 @@ def edit(holder: bpy.types.Object, *operators: Callable[..., object]) -> None:
             operator()
 
 
-def add_a_uv_map(made: Made) -> None:
-    made.source.data.uv_layers.new(name="Map")
-    made.source.data.update()
-
-
 def add_a_crease_group(holder: bpy.types.Object) -> None:
     """Of no weights, as with the button: Blender tells nobody of groups that scripts make."""
     with bpy.context.temp_override(object=holder, active_object=holder):
@@ -142,9 +125,9 @@ def turn_a_face_over(made: Made) -> None:
     made.source.data.update()
 
 
-def compute_again(made: Made) -> None:
-    addon.select(made.source)
-    bpy.ops.ccdepth.compute()
+def add_a_uv_map(made: Made) -> None:
+    made.source.data.uv_layers.new(name="Map")
+    made.source.data.update()
 
 
 def move_both(made: Made) -> None:
@@ -153,8 +136,8 @@ def move_both(made: Made) -> None:
 
 # What is out of date afterwards.
 CHANGES: dict[str, tuple[Callable[[Made], object], str]] = {
-    "a vertex of the source": (lambda made: move_a_vertex(made.source), ALL),
-    "a vertex of the other object": (lambda made: move_a_vertex(made.other), "other"),
+    "a vertex of the source": (lambda made: move_vertex(made.source.data), ALL),
+    "a vertex of the other object": (lambda made: move_vertex(made.other.data), "other"),
     "creases of edges": (lambda made: fill(made.source, "crease_edge", 0.9), ALL),
     "creases of vertices": (lambda made: fill(made.source, "crease_vert", 0.5, ("FLOAT", "POINT")), ALL),
     "creases of another kind": (lambda made: fill(made.source, "crease_vert", 1, ("INT", "FACE")), ALL),
@@ -175,7 +158,7 @@ CHANGES: dict[str, tuple[Callable[[Made], object], str]] = {
     "depths": (lambda made: fill(made.source, "ccdepth", 9), "depths"),
     "deviations of the source": (lambda made: fill(made.source, "ccdepth_deviation", 0.0), "own"),
     "deviations of the other object": (lambda made: fill(made.other, "ccdepth_deviation", 0.0), "other"),
-    "depths computed again": (compute_again, ""),
+    "depths computed again": (lambda made: addon.compute(made.source), ""),
     "the place of the source": (lambda made: set_on(made.source, location=(0, 0.001, 0)), "other"),
     "the place of the other object": (lambda made: set_on(made.other, location=(0, 0.001, 0)), "other"),
     "the place of both": (move_both, ""),
@@ -209,14 +192,13 @@ def test_changes_are_noticed_where_they_matter(change: str) -> None:
 def test_what_was_changed_is_changed_back_or_computed_anew() -> None:
     made = made_of(creased_source())
     before = made.source.data.vertices[0].co.copy()
-    move_a_vertex(made.source)
+    move_vertex(made.source.data)
     assert made.lines() == stale(ALL)
     made.source.data.vertices[0].co = before
     made.source.data.update()
     assert made.lines() == {}
-    move_a_vertex(made.source)
-    addon.select(made.source)
-    bpy.ops.ccdepth.compute()
+    move_vertex(made.source.data)
+    addon.compute(made.source)
     assert made.lines() == stale("own other result")
     bpy.ops.ccdepth.measure()
     assert made.lines() == stale("other result")
@@ -242,7 +224,7 @@ def test_a_source_may_be_gone(remove: Callable[[bpy.types.Object], object]) -> N
     made.source = made.other
     lines = made.lines()
     assert (lines["other"], lines.get("result")) == ("Out of date: “Source” was removed", None)
-    move_a_vertex(made.result)
+    move_vertex(made.result.data)
     can_be_updated = made.result.ccdepth.source is not None
     edited = "Result edited; Update keeps your version" if can_be_updated else mesh_line(made.result)
     assert made.lines()["result"] == edited
@@ -442,10 +424,8 @@ def test_edit_mode_is_followed() -> None:
         bpy.ops.ccdepth.compute()
         bpy.ops.ccdepth.measure()
         assert made.lines() == {}
-        edited = bmesh.from_edit_mesh(made.source.data)
-        edited.verts.ensure_lookup_table()
-        edited.verts[0].co.x += 0.1
-        bmesh.update_edit_mesh(made.source.data)
+        bpy.ops.mesh.select_all(action="SELECT")
+        bpy.ops.transform.translate(value=(0.1, 0.0, 0.0))
         assert made.lines() == stale("depths own other")
     assert made.lines() == stale(ALL)
 
@@ -488,13 +468,13 @@ def test_files_are_examined_when_they_are_loaded(tmp_path: object) -> None:
         made.source.name = "Renamed"
         made.source.name = "Source"
         assert made.lines() == stale(kinds)
-        move_a_vertex(made.source)
+        move_vertex(made.source.data)
 
 
 def test_undo_is_followed() -> None:
     made = made_of(creased_source())
     bpy.ops.ed.undo_push(message="before")
-    move_a_vertex(made.source)
+    move_vertex(made.source.data)
     bpy.ops.ed.undo_push(message="moved")
     assert made.lines() == stale(ALL)
     bpy.ops.ed.undo()
@@ -505,28 +485,26 @@ def test_undo_is_followed() -> None:
 
 def test_undo_in_edit_mode_is_followed() -> None:
     holder = scene.add_suzanne()
-    addon.select(holder)
-    bpy.ops.object.mode_set(mode="EDIT")
-    bpy.ops.ed.undo_push(message="Edit Mode")
-    bpy.ops.ccdepth.compute(vertices="LIMIT")
-    first = addon.histogram(holder)
-    bpy.ops.ed.undo_push(message="Compute Depth")
-    bpy.ops.ccdepth.compute(tolerance=0.1, tolerance_mode="ABSOLUTE")
-    assert addon.histogram(holder) != first
-    bpy.ops.ed.undo_push(message="Compute Depth")
-    bpy.ops.ed.undo()
-    addon.examine_touched()
-    assert addon.histogram(bpy.context.object) == first
-    bpy.ops.ed.undo()
-    assert not addon.module("state.results").has_result(bpy.context.object.data)
-    bpy.ops.object.mode_set(mode="OBJECT")
+    with addon.edit_mode(holder):
+        bpy.ops.ed.undo_push(message="Edit Mode")
+        bpy.ops.ccdepth.compute(vertices="LIMIT")
+        first = addon.histogram(holder)
+        bpy.ops.ed.undo_push(message="Compute Depth")
+        bpy.ops.ccdepth.compute(tolerance=0.1, tolerance_mode="ABSOLUTE")
+        assert addon.histogram(holder) != first
+        bpy.ops.ed.undo_push(message="Compute Depth")
+        bpy.ops.ed.undo()
+        addon.examine_touched()
+        assert addon.histogram(bpy.context.object) == first
+        bpy.ops.ed.undo()
+        assert not addon.module("state.results").has_result(bpy.context.object.data)
 
 
 def test_nothing_is_left_running() -> None:
     check = addon.module("state.watch").examine
     holder = creased_source()
     addon.compute(holder)
-    move_a_vertex(holder)
+    move_vertex(holder.data)
     bpy.context.view_layer.update()
     assert bpy.app.timers.is_registered(check)
     assert check() is None

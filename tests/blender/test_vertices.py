@@ -17,15 +17,14 @@ from ccdepth_addon.core import VERTICES
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.command_line_runs import few_samples, mesh_objects, run, save
-from tests.blender.test_staleness import mesh_line
+from tests.blender.test_staleness import SETTINGS_LINE, mesh_line
+from tests.blender.updating import stale_line
 
 pytestmark = pytest.mark.every_blender
 
 # ``make.py`` beside it says how it was made.
 OLD_FILE = Path(__file__).with_name("saved_by_308a89a") / "depths.blend"
 OLD_METHODS = ("CERTIFIED", "SHARP", "SECOND_ORDER", "FIRST_ORDER")
-
-SETTINGS_LINE = "Out of date: settings changed"
 
 
 @pytest.fixture(autouse=True)
@@ -41,12 +40,6 @@ def with_modifier(holder: bpy.types.Object, vertices: str | None) -> bpy.types.O
     if vertices is not None:
         scene.add_subdivision(holder, 1).use_limit_surface = vertices == "LIMIT"
     return holder
-
-
-def line(holder: bpy.types.Object) -> str:
-    """What the panel says of the object's result."""
-    addon.module("state.out_of_date").out_of_date(bpy.context, [holder])
-    return addon.module("ui.panels").stale_line(bpy.context.scene.ccdepth, holder.data, holder)
 
 
 def found(holder: bpy.types.Object) -> tuple[list[int], list[float], int]:
@@ -69,7 +62,7 @@ def test_vertices_are_those_of_the_objects_own_modifier(own: str | None, expecte
     assert (record.vertices, record.follows_objects) == (expected, True)
     bpy.ops.ccdepth.set_levels()
     assert [each.use_limit_surface for each in holder.modifiers] == [expected == "LIMIT"]
-    assert line(holder) == ""
+    assert stale_line(holder) == ""
 
 
 def test_the_modifier_is_the_one_whose_surface_is_used() -> None:
@@ -98,7 +91,7 @@ def test_objects_of_one_mesh_keep_their_own_vertices() -> None:
     assert (control.data.ccdepth.vertices, addon.facts(control)["Vertices"]) == ("OBJECT", "From Modifier")
     bpy.ops.ccdepth.set_levels()
     assert [each.modifiers[0].use_limit_surface for each in (control, limit)] == [False, True]
-    assert line(control) == line(limit) == ""
+    assert stale_line(control) == stale_line(limit) == ""
 
 
 def test_frames_have_the_vertices_of_each() -> None:
@@ -119,7 +112,7 @@ def test_frames_have_the_vertices_of_each() -> None:
     bpy.context.scene.ccdepth.frames, bpy.context.scene.ccdepth.frame_list = "CUSTOM", "1,2"
     for frame in (1, 2):
         bpy.context.scene.frame_set(frame)
-        assert line(holder) == ""
+        assert stale_line(holder) == ""
 
 
 def test_use_limit_surface_of_the_modifier_matters_to_what_follows_it_alone() -> None:
@@ -127,14 +120,14 @@ def test_use_limit_surface_of_the_modifier_matters_to_what_follows_it_alone() ->
     [modifier] = holder.modifiers
     addon.compute(holder)
     modifier.use_limit_surface = True
-    assert line(holder) == mesh_line(holder)
+    assert stale_line(holder) == mesh_line(holder)
     with pytest.raises(RuntimeError, match="out of date"):
         bpy.ops.ccdepth.set_levels()
     modifier.use_limit_surface = False
-    assert line(holder) == ""
+    assert stale_line(holder) == ""
     addon.compute(holder, vertices="CONTROL")
     modifier.use_limit_surface = True
-    assert line(holder) == ""
+    assert stale_line(holder) == ""
     bpy.ops.ccdepth.set_levels()
     assert not modifier.use_limit_surface
     addon.compute(holder)
@@ -153,7 +146,7 @@ def test_only_a_setting_that_names_other_vertices_makes_depths_out_of_date(
     for now in ("OBJECT", "CONTROL", "LIMIT"):
         settings.vertices = now
         is_other = now != "OBJECT" and now != ("CONTROL" if computed == "CONTROL" else "LIMIT")
-        assert line(holder) == (SETTINGS_LINE if is_other else ""), now
+        assert stale_line(holder) == (SETTINGS_LINE if is_other else ""), now
 
 
 def test_another_method_makes_nothing_out_of_date_and_the_panel_names_the_one(
@@ -164,7 +157,7 @@ def test_another_method_makes_nothing_out_of_date_and_the_panel_names_the_one(
     addon.compute(holder, method="SHARP")
     for method in ("DISTANCE", *OLD_METHODS):
         settings.method = method
-        assert line(holder) == ""
+        assert stale_line(holder) == ""
         assert (addon.facts(holder)["Method"], addon.facts(holder)["Vertices"]) == ("Sharp", "Limit Surface")
     ways = addon.module("ui.facts").ways([holder.data.ccdepth, other.data.ccdepth])
     assert [each.value for each in ways] == ["Sharp, Certified", "Limit Surface, Control Mesh"]
@@ -187,7 +180,7 @@ def test_a_file_of_308a89a_keeps_its_methods_and_vertices(tmp_path: Path) -> Non
         else:
             assert (settings.method, settings.vertices) == (method, vertices)
         assert (record.method, record.vertices, record.follows_objects) == (method, vertices, False)
-        assert line(holder) == ""
+        assert stale_line(holder) == ""
         # Blender makes what is set.
         record.uniform_level, record.uniform_faces, record.quality = 1, "24", 0
         addon.select(holder)
