@@ -20,6 +20,8 @@ from ccdepth_addon.core.mesh.submesh import submesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 
+SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+
 
 def linear_children(mesh: PolygonMesh, values: FloatArray) -> FloatArray:
     """(C, D) values at the corners of some first faces → (4C, D) at the corners of their children, by bilinear facets.
@@ -32,6 +34,16 @@ def linear_children(mesh: PolygonMesh, values: FloatArray) -> FloatArray:
     middles = (values + values[mesh.next_corner[:count]]) / 2
     before = middles[mesh.previous_corner[:count]]
     return np.stack([values, middles, centroids[mesh.corner_faces[:count]], before], axis=1).reshape(4 * count, -1)
+
+
+def quad_places(levels: int) -> FloatArray:
+    """(4 · 4ᵏ, 2): where the corners of a quad's descendants after k steps lie in it."""
+    places = SQUARE[None]
+    for _ in range(levels):
+        middles = (places + np.roll(places, -1, axis=1)) / 2
+        centres = np.broadcast_to(places.mean(axis=1, keepdims=True), places.shape)
+        places = np.stack([places, middles, centres, np.roll(middles, 1, axis=1)], axis=2).reshape(-1, 4, 2)
+    return places.reshape(-1, 2)
 
 
 class Levels:
@@ -56,14 +68,18 @@ class Levels:
             self._limits = (level, limit_positions(self.mesh(level)))
         return self._limits[1]
 
-    def distances(self, level: int, vertices: str, deeper: int) -> FloatArray:
-        """(F,): the largest ‖Lᵏ(u, v) - S(u, v)‖ of each face of the mesh, at steps so many levels below level k's."""
-        limits = self.limits(level + deeper)
-        points = self.mesh(level).positions if vertices == "CONTROL" else limits
+    def offsets(self, points: FloatArray, level: int, deeper: int) -> FloatArray:
+        """(C, D): bilinear facets of a level with its vertices at points (V, D) minus the limits, at the corners of so
+        many levels later, which go through the faces of the mesh in their order."""
         values = points[self.subdivided(level).corner_vertices]
         for finer in range(level, level + deeper):
             values = linear_children(self.subdivided(finer), values)
-        gaps = np.linalg.norm(values - limits[self.subdivided(level + deeper).corner_vertices], axis=1)
+        return values - self.limits(level + deeper)[self.subdivided(level + deeper).corner_vertices]
+
+    def distances(self, level: int, vertices: str, deeper: int) -> FloatArray:
+        """(F,): the largest ‖Lᵏ(u, v) - S(u, v)‖ of each face of the mesh, at steps so many levels below level k's."""
+        points = self.mesh(level).positions if vertices == "CONTROL" else self.limits(level + deeper)
+        gaps = np.linalg.norm(self.offsets(points, level, deeper), axis=1)
         # The corners of a face's descendants lie together, four times as many with every level.
         return np.maximum.reduceat(gaps, self.subdivided(0).face_starts[:-1] * 4 ** (level + deeper))
 

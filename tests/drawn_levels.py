@@ -11,10 +11,8 @@ from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
-from tests.brute_force import linear_children
+from tests.brute_force import SQUARE, linear_children
 from tests.triangle_distances import distances
-
-SQUARE = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 # How many levels deeper the surface is sampled.
 DEEPER = 2

@@ -9,12 +9,10 @@ from __future__ import annotations
 from math import ceil, log
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
-from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 
 Difference = tuple[int, int, int]
@@ -181,61 +179,3 @@ def refined(mesh: PolygonMesh, levels: int) -> PolygonMesh:
     for _ in range(levels):
         mesh = subdivide(mesh).mesh
     return mesh
-
-
-def subface_parameters(levels: int) -> NDArray[np.intp]:
-    """(4ᵏ, 4, 2): where the corners of a quad's subfaces after k steps lie in it, in units of 2⁻ᵏ.
-
-    Corner 0 of the quad is (0, 0), corner 1 is (1, 0). The children of a quad are in the order of its corners; each
-    begins at its corner and goes on along the edge that leaves it, and to the middle.
-    """
-    parameters = np.array([[[0, 0], [1, 0], [1, 1], [0, 1]]])
-    for _ in range(levels):
-        after, before = np.roll(parameters, -1, axis=1), np.roll(parameters, 1, axis=1)
-        middle = np.broadcast_to(parameters.sum(axis=1, keepdims=True) // 2, parameters.shape)
-        children = np.stack([2 * parameters, parameters + after, middle, parameters + before], axis=2)
-        parameters = children.reshape(-1, 4, 2)
-    return parameters
-
-
-def vertex_grids(fine: PolygonMesh, faces: NDArray[np.intp], levels: int) -> NDArray[np.intp]:
-    """(faces, 2ᵏ + 1, 2ᵏ + 1): the vertices of a mesh of quads refined k times, by base face and parameters [u, v]."""
-    parameters = subface_parameters(levels).reshape(-1, 2)
-    corners = fine.corner_vertices.reshape(-1, 4 * 4**levels)[faces]
-    grids = np.zeros((len(faces), 2**levels + 1, 2**levels + 1), dtype=np.intp)
-    grids[:, parameters[:, 0], parameters[:, 1]] = corners
-    return grids
-
-
-def with_midpoints(grids: FloatArray) -> FloatArray:
-    """(…, r + 1, r + 1, D) points of bilinear facets → (…, 2r + 1, 2r + 1, D), a sample more between any two."""
-    r = grids.shape[-2] - 1
-    finer = np.zeros((*grids.shape[:-3], 2 * r + 1, 2 * r + 1, grids.shape[-1]))
-    finer[..., ::2, ::2, :] = grids
-    finer[..., 1::2, ::2, :] = (grids[..., :-1, :, :] + grids[..., 1:, :, :]) / 2
-    finer[..., 1::2, :] = (finer[..., :-1:2, :] + finer[..., 2::2, :]) / 2
-    return finer
-
-
-def limit_grids(mesh: PolygonMesh, faces: NDArray[np.intp], levels: int) -> FloatArray:
-    """(faces, 2ᵏ + 1, 2ᵏ + 1, D): S(u, v) of faces of a mesh of quads, u and v in steps of 2⁻ᵏ."""
-    fine = refined(mesh, levels)
-    return limit_positions(fine)[vertex_grids(fine, faces, levels)]
-
-
-def facet_grids(mesh: PolygonMesh, faces: NDArray[np.intp], level: int, vertices: str, samples: int) -> FloatArray:
-    """(faces, 2ˢ + 1, 2ˢ + 1, D): Lᵏ(u, v) of faces of a mesh of quads, u and v in steps of 2⁻ˢ, s at least k."""
-    fine = refined(mesh, level)
-    points = fine.positions if vertices == "CONTROL" else limit_positions(fine)
-    grids = points[vertex_grids(fine, faces, level)]
-    for _ in range(samples - level):
-        grids = with_midpoints(grids)
-    return grids
-
-
-def largest_distances(
-    mesh: PolygonMesh, faces: NDArray[np.intp], level: int, vertices: str, samples: int
-) -> FloatArray:
-    """(faces,) float64: the largest ‖Lᵏ(u, v) - S(u, v)‖ found at steps of 2⁻ˢ."""
-    offsets = facet_grids(mesh, faces, level, vertices, samples) - limit_grids(mesh, faces, samples)
-    return np.linalg.norm(offsets, axis=-1).max(axis=(1, 2))

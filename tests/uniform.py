@@ -11,10 +11,8 @@ from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.surface_points import SurfacePoints
-from tests.brute_force import linear_children
+from tests.brute_force import SQUARE, linear_children
 from tests.nets import refined
-
-QUARTER = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
 
 
 def uniform(mesh: PolygonMesh, level: int) -> SubdividedMesh:
@@ -49,7 +47,7 @@ def uniform(mesh: PolygonMesh, level: int) -> SubdividedMesh:
 def uniform_points(mesh: PolygonMesh, level: int) -> SurfacePoints:
     """Where the corners of the mesh at that level lie, in their order."""
     corners = np.arange(mesh.corner_count)
-    parameters = np.tile(QUARTER, (mesh.corner_count, 1))
+    parameters = np.tile(SQUARE, (mesh.corner_count, 1))
     fine = subdivide(mesh).mesh
     for _ in range(level - 1):
         parameters = linear_children(fine, parameters)

@@ -21,7 +21,7 @@ from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.measuring import BlenderLevels, quad_count, rounding
 from tests.blender.named_meshes import NAMED
-from tests.brute_force import Levels, linear_children
+from tests.brute_force import Levels
 from tests.thorough import each
 
 # Levels between those of the facets and of the reference, as far as quads of the reference allow, and one at least.
@@ -86,7 +86,8 @@ def test_what_is_shown_is_within_the_tolerance(name: str, vertices: str, boundar
             continue
         assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
         assert (modifier.levels, modifier.use_limit_surface) == (level, vertices == "LIMIT")
-        far = farthest(shown.shown(level), reference, level, deeper[-1])
+        # Bilinear facets against the limit surface at the same parameters.
+        far = np.linalg.norm(reference.offsets(shown.shown(level), level, deeper[-1]), axis=1).max()
         slack = rounding_bounds.modifier_rounding(reference.subdivided(0), level) + rounding(data, level + deeper[-1])
         slack += rounding_bounds.modifier_rounding(reference.subdivided(0), level + deeper[-1])
         assert far <= tolerance + slack, (level, modifier.quality, far / tolerance)
@@ -94,15 +95,6 @@ def test_what_is_shown_is_within_the_tolerance(name: str, vertices: str, boundar
     assert measured
     shown.remove()
     reference.remove()
-
-
-def farthest(points: np.ndarray, reference: BlenderLevels, level: int, deeper: int) -> float:
-    """How far bilinear facets with these vertices are from the limit surface at the same parameters."""
-    values = points[reference.subdivided(level).corner_vertices]
-    for finer in range(level, level + deeper):
-        values = linear_children(reference.subdivided(finer), values)
-    limits = reference.limits(level + deeper)[reference.subdivided(level + deeper).corner_vertices]
-    return float(np.linalg.norm(values - limits, axis=1).max())
 
 
 # Single precision

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operations on arrays of vectors against numpy's own, in either memory layout; chunks; tasks on several threads."""
+"""Arrays in chunks, and tasks on several threads."""
 
 from __future__ import annotations
 
@@ -11,9 +11,6 @@ import pytest
 
 from ccdepth_addon.core.arrays.chunks import chunks, index_chunks
 from ccdepth_addon.core.arrays.threads import SECONDS_BETWEEN_TICKS, map_in_threads
-
-# Vectors
-
 
 # Chunks
 

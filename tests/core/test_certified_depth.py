@@ -39,13 +39,7 @@ def diagonal(mesh: PolygonMesh) -> float:
 
 CASES = meshes.AWKWARD | {
     "torus": lambda: meshes.torus(8, 5),
-    "valence 2": lambda: meshes.fan(2),
-    "valence 3": lambda: meshes.fan(3),
-    "valence 5": lambda: meshes.fan(5),
-    "valence 6": lambda: meshes.fan(6),
-    "valence 7": lambda: meshes.fan(7),
-    "valence 8": lambda: meshes.fan(8),
-    "valence 12": lambda: meshes.fan(12),
+    **{f"valence {n}": (lambda n=n: meshes.fan(n)) for n in (2, 3, 5, 6, 7, 8, 12)},
     "valence 64": lambda: meshes.fan(64, 1),
     "valences 3 and 9": lambda: meshes.bumpy(meshes.trapezohedron(9), 0.05),
 }

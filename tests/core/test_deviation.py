@@ -20,14 +20,12 @@ from ccdepth_addon.core.deviation.bezier_pieces import bezier_pieces
 from ccdepth_addon.core.deviation.mesh_to_surface import Facets
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
-from ccdepth_addon.core.surface.catmull_clark import subdivide
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
-from tests import meshes, soundness
-from tests.brute_force import linear_children
+from tests import meshes, nets, soundness
+from tests.brute_force import quad_places
 from tests.thorough import combinations
 from tests.triangle_distances import distances, point_to_triangles
-from tests.uniform import QUARTER
 
 ACCURACY = 0.05
 
@@ -62,9 +60,7 @@ def control_of(data: meshes.MeshData) -> PolygonMesh:
 
 def result(control: PolygonMesh, level: int, *, limit: bool) -> tuple[FloatArray, IndexArray]:
     """A level of the control mesh as triangles, those of a face all together."""
-    mesh = control
-    for _ in range(level):
-        mesh = subdivide(mesh).mesh
+    mesh = nets.refined(control, level)
     triangles = mesh.corner_vertices.reshape(-1, 4)[:, [[0, 1, 2], [2, 3, 0]]].reshape(-1, 3)
     return limit_positions(mesh) if limit else mesh.positions, triangles
 
@@ -142,11 +138,9 @@ def test_the_surface_is_as_near_to_its_pieces_and_their_triangles_as_said(name: 
     """At equal parameters, from whichever corner a piece is counted."""
     pieces = bezier_pieces(control_of(MESHES.get(name, saddle)()), 0, lambda: None)
     count, facets = pieces.unit_count, Facets.of(pieces, np.arange(pieces.unit_count))
-    mesh, places = pieces.unit_mesh, np.tile(QUARTER, (count, 1))
-    for _ in range(4):
-        mesh, places = subdivide(mesh).mesh, linear_children(mesh, places)
+    mesh = nets.refined(pieces.unit_mesh, 4)
     points = limit_positions(mesh)[mesh.corner_vertices].reshape(count, -1, 3)
-    u, v = places[: len(points[0]), :, None].swapaxes(0, 1)
+    u, v = quad_places(4)[:, :, None].swapaxes(0, 1)
     a, b, c, d = facets.corners[:, :, None].swapaxes(0, 1)
     off = []
     for _ in range(4):

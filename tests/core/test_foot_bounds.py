@@ -20,7 +20,8 @@ from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.patches import regular_nets
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, nets
-from tests.drawn_levels import SQUARE, largest_around, points_of, sampled
+from tests.brute_force import SQUARE
+from tests.drawn_levels import largest_around, points_of, sampled
 from tests.thorough import combinations
 
 # Levels that are compared.

@@ -38,7 +38,7 @@ from ccdepth_addon.core.bounds.norms import (
     second_order_norm_regular,
 )
 from ccdepth_addon.core.bounds.sharp_constants import CONTROL_FACTORS, LIMIT_FACTORS, PERIOD, RATES
-from ccdepth_addon.core.depth.face_depths import face_depths
+from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import (
     PatchKind,
@@ -49,7 +49,8 @@ from ccdepth_addon.core.surface.patches import (
 )
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, nets
-from tests.core.test_face_depths import QUADS, both_vertices, build, pole_mesh
+from tests.brute_force import Levels, quad_places
+from tests.core.test_face_depths import QUADS, both_vertices, build
 
 # Distances are sampled at steps of 2⁻³, of unrefined facets at 2⁻⁴.
 SAMPLES = 3
@@ -125,17 +126,22 @@ def steps(valence: int, levels: int) -> FloatArray:
     return power
 
 
-@cache
 def distance_stencils(valence: int, level: int, vertices: str) -> FloatArray:
-    """(9, 9, D) or at level 0 (17, 17, D): Lᵏ - S on face 0.
+    """(M, D): Lᵏ - S on face 0, at eighths or at level 0 sixteenths.
 
-    Only where u ≥ v, and zero elsewhere: what lies beyond the diagonal is the mirror image.
+    Only where u ≥ v: what lies beyond the diagonal is the mirror image.
     """
-    mesh, face = nets.net_mesh(np.eye(2 * valence + 8)), np.array([0])
     samples = SAMPLES + (level == 0)
-    facets = nets.facet_grids(mesh, face, level, vertices, samples)[0]
-    offsets = facets - nets.limit_grids(mesh, face, samples)[0]
-    return offsets * np.tri(2**samples + 1)[:, :, None]
+    places = quad_places(samples)
+    offsets = offsets_of(nets.net_mesh(np.eye(2 * valence + 8)), level, vertices, samples)[: len(places)]
+    return offsets[places[:, 0] >= places[:, 1]]
+
+
+def offsets_of(mesh: PolygonMesh, level: int, vertices: str, samples: int) -> FloatArray:
+    """(C, D): Lᵏ - S at the corners of the mesh after so many steps."""
+    levels = Levels(mesh)
+    points = levels.mesh(level).positions if vertices == "CONTROL" else levels.limits(level)
+    return levels.offsets(points, level, samples - level)
 
 
 def bounds_of(method: str, valence: int, size: float, vertices: str) -> PatchBounds:
@@ -248,7 +254,7 @@ def test_random_nets_stay_within_their_bounds(
     else:
         bounds = patch.extraordinary(points[:, None], vertices)
     for level in range(4):
-        distance = nets.largest_distances(mesh, face, level, vertices, SAMPLES)[0]
+        distance = Levels(mesh).distances(level, vertices, SAMPLES - level)[0]
         assert distance <= bounds.at(level)[0] * (1 + 1e-12)
 
 
@@ -266,7 +272,7 @@ def test_regular_nets_stay_within_the_bounds_of_later_levels(level: int, vertice
     gentle = np.stack(np.broadcast_arrays(x, y, a * x * x + b * y * y + c * x * y), axis=2) + 0.02 * wild
     mesh = nets.net_mesh(np.concatenate([wild, gentle], axis=1).reshape(16, -1))
     net, kind = regular_nets(mesh, face).reshape(4, 4, 40, 3), Vertices(vertices)
-    off = nets.facet_grids(mesh, face, level, vertices, samples) - nets.limit_grids(mesh, face, samples)
+    off = offsets_of(mesh, level, vertices, samples)[: 4 * 4**samples]
     dense = np.linalg.norm(off.reshape(-1, 40, 3), axis=2).max(axis=0)
     bounds, lower = later_bounds(net, kind), sampled_error(net, kind, level)
     upper = bounds.at(level)
@@ -282,7 +288,7 @@ def test_regular_nets_stay_within_the_bounds_of_later_levels(level: int, vertice
 @pytest.mark.parametrize("name", QUADS)
 def test_faces_stay_within_the_bound_of_their_support(name: str, vertices: str) -> None:
     mesh = build(meshes.AWKWARD[name]())
-    distances = nets.largest_distances(mesh, np.arange(mesh.face_count), 0, vertices, 4)
+    distances = Levels(mesh).distances(0, vertices, 4)
     assert np.all(distances <= support_bounds(mesh, Vertices(vertices)) + ROUNDING)
 
 
@@ -297,7 +303,7 @@ def test_faces_on_grids_stay_within_the_bound_of_their_nets(seed: int, vertices:
     creases = np.where(generator.random(mesh.edge_count) < 0.05, 10.0, mesh.edge_sharpness)
     mesh = mesh.changed(vertex_sharpness=sharpness, edge_sharpness=creases if seed % 2 else mesh.edge_sharpness)
     mesh = apply_boundary_rule(mesh, smooth_corners=bool(seed % 2))
-    distances = nets.largest_distances(mesh, np.arange(mesh.face_count), 0, vertices, 4)
+    distances = Levels(mesh).distances(0, vertices, 4)
     bounds = support_bounds(mesh, Vertices(vertices))
     assert np.all(distances <= bounds + ROUNDING)
     on_grids = faces_on_grids(mesh)
@@ -340,8 +346,7 @@ def test_sharp_factors_are_the_least(valence: int, vertices: str) -> None:
         if level < 3 and valence < 64 and valence != 9:
             net = heights[:, None] * [0.0, 0.0, 1.0]
             own = PATCH_METHODS[Method.SHARP].extraordinary(net[:, None], Vertices(vertices)).at(level)[0]
-            samples = level + SAMPLES + 1
-            distance = nets.largest_distances(nets.net_mesh(net), np.array([0]), level, vertices, samples)[0]
+            distance = Levels(nets.net_mesh(net)).distances(level, vertices, SAMPLES + 1)[0]
             assert 0.99 * own <= distance <= own
 
 
@@ -363,24 +368,8 @@ def test_sharp_bounds_fall_with_every_level_and_lie_below_the_published(vertices
         assert np.all(sharp[1:] < 1.09 * sharp[:-1])
         assert np.all(sharp[2:] < sharp[:-2])
         assert np.all(sharp < published)
-    beyond = max(RATES) + 1
-    for level in range(5):
-        assert bounds_of("SHARP", beyond, 1, vertices).at(level) == bounds_of("SECOND_ORDER", beyond, 1, vertices).at(
-            level
-        )
-
-
-@both_vertices
-@pytest.mark.parametrize("valence", [3, 5, 7, 12])
-def test_depths_rise_from_certified_to_sharp_to_published(valence: int, vertices: str) -> None:
-    mesh, spared = pole_mesh(valence, 0.2), 0
-    for tolerance in (0.1, 0.01, 0.001):
-        methods = ("CERTIFIED", "SHARP", "SECOND_ORDER")
-        certified, sharp, published = (face_depths(mesh, tolerance, method, vertices).depths for method in methods)
-        assert np.all(certified <= sharp)
-        assert np.all(sharp <= published)
-        spared += np.sum(published - sharp)
-    assert spared > 0
+    sharp, published = (bounds_of(method, max(RATES) + 1, 1, vertices) for method in ("SHARP", "SECOND_ORDER"))
+    assert all(sharp.at(level) == published.at(level) for level in range(5))
 
 
 # Norms against the differences they are defined by

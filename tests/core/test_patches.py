@@ -11,8 +11,10 @@ import pytest
 
 from ccdepth_addon.core.bounds.norms import second_order_norm_regular
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
+from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.patches import PatchKind, classify_patches, regular_nets
 from tests import meshes, nets
+from tests.brute_force import quad_places
 from tests.core.test_face_depths import build
 
 ROUNDING = 1e-13
@@ -60,10 +62,10 @@ def test_quads_beside_triangles_are_irregular() -> None:
 # Phantom points: the net of a boundary, crease or corner face is the surface's
 
 
-def spline_points(net: np.ndarray, steps: int) -> np.ndarray:
-    """(P, steps + 1, steps + 1, 3): the uniform bicubic B-spline patches of (4, 4, P, 3) nets."""
-    basis = nets.spline_derivatives(np.linspace(0, 1, steps + 1))[0]
-    return np.einsum("iu,jv,ijpx->puvx", basis, basis, net)
+def spline_points(net: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """(P, n, 3): the uniform bicubic B-spline patches of (4, 4, P, 3) nets at places (n, 2)."""
+    along, across = (nets.spline_derivatives(each)[0] for each in places.T)
+    return np.einsum("in,jn,ijpx->pnx", along, across, net)
 
 
 def creased_lines() -> tuple[meshes.MeshData, meshes.MeshData]:
@@ -81,14 +83,7 @@ def creased_around_a_pole() -> meshes.MeshData:
     return meshes.creased(fan, {(0, sides[0][1]): 1.0, (0, sides[2][1]): 1.0})
 
 
-WITH_REGULAR_FACES = (
-    "landscape",
-    "single quad",
-    "fin through",
-    "flipped face",
-    "soup",
-    "soup with random creases",
-)
+WITH_REGULAR_FACES = ("landscape", "single quad", "fin through", "flipped face", "soup", "soup with random creases")
 FEATURES: dict[str, Callable[[], PolygonMesh]] = {
     **{name: partial(build, meshes.AWKWARD[name](), smooth_corners=False) for name in WITH_REGULAR_FACES},
     "boundary": lambda: build(meshes.landscape(4, 3)),
@@ -109,10 +104,12 @@ def test_nets_are_the_surface(name: str) -> None:
     mesh = FEATURES[name]()
     faces = np.flatnonzero(classify_patches(mesh).kinds == PatchKind.REGULAR)
     assert len(faces)
-    net = regular_nets(mesh, faces)
-    np.testing.assert_allclose(nets.limit_grids(mesh, faces, 3), spline_points(net, 8), rtol=0, atol=ROUNDING)
+    net, fine = regular_nets(mesh, faces), nets.refined(mesh, 3)
+    found = limit_positions(fine)[fine.corner_vertices].reshape(mesh.face_count, -1, 3)[faces]
+    np.testing.assert_allclose(found, spline_points(net, quad_places(3)), rtol=0, atol=ROUNDING)
     if name in ("boundary", "landscape", "single quad", "crossing creases", "creased valence 6"):
         # Six plain steps leave every vertex within M/3 · 4⁻⁶ of the surface, with no formula for limits involved.
-        fine, norm = nets.refined(mesh, 6), second_order_norm_regular(net)[:, None, None]
-        off = fine.positions[nets.vertex_grids(fine, faces, 6)] - spline_points(net, 2**6)
+        fine, norm = nets.refined(mesh, 6), second_order_norm_regular(net)[:, None]
+        found = fine.positions[fine.corner_vertices].reshape(mesh.face_count, -1, 3)[faces]
+        off = found - spline_points(net, quad_places(6))
         assert np.all(np.linalg.norm(off, axis=-1) <= norm / 3 / 4**6 + ROUNDING)
