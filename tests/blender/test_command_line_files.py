@@ -48,38 +48,18 @@ def volume(holder: bpy.types.Object) -> float:
     return signed
 
 
-def link_collection(name: str, *objects: bpy.types.Object) -> bpy.types.Collection:
-    """A new collection in the scene with these objects in it as well."""
-    collection = bpy.data.collections.new(name)
-    bpy.context.scene.collection.children.link(collection)
-    for each in objects:
-        collection.objects.link(each)
-    return collection
+UNITS = {"0.1mm": 0.001, "0.1 mm": 0.001, "2m": 1.0, "5um": 1e-6, "5µm": 1e-6, "0.01in": 0.0254, "1thou": 0.0000254}
 
 
-@pytest.mark.parametrize(
-    ("text", "value", "unit", "mode"),
-    [
-        ("0.001", 0.001, None, None),
-        ("1e-3", 0.001, None, None),
-        ("0.1mm", 0.1, 0.001, "ABSOLUTE"),
-        ("0.1 mm", 0.1, 0.001, "ABSOLUTE"),
-        ("2m", 2.0, 1.0, "ABSOLUTE"),
-        ("5um", 5.0, 1e-6, "ABSOLUTE"),
-        ("5µm", 5.0, 1e-6, "ABSOLUTE"),
-        ("0.01in", 0.01, 0.0254, "ABSOLUTE"),
-        ("1thou", 1.0, 0.0000254, "ABSOLUTE"),
-        ("0.1%", 0.001, None, "RELATIVE"),
-    ],
-)
-def test_tolerances_as_typed(text: str, value: float, unit: float | None, mode: str | None) -> None:
-    typed = amounts.typed_tolerance(text)
-    assert (typed.value, typed.unit, typed.mode) == (pytest.approx(value), unit, mode)
-
-
-@pytest.mark.parametrize(("text", "faces"), [("50000", 50_000), ("50k", 50_000), ("1.5M", 1_500_000), ("2", 2)])
-def test_numbers_of_faces_as_typed(text: str, faces: int) -> None:
-    assert amounts.face_budget(text) == faces
+def test_tolerances_and_numbers_of_faces_as_typed() -> None:
+    for text, unit in UNITS.items():
+        typed = amounts.typed_tolerance(text)
+        assert (typed.value, typed.unit, typed.mode) == (float(text.rstrip(" aceihmnoptuµ")), unit, "ABSOLUTE")
+    for text, mode in (("0.001", None), ("1e-3", None), ("0.1%", "RELATIVE")):
+        typed = amounts.typed_tolerance(text)
+        assert (typed.value, typed.unit, typed.mode) == (pytest.approx(0.001), None, mode)
+    for text, faces in (("50000", 50_000), ("50k", 50_000), ("1.5M", 1_500_000), ("2", 2)):
+        assert amounts.face_budget(text) == faces
 
 
 @pytest.mark.parametrize(("scale", "expected"), [(1.0, 0.002), (0.001, 2.0), (0.01, 0.2)])
@@ -117,8 +97,7 @@ def test_what_is_written_has_the_size_and_the_place_of_the_scene(
         return
     bpy.context.scene.unit_settings.scale_length = scale
     # Mirrored, sheared and beside another one with a name that not every format takes.
-    parent = bpy.data.objects.new("Parent", None)
-    bpy.context.scene.collection.objects.link(parent)
+    parent = scene.add("Parent")
     parent.scale = (-1.0, 2.0, 1.0)
     for index, name in enumerate(("Würfel Nr. 1", "Cube.001")):
         cube = scene.add_object(meshes.cube(), name)
@@ -150,18 +129,17 @@ def test_glb_files_come_together_where_they_were_split(tmp_path: Path) -> None:
     assert (len(cube.data.vertices), len(cube.data.polygons)) == (8, 12)
 
 
+READ_ALONE: dict[str, tuple[str, dict[str, Any]]] = {
+    ".fbx": ("export_scene.fbx", {"use_selection": True}),
+    ".abc": ("wm.alembic_export", {"selected": True, "as_background_job": False}),
+}
+
+
 @pytest.mark.every_blender
-@pytest.mark.parametrize(
-    ("suffix", "writer", "options"),
-    [
-        (".fbx", "export_scene.fbx", {"use_selection": True}),
-        (".abc", "wm.alembic_export", {"selected": True, "as_background_job": False}),
-    ],
-)
-def test_formats_that_are_read_alone_give_the_depths_of_the_blend_file(
-    tmp_path: Path, suffix: str, writer: str, options: dict[str, Any]
-) -> None:
+@pytest.mark.parametrize("suffix", READ_ALONE)
+def test_formats_that_are_read_alone_give_the_depths_of_the_blend_file(tmp_path: Path, suffix: str) -> None:
     """With a tolerance of 5 mm, so that the size and the axes have to come along as well."""
+    writer, options = READ_ALONE[suffix]
     write = blender_calls.available(writer)
     if write is None:
         pytest.skip(f"this Blender cannot write {suffix} files")
@@ -180,10 +158,9 @@ def test_formats_that_are_read_alone_give_the_depths_of_the_blend_file(
 
 def test_chosen_objects_alone(tmp_path: Path, capfd: Capture) -> None:
     path, output = save_cubes(tmp_path / "cubes.blend", "One", "-Two", "Three"), tmp_path / "out.blend"
-    link_collection("Some", bpy.data.objects["One"], bpy.data.objects["-Two"])
-    link_collection("Empty")
-    link_collection("Excluded", scene.add_object(meshes.cube(), "Four"))
-    bpy.context.scene.collection.objects.unlink(bpy.data.objects["Four"])
+    scene.add_collection("Some", bpy.data.objects["One"], bpy.data.objects["-Two"])
+    scene.add_collection("Empty")
+    scene.add_collection("Excluded", scene.add_object(meshes.cube(), "Four"), alone=True)
     bpy.context.view_layer.layer_collection.children["Excluded"].exclude = True
     save(path)
     for line, expected in (
@@ -210,7 +187,7 @@ def test_chosen_objects_alone(tmp_path: Path, capfd: Capture) -> None:
 def test_what_is_linked_from_a_missing_file_is_missed(tmp_path: Path, capfd: Capture, kind: str) -> None:
     """Blender opens such a file with something empty in its place."""
     library, path, output = tmp_path / "library.blend", tmp_path / "cubes.blend", tmp_path / "out.blend"
-    link_collection("Lent", scene.add_object(meshes.cube(), "Lent"))
+    scene.add_collection("Lent", scene.add_object(meshes.cube(), "Lent"))
     save(library)
     bpy.ops.wm.read_homefile(use_factory_startup=True, use_empty=True)
     with bpy.data.libraries.load(str(library), link=True) as (_, wanted):
@@ -314,3 +291,6 @@ def test_measuring_says_whether_the_tolerance_is_met(tmp_path: Path, capfd: Capt
     assert "not within the tolerance" in printed.out
     assert "done, and not within the tolerance" in printed.err
     assert mesh_objects(output)["Cube"].data.ccdepth.has_deviation
+    # What is not met is not, also when it is looked at again.
+    assert run(path, "--measure", *LIMIT, "--json", tmp_path / "report.json") == 1
+    assert run("--verify", tmp_path / "report.json") == 1

@@ -99,9 +99,7 @@ def reports(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
         cube.modifiers.new("Mirror", "MIRROR").use_axis = (False, False, True)
         cube.modifiers["Mirror"].use_mirror_merge = False
         cube.modifiers.new("Move", "DISPLACE").strength = 1.0
-    some = bpy.data.collections.new("Some")
-    bpy.context.scene.collection.children.link(some)
-    some.objects.link(bpy.data.objects["Two"])
+    scene.add_collection("Some", bpy.data.objects["Two"])
     save(folder / "mirrored.blend")
     scene.clear()
     cube = with_a_shape_key(scene.add_object(meshes.cube()))
@@ -292,15 +290,12 @@ def test_what_a_report_says_of_old_files_holds_without_the_new_fields(
     for each_object in entry["objects"]:
         del each_object["closed"], each_object["oriented"]
         each_object["settings"]["accuracy"] = 0.05
-    assert run("--verify", claim(reports("subdivide").with_name("old.json"), content)) == 0
+    old = reports("subdivide").with_name("old.json")
+    assert run("--verify", claim(old, content)) == 0
     content["version"] = 2
-    assert "not a CC Depth report" in said(
-        capfd, "--verify", claim(reports("subdivide").with_name("old.json"), content)
-    )
+    assert "not a CC Depth report" in said(capfd, "--verify", claim(old, content))
     entry["chosen"] = {"objects": ["One", "Two"], "collection": None}
-    assert "fields are missing or unknown: closed, oriented" in said(
-        capfd, "--verify", claim(reports("subdivide").with_name("old.json"), content)
-    )
+    assert "fields are missing or unknown: closed, oriented" in said(capfd, "--verify", claim(old, content))
 
 
 @pytest.mark.parametrize("place", ["report", "file", "object", "input", "measured", "settings", "chosen"])
@@ -361,18 +356,16 @@ def test_closed_and_oriented_meshes_are_told(suffix: str, tmp_path: Path) -> Non
     assert run("--verify", report) == 0
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_edges_are_counted_as_by_hand(seed: int) -> None:
-    module = addon.module("command_line.written_meshes")
-    shown = addon.module("exchange.shown_mesh")
-    generator = np.random.default_rng(seed)
-    # Few vertices, so that edges are shared in every way, and some triangles have two corners at one.
-    corners = generator.integers(0, 4, (int(generator.integers(1, 6)), 3))
-    passed: dict[tuple[int, int], list[int]] = {}
-    for triangle in corners.tolist():
-        for start, end in zip(triangle, [*triangle[1:], triangle[0]], strict=True):
+def test_edges_are_counted_as_by_hand() -> None:
+    """Of few vertices, so that edges are shared in every way, and some triangles have two corners at one."""
+    shown, edges_of = addon.module("exchange.shown_mesh"), addon.module("command_line.written_meshes").Edges.of
+    generator = np.random.default_rng(1)
+    for _ in range(60):
+        corners = generator.integers(0, 4, (int(generator.integers(1, 6)), 3))
+        passed: dict[tuple[int, int], list[int]] = {}
+        for start, end in np.stack([corners, np.roll(corners, -1, axis=1)], axis=-1).reshape(-1, 2).tolist():
             if start != end:
                 passed.setdefault((min(start, end), max(start, end)), []).append(1 if start < end else -1)
-    edges = module.Edges.of(shown.Triangles(np.zeros((4, 3)), corners, np.arange(len(corners))))
-    assert edges.are_closed == all(len(each_edge) % 2 == 0 for each_edge in passed.values())
-    assert edges.are_oriented == all(abs(sum(each_edge)) <= 1 for each_edge in passed.values())
+        edges = edges_of(shown.Triangles(np.zeros((4, 3)), corners, np.arange(len(corners))))
+        assert edges.are_closed == all(len(each_edge) % 2 == 0 for each_edge in passed.values())
+        assert edges.are_oriented == all(abs(sum(each_edge)) <= 1 for each_edge in passed.values())

@@ -20,16 +20,7 @@ import bpy
 import pytest
 
 from tests.blender import addon
-from tests.blender.command_line_runs import (
-    Capture,
-    few_samples,
-    mesh_objects,
-    program,
-    run,
-    said,
-    save,
-    save_cubes,
-)
+from tests.blender.command_line_runs import Capture, few_samples, mesh_objects, program, run, said, save, save_cubes
 from tests.blender.test_examples import example_command
 
 whole_files = addon.module("command_line.whole_files")
@@ -66,29 +57,25 @@ def quick_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     few_samples(monkeypatch)
 
 
+WRITES = ("--output blend", "--picture png", "--subdivide --output stl", "--subdivide --output glb")
+
+
 @pytest.mark.every_blender
-@pytest.mark.parametrize(
-    ("option", "name"),
-    [
-        ("--output", "out.blend"),
-        ("--picture", "out.png"),
-        ("--subdivide --output", "out.stl"),
-        ("--subdivide --output", "out.glb"),
-    ],
-)
+@pytest.mark.parametrize("line", WRITES)
 @pytest.mark.parametrize("existing", [b"", b"something precious"])
-def test_a_file_that_does_not_fit(tmp_path: Path, option: str, name: str, existing: bytes, capsys: Capture) -> None:
+def test_a_file_that_does_not_fit(tmp_path: Path, line: str, existing: bytes, capsys: Capture) -> None:
     """What is printed meanwhile is kept in memory: pytest's own files would be as short."""
-    path = tmp_path / name
+    *options, suffix = line.split()
+    path = tmp_path / f"out.{suffix}"
     if existing:
         path.write_bytes(existing)
     with little_room():
-        assert run(*LINE, *option.split(), path) == 1
+        assert run(*LINE, *options, path) == 1
     printed = capsys.readouterr()
     assert "Written" not in printed.out
     # Python says itself of a file of its own that it is too large.
-    assert re.search(rf"ccdepth: .*{name}: .*(is the disk full|too large)", printed.err), printed.err
-    assert [each.name for each in tmp_path.iterdir()] == ([name] if existing else [])
+    assert re.search(rf"ccdepth: .*{path.name}: .*(is the disk full|too large)", printed.err), printed.err
+    assert [each.name for each in tmp_path.iterdir()] == ([path.name] if existing else [])
     assert not existing or path.read_bytes() == existing
 
 

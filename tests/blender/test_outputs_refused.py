@@ -9,16 +9,14 @@ from pathlib import Path
 
 import pytest
 
-from tests.blender.command_line_runs import run, save_cubes
+from tests.blender.command_line_runs import Capture, run, save_cubes
 
 LINE = ("--absolute", "--tolerance", "50mm", "--method", "second-order")
 
 
 @pytest.mark.parametrize("option", ["--output", "--json", "--csv", "--html", "--picture"])
 @pytest.mark.parametrize("kind", ["pipe", "device", "folder", "link to a device"])
-def test_what_is_no_regular_file_is_not_replaced(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], option: str, kind: str
-) -> None:
+def test_what_is_no_regular_file_is_not_replaced(tmp_path: Path, capfd: Capture, option: str, kind: str) -> None:
     source = save_cubes(tmp_path / "cubes.blend", "One")
     # --picture and --output ask for these endings.
     there = tmp_path / ("out.png" if option == "--picture" else "out.blend")
@@ -44,9 +42,7 @@ def test_what_is_no_regular_file_is_not_replaced(
 
 
 @pytest.mark.parametrize("report", ["--json", "--csv", "--html"])
-def test_no_report_is_made_of_an_input_that_is_replaced(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str], report: str
-) -> None:
+def test_no_report_is_made_of_an_input_that_is_replaced(tmp_path: Path, capfd: Capture, report: str) -> None:
     source = save_cubes(tmp_path / "cubes.blend", "One")
     before = source.read_bytes()
     for output in (("--output", source), ("--output-folder", tmp_path)):
@@ -58,9 +54,7 @@ def test_no_report_is_made_of_an_input_that_is_replaced(
     assert source.read_bytes() != before
 
 
-def test_reports_of_two_files_that_were_written_to_one_place_are_not_gathered(
-    tmp_path: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_reports_of_two_files_that_were_written_to_one_place_are_not_gathered(tmp_path: Path, capfd: Capture) -> None:
     parts = tmp_path / "parts"
     parts.mkdir()
     for name in ("x", "y"):

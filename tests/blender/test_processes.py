@@ -23,13 +23,6 @@ from tests.thorough import combinations
 command_line = addon.module("command_line.command")
 
 
-def ended(folder: Path, *arguments: object) -> subprocess.CompletedProcess[str]:
-    command = [*program(), *map(str, arguments)]
-    return subprocess.run(
-        command, timeout=300, capture_output=True, text=True, encoding="utf-8", cwd=folder, check=False
-    )
-
-
 def files_of(printed: str) -> list[dict[str, Any]]:
     """What a report says of each file, but for where it was written."""
     # Blender itself may have printed warnings before our command began.
@@ -54,13 +47,8 @@ def test_jobs_report_the_same_and_in_the_same_order(
         folder.mkdir()
         capfd.readouterr()
         words = [*line, *(["--jobs", jobs] if jobs else []), "--output-folder", folder, "--", *sources]
-        if jobs:
-            process = ended(tmp_path, *words)
-            status, printed, told = process.returncode, process.stdout, process.stderr
-        else:
-            status = run(*words)
-            printed, told = capfd.readouterr()
-        assert status == 1, told
+        assert run(*words, process=program()) == 1
+        printed, told = capfd.readouterr()
         assert sorted(each.name for each in folder.iterdir()) == sorted(f"{name}.stl" for name in names)
         assert "4 of 4 files done, 0 left" in told
         assert "bad.glb" in told
@@ -186,17 +174,17 @@ def test_a_new_process_does_what_comes_after_a_blend_file_that_failed(tmp_path: 
     assert (tmp_path / "starts.txt").read_text().count("start") == 2
 
 
-@pytest.mark.parametrize("name", ["slow", "stopped"])
-def test_a_file_that_takes_too_long_is_ended_alone(tmp_path: Path, capfd: Capture, name: str) -> None:
+def test_a_file_that_takes_too_long_is_ended_alone(tmp_path: Path, capfd: Capture) -> None:
     scene.add_object(meshes.cube())
-    sources = [save(tmp_path / f"{each}.blend") for each in (name, "good")]
+    sources = [save(tmp_path / f"{each}.blend") for each in ("slow", "stopped", "good")]
     process = deadly_program(tmp_path)
     capfd.readouterr()
     # A Blender starts in less time, even where others keep the processors busy.
-    assert run(*sources, "--file-timeout", "20", "--csv", "-", process=process) == 1
+    assert run(*sources, "--jobs", "2", "--file-timeout", "20", "--csv", "-", process=process) == 1
     printed = capfd.readouterr()
-    assert f"{name}.blend: it was not done within 20 seconds" in " ".join(printed.err.split())
-    assert [("seconds" in row) for row in printed.out.splitlines()[1:]] == [True, False]
+    for name in ("slow", "stopped"):
+        assert f"{name}.blend: it was not done within 20 seconds" in " ".join(printed.err.split())
+    assert [("seconds" in row) for row in printed.out.splitlines()[1:]] == [True, True, False]
 
 
 def test_a_process_ends_with_the_one_that_started_it(tmp_path: Path) -> None:

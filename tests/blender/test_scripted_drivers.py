@@ -8,7 +8,6 @@ import os
 import subprocess
 import sys
 from collections.abc import Iterator
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -44,25 +43,19 @@ def rig(path: Path, where: str = "shape key") -> Path:
     elif where == "modifier":
         holder, name = cube.modifiers.new("Displace", "DISPLACE"), "strength"
     elif where == "parent":
-        parent = bpy.data.objects.new("Parent", None)
-        bpy.context.scene.collection.objects.link(parent)
-        cube.parent, holder, name = parent, parent, "scale"
+        cube.parent = holder = scene.add("Parent")
+        name = "scale"
     elif where == "another driver":
-        other = bpy.data.objects.new("Other", None)
-        bpy.context.scene.collection.objects.link(other)
+        other = scene.add("Other")
         driver = cube.driver_add("scale", 0).driver
         target = driver.variables.new()
         target.name, target.targets[0].id, target.targets[0].data_path = "moved", other, "location.x"
         driver.expression, holder = "moved + 1", other
     elif where == "node group":
-        tree = bpy.data.node_groups.new("Nodes", "GeometryNodeTree")
-        for direction in ("INPUT", "OUTPUT"):
-            tree.interface.new_socket("Geometry", in_out=direction, socket_type="NodeSocketGeometry")
-        ends = [tree.nodes.new(kind) for kind in ("NodeGroupInput", "GeometryNodeTransform", "NodeGroupOutput")]
-        for one, other in pairwise(ends):
-            tree.links.new(one.outputs[0], other.inputs[0])
+        tree = scene.node_tree("GeometryNodeTransform")
         cube.modifiers.new("Nodes", "NODES").node_group = tree
-        holder, name = ends[1].inputs["Scale"], "default_value"
+        moving = next(node for node in tree.nodes if "Scale" in node.inputs)
+        holder, name = moving.inputs["Scale"], "default_value"
     curves = holder.driver_add(name)
     for curve in curves if isinstance(curves, list) else [curves]:
         curve.driver.expression = EXPRESSION.format(str(path.with_suffix(".trace")))
@@ -121,26 +114,13 @@ def words(source: Path, folder: Path) -> list[str]:
     return [str(word) for word in line]
 
 
-@pytest.mark.parametrize(
-    ("options", "allowed"),
-    [
-        ([], False),
-        (["-y"], True),
-        (["--enable-autoexec"], True),
-        (["-y", "-b", "-Y"], False),
-        (["-Y", "-y"], True),
-        (["--command", "ccdepth", "-y"], False),
-        (["-y", "--command", "ccdepth", "-Y"], True),
-        (["--", "-y"], False),
-    ],
-)
-def test_the_last_option_of_blenders_own_holds(
-    monkeypatch: pytest.MonkeyPatch, options: list[str], allowed: bool
-) -> None:
+def test_the_last_option_of_blenders_own_holds(monkeypatch: pytest.MonkeyPatch) -> None:
     module = addon.module("command_line.scripted_drivers")
-    monkeypatch.setattr(sys, "argv", ["blender", *options])
     monkeypatch.setattr(module.bpy, "app", type("App", (), {"binary_path": "blender"}))
-    assert module.scripts_allowed() is allowed
+    allowing = ("-y", "--enable-autoexec", "-Y -y", "-y --command ccdepth -Y")
+    for options in (*allowing, "", "-y -b -Y", "--command ccdepth -y", "-- -y"):
+        monkeypatch.setattr(sys, "argv", ["blender", *options.split()])
+        assert module.scripts_allowed() is (options in allowing), options
 
 
 def test_a_driver_of_a_material_decides_no_shape(tmp_path: Path) -> None:
