@@ -16,6 +16,7 @@ import numpy as np
 
 from tests.blender import addon, random_steps, scene, snapshot
 from tests.blender.addon import ATTRIBUTES
+from tests.blender.full_mesh import counts
 from tests.blender.random_steps import REFUSALS, Random, chance, one
 from tests.blender.snapshot import OURS, Snapshot
 
@@ -358,7 +359,7 @@ def _results_sound(what: str) -> None:
         record = mesh.ccdepth
         if not record.has_result or mesh.is_editmode or "ccdepth" not in mesh.attributes:
             continue
-        lengths = _lengths(mesh)
+        lengths = counts(mesh)
         for name in ATTRIBUTES[: 2 if record.subdivision else 3]:
             attribute, (data_type, domain) = mesh.attributes.get(name), KINDS[name]
             found = attribute and (attribute.data_type, attribute.domain, len(attribute.data))
@@ -388,7 +389,7 @@ def _results_current() -> None:
 def _sound_mesh(mesh: bpy.types.Mesh) -> None:
     """Its attributes are whole, the colour it shows is one of them, and Blender finds nothing to mend."""
     for path, value in snapshot.mesh_content(mesh):
-        if path[0] == "attribute" and value[2] != _lengths(mesh)[value[1]]:
+        if path[0] == "attribute" and value[2] != counts(mesh)[value[1]]:
             raise Fault(f"{path[1]} on the result {mesh.name} has {value[2]} values")
     active = mesh.attributes.active_color_name
     if active and active not in mesh.attributes:
@@ -406,8 +407,3 @@ def _is_finite(mesh: bpy.types.Mesh) -> bool:
         if floating and not all(np.isfinite(getattr(each, value)).all() for each in attribute.data):
             return False
     return True
-
-
-def _lengths(mesh: bpy.types.Mesh) -> dict[str, int]:
-    elements = {"POINT": mesh.vertices, "EDGE": mesh.edges, "FACE": mesh.polygons, "CORNER": mesh.loops}
-    return {domain: len(items) for domain, items in elements.items()}

@@ -65,12 +65,12 @@ def mesh_objects() -> list[bpy.types.Object]:
     return [each for each in bpy.data.objects if each.type == "MESH"]
 
 
-def editable_objects() -> list[bpy.types.Object]:
-    return [each for each in mesh_objects() if each.is_editable and not each.data.is_editmode]
-
-
 def editable_of_any_type() -> list[bpy.types.Object]:
     return [each for each in bpy.data.objects if each.is_editable]
+
+
+def editable_objects() -> list[bpy.types.Object]:
+    return [each for each in editable_of_any_type() if each.type == "MESH" and not each.data.is_editmode]
 
 
 # Meshes
@@ -100,10 +100,6 @@ def _grid(rng: Random) -> meshes.MeshData:
     return meshes.from_faces(data.positions, [face for parts in faces for face in parts])
 
 
-def _without_faces(rng: Random) -> meshes.MeshData:
-    return meshes.from_faces(rng.normal(size=(int(rng.integers(0, 4)), 3)), [])
-
-
 # Repeated ones are likelier.
 MESHES: tuple[Callable[[Random], meshes.MeshData], ...] = (
     _grid,
@@ -118,7 +114,7 @@ MESHES: tuple[Callable[[Random], meshes.MeshData], ...] = (
     lambda rng: meshes.with_random_creases(meshes.triangles_and_quads(), seed=int(rng.integers(99))),
     lambda rng: scene.suzanne() if chance(rng, 0.2) else scene.icosphere(1),
     lambda rng: meshes.face_soup(int(rng.integers(99))),
-    _without_faces,
+    lambda rng: meshes.from_faces(rng.normal(size=(int(rng.integers(0, 4)), 3)), []),
 )
 
 
@@ -150,8 +146,7 @@ def spoil_mesh(rng: Random) -> None:
 
 
 def _add(name: str, data: bpy.types.ID | None) -> bpy.types.Object:
-    holder = bpy.data.objects.new(name, data)
-    bpy.context.scene.collection.objects.link(holder)
+    holder = scene.add(name, data)
     _choose(holder)
     return holder
 
@@ -200,8 +195,7 @@ def hide(rng: Random) -> None:
 
 def use_collections(rng: Random) -> None:
     """A collection with some of the objects, perhaps excluded, hidden, or instanced."""
-    group = bpy.data.collections.new("Group")
-    bpy.context.scene.collection.children.link(group)
+    group = scene.add_collection("Group")
     for each in some(rng, bpy.data.objects):
         group.objects.link(each)
         if chance(rng, 0.5):
@@ -210,9 +204,8 @@ def use_collections(rng: Random) -> None:
     layer = bpy.context.view_layer.layer_collection.children[group.name]
     layer.exclude, layer.hide_viewport, group.hide_viewport = (chance(rng, share) for share in (0.15, 0.1, 0.1))
     if chance(rng, 0.2):
-        empty = bpy.data.objects.new("Instance", None)
+        empty = scene.add("Instance")
         empty.instance_type, empty.instance_collection = "COLLECTION", group
-        bpy.context.scene.collection.objects.link(empty)
 
 
 def choose_objects(rng: Random) -> None:

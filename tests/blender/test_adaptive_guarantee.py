@@ -160,20 +160,12 @@ def drawn(
     mesh = bpy.data.meshes.new("Adaptive")
     faces = np.split(made.corner_vertices, made.face_starts[1:-1])
     mesh.from_pydata(made.positions.tolist(), [], [face.tolist() for face in faces])
-    mesh.calc_loop_triangles()
-    triangles = np.zeros(3 * len(mesh.loop_triangles), dtype=np.int32)
-    mesh.loop_triangles.foreach_get("vertices", triangles)
+    triangles = scene.triangles_of(mesh)
     polygons = np.zeros(len(mesh.loop_triangles), dtype=np.int32)
     mesh.loop_triangles.foreach_get("polygon_index", polygons)
-    points = np.zeros(3 * len(mesh.vertices), dtype=np.float32)
-    mesh.vertices.foreach_get("co", points)
+    points = scene.mesh_data(mesh).positions @ world.T
     bpy.data.meshes.remove(mesh)
-    return Drawn(
-        points.reshape(-1, 3).astype(np.float64) @ world.T,
-        triangles.reshape(-1, 3).astype(np.intp),
-        made.base_faces[polygons],
-        found.bounds[polygons],
-    )
+    return Drawn(points, triangles.astype(np.intp), made.base_faces[polygons], found.bounds[polygons])
 
 
 @dataclass(frozen=True)

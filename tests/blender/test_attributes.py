@@ -13,16 +13,7 @@ from ccdepth_addon.core import limit_normals
 from ccdepth_addon.core.attributes.face_varying import UV_SMOOTH, face_varying_surface
 from tests import meshes, uniform
 from tests.blender import addon, full_mesh, scene
-from tests.blender.full_mesh import (
-    Comparison,
-    compare,
-    counts,
-    everything,
-    faces_of_corners,
-    known_types,
-    read,
-    write,
-)
+from tests.blender.full_mesh import Comparison, compare, counts, everything, faces_of_corners, known_types, read, write
 from tests.blender.subdividing import shape, subdivide
 
 pytestmark = pytest.mark.every_blender
@@ -129,9 +120,7 @@ def test_built_in_values_are_those_of_the_modifier(comparison: Comparison) -> No
         own, blenders = comparison.pair(name)
         np.testing.assert_array_equal(own, blenders)
         assert len(np.unique(own)) > 1
-    own, blenders = (np.empty(len(comparison.mesh.edges), dtype=bool) for _ in range(2))
-    comparison.mesh.edges.foreach_get("use_seam", own)
-    comparison.blenders.edges.foreach_get("use_seam", blenders)
+    own, blenders = (np.array([e.use_seam for e in each.edges]) for each in (comparison.mesh, comparison.blenders))
     np.testing.assert_array_equal(own, blenders[comparison.edges])
     assert 0 < np.count_nonzero(own) < len(own)
 
@@ -180,20 +169,18 @@ def test_uv_maps_are_smoothed_as_the_modifier_does(uv_smooth: str) -> None:
 
 
 def test_freestyle_marks_stay() -> None:
-    holder = scene.add_object(meshes.landscape(3, 3))
-    is_property = hasattr(holder.data.edges[0], "use_freestyle_mark")
+    holder, name = scene.add_object(meshes.landscape(3, 3)), "use_freestyle_mark"
     marks = np.arange(len(holder.data.edges)) % 3 == 0
-    if is_property:
-        holder.data.edges.foreach_set("use_freestyle_mark", marks)
+    if hasattr(holder.data.edges[0], name):
+        holder.data.edges.foreach_set(name, marks)
     else:
         write(holder.data, "freestyle_edge", "BOOLEAN", "EDGE", marks)
     comparison = compare(holder)
-    found = np.empty(len(comparison.mesh.edges), dtype=bool)
-    if is_property:
-        comparison.mesh.edges.foreach_get("use_freestyle_mark", found)
+    edges, base = comparison.mesh.edges, comparison.subdivided.base_edges
+    if hasattr(edges[0], name):
+        found = np.array([getattr(edge, name) for edge in edges])
     else:
         found = read(comparison.mesh, "freestyle_edge")[:, 0]
-    base = comparison.subdivided.base_edges
     np.testing.assert_array_equal(found, (base >= 0) & marks[base])
 
 
@@ -332,29 +319,18 @@ def test_materials_and_settings_stay(comparison: Comparison) -> None:
 
 def test_hidden_and_selected_parts_stay_whole() -> None:
     holder = scene.add_object(meshes.landscape(4, 4))
-    mesh = holder.data
-    for polygon in mesh.polygons:
-        polygon.hide = polygon.index in {5, 6}
-        polygon.select = polygon.index in {0, 1}
-    flush(mesh, "select", {0, 1})
+    mesh, selected = holder.data, [0, 1]
+    vertices = {vertex for face in selected for vertex in mesh.polygons[face].vertices}
+    for each in (*mesh.vertices, *mesh.edges, *mesh.polygons):
+        each.select = vertices >= {*getattr(each, "vertices", [each.index])}
+    for face in (5, 6):
+        mesh.polygons[face].hide = True
     comparison = compare(holder)
-    faces = comparison.subdivided.base_faces
-    new = comparison.mesh
-    for name, chosen in ((".hide", {5, 6}), (".select", {0, 1})):
-        expected = np.isin(faces, sorted(chosen))
-        np.testing.assert_array_equal(read(new, f"{name}_poly")[:, 0], expected)
-    selected = read(new, ".select_vert")[:, 0]
-    of_selected = comparison.subdivided.corner_vertices.reshape(-1, 4)[np.isin(faces, [0, 1])]
-    np.testing.assert_array_equal(np.flatnonzero(selected), np.unique(of_selected))
-
-
-def flush(mesh: bpy.types.Mesh, flag: str, faces: set[int]) -> None:
-    """Select the vertices and edges of these faces alone."""
-    corners = [corner for face in faces for corner in mesh.polygons[face].loop_indices]
-    vertices, edges = {mesh.loops[c].vertex_index for c in corners}, {mesh.loops[c].edge_index for c in corners}
-    for items, chosen in ((mesh.vertices, vertices), (mesh.edges, edges)):
-        for item in items:
-            setattr(item, flag, item.index in chosen)
+    faces, new = comparison.subdivided.base_faces, comparison.mesh
+    for name, chosen in ((".hide_poly", [5, 6]), (".select_poly", selected)):
+        np.testing.assert_array_equal(read(new, name)[:, 0], np.isin(faces, chosen))
+    of_selected = comparison.subdivided.corner_vertices.reshape(-1, 4)[np.isin(faces, selected)]
+    np.testing.assert_array_equal(np.flatnonzero(read(new, ".select_vert")), np.unique(of_selected))
 
 
 def test_results_of_ours_are_not_carried() -> None:
@@ -378,10 +354,8 @@ def test_custom_properties_stay_where_modifiers_are_counted_in() -> None:
     holder.data["object"] = holder
     holder.data.id_properties_ui("number").update(min=0.0, max=2.0, description="A number")
     holder.modifiers.new("Bevel", "BEVEL")
-    addon.select(holder)
-    assert bpy.ops.ccdepth.subdivide(tolerance=0.1, tolerance_mode="ABSOLUTE") == {"FINISHED"}
-    mesh = bpy.context.object.data
-    assert mesh != holder.data
+    [result] = subdivide(holder, tolerance=0.1)
+    mesh = result.data
     assert (mesh["number"], mesh["text"], list(mesh["list"])) == (0.5, "words", [1.0, 2.0])
     assert mesh["group"].to_dict() == {"one": 1, "two": {"three": 3}}
     assert mesh["object"] == holder

@@ -142,8 +142,7 @@ def test_edit_mode_stays_and_writes_what_object_mode_writes_of_what_is_being_edi
     first, second = scene.add_suzanne(), scene.add_object(meshes.creased_cube())
     with addon.edit_mode(first, second):
         edited = bmesh.from_edit_mesh(first.data)
-        edited.verts.ensure_lookup_table()
-        edited.verts[3].co.z += 0.5
+        next(iter(edited.verts)).co.z += 0.5
         for face in list(edited.faces)[:100]:
             face.hide_set(True)
         bmesh.update_edit_mesh(first.data)

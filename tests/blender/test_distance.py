@@ -31,11 +31,10 @@ def middles_of_drawn(holder: bpy.types.Object, level: int) -> FloatArray:
     scene.add_subdivision(holder, level).use_limit_surface = False
     evaluated = holder.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = evaluated.to_mesh()
-    mesh.calc_loop_triangles()
-    corners = np.array([[mesh.vertices[vertex].co for vertex in each.vertices] for each in mesh.loop_triangles])
+    middles = scene.mesh_data(mesh).positions[scene.triangles_of(mesh)].mean(axis=1)
     evaluated.to_mesh_clear()
     holder.modifiers.clear()
-    return corners.mean(axis=1)
+    return middles
 
 
 @pytest.mark.parametrize("level", [1, 2])
@@ -44,16 +43,15 @@ def test_triangles_are_those_that_blender_draws(name: str, level: int) -> None:
     """All but those of quads that may be folded, which count with both diagonals."""
     holder = MESHES[name]()
     mesh = apply_boundary_rule(scene.polygon_mesh_of(holder.data), smooth_corners=True)
-    level_quads, vertices = (
-        addon.module("core.distance.level_quads"),
-        addon.module("core.bounds.norm_bounds").Vertices,
-    )
+    level_quads = addon.module("core.distance.level_quads")
     refinement = addon.module("core.surface.refinement").Refinement.start(mesh, np.arange(mesh.face_count))
     is_turned = np.zeros(mesh.face_count, dtype=bool)
     for _ in range(level):
         is_turned = level_quads.turned_children(is_turned, refinement.mesh.face_sizes[: len(is_turned)])
         refinement = refinement.refined()
-    leaves = addon.module("core.distance.leaf_distances").Leaves.of(refinement, is_turned, vertices.CONTROL, 1.0)
+    leaves = addon.module("core.distance.leaf_distances").Leaves.of(
+        refinement, is_turned, addon.module("core.bounds.norm_bounds").Vertices.CONTROL, 1.0
+    )
     corners = leaves.shell.triangles.corners[: 2 * len(leaves.points)]
     certain = np.repeat(~level_quads.may_be_folded(leaves.points, is_turned, None), 2)
     drawn = middles_of_drawn(holder, level)

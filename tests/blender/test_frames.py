@@ -13,7 +13,8 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.test_animation import FIRST, key, told_by_the_panel
-from tests.blender.test_staleness import mesh_line
+from tests.blender.test_staleness import SETTINGS_LINE, mesh_line
+from tests.blender.updating import move_vertex
 
 LAST = 11
 FRAMES = f"{FIRST}-{LAST}"
@@ -231,14 +232,9 @@ def test_a_result_over_frames_stays_current_on_every_frame() -> None:
     assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
 
 
-def change_the_mesh(holder: bpy.types.Object) -> None:
-    holder.data.vertices[0].co.x += 1.0
-    holder.data.update()
-
-
 CHANGES: dict[str, Callable[[bpy.types.Object], None]] = {
     "key": lambda holder: setattr(holder.data.shape_keys.key_blocks["Key"].data[0].co, "x", 9.0),
-    "mesh": change_the_mesh,
+    "mesh": lambda holder: move_vertex(holder.data),
     "scale": lambda holder: setattr(holder.scale, "x", 2.0),
 }
 
@@ -265,9 +261,9 @@ def test_other_frames_are_other_settings() -> None:
     settings = bpy.context.scene.ccdepth
     assert told_by_the_panel(holder) == ""
     settings.frame_list = "1-13"
-    assert told_by_the_panel(holder) == "Out of date: settings changed"
+    assert told_by_the_panel(holder) == SETTINGS_LINE
     settings.frames = "CURRENT"
-    assert told_by_the_panel(holder) == "Out of date: settings changed"
+    assert told_by_the_panel(holder) == SETTINGS_LINE
     addon.compute(holder)
     assert told_by_the_panel(holder) == ""
     assert holder.data.ccdepth.frames == ""

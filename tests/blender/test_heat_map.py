@@ -6,6 +6,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import bmesh
 import bpy
@@ -222,16 +223,19 @@ def test_colours_are_baked_in_edit_mode_and_not_carried_to_results() -> None:
 # What is shown.
 
 
+def drawn(kind: Shown) -> list[Any]:
+    """What the overlay draws."""
+    bpy.context.view_layer.update()
+    return list(overlay_items.items(bpy.context.evaluated_depsgraph_get(), views()[0], kind))
+
+
 def items(kind: Shown) -> list[str]:
     """The names of what is drawn."""
-    bpy.context.view_layer.update()
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    return [each.evaluated.name for each in overlay_items.items(depsgraph, views()[0], kind)]
+    return [each.evaluated.name for each in drawn(kind)]
 
 
-def read(kind: Shown) -> list[object]:
-    bpy.context.view_layer.update()
-    return [each.read(kind) for each in overlay_items.items(bpy.context.evaluated_depsgraph_get(), views()[0], kind)]
+def read(kind: Shown) -> list[Any]:
+    return [each.read(kind) for each in drawn(kind)]
 
 
 def test_the_map_goes_and_comes_with_its_object() -> None:
@@ -240,12 +244,9 @@ def test_the_map_goes_and_comes_with_its_object() -> None:
     scene.add_object(meshes.cube(), "Without")
     assert items(Shown.DEPTH) == items(Shown.DISTANCE) == ["First", "Second"]
     assert items(Shown.DEVIATION) == []
-    for hidden in ("hide_viewport", "hide_set"):
+    for hide in (first.hide_set, lambda state: setattr(first, "hide_viewport", state)):
         for state, names in ((True, ["Second"]), (False, ["First", "Second"])):
-            if hidden == "hide_set":
-                first.hide_set(state)
-            else:
-                first.hide_viewport = state
+            hide(state)
             assert items(Shown.DEPTH) == names
     first.display_type = "WIRE"
     assert items(Shown.DEPTH) == ["Second"]
@@ -269,22 +270,20 @@ def test_modifiers_instances_and_shape_keys_are_shown_as_they_are_drawn() -> Non
     holder.data.shape_keys.key_blocks["Key"].value = 1.0
     collection = bpy.data.collections.new("Instanced")
     collection.objects.link(holder)
-    instance = bpy.data.objects.new("Instance", None)
+    instance = scene.add("Instance")
     instance.instance_type, instance.instance_collection = "COLLECTION", collection
     instance.location.x = 10.0
-    bpy.context.scene.collection.objects.link(instance)
     bpy.context.view_layer.update()
     depsgraph = bpy.context.evaluated_depsgraph_get()
     found = [
-        (each.key, each.matrix.copy(), each.read(Shown.DEPTH))
+        (each.key, each.matrix.translation.x, each.read(Shown.DEPTH))
         for each in overlay_items.items(depsgraph, views()[0], Shown.DEPTH)
     ]
-    assert len(found) == 2
-    assert found[0][0] == found[1][0]
-    assert sorted(matrix.translation.x for _, matrix, _ in found) == [0.0, 10.0]
+    (key, _, mesh), (other, _, _) = found
+    assert key == other
+    assert sorted(x for _, x, _ in found) == [0.0, 10.0]
     evaluated = holder.evaluated_get(depsgraph).to_mesh()
     evaluated.calc_loop_triangles()
-    mesh = found[0][2]
     assert mesh.triangles.tolist() == [list(triangle.loops) for triangle in evaluated.loop_triangles]
     places = [tuple(evaluated.vertices[loop.vertex_index].co) for loop in evaluated.loops]
     np.testing.assert_array_equal(mesh.corners, np.array(places, dtype=np.float32))
@@ -299,10 +298,7 @@ def test_objects_that_look_alike_are_kept_once() -> None:
     addon.compute(first, other)
     duplicate, bent = scene.add_mesh(first.data), scene.add_mesh(first.data)
     bent.modifiers.new("Bend", "SIMPLE_DEFORM")
-    bpy.context.view_layer.update()
-    depsgraph = bpy.context.evaluated_depsgraph_get()
-    found = overlay_items.items(depsgraph, views()[0], Shown.DEPTH)
-    keys = {each.evaluated.name: each.key for each in found}
+    keys = {each.evaluated.name: each.key for each in drawn(Shown.DEPTH)}
     assert keys[first.name] == keys[duplicate.name]
     assert len({keys[each.name] for each in (first, other, bent)}) == 3
 

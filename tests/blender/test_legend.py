@@ -15,6 +15,7 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.subdividing import subdivide
+from tests.blender.updating import move_vertex
 
 contents = addon.module("ui.legend_contents")
 heat_map = addon.module("state.heat_map")
@@ -111,15 +112,12 @@ def test_it_says_when_results_are_out_of_date() -> None:
     settings = bpy.context.scene.ccdepth
     settings.tolerance_mode, settings.tolerance = "ABSOLUTE", 0.005
     assert shown_legend().alert == ""
-    holders[0].data.vertices[0].co.x += 1.0
-    holders[0].data.update_tag()
-    bpy.context.view_layer.update()
-    addon.module("state.watch").examine()
+    move_vertex(holders[0].data)
+    addon.examine_touched()
     assert shown_legend().alert == f"Out of date: {holders[0].name}"
     addon.select(holders[0])
     assert shown_legend().alert == f"Out of date: {holders[0].name}"
-    holders[1].data.vertices[0].co.x += 1.0
-    holders[1].data.update_tag()
+    move_vertex(holders[1].data)
     addon.examine_touched()
     addon.select(*holders)
     assert shown_legend().alert == "Out of date: 2 of 3"

@@ -53,23 +53,17 @@ def shown(holder: bpy.types.Object) -> Shown:
     bpy.context.view_layer.update()
     evaluated = holder.evaluated_get(bpy.context.evaluated_depsgraph_get())
     mesh = evaluated.to_mesh()
-    mesh.calc_loop_triangles()
-    positions = np.empty(3 * len(mesh.vertices), dtype=np.float32)
-    mesh.vertices.foreach_get("co", positions)
-    triangles = np.empty(3 * len(mesh.loop_triangles), dtype=np.int32)
-    mesh.loop_triangles.foreach_get("vertices", triangles)
+    positions, triangles = scene.mesh_data(mesh).positions, scene.triangles_of(mesh)
     matrix = np.array(holder.matrix_world, dtype=np.float64)
     evaluated.to_mesh_clear()
-    points = positions.reshape(-1, 3).astype(np.float64) @ matrix[:3, :3].T + matrix[:3, 3]
-    return Shown(points, triangles.reshape(-1, 3))
+    return Shown(positions @ matrix[:3, :3].T + matrix[:3, 3], triangles)
 
 
 def limit_surface(source: bpy.types.Object, levels: int) -> Shown:
     """The source with so many levels, vertices on the limit surface; its own modifier stays as it is."""
     copy = source.copy()
     bpy.context.scene.collection.objects.link(copy)
-    for modifier in list(copy.modifiers):
-        copy.modifiers.remove(modifier)
+    copy.modifiers.clear()
     modifier = scene.add_subdivision(copy, levels)
     modifier.use_limit_surface, modifier.quality = True, 10
     surface = shown(copy)

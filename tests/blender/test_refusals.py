@@ -139,10 +139,7 @@ def put_away(way: str) -> None:
     holder = scene.add_suzanne()
     addon.select(holder)
     if way == "excluded":
-        collection = bpy.data.collections.new("Excluded")
-        bpy.context.scene.collection.children.link(collection)
-        collection.objects.link(holder)
-        bpy.context.scene.collection.objects.unlink(holder)
+        scene.add_collection("Excluded", holder, alone=True)
         addon.select(holder)
         bpy.context.view_layer.layer_collection.children["Excluded"].exclude = True
     elif way == "hidden":
@@ -170,10 +167,7 @@ def edited_without_faces() -> None:
 
 
 MEASURE, COMPUTE = ("measure",), ("compute",)
-TOLERANCES = {
-    **dict.fromkeys((0.0, -0.1), "greater than zero"),
-    NAN: "not a finite number",
-}
+TOLERANCES = {0.0: "greater than zero", -0.1: "greater than zero", NAN: "not a finite number"}
 TAKEN = "Cube: .*called “{}”"
 SHOWN_NOWHERE = "Suzanne: it shows 1 vertex at no finite position"
 REFUSALS: dict[str, Refusal] = {
@@ -182,19 +176,9 @@ REFUSALS: dict[str, Refusal] = {
         for mode in ("ABSOLUTE", "RELATIVE")
         for value, match in TOLERANCES.items()
     },
-    **{
-        f"{mode} tolerance too fine": Refusal(
-            cube,
-            "Cube: the tolerance .* is finer than the mesh's single-precision coordinates can show",
-            settings={"tolerance": 1e-12, "tolerance_mode": mode},
-        )
-        for mode in ("ABSOLUTE", "RELATIVE")
-    },
+    "too fine": Refusal(cube, "Cube: the tolerance .* is finer than the mesh's", settings={"tolerance": 1e-12}),
     "no tolerance in the scene": Refusal(without_tolerance, "greater than zero"),
-    **{
-        f"accuracy {value}": Refusal(cube, "The accuracy must be", MEASURE, {"accuracy": value})
-        for value in (0.0, -1.0, NAN)
-    },
+    **{f"accuracy {x}": Refusal(cube, "The accuracy must be", MEASURE, {"accuracy": x}) for x in (0.0, -1.0, NAN)},
     "in Edit Mode, which stays": Refusal(edited, "greater than zero", ALL, {"tolerance": 0.0}),
     "results from before stay": Refusal(with_results, "greater than zero", ALL, {"tolerance": 0.0}),
     "nothing selected": Refusal(addon.select, "Select a mesh object", ALL),
@@ -213,11 +197,7 @@ REFUSALS: dict[str, Refusal] = {
     "infinite": Refusal(lambda: nowhere(INF), "Suzanne: 1 vertex at no finite position"),
     "a repeated vertex": Refusal(repeated, "Repeated: 1 face with a repeated vertex"),
     "scaled to a point": Refusal(lambda: cube("Flat", size=0.0), "Flat: all its faces are at one point"),
-    "no extent": Refusal(
-        points_of_one_mesh,
-        "Point.*all its faces are at one point",
-        settings={"tolerance": 0.1, "tolerance_mode": "RELATIVE"},
-    ),
+    "no extent": Refusal(points_of_one_mesh, "Point.*all its faces are at one point"),
     "a group with our name": Refusal(lambda: with_group("ccdepth"), TAKEN.format("ccdepth")),
     "an attribute with our name": Refusal(
         lambda: with_attribute("ccdepth", "FLOAT", "POINT"), TAKEN.format("ccdepth")
@@ -229,6 +209,15 @@ REFUSALS: dict[str, Refusal] = {
             ("compute", "measure"),
         )
         for data_type, domain in (("INT", "FACE"), ("FLOAT", "POINT"))
+    },
+    **{
+        f"normals on {domain}": Refusal(
+            lambda domain=domain: with_attribute("custom_normal", "FLOAT", domain),
+            "Cube: .*called “custom_normal”.*rename it",
+            ("subdivide",),
+            {"exact_normals": True},
+        )
+        for domain in ("POINT", "EDGE", "FACE", "CORNER")
     },
     "a simulation": Refusal(lambda: cube(modifier="CLOTH"), "Cube: .*“Cloth” is a simulation", ALL),
     "an edge crease that is no number": Refusal(

@@ -11,7 +11,7 @@ import pytest
 from tests import meshes
 from tests.blender import addon, scene
 from tests.blender.subdividing import known_count
-from tests.blender.updating import refuses
+from tests.blender.updating import move_vertex, refuses, set_scene
 
 pytestmark = pytest.mark.every_blender
 
@@ -25,11 +25,8 @@ def few_levels() -> None:
 
 
 def levels(holder: bpy.types.Object) -> list[tuple[int, int, bool]]:
-    return [
-        (modifier.levels, modifier.render_levels, modifier.use_limit_surface)
-        for modifier in holder.modifiers
-        if modifier.type == "SUBSURF"
-    ]
+    found = [modifier for modifier in holder.modifiers if modifier.type == "SUBSURF"]
+    return [(each.levels, each.render_levels, each.use_limit_surface) for each in found]
 
 
 @pytest.mark.parametrize("vertices", ["CONTROL", "LIMIT"])
@@ -83,17 +80,6 @@ def test_faces_that_modifiers_add_count() -> None:
     assert levels(holder)[0][0] >= max(record.added_deepest, record.deepest)
 
 
-def test_the_level_is_enough_for_every_face() -> None:
-    """A face of depth 0 of this torus is off at level 1, the deepest depth (``tests/core/test_uniform_level.py``)."""
-    holder = scene.add_object(meshes.torus_with_a_late_face())
-    addon.compute(holder, tolerance=1.1, vertices="LIMIT")
-    record = holder.data.ccdepth
-    assert (record.deepest, record.uniform_level) == (1, 2)
-    assert int(record.uniform_faces) == 25 * 4**2
-    bpy.ops.ccdepth.set_levels()
-    assert levels(holder) == [(2, 2, True)]
-
-
 def test_objects_of_one_mesh_get_a_level_that_is_enough_for_each() -> None:
     first = scene.add_suzanne()
     second = scene.add_mesh(first.data)
@@ -145,11 +131,6 @@ def recorded(name: str, value: int) -> Callable[[bpy.types.Object], None]:
     return lambda holder: setattr(holder.data.ccdepth, name, value)
 
 
-def moved(holder: bpy.types.Object) -> None:
-    holder.data.vertices[0].co.x += 1.0
-    holder.data.update()
-
-
 def made_larger(holder: bpy.types.Object) -> None:
     holder.scale.x = 2.0
     bpy.context.view_layer.update()
@@ -161,13 +142,10 @@ def made_larger(holder: bpy.types.Object) -> None:
         (recorded("quality", 11), "with Use Limit Surface it needs a higher Quality than the 10"),
         (lambda holder: holder.data.ccdepth.property_unset("uniform_level"), "its depths are from an earlier version"),
         (lambda _: bpy.ops.ccdepth.clear(), "it has no depths"),
-        (moved, "its depths are out of date"),
+        (lambda holder: move_vertex(holder.data), "its depths are out of date"),
         (made_larger, "its depths are out of date"),
         (recorded("uniform_level", 12), "it needs 12 levels, and a Subdivision Surface modifier has 11 at most"),
-        (
-            lambda _: setattr(bpy.context.scene.ccdepth, "max_faces", 1000),
-            ".* levels would make .* faces, and the Face Limit is 1,000",
-        ),
+        (lambda _: set_scene(max_faces=1000), ".* levels would make .* faces, and the Face Limit is 1,000"),
     ],
 )
 def test_what_cannot_be_set_is_refused(spoil: Callable[[bpy.types.Object], None], message: str) -> None:
