@@ -65,11 +65,14 @@ def mesh_arrays(mesh: bpy.types.Mesh, rule: SurfaceRule) -> PolygonMesh:
     face_starts[:-1] = read_values(mesh.polygons, "loop_start", np.int32)
     face_starts[-1] = len(mesh.loops)
     attributes = mesh.attributes
+    # A modifier that takes elements away leaves some corners of faces with a repeated vertex no edge: -1. Such faces are
+    # refused, whichever edge stands there.
+    corner_edges = np.maximum(read_built_in(attributes, ".corner_edge", "value", np.int32), 0)
     return PolygonMesh(
         positions=read_built_in(attributes, "position", "vector", np.float32, 3).astype(np.float64),
         face_starts=face_starts,
         corner_vertices=read_built_in(attributes, ".corner_vert", "value", np.int32).astype(np.intp),
-        corner_edges=read_built_in(attributes, ".corner_edge", "value", np.int32).astype(np.intp),
+        corner_edges=corner_edges.astype(np.intp),
         edge_vertices=read_built_in(attributes, ".edge_verts", "value", np.int32, 2).astype(np.intp),
         edge_sharpness=_sharpness(mesh, EDGE_CREASE, len(mesh.edges), rule),
         vertex_sharpness=_sharpness(mesh, VERTEX_CREASE, len(mesh.vertices), rule),

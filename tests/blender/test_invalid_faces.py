@@ -107,6 +107,30 @@ def test_selects_on_several_objects_and_leaves_the_others_alone() -> None:
     assert (selected(first), selected(second), selected(good)) == ([3], [0, 5], before)
 
 
+def mask_all_but(holder: bpy.types.Object, face: int) -> None:
+    holder.vertex_groups.new(name=f"Face {face}").add([*holder.data.polygons[face].vertices], 1.0, "REPLACE")
+    holder.modifiers.new("Mask", "MASK").vertex_group = f"Face {face}"
+
+
+def test_faces_that_lose_an_edge_to_a_modifier_are_named() -> None:
+    """Blender takes away the edge that the repeated vertex had."""
+    holder = with_repeated_vertices(0)
+    mask_all_but(holder, 0)
+    compute_refused("1 face with a repeated vertex", holder)
+
+
+def test_selects_what_is_invalid_in_any_object_of_a_mesh() -> None:
+    """Of each all faces but one are masked."""
+    first = scene.add_object(meshes.landscape(4, 3))
+    holders = [first, scene.add_mesh(first.data)]
+    for holder, face, vertex in zip(holders, (0, 11), (0, 19), strict=True):
+        mask_all_but(holder, face)
+        put_nowhere(first, vertex)
+    compute_refused("1 vertex at no finite position", *holders)
+    assert bpy.ops.ccdepth.select_invalid() == {"FINISHED"}
+    assert selected(first) == [0, 11]
+
+
 def test_faces_that_modifiers_repeat() -> None:
     holder = with_repeated_vertices(3)
     holder.modifiers.new("Array", "ARRAY").count = 3
