@@ -16,6 +16,7 @@ from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.distance.face_feet import FaceFeet
 from ccdepth_addon.core.distance.foot_bounds import foot_bounds
 from ccdepth_addon.core.distance.leaf_feet import leaf_feet
+from ccdepth_addon.core.distance.middle_distances import middle_distances, rates_of
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.patches import regular_nets
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
@@ -23,6 +24,7 @@ from tests import meshes, nets
 from tests.brute_force import SQUARE
 from tests.drawn_levels import largest_around, points_of, sampled
 from tests.thorough import combinations
+from tests.triangle_distances import point_to_triangles
 
 # Levels that are compared.
 LEVELS = 2
@@ -147,19 +149,28 @@ def derivative(net: FloatArray, places: FloatArray, along_u: int, along_v: int) 
     return np.einsum("in,jn,ijpd->npd", along[along_u], across[along_v], net)
 
 
+def drawn(net: FloatArray, places: FloatArray, size: float, vertices: Vertices) -> FloatArray:
+    """(n, P, 3): the vertices of a level whose leaves have this size, at places (n, 2)."""
+    found = derivative(net, places, 0, 0)
+    if vertices is Vertices.CONTROL:
+        found = found - size**2 / 6 * (derivative(net, places, 2, 0) + derivative(net, places, 0, 2))
+        found = found + size**4 / 36 * derivative(net, places, 2, 2)
+    return found
+
+
+def corners_of_triangles(level: int, turned: bool = False) -> FloatArray:
+    """(T, 3, 2): where the triangles of a level over a face have their corners."""
+    square = SQUARE[:, ::-1] * [1, -1] + [0, 1] if turned else SQUARE
+    leaves = np.stack(np.meshgrid(*2 * [np.arange(2**level)]), axis=-1).reshape(-1, 1, 2)
+    return (np.concatenate([square[[0, 1, 2]] + leaves, square[[0, 2, 3]] + leaves])) * 0.5**level
+
+
 def errors(net: FloatArray, level: int, vertices: Vertices, turned: bool) -> FloatArray:
     """(n, P, 3): what a level's triangles are off the surface at equal parameters, all over the face."""
-    size, found = 0.5**level, []
-    corners = SQUARE[:, ::-1] * [1, -1] + [0, 1] if turned else SQUARE
-    weights = points_of(np.eye(3), np.array([[0, 1, 2]]), 8)[0]
-    for corner in np.stack(np.meshgrid(*2 * [np.arange(2**level)]), axis=-1).reshape(-1, 2):
-        for triangle in ([0, 1, 2], [0, 2, 3]):
-            places = (corners[triangle] + corner) * size
-            drawn = derivative(net, places, 0, 0)
-            if vertices is Vertices.CONTROL:
-                drawn = drawn - size**2 / 6 * (derivative(net, places, 2, 0) + derivative(net, places, 0, 2))
-                drawn = drawn + size**4 / 36 * derivative(net, places, 2, 2)
-            found.append(np.einsum("sc,cpd->spd", weights, drawn) - derivative(net, weights @ places, 0, 0))
+    weights, found = points_of(np.eye(3), np.array([[0, 1, 2]]), 8)[0], []
+    for places in corners_of_triangles(level, turned):
+        flat = np.einsum("sc,cpd->spd", weights, drawn(net, places, 0.5**level, vertices))
+        found.append(flat - derivative(net, weights @ places, 0, 0))
     return np.concatenate(found)
 
 
@@ -279,3 +290,21 @@ def test_parts_are_bounded_along_the_diagonal_that_they_are_drawn_with(level: in
         for found in feet.bounds(np.arange(mesh.face_count), level, Vertices.LIMIT, limit, lambda: None):
             proved = (found.bounds <= limit) & inside[found.faces]
             assert np.all(found.bounds[proved] >= 0.999 * reached[found.faces][proved])
+
+
+@both_vertices
+@pytest.mark.parametrize("kind", ["quadratic", "cubic", "uneven", "bent"])
+def test_points_near_the_middle_are_as_far_from_a_level_over_their_face_as_said(kind: str, vertices: Vertices) -> None:
+    net = nets_of(kind, 200, np.random.default_rng(8))
+    rates = rates_of(net, 1.0)
+    for level in range(3):
+        size = 0.5**level
+        places = np.array([[0.5, 0.5], [0.5, 0.0], [0.0, 0.5], [0.0, 0.0]]) * size + (0.5 if level else 0.0)
+        points = derivative(net, places, 0, 0).reshape(-1, 3)
+        corners = [drawn(net, each, size, vertices).swapaxes(0, 1) for each in corners_of_triangles(level)]
+        off = np.min([point_to_triangles(points, np.tile(each, (4, 1, 1))) for each in corners], axis=0)
+        found = middle_distances(net, rates, level, vertices)
+        assert np.mean(found > 0) > 0.3
+        # Where nothing is known of how far the level's points are apart.
+        assert not np.any(middle_distances(net, 0 * rates, level, vertices))
+        assert np.all(found <= off.reshape(4, -1).max(axis=0) * (1 + 1e-9))
