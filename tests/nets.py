@@ -37,19 +37,9 @@ def listed_differences(valence: int) -> list[Difference]:
     v7, v8 = ring(n, 7), ring(n, 8)
     differences = [(1, 2 * i, ring(n, 2 * (i + 2))) for i in range(1, n + 1)]
     differences += [(ring(n, 2 * (i + 1)), 2 * i + 1, ring(n, 2 * i + 3)) for i in range(1, n + 1)]
-    differences += [
-        (3, 2, 2 * n + 8),
-        (4, 1, 2 * n + 7),
-        (5, 6, 2 * n + 6),
-        (5, 4, 2 * n + 3),
-        (6, 1, 2 * n + 4),
-        (v7, v8, 2 * n + 5),
-        (2 * n + 7, 2 * n + 6, 2 * n + 8),
-        (2 * n + 6, 2 * n + 2, 2 * n + 7),
-        (2 * n + 3, 2 * n + 2, 2 * n + 4),
-        (2 * n + 4, 2 * n + 3, 2 * n + 5),
-    ]
-    return differences
+    o2, o3, o4, o5, o6, o7, o8 = range(2 * n + 2, 2 * n + 9)
+    differences += [(3, 2, o8), (4, 1, o7), (5, 6, o6), (5, 4, o3), (6, 1, o4), (v7, v8, o5)]
+    return [*differences, (o7, o6, o8), (o6, o2, o7), (o3, o2, o4), (o4, o3, o5)]
 
 
 def difference_matrix(valence: int) -> FloatArray:

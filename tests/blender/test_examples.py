@@ -49,8 +49,7 @@ def example_command(name: str, file: Path | None, *arguments: object) -> list[st
 
 def run(name: str, file: Path | None, *arguments: object) -> str:
     """What the example prints."""
-    command = example_command(name, file, *arguments)
-    ended = subprocess.run(command, timeout=120, capture_output=True, text=True, check=False)
+    ended = subprocess.run(example_command(name, file, *arguments), timeout=120, capture_output=True, text=True)
     assert ended.returncode == 0, ended.stdout + ended.stderr
     return ended.stdout
 

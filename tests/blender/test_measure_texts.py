@@ -26,26 +26,22 @@ def set_units(system: str, length_unit: str = "", scale: float = 1.0) -> None:
         units.length_unit = length_unit
 
 
-@pytest.mark.parametrize(
-    ("units", "length", "text"),
-    [
-        (("METRIC", "METERS"), 0.0123, "0.0123 m"),
-        (("METRIC", "METERS"), 1.23e-5, "12.3 µm"),
-        (("METRIC", "MILLIMETERS"), 1.23e-5, "0.0123 mm"),
-        (("METRIC", "MILLIMETERS", 0.001), 0.0123, "0.0123 mm"),
-        (("METRIC", "MICROMETERS", 1.26e-6), 1.0, "1.26 µm"),
-        (("METRIC", "ADAPTIVE"), 0.0123, "1.23 cm"),
-        (("METRIC", "ADAPTIVE"), 1e-9, "0.001 µm"),
-        (("METRIC", "METERS"), 0.0, "0 m"),
-        (("IMPERIAL", "INCHES"), 0.0254, "1 in"),
-        (("IMPERIAL", "FEET"), 2.54e-5, "1 thou"),
-        (("NONE",), 12345.678, "12350"),
-        (("NONE",), 1.23456e-9, "1.235e-9"),
-    ],
+LENGTHS = (
+    (("METRIC", "METERS"), {0.0123: "0.0123 m", 1.23e-5: "12.3 µm", 0.0: "0 m"}),
+    (("METRIC", "MILLIMETERS"), {1.23e-5: "0.0123 mm"}),
+    (("METRIC", "MILLIMETERS", 0.001), {0.0123: "0.0123 mm"}),
+    (("METRIC", "MICROMETERS", 1.26e-6), {1.0: "1.26 µm"}),
+    (("METRIC", "ADAPTIVE"), {0.0123: "1.23 cm", 1e-9: "0.001 µm"}),
+    (("IMPERIAL", "INCHES"), {0.0254: "1 in"}),
+    (("IMPERIAL", "FEET"), {2.54e-5: "1 thou"}),
+    (("NONE",), {12345.678: "12350", 1.23456e-9: "1.235e-9"}),
 )
-def test_lengths(units: tuple[str, ...], length: float, text: str) -> None:
-    set_units(*units)
-    assert lengths.length_text(bpy.context.scene, length) == text
+
+
+def test_lengths() -> None:
+    for units, texts in LENGTHS:
+        set_units(*units)
+        assert {length: lengths.length_text(bpy.context.scene, length) for length in texts} == texts
 
 
 def test_rounding_keeps_a_bound_a_bound() -> None:
@@ -57,25 +53,21 @@ def test_rounding_keeps_a_bound_a_bound() -> None:
     assert texts == ["0.1235 m", "0.1234 m", "0.1235 m", "0.1234 m", "1 m", "0.9999 m"]
 
 
-@pytest.mark.parametrize(
-    ("bound", "tolerance", "text"),
-    [
+def test_a_bound_within_the_tolerance_is_written_within_it() -> None:
+    set_units("METRIC")
+    for bound, tolerance, text in (
         # Rounded up it would seem to exceed the tolerance, which is rounded to the nearest.
         (377.52e-6, 377.53e-6, "377.5 µm"),
         (377.31e-6, 377.53e-6, "377.4 µm"),
         (377.54e-6, 377.53e-6, "377.6 µm"),
         (1.00004, 1.0, "1.001 m"),
-    ],
-)
-def test_a_bound_within_the_tolerance_is_written_within_it(bound: float, tolerance: float, text: str) -> None:
-    set_units("METRIC")
-    for unit in (None, lengths.common_unit(bpy.context.scene, (bound, tolerance))):
-        assert lengths.bound_text(bpy.context.scene, bound, tolerance, unit) == text
+    ):
+        for unit in (None, lengths.common_unit(bpy.context.scene, (bound, tolerance))):
+            assert lengths.bound_text(bpy.context.scene, bound, tolerance, unit) == text
 
 
-@pytest.mark.parametrize(
-    ("length_unit", "shown", "texts"),
-    [
+def test_neighbours_share_a_unit_that_serves_them_all() -> None:
+    for length_unit, shown, texts in (
         # Alone, the one would be in metres and the other in micrometres.
         ("METERS", (0.00346, 0.00095), ["3.46 mm", "0.95 mm"]),
         ("METERS", (0.00095, 0.0), ["950 µm", "0 µm"]),
@@ -83,15 +75,11 @@ def test_a_bound_within_the_tolerance_is_written_within_it(bound: float, toleran
         ("METERS", (2.0, 2e-6), ["2 m", "2 µm"]),
         ("MILLIMETERS", (2.0, 2e-6), ["2000 mm", "0.002 mm"]),
         ("ADAPTIVE", (0.0123, 0.00123), ["1.23 cm", "0.123 cm"]),
-    ],
-)
-def test_neighbours_share_a_unit_that_serves_them_all(
-    length_unit: str, shown: tuple[float, ...], texts: list[str]
-) -> None:
-    set_units("METRIC", length_unit)
-    for order in (1, -1):
-        unit = lengths.common_unit(bpy.context.scene, shown[::order])
-        assert [lengths.length_text(bpy.context.scene, each, unit=unit) for each in shown] == texts
+    ):
+        set_units("METRIC", length_unit)
+        for order in (1, -1):
+            unit = lengths.common_unit(bpy.context.scene, shown[::order])
+            assert [lengths.length_text(bpy.context.scene, each, unit=unit) for each in shown] == texts
 
 
 def test_a_range_of_lengths_has_one_unit_where_one_serves() -> None:

@@ -98,13 +98,8 @@ def test_an_adaptive_mesh_has_the_colours_of_its_distances(tmp_path: Path) -> No
         # Strips are nearly four pixels high, and the tolerance is marked across the last one.
         assert count_color(legend, color) > 40
     bounds = addon.bounds(result).astype(np.float64)
-    shades = np.concatenate(
-        [
-            colors.to_linear(color) * shade
-            for color in colors.scale_colors(bounds / result.data.ccdepth.world_tolerance)
-            for shade in SHADES
-        ]
-    ).reshape(-1, 3)
+    lit = colors.to_linear(colors.scale_colors(bounds / result.data.ccdepth.world_tolerance))
+    shades = (lit[:, None] * SHADES[:, None]).reshape(-1, 3)
     seen = colors.to_linear(objects[colorful(objects)].astype(np.float64))[::200]
     nearest = np.abs(seen[:, None] - shades[None]).max(axis=2).min(axis=1)
     assert len(seen) > 100

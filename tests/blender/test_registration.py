@@ -86,5 +86,4 @@ def test_online_manual_of_a_button_is_our_own_and_has_every_section(monkeypatch:
     assert opened == [manual.PAGE.as_uri()]
     assert "manual of CC Depth" in bpy.ops.ccdepth.open_manual.get_rna_type().description
     # The preferences belong to the add-on.
-    package = bpy.types.CCDEPTH_OT_compute.__module__.rpartition(".operators.")[0]
-    assert package.removesuffix(".ccdepth_addon") == manual.CCDEPTH_AP_preferences.bl_idname
+    assert PACKAGE.removesuffix(".ccdepth_addon") == manual.CCDEPTH_AP_preferences.bl_idname

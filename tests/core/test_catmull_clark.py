@@ -20,7 +20,7 @@ from ccdepth_addon.core.surface.sharpness import (
     has_semi_sharp,
     vertex_rules,
 )
-from tests import meshes
+from tests import meshes, nets
 
 # Faces without area have no normals.
 MESHES: dict[str, Callable[[], meshes.MeshData]] = {
@@ -44,12 +44,6 @@ def build(name: str, *, smooth_corners: bool = True) -> PolygonMesh:
     return apply_boundary_rule(meshes.to_polygon_mesh(MESHES[name]()), smooth_corners=smooth_corners)
 
 
-def refined(mesh: PolygonMesh, levels: int) -> PolygonMesh:
-    for _ in range(levels):
-        mesh = subdivide(mesh).mesh
-    return mesh
-
-
 every_mesh = pytest.mark.parametrize("name", MESHES)
 
 
@@ -64,7 +58,7 @@ def test_boundary_rule_is_idempotent(name: str, smooth_corners: bool) -> None:
         twice = apply_boundary_rule(once, smooth_corners=again)
         np.testing.assert_array_equal(twice.edge_sharpness, once.edge_sharpness)
         np.testing.assert_array_equal(twice.vertex_sharpness, once.vertex_sharpness)
-    assert apply_boundary_rule(refined(once, 1), smooth_corners=False).sharpness_is_explicit
+    assert apply_boundary_rule(nets.refined(once, 1), smooth_corners=False).sharpness_is_explicit
 
 
 def test_corners_of_a_quad_stay_only_where_kept() -> None:
@@ -73,7 +67,7 @@ def test_corners_of_a_quad_stay_only_where_kept() -> None:
     smoothed = apply_boundary_rule(mesh, smooth_corners=True)
     assert (vertex_rules(kept) == VertexRule.CORNER).all()
     assert (vertex_rules(smoothed) == VertexRule.CREASE).all()
-    np.testing.assert_array_equal(refined(kept, 3).positions[:4], mesh.positions)
+    np.testing.assert_array_equal(nets.refined(kept, 3).positions[:4], mesh.positions)
     np.testing.assert_allclose(subdivide(smoothed).mesh.positions[0], [0.125, 0.125, 0.0])
 
 
@@ -108,8 +102,10 @@ def test_whole_sharpness_is_infinite_for_so_many_steps(steps: int) -> None:
     semi = replace(mesh, edge_sharpness=edges, vertex_sharpness=vertices)
     sharp_edges, sharp_vertices = (np.where(each > 0, np.inf, 0.0) for each in (edges, vertices))
     sharp = replace(mesh, edge_sharpness=sharp_edges, vertex_sharpness=sharp_vertices)
-    np.testing.assert_allclose(refined(semi, steps).positions, refined(sharp, steps).positions, rtol=0, atol=ROUNDING)
-    assert not has_semi_sharp(refined(semi, steps)).any()
+    np.testing.assert_allclose(
+        nets.refined(semi, steps).positions, nets.refined(sharp, steps).positions, rtol=0, atol=ROUNDING
+    )
+    assert not has_semi_sharp(nets.refined(semi, steps)).any()
 
 
 # The limit

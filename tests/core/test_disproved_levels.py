@@ -4,6 +4,8 @@ level, by distances to all of its triangles."""
 
 from __future__ import annotations
 
+from itertools import product
+
 import numpy as np
 import pytest
 from scipy.spatial import cKDTree
@@ -66,11 +68,8 @@ def far_faces(mesh: PolygonMesh, level: int, vertices: Vertices, tolerance: floa
 
 
 def cases() -> list[object]:
-    thorough = pytest.mark.thorough
     found: list[object] = [pytest.param(name, 1, 1, id=f"{name}-1") for name in MESHES]
-    return found + [
-        pytest.param(name, seed, 2, marks=thorough, id=f"{name}-{seed}-2") for name in MESHES for seed in SEEDS
-    ]
+    return found + [pytest.param(*each, 2, marks=pytest.mark.thorough) for each in product(MESHES, SEEDS)]
 
 
 @pytest.mark.parametrize(("name", "seed", "levels"), cases())
@@ -115,12 +114,9 @@ def test_most_depths_of_smooth_meshes_are_seen_to_be_the_least(vertices: Vertice
     for name in ("torus", "bevelled prism", "cube"):
         mesh, diagonal = case(name, 9)
         found = face_depths(mesh, 2e-3 * diagonal, "DISTANCE", vertices.value)
-        far = np.logical_and.reduce(
-            [
-                far_faces(mesh, level, vertices, 2e-3 * diagonal) | (found.depths <= level)
-                for level in range(min(found.depths.max(), 3))
-            ]
-        )
+        levels = range(min(found.depths.max(), 3))
+        far = [far_faces(mesh, level, vertices, 2e-3 * diagonal) | (found.depths <= level) for level in levels]
+        far = np.logical_and.reduce(far)
         known = found.depths <= 3
         assert not np.any(found.exact & known & ~far)
         assert np.count_nonzero(found.exact & known) >= 0.9 * np.count_nonzero(far & known)

@@ -20,8 +20,8 @@ from ccdepth_addon.core.surface.limit_positions import limit_positions
 from ccdepth_addon.core.surface.new_vertices import limits_of_new_vertices
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from ccdepth_addon.core.surface.surface_points import SurfacePoints
-from tests import meshes
-from tests.core.test_catmull_clark import MESHES, build, every_mesh, refined
+from tests import meshes, nets
+from tests.core.test_catmull_clark import MESHES, build, every_mesh
 from tests.core.test_face_depths import build as smooth
 from tests.thorough import combinations
 from tests.uniform import uniform_points
@@ -35,7 +35,7 @@ def rounding(values: np.ndarray, levels: int) -> float:
 
 def limits_of_descendants(mesh: PolygonMesh, levels: int) -> np.ndarray:
     """The limits of the corners of all faces after so many steps, by refining the whole mesh."""
-    mesh = refined(mesh, levels)
+    mesh = nets.refined(mesh, levels)
     return limit_positions(mesh)[mesh.corner_vertices]
 
 

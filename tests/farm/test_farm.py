@@ -20,15 +20,8 @@ OPENJD = [sys.executable, "-m", "openjd"]
 
 
 def run(files: Path, program: Path, numbers: str, reports: Path, *more: str) -> subprocess.CompletedProcess[str]:
-    parameters = {
-        "FileList": files,
-        "Numbers": numbers,
-        "FilesPerTask": 2,
-        "Options": OPTIONS,
-        "ReportFolder": reports,
-        "Blender": program,
-        "Python": sys.executable,
-    }
+    parameters = {"FileList": files, "Numbers": numbers, "FilesPerTask": 2, "Options": OPTIONS}
+    parameters |= {"ReportFolder": reports, "Blender": program, "Python": sys.executable}
     given = [argument for name, value in parameters.items() for argument in ("-p", f"{name}={value}")]
     command = [*OPENJD, "run", str(TEMPLATE), *given, *more]
     return subprocess.run(command, timeout=300, capture_output=True, text=True, encoding="utf-8", check=False)
