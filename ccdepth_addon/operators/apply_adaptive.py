@@ -14,8 +14,8 @@ from .selected_meshes import hidden_fault
 
 
 class CCDEPTH_OT_subdivide(properties.OutputProperties, MakingOperator):
-    """Make the mesh that is within the tolerance of the limit surface with few faces, and without cracks.
-    It takes the place of the Subdivision Surface modifier"""
+    """Make a mesh with few faces, without cracks, and within the tolerance of the limit surface. The mesh takes the
+    place of the Subdivision Surface modifier"""
 
     bl_idname = "ccdepth.subdivide"
     bl_label = "Apply Adaptive Subdivision"
@@ -52,7 +52,4 @@ def _result_fault(blender_object: bpy.types.Object) -> str:
             f"it is a result already, made from “{blender_object.ccdepth.source_name}”; use Update Result to make it "
             "anew, or turn Subdivide Results on to subdivide it once more"
         )
-    return (
-        "it was subdivided in place already, so there is nothing that Update Result could make it anew from; turn "
-        "Subdivide Results on to subdivide it once more"
-    )
+    return "it was subdivided in place already, and has no source; turn Subdivide Results on to subdivide it once more"

@@ -16,8 +16,8 @@ from .selected_meshes import QuickOperator, refuse_what_cannot_be_written, selec
 
 
 class CCDEPTH_OT_bake_colors(QuickOperator):
-    """Make a colour attribute of what the heat map shows, for renders and other programs, and display it.
-    It stays as it is until it is baked again or cleared"""
+    """Make a colour attribute of the values in the heat map, for renders and other programs, and display the colours.
+    The colours stay until they are baked again or cleared"""
 
     bl_idname = "ccdepth.bake_colors"
     bl_label = "Bake to Color Attribute"

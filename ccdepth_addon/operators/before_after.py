@@ -12,8 +12,8 @@ from .selected_meshes import QuickOperator, count_text, refuse, selected_meshes
 
 
 class CCDEPTH_OT_before_after(QuickOperator):
-    """Show the objects that the selected results of Apply Adaptive Subdivision came from in the place of these; or of
-    objects that results came from, the results"""
+    """Show the sources of the selected results of Apply Adaptive Subdivision in place of the results; or of selected
+    sources, the results"""
 
     bl_idname = "ccdepth.before_after"
     bl_label = "Before / After"
@@ -64,7 +64,7 @@ def _counterparts(blender_object: bpy.types.Object) -> list[bpy.types.Object]:
     source = result_record.source_of(blender_object)
     if source is None:
         name = blender_object.ccdepth.source_name
-        raise ComputeError(f"{blender_object.name}: “{name}”, which it came from, has been removed from the file")
+        raise ComputeError(f"{blender_object.name}: its source “{name}” has been removed from the file")
     return [source]
 
 

@@ -27,7 +27,7 @@ class CountingOperator(AdaptiveOperator):
 
 
 class CCDEPTH_OT_count_faces(CountingOperator):
-    """Find out how many faces Apply Adaptive Subdivision would make of the selected objects, and change nothing"""
+    """Count the faces that Apply Adaptive Subdivision would make of the selected objects, and change nothing"""
 
     bl_idname = "ccdepth.count_faces"
     bl_label = "Count Faces"

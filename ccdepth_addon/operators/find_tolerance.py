@@ -17,8 +17,7 @@ from .selected_meshes import count_text
 
 
 class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
-    """Set the tolerance to the best one with which the adaptive meshes of the selected objects have no more faces than
-    this, all together"""
+    """Set the best tolerance for a largest number of faces, of the adaptive meshes of all selected objects together"""
 
     bl_idname = "ccdepth.find_tolerance"
     bl_label = "Find Tolerance"

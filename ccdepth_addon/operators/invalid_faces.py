@@ -18,7 +18,8 @@ from .selected_meshes import QuickOperator, count_text, mesh_fault, refuse, sele
 
 
 class CCDEPTH_OT_select_invalid(QuickOperator):
-    """Select the faces that have no limit surface: they repeat a vertex, or have one at no finite position"""
+    """Select the faces without a limit surface: faces that visit a vertex twice, or have a vertex at no finite
+    position"""
 
     bl_idname = "ccdepth.select_invalid"
     bl_label = "Select Invalid Faces"
@@ -43,8 +44,8 @@ class CCDEPTH_OT_select_invalid(QuickOperator):
 
 
 class CCDEPTH_OT_repair(QuickOperator):
-    """Have Blender repair meshes with invalid faces: it removes these and duplicate faces, and moves vertices at no
-    finite position to the origin"""
+    """Remove invalid faces and duplicate faces from the selected meshes, and move vertices at no finite position to
+    the origin"""
 
     bl_idname = "ccdepth.repair"
     bl_label = "Repair Mesh"

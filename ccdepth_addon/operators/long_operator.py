@@ -23,7 +23,7 @@ PATIENCE_AT_START = 0.2
 PATIENCE_AT_EACH_TICK = SECONDS_TO_WAIT
 SECONDS_BETWEEN_TICKS = 0.01
 
-REMEDY = "Select Invalid Faces selects what is at fault, and Repair Mesh removes it"
+REMEDY = "Select Invalid Faces selects the faces at fault, and Repair Mesh removes these faces"
 
 DELETED = "An object was deleted in the meantime: nothing was written"
 
@@ -146,7 +146,7 @@ class LongOperator(properties.ToleranceProperties, MeshOperator):
         except Cancelled:
             return self._refuse(context, ComputeError(f"{self.bl_label} was stopped, and nothing was changed"))
         except MemoryError:
-            return self._refuse(context, ComputeError("There is not enough memory for it: nothing was changed"))
+            return self._refuse(context, ComputeError("There is not enough memory: nothing was changed"))
         except BaseException:
             self._end(context)
             raise

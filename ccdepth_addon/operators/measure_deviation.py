@@ -23,15 +23,15 @@ from .selected_meshes import refuse_what_cannot_be_written, selected_meshes, sti
 
 # What ended a measurement before its time, by whether that was the Time Limit.
 ENDED = {
-    True: "the Time Limit ended it: raise it, or set it to 0 for none",
-    False: "it would take more memory than Measure Deviation uses: measure parts of the object, or a coarser mesh",
+    True: "the Time Limit is over: raise the limit, or set 0 for none",
+    False: "the rest would take too much memory: measure parts of the object, or a coarser mesh",
 }
 
 
 class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
-    """Measure how far what the object shows is from the limit surface of its control mesh, with a proof.
-    A result of Apply Adaptive Subdivision is measured against the object it was made from; of several selected objects,
-    the others against the active one"""
+    """Measure the distance between the shown mesh and the limit surface, both ways, with a proof. A result of Apply
+    Adaptive Subdivision is measured against its source; of several selected objects, the others are measured against
+    the active one"""
 
     bl_idname = "ccdepth.measure"
     bl_label = "Measure Deviation"
@@ -71,7 +71,7 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
         for each in answer:
             name = "" if self._is_own or len(answer) == 1 else f"{printable(each.measured)}: "
             if each.verdict is Verdict.UNDECIDED or not each.accuracy_met:
-                self.report({"WARNING"}, f"{name}this is what is proved so far; {ENDED[each.out_of_time]}")
+                self.report({"WARNING"}, f"{name}the distances are those proved so far; {ENDED[each.out_of_time]}")
             self.report({"INFO"}, f"{name}{_text(context.scene, each)}")
 
 
@@ -83,8 +83,7 @@ def _target_and_measured(context: bpy.types.Context) -> tuple[bpy.types.Object, 
     target = context.active_object
     if target not in objects:
         raise ComputeError(
-            "Several objects are selected, and none of them is the active one: make that one active to whose limit "
-            "surface the others are to be measured"
+            "Several objects are selected, and none is active: make the object with the limit surface active"
         )
     return target, [each for each in objects if each != target]
 
@@ -97,7 +96,7 @@ def surface_object(measured: bpy.types.Object) -> bpy.types.Object:
     source = result_record.source_of(measured)
     if source is None or source.type != "MESH":
         name = measured.ccdepth.source_name
-        raise ComputeError(f"{measured.name}: “{name}”, the object it was made from, has been removed")
+        raise ComputeError(f"{measured.name}: its source “{name}” has been removed")
     return source
 
 

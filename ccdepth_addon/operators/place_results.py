@@ -302,7 +302,7 @@ def _take_places(
         if before in edited:
             before.name = f"Edited {name}"
             before.use_fake_user = True
-            notes.append(f"{result.name}: its mesh had been edited; the edited one is kept as “{before.name}”")
+            notes.append(f"{result.name}: the edited mesh is kept as “{before.name}”")
         else:
             bpy.data.meshes.remove(before)
         mesh.name = name

@@ -27,7 +27,7 @@ LEAST_SHOWN = 0.2
 
 
 class CCDEPTH_OT_select_worst(QuickOperator):
-    """Select the face where the measured deviation is largest"""
+    """Select the face with the largest measured deviation"""
 
     bl_idname = "ccdepth.select_worst"
     bl_label = "Select Worst Face"
@@ -37,7 +37,7 @@ class CCDEPTH_OT_select_worst(QuickOperator):
 
     @classmethod
     def description(cls, _context: bpy.types.Context, properties: bpy.types.OperatorProperties) -> str:
-        return f"{cls.__doc__}, and move the 3D View to its front" if properties.frame else ""
+        return f"{cls.__doc__}, and move the 3D View to the front of the face" if properties.frame else ""
 
     @classmethod
     def missing(cls, context: bpy.types.Context) -> str | None:
@@ -51,14 +51,14 @@ class CCDEPTH_OT_select_worst(QuickOperator):
         if found.worst_face < 0:
             self.report(
                 {"WARNING"},
-                f"{printable(worst.name)}: it is worst on a face that modifiers add, which no face stands for",
+                f"{printable(worst.name)}: the largest deviation is on a face that modifiers added",
             )
             return {"FINISHED"} if self.frame else {"CANCELLED"}
         if mesh_face_count(mesh) != found.faces:
             raise ComputeError(f"{worst.name}: the mesh has changed; measure it again")
         refuse([mesh], face_selection.selection_fault)
         if not face_selection.select_these(mesh, np.array([found.worst_face])):
-            self.report({"WARNING"}, f"{printable(worst.name)}: the face where it is worst is hidden")
+            self.report({"WARNING"}, f"{printable(worst.name)}: the face with the largest deviation is hidden")
             return {"FINISHED"} if self.frame else {"CANCELLED"}
         face_selection.choose_face_mode(context)
         self.report({"INFO"}, f"{printable(worst.name)}: face {found.worst_face} selected")

@@ -16,8 +16,8 @@ ALWAYS_FIRST = {"MULTIRES", "SOFT_BODY"}
 
 
 class CCDEPTH_OT_set_levels(QuickOperator):
-    """Set the Subdivision Surface modifiers to the first level at which every face is within the tolerance, with the
-    Use Limit Surface that it is proved for and the Quality that it needs"""
+    """Set the Subdivision Surface modifiers to the first level with every face within the tolerance, with the Use
+    Limit Surface and the Quality of the proof"""
 
     bl_idname = "ccdepth.set_levels"
     bl_label = "Set Subdivision Levels"
@@ -29,7 +29,7 @@ class CCDEPTH_OT_set_levels(QuickOperator):
         if not with_depths:
             return "Compute Depth first"
         if all(_is_left_alone(obj, context.scene.ccdepth) for obj in with_depths):
-            return "Levels would subdivide the result itself: set those of its source"
+            return "Levels would subdivide the result itself: set the levels of its source"
         return None
 
     def act(self, context: bpy.types.Context) -> set[str]:
@@ -59,7 +59,7 @@ def _levels_fault(blender_object: bpy.types.Object, is_stale: bool, settings: bp
         return "it has no depths; compute them first"
     if _is_left_alone(blender_object, settings):
         return (
-            f"it is a result, made from “{blender_object.ccdepth.source_name}”; set the levels of that, or turn "
+            f"it is a result, made from “{blender_object.ccdepth.source_name}”; set the levels of the source, or turn "
             "Subdivide Results on to subdivide the result itself"
         )
     if not blender_object.is_editable:

@@ -65,8 +65,8 @@ class UpdatingOperator(MakingOperator):
 
 
 class CCDEPTH_OT_update(UpdatingOperator):
-    """Make the selected results of Apply Adaptive Subdivision anew from the objects they came from, with the settings
-    as they are now. Everything but the mesh stays as it is"""
+    """Make the selected results of Apply Adaptive Subdivision anew from their sources, with the present settings.
+    Everything but the mesh stays as it is"""
 
     bl_idname = "ccdepth.update"
     bl_label = "Update Result"
@@ -95,7 +95,7 @@ class CCDEPTH_OT_update(UpdatingOperator):
 
 
 class CCDEPTH_OT_update_kept(UpdatingOperator):
-    """Make results that are kept updated anew after edits of their sources, with the settings they were made with"""
+    """Make results with Keep Updated anew after edits of their sources, with the settings of each result"""
 
     bl_idname = "ccdepth.update_kept"
     bl_label = "Keep Updated"
@@ -148,15 +148,15 @@ class CCDEPTH_OT_update_kept(UpdatingOperator):
 def _source_fault(result: bpy.types.Object, together: Collection[bpy.types.Object], use_modifiers: bool) -> str | None:
     """Why a result cannot be made anew from its source. together: all those that are made anew."""
     source = result_record.source_of(result)
-    called = f"“{result.ccdepth.source_name if source is None else source.name}”, which it came from,"
+    called = f"its source “{result.ccdepth.source_name if source is None else source.name}”"
     if source is None:
-        return f"{called} has been removed from the file, so it cannot be made anew"
+        return f"{called} has been removed from the file"
     if source.type != "MESH":
-        return f"{called} is not a mesh any more, so it cannot be made anew"
+        return f"{called} is not a mesh any more"
     if source.data == result.data:
-        return f"{called} has the same mesh; make that a single-user one first"
+        return f"{called} has the same mesh; make that mesh a single-user one first"
     if source in together:
-        return f"{called} is a result as well; update that one first, and then this one"
+        return f"{called} is a result as well; update the source first, and then this result"
     if source.data.ccdepth.subdivision and not result.ccdepth.source_is_adaptive:
         return f"{called} was subdivided in place since; undo that, or apply anew with Subdivide Results on"
     return result_record.modifier_fault(result, source, use_modifiers=use_modifiers)

@@ -26,8 +26,8 @@ TOLERANCE_MODES = (
     ("ABSOLUTE", "Absolute", "The tolerance is a distance in the scene, with the object's scale counted in"),
 )
 AT_EQUAL_PARAMETERS = (
-    ". Compares points at equal parameters, on quads that are not cut into triangles: can ask for more levels than "
-    "By Distance, or for fewer on twisted quads"
+    ". Points are compared at equal parameters, on quads that are not cut into triangles. By Distance can ask for fewer "
+    "levels, or for more on twisted quads"
 )
 METHOD_TEXTS = {
     "DISTANCE": (
@@ -55,8 +55,8 @@ METHOD_ITEMS = tuple((method, *METHOD_TEXTS[method], "NONE", METHOD_NUMBERS[meth
 VERTEX_TEXTS = {
     "OBJECT": (
         "From Modifier",
-        "As Use Limit Surface of each object's own Subdivision Surface modifier has them; on the limit surface where "
-        "there is no such modifier, as that is its default",
+        "As Use Limit Surface of each object's own Subdivision Surface modifier says; on the limit "
+        "surface without such a modifier",
     ),
     "CONTROL": ("Control Mesh", "The subdivided mesh as it is (Use Limit Surface off)"),
     "LIMIT": (
@@ -74,8 +74,8 @@ FRAMES_ITEMS = (
 )
 
 SUBDIVISION_MODES = (
-    ("ADAPTIVE", "Adaptive", "Divide each part of a face only as far as it needs: the fewest faces"),
-    ("PER_FACE", "Per Face", "Divide each face evenly, as far as the part of it that needs most"),
+    ("ADAPTIVE", "Adaptive", "Divide each part of a face only as far as the part needs: the fewest faces"),
+    ("PER_FACE", "Per Face", "Divide each face evenly, as far as its most demanding part needs"),
 )
 TRANSITION_ITEMS = (
     ("TRIANGLES", "Triangles", "As a few well-shaped triangles"),
@@ -86,7 +86,7 @@ OUTPUT_ITEMS = (
     (
         "IN_PLACE",
         "In Place",
-        "The result takes the place of the object's mesh; objects that are not selected keep a mesh they share with it",
+        "The result takes the place of the object's mesh; objects that are not selected keep a shared mesh",
     ),
 )
 
@@ -94,11 +94,11 @@ HEAT_MAP_ITEMS = (
     (
         "DEPTH",
         "Depth",
-        "How many levels each face needs; on a result, how many the face it was made from needed",
+        "How many levels each face needs; on a result, the levels of the original face",
         1,
     ),
-    ("DISTANCE", "Distance", "How far each face is from the limit surface at most, as proved", 2),
-    ("DEVIATION", "Deviation", "How far each face was measured to be from the limit surface at most", 3),
+    ("DISTANCE", "Distance", "The proved largest distance of each face from the limit surface", 2),
+    ("DEVIATION", "Deviation", "The measured largest distance of each face from the limit surface", 3),
     ("NONE", "None", "Show no heat map", 0),
 )
 # Files store numbers: 0 was another range.
@@ -158,8 +158,9 @@ class ToleranceProperties:
     )
     use_modifiers: BoolProperty(
         name="Include Modifiers",
-        description="Count in the modifiers above the Subdivision Surface modifier, or all of them when there is none. "
-        "Apply Adaptive Subdivision applies those that are counted in, and keeps all others",
+        description="Count in the modifiers above the Subdivision Surface modifier, or all modifiers of an "
+        "object without one. Apply Adaptive Subdivision applies the modifiers counted in, and keeps "
+        "all others",
         default=True,
     )
 
@@ -181,7 +182,7 @@ class DepthProperties:
     )
     frames: EnumProperty(
         name="Frames",
-        description="On which frames depths are computed: each face gets the deepest one",
+        description="The frames to compute depths on: each face gets its deepest depth",
         items=FRAMES_ITEMS,
         default="CURRENT",
     )
@@ -200,7 +201,7 @@ class DivisionProperties:
     )
     transitions: EnumProperty(
         name="Transitions",
-        description="How a face beside finer ones is drawn",
+        description="How a face beside finer faces is drawn",
         items=TRANSITION_ITEMS,
         default="TRIANGLES",
     )
@@ -211,8 +212,8 @@ class FaceLimitProperties:
 
     max_faces: IntProperty(
         name="Face Limit",
-        description="Refuse to make more faces than this, of all selected objects together; Find Tolerance finds a "
-        "tolerance that fits",
+        description="The largest number of faces of all selected objects together: more are refused, and Find "
+        "Tolerance finds a tolerance that fits",
         default=5_000_000,
         min=1,
         soft_min=1000,
@@ -230,9 +231,9 @@ class MakingProperties:
     )
     reduce: BoolProperty(
         name="Reduce",
-        description="Make the fewest triangles, where quads do not matter: a finer mesh goes through Blender's "
-        "Decimate as far as it is proved to stay within the tolerance. Seams, sharp edges, and borders of materials "
-        "and UV islands stay where they are; shape keys cannot be kept",
+        description="Make the fewest triangles, where quads do not matter: Blender's Decimate merges triangles "
+        "of a finer mesh as long as the tolerance is proved to hold. Seams, sharp edges, and borders "
+        "of materials and UV islands stay in place; shape keys cannot be kept",
         default=False,
     )
 
@@ -243,8 +244,8 @@ class OutputProperties:
     output: EnumProperty(name="Output", description="Where the result goes", items=OUTPUT_ITEMS, default="NEW_OBJECT")
     subdivide_results: BoolProperty(
         name="Subdivide Results",
-        description="Treat results of adaptive subdivision as control meshes, and subdivide them once more: their "
-        "limit surface is another one. Update Result makes them anew from the objects they came from",
+        description="Treat results of adaptive subdivision as control meshes, with limit surfaces of their own, "
+        "and subdivide them once more. Update Result instead makes results anew from their sources",
         default=False,
     )
 
@@ -268,7 +269,7 @@ class MeasureProperties:
     # A fraction without a hard minimum, so that a bad one can be refused with a report.
     accuracy: FloatProperty(
         name="Accuracy",
-        description="How far apart the proved and the reached distance may be, as a part of the reached one",
+        description="How far apart the proved and the reached distance may be, as a part of the reached distance",
         default=DEFAULT_ACCURACY,
         soft_min=0.01,
         soft_max=1.0,
@@ -278,7 +279,7 @@ class MeasureProperties:
     )
     time_limit: FloatProperty(
         name="Time Limit",
-        description="Seconds after which the measuring ends with what it has proved by then; 0 for no limit",
+        description="Seconds after which the measurement ends, with the distance proved by then; 0 for no limit",
         default=DEFAULT_TIME_LIMIT,
         min=0.0,
         soft_max=3600.0,

@@ -35,8 +35,8 @@ class Contributor(bpy.types.PropertyGroup):
 class Measurement(bpy.types.PropertyGroup):
     """What was measured on this mesh, with what, and where it is worst."""
 
-    measured: StringProperty(description="What the object was called that was measured")
-    against: StringProperty(description="What that was called to whose limit surface it was measured")
+    measured: StringProperty(description="The name of the measured object at the time")
+    against: StringProperty(description="The name of the object with the limit surface at the time")
     tolerance: FloatProperty(description="The tolerance as it was given")
     tolerance_mode: StringProperty()
     world_tolerance: FloatProperty(description="The tolerance as a distance in the scene", subtype="DISTANCE")
@@ -44,10 +44,14 @@ class Measurement(bpy.types.PropertyGroup):
     accuracy: FloatProperty(description="The accuracy as it was given")
     accuracy_met: BoolProperty(description="Whether the two distances are within the accuracy of each other")
     use_modifiers: BoolProperty()
-    version: StringProperty(description="The version of CC Depth that measured it")
+    version: StringProperty(description="The version of CC Depth at the measurement")
     faces: IntProperty()
-    worst_face: IntProperty(description="The face of the mesh where it is worst; -1 when modifiers added that face")
-    worst_point: FloatVectorProperty(description="The place in the scene where it is worst", subtype="TRANSLATION")
+    worst_face: IntProperty(
+        description="The face of the mesh with the largest deviation; -1 for a face that modifiers added"
+    )
+    worst_point: FloatVectorProperty(
+        description="The place of the largest deviation in the scene", subtype="TRANSLATION"
+    )
     fingerprint: StringProperty(description="Checksum of the objects and of the deviations")
     placement: FloatVectorProperty(
         description="Where the two objects are to each other, and how the second is scaled", size=18
@@ -62,7 +66,7 @@ class MeshRecord(bpy.types.PropertyGroup):
 
     has_result: BoolProperty()
     subdivision: StringProperty(description="How the mesh was made by subdivision; empty when it was not")
-    base_faces: IntProperty(description="Faces of the mesh that was subdivided")
+    base_faces: IntProperty(description="Faces of the control mesh")
     unreduced_triangles: IntProperty(description="Triangles of the adaptive mesh without Reduce; 0 when not reduced")
     largest_bound: FloatProperty(description="The largest distance proved", subtype="DISTANCE")
     tolerance: FloatProperty(description="The tolerance as it was given")
@@ -74,15 +78,13 @@ class MeshRecord(bpy.types.PropertyGroup):
     )
     follows_objects: BoolProperty(description="Whether the objects' own modifiers said where the vertices are")
     use_modifiers: BoolProperty()
-    frames: StringProperty(description="The frames it was computed on; empty for the scene as it was")
-    worst_frame: IntProperty(
-        description="Of the frames with the deepest depth, the one on which such a face is the farthest off"
-    )
-    version: StringProperty(description="The version of CC Depth that computed it")
+    frames: StringProperty(description="The computed frames; empty for the scene as it was")
+    worst_frame: IntProperty(description="Among the frames with the deepest depth, the frame with the largest distance")
+    version: StringProperty(description="The version of CC Depth at the computation")
     faces: IntProperty()
-    exact_faces: IntProperty(description="Faces whose depth is proved to be the least that is enough")
+    exact_faces: IntProperty(description="Faces with a depth that is proved minimal")
     deepest: IntProperty()
-    added_deepest: IntProperty(description="The deepest depth of faces that modifiers add, which no face stands for")
+    added_deepest: IntProperty(description="The deepest depth of faces that modifiers add from no face of the mesh")
     rows: CollectionProperty(type=DepthRow)
     # A decimal number: it soon outgrows Blender's 32-bit integers.
     uniform_faces: StringProperty(
@@ -97,10 +99,10 @@ class MeshRecord(bpy.types.PropertyGroup):
     has_deviation: BoolProperty()
     shows_deviation: BoolProperty(description="Whether the deviations are the last result")
     deviation: FloatProperty(
-        description="The largest distance proved, both ways, between what the object shows and the limit surface",
+        description="The largest distance proved, both ways, between the shown mesh and the limit surface",
         subtype="DISTANCE",
     )
-    deviation_reached: FloatProperty(description="A distance that is really there", subtype="DISTANCE")
+    deviation_reached: FloatProperty(description="A distance that was found", subtype="DISTANCE")
     measurement: PointerProperty(type=Measurement)
     previous_active_color: StringProperty(description="The colours that were displayed before ours")
 

@@ -39,21 +39,21 @@ class ResultRecord(
 ):
     """Where a result came from, and what it was made with; and of any object, what it was measured against."""
 
-    source: PointerProperty(type=bpy.types.Object, description="The object it was made from")
-    source_name: StringProperty(description="What that was called; empty on objects that are no results")
+    source: PointerProperty(type=bpy.types.Object, description="The source: the object that the result was made from")
+    source_name: StringProperty(description="The name of the source; empty on objects that are no results")
     source_is_adaptive: BoolProperty(description="Whether the source was an adaptive mesh itself")
     source_checksum: StringProperty(description="Checksum of the source as it was")
     mesh_checksum: StringProperty(description="Checksum of the mesh that was made")
     keep_updated: BoolProperty(
         name="Keep Updated",
-        description="Make the result anew, with the settings it was made with, whenever edits of its source leave Edit "
-        "Mode. Working on interrupts it, and Esc stops it",
+        description="Make the result anew, with its own settings, whenever an edited source leaves Edit Mode. "
+        "Other work interrupts the run, and Esc stops the run",
     )
     tolerance: FloatProperty(description="The tolerance as it was given")
     applied: CollectionProperty(type=AppliedModifier)
     # Not on the mesh: Blender 5.0 leaves pointers of meshes to objects that are gone, and crashes.
     measured_against: PointerProperty(
-        type=bpy.types.Object, description="The other object to whose limit surface this one was measured"
+        type=bpy.types.Object, description="The object with the limit surface of the measurement"
     )
     materials: CollectionProperty(type=SourceMaterial)
 

@@ -41,8 +41,8 @@ class SceneSettings(*properties.GROUPS, bpy.types.PropertyGroup):
     relative_tolerance: properties.relative_tolerance_property(default=properties.DEFAULT_RELATIVE_TOLERANCE)
     shown_tolerance_mode: EnumProperty(
         name="Tolerance Mode",
-        description="How the tolerance is given. The other one becomes the same distance on the active object, or "
-        "on the selected one",
+        description="How the tolerance is given. Switching carries the distance over, for the active object or "
+        "the selected one",
         items=properties.TOLERANCE_MODES,
         get=lambda self: MODES.index(self.tolerance_mode),
         set=_switch_mode,
@@ -50,14 +50,14 @@ class SceneSettings(*properties.GROUPS, bpy.types.PropertyGroup):
     )
     heat_map: EnumProperty(
         name="Heat Map",
-        description="What is shown over the faces in the 3D View, as an overlay",
+        description="The values shown over the faces in the 3D View, as an overlay",
         items=properties.HEAT_MAP_ITEMS,
         default="DEPTH",
         update=_redraw,
     )
     heat_map_opacity: FloatProperty(
         name="Opacity",
-        description="Opacity of the heat map; in Edit Mode it is never so opaque that it hides edges and selection",
+        description="Opacity of the heat map; in Edit Mode the map never hides edges and selection",
         default=1.0,
         min=0.0,
         max=1.0,
@@ -66,13 +66,13 @@ class SceneSettings(*properties.GROUPS, bpy.types.PropertyGroup):
     )
     heat_map_playing: BoolProperty(
         name="While Playing",
-        description="Show the heat map while an animation plays as well, however much slower that is",
+        description="Show the heat map while an animation plays as well, which may be slow",
         default=False,
         update=_redraw,
     )
     distance_range: EnumProperty(
         name="Colors",
-        description="Which distances the colours stand for; those of depths always stand for 0 to 8",
+        description="Which distances the colours stand for; colours of depths always stand for 0 to 8",
         items=properties.COLOR_RANGE_ITEMS,
         default="TOLERANCE",
         update=_redraw,
@@ -90,7 +90,7 @@ class SceneSettings(*properties.GROUPS, bpy.types.PropertyGroup):
     )
     show_legend: BoolProperty(
         name="Legend",
-        description="Show which colour stands for which depth or distance in the 3D View",
+        description="Show the colours and their depths or distances in the 3D View",
         default=True,
         update=_redraw,
     )

@@ -19,7 +19,7 @@ LARGEST_COUNT_IN_FULL = 10**10
 
 OWN_FACES = "How many faces the mesh itself has, before modifiers; a mesh of several objects counts once"
 CONTROL_FACES = "How many faces the control mesh has: the mesh with the modifiers that are counted in"
-ALLOWED = "The distance from the limit surface that was allowed, in the scene's unit"
+ALLOWED = "The allowed distance from the limit surface, in the scene's unit"
 
 
 class Fact(NamedTuple):
@@ -53,12 +53,12 @@ def facts_of(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fa
 def _of_depths(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fact]:
     facts = [_deepest([record]), Fact("Tolerance", length_text(scene, record.world_tolerance), ALLOWED)]
     if record.frames:
-        meaning = "The frames that depths were computed on: each face has the deepest one"
+        meaning = "The computed frames: each face has its deepest depth"
         facts.insert(1, Fact("Frames", record.frames, meaning))
     facts += ways([record])
     # Results of earlier versions have none.
     if record.uniform_level >= 0:
-        meaning = "How many faces there are when all of the mesh is subdivided to the level that is enough"
+        meaning = "How many faces the whole mesh has at the first level that is enough for all faces"
         facts.append(Fact(f"Faces at Level {record.uniform_level}", short_count(int(record.uniform_faces)), meaning))
     # A depth that is disproved at equal parameters may be enough all the same.
     if record.method == "DISTANCE":
@@ -90,7 +90,7 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
     before = f"{record.unreduced_triangles:,} triangles"
     unreduced = [Fact("Without Reduce", before, "How many triangles there were before Reduce")]
     largest = bound_text(scene, record.largest_bound, record.world_tolerance, unit)
-    proved = "No point of the mesh or of the limit surface is farther from the other one than this; proved"
+    proved = "The proved largest distance between the mesh and the limit surface, both ways"
     return [
         *(unreduced if record.unreduced_triangles else []),
         Fact("Control Faces", f"{record.base_faces:,}", CONTROL_FACES),
@@ -104,7 +104,7 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
         Fact(
             f"Faces at Depth {record.deepest}",
             short_count(int(record.uniform_faces)),
-            "How many faces there are when all of the mesh is subdivided as often as its most divided part",
+            "How many faces the whole mesh would have at the depth of its most divided part",
         ),
     ]
 
@@ -131,11 +131,11 @@ def facts_of_measurement(scene: bpy.types.Scene, holder: bpy.types.Object) -> li
     least = length_text(scene, record.deviation_reached, Rounding.DOWN, unit=unit)
     own = is_own(holder.data)
     against = "Its own limit surface" if own else found.against if target is None else target.name
-    reached = "A point that is as far away was found; the largest distance is between the two"
+    reached = "The distance of a point that was found; the largest distance is between At Least and At Most"
     return [
-        *([] if own else [Fact("Object", measured_object(holder).name, "The object that was measured")]),
-        Fact("Against", against, "Whose limit surface it was measured against"),
-        Fact("At Most", most, "No point of the one is farther from the other than this; proved"),
+        *([] if own else [Fact("Object", measured_object(holder).name, "The measured object")]),
+        Fact("Against", against, "The object with the limit surface"),
+        Fact("At Most", most, "The proved largest distance, both ways"),
         Fact("At Least", least, reached),
         Fact("Tolerance", length_text(scene, found.world_tolerance, unit=unit), ALLOWED),
     ]
@@ -150,9 +150,7 @@ def deviation_text(most: str, least: str, tolerance: str, verdict: Verdict) -> s
 def count_fact(faces: int, *, reduced: bool = False) -> Fact:
     """How many faces there will be. reduced: whether Reduce takes most of them away."""
     if reduced:
-        return Fact(
-            "Before Reduce", f"{faces:,} faces", "How many faces there are before Reduce takes most of them away"
-        )
+        return Fact("Before Reduce", f"{faces:,} faces", "How many faces there are before Reduce merges most faces")
     return Fact("Will Make", f"{faces:,} faces", "How many faces Apply Adaptive Subdivision makes with these settings")
 
 

@@ -270,7 +270,7 @@ def test_levels_of_a_result_are_refused(tmp_path: Path, capfd: Capture) -> None:
     assert run(made, "--levels", *LIMIT, "--output", output) == 1
     [error] = [line for line in capfd.readouterr().err.splitlines() if line.startswith("ccdepth: ")]
     assert error.startswith(f"ccdepth: {made}: ")
-    assert error.endswith("Levels would subdivide the result itself: set those of its source")
+    assert error.endswith("Levels would subdivide the result itself: set the levels of its source")
     assert not output.exists()
     assert made.read_bytes() == before
 

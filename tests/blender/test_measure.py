@@ -125,7 +125,7 @@ def test_when_the_time_is_over_it_tells_what_is_proved(capfd: pytest.CaptureFixt
     record = holder.data.ccdepth
     assert not record.measurement.accuracy_met
     assert record.deviation > record.deviation_reached
-    assert "the Time Limit ended it: raise it" in capfd.readouterr().out
+    assert "the Time Limit is over: raise the limit" in capfd.readouterr().out
 
 
 @in_both_modes
@@ -267,7 +267,7 @@ def test_an_adaptive_result_is_measured_against_its_source() -> None:
     record = result.data.ccdepth
     assert (record.deviation, record.deviation_reached) == alone
     bpy.data.objects.remove(source)
-    with pytest.raises(RuntimeError, match="“Cube”, the object it was made from, has been removed"):
+    with pytest.raises(RuntimeError, match="its source “Cube” has been removed"):
         bpy.ops.ccdepth.measure()
 
 

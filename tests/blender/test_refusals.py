@@ -189,7 +189,7 @@ REFUSALS: dict[str, Refusal] = {
         lambda: put_away("viewport"), "Suzanne: the object is hidden|Select a mesh object", ALL
     ),
     "excluded": Refusal(lambda: put_away("excluded"), "Select a mesh object", ALL),
-    "none of several is active": Refusal(none_active, "none of them is the active one", MEASURE),
+    "none of several is active": Refusal(none_active, "none is active", MEASURE),
     "no faces": Refusal(empty, "Empty: the mesh has no faces"),
     "a wire": Refusal(wire, "Wire: the mesh has no faces"),
     "no faces in Edit Mode": Refusal(edited_without_faces, "Suzanne: the mesh has no faces", COMPUTE),

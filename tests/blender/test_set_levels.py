@@ -181,9 +181,9 @@ def test_a_result_whose_own_depths_were_computed_gets_no_levels_unless_results_a
     bpy.ops.ccdepth.subdivide(tolerance=TOLERANCE)
     result = bpy.context.active_object
     addon.compute(result, other, tolerance=TOLERANCE)
-    refuses("set_levels", f"{result.name}: it is a result, made from “Cage”; set the levels of that")
+    refuses("set_levels", f"{result.name}: it is a result, made from “Cage”; set the levels of the source")
     addon.select(result)
-    refuses("set_levels", "set those of its source")
+    refuses("set_levels", "set the levels of its source")
     bpy.context.scene.ccdepth.subdivide_results = True
     assert bpy.ops.ccdepth.set_levels() == {"FINISHED"}
     assert levels(result) == [(result.data.ccdepth.uniform_level,) * 2 + (True,)]

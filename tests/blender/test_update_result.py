@@ -291,8 +291,8 @@ def share_the_mesh(source: bpy.types.Object, result: bpy.types.Object) -> None:
 # What becomes of a source and its result, which of them is selected then, settings, and what Update Result says.
 Change = Callable[[bpy.types.Object, bpy.types.Object], object]
 REFUSALS: tuple[tuple[Change, str, dict[str, object], str], ...] = (
-    (lambda source, _: bpy.data.objects.remove(source), "Cage Adaptive", {}, "“Cage”, which .* has been removed"),
-    (become_a_curve, "Cage Adaptive", {}, "“Cage”, which it came from, is not a mesh any more"),
+    (lambda source, _: bpy.data.objects.remove(source), "Cage Adaptive", {}, "its source “Cage” has been removed"),
+    (become_a_curve, "Cage Adaptive", {}, "its source “Cage” is not a mesh any more"),
     (lambda source, _: subdivide(source, output="IN_PLACE"), "Cage Adaptive", {}, "was subdivided in place since"),
     (share_the_mesh, "Cage Adaptive", {}, "has the same mesh"),
     (lambda *_: None, "Cage Adaptive", {**FINER, "tolerance": 1e-6, "max_faces": 10_000}, "10,000 are allowed"),
@@ -359,7 +359,7 @@ def test_a_result_is_not_subdivided_without_asking() -> None:
     update(again)
     result.hide_set(False)
     addon.select(result, again)
-    refuses("update", "is a result as well; update that one first")
+    refuses("update", "is a result as well; update the source first")
     # What is subdivided in place has no source any more.
     subdivide(again, output="IN_PLACE", subdivide_results=True)
     assert again.ccdepth.source is None
