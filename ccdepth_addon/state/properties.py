@@ -26,8 +26,8 @@ TOLERANCE_MODES = (
     ("ABSOLUTE", "Absolute", "The tolerance is a distance in the scene, with the object's scale counted in"),
 )
 AT_EQUAL_PARAMETERS = (
-    ". Points are compared at equal parameters, on quads that are not cut into triangles. By Distance can ask for fewer "
-    "levels, or for more on twisted quads"
+    ". Points are compared at equal parameters, on quads that are not cut into triangles. By Distance can ask for "
+    "fewer levels, or for more on twisted quads"
 )
 METHOD_TEXTS = {
     "DISTANCE": (

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The sidebar's panel that makes adaptive meshes: settings, how many faces there would be, and what was made."""
+"""The sidebar's panel Make: settings of adaptive meshes, their number of faces, and the result."""
 
 from typing import ClassVar
 
@@ -74,7 +74,7 @@ class CCDEPTH_PT_make_options(SidebarPanel, bpy.types.Panel):
 
 
 def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy.types.Object) -> None:
-    """Whether there is a need to make an adaptive mesh anew, where it came from, and what is known of it."""
+    """The state of an adaptive mesh, its source, and its facts."""
     settings, source = context.scene.ccdepth, result_record.source_of(made)
     if result_record.is_result(made) and source is None:
         draw_state_line(layout, f"“{made.ccdepth.source_name}” has been removed")
@@ -89,7 +89,7 @@ def _draw_made(layout: bpy.types.UILayout, context: bpy.types.Context, made: bpy
 
 
 def _draw_left_hidden(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Which hidden results were left when their sources were deleted, with a button that shows them."""
+    """The hidden results whose sources were deleted, with a button that shows the results."""
     left = result_record.left_hidden(context)
     if left:
         name = f"“{left[0].name}” is" if len(left) == 1 else f"{len(left):,} results are"

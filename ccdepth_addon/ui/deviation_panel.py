@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The sidebar's panel about deviations: settings, and what was measured on the active object or against it."""
+"""The sidebar's panel Check: settings, and the measurement of the active object or against its limit surface."""
 
 from __future__ import annotations
 
@@ -58,7 +58,8 @@ def _measured(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def _plan(context: bpy.types.Context) -> str:
-    """What would be measured against what; empty where nothing would."""
+    """The measured object and the object with the limit surface, as text; empty where Measure Deviation would
+    refuse."""
     objects = [each for each in context.selected_objects if each.type == "MESH"]
     active = context.active_object
     if len(objects) > 1 and active in objects:
@@ -83,7 +84,7 @@ def _draw_measurement(layout: bpy.types.UILayout, context: bpy.types.Context, me
 
 
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh) -> str:
-    """Why the measurement is out of date; empty when it is not."""
+    """The reason why the measurement is out of date; empty where the measurement holds."""
     if change := out_of_date.change_since_measured(mesh):
         return f"Out of date: {change}"
     found, name = mesh.ccdepth.measurement, tolerance_name(settings.tolerance_mode)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The scale of distances: which numbers stand beside its colours, and where."""
+"""The scale of distances: the numbers beside the colours, and their heights."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TOLERANCE = "tolerance"
 
 @dataclass(frozen=True)
 class Mark:
-    """A number beside the scale, at a part of its height, and what it is."""
+    """A number beside the scale, at a part of the height, and what the number is."""
 
     height: float
     number: str

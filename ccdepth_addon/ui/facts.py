@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is known of a result: names, values and what these mean, for panels and for the terminal."""
+"""Facts about a result, for panels and for the terminal: names, values and meanings."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ ALLOWED = "The allowed distance from the limit surface, in the scene's unit"
 
 
 class Fact(NamedTuple):
-    """A value with its name. meaning: what it is, for its tooltip."""
+    """A value with its name. meaning: for the tooltip."""
 
     name: str
     value: str
@@ -43,7 +43,7 @@ def draw_facts(layout: bpy.types.UILayout, facts: Sequence[Fact]) -> None:
 
 
 def facts_of(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -> list[Fact]:
-    """What is known of the depths on a mesh, or of an adaptive mesh."""
+    """The facts about the depths on a mesh, or about an adaptive mesh."""
     meaning = "How many faces the result has" if record.subdivision else OWN_FACES
     faces = Fact("Faces" if record.subdivision else "Mesh Faces", f"{record.faces:,}", meaning)
     of_kind = _of_adaptive_mesh(scene, record) if record.subdivision else _of_depths(scene, record)
@@ -76,7 +76,7 @@ def _deepest(records: Sequence[bpy.types.PropertyGroup]) -> Fact:
 
 
 def ways(records: Sequence[bpy.types.PropertyGroup]) -> list[Fact]:
-    """How depths were computed, and where the subdivided mesh has its vertices."""
+    """The methods of the depths, and the places of the vertices of the subdivided mesh."""
     methods = dict.fromkeys(METHOD_TEXTS[record.method][0] for record in records)
     vertices = dict.fromkeys(VERTEX_TEXTS[record.vertices][0] for record in records)
     return [
@@ -110,7 +110,7 @@ def _of_adaptive_mesh(scene: bpy.types.Scene, record: bpy.types.PropertyGroup) -
 
 
 def totals(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object]) -> list[Fact]:
-    """What is known of several objects with results together; each mesh counts once."""
+    """The facts about several objects together; each mesh counts once."""
     records = [mesh.ccdepth for mesh in {each.data for each in objects}]
     depths = [record for record in records if not record.subdivision]
     return [
@@ -123,7 +123,7 @@ def totals(scene: bpy.types.Scene, objects: Sequence[bpy.types.Object]) -> list[
 
 
 def facts_of_measurement(scene: bpy.types.Scene, holder: bpy.types.Object) -> list[Fact]:
-    """What was measured on an object's mesh."""
+    """The facts about the measurement on an object's mesh."""
     record, target = holder.data.ccdepth, target_of(holder)
     found = record.measurement
     unit = common_unit(scene, (record.deviation, record.deviation_reached, found.world_tolerance))
@@ -142,20 +142,20 @@ def facts_of_measurement(scene: bpy.types.Scene, holder: bpy.types.Object) -> li
 
 
 def deviation_text(most: str, least: str, tolerance: str, verdict: Verdict) -> str:
-    """What was measured in a sentence, from lengths as text."""
+    """The measurement as a sentence, from lengths as text."""
     joined = "; the tolerance is" if verdict is Verdict.UNDECIDED else " of"
     return f"Deviation at most {most}, at least {least}: {verdict.value}{joined} {tolerance}"
 
 
 def count_fact(faces: int, *, reduced: bool = False) -> Fact:
-    """How many faces there will be. reduced: whether Reduce takes most of them away."""
+    """The number of faces to be made. reduced: whether Reduce merges most faces."""
     if reduced:
         return Fact("Before Reduce", f"{faces:,} faces", "How many faces there are before Reduce merges most faces")
     return Fact("Will Make", f"{faces:,} faces", "How many faces Apply Adaptive Subdivision makes with these settings")
 
 
 def _exact_text(exact: int, faces: int) -> str:
-    """On how many faces no lesser depth is enough; never rounded up to all of them."""
+    """The share of faces without a lesser depth that is enough; never rounded up to all faces."""
     if exact == faces:
         return "All faces"
     return f"{min(100 * exact / faces, 99.9):.1f} % of faces"

@@ -1,10 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is written over the 3D View: the legend, which tells what colours stand for on the selected objects, and a label
-at the place where the measured deviation is largest.
-
-The legend stands at the bottom right, clear of the sidebar, the headers, the asset shelf, the navigation gizmo and the
-panel Adjust Last Operation. In Quad View it is in the lower right one.
-"""
+"""Texts over the 3D View: the legend of the selected objects, and a label at the place of the largest deviation. The
+legend stands at the bottom right, clear of the sidebar, the headers, the asset shelf, the navigation gizmo and the
+panel Adjust Last Operation. In Quad View the lower right view has the legend."""
 
 from __future__ import annotations
 
@@ -49,7 +46,7 @@ TIMES_KEPT = 50
 
 
 class _Kept(NamedTuple):
-    """The legend of a scene and view layer, and until when it serves."""
+    """The legend of a scene and view layer, and the end of its use."""
 
     layer: tuple[str, str, str]
     until: float
@@ -61,7 +58,7 @@ _kept: _Kept | None = None
 
 
 def draw() -> None:
-    """Draw both in the current region, where there is anything to show."""
+    """Draw legend and label in the current region."""
     context = bpy.context
     if context.space_data.overlay.show_overlays:
         scale = context.preferences.system.ui_scale
@@ -83,7 +80,7 @@ def _draw_legend(context: bpy.types.Context, scale: float) -> None:
 
 
 def _wanted(context: bpy.types.Context) -> Legend | None:
-    """What the legend says. Of very many objects this takes a while, and is kept for some time."""
+    """The legend; one of very many objects takes a while to put together, and is kept for some time."""
     global _kept
     scene, started = context.scene, monotonic()
     layer = scene.name, context.view_layer.name, scene.ccdepth.heat_map
@@ -104,7 +101,7 @@ def _redraw() -> None:
 
 
 def _obstacles(context: bpy.types.Context, window: bpy.types.Region, scale: float) -> list[Rectangle]:
-    """What is drawn over the region, or takes part of it."""
+    """The rectangles of the region that something else is drawn over."""
     found = [
         Rectangle(each.x, each.y, each.x + each.width, each.y + each.height)
         for each in context.area.regions
@@ -163,7 +160,7 @@ def _draw_ramp(place: Rectangle) -> None:
 
 
 def _draw_worst_point(context: bpy.types.Context, scale: float) -> None:
-    """The largest distance at its place, while the heat map shows deviations that hold."""
+    """Draw the largest distance at its place, while the heat map shows deviations that hold."""
     settings = context.scene.ccdepth
     holder = measured_to_show(context) if shown(settings) is Shown.DEVIATION else None
     if holder is None or not holder.visible_get() or stale_line(settings, holder.data):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the legend says of objects; nothing in it refers to Blender's data."""
+"""The contents of the legend, without references to Blender's data."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LONGEST_NAME = 20
 
 @dataclass(frozen=True)
 class Row:
-    """A depth: what is written, how many faces, and the sRGB colour."""
+    """A depth: its label, its number of faces, and its sRGB colour."""
 
     label: str
     faces: int
@@ -33,8 +33,8 @@ class Row:
 
 @dataclass(frozen=True)
 class Legend:
-    """notes: lines below the title. alert: one more, in red. rows: the deepest depths first. scale: of distances, for
-    numbers that take that part of its height."""
+    """notes: lines below the title. alert: a line in red. rows: the deepest depths first. scale: of distances, for
+    numbers of a height that is given as a part of the scale's."""
 
     title: str
     notes: list[str]
@@ -59,7 +59,7 @@ def legend(scene: bpy.types.Scene, kind: Shown, objects: Sequence[bpy.types.Obje
 
 
 def short_name(name: str) -> str:
-    """A name that is cut where it is long."""
+    """The name, cut where it is long."""
     return name if len(name) <= LONGEST_NAME else f"{name[: LONGEST_NAME - 1]}…"
 
 

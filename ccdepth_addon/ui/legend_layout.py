@@ -1,6 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The layout of a legend as a column: pure functions of what it says, of the room there is, and of the interface's
-scale."""
+"""The layout of a legend as a column: pure functions of the legend, the room, and the interface's scale."""
 
 from __future__ import annotations
 
@@ -33,7 +32,7 @@ LARGEST_PART = 1 / 3
 
 
 class Style(Enum):
-    """How a text is written."""
+    """The style of a text."""
 
     TEXT = "text"
     HEADING = "heading"
@@ -41,7 +40,7 @@ class Style(Enum):
 
 
 class Rectangle(NamedTuple):
-    """In pixels of the region, from its left bottom corner."""
+    """A rectangle in pixels of the region, from the region's left bottom corner."""
 
     left: float
     bottom: float
@@ -86,19 +85,19 @@ class Layout:
         return FONT_SIZE * self.size
 
     def pixels(self, length: float) -> int:
-        """One of the lengths above."""
+        """A length at an interface scale of 1 as pixels."""
         return round(length * self.size)
 
     def write(self, text: str, x: float, line_bottom: float, style: Style = Style.TEXT, *, ends: bool = False) -> None:
-        """Write in a line that has its lower end there."""
+        """Add a text in a line with that lower end."""
         self.texts.append(PlacedText(text, x, line_bottom + self.pixels(0.3 * LINE_HEIGHT), style, ends))
 
 
 def placed(
     legend: Legend, region: tuple[int, int], obstacles: Sequence[Rectangle], scale: float, measure: Measure
 ) -> tuple[Layout, Rectangle] | None:
-    """The layout that can be farthest to the right, the largest of such, and where; without notes where it is smallest;
-    None when there is no room for any. scale: the interface's."""
+    """The layout that fits farthest to the right, the largest of equals, and its place; the smallest layout lacks
+    notes; None without room. scale: the interface's."""
     found, wanted = [], [(legend, scale * size) for size in SIZES]
     for each, size in [*wanted, (replace(legend, notes=legend.notes[:1]), scale * SIZES[-1])]:
         layout = column(each, size, measure)
@@ -112,8 +111,7 @@ def placed(
 def free_place(
     width: float, height: float, region: tuple[int, int], obstacles: Sequence[Rectangle], margin: int
 ) -> Rectangle | None:
-    """Where there is room for a rectangle, as far down and then as far to the right as can be; None when there is
-    none."""
+    """The lowest place with room for a rectangle, and of equals the rightmost; None without room."""
     rights = {region[0] - margin, *(each.left - margin for each in obstacles)}
     bottoms = {margin, *(each.top + margin for each in obstacles)}
     for bottom in sorted(bottoms):
@@ -126,7 +124,7 @@ def free_place(
 
 
 def column(legend: Legend, size: float, measure: Measure) -> Layout:
-    """Everything below each other, at that size; laid out from the bottom upwards."""
+    """The layout with all lines below each other, at that size; made from the bottom upwards."""
     layout = Layout(size)
     lines = [(legend.title, Style.TEXT), *((note, Style.HEADING) for note in legend.notes)]
     lines += [(legend.alert, Style.ALERT)] if legend.alert else []
@@ -145,7 +143,7 @@ def column(legend: Legend, size: float, measure: Measure) -> Layout:
 
 
 def _add_rows(layout: Layout, legend: Legend, least: float, width: Callable[[str], float]) -> int:
-    """Swatches, depths and faces, and above them what they are; returns where the next line begins."""
+    """Add swatches, depths and faces below their headings; returns where the next line begins."""
     padding, line, swatch, gap = map(layout.pixels, (PADDING, LINE_HEIGHT, SWATCH_WIDTH, GAP))
     rows = [(row.label, f"{row.faces:,}", row.color) for row in legend.rows]
     labels = max(width(text) for text in ["Depth", *(label for label, _, _ in rows)])
@@ -164,7 +162,7 @@ def _add_rows(layout: Layout, legend: Legend, least: float, width: Callable[[str
 
 
 def _add_scale(layout: Layout, legend: Legend, least: float, width: Callable[[str], float]) -> int:
-    """The colours as a bar, with numbers on its right; returns where the next line begins."""
+    """Add the colours as a bar, with numbers on the right; returns where the next line begins."""
     assert legend.scale is not None
     padding, line, swatch, gap = map(layout.pixels, (PADDING, LINE_HEIGHT, SWATCH_WIDTH, GAP))
     bar, tick = layout.pixels(SCALE_HEIGHT), layout.pixels(TICK_WIDTH)

@@ -19,7 +19,7 @@ LEAST_IN_UNIT = Decimal("0.001")
 
 
 class Rounding(Enum):
-    """To which side: a proved distance is rounded up, a reached one down."""
+    """The side to round to: a proved distance is rounded up, a reached distance down."""
 
     NEAREST = ROUND_HALF_EVEN
     UP = ROUND_CEILING
@@ -27,7 +27,7 @@ class Rounding(Enum):
 
 
 class Unit(NamedTuple):
-    """Its symbol, and its length in metres; without a symbol it is the scene's own unit."""
+    """The symbol of a unit, and its length in metres; the scene's own unit has no symbol."""
 
     name: str
     length: Decimal
@@ -91,14 +91,15 @@ def length_text(
     digits: int = DIGITS,
     unit: Unit | None = None,
 ) -> str:
-    """A length of the scene with its unit, to so many significant digits. unit: None for the one that suits it."""
+    """A length of the scene with its unit, to so many significant digits. unit: None for the unit that suits the
+    length."""
     chosen = unit or unit_for(scene, length)
     number = number_text(in_unit(scene, length, chosen), rounding, digits)
     return f"{number} {chosen.name}" if chosen.name else number
 
 
 def bound_text(scene: bpy.types.Scene, bound: float, tolerance: float, unit: Unit | None = None) -> str:
-    """A proved distance, rounded up; but one within the tolerance never as more than the tolerance is written as."""
+    """A proved distance, rounded up; a distance within the tolerance is never written as more than the tolerance."""
     compared = unit or unit_for(scene, tolerance)
     written = number_text(in_unit(scene, bound, compared), Rounding.UP)
     allowed = number_text(in_unit(scene, tolerance, compared))
@@ -108,7 +109,7 @@ def bound_text(scene: bpy.types.Scene, bound: float, tolerance: float, unit: Uni
 
 
 def in_unit(scene: bpy.types.Scene, length: float, unit: Unit) -> Decimal:
-    """How many of that unit a length of the scene is."""
+    """A length of the scene as a multiple of the unit."""
     return Decimal(length) if unit == PLAIN else _metres(scene, length) / unit.length
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The manual, which the extension brings along: buttons that open it, and where Blender's Online Manual enters it."""
+"""The manual that comes with the extension: the button that opens it, and its entries for Blender's Online Manual."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ def draw_manual_button(layout: bpy.types.UILayout, *, text: str = "Manual", embo
 
 
 def manual_map() -> tuple[str, tuple[tuple[str, str], ...]]:
-    """Where Online Manual, in the context menus of buttons, enters the manual."""
+    """The manual's entries for Online Manual in the context menus of buttons."""
     return f"{PAGE.as_uri()}#", SECTIONS
 
 

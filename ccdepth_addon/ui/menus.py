@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The CC Depth menu in the menus Object and Mesh, where Blender's search finds its operators as well."""
+"""The CC Depth menu in the menus Object and Mesh, by which Blender's search finds the operators."""
 
 import bpy
 

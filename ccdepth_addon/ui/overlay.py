@@ -1,10 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The heat map: values of faces drawn over the 3D View, like Blender's own overlays. Nothing else of it is touched.
-
-What is drawn is kept until it changes: the vertices of each mesh until Blender says that its geometry has changed, and
-the list of what is drawn in a 3D View until anything has. Values go to the graphics card, and colours come from a ramp,
-so another range is another number.
-"""
+"""The heat map: values of faces drawn over the 3D View, like Blender's own overlays. Nothing else of the view is
+touched. The vertices of each mesh are kept until Blender says that its geometry has changed, and the list of items in
+a 3D View until anything has changed. Values go to the graphics card, and colours come from a ramp, so another range is
+another number."""
 
 from __future__ import annotations
 
@@ -72,7 +70,7 @@ void main() {
 
 
 class _Batches(NamedTuple):
-    """What the graphics card has of a mesh."""
+    """The buffers of a mesh on the graphics card."""
 
     faces: gpu.types.GPUBatch | None
     chosen: gpu.types.GPUBatch | None
@@ -80,7 +78,7 @@ class _Batches(NamedTuple):
 
 
 class _Drawn(NamedTuple):
-    """What is drawn of an object or instance."""
+    """An object or instance to draw."""
 
     batches: _Batches
     matrix: Matrix
@@ -125,7 +123,7 @@ def _is_playing(context: bpy.types.Context) -> bool:
 
 
 def _list(context: bpy.types.Context, kind: Shown) -> list[_Drawn]:
-    """What is drawn in the current 3D View."""
+    """The objects and instances to draw in the current 3D View."""
     space, layer = context.space_data, context.view_layer
     places = space.local_view is not None, space.use_local_collections, space.show_object_viewport_mesh
     key = kind, context.scene.session_uid, layer.name, space.as_pointer(), places
@@ -140,7 +138,7 @@ def _list(context: bpy.types.Context, kind: Shown) -> list[_Drawn]:
 
 
 def _batches_of(item: Any, kind: Shown) -> _Batches | None:
-    """The batches of an item, made where they are not there."""
+    """The batches of an item, made where they are missing."""
     key = kind, item.key
     if key not in _batches:
         mesh = item.read(kind)
@@ -192,7 +190,7 @@ class _View:
         self.shader.uniform_float("lens", (1.0 / window[0][0], 1.0 / window[1][1], *depth))
 
     def paint_all(self, drawn: list[_Drawn]) -> None:
-        """Draw all of it."""
+        """Draw everything."""
         in_front = [each for each in drawn if each.in_front]
         gpu.state.blend_set("ALPHA")
         # The depth of what is In Front is elsewhere, and before 5.0 that of all in X-Ray: they get one here.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the overlay draws in a 3D View: every visible mesh, and every instance of one, that has values."""
+"""The items of the overlay in a 3D View: visible meshes with values, and instances of such meshes."""
 
 from __future__ import annotations
 
@@ -19,11 +19,9 @@ FACES_DRAWN = {"SOLID", "TEXTURED"}
 
 @dataclass(frozen=True)
 class Item:
-    """An evaluated object to draw, which is there only until the next one.
-
-    key: the same for objects that look the same. owner: the session identifier of the object whose changes change it.
-    tolerance: that of its values, as a length in the scene. in_front, is_edited: of the object that is seen.
-    """
+    """An evaluated object to draw, valid only until the next item. key: equal for objects that look the same. owner:
+    the session identifier of the object whose changes change the item. tolerance: of the values, as a length in the
+    scene. in_front, is_edited: of the visible object."""
 
     evaluated: bpy.types.Object
     key: Hashable
@@ -34,7 +32,7 @@ class Item:
     is_edited: bool
 
     def read(self, kind: Shown) -> DisplayedMesh | None:
-        """What is drawn of it."""
+        """The mesh to draw; None without values."""
         # This completes what Blender evaluates late, as in Edit Mode and where the graphics card subdivides.
         mesh = self.evaluated.to_mesh()
         try:
@@ -48,7 +46,7 @@ class Item:
 
 
 def items(depsgraph: bpy.types.Depsgraph, space: bpy.types.SpaceView3D, kind: Shown) -> Iterator[Item]:
-    """All that is to be drawn in a 3D View."""
+    """The items to draw in a 3D View."""
     for instance in depsgraph.object_instances:
         evaluated = instance.object
         if evaluated.type != "MESH" or not instance.show_self or not _may_have_values(evaluated, kind):
@@ -71,10 +69,8 @@ def _may_have_values(evaluated: bpy.types.Object, kind: Shown) -> bool:
 
 
 def _key(evaluated: bpy.types.Object, *, is_own: bool) -> Hashable:
-    """What tells apart objects that look different.
-
-    is_own: whether the object was made by the modifiers of the one that is seen, as an instance.
-    """
+    """A key that differs for objects that look different. is_own: whether modifiers of the visible object made the
+    object, as an instance."""
     original = evaluated.original
     if is_own:
         return original.session_uid, evaluated.data.session_uid, evaluated.data.name

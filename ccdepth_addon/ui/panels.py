@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The sidebar's CC Depth tab: what all buttons go by, and the panel that analyses: depths, and levels set by them."""
+"""The sidebar's CC Depth tab: the settings of all buttons, and the panel Analyse with depths and levels."""
 
 from collections.abc import Callable
 from typing import ClassVar
@@ -126,7 +126,7 @@ class CCDEPTH_PT_advanced(SidebarPanel, bpy.types.Panel):
 
 
 def _draw_refusal(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """What the last run could not use, and buttons that select it and remove it."""
+    """The number of faces at fault in the last run, and buttons that select and remove these faces."""
     faces = sum(known.faces_at_fault(mesh) for mesh in {each.data for each in refused_objects(context)})
     if faces:
         column = layout.column(align=True)
@@ -140,7 +140,8 @@ def _draw_refusal(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
 def _draw_too_deep(
     layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup, objects: list[bpy.types.Object]
 ) -> None:
-    """How many faces need more levels than can be set, with buttons that select these and divide the others less."""
+    """The number of faces that need more levels than can be set, with buttons that select these faces and divide the
+    others less."""
     deep = [found for each in objects if (found := too_deep(each.data.ccdepth, settings.max_faces))]
     fitting = min((each.fitting for each in deep), default=0)
     faces = sum(faces for depth, faces in faces_by_depth(objects).items() if depth > fitting) if deep else 0
@@ -159,7 +160,8 @@ def _draw_too_deep(
 
 
 def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: bpy.types.Object | None = None) -> str:
-    """Why the result is out of date, or does not hold for an object that uses the mesh; empty when neither is so."""
+    """The reason why the result is out of date, or does not hold for an object that uses the mesh; empty where the
+    result holds."""
     record = mesh.ccdepth
     is_uncovered = holder is not None and out_of_date.is_uncovered(holder)
     if out_of_date.is_stale(mesh):
@@ -179,15 +181,15 @@ def stale_line(settings: bpy.types.PropertyGroup, mesh: bpy.types.Mesh, holder: 
 
 
 def result_line(settings: bpy.types.PropertyGroup, result: bpy.types.Object) -> str:
-    """Why Update Result would change a result of Apply Adaptive Subdivision; empty when it would not. Depths that were
-    computed of the result itself, or cleared, do not matter."""
+    """The reason why Update Result would change a result of Apply Adaptive Subdivision; empty without a reason. Depths
+    of the result itself, computed or cleared, do not matter."""
     if result.data.ccdepth.subdivision and (line := stale_line(settings, result.data, result)):
         return line
     return _changed_since_made(settings, result)
 
 
 def _changed_since_made(settings: bpy.types.PropertyGroup, result: bpy.types.Object) -> str:
-    """The same for its source and the settings; what cannot be updated holds for the settings it was made with."""
+    """The reason in the source or the settings; a result without a source holds for its own settings."""
     if result_record.source_of(result) is None:
         return ""
     if out_of_date.source_has_changed(result):
@@ -205,7 +207,7 @@ def draw_main_button(layout: bpy.types.UILayout, operator: str, icon: str) -> No
 def draw_selecting(
     layout: bpy.types.UILayout, context: bpy.types.Context, operator: str, icon: str
 ) -> bpy.types.UILayout:
-    """A button that selects faces, and beside it in Object Mode one that edits these."""
+    """A button that selects faces, and beside it in Object Mode a button that edits the selected faces."""
     row = layout.row(align=True)
     row.operator(operator, icon=icon)
     if context.mode == "OBJECT":
@@ -214,8 +216,8 @@ def draw_selecting(
 
 
 def draw_state_line(layout: bpy.types.UILayout, stale: str) -> None:
-    """Why something is out of date, or that it is not: a line either way, so that nothing below it moves; two lines
-    where the text has two parts."""
+    """The reason why something is out of date, or “Up to date”: a line either way, so that nothing below moves; two
+    lines for a text of two parts."""
     column = layout.column(align=True)
     column.alert = bool(stale)
     first, *others = (stale or "Up to date").split("; ")
@@ -227,7 +229,7 @@ def draw_state_line(layout: bpy.types.UILayout, stale: str) -> None:
 def draw_object_rows(
     layout: bpy.types.UILayout, objects: list[bpy.types.Object], line_of: Callable[[bpy.types.Object], str]
 ) -> None:
-    """A row for each of several objects; where one is out of date it says why."""
+    """A row for each of several objects, with the reason where the result is out of date."""
     column = layout.box().column(align=True)
     _draw_object_row(column, "Object", "Faces", "Depth").active = False
     for each in objects[:MOST_OBJECTS]:

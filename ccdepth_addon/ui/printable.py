@@ -18,7 +18,7 @@ def printable(text: str) -> str:
 
 
 def printable_lines(text: str) -> str:
-    """The same of a text of several lines, which stay."""
+    """A text of several lines with every control character in a line as its escape sequence."""
     return "\n".join(map(printable, text.split("\n")))
 
 

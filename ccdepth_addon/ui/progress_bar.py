@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far a long run is, in the status bar: a bar where the end is known, else a ring that turns, and what Esc does."""
+"""The progress of a long run in the status bar: a bar where the end is known, otherwise a turning ring, and the effect
+of Esc."""
 
 from __future__ import annotations
 
@@ -32,5 +33,5 @@ def show(context: bpy.types.Context, text: str, fraction: float | None) -> None:
 
 
 def hide(context: bpy.types.Context) -> None:
-    """Show what the status bar shows otherwise."""
+    """Give the status bar back to Blender."""
     context.workspace.status_text_set(None)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which results and refusals the panel and the legend are about, and their totals."""
+"""The selected objects with results or refusals, for panels and legend, and their totals."""
 
 from __future__ import annotations
 
@@ -17,33 +17,33 @@ MOST_SEARCHED = 1000
 
 
 def chosen_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The selected or edited mesh objects, or the active one: those that buttons are about."""
+    """The mesh objects that buttons work on: the selected or edited objects, or else the active one."""
     return _selected(context, lambda _holder: True)
 
 
 def selected_results(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The selected or edited objects with depths, whatever the active one is; or the active one."""
+    """The selected or edited objects with depths, or else the active one."""
     return _selected(context, lambda holder: results.has_result(holder.data))
 
 
 def with_depths(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """Those of them that were not made by subdivision."""
+    """The selected objects with depths that were not made by subdivision."""
     return [each for each in selected_results(context) if not each.data.ccdepth.subdivision]
 
 
 def made_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The same of objects that Apply Adaptive Subdivision made, from others or in place."""
+    """The selected objects that Apply Adaptive Subdivision made, from others or in place."""
     return _selected(context, lambda holder: result_record.is_result(holder) or result_record.is_adaptive(holder))
 
 
 def refused_objects(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The same of objects with faces that the last run could not use."""
+    """The selected objects with faces that the last run could not use."""
     return _selected(context, lambda holder: known.faces_at_fault(holder.data) > 0)
 
 
 def colored_objects(context: bpy.types.Context, kind: Shown) -> list[bpy.types.Object]:
-    """The objects that the legend is about: those of the selected ones that show a heat map; or the active one; or all
-    that do."""
+    """The objects of the legend: the selected objects that show a heat map; or else the active one; or else all
+    objects that show one."""
 
     def is_colored(holder: bpy.types.Object) -> bool:
         return heat_map.has_shown(holder.data, kind) and bool(holder.visible_get())
@@ -66,7 +66,7 @@ def _selected(context: bpy.types.Context, wanted: Callable[[bpy.types.Object], b
 
 
 def faces_by_depth(objects: Iterable[bpy.types.Object]) -> Counter[int]:
-    """How many faces have which depth, each mesh counted once."""
+    """The number of faces of each depth; each mesh counts once."""
     counts = Counter[int]()
     for mesh in {each.data for each in objects}:
         for row in mesh.ccdepth.rows:

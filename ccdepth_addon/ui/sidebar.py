@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the panels of the sidebar's CC Depth tab share."""
+"""Common parts of the panels in the sidebar's CC Depth tab."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ class SidebarPanel:
 
 
 def settings_column(layout: bpy.types.UILayout, heading: str = "") -> bpy.types.UILayout:
-    """A column of settings with their names at the left, like Blender's own, and nothing to key them with."""
+    """A column of settings with names at the left, like Blender's own, and without dots for keyframes."""
     column = layout.column(heading=heading)
     column.use_property_split = True
     column.use_property_decorate = False

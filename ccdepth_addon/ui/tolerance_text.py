@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The tolerance in other words: in full where its field shows too few digits, and as the other mode would have it."""
+"""The tolerance in other words: in full where its field shows too few digits, and in the other mode."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ MOST_OBJECTS = 8
 
 
 def tolerance_text(context: bpy.types.Context) -> str:
-    """What the tolerance of the scene is on the active object, or on the selected ones where that is no mesh, as far as
-    that is known; empty when there is nothing to add to its field."""
+    """The scene's tolerance as a length or a part of the active object, or of the selected ones where the active one
+    is no mesh; empty where the sizes are not known and the field says all."""
     scene, settings = context.scene, context.scene.ccdepth
     relative = settings.tolerance_mode == "RELATIVE"
     tolerance = scene_tolerance(settings)
@@ -39,7 +39,7 @@ def tolerance_text(context: bpy.types.Context) -> str:
 
 
 def _known_diagonals(context: bpy.types.Context) -> list[float]:
-    """Of the objects that it is told for; empty when one of them is not known."""
+    """The diagonals of the objects that the tolerance is told for; empty where one is not known."""
     holders = objects_for_tolerance(context)
     if len(holders) > MOST_OBJECTS:
         return []
