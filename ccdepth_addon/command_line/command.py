@@ -4,12 +4,14 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
 import traceback
 from argparse import Namespace
-from collections.abc import Generator, Iterable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack, closing, contextmanager, redirect_stdout, suppress
 from pathlib import Path
+from types import FrameType
 from typing import Any, TextIO
 
 import bpy
@@ -18,7 +20,6 @@ from ..ui.printable import printable, printable_lines
 from . import picture
 from .arguments import STANDARD_OUTPUT, Parser, action_of
 from .blender_calls import CommandError
-from .interruption import exit_status, interruptible, refuse_if_interrupted
 from .mesh_files import BLEND
 from .one_file import claimed_output, process_file
 from .processes import answer, given_numbers, own_process, process_files
@@ -42,6 +43,9 @@ NOT_UNICODE = "backslashreplace"
 
 _handle: Any = None
 
+# The signal that ends the run, if one has come.
+_received: int | None = None
+
 
 def run(arguments: Sequence[str], program: str = PROGRAM, process: Sequence[str] | None = None) -> int:
     """Run a command line; returns the exit status. Errors go to the standard error.
@@ -54,13 +58,13 @@ def run(arguments: Sequence[str], program: str = PROGRAM, process: Sequence[str]
     except SystemExit as finished:
         return int(finished.code or 0)
     try:
-        with interruptible(), scripts_as_started(), _standard_output(options) as standard_output:
+        with _interruptible(), scripts_as_started(), _standard_output(options) as standard_output:
             is_good = _execute(options, program, arguments, process, standard_output)
             sys.stdout.flush()
             standard_output.flush()
     except KeyboardInterrupt:
         _tell(program, "interrupted; files that are there are whole")
-        return exit_status()
+        return _exit_status()
     except (*FAULTS, ReportError) as fault:
         # What was to be printed may be what cannot be written.
         with suppress(OSError):
@@ -150,7 +154,7 @@ def _one_after_the_other(
             # A mistake of ours must not keep the other files from being done.
             traceback.print_exc()
             entry = _failed(source, f"{type(fault).__name__}: {fault}")
-        refuse_if_interrupted()
+        _refuse_if_interrupted()
         yield number, entry
 
 
@@ -206,6 +210,45 @@ def _standard_output(options: Namespace) -> Iterator[TextIO]:
         os.dup2(2, 1)
         with redirect_stdout(sys.stderr):
             yield kept
+
+
+@contextmanager
+def _interruptible() -> Iterator[None]:
+    """Let KeyboardInterrupt be raised when SIGINT or SIGTERM comes, which would end Blender at once or not at all; the
+    second one ends it. Writing to a process or a terminal that has gone is an error, and does not end Blender."""
+    global _received
+    _received = None
+    handlers: dict[signal.Signals, Callable[[int, FrameType | None], None] | signal.Handlers] = {
+        signal.SIGINT: _interrupt,
+        signal.SIGTERM: _interrupt,
+    }
+    if hasattr(signal, "SIGPIPE"):
+        handlers[signal.SIGPIPE] = signal.SIG_IGN
+    before = {number: signal.signal(number, handler) for number, handler in handlers.items()}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            # None stands for what was not set from Python.
+            signal.signal(number, signal.SIG_DFL if handler is None else handler)
+
+
+def _interrupt(number: int, _frame: FrameType | None) -> None:
+    global _received
+    _received = number
+    signal.signal(number, signal.SIG_DFL)
+    raise KeyboardInterrupt
+
+
+def _refuse_if_interrupted() -> None:
+    """Raise KeyboardInterrupt once more if it was raised within an operator: Blender makes a report of it."""
+    if _received is not None:
+        raise KeyboardInterrupt
+
+
+def _exit_status() -> int:
+    """What a shell says of a program that was ended by the signal."""
+    return 128 + (_received or signal.SIGINT)
 
 
 def register() -> None:

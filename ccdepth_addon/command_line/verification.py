@@ -12,8 +12,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ..exchange.displayed_mesh import shown_modifiers
 from ..exchange.modifiers import applied_modifiers
-from ..exchange.shown_mesh import shown_modifiers
 from ..operators.measure_deviation import surface_object
 from ..state.properties import set_scene_tolerance
 from ..tasks.deviation_task import Measured, MeasureTask, prepare_measurement

@@ -13,8 +13,8 @@ import numpy as np
 
 from ..core import InvalidMeshError, no_report
 from ..exchange.control_mesh import ControlMeshError
+from ..exchange.displayed_mesh import ShownMesh, Triangles, read_shown_mesh
 from ..exchange.mesh_arrays import mesh_face_count
-from ..exchange.shown_mesh import ShownMesh, Triangles, read_shown_mesh
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, measure
 from .blender_calls import CommandError
 from .mesh_files import BLEND, NO_NAME, read_back

@@ -12,8 +12,7 @@ from ..core import BoolArray, FloatArray, Places, ShortIndexArray, TriangleMesh
 from .blender_arrays import TYPES, read_built_in, read_values, write_values
 from .custom_normals import CARRIED_NORMAL
 from .data_blocks import own_copy, unused_name
-from .kept_lines import border_edges, changes_along_lines, line_edges
-from .line_thinning import thin_lines
+from .feature_lines import border_edges, changes_along_lines, line_edges, thin_lines
 
 # What the tolerance is where Decimate works: it takes places for flat by lengths in the unit of the coordinates.
 TOLERANCE = 0.01

@@ -19,8 +19,7 @@ import numpy as np
 
 from ..core import FloatArray
 from .control_mesh import gram_matrix
-from .mesh_arrays import CREASE_DOMAINS
-from .mesh_checksums import checksum_of_points, geometry_checksum
+from .mesh_arrays import CREASE_DOMAINS, checksum_of_points, geometry_checksum
 from .modifiers import NOT_SHAPING, OF_OBJECT, SIMULATIONS, counted_modifiers, shown_vertices, surface_rule
 
 # Places of other objects are rounded: objects that are turned together keep them but for rounding.

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Evaluated mesh → the triangles and edges that the viewport draws, with a value for each face."""
+"""Blender object → what the viewport draws of it: triangles, with the modifiers that show there, for measuring; and
+triangles and edges with a value for each face, for the overlay."""
 
 from __future__ import annotations
 
@@ -9,8 +10,97 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core import FloatArray, IndexArray, InvalidMeshError
 from .blender_arrays import read_built_in, read_values
+from .control_mesh import ControlMeshError
+from .evaluated import evaluated
+from .mesh_arrays import own_mesh
+from .modifiers import NOT_SHAPING, SIMULATIONS, is_evaluated
 from .result_attributes import AttributeKind, has_values
+
+
+@dataclass(frozen=True)
+class Triangles:
+    """positions: (V, 3) float64, those of the triangles alone. corners: (T, 3) intp, the vertices of each triangle.
+    faces: (T,) intp, the face of the object's own mesh that each comes from, or ``NO_ORIGIN``."""
+
+    positions: FloatArray
+    corners: IndexArray
+    faces: IndexArray
+
+
+@dataclass(frozen=True)
+class ShownMesh:
+    """What an object shows. triangles: in object space. linear, location: (3, 3), (3,) float64, of its matrix."""
+
+    triangles: Triangles
+    linear: FloatArray
+    location: FloatArray
+
+    def positions_from(self, origin: FloatArray) -> FloatArray:
+        """(V, 3): the positions in the scene, counted from a point of it."""
+        # Column by column and in this order, as for the control mesh: equal points stay equal.
+        x, y, z = self.triangles.positions.T
+        offset = self.location - origin
+        columns = [x * row[0] + y * row[1] + z * row[2] + along for row, along in zip(self.linear, offset, strict=True)]
+        return np.stack(columns, axis=1)
+
+    def rounding_from(self, origin: FloatArray) -> float:
+        """The largest rounding error of those positions in double precision.
+
+        Each coordinate is a sum of four terms: at most six roundings of u = 2⁻⁵³ each, of the sum of the terms'
+        absolute values; three coordinates make √3 of that, and so 16u is enough.
+        """
+        largest = np.abs(self.triangles.positions).max(axis=0, initial=0.0)
+        terms = np.abs(self.linear) @ largest + np.abs(self.location) + np.abs(origin)
+        return float(16 * 2.0**-53 * terms.max())
+
+
+def shown_modifiers(blender_object: bpy.types.Object) -> list[bpy.types.Modifier]:
+    """The modifiers that shape what the object shows; in Edit Mode, those of Object Mode as well."""
+    return [m for m in blender_object.modifiers if m.show_viewport and m.type not in NOT_SHAPING]
+
+
+def read_shown_mesh(context: bpy.types.Context, blender_object: bpy.types.Object) -> ShownMesh:
+    """What the object shows now; in Edit Mode, of the mesh as it is being edited.
+
+    Nothing of the file is changed. Raises ControlMeshError when a simulation makes it, and InvalidMeshError when there
+    are no faces, or vertices at no finite position.
+    """
+    matrix = np.array(blender_object.evaluated_get(context.evaluated_depsgraph_get()).matrix_world, dtype=np.float64)
+    if not np.isfinite(matrix).all():
+        raise InvalidMeshError("the object is at no finite place")
+    shown = shown_modifiers(blender_object)
+    for modifier in shown:
+        if modifier.type in SIMULATIONS:
+            raise ControlMeshError(
+                f"the modifier “{modifier.name}” is a simulation, which cannot be measured: apply it, or hide it"
+            )
+    if is_evaluated(blender_object, shown):
+        with evaluated(context, {blender_object: shown}) as copies:
+            triangles = _triangles(*copies.made(blender_object))
+    else:
+        with own_mesh(blender_object) as own:
+            triangles = _triangles(own, np.arange(len(own.polygons)))
+    return ShownMesh(triangles, matrix[:3, :3], matrix[:3, 3])
+
+
+def _triangles(mesh: bpy.types.Mesh, face_origins: IndexArray) -> Triangles:
+    """The triangles Blender draws of a mesh whose faces come from these."""
+    mesh.calc_loop_triangles()
+    corners = read_values(mesh.loop_triangles, "loops", np.int32, 3)
+    if not len(corners):
+        raise InvalidMeshError("the object shows no faces")
+    faces = read_values(mesh.loop_triangles, "polygon_index", np.int32)
+    vertices = read_built_in(mesh.attributes, ".corner_vert", "value", np.int32)[corners]
+    positions = read_built_in(mesh.attributes, "position", "vector", np.float32, 3).astype(np.float64)
+    used = np.zeros(len(positions), dtype=bool)
+    used[vertices] = True
+    nowhere = int(np.count_nonzero(~np.isfinite(positions[used]).all(axis=1)))
+    if nowhere:
+        raise InvalidMeshError(f"it shows {nowhere:,} {'vertex' if nowhere == 1 else 'vertices'} at no finite position")
+    return Triangles(positions[used], (np.cumsum(used) - 1)[vertices], face_origins[faces])
+
 
 # Edges of larger meshes are too many to be seen, and take long to draw.
 MOST_EDGES = 400_000

@@ -19,7 +19,7 @@ from ..exchange.control_mesh import base_mesh
 from ..exchange.data_blocks import is_writable, own_copy
 from ..exchange.dependencies import StateAtFrame, object_state
 from ..exchange.evaluated import Evaluated, batches, evaluated
-from ..exchange.mesh_checksums import geometry_checksum
+from ..exchange.mesh_arrays import geometry_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers, subdivision_modifier
 from ..state import out_of_date, result_record, results, still_holds
 from ..state.result_record import MadeWith

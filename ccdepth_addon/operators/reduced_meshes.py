@@ -12,7 +12,7 @@ from ..core import FloatArray, Proof, Reduction
 from ..exchange.blender_arrays import read_values
 from ..exchange.custom_normals import CarriedNormals
 from ..exchange.decimation import Decimation
-from ..exchange.mesh_checksums import geometry_checksum
+from ..exchange.mesh_arrays import geometry_checksum
 from ..exchange.result_attributes import DEPTH, DEPTH_KIND, write_face_values
 from ..exchange.vertex_groups import has_groups
 from ..state import results

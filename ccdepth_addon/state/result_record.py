@@ -14,7 +14,7 @@ import bpy
 from bpy.props import BoolProperty, CollectionProperty, FloatProperty, PointerProperty, StringProperty
 
 from ..exchange.dependencies import object_state
-from ..exchange.mesh_checksums import content_checksum
+from ..exchange.mesh_arrays import content_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers
 from ..exchange.result_attributes import ATTRIBUTES
 from ..tasks.surfaces import shortest_decimal

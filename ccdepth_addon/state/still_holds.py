@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 
 from ..core import BoolArray, FloatArray
 from ..exchange.dependencies import KnownDescriptions, ObjectState, StateAtFrame, object_state, shown_checksum
-from ..exchange.mesh_arrays import mesh_face_count, own_mesh
-from ..exchange.mesh_checksums import continued, geometry_checksum
+from ..exchange.displayed_mesh import shown_modifiers
+from ..exchange.mesh_arrays import continued, geometry_checksum, mesh_face_count, own_mesh
 from ..exchange.result_attributes import DEPTH, DEPTH_KIND, DEVIATION_KIND, AttributeKind, has_values, read_face_values
-from ..exchange.shown_mesh import shown_modifiers
 from . import results
 
 # How far, relatively, an object's scale may drift by rounding while it is turned.

@@ -38,8 +38,7 @@ from ..core import (
 from ..exchange.control_mesh import ControlMesh, ControlMeshError, SharedMeshes, read_control_mesh
 from ..exchange.dependencies import KnownDescriptions, ObjectState, StateAtFrame, object_state
 from ..exchange.evaluated import NO_ORIGIN, evaluated, in_batches
-from ..exchange.mesh_arrays import mesh_face_count, own_mesh
-from ..exchange.mesh_checksums import geometry_checksum
+from ..exchange.mesh_arrays import geometry_checksum, mesh_face_count, own_mesh
 from ..exchange.modifiers import OF_OBJECT, counted_modifiers, shown_vertices
 from .frames import frame_restored, typed_frames
 from .surfaces import Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of, surfaces_covering_others

@@ -16,10 +16,10 @@ import numpy as np
 
 from ..core import Deviation, FloatArray, IndexArray, InvalidMeshError, Progress, measure_deviation, part_of, validate
 from ..exchange.control_mesh import read_control_mesh
+from ..exchange.displayed_mesh import ShownMesh, read_shown_mesh
 from ..exchange.evaluated import NO_ORIGIN
 from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import subdivision_modifier
-from ..exchange.shown_mesh import ShownMesh, read_shown_mesh
 from .surfaces import ComputeError, Faults, Surface, SurfaceSettings, refuse_bad_tolerance, surface_of
 
 # What rounding can take from a tolerance less a rounding, as a part of it.

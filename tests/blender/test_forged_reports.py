@@ -358,7 +358,7 @@ def test_closed_and_oriented_meshes_are_told(suffix: str, tmp_path: Path) -> Non
 
 def test_edges_are_counted_as_by_hand() -> None:
     """Of few vertices, so that edges are shared in every way, and some triangles have two corners at one."""
-    shown, edges_of = addon.module("exchange.shown_mesh"), addon.module("command_line.written_meshes").Edges.of
+    shown, edges_of = addon.module("exchange.displayed_mesh"), addon.module("command_line.written_meshes").Edges.of
     generator = np.random.default_rng(1)
     for _ in range(60):
         corners = generator.integers(0, 4, (int(generator.integers(1, 6)), 3))
