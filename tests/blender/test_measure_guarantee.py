@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from tests import meshes
 from tests.blender import addon, scene
+from tests.blender.test_adaptive_guarantee import nearest
 from tests.thorough import each
 
 FloatArray = NDArray[np.float64]
@@ -71,10 +72,6 @@ def limit_surface(source: bpy.types.Object, levels: int) -> Shown:
     return surface
 
 
-def largest_distance(points: FloatArray, tree: BVHTree) -> float:
-    return max(tree.find_nearest(point)[3] for point in points.tolist())
-
-
 def assert_between(measured: bpy.types.Object, source: bpy.types.Object, levels: int, ratio: float = 1.05) -> None:
     """upper ≥ true ≥ lower for the measurement just made, and the two within the accuracy of each other."""
     record = measured.data.ccdepth
@@ -83,9 +80,9 @@ def assert_between(measured: bpy.types.Object, source: bpy.types.Object, levels:
     tree = surface.tree()
     single = SINGLE * max(np.abs(mesh.positions).max(), np.abs(surface.positions).max())
     # Its vertices are on the surface, and each level makes its faces four times as good: a third of this is left.
-    off = largest_distance(surface.positions, coarser.tree())
-    there = largest_distance(surface.positions, mesh.tree())
-    back = largest_distance(mesh.samples(), tree)
+    off = nearest(coarser.tree(), surface.positions)[0].max()
+    there = nearest(mesh.tree(), surface.positions)[0].max()
+    back = nearest(tree, mesh.samples())[0].max()
     assert upper >= there - single
     assert upper >= back - off - single
     assert lower <= SEEN * max(there, back) + off + single
@@ -100,7 +97,7 @@ def assert_between(measured: bpy.types.Object, source: bpy.types.Object, levels:
 
 
 @pytest.mark.parametrize("limit", [False, True])
-@pytest.mark.parametrize("levels", each([1, 2, 3, 4], short=[1, 2]))
+@pytest.mark.parametrize("levels", each([1, 2, 3, 4], short=[1]))
 def test_suzanne_at_levels(levels: int, limit: bool) -> None:
     holder = scene.add_suzanne()
     scene.add_subdivision(holder, levels).use_limit_surface = limit

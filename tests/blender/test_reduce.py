@@ -14,15 +14,15 @@ from itertools import islice, product
 import bpy
 import numpy as np
 import pytest
-from mathutils.bvhtree import BVHTree
 
 from tests import meshes
 from tests.blender import addon, scene, snapshot
 from tests.blender.named_meshes import NAMED
 from tests.blender.subdividing import faces, refused, shape, subdivide
 from tests.blender.test_adaptive_guarantee import nearest, points_of_triangles, some
+from tests.blender.test_measure_guarantee import Shown, limit_surface, shown
 from tests.steps import result_of, taken
-from tests.thorough import combinations
+from tests.thorough import each
 
 # The level of the modifier that stands for the surface, its most quads, and the most points of it and triangles of the
 # result that are measured.
@@ -50,17 +50,12 @@ def bevelled(kind: str) -> meshes.MeshData:
     return data
 
 
-def surface_points(data: meshes.MeshData, world: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(V, 3) points of the limit surface in the scene, and (T, 3) the triangles between them."""
-    added = scene.add_object(data, "Surface")
-    level = LEVEL + bool(data.edge_creases)
-    while len(data.face_sizes) * 4**level > MOST_QUADS:
+def surface_of(original: bpy.types.Object) -> Shown:
+    """The limit surface of an object in the scene, as fine as ``MOST_QUADS`` allow."""
+    level = LEVEL + ("crease_edge" in original.data.attributes)
+    while len(original.data.polygons) * 4**level > MOST_QUADS:
         level -= 1
-    modifier = scene.add_subdivision(added, level)
-    modifier.use_limit_surface, modifier.quality = True, 10
-    surface = scene.evaluated_mesh_data(added)
-    bpy.data.meshes.remove(added.data)
-    return surface.positions @ world.T, surface.corner_vertices.reshape(-1, 4)[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)
+    return limit_surface(original, level)
 
 
 CASES: dict[str, Callable[[], meshes.MeshData]] = {
@@ -98,37 +93,34 @@ def cases() -> list[object]:
 
 @pytest.mark.parametrize(("name", "relative"), cases())
 def test_results_are_within_the_tolerance_both_ways(name: str, relative: float) -> None:
-    data = meshes.single_precision(CASES[name]())
-    original = scene.add_object(data)
+    original = scene.add_object(CASES[name]())
     if name in ("torus", "Suzanne"):
         original.scale, original.rotation_euler = (1.0, 2.0, 0.5), (0.3, 0.2, 0.1)
-        bpy.context.view_layer.update()
-    world = np.array(original.matrix_world)[:3, :3]
     (result,) = subdivide(original, tolerance=relative, tolerance_mode="RELATIVE", reduce=True)
-    mesh, tolerance = result.data, result.data.ccdepth.world_tolerance
+    tolerance = result.data.ccdepth.world_tolerance
     bounds = addon.bounds(result)
     assert bounds.max() <= tolerance * (1 + 1e-6)  # Stored in single precision, rounded up.
-    points, facets = surface_points(data, world)
-    positions, triangles = shape(result), scene.triangles_of(mesh)
-    surface, drawn = (
-        BVHTree.FromPolygons(vertices.tolist(), corners.tolist(), all_triangles=True)
-        for vertices, corners in ((points, facets), (positions, triangles))
-    )
-    assert nearest(drawn, points[some(len(points), MOST_POINTS)])[0].max() <= tolerance
-    chosen = some(len(triangles), MOST_TRIANGLES)
+    surface, drawn = surface_of(original), shown(result)
+    points = surface.positions[some(len(surface.positions), MOST_POINTS)]
+    assert nearest(drawn.tree(), points)[0].max() <= tolerance
+    chosen = some(len(drawn.triangles), MOST_TRIANGLES)
     # Its corners may lie off the surface, unlike those of an adaptive mesh.
-    corners = positions[triangles[chosen]]
+    corners = drawn.positions[drawn.triangles[chosen]]
     samples = np.concatenate([corners, points_of_triangles(corners)], axis=1)
-    back = nearest(surface, samples.reshape(-1, 3))[0].reshape(len(chosen), -1).max(axis=1)
+    back = nearest(surface.tree(), samples.reshape(-1, 3))[0].reshape(len(chosen), -1).max(axis=1)
     assert back.max() <= (1 + FACETS) * tolerance
-    if len(triangles) == faces(result):
+    if len(drawn.triangles) == faces(result):
         # A triangle's bound is that of its own points; points of the surface may count for a triangle beside.
         assert np.all(back <= bounds[chosen] + FACETS * tolerance)
 
 
-@pytest.mark.parametrize(("primitive", "has_uvs"), combinations([("cube", 630), ("cylinder", 1330)], [True, False]))
-def test_bevelled_primitives_get_few_triangles(primitive: tuple[str, int], has_uvs: bool) -> None:
-    name, most = primitive
+PRIMITIVES = [(name, has_uvs) for name in ("cube", "cylinder") for has_uvs in (True, False)]
+
+
+@pytest.mark.parametrize("primitive", each(PRIMITIVES, short=[("cube", True)]))
+def test_bevelled_primitives_get_few_triangles(primitive: tuple[str, bool]) -> None:
+    name, has_uvs = primitive
+    most = {"cube": 630, "cylinder": 1330}[name]
     original = scene.add_object(bevelled(name))
     if has_uvs:
         original.data.uv_layers.new(name="UVMap")
