@@ -89,13 +89,13 @@ def test_scale_is_counted_in(scale: tuple[float, float, float]) -> None:
     holder = scene.add_suzanne()
     holder.scale = scale
     holder.location = (100.0, 0.0, 0.0)
-    [scaled] = subdivide(holder, tolerance=0.02)
+    [scaled] = subdivide(holder, tolerance=0.05)
     applied = scene.add_suzanne()
     applied.data.transform(Matrix.Diagonal((*scale, 1.0)))
-    [same] = subdivide(applied, tolerance=0.02)
+    [same] = subdivide(applied, tolerance=0.05)
     assert abs(faces(scaled) - faces(same)) <= 0.002 * faces(same)
     assert scaled.scale[:] == pytest.approx(scale)
-    assert addon.bounds(scaled).max() <= np.float32(0.02)
+    assert addon.bounds(scaled).max() <= np.float32(0.05)
 
 
 def test_a_relative_tolerance_is_a_part_of_the_diagonal() -> None:
@@ -254,13 +254,13 @@ def test_shape_keys_stay_and_their_mix_is_measured() -> None:
     for point in key.points:
         point.co.z *= 3.0
     key.value = 1.0
-    [result] = subdivide(holder)
+    [result] = subdivide(holder, tolerance=ROUGH)
     long = scene.add_suzanne()
     long.data.transform(Matrix.Diagonal((1.0, 1.0, 3.0, 1.0)))
-    [same] = subdivide(long)
+    [same] = subdivide(long, tolerance=ROUGH)
     assert [block.name for block in result.data.shape_keys.key_blocks] == ["Basis", "Long"]
     assert abs(faces(result) - faces(same)) <= 0.01 * faces(same)
-    assert addon.bounds(result).max() <= np.float32(TOLERANCE)
+    assert addon.bounds(result).max() <= np.float32(ROUGH)
 
 
 def test_shape_keys_are_applied_with_modifiers_and_that_is_said(capfd: pytest.CaptureFixture[str]) -> None:

@@ -128,7 +128,7 @@ def test_it_says_when_results_are_out_of_date() -> None:
 
 def test_distances_have_a_scale_up_to_the_tolerance_or_to_a_distance() -> None:
     settings = bpy.context.scene.ccdepth
-    [result] = subdivide(scene.add_suzanne(), tolerance=0.03)
+    [result] = subdivide(scene.add_object(meshes.cube()), tolerance=0.03)
     record = result.data.ccdepth
     legend = shown_legend()
     assert legend.title == "Proved Distance (m)"
@@ -145,7 +145,7 @@ def test_distances_have_a_scale_up_to_the_tolerance_or_to_a_distance() -> None:
 
 
 def test_tolerances_that_differ_are_told_in_parts() -> None:
-    sources = [scene.add_suzanne(), scene.add_object(meshes.cube(), "Cube")]
+    sources = [scene.add_object(meshes.landscape(3, 3)), scene.add_object(meshes.cube(), "Cube")]
     addon.select(*subdivide(*sources, tolerance_mode="RELATIVE", tolerance=0.01))
     legend = shown_legend()
     assert legend.title == "Proved Distance (%)"

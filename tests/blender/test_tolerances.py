@@ -296,11 +296,12 @@ def test_faces_of_several_objects_count_together() -> None:
 
 
 def test_a_flat_mesh_gets_the_least_tolerance_that_is_taken() -> None:
-    """It is curved along its boundary alone."""
-    holder = scene.add_object(meshes.grid(1, 1))
-    tolerance = find(holder, face_budget=2_000)
+    """Its corners and its border stay where they are."""
+    holder = scene.add_object(meshes.grid(2, 2))
+    scene.add_subdivision(holder, 1, "PRESERVE_CORNERS")
+    tolerance = find(holder, face_budget=100)
     assert tolerance < 1e-4
-    assert made_with(tolerance, holder) <= 2_000
+    assert made_with(tolerance, holder) <= 100
 
 
 def test_too_few_faces_are_refused() -> None:
