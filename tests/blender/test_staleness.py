@@ -99,6 +99,11 @@ def fill(holder: bpy.types.Object, name: str, values: float, kind: tuple[str, st
     holder.data.update()
 
 
+def crease_an_edge(holder: bpy.types.Object) -> None:
+    holder.data.attributes["crease_edge"].data[0].value = 0.6
+    holder.data.update()
+
+
 def set_on(*holders: Any, **values: object) -> None:
     for holder in holders:
         for name, value in values.items():
@@ -139,6 +144,7 @@ CHANGES: dict[str, tuple[Callable[[Made], object], str]] = {
     "a vertex of the source": (lambda made: move_vertex(made.source.data), ALL),
     "a vertex of the other object": (lambda made: move_vertex(made.other.data), "other"),
     "creases of edges": (lambda made: fill(made.source, "crease_edge", 0.9), ALL),
+    "the crease of an edge": (lambda made: crease_an_edge(made.source), ALL),
     "creases of vertices": (lambda made: fill(made.source, "crease_vert", 0.5, ("FLOAT", "POINT")), ALL),
     "creases of another kind": (lambda made: fill(made.source, "crease_vert", 1, ("INT", "FACE")), ALL),
     "creases of zero": (lambda made: fill(made.source, "crease_vert", 0, ("FLOAT", "POINT")), ""),

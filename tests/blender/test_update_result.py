@@ -91,11 +91,11 @@ def test_everything_but_the_mesh_stays() -> None:
 
 
 def test_materials_of_the_source_come_along_where_the_result_has_none_of_its_own() -> None:
-    source, result = made_result()
+    source = scene.add_object(meshes.cube())
     first, second, own, late = (bpy.data.materials.new(name) for name in ("First", "Second", "Own", "Late"))
     source.data.materials.append(first)
     source.data.materials.append(first)
-    update(result)
+    [result] = subdivide(source)
     result.data.materials[1] = own
     source.data.materials[0] = second
     source.data.materials.append(late)
@@ -167,11 +167,11 @@ def test_shape_keys_of_the_source_come_along() -> None:
 
 def test_several_results_and_a_duplicate_of_one_are_updated_together() -> None:
     sources = [scene.add_object(meshes.cube(), "One"), scene.add_object(meshes.landscape(4, 4), "Two")]
-    one, two = subdivide(*sources)
+    one, two = subdivide(*sources, tolerance=0.1)
     copy = linked_copy(one)
     copy.data = one.data.copy()
     before = faces(one), faces(two)
-    update(copy, two, **FINER)
+    update(copy, two, tolerance=0.03, tolerance_mode="ABSOLUTE")
     assert faces(copy) > faces(one) == before[0]
     assert faces(two) > before[1]
     assert [each.ccdepth.source for each in (copy, two)] == sources
@@ -315,12 +315,12 @@ def test_what_cannot_be_updated_is_told(change: Change, chosen: str, settings: d
 
 def test_modifiers_count_once() -> None:
     """A result keeps modifiers that were not counted in, and lacks those that were."""
-    set_scene(tolerance=TOLERANCE)
-    source = scene.add_object(meshes.landscape(4, 4), "Cage")
+    set_scene(tolerance=0.1)
+    source = scene.add_object(meshes.landscape(3, 3), "Cage")
     source.modifiers.new("Mirror", "MIRROR")
-    [with_it] = subdivide(source)
+    [with_it] = subdivide(source, tolerance=0.1)
     source.hide_set(False)
-    [without] = subdivide(source, use_modifiers=False)
+    [without] = subdivide(source, tolerance=0.1, use_modifiers=False)
     refuses("update", "“Mirror” of “Cage” is counted in now, and the result has it as well")
     addon.select(with_it)
     refuses("update", "“Mirror” of “Cage” was counted in and is not any more", use_modifiers=False)
