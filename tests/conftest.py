@@ -12,6 +12,7 @@ import shlex
 import time
 
 import pytest
+from hypothesis import settings
 
 SLICE_SECONDS = 120.0
 
@@ -22,10 +23,6 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    try:
-        from hypothesis import settings
-    except ModuleNotFoundError:  # Inside a real Blender there is pytest alone.
-        return
     settings.register_profile("short", derandomize=True, database=None, deadline=None, max_examples=30)
     settings.register_profile("thorough", derandomize=True, database=None, deadline=None, max_examples=500)
     settings.load_profile("thorough" if config.getoption("--thorough") else "short")

@@ -604,14 +604,13 @@ def remove_something(rng: Random) -> None:
         holder.modifiers.remove(one(rng, holder.modifiers))
 
 
-ADDED_FIRST: tuple[Step, ...] = (add_mesh, add_mesh, add_mesh, add_user, add_other)
 # Repeated ones are likelier.
 BUILDING: tuple[Step, ...] = (
-    spoil_mesh, spoil_mesh, place, place, give_parent, hide, use_collections, link_library, add_attributes,
-    add_attributes, add_attributes, add_uv_maps, add_uv_maps, add_colors, add_colors, add_groups, add_groups,
-    add_shape_keys, add_shape_keys, add_creases, add_creases, add_materials, add_normals, mark_elements, mark_elements,
-    add_modifiers, add_modifiers, add_modifiers, add_subdivision, add_subdivision, add_nodes, add_multires,
-    add_constraint, animate, set_scene, add_scene, add_user,
+    add_mesh, add_mesh, add_mesh, add_other, spoil_mesh, spoil_mesh, place, place, give_parent, hide, use_collections,
+    link_library, add_attributes, add_attributes, add_attributes, add_uv_maps, add_uv_maps, add_colors, add_colors,
+    add_groups, add_groups, add_shape_keys, add_shape_keys, add_creases, add_creases, add_materials, add_normals,
+    mark_elements, mark_elements, add_modifiers, add_modifiers, add_modifiers, add_subdivision, add_subdivision,
+    add_nodes, add_multires, add_constraint, animate, set_scene, add_scene, add_user, add_user,
 )  # fmt: skip
 BETWEEN: tuple[Step, ...] = (
     choose_objects, choose_objects, set_mode, set_mode, set_mode, edit_mesh, step_frame, set_scene, remove_something,
