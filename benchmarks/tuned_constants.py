@@ -116,14 +116,6 @@ def creased_landscape(side: int, share: float = 0.1) -> Any:
     return control_of(meshes.with_random_creases(meshes.landscape(side, side), share=share))
 
 
-def creased_suzanne(share: float = 0.1) -> Any:
-    """A dense mesh, some of its edges semi-sharp."""
-    mesh, rng = refined(saved_suzanne(), 3), np.random.default_rng(1)
-    semi_sharp = 10 * rng.uniform(0.1, 0.9, mesh.edge_count) ** 2
-    chosen = (rng.random(mesh.edge_count) < share) & (mesh.edge_sharpness == 0)
-    return mesh.changed(edge_sharpness=np.where(chosen, semi_sharp, mesh.edge_sharpness))
-
-
 def triangulated(side: int) -> Any:
     """A landscape of triangles, each quad of a grid cut along one diagonal or the other."""
     from tests import meshes
@@ -231,7 +223,7 @@ def small_depths(count: int) -> Callable[[], Any]:
 
 def bounds_at(make: Callable[[], Any], tolerance: float, level: int) -> Callable[[], Any]:
     """The proved distances of all faces at one level; the result is how many are within the tolerance."""
-    from ccdepth_addon.core.depth.face_depths import level_bounds
+    from tests.proved_bounds import level_bounds
 
     mesh = make()
     limit = tolerance * diagonal(mesh)
@@ -245,20 +237,6 @@ def level(make: Callable[[], Any], tolerance: float) -> Callable[[], Any]:
     mesh = make()
     limit = tolerance * diagonal(mesh)
     return lambda: float(4.0 ** uniform_level(mesh, limit, "CERTIFIED", "LIMIT"))
-
-
-def depths_and_level(make: Callable[[], Any], tolerance: float) -> Callable[[], Any]:
-    """The depths of all faces, then the first level that holds for all of them."""
-    from ccdepth_addon.core import face_depths, uniform_level
-
-    mesh = make()
-    given = tolerance * diagonal(mesh), "CERTIFIED", "CONTROL"
-
-    def work() -> float:
-        found = face_depths(mesh, *given)
-        return float(4.0 ** uniform_level(mesh, *given, found.depths, lasting=found.lasting))
-
-    return work
 
 
 def bending(mesh: Any, count: int) -> list[Any]:
@@ -532,7 +510,6 @@ WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     ),
     "poses, large": lambda: posed(lambda: bending(noisy_grid(150), 33), 1e-4),
     "deep level": lambda: bounds_at(lambda: noisy_grid(60, 100), 1e-5, 8),
-    "depths and level": lambda: depths_and_level(creased_suzanne, 1e-3),
     "level": lambda: level(lambda: creased_landscape(16), 1e-3),
     "adaptive": lambda: adaptive(lambda: refined(saved_suzanne(), 2), 8e-5),
     "adaptive, large": lambda: adaptive(lambda: refined(saved_suzanne(), 3), 3e-5),
@@ -759,10 +736,6 @@ def by_places(_: Any) -> Any:
     return lambda leaves: leaves.own_distances(lambda: None)
 
 
-def all_that_are_wanted(_: Any) -> Any:
-    return lambda search, decision, *_given: np.ones_like(decision.wanted)
-
-
 def made_anew(cached: Any) -> Any:
     """A property that is not kept."""
     return property(cached.func)
@@ -864,19 +837,12 @@ ENTRIES = [
         ("depths, extraordinary", "depths, trapezohedron"),
     ),
     Entry(
-        CERTIFIED + "_Patches.rough_bounds",
+        DEPTH + "base_patches.RegularPatches.rough_bounds",
         "bounds by the norm alone not tried",
         by(no_norms),
         ("depths, extraordinary", "depths, creases", "level"),
     ),
     Entry(CERTIFIED + "_CertifiedSearch._settle_early", "not tried", by(nothing), ("level", "deep level")),
-    Entry(CERTIFIED + "_CertifiedSearch._note_lasting", "all faces evaluated again", by(nothing), ("computed",)),
-    Entry(
-        CERTIFIED + "_CertifiedSearch._may_rise",
-        "faces not regular evaluated again",
-        by(all_that_are_wanted),
-        ("depths and level",),
-    ),
     at_once(DEPTH + "norm_depth.EXTRAORDINARY_POINTS_AT_ONCE", "depths by norms, poles"),
     Entry(DEPTH + "distance_depth._equal_or_own", "not tried", by(by_places), ("poses, by distance",)),
     # Adaptive meshes: the tree and its stores.

@@ -16,13 +16,14 @@ from ccdepth_addon.core.arrays.types import FloatArray, IndexArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.depth.common_level import common_level
 from ccdepth_addon.core.depth.disproved_levels import MOST_FACES
-from ccdepth_addon.core.depth.face_depths import face_depths, level_bounds, uniform_level
+from ccdepth_addon.core.depth.face_depths import face_depths, uniform_level
 from ccdepth_addon.core.depth.pose_depths import Pose, pose_depths
 from ccdepth_addon.core.depth.worst_pose import worst_pose
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.drawn_levels import largest_around, sampled
+from tests.proved_bounds import level_bounds
 
 # Fine triangles that stand for the surface are off it by so many times what their level has changed, at most: a level
 # takes a third off at least, at poles of any valence; mostly three quarters.

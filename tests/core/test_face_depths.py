@@ -22,7 +22,6 @@ from ccdepth_addon.core.depth.face_depths import (
     DepthResult,
     ToleranceError,
     face_depths,
-    level_bounds,
 )
 from ccdepth_addon.core.mesh.polygon_mesh import PolygonMesh, polygon_mesh
 from ccdepth_addon.core.mesh.validation import InvalidMeshError
@@ -31,6 +30,7 @@ from ccdepth_addon.core.surface.patches import PatchKind, classify_patches
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, nets
 from tests.brute_force import Levels
+from tests.proved_bounds import level_bounds
 
 # What they bound is compared at equal parameters; ``test_distance_depth`` has the other one.
 EQUAL_METHODS = [method for method in METHODS if method != "DISTANCE"]

@@ -18,7 +18,7 @@ from ..bounds.rounding import rounding_allowance, smallest_tolerance
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.validation import has_good_positions, validate
 from ..progress import Progress, no_report, part_of
-from .certified_depth import certified_bounds_at, certified_depths, certified_level_bounds
+from .certified_depth import certified_depths, certified_level_bounds
 from .distance_depth import distance_bounds_at, distance_depths, distance_level_bounds
 from .modifier_quality import unmet_corners
 from .norm_depth import norm_depths, norm_level_bounds
@@ -105,22 +105,6 @@ class _Counter:
         self._progress(self._done / self._total)
 
 
-def level_bounds(mesh: PolygonMesh, tolerance: float, method: str, vertices: str, level: int) -> FloatArray:
-    """(F,) float64: the proved distance of every face at one level, in the unit of the positions; inf where none within
-    the tolerance is proved.
-
-    Arguments and errors are those of ``face_depths``.
-    """
-    check_input(mesh, tolerance)
-    bounds = np.full(mesh.face_count, np.inf)
-    every = np.arange(mesh.face_count)
-    kinds = Method(method), Vertices(vertices)
-    test = ToleranceTest(tolerance, rounding_allowance(mesh))
-    for block in level_bounds_in_chunks(mesh, every, test, *kinds, level, lambda: None):
-        bounds[block.faces] = block.bounds
-    return bounds
-
-
 def uniform_level(
     mesh: PolygonMesh,
     tolerance: float,
@@ -205,7 +189,7 @@ def level_bounds_in_chunks(
     if method is Method.DISTANCE:
         return distance_level_bounds(mesh, test, vertices, faces, level, tick)
     if method is Method.CERTIFIED:
-        return certified_level_bounds(mesh, faces, test, vertices, level, tick)
+        return certified_level_bounds(mesh, faces, test, vertices, level, tick, nearly=False)
     return norm_level_bounds(mesh, test, PATCH_METHODS[method], vertices, faces, level, tick)
 
 
@@ -226,11 +210,12 @@ def bounds_at_depths(
     """
     if method is Method.DISTANCE:
         yield from distance_bounds_at(mesh, test, vertices, faces, depths, tick, equal_first=equal_first)
-    elif method is Method.CERTIFIED:
-        yield from certified_bounds_at(mesh, faces, test, vertices, depths, tick)
-    else:
-        for level in np.unique(depths[faces]).tolist():
-            some = faces[depths[faces] == level]
+        return
+    for level in np.unique(depths[faces]).tolist():
+        some = faces[depths[faces] == level]
+        if method is Method.CERTIFIED:
+            yield from certified_level_bounds(mesh, some, test, vertices, level, tick, nearly=True)
+        else:
             yield from norm_level_bounds(mesh, test, PATCH_METHODS[method], vertices, some, level, tick)
 
 

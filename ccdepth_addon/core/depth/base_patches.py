@@ -1,0 +1,162 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Patches of the base faces of a search, regular and extraordinary ones, and how a refinement is sorted into them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..bounds.facet_bounds import LaterBounds, later_bounds
+from ..bounds.norm_bounds import PatchBounds, Vertices, second_order_regular
+from ..surface.patches import PatchKind, PatchKinds, classify_patches, extraordinary_nets, regular_nets, ring_index
+from ..surface.refinement import Refinement
+from ..surface.stencils import LARGEST_STENCIL_VALENCE, PatchStencils, apply_stencils, patch_stencils
+
+# (P,) base faces, and (4, 4, P, 3) a net or the Bernstein coefficients of S - L for each.
+BasePatches = tuple[IndexArray, FloatArray]
+
+
+def joined_pieces(pieces: list[BasePatches]) -> BasePatches:
+    bases, values = zip(*pieces, strict=True)
+    return np.concatenate(bases), np.concatenate(values, axis=2)
+
+
+def selected_pieces(bases: IndexArray, values: FloatArray, chosen: BoolArray) -> BasePatches:
+    """The chosen pieces: (P,) bool."""
+    if np.all(chosen):
+        return bases, values
+    kept = np.flatnonzero(chosen)
+    return bases[kept], values.take(kept, axis=2)
+
+
+@dataclass
+class RegularPatches:
+    """Regular patches that appear at one level: (P,) base faces.
+
+    rows: (P,) indices of their nets in (4, 4, N, 3), which may still hold nets of faces that are settled.
+    rough, later: bounds by the norm alone and from the net itself, computed on first use.
+    """
+
+    level: int
+    bases: IndexArray
+    rows: IndexArray
+    nets: FloatArray
+    rough: PatchBounds | None = None
+    later: LaterBounds | None = None
+
+    @staticmethod
+    def joined(level: int, pieces: list[BasePatches]) -> RegularPatches:
+        """The patches of several pieces together."""
+        bases, nets = pieces[0] if len(pieces) == 1 else joined_pieces(pieces)
+        return RegularPatches(level, bases, np.arange(len(bases)), nets)
+
+    def of(self, wanted: BoolArray) -> RegularPatches:
+        """Those of some of the base faces: (B,) bool."""
+        return self.at(np.flatnonzero(wanted[self.bases]))
+
+    def at(self, chosen: IndexArray) -> RegularPatches:
+        """Some of them, by index."""
+        if len(chosen) == len(self.bases):
+            return self
+        rough = None if self.rough is None else replace(self.rough, value=self.rough.value[chosen])
+        later = None if self.later is None else self.later.of(chosen)
+        return RegularPatches(self.level, self.bases[chosen], self.rows[chosen], self.nets, rough, later)
+
+    def nets_of(self, chosen: IndexArray) -> FloatArray:
+        """(4, 4, chosen, 3): the nets of some of the patches, by index."""
+        return self.nets.take(self.rows[chosen], axis=2)
+
+    def compact(self) -> FloatArray:
+        """(4, 4, P, 3): the nets of these patches, all others dropped."""
+        if len(self.rows) < self.nets.shape[2]:
+            self.nets, self.rows = self.nets.take(self.rows, axis=2), np.arange(len(self.rows))
+        return self.nets
+
+    def rough_bounds(self, vertices: Vertices) -> PatchBounds:
+        if self.rough is None:
+            self.rough = second_order_regular(self.compact(), vertices)
+        return self.rough
+
+    def later_bounds(self, vertices: Vertices) -> LaterBounds:
+        if self.later is None:
+            self.later = later_bounds(self.compact(), vertices)
+        return self.later
+
+
+@dataclass
+class ExtraordinaryPatches:
+    """Extraordinary patches of one valence at the level being evaluated: (P,) base faces, (2n + 8, P, 3) nets."""
+
+    bases: IndexArray
+    nets: FloatArray
+
+    @property
+    def stencils(self) -> PatchStencils:
+        return patch_stencils((len(self.nets) - 8) // 2)
+
+    def at(self, chosen: IndexArray) -> ExtraordinaryPatches:
+        """Some of them, by index."""
+        return ExtraordinaryPatches(self.bases[chosen], self.nets.take(chosen, axis=1))
+
+    def corners(self, vertices: Vertices) -> FloatArray:
+        """(4, P, 3): the corners of their facets, in the face's order."""
+        if vertices is Vertices.LIMIT:
+            return apply_stencils(self.stencils.limits, self.nets)
+        valence = (len(self.nets) - 8) // 2
+        return self.nets[[0, *(ring_index(valence, number) for number in (6, 5, 4))]]
+
+    def refined(self) -> tuple[ExtraordinaryPatches, IndexArray, FloatArray]:
+        """The children at the extraordinary vertices; the bases (3P,) and nets (4, 4, 3P, 3) of the regular ones."""
+        regular = apply_stencils(self.stencils.regular, self.nets).reshape(3, 4, 4, -1, 3)
+        regular = np.moveaxis(regular, 0, 2).reshape(4, 4, -1, 3)
+        refined = ExtraordinaryPatches(self.bases, apply_stencils(self.stencils.refined, self.nets))
+        return refined, np.tile(self.bases, 3), regular
+
+
+@dataclass(frozen=True)
+class ClassifiedDescendants:
+    """The descendants in a refinement by the kind of their patch: indices of the regular ones; (descendants,) bool,
+    those that are no patches (``rest``)."""
+
+    refinement: Refinement
+    kinds: PatchKinds
+    regular: IndexArray
+    rest: BoolArray
+
+    @property
+    def regular_bases(self) -> IndexArray:
+        return self.refinement.bases[self.regular]
+
+    def regular_nets(self) -> FloatArray:
+        return regular_nets(self.refinement.mesh, self.regular)
+
+    def extraordinary(self) -> Iterator[tuple[ExtraordinaryPatches, IndexArray]]:
+        """The extraordinary patches, valence by valence, with their indices among the descendants."""
+        mesh = self.refinement.mesh
+        faces = np.flatnonzero(~self.rest)
+        faces = faces[self.kinds.kinds[faces] == PatchKind.EXTRAORDINARY]
+        corners = self.kinds.extraordinary_corners[faces]
+        valences = mesh.vertex_face_counts[mesh.corner_vertices[corners]]
+        for valence in np.unique(valences).tolist():
+            of_valence = valences == valence
+            nets = extraordinary_nets(mesh, corners[of_valence], valence)
+            yield ExtraordinaryPatches(self.refinement.bases[faces[of_valence]], nets), faces[of_valence]
+
+    def corners_from_extraordinary(self, faces: IndexArray) -> IndexArray:
+        """(4, P): the corners 0 to 3 of extraordinary faces, from the extraordinary one on as in their nets."""
+        first = self.kinds.extraordinary_corners[faces] - self.refinement.mesh.face_starts[faces]
+        return (first + np.arange(4)[:, None]) % 4
+
+
+def classified_descendants(refinement: Refinement) -> ClassifiedDescendants:
+    mesh = refinement.mesh
+    kinds = classify_patches(mesh)
+    own = kinds.kinds[: len(refinement.bases)]
+    extraordinary = np.flatnonzero(own == PatchKind.EXTRAORDINARY)
+    valences = mesh.vertex_face_counts[mesh.corner_vertices[kinds.extraordinary_corners[extraordinary]]]
+    rest = own == PatchKind.IRREGULAR
+    rest[extraordinary[valences > LARGEST_STENCIL_VALENCE]] = True
+    return ClassifiedDescendants(refinement, kinds, np.flatnonzero(own == PatchKind.REGULAR), rest)
