@@ -9,7 +9,7 @@ from ..ui.manual import PAGE
 
 
 class CCDEPTH_OT_open_manual(bpy.types.Operator):
-    """Open the manual that came with CC Depth in a web browser"""
+    """Open the manual of CC Depth in a web browser"""
 
     bl_idname = "ccdepth.open_manual"
     bl_label = "CC Depth Manual"
