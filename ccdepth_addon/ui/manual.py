@@ -9,31 +9,28 @@ import bpy
 
 PAGE = Path(__file__).resolve().parent.parent / "manual" / "index.html"
 
-# Operators and settings, as Blender names them in lower case, and the headings they are told of under. The first holds.
+# The headings of the manual that operators and settings are under; the first that fits holds.
+OPERATORS = (
+    ("invalid-faces", "select_invalid repair"),
+    ("measure-deviation", "measure select_worst"),
+    ("compute-depth", "compute select set_levels clear"),
+    ("heat-map-and-legend", "bake_colors"),
+    ("results", "update before_after"),
+    ("tolerance", "tolerance_preset_add"),
+    ("install", "open_manual"),
+    ("adaptive-subdivision", "*"),
+)
+SETTINGS = (
+    ("tolerance", "*tolerance* use_modifiers"),
+    ("compute-depth", "method vertices"),
+    ("frames", "frame*"),
+    ("measure-deviation", "accuracy time_limit"),
+    ("heat-map-and-legend", "heat_map* show_* distance_*"),
+    ("adaptive-subdivision", "*"),
+)
 SECTIONS = (
-    ("bpy.ops.ccdepth.compute", "compute-depth"),
-    ("bpy.ops.ccdepth.select_invalid", "invalid-faces"),
-    ("bpy.ops.ccdepth.repair", "invalid-faces"),
-    ("bpy.ops.ccdepth.measure", "measure-deviation"),
-    ("bpy.ops.ccdepth.select_worst", "measure-deviation"),
-    ("bpy.ops.ccdepth.select", "compute-depth"),
-    ("bpy.ops.ccdepth.set_levels", "compute-depth"),
-    ("bpy.ops.ccdepth.clear", "compute-depth"),
-    ("bpy.ops.ccdepth.update", "results"),
-    ("bpy.ops.ccdepth.before_after", "results"),
-    ("bpy.ops.ccdepth.tolerance_preset_add", "tolerance"),
-    ("bpy.ops.ccdepth.open_manual", "install"),
-    ("bpy.ops.ccdepth.*", "adaptive-subdivision"),
-    ("bpy.types.scenesettings.*tolerance*", "tolerance"),
-    ("bpy.types.scenesettings.use_modifiers", "tolerance"),
-    ("bpy.types.scenesettings.method", "compute-depth"),
-    ("bpy.types.scenesettings.vertices", "compute-depth"),
-    ("bpy.types.scenesettings.frame*", "frames"),
-    ("bpy.types.scenesettings.accuracy", "measure-deviation"),
-    ("bpy.types.scenesettings.time_limit", "measure-deviation"),
-    ("bpy.types.scenesettings.show_*", "heat-map-and-legend"),
-    ("bpy.types.scenesettings.distance_*", "heat-map-and-legend"),
-    ("bpy.types.scenesettings.*", "adaptive-subdivision"),
+    *((f"bpy.ops.ccdepth.{name}", heading) for heading, names in OPERATORS for name in names.split()),
+    *((f"bpy.types.scenesettings.{name}", heading) for heading, names in SETTINGS for name in names.split()),
     ("bpy.types.resultrecord.*", "results"),
 )
 

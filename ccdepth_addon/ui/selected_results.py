@@ -21,14 +21,9 @@ def chosen_meshes(context: bpy.types.Context) -> list[bpy.types.Object]:
     return _selected(context, lambda _holder: True)
 
 
-def selected_results(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The selected or edited objects with depths, or else the active one."""
-    return _selected(context, lambda holder: results.has_result(holder.data))
-
-
 def with_depths(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The selected objects with depths that were not made by subdivision."""
-    return [each for each in selected_results(context) if not each.data.ccdepth.subdivision]
+    """The selected or edited objects with depths that were not made by subdivision, or else the active one."""
+    return _selected(context, lambda holder: results.has_result(holder.data) and not holder.data.ccdepth.subdivision)
 
 
 def made_objects(context: bpy.types.Context) -> list[bpy.types.Object]:

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from decimal import Decimal
 
 import bpy
@@ -34,7 +33,9 @@ def tolerance_text(context: bpy.types.Context) -> str:
     if diagonals and relative:
         texts.append(f"= {lengths_text(scene, (tolerance * each for each in diagonals))}")
     elif diagonals:
-        texts.append(f"= {_fractions_text(tolerance / each for each in diagonals)} of the size")
+        parts = sorted(tolerance / each for each in diagonals)
+        least, largest = (number_text(Decimal(each)) for each in (parts[0], parts[-1]))
+        texts.append(f"= {least if least == largest else f'{least}–{largest}'} of the size")
     return " ".join(texts)
 
 
@@ -46,10 +47,3 @@ def _known_diagonals(context: bpy.types.Context) -> list[float]:
     use_modifiers = context.scene.ccdepth.use_modifiers
     found = [known_diagonal(each, use_modifiers=use_modifiers) for each in holders]
     return [] if None in found else [each for each in found if each is not None]
-
-
-def _fractions_text(fractions: Iterable[float]) -> str:
-    """A part of a size with few digits, or the least and the largest of several."""
-    found = [*fractions]
-    texts = dict.fromkeys(number_text(Decimal(each)) for each in (min(found), max(found)))
-    return "–".join(texts)

@@ -85,7 +85,7 @@ def test_by_default_depths_are_by_distance_and_the_panel_says_so() -> None:
 
 def test_the_other_methods_say_what_they_compare_and_where_they_are_off() -> None:
     for method, (_, text) in addon.module("state.properties").METHOD_TEXTS.items():
-        for words in ("equal parameters", "can ask for more levels", "fewer on twisted quads"):
+        for words in ("equal parameters", "By Distance can ask for fewer levels", "more on twisted quads"):
             assert (words in text) == (method != "DISTANCE")
 
 

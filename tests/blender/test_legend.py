@@ -80,7 +80,7 @@ def test_it_is_about_what_is_selected_whatever_is_active_or_about_the_active_one
         together = sum((Counter(addon.histogram(holder)) for holder in holders), Counter())
         assert told() == as_told(together)
         assert shown_legend().notes == ["for 0.005 m", "3 objects"]
-        assert selected.selected_results(bpy.context) == holders
+        assert selected.with_depths(bpy.context) == holders
     addon.select()
     bpy.context.view_layer.objects.active = holders[1]
     assert colored() == [holders[1]]

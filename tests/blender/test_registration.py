@@ -51,6 +51,7 @@ SECTIONS = {
     "bpy.ops.ccdepth.subdivide": "adaptive-subdivision",
     "bpy.ops.ccdepth.before_after": "results",
     "bpy.types.scenesettings.relative_tolerance": "tolerance",
+    "bpy.types.scenesettings.heat_map": "heat-map-and-legend",
 }
 
 
