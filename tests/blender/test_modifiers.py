@@ -16,7 +16,6 @@ from ccdepth_addon.core.depth.face_depths import face_depths
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.blender import addon, scene, snapshot
-from tests.blender.test_staleness import mesh_line
 from tests.blender.updating import refuses, stale_line
 
 pytestmark = pytest.mark.every_blender
@@ -343,72 +342,6 @@ def test_every_simple_setting_of_every_modifier_is_noticed() -> None:
                 break
     # So many that a walk which finds nothing would not do.
     assert settings > 300
-
-
-def computed_with(kind: str, **settings: Any) -> tuple[bpy.types.Object, bpy.types.Modifier]:
-    holder = scene.add_suzanne()
-    modifier = holder.modifiers.new("Modifier", kind)
-    for name, value in settings.items():
-        setattr(modifier, name, value)
-    addon.compute(holder)
-    assert stale_line(holder) == ""
-    return holder, modifier
-
-
-def expect_change(holder: bpy.types.Object) -> None:
-    assert stale_line(holder) == mesh_line(holder)
-    refuses("set_levels", "out of date")
-
-
-def test_what_modifiers_hold_is_noticed() -> None:
-    holder, modifier = computed_with("NODES")
-    modifier.node_group = scene.node_tree()
-    expect_change(holder)
-    # These are called like something of a node.
-    for name in ("height", "width"):
-        holder, wave = computed_with("WAVE")
-        setattr(wave, name, 0.125)
-        expect_change(holder)
-    holder, hook = computed_with("HOOK", falloff_type="CURVE")
-    hook.falloff_curve.curves[0].points[0].location.y = 0.5
-    hook.falloff_curve.update()
-    holder.update_tag()
-    expect_change(holder)
-    holder, bevel = computed_with("BEVEL", profile_type="CUSTOM")
-    bevel.custom_profile.preset = "STEPS"
-    bevel.custom_profile.update()
-    holder.update_tag()
-    expect_change(holder)
-
-
-def test_what_modifiers_refer_to_is_noticed() -> None:
-    """A texture, members of a collection, the modifiers of a target mesh, the points of a lattice and of a curve."""
-    texture = bpy.data.textures.new("Clouds", "CLOUDS")
-    holder, _ = computed_with("DISPLACE", texture=texture)
-    texture.noise_scale = 2.0
-    assert stale_line(holder) == mesh_line(holder)
-    operand = scene.add_object(meshes.cube(), "Operand")
-    cutters = scene.add_collection("Cutters", operand)
-    holder, _ = computed_with("BOOLEAN", operand_type="COLLECTION", collection=cutters)
-    operand.location.x = 0.5
-    assert stale_line(holder) == mesh_line(holder)
-    target = scene.add_object(meshes.cube(), "Target")
-    holder, _ = computed_with("BOOLEAN", object=target)
-    target.modifiers.new("Cast", "CAST")
-    assert stale_line(holder) == mesh_line(holder)
-    lattice = scene.add("Lattice", bpy.data.lattices.new("Lattice"))
-    holder, _ = computed_with("LATTICE", object=lattice)
-    lattice.data.points[0].co_deform.x -= 1.0
-    lattice.data.update_tag()
-    assert stale_line(holder) == mesh_line(holder)
-    path = scene.add("Path", bpy.data.curves.new("Path", "CURVE"))
-    path.data.splines.new("POLY").points.add(2)
-    for index, point in enumerate(path.data.splines[0].points):
-        point.co = (float(index), 0.0, 0.0, 1.0)
-    holder, _ = computed_with("CURVE", object=path)
-    path.data.splines[0].points[1].co = (1.0, 1.0, 0.0, 1.0)
-    path.data.update_tag()
-    assert stale_line(holder) == mesh_line(holder)
 
 
 def test_objects_that_look_at_each_other() -> None:

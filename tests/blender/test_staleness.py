@@ -342,82 +342,136 @@ def test_depths_of_zero_that_are_taken_away_are_noticed() -> None:
 # What modifiers depend on.
 
 
-def with_a_mirror_object() -> tuple[bpy.types.Object, Callable[[], object]]:
-    holder, axis = scene.add_object(meshes.cube()), scene.add("Axis")
-    holder.modifiers.new("Mirror", "MIRROR").mirror_object = axis
-    return holder, lambda: set_on(axis, location=(0.5, 0.0, 0.0))
+def modified(holder: bpy.types.Object, kind: str, **settings: object) -> bpy.types.Modifier:
+    modifier = holder.modifiers.new("Modifier", kind)
+    set_on(modifier, **settings)
+    return modifier
 
 
-def with_an_armature() -> tuple[bpy.types.Object, Callable[[], object]]:
-    armature = scene.add_rig()
-    holder = scene.add_object(meshes.cube())
+def posed(holder: bpy.types.Object) -> bpy.types.Object:
     holder.vertex_groups.new(name="Bone").add(range(3), 1.0, "REPLACE")
-    holder.modifiers.new("Armature", "ARMATURE").object = armature
-    return holder, lambda: set_on(armature.pose.bones["Bone"], location=(0.5, 0.0, 0.0))
+    return modified(holder, "ARMATURE", object=scene.add_rig()).object
 
 
-def with_a_shape_key() -> tuple[bpy.types.Object, Callable[[], object]]:
-    holder = scene.add_object(meshes.cube())
+def keyed(holder: bpy.types.Object) -> bpy.types.ShapeKey:
     holder.shape_key_add(name="Basis")
     key = holder.shape_key_add(name="Key")
     key.data[0].co.x += 1.0
-    return holder, lambda: set_on(key, value=0.5)
+    return key
 
 
-def with_nodes() -> bpy.types.Object:
-    """A cube with Geometry Nodes that scale it by their input, within a node group of its own."""
-    inner = bpy.data.node_groups.new("Inner", "GeometryNodeTree")
-    outer = bpy.data.node_groups.new("Outer", "GeometryNodeTree")
-    for tree, make in ((inner, "GeometryNodeTransform"), (outer, "GeometryNodeGroup")):
-        tree.interface.new_socket("Geometry", in_out="INPUT", socket_type="NodeSocketGeometry")
+def cut(holder: bpy.types.Object, *, by_all_of_a_collection: bool) -> bpy.types.Object:
+    """The object that is taken away."""
+    cutter = scene.add_object(meshes.cube(), "Cutter")
+    cutter.location = (1.5, 0.5, 0.25)
+    if by_all_of_a_collection:
+        modified(holder, "BOOLEAN", operand_type="COLLECTION", collection=scene.add_collection("Cutters", cutter))
+    else:
+        modified(holder, "BOOLEAN", object=cutter)
+    return cutter
+
+
+def bent(holder: bpy.types.Object) -> bpy.types.Curve:
+    path = modified(holder, "CURVE", object=scene.add("Path", bpy.data.curves.new("Path", "CURVE"))).object.data
+    path.splines.new("POLY").points.add(2)
+    path.splines[0].points.foreach_set("co", [0, 0, 0, 1, 1, 0, 0, 1, 2, 0, 0, 1])
+    return path
+
+
+def scaled_by_nodes(holder: bpy.types.Object) -> bpy.types.Modifier:
+    """Geometry Nodes that scale by their input, within a node group of their own."""
+    inner, outer = scene.node_tree("GeometryNodeTransform"), scene.node_tree()
+    inner.name = "Inner"
+    outer.nodes.new("GeometryNodeGroup").node_tree = inner
+    for tree in (inner, outer):
         tree.interface.new_socket("Scale", in_out="INPUT", socket_type="NodeSocketVector").default_value = (1, 1, 1)
-        tree.interface.new_socket("Geometry", in_out="OUTPUT", socket_type="NodeSocketGeometry")
-        start, node, end = (tree.nodes.new(kind) for kind in ("NodeGroupInput", make, "NodeGroupOutput"))
-        if tree is outer:
-            node.node_tree = inner
-        tree.links.new(start.outputs["Geometry"], node.inputs["Geometry"])
-        tree.links.new(start.outputs["Scale"], node.inputs["Scale"])
+        start, end = tree.nodes["Group Input"], tree.nodes["Group Output"]
+        [node] = {*tree.nodes} - {start, end}
+        for name in ("Geometry", "Scale"):
+            tree.links.new(start.outputs[name], node.inputs[name])
         tree.links.new(node.outputs["Geometry"], end.inputs["Geometry"])
-    holder = scene.add_object(meshes.cube())
-    holder.modifiers.new("Nodes", "NODES").node_group = outer
-    return holder
+    return modified(holder, "NODES", node_group=outer)
 
 
-def with_an_input_of_nodes() -> tuple[bpy.types.Object, Callable[[], object]]:
-    holder = with_nodes()
-    modifier = holder.modifiers["Nodes"]
-
-    def change() -> None:
-        if hasattr(modifier, "properties"):
-            modifier.properties.inputs.Socket_1.value = (1.0, 2.0, 1.0)
-        else:
-            modifier["Socket_1"] = (1.0, 2.0, 1.0)
-        holder.update_tag()
-
-    return holder, change
+def set_an_input(nodes: bpy.types.Modifier) -> None:
+    if hasattr(nodes, "properties"):
+        nodes.properties.inputs.Socket_2.value = (1.0, 2.0, 1.0)
+    else:
+        nodes["Socket_2"] = (1.0, 2.0, 1.0)
+    nodes.id_data.update_tag()
 
 
-def with_a_group_of_nodes() -> tuple[bpy.types.Object, Callable[[], object]]:
-    holder, nodes = with_nodes(), bpy.data.node_groups["Inner"].nodes
-    transform = next(node for node in nodes if node.bl_idname == "GeometryNodeTransform")
-    return holder, lambda: set_on(transform.inputs["Translation"], default_value=(0.0, 0.0, 1.0))
+def set_and_tell(holder: Any, *updates: Any, **values: object) -> None:
+    """Set what Blender does not notice by itself."""
+    set_on(holder, **values)
+    for update in updates:
+        update()
 
 
-SHAPED = [with_a_mirror_object, with_an_armature, with_a_shape_key, with_an_input_of_nodes, with_a_group_of_nodes]
+# What is made on a cube, and how it is changed then.
+SHAPED: dict[str, tuple[Callable[[bpy.types.Object], Any], Callable[[Any], object]]] = {
+    "an armature": (posed, lambda rig: set_on(rig.pose.bones["Bone"], location=(0.5, 0.0, 0.0))),
+    "a shape key": (keyed, lambda key: set_on(key, value=0.5)),
+    "an object": (
+        lambda holder: modified(holder, "MIRROR", mirror_object=scene.add("Axis")).mirror_object,
+        lambda axis: set_on(axis, location=(0.5, 0.0, 0.0)),
+    ),
+    "the modifiers of an object": (
+        lambda holder: cut(holder, by_all_of_a_collection=False),
+        lambda cutter: cutter.modifiers.new("Cast", "CAST"),
+    ),
+    "a collection": (
+        lambda holder: cut(holder, by_all_of_a_collection=True),
+        lambda cutter: set_on(cutter, location=(1.5, 0.0, 0.25)),
+    ),
+    "a texture": (
+        lambda holder: modified(holder, "DISPLACE", texture=bpy.data.textures.new("Clouds", "CLOUDS")).texture,
+        lambda texture: set_on(texture, noise_scale=2.0),
+    ),
+    "a lattice": (
+        lambda holder: modified(holder, "LATTICE", object=scene.add("It", bpy.data.lattices.new("It"))).object.data,
+        lambda lattice: set_and_tell(lattice.points[0], lattice.update_tag, co_deform=(-1.5, -0.5, -0.5)),
+    ),
+    "a curve": (bent, lambda path: set_and_tell(path.splines[0].points[1], path.update_tag, co=(1, 1, 0, 1))),
+    "a falloff": (
+        lambda holder: modified(holder, "HOOK", falloff_type="CURVE"),
+        lambda hook: set_and_tell(
+            hook.falloff_curve.curves[0].points[0],
+            hook.falloff_curve.update,
+            hook.id_data.update_tag,
+            location=(0.0, 0.5),
+        ),
+    ),
+    "a profile": (
+        lambda holder: modified(holder, "BEVEL", profile_type="CUSTOM").custom_profile,
+        lambda profile: set_and_tell(profile, profile.update, profile.id_data.update_tag, preset="STEPS"),
+    ),
+    # It is called like something of a node.
+    "the height of waves": (lambda holder: modified(holder, "WAVE"), lambda wave: set_on(wave, height=0.125)),
+    "nodes": (
+        lambda holder: modified(holder, "NODES"),
+        lambda nodes: set_on(nodes, node_group=scene.node_tree()),
+    ),
+    "an input of nodes": (scaled_by_nodes, set_an_input),
+    "a group of nodes": (
+        scaled_by_nodes,
+        lambda _: set_on(bpy.data.node_groups["Inner"].nodes[1].inputs["Translation"], default_value=(0.0, 0.0, 1.0)),
+    ),
+    "where nodes are drawn": (
+        scaled_by_nodes,
+        lambda _: set_on(*bpy.data.node_groups["Inner"].nodes, location=(100.0, 0.0)),
+    ),
+}
 
 
-@pytest.mark.parametrize("make", SHAPED)
-def test_what_shapes_the_source_is_noticed(make: Callable[[], tuple[bpy.types.Object, Callable[[], object]]]) -> None:
-    holder, change = make()
-    made = made_of(holder)
-    change()
-    assert made.lines() == stale(ALL)
-
-
-def test_where_nodes_are_drawn_does_not_matter() -> None:
-    made = made_of(with_nodes())
-    set_on(*bpy.data.node_groups["Inner"].nodes, location=(100.0, 0.0))
-    assert made.lines() == {}
+@pytest.mark.parametrize("shape", SHAPED)
+def test_what_shapes_the_source_is_noticed(shape: str) -> None:
+    make, change = SHAPED[shape]
+    source = scene.add_object(meshes.cube())
+    thing = make(source)
+    made = made_of(source)
+    change(thing)
+    assert made.lines() == stale(ALL if shape != "where nodes are drawn" else "")
 
 
 # Edit Mode, files and undo.
