@@ -239,7 +239,9 @@ def draw_object_rows(
         if line:
             row = column.row()
             row.alert = True
-            row.label(text=line, icon="ERROR")
+            # In short: there is less room.
+            text = line.removeprefix("Out of date: ").partition("; ")[0]
+            row.label(text=f"{text[0].upper()}{text[1:]}", icon="ERROR")
     if len(objects) > MOST_OBJECTS:
         column.label(text=f"{len(objects) - MOST_OBJECTS:,} more")
 
