@@ -334,7 +334,7 @@ def written(tolerance: float) -> Callable[[], Any]:
 
     import ccdepth_addon
     from ccdepth_addon.core import apply_boundary_rule
-    from ccdepth_addon.exchange.adaptive_mesh import TransferOptions, new_mesh
+    from ccdepth_addon.exchange.adaptive_mesh import new_mesh
     from tests.blender import scene
 
     ccdepth_addon.register()
@@ -352,7 +352,7 @@ def written(tolerance: float) -> Callable[[], Any]:
     found = adaptive_mesh(control, tolerance)
 
     def work() -> float:
-        made = new_mesh(mesh, control, found.mesh, TransferOptions(limit_normals=True))
+        made = new_mesh(mesh, control, found.mesh, exact_normals=True)
         return float(len(made.polygons))
 
     return work

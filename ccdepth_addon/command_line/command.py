@@ -17,7 +17,6 @@ from typing import Any, TextIO
 import bpy
 
 from ..ui.printable import printable, printable_lines
-from . import picture
 from .arguments import STANDARD_OUTPUT, Parser, action_of
 from .blender_calls import CommandError
 from .mesh_files import BLEND
@@ -36,7 +35,7 @@ PROGRAM = f"blender -b --command {COMMAND}"
 EXIT_FAILURE = 1
 
 # Why a file cannot be done, so that the others still can.
-FAULTS = (CommandError, picture.PictureError, OSError)
+FAULTS = (CommandError, OSError)
 
 # What Python has in place of the bytes of names that are not UTF-8 is escaped; JSON has the same escapes.
 NOT_UNICODE = "backslashreplace"
@@ -64,7 +63,8 @@ def run(arguments: Sequence[str], program: str = PROGRAM, process: Sequence[str]
             standard_output.flush()
     except KeyboardInterrupt:
         _tell(program, "interrupted; files that are there are whole")
-        return _exit_status()
+        # What a shell says of a program that was ended by the signal.
+        return 128 + (_received or signal.SIGINT)
     except (*FAULTS, ReportError) as fault:
         # What was to be printed may be what cannot be written.
         with suppress(OSError):
@@ -154,7 +154,9 @@ def _one_after_the_other(
             # A mistake of ours must not keep the other files from being done.
             traceback.print_exc()
             entry = _failed(source, f"{type(fault).__name__}: {fault}")
-        _refuse_if_interrupted()
+        if _received is not None:
+            # Of what is raised within an operator Blender makes a report.
+            raise KeyboardInterrupt
         yield number, entry
 
 
@@ -238,17 +240,6 @@ def _interrupt(number: int, _frame: FrameType | None) -> None:
     _received = number
     signal.signal(number, signal.SIG_DFL)
     raise KeyboardInterrupt
-
-
-def _refuse_if_interrupted() -> None:
-    """Raise KeyboardInterrupt once more if it was raised within an operator: Blender makes a report of it."""
-    if _received is not None:
-        raise KeyboardInterrupt
-
-
-def _exit_status() -> int:
-    """What a shell says of a program that was ended by the signal."""
-    return 128 + (_received or signal.SIGINT)
 
 
 def register() -> None:

@@ -7,7 +7,7 @@ import os
 from argparse import Namespace
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -21,7 +21,7 @@ from ..exchange.result_attributes import BOUND_KIND
 from ..state import properties
 from ..state.properties import scene_tolerance, set_scene_tolerance, setting_names
 from ..tasks.deviation_task import Measured, MeasureSettings, MeasureTask, MeshDeviation, Verdict, prepare_targets
-from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError, shortest_decimal
+from ..tasks.surfaces import LARGEST_TOLERANCE, TOO_LARGE, ComputeError, shortest_decimal, typed_values
 from ..ui.printable import printable
 from . import picture
 from .amounts import UNITS
@@ -54,7 +54,7 @@ from .report import (
 from .report_text import print_measured, print_results, settings_text
 from .scripted_drivers import scripts_allowed, without_drivers
 from .whole_files import PNG, UnwrittenError, check_whole, claimed, refuse_existing, written_whole
-from .written_meshes import Edges, WrittenObject, measured_distances, read_written, shown_triangles
+from .written_meshes import Edges, measured_distances, read_written, shown_triangles
 
 # The options that are settings of the scene under the same names.
 GIVEN = set(setting_names(*properties.GROUPS)) - {"frames", "frame_list", "output"}
@@ -71,18 +71,14 @@ SETTINGS = {
 }
 
 
-@dataclass(frozen=True)
-class Outcome:
-    """What was done with an object: the entry so far, and the object that has the result."""
-
-    entry: ObjectEntry
-    shown: bpy.types.Object
+# What was done with objects: of each the entry so far, and the object that has the result.
+Outcomes = list[tuple[ObjectEntry, bpy.types.Object]]
 
 
 def process_file(source: Path | None, options: Namespace) -> FileEntry:
     """Do what is asked for with a file, or with Suzanne.
 
-    Raises CommandError, PictureError and OSError, with nothing written, when it cannot be done.
+    Raises CommandError and OSError, with nothing written, when it cannot be done.
     """
     output = output_of(source, options)
     refuse_impossible(source, output, options)
@@ -107,10 +103,10 @@ def _processed(source: Path | None, output: Path | None, options: Namespace) -> 
     is_checked = action in MAKING and output is not None and is_measured(options)
     targets = surfaces_of(objects) if is_checked else []
     outcomes = ACTIONS[action](objects, settings_of(action))
-    shown = [each.shown for each in outcomes]
+    shown = [made for _, made in outcomes]
     stamped = None if source is None else stamp(source, unit)
     chosen = Chosen(options.objects, options.collection)
-    entries = tuple(each.entry for each in outcomes)
+    entries = tuple(each for each, _ in outcomes)
     entry = FileEntry(stamped, entries, error=error, chosen=chosen, left_out=left_out)
     if options.picture is not None:
         title = shown[0].name if source is None else source.stem
@@ -125,7 +121,7 @@ def _processed(source: Path | None, output: Path | None, options: Namespace) -> 
 
 
 def _report_pictures(shown: bpy.types.Object) -> ReportPictures:
-    """What the page shows of an object that has a result. Raises PictureError."""
+    """What the page shows of an object that has a result. Raises CommandError."""
     pictures = []
     with TemporaryDirectory() as folder:
         path = Path(folder) / f"picture{picture.WEBP if picture.has_webp() else PNG}"
@@ -207,9 +203,7 @@ def change_settings(settings: bpy.types.PropertyGroup, options: Namespace) -> No
 def settings_of(action: str) -> dict[str, Any]:
     """The scene's settings for what is done, by their names."""
     settings = bpy.context.scene.ccdepth
-    values = {name: getattr(settings, name) for name in SETTINGS[action]}
-    typed = {name: shortest_decimal(value) if isinstance(value, float) else value for name, value in values.items()}
-    return {"tolerance": scene_tolerance(settings), **typed}
+    return {"tolerance": scene_tolerance(settings), **typed_values(settings, SETTINGS[action])}
 
 
 def measure_settings(time_limit: float | None) -> MeasureSettings:
@@ -238,10 +232,10 @@ def _entry(blender_object: bpy.types.Object, settings: dict[str, Any], tolerance
     return ObjectEntry(blender_object.name, settings, length, len(blender_object.data.polygons))
 
 
-def _compute_depths(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> list[Outcome]:
+def _compute_depths(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
     _call_for(objects, bpy.ops.ccdepth.compute)
     print_results(objects)
-    return [Outcome(_depth_entry(each, settings), each) for each in objects]
+    return [(_depth_entry(each, settings), each) for each in objects]
 
 
 def _depth_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> ObjectEntry:
@@ -258,17 +252,17 @@ def _depth_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> 
     )
 
 
-def _set_levels(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> list[Outcome]:
+def _set_levels(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
     _call_for(objects, bpy.ops.ccdepth.compute)
     _call_for(objects, bpy.ops.ccdepth.set_levels)
     print_results(objects)
     return [
-        Outcome(replace(_depth_entry(each, settings), result_faces=int(each.data.ccdepth.uniform_faces)), each)
+        (replace(_depth_entry(each, settings), result_faces=int(each.data.ccdepth.uniform_faces)), each)
         for each in objects
     ]
 
 
-def _subdivide(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> list[Outcome]:
+def _subdivide(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
     names, faces = [each.name for each in objects], [len(each.data.polygons) for each in objects]
     in_place = bpy.context.scene.ccdepth.output == "IN_PLACE"
     before = set(bpy.data.objects)
@@ -279,7 +273,7 @@ def _subdivide(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) ->
         made = [results[name] for name in names]
     print_results(made)
     return [
-        Outcome(replace(_adaptive_entry(each, settings), name=name, faces=count), each)
+        (replace(_adaptive_entry(each, settings), name=name, faces=count), each)
         for name, count, each in zip(names, faces, made, strict=True)
     ]
 
@@ -295,8 +289,8 @@ def _adaptive_entry(result: bpy.types.Object, settings: dict[str, Any]) -> Objec
     )
 
 
-def _measure(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> list[Outcome]:
-    return [Outcome(_measured_entry(each, settings), each) for each in objects]
+def _measure(objects: Sequence[bpy.types.Object], settings: dict[str, Any]) -> Outcomes:
+    return [(_measured_entry(each, settings), each) for each in objects]
 
 
 def _measured_entry(blender_object: bpy.types.Object, settings: dict[str, Any]) -> ObjectEntry:
@@ -336,7 +330,7 @@ def _write(
             if (beside := path.with_suffix(suffix)).exists()
         )
         if targets or not is_blend:
-            written = [WrittenObject(each.name, shown_triangles(each)) for each in shown]
+            written = {each.name: shown_triangles(each) for each in shown}
             parts = read_written(path, unit / scene, written)
         measured = entry.objects
         if targets:

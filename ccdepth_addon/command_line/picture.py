@@ -31,7 +31,7 @@ from ..state.colors import BEYOND, scale_colors, to_linear
 from ..state.heat_map import Shown
 from ..ui.legend_contents import Color, Legend, legend
 from ..ui.legend_layout import Rectangle, Style, column
-from .blender_calls import temporary_data
+from .blender_calls import CommandError, temporary_data
 
 WIDTH, HEIGHT = 1600, 1000
 # Of the size that --picture has: as wide as the page of a report.
@@ -82,10 +82,6 @@ class Look(Enum):
     WIREFRAME = auto()
 
 
-class PictureError(RuntimeError):
-    """There is nothing to make a picture of, or no way to; the message says why."""
-
-
 def render(
     context: bpy.types.Context,
     objects: Sequence[bpy.types.Object],
@@ -99,11 +95,11 @@ def render(
     part of the usual one.
 
     What is shown of each is its control mesh with its depths or deviations, or its adaptive mesh with its distances.
-    The file's own scenes, objects and meshes stay as they are. Raises PictureError.
+    The file's own scenes, objects and meshes stay as they are. Raises CommandError.
     """
     shown = [obj for obj in objects if results.has_any(obj.data)]
     if not shown:
-        raise PictureError("there are no depths to make a picture of")
+        raise CommandError("there are no depths to make a picture of")
     kind = heat_map.last_result(shown[0].data)
     assert kind is not None
     colored = [obj for obj in shown if heat_map.has_shown(obj.data, kind)]
@@ -141,7 +137,7 @@ def _new_scene(size: float) -> bpy.types.Scene:
     try:
         render_settings.engine = "CYCLES"
     except TypeError as fault:
-        raise PictureError("the picture needs the Cycles renderer, which is not enabled in this Blender") from fault
+        raise CommandError("the picture needs the Cycles renderer, which is not enabled in this Blender") from fault
     render_settings.resolution_x, render_settings.resolution_y = WIDTH, HEIGHT
     render_settings.resolution_percentage = round(100 * size)
     render_settings.dither_intensity = 0.0
@@ -359,6 +355,6 @@ def _write_picture(scene: bpy.types.Scene, path: Path) -> None:
     try:
         bpy.ops.render.render(write_still=True, scene=scene.name)
     except RuntimeError as fault:
-        raise PictureError(f"the picture could not be rendered: {fault}") from fault
+        raise CommandError(f"the picture could not be rendered: {fault}") from fault
     if not path.is_file():
-        raise PictureError(f"the picture could not be written to {path}")
+        raise CommandError(f"the picture could not be written to {path}")

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from base64 import b64encode
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from html import escape
 
 import bpy
@@ -157,15 +157,12 @@ def _file_table(entries: Sequence[FileEntry]) -> str:
         ]
         for number, entry in enumerate(entries)
     ]
-    table = _table(["File", "Result", "Objects", "Faces"], rows)
-    return f'<section class="card files">{table}</section>'
-
-
-def _table(headings: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """headings: as text. rows: of HTML."""
-    head = "".join(f'<th scope="col">{_text(heading)}</th>' for heading in headings)
+    head = "".join(f'<th scope="col">{heading}</th>' for heading in ("File", "Result", "Objects", "Faces"))
     lines = "".join(f"<tr>{''.join(f'<td>{cell}</td>' for cell in row)}</tr>" for row in rows)
-    return f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table></div>'
+    return (
+        '<section class="card files"><div class="scroll">'
+        f"<table><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table></div></section>"
+    )
 
 
 def _file_section(number: int, entry: FileEntry) -> str:

@@ -44,7 +44,7 @@ from .report import (
     read_report,
     stamp,
 )
-from .written_meshes import GLB, STL, WrittenObject, measured_distances, read_written
+from .written_meshes import GLB, STL, measured_distances, read_written
 
 # Measure Deviation tells no distances apart that are within this part of the tolerance (docs/deviation.md).
 PART_OF_TOLERANCE = 1e-3
@@ -142,7 +142,7 @@ def _found_anew(action: str, entry: FileEntry) -> list[ObjectEntry]:
         return [_measured_anew(*each, scene) for each in zip(entry.objects, found, tasks, parts, strict=True)]
     if output is None or output.metres_per_unit is None or not targets:
         return found
-    written = [WrittenObject(each.result or each.name, each.triangles or 0) for each in entry.objects]
+    written = {each.result or each.name: each.triangles or 0 for each in entry.objects}
     parts = read_written(output.path, output.metres_per_unit / scene, written)
     found = [
         as_held(_measured_anew(*each, scene), each[-1])
@@ -178,7 +178,7 @@ def _computed_anew(
     report says of how they were made."""
     settings = settings_of(action)
     if action not in (SUBDIVIDE, MEASURE):
-        found = [each.entry for each in ACTIONS[action](objects, settings)]
+        found = [each for each, _ in ACTIONS[action](objects, settings)]
         return [_at_the_level(*pair) for pair in zip(entries, found, strict=True)]
     found = [
         ObjectEntry(said.name, settings, said.tolerance, len(each.data.polygons))

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -28,14 +28,6 @@ KEPT = (NO_NAME, re.compile(r"[\x00-\x20\x7f]"), re.compile(r"[\W_]+"), re.compi
 # A normal, three corners and two bytes for whatever one likes; before them, a text and the number of triangles.
 STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 STL_HEADER = 84
-
-
-@dataclass(frozen=True)
-class WrittenObject:
-    """An object that was written: its name, and how many triangles it shows."""
-
-    name: str
-    triangles: int
 
 
 @dataclass(frozen=True)
@@ -66,14 +58,15 @@ def shown_triangles(blender_object: bpy.types.Object) -> int:
     return len(_shown(blender_object).triangles.corners)
 
 
-def read_written(path: Path, scale: float, written: Sequence[WrittenObject]) -> list[Measured]:
+def read_written(path: Path, scale: float, written: Mapping[str, int]) -> list[Measured]:
     """What the file holds of each object, in place of what is open. scale: the unit of the file in that of the
-    surfaces. Raises CommandError when it does not hold all that was written."""
+    surfaces. written: how many triangles each object shows, by its name. Raises CommandError when it does not hold all
+    that was written."""
     suffix = path.suffix.lower()
     if suffix == STL:
         parts = _split(_read_stl(path), written)
     else:
-        parts = [_as_measured(each) for each in read_back(path, [each.name for each in written])]
+        parts = [_as_measured(each) for each in read_back(path, [*written])]
         if suffix == PLY:
             parts = _split(parts[0], written)
         elif suffix != BLEND:
@@ -83,10 +76,10 @@ def read_written(path: Path, scale: float, written: Sequence[WrittenObject]) -> 
             parts = [
                 replace(part, shown=replace(part.shown, triangles=_joined(part.shown.triangles))) for part in parts
             ]
-    for each, part in zip(written, parts, strict=True):
+    for (name, wanted), part in zip(written.items(), parts, strict=True):
         there = len(part.shown.triangles.corners)
-        if there != each.triangles:
-            raise CommandError(f"it holds {there:,} triangles of “{each.name}”, which has {each.triangles:,}")
+        if there != wanted:
+            raise CommandError(f"it holds {there:,} triangles of “{name}”, which has {wanted:,}")
     return [replace(part, shown=_scaled(part.shown, scale)) for part in parts]
 
 
@@ -120,21 +113,21 @@ def _scaled(shown: ShownMesh, scale: float) -> ShownMesh:
     return replace(shown, linear=shown.linear * scale, location=shown.location * scale)
 
 
-def _split(whole: Measured, written: Sequence[WrittenObject]) -> list[Measured]:
+def _split(whole: Measured, written: Mapping[str, int]) -> list[Measured]:
     """The triangles of a file that holds one mesh, which come object after object."""
-    triangles, wanted = whole.shown.triangles, sum(each.triangles for each in written)
+    triangles, wanted = whole.shown.triangles, sum(written.values())
     if len(triangles.corners) != wanted:
         raise CommandError(f"it holds {len(triangles.corners):,} triangles, and {wanted:,} were written")
-    ends = np.cumsum([each.triangles for each in written])
-    parts = []
-    for each, end in zip(written, ends.tolist(), strict=True):
-        own = slice(end - each.triangles, end)
+    parts, end = [], 0
+    for own_count in written.values():
+        own = slice(end, end + own_count)
+        end += own_count
         part = Triangles(triangles.positions, triangles.corners[own], triangles.faces[own])
         parts.append(replace(whole, shown=replace(whole.shown, triangles=part)))
     return parts
 
 
-def _matched(found: list[Measured], written: Sequence[WrittenObject]) -> list[Measured]:
+def _matched(found: list[Measured], written: Mapping[str, int]) -> list[Measured]:
     """The objects of a file by their names, as far as the format keeps them."""
     for pattern in KEPT:
 
@@ -142,8 +135,8 @@ def _matched(found: list[Measured], written: Sequence[WrittenObject]) -> list[Me
             return pattern.sub("_", name).strip("_")
 
         by_name = {kept(each.object_name): each for each in found}
-        if len(by_name) == len(found) and by_name.keys() == {kept(each.name) for each in written}:
-            return [by_name[kept(each.name)] for each in written]
+        if len(by_name) == len(found) and by_name.keys() == set(map(kept, written)):
+            return [by_name[kept(name)] for name in written]
     raise CommandError("its objects are not those that were written, or cannot be told by their names")
 
 

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import bpy
 import numpy as np
 
@@ -16,24 +14,24 @@ from .data_blocks import own_copy, remove_shape_keys
 from .shape_keys import basis_mesh, write_shape_keys
 from .vertex_groups import group_names, write_groups
 
-
-@dataclass(frozen=True)
-class TransferOptions:
-    """uv_smooth: the modifier's UV Smooth. limit_normals: shade with the exact normals of the limit surface."""
-
-    uv_smooth: str = "PRESERVE_BOUNDARIES"
-    limit_normals: bool = False
+# The modifier's default.
+UV_SMOOTH = "PRESERVE_BOUNDARIES"
 
 
 def new_mesh(
-    base: bpy.types.Mesh, control: PolygonMesh, subdivided: SubdividedMesh, options: TransferOptions | None = None
+    base: bpy.types.Mesh,
+    control: PolygonMesh,
+    subdivided: SubdividedMesh,
+    *,
+    uv_smooth: str = UV_SMOOTH,
+    exact_normals: bool = False,
 ) -> bpy.types.Mesh:
     """The subdivision as a mesh of its own, with the materials, attributes, groups, keys and settings of ``base``.
 
     base: in Object Mode. control: its control mesh, with the same vertices, edges, faces and corners, and explicit
-    sharpness. ``base`` is not changed. Vertices and edges without faces stay as they are. Our results are left out.
+    sharpness. uv_smooth: the modifier's UV Smooth. exact_normals: shade with the exact normals of the limit surface.
+    ``base`` is not changed. Vertices and edges without faces stay as they are. Our results are left out.
     """
-    options = options or TransferOptions()
     mesh = own_copy(base)
     holder = bpy.data.objects.new(mesh.name, mesh)
     try:
@@ -44,11 +42,11 @@ def new_mesh(
         _write_faces(mesh, subdivided)
         # A group and an attribute can share a name only if the attribute is made first.
         holder.vertex_groups.clear()
-        AttributeTransfer(base, control, subdivided, options.uv_smooth).write(mesh)
+        AttributeTransfer(base, control, subdivided, uv_smooth).write(mesh)
         write_groups(holder, groups, base, control, subdivided)
         choose_same(base, mesh)
         write_shape_keys(holder, base, control, subdivided)
-        if options.limit_normals:
+        if exact_normals:
             deformable = base.shape_keys is not None or bool(groups.names)
             write_limit_normals(mesh, basis_mesh(base, control), subdivided, deformable=deformable)
     except BaseException:

@@ -8,13 +8,13 @@ from collections.abc import Callable, Generator, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ..exchange.adaptive_mesh import TransferOptions, new_mesh
+from ..exchange.adaptive_mesh import UV_SMOOTH, new_mesh
 from ..exchange.control_mesh import base_mesh
 from ..exchange.data_blocks import is_writable, own_copy
 from ..exchange.dependencies import StateAtFrame, object_state
@@ -22,7 +22,6 @@ from ..exchange.evaluated import Evaluated, batches, evaluated
 from ..exchange.mesh_arrays import geometry_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers, subdivision_modifier
 from ..state import out_of_date, result_record, results, still_holds
-from ..state.result_record import MadeWith
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.surfaces import ComputeError, naming
 from .scene_objects import hide, link_beside, show_in_local_view
@@ -133,17 +132,15 @@ def _make_mesh(
     copies: Evaluated,
 ) -> NewMesh:
     modifier = subdivision_modifier(source)
-    options = TransferOptions(limit_normals=exact_normals)
-    if modifier is not None:
-        options = TransferOptions(uv_smooth=modifier.uv_smooth, limit_normals=exact_normals)
+    uv_smooth = UV_SMOOTH if modifier is None else modifier.uv_smooth
     control = answer.task.surface.control
     base, own_control = base_mesh(context, source, use_modifiers=settings.use_modifiers, copies=copies)
     if own_control.key != control.key:
         raise ComputeError(CHANGED)
-    mesh = new_mesh(base, control.mesh, answer.adaptive.mesh, options)
+    mesh = new_mesh(base, control.mesh, answer.adaptive.mesh, uv_smooth=uv_smooth, exact_normals=exact_normals)
     try:
         mesh.name = source.name + NAME_SUFFIX
-        results.write_adaptive(mesh, answer, settings)
+        results.write_adaptive(mesh, answer, settings, answer.adaptive.depths, answer.adaptive.bounds)
     except BaseException:
         bpy.data.meshes.remove(mesh)
         raise
@@ -231,7 +228,7 @@ def _show_again(original: bpy.types.Object, *, selected: bool, render_hidden: bo
     original.select_set(selected)
 
 
-def place_in_results(context: bpy.types.Context, made: list[NewMesh], settings: MadeWith) -> list[str]:
+def place_in_results(context: bpy.types.Context, made: list[NewMesh], settings: dict[str, Any]) -> list[str]:
     """Give each mesh to its results, and to the objects that share their mesh; returns notes for the user. Raises
     ComputeError, with nothing changed, when an object is no longer what it was."""
     notes: list[str] = []

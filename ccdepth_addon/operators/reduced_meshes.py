@@ -17,7 +17,7 @@ from ..exchange.result_attributes import DEPTH, DEPTH_KIND, write_face_values
 from ..exchange.vertex_groups import has_groups
 from ..state import results
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
-from ..tasks.reduce_task import ReducedResult, depths_of_faces, finer_result, reduction_of, triangle_count
+from ..tasks.reduce_task import depths_of_faces, finer_result, reduction_of, triangle_count
 from ..tasks.surfaces import naming
 from .job import Steps, Work
 from .place_results import NewMesh, make_meshes
@@ -71,8 +71,8 @@ class Reducer:
                     _remove([made.mesh_uid])
                     return None
                 depths = read_values(mesh.attributes[DEPTH].data, "value", np.int32)
-                reduced = ReducedResult(answer, bounds, depths)
-                results.write_reduced(mesh, reduced, self._settings)
+                results.write_adaptive(mesh, answer, self._settings, depths, bounds)
+                mesh.ccdepth.unreduced_triangles = triangle_count(answer)
                 return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), depths)
         except BaseException:
             _remove([made.mesh_uid])

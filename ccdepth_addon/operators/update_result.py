@@ -114,8 +114,7 @@ class CCDEPTH_OT_update_kept(UpdatingOperator):
         self._chosen = [first, *alike]
         # Whatever comes of it, it is not tried again before the source is edited again.
         out_of_date.no_longer_due(self._chosen)
-        self.tolerance = settings.tolerance
-        for name, value in settings.value.items():
+        for name, value in settings.items():
             setattr(self, name, value)
         return super()._begin(context, seconds)
 

@@ -6,7 +6,6 @@ with. Results that took the place of a mesh have none."""
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 from typing import Any
 from zlib import crc32
 
@@ -62,18 +61,6 @@ class ResultRecord(
 SETTINGS = properties.setting_names(ResultRecord)
 
 
-@dataclass(frozen=True)
-class MadeWith:
-    """What a result was made with: its tolerance as typed, and its other settings by their names."""
-
-    tolerance: float
-    settings: tuple[Any, ...]
-
-    @property
-    def value(self) -> dict[str, Any]:
-        return dict(zip(SETTINGS, self.settings, strict=True))
-
-
 def is_result(blender_object: bpy.types.Object) -> bool:
     """Whether the object is a result that came from another object, which may be gone."""
     return blender_object.type == "MESH" and bool(blender_object.ccdepth.source_name)
@@ -107,33 +94,30 @@ def left_hidden(context: bpy.types.Context) -> list[bpy.types.Object]:
     return [each for each in hidden if (source := source_of(each)) is None or not source.users_scene]
 
 
-def made_with(holder: Any, tolerance: float) -> MadeWith:
-    """The settings that an operator, a scene or a record holds, but for the tolerance."""
-    return MadeWith(shortest_decimal(tolerance), tuple(getattr(holder, name) for name in SETTINGS))
+def made_with(holder: Any, tolerance: float) -> dict[str, Any]:
+    """This tolerance as typed, and the other settings that an operator, a scene or a record holds, by their names."""
+    return {"tolerance": shortest_decimal(tolerance), **{name: getattr(holder, name) for name in SETTINGS}}
 
 
 def settings_have_changed(result: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:
     """Whether the scene's settings are others than those the result was made with."""
     record = result.ccdepth
     made, now = made_with(record, record.tolerance), made_with(settings, properties.scene_tolerance(settings))
-    if made.tolerance != now.tolerance:
-        return True
     unread = WITHOUT_REDUCE if record.reduce and settings.reduce else set()
-    return any(made.value[name] != now.value[name] for name in SETTINGS if name not in unread)
+    return any(made[name] != now[name] for name in made.keys() - unread)
 
 
 def remember(
     result: bpy.types.Object,
     source: bpy.types.Object,
-    settings: MadeWith,
+    settings: dict[str, Any],
     materials: Iterable[bpy.types.Material | None],
 ) -> None:
     """Write to the result where it came from, which had these materials. What the user chose for it stays."""
     record = result.ccdepth
     record.source, record.source_name = source, source.name
     record.source_is_adaptive = is_adaptive(source)
-    record.tolerance = settings.tolerance
-    for name, value in settings.value.items():
+    for name, value in settings.items():
         setattr(record, name, value)
     record.source_checksum = source_checksum(source, use_modifiers=record.use_modifiers)
     record.mesh_checksum = _own_checksum(result)

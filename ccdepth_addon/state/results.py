@@ -25,7 +25,6 @@ from ..exchange.result_attributes import (
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.depth_task import DepthSettings, MeshDepths
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation
-from ..tasks.reduce_task import ReducedResult, triangle_count
 from ..tasks.surfaces import SurfaceSettings
 
 
@@ -84,26 +83,15 @@ def write_record(mesh: bpy.types.Mesh, answer: MeshDepths, settings: DepthSettin
     record.uniform_faces = str(answer.uniform_faces)
 
 
-def write_adaptive(mesh: bpy.types.Mesh, answer: AdaptiveResult, settings: AdaptiveSettings) -> None:
-    """Write depths, bounds and record of an adaptive mesh, in Object Mode."""
-    _write_adaptive(mesh, answer, answer.adaptive.depths, answer.bounds, settings)
-
-
-def write_reduced(mesh: bpy.types.Mesh, reduced: ReducedResult, settings: AdaptiveSettings) -> None:
-    """The same for one that was reduced."""
-    answer = reduced.unreduced
-    _write_adaptive(mesh, answer, reduced.depths, reduced.bounds, settings)
-    mesh.ccdepth.unreduced_triangles = triangle_count(answer)
-
-
-def _write_adaptive(
+def write_adaptive(
     mesh: bpy.types.Mesh,
     answer: AdaptiveResult,
+    settings: AdaptiveSettings,
     depths: NDArray[np.int32],
     proved: FloatArray,
-    settings: AdaptiveSettings,
 ) -> None:
-    bounds = rounded_up(proved)
+    """Write depths (F,), and proved distances (F,) where the mesh was made, with its record, in Object Mode."""
+    bounds = rounded_up(answer.largest_over_users(proved))
     write_face_values(mesh, {DEPTH_KIND: depths, BOUND_KIND: bounds})
     record = _new_record(mesh, depths, settings)
     record.subdivision = settings.mode

@@ -110,11 +110,6 @@ class AdaptiveResult:
         """The largest tolerance of its objects, a length in the scene."""
         return max(target.tolerance for target in self.task.targets)
 
-    @property
-    def bounds(self) -> FloatArray:
-        """(F,) the proved distances, lengths in the scene, with all rounding, wherever the result is used."""
-        return self.largest_over_users(self.adaptive.bounds)
-
     def largest_over_users(self, bounds: FloatArray) -> FloatArray:
         """(N,) proved distances as lengths in the scene, with all rounding, wherever the result is used."""
         # An object that is dominated has no larger distances, in parts of its tolerance.

@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core import (
     AdaptiveMesh,
-    FloatArray,
     Progress,
     Reduction,
     TooManyFacesError,
@@ -23,21 +22,6 @@ from .adaptive_task import AdaptiveResult, AdaptiveSettings
 
 # Into what parts the tolerance is divided for the mesh to reduce: the first that does not make too many faces.
 DIVISORS = (12.0, 6.0, 2.0)
-
-
-@dataclass(frozen=True)
-class ReducedResult:
-    """A reduced mesh. unreduced: the adaptive result within the same tolerance. proved: (T,) float64, the proved
-    distances where it was made. depths: (T,) int32, of the base faces that the triangles come from."""
-
-    unreduced: AdaptiveResult
-    proved: FloatArray
-    depths: NDArray[np.int32]
-
-    @property
-    def bounds(self) -> FloatArray:
-        """(T,) the proved distances, lengths in the scene, with all rounding, wherever the result is used."""
-        return self.unreduced.largest_over_users(self.proved)
 
 
 def finer_result(answer: AdaptiveResult, settings: AdaptiveSettings, progress: Progress = no_report) -> AdaptiveResult:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from types import MappingProxyType
@@ -51,11 +51,7 @@ class SurfaceSettings:
         """The settings that an operator, a scene or a record holds, with this tolerance and others that are given; all
         numbers as they are typed."""
         names = [each.name for each in fields(cls) if each.name not in {"tolerance", *others}]
-        values: dict[str, Any] = {name: getattr(holder, name) for name in names}
-        typed: dict[str, Any] = {
-            name: shortest_decimal(value) if isinstance(value, float) else value for name, value in values.items()
-        }
-        return cls(shortest_decimal(tolerance), **typed, **others)
+        return cls(shortest_decimal(tolerance), **typed_values(holder, names), **others)
 
 
 @dataclass(frozen=True)
@@ -115,6 +111,12 @@ class Faults:
     def _text(self, name: str) -> str:
         frame = self._frames[name]
         return name if frame is None else f"{name}, on frame {frame}"
+
+
+def typed_values(holder: Any, names: Iterable[str]) -> dict[str, Any]:
+    """Properties of a holder by their names, all numbers as they are typed."""
+    values = {name: getattr(holder, name) for name in names}
+    return {name: shortest_decimal(value) if isinstance(value, float) else value for name, value in values.items()}
 
 
 def shortest_decimal(value: float) -> float:

@@ -244,7 +244,7 @@ def compare(
     control = apply_boundary_rule(scene.polygon_mesh_of(base), smooth_corners=True)
     subdivided = uniform.uniform(control, LEVEL)
     module = addon.module("exchange.adaptive_mesh")
-    mesh = module.new_mesh(base, control, subdivided, module.TransferOptions(uv_smooth, exact_normals))
+    mesh = module.new_mesh(base, control, subdivided, uv_smooth=uv_smooth, exact_normals=exact_normals)
     blenders = holder.evaluated_get(bpy.context.evaluated_depsgraph_get()).data
     return Comparison(base, control, subdivided, mesh, blenders)
 

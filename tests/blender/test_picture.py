@@ -123,7 +123,7 @@ def test_all_objects_are_in_the_picture_whatever_their_size(tmp_path: Path) -> N
 
 
 def test_without_depths_there_is_no_picture(tmp_path: Path) -> None:
-    with pytest.raises(picture.PictureError):
+    with pytest.raises(picture.CommandError):
         render(tmp_path / "picture.png", scene.add_suzanne())
     assert not list(tmp_path.iterdir())
 
