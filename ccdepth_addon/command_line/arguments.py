@@ -160,7 +160,7 @@ def _add_actions(parser: Parser) -> None:
         "--time-limit",
         type=_number("of seconds", 0.0),
         metavar="SECONDS",
-        help="measure no longer than this; 0 for no limit",
+        help="measure no longer than so many seconds; 0 for no limit",
     )
     add = parser.add_argument_group("adaptive subdivision").add_argument
     add("--mode", type=_name, choices=list(Mode), help="how the faces are divided")
@@ -179,7 +179,7 @@ def _add_actions(parser: Parser) -> None:
         default=None,
         help="make the fewest triangles that can be proved to be within the tolerance",
     )
-    add("--max-faces", type=face_limit, help="refuse to make more faces than this")
+    add("--max-faces", type=face_limit, help="the largest number of faces to make")
 
 
 def _add_outputs(parser: Parser) -> None:
@@ -214,7 +214,7 @@ def _add_runs(parser: Parser) -> None:
         "--jobs",
         type=_job_count,
         metavar="N",
-        help="do so many files at a time, in other processes: one that crashes is the failure of its file",
+        help="do so many files at a time, in other processes: a file that crashes Blender fails alone",
     )
     parser.add_argument(
         "--verify", type=Path, metavar="REPORT", help="check all that a JSON report says, and do nothing else"

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Fraction of a scale → colour; overlay, legend, histogram, pictures and baked attributes use the same ones.
+"""Fractions of a scale → colours of overlay, legend, histogram, pictures and baked attributes.
 
-The colours grow lighter all along, with hues from violet by way of blue and green to pale yellow, so that
-they are distinct with any common colour blindness. Those of neighbouring depths are clearly apart.
+The colours grow lighter from violet by way of blue and green to pale yellow, and stay distinct with any common colour
+blindness. Colours of neighbouring depths are clearly apart.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the heat map shows, and which colour stands for which value."""
+"""The values that the heat map shows, and their colours."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ Values = NDArray[np.int32] | NDArray[np.float32]
 
 
 class Shown(Enum):
-    """What colours stand for, by its name in the scene's setting, and the title of its legend."""
+    """The kinds of values in the heat map, by name in the scene's setting, with titles for legends."""
 
     DEPTH = "Levels Needed"
     DISTANCE = "Proved Distance"
@@ -38,12 +38,12 @@ class Shown(Enum):
 
 
 def shown(settings: bpy.types.PropertyGroup) -> Shown | None:
-    """What the scene's heat map shows."""
+    """The kind of values that the scene's heat map shows; None without a heat map."""
     return Shown.__members__.get(settings.heat_map)
 
 
 def show(context: bpy.types.Context, kind: Shown) -> None:
-    """Have the scene's heat map show what was made just now, unless it is off."""
+    """Switch the scene's heat map to a kind of values that was just made, unless the map is off."""
     settings = context.scene.ccdepth
     if shown(settings) is not None:
         settings.heat_map = kind.name
@@ -51,7 +51,7 @@ def show(context: bpy.types.Context, kind: Shown) -> None:
 
 
 def last_result(mesh: bpy.types.Mesh) -> Shown | None:
-    """What to show of a mesh alone: its last result; of an adaptive mesh the distances, as it needs no more levels."""
+    """The kind of the mesh's last result; of an adaptive mesh the distances, as no face needs more levels."""
     if results.is_deviation_last(mesh):
         return Shown.DEVIATION
     if not results.has_result(mesh):
@@ -79,7 +79,7 @@ def top(kind: Shown, tolerance: float, settings: bpy.types.PropertyGroup) -> flo
 
 
 def on_scale(kind: Shown, values: Values) -> NDArray[np.float32]:
-    """Values of an attribute as the scale has them: depths deeper than the last are like it."""
+    """Values of an attribute as the scale has them: deeper depths become the last depth."""
     return (values.clip(0, LAST_DEPTH) if kind is Shown.DEPTH else values).astype(np.float32)
 
 

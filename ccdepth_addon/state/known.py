@@ -47,10 +47,8 @@ _selected: set[int] = set()
 
 
 def objects_for_tolerance(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The objects that tolerances are told for: the active one, or the selected ones where that is no mesh.
-
-    For a result it is what Update Result would make it from.
-    """
+    """The objects that tolerances are told for: the active object, or the selected objects where the active one is no
+    mesh. A result is replaced by its source."""
     active = context.active_object
     holders = [active] if active is not None and active.type == "MESH" else context.selected_objects
     return [control_object(each) for each in holders if each.type == "MESH"]
@@ -68,7 +66,7 @@ def known_diagonal(blender_object: bpy.types.Object, *, use_modifiers: bool) -> 
 def measured_diagonal(
     context: bpy.types.Context, blender_object: bpy.types.Object, *, use_modifiers: bool
 ) -> float | None:
-    """The same, measured now; None where the object has no control mesh with a length."""
+    """The diagonal of the object's dimensions, measured now; None without a control mesh of some length."""
     counted = counted_modifiers(blender_object, use_modifiers=use_modifiers)
     try:
         if is_evaluated(blender_object, counted):
@@ -84,7 +82,7 @@ def measured_diagonal(
 
 
 def _measure_wanted() -> bool:
-    """Measure what was asked for, where it takes no time."""
+    """Measure the diagonals that were asked for, where measuring takes no time."""
     wanted = _wanted.copy()
     _wanted.clear()
     by_uid = {each.session_uid: each for each in bpy.data.objects if each.type == "MESH"} if wanted else {}
@@ -115,7 +113,7 @@ def _quickly_measured(holder: bpy.types.Object, use_modifiers: bool) -> float | 
 
 
 def _recorded(holder: bpy.types.Object, use_modifiers: bool) -> float | None:
-    """The diagonal that the depths on the object's mesh were computed with, if they hold for it alone."""
+    """The diagonal of the computation of depths on the object's mesh, if the depths hold for this object alone."""
     mesh, record = holder.data, holder.data.ccdepth
     is_own = results.has_result(mesh) and not record.subdivision and not record.frames and mesh.users == 1
     is_alike = (record.tolerance_mode, record.use_modifiers) == ("RELATIVE", use_modifiers)
@@ -123,9 +121,9 @@ def _recorded(holder: bpy.types.Object, use_modifiers: bool) -> float | None:
 
 
 def remember_count(groups: Sequence[Sequence[str]], settings: AdaptiveSettings, counts: Sequence[FaceCount]) -> None:
-    """Keep the count of each result, and that of all together, until the objects change.
+    """Keep the count of each result, and the count of all results together, until the objects change.
 
-    groups: the names of the objects that get each result. Where there are too many faces, any count is that of all.
+    groups: the names of the objects that get each result. With too many faces, any count is the count of all.
     """
     together = counts[0]
     if not together.are_too_many:
@@ -136,7 +134,8 @@ def remember_count(groups: Sequence[Sequence[str]], settings: AdaptiveSettings, 
 
 
 def known_count(objects: Iterable[bpy.types.Object], settings: AdaptiveSettings) -> FaceCount | None:
-    """How many faces the adaptive meshes of all these objects together would have with these settings, if counted."""
+    """The number of faces of the adaptive meshes of all these objects together with these settings; None if not
+    counted."""
     counted_with, count = _counts.get(_uids(objects), (None, None))
     return count if counted_with == settings else None
 
@@ -146,7 +145,7 @@ def _uids(objects: Iterable[bpy.types.Object]) -> frozenset[int]:
 
 
 def note_refused(faces_at_fault: Mapping[str, int]) -> None:
-    """Note how many faces the run that has just ended could not use, by the names of objects; none if it went well."""
+    """Note the number of faces that the last run could not use, by the names of objects; none after a good run."""
     _refused.clear()
     for name, faces in faces_at_fault.items():
         holder = bpy.data.objects.get(name)
@@ -156,17 +155,17 @@ def note_refused(faces_at_fault: Mapping[str, int]) -> None:
 
 
 def faces_at_fault(mesh: bpy.types.Mesh) -> int:
-    """How many faces of the mesh the last run could not use, for the panel to offer to select these."""
+    """The number of the mesh's faces that the last run could not use."""
     return _refused.get(mesh.session_uid, 0)
 
 
 def note_selected(mesh: bpy.types.Mesh) -> None:
-    """Have the mesh's selection shown in Object Mode, where Blender shows none."""
+    """Show the mesh's selection in Object Mode, where Blender shows none."""
     _selected.add(mesh.session_uid)
 
 
 def is_selection_shown(mesh: bpy.types.Mesh) -> bool:
-    """Whether the mesh's selection is shown in Object Mode; in Edit Mode a user selects, and it is not any more."""
+    """Whether the mesh's selection is shown in Object Mode; Edit Mode ends that, as users select there."""
     if mesh.is_editmode:
         _selected.discard(mesh.session_uid)
     return mesh.session_uid in _selected

@@ -67,7 +67,7 @@ def change_since_measured(mesh: bpy.types.Mesh) -> str:
 
 
 def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object]) -> list[bpy.types.Object]:
-    """Those of the objects whose results no longer hold, examined now; panels show the same."""
+    """The objects whose results no longer hold, examined now; panels show the same."""
     context.view_layer.update()
     _examine({blender_object.data.session_uid for blender_object in objects})
     return [holder for holder in objects if is_stale(holder.data) or is_uncovered(holder)]
@@ -80,7 +80,7 @@ def note_write(mesh: bpy.types.Mesh) -> None:
 
 
 def note_deviation(measured: bpy.types.Object) -> None:
-    """The same of a new measurement on the object's mesh."""
+    """Note a new measurement on the object's mesh: the next change of its geometry is the writing of it."""
     _changes.pop(measured.data.session_uid, None)
     _own_writes.add(measured.data.session_uid)
     _note_target(measured)
@@ -117,18 +117,18 @@ def due_results() -> list[bpy.types.Object]:
 
 
 def no_longer_due(results: list[bpy.types.Object]) -> None:
-    """Do not make these anew before their sources leave Edit Mode again."""
+    """Leave these results until their sources leave Edit Mode again."""
     _due.difference_update(each.session_uid for each in results)
 
 
 def due_again(results: list[bpy.types.Object]) -> None:
-    """Make these anew when nothing has happened for a while."""
+    """Make these results anew when nothing has happened for a while."""
     _due.update(each.session_uid for each in results)
     watch.examine_soon()
 
 
 def remember_made(result: bpy.types.Object, source: bpy.types.Object, *given: Any) -> None:
-    """Write to the result that it has just been made from the source: see ``result_record.remember``."""
+    """Record on the result that the source has just made it: see ``result_record.remember``."""
     result_record.remember(result, source, *given)
     _changed.discard(result.session_uid)
     _due.discard(result.session_uid)
@@ -136,7 +136,7 @@ def remember_made(result: bpy.types.Object, source: bpy.types.Object, *given: An
 
 
 def _examine_touched() -> bool:
-    """Examine what was touched; returns whether there is any of it."""
+    """Examine touched meshes and sources; returns whether there are any."""
     touched, sources = set(_touched), set(_touched_sources)
     _touched.clear()
     _touched_sources.clear()
@@ -171,7 +171,7 @@ def _examine(uids: set[int]) -> bool:
 
 
 def _examine_results_of(source: bpy.types.Object) -> bool:
-    """Compare the source with what its results were made from; returns whether there are any."""
+    """Compare the source with the records of its results; returns whether there are any results."""
     has_left = source.session_uid in _left
     _left.discard(source.session_uid)
     made = result_record.results_of(source)
@@ -185,12 +185,12 @@ def _examine_results_of(source: bpy.types.Object) -> bool:
 
 
 def _is_kept_updated(result: bpy.types.Object) -> bool:
-    """Whether the result is made anew without asking: not if its own mesh was edited, or is just being edited."""
+    """Whether the result is made anew without asking: only while its own mesh is as it was made."""
     return result.ccdepth.keep_updated and not result.data.is_editmode and not result_record.is_edited(result)
 
 
 def _tried(examine: Callable[..., Answer], *given: Any) -> Answer | None:
-    """What the function returns; None, with a message on the console, where it fails."""
+    """The answer of the function; None, with a message on the console, where the function fails."""
     try:
         return examine(*given)
     except Exception:
@@ -267,7 +267,7 @@ def _touch_everything() -> bool:
 
 
 def _begin_anew() -> bool:
-    """After undo, redo and loading: they must not be followed by something that is made anew."""
+    """Begin anew after undo, redo and loading, without results that are due."""
     for runtime in (_edited, _left, _due):
         runtime.clear()
     _find_results()

@@ -138,7 +138,7 @@ def absolute_tolerance_property() -> Any:
 
 
 def relative_tolerance_property(**others: Any) -> Any:
-    """A fraction of the diagonal, likewise. others: what else the property has."""
+    """A fraction of the diagonal, likewise without a hard minimum. others: further arguments of the property."""
     return FloatProperty(
         name="Tolerance",
         description=TOLERANCE_DESCRIPTION + ", as a part of the diagonal of the object's dimensions",
@@ -151,7 +151,7 @@ def relative_tolerance_property(**others: Any) -> Any:
 
 
 class ToleranceProperties:
-    """What all that is computed goes by, beside the tolerance itself."""
+    """Settings of everything that is computed, beside the tolerance itself."""
 
     tolerance_mode: EnumProperty(
         name="Tolerance Mode", description="How the tolerance is given", items=TOLERANCE_MODES, default="RELATIVE"
@@ -166,7 +166,7 @@ class ToleranceProperties:
 
 
 class DepthProperties:
-    """What Compute Depth goes by."""
+    """Settings of Compute Depth."""
 
     method: EnumProperty(
         name="Method",
@@ -194,7 +194,7 @@ class DepthProperties:
 
 
 class DivisionProperties:
-    """How faces are divided."""
+    """Settings of the division of faces."""
 
     mode: EnumProperty(
         name="Division", description="How the faces are divided", items=SUBDIVISION_MODES, default="ADAPTIVE"
@@ -208,7 +208,7 @@ class DivisionProperties:
 
 
 class FaceLimitProperties:
-    """How many faces there may be."""
+    """The setting of the largest number of faces."""
 
     max_faces: IntProperty(
         name="Face Limit",
@@ -222,7 +222,7 @@ class FaceLimitProperties:
 
 
 class MakingProperties:
-    """What is made of a divided mesh."""
+    """Settings of the mesh to make."""
 
     exact_normals: BoolProperty(
         name="Exact Normals",
@@ -239,7 +239,7 @@ class MakingProperties:
 
 
 class OutputProperties:
-    """Which objects get results, and where these go."""
+    """Settings of the objects that get results, and of the places of results."""
 
     output: EnumProperty(name="Output", description="Where the result goes", items=OUTPUT_ITEMS, default="NEW_OBJECT")
     subdivide_results: BoolProperty(
@@ -251,7 +251,7 @@ class OutputProperties:
 
 
 class BudgetProperties:
-    """What Find Tolerance looks for."""
+    """The setting of Find Tolerance."""
 
     face_budget: IntProperty(
         name="Budget",
@@ -264,7 +264,7 @@ class BudgetProperties:
 
 
 class MeasureProperties:
-    """What Measure Deviation goes by."""
+    """Settings of Measure Deviation."""
 
     # A fraction without a hard minimum, so that a bad one can be refused with a report.
     accuracy: FloatProperty(

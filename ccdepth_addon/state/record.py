@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""The record on the mesh: what was computed or measured on it, and from what."""
+"""The record on the mesh: the results of computations and measurements, and their inputs."""
 
 import bpy
 from bpy.props import (
@@ -33,7 +33,7 @@ class Contributor(bpy.types.PropertyGroup):
 
 
 class Measurement(bpy.types.PropertyGroup):
-    """What was measured on this mesh, with what, and where it is worst."""
+    """A measurement on this mesh: inputs, verdict and worst place."""
 
     measured: StringProperty(description="The name of the measured object at the time")
     against: StringProperty(description="The name of the object with the limit surface at the time")
@@ -59,9 +59,9 @@ class Measurement(bpy.types.PropertyGroup):
 
 
 class MeshRecord(bpy.types.PropertyGroup):
-    """What was computed on this mesh, from what, and what to restore when it is cleared.
+    """The results on this mesh, their inputs, and the colours to restore.
 
-    On an adaptive mesh ``subdivision`` is set, and the depth of a face is that of its base face.
+    On an adaptive mesh ``subdivision`` is set, and the depth of a face is the depth of its base face.
     """
 
     has_result: BoolProperty()

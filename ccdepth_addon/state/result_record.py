@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""The record on an object that is a result of Apply Adaptive Subdivision: the object it came from, and what it was made
-with. Results that took the place of a mesh have none."""
+"""The record on a result of Apply Adaptive Subdivision: its source and its settings. Results that took the place of a
+mesh have no record."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ WITHOUT_REDUCE = set(properties.setting_names(properties.DivisionProperties))
 
 
 class AppliedModifier(bpy.types.PropertyGroup):
-    """A modifier of the source that was counted in; it has its name."""
+    """A modifier of the source that was counted in, by name."""
 
 
 class SourceMaterial(bpy.types.PropertyGroup):
@@ -36,7 +36,7 @@ class SourceMaterial(bpy.types.PropertyGroup):
 class ResultRecord(
     properties.ToleranceProperties, properties.DivisionProperties, properties.MakingProperties, bpy.types.PropertyGroup
 ):
-    """Where a result came from, and what it was made with; and of any object, what it was measured against."""
+    """The source and the settings of a result; and of any object, the object it was measured against."""
 
     source: PointerProperty(type=bpy.types.Object, description="The source: the object that the result was made from")
     source_name: StringProperty(description="The name of the source; empty on objects that are no results")
@@ -72,24 +72,24 @@ def is_adaptive(blender_object: bpy.types.Object) -> bool:
 
 
 def source_of(result: bpy.types.Object) -> bpy.types.Object | None:
-    """The object the result came from; None when it is gone."""
+    """The source of the result; None when the source is gone."""
     source = result.ccdepth.source
     return None if source == result else source
 
 
 def control_object(blender_object: bpy.types.Object) -> bpy.types.Object:
-    """The object that tolerance and counts are about: what Update Result would make a result from, else the object."""
+    """The object that tolerance and counts are about: the source of a result, otherwise the object."""
     source = source_of(blender_object) if is_result(blender_object) else None
     return blender_object if source is None or source.type != "MESH" else source
 
 
 def results_of(source: bpy.types.Object) -> list[bpy.types.Object]:
-    """The results that came from an object. It looks at all objects of the file."""
+    """The results of a source, from a look at all objects of the file."""
     return [each for each in bpy.data.objects if each.type == "MESH" and each.ccdepth.source == source != each]
 
 
 def left_hidden(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """The hidden results in the view layer whose sources were deleted, so that nothing of either is seen."""
+    """The hidden results in the view layer whose sources were deleted: neither of the two is seen."""
     hidden = [each for each in context.view_layer.objects if is_result(each) and not each.visible_get()]
     return [each for each in hidden if (source := source_of(each)) is None or not source.users_scene]
 
@@ -100,7 +100,7 @@ def made_with(holder: Any, tolerance: float) -> dict[str, Any]:
 
 
 def settings_have_changed(result: bpy.types.Object, settings: bpy.types.PropertyGroup) -> bool:
-    """Whether the scene's settings are others than those the result was made with."""
+    """Whether the scene's settings differ from the settings of the result."""
     record = result.ccdepth
     made, now = made_with(record, record.tolerance), made_with(settings, properties.scene_tolerance(settings))
     unread = WITHOUT_REDUCE if record.reduce and settings.reduce else set()
@@ -113,7 +113,8 @@ def remember(
     settings: dict[str, Any],
     materials: Iterable[bpy.types.Material | None],
 ) -> None:
-    """Write to the result where it came from, which had these materials. What the user chose for it stays."""
+    """Record source and settings on the result; the source had these materials. The user's choices for the result
+    stay."""
     record = result.ccdepth
     record.source, record.source_name = source, source.name
     record.source_is_adaptive = is_adaptive(source)
@@ -130,12 +131,12 @@ def remember(
 
 
 def forget(blender_object: bpy.types.Object) -> None:
-    """Make an object one that came from no other."""
+    """Remove the record of a source from an object."""
     blender_object.property_unset("ccdepth")
 
 
 def source_checksum(source: bpy.types.Object, *, use_modifiers: bool) -> str:
-    """A checksum of everything of a source that its results are made of, but for weights and materials; not in Edit
+    """A checksum of everything in a source that shapes its results, without weights and materials; not in Edit
     Mode."""
     content = content_checksum(source.data, {kind.name for kind in ATTRIBUTES})
     state = object_state(source, use_modifiers=use_modifiers)
@@ -143,13 +144,13 @@ def source_checksum(source: bpy.types.Object, *, use_modifiers: bool) -> str:
 
 
 def source_has_changed(result: bpy.types.Object, source: bpy.types.Object) -> bool:
-    """Whether the source, which is not in Edit Mode, is another than the result was made from."""
+    """Whether the source, outside Edit Mode, has changed since the result was made."""
     record = result.ccdepth
     return source_checksum(source, use_modifiers=record.use_modifiers) != record.source_checksum
 
 
 def is_edited(result: bpy.types.Object) -> bool:
-    """Whether the result's mesh, which is not in Edit Mode, is another than the one that was made."""
+    """Whether the result's mesh, outside Edit Mode, has changed since it was made."""
     return _own_checksum(result) != result.ccdepth.mesh_checksum
 
 
@@ -158,8 +159,8 @@ def _own_checksum(result: bpy.types.Object) -> str:
 
 
 def modifier_fault(result: bpy.types.Object, source: bpy.types.Object, *, use_modifiers: bool) -> str | None:
-    """Why the result cannot keep its modifiers beside a mesh made from the source: one would count twice, or not at
-    all."""
+    """The reason why the result cannot keep its modifiers beside a new mesh: a modifier would count twice, or not at
+    all; None without a reason."""
     before = {applied.name for applied in result.ccdepth.applied}
     counted = base_modifiers(source, use_modifiers=use_modifiers)
     own = {modifier.name: modifier.type for modifier in result.modifiers}

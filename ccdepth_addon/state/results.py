@@ -102,7 +102,7 @@ def write_adaptive(
 
 
 def _new_record(mesh: bpy.types.Mesh, depths: NDArray[np.int32], settings: SurfaceSettings) -> bpy.types.PropertyGroup:
-    """The mesh's record, with what all results have in common."""
+    """The mesh's record, with the fields that all results share."""
     record = mesh.ccdepth
     record.has_result = True
     record.subdivision = ""
@@ -153,9 +153,10 @@ def write_measurement(mesh: bpy.types.Mesh, answer: MeshDeviation, settings: Mea
 
 @dataclass(frozen=True)
 class TooDeep:
-    """A level at which all faces of a mesh are within the tolerance, and why it cannot be set.
+    """A level with all faces within the tolerance that cannot be set, and the reason.
 
-    fitting: the deepest level that can be. faces_beyond: how many faces of the mesh need more than that.
+    fitting: the deepest level that can be set. faces_beyond: the number of faces that need more levels than
+    ``fitting``.
     """
 
     reason: str
@@ -164,7 +165,7 @@ class TooDeep:
 
 
 def too_deep(record: bpy.types.PropertyGroup, face_limit: int) -> TooDeep | None:
-    """Why the level in the record of a mesh cannot be set; None where it can."""
+    """The reason why the level in the record of a mesh cannot be set; None where the level can."""
     needed, faces = record.uniform_level, int(record.uniform_faces)
     most = bpy.types.SubsurfModifier.bl_rna.properties["levels"].hard_max
     if needed > most:

@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # mypy: disable-error-code="valid-type, misc"
-"""The settings on the scene, and what happens at once when one of them changes."""
+"""The settings on the scene, and the immediate effects of their changes."""
 
 import bpy
 from bpy.props import BoolProperty, EnumProperty, FloatProperty, PointerProperty
@@ -15,7 +15,7 @@ def _redraw(_settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> N
 
 
 def _switch_mode(settings: bpy.types.PropertyGroup, chosen: int) -> None:
-    """Switch as the sidebar does: with the distance carried over to the other mode, where there is one object."""
+    """Switch the mode and carry the distance over, where there is one object."""
     mode = MODES[chosen]
     if mode == settings.tolerance_mode:
         return
@@ -35,7 +35,7 @@ def _carry_over(settings: bpy.types.PropertyGroup, mode: str, diagonal: float) -
 
 
 class SceneSettings(*properties.GROUPS, bpy.types.PropertyGroup):
-    """The defaults of the operators' arguments, and how results are displayed."""
+    """The defaults of the operators' arguments, and the display of results."""
 
     tolerance: properties.absolute_tolerance_property()
     relative_tolerance: properties.relative_tolerance_property(default=properties.DEFAULT_RELATIVE_TOLERANCE)

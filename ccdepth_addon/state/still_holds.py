@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What results and measurements were computed from, as checksums in their records, and whether they still hold."""
+"""Checksums of the inputs of results and measurements in their records, and whether results still hold."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ DRIFT = 2e-6
 
 
 class Examination(NamedTuple):
-    """Whether a result's mesh, or an object it was computed for, has changed; and which objects use the mesh that the
-    result was not computed for, or that have changed since."""
+    """Whether a result's mesh, or an object of the computation, has changed; and the users of the mesh without a
+    result of their own: new objects, and objects that changed."""
 
     has_changed: bool
     uncovered: list[bpy.types.Object]
@@ -99,7 +99,7 @@ def _is_same_mesh(mesh: bpy.types.Mesh, user: bpy.types.Object) -> bool:
 
 
 def _contributors(record: bpy.types.PropertyGroup) -> Iterator[bpy.types.PropertyGroup]:
-    """What the result was computed for: over frames, on the scene's frame."""
+    """The objects of the computation; over frames, as they were on the scene's frame."""
     scene = bpy.context.scene
     for each in record.contributors:
         if not record.frames or (each.frame == scene.frame_current and scene.frame_subframe == 0.0):
@@ -167,8 +167,8 @@ def target_of(measured: bpy.types.Object) -> bpy.types.Object | None:
 
 
 def measured_to_show(context: bpy.types.Context) -> bpy.types.Object | None:
-    """The object whose deviation is shown: the worst of the selected ones that were measured against the active one; or
-    the active one; or the worst of the selected ones."""
+    """The object whose deviation is shown: the worst selected object measured against the active one; or else the
+    active object; or else the worst selected object."""
     active = context.active_object
     measured = [
         each for each in context.selected_objects if each.type == "MESH" and results.is_deviation_last(each.data)
@@ -182,8 +182,8 @@ def measured_to_show(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def change_since_measured(mesh: bpy.types.Mesh, users: Sequence[bpy.types.Object]) -> str:
-    """What has changed since the measurement on the mesh was made; empty where it holds for the object that was
-    measured, or where that was renamed for one of those that use the mesh."""
+    """The change since the measurement on the mesh; empty where the measurement holds for the measured object. A
+    measured object that was renamed is any user of the mesh."""
     named = [each for each in users if each.name == mesh.ccdepth.measurement.measured]
     changes = [_change_for(each) for each in named or users]
     # The empty one comes first.
@@ -208,7 +208,7 @@ def _change_for(measured: bpy.types.Object) -> str:
 
 
 def _checksums(measured: bpy.types.Object, against: bpy.types.Object, *, use_modifiers: bool) -> list[str]:
-    """Two of the measured object, and one or two of the other one."""
+    """Two checksums of the measured object, and one or two of the other object."""
     parts = [
         mesh_checksum(measured, DEVIATION_KIND),
         shown_checksum(measured, shown_modifiers(measured)),

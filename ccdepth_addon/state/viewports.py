@@ -1,6 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 # mypy: disable-error-code="valid-type"
-"""Viewports: redrawn, and put back where an earlier version of CC Depth had switched them to show its colours."""
+"""Viewports: redrawn, and put back in files of an earlier version that switched shadings."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SWITCHED = {
 
 
 class ViewportMemory(bpy.types.PropertyGroup):
-    """What a viewport was like before an earlier version switched it, as that version saved it."""
+    """The settings of a viewport before an earlier version switched them, as that version saved them."""
 
     is_switched: BoolProperty()
     previous_color_type: StringProperty()
@@ -53,7 +53,7 @@ def _put_back_all(*_: Any) -> None:
 
 
 def _put_back(space: bpy.types.SpaceView3D) -> None:
-    """Put back what is still as it was switched; anything else was changed since."""
+    """Put back the settings that are still as they were switched; others were changed since."""
     memory = space.shading.ccdepth
     previous = {"shading.color_type": memory.previous_color_type, **json.loads(memory.previous or "{}")}
     for path, before in previous.items():

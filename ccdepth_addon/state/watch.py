@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is kept of objects while a session lasts, and when it is examined anew: one set of handlers, and one timer.
+"""One set of handlers and one timer for everything that is kept while a session lasts.
 
-Nothing is computed while Blender evaluates or draws. Handlers tell the clients what Blender has updated or replaced;
-they note what they want to look at, and do so once nothing has happened for a while.
+Nothing is computed while Blender evaluates or draws. Handlers tell the clients about updated and replaced objects;
+clients note these objects, and examine them once nothing has happened for a while.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ def _nothing(*_: Any) -> bool:
 
 @dataclass(frozen=True)
 class Client:
-    """What somebody who keeps something of objects does. The first three return whether there is something to examine.
+    """A module that keeps something of objects. The first three return whether there is something to examine.
 
     updated: Blender has updated an object, its geometry or its place alone. frame_changed: another frame is shown;
-    Blender does not report all that is animated. replaced: by undo, redo or loading, all data may be other data.
-    examine: look at what was noted; returns whether what the interface shows may be another. forget: everything.
+    Blender reports not everything that is animated. replaced: after undo, redo or loading, all data may be other data.
+    examine: look at the noted objects; returns whether the interface may show something else. forget: everything.
     """
 
     forget: Callable[[], object]
@@ -43,12 +43,12 @@ clients: list[Client] = []
 
 
 def examine_soon() -> None:
-    """Have everything that was noted examined when nothing has happened for a while."""
+    """Examine everything that was noted when nothing has happened for a while."""
     call_soon(examine)
 
 
 def examine() -> None:
-    """Have it examined now."""
+    """Examine everything that was noted now."""
     answers = [client.examine() for client in clients]
     if any(answers):
         viewports.redraw(bpy.context)

@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Texts over the 3D View: the legend of the selected objects, and a label at the place of the largest deviation. The
-legend stands at the bottom right, clear of the sidebar, the headers, the asset shelf, the navigation gizmo and the
-panel Adjust Last Operation. In Quad View the lower right view has the legend."""
+"""Texts over the 3D View: the legend of the selected objects, and a label at the place of the largest deviation.
+
+The legend stands at the bottom right, clear of the sidebar, the headers, the asset shelf, the navigation gizmo and the
+panel Adjust Last Operation. In Quad View the lower right view has the legend.
+"""
 
 from __future__ import annotations
 

@@ -67,8 +67,8 @@ class PlacedText(NamedTuple):
 class Layout:
     """A legend laid out, from its left bottom corner.
 
-    swatches: rectangles of one colour. ramp: the rectangle of all colours of the scale, from below. beyond: that of
-    the colour beyond it. ticks: rectangles in the colour of text.
+    swatches: rectangles of one colour. ramp: the rectangle of all colours of the scale, from below. beyond: that of the
+    colour beyond it. ticks: rectangles in the colour of text.
     """
 
     size: float

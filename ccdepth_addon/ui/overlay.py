@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The heat map: values of faces drawn over the 3D View, like Blender's own overlays. Nothing else of the view is
-touched. The vertices of each mesh are kept until Blender says that its geometry has changed, and the list of items in
-a 3D View until anything has changed. Values go to the graphics card, and colours come from a ramp, so another range is
-another number."""
+touched.
+
+The vertices of each mesh are kept until Blender says that its geometry has changed, and the list of items in a 3D View
+until anything has changed. Values go to the graphics card, and colours come from a ramp, so another range is another
+number.
+"""
 
 from __future__ import annotations
 

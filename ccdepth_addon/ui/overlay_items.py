@@ -19,9 +19,11 @@ FACES_DRAWN = {"SOLID", "TEXTURED"}
 
 @dataclass(frozen=True)
 class Item:
-    """An evaluated object to draw, valid only until the next item. key: equal for objects that look the same. owner:
-    the session identifier of the object whose changes change the item. tolerance: of the values, as a length in the
-    scene. in_front, is_edited: of the visible object."""
+    """An evaluated object to draw, valid only until the next item.
+
+    key: equal for objects that look the same. owner: the session identifier of the object whose changes change the
+    item. tolerance: of the values, as a length in the scene. in_front, is_edited: of the visible object.
+    """
 
     evaluated: bpy.types.Object
     key: Hashable
