@@ -224,12 +224,15 @@ def test_the_result_can_take_the_place_of_the_mesh_with_what_modifiers_make() ->
     holder.data.materials.append(bpy.data.materials.new("Red"))
     holder.vertex_groups.new(name="Group").add(range(8), 0.5, "REPLACE")
     holder.modifiers.new("Mirror", "MIRROR")
+    scene.add_subdivision(holder, 1).uv_smooth = "SMOOTH_ALL"
     [result] = subdivide(holder, output="IN_PLACE")
     assert result == holder
     assert result.visible_get()
     assert [mesh.name for mesh in bpy.data.meshes] == [result.data.name] == [name]
     assert faces(result) > 2 * 16
     assert [layer.name for layer in result.data.uv_layers] == ["Map"]
+    # Of the base mesh each face has the corners of the square; another choice keeps them.
+    assert max(corner.vector.x for corner in result.data.uv_layers["Map"].uv) < 0.99
     assert [slot.material.name for slot in result.material_slots] == ["Red"]
     assert [group.name for group in result.vertex_groups] == ["Group"]
     weighted = [vertex for vertex in result.data.vertices if vertex.groups]

@@ -87,6 +87,17 @@ def test_linked_duplicates_take_the_largest_depths() -> None:
     assert len(first.data.ccdepth.contributors) == len(objects)
 
 
+def test_bounds_are_those_of_the_largest_of_similar_duplicates() -> None:
+    """Though each is measured in units of its own tolerance, and one is as good as the other."""
+    small = scene.add_object(meshes.cube())
+    large = scene.add_mesh(small.data)
+    large.scale = (3.0, 3.0, 3.0)
+    addon.compute(large, tolerance=0.05, tolerance_mode="RELATIVE")
+    alone = addon.bounds(large)
+    addon.compute(small, large, tolerance=0.05, tolerance_mode="RELATIVE")
+    np.testing.assert_allclose(addon.bounds(small), alone, rtol=1e-6)
+
+
 def test_equal_duplicates_are_computed_once() -> None:
     first = scene.add_suzanne()
     objects = [first] + [scene.add_mesh(first.data) for _ in range(3)]

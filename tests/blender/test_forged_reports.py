@@ -146,6 +146,7 @@ FALSE: dict[str, Callable[[Any], list[Any]]] = {
     "files[].left_out": lambda _: [{"Nobody": "HIDDEN"}],
     "files[].companions": lambda value: [None, {}, [*value, {**STAMP, "sha256": None}], [*value, STAMP]],
     f"{OBJECT}deepest": lambda value: [3] if value is None else [None, value - 1],
+    f"{OBJECT}triangles": lambda value: [3] if value is None else [None, value - 1, value + 1],
     f"{OBJECT}level": lambda value: [3] if value is None else [None, value - 1],
     f"{OBJECT}worst_frame": lambda value: [3] if value is None else [None, 1, 9],
     f"{OBJECT}measured.reached": lambda value: [1000 * value, -value],
@@ -235,9 +236,13 @@ def test_distances_are_proved_again(kind: str, reports: Callable[[str], Path], c
     """Those told agree with each other and with the tolerance, and are smaller than those that are there."""
     content = report_in(reports(kind))
     entry = content["files"][0]["objects"][0]
-    reached = entry["measured"]["reached"]
-    for share, is_true in ((0.97, False), (1.3, True)):
-        entry["measured"] = {"proved": min(share * reached, entry["tolerance"]), "reached": 0.9 * reached}
+    reached, tolerance = entry["measured"]["reached"], entry["tolerance"]
+    for distances, is_true in (
+        ((0.9 * reached, min(1.3 * reached, tolerance)), True),
+        ((0.9 * reached, 0.97 * reached), False),
+        ((tolerance, tolerance), False),
+    ):
+        entry["measured"] = dict(zip(("reached", "proved"), distances, strict=True))
         if kind == "measure":
             entry["settings"]["accuracy"] = 0.5
         capfd.readouterr()

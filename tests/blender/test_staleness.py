@@ -153,7 +153,7 @@ CHANGES: dict[str, tuple[Callable[[Made], object], str]] = {
     "all faces turned over": (lambda made: made.source.data.flip_normals(), ALL),
     "one face turned over": (turn_a_face_over, ALL),
     "new faces": (lambda made: edit(made.source, bpy.ops.mesh.subdivide), ALL),
-    "the scale of the source": (lambda made: set_on(made.source, scale=(1.5, 1.0, 1.0)), "depths own other"),
+    "the scale of the source": (lambda made: set_on(made.source, scale=(1.001, 1.0, 1.0)), "depths own other"),
     "the scale of both": (lambda made: set_on(made.source, made.other, scale=(2, 2, 2)), "depths own other"),
     "a modifier": (lambda made: set_on(made.source.modifiers["Mirror"], use_axis=(True, True, False)), ALL),
     "no modifier": (lambda made: made.source.modifiers.remove(made.source.modifiers["Mirror"]), ALL),
