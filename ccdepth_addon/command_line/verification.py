@@ -137,7 +137,8 @@ def _found_anew(action: str, entry: FileEntry) -> list[ObjectEntry]:
     keep_modifiers = [_keeps_modifiers(each) for each in objects]
     found = _computed_anew(action, entry.objects, objects)
     if action == MEASURE:
-        tasks = [_own_measurement(each) for each in objects]
+        settings = measure_settings(None)
+        tasks = [prepare_measurement(bpy.context, [each], surface_object(each), settings) for each in objects]
         parts = [part for task in tasks for part in task.measured]
         return [_measured_anew(*each, scene) for each in zip(entry.objects, found, tasks, parts, strict=True)]
     if output is None or output.metres_per_unit is None or not targets:
@@ -192,12 +193,6 @@ def _computed_anew(
         )
         for said, each in zip(entries, found, strict=True)
     ]
-
-
-def _own_measurement(blender_object: bpy.types.Object) -> MeasureTask:
-    """What an object shows, and the limit surface that Measure Deviation compares it with. Raises ComputeError."""
-    target = surface_object(blender_object)
-    return prepare_measurement(bpy.context, [blender_object], target, measure_settings(None))
 
 
 def _at_the_level(said: ObjectEntry, found: ObjectEntry) -> ObjectEntry:

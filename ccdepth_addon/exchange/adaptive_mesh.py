@@ -12,7 +12,7 @@ from .blender_arrays import write_values
 from .custom_normals import write_limit_normals
 from .data_blocks import own_copy, remove_shape_keys
 from .shape_keys import basis_mesh, write_shape_keys
-from .vertex_groups import group_names, write_groups
+from .vertex_groups import groups_of, write_groups
 
 # The modifier's default.
 UV_SMOOTH = "PRESERVE_BOUNDARIES"
@@ -35,7 +35,7 @@ def new_mesh(
     mesh = own_copy(base)
     holder = bpy.data.objects.new(mesh.name, mesh)
     try:
-        groups = group_names(holder)
+        groups, active = groups_of(holder), holder.vertex_groups.active_index
         remove_shape_keys(holder)
         mesh.clear_geometry()
         mesh.property_unset("ccdepth")
@@ -44,10 +44,12 @@ def new_mesh(
         holder.vertex_groups.clear()
         AttributeTransfer(base, control, subdivided, uv_smooth).write(mesh)
         write_groups(holder, groups, base, control, subdivided)
+        if groups:
+            holder.vertex_groups.active_index = active
         choose_same(base, mesh)
         write_shape_keys(holder, base, control, subdivided)
         if exact_normals:
-            deformable = base.shape_keys is not None or bool(groups.names)
+            deformable = base.shape_keys is not None or bool(groups)
             write_limit_normals(mesh, basis_mesh(base, control), subdivided, deformable=deformable)
     except BaseException:
         bpy.data.objects.remove(holder)

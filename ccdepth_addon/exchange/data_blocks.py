@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from itertools import count
 from typing import Any, TypeVar
 
@@ -15,6 +15,12 @@ Data = TypeVar("Data", bpy.types.Mesh, bpy.types.Object)
 def unused_name(prefix: str, taken: Container[str]) -> str:
     """A name for something temporary: the prefix and a number, which is none of those taken."""
     return next(name for number in count() if (name := f"{prefix}_{number}") not in taken)
+
+
+def meshes_with(uids: Iterable[int]) -> list[bpy.types.Mesh]:
+    """The meshes with these session identifiers, in their order, without those that are gone."""
+    by_uid = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
+    return [by_uid[uid] for uid in uids if uid in by_uid]
 
 
 def is_writable(mesh: bpy.types.Mesh) -> bool:

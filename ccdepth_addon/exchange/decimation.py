@@ -11,7 +11,7 @@ import numpy as np
 from ..core import BoolArray, FloatArray, Places, ShortIndexArray, TriangleMesh
 from .blender_arrays import TYPES, read_built_in, read_values, write_values
 from .custom_normals import CARRIED_NORMAL
-from .data_blocks import own_copy, unused_name
+from .data_blocks import meshes_with, own_copy, unused_name
 from .feature_lines import border_edges, changes_along_lines, line_edges, thin_lines
 
 # What the tolerance is where Decimate works: it takes places for flat by lengths in the unit of the coordinates.
@@ -142,7 +142,7 @@ class Decimation:
         return TriangleMesh(positions, corners.astype(np.intp))
 
     def _drop(self, uid: int) -> None:
-        bpy.data.batch_remove([mesh for mesh in bpy.data.meshes if mesh.session_uid == uid])
+        bpy.data.batch_remove(meshes_with([uid]))
 
 
 def _interpolate_at(places: Places, source: bpy.types.Mesh, mesh: bpy.types.Mesh) -> None:
@@ -171,7 +171,7 @@ def _interpolate_at(places: Places, source: bpy.types.Mesh, mesh: bpy.types.Mesh
 
 
 def _mesh(uid: int) -> bpy.types.Mesh:
-    return next(mesh for mesh in bpy.data.meshes if mesh.session_uid == uid)
+    return meshes_with([uid])[0]
 
 
 def _positions(mesh: bpy.types.Mesh) -> FloatArray:

@@ -7,8 +7,6 @@ an attribute, which Blender's own operator turns into a vertex group.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import bpy
 import numpy as np
 from numpy.typing import NDArray
@@ -20,19 +18,13 @@ from .data_blocks import convert_attribute, unused_name
 WEIGHTS = "ccdepth_weights"
 
 
-@dataclass(frozen=True)
-class GroupNames:
-    """The vertex groups of a mesh, in order; ``active`` is the index of the active one."""
-
-    names: list[str]
-    locks: list[bool]
-    active: int
+# The vertex groups of a mesh, in order: their names, and whether they are locked.
+Groups = list[tuple[str, bool]]
 
 
-def group_names(holder: bpy.types.Object) -> GroupNames:
+def groups_of(holder: bpy.types.Object) -> Groups:
     """The vertex groups of an object's mesh."""
-    groups = holder.vertex_groups
-    return GroupNames([group.name for group in groups], [group.lock_weight for group in groups], groups.active_index)
+    return [(group.name, group.lock_weight) for group in holder.vertex_groups]
 
 
 def has_groups(mesh: bpy.types.Mesh) -> bool:
@@ -46,7 +38,7 @@ def has_groups(mesh: bpy.types.Mesh) -> bool:
 
 def write_groups(
     holder: bpy.types.Object,
-    groups: GroupNames,
+    groups: Groups,
     base: bpy.types.Mesh,
     control: PolygonMesh,
     subdivided: SubdividedMesh,
@@ -56,13 +48,13 @@ def write_groups(
 
     A vertex belongs to a group when one of the base's vertices with a say in it does.
     """
-    if not groups.names:
+    if not groups:
         return
     mesh = holder.data
-    taken = {*groups.names, *(attribute.name for attribute in mesh.attributes)}
+    taken = {*(name for name, _ in groups), *(attribute.name for attribute in mesh.attributes)}
     temporary = unused_name(WEIGHTS, taken)
     members, numbers, weights = _read_weights(base)
-    for number, (name, lock) in enumerate(zip(groups.names, groups.locks, strict=True)):
+    for number, (name, lock) in enumerate(groups):
         chosen = numbers == number
         values = np.zeros((len(base.vertices), 2))
         values[members[chosen], 0] = weights[chosen]
@@ -71,7 +63,6 @@ def write_groups(
         _write_group(holder, temporary, found[:, 0], found[:, 1] > 0)
         holder.vertex_groups[-1].name = name
         holder.vertex_groups[-1].lock_weight = lock
-    holder.vertex_groups.active_index = groups.active
 
 
 def _read_weights(base: bpy.types.Mesh) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:

@@ -6,7 +6,7 @@ from functools import partial
 import bpy
 
 from ..exchange.modifiers import applied_modifiers, has_own_keys, subdivision_modifier
-from ..state import known, properties, viewports
+from ..state import known, properties
 from ..tasks.adaptive_meshes import TooManyError, subdivide
 from ..tasks.adaptive_task import AdaptiveSettings, AdaptiveTask, prepare_adaptive
 from ..tasks.reduce_task import triangle_count
@@ -62,10 +62,7 @@ class AdaptiveOperator(properties.DivisionProperties, properties.FaceLimitProper
         settings = self.settings()
         outcome = super()._refuse(context, fault)
         if isinstance(fault, TooManyError):
-            # What was evaluated must not look like a change of the objects.
-            context.view_layer.update()
-            known.remember_count([fault.object_names], settings, [fault.count])
-            viewports.redraw(context)
+            known.remember_count(context, [fault.object_names], settings, [fault.count])
         return outcome
 
     def settings(self) -> AdaptiveSettings:

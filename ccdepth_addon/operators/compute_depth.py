@@ -9,7 +9,7 @@ import bpy
 
 from ..core import needed_quality
 from ..exchange.modifiers import subdivision_modifier
-from ..state import heat_map, out_of_date, properties, results, still_holds
+from ..state import heat_map, out_of_date, properties, results
 from ..state.heat_map import Shown
 from ..tasks.depth_task import DepthSettings, MeshDepths, compute_depths, prepare_depths
 from ..tasks.frames import chosen_frames, typed_frames
@@ -46,8 +46,7 @@ class CCDEPTH_OT_compute(properties.DepthProperties, LongOperator):
             undo.pop_all()
         for each, mesh in zip(answer, meshes, strict=True):
             results.write_record(mesh, each, self._settings(context))
-            still_holds.remember_depths(mesh, each.task.geometry, each.depths, each.task.states)
-            out_of_date.note_write(mesh)
+            out_of_date.remember_depths(mesh, each.task.geometry, each.depths, each.task.states)
         heat_map.show(context, Shown.DEPTH)
         self._report(context, answer)
         return {"FINISHED"}

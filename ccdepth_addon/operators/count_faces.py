@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..state import known, result_record, viewports
+from ..state import known, result_record
 from ..tasks.adaptive_meshes import FaceCount, count_results, too_many_text
 from ..tasks.adaptive_task import AdaptiveTask
 from ..ui.printable import printable
@@ -41,12 +41,9 @@ class CCDEPTH_OT_count_faces(CountingOperator):
     def finish(self, context: bpy.types.Context, answer: tuple[list[AdaptiveTask], list[FaceCount]]) -> set[str]:
         tasks, counts = answer
         self.leave(context)
-        # What was evaluated for counting must not look like a change of the objects.
-        context.view_layer.update()
-        known.remember_count([task.object_names for task in tasks], self.settings(), counts)
+        known.remember_count(context, [task.object_names for task in tasks], self.settings(), counts)
         if not counts[0].are_too_many:
             self.report({"INFO"}, count_text(sum(count.faces for count in counts), "face", "faces"))
         else:
             self.report({"WARNING"}, printable(too_many_text(tasks, counts[0], self.settings())))
-        viewports.redraw(context)
         return {"FINISHED"}

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..state import known, properties, viewports
+from ..state import known, properties
 from ..tasks.adaptive_meshes import FaceCount, Fit, best_tolerance
 from ..tasks.adaptive_task import AdaptiveTask
 from ..tasks.surfaces import ComputeError
@@ -38,13 +38,10 @@ class CCDEPTH_OT_find_tolerance(properties.BudgetProperties, CountingOperator):
         self.leave(context)
         context.scene.ccdepth.tolerance_mode = self.tolerance_mode
         properties.set_scene_tolerance(context.scene.ccdepth, fit.tolerance)
-        # What was evaluated for counting must not look like a change of the objects.
-        context.view_layer.update()
         settings = replace(self.settings(), tolerance=fit.tolerance)
         counts = [FaceCount(faces) for faces in fit.counts]
-        known.remember_count([task.object_names for task in tasks], settings, counts)
+        known.remember_count(context, [task.object_names for task in tasks], settings, counts)
         unit = " of the diagonal" if self.tolerance_mode == "RELATIVE" else ""
         text = f"{count_text(sum(fit.counts), 'face', 'faces')} with a tolerance of {fit.tolerance:.3g}{unit}"
         self.report({"INFO"}, text)
-        viewports.redraw(context)
         return {"FINISHED"}

@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import bpy
 
-from ..state import heat_map, out_of_date, properties, result_record, results, still_holds
+from ..state import heat_map, out_of_date, properties, result_record, results
 from ..state.heat_map import Shown
 from ..tasks.deviation_task import MeasureSettings, MeshDeviation, Verdict, measure, prepare_measurement
 from ..tasks.surfaces import ComputeError, naming
@@ -57,8 +57,7 @@ class CCDEPTH_OT_measure(properties.MeasureProperties, LongOperator):
             undo.pop_all()
         for each, measured in zip(answer, objects, strict=True):
             results.write_measurement(measured.data, each, settings)
-            still_holds.remember_measurement(measured, bpy.data.objects[each.against])
-            out_of_date.note_deviation(measured)
+            out_of_date.remember_measurement(measured, bpy.data.objects[each.against])
         heat_map.show(context, Shown.DEVIATION)
         self._report(context, answer)
         return {"FINISHED"}

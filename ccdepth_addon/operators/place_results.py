@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 
 from ..exchange.adaptive_mesh import UV_SMOOTH, new_mesh
 from ..exchange.control_mesh import base_mesh
-from ..exchange.data_blocks import is_writable, own_copy
+from ..exchange.data_blocks import is_writable, meshes_with, own_copy
 from ..exchange.dependencies import StateAtFrame, object_state
 from ..exchange.evaluated import Evaluated, batches, evaluated
 from ..exchange.mesh_arrays import geometry_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers, subdivision_modifier
-from ..state import out_of_date, result_record, results, still_holds
+from ..state import out_of_date, result_record, results
 from ..tasks.adaptive_task import AdaptiveResult, AdaptiveSettings
 from ..tasks.surfaces import ComputeError, naming
 from .scene_objects import hide, link_beside, show_in_local_view
@@ -75,7 +75,7 @@ def make_meshes(
                     with naming(holder.name):
                         made.append(_make_mesh(context, answer, holder, settings, exact_normals, copies))
     except BaseException:
-        bpy.data.batch_remove(_meshes(made))
+        bpy.data.batch_remove(meshes_with(each.mesh_uid for each in made))
         raise
     return made
 
@@ -93,7 +93,7 @@ def place(context: bpy.types.Context, made: list[NewMesh], placing: Placing) -> 
     Raises ComputeError when an object is no longer what it was; whatever goes wrong, the meshes are removed and nothing
     is changed.
     """
-    meshes = _meshes(made)
+    meshes = meshes_with(each.mesh_uid for each in made)
     try:
         sources = [_sources(each.result) for each in made]
         originals = [[still_there((name, None)) for name in each.result.task.object_names] for each in made]
@@ -107,15 +107,8 @@ def place(context: bpy.types.Context, made: list[NewMesh], placing: Placing) -> 
     context.view_layer.update()
     for each, mesh, group in zip(made, meshes, users, strict=True):
         states = [StateAtFrame(object_state(user, use_modifiers=False), None) for user in group]
-        still_holds.remember_depths(mesh, each.geometry, each.depths, states)
-        out_of_date.note_write(mesh)
+        out_of_date.remember_depths(mesh, each.geometry, each.depths, states)
     return [[Placed(*pair) for pair in zip(*groups, strict=True)] for groups in zip(users, sources, strict=True)]
-
-
-def _meshes(made: list[NewMesh]) -> list[bpy.types.Mesh]:
-    """The meshes made, in their order, without those that are gone."""
-    meshes = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
-    return [meshes[each.mesh_uid] for each in made if each.mesh_uid in meshes]
 
 
 def _sources(answer: AdaptiveResult) -> list[bpy.types.Object]:

@@ -11,6 +11,7 @@ import numpy as np
 from ..core import FloatArray, Proof, Reduction
 from ..exchange.blender_arrays import read_values
 from ..exchange.custom_normals import CarriedNormals
+from ..exchange.data_blocks import meshes_with
 from ..exchange.decimation import Decimation
 from ..exchange.mesh_arrays import geometry_checksum
 from ..exchange.result_attributes import DEPTH, DEPTH_KIND, write_face_values
@@ -41,7 +42,7 @@ class Reducer:
             for answer in answers:
                 made.append((yield from self._made(answer)))
         except BaseException:
-            _remove([each.mesh_uid for each in made])
+            bpy.data.batch_remove(meshes_with(each.mesh_uid for each in made))
             raise
         return made
 
@@ -63,19 +64,19 @@ class Reducer:
         (made,) = yield from self._unreduced(start)
         try:
             with naming(answer.task.object_names[0]):
-                mesh = _mesh(made.mesh_uid)
+                [mesh] = meshes_with([made.mesh_uid])
                 write_face_values(mesh, {DEPTH_KIND: depths_of_faces(answer, start.adaptive)})
                 bounds = yield from self._reduce(answer, mesh)
                 most = min(triangle_count(answer) - 1, self._settings.max_faces)
                 if bounds is None or len(bounds) > most:
-                    _remove([made.mesh_uid])
+                    bpy.data.batch_remove(meshes_with([made.mesh_uid]))
                     return None
                 depths = read_values(mesh.attributes[DEPTH].data, "value", np.int32)
                 results.write_adaptive(mesh, answer, self._settings, depths, bounds)
                 mesh.ccdepth.unreduced_triangles = triangle_count(answer)
                 return NewMesh(answer, mesh.session_uid, geometry_checksum(mesh), depths)
         except BaseException:
-            _remove([made.mesh_uid])
+            bpy.data.batch_remove(meshes_with([made.mesh_uid]))
             raise
 
     def _reduce(self, answer: AdaptiveResult, mesh: bpy.types.Mesh) -> Steps[FloatArray | None]:
@@ -129,11 +130,3 @@ class Reducer:
         if search.is_proved:
             decimation.keep()
         return proof
-
-
-def _mesh(uid: int) -> bpy.types.Mesh:
-    return next(mesh for mesh in bpy.data.meshes if mesh.session_uid == uid)
-
-
-def _remove(uids: list[int]) -> None:
-    bpy.data.batch_remove([mesh for mesh in bpy.data.meshes if mesh.session_uid in uids])

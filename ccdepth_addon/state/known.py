@@ -21,7 +21,7 @@ from ..exchange.mesh_arrays import mesh_face_count
 from ..exchange.modifiers import counted_modifiers, is_evaluated
 from ..tasks.adaptive_meshes import FaceCount
 from ..tasks.adaptive_task import AdaptiveSettings
-from . import out_of_date, results, watch
+from . import out_of_date, results, viewports, watch
 from .result_record import control_object
 
 # A larger mesh is not evaluated for its diagonal alone, nor one again that took longer, in seconds.
@@ -120,17 +120,25 @@ def _recorded(holder: bpy.types.Object, use_modifiers: bool) -> float | None:
     return record.world_tolerance / record.tolerance if is_own and is_alike and not out_of_date.is_stale(mesh) else None
 
 
-def remember_count(groups: Sequence[Sequence[str]], settings: AdaptiveSettings, counts: Sequence[FaceCount]) -> None:
-    """Keep the count of each result, and the count of all results together, until the objects change.
+def remember_count(
+    context: bpy.types.Context,
+    groups: Sequence[Sequence[str]],
+    settings: AdaptiveSettings,
+    counts: Sequence[FaceCount],
+) -> None:
+    """Keep and show the count of each result, and the count of all results together, until the objects change.
 
     groups: the names of the objects that get each result. With too many faces, any count is the count of all.
     """
+    # What was evaluated for counting must not look like a change of the objects.
+    context.view_layer.update()
     together = counts[0]
     if not together.are_too_many:
         together = FaceCount(sum(count.faces for count in counts))
         for names, count in zip(groups, counts, strict=True):
             _counts[_uids(bpy.data.objects[name] for name in names)] = settings, count
     _counts[_uids(bpy.data.objects[name] for names in groups for name in names)] = settings, together
+    viewports.redraw(context)
 
 
 def known_count(objects: Iterable[bpy.types.Object], settings: AdaptiveSettings) -> FaceCount | None:

@@ -73,14 +73,17 @@ def out_of_date(context: bpy.types.Context, objects: Sequence[bpy.types.Object])
     return [holder for holder in objects if is_stale(holder.data) or is_uncovered(holder)]
 
 
-def note_write(mesh: bpy.types.Mesh) -> None:
-    """Note a new result on the mesh: the next change of its geometry is the writing of it."""
+def remember_depths(mesh: bpy.types.Mesh, *given: Any) -> None:
+    """Write to the mesh what the depths just written to it depend on (``still_holds.remember_depths``): the next change
+    of its geometry is the writing of them."""
+    still_holds.remember_depths(mesh, *given)
     _stale.discard(mesh.session_uid)
     _own_writes.add(mesh.session_uid)
 
 
-def note_deviation(measured: bpy.types.Object) -> None:
-    """Note a new measurement on the object's mesh: the next change of its geometry is the writing of it."""
+def remember_measurement(measured: bpy.types.Object, target: bpy.types.Object) -> None:
+    """Write to the object and its mesh what its new measurement depends on: the next change is the writing of it."""
+    still_holds.remember_measurement(measured, target)
     _changes.pop(measured.data.session_uid, None)
     _own_writes.add(measured.data.session_uid)
     _note_target(measured)
