@@ -274,10 +274,10 @@ def test_regular_nets_stay_within_the_bounds_of_later_levels(level: int, vertice
     # parameters, and not where they count.
     u, v = x[:, 0] - 1, y[:, 0] - 1
     wild[:, 0] = np.stack([u, v, (u**3 - u) / 6 + (1 - u) * (v**2 - 1 / 3) / 2], axis=1)
-    mesh = nets.net_mesh(np.concatenate([wild, gentle], axis=1).reshape(16, -1))
-    net, kind = regular_nets(mesh, face).reshape(4, 4, 40, 3), Vertices(vertices)
-    off = offsets_of(mesh, level, vertices, samples)[: 4 * 4**samples]
-    dense = np.linalg.norm(off.reshape(-1, 40, 3), axis=2).max(axis=0)
+    points = np.concatenate([wild, gentle], axis=1).reshape(16, -1)
+    net, kind = regular_nets(nets.net_mesh(points), face).reshape(4, 4, 40, 3), Vertices(vertices)
+    stencils = offsets_of(nets.net_mesh(np.eye(16)), level, vertices, samples)[: 4 * 4**samples]
+    dense = np.linalg.norm((stencils @ points).reshape(-1, 40, 3), axis=2).max(axis=0)
     bounds, lower = later_bounds(net, kind), sampled_error(net, kind, level)
     upper = bounds.at(level)
     assert np.all((bounds.least(level) <= dense * (1 + 1e-12)) & (dense <= upper * (1 + 1e-12)))
