@@ -221,6 +221,16 @@ def test_settings_and_results_are_saved_with_the_file(tmp_path: object) -> None:
     assert bpy.context.scene.ccdepth.relative_tolerance == pytest.approx(0.003)
 
 
+def test_the_smallest_tolerance_of_the_objects_of_a_mesh_is_recorded() -> None:
+    small = scene.add_object(meshes.cube())
+    large = scene.add_mesh(small.data)
+    large.scale = (3.0, 3.0, 3.0)
+    addon.compute(small, tolerance=0.01, tolerance_mode="RELATIVE")
+    smallest = small.data.ccdepth.world_tolerance
+    addon.compute(large, small, tolerance=0.01, tolerance_mode="RELATIVE")
+    assert small.data.ccdepth.world_tolerance == smallest
+
+
 def test_another_result_takes_the_place_of_the_first_and_says_which_depths_are_the_least() -> None:
     holder = scene.add_object(meshes.cube())
     addon.compute(holder, tolerance=TOLERANCE, method="CERTIFIED")

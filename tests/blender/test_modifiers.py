@@ -94,6 +94,8 @@ def test_faces_a_modifier_takes_away_need_no_level() -> None:
     assert 0 < len(shown) < len(depths)
     assert np.count_nonzero(depths) == np.count_nonzero(shown)
     assert np.count_nonzero(addon.bounds(holder)) <= len(shown)
+    # What is not there needs no level at all, so that is proved to be the least.
+    assert holder.data.ccdepth.exact_faces >= len(depths) - len(shown)
 
 
 # What counts.
