@@ -94,59 +94,37 @@ def net_mesh(positions: FloatArray) -> PolygonMesh:
     return apply_boundary_rule(mesh, smooth_corners=True)
 
 
-class Walk:
-    """The quads of a mesh, found by a directed edge."""
+def stam_points(begun_with: dict[tuple[int, int], list[int]], v1: int, v6: int, valence: int) -> list[int]:
+    """The vertices V₁ … V₂ₙ₊₈ of the face that has the directed edge from V₁ to V₆, found from quad to quad.
 
-    def __init__(self, mesh: PolygonMesh) -> None:
-        self.quads = mesh.corner_vertices.reshape(-1, 4).tolist()
-        turned = [quad[i:] + quad[:i] for quad in self.quads for i in range(4)]
-        self.begun_with = {(quad[0], quad[1]): quad for quad in turned}
-        self.at: dict[int, list[list[int]]] = {}
-        for quad in turned:
-            self.at.setdefault(quad[0], []).append(quad)
-
-    def valence(self, vertex: int) -> int | None:
-        """The number of quads around a vertex, None where they do not close."""
-        ends = [(quad[1], quad[3]) for quad in self.at[vertex]]
-        return len(ends) if {after for after, _ in ends} == {before for _, before in ends} else None
-
-    def stam_points(self, v1: int, v6: int, valence: int) -> dict[int, int]:
-        """The vertices V₁ … V₂ₙ₊₈ of the face that has the directed edge from V₁ to V₆."""
-        n, at = valence, {1: v1, 6: v6}
-        at[5], at[4] = self.begun_with[v1, v6][2:]
-        spoke = 4
-        for _ in range(n - 1):
-            quad = self.begun_with[v1, at[spoke]]
-            spoke, diagonal = ring(n, spoke + 2 * n - 2), ring(n, spoke + 2 * n - 1)
-            at[diagonal], at[spoke] = quad[2:]
-        v7, v8 = ring(n, 7), ring(n, 8)
-        assert self.begun_with[v6, v1][2:] == [at[v8], at[v7]]
-        at[2 * n + 7], at[2 * n + 8] = self.begun_with[at[3], at[4]][2:]
-        at[2 * n + 6] = self.begun_with[at[4], at[5]][2]
-        at[2 * n + 4], at[2 * n + 3] = self.begun_with[at[5], at[6]][2:]
-        at[2 * n + 2] = self.begun_with[at[5], at[2 * n + 3]][2]
-        at[2 * n + 5] = self.begun_with[at[6], at[v7]][2]
-        return at
+    begun_with: the vertices of each quad from a directed edge on.
+    """
+    at = {0: v1, 5: v6}
+    turned = [face[i:] + face[:i] for face in net_faces(valence) for i in range(4)]
+    while len(at) < 2 * valence + 8:
+        for first, second, *others in turned:
+            if first in at and second in at:
+                at.update(zip(others, begun_with[at[first], at[second]][2:], strict=True))
+    return [at[number] for number in range(len(at))]
 
 
 def published_norms(mesh: PolygonMesh) -> dict[int, tuple[int, float]]:
     """For each quad of interior corners, all but one at the most of valence 4: the valence n of that one, and M.
 
-    A mesh of quads, smooth inside. Found by walking from quad to quad; the differences are the listed ones (those of
-    valence 4 are the 16 of a 4×4 net).
+    A mesh of quads, smooth inside. The differences are the listed ones (those of valence 4 are the 16 of a 4×4 net).
     """
-    walk = Walk(mesh)
+    quads = mesh.corner_vertices.reshape(-1, 4).tolist()
+    turned = [quad[i:] + quad[:i] for quad in quads for i in range(4)]
+    begun_with = {(first, second): [first, second, *others] for first, second, *others in turned}
+    border = {*mesh.edge_vertices[mesh.edge_face_counts == 1].ravel().tolist()}
     norms = {}
-    for face, quad in enumerate(walk.quads):
-        valences = [walk.valence(vertex) for vertex in quad]
-        others = [corner for corner, valence in enumerate(valences) if valence != 4]
-        corner = others[0] if others else 0
-        n = valences[corner]
-        if len(others) > 1 or n is None or n == 2:
-            continue
-        points = walk.stam_points(quad[corner], quad[(corner + 1) % 4], n)
-        positions = mesh.positions[[points[number] for number in range(1, 2 * n + 9)]]
-        norms[face] = n, float(np.linalg.norm(difference_matrix(n) @ positions, axis=1).max())
+    for face, quad in enumerate(quads):
+        valences = mesh.vertex_face_counts[quad]
+        corner = int(np.argmax(valences != 4))
+        n = int(valences[corner])
+        if np.count_nonzero(valences != 4) < 2 and n != 2 and not border & {*quad}:
+            points = mesh.positions[stam_points(begun_with, quad[corner], quad[(corner + 1) % 4], n)]
+            norms[face] = n, float(np.linalg.norm(difference_matrix(n) @ points, axis=1).max())
     return norms
 
 
