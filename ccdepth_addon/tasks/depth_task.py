@@ -10,7 +10,6 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import cycle
 from typing import Any, TypeVar
 
 import bpy
@@ -369,24 +368,10 @@ def _measured(task: MeshTask, progress: Progress) -> MeshDepths:
         raised = zip(groups, found, strict=True)
         found = [group.raised(each, depths, lambda _: progress(DEPTHS_SHARE)) for group, each in raised]
         before, depths = depths, task.largest(found)
-    level = _common_level(groups, found, part_of(progress, DEPTHS_SHARE, LEVEL_SHARE))
+    surfaces = [(*group.poses, depths) for group, depths in zip(groups, found, strict=True)]
+    level = common_level(surfaces, part_of(progress, DEPTHS_SHARE, LEVEL_SHARE))
     begun = DEPTHS_SHARE + LEVEL_SHARE
     return _answer(task, found, level, _worst_frame(groups, own, part_of(progress, begun, 1 - begun)))
-
-
-def _common_level(groups: list[PoseGroup], found: list[PoseDepths], progress: Progress) -> int:
-    """The first level at which all faces of all surfaces of a mesh are within the tolerance."""
-    level, agreed, begun = 0, 0, 0.0
-    for group, depths in cycle(zip(groups, found, strict=True)):
-        # One part is left over for the case that they do not agree.
-        share = (1 - begun) / (len(groups) - agreed + 1)
-        needed = common_level(*group.poses, depths, level, part_of(progress, begun, share))
-        begun += share
-        agreed = agreed + 1 if needed == level else 1
-        level = needed
-        if agreed == len(groups):
-            break
-    return level
 
 
 def _worst_frame(groups: list[PoseGroup], own: list[PoseDepths], progress: Progress) -> int | None:

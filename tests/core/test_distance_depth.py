@@ -213,7 +213,7 @@ def test_a_depth_over_poses_holds_in_all_of_them(tolerance: float) -> None:
     alike = np.all(depths == found.depths, axis=0)
     lasting = np.all([each.lasting for each in single], axis=0)
     np.testing.assert_array_equal(found.lasting[alike], lasting[alike])
-    level = common_level(poses, "DISTANCE", "LIMIT", found)
+    level = common_level([(poses, "DISTANCE", "LIMIT", found)])
     for pose in poses:
         there, back, step = sampled(pose.make(), level, Vertices.LIMIT)
         assert back.max() <= pose.tolerance

@@ -197,7 +197,7 @@ def test_the_depths_are_the_deepest_of_single_poses(name: str, method: str, vert
     exact = np.any([each.exact & (each.depths == found.depths) for each in alone], axis=0)
     assert np.all(exact | ~found.exact)
     assert np.all(found.bounds <= max(pose.tolerance for pose in poses))
-    level = common_level(poses, method, vertices, found)
+    level = common_level([(poses, method, vertices, found)])
     least = max(uniform_level(pose.make(), pose.tolerance, method, vertices) for pose in poses)
     # No face needs a level that none of the poses needs, but where one is not enough after another.
     assert max(least - 1, found.depths.max()) <= level <= max(least, found.depths.max()) + 1
@@ -258,7 +258,7 @@ def test_a_level_is_not_enough_because_an_earlier_one_is() -> None:
         assert found.depths[4] == 3
         assert not found.exact[4]
         assert max(distances) <= found.bounds[4] + ROUNDING <= EPSILON
-        assert common_level(poses, "CERTIFIED", "CONTROL", found) >= 3
+        assert common_level([(poses, "CERTIFIED", "CONTROL", found)]) >= 3
 
 
 @every_method

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The level at which all faces of a mesh are within the tolerance in every one of several poses."""
+"""The level at which all faces of several meshes are within the tolerance, in every one of their poses."""
 
 from __future__ import annotations
 
@@ -11,22 +11,16 @@ from .face_depths import uniform_level
 from .pose_depths import Pose, PoseDepths
 
 
-def common_level(
-    poses: Sequence[Pose],
-    method: str,
-    vertices: str,
-    found: PoseDepths,
-    least: int = 0,
-    progress: Progress = no_report,
-) -> int:
+def common_level(meshes: Sequence[tuple[Sequence[Pose], str, str, PoseDepths]], progress: Progress = no_report) -> int:
     """The first level, from the deepest depth on, at which all faces are proved to be within the tolerance in every
-    pose.
+    pose of every mesh.
 
-    Arguments: as of ``pose_depths``; found: its result. least: no level before this one is wanted. With limit vertices,
-    level 1 is the first, and a margin is left at some corners, as of ``uniform_level``.
+    meshes: of each the arguments of ``pose_depths``, and its result. With limit vertices, level 1 is the first, and a
+    margin is left at some corners, as of ``uniform_level``. progress: as of ``pose_depths``.
     """
-    level, agreed, begun = least, 0, 0.0
-    for pose in cycle(poses):
+    poses = [(pose, method, vertices, found) for own, method, vertices, found in meshes for pose in own]
+    level, agreed, begun = 0, 0, 0.0
+    for pose, method, vertices, found in cycle(poses):
         # One part is left over for the case that they do not agree.
         share = (1 - begun) / (len(poses) - agreed + 1)
         part = part_of(progress, begun, share)

@@ -70,8 +70,8 @@ def pose_depths(poses: Sequence[Pose], method: str, vertices: str, progress: Pro
     mesh, tolerance = poses[0].make(), poses[0].tolerance
     first = face_depths(mesh, tolerance, method, vertices, part_of(progress, 0.0, share), is_checked=True)
     found = PoseDepths(first.depths, first.bounds, first.exact, first.lasting)
-    every = np.zeros(mesh.face_count, dtype=np.intp)
-    _prove(poses, method, vertices, found, every, 1, part_of(progress, share, 1 - share))
+    every = np.ones(mesh.face_count, dtype=bool)
+    _prove(poses, method, vertices, found, every, part_of(progress, share, 1 - share), first=1)
     return found
 
 
@@ -89,9 +89,7 @@ def raised_depths(
         return found
     deeper = PoseDepths(*(each.copy() for each in vars(found).values()))
     deeper.deepen(lower, floors[lower])
-    raised = np.full(len(floors), -1)
-    raised[lower] = 0
-    _prove(poses, method, vertices, deeper, raised, 0, progress)
+    _prove(poses, method, vertices, deeper, floors > found.depths, progress)
     return deeper
 
 
@@ -100,28 +98,22 @@ def _prove(
     method: str,
     vertices: str,
     found: PoseDepths,
-    raised: IndexArray,
-    first: int,
+    is_open: BoolArray,
     progress: Progress,
+    first: int = 0,
 ) -> None:
-    """Prove depths in all poses, and raise those that do not hold. raised: (F,) intp, the turn in which each face was
-    raised last, -1 for those that are proved; first: the turn in which the first pose is tested next, 1 after it was.
-    """
-    tested = np.zeros(len(poses), dtype=np.intp)
-    tested[0] = first
-    turn, done, is_open = 1, 0.0, True
-    while is_open:
-        is_open = False
+    """Prove the depths of open faces (F,) in all poses, and raise those that do not hold. first: the pose to begin
+    with, those before being proved."""
+    kinds, done = (Method(method), Vertices(vertices)), 0.0
+    while np.any(is_open):
+        raised = np.zeros(len(is_open), dtype=bool)
         for place, pose in enumerate(poses):
-            faces = np.flatnonzero(raised >= tested[place])
-            tested[place] = turn
-            if len(faces):
-                failing = _raised(pose, Method(method), Vertices(vertices), found, faces, partial(progress, done))
-                raised[failing] = turn
-                is_open |= len(failing) > 0
-                turn += 1
+            faces = np.flatnonzero(is_open | raised)
+            if place >= first and len(faces):
+                raised[_raised(pose, *kinds, found, faces, partial(progress, done))] = True
             done = max(done, (place + 1) / len(poses))
             progress(done)
+        is_open, first = raised, 0
 
 
 def _raised(

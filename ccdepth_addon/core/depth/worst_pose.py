@@ -35,7 +35,7 @@ class WorstPose:
 def worst_pose(
     poses: Sequence[Pose], method: str, vertices: str, found: PoseDepths, progress: Progress = no_report
 ) -> WorstPose:
-    """The worst pose; of several alike the first. Arguments: as of ``common_level``."""
+    """The worst pose; of several alike the first. Arguments: as of ``pose_depths``; found: its result."""
     nowhere = WorstPose(0, int(found.depths.max(initial=0)), 0.0)
     if len(poses) == 1:
         bounds = found.bounds[found.depths == nowhere.depth]
