@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 from zlib import crc32
@@ -16,6 +16,7 @@ from ..core import FloatArray, PolygonMesh, crease_to_sharpness
 from .blender_arrays import TYPES, read_built_in, read_values
 from .data_blocks import convert_attribute, copy_without_keys
 from .modifiers import SurfaceRule
+from .result_attributes import ATTRIBUTES
 
 EDGE_CREASE, VERTEX_CREASE = "crease_edge", "crease_vert"
 CREASE_DOMAINS = {EDGE_CREASE: "EDGE", VERTEX_CREASE: "POINT"}
@@ -106,8 +107,8 @@ def read_creases(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
         bpy.data.meshes.remove(copy)
 
 
-# Attributes that the checksum of the geometry has already.
-IN_GEOMETRY = {"position", EDGE_CREASE, VERTEX_CREASE}
+# Attributes that the checksum of the geometry has already, and results.
+UNREAD = {"position", EDGE_CREASE, VERTEX_CREASE, *(kind.name for kind in ATTRIBUTES)}
 
 
 def geometry_checksum(mesh: bpy.types.Mesh) -> int:
@@ -118,15 +119,15 @@ def geometry_checksum(mesh: bpy.types.Mesh) -> int:
     return checksum
 
 
-def content_checksum(mesh: bpy.types.Mesh, unread: Collection[str]) -> int:
-    """``geometry_checksum`` with all other attributes counted in, but for the interface's own and these unread ones.
+def content_checksum(mesh: bpy.types.Mesh) -> int:
+    """``geometry_checksum`` with all other attributes counted in, but for the interface's own and results of ours.
 
     An attribute of zeros is the same as none: Blender adds and removes such ones by itself.
     """
     checksum = geometry_checksum(mesh)
     for attribute in sorted(mesh.attributes, key=lambda each: each.name):
         name, kind = attribute.name, TYPES.get(attribute.data_type)
-        if kind is None or name.startswith(".") or name in unread or name in IN_GEOMETRY:
+        if kind is None or name.startswith(".") or name in UNREAD:
             continue
         values = read_values(attribute.data, kind.value, kind.dtype, kind.width)
         if values.any():

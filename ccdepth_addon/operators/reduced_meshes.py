@@ -40,19 +40,16 @@ class Reducer:
         made: list[NewMesh] = []
         try:
             for answer in answers:
-                made.append((yield from self._made(answer)))
+                reduced = yield from self._reduced(answer)
+                if reduced is None:
+                    name = answer.task.object_names[0]
+                    self.notes.append(f"{name}: nothing could be reduced; this is the mesh without Reduce")
+                    (reduced,) = yield from self._unreduced(answer)
+                made.append(reduced)
         except BaseException:
             bpy.data.batch_remove(meshes_with(each.mesh_uid for each in made))
             raise
         return made
-
-    def _made(self, answer: AdaptiveResult) -> Steps[NewMesh]:
-        reduced = yield from self._reduced(answer)
-        if reduced is None:
-            name = answer.task.object_names[0]
-            self.notes.append(f"{name}: nothing could be reduced; this is the mesh without Reduce")
-            (reduced,) = yield from self._unreduced(answer)
-        return reduced
 
     def _unreduced(self, answer: AdaptiveResult) -> Steps[list[NewMesh]]:
         return (yield from make_meshes(self._context, [answer], self._settings, exact_normals=self._exact_normals))

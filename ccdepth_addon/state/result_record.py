@@ -15,7 +15,6 @@ from bpy.props import BoolProperty, CollectionProperty, FloatProperty, PointerPr
 from ..exchange.dependencies import object_state
 from ..exchange.mesh_arrays import content_checksum
 from ..exchange.modifiers import applied_modifiers, base_modifiers
-from ..exchange.result_attributes import ATTRIBUTES
 from ..tasks.surfaces import shortest_decimal
 from . import properties
 
@@ -121,7 +120,7 @@ def remember(
     for name, value in settings.items():
         setattr(record, name, value)
     record.source_checksum = source_checksum(source, use_modifiers=record.use_modifiers)
-    record.mesh_checksum = _own_checksum(result)
+    record.mesh_checksum = f"{content_checksum(result.data):08x}"
     record.applied.clear()
     for modifier in applied_modifiers(source, use_modifiers=record.use_modifiers):
         record.applied.add().name = modifier.name
@@ -138,7 +137,7 @@ def forget(blender_object: bpy.types.Object) -> None:
 def source_checksum(source: bpy.types.Object, *, use_modifiers: bool) -> str:
     """A checksum of everything in a source that shapes its results, without weights and materials; not in Edit
     Mode."""
-    content = content_checksum(source.data, {kind.name for kind in ATTRIBUTES})
+    content = content_checksum(source.data)
     state = object_state(source, use_modifiers=use_modifiers)
     return f"{crc32(state.checksum.encode(), content):08x}"
 
@@ -151,11 +150,7 @@ def source_has_changed(result: bpy.types.Object, source: bpy.types.Object) -> bo
 
 def is_edited(result: bpy.types.Object) -> bool:
     """Whether the result's mesh, outside Edit Mode, has changed since it was made."""
-    return _own_checksum(result) != result.ccdepth.mesh_checksum
-
-
-def _own_checksum(result: bpy.types.Object) -> str:
-    return f"{content_checksum(result.data, {kind.name for kind in ATTRIBUTES}):08x}"
+    return f"{content_checksum(result.data):08x}" != result.ccdepth.mesh_checksum
 
 
 def modifier_fault(result: bpy.types.Object, source: bpy.types.Object, *, use_modifiers: bool) -> str | None:

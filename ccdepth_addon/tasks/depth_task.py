@@ -344,14 +344,13 @@ def compute_depths(work: DepthWork, progress: Progress = no_report) -> list[Mesh
     object at fault.
     """
     work.decide()
-    return [_measured(task, part) for task, part in _with_parts(list(work.tasks.values()), progress, 0.0, 1.0)]
+    return [_measured(task, part) for task, part in _with_parts(list(work.tasks.values()), progress)]
 
 
-def _with_parts(
-    tasks: Sequence[Part], progress: Progress, begun: float, share: float
-) -> Iterator[tuple[Part, Progress]]:
-    """Tasks or groups, each with the progress of it, in the share of the time that begins there."""
-    total = sum(each.work for each in tasks)
+def _with_parts(tasks: Sequence[Part], progress: Progress, share: float = 1.0) -> Iterator[tuple[Part, Progress]]:
+    """Tasks or groups, each with its part of the progress. share: how much of the time all of them take, from the
+    beginning on."""
+    total, begun = sum(each.work for each in tasks), 0.0
     for each in tasks:
         own = share * each.work / total
         yield each, part_of(progress, begun, own)
@@ -361,7 +360,7 @@ def _with_parts(
 def _measured(task: MeshTask, progress: Progress) -> MeshDepths:
     """Measure the surfaces of a mesh."""
     groups = task.groups
-    own = [pose_depths(*group.poses, part) for group, part in _with_parts(groups, progress, 0.0, DEPTHS_SHARE)]
+    own = [pose_depths(*group.poses, part) for group, part in _with_parts(groups, progress, DEPTHS_SHARE)]
     found, before, depths = own, None, task.largest(own)
     # All faces at the largest depth of the face they come from, raised where that is not enough.
     while before is None or np.any(depths > before):
@@ -378,7 +377,7 @@ def _worst_frame(groups: list[PoseGroup], own: list[PoseDepths], progress: Progr
     """The frame with the deepest depth, or with the largest part of the tolerance at that depth, or the first of
     several; None without frames."""
     ranks = []
-    for (group, part), found in zip(_with_parts(groups, progress, 0.0, 1.0), own, strict=True):
+    for (group, part), found in zip(_with_parts(groups, progress), own, strict=True):
         frames = [request.frame for request in group.requests if request.frame is not None]
         if frames:
             worst = worst_pose(*group.poses, found, part)

@@ -221,6 +221,17 @@ def test_settings_and_results_are_saved_with_the_file(tmp_path: object) -> None:
     assert bpy.context.scene.ccdepth.relative_tolerance == pytest.approx(0.003)
 
 
+@pytest.mark.parametrize("angle", [-0.6, 0.6])
+def test_a_relative_tolerance_of_a_sheared_object_is_a_part_of_the_longest_diagonal(angle: float) -> None:
+    holder = scene.add_object(meshes.cube())
+    holder.parent, holder.rotation_euler.z = scene.add("Parent", None), angle
+    holder.parent.scale = (1.0, 3.0, 1.0)
+    addon.compute(holder, tolerance=0.01, tolerance_mode="RELATIVE")
+    corners = np.array(holder.bound_box) @ np.array(holder.matrix_world)[:3, :3].T
+    longest = np.linalg.norm(corners[:, None] - corners, axis=-1).max()
+    assert holder.data.ccdepth.world_tolerance == pytest.approx(0.01 * longest)
+
+
 def test_the_smallest_tolerance_of_the_objects_of_a_mesh_is_recorded() -> None:
     small = scene.add_object(meshes.cube())
     large = scene.add_mesh(small.data)

@@ -81,11 +81,25 @@ def with_an_animated_array() -> bpy.types.Object:
     return holder
 
 
+def with_growing_creases() -> bpy.types.Object:
+    """Of all edges, whose vertices stay where they are."""
+    holder = scene.add_object(meshes.landscape(4, 4))
+    tree = holder.modifiers.new("Nodes", "NODES").node_group = scene.node_tree("GeometryNodeStoreNamedAttribute")
+    store = tree.nodes["Store Named Attribute"]
+    store.data_type, store.domain, store.inputs["Name"].default_value = "FLOAT", "EDGE", "crease_edge"
+    share, time = tree.nodes.new("ShaderNodeMath"), tree.nodes.new("GeometryNodeInputSceneTime")
+    share.operation, share.inputs[1].default_value = "DIVIDE", 2.0 * LAST
+    tree.links.new(time.outputs["Frame"], share.inputs[0])
+    tree.links.new(share.outputs[0], next(each for each in store.inputs if each.name == "Value" and each.enabled))
+    return holder
+
+
 ANIMATED: dict[str, Callable[[], bpy.types.Object]] = {
     "shape key": with_a_shape_key,
     "armature": with_an_armature,
     "scale": with_a_growing_scale,
     "array": with_an_animated_array,
+    "creases": with_growing_creases,
 }
 
 
