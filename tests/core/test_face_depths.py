@@ -31,12 +31,12 @@ from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes, nets
 from tests.brute_force import Levels
 from tests.proved_bounds import level_bounds
+from tests.thorough import each
 
 # What they bound is compared at equal parameters; ``test_distance_depth`` has the other one.
 EQUAL_METHODS = [method for method in METHODS if method != "DISTANCE"]
 every_method = pytest.mark.parametrize("method", EQUAL_METHODS)
 both_vertices = pytest.mark.parametrize("vertices", VERTICES)
-second_and_first_order = pytest.mark.parametrize("method", ["SECOND_ORDER", "FIRST_ORDER"])
 
 # Brute force looks at these levels.
 LEVELS = 4
@@ -176,22 +176,24 @@ def assert_levels_are_near_enough(
         assert np.all(np.isfinite(bounds[due]))
 
 
-@second_and_first_order
-@both_vertices
-@pytest.mark.parametrize("tolerance", [0.3, 0.0007])
-def test_irregular_faces_are_as_deep_as_their_patches(tolerance: float, method: str, vertices: str) -> None:
+SETTINGS = list(product([0.3, 0.0007], ["SECOND_ORDER", "FIRST_ORDER"], VERTICES))
+
+
+# In the short suite those in which each meets each of the others.
+@pytest.mark.parametrize("settings", each(SETTINGS, [SETTINGS[i] for i in (0, 3, 5, 6)]))
+def test_irregular_faces_are_as_deep_as_their_patches(settings: tuple[float, str, str]) -> None:
     """Where all the descendants of a face after s steps have come from patches: s, or as deep as the deepest patch and
     the steps to it."""
-    counted = 0
+    (tolerance, *method_and_vertices), counted = settings, 0
     for name, data in meshes.AWKWARD.items():
         mesh = build(data(), smooth_corners=False)
-        found = face_depths(mesh, tolerance, method, vertices).depths
+        found = face_depths(mesh, tolerance, *method_and_vertices).depths
         fine, bases, known = mesh, np.arange(mesh.face_count), np.zeros(mesh.face_count, dtype=bool)
         expected, complete = np.zeros(mesh.face_count, dtype=int), np.zeros(mesh.face_count, dtype=bool)
         for steps in range(4):
             new = (classify_patches(fine).kinds != PatchKind.IRREGULAR) & ~known
             if np.any(new):
-                depths = face_depths(fine, tolerance, method, vertices).depths
+                depths = face_depths(fine, tolerance, *method_and_vertices).depths
                 np.maximum.at(expected, bases[new], steps + depths[new])
             known |= new
             now = (np.bincount(bases, ~known) == 0) & ~complete

@@ -202,7 +202,9 @@ def test_the_depths_are_the_deepest_of_single_poses(name: str, method: str, vert
     # No face needs a level that none of the poses needs, but where one is not enough after another.
     assert max(least - 1, found.depths.max()) <= level <= max(least, found.depths.max()) + 1
     if method in ("CERTIFIED", "SHARP"):
-        sampled = np.array([[Levels(pose.make()).distances(k, vertices, 2) for k in range(LEVELS)] for pose in poses])
+        posed_levels = [Levels(pose.make()) for pose in poses]
+        depths = range(min(level + 1, LEVELS))
+        sampled = np.array([[each.distances(depth, vertices, 2) for depth in depths] for each in posed_levels])
         shallow = np.flatnonzero(found.depths < LEVELS)
         farthest = sampled[:, found.depths[shallow], shallow].max(axis=0)
         assert np.all(farthest <= found.bounds[shallow] + ROUNDING)
