@@ -86,6 +86,10 @@ def test_the_deepest_depth_is_not_enough_for_all_faces() -> None:
     assert np.isinf(level_bounds(mesh, EPSILON, "CERTIFIED", "LIMIT", 1)[12])
     assert uniform_level(mesh, EPSILON, "CERTIFIED", "LIMIT") == 2
     assert distances[2].max() <= EPSILON
+    # Of two poses it is the second that needs it.
+    poses = [pose_of(mesh, share * mesh.positions, EPSILON) for share in (0.5, 1.0)]
+    found = pose_depths(poses, "CERTIFIED", "LIMIT")
+    assert common_level([(poses, "CERTIFIED", "LIMIT", found)]) == 2
 
 
 def test_a_face_may_be_farther_at_the_next_two_levels() -> None:
