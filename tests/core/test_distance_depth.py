@@ -24,6 +24,7 @@ from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes
 from tests.drawn_levels import largest_around, sampled
 from tests.proved_bounds import level_bounds
+from tests.thorough import each
 
 # Fine triangles that stand for the surface are off it by so many times what their level has changed, at most: a level
 # takes a third off at least, at poles of any valence; mostly three quarters.
@@ -196,12 +197,12 @@ def test_faces_of_depth_0_have_the_least_possible_depth() -> None:
     assert np.all(found.exact[found.depths == 0])
 
 
-@pytest.mark.parametrize("tolerance", [0.01, 0.03])
+@pytest.mark.parametrize("tolerance", each([0.01, 0.03], short=[0.03]))
 def test_a_depth_over_poses_holds_in_all_of_them(tolerance: float) -> None:
     mesh, diagonal = case("bevelled prism", 5)
     generator = np.random.default_rng(1)
     positions = mesh.positions + [[[0.0]], [[0.1]], [[0.1]]] * generator.normal(size=(3, *mesh.positions.shape))
-    poses = [Pose(partial(mesh.changed, positions=each), tolerance * diagonal) for each in positions]
+    poses = [Pose(partial(mesh.changed, positions=own), tolerance * diagonal) for own in positions]
     found = pose_depths(poses, "DISTANCE", "LIMIT")
     single = [face_depths(pose.make(), pose.tolerance, "DISTANCE", "LIMIT") for pose in poses]
     depths = [each.depths for each in single]
