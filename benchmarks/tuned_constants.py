@@ -258,14 +258,12 @@ def bending(mesh: Any, count: int) -> list[Any]:
     return [Pose(partial(pose, number), tolerance) for number in range(count)]
 
 
-def posed(
-    make: Callable[[], list[Any]], tolerance: float = 1e-3, method: str = "CERTIFIED", vertices: str = "CONTROL"
-) -> Callable[[], Any]:
+def posed(make: Callable[[], list[Any]], tolerance: float = 1e-3) -> Callable[[], Any]:
     """Depths over several poses; the result is the number of faces that they make."""
     from ccdepth_addon.core import pose_depths
 
     poses = within(make(), tolerance)
-    return lambda: float((4.0 ** pose_depths(poses, method, vertices).depths).sum())
+    return lambda: float((4.0 ** pose_depths(poses, "CERTIFIED", "CONTROL").depths).sum())
 
 
 def within(poses: list[Any], tolerance: float) -> list[Any]:
@@ -505,9 +503,6 @@ WORKLOADS: dict[str, Callable[[], Callable[[], Any]]] = {
     "depths by norms, creases": lambda: depths(lambda: creased_landscape(60), "SHARP", "CONTROL", 1e-4),
     "small depths": lambda: small_depths(30),
     "poses": lambda: posed(lambda: bending(refined(saved_suzanne(), 1), 64)),
-    "poses, by distance": lambda: posed(
-        lambda: bending(refined(saved_suzanne(), 1), 6), 3e-3, method="DISTANCE", vertices="LIMIT"
-    ),
     "poses, large": lambda: posed(lambda: bending(noisy_grid(150), 33), 1e-4),
     "deep level": lambda: bounds_at(lambda: noisy_grid(60, 100), 1e-5, 8),
     "level": lambda: level(lambda: creased_landscape(16), 1e-3),
@@ -732,10 +727,6 @@ def fine_alone(_: Any) -> Any:
     return distances
 
 
-def by_places(_: Any) -> Any:
-    return lambda leaves: leaves.own_distances(lambda: None)
-
-
 def made_anew(cached: Any) -> Any:
     """A property that is not kept."""
     return property(cached.func)
@@ -844,7 +835,6 @@ ENTRIES = [
     ),
     Entry(CERTIFIED + "_CertifiedSearch._settle_early", "not tried", by(nothing), ("level", "deep level")),
     at_once(DEPTH + "norm_depth.EXTRAORDINARY_POINTS_AT_ONCE", "depths by norms, poles"),
-    Entry(DEPTH + "distance_depth._equal_or_own", "not tried", by(by_places), ("poses, by distance",)),
     # Adaptive meshes: the tree and its stores.
     Entry(ADAPTIVE + "quadtree.SLACK", "no slack", set_to(1.0), NETS),
     Entry(ADAPTIVE + "quadtree.Quadtree.reserve", "columns grow by themselves", by(nothing), SUZANNE),

@@ -50,7 +50,7 @@ def distance_depths(
     left = np.arange(len(faces))
     level = 0
     while len(left):
-        bounds, lasting = some.at(level, left, _own)
+        bounds, lasting = some.at(level, left)
         is_settled = np.isfinite(bounds)
         found = FaceDepths.undecided(faces[left[is_settled]])
         found.depths[:], found.bounds[:] = level, bounds[is_settled] + test.allowance
@@ -69,18 +69,15 @@ def distance_bounds_at(
     faces: IndexArray,
     levels: NDArray[np.int32],
     tick: Callable[[], None],
-    *,
-    equal_first: bool,
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces, each at its own level, in the sense of ``distance_depths``, in chunks.
 
-    levels: (F,) int32. tick: as of ``distance_depths``. equal_first: whether bounds at equal parameters will do, which
-    are larger, and computed in less time.
+    levels: (F,) int32. tick: as of ``distance_depths``.
     """
     some = _SomeFaces.of(mesh, faces, test, vertices, tick)
     for level in np.unique(levels[faces]).tolist():
         places = np.flatnonzero(levels[faces] == level)
-        bounds, lasting = some.at(level, places, _equal_or_own if equal_first else _own)
+        bounds, lasting = some.at(level, places)
         yield LevelBounds(faces[places], bounds + test.allowance, lasting)
 
 
@@ -100,7 +97,7 @@ def distance_level_bounds(
         others = rest & (mesh.face_sizes[faces] != 4)
         yield LevelBounds(faces[others], np.full(np.count_nonzero(others), np.inf))
         rest &= ~others
-    for block in some.by_leaves(faces[rest], level, _equal_or_joined):
+    for block in some.by_leaves(faces[rest], level, are_joined=True):
         yield LevelBounds(block.faces, np.where(block.bounds <= some.limit, block.bounds + test.allowance, np.inf))
 
 
@@ -132,11 +129,9 @@ class _SomeFaces:
         """At level 0 no modifier moves anything."""
         return self.vertices if level else Vertices.CONTROL
 
-    def at(
-        self, level: int, places: IndexArray, distances: Callable[[LevelLeaves], FloatArray]
-    ) -> tuple[FloatArray, BoolArray]:
+    def at(self, level: int, places: IndexArray) -> tuple[FloatArray, BoolArray]:
         """(m,) each, of the faces at some places (m,) among these: bounds at a level, infinite where none within the
-        limit is proved; and whether they last. distances: gives the bounds of faces by their leaves."""
+        limit is proved; and whether they last."""
         bounds = np.full(len(self.faces), np.inf)
         lasting, is_open = np.zeros((2, len(self.faces)), dtype=bool)
         for found in self.feet.bounds(places, level, self.shown(level), self.limit, self.tick):
@@ -148,44 +143,31 @@ class _SomeFaces:
             is_open[has_bound] = False
         left = places[is_open[places]]
         bounds[left] = np.concatenate(
-            [np.zeros(0), *(each.bounds for each in self.by_leaves(self.faces[left], level, distances))]
+            [np.zeros(0), *(each.bounds for each in self.by_leaves(self.faces[left], level, are_joined=False))]
         )
         bounds[bounds > self.limit] = np.inf
         return bounds[places], lasting[places]
 
-    def by_leaves(
-        self, faces: IndexArray, level: int, distances: Callable[[LevelLeaves], FloatArray]
-    ) -> Iterator[LevelBounds]:
-        """The bounds of some faces of the mesh by their leaves at a level, in their order, in chunks."""
+    def by_leaves(self, faces: IndexArray, level: int, *, are_joined: bool) -> Iterator[LevelBounds]:
+        """The bounds of some faces of the mesh by their leaves at a level, in their order, in chunks. are_joined:
+        whether bounds hold both ways, whatever is beside the faces."""
         at_once = min(MOST_FACES_AT_ONCE, LEAVES_AT_ONCE >> 2 * min(level, DEEPEST_REGULAR))
 
         def bound(some: IndexArray) -> LevelBounds:
             leaves = LevelLeaves.of(self.mesh, some, level, self.shown(level), self.limit, lambda: None)
-            return LevelBounds(some, distances(leaves))
+            return LevelBounds(some, _distances(leaves, are_joined=are_joined))
 
         return map_in_threads(bound, index_chunks(faces, at_once), self.tick)
 
 
-def _own(leaves: LevelLeaves) -> FloatArray:
-    return leaves.own_distances(lambda: None)
-
-
-def _equal_or_own(leaves: LevelLeaves) -> FloatArray:
-    return _equal_first(leaves, _own)
-
-
-def _equal_or_joined(leaves: LevelLeaves) -> FloatArray:
-    """Leaves within the limit at equal parameters hold both ways, whatever is beside them."""
-    return _equal_first(leaves, lambda left: left.joined_distances(lambda: None))
-
-
-def _equal_first(leaves: LevelLeaves, others: Callable[[LevelLeaves], FloatArray]) -> FloatArray:
-    """(B,): the largest distance of each face's leaves at equal parameters, and where that is beyond the limit, by
-    other bounds."""
+def _distances(leaves: LevelLeaves, *, are_joined: bool) -> FloatArray:
+    """(B,): the largest distance of each face's leaves at equal parameters, which holds both ways; where that is beyond
+    the limit, by places in the shell. are_joined: as of ``by_leaves``."""
     found = leaves.bounds.copy()
     for own in index_chunks(np.flatnonzero(leaves.is_own), QUADS_AT_ONCE):
         np.maximum.at(found, leaves.bases[own], leaves.leaves.at_equal_parameters(own))
     is_open = found > leaves.leaves.limit
     left = replace(leaves, is_own=leaves.is_own & np.append(is_open, False)[leaves.bases])
-    found[is_open] = others(left)[is_open]
+    others = left.joined_distances if are_joined else left.own_distances
+    found[is_open] = others(lambda: None)[is_open]
     return found

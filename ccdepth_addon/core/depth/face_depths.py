@@ -201,15 +201,13 @@ def bounds_at_depths(
     vertices: Vertices,
     depths: NDArray[np.int32],
     tick: Callable[[], None],
-    *,
-    equal_first: bool = False,
 ) -> Iterator[LevelBounds]:
     """The proved bounds of some faces, each at its own depth, in the sense of ``depths_in_chunks``, in chunks.
 
-    depths: (F,) int32. equal_first: as of ``distance_bounds_at``. tick: called meanwhile, and may raise to stop.
+    depths: (F,) int32. tick: called meanwhile, and may raise to stop.
     """
     if method is Method.DISTANCE:
-        yield from distance_bounds_at(mesh, test, vertices, faces, depths, tick, equal_first=equal_first)
+        yield from distance_bounds_at(mesh, test, vertices, faces, depths, tick)
         return
     for level in np.unique(depths[faces]).tolist():
         some = faces[depths[faces] == level]

@@ -124,7 +124,7 @@ def _raised(
     mesh = pose.make()
     test = ToleranceTest(pose.tolerance, rounding_allowance(mesh))
     parts = [faces[:0]]
-    for block in bounds_at_depths(mesh, faces, test, method, vertices, found.depths, tick, equal_first=True):
+    for block in bounds_at_depths(mesh, faces, test, method, vertices, found.depths, tick):
         holds = np.isfinite(block.bounds)
         proved = block.faces[holds]
         found.bounds[proved] = np.maximum(found.bounds[proved], block.bounds[holds])

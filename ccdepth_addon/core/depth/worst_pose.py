@@ -87,7 +87,7 @@ def _share(
         some = left = farther[begin : 2 * begin + 1]
         for level in range(worst.depth - 1, -1, -1):
             levels = np.full(mesh.face_count, level, dtype=np.int32)
-            blocks = bounds_at_depths(mesh, left, test, method, vertices, levels, tick, equal_first=True)
+            blocks = bounds_at_depths(mesh, left, test, method, vertices, levels, tick)
             left = np.concatenate([left[:0], *(block.faces[np.isinf(block.bounds)] for block in blocks)])
         if len(left):
             return float(shares[left].max())
