@@ -138,12 +138,24 @@ def test_objects_that_share_a_mesh_share_the_result(output: str) -> None:
 
 
 def test_objects_that_share_a_mesh_but_not_the_surface_get_results_of_their_own() -> None:
+    """Or not the way in which UVs are smoothed."""
     first = scene.add_suzanne()
-    bent, wide = scene.add_mesh(first.data), scene.add_mesh(first.data)
+    bent, wide, stretched = (scene.add_mesh(first.data) for _ in range(3))
     bent.modifiers.new("Bend", "SIMPLE_DEFORM").angle = 1.0
     wide.scale = (3.0, 0.5, 0.5)
-    results = subdivide(first, bent, wide, tolerance=ROUGH)
-    assert len({result.data for result in results}) == 3
+    for holder, smooth in ((first, "PRESERVE_BOUNDARIES"), (stretched, "NONE")):
+        scene.add_subdivision(holder, 1).uv_smooth = smooth
+    results = subdivide(first, bent, wide, stretched, tolerance=ROUGH)
+    assert len({result.data for result in results}) == 4
+
+
+def test_exact_normals_are_stored_so_that_they_follow_what_groups_move() -> None:
+    """As angles from Blender's own normals; where nothing moves, and Blender can, as they are."""
+    still, moved = scene.add_object(meshes.cube()), scene.add_object(meshes.cube())
+    moved.vertex_groups.new(name="Group")
+    results = subdivide(still, moved, tolerance=ROUGH, exact_normals=True)
+    types = [result.data.attributes["custom_normal"].data_type for result in results]
+    assert types == ["FLOAT_VECTOR" if bpy.app.version >= (4, 5) else "INT16_2D", "INT16_2D"]
 
 
 @pytest.mark.parametrize("output", ["NEW_OBJECT", "IN_PLACE"])
