@@ -208,6 +208,7 @@ def leave_sidebar(window: Window, started: dict[str, Any], seconds: float) -> No
     """Put the mouse into the viewport, and let Blender draw."""
     window.move_mouse(started["viewport"][0] + 300, started["viewport"][1] + 300)
     time.sleep(seconds)
+    window.settle()
 
 
 @pytest.mark.parametrize("window", [{"TOLERANCE": "2e-4"}], indirect=True)
