@@ -76,6 +76,13 @@ def creased_lines() -> tuple[meshes.MeshData, meshes.MeshData]:
     return meshes.creased(landscape, row), meshes.creased(landscape, row | column)
 
 
+def row_with_triangles() -> meshes.MeshData:
+    """A row of quads between two borders, one of them cut in two."""
+    data = meshes.landscape(5, 1)
+    first, (a, b, c, d), *others = data.faces
+    return meshes.from_faces(data.positions, [first, *others, [a, b, c], [a, c, d]])
+
+
 def creased_around_a_pole() -> meshes.MeshData:
     """A closed mesh with a sharp line past a vertex of valence 6, three faces on one side."""
     fan = meshes.fan(6, 3)
@@ -89,6 +96,7 @@ FEATURES: dict[str, Callable[[], PolygonMesh]] = {
     "boundary": lambda: build(meshes.landscape(4, 3)),
     "one row": lambda: build(meshes.landscape(4, 1), smooth_corners=False),
     "crease": lambda: build(creased_lines()[0]),
+    "row with triangles": lambda: build(row_with_triangles(), smooth_corners=False),
     "crossing creases": lambda: build(creased_lines()[1], smooth_corners=False),
     "creased valence 6": lambda: build(creased_around_a_pole()),
     "random creases": lambda: build(meshes.with_random_creases(meshes.landscape(8, 8), share=0.1)),
@@ -105,7 +113,8 @@ def test_nets_are_the_surface(name: str) -> None:
     faces = np.flatnonzero(classify_patches(mesh).kinds == PatchKind.REGULAR)
     assert len(faces)
     net, fine = regular_nets(mesh, faces), nets.refined(mesh, 3)
-    found = limit_positions(fine)[fine.corner_vertices].reshape(mesh.face_count, -1, 3)[faces]
+    corners = 4**3 * mesh.face_starts[faces, None] + np.arange(4**4)
+    found = limit_positions(fine)[fine.corner_vertices[corners]]
     np.testing.assert_allclose(found, spline_points(net, quad_places(3)), rtol=0, atol=ROUNDING)
     if name in ("boundary", "landscape", "single quad", "crossing creases", "creased valence 6"):
         # Six plain steps leave every vertex within M/3 · 4⁻⁶ of the surface, with no formula for limits involved.
