@@ -11,7 +11,8 @@ times finer; and by Measure Deviation, as the distance that is really there and 
 "Asked" is what a program makes when it is told the tolerance. "By trial" is the mesh of fewest triangles, of
 ``TRIALS`` bisections of what the program is told, that is within the tolerance by samples: the seconds of the whole
 search, samples included, stand beside those of the run that made the mesh. Programs that reduce begin with the surface
-two levels above the least that will do; making that level is counted in.
+two levels above the least that will do, or one, where two are finer than what samples are compared with; making that
+level is counted in.
 """
 
 from __future__ import annotations
@@ -88,11 +89,15 @@ class Model:
         self.control: PolygonMesh = apply_boundary_rule(scene.polygon_mesh_of(self.holder.data), smooth_corners=True)
         self.diagonal = float(np.linalg.norm(np.ptp(self.control.positions, axis=0)))
 
+    @property
+    def finest_level(self) -> int:
+        corners = self.control.corner_count
+        levels = range(2, FINEST_LEVEL + 1)
+        return max((level for level in levels if corners * 4**level < 2 * FINEST_TRIANGLES), default=1)
+
     @cached_property
     def finest(self) -> Drawn:
-        corners = self.control.corner_count
-        levels = range(1, FINEST_LEVEL + 1)
-        return self.at_level(max(level for level in levels if level == 1 or corners * 4**level < 2 * FINEST_TRIANGLES))
+        return self.at_level(self.finest_level)
 
     def at_level(self, level: int) -> Drawn:
         """What the modifier draws at a level, its vertices on the limit surface."""
@@ -298,7 +303,7 @@ def compare(model: Model, tolerance: float) -> None:
     row(model, "CC Depth: Set Subdivision Levels", tolerance, lambda: own_level(model, tolerance))
     level = least_level(model, tolerance)
     row(model, "Blender: least level, by trial", tolerance, lambda: level)
-    fine_level = level.trials + LEVELS_ABOVE
+    fine_level = min(level.trials + LEVELS_ABOVE, model.finest_level)
 
     def from_fine(make: Callable[[Drawn, float], Drawn]) -> Callable[[float], Drawn]:
         return lambda parameter: make(model.at_level(fine_level), parameter)
