@@ -56,12 +56,14 @@ def test_tasks_that_have_not_begun_are_cancelled() -> None:
 
     def begin(number: int) -> int:
         begun.append(number)
+        # But for the first, all threads are at work when the others are cancelled.
+        time.sleep(SECONDS_BETWEEN_TICKS * bool(number))
         return number
 
     results = map_in_threads(begin, count(), lambda: None)
     assert next(results) == 0
     results.close()
-    time.sleep(SECONDS_BETWEEN_TICKS)
+    time.sleep(SECONDS_BETWEEN_TICKS / 2)
     after = len(begun)
     time.sleep(4 * SECONDS_BETWEEN_TICKS)
     assert len(begun) == after
