@@ -137,7 +137,7 @@ def add_uv_maps(mesh: bpy.types.Mesh, rng: np.random.Generator) -> None:
         uvs = projected[vertices] + 1.5 * (faces % (2 + number) == 0)[:, None]
         mesh.uv_layers.new(name=name).uv.foreach_set("vector", uvs.astype(np.float32).ravel())
     mesh.uv_layers["Second"].active = True
-    mesh.uv_layers["First"].active_render = True
+    mesh.uv_layers["Second"].active_render = True
     mesh.attributes.active_color_name = "CORNER BYTE_COLOR"
     mesh.attributes.default_color_name = "POINT FLOAT_COLOR"
 

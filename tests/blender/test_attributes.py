@@ -144,7 +144,7 @@ def test_active_and_rendered_layers_stay(comparison: Comparison) -> None:
     mesh = comparison.mesh
     assert [layer.name for layer in mesh.uv_layers] == ["First", "Second"]
     assert mesh.uv_layers.active.name == "Second"
-    assert [layer.active_render for layer in mesh.uv_layers] == [True, False]
+    assert [layer.active_render for layer in mesh.uv_layers] == [False, True]
     assert mesh.attributes.active_color_name == "CORNER BYTE_COLOR"
     assert mesh.attributes.default_color_name == "POINT FLOAT_COLOR"
 

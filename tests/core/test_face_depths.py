@@ -348,6 +348,7 @@ BAD_MESHES = {
     "repeated vertex": meshes.from_faces(meshes.grid(2, 1).positions, [[0, 1, 4, 3], [1, 2, 1, 4]]),
     "repeated neighbour": meshes.from_faces(meshes.grid(2, 1).positions, [[0, 1, 4, 3], [1, 2, 5, 5]]),
     "one point": meshes.from_faces(np.ones((4, 3)), [[0, 1, 2, 3]]),
+    "one point and a loose vertex": meshes.from_faces([*np.ones((4, 3)), [2, 0, 0]], [[0, 1, 2, 3]]),
 }
 
 
