@@ -1,79 +1,180 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How cells are approximated by triangles. A cell is a node of a quadtree with a representation of its surface."""
+"""How leaves are drawn, by which of their sides are split, and what that seems to miss.
+
+Of a quad's surface the corners, the middles of the sides and the centre are looked at, of another face's its middles
+and centre. What is missed there across a leaf's plane is less than the distance, so a leaf that misses more than the
+limit has to be split; ``leaf_bounds`` proves the others.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass, fields
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.types import BoolArray, FloatArray, IndexArray
-from .quadtree import Quadtree
+from ..arrays.vectors import cross_products, dot_products, lengths, selected_vectors, units
+from ..mesh.folded_quads import is_folded
+from ..surface.refinement import Refinement
+from .polygon_bounds import fan_normals, polygon_thickness, thickness_of_quads
+from .rectangle_tree import ALONG_U, ALONG_V, QUARTERS
 from .request import AdaptiveRequest
-from .surface_pieces import DrawnTiles
+from .templates import ALL_SPLIT, COUNTS, WHOLE, Template, Transitions, template_groups, template_numbers
+
+# Points of a quad (``templates.QUAD_POINTS``, then the centre): the middles of its sides and diagonals, and the centre
+# again, each with what it is between.
+CHORDS = [(4, 0, 1), (5, 1, 2), (6, 2, 3), (7, 3, 0), (8, 0, 2), (8, 1, 3), (8, 7, 5), (8, 4, 6)]
+
+# Of these what is missed along u, and along v.
+CHORDS_ALONG = [[0, 2, 6], [1, 3, 7]]
+
+# The alternative of triangles of the control mesh that are drawn as polygons, with their split sides' middles.
+AS_POLYGON = 1
+
+PATTERN_BITS = np.array([1, 2, 4, 8])
 
 
 @dataclass(frozen=True)
 class LeafApproximation:
-    """How P cells are approximated, and how well: (P,) each.
+    """How P leaves are drawn, and what that seems to miss: (P,) each.
 
-    accepted: bool, whether some template is within the limit at equal parameters, or may be along the surface. bounds:
-    float64, the distance proved at equal parameters; inf where only places in a shell can prove one. patterns and
-    alternatives: int8, the template (``templates``), counted from slot ``turns`` on. folded: bool, whether the
-    triangles of a whole quad face away from each other, here or where Blender triangulates it, so that it has to become
-    triangles. thickness: float64, how far the polygon that is drawn is from the triangles that stand for it; 0 where
-    no polygon is drawn. least: float64, an estimate from below of the error of a cell whose sides are whole.
+    accepted: bool, whether that is within the limit. patterns and alternatives: int8, of quads the template
+    (``templates``), of others which sides are split (0 where there are more than three) and ``AS_POLYGON``. folded:
+    bool, whether the triangles of a whole quad face away from each other, here or where Blender triangulates it, so
+    that it has to become triangles. thickness: float64, how far the polygon that is drawn is from the triangles that
+    stand for it; 0 where no polygon is drawn. along_u, along_v: float64, what a quad misses along its u and v, other
+    faces in all. ways: int8, how to split it (``RectangleTree.split``).
     """
 
     accepted: BoolArray
-    bounds: FloatArray
     patterns: NDArray[np.int8]
     alternatives: NDArray[np.int8]
-    turns: NDArray[np.int8]
     folded: BoolArray
     thickness: FloatArray
-    least: FloatArray
+    along_u: FloatArray
+    along_v: FloatArray
+    ways: NDArray[np.int8]
 
     @staticmethod
     def none(count: int) -> LeafApproximation:
-        """No template accepted."""
+        """Nothing accepted."""
         accepted, folded = np.zeros((2, count), dtype=bool)
-        patterns, alternatives, turns = np.zeros((3, count), dtype=np.int8)
-        thickness, least = np.zeros((2, count))
-        return LeafApproximation(
-            accepted, np.full(count, np.inf), patterns, alternatives, turns, folded, thickness, least
-        )
+        patterns, alternatives = np.zeros((2, count), dtype=np.int8)
+        thickness, along_u, along_v = np.zeros((3, count))
+        ways = np.full(count, QUARTERS, dtype=np.int8)
+        return LeafApproximation(accepted, patterns, alternatives, folded, thickness, along_u, along_v, ways)
 
     def at(self, chosen: IndexArray) -> LeafApproximation:
-        """Those of some cells."""
+        """Those of some leaves."""
         return LeafApproximation(*(getattr(self, field.name)[chosen] for field in fields(self)))
 
-    def put(self, chosen: IndexArray, other: LeafApproximation) -> None:
-        """Replace those of some cells: for the function that puts an approximation together."""
-        for field in fields(self):
-            getattr(self, field.name)[chosen] = getattr(other, field.name)
+
+def approximate_quads(
+    points: FloatArray, is_split: BoolArray, is_border: BoolArray, are_bicubic: BoolArray, request: AdaptiveRequest
+) -> LeafApproximation:
+    """points: (9, P, 3), those of quads and their centres. is_split, is_border: (4, P) bool, which sides are split, and
+    over which the curve has to follow the side, not the plane alone."""
+    found = LeafApproximation.none(points.shape[1])
+    found.patterns[:] = PATTERN_BITS @ is_split
+    off = np.stack([points[middle] - (points[start] + points[end]) / 2 for middle, start, end in CHORDS])
+    normals = triangle_normals(points, ((0, 1, 2), (0, 2, 3))).mean(axis=0)
+    missed, distances = np.abs(dot_products(off, normals)), lengths(off)
+    for side in range(4):
+        at_border = np.flatnonzero(is_border[side])
+        chord = units(points[CHORDS[side][2], at_border] - points[CHORDS[side][1], at_border])
+        away = off[side, at_border]
+        missed[side, at_border] = lengths(away - dot_products(away, chord)[:, None] * chord)
+    sampled, heights = (_of_templates(each, is_split, found.patterns) for each in (distances, missed))
+    by_distance = sampled.min(axis=0) <= request.limit
+    found.alternatives[:] = np.where(by_distance, sampled.argmin(axis=0), heights.argmin(axis=0))
+    if request.transitions is Transitions.NGONS:
+        found.thickness[:] = _thickness(points, found, request)
+    least = heights.min(axis=0)
+    within = (least <= request.limit) & (found.thickness <= request.limit)
+    found.accepted[:] = within & (found.patterns != ALL_SPLIT)
+    found.folded[:] = _are_folded(points, found, request.axes)
+    for each, rows in zip((found.along_u, found.along_v), CHORDS_ALONG, strict=True):
+        each[:] = missed[rows].max(axis=0)
+    # What is missed along the diagonals alone is halved by any split: by that of the longer sides.
+    sides = [lengths(points[one] - points[other]) for one, other in ((7, 5), (4, 6))]
+    is_twisted = np.maximum(found.along_u, found.along_v) < least / 2
+    is_longer = np.where(is_twisted, sides[0] >= sides[1], found.along_u >= found.along_v)
+    is_halved = are_bicubic & (found.patterns != ALL_SPLIT)
+    found.ways[:] = np.where(is_halved, np.where(is_longer, ALONG_U, ALONG_V), QUARTERS)
+    return found
 
 
-class Cells(Protocol):
-    """P nodes whose surface is represented in one way. Every method returns new values."""
+def _of_templates(missed: FloatArray, is_split: BoolArray, patterns: NDArray[np.int8]) -> FloatArray:
+    """(alternatives, P): the largest of what is missed (8, P) over the whole sides of quads and, where all are whole,
+    the diagonals; inf where a pattern (P,) has fewer alternatives."""
+    counts = COUNTS[patterns]
+    sides = np.where(is_split, 0.0, missed[:4]).max(axis=0)
+    found = np.where(np.arange(COUNTS.max())[:, None] < np.maximum(counts, 1), sides, np.inf)
+    whole = np.flatnonzero(patterns == WHOLE)
+    found[:2, whole] = np.maximum(sides[whole], missed[4:6, whole])
+    return found
 
-    @property
-    def nodes(self) -> IndexArray:
-        """(P,) intp."""
 
-    def at(self, chosen: IndexArray) -> Cells:
-        """Some of them, by index."""
+def _thickness(points: FloatArray, found: LeafApproximation, request: AdaptiveRequest) -> FloatArray:
+    """(P,): how far quads with split sides, as polygons, are from the triangles of their templates."""
+    thickness = np.zeros(points.shape[1])
+    for pattern, alternative, own in template_groups(template_numbers(found.patterns, found.alternatives)):
+        if pattern not in (WHOLE, ALL_SPLIT):
+            some = selected_vectors(points, own)
+            thickness[own] = thickness_of_quads(some, pattern, alternative, request.axes, request.largest_coordinate)
+    return thickness
 
-    def approximate(self, hanging: BoolArray, request: AdaptiveRequest) -> LeafApproximation:
-        """How to approximate them within the limit of a request; hanging: (slots of the nodes,) bool, which sides are
-        split."""
 
-    def drawn_tiles(self, approximation: LeafApproximation, hanging: BoolArray, levels: int) -> Iterator[DrawnTiles]:
-        """All of their surface, and over which triangles it is, as they are approximated with these sides split.
-        levels: of tiles around extraordinary vertices."""
+def _are_folded(points: FloatArray, found: LeafApproximation, axes: FloatArray) -> BoolArray:
+    """(P,): which quads are folded, whole, as they are drawn. axes: of the space where Blender triangulates."""
+    spaces = [np.eye(3)] if np.array_equal(axes, np.eye(3)) else [np.eye(3), axes]
+    folded = np.zeros(len(found.folded), dtype=bool)
+    for alternative, order in enumerate(([0, 1, 2, 3], [1, 2, 3, 0])):
+        own = np.flatnonzero(found.accepted & (found.patterns == WHOLE) & (found.alternatives == alternative))
+        folded[own] = is_folded(selected_vectors(points, own)[order], *spaces)
+    return folded
 
-    def children(self, tree: Quadtree) -> Iterator[Cells]:
-        """The cells of their children; the tree's nodes have been split."""
+
+def approximate_polygons(refinement: Refinement, is_split: BoolArray, request: AdaptiveRequest) -> LeafApproximation:
+    """Faces of a refinement that are no quads. is_split: (C,) bool, which sides are, face by face. Triangles have the
+    triangles of their templates, others are drawn whole, with the middles of split sides."""
+    mesh, limit = refinement.mesh, request.limit
+    count = len(refinement.bases)
+    sizes, starts = mesh.face_sizes[:count], mesh.face_starts[:count]
+    found = LeafApproximation.none(count)
+    corners = refinement.limits_at_corners
+    middles, centres = refinement.limits_inside()
+    facets = refinement.facets_of_children(corners)
+    off_sides = middles - facets[1]
+    facets[1] = np.where(is_split[:, None], middles, facets[1])
+    facets[3] = facets[1][mesh.previous_corner[: len(corners)]]
+    is_any_split = np.logical_or.reduceat(is_split, starts)
+    is_triangle = sizes == 3
+    found.alternatives[is_triangle & is_any_split & (request.transitions is Transitions.NGONS)] = AS_POLYGON
+    of_triangles = is_split[(starts[is_triangle, None] + np.arange(3))]
+    found.patterns[is_triangle] = of_triangles @ PATTERN_BITS[:3]
+    normals = np.repeat(fan_normals(facets, starts), sizes, axis=0)
+    is_border = mesh.edge_face_counts[mesh.corner_edges[: len(corners)]] != 2
+    sides = units(corners[mesh.next_corner[: len(corners)]] - corners)
+    across = lengths(off_sides - dot_products(off_sides, sides)[:, None] * sides)
+    missed = np.where(is_border, across, np.abs(dot_products(off_sides, normals)))
+    at_centres = np.where(np.repeat(is_any_split & is_triangle, sizes), 0.0, dot_products(centres - facets[2], normals))
+    found.along_u[:] = np.maximum.reduceat(np.maximum(missed, np.abs(at_centres)), starts)
+    found.along_v[:] = found.along_u
+    least = np.maximum.reduceat(np.where(is_split, np.abs(at_centres), np.maximum(missed, np.abs(at_centres))), starts)
+    drawn = np.flatnonzero(~is_triangle | (found.alternatives == AS_POLYGON))
+    if len(drawn):
+        kept = np.flatnonzero(np.repeat(~is_triangle | (found.alternatives == AS_POLYGON), sizes))
+        of_drawn = np.cumsum(sizes[drawn]) - sizes[drawn]
+        found.thickness[drawn] = polygon_thickness(
+            facets[:, kept], is_split[kept], of_drawn, request.axes, largest=request.largest_coordinate
+        )
+    found.accepted[:] = (least <= limit) & (found.thickness <= limit) & ~np.logical_and.reduceat(is_split, starts)
+    return found
+
+
+def triangle_normals(points: FloatArray, template: Template) -> FloatArray:
+    """(T, P, 3): unit normals of the triangles over points (…, P, 3); zero where there is no area."""
+    a, b, c = (points[list(corners)] for corners in zip(*template, strict=True))
+    return units(cross_products(b - a, c - a))

@@ -10,10 +10,9 @@ import numpy as np
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..distance.shells import Triangles
 from ..mesh.submesh import compact
-from .cells.polygon_cells import AS_POLYGON, PATTERN_BITS
-from .leaf_approximation import LeafApproximation
+from .leaf_approximation import AS_POLYGON, LeafApproximation
 from .plan import Plan
-from .quadtree import NONE
+from .rectangle_tree import NONE
 from .templates import (
     COUNTS_OF_TRIANGLE,
     TRIANGLE_COUNTS,
@@ -54,14 +53,11 @@ class LeafTriangles:
         for size, some in ((4, is_quad), (3, ~is_quad & ~is_polygon)):
             chosen = np.flatnonzero(some)
             slots = tree.slots(leaves[chosen]).reshape(-1, size)
+            of_leaves = approximation.patterns[chosen].astype(np.intp)
+            table, counts = TRIANGLES_OF_TRIANGLE, COUNTS_OF_TRIANGLE
             if size == 4:
-                own = approximation.at(chosen)
-                slots = np.take_along_axis(slots, (np.arange(4) + own.turns[:, None]) % 4, axis=1)
-                of_leaves = template_numbers(own.patterns, own.alternatives)
+                of_leaves = template_numbers(approximation.patterns[chosen], approximation.alternatives[chosen])
                 table, counts = TRIANGLES, TRIANGLE_COUNTS
-            else:
-                of_leaves = tree.hanging(slots.ravel()).reshape(-1, 3) @ PATTERN_BITS
-                table, counts = TRIANGLES_OF_TRIANGLE, COUNTS_OF_TRIANGLE
             points = np.concatenate([tree.slot_vertices[slots], tree.midpoints[tree.slot_edges[slots]]], axis=1)
             for number in range(table.shape[1]):
                 drawn = np.flatnonzero(number < counts[of_leaves])
@@ -85,10 +81,15 @@ class LeafTriangles:
         means = _means_of_corners(plan, leaves[used[used >= count] - count])
         return LeafTriangles(used, vertices, of_triangles, firsts, means)
 
+    def corners(self, plan: Plan) -> FloatArray:
+        """(M, 3, 3)."""
+        of_tree = self.used[: len(self.used) - len(self.means)]
+        found: FloatArray = np.concatenate([plan.positions.of(of_tree), self.means])[self.vertices]
+        return found
+
     def joined(self, plan: Plan) -> Triangles:
         """With vectors at the vertices, the mean normals there."""
-        of_tree = self.used[: len(self.used) - len(self.means)]
-        corners = np.concatenate([plan.positions.of(of_tree), self.means])[self.vertices]
+        corners = self.corners(plan)
         nothing = np.zeros(len(corners), dtype=bool)
         return Triangles.joined(corners, self.vertices, *_neighbours(self.vertices, len(self.used)), nothing)
 

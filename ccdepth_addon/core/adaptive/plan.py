@@ -1,32 +1,32 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The plan of an adaptive mesh: a quadtree, the data of its nodes, and the nodes that need evaluation again.
-
-The phases ``growth``, ``balance`` and ``along_surface`` work on it, in the order of ``planner``.
-"""
+"""The plan of an adaptive mesh: a tree, the surface over its nodes, and how its leaves are drawn."""
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import fields, replace
 
+import numpy as np
+
+from ..arrays.chunks import AT_ONCE, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress
-from .approximation_store import ApproximationStore
-from .cells.cell_store import CellStore
-from .leaf_approximation import Cells, LeafApproximation
-from .quadtree import NONE, Quadtree
-from .request import AdaptiveRequest
+from .leaf_approximation import LeafApproximation, approximate_polygons, approximate_quads
+from .node_surfaces import NodeSurfaces
+from .rectangle_tree import ALONG_U, ALONG_V, NONE, QUARTERS, RectangleTree
+from .request import AdaptiveRequest, Mode
 from .vertex_positions import VertexPositions
 
-# Estimated faces for each leaf before any are halved, transitions included; the least there can be; and the ratio of
-# the estimate to the number allowed above which a result is refused before it is planned.
-FACES_OF_A_LEAF = 1.0
-LEAST_FACES_OF_A_LEAF = 0.5
+# The ratio of the estimated faces to the number allowed above which a result is refused before it is planned; and the
+# least faces for a leaf there can be.
 SURELY_TOO_MANY = 4
+LEAST_FACES_OF_A_LEAF = 0.5
 
 # The factor between the tolerances tried in search of one with few enough faces.
 SEARCH_STEP = 1.1
+
+# No pattern of split sides: of a leaf that has not been looked at.
+UNKNOWN = np.int8(-1)
 
 
 class TooManyFacesError(ValueError):
@@ -39,120 +39,165 @@ class TooManyFacesError(ValueError):
         self.tolerance = tolerance
 
 
-class NodeQueue:
-    """Nodes of a tree, waiting for evaluation."""
-
-    def __init__(self, tree: Quadtree) -> None:
-        self._tree = tree
-        self._waiting: list[IndexArray] = []
-
-    def put(self, nodes: IndexArray) -> None:
-        """Add nodes; they may be in the queue already."""
-        if len(nodes):
-            self._waiting.append(nodes)
-
-    def take(self) -> IndexArray:
-        """Empty the queue: all nodes in the order they came."""
-        waiting, self._waiting = self._waiting, []
-        return np.concatenate([np.zeros(0, dtype=np.intp), *waiting])
-
-    def take_leaves(self) -> IndexArray:
-        """Empty the queue: the leaves among its nodes, each once, in ascending order."""
-        is_waiting = np.zeros(len(self._tree.first_child), dtype=bool)
-        for nodes in self._waiting:
-            is_waiting[nodes] = True
-        self._waiting = []
-        return np.flatnonzero(is_waiting & (self._tree.first_child == NONE))
-
-
 class Plan:
-    """tree; the cells and approximations of its nodes; the positions of its vertices. split_sides: (nodes,) how many of
-    a leaf's sides were split at its last approximation; the number never falls.
+    """tree; surfaces; positions of its vertices. Of each node, by columns: how it is drawn if it is a leaf, its split
+    sides then, and the bounds that ``leaf_bounds`` finds: at equal parameters, and along the surface."""
 
-    Three queues hold what a split may have changed, so that only this is evaluated again. split_nodes: nodes split
-    since the last test of balance. beside_split: leaves whose sides may have been split since their approximation.
-    approximated: nodes approximated since the last search for bounds along the surface.
-    """
-
-    def __init__(
-        self, mesh: PolygonMesh, request: AdaptiveRequest, least_levels: NDArray[np.int8], progress: Progress
-    ) -> None:
-        """least_levels: (faces of the mesh,) the least level of the leaves on each. progress: is told their number."""
+    def __init__(self, mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress) -> None:
+        """progress: is told the number of leaves so far, and may raise to stop."""
         self.request = request
         self._progress = progress
-        self.tree = Quadtree(mesh)
+        self.tree = RectangleTree(mesh)
+        self.surfaces = NodeSurfaces(self.tree)
         self.positions = VertexPositions(self.tree)
-        self.cells = CellStore(self.tree)
-        self.approximations = ApproximationStore(self.tree)
-        self.split_sides = self.tree.add_column(np.int32(0))
-        self.split_nodes, self.beside_split, self.approximated = (NodeQueue(self.tree) for _ in range(3))
-        self._least_levels = least_levels
+        nothing = LeafApproximation.none(1)
+        self._drawn = {
+            field.name: self.tree.add_column(getattr(nothing, field.name)[0]) for field in fields(nothing)
+        }
+        self._split_sides = self.tree.add_column(np.int32(NONE))
+        self.at_equal, self.along_surface = (self.tree.add_column(np.float64(np.inf)) for _ in range(2))
+        self._changed = list[IndexArray]()
+        self._split = list[IndexArray]()
+        self._beside = list[IndexArray]()
 
     def report(self) -> None:
         """Tell the number of leaves so far; raises what the caller raises to stop."""
         self._progress(self.tree.leaf_count)
 
-    def split(self, nodes: IndexArray) -> None:
-        """Split leaves, each once."""
-        self.tree.split(nodes)
-        self.split_nodes.put(nodes)
+    def approximation(self, nodes: IndexArray) -> LeafApproximation:
+        """How nodes are drawn."""
+        return LeafApproximation(**{name: column.values.take(nodes) for name, column in self._drawn.items()})
 
-    def approximate(self, cells: Cells, hanging: BoolArray) -> LeafApproximation:
-        """How to approximate cells with these sides split, (slots of the cells,)."""
-        return cells.approximate(hanging, self.request)
+    def bounds(self, leaves: IndexArray) -> FloatArray:
+        """(n,): how far the triangles of leaves are from the surface at most; infinite where that is not proved."""
+        found: FloatArray = np.minimum(self.at_equal.values[leaves], self.along_surface.values[leaves])
+        return found
 
-    def record(self, nodes: IndexArray, approximation: LeafApproximation) -> None:
-        """Record the approximation of nodes, each once."""
-        self.approximations.put(nodes, approximation)
-        self.approximated.put(nodes)
+    def approximate(self, leaves: IndexArray) -> IndexArray:
+        """Look at leaves whose split sides are not those they were looked at with. Returns those that miss more than
+        the limit."""
+        patterns = self._patterns(leaves)
+        leaves = leaves[patterns != self._split_sides.values[leaves]]
+        is_quad = self.tree.is_quad(leaves)
+        for some, of_kind in ((leaves[is_quad], self._approximate_quads), (leaves[~is_quad], self._approximate_others)):
+            for own in index_chunks(some, AT_ONCE):
+                found = of_kind(own)
+                for name, column in self._drawn.items():
+                    column.values[own] = getattr(found, name)
+                self.report()
+        self._split_sides.values[leaves] = self._patterns(leaves)
+        self.at_equal.values[leaves] = self.along_surface.values[leaves] = np.inf
+        self._changed.append(leaves)
+        return leaves[~self._drawn["accepted"].values[leaves]]
 
-    def has_least_level(self, nodes: IndexArray) -> BoolArray:
-        """(nodes,) whether they have the least level of their face, or a deeper one."""
-        return self.tree.levels[nodes] >= self._least_levels[self.tree.base_faces[nodes]]
+    def take_changed(self) -> IndexArray:
+        """The leaves that have been looked at since the last call, each once, in ascending order."""
+        changed, self._changed = self._leaves_among(self._changed), []
+        return changed
 
-    def may_be_halved(self, nodes: IndexArray) -> BoolArray:
-        """(nodes,) whether they lie on faces without a least level."""
-        return self._least_levels[self.tree.base_faces[nodes]] == 0
+    def _leaves_among(self, nodes: list[IndexArray]) -> IndexArray:
+        is_there = np.zeros(len(self.tree.first_child), dtype=bool)
+        for some in nodes:
+            is_there[some] = True
+        return np.flatnonzero(is_there & (self.tree.first_child == NONE))
 
-    def whole_of(self, nodes: IndexArray) -> IndexArray:
-        """Those of some nodes that are not split."""
-        return nodes[self.tree.first_child[nodes] == NONE]
+    def change(self, leaves: IndexArray) -> None:
+        """Count leaves as changed."""
+        self._changed.append(leaves)
+
+    def _patterns(self, leaves: IndexArray) -> IndexArray:
+        """(n,): how many and which sides are split, as a number; sides are only ever split."""
+        slots, counts = self.tree.slots(leaves), self.tree.slot_counts(leaves)
+        found: IndexArray = np.add.reduceat(self.tree.hanging(slots), np.cumsum(counts) - counts, dtype=np.intp)
+        return found
+
+    def _approximate_quads(self, quads: IndexArray) -> LeafApproximation:
+        tree, slots = self.tree, self.tree.quad_slots(quads).T
+        points = self.surfaces.points(quads)
+        self.positions.put(tree.slot_vertices[slots], points[:4])
+        are_bicubic = self.surfaces.are_bicubic(quads)
+        found = approximate_quads(points, tree.hanging(slots), self._are_border(slots), are_bicubic, self.request)
+        return replace(found, ways=np.full_like(found.ways, QUARTERS)) if self._is_even else found
+
+    def _approximate_others(self, faces: IndexArray) -> LeafApproximation:
+        order, refinement = next(self.surfaces.refinements(faces))
+        slots = self.tree.slots(faces[order])
+        self.positions.put(self.tree.slot_vertices[slots], refinement.limits_at_corners)
+        found = approximate_polygons(refinement, self.tree.hanging(slots), self.request)
+        return found.at(np.argsort(order))
+
+    def _are_border(self, slots: IndexArray) -> BoolArray:
+        """Whether sides at slots are along edges of the control mesh without just two faces."""
+        edges = self.tree.base_edges.take(self.tree.slot_edges.take(slots))
+        return (edges != NONE) & (self.tree.mesh.edge_face_counts[edges] != 2)
+
+    @property
+    def _is_even(self) -> bool:
+        return self.request.mode is Mode.PER_FACE
+
+    def ways(self, leaves: IndexArray) -> IndexArray:
+        """(n,): how to split leaves."""
+        found: IndexArray = self._drawn["ways"].values[leaves].astype(np.intp)
+        return found
+
+    def split(self, leaves: IndexArray, ways: IndexArray) -> IndexArray:
+        """Split leaves, each once, in these ways (n,). Bicubic quads are quartered by two halvings. Returns the
+        children."""
+        self._refuse_too_many(leaves)
+        found = [np.zeros(0, dtype=np.intp)]
+        is_bicubic = self.tree.is_quad(leaves) & self.surfaces.are_bicubic(leaves)
+        for way in (ALONG_U, ALONG_V):
+            found.append(self._split_alike(leaves[is_bicubic & (ways == way)], way))
+        twice = self._split_alike(leaves[is_bicubic & (ways == QUARTERS)], ALONG_U)
+        found += [self._split_alike(twice, ALONG_V), self._split_alike(leaves[~is_bicubic], QUARTERS)]
+        return np.concatenate(found)
+
+    def _split_alike(self, leaves: IndexArray, way: int) -> IndexArray:
+        if not len(leaves):
+            return leaves
+        self.tree.split(leaves, way)
+        self.surfaces.follow(leaves, way)
+        self._split.append(leaves)
+        self.report()
+        return self.tree.children(leaves)
+
+    def take_beside_split(self) -> IndexArray:
+        """The leaves beside what has been split since the last call, each once, in ascending order."""
+        if not self._split:
+            return np.zeros(0, dtype=np.intp)
+        split, self._split = np.concatenate(self._split), []
+        self._beside.append(self.tree.leaves_beside(split))
+        return self._beside[-1]
+
+    def approximate_beside_split(self) -> IndexArray:
+        """Look at the leaves that ``take_beside_split`` has told of since the last call, as in ``approximate``."""
+        beside, self._beside = self._leaves_among(self._beside), []
+        return self.approximate(beside)
 
     def leaves(self) -> IndexArray:
         """The leaves in the order of the control mesh's faces."""
         leaves = self.tree.leaves()
         return leaves[np.argsort(self.tree.base_faces[leaves], kind="stable")]
 
-    def face_levels(self) -> NDArray[np.int8]:
-        """(faces of the control mesh,) the level of the deepest leaf of each."""
-        deepest = np.zeros(self.tree.mesh.face_count, dtype=np.int8)
-        np.maximum.at(deepest, self.tree.base_faces, self.tree.levels)
-        return deepest
+    def _refuse_too_many(self, unfinished: IndexArray) -> None:
+        """Raise TooManyFacesError if splitting leaves makes too many, or if far too many are expected."""
+        most = self.request.most_faces
+        certain = self.tree.leaf_count + len(unfinished)
+        expected = certain - 2 * len(unfinished) + self._expected(unfinished, self.request.limit)
+        if LEAST_FACES_OF_A_LEAF * certain > most or expected > SURELY_TOO_MANY * most:
+            raise TooManyFacesError(int(expected), self._feasible_limit())
 
-    def expected_leaves(self, unfinished: IndexArray) -> int:
-        """The estimated number of leaves in the end, if these nodes have to be split."""
-        leaves = np.maximum(_leaves_of(self.approximations.least[unfinished] / self.request.limit), 4.0)
-        return int(self.tree.leaf_count - len(unfinished) + leaves.sum())
-
-    def refuse_too_many(self, unfinished: int, expected: int) -> None:
-        """Raise TooManyFacesError if splitting so many leaves makes too many, or if far too many are expected."""
-        estimate, most = int(FACES_OF_A_LEAF * expected), self.request.most_faces
-        leaves = self.tree.leaf_count + 3 * unfinished
-        if LEAST_FACES_OF_A_LEAF * leaves > most or estimate > SURELY_TOO_MANY * most:
-            raise TooManyFacesError(estimate, self._feasible_limit())
+    def _expected(self, nodes: IndexArray, limit: float) -> float:
+        """Estimated leaves that nodes are split into: halving divides what is missed along one way by four."""
+        parts = (np.maximum(self._drawn[name].values[nodes] / limit, 1.0) for name in ("along_u", "along_v"))
+        return float(np.sqrt(np.multiply(*parts)).sum())
 
     def _feasible_limit(self) -> float:
         """A limit with about as many faces as allowed; inf if the control mesh itself has more."""
-        least = self.approximations.least[: self.tree.mesh.face_count]
-        if len(least) > self.request.most_faces:
+        faces = np.arange(self.tree.mesh.face_count)
+        if len(faces) > self.request.most_faces:
             return np.inf
-        room = max(self.request.most_faces / FACES_OF_A_LEAF, len(least))
         limit = self.request.limit
-        while _leaves_of(least / limit).sum() > room:
+        while self._expected(faces, limit) > self.request.most_faces:
             limit *= SEARCH_STEP
         return limit
-
-
-def _leaves_of(ratios: FloatArray) -> FloatArray:
-    """Estimated leaves for ratios of distance to limit: a level divides the distance by four."""
-    return 4.0 ** np.ceil(np.log2(np.maximum(ratios, 1.0)) / 2)

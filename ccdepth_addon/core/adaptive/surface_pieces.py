@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Pieces of the surface over the triangles of templates: what ``core/distance`` compares with these.
 
-The surface of a cell comes as tiles, over squares of its parameters. A tile inside a triangle of the template is one
+The surface over a leaf comes as tiles, over squares of its parameters. A tile inside a triangle of the template is one
 piece; a bicubic tile that the template's lines cut is cut into triangles, or into smaller squares where these lines are
 no lines in its parameters. What is still cut, or left around an extraordinary vertex, counts as over every triangle
 that it meets: each has a part of it.
@@ -23,10 +23,9 @@ from ..arrays.vectors import component_major, selected_vectors, transformed_nets
 from ..distance.leaf_surfaces import Tiles
 from ..distance.pieces import HULL_FORM, SQUARE_FORM, TRIANGLE_FORM, Form
 from ..distance.shell_bounds import Pieces
-from ..distance.shells import Shell
 from ..surface.bicubic import HALVES
 from ..surface.squares import WHOLE_QUAD, Square, Squares
-from .leaf_bounds.triangle_bounds import barycentric_rows, clipped, functionals
+from .template_rows import barycentric_rows, clipped, functionals
 from .templates import (
     COUNTS_OF_TRIANGLE,
     QUAD_POINTS,
@@ -58,23 +57,18 @@ class Part:
 
 @dataclass(frozen=True)
 class DrawnTiles:
-    """Tiles, the cell of each, (n,), and keys (n,) of what they are drawn as: of a template and its turn, of a pattern
-    and the quarter of a triangle of the control mesh, or of half a quarter of a larger polygon. firsts: (n,), from the
+    """Tiles, the leaf of each, (n,), and keys (n,) of what they are drawn as: the number of a template, of a pattern and
+    the quarter of a triangle of the control mesh, or of half a quarter of a larger polygon. firsts: (n,), from the
     first triangle of their leaves on, the one from which the triangles of parts are counted."""
 
     tiles: Tiles
-    cells: IndexArray
+    leaves: IndexArray
     keys: IndexArray
     firsts: IndexArray
 
     def at(self, chosen: IndexArray) -> DrawnTiles:
         """Some of them, by index."""
-        return DrawnTiles(self.tiles.at(chosen), self.cells[chosen], self.keys[chosen], self.firsts[chosen])
-
-
-def quad_keys(numbers: IndexArray, turns: IndexArray) -> IndexArray:
-    """(P,): keys of quads that are drawn by templates (P,), counted from corners ``turns`` on."""
-    return 4 * numbers + turns
+        return DrawnTiles(self.tiles.at(chosen), self.leaves[chosen], self.keys[chosen], self.firsts[chosen])
 
 
 def quarter_keys(patterns: IndexArray, quarters: IndexArray) -> IndexArray:
@@ -147,9 +141,7 @@ def regions_of(key: int) -> tuple[_Region, ...]:
         triangles = TRIANGLES_OF_TRIANGLE[pattern, : COUNTS_OF_TRIANGLE[pattern]]
         found = [FROM_CORNERS @ ring @ np.rint(np.linalg.inv(TRIANGLE_POINTS[points])) for points in triangles]
         return tuple(_Region(each, each) for each in found)
-    number, turn = divmod(key, 4)
-    triangles = TRIANGLES[number, : TRIANGLE_COUNTS[number]]
-    return tuple(_over(QUAD_POINTS[(points + turn) % 4 + points // 4 * 4], np.eye(3)) for points in triangles)
+    return tuple(_over(QUAD_POINTS[points], np.eye(3)) for points in TRIANGLES[key, : TRIANGLE_COUNTS[key]])
 
 
 def _over(corners: FloatArray, weights: FloatArray) -> _Region:
@@ -261,16 +253,16 @@ def grouped(*columns: IndexArray | FloatArray) -> Iterator[tuple[FloatArray, Ind
 
 
 def pieces_by_corners(
-    shell: Shell, tiles: Tiles, over: TilesOverTriangles, firsts: IndexArray
+    corners: FloatArray, tiles: Tiles, over: TilesOverTriangles, firsts: IndexArray
 ) -> Iterator[tuple[IndexArray, Pieces, Form]]:
-    """The pieces that are all of a tile, or half of a bicubic one; with the tile of each, and their form. firsts: (P,),
-    the first triangle of each tile's leaf in the shell."""
+    """The pieces that are all of a tile, or half of a bicubic one; with the tile of each, and their form. corners:
+    (M, 3, 3), of triangles; firsts: (P,), the first of each tile's leaf."""
     for share in range(-1, 4) if tiles.are_bicubic else [ALL]:
         some = over.at(np.flatnonzero(over.shares == share))
         if not len(some.tiles):
             continue
         triangles = firsts[some.tiles] + some.triangles
-        drawn = component_major((some.weights @ shell.triangles.corners[triangles]).swapaxes(0, 1))
+        drawn = component_major((some.weights @ corners[triangles]).swapaxes(0, 1))
         hulls, form = selected_vectors(tiles.points, some.tiles), HULL_FORM
         if share != ALL:
             rows, weights = ROWS_OF_HALVES[share]
@@ -281,8 +273,8 @@ def pieces_by_corners(
         yield some.tiles, Pieces(triangles, hulls, drawn), form
 
 
-def pieces_over(shell: Shell, tiles: Tiles, chosen: IndexArray, part: Part, triangles: IndexArray) -> Pieces:
-    """The pieces of chosen tiles (n,) over one part of each. triangles: (n,), of the shell."""
+def pieces_over(corners: FloatArray, tiles: Tiles, chosen: IndexArray, part: Part, triangles: IndexArray) -> Pieces:
+    """The pieces of chosen tiles (n,) over one part of each. triangles: (n,), by their corners (M, 3, 3)."""
     points = selected_vectors(tiles.points, chosen)
     hulls = points if part.rows is None else transformed_nets(part.rows, points)
-    return Pieces(triangles, hulls, transformed_nets(part.weights, shell.triangles.corners[triangles].swapaxes(0, 1)))
+    return Pieces(triangles, hulls, transformed_nets(part.weights, corners[triangles].swapaxes(0, 1)))

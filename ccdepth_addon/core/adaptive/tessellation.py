@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tessellation of a quadtree's leaves: templates where sides are split, whole faces elsewhere."""
+"""Tessellation of a tree's leaves: templates where sides are split, whole faces elsewhere."""
 
 from __future__ import annotations
 
@@ -16,9 +16,17 @@ from ..arrays.types import BoolArray, FloatArray, IndexArray, ShortIndexArray
 from ..mesh.submesh import compact, renumber
 from ..surface.surface_points import SurfacePoints
 from .leaf_approximation import LeafApproximation
-from .quadtree import NONE, Point, Quadtree
+from .rectangle_tree import NONE, Point, RectangleTree
 from .subdivided_mesh import SubdividedMesh
-from .templates import WHOLE, Template, Transitions, templates, triangle_template
+from .templates import (
+    WHOLE,
+    Template,
+    Transitions,
+    template_groups,
+    template_numbers,
+    templates,
+    triangle_template,
+)
 
 
 @dataclass(frozen=True)
@@ -30,17 +38,17 @@ class Polygons:
     points: list[Point]
     size: int
 
-    def slots(self, tree: Quadtree, leaves: IndexArray) -> list[IndexArray]:
+    def slots(self, tree: RectangleTree, leaves: IndexArray) -> list[IndexArray]:
         """For each point: (P,) the slots of the corners."""
         first = tree.first_slots(leaves[self.leaves])
         return [first + place for place, _ in self.points]
 
-    def vertices(self, tree: Quadtree, leaves: IndexArray) -> Iterator[ShortIndexArray]:
+    def vertices(self, tree: RectangleTree, leaves: IndexArray) -> Iterator[ShortIndexArray]:
         """For each point: (P,)."""
         for slots, (_, middle) in zip(self.slots(tree, leaves), self.points, strict=True):
             yield tree.midpoints[tree.slot_edges[slots]] if middle else tree.slot_vertices[slots]
 
-    def sides(self, tree: Quadtree, leaves: IndexArray) -> Iterator[ShortIndexArray | int]:
+    def sides(self, tree: RectangleTree, leaves: IndexArray) -> Iterator[ShortIndexArray | int]:
         """For each point: (P,) the tree's edges from there to the next point, or NONE if these lie inside the leaf."""
         slots = self.slots(tree, leaves)
         for number, (place, middle) in enumerate(self.points):
@@ -81,7 +89,7 @@ class TessellationPlan:
     corner_vertices: (C,) indices into these.
     """
 
-    tree: Quadtree
+    tree: RectangleTree
     leaves: IndexArray
     blocks: list[Polygons]
     firsts: list[IndexArray]
@@ -101,7 +109,7 @@ class TessellationPlan:
 
 
 def plan_tessellation(
-    tree: Quadtree, leaves: IndexArray, approximation: LeafApproximation, transitions: Transitions
+    tree: RectangleTree, leaves: IndexArray, approximation: LeafApproximation, transitions: Transitions
 ) -> TessellationPlan:
     """The tessellation of leaves (L,) of a tree, by their approximation.
 
@@ -138,7 +146,7 @@ def tessellate(plan: TessellationPlan, positions: FloatArray) -> SubdividedMesh:
     )
 
 
-def _base_vertices(tree: Quadtree, used: IndexArray) -> ShortIndexArray:
+def _base_vertices(tree: RectangleTree, used: IndexArray) -> ShortIndexArray:
     """(V,) the vertices of the control mesh that vertices of the tree are, in ascending order, or NONE."""
     found = np.full(len(used), NONE, dtype=np.int32)
     count = np.searchsorted(used, tree.mesh.vertex_count)
@@ -147,48 +155,34 @@ def _base_vertices(tree: Quadtree, used: IndexArray) -> ShortIndexArray:
 
 
 def _polygons_of_quads(
-    tree: Quadtree, leaves: IndexArray, approximation: LeafApproximation, transitions: Transitions
+    tree: RectangleTree, leaves: IndexArray, approximation: LeafApproximation, transitions: Transitions
 ) -> Iterator[Polygons]:
     quads = np.flatnonzero(tree.is_quad(leaves))
-    # Patterns and turns are below 16 and 4, so every template in use has a number of its own.
-    numbers = (
-        approximation.alternatives[quads].astype(np.int16) * 16 + approximation.patterns[quads]
-    ) * 4 + approximation.turns[quads]
-    for number, alike in _groups(numbers):
-        pattern, turns = number // 4 % 16, number % 4
-        template = templates(pattern)[number // 64]
+    for pattern, alternative, alike in template_groups(
+        template_numbers(approximation.patterns[quads], approximation.alternatives[quads])
+    ):
+        template = templates(pattern)[alternative]
         for chosen in index_chunks(quads[alike], AT_ONCE):
-            yield from _polygons_of_template(
-                chosen, template, pattern, turns, approximation.folded[chosen], transitions
-            )
-
-
-def _groups(numbers: NDArray[np.int16]) -> Iterator[tuple[int, IndexArray]]:
-    """Each number that occurs, and where, in ascending order."""
-    order = np.argsort(numbers, kind="stable")
-    of_number = np.bincount(numbers, minlength=1)
-    ends = np.cumsum(of_number)
-    for number in np.flatnonzero(of_number).tolist():
-        yield number, order[ends[number] - of_number[number] : ends[number]]
+            yield from _polygons_of_template(chosen, template, pattern, approximation.folded[chosen], transitions)
 
 
 def _polygons_of_template(
-    leaves: IndexArray, template: Template, pattern: int, turns: int, folded: BoolArray, transitions: Transitions
+    leaves: IndexArray, template: Template, pattern: int, folded: BoolArray, transitions: Transitions
 ) -> Iterator[Polygons]:
     if pattern == WHOLE:
         # Blender triangulates a quad along its first diagonal.
-        yield _polygons(leaves[~folded], [*template[0], template[1][2]], turns)
+        yield _polygons(leaves[~folded], [*template[0], template[1][2]])
         leaves = leaves[folded]
     elif transitions is Transitions.NGONS:
-        yield _polygons(leaves, _around([bool(pattern >> side & 1) for side in range(4)]), turns)
+        yield _polygons(leaves, _around([bool(pattern >> side & 1) for side in range(4)]))
         return
     for triangle in template:
-        yield _polygons(leaves, triangle, turns)
+        yield _polygons(leaves, triangle)
 
 
-def _polygons(leaves: IndexArray, points: Sequence[int], turns: int = 0, size: int = 4) -> Polygons:
+def _polygons(leaves: IndexArray, points: Sequence[int], size: int = 4) -> Polygons:
     """Polygons over points of leaves: corners 0 to size - 1, and from size on the middles of the sides."""
-    return Polygons(leaves, [((point + turns) % size, point >= size) for point in points], size)
+    return Polygons(leaves, [(point % size, point >= size) for point in points], size)
 
 
 def _around(split_sides: list[bool]) -> list[int]:
@@ -197,7 +191,7 @@ def _around(split_sides: list[bool]) -> list[int]:
     return [point for side in range(size) for point in (side, size + side) if point < size or split_sides[side]]
 
 
-def _polygons_of_faces(tree: Quadtree, leaves: IndexArray, transitions: Transitions) -> Iterator[Polygons]:
+def _polygons_of_faces(tree: RectangleTree, leaves: IndexArray, transitions: Transitions) -> Iterator[Polygons]:
     """Faces of the control mesh that are no quads: with a vertex at the middle of every split side."""
     others = np.flatnonzero(~tree.is_quad(leaves))
     sizes = tree.slot_counts(leaves[others])
@@ -264,7 +258,7 @@ def _corner_points(plan: TessellationPlan) -> SurfacePoints:
 
 
 def _edges(
-    tree: Quadtree, sides: ShortIndexArray, used: IndexArray, starts: IndexArray, corner_vertices: ShortIndexArray
+    tree: RectangleTree, sides: ShortIndexArray, used: IndexArray, starts: IndexArray, corner_vertices: ShortIndexArray
 ) -> Edges:
     """The edges: those of the tree in its order, then those inside leaves, then those of the mesh without faces.
 
@@ -294,9 +288,7 @@ def _edges(
     vertices[insides] = inner_vertices
     vertices[insides.stop :] = new[tree.edge_vertices[loose]]
     base_edges[insides.stop :] = loose
-    # Edges between halves are the tree's last.
-    between_halves = np.count_nonzero(is_used[len(tree.edge_vertices) - len(tree.covered) // 2 : NONE])
-    clashing = _doubled(vertices, outer_count - between_halves, len(used))
+    clashing = _doubled(tree, used, vertices) & (base_edges == NONE)
     clashing[insides] |= np.bincount(of_inner, minlength=len(inner_vertices)) != 2
     return Edges(sides, vertices, base_edges, clashing)
 
@@ -318,13 +310,12 @@ def _keys(ends: NDArray[Any], count: int) -> IndexArray:
     return np.minimum(*ends).astype(np.intp) * count + np.maximum(*ends)
 
 
-def _doubled(vertices: ShortIndexArray, outer: int, count: int) -> BoolArray:
-    """(E,) which edges (E, 2) between so many vertices have the same ends as another; the first ``outer`` differ among
-    themselves."""
-    at_inner = np.zeros(count, dtype=bool)
-    at_inner[vertices[outer:]] = True
-    possible = np.flatnonzero(at_inner[vertices[:, 0]] & at_inner[vertices[:, 1]])
-    _, pair, pairs = np.unique(_keys(vertices[possible].T, count), return_inverse=True, return_counts=True)
+def _doubled(tree: RectangleTree, used: IndexArray, vertices: ShortIndexArray) -> BoolArray:
+    """(E,) which edges (E, 2) between used vertices have the same ends as another: both on the border of a face of the
+    control mesh, as edges within one face differ."""
+    on_border = (used < tree.mesh.vertex_count) | (tree.vertex_edges[used] != NONE)
+    possible = np.flatnonzero(on_border[vertices[:, 0]] & on_border[vertices[:, 1]])
+    _, pair, pairs = np.unique(_keys(vertices[possible].T, len(used)), return_inverse=True, return_counts=True)
     doubled = np.zeros(len(vertices), dtype=bool)
     doubled[possible] = pairs[pair.reshape(-1)] > 1
     return doubled

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The limit positions of a quadtree's vertices: recorded with the bounds of quads, or evaluated on demand.
+"""The limit positions of a tree's vertices: recorded when leaves are looked at, or evaluated on demand.
 
 The points of a bicubic quad are convex combinations of control points, like those of ``evaluation``, so the same
 allowance covers rounding (``face_depths.rounding_allowance``). Quads that share a vertex may differ by that; the last
@@ -12,13 +12,13 @@ import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
 from ..surface.evaluation import limit_values
-from .quadtree import NONE, Quadtree
+from .rectangle_tree import NONE, RectangleTree
 
 
 class VertexPositions:
     """Positions of a tree's vertices in the space of its mesh, recorded so far."""
 
-    def __init__(self, tree: Quadtree) -> None:
+    def __init__(self, tree: RectangleTree) -> None:
         self._tree = tree
         # Single numbers are written and read several times as fast as rows of three.
         self._coordinates = [tree.add_vertex_column(np.float64(np.nan)) for _ in range(3)]

@@ -8,16 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.types import FloatArray, IndexArray
-from ..arrays.vectors import dot_products
+from ..arrays.vectors import dot_products, lengths
 from ..surface.bicubic import HALVES
 from ..surface.triangle_coefficients import triangle_quarters
-from .shell_bounds import Pieces, shell_bounds
+from .shell_bounds import Pieces, off_at_equal, shell_bounds
 from .shells import Shell
 
 # How often pieces are halved both ways before what they are of is given up. A curve on which places are not proved
 # meets twice as many pieces each time: what meets more than this many times as many, from the second time on, is no
 # curve.
 SPLITS, MOST_GROWTH, GROWN_AT = 5, 3, 2
+
+# The same at equal parameters.
+SPLITS_AT_EQUAL = 2
 
 # From this division on all places around triangles are looked for.
 LAST_FROM = 1
@@ -66,6 +69,24 @@ def include_pieces(
         if split >= GROWN_AT:
             found[counts > MOST_GROWTH * before] = np.inf
         before = counts
+        is_open &= np.isfinite(found[bases])
+        bases, pieces = np.tile(bases[is_open], 4), pieces.at(np.flatnonzero(is_open)).divided(form.quarters)
+
+
+def include_at_equal(
+    found: FloatArray, bases: IndexArray, pieces: Pieces, form: Form, limit: float
+) -> None:
+    """Raise what is found (n,) to distances at equal parameters, as in ``include_pieces``."""
+    for split in range(SPLITS_AT_EQUAL + 1):
+        off = off_at_equal(pieces)
+        is_open = off > limit
+        np.maximum.at(found, bases[~is_open], off[~is_open])
+        if split == SPLITS_AT_EQUAL or not form.quarters:
+            found[bases[is_open]] = np.inf
+            return
+        if len(form.values):
+            reached = lengths(pieces.hulls[form.values] - pieces.flats[form.values]).max(axis=0)
+            found[bases[reached > limit]] = np.inf
         is_open &= np.isfinite(found[bases])
         bases, pieces = np.tile(bases[is_open], 4), pieces.at(np.flatnonzero(is_open)).divided(form.quarters)
 

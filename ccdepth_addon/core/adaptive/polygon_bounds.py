@@ -21,10 +21,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from ...arrays.types import BoolArray, FloatArray, IndexArray
-from ...arrays.vectors import cross_products, squared_norms, units
-from ...mesh.folded_quads import is_folded
-from ..templates import templates
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import cross_products, squared_norms, units
+from ..mesh.folded_quads import is_folded
+from .templates import templates
 
 # Rounding of a thickness, in parts of the vertices' distance from the centroid: 16 roundings or less. It matters where
 # the thickness is divided by a small cosine.

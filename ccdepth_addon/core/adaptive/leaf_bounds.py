@@ -1,0 +1,315 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bounds of the distance between leaves, as they are drawn, and the surface.
+
+Where a bicubic leaf is within the limit at equal parameters, that is its bound. The others have one along the surface,
+by places in a shell (docs/distance.md, Shells), where it does not count where parameters lie. Where there is no such
+bound for a leaf that is not bicubic, it is compared at equal parameters after all.
+"""
+
+from __future__ import annotations
+
+from collections import Counter, defaultdict
+from collections.abc import Callable, Iterator
+from itertools import groupby
+
+import numpy as np
+
+from ..arrays.chunks import chunks, index_chunks
+from ..arrays.threads import map_in_threads
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..distance.leaf_surfaces import Tiles, joined_tiles, tiles_of
+from ..distance.pieces import Form, include_at_equal, include_pieces
+from ..distance.shell_bounds import Pieces
+from ..distance.shells import Shell
+from ..surface.squares import Squares
+from .leaf_approximation import AS_POLYGON, LeafApproximation
+from .leaf_triangles import LeafTriangles
+from .plan import Plan
+from .rectangle_tree import NONE, RectangleTree, any_of_slots
+from .surface_pieces import (
+    ALL,
+    SOME,
+    DrawnTiles,
+    grouped,
+    half_keys,
+    over_triangles,
+    parts_of,
+    pieces_by_corners,
+    pieces_over,
+    quarter_keys,
+)
+from .template_rows import bounds_at_equal
+from .templates import template_numbers
+
+# What a bound depends on is this many rings of leaves around: the triangles of the first and, by vectors at their
+# vertices, those of the second.
+RINGS = 2
+
+# Levels of tiles around extraordinary vertices: more where what is left there is too large.
+TILE_LEVELS = (3, 6, 14)
+
+# Pieces looked at together, and so many as there are at once.
+PIECES_AT_ONCE, MOST_PIECES = 1 << 13, 1 << 15
+
+# Leaves whose tiles are there together, and those compared at equal parameters.
+LEAVES_AT_ONCE, FEW_LEAVES_AT_ONCE = 1 << 14, 1 << 11
+
+# Raises what is found (n,) to the bounds of pieces of a form, by what they are of (P,); infinite beyond the limit.
+Include = Callable[[FloatArray, IndexArray, Pieces, Form], None]
+
+
+def unbounded(plan: Plan) -> IndexArray:
+    """Bound all leaves again whose bounds may have changed. Returns those that have none within the limit."""
+    limit = plan.request.limit
+    changed = plan.take_changed()
+    _bound_at_equal(plan, changed)
+    while len(changed):
+        around = with_rings(plan.tree, changed, RINGS)
+        wanted = around[plan.at_equal.values[around] > limit]
+        plan.along_surface.values[wanted] = _bounds_along_surface(plan, wanted)
+        changed = wanted[plan.along_surface.values[wanted] > limit]
+        changed = changed[~_are_bicubic(plan, changed)]
+        if len(changed):
+            bounds = _irregular_at_equal(plan, changed)
+            changed, bounds = changed[bounds <= limit], bounds[bounds <= limit]
+            # What is beside them is bounded as beside what is compared at equal parameters then.
+            plan.at_equal.values[changed] = bounds
+    leaves = plan.tree.leaves()
+    return leaves[plan.bounds(leaves) > limit]
+
+
+def bounds_both_ways(plan: Plan, leaves: IndexArray) -> FloatArray:
+    """(n,): of all leaves of a settled plan, how far each one's triangles are from the surface, and the surface from
+    them: where places in a shell count, the surface over the leaves around may be the nearest."""
+    found = plan.bounds(leaves)
+    around = largest_around(plan.tree, leaves, found)
+    return np.where(plan.at_equal.values[leaves] <= plan.request.limit, found, around)
+
+
+def largest_around(tree: RectangleTree, leaves: IndexArray, values: FloatArray) -> FloatArray:
+    """(n,): of some leaves the largest of the values (n,), not negative, of those of them that share a vertex."""
+    slots, counts = tree.slots(leaves), tree.slot_counts(leaves)
+    # Sides that are whole have no middle: what is written there is not read.
+    vertices = np.concatenate([tree.slot_vertices[slots], tree.midpoints[tree.slot_edges[slots]]])
+    at_vertices = np.zeros(len(tree.vertex_edges) + 1)
+    np.maximum.at(at_vertices, vertices, np.tile(np.repeat(values, counts), 2))
+    at_vertices[NONE] = 0.0
+    starts = np.cumsum(counts) - counts
+    found: FloatArray = np.maximum(*(np.maximum.reduceat(at_vertices[each], starts) for each in np.split(vertices, 2)))
+    return found
+
+
+def with_rings(tree: RectangleTree, leaves: IndexArray, rings: int) -> IndexArray:
+    """Some leaves, and so many rings of leaves around them, in ascending order."""
+    for _ in range(rings):
+        if len(leaves):
+            around = np.flatnonzero(_faces_around(tree, leaves).take(tree.base_faces) & (tree.first_child == NONE))
+            leaves = around[tree.share_a_vertex(around, leaves)]
+    return leaves
+
+
+def _faces_around(tree: RectangleTree, nodes: IndexArray) -> BoolArray:
+    """(faces of the control mesh,) those that share a vertex with a face of the nodes. All nodes that share a vertex
+    with them lie on these."""
+    mesh = tree.mesh
+    marked = np.zeros(mesh.face_count, dtype=bool)
+    marked[tree.base_faces[nodes]] = True
+    at_vertices = np.zeros(mesh.vertex_count, dtype=bool)
+    at_vertices[mesh.corner_vertices[marked.take(mesh.corner_faces)]] = True
+    return any_of_slots(at_vertices.take(mesh.corner_vertices), mesh.face_sizes)
+
+
+def _are_bicubic(plan: Plan, leaves: IndexArray) -> BoolArray:
+    return plan.tree.is_quad(leaves) & plan.surfaces.are_bicubic(leaves)
+
+
+def _bound_at_equal(plan: Plan, leaves: IndexArray) -> None:
+    """Bound the bicubic ones of some leaves at equal parameters."""
+    for some in index_chunks(leaves[_are_bicubic(plan, leaves)], FEW_LEAVES_AT_ONCE):
+        drawn = plan.approximation(some)
+        numbers = template_numbers(drawn.patterns, drawn.alternatives)
+        bounds = bounds_at_equal(plan.surfaces.coefficients(some), numbers, plan.request.limit) + drawn.thickness
+        plan.at_equal.values[some] = np.where(bounds <= plan.request.limit, bounds, np.inf)
+        plan.report()
+
+
+def _irregular_at_equal(plan: Plan, leaves: IndexArray) -> FloatArray:
+    """(n,): the same of some leaves that are not bicubic, ascending."""
+    drawn = plan.approximation(leaves)
+    triangles = LeafTriangles.of(plan, leaves, drawn)
+    limit = plan.request.limit
+
+    def include(found: FloatArray, bases: IndexArray, pieces: Pieces, form: Form) -> None:
+        include_at_equal(found, bases, pieces, form, limit)
+
+    return _by_pieces(plan, leaves, triangles.corners(plan), triangles.firsts[:-1], include) + drawn.thickness
+
+
+def _bounds_along_surface(plan: Plan, wanted: IndexArray) -> FloatArray:
+    """(n,): of some leaves, ascending; infinite beyond the limit."""
+    if not len(wanted):
+        return np.zeros(0)
+    tree, limit = plan.tree, plan.request.limit
+    near = with_rings(tree, wanted, 1)
+    leaves = with_rings(tree, near, 1)
+    approximation = plan.approximation(leaves)
+    drawn = LeafTriangles.of(plan, leaves, approximation)
+    # Of leaves that share a vertex with a wanted one all leaves around are here.
+    is_whole = np.zeros(len(drawn.used), dtype=bool)
+    is_whole[drawn.vertices[np.isin(leaves, near, assume_unique=True)[drawn.leaves]]] = True
+    joined = drawn.joined(plan)
+    bounded = plan.at_equal.values[leaves][drawn.leaves]
+    beyond = np.where(joined.is_closed, np.inf, bounded[np.where(joined.is_closed, 0, joined.across)])
+    shell = Shell.of(joined, is_whole, limit)
+    firsts, ends = (drawn.firsts[np.searchsorted(leaves, wanted) + end] for end in (0, 1))
+    unusable = np.concatenate([[0], np.cumsum(shell.ranges <= 0)])
+    usable = np.flatnonzero((ends > firsts) & (unusable[ends] == unusable[firsts]))
+
+    def include(found: FloatArray, bases: IndexArray, pieces: Pieces, form: Form) -> None:
+        include_pieces(shell, found, bases, pieces, form, limit, beyond)
+
+    found = np.full(len(wanted), np.inf)
+    found[usable] = _by_pieces(plan, wanted[usable], shell.triangles.corners, firsts[usable], include)
+    # Places may be over triangles around that are drawn as polygons.
+    found += largest_around(tree, leaves, approximation.thickness)[np.searchsorted(leaves, wanted)]
+    return np.where(found <= limit, found, np.inf)
+
+
+def _by_pieces(
+    plan: Plan, leaves: IndexArray, corners: FloatArray, firsts: IndexArray, include: Include
+) -> FloatArray:
+    """(n,): bounds of leaves, ascending, by all pieces of their surface. corners: (M, 3, 3), of triangles; firsts:
+    (n,), each leaf's first."""
+    found, left = np.zeros(len(leaves)), np.arange(len(leaves))
+    for levels in TILE_LEVELS:
+        waiting = _Waiting(corners, len(left), include, plan.report)
+        for some in chunks(len(left), LEAVES_AT_ONCE):
+            for drawn in _joined(_drawn_tiles(plan, leaves[left[some]], levels)):
+                own = some.start + drawn.leaves
+                waiting.put(drawn, own, firsts[left[own]] + drawn.firsts)
+                plan.report()
+        waiting.finish()
+        found[left] = np.maximum(waiting.found, waiting.of_rests)
+        # Where only what was left at extraordinary vertices was too large, more levels leave less.
+        left = left[np.isfinite(waiting.found) & np.isinf(waiting.of_rests)]
+        if not len(left):
+            break
+    return found
+
+
+def _drawn_tiles(plan: Plan, leaves: IndexArray, levels: int) -> Iterator[DrawnTiles]:
+    """All of the surface over leaves, ascending, and over which triangles it is, as they are drawn. levels: of tiles
+    around extraordinary vertices."""
+    tree, drawn = plan.tree, plan.approximation(leaves)
+    is_quad = tree.is_quad(leaves)
+    is_bicubic = _are_bicubic(plan, leaves)
+    numbers = template_numbers(drawn.patterns, drawn.alternatives)
+    if len(own := np.flatnonzero(is_bicubic)):
+        tiles = Tiles(Squares.whole(len(own)), plan.surfaces.coefficients(leaves[own]))
+        yield DrawnTiles(tiles, own, numbers[own], np.zeros_like(own))
+    others = np.flatnonzero(is_quad & ~is_bicubic)
+    for places, refinement in plan.surfaces.refinements(leaves[others]):
+        for tiles in tiles_of(refinement, levels):
+            own = others[places[tiles.squares.bases]]
+            yield DrawnTiles(tiles, own, numbers[own], np.zeros_like(own))
+    others = np.flatnonzero(~is_quad)
+    for places, refinement in plan.surfaces.refinements(leaves[others]):
+        own = others[places]
+        is_split = tree.hanging(tree.slots(leaves[own]))
+        for tiles in tiles_of(refinement.refined().numbered(), levels):
+            for of_kind in _over_quarters(tiles, drawn.at(own), is_split, tree.slot_counts(leaves[own])):
+                yield DrawnTiles(of_kind.tiles, own[of_kind.leaves], of_kind.keys, of_kind.firsts)
+
+
+def _over_quarters(
+    tiles: Tiles, drawn: LeafApproximation, is_split: BoolArray, sizes: IndexArray
+) -> Iterator[DrawnTiles]:
+    """Tiles over the quarters of faces that are no quads: by the templates of triangles, or by the halves of quarters,
+    cut from corner to centroid. is_split: (C,) bool, which sides are, face by face."""
+    quarters, starts = tiles.squares.bases, np.cumsum(sizes) - sizes
+    faces = np.repeat(np.arange(len(sizes)), sizes)
+    are_polygons = ((sizes > 3) | (drawn.alternatives == AS_POLYGON))[faces[quarters]]
+    own = np.flatnonzero(~are_polygons)
+    if len(own):
+        some = faces[quarters[own]]
+        keys = quarter_keys(drawn.patterns[some].astype(np.intp), quarters[own] - starts[some])
+        yield DrawnTiles(tiles.at(own), some, keys, np.zeros_like(own))
+    own = np.flatnonzero(are_polygons)
+    if not len(own):
+        return
+    before = np.arange(len(faces)) - 1
+    before[starts] = starts + sizes - 1
+    counts = np.where(is_split, 2, 1)
+    firsts = np.cumsum(counts) - counts
+    firsts -= firsts[starts][faces]
+    lasts = np.where(firsts == 0, np.add.reduceat(counts, starts)[faces], firsts) - 1
+    for keys, first in ((half_keys(False, is_split), firsts), (half_keys(True, is_split[before]), lasts)):
+        some = quarters[own]
+        yield DrawnTiles(tiles.at(own), faces[some], keys[some], first[some])
+
+
+def _joined(tiles: Iterator[DrawnTiles]) -> Iterator[DrawnTiles]:
+    """Those with as many points each together, those that are bicubic first."""
+
+    def kind(each: DrawnTiles) -> tuple[bool, int]:
+        return not each.tiles.are_bicubic, len(each.tiles.points)
+
+    for (are_rests, _), alike in groupby(sorted(tiles, key=kind), key=kind):
+        group = list(alike)
+        columns = ([getattr(each, name) for each in group] for name in ("leaves", "keys", "firsts"))
+        yield DrawnTiles(joined_tiles([each.tiles for each in group], not are_rests), *map(np.concatenate, columns))
+
+
+class _Waiting:
+    """Pieces of n leaves, collected and looked at together. found: (n,), the bounds of what can be divided; of_rests:
+    (n,), of the rest."""
+
+    def __init__(self, corners: FloatArray, count: int, include: Include, tick: Callable[[], None]) -> None:
+        """corners: (M, 3, 3), of triangles. tick: called meanwhile, and may raise to stop."""
+        self._corners, self._include, self._tick = corners, include, tick
+        self.found, self.of_rests = np.zeros((2, count))
+        self._waiting: defaultdict[tuple[int, int], list[tuple[IndexArray, Pieces, Form]]] = defaultdict(list)
+        self._counts: Counter[tuple[int, int]] = Counter()
+
+    def put(self, drawn: DrawnTiles, leaves: IndexArray, firsts: IndexArray) -> None:
+        """Tiles of leaves (P,). firsts: (P,), the triangle from which each one's are counted."""
+        tiles, squares = drawn.tiles, drawn.tiles.squares
+        over = over_triangles(drawn.keys, squares)
+        for chosen, pieces, form in pieces_by_corners(self._corners, tiles, over, firsts):
+            self._put(leaves[chosen], pieces, form)
+        cut = over.at(np.flatnonzero(over.shares == SOME if tiles.are_bicubic else over.shares != ALL))
+        columns = (drawn.keys, squares.origins, squares.axes.reshape(-1, 4))
+        for group, alike in grouped(cut.triangles, *(each[cut.tiles] for each in columns)):
+            triangle, key, *place = group.tolist()
+            chosen = cut.tiles[alike]
+            for part in parts_of(int(key), int(triangle), tuple(place), are_bicubic=tiles.are_bicubic):
+                triangles = firsts[chosen] + int(triangle)
+                self._put(leaves[chosen], pieces_over(self._corners, tiles, chosen, part, triangles), part.form)
+
+    def _put(self, leaves: IndexArray, pieces: Pieces, form: Form) -> None:
+        key = id(form), len(pieces.hulls)
+        self._waiting[key].append((leaves, pieces, form))
+        self._counts[key] += len(leaves)
+        if self._counts[key] >= MOST_PIECES:
+            self._look_at(key)
+
+    def finish(self) -> None:
+        """Look at what is left."""
+        for key in list(self._waiting):
+            self._look_at(key)
+
+    def _look_at(self, key: tuple[int, int]) -> None:
+        self._counts[key] = 0
+        waiting = self._waiting.pop(key)
+        leaves, form = np.concatenate([each[0] for each in waiting]), waiting[0][2]
+        pieces, found = Pieces.joined([each[1] for each in waiting]), self.found if form.quarters else self.of_rests
+        left = np.flatnonzero(np.isfinite(self.found[leaves]) & np.isfinite(found[leaves]))
+
+        def look(some: IndexArray) -> tuple[IndexArray, FloatArray]:
+            own, places = np.unique(leaves[some], return_inverse=True)
+            bounds = np.zeros(len(own))
+            self._include(bounds, places.reshape(-1), pieces.at(some), form)
+            return own, bounds
+
+        for own, bounds in map_in_threads(look, index_chunks(left, PIECES_AT_ONCE), self._tick):
+            found[own] = np.maximum(found[own], bounds)

@@ -1,0 +1,164 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The surface over the nodes of a tree.
+
+A quad is a rectangle of a bicubic patch, whose Bernstein coefficients are kept once for all of its parts; or it has an
+irregular vertex, as faces that are no quads may have, and is part of a refinement of the mesh. When such a node is
+quartered, its mesh is refined once more, and what is bicubic then becomes a patch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays.chunks import index_chunks
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..surface.bicubic import patch_coefficients
+from ..surface.patches import PatchKind, classify_patches, regular_nets
+from ..surface.refinement import Refinement
+from .rectangle_tree import NONE, QUARTERS, Column, RectangleTree
+
+# Faces refined together.
+FACES_AT_ONCE = 1 << 14
+
+# From intervals (n,) to rows (R, 4, n) that act on a cubic's Bernstein coefficients.
+RowsOver = Callable[[FloatArray, FloatArray], FloatArray]
+
+# Of (3, 3) places in a quad, at the ends of its sides and half-way, u first: the corners, the middles of the sides from them, and the centre.
+PLACES = np.array([0, 6, 8, 2, 3, 7, 5, 1, 4])
+
+
+@dataclass(frozen=True)
+class _Block:
+    """Nodes that have an irregular vertex or are no quads; descendant i of the refinement is ``nodes[i]``."""
+
+    nodes: IndexArray
+    refinement: Refinement
+
+
+class NodeSurfaces:
+    """The surface over the nodes of a tree, which tells of splits by ``follow``."""
+
+    def __init__(self, tree: RectangleTree) -> None:
+        self._tree = tree
+        self._patches, self._blocks, self._places = (tree.add_column(np.int32(NONE)) for _ in range(3))
+        # Of each patch the node that is all of it, and its coefficients: (4, 4, 3), u first.
+        self._roots = Column(np.zeros(0, dtype=np.intp))
+        self._coefficients = Column(np.zeros((0, 48)))
+        self._refined: list[_Block] = []
+        mesh = tree.mesh
+        kinds = classify_patches(mesh).kinds
+        regular, rest = np.flatnonzero(kinds == PatchKind.REGULAR), kinds != PatchKind.REGULAR
+        for faces in index_chunks(regular, FACES_AT_ONCE):
+            self._put_patches(faces, regular_nets(mesh, faces))
+        for some in (rest & (mesh.face_sizes == 4), rest & (mesh.face_sizes != 4)):
+            for faces in index_chunks(np.flatnonzero(some), FACES_AT_ONCE):
+                self._put_block(faces, Refinement.start(mesh, faces))
+
+    def are_bicubic(self, nodes: IndexArray) -> BoolArray:
+        """(nodes,) bool."""
+        found: BoolArray = self._patches.values[nodes] != NONE
+        return found
+
+    def follow(self, nodes: IndexArray, way: int) -> None:
+        """Find the surface over the children of nodes that have been split in this way: ``QUARTERS`` if and only if
+        they are not bicubic."""
+        if way != QUARTERS:
+            self._patches.values[self._tree.children(nodes)] = np.repeat(self._patches.values[nodes], 2)
+            return
+        for wanted, block in self._wanted(nodes):
+            refinement = block.refinement.keep(wanted).refined().numbered()
+            children, mesh = self._tree.children(block.nodes[wanted]), refinement.mesh
+            kinds = classify_patches(mesh).kinds[: len(children)]
+            regular, rest = np.flatnonzero(kinds == PatchKind.REGULAR), kinds != PatchKind.REGULAR
+            self._put_patches(children[regular], regular_nets(mesh, regular))
+            if np.any(rest):
+                self._put_block(children[rest], refinement.keep(rest).numbered())
+
+    def refinements(self, nodes: IndexArray) -> Iterator[tuple[IndexArray, Refinement]]:
+        """Those of nodes (n,) that are not bicubic, all of them quads or none: indices of some, and a refinement whose
+        descendants they are."""
+        places = np.argsort(nodes, kind="stable")
+        found = [(block.nodes[wanted], block.refinement.keep(wanted).numbered()) for wanted, block in self._wanted(nodes)]
+        if found:
+            all_nodes = np.concatenate([own for own, _ in found])
+            parts = [each for _, each in found]
+            refinement = parts[0] if len(parts) == 1 else Refinement.joined(parts)
+            yield places[np.searchsorted(nodes[places], all_nodes)], refinement
+
+    def points(self, quads: IndexArray) -> FloatArray:
+        """(9, n, 3), component-major: the points of quads on the surface, as ``templates.QUAD_POINTS``, and their
+        centres."""
+        found = np.empty((9, 3, len(quads)))
+        bicubic = self.are_bicubic(quads)
+        chosen = np.flatnonzero(bicubic)
+        if len(chosen):
+            values = self._transformed(quads[chosen], _values)
+            found[:, :, chosen] = values.reshape(9, 3, -1)[PLACES]
+        chosen = np.flatnonzero(~bicubic)
+        for own, refinement in self.refinements(quads[chosen]):
+            found[:, :, chosen[own]] = points_of_quads(refinement).swapaxes(1, 2)
+        return found.swapaxes(1, 2)
+
+    def coefficients(self, quads: IndexArray) -> FloatArray:
+        """(16, n, 3), component-major: the Bernstein coefficients over bicubic quads, [i, j] → 4i + j, u along i."""
+        return self._transformed(quads, _subdivided).reshape(16, 3, -1).swapaxes(1, 2)
+
+    def _transformed(self, quads: IndexArray, rows_of: RowsOver) -> FloatArray:
+        """(R, R, 3, n): rows (R, 4) of the intervals that quads have in their patches, both ways."""
+        patches = self._patches.values[quads]
+        lower, sides = self._tree.rectangles(quads, self._roots.values[patches])
+        along, across = (rows_of(low, low + side) for low, side in zip(lower, sides, strict=True))
+        nets = np.ascontiguousarray(self._coefficients.values[patches].T).reshape(4, 4, 3, -1)
+        halfway = sum(along[:, k, None, None] * nets[k] for k in range(4))
+        found: FloatArray = sum(across[None, :, k, None] * halfway[:, k, None] for k in range(4))
+        return found
+
+    def _wanted(self, nodes: IndexArray) -> Iterator[tuple[BoolArray, _Block]]:
+        """The blocks of nodes, and which of their own are wanted."""
+        numbers, places = self._blocks.values[nodes], self._places.values[nodes]
+        for number in np.unique(numbers).tolist():
+            block = self._refined[number]
+            wanted = np.zeros(len(block.nodes), dtype=bool)
+            wanted[places[numbers == number]] = True
+            yield wanted, block
+
+    def _put_patches(self, nodes: IndexArray, nets: FloatArray) -> None:
+        """Keep the patches that nodes are, by nets (4, 4, P, 3)."""
+        self._patches.values[nodes] = len(self._roots.values) + np.arange(len(nodes))
+        self._roots.append(nodes)
+        self._coefficients.append(np.moveaxis(patch_coefficients(nets), 2, 0).reshape(-1, 48))
+
+    def _put_block(self, nodes: IndexArray, refinement: Refinement) -> None:
+        self._blocks.values[nodes] = len(self._refined)
+        self._places.values[nodes] = np.arange(len(nodes))
+        self._refined.append(_Block(nodes, refinement))
+
+
+def points_of_quads(refinement: Refinement) -> FloatArray:
+    """(9, P, 3): as of ``NodeSurfaces.points``, of a refinement's quads."""
+    middles, centres = refinement.limits_inside()
+    corners = refinement.limits_at_corners
+    by_quad = [corners.reshape(-1, 4, 3), middles.reshape(-1, 4, 3), centres.reshape(-1, 4, 3)[:, :1]]
+    return np.concatenate(by_quad, axis=1).swapaxes(0, 1)
+
+
+def _values(low: FloatArray, high: FloatArray) -> FloatArray:
+    """(3, 4, n): the cubic Bernstein basis at both ends of intervals (n,) and half-way."""
+    return np.stack([_blossom(t, t, t) for t in (low, (low + high) / 2, high)])
+
+
+def _subdivided(low: FloatArray, high: FloatArray) -> FloatArray:
+    """(4, 4, n): from a cubic's Bernstein coefficients over [0, 1] to those over intervals (n,)."""
+    return np.stack([_blossom(*each) for each in ((low,) * 3, (low, low, high), (low, high, high), (high,) * 3)])
+
+
+def _blossom(first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
+    """(4, n): the blossom of a cubic at three arguments, by its Bernstein coefficients: averages of these."""
+    weights = [1 - first, first]
+    for argument in (second, third):
+        left, right = [(1 - argument) * each for each in weights], [argument * each for each in weights]
+        weights = [left[0], *(a + b for a, b in zip(left[1:], right[:-1], strict=True)), right[-1]]
+    return np.stack(weights)
