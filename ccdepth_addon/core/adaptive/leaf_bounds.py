@@ -59,23 +59,36 @@ Include = Callable[[FloatArray, IndexArray, Pieces, Form], None]
 
 
 def unbounded(plan: Plan) -> IndexArray:
-    """Bound all leaves again whose bounds may have changed. Returns those that have none within the limit."""
-    limit = plan.request.limit
+    """The leaves that have no bound within the limit: first those among the changed ones; if none, those among others
+    whose bounds may have changed with leaves around."""
     changed = plan.take_changed()
     _bound_at_equal(plan, changed)
-    while len(changed):
-        around = with_rings(plan.tree, changed, RINGS)
-        wanted = around[plan.at_equal.values[around] > limit]
-        plan.along_surface.values[wanted] = _bounds_along_surface(plan, wanted)
-        changed = wanted[plan.along_surface.values[wanted] > limit]
-        changed = changed[~_are_bicubic(plan, changed)]
-        if len(changed):
-            bounds = _irregular_at_equal(plan, changed)
-            changed, bounds = changed[bounds <= limit], bounds[bounds <= limit]
-            # What is beside them is bounded as beside what is compared at equal parameters then.
-            plan.at_equal.values[changed] = bounds
-    leaves = plan.tree.leaves()
-    return leaves[plan.bounds(leaves) > limit]
+    plan.is_stale.values[with_rings(plan.tree, changed, RINGS)] = True
+    if len(failed := _bound_stale(plan, changed)):
+        return failed
+    while True:
+        failed = _bound_stale(plan, plan.tree.leaves())
+        if len(failed) or not np.any(plan.is_stale.values[plan.tree.leaves()]):
+            return failed
+
+
+def _bound_stale(plan: Plan, leaves: IndexArray) -> IndexArray:
+    """Bound the stale ones of some leaves, ascending. Returns those that have no bound within the limit."""
+    limit = plan.request.limit
+    stale = leaves[plan.is_stale.values[leaves]]
+    plan.is_stale.values[stale] = False
+    wanted = stale[plan.at_equal.values[stale] > limit]
+    plan.along_surface.values[wanted] = _bounds_along_surface(plan, wanted)
+    failed = wanted[plan.along_surface.values[wanted] > limit]
+    others = failed[~_are_bicubic(plan, failed)]
+    if len(others):
+        bounds = _irregular_at_equal(plan, others)
+        within = bounds <= limit
+        plan.at_equal.values[others[within]] = bounds[within]
+        # What is beside them is bounded as beside what is compared at equal parameters then.
+        plan.is_stale.values[with_rings(plan.tree, others[within], RINGS)] = True
+        failed = np.setdiff1d(failed, others[within])
+    return failed
 
 
 def bounds_both_ways(plan: Plan, leaves: IndexArray) -> FloatArray:
@@ -180,20 +193,25 @@ def _by_pieces(
 ) -> FloatArray:
     """(n,): bounds of leaves, ascending, by all pieces of their surface. corners: (M, 3, 3), of triangles; firsts:
     (n,), each leaf's first."""
-    found, left = np.zeros(len(leaves)), np.arange(len(leaves))
+    (found, of_tiles), left, before = np.zeros((2, len(leaves))), np.arange(len(leaves)), 0
     for levels in TILE_LEVELS:
         waiting = _Waiting(corners, len(left), include, plan.report)
         for some in chunks(len(left), LEAVES_AT_ONCE):
             for drawn in _joined(_drawn_tiles(plan, leaves[left[some]], levels)):
+                # Bicubic tiles of fewer levels have been looked at.
+                if before and drawn.tiles.are_bicubic:
+                    drawn = drawn.at(np.flatnonzero(drawn.tiles.squares.sizes() < 2.0**-before))
                 own = some.start + drawn.leaves
                 waiting.put(drawn, own, firsts[left[own]] + drawn.firsts)
                 plan.report()
         waiting.finish()
-        found[left] = np.maximum(waiting.found, waiting.of_rests)
+        of_tiles[left] = np.maximum(of_tiles[left], waiting.found)
+        found[left] = np.maximum(of_tiles[left], waiting.of_rests)
         # Where only what was left at extraordinary vertices was too large, more levels leave less.
         left = left[np.isfinite(waiting.found) & np.isinf(waiting.of_rests)]
         if not len(left):
             break
+        before = levels
     return found
 
 

@@ -56,6 +56,8 @@ class Plan:
         }
         self._split_sides = self.tree.add_column(np.int32(NONE))
         self.at_equal, self.along_surface = (self.tree.add_column(np.float64(np.inf)) for _ in range(2))
+        # Leaves whose bound may have changed with those around.
+        self.is_stale = self.tree.add_column(np.bool_(False))
         self._changed = list[IndexArray]()
         self._split = list[IndexArray]()
         self._beside = list[IndexArray]()
@@ -100,10 +102,6 @@ class Plan:
         for some in nodes:
             is_there[some] = True
         return np.flatnonzero(is_there & (self.tree.first_child == NONE))
-
-    def change(self, leaves: IndexArray) -> None:
-        """Count leaves as changed."""
-        self._changed.append(leaves)
 
     def _patterns(self, leaves: IndexArray) -> IndexArray:
         """(n,): how many and which sides are split, as a number; sides are only ever split."""

@@ -74,6 +74,11 @@ class Squares:
         """(4, N, 2)."""
         return self.origins + np.einsum("ci,nij->cnj", SQUARE, self.axes)
 
+    def sizes(self) -> FloatArray:
+        """(N,): their sides."""
+        found: FloatArray = np.abs(self.axes[:, 0]).max(axis=1)
+        return found
+
     def and_then(self, other: Squares) -> Squares:
         """These, followed by others."""
         return Squares(
