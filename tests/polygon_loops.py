@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ccdepth_addon.core.adaptive.leaf_bounds.polygon_bounds import polygon_thickness
+from ccdepth_addon.core.adaptive.polygon_bounds import polygon_thickness
 from ccdepth_addon.core.arrays.types import FloatArray
 
 Triangle = tuple[int, int, int]

@@ -34,9 +34,6 @@ LEAST_AREA = 1e-4
 # The deepest level places are told apart on.
 DEEPEST = 22
 
-# No angle of a template's triangles is less on a square: the least is that of 1 to 2.
-LEAST_SLOPE = 0.5
-
 
 def assert_sound(base: PolygonMesh, made: SubdividedMesh) -> None:
     assert_consistent(base, made)
@@ -245,18 +242,6 @@ def place_keys(groups: IndexArray, places: FloatArray) -> NDArray[np.int64]:
     whole = scaled.astype(np.int64)
     assert np.array_equal(whole, scaled)
     return (groups << 2 * DEEPEST + 2) + (whole[:, 0] << DEEPEST + 1) + whole[:, 1]
-
-
-def assert_no_thin_triangles(base: PolygonMesh, made: SubdividedMesh) -> None:
-    """In the parameters of quads no angle of a triangle is less than that of 1 to 2."""
-    after = following(made)
-    triangles = (sizes(made) == 3) & (base.face_sizes[made.base_faces] == 4)
-    corners = np.flatnonzero(np.repeat(triangles, sizes(made)))
-    places = in_square(base, made.corner_points)
-    here, one, other = places[corners], places[after[corners]], places[after[after[corners]]]
-    a, b = one - here, other - here
-    crossed, product = a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0], np.einsum("ij,ij->i", a, b)
-    assert np.all(crossed >= LEAST_SLOPE * product)
 
 
 def assert_nothing_degenerate(made: SubdividedMesh) -> None:

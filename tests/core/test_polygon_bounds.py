@@ -8,7 +8,7 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from ccdepth_addon.core.adaptive.leaf_bounds.polygon_bounds import (
+from ccdepth_addon.core.adaptive.polygon_bounds import (
     HEIGHT_ROUNDING,
     line_turns,
     polygon_thickness,

@@ -6,16 +6,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ccdepth_addon.core.adaptive.leaf_bounds.triangle_bounds import barycentric
 from ccdepth_addon.core.adaptive.surface_pieces import (
     SOME,
     over_triangles,
     parts_of,
     pieces_by_corners,
     pieces_over,
-    quad_keys,
     quarter_keys,
 )
+from ccdepth_addon.core.adaptive.template_rows import barycentric
 from ccdepth_addon.core.adaptive.templates import (
     COUNTS,
     COUNTS_OF_TRIANGLE,
@@ -26,7 +25,7 @@ from ccdepth_addon.core.adaptive.templates import (
     TRIANGLES_OF_TRIANGLE,
 )
 from ccdepth_addon.core.distance.leaf_surfaces import Tiles
-from ccdepth_addon.core.distance.shells import Shell, Triangles
+from ccdepth_addon.core.distance.shells import Triangles
 from ccdepth_addon.core.surface.squares import Squares
 
 WHOLE = (0.0, 0.0, 1.0, 0.0, 0.0, 1.0)
@@ -43,43 +42,26 @@ def area(points: np.ndarray) -> float:
     return abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
 
 
-def drawn_apart(corners: np.ndarray) -> Shell:
-    """Triangles with corners (n, 3, 2) in a plane, none joined to another."""
-    count = len(corners)
-    nothing = np.zeros((count, 3), dtype=np.intp)
-    triangles = Triangles.joined(
-        np.concatenate([corners, np.zeros((count, 3, 1))], axis=2),
-        np.arange(3 * count).reshape(-1, 3),
-        nothing,
-        nothing.copy(),
-        np.ones((count, 3), dtype=bool),
-        np.zeros(count, dtype=bool),
-    )
-    return Shell.of(triangles, np.ones(3 * count, dtype=bool), 1.0)
-
-
-@pytest.mark.parametrize("turn", range(4))
 @pytest.mark.parametrize("place", [WHOLE, QUARTER, CORNER])
-def test_pieces_of_quads_are_all_of_a_square_and_over_their_triangles(turn: int, place: tuple[float, ...]) -> None:
+def test_pieces_of_quads_are_all_of_a_square_and_over_their_triangles(place: tuple[float, ...]) -> None:
     """The identity of the parameters stands for the surface: hull points are then places, and what is drawn too."""
     numbers = np.array(place)
     one, axes = np.ones(1, dtype=np.intp), numbers[2:].reshape(1, 2, 2)
-    squares = Squares(0 * one, one, numbers[None, :2], axes)
+    squares = Squares(0 * one, numbers[None, :2], axes)
     along = np.array([(i / 3, j / 3) for i in range(4) for j in range(4)])
     square = np.column_stack([numbers[:2] + along @ axes[0], np.zeros(16)])
     tiles, first = Tiles(squares, square[:, None]), 0 * one
     for number in NUMBERS:
         points = TRIANGLES[number, : TRIANGLE_COUNTS[number]]
-        shell = drawn_apart(QUAD_POINTS[(points + turn) % 4 + points // 4 * 4])
-        key, total = int(quad_keys(number, turn)), 0.0
-        over = over_triangles(np.array([key]), squares)
-        pieces = [each for _, each, _ in pieces_by_corners(shell, tiles, over, first)]
+        drawn, total = np.pad(QUAD_POINTS[points], ((0, 0), (0, 0), (0, 1))), 0.0
+        over = over_triangles(np.array([number]), squares)
+        pieces = [each for _, each, _ in pieces_by_corners(drawn, tiles, over, first)]
         for triangle in over.triangles[over.shares == SOME].tolist():
-            parts = parts_of(key, triangle, place, are_bicubic=True)
-            pieces += [pieces_over(shell, tiles, first, part, np.array([triangle])) for part in parts]
+            parts = parts_of(number, triangle, place, are_bicubic=True)
+            pieces += [pieces_over(drawn, tiles, first, part, np.array([triangle])) for part in parts]
         for piece in pieces:
             np.testing.assert_allclose(piece.hulls, piece.flats, atol=1e-14)
-            corners = shell.triangles.corners[piece.triangles[0], :, :2]
+            corners = drawn[piece.triangles[0], :, :2]
             weights = barycentric(corners, piece.flats[:, 0, :2])
             assert weights.min() >= -1e-14
             rows = {16: [0, 12, 15, 3], 28: [0, 21, 27]}[len(weights)]

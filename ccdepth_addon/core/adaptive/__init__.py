@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Adaptive subdivision: quadtree, planner, templates, tessellation."""
+"""Adaptive subdivision: tree, planner, templates, tessellation."""

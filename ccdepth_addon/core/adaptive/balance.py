@@ -7,19 +7,24 @@ import numpy as np
 
 from ..arrays.types import BoolArray, IndexArray
 from .plan import Plan
-from .rectangle_tree import ALONG_U, ALONG_V, QUARTERS, any_of_slots
+from .rectangle_tree import ALONG_U, ALONG_V, NONE, QUARTERS, any_of_slots
 from .request import Mode
+from .templates import Transitions
 
 
 def unbalanced(plan: Plan) -> tuple[IndexArray, IndexArray]:
     """The leaves beside others that are more than one split ahead, or that are cheaper split, and how: those with all
-    their sides split, and bicubic quads with two opposite sides split, whose halves are two quads then."""
+    their sides split, and bicubic quads with two opposite sides split, whose halves are two quads for four triangles."""
     tree, leaves = plan.tree, plan.take_beside_split()
     is_quad = tree.is_quad(leaves)
     quads, others = leaves[is_quad], leaves[~is_quad]
     slots = tree.quad_slots(quads)
     are_split, are_deeper = tree.hanging(slots), tree.hanging_twice(slots)
-    along_u, along_v = (_wants(are_split[:, sides], are_deeper[:, sides]) for sides in ([0, 2], [1, 3]))
+    are_cheaper = are_split & (plan.request.transitions is Transitions.TRIANGLES)
+    along_u, along_v = (
+        are_deeper[:, sides].any(axis=1) | are_cheaper[:, sides].all(axis=1) | are_split.all(axis=1)
+        for sides in ([0, 2], [1, 3])
+    )
     ways = np.select([along_u & along_v, along_u, along_v], [QUARTERS, ALONG_U, ALONG_V])
     wanted = along_u | along_v
     is_whole = ~plan.surfaces.are_bicubic(quads) | (plan.request.mode is Mode.PER_FACE)
@@ -32,7 +37,31 @@ def unbalanced(plan: Plan) -> tuple[IndexArray, IndexArray]:
     return np.concatenate([quads[wanted], others]), np.append(ways[wanted], np.full(len(others), QUARTERS))
 
 
-def _wants(are_split: BoolArray, are_deeper: BoolArray) -> BoolArray:
-    """(n,) by two opposite sides, (n, 2)."""
-    found: BoolArray = are_split.all(axis=1) | are_deeper.any(axis=1)
+def cheaper_split(plan: Plan) -> tuple[IndexArray, IndexArray]:
+    """The bicubic leaves of a balanced tree that make fewer faces when they are split, and how.
+
+    A quad with a split side makes three triangles, and two quads where the opposite side is split as well. That pays
+    where it ends: at a border, or at the split side of a second or third leaf.
+    """
+    tree, request = plan.tree, plan.request
+    quads = tree.leaves()
+    if request.transitions is not Transitions.TRIANGLES or request.mode is not Mode.ADAPTIVE:
+        quads = quads[:0]
+    quads = quads[tree.is_quad(quads)]
+    quads = quads[plan.surfaces.are_bicubic(quads)]
+    edges = tree.slot_edges[tree.quad_slots(quads)]
+    are_split, are_border = tree.edge_children[edges] != NONE, plan.are_border(edges)
+    # How many leaves beside a whole side would pass a split on to it.
+    wanted = are_split[:, [2, 3, 0, 1]] & ~are_split
+    counts = np.bincount(edges[wanted], minlength=len(tree.edge_vertices))[edges]
+    ends = are_split | (counts > wanted)
+    along = [(ends[:, side] & ends[:, side + 2]) | _ends_at_border(are_split, are_border, side) for side in (0, 1)]
+    along = [each & ~(are_split[:, side] & are_split[:, side + 2]) for side, each in enumerate(along)]
+    ways = np.select([along[0] & along[1], along[0]], [QUARTERS, ALONG_U], ALONG_V)
+    chosen = along[0] | along[1]
+    return quads[chosen], ways[chosen]
+
+
+def _ends_at_border(are_split: BoolArray, are_border: BoolArray, side: int) -> BoolArray:
+    found: BoolArray = (are_split[:, side] & are_border[:, side + 2]) | (are_split[:, side + 2] & are_border[:, side])
     return found

@@ -188,9 +188,7 @@ def _bounds_along_surface(plan: Plan, wanted: IndexArray) -> FloatArray:
     return np.where(found <= limit, found, np.inf)
 
 
-def _by_pieces(
-    plan: Plan, leaves: IndexArray, corners: FloatArray, firsts: IndexArray, include: Include
-) -> FloatArray:
+def _by_pieces(plan: Plan, leaves: IndexArray, corners: FloatArray, firsts: IndexArray, include: Include) -> FloatArray:
     """(n,): bounds of leaves, ascending, by all pieces of their surface. corners: (M, 3, 3), of triangles; firsts:
     (n,), each leaf's first."""
     (found, of_tiles), left, before = np.zeros((2, len(leaves))), np.arange(len(leaves)), 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The triangles that leaves of a quadtree are drawn as, joined at their sides."""
+"""The triangles that leaves of a tree are drawn as, joined at their sides."""
 
 from __future__ import annotations
 

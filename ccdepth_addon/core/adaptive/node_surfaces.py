@@ -26,7 +26,8 @@ FACES_AT_ONCE = 1 << 14
 # From intervals (n,) to rows (R, 4, n) that act on a cubic's Bernstein coefficients.
 RowsOver = Callable[[FloatArray, FloatArray], FloatArray]
 
-# Of (3, 3) places in a quad, at the ends of its sides and half-way, u first: the corners, the middles of the sides from them, and the centre.
+# Of (3, 3) places in a quad, at the ends of its sides and half-way, u first: the corners, the middles of the sides from
+# them, and the centre.
 PLACES = np.array([0, 6, 8, 2, 3, 7, 5, 1, 4])
 
 
@@ -81,7 +82,9 @@ class NodeSurfaces:
         """Those of nodes (n,) that are not bicubic, all of them quads or none: indices of some, and a refinement whose
         descendants they are."""
         places = np.argsort(nodes, kind="stable")
-        found = [(block.nodes[wanted], block.refinement.keep(wanted).numbered()) for wanted, block in self._wanted(nodes)]
+        found = [
+            (block.nodes[wanted], block.refinement.keep(wanted).numbered()) for wanted, block in self._wanted(nodes)
+        ]
         if found:
             all_nodes = np.concatenate([own for own, _ in found])
             parts = [each for _, each in found]
@@ -157,8 +160,8 @@ def _subdivided(low: FloatArray, high: FloatArray) -> FloatArray:
 
 def _blossom(first: FloatArray, second: FloatArray, third: FloatArray) -> FloatArray:
     """(4, n): the blossom of a cubic at three arguments, by its Bernstein coefficients: averages of these."""
-    weights = [1 - first, first]
+    weights = np.stack([1 - first, first, 0 * first, 0 * first])
     for argument in (second, third):
-        left, right = [(1 - argument) * each for each in weights], [argument * each for each in weights]
-        weights = [left[0], *(a + b for a, b in zip(left[1:], right[:-1], strict=True)), right[-1]]
-    return np.stack(weights)
+        # Each step takes in one argument; the last weight is still none before the last of them.
+        weights = (1 - argument) * weights + argument * np.roll(weights, 1, axis=0)
+    return weights

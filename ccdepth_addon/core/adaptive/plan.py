@@ -51,9 +51,7 @@ class Plan:
         self.surfaces = NodeSurfaces(self.tree)
         self.positions = VertexPositions(self.tree)
         nothing = LeafApproximation.none(1)
-        self._drawn = {
-            field.name: self.tree.add_column(getattr(nothing, field.name)[0]) for field in fields(nothing)
-        }
+        self._drawn = {field.name: self.tree.add_column(getattr(nothing, field.name)[0]) for field in fields(nothing)}
         self._split_sides = self.tree.add_column(np.int32(NONE))
         self.at_equal, self.along_surface = (self.tree.add_column(np.float64(np.inf)) for _ in range(2))
         # Leaves whose bound may have changed with those around.
@@ -114,7 +112,9 @@ class Plan:
         points = self.surfaces.points(quads)
         self.positions.put(tree.slot_vertices[slots], points[:4])
         are_bicubic = self.surfaces.are_bicubic(quads)
-        found = approximate_quads(points, tree.hanging(slots), self._are_border(slots), are_bicubic, self.request)
+        found = approximate_quads(
+            points, tree.hanging(slots), self.are_border(tree.slot_edges[slots]), are_bicubic, self.request
+        )
         return replace(found, ways=np.full_like(found.ways, QUARTERS)) if self._is_even else found
 
     def _approximate_others(self, faces: IndexArray) -> LeafApproximation:
@@ -124,10 +124,11 @@ class Plan:
         found = approximate_polygons(refinement, self.tree.hanging(slots), self.request)
         return found.at(np.argsort(order))
 
-    def _are_border(self, slots: IndexArray) -> BoolArray:
-        """Whether sides at slots are along edges of the control mesh without just two faces."""
-        edges = self.tree.base_edges.take(self.tree.slot_edges.take(slots))
-        return (edges != NONE) & (self.tree.mesh.edge_face_counts[edges] != 2)
+    def are_border(self, edges: IndexArray) -> BoolArray:
+        """Whether edges of the tree are along those of the control mesh that have not just two faces."""
+        edges = self.tree.base_edges.take(edges)
+        found: BoolArray = (edges != NONE) & (self.tree.mesh.edge_face_counts[edges] != 2)
+        return found
 
     @property
     def _is_even(self) -> bool:
@@ -187,8 +188,9 @@ class Plan:
 
     def _expected(self, nodes: IndexArray, limit: float) -> float:
         """Estimated leaves that nodes are split into: halving divides what is missed along one way by four."""
-        parts = (np.maximum(self._drawn[name].values[nodes] / limit, 1.0) for name in ("along_u", "along_v"))
-        return float(np.sqrt(np.multiply(*parts)).sum())
+        ratios = (self._drawn[name].values[nodes] / limit for name in ("along_u", "along_v"))
+        halvings = sum(np.ceil(np.log2(np.maximum(each, 1.0)) / 2) for each in ratios)
+        return float(np.exp2(halvings).sum())
 
     def _feasible_limit(self) -> float:
         """A limit with about as many faces as allowed; inf if the control mesh itself has more."""

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from ..arrays.types import FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress, no_report
-from .balance import unbalanced
+from .balance import cheaper_split, unbalanced
 from .leaf_bounds import bounds_both_ways, unbounded
 from .plan import Plan
 from .rectangle_tree import QUARTERS
@@ -85,12 +85,15 @@ def _plan_within(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress
 
 def _unfinished(plan: Plan) -> tuple[IndexArray, IndexArray]:
     """The leaves to split next, and how: those out of balance; if none, those that seem to miss more than the limit
-    with their sides split; if none, those that are not proved to be within it."""
+    with their sides split; if none, those that make fewer faces then; if none, those not proved to be within it."""
     wanted, ways = unbalanced(plan)
     if len(wanted):
         return wanted, ways
     missing = plan.approximate_beside_split()
     if not len(missing):
+        wanted, ways = cheaper_split(plan)
+        if len(wanted):
+            return wanted, ways
         missing = unbounded(plan)
     return missing, plan.ways(missing)
 

@@ -100,7 +100,7 @@ class RectangleTree:
         self._child_counts = Column(_numbers(0, faces))
         self._levels = Column(np.zeros((faces, 2), dtype=np.int8))
         self._base_faces = Column(_numbers(np.arange(faces), faces))
-        # A frame is where a node's parameters are those of, its first slot there, and how its side from there is turned.
+        # A frame: the quad or quarter that parameters are in, a node's first slot there, and how its side there turns.
         self._frame_corners = Column(_numbers(mesh.face_starts[:-1], faces))
         self._frame_origins = Column(np.zeros(faces, dtype=np.complex128))
         self._frame_turns = Column(np.zeros(faces, dtype=np.int8))

@@ -57,9 +57,9 @@ class Part:
 
 @dataclass(frozen=True)
 class DrawnTiles:
-    """Tiles, the leaf of each, (n,), and keys (n,) of what they are drawn as: the number of a template, of a pattern and
-    the quarter of a triangle of the control mesh, or of half a quarter of a larger polygon. firsts: (n,), from the
-    first triangle of their leaves on, the one from which the triangles of parts are counted."""
+    """Tiles, the leaf of each, (n,), and keys (n,) of what they are drawn as: of a template, of a pattern and the
+    quarter of a triangle of the control mesh, or of half a quarter of a larger polygon. firsts: (n,), from the first
+    triangle of their leaves on, the one from which the triangles of parts are counted."""
 
     tiles: Tiles
     leaves: IndexArray

@@ -115,7 +115,7 @@ def _from_corners(squares: Squares, corners: IndexArray) -> Squares:
     """The same squares, counted from other corners (P,) on."""
     origins = squares.origins + np.einsum("pi,pij->pj", SQUARE[corners], squares.axes)
     turns = np.stack([np.linalg.matrix_power(QUARTER_TURN, turn) for turn in range(4)])
-    return Squares(squares.bases, squares.paths, origins, turns[corners] @ squares.axes)
+    return Squares(squares.bases, origins, turns[corners] @ squares.axes)
 
 
 def tiles_around_vertex(nets: FloatArray, valence: int, squares: Squares, levels: int) -> Iterator[Tiles]:

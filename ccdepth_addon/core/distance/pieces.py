@@ -73,9 +73,7 @@ def include_pieces(
         bases, pieces = np.tile(bases[is_open], 4), pieces.at(np.flatnonzero(is_open)).divided(form.quarters)
 
 
-def include_at_equal(
-    found: FloatArray, bases: IndexArray, pieces: Pieces, form: Form, limit: float
-) -> None:
+def include_at_equal(found: FloatArray, bases: IndexArray, pieces: Pieces, form: Form, limit: float) -> None:
     """Raise what is found (n,) to distances at equal parameters, as in ``include_pieces``."""
     for split in range(SPLITS_AT_EQUAL + 1):
         off = off_at_equal(pieces)

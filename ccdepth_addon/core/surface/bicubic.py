@@ -11,7 +11,7 @@ import numpy as np
 
 from ..arrays.matrix_products import matrix_product
 from ..arrays.types import FloatArray
-from ..arrays.vectors import squared_norms, transformed_nets
+from ..arrays.vectors import squared_norms
 
 SPLINE_TO_BERNSTEIN = np.array([[1, 4, 1, 0], [0, 4, 2, 0], [0, 2, 4, 0], [0, 1, 4, 1]]) / 6
 SECOND_DIFFERENCE = np.array([[1, -2, 1, 0], [0, 1, -2, 1]], dtype=np.float64)
@@ -74,14 +74,6 @@ def bilinear_coefficients(corners: FloatArray) -> FloatArray:
 
 # (16, 16): Bernstein coefficients from a net.
 NET_TO_BERNSTEIN = tensor(SPLINE_TO_BERNSTEIN, SPLINE_TO_BERNSTEIN)
-
-# (16, 4): the functionals of ``facet_coefficients``.
-FACET_ROWS = np.ascontiguousarray(bilinear_coefficients(np.eye(4)).reshape(16, 4))
-
-
-def facet_coefficients(corners: FloatArray) -> FloatArray:
-    """(16, P, 3), component-major: the same of facets over corners (4, P, 3), [i, j] → 4i + j."""
-    return transformed_nets(FACET_ROWS, corners)
 
 
 def patch_coefficients(net: FloatArray) -> FloatArray:

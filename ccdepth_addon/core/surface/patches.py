@@ -14,7 +14,6 @@ V₀₀.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import TypeVar
@@ -237,27 +236,3 @@ def extraordinary_nets(mesh: PolygonMesh, corners: IndexArray, valence: int) -> 
     outer = [diagonal[1], far[0], near[0], diagonal[0], near[1], far[1], diagonal[2]]
     numbers[2 * valence + 1 :] = outer
     return mesh.positions.take(numbers, axis=0)
-
-
-def nets_inside(mesh: PolygonMesh, corners: IndexArray, valences: Sequence[int]) -> FloatArray:
-    """(2 Σn - 16, P, 3) float64: nets of quads with corners of these four valences n, from the given corners (P,) on.
-
-    First the quad's corners. Then, corner by corner, the points around it beyond the quad: the other ends of its edges,
-    clockwise from the one beside the quad's side, and between two of these the points diagonal from the corner that
-    belong to no other corner's edges.
-    """
-    numbers = []
-    first = corners
-    for _ in valences:
-        numbers.append(mesh.corner_vertices[first])
-        first = mesh.next_corner[first]
-    for valence in valences:
-        spoke = mesh.next_corner[mesh.twin[first]]
-        numbers.append(mesh.corner_vertices[mesh.next_corner[spoke]])
-        for _ in range(valence - 3):
-            across = mesh.twin[spoke]
-            spoke = mesh.next_corner[across]
-            numbers.append(mesh.corner_vertices[mesh.previous_corner[across]])
-            numbers.append(mesh.corner_vertices[mesh.next_corner[spoke]])
-        first = mesh.next_corner[first]
-    return mesh.positions.take(np.stack(numbers), axis=0)

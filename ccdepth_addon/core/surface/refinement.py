@@ -120,10 +120,6 @@ class Refinement:
         corners = children.limits_at_corners.reshape(-1, 4, 3)
         return corners[:, 1], corners[:, 2]
 
-    def control_facets(self) -> FloatArray:
-        """(4, descendants, 3): the control points at the corners of the descendants, all of them quads."""
-        return self.mesh.positions[self.corner_vertices()].reshape(-1, 4, 3).swapaxes(0, 1)
-
     def facets_of_children(self, facets: FloatArray) -> FloatArray:
         """(4, C, 3): the bilinear facet of each descendant, given at its corners (C, 3), restricted to its children.
 

@@ -30,11 +30,6 @@ class Square:
     def corners(self) -> FloatArray:
         return self.origin + SQUARE @ self.axes
 
-    def child(self, number: int) -> Square:
-        """The child at a corner, which is the child's own corner 0."""
-        axes = np.linalg.matrix_power(QUARTER_TURN, number) @ self.axes / 2
-        return Square(self.origin + SQUARE[number] @ self.axes, axes)
-
 
 WHOLE_QUAD = Square(np.zeros(2), np.eye(2))
 
@@ -43,12 +38,11 @@ WHOLE_QUAD = Square(np.zeros(2), np.eye(2))
 class Squares:
     """N square parts of the parameters of quads.
 
-    bases: (N,) intp, the quad of each; paths: (N,) intp, the children on the way there as digits of base 4 after a
-    leading 1; origins: (N, 2), their corners 0; axes: (N, 2, 2), the sides from there to corners 1 and 3.
+    bases: (N,) intp, the quad of each; origins: (N, 2), their corners 0; axes: (N, 2, 2), the sides from there to
+    corners 1 and 3.
     """
 
     bases: IndexArray
-    paths: IndexArray
     origins: FloatArray
     axes: FloatArray
 
@@ -56,19 +50,18 @@ class Squares:
     def whole(count: int) -> Squares:
         """All of each quad."""
         axes = np.broadcast_to(np.eye(2), (count, 2, 2))
-        return Squares(np.arange(count), np.ones(count, dtype=np.intp), np.zeros((count, 2)), axes)
+        return Squares(np.arange(count), np.zeros((count, 2)), axes)
 
     def at(self, chosen: IndexArray) -> Squares:
         """Some of them, by index."""
-        return Squares(self.bases[chosen], self.paths[chosen], self.origins[chosen], self.axes[chosen])
+        return Squares(self.bases[chosen], self.origins[chosen], self.axes[chosen])
 
     def children(self) -> Squares:
         """The four children of each, from corner 0 on; corner 0 of a child is a corner of the square."""
         origins = self.origins[:, None] + np.einsum("ci,nij->ncj", SQUARE, self.axes)
         turns = np.stack([np.linalg.matrix_power(QUARTER_TURN, turn) for turn in range(4)]) / 2
         axes = np.einsum("cij,njk->ncik", turns, self.axes)
-        paths = 4 * self.paths[:, None] + np.arange(4)
-        return Squares(np.repeat(self.bases, 4), paths.ravel(), origins.reshape(-1, 2), axes.reshape(-1, 2, 2))
+        return Squares(np.repeat(self.bases, 4), origins.reshape(-1, 2), axes.reshape(-1, 2, 2))
 
     def corners(self) -> FloatArray:
         """(4, N, 2)."""
@@ -83,7 +76,6 @@ class Squares:
         """These, followed by others."""
         return Squares(
             np.concatenate([self.bases, other.bases]),
-            np.concatenate([self.paths, other.paths]),
             np.concatenate([self.origins, other.origins]),
             np.concatenate([self.axes, other.axes]),
         )
