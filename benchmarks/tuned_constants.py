@@ -680,16 +680,6 @@ def nothing(_: Any) -> Any:
     return lambda *_args, **_named: None
 
 
-def forgetting(erase: Any) -> Any:
-    """The next attempt at halves finds everything anew."""
-
-    def erased(drawn: Any) -> None:
-        erase(drawn)
-        drawn.forget()
-
-    return erased
-
-
 def no_norms(rough_bounds: Any) -> Any:
     """Bounds by the norm alone that say nothing."""
 
@@ -706,34 +696,9 @@ def evaluated_everywhere(_: Any) -> Any:
     return lambda subdivided, evaluate: np.asarray(evaluate(subdivided.corner_points), dtype=np.float32)
 
 
-def none_through_parents(_: Any) -> Any:
-    growth = importlib.import_module(PACKAGE + ".core.adaptive.growth")
-
-    def through(plan: Any, parents: Any) -> Any:
-        growth._place(plan, parents, parents.points())
-        count = len(parents.nodes)
-        return np.ones((4, count), dtype=bool), np.zeros((4, count), dtype=bool)
-
-    return through
-
-
-def fine_alone(_: Any) -> Any:
-    """Bicubic quads by the quarters of triangles, without the quadratic parts."""
-    bounds = importlib.import_module(PACKAGE + ".core.adaptive.leaf_bounds.triangle_bounds")
-
-    def distances(self: Any, chosen: Any, pattern: int, alternative: int, limit: float) -> Any:
-        return bounds.bicubic_distances(bounds.bicubic_rows(pattern, alternative), self.nets, chosen)
-
-    return distances
-
-
 def made_anew(cached: Any) -> Any:
     """A property that is not kept."""
     return property(cached.func)
-
-
-def not_turned(_: Any) -> Any:
-    return lambda self, turns: self
 
 
 def not_known(function: Any) -> Any:
@@ -769,7 +734,7 @@ def at_once(place: str, *workloads: str) -> Entry:
 ARRAYS, MESH, SURFACE = "core.arrays.", "core.mesh.", "core.surface."
 DEPTH, BOUNDS, DEVIATION = "core.depth.", "core.bounds.", "core.deviation."
 REDUCTION = "core.reduction."
-ADAPTIVE, LEAVES, CELLS = "core.adaptive.", "core.adaptive.leaf_bounds.", "core.adaptive.cells."
+ADAPTIVE = "core.adaptive."
 CERTIFIED = DEPTH + "certified_depth."
 DEVIATIONS = ("deviation", "deviation, creases", "deviation, moved", "deviation, far")
 ALL_ADAPTIVE = ("adaptive", "adaptive, creases", "adaptive, triangles", "adaptive, n-gons", "adaptive, pole")
@@ -836,47 +801,8 @@ ENTRIES = [
     Entry(CERTIFIED + "_CertifiedSearch._settle_early", "not tried", by(nothing), ("level", "deep level")),
     at_once(DEPTH + "norm_depth.EXTRAORDINARY_POINTS_AT_ONCE", "depths by norms, poles"),
     # Adaptive meshes: the tree and its stores.
-    Entry(ADAPTIVE + "quadtree.SLACK", "no slack", set_to(1.0), NETS),
-    Entry(ADAPTIVE + "quadtree.Quadtree.reserve", "columns grow by themselves", by(nothing), SUZANNE),
-    Entry(
-        ADAPTIVE + "balance.LEAVES_BESIDE",
-        "all leaves tested",
-        set_to(UNLIMITED),
-        ("adaptive", "adaptive, creases", "adaptive, pole"),
-    ),
-    Entry(
-        ADAPTIVE + "growth._place",
-        "positions evaluated at the end",
-        by(nothing),
-        ("adaptive, large", "adaptive, creases"),
-    ),
     Entry(ADAPTIVE + "plan.SURELY_TOO_MANY", "not refused early", set_to(ALWAYS), ("adaptive, refused",)),
     # Adaptive meshes: cells and their bounds.
-    at_once(CELLS + "patch_cells.CELLS_AT_ONCE", "adaptive, large", "adaptive, pole", "adaptive, coarse"),
-    Entry(CELLS + "patch_cells.LEAST_OF_A_KIND", "none by stencils", set_to(UNLIMITED), ("adaptive, triangles",)),
-    Entry(CELLS + "patch_cells.LEAST_OF_A_KIND", "1", set_to(1), IRREGULAR),
-    Entry(CELLS + "patch_cells.REFINABLE_QUADRATIC", "always finer", set_to(ALWAYS), SUZANNE),
-    Entry(CELLS + "patch_cells.REFINABLE_QUADRATIC", "never finer", set_to(NEVER), SUZANNE),
-    Entry(CELLS + "patch_cells.BicubicCells._distances_of_template", "finer bounds alone", by(fine_alone), SUZANNE),
-    Entry(CELLS + "patch_cells.BicubicCells._turned", "every pattern on its own", by(not_turned), SUZANNE),
-    Entry(
-        ADAPTIVE + "growth._approximate_through_parents",
-        "children by their own coefficients",
-        by(none_through_parents),
-        ALL_ADAPTIVE,
-    ),
-    Entry(ADAPTIVE + "planner.halve", "no halves", by(nothing), (*SUZANNE, "adaptive, large")),
-    Entry(ADAPTIVE + "halves.ATTEMPTS", "2", set_to(2), (*SUZANNE, "adaptive, large")),
-    Entry(ADAPTIVE + "halves._Drawn.erase", "attempts begin anew", by(forgetting), (*SUZANNE, "adaptive, large")),
-    Entry(CELLS + "irregular_cells.RefinedCells.descent", "made anew each time", by(made_anew), IRREGULAR),
-    Entry(
-        CELLS + "polygon_cells.PolygonCells.descent",
-        "made anew each time",
-        by(made_anew),
-        (*IRREGULAR, "adaptive, coarse triangles"),
-    ),
-    Entry(CELLS + "irregular_cells.RefinedCells.scratch", "descent kept for good", by(as_it_is), IRREGULAR),
-    Entry(LEAVES + "triangle_bounds.LEVELS_AT_VERTEX", "2", set_to(2), EXTRAORDINARY),
     # Attributes and writing.
     Entry("core.attributes.interpolation.at_corners", "at every corner", by(evaluated_everywhere), ("writing",)),
     # Deviation.
@@ -933,12 +859,8 @@ ENTRIES = [
 TOPOLOGY = "face_sizes", "corner_faces", "next_corner", "previous_corner", "edge_face_counts", "vertex_face_counts"
 TABLES = {
     SURFACE + "triangle_coefficients": ("arguments_of", "_ways_to_share", "_coefficients_over"),
-    LEAVES + "triangle_bounds": (
-        *("_off_quadratic", "_rows_of_pieces"),
-        *("template_rows", "bicubic_rows", "quadratic_rows", "extraordinary_rows"),
-    ),
-    LEAVES + "child_bounds": ("_rows",),
-    LEAVES + "fan_bounds": ("_quarter_rows",),
+    ADAPTIVE + "template_rows": ("_off_template",),
+    ADAPTIVE + "surface_pieces": ("regions_of", "parts_of"),
 }
 CACHES = {
     "topology": [MESH + f"polygon_mesh.PolygonMesh.{name}" for name in (*TOPOLOGY, "_twins")],
@@ -950,9 +872,6 @@ CACHES = {
             SURFACE + "stencils.patch_stencils",
             BOUNDS + "facet_bounds._samples",
             ADAPTIVE + "subdivided_mesh.SubdividedMesh.corner_points",
-            CELLS + "polygon_cells.fan_of_template",
-            LEAVES + "irregular_bounds._triangle_tables",
-            SURFACE + "stencils.quad_stencils",
             DEVIATION + "bezier_pieces.BezierPieces.edge_units",
             "exchange.control_mesh.ControlTopology.key",
             "exchange.control_mesh.ControlTopology.mesh",

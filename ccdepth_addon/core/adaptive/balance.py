@@ -13,8 +13,8 @@ from .templates import Transitions
 
 
 def unbalanced(plan: Plan) -> tuple[IndexArray, IndexArray]:
-    """The leaves beside others that are more than one split ahead, or that are cheaper split, and how: those with all
-    their sides split, and bicubic quads with two opposite sides split, whose halves are two quads for four triangles."""
+    """The leaves beside others that are more than one split ahead, or that make fewer faces when they are split, and
+    how: those with all their sides split, and bicubic quads with two opposite sides split, four triangles otherwise."""
     tree, leaves = plan.tree, plan.take_beside_split()
     is_quad = tree.is_quad(leaves)
     quads, others = leaves[is_quad], leaves[~is_quad]
