@@ -35,7 +35,8 @@ def finer_result(answer: AdaptiveResult, settings: AdaptiveSettings, progress: P
     for divisor in DIVISORS:
         # Below the smallest step nothing can be proved.
         limit = max(whole.limit / divisor, min(whole.limit, smallest_step(control.in_world)))
-        request = replace(whole, limit=limit, most_faces=settings.max_faces)
+        # Long triangles would turn over when they are merged.
+        request = replace(whole, limit=limit, most_faces=settings.max_faces, are_squares=True)
         try:
             finer = subdivide_adaptively(control.in_world, request, control.mesh.positions, progress)
         except TooManyFacesError:

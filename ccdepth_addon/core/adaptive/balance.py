@@ -8,7 +8,6 @@ import numpy as np
 from ..arrays.types import BoolArray, IndexArray
 from .plan import Plan
 from .rectangle_tree import ALONG_U, ALONG_V, NONE, QUARTERS, any_of_slots
-from .request import Mode
 from .templates import Transitions
 
 
@@ -27,7 +26,7 @@ def unbalanced(plan: Plan) -> tuple[IndexArray, IndexArray]:
     )
     ways = np.select([along_u & along_v, along_u, along_v], [QUARTERS, ALONG_U, ALONG_V])
     wanted = along_u | along_v
-    is_whole = ~plan.surfaces.are_bicubic(quads) | (plan.request.mode is Mode.PER_FACE)
+    is_whole = ~plan.surfaces.are_bicubic(quads) | (not plan.request.may_halve)
     wanted[is_whole] = (are_split.all(axis=1) | are_deeper.any(axis=1))[is_whole]
     ways[is_whole] = QUARTERS
     slots, counts = tree.slots(others), tree.slot_counts(others)
@@ -45,7 +44,7 @@ def cheaper_split(plan: Plan) -> tuple[IndexArray, IndexArray]:
     """
     tree, request = plan.tree, plan.request
     quads = tree.leaves()
-    if request.transitions is not Transitions.TRIANGLES or request.mode is not Mode.ADAPTIVE:
+    if request.transitions is not Transitions.TRIANGLES or not request.may_halve:
         quads = quads[:0]
     quads = quads[tree.is_quad(quads)]
     quads = quads[plan.surfaces.are_bicubic(quads)]

@@ -14,7 +14,7 @@ from ..progress import Progress
 from .leaf_approximation import LeafApproximation, approximate_polygons, approximate_quads
 from .node_surfaces import NodeSurfaces
 from .rectangle_tree import ALONG_U, ALONG_V, NONE, QUARTERS, RectangleTree
-from .request import AdaptiveRequest, Mode
+from .request import AdaptiveRequest
 from .vertex_positions import VertexPositions
 
 # The ratio of the estimated faces to the number allowed above which a result is refused before it is planned; and the
@@ -115,7 +115,7 @@ class Plan:
         found = approximate_quads(
             points, tree.hanging(slots), self.are_border(tree.slot_edges[slots]), are_bicubic, self.request
         )
-        return replace(found, ways=np.full_like(found.ways, QUARTERS)) if self._is_even else found
+        return found if self.request.may_halve else replace(found, ways=np.full_like(found.ways, QUARTERS))
 
     def _approximate_others(self, faces: IndexArray) -> LeafApproximation:
         order, refinement = next(self.surfaces.refinements(faces))
@@ -129,10 +129,6 @@ class Plan:
         edges = self.tree.base_edges.take(edges)
         found: BoolArray = (edges != NONE) & (self.tree.mesh.edge_face_counts[edges] != 2)
         return found
-
-    @property
-    def _is_even(self) -> bool:
-        return self.request.mode is Mode.PER_FACE
 
     def ways(self, leaves: IndexArray) -> IndexArray:
         """(n,): how to split leaves."""

@@ -25,6 +25,7 @@ class AdaptiveRequest:
 
     most_faces: a larger result is refused. axes: (3, 3) float64, its columns the axes of the space where Blender
     triangulates the result, in coordinates of the positions. largest_coordinate: of the control mesh in that space.
+    are_squares: whether quads are quartered alone, never halved, for what merges their triangles afterwards.
     """
 
     limit: float
@@ -33,3 +34,9 @@ class AdaptiveRequest:
     most_faces: int
     axes: FloatArray = field(default_factory=lambda: np.eye(3))
     largest_coordinate: float = 0.0
+    are_squares: bool = False
+
+    @property
+    def may_halve(self) -> bool:
+        """Whether quads may be halved along one parameter."""
+        return self.mode is Mode.ADAPTIVE and not self.are_squares
