@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.chunks import index_chunks
+from ..arrays.matrix_products import matrix_product
 from ..arrays.ranges import ranges as ranges_of
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import (
@@ -30,6 +31,8 @@ from ..arrays.vectors import (
     transformed_nets,
     units,
 )
+from ..surface.bicubic import HALVES
+from ..surface.triangle_coefficients import triangle_quarters
 from .shells import Shell
 
 # Points this near a corner's vector, as a part of the triangle's size, count as on it; a bound counts the part besides.
@@ -57,6 +60,12 @@ SIDES: dict[int, list[tuple[int, int, list[int]]]] = {
     4: [(0, 1, [0, 1]), (1, 2, [1, 2]), (2, 3, [2, 3]), (3, 0, [3, 0])],
     16: [(0, 12, [0, 4, 8, 12]), (12, 15, [12, 13, 14, 15]), (15, 3, [15, 11, 7, 3]), (3, 0, [3, 2, 1, 0])],
     28: [(0, 21, [0, 1, 3, 6, 10, 15, 21]), (21, 27, [21, 22, 23, 24, 25, 26, 27]), (27, 0, [27, 20, 14, 9, 5, 2, 0])],
+}
+
+# By how many coefficients a piece has, those of its quarters.
+FINER = {
+    16: np.unique(np.concatenate([np.kron(one, other) for one in HALVES for other in HALVES]), axis=0),
+    28: np.unique(np.concatenate(triangle_quarters()), axis=0),
 }
 
 
@@ -170,7 +179,13 @@ class _Seen:
                 along = dot_products(away, vectors[k])
                 is_on[k] &= lengths(away - along[..., None] * vectors[k]) <= ON_VECTOR * sizes
         points = pieces.hulls - corners[0]
-        heights = np.abs(dot_products(points, component_major(shell.triangles.normals[own]))).max(axis=0)
+        over_plane = dot_products(points, component_major(shell.triangles.normals[own]))
+        heights = np.abs(over_plane).max(axis=0)
+        if _are_alike(pieces) and len(over_plane) in FINER:
+            # The surface itself is lower than its coefficients: those over quarters are nearer to it.
+            high = np.flatnonzero(heights > shell.ranges[own] * shell.cosines[own])
+            finer = matrix_product(FINER[len(over_plane)], over_plane[:, high])
+            heights[high] = np.abs(finer).max(axis=0, initial=0.0) * (1 + ROUNDING)
         return _Seen(own, turns, corners, vectors, sides, points, radii, (rows, is_on), sizes, heights)
 
     def at(self, chosen: IndexArray) -> _Seen:
