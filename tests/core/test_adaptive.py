@@ -16,8 +16,9 @@ import numpy as np
 import pytest
 
 from ccdepth_addon.core.adaptive.leaf_approximation import LeafApproximation
+from ccdepth_addon.core.adaptive.leaf_bounds import unbounded
 from ccdepth_addon.core.adaptive.plan import TooManyFacesError
-from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, count_faces, subdivide_adaptively
+from ccdepth_addon.core.adaptive.planner import AdaptiveMesh, count_faces, plan_within, subdivide_adaptively
 from ccdepth_addon.core.adaptive.rectangle_tree import NONE, RectangleTree
 from ccdepth_addon.core.adaptive.request import AdaptiveRequest, Mode
 from ccdepth_addon.core.adaptive.templates import Transitions
@@ -200,6 +201,22 @@ def assert_as_near_as_proved(mesh: PolygonMesh, found: AdaptiveMesh, limit: floa
     measured = measure_deviation(mesh, found.mesh.positions, soundness.drawn(found.mesh), accuracy=0.05, enough=limit)
     # Positions and distances are rounded a few times, to sixteen digits.
     assert measured.reached <= found.bounds.max() * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("name", ["random creases", "valences 3 and 7", "triangles and quads", "uneven torus"])
+def test_bounds_are_those_of_leaves_as_they_are_in_the_end(name: str) -> None:
+    """Found again for all leaves at once, however many were split since."""
+    mesh = build("torus" if name == "uneven torus" else name)
+    if name == "uneven torus":
+        mesh = mesh.changed(positions=np.sign(mesh.positions) * np.abs(mesh.positions) ** 3)
+    plan, _ = plan_within(mesh, request_of(mesh, 2e-3), lambda _: None)
+    leaves = plan.tree.leaves()
+    before = plan.bounds(leaves)
+    assert np.any(plan.at_equal.values[leaves] > plan.request.limit)
+    plan.is_stale.values[leaves] = True
+    assert not len(unbounded(plan))
+    # Pieces are looked at in other company: a matrix product may be rounded otherwise.
+    np.testing.assert_allclose(plan.bounds(leaves), before, rtol=1e-9)
 
 
 def sheet(size: int, *, as_triangles: bool, noise: float, seed: int = 1) -> meshes.MeshData:
@@ -450,6 +467,8 @@ def test_diagonals_are_edges_of_nothing_else(
     plan = plan_tessellation(tree, tree.leaves(), approximation, Transitions.TRIANGLES)
     assert plan.clashes.tolist() == clashing
     assert loose or len(plan.drawn) == 4
+    # Edges without faces are kept, and known.
+    assert np.isin(np.flatnonzero(mesh.edge_face_counts == 0), plan.edges.base_edges).all()
 
 
 # Quads that are alike, with several extraordinary corners

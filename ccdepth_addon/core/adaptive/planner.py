@@ -47,7 +47,7 @@ def count_faces(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress 
     mesh: its sharpness explicit (``catmull_clark.apply_boundary_rule``). progress: is told the number of leaves so far,
     and may raise to stop. Raises TooManyFacesError.
     """
-    _, tessellation = _plan_within(mesh, request, progress)
+    _, tessellation = plan_within(mesh, request, progress)
     return len(tessellation.drawn)
 
 
@@ -60,14 +60,14 @@ def subdivide_adaptively(
     float64, of the same control mesh in the space of the result, which has the axes of the request.
     progress: is told the number of leaves so far, and may raise to stop. Raises TooManyFacesError.
     """
-    plan, tessellation = _plan_within(mesh, request, progress)
+    plan, tessellation = plan_within(mesh, request, progress)
     made = tessellate(tessellation, plan.positions.in_space_of(positions, tessellation.used))
     bounds = bounds_both_ways(plan, tessellation.leaves)[tessellation.drawn]
     depths = plan.tree.face_levels()[made.base_faces].astype(np.int32)
     return AdaptiveMesh(made, bounds, depths, len(tessellation.leaves))
 
 
-def _plan_within(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress) -> tuple[Plan, TessellationPlan]:
+def plan_within(mesh: PolygonMesh, request: AdaptiveRequest, progress: Progress) -> tuple[Plan, TessellationPlan]:
     """A plan whose leaves all have bounds within the limit, and its tessellation, no edges of which clash."""
     plan = Plan(mesh, request, progress)
     leaves = np.arange(mesh.face_count)
