@@ -219,6 +219,17 @@ def test_bounds_are_those_of_leaves_as_they_are_in_the_end(name: str) -> None:
     np.testing.assert_allclose(plan.bounds(leaves), before, rtol=1e-9)
 
 
+@pytest.mark.parametrize("name", ["sharp vertices", "n-gons", "triangles and quads"])
+def test_bounds_count_how_thick_polygons_are(name: str) -> None:
+    mesh = build(name)
+    plan, _ = plan_within(mesh, request_of(mesh, 2e-3, transitions=Transitions.NGONS), lambda _: None)
+    leaves = plan.tree.leaves()
+    thickness, along = plan.approximation(leaves).thickness, plan.along_surface.values[leaves]
+    assert np.any((thickness > 0) & np.isfinite(along))
+    assert np.all(plan.bounds(leaves) >= thickness)
+    assert np.all(along >= thickness)
+
+
 def sheet(size: int, *, as_triangles: bool, noise: float, seed: int = 1) -> meshes.MeshData:
     """A grid in one plane, its points moved about within it; every other quad cut along the other diagonal."""
     data = meshes.grid(size, size)
