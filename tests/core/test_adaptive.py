@@ -295,6 +295,30 @@ def tube(part: FloatArray) -> list[FloatArray]:
     return [np.cos(np.pi * part), np.sin(np.pi * part)]
 
 
+# Nothing of what is missed there is across the plane of a leaf, and chords of lines that wind miss nothing at their
+# middles: how to split says nothing then of parameters that lie elsewhere.
+WINDING: dict[str, Callable[[], meshes.MeshData]] = {
+    "folded in the plane": lambda: bent(
+        meshes.grid(4, 4), lambda x, y: [x + 0.9 * np.sin(3 * y), np.abs(y - 1.7) + 0.2 * np.cos(4 * x), 0 * x]
+    ),
+    "winding within the plane": lambda: bent(meshes.grid(1, 3), lambda x, y: [x + winding(y), y, 0 * x]),
+    "winding out of the plane": lambda: bent(meshes.grid(3, 1), lambda x, y: [x, y, winding(x)]),
+}
+
+
+def winding(along: FloatArray) -> FloatArray:
+    return np.array([0.0, 0.3, -0.3, 0.0])[np.rint(along).astype(int)]
+
+
+@pytest.mark.parametrize(("name", "transitions"), combinations(WINDING, Transitions))
+def test_lines_that_wind_end_in_few_faces(name: str, transitions: Transitions) -> None:
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(WINDING[name]()), smooth_corners=True)
+    found = subdivided(mesh, request_of(mesh, 2e-3, transitions=transitions, most_faces=20_000))
+    soundness.assert_sound(mesh, found.mesh)
+    assert_as_near_as_proved(mesh, found, 2e-3 * diagonal(mesh))
+    assert len(found.bounds) < 1_000
+
+
 SHORT_FLAT = ["uneven", "needles", "hexagons", "bent plate", "tube"]
 
 

@@ -33,6 +33,7 @@ CHORDS_ALONG = [[0, 2, 6], [1, 3, 7]]
 AS_POLYGON = 1
 
 PATTERN_BITS = np.array([1, 2, 4, 8])
+WAYS = [ALONG_U, ALONG_V]
 
 
 @dataclass(frozen=True)
@@ -102,7 +103,23 @@ def approximate_quads(
     is_longer = np.where(is_twisted, sides[0] >= sides[1], found.along_u >= found.along_v)
     is_halved = are_bicubic & (found.patterns != ALL_SPLIT)
     found.ways[:] = np.where(is_halved, np.where(is_longer, ALONG_U, ALONG_V), QUARTERS)
+    # A polygon is too thick for its split sides alone.
+    is_thick = is_halved & (found.thickness > request.limit)
+    found.ways[is_thick] = np.select([~is_split[[1, 3]].any(axis=0), ~is_split[[0, 2]].any(axis=0)], WAYS, QUARTERS)[
+        is_thick
+    ]
     return found
+
+
+def ways_by_coefficients(coefficients: FloatArray) -> NDArray[np.int8]:
+    """(P,): how to halve bicubic quads with coefficients (16, P, 3): along the parameter with the larger second
+    derivatives; where the mixed ones are larger than both, across the shorter sides, as any split halves these."""
+    net = coefficients.reshape(4, 4, -1, 3)
+    along_u, along_v = (6 * lengths(np.diff(net, n=2, axis=axis)).max(axis=(0, 1)) for axis in (0, 1))
+    mixed = 9 * lengths(np.diff(np.diff(net, axis=0), axis=1)).max(axis=(0, 1))
+    sides = [lengths(np.diff(net, axis=axis)).max(axis=(0, 1)) for axis in (0, 1)]
+    is_u = np.where(np.maximum(along_u, along_v) < mixed, sides[0] >= sides[1], along_u >= along_v)
+    return np.where(is_u, ALONG_U, ALONG_V).astype(np.int8)
 
 
 def _of_templates(missed: FloatArray, is_split: BoolArray, patterns: NDArray[np.int8]) -> FloatArray:

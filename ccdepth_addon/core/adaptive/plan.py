@@ -11,7 +11,7 @@ from ..arrays.chunks import AT_ONCE, index_chunks
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..progress import Progress
-from .leaf_approximation import LeafApproximation, approximate_polygons, approximate_quads
+from .leaf_approximation import LeafApproximation, approximate_polygons, approximate_quads, ways_by_coefficients
 from .node_surfaces import NodeSurfaces
 from .rectangle_tree import ALONG_U, ALONG_V, NONE, QUARTERS, RectangleTree
 from .request import AdaptiveRequest
@@ -134,6 +134,14 @@ class Plan:
         """(n,): how to split leaves."""
         found: IndexArray = self._drawn["ways"].values[leaves].astype(np.intp)
         return found
+
+    def ways_to_bounds(self, leaves: IndexArray) -> IndexArray:
+        """(n,): how to split leaves for which no bound is proved. What samples across a plane miss says nothing of
+        parameters within it, nor of lines that wind: so by the largest second differences of coefficients."""
+        ways = self.ways(leaves)
+        for own in index_chunks(np.flatnonzero(ways != QUARTERS), AT_ONCE):
+            ways[own] = ways_by_coefficients(self.surfaces.coefficients(leaves[own]))
+        return ways
 
     def split(self, leaves: IndexArray, ways: IndexArray) -> IndexArray:
         """Split leaves, each once, in these ways (n,). Bicubic quads are quartered by two halvings. Returns the

@@ -94,7 +94,8 @@ def _unfinished(plan: Plan) -> tuple[IndexArray, IndexArray]:
         wanted, ways = cheaper_split(plan)
         if len(wanted):
             return wanted, ways
-        missing = unbounded(plan)
+        failed = unbounded(plan)
+        return failed, plan.ways_to_bounds(failed)
     return missing, plan.ways(missing)
 
 
