@@ -254,7 +254,8 @@ def mesh_paths(mesh: bpy.types.Mesh) -> Iterator[tuple[Path, Any]]:
         yield ("select history",), [(type(item).__name__, item.index) for item in list(edited.select_history)]
     attributes = mesh.attributes
     active = attributes.active
-    yield ("active attribute",), active and active.name
+    # Blender makes and removes hidden attributes as Edit Mode begins and ends, the active one among them.
+    yield ("active attribute",), active.name if active and not active.name.startswith(".") else None
     yield ("displayed color",), attributes.active_color_name
     yield ("rendered color",), attributes.default_color_name
     layers = mesh.uv_layers
