@@ -6,6 +6,7 @@ Trees, leaves and their bounds are judged by the meshes that are made of them.
 
 from __future__ import annotations
 
+import time
 import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
@@ -331,6 +332,25 @@ def test_flat_meshes_and_those_bent_one_way_take_few_faces(case: tuple[str, Tran
     soundness.assert_sound(mesh, found.mesh)
     assert len(found.bounds) <= enough[transitions is Transitions.NGONS]
     assert_as_near_as_proved(mesh, found, 1e-3 * diagonal(mesh))
+
+
+def test_thousands_of_needles_at_a_vertex_are_looked_at_together() -> None:
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(needles(500)), smooth_corners=True)
+    began = time.process_time()
+    found = subdivided(mesh, request_of(mesh, 1e-3))
+    assert len(found.bounds) == mesh.face_count
+    # About one second; were each compared with all others it would be a thousand.
+    assert time.process_time() - began < 20
+
+
+@pytest.mark.parametrize(("mode", "enough"), [(Mode.ADAPTIVE, 1_300), (Mode.PER_FACE, 3_300)])
+def test_borders_of_flat_triangles_take_few_faces_at_fine_tolerances(mode: Mode, enough: int) -> None:
+    """At vertices of the border lines that are straight in the control mesh are not on the surface."""
+    mesh = apply_boundary_rule(meshes.to_polygon_mesh(sheet(8, as_triangles=True, noise=0.2)), smooth_corners=True)
+    found = subdivided(mesh, request_of(mesh, 8e-5, mode, most_faces=10_000))
+    soundness.assert_sound(mesh, found.mesh)
+    assert len(found.bounds) <= enough
+    assert_as_near_as_proved(mesh, found, 8e-5 * diagonal(mesh))
 
 
 # Exact

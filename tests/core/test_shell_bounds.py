@@ -14,6 +14,7 @@ from ccdepth_addon.core.arrays.types import FloatArray
 from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.distance import pieces as surface_pieces
 from ccdepth_addon.core.distance.leaf_distances import Leaves
+from ccdepth_addon.core.distance.leaf_surfaces import support_points
 from ccdepth_addon.core.distance.pieces import SQUARE_FORM, TRIANGLE_FORM
 from ccdepth_addon.core.distance.shell_bounds import Pieces, raised_at_sides, shell_bounds
 from ccdepth_addon.core.distance.shells import Shell, Triangles, vertex_vectors
@@ -116,6 +117,21 @@ def test_what_is_moved_beyond_the_triangles_around_has_no_place(bumps: float) ->
     pieces = moved_pieces(shell, 0.0, 4)
     far = Pieces(pieces.triangles, pieces.hulls + np.array([3.0, 0.0, 0.0]), pieces.flats)
     assert np.all(np.isinf(shell_bounds(shell, far)))
+
+
+@pytest.mark.parametrize("valence", [12, 100])
+def test_hulls_around_a_vertex_hold_all_faces_there(valence: int) -> None:
+    """At a large valence that is a box: no direction in which a control point is beyond it."""
+    generator = np.random.default_rng(6)
+    mesh = meshes.to_polygon_mesh(meshes.bumpy(meshes.fan(valence, 2), 0.2))
+    faces = np.flatnonzero(np.any(mesh.corner_vertices.reshape(-1, 4) == mesh.vertex_face_counts.argmax(), axis=1))
+    hulls = support_points(mesh, faces)
+    touching = np.isin(mesh.corner_vertices.reshape(-1, 4), mesh.corner_vertices.reshape(-1, 4)[faces]).any(axis=1)
+    assert np.count_nonzero(touching) > len(faces) == valence
+    for direction in generator.normal(size=(50, 3)):
+        reached = mesh.positions[mesh.corner_vertices.reshape(-1, 4)[faces].ravel()] @ direction
+        assert np.all((hulls @ direction).max(axis=0) >= reached.max() - 1e-12)
+    assert len(hulls) <= 2 * min(valence, 12) + 8 + 8
 
 
 @pytest.mark.parametrize("bumps", [0.05, 0.2])

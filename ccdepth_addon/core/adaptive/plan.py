@@ -25,6 +25,9 @@ LEAST_FACES_OF_A_LEAF = 0.5
 # The factor between the tolerances tried in search of one with few enough faces.
 SEARCH_STEP = 1.1
 
+# What samples miss tells how to split a leaf if it is more than this part of the limit.
+TELLING = 0.25
+
 # No pattern of split sides: of a leaf that has not been looked at.
 UNKNOWN = np.int8(-1)
 
@@ -136,10 +139,12 @@ class Plan:
         return found
 
     def ways_to_bounds(self, leaves: IndexArray) -> IndexArray:
-        """(n,): how to split leaves for which no bound is proved. What samples across a plane miss says nothing of
-        parameters within it, nor of lines that wind: so by the largest second differences of coefficients."""
+        """(n,): how to split leaves for which no bound is proved. Where samples miss little across the planes, as where
+        parameters lie elsewhere within these, or lines wind, the largest second differences of coefficients decide."""
         ways = self.ways(leaves)
-        for own in index_chunks(np.flatnonzero(ways != QUARTERS), AT_ONCE):
+        missed = np.maximum(*(self._drawn[name].values[leaves] for name in ("along_u", "along_v")))
+        is_unclear = (ways != QUARTERS) & (missed < TELLING * self.request.limit)
+        for own in index_chunks(np.flatnonzero(is_unclear), AT_ONCE):
             ways[own] = ways_by_coefficients(self.surfaces.coefficients(leaves[own]))
         return ways
 

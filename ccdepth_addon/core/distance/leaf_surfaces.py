@@ -11,12 +11,13 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import reduce
+from itertools import product
 
 import numpy as np
 
 from ..arrays.ranges import ranges
 from ..arrays.types import FloatArray, IndexArray
-from ..arrays.vectors import joined_vectors
+from ..arrays.vectors import cross_products, joined_vectors
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import corners_of_faces
 from ..surface.bicubic import NET_TO_BERNSTEIN
@@ -32,6 +33,9 @@ MOST_LEVELS_3, MOST_REFINED_LEVELS = 8, 14
 
 # Hulls have more points than what is drawn there has corners: as many would count as coefficients.
 LEAST_OF_HULLS = 5
+
+# The corners of a box, by which end each has along every axis.
+BOX_CORNERS = np.array(list(product((0, 1), repeat=3)))
 
 
 @dataclass(frozen=True)
@@ -74,7 +78,7 @@ def tiles_of(refinement: Refinement, levels: int) -> Iterator[Tiles]:
         is_last = level == last_level
         settled = kinds == PatchKind.REGULAR
         for valence in np.unique(valences).tolist():
-            if valence > LARGEST_STENCIL_VALENCE and not is_last:
+            if valence > LARGEST_STENCIL_VALENCE:
                 continue
             chosen = valences == valence
             settled[extraordinary[chosen]] = True
@@ -93,22 +97,43 @@ def tiles_of(refinement: Refinement, levels: int) -> Iterator[Tiles]:
 
 
 def support_points(mesh: PolygonMesh, faces: IndexArray) -> FloatArray:
-    """(R, P, 3): the control points around each of some faces, those of all faces that touch it; what one has less of
-    is repeated. The surface over the face is in their hull, as its points are averages of them."""
+    """(R, P, 3): points whose hull holds the surface over each of some faces, as its points are averages of control
+    points of all faces that touch it: these, but at vertices of large valence the corners of a box around them. What
+    one has less of is repeated."""
     order = np.argsort(mesh.corner_vertices, kind="stable")
-    counts = np.bincount(mesh.corner_vertices, minlength=mesh.vertex_count)
+    counts = mesh.vertex_face_counts
     starts = np.cumsum(counts) - counts
     own = corners_of_faces(mesh, faces)
-    at = mesh.corner_vertices[own]
-    owners = np.repeat(np.repeat(np.arange(len(faces)), mesh.face_sizes[faces]), counts[at])
+    at, owners = mesh.corner_vertices[own], np.repeat(np.arange(len(faces)), mesh.face_sizes[faces])
+    is_large = counts[at] > LARGEST_STENCIL_VALENCE
+    large, which = np.unique(at[is_large], return_inverse=True)
+    positions = np.concatenate([mesh.positions, *(_box_around(mesh, order[starts[v] :][: counts[v]]) for v in large)])
+    of_boxes = mesh.vertex_count + 8 * which.reshape(-1)[:, None] + np.arange(8)
+    owners_of_boxes = np.repeat(owners[is_large], 8)
+    at, owners = at[~is_large], owners[~is_large]
     around = mesh.corner_faces[order[ranges(starts[at], counts[at])]]
-    owners = np.repeat(owners, mesh.face_sizes[around])
+    owners = np.repeat(np.repeat(owners, counts[at]), mesh.face_sizes[around])
     vertices = mesh.corner_vertices[corners_of_faces(mesh, around)]
-    owners, vertices = np.divmod(np.unique(owners * mesh.vertex_count + vertices), mesh.vertex_count)
+    owners, vertices = np.append(owners, owners_of_boxes), np.append(vertices, of_boxes.ravel())
+    owners, vertices = np.divmod(np.unique(owners * len(positions) + vertices), len(positions))
     sizes = np.bincount(owners, minlength=len(faces))
     first = np.cumsum(sizes) - sizes
     places = first + np.minimum(np.arange(max(sizes.max(), LEAST_OF_HULLS))[:, None], sizes - 1)
-    return mesh.positions[vertices[places]]
+    return positions[vertices[places]]
+
+
+def _box_around(mesh: PolygonMesh, corners: IndexArray) -> FloatArray:
+    """(8, 3): the corners of a box that holds all faces at one vertex, by their corners there, along their mean
+    normal."""
+    at_corners = mesh.positions[mesh.corner_vertices]
+    origin = at_corners[corners[0]]
+    following, before = (at_corners[each[corners]] - origin for each in (mesh.next_corner, mesh.previous_corner))
+    normal = cross_products(following, before).sum(axis=0)
+    frame, _ = np.linalg.qr(np.column_stack([normal, np.eye(3)]))
+    along = (at_corners[corners_of_faces(mesh, mesh.corner_faces[corners])] - origin) @ frame
+    ends = np.stack([along.min(axis=0), along.max(axis=0)])
+    found: FloatArray = origin + ends[BOX_CORNERS, np.arange(3)] @ frame.T
+    return found
 
 
 def _from_corners(squares: Squares, corners: IndexArray) -> Squares:

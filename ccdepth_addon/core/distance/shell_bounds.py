@@ -44,8 +44,11 @@ COORDINATE_ROUNDING = 2.0**-48
 # A piece is placed in a shell as thick as this many times its largest height.
 RANGE_FOR_HEIGHT = 1.5
 
-# A piece no farther from a corner than this part of the range counts as that far from what is drawn.
+# Near a corner heights over all planes there are bounded together up to this part of the range.
 NEAR_ENOUGH = 0.1
+
+# More triangles than this at a vertex are never looked at one by one.
+MANY_AROUND = 64
 
 # Pairs of pieces and triangles looked at together.
 PAIRS_AT_ONCE = 1 << 10
@@ -405,9 +408,9 @@ def _slid(seen: _Seen, side: int, ranges: FloatArray) -> FloatArray:
     return ranges * np.maximum(first, second)
 
 
-def _near_corner(shell: Shell, pieces: Pieces, corner: int) -> FloatArray:
+def _near_corner(shell: Shell, pieces: Pieces, corner: int, *, at_side: bool = False) -> FloatArray:
     """(P,): bounds for pieces so near a corner that they are over the triangles there, whichever of these; infinite for
-    others."""
+    others. at_side: whether they are followed by points of closed sides, as where they may be over flaps."""
     triangles, own = shell.triangles, pieces.triangles
     vertices = triangles.vertices[own, corner]
     at = component_major(triangles.corners[own, corner])
@@ -419,19 +422,56 @@ def _near_corner(shell: Shell, pieces: Pieces, corner: int) -> FloatArray:
     some, vertices, distances = pieces.at(near), vertices[near], distances[near]
     seen = _all_points(some) - at[near]
     starts, counts, ranges = shell.star_starts[vertices], np.diff(shell.star_starts)[vertices], shell.ranges[own[near]]
-    # What is near enough to the corner itself need not be compared with each triangle there.
-    found = distances / shell.least_cosines[vertices]
-    found = np.where(found <= NEAR_ENOUGH * ranges, found, 0.0)
-    left = found == 0
+    # Each normal is the mean one and a vector no longer than the spread.
+    together = np.abs(dot_products(seen, shell.mean_normals[vertices])).max(axis=0)
+    together += shell.spreads[vertices] * distances
+    found = np.minimum(together, distances) / shell.least_cosines[vertices]
+    left = (found > NEAR_ENOUGH * ranges) & (counts <= MANY_AROUND)
+    found[left] = 0.0
     for place in range(int(counts[left].max(initial=0))):
         chosen = np.flatnonzero(left & (place < counts) & (found <= ranges))
         there = shell.star_triangles[starts[chosen] + place]
         heights = np.abs(dot_products(selected_vectors(seen, chosen), triangles.normals[there])).max(axis=0)
         found[chosen] = np.maximum(found[chosen], heights / shell.cosines[there])
     stays = (found <= ranges) & (distances + found < shell.radii[vertices])
-    found = np.where(shell.is_border[vertices], distances + 2 * found, found)
+    at_border = at_side | _may_meet_flaps(shell, seen, vertices, ranges, distances)
+    found = np.where(at_border, distances + 2 * found, found)
     bounds[near] = np.where(stays, found, np.inf)
     return bounds
+
+
+def _may_meet_flaps(
+    shell: Shell, seen: FloatArray, vertices: IndexArray, ranges: FloatArray, distances: FloatArray
+) -> BoolArray:
+    """(P,): whether hulls of points (R, P, 3), seen from some vertices, may meet prisms of flaps there. distances:
+    (P,), of the farthest points."""
+    meets, ends = shell.is_border[vertices], shell.star_starts[vertices + 1]
+    chosen = np.flatnonzero(meets)
+    meets[chosen], place = False, 1
+    while len(chosen):
+        # Flaps come last. Their first side is the closed one, and their prisms are within the wall's thickness of it.
+        flaps = shell.star_triangles[ends[chosen] - place]
+        is_flap = flaps >= len(shell.triangles.vertices)
+        chosen, flaps, place = chosen[is_flap], flaps[is_flap], place + 1
+        inwards, thick = _wall_plane(shell, flaps, 0, ranges[chosen])
+        reached = dot_products(selected_vectors(seen, chosen), inwards).max(axis=0, initial=-np.inf)
+        meets[chosen] |= reached >= -(thick + ROUNDING * distances[chosen])
+        chosen = chosen[(ends[chosen] - place >= shell.star_starts[vertices[chosen]]) & ~meets[chosen]]
+    found: BoolArray = meets
+    return found
+
+
+def _wall_plane(shell: Shell, triangles: IndexArray, side: int, ranges: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, 3), (n,): unit normals of planes through sides of triangles, inwards, and how far the walls are from these
+    at most."""
+    corners, vectors = (
+        component_major(each[triangles].swapaxes(0, 1)) for each in (shell.triangles.corners, shell.triangles.vectors)
+    )
+    first, second = vectors[side], vectors[(side + 1) % 3]
+    along = units(corners[(side + 1) % 3] - corners[side])
+    inwards = units(cross_products(first + second, along))
+    thick = ranges * np.maximum(*(np.abs(dot_products(inwards, vector)) for vector in (first, second)))
+    return inwards, thick * (1 + ROUNDING)
 
 
 def _around_triangle(shell: Shell, pieces: Pieces) -> FloatArray:
@@ -439,11 +479,12 @@ def _around_triangle(shell: Shell, pieces: Pieces) -> FloatArray:
     meet; infinite for others."""
     own, vertices = pieces.triangles, shell.triangles.vertices[pieces.triangles]
     points = _all_points(pieces)
-    at_border = np.any(shell.is_border[vertices], axis=1)
-    found = np.where((shell.ranges[own] > 0) & ~at_border, 0.0, np.inf)
+    counts = np.diff(shell.star_starts)
+    is_left_out = np.any(shell.is_border[vertices] | (counts[vertices] > MANY_AROUND), axis=1)
+    found = np.where((shell.ranges[own] > 0) & ~is_left_out, 0.0, np.inf)
     possible = np.flatnonzero(np.isfinite(found))
     at = vertices[possible].ravel()
-    counts = np.diff(shell.star_starts)[at]
+    counts = counts[at]
     all_around, owners = ranges_of(shell.star_starts[at], counts), np.repeat(np.repeat(possible, 3), counts)
     for some in index_chunks(np.arange(len(owners)), PAIRS_AT_ONCE):
         there, pair = shell.star_triangles[all_around[some]], owners[some]
@@ -462,21 +503,13 @@ def _meetings(
     """(n,) bool twice: whether hulls of points (R, n, 3) may meet the prisms of triangles (n,); and whether they are on
     the inner side of the walls there that do not touch any of the given vertices (n, 3)."""
     meets, stays = np.ones((2, len(triangles)), dtype=bool)
-    corners, vectors = (
-        component_major(each[triangles].swapaxes(0, 1)) for each in (shell.triangles.corners, shell.triangles.vectors)
-    )
     numbers = shell.triangles.vertices[triangles]
     is_around = (numbers[:, :, None] == vertices[:, None]).any(axis=2)
     for side in range(3):
-        following = (side + 1) % 3
-        along = units(corners[following] - corners[side])
-        first, second = vectors[side], vectors[following]
-        inwards = units(cross_products(first + second, along))
-        thick = ranges * np.maximum(*(np.abs(dot_products(inwards, vector)) for vector in (first, second)))
-        seen = dot_products(points, inwards) - dot_products(corners[side], inwards)
-        margin = thick * (1 + ROUNDING)
+        inwards, margin = _wall_plane(shell, triangles, side, ranges)
+        seen = dot_products(points - component_major(shell.triangles.corners[triangles, side]), inwards)
         meets &= np.any(seen >= -margin, axis=0)
-        is_outer = ~is_around[:, side] & ~is_around[:, following]
+        is_outer = ~is_around[:, side] & ~is_around[:, (side + 1) % 3]
         stays &= ~is_outer | np.all(seen > margin, axis=0)
     return meets, stays
 
@@ -581,5 +614,5 @@ def _closed_bounds(shell: Shell, curves: Pieces, turns: IndexArray) -> FloatArra
     bounds = np.where(placed, bounds, np.inf)
     for corner in range(3):
         at_border = shell.is_border[shell.triangles.vertices[own, corner]]
-        bounds = np.minimum(bounds, np.where(at_border, _near_corner(shell, curves, corner), np.inf))
+        bounds = np.minimum(bounds, np.where(at_border, _near_corner(shell, curves, corner, at_side=True), np.inf))
     return bounds

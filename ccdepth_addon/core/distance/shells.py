@@ -193,7 +193,8 @@ class Shell:
 
     cosines: (T,), the least between a triangle's normal and its vectors. ranges: (M,), the largest |s| for paths that
     begin at a triangle, at most ``limit``; 0 where the shell is of no use. radii: (V,), how far the sides opposite to
-    each vertex are; least_cosines: (V,), of the triangles at each. is_border: (V,) bool, vertices of closed sides.
+    each vertex are; least_cosines: (V,), of the triangles at each. mean_normals: (V, 3), spreads: (V,): a direction,
+    and how far the normals of the triangles at each vertex are from it. is_border: (V,) bool, vertices of closed sides.
     star_starts: (V + 1,) intp, and star_triangles: the triangles at each vertex, one vertex after the other.
     """
 
@@ -202,6 +203,8 @@ class Shell:
     ranges: FloatArray
     radii: FloatArray
     least_cosines: FloatArray
+    mean_normals: FloatArray
+    spreads: FloatArray
     is_border: BoolArray
     star_starts: IndexArray
     star_triangles: IndexArray
@@ -216,8 +219,14 @@ class Shell:
         ranges = stars.ranges[triangles.vertices].min(axis=1)
         ranges[triangles.is_unknown] = 0.0
         least = np.full(len(triangles.origins), np.inf)
-        np.minimum.at(least, np.repeat(np.arange(len(least)), np.diff(stars.starts)), cosines[stars.triangles])
-        return Shell(triangles, cosines, ranges, stars.distances, least, stars.is_border, stars.starts, stars.triangles)
+        at, normals = np.repeat(np.arange(len(least)), np.diff(stars.starts)), triangles.normals[stars.triangles]
+        np.minimum.at(least, at, cosines[stars.triangles])
+        means, spreads = units(sums_by_index(at, normals, len(least))), np.zeros(len(least))
+        np.maximum.at(spreads, at, lengths(normals - means[at]))
+        return Shell(
+            triangles, cosines, ranges, stars.distances, least, means, spreads, stars.is_border, stars.starts,
+            stars.triangles,
+        )  # fmt: skip
 
 
 # Where vectors are parallel there is no such range.
