@@ -17,7 +17,7 @@ import numpy as np
 
 from ..arrays.ranges import ranges
 from ..arrays.types import FloatArray, IndexArray
-from ..arrays.vectors import cross_products, joined_vectors
+from ..arrays.vectors import cross_products, joined_vectors, selected_vectors
 from ..mesh.polygon_mesh import PolygonMesh
 from ..mesh.submesh import corners_of_faces
 from ..surface.bicubic import NET_TO_BERNSTEIN
@@ -49,7 +49,7 @@ class Tiles:
 
     def at(self, chosen: IndexArray) -> Tiles:
         """Some of them, by index."""
-        return Tiles(self.squares.at(chosen), self.points[:, chosen], self.are_bicubic)
+        return Tiles(self.squares.at(chosen), selected_vectors(self.points, chosen), self.are_bicubic)
 
 
 def joined_tiles(tiles: list[Tiles], are_bicubic: bool = True) -> Tiles:
