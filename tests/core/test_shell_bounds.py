@@ -15,9 +15,11 @@ from ccdepth_addon.core.bounds.norm_bounds import Vertices
 from ccdepth_addon.core.distance import pieces as surface_pieces
 from ccdepth_addon.core.distance.leaf_distances import Leaves
 from ccdepth_addon.core.distance.leaf_surfaces import support_points
+from ccdepth_addon.core.distance.piece_hulls import Pieces
 from ccdepth_addon.core.distance.pieces import SQUARE_FORM, TRIANGLE_FORM
-from ccdepth_addon.core.distance.shell_bounds import Pieces, raised_at_sides, shell_bounds
+from ccdepth_addon.core.distance.shell_bounds import shell_bounds
 from ccdepth_addon.core.distance.shells import Shell, Triangles, vertex_vectors
+from ccdepth_addon.core.distance.side_bounds import raised_at_sides
 from ccdepth_addon.core.surface.refinement import Refinement
 from ccdepth_addon.core.surface.sharpness import apply_boundary_rule
 from tests import meshes

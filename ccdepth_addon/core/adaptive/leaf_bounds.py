@@ -18,8 +18,8 @@ from ..arrays.chunks import chunks, index_chunks
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..distance.leaf_surfaces import Tiles, joined_tiles, tiles_of
+from ..distance.piece_hulls import Pieces
 from ..distance.pieces import Form, include_at_equal, include_pieces
-from ..distance.shell_bounds import Pieces
 from ..distance.shells import Shell
 from ..surface.squares import Squares
 from .leaf_approximation import AS_POLYGON, LeafApproximation

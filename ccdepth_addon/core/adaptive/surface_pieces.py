@@ -21,8 +21,8 @@ from ..arrays.ranges import ranges
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..arrays.vectors import component_major, selected_vectors, transformed_nets
 from ..distance.leaf_surfaces import Tiles
+from ..distance.piece_hulls import Pieces
 from ..distance.pieces import HULL_FORM, SQUARE_FORM, TRIANGLE_FORM, Form
-from ..distance.shell_bounds import Pieces
 from ..surface.bicubic import HALVES
 from ..surface.squares import WHOLE_QUAD, Square, Squares
 from .template_rows import barycentric_rows, clipped, functionals

@@ -20,8 +20,8 @@ from ..surface.squares import SQUARE, Squares
 from ..surface.triangle_coefficients import coefficients_over
 from .leaf_surfaces import ALL_LEVELS, FEW_LEVELS, Tiles, joined_tiles, tiles_of
 from .level_quads import may_be_folded
+from .piece_hulls import Pieces, off_at_equal
 from .pieces import HULL_FORM, SQUARE_FORM, TRIANGLE_FORM, Form, include_pieces
-from .shell_bounds import Pieces, off_at_equal
 from .shells import QUAD_TRIANGLES, Shell, Triangles, vertex_vectors
 
 # Quads whose tiles are looked at together, and pieces of these.

@@ -11,7 +11,8 @@ from ..arrays.types import FloatArray, IndexArray
 from ..arrays.vectors import dot_products, lengths
 from ..surface.bicubic import HALVES
 from ..surface.triangle_coefficients import triangle_quarters
-from .shell_bounds import Pieces, off_at_equal, shell_bounds
+from .piece_hulls import Pieces, off_at_equal
+from .shell_bounds import shell_bounds
 from .shells import Shell
 
 # How often pieces are halved both ways before what they are of is given up. A curve on which places are not proved

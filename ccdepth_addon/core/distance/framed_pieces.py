@@ -1,0 +1,217 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pieces as they are seen from the corners of their triangles, and the walls of prisms beside them.
+
+docs/distance.md, Lemma 7; letters are those used there.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays.matrix_products import matrix_product
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import component_major, cross_products, dot_products, lengths, selected_vectors, units
+from ..surface.bicubic import HALVES
+from ..surface.triangle_coefficients import triangle_quarters
+from .piece_hulls import SIDES, Pieces, are_alike
+from .shells import Shell
+
+# Points this near a corner's vector, as a part of the triangle's size, count as on it; a bound counts the part besides.
+ON_VECTOR = 2.0**-36
+
+# Bounds are raised by this part, and conditions have this margin: nothing is off by as much for rounding.
+ROUNDING = 2.0**-40
+
+# By how many coefficients a piece has, those of its quarters.
+FINER = {
+    16: np.unique(np.concatenate([np.kron(one, other) for one in HALVES for other in HALVES]), axis=0),
+    28: np.unique(np.concatenate(triangle_quarters()), axis=0),
+}
+
+
+@dataclass(frozen=True)
+class FramedPieces:
+    """Pieces in the frames of their triangles. own: (P,), the triangles; turns: (P,), which corner of each counts as
+    corner 0, and which side, from there on, as side 0.
+
+    corners, vectors: (3, P, 3), T and N; sides: (3, P, 3), from corner k to k + 1; points: (R, P, 3), of the hulls,
+    from corner 0 on. radii: (3, P), how far any of what is drawn and of the hull is from each corner, at most.
+    on_vectors: rows of the hull that may be at corners, and for each corner whether they are on its vector, (3, n, P).
+    sizes: (P,), of the triangles. heights: (P,), the largest over the triangle's plane.
+    """
+
+    own: IndexArray
+    turns: IndexArray
+    corners: FloatArray
+    vectors: FloatArray
+    sides: FloatArray
+    points: FloatArray
+    radii: FloatArray
+    on_vectors: tuple[list[int], BoolArray]
+    sizes: FloatArray
+    heights: FloatArray
+
+    @staticmethod
+    def of(
+        shell: Shell, pieces: Pieces, turns: IndexArray | None = None, rows: list[int] | None = None
+    ) -> FramedPieces:
+        """rows: of the hull's points that may be at corners, those over what is drawn there by default."""
+        own = pieces.triangles
+        turns = np.zeros_like(own) if turns is None else turns
+        corners, vectors = (
+            component_major(np.stack([each[own, (turns + k) % 3] for k in range(3)]))
+            for each in (shell.triangles.corners, shell.triangles.vectors)
+        )
+        sides = np.stack([corners[(k + 1) % 3] - corners[k] for k in range(3)])
+        sizes = lengths(sides).max(axis=0)
+        points_of = [each.swapaxes(1, 2) for each in (pieces.hulls, pieces.flats)]
+        low = np.minimum(*(each.min(axis=0) for each in points_of)).T
+        high = np.maximum(*(each.max(axis=0) for each in points_of)).T
+        radii = (lengths((low + high) / 2 - corners) + lengths(high - low) / 2) * (1 + ROUNDING)
+        if rows is None:
+            rows = [start for start, _, _ in SIDES[len(pieces.flats)]] if are_alike(pieces) else []
+        is_on = np.ones((3, len(rows), len(own)), dtype=bool)
+        for k in range(3):
+            for each in (pieces.hulls, pieces.flats):
+                away = each[rows] - corners[k]
+                along = dot_products(away, vectors[k])
+                is_on[k] &= lengths(away - along[..., None] * vectors[k]) <= ON_VECTOR * sizes
+        points = pieces.hulls - corners[0]
+        over_plane = dot_products(points, component_major(shell.triangles.normals[own]))
+        heights = np.abs(over_plane).max(axis=0)
+        if are_alike(pieces) and len(over_plane) in FINER:
+            # The surface itself is lower than its coefficients: those over quarters are nearer to it.
+            high = np.flatnonzero(heights > shell.ranges[own] * shell.cosines[own])
+            finer = matrix_product(FINER[len(over_plane)], over_plane[:, high])
+            heights[high] = np.abs(finer).max(axis=0, initial=0.0) * (1 + ROUNDING)
+        return FramedPieces(own, turns, corners, vectors, sides, points, radii, (rows, is_on), sizes, heights)
+
+    def at(self, chosen: IndexArray) -> FramedPieces:
+        """Some of them, by index."""
+        rows, is_on = self.on_vectors
+        corners, vectors, sides, points = (
+            selected_vectors(each, chosen) for each in (self.corners, self.vectors, self.sides, self.points)
+        )
+        return FramedPieces(
+            self.own[chosen],
+            self.turns[chosen],
+            corners,
+            vectors,
+            sides,
+            points,
+            self.radii[:, chosen],
+            (rows, is_on[..., chosen]),
+            self.sizes[chosen],
+            self.heights[chosen],
+        )
+
+    def along(self, directions: FloatArray, corner: int) -> FloatArray:
+        """(R, P): the parts of hull points, from a corner on, along directions (P, 3)."""
+        found = dot_products(self.points, directions)
+        if corner:
+            found -= dot_products(self.corners[corner] - self.corners[0], directions)
+        return found
+
+    def include_on_vector(self, found: BoolArray, corner: int) -> None:
+        """Make found (R, P) true of points on the vector of a corner."""
+        rows, is_on = self.on_vectors
+        found[rows] |= is_on[corner]
+
+
+@dataclass(frozen=True)
+class Wall:
+    """A wall seen from a corner. inwards: (P, 3), the unit normal of the plane of side and vector, on the side that is
+    asked for. lengths: (P,), of the side's part across the vector. margins: (P,), so much of the distance beside the
+    vector is the product of a point of the wall with ``inwards`` at most; infinite where there is no such bound."""
+
+    inwards: FloatArray
+    lengths: FloatArray
+    margins: FloatArray
+
+    @staticmethod
+    def of(along: FloatArray, vector: FloatArray, other: FloatArray, ranges: FloatArray, sign: int) -> Wall:
+        """along: (P, 3), the side from the corner on; vector, other: (P, 3), there and at its end."""
+        length = lengths(along - dot_products(along, vector)[:, None] * vector)
+        inwards = cross_products(vector, along) * (sign / np.maximum(length, 1e-300))[:, None]
+        least = length - ranges * lengths(other - vector)
+        off = ranges * np.abs(dot_products(inwards, other))
+        return Wall(inwards, length, np.where(least > 0, off / np.maximum(least, 1e-300) + ROUNDING, np.inf))
+
+
+@dataclass(frozen=True)
+class Side:
+    """A side as pieces see it from its ends, where its walls are. heights: for both ends (R, P), of hull points over
+    the planes of the walls; are_inside: (R, P) bool, whether points are on the inner side of the wall, or on its
+    vector."""
+
+    walls: tuple[Wall, Wall]
+    heights: tuple[FloatArray, FloatArray]
+    are_inside: tuple[BoolArray, BoolArray]
+
+    @staticmethod
+    def of(seen: FramedPieces, side: int, ranges: FloatArray) -> Side:
+        walls, heights, are_inside = [], [], []
+        for corner, other, sign in ((side, (side + 1) % 3, 1), ((side + 1) % 3, side, -1)):
+            along = sign * seen.sides[side]
+            walls.append(Wall.of(along, seen.vectors[corner], seen.vectors[other], ranges, sign))
+            heights.append(seen.along(walls[-1].inwards, corner))
+            are_inside.append(heights[-1] > walls[-1].margins * seen.radii[corner] + ROUNDING * seen.sizes)
+            seen.include_on_vector(are_inside[-1], corner)
+        return Side((walls[0], walls[1]), (heights[0], heights[1]), (are_inside[0], are_inside[1]))
+
+    def stays_inside(self) -> BoolArray:
+        """(P,) whether no point of a piece is beyond."""
+        first, second = self.are_inside
+        found: BoolArray = first.all(axis=0) | second.all(axis=0)
+        return found
+
+    def at(self, chosen: IndexArray) -> Side:
+        """For some pieces, by index."""
+        first, second = (Wall(each.inwards[chosen], each.lengths[chosen], each.margins[chosen]) for each in self.walls)
+        heights, are_inside = self.heights, self.are_inside
+        return Side(
+            (first, second),
+            (heights[0][:, chosen], heights[1][:, chosen]),
+            (are_inside[0][:, chosen], are_inside[1][:, chosen]),
+        )
+
+
+def are_in_front(seen: FramedPieces, sides: Sequence[Side]) -> BoolArray:
+    """(P,) whether at every corner all points are in front of it, where the triangle is: the unit normals of both walls
+    there add up to a vector between the sides."""
+    found = np.ones(len(seen.own), dtype=bool)
+    for corner in range(3):
+        in_front = sides[corner].heights[0] + sides[corner - 1].heights[1] > ROUNDING * seen.sizes
+        seen.include_on_vector(in_front, corner)
+        found &= in_front.all(axis=0)
+    return found
+
+
+def off_side(seen: FramedPieces, side: int) -> FloatArray:
+    """(R, P): how far hull points are from the line of a side."""
+    points = seen.points - (seen.corners[side] - seen.corners[0])
+    along = units(seen.sides[side])
+    return lengths(points - dot_products(points, along)[..., None] * along)
+
+
+def slid_along(seen: FramedPieces, side: int, ranges: FloatArray) -> FloatArray:
+    """(P,): how far a point of a wall is from its own along the side, seen across it, at most."""
+    along = units(seen.sides[side])
+    first, second = (np.abs(dot_products(along, seen.vectors[k % 3])) for k in (side, side + 1))
+    return ranges * np.maximum(first, second)
+
+
+def wall_plane(shell: Shell, triangles: IndexArray, side: int, ranges: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, 3), (n,): unit normals of planes through sides of triangles, inwards, and how far the walls are from these
+    at most."""
+    corners, vectors = (
+        component_major(each[triangles].swapaxes(0, 1)) for each in (shell.triangles.corners, shell.triangles.vectors)
+    )
+    first, second = vectors[side], vectors[(side + 1) % 3]
+    along = units(corners[(side + 1) % 3] - corners[side])
+    inwards = units(cross_products(first + second, along))
+    thick = ranges * np.maximum(*(np.abs(dot_products(inwards, vector)) for vector in (first, second)))
+    return inwards, thick * (1 + ROUNDING)

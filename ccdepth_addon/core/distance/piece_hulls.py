@@ -1,0 +1,73 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pieces of the surface over parts of triangles, as hulls of points, and what is drawn there.
+
+Hulls and what is drawn are component-major (``vectors``): one number of all pieces after the other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays.types import FloatArray, IndexArray
+from ..arrays.vectors import joined_vectors, lengths, selected_vectors, transformed_nets
+
+# The sides of squares, and of triangles, by how many points are drawn there: where their corners are among these, and
+# which points are on them. Of four points the hull is another.
+SIDES: dict[int, list[tuple[int, int, list[int]]]] = {
+    3: [(0, 1, [0, 1]), (1, 2, [1, 2]), (2, 0, [2, 0])],
+    4: [(0, 1, [0, 1]), (1, 2, [1, 2]), (2, 3, [2, 3]), (3, 0, [3, 0])],
+    16: [(0, 12, [0, 4, 8, 12]), (12, 15, [12, 13, 14, 15]), (15, 3, [15, 11, 7, 3]), (3, 0, [3, 2, 1, 0])],
+    28: [(0, 21, [0, 1, 3, 6, 10, 15, 21]), (21, 27, [21, 22, 23, 24, 25, 26, 27]), (27, 0, [27, 20, 14, 9, 5, 2, 0])],
+}
+
+
+@dataclass(frozen=True)
+class Pieces:
+    """P pieces of the surface. triangles: (P,) intp, of a shell. hulls: (R, P, 3), points whose hull holds the piece.
+    flats: (R', P, 3), points of the triangle's plane whose hull holds what is drawn at equal parameters; R' is R where
+    they are coefficients as well, of the same order."""
+
+    triangles: IndexArray
+    hulls: FloatArray
+    flats: FloatArray
+
+    def at(self, chosen: IndexArray) -> Pieces:
+        """Some of them."""
+        hulls, flats = (selected_vectors(each, chosen) for each in (self.hulls, self.flats))
+        return Pieces(self.triangles[chosen], hulls, flats)
+
+    @staticmethod
+    def joined(pieces: Sequence[Pieces]) -> Pieces:
+        """Those of one form, one after the other."""
+        hulls, flats = (joined_vectors([getattr(each, name) for each in pieces]) for name in ("hulls", "flats"))
+        return Pieces(np.concatenate([each.triangles for each in pieces]), hulls, flats)
+
+    def divided(self, parts: Sequence[FloatArray]) -> Pieces:
+        """All first parts, then all second ones and so on. parts: (R, R) each, from a piece's coefficients to those of
+        a part of it."""
+        return Pieces.joined(
+            [
+                Pieces(self.triangles, *(transformed_nets(rows, each) for each in (self.hulls, self.flats)))
+                for rows in parts
+            ]
+        )
+
+
+def are_alike(pieces: Pieces) -> bool:
+    """Whether what is drawn are coefficients of the same order as the hulls."""
+    return len(pieces.hulls) == len(pieces.flats)
+
+
+def all_points(pieces: Pieces) -> FloatArray:
+    """(R + R', P, 3): the points of hulls, and what is drawn."""
+    return np.concatenate([each.swapaxes(1, 2) for each in (pieces.hulls, pieces.flats)]).swapaxes(1, 2)
+
+
+def off_at_equal(pieces: Pieces) -> FloatArray:
+    """(P,): how far pieces are from what is drawn at equal parameters, at most."""
+    if are_alike(pieces):
+        return lengths(pieces.hulls - pieces.flats).max(axis=0)
+    return np.max([lengths(pieces.hulls - each).max(axis=0) for each in pieces.flats], axis=0)

@@ -1,0 +1,114 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Bounds of the curves of pieces over closed sides, and beside what is compared at equal parameters.
+
+docs/distance.md, Closed sides and Lemma 10.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..arrays.types import BoolArray, FloatArray, IndexArray
+from ..arrays.vectors import component_major, dot_products, lengths, selected_vectors, squared_norms, units
+from .beside_bounds import RANGE_FOR_HEIGHT, Beyond
+from .corner_bounds import bounds_near_corner
+from .framed_pieces import ON_VECTOR, ROUNDING, FramedPieces, Side, are_in_front, slid_along
+from .piece_hulls import SIDES, Pieces, are_alike, off_at_equal
+from .shells import Shell
+
+# Of coordinates, relative: more than a point of a triangle is off by.
+COORDINATE_ROUNDING = 2.0**-48
+
+
+@np.errstate(invalid="ignore", divide="ignore", over="ignore")
+def raised_at_sides(shell: Shell, pieces: Pieces, bounds: FloatArray, off_beyond: FloatArray | None) -> FloatArray:
+    """(P,): bounds (P,) of pieces, raised to those of their curves over sides that are closed, or beside what is
+    compared at equal parameters. off_beyond: as in ``shell_bounds``."""
+    raised, counted = bounds.copy(), shell.triangles.is_closed
+    if off_beyond is not None:
+        counted = counted | np.isfinite(off_beyond)
+    which, turns, curves = _curves_on(shell, pieces, np.isfinite(bounds)[:, None] & counted[pieces.triangles])
+    is_closed = shell.triangles.is_closed[curves.triangles, turns]
+    for chosen, are_closed in ((np.flatnonzero(is_closed), True), (np.flatnonzero(~is_closed), False)):
+        if not len(chosen):
+            continue
+        some, own = curves.at(chosen), which[chosen]
+        if are_closed:
+            found = _closed_bounds(shell, some, turns[chosen])
+        else:
+            assert off_beyond is not None
+            off = off_beyond[some.triangles, turns[chosen]]
+            found = _bridge_bounds(shell, some, turns[chosen], bounds[own], off)
+        np.maximum.at(raised, own, found)
+    return raised
+
+
+def _curves_on(shell: Shell, pieces: Pieces, counted: BoolArray) -> tuple[IndexArray, IndexArray, Pieces]:
+    """The curves of pieces over sides of their triangles that are counted (P, 3): (n,) the piece of each, and which
+    side that is."""
+    sides, which, turns, curves = SIDES[len(pieces.flats)], [], [], []
+    starts = [start for start, _, _ in sides]
+    for turn in range(3):
+        chosen = np.flatnonzero(counted[:, turn])
+        are_on = _are_on_side(shell, pieces.triangles[chosen], turn, selected_vectors(pieces.flats[starts], chosen))
+        for start, end, rows in sides:
+            own = chosen[are_on[starts.index(start)] & are_on[starts.index(end)]]
+            hulls = pieces.hulls[rows] if are_alike(pieces) else pieces.hulls
+            which.append(own)
+            turns.append(np.full(len(own), turn))
+            curves.append(Pieces(pieces.triangles, hulls, pieces.flats[rows]).at(own))
+    return np.concatenate(which), np.concatenate(turns), Pieces.joined(curves)
+
+
+def _are_on_side(shell: Shell, triangles: IndexArray, side: int, points: FloatArray) -> BoolArray:
+    """(n, P) whether points that are drawn (n, P, 3) are on a side of their triangles."""
+    corners = component_major(shell.triangles.corners[triangles].swapaxes(0, 1))
+    along = corners[(side + 1) % 3] - corners[side]
+    away, way = points - corners[side], units(along)
+    off = lengths(away - dot_products(away, way)[..., None] * way)
+    # Far from the origin points on a side are off it by roundings of their coordinates; one too many does no harm.
+    return off <= ON_VECTOR * lengths(along) + COORDINATE_ROUNDING * np.abs(corners).max(axis=(0, 2))
+
+
+def _seen_curves(shell: Shell, curves: Pieces, turns: IndexArray) -> FramedPieces:
+    """Curves over sides of their triangles, which count as sides 0."""
+    return FramedPieces.of(shell, curves, turns, [0, len(curves.hulls) - 1] if are_alike(curves) else [])
+
+
+def _bridge_bounds(
+    shell: Shell, curves: Pieces, turns: IndexArray, bounds: FloatArray, off_beyond: FloatArray
+) -> FloatArray:
+    """(P,): at least how far the points of curves over sides are from all places on their ways, where those of the
+    pieces they belong to are within some bounds (P,). off_beyond: (P,), as in ``shell_bounds``."""
+    own = curves.triangles
+    seen = _seen_curves(shell, curves, turns)
+    thin = RANGE_FOR_HEIGHT * seen.heights / shell.cosines[own]
+    ranges = np.where(bounds <= thin, np.minimum(thin, shell.ranges[own]), shell.ranges[own])
+    sides = [Side.of(seen, side, ranges) for side in range(3)]
+    beyond = Beyond.of(shell, seen, 0, sides[0], ranges)
+    stays = are_in_front(seen, sides) & sides[1].stays_inside() & sides[2].stays_inside()
+    stays &= sides[0].stays_inside() | beyond.are_placed
+    there = beyond.heights.max(axis=0) / shell.cosines[beyond.across]
+    straight = np.maximum(there, seen.heights / shell.cosines[own])
+    found: FloatArray = np.where(stays, straight, bounds + np.minimum(off_at_equal(curves), off_beyond))
+    return found
+
+
+def _closed_bounds(shell: Shell, curves: Pieces, turns: IndexArray) -> FloatArray:
+    """(P,): at least how far the points of curves over closed sides are from points of these that follow them."""
+    own, ranges = curves.triangles, shell.ranges[curves.triangles]
+    seen = _seen_curves(shell, curves, turns)
+    along, from_start = seen.sides[0], seen.points
+    part = dot_products(from_start, along) / np.maximum(squared_norms(along), 1e-300)
+    off = lengths(from_start - np.clip(part, 0.0, 1.0)[..., None] * along).max(axis=0)
+    bounds = np.hypot(off, slid_along(seen, 0, ranges)) * (1 + ROUNDING)
+    # The walls of the other two sides, as seen from the ends of this one.
+    following, before = Side.of(seen, 1, ranges), Side.of(seen, 2, ranges)
+    placed = following.are_inside[0].all(axis=0) & before.are_inside[1].all(axis=0)
+    bounds = np.where(placed, bounds, np.inf)
+    for corner in range(3):
+        at_border = shell.is_border[shell.triangles.vertices[own, corner]]
+        bounds = np.minimum(
+            bounds, np.where(at_border, bounds_near_corner(shell, curves, corner, at_side=True), np.inf)
+        )
+    return bounds
