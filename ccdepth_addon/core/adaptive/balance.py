@@ -5,9 +5,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from ..arrays.ranges import any_of_ranges
 from ..arrays.types import BoolArray, IndexArray
 from .plan import Plan
-from .rectangle_tree import ALONG_U, ALONG_V, NONE, QUARTERS, any_of_slots
+from .rectangle_tree import ALONG_U, ALONG_V, NONE, QUARTERS
 from .templates import Transitions
 
 
@@ -31,7 +32,7 @@ def unbalanced(plan: Plan) -> tuple[IndexArray, IndexArray]:
     ways[is_whole] = QUARTERS
     slots, counts = tree.slots(others), tree.slot_counts(others)
     if len(others):
-        chosen = ~any_of_slots(~tree.hanging(slots), counts) | any_of_slots(tree.hanging_twice(slots), counts)
+        chosen = ~any_of_ranges(~tree.hanging(slots), counts) | any_of_ranges(tree.hanging_twice(slots), counts)
         others = others[chosen]
     return np.concatenate([quads[wanted], others]), np.append(ways[wanted], np.full(len(others), QUARTERS))
 

@@ -15,6 +15,7 @@ from itertools import groupby
 import numpy as np
 
 from ..arrays.chunks import chunks, index_chunks
+from ..arrays.ranges import any_of_ranges
 from ..arrays.threads import map_in_threads
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..distance.leaf_surfaces import Tiles, joined_tiles, tiles_of
@@ -25,7 +26,7 @@ from ..surface.squares import Squares
 from .leaf_approximation import AS_POLYGON, LeafApproximation
 from .leaf_triangles import LeafTriangles
 from .plan import Plan
-from .rectangle_tree import NONE, RectangleTree, any_of_slots
+from .rectangle_tree import NONE, RectangleTree
 from .surface_pieces import (
     ALL,
     SOME,
@@ -129,7 +130,7 @@ def _faces_around(tree: RectangleTree, nodes: IndexArray) -> BoolArray:
     marked[tree.base_faces[nodes]] = True
     at_vertices = np.zeros(mesh.vertex_count, dtype=bool)
     at_vertices[mesh.corner_vertices[marked.take(mesh.corner_faces)]] = True
-    return any_of_slots(at_vertices.take(mesh.corner_vertices), mesh.face_sizes)
+    return any_of_ranges(at_vertices.take(mesh.corner_vertices), mesh.face_sizes)
 
 
 def _are_bicubic(plan: Plan, leaves: IndexArray) -> BoolArray:

@@ -14,11 +14,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays.chunks import index_chunks
+from ..arrays.column import Column
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..surface.bicubic import patch_coefficients
 from ..surface.patches import PatchKind, classify_patches, regular_nets
 from ..surface.refinement import Refinement
-from .rectangle_tree import NONE, QUARTERS, Column, RectangleTree
+from .rectangle_tree import NONE, QUARTERS, RectangleTree
 
 # Faces refined together.
 FACES_AT_ONCE = 1 << 14

@@ -21,7 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays.chunks import AT_ONCE, chunks
-from ..arrays.ranges import ranges
+from ..arrays.column import Column
+from ..arrays.ranges import any_of_ranges, ranges
 from ..arrays.types import BoolArray, FloatArray, IndexArray
 from ..mesh.polygon_mesh import PolygonMesh
 from ..surface.squares import SQUARE
@@ -29,9 +30,6 @@ from ..surface.surface_points import SurfacePoints
 from .templates import QUAD_POINTS
 
 NONE = -1
-
-# The least factor by which a column grows.
-SLACK = 1.5
 
 # A point of a node: the place of a corner, and whether it means the middle of the side from there.
 Point = tuple[int, bool]
@@ -49,31 +47,6 @@ MOST_SLOTS = np.iinfo(np.int32).max
 
 # The state of an edge.
 SPLIT, SPLIT_TWICE = np.uint8(1), np.uint8(2)
-
-
-class Column:
-    """An array that grows at its end: read and write ``values``, which growth replaces."""
-
-    def __init__(self, values: NDArray[Any]) -> None:
-        self._room = values.copy()
-        self._count = len(values)
-
-    @property
-    def values(self) -> NDArray[Any]:
-        return self._room[: self._count]
-
-    def append(self, more: NDArray[Any]) -> None:
-        self.extend(len(more), more)
-
-    def extend(self, count: int, more: Any) -> None:
-        """Append so many entries: one value for all, or one for each."""
-        if self._count + count > len(self._room):
-            room = max(self._count + count, int(SLACK * len(self._room)))
-            grown = np.empty((room, *self._room.shape[1:]), self._room.dtype)
-            grown[: self._count] = self.values
-            self._room = grown
-        self._room[self._count : self._count + count] = more
-        self._count += count
 
 
 class RectangleTree:
@@ -176,11 +149,10 @@ class RectangleTree:
 
     def quad_slots(self, quads: IndexArray) -> IndexArray:
         """(P, 4): those of quads (P,)."""
-        found: IndexArray = self.first_slots(quads)[:, None] + np.arange(4)
-        return found
+        return self.first_slots(quads)[:, None] + np.arange(4)
 
     def is_quad(self, nodes: IndexArray) -> BoolArray:
-        """(nodes,) bool."""
+        """(nodes,) bool: all but whole faces of other sizes."""
         return self.slot_counts(nodes) == 4
 
     # Where nodes and vertices are
@@ -193,7 +165,7 @@ class RectangleTree:
         """For each point: (nodes,) its place on the surface, in each node's own face."""
         corners, origins = self._frame_corners.values[nodes], self._frame_origins.values[nodes]
         along, across = self._frame_axes(nodes)
-        without = np.flatnonzero(~self._have_parameters(nodes))
+        without = np.flatnonzero(~self.is_quad(nodes))
         for place, middle in points:
             u, v = QUAD_POINTS[place % 4 + 4 * middle]
             own, parameters = corners.copy(), origins + u * along + v * across
@@ -210,10 +182,6 @@ class RectangleTree:
         # The axes are a quarter turn apart, and all numbers powers of two: nothing is rounded.
         lower = (way * axes.conj()).real / (axes * axes.conj()).real
         return lower, np.ldexp(1.0, (self.levels[roots].T - self.levels[nodes].T).astype(np.int32))
-
-    def _have_parameters(self, nodes: IndexArray) -> BoolArray:
-        """(nodes,) all but whole faces that are no quads."""
-        return (nodes >= self.mesh.face_count) | (self.slot_counts(nodes) == 4)
 
     def _frame_axes(self, nodes: IndexArray) -> tuple[NDArray[np.complex128], NDArray[np.complex128]]:
         """The sides of nodes along u and v from their first slots."""
@@ -259,7 +227,7 @@ class RectangleTree:
             slots, counts = self.slots(leaves[part]), self.slot_counts(leaves[part])
             middles = self.midpoints.take(self.slot_edges.take(slots))
             touched = marked.take(self.slot_vertices.take(slots)) | (marked.take(middles) & (middles != NONE))
-            found[part] = any_of_slots(touched, counts)
+            found[part] = any_of_ranges(touched, counts)
         return found
 
     def leaves_beside(self, nodes: IndexArray) -> IndexArray:
@@ -275,8 +243,7 @@ class RectangleTree:
             beside[self._nodes_along(edges)] = True
             beside[self._nodes_along(parents[parents != NONE])] = True
             beside[self.children(nodes[part])] = True
-        found = np.flatnonzero(beside)
-        return found[self.first_child[found] == NONE]
+        return np.flatnonzero(beside & (self.first_child == NONE))
 
     def _nodes_along(self, edges: IndexArray) -> IndexArray:
         """The nodes with these edges for sides; some may be there several times."""
@@ -380,7 +347,7 @@ class RectangleTree:
         corners, origins = self._frame_corners.values[owners].astype(np.intp), origins + u * along + v * across
         turns = (self._frame_turns.values[owners] + places % 4) % 4
         steps = COMPLEX_SIDES[turns] * np.abs(along) / 2
-        without = np.flatnonzero(~self._have_parameters(owners))
+        without = np.flatnonzero(~self.is_quad(owners))
         corners[without], origins[without], steps[without], turns[without] = slots[without], 0.0, 1.0, 0
         return corners, origins, steps, turns.astype(np.int8)
 
@@ -476,14 +443,6 @@ class RectangleTree:
         self._midpoints.extend(len(ends), NONE)
         self._base_edges.extend(len(ends), base_edges)
         return np.arange(first, first + len(ends))
-
-
-def any_of_slots(values: BoolArray, counts: IndexArray) -> BoolArray:
-    """(nodes,) whether any is true of values of their slots, node by node; counts: (nodes,) how many each has."""
-    if len(values) == 4 * len(counts) and np.all(counts == 4):
-        first, second, third, fourth = values.reshape(-1, 4).T
-        return first | second | third | fourth
-    return np.logical_or.reduceat(values, np.cumsum(counts) - counts)
 
 
 def _numbers(values: IndexArray | int, shape: int | tuple[int, int]) -> NDArray[np.int32]:
